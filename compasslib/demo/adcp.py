@@ -296,12 +296,7 @@ def _flawed(stance: Stance, flow: Complexes) -> Complexes:
 
 
 def by_beams(body: Complexes, gain: float, bias_m_s: complex) -> Complexes:
-    """Apply unequal gains of the beam pairs and a constant bias to a current in the body frame.
-
-    Args:
-        body: current, starboard + i forward, m/s, as is the bias.
-        gain: relative excess gain of the forward pair over the other pair.
-    """
+    """Apply an excess gain of the forward beams and a bias to a current in the body frame, starboard + i forward."""
     return np.asarray(body + 1j * gain * body.imag + bias_m_s)
 
 

@@ -120,11 +120,7 @@ class Magnetometer:
 
 
 def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: float) -> Magnetometer:
-    """Build a magnetometer whose hard iron is a given share of the horizontal field.
-
-    Args:
-        strength: horizontal field of all magnets relative to the earth's.
-    """
+    """Build a magnetometer whose hard iron is a given share of the horizontal field."""
     places = rng.normal(0.0, 0.015, (3, 3))
     axes = np.eye(3) * (1.0 + rng.normal(0.0, 0.004, 3))[:, None] + rng.normal(0.0, 0.004, (3, 3))
     magnets = []
@@ -174,11 +170,7 @@ def felt(meter: Magnetometer, body_nt: Floats, nearby_nt: Floats | None = None, 
 
 
 def dipole_nt(moment_a_m2: Floats, away_m: Floats) -> Floats:
-    """Compute the field of a dipole, (3,) nT.
-
-    Args:
-        away_m: vector from the dipole to the position, (3,).
-    """
+    """Compute the field of a dipole, (3,) nT, at a position relative to it."""
     distance = float(np.linalg.norm(away_m))
     unit = away_m / distance
     return np.asarray(NT_M3_PER_A_M2 * (3.0 * unit * (moment_a_m2 @ unit) - moment_a_m2) / distance**3)

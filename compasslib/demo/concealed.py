@@ -56,11 +56,7 @@ class Case:
 
 
 def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: int) -> None:
-    """Write the raw files of one mooring and, to a separate file, the planted causes and the correct headings.
-
-    Args:
-        raw_dir: folder of raw files of the cruise; those of the mooring are written to ``raw_dir/name``.
-    """
+    """Write the raw files of one mooring into ``raw_dir/name``, and planted causes and headings to a separate file."""
     case, rng = CASES[name], np.random.default_rng([seed, *name.encode()])
     ground = sealed.make(seed, name, case.wish)
     layers = ground.currents.layers.times(np.full(ground.currents.time_s.size, case.shear))

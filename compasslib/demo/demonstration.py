@@ -34,11 +34,9 @@ class World:
 
 
 def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: int = 2007) -> None:
-    """Write the raw files of one mooring and, to a separate file, the true headings of its upper instrument.
+    """Write the raw files of one mooring into ``raw_dir/name``, and the true headings to a separate file.
 
-    Args:
-        raw_dir: folder of raw files of the cruise; those of the mooring are written to ``raw_dir/name``.
-        seed: seed of the simulation; the same seed gives the same bytes, whichever other moorings are simulated.
+    The same seed gives the same bytes, whichever other moorings are simulated.
     """
     world = make_world(spec_of(name), seed)
     folder = Path(raw_dir) / name

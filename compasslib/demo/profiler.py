@@ -176,11 +176,7 @@ class Plan:
 
 
 def plan(rng: np.random.Generator, profiler: Profiler, motion: Motion, span_s: tuple[float, float]) -> Plan:
-    """Plan the profiles: odd numbers ascend, even ones descend, and none reaches the top while it is stuck.
-
-    Args:
-        motion: motion of the sphere, whose depth determines when the profiler is stuck.
-    """
+    """Plan the profiles: odd numbers ascend, even ones descend, and none reaches the top while it is stuck."""
     start = np.arange(span_s[0] + profiler.first_s, span_s[1] - 4 * HOUR_S, 12 * HOUR_S)
     number = np.arange(start.size) + 1
     ascending = number % 2 == 1

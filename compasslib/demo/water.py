@@ -28,11 +28,7 @@ def stream(seed: int, mooring: str, purpose: str) -> np.random.Generator:
 
 
 def red_noise(rng: np.random.Generator, count: int, *, memory: float, deviation: float) -> Floats:
-    """Draw a stationary first-order autoregressive series, shape (count,).
-
-    Args:
-        memory: e-folding time of the autocorrelation, steps.
-    """
+    """Draw a stationary first-order autoregressive series, (count,), with an e-folding time of ``memory`` steps."""
     keep = float(np.exp(-1.0 / memory))
     kicks = rng.normal(0.0, deviation * np.sqrt(1.0 - keep**2), count)
     kicks[0] = rng.normal(0.0, deviation)
@@ -40,11 +36,7 @@ def red_noise(rng: np.random.Generator, count: int, *, memory: float, deviation:
 
 
 def red_vector(rng: np.random.Generator, count: int, *, memory: float, deviation: float) -> Complexes:
-    """Draw a vector series, east + i north, with independent red-noise components, shape (count,).
-
-    Args:
-        memory: e-folding time of the autocorrelation, steps.
-    """
+    """Draw a vector series, east + i north, (count,), with independent red-noise components."""
     east = red_noise(rng, count, memory=memory, deviation=deviation)
     return east + 1j * red_noise(rng, count, memory=memory, deviation=deviation)
 
@@ -132,11 +124,7 @@ class Water:
 def make_water(
     seed: int, name: str, climate: Climate, *, site: tuple[float, float], span_s: tuple[float, float]
 ) -> Water:
-    """Simulate the currents of one mooring over a span of time.
-
-    Args:
-        site: latitude in degrees north, water depth in metres.
-    """
+    """Simulate the currents of one mooring over a span of time; ``site``: latitude, and water depth in metres."""
     latitude_deg, water_depth_m = site
     time_s = np.arange(span_s[0], span_s[1] + STEP_S, STEP_S)
     days = 50 * HOUR_S / STEP_S
@@ -170,11 +158,7 @@ def make_water(
 
 
 def velocity(water: Water, time_s: Floats, depth_m: Floats) -> Complexes:
-    """Compute the current, true east + i north in m/s, with the shape of ``depth_m``.
-
-    Args:
-        depth_m: depths below the surface, (n,) or (n, m, ...), metres.
-    """
+    """Compute the current, true east + i north in m/s, with the shape of ``depth_m``, (n,) or (n, m, ...)."""
     lift = (slice(None), *(None,) * (depth_m.ndim - 1))
 
     def at(series: NDArray[Any]) -> NDArray[Any]:
@@ -264,11 +248,7 @@ class Motion:
 
 
 def make_motion(seed: int, name: str, rig: Rig, water: Water, *, declination_deg: float) -> Motion:
-    """Simulate depth, heading and tilt of the sphere.
-
-    Args:
-        declination_deg: east positive; headings are magnetic.
-    """
+    """Simulate depth, magnetic heading and tilt of the sphere."""
     depth = blow_down(rig, water)
     flow = velocity(water, water.time_s, depth)
     magnetic_deg = direction(flow) - declination_deg

@@ -63,11 +63,7 @@ CORRECT, RECORDS, DEVIATES = "Correct β (°)", "Recorded γ (°)", "Deviation �
 def draw_deviation(path: str | Path, pairs: Pairs, fit: DeviationFit) -> None:
     """Draw deviation by correct heading, recorded by correct heading, and the inverse (von Appen 2015, Figs 6, 7).
 
-    The axes contain the curve and 98 % of the pairs.
-
-    Args:
-        pairs: overlapping measurements, may be empty.
-        fit: the deviation, may lack coefficients.
+    The axes contain the curve and 98 % of the pairs; without coefficients there is no curve.
     """
     heading = observed_heading(pairs)
     begin = emptiest(heading)
@@ -225,10 +221,6 @@ def draw_scatter(path: str | Path, pairs: Pairs, product: CorrectedRecord) -> No
     """Draw the affected against the reference current direction, before and after correction.
 
     All pairs are shown, including those used in the fit; the assessment is made on held-out pairs.
-
-    Args:
-        pairs: overlapping measurements, may be empty.
-        product: the corrected record; its corrected headings may all be NaN.
     """
     record = product.record
     lower, upper, corrected = directions_at_pairs(pairs, record.time_s, product.heading_corrected_deg)
@@ -408,12 +400,7 @@ STATISTICS = {"mean_deg": "mean", "median_absolute_deg": "median |Δ|", "rms_deg
 
 
 def draw_histograms(path: str | Path, counts: Mapping[str, Counts], assessment: Mapping[str, Any]) -> None:
-    """Draw histograms of headings, directions and held-out differences, with statistics of the differences.
-
-    Args:
-        counts: content of histograms.csv, by quantity.
-        assessment: content of assessment.json.
-    """
+    """Draw histograms of headings, directions and held-out differences, from histograms.csv and assessment.json."""
     groups = [("heading", f"Heading {MAGNETIC}"), ("direction", f"Current towards {TRUE}")]
     with page(path, 5.9) as figure:
         panels = figure.subplots(4, 1, height_ratios=(1.0, 1.0, 1.0, 0.5))
@@ -441,11 +428,7 @@ def draw_histograms(path: str | Path, counts: Mapping[str, Counts], assessment: 
 
 
 def _draw_counts(axes: Axes, counts: Mapping[str, Counts], limits: Limits, first_deg: float) -> None:
-    """Draw histograms as steps, filled for the reference, in percent.
-
-    Args:
-        first_deg: lower edge of the first bin, degrees.
-    """
+    """Draw histograms, whose first bin begins at ``first_deg``, as steps in percent, filled for the reference."""
     degrees(axes.xaxis, limits, as_is=first_deg < 0.0)
     if not counts:
         empty(axes)

@@ -79,12 +79,7 @@ def _draw(
     *,
     dated: bool,
 ) -> None:
-    """Draw all panels from top to bottom.
-
-    Args:
-        said: names and units of the covariates.
-        dated: whether time is UTC.
-    """
+    """Draw all panels, with names and units of the covariates as ``said``; if ``dated``, time is UTC."""
     proven = [entry for entry in diagnosis["findings"] if entry.get("heldout")]
     ranked = [] if dated else [entry for entry in diagnosis.get("hypotheses", []) if entry["score"] > 0.0][:MOST_BARS]
     short = Rows([_short(entry) for entry in proven])

@@ -75,10 +75,8 @@ MAGNETIC, TRUE = "(° magnetic)", "(° true)"
 def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, title: str = "") -> Iterator[Figure]:
     """Create an empty figure and write it as PNG or PDF, reproducibly, when the block ends without an error.
 
-    If there are several panels, they are lettered; long titles and axis labels are wrapped.
-
-    Args:
-        title: title, for a figure that is used without a caption.
+    If there are several panels, they are lettered; long titles and axis labels are wrapped. Only a figure that is used
+    without a caption has a title.
 
     Raises:
         UserWarning: if the labels leave no room for a panel.
@@ -153,11 +151,7 @@ class Rows:
 
 
 def dates(axes: Axes, span_s: Limits | None = None) -> None:
-    """Set limits and ticks of a horizontal axis in days since 1970, as matplotlib counts time.
-
-    Args:
-        span_s: first and last time, seconds since 1970; the limits are not changed if None.
-    """
+    """Set ticks of a horizontal axis in days since 1970, as matplotlib counts time; and its limits, given a span."""
     if span_s is not None:
         first, last = span_s
         pad = max(0.01 * (last - first), 1.0)
@@ -176,10 +170,9 @@ def dates(axes: Axes, span_s: Limits | None = None) -> None:
 
 
 def degrees(axis: Axis, limits: Limits, *, as_is: bool = False) -> None:
-    """Set limits and ticks of an axis in degrees; headings are labelled 0 to 359, and 360 at the end of a turn from 0.
+    """Set limits and ticks of an axis in degrees.
 
-    Args:
-        as_is: label the values as they are, for deviations and differences, not as headings.
+    Headings are labelled 0 to 359, and 360 at the end of a turn from 0; deviations and differences ``as_is``.
     """
     span = limits[1] - limits[0]
     if as_is:  # at least three ticks, as zero alone gives no scale

@@ -61,12 +61,7 @@ KINDS = {
 
 
 def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> None:
-    """Draw time series of recorded and corrected headings with their quality, and of the instrument's depth.
-
-    Args:
-        product: the corrected record; its corrected headings may all be NaN.
-        pairs: overlapping measurements, may be empty.
-    """
+    """Draw time series of recorded and corrected headings with their quality, and of the instrument's depth."""
     time_s = product.record.time_s
     with page(path, 5.6) as figure:
         panels = figure.subplots(4, 1, sharex=True, height_ratios=(3.0, 3.0, 1.0, 1.4))
@@ -148,11 +143,7 @@ def _draw_step(axes: Axes, edges: Floats, bottom: Any, top: Floats, colour: str)
 
 
 def time_slices(time_s: Floats) -> Floats:
-    """Compute the edges of daily time slices, of shorter ones in a short record, seconds since 1970.
-
-    Args:
-        time_s: increasing times, (n,), n > 0.
-    """
+    """Compute the edges of daily time slices, of shorter ones in a short record, seconds since 1970."""
     first, last = float(time_s[0]), float(time_s[-1])
     step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
     width = min(DAY_S, max((last - first) / SLICES, 2.0 * step))
@@ -276,11 +267,7 @@ def displacements(plotted: AveragedCurrents) -> dict[str, Complexes]:
 
 
 def draw_roses(path: str | Path, shown: BinCurrents, reference: CurrentSeries, headings: Mapping[str, Floats]) -> None:
-    """Draw roses of the current direction and of the instrument's heading, before and after correction.
-
-    Args:
-        headings: ``recorded`` and ``corrected`` headings, (n,) degrees each.
-    """
+    """Draw roses of the current direction and of the ``recorded`` and ``corrected`` headings."""
     flows = {"recorded": shown.recorded, "corrected": shown.corrected, "reference": reference}
     towards = {name: angles.direction(flow.velocity.real, flow.velocity.imag) for name, flow in flows.items()}
     handles: dict[str, Any] = {name: Line2D([], [], color=colour, label=name) for name, colour in COLOURS.items()}
@@ -332,11 +319,7 @@ MAX_AXES = 8  # principal axes along a profile
 
 
 def draw_section(path: str | Path, section: SectionMeans) -> None:
-    """Draw velocity by time and depth before and after correction, the difference, and the uncertainty of direction.
-
-    Args:
-        section: binned velocities, may all be NaN.
-    """
+    """Draw velocity by time and depth before and after correction, the difference, and the uncertainty of direction."""
     fields = {
         f"{name}, {when}": part(values)
         for name, part in (("U", np.real), ("V", np.imag))
@@ -398,11 +381,7 @@ def _mark_instruments(axes: Axes, section: SectionMeans, step_m: float) -> None:
 
 
 def draw_profile(path: str | Path, section: SectionMeans) -> None:
-    """Draw profiles of the mean velocity before and after, and of the major axes of the variance ellipses.
-
-    Args:
-        section: binned velocities, may all be NaN.
-    """
+    """Draw profiles of the mean velocity before and after, and of the major axes of the variance ellipses."""
     before, after = section.profiles
     with page(path, 3.6) as figure:
         panels = figure.subplots(1, 3, sharey=True, width_ratios=(1.0, 1.0, 1.2))
