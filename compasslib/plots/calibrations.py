@@ -738,9 +738,8 @@ def draw_series(path: str | Path, result: Calibration) -> None:
     """Draw the observed declination, the model, the model plus a constant, and the quiet-day variation added to it."""
     quiet = result.details["quiet_day"] if result.points else None
     with page(path, 4.8 if quiet else 3.2) as figure:
-        top, *below = figure.subplots(2 if quiet else 1, 1, squeeze=False, height_ratios=(1.5, 1.0) if quiet else None)[
-            :, 0
-        ]
+        ratios = (1.5, 1.0) if quiet else (1.0,)
+        top, *below = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]
         if not result.points:
             empty(top)
             return
@@ -783,7 +782,11 @@ def draw_disturbance(path: str | Path, result: Calibration) -> None:
         half = float(np.quantile(np.abs(calm), 0.95)) if calm.size else 0.0
         panels[1].axhspan(-half, half, **BAND)
         _finish(panels[0], result, "Observed minus model\nand constant (°)")
-        _finish(panels[1], result, "Without slow level\nand quiet day (°)", _around_the_largest(result))
+        storms, window = result.details["storms"], None
+        if storms and np.ptp(points["time_s"]) >= 3.0 * ZOOM_DAYS * DAY_S:
+            largest = max(storms, key=lambda entry: entry["range_deg"])
+            window = (_day(largest["from"]) - ZOOM_DAYS / 2.0, _day(largest["to"]) + ZOOM_DAYS / 2.0)
+        _finish(panels[1], result, "Without slow level\nand quiet day (°)", window)
         figure.align_ylabels(panels)
         handles: list[Artist] = [Line2D([], [], label="observed, 10-minute means or samples", **LINE)]
         handles.append(Line2D([], [], color=ORANGE, label="slow level"))
@@ -819,11 +822,3 @@ def _storm_handle(result: Calibration) -> list[Artist]:
         return []
     largest = max(storms, key=lambda entry: entry["range_deg"])
     return [Patch(label=f"storm: {len(storms)}, largest range {largest['range_deg']:.1f}°", **STORM)]
-
-
-def _around_the_largest(result: Calibration) -> Limits | None:
-    storms = result.details["storms"]
-    if not storms or np.ptp(result.points["time_s"]) < 3.0 * ZOOM_DAYS * DAY_S:
-        return None
-    largest = max(storms, key=lambda entry: entry["range_deg"])
-    return _day(largest["from"]) - ZOOM_DAYS / 2.0, _day(largest["to"]) + ZOOM_DAYS / 2.0
