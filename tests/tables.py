@@ -110,24 +110,26 @@ VARIANTS: dict[str, Form] = {
 
 def drawn(seed: int, n: int) -> dict[str, Form]:
     """Draw n formats by seed."""
-    rng, forms = np.random.default_rng(seed), {}
-    for k in range(n):
-        delimiter = str(rng.choice([",", ";", "\t"]))
-        forms[f"drawn {k}"] = Form(
-            time=str(rng.choice(list(TIMES))),
-            delimiter=delimiter,
-            decimal="." if delimiter == "," else str(rng.choice([".", ","])),
-            preamble=int(rng.integers(0, 5)),
-            units=bool(rng.random() < 0.4),
-            comments=bool(rng.random() < 0.3),
-            fill=str(rng.choice(["", "NaN", "NA", "null"])),
-            encoding=str(rng.choice(["utf-8", "utf-16", "latin-1", "utf-8-sig"])),
-            packed=bool(rng.random() < 0.2),
-            ending=str(rng.choice(["\n", "\r\n"])),
-            quoted=bool(rng.random() < 0.2),
-            few_days=bool(rng.random() < 0.2),
-        )
-    return forms
+    rng = np.random.default_rng(seed)
+    return {f"drawn {k}": _drawn(rng) for k in range(n)}
+
+
+def _drawn(rng: np.random.Generator) -> Form:
+    delimiter = str(rng.choice([",", ";", "\t"]))
+    return Form(
+        time=str(rng.choice(list(TIMES))),
+        delimiter=delimiter,
+        decimal="." if delimiter == "," else str(rng.choice([".", ","])),
+        preamble=int(rng.integers(0, 5)),
+        units=bool(rng.random() < 0.4),
+        comments=bool(rng.random() < 0.3),
+        fill=str(rng.choice(["", "NaN", "NA", "null"])),
+        encoding=str(rng.choice(["utf-8", "utf-16", "latin-1", "utf-8-sig"])),
+        packed=bool(rng.random() < 0.2),
+        ending=str(rng.choice(["\n", "\r\n"])),
+        quoted=bool(rng.random() < 0.2),
+        few_days=bool(rng.random() < 0.2),
+    )
 
 
 def settled_by(form: Form) -> str:
