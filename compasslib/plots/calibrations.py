@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -158,12 +157,20 @@ def draw_certificate(path: str | Path, shown: StoredCalibration) -> None:
     """Draw the one-page certificate of a calibration: curve, table, coefficients, uncertainty, date and place."""
     title = f"{shown.content['name']}: calibration of a compass, kind {shown.content['kind']}"
     text, high = writing(shown), CURVE_IN
-    with page(path, high + LEGEND_IN + text.height_in, width_in=WIDE_IN, title=title) as figure:
-        curve, below = figure.subplots(2, 1, height_ratios=(high, text.height_in))
+    first = max(len(text.about), len(text.budget)) + 1  # line at which the table begins
+    last = first + len(text.table) + 1
+    height_in = LINE_IN * (last + len(text.notes) + 2)
+    with page(path, high + LEGEND_IN + height_in, width_in=WIDE_IN, title=title) as figure:
+        curve, below = figure.subplots(2, 1, height_ratios=(high, height_in))
         handles = deviation_panel(curve, shown)
         if handles:
             curve.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
-        write(below, text)
+        below.set_axis_off()
+        parts = ((0.0, 0, text.about), (0.52, 0, text.budget), (0.0, first, text.table), (0.0, last, text.notes))
+        for across, down, lines in parts:
+            family = "sans-serif" if lines is text.notes else "monospace"
+            offset = (0.0, -72.0 * LINE_IN * down)
+            below.annotate("\n".join(lines), (across, 1.0), offset, family=family, **TEXT)
 
 
 def _curve(name: str, coefficients: Mapping[str, float], shown: StoredCalibration) -> tuple[Floats, Floats]:
@@ -242,26 +249,19 @@ LINE_CHARACTERS = 118
 MODEL_CHARACTERS = 40
 TABLE_COLUMNS = 3
 UNKNOWN, SPACE = "–", " " * 8
+TEXT: dict[str, Any] = {
+    "xycoords": "axes fraction", "textcoords": "offset points", "va": "top", "fontsize": 7.0, "linespacing": 1.35,
+    "annotation_clip": False,
+}  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Writing:
+class Writing(NamedTuple):
     """Lines of text below the curve of a certificate."""
 
     about: list[str]
     budget: list[str]
     table: list[str]
     notes: list[str]
-
-    @property
-    def height_in(self) -> float:
-        """Height of the text, inches."""
-        return LINE_IN * (self.column_lines + len(self.table) + len(self.notes) + 4)
-
-    @property
-    def column_lines(self) -> int:
-        """Number of lines of the two-column part."""
-        return max(len(self.about), len(self.budget))
 
 
 def writing(shown: StoredCalibration) -> Writing:
@@ -282,32 +282,6 @@ def writing(shown: StoredCalibration) -> Writing:
         ["standard uncertainties", *rows, "", *totals],
         _table(shown),
         [line for text in texts for line in textwrap.wrap(text, LINE_CHARACTERS)],
-    )
-
-
-def write(axes: Axes, text: Writing) -> None:
-    """Write the text of a certificate into an empty panel of the same height."""
-    axes.set_axis_off()
-    _put(axes, (0.0, 0), text.about)
-    _put(axes, (0.52, 0), text.budget)
-    _put(axes, (0.0, text.column_lines + 1), text.table)
-    _put(axes, (0.0, text.column_lines + len(text.table) + 2), text.notes, mono=False)
-
-
-def _put(axes: Axes, place: tuple[float, int], lines: list[str], *, mono: bool = True) -> None:
-    """Write lines at a place: fraction of the panel's width, and number of lines below its top."""
-    across, down = place
-    axes.annotate(
-        "\n".join(lines),
-        (across, 1.0),
-        (0.0, -72.0 * LINE_IN * down),
-        xycoords="axes fraction",
-        textcoords="offset points",
-        va="top",
-        family="monospace" if mono else "sans-serif",
-        fontsize=7.0,
-        linespacing=1.35,
-        annotation_clip=False,
     )
 
 

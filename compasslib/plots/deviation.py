@@ -269,7 +269,6 @@ def _hexagons(axes: Axes, title: str, xy: tuple[Floats, Floats], begin: float) -
 WITHIN = 1.96
 SHARED_COLUMNS = 2
 NAMES_IN, LEAST_IN = 0.8, 0.4  # width of the names of records, and minimum height of a panel
-IRON = (("P_nT", "c"), ("Q_nT", "f"))  # permanent field and induction coefficient of B and of C
 
 
 SHARED_BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "lw": 0}
@@ -352,16 +351,18 @@ def _shared_iron(
 
 def _shared_coefficient(letter: str, entry: Mapping[str, Any], content: Mapping[str, Any]) -> tuple[float, float]:
     """Predict a coefficient of a record (B and C in nT) and its σ from the shared iron, variation included."""
-    names = list(content["coefficients"])
-    weight = np.zeros(len(names))
-    if letter in "BC":
-        iron, induced = IRON["BC".index(letter)]
-        weight[names.index(iron)], weight[names.index(induced)] = 1.0, entry["vertical_nT"]
-    else:
-        weight[names.index(letter)] = 1.0
+    weight = _shared_design(1.0, entry["vertical_nT"])["ABCDE".index(letter)]
     values, covariance = np.array(list(content["coefficients"].values())), np.array(content["covariance"])
     between = content["sigma_between"] if letter in "BC" else 0.0
     return float(weight @ values), float(np.sqrt(weight @ covariance @ weight + between**2))
+
+
+def _shared_design(horizontal_nT: float, vertical_nT: float) -> Floats:
+    """Compute the matrix from the shared iron P, Q, c, f, D, E to the coefficients A to E in a field, (5, 6)."""
+    design = np.zeros((5, 6))
+    design[1, [0, 2]] = design[2, [1, 3]] = 1.0 / horizontal_nT, vertical_nT / horizontal_nT
+    design[3, 4] = design[4, 5] = 1.0
+    return design
 
 
 def _shared_effect(axes: Axes, names: Rows, effect: Mapping[str, Any], k: int) -> None:
@@ -381,10 +382,8 @@ def _shared_curve(
 ) -> tuple[Floats, Floats]:
     """Evaluate the deviation of the compass in the mean field and its standard error, (n,) each."""
     fitting = [entry for entry in deployments if entry["fits"]] or deployments
-    level, down = (float(np.mean([entry[name] for entry in fitting])) for name in ("horizontal_nT", "vertical_nT"))
-    design = np.zeros((5, 6))
-    design[1, [0, 2]] = design[2, [1, 3]] = 1.0 / level, down / level
-    design[3, 4] = design[4, 5] = 1.0
+    field = (float(np.mean([entry[name] for entry in fitting])) for name in ("horizontal_nT", "vertical_nT"))
+    design = _shared_design(*field)
     values = design @ np.array(list(content["coefficients"].values()))
     covariance = design @ np.array(content["covariance"]) @ design.T
     slope = compass.gradient(values, heading)
