@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +113,8 @@ def encode(setup: Setup, ensembles: Ensembles) -> Counts:
     offsets = np.cumsum([layout[place].itemsize for place in range(BLOCKS)])
     header = np.array([0x7F7F, layout.itemsize - 2, BLOCKS << 8, *offsets], dtype="<u2")
     rows["header"] = header.view(np.uint8)
-    rows["fixed"] = _fixed_leader(setup)
+    for name, value in _fixed_leader(setup).items():
+        rows["fixed"][name] = value
     # Bit 7 of the system configuration follows the orientation switch of the instrument in each ensemble.
     rows["fixed"]["system"][:, 0] |= np.where(ensembles.upside, UP, 0).astype(np.uint8)
     _fill_variable_leader(rows["variable"], ensembles)
@@ -129,27 +131,14 @@ def encode(setup: Setup, ensembles: Ensembles) -> Counts:
 
 
 def _layout(cells: int) -> np.dtype:
-    def block(kind: str) -> np.dtype:
-        return np.dtype([("id", "<u2"), ("cells", kind, (cells, 4))])
-
-    return np.dtype(
-        [
-            ("header", "u1", (6 + 2 * BLOCKS,)),
-            ("fixed", _FIXED),
-            ("variable", _VARIABLE),
-            ("velocity", block("<i2")),
-            ("correlation", block("u1")),
-            ("echo", block("u1")),
-            ("percent_good", block("u1")),
-            ("reserved", "<u2"),
-            ("checksum", "<u2"),
-        ]
-    )
+    numbers, octets = (np.dtype([("id", "<u2"), ("cells", kind, (cells, 4))]) for kind in ("<i2", "u1"))
+    leaders = [("header", "u1", (6 + 2 * BLOCKS,)), ("fixed", _FIXED), ("variable", _VARIABLE)]
+    blocks = [("velocity", numbers), ("correlation", octets), ("echo", octets), ("percent_good", octets)]
+    return np.dtype([*leaders, *blocks, ("reserved", "<u2"), ("checksum", "<u2")])
 
 
-def _fixed_leader(setup: Setup) -> NDArray[np.void]:
-    leader = np.zeros((), dtype=_FIXED)
-    values = {
+def _fixed_leader(setup: Setup) -> dict[str, Any]:
+    return {
         "id": 0x0000, "firmware": (16, 28), "beams": 4, "cells": setup.cells, "pings": setup.pings, "mode": 1,
         "system": (FREQUENCY_BITS[setup.kilohertz] | CONVEX | HEAD_ATTACHED, JANUS_20_DEG),
         "cell_cm": round(100 * setup.cell_m), "blank_cm": round(100 * setup.blank_m), "low_correlation": 64,
@@ -159,9 +148,6 @@ def _fixed_leader(setup: Setup) -> NDArray[np.void]:
         "pulse_cm": round(100 * setup.cell_m), "reference_layer": (1, 5), "false_target": 50, "lag_cm": 49,
         "power": 255, "serial": setup.serial, "beam_angle": round(BEAM_ANGLE_DEG),
     }  # fmt: skip
-    for name, value in values.items():
-        leader[name] = value
-    return leader
 
 
 def _fill_variable_leader(leader: NDArray[np.void], ensembles: Ensembles) -> None:
