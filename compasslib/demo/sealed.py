@@ -147,8 +147,13 @@ def make(seed: int, name: str, wish: Wish) -> Ground:
     motion = water.make_motion(seed, name, rig, currents, declination_deg=declination)
     strength = float(rng.choice(STRENGTHS)) if wish.strength is None else wish.strength
     meter = compass.build(rng, (horizontal, vertical), strength)
-    temperature = _temperature(water.stream(seed, name, "temperature"), motion)
-    supply = _supply(water.stream(seed, name, "supply"), currents.time_s, temperature)
+    rng, grid = water.stream(seed, name, "temperature"), currents.time_s
+    season = 1.5 * np.cos(2 * np.pi * (grid / DAY_S / 365.25 + rng.uniform()))
+    weather = red_noise(rng, grid.size, memory=10 * DAY_S / water.STEP_S, deviation=0.6)
+    temperature = 4.0 + season + weather - 0.4 * (motion.sphere_depth_m - 100.0) / 100.0
+    rng, used = water.stream(seed, name, "supply"), (grid - grid[0]) / (grid[-1] - grid[0])
+    warm = 0.4 * (temperature - temperature.mean())
+    supply = 166.0 - rng.uniform(12.0, 22.0) * used - rng.uniform(7.0, 14.0) * used**6 + warm
     return Ground(
         seed, name, wish, latitude, longitude, depth, field, currents, motion, meter, temperature, supply, stamps
     )  # fmt: skip
@@ -158,20 +163,6 @@ def trusted_heading(ground: Ground) -> Floats:
     """Simulate the correct heading of the reference, which turns independently, at full hours, degrees, (n,)."""
     rng = ground.random("deep heading")
     return circle(180.0 + red_noise(rng, ground.stamp_s.size, memory=30.0, deviation=120.0))
-
-
-def _temperature(rng: np.random.Generator, motion: water.Motion) -> Floats:
-    count = motion.time_s.size
-    season = 1.5 * np.cos(2 * np.pi * (motion.time_s / DAY_S / 365.25 + rng.uniform()))
-    weather = red_noise(rng, count, memory=10 * DAY_S / water.STEP_S, deviation=0.6)
-    return np.asarray(4.0 + season + weather - 0.4 * (motion.sphere_depth_m - 100.0) / 100.0)
-
-
-def _supply(rng: np.random.Generator, time_s: Floats, temperature_c: Floats) -> Floats:
-    used = (time_s - time_s[0]) / (time_s[-1] - time_s[0])
-    drain = rng.uniform(12.0, 22.0)
-    warm = 0.4 * (temperature_c - temperature_c.mean())
-    return np.asarray(166.0 - drain * used - rng.uniform(7.0, 14.0) * used**6 + warm)
 
 
 DEEP_BELOW_M, DEEP_SAMPLE_S = 4.0, 180.0

@@ -337,24 +337,21 @@ def _shared_iron(
 ) -> None:
     """Draw one coefficient of all records: B and C times the horizontal field in µT, D and E as fractions."""
     hard = letter in "BC"
+    scale = 1000.0 if hard else 1.0
     axes.set_title(f"{letter} times H (µT)" if hard else letter)
     for k, entry in zip(names.places, deployments, strict=True):
-        unit = entry["horizontal_nT"] / 1000.0 if hard else 1.0
+        unit = entry["horizontal_nT"] / scale if hard else 1.0
         value, sigma = entry["coefficients"][letter] * unit, entry["sigma"][letter] * unit
         colour = BLUE if entry["fits"] else VERMILION
         axes.errorbar(value, k, xerr=WITHIN * sigma, color=colour, marker="o", markersize=3, lw=1.0)
         if content["coefficients"]:
-            middle, spread = (x / (1000.0 if hard else 1.0) for x in _shared_coefficient(letter, entry, content))
-            half = WITHIN * spread
+            # Predicted from the shared iron, variation between deployments included; B and C in nT.
+            weight = _shared_design(1.0, entry["vertical_nT"])["ABCDE".index(letter)]
+            between = content["sigma_between"] if hard else 0.0
+            middle = float(weight @ np.array(list(content["coefficients"].values()))) / scale
+            variance = weight @ np.array(content["covariance"]) @ weight + between**2
+            half = WITHIN * (float(np.sqrt(variance)) / scale)
             axes.fill_betweenx([k - 0.35, k + 0.35], middle - half, middle + half, **SHARED_BAND)
-
-
-def _shared_coefficient(letter: str, entry: Mapping[str, Any], content: Mapping[str, Any]) -> tuple[float, float]:
-    """Predict a coefficient of a record (B and C in nT) and its σ from the shared iron, variation included."""
-    weight = _shared_design(1.0, entry["vertical_nT"])["ABCDE".index(letter)]
-    values, covariance = np.array(list(content["coefficients"].values())), np.array(content["covariance"])
-    between = content["sigma_between"] if letter in "BC" else 0.0
-    return float(weight @ values), float(np.sqrt(weight @ covariance @ weight + between**2))
 
 
 def _shared_design(horizontal_nT: float, vertical_nT: float) -> Floats:

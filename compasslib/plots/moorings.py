@@ -211,11 +211,15 @@ def draw_array(path: str | Path, moorings: Sequence[Mapping[str, Any]]) -> None:
         moorings: name, latitude, longitude (degrees), water_depth_m and instruments, each with depth_m (None for a
             profiler), orientation (up, down or None) and role (affected, reference or other).
     """
-    groups = _split_arrays(moorings)
     with page(path, 3.8, width_in=WIDE_IN) as figure:
-        if not groups:
+        if not moorings:
             empty(figure.subplots())
             return
+        # Arrays that are far apart have panels of their own, unless there are too many.
+        along = _along_array(moorings)
+        order = np.argsort(along, kind="stable")
+        parts = np.split(order, np.flatnonzero(np.diff(along[order]) > APART_KM) + 1)
+        groups = [[moorings[k] for k in sorted(part)] for part in (parts if len(parts) <= MOST_ARRAYS else [order])]
         ratios = [len(group) + 2 for group in groups]
         deepest = 1.08 * max(mooring["water_depth_m"] for mooring in moorings)
         panels = figure.subplots(1, len(groups), sharey=True, squeeze=False, width_ratios=ratios)[0]
@@ -237,17 +241,6 @@ def draw_array(path: str | Path, moorings: Sequence[Mapping[str, Any]]) -> None:
         handles += [Line2D([], [], color=BLACK, linewidth=3.0, alpha=0.5, label="profiler")]
         handles += [Patch(color=GREY, alpha=0.4, linewidth=0, label="bottom, interpolated")]
         legend(figure, handles, columns=4)
-
-
-def _split_arrays(moorings: Sequence[Mapping[str, Any]]) -> list[list[Mapping[str, Any]]]:
-    """Split moorings at gaps above ``APART_KM`` along their line, unless this gives more than ``MOST_ARRAYS`` parts."""
-    if not moorings:
-        return []
-    along = _along_array(moorings)
-    order = np.argsort(along, kind="stable")
-    parts = np.split(order, np.flatnonzero(np.diff(along[order]) > APART_KM) + 1)
-    parts = parts if len(parts) <= MOST_ARRAYS else [order]
-    return [[moorings[k] for k in sorted(part)] for part in parts]
 
 
 def _draw_section(axes: Axes, moorings: Sequence[Mapping[str, Any]], deepest_m: float) -> None:

@@ -337,7 +337,7 @@ def draw_section(path: str | Path, section: SectionMeans) -> None:
         step = float(np.median(np.diff(section.depth_m))) if len(section.depth_m) > 1 else 1.0
         depths = np.append(section.depth_m - step / 2.0, section.depth_m[-1] + step / 2.0)
         there = np.flatnonzero(np.isfinite(section.after).any(axis=0))
-        drawn = dict(zip(fields, panels, strict=False))
+        drawn, share = dict(zip(fields, panels, strict=False)), section.reference_share
         for added in (False, True):
             shown = {title: values for title, values in fields.items() if title.endswith(ADDED) == added}
             known = np.abs(np.concatenate([x[np.isfinite(x)] for x in shown.values()]))
@@ -353,7 +353,12 @@ def draw_section(path: str | Path, section: SectionMeans) -> None:
                 axes.set_ylim(depths[there[-1] + 1], depths[there[0]])
                 axes.set_ylabel("Depth (m)")
                 axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-                _mark_instruments(axes, section, step)
+                # At the right edge, the instrument that provides most values at each depth.
+                edge: dict[str, Any] = {"linewidth": 4.0, "transform": axes.get_yaxis_transform(), "clip_on": False}
+                for here, colour in ((share < 0.5, CORRECTED), (share >= 0.5, REFERENCE)):
+                    middle = section.depth_m[here]
+                    across = np.full(len(middle), 1.015)
+                    axes.vlines(across, middle - step / 2.0, middle + step / 2.0, colors=colour, **edge)
             place: dict[str, Any] = {"ax": list(panels[:6]), "location": "right" if not added else "bottom"}
             bar = figure.colorbar(image, aspect=40, pad=0.02, extend="both", **place)
             bar.set_label(f"{ADDED.capitalize()} (cm/s)" if added else "Recorded, corrected (cm/s)")
@@ -368,16 +373,6 @@ def draw_section(path: str | Path, section: SectionMeans) -> None:
         figure.align_ylabels(panels)
         sources = {"affected instrument": CORRECTED, "reference": REFERENCE}
         legend(figure, [Line2D([], [], color=colour, linewidth=4.0, label=name) for name, colour in sources.items()])
-
-
-def _mark_instruments(axes: Axes, section: SectionMeans, step_m: float) -> None:
-    """Mark at the panel's right edge the instrument that provides most values at each depth."""
-    for here, colour in ((section.reference_share < 0.5, CORRECTED), (section.reference_share >= 0.5, REFERENCE)):
-        middle = section.depth_m[here]
-        axes.vlines(
-            np.full(len(middle), 1.015), middle - step_m / 2.0, middle + step_m / 2.0, colors=colour, linewidth=4.0,
-            transform=axes.get_yaxis_transform(), clip_on=False,
-        )  # fmt: skip
 
 
 def draw_profile(path: str | Path, section: SectionMeans) -> None:
