@@ -19,7 +19,6 @@ from compasslib.demo.demonstration import DEPLOYED_S
 from compasslib.errors import InputError
 from compasslib.pipeline import plan as plans
 from compasslib.readers import mmp as acm
-from compasslib.readers.mmp import pressure as mmp_pressure
 from compasslib.readers.mmp import rows as mmp_rows
 from compasslib.readers.mmp import scans as mmp_scans
 from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
@@ -419,7 +418,7 @@ def test_start_offset_without_effect_is_reported(tmp_path):
 def test_engineering_files_are_read_in_four_variants(tmp_path, comma, header):
     dbar = [0.0, 0.0, 500.0, 497.5, 495.0]
     path = written(tmp_path, "E0000007.TXT", engineering(7, ON_S, dbar, comma=comma, header=header))
-    found = mmp_pressure.read_companions([path])
+    found = acm.read_companions([path])
     # Zeros precede the first reading.
     assert found.time_s.tolist() == [ON_S + 140.0, ON_S + 150.0, ON_S + 160.0]
     assert found.pressure_dbar.tolist() == [500.0, 497.5, 495.0]
@@ -429,7 +428,7 @@ def test_engineering_files_are_read_in_four_variants(tmp_path, comma, header):
 
 def test_timestamp_of_six_numbers_in_old_engineering_files(tmp_path):
     rows = ["09 05 2007 13 46 40 150 11.3 500.00 -24.1", "09 05 2007 13 46 50 152 11.3 497.50 -24.3"]
-    found = mmp_pressure.read_companions([written(tmp_path, "E0000007.TXT", "\n".join(rows) + "\n")])
+    found = acm.read_companions([written(tmp_path, "E0000007.TXT", "\n".join(rows) + "\n")])
     assert found.pressure_dbar.tolist() == [500.0, 497.5]
     assert found.time_s.tolist() == [ON_S + 0.0, ON_S + 10.0]
     assert found.starts[0].number == 7
@@ -438,11 +437,11 @@ def test_timestamp_of_six_numbers_in_old_engineering_files(tmp_path):
 def test_ctd_file_is_timed_and_yields_to_engineering_file(tmp_path):
     dbar = np.linspace(500, 400, 400).tolist()
     c_file = written(tmp_path, "C0000007.TXT", ctd(7, ON_S, ON_S + 400, dbar))
-    alone = mmp_pressure.read_companions([c_file])
+    alone = acm.read_companions([c_file])
     assert alone.time_s[[0, -1]].tolist() == [ON_S + 0.5, ON_S + 399.5]
-    assert alone.starts == (mmp_pressure.Start(7, ON_S, ON_S + 400),)
+    assert alone.starts == (acm.Start(7, ON_S, ON_S + 400),)
     e_file = written(tmp_path, "E0000007.TXT", engineering(7, ON_S, [470.0 - k for k in range(17)]))
-    both = mmp_pressure.read_companions([c_file, e_file])
+    both = acm.read_companions([c_file, e_file])
     inside = (both.time_s > ON_S + 60) & (both.time_s < ON_S + 340)
     assert both.pressure_dbar[inside].tolist() == [470.0 - k for k in range(17)]
     assert both.at(np.array([ON_S + 30.0]))[0] == pytest.approx(np.interp(29.5, np.arange(400), dbar))
@@ -452,14 +451,14 @@ def test_ctd_file_is_timed_and_yields_to_engineering_file(tmp_path):
 def test_table_columns_are_identified_by_their_header(tmp_path):
     rows = ["2007-09-05 13:46:40,500,x", "", "2007-09-05T13:46:50Z,,x", "2007-09-05T13:47:00.5,495.5,"]
     table = "\n".join(['\ufeff"Date_Time", Pressure ,other', *rows]) + "\n"
-    found = mmp_pressure.read_companions([written(tmp_path, "p.csv", table)])
+    found = acm.read_companions([written(tmp_path, "p.csv", table)])
     assert found.time_s.tolist() == [ON_S + 0.0, ON_S + 20.5]
     assert found.pressure_dbar.tolist() == [500.0, 495.5]
 
 
 def test_pressure_is_not_interpolated_across_long_gaps(tmp_path):
     table = "time,pressure\n" + "".join(f"{np.datetime64(ON_S + t, 's')},{100 + t}\n" for t in (0, 10, 20, 400, 410))
-    found = mmp_pressure.read_companions([written(tmp_path, "p.csv", table)])
+    found = acm.read_companions([written(tmp_path, "p.csv", table)])
     at = found.at(ON_S + np.array([-1.0, 0.0, 5.0, 20.0, 21.0, 399.0, 405.0, 410.0, 411.0, np.nan]))
     assert np.isnan(at).tolist() == [True, False, False, False, True, True, False, False, True, True]
     assert at[[1, 2, 3, 6, 7]].tolist() == [100.0, 105.0, 120.0, 505.0, 510.0]
@@ -511,7 +510,7 @@ def test_profile_direction_comes_from_pressure_else_from_number(tmp_path):
 def test_pressure_file_of_another_kind_is_refused(tmp_path, content, found):
     path = written(tmp_path, "p.csv", content)
     with pytest.raises(InputError) as error:
-        mmp_pressure.read_companions([path])
+        acm.read_companions([path])
     assert str(error.value).startswith(
         f"{path}: expected an unpacked engineering (E) or CTD (C) file of the profiler, or a CSV table with a header "
         "line and the columns time and pressure (time_utc or time, ISO; pressure_dbar or pressure, dbar), "
@@ -535,14 +534,14 @@ def test_pressure_file_of_another_kind_is_refused(tmp_path, content, found):
 def test_unreadable_table_is_refused_with_its_line_number(tmp_path, content, expected):
     path = written(tmp_path, "p.csv", f"time,pressure\n{content}\n")
     with pytest.raises(InputError) as error:
-        mmp_pressure.read_companions([path])
+        acm.read_companions([path])
     assert str(error.value).startswith(f"{path}: {expected}")
 
 
 def test_ctd_file_without_times_is_refused(tmp_path):
     path = written(tmp_path, "C0000007.TXT", ctd(7, 0, 0, [1.0, 2.0, 3.0], times=False))
     with pytest.raises(InputError, match=r"unpack with header lines, or give the engineering \(E\) files"):
-        mmp_pressure.read_companions([path])
+        acm.read_companions([path])
 
 
 # Damaged files -------------------------------------------------------------------------------------------------------

@@ -200,28 +200,20 @@ def _ranges(head: Any, cells: int) -> tuple[float, ...]:
 
 def _profiles(rows: Bytes, layout: _Layout) -> dict[str, Bytes]:
     """Extract amplitude, correlation and percent good, as far as the records hold them."""
-    correlation, percent = _places(layout)
-    amplitude = layout.offset + 2 * layout.beams * layout.cells if layout.configuration & AMPLITUDE else None
-    blocks = {"echo": amplitude, "correlation": correlation}
-    shape = layout.beams, layout.cells
-    profiles = {name: records.by_beam(rows, at, *shape) for name, at in blocks.items() if at is not None}
-    if percent is not None and percent + layout.cells <= rows.shape[1]:
-        profiles["percent_good"] = rows[:, percent : percent + layout.cells].copy()
-    return profiles
-
-
-def _places(layout: _Layout) -> tuple[int | None, int | None]:
-    """Locate correlation and percent good as byte offsets, None where absent."""
     each = layout.beams * layout.cells
-    at = layout.offset + 2 * each + (each if layout.configuration & AMPLITUDE else 0)
-    correlation = at if layout.configuration & CORRELATION else None
-    at += each if layout.configuration & CORRELATION else 0
+    profiles, at = {}, layout.offset + 2 * each
+    for name, bit in (("echo", AMPLITUDE), ("correlation", CORRELATION)):
+        if layout.configuration & bit:
+            profiles[name] = records.by_beam(rows, at, layout.beams, layout.cells)
+            at += each
     for bit, size in BLOCKS:
         if layout.configuration & bit:
             if size is None:  # raw echoes: size stated in the block, does not occur in averages
-                return correlation, None
+                return profiles
             at += size
-    return correlation, at if layout.configuration & PERCENT_GOOD else None
+    if layout.configuration & PERCENT_GOOD and at + layout.cells <= rows.shape[1]:
+        profiles["percent_good"] = rows[:, at : at + layout.cells].copy()
+    return profiles
 
 
 def _notes(packets: Packets, kind: int, counts: dict[str, int], states_declination: bool) -> Iterator[str]:

@@ -10,6 +10,7 @@ Boundaries are detected in the echo, which decreases with range in water: surfac
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,7 +25,7 @@ from compasslib.readers.files import refuse_mostly_damaged
 from compasslib.readers.pd0 import checks, currents, fields
 from compasslib.readers.pd0.checks import FileReport
 from compasslib.readers.pd0.currents import Settings
-from compasslib.readers.pd0.fields import BEAM, COUNTS, EARTH, DroppedCounts, Ensembles, GrowableArrays
+from compasslib.readers.pd0.fields import BEAM, COUNTS, EARTH, Ensembles, GrowableArrays
 from compasslib.readers.pd0.frames import CHUNK_BYTES, Skipped, is_escaped, iter_chunks
 from compasslib.records import BAD, GOOD, MISSING, Record
 from compasslib.types import Floats
@@ -38,7 +39,7 @@ NEAR_CELLS = 2
 @dataclass(frozen=True, eq=False)
 class _DecodedChunk:
     ensembles: Ensembles
-    dropped: DroppedCounts
+    dropped: Counter[str]
     size: int  # bytes in intact ensembles
     skipped: tuple[Skipped, ...]
 
@@ -87,16 +88,11 @@ def read(
             and ``heading_alignment`` contradict each other.
     """
     settings = Settings(orientation, parse_applied_declination(declination_applied), heading_alignment, serial_number)
-    return read_with_reports(paths, settings)[0]
-
-
-def read_with_reports(paths: Sequence[Path], settings: Settings) -> tuple[Record, tuple[FileReport, ...]]:
-    """Read the record like ``read``, and report the content and skipped ranges of each file; errors as for ``read``."""
     if not paths:
         raise InputError("files", expected="at least one PD0 file", found="none", advice="name the instrument's files")
-    if settings.orientation not in (None, "up", "down"):
-        shown = repr(settings.orientation)
-        raise InputError("orientation", expected="up or down", found=shown, advice="write orientation: up")
+    if orientation not in (None, "up", "down"):
+        shown, advice = repr(orientation), "write orientation: up"
+        raise InputError("orientation", expected="up or down", found=shown, advice=advice)
 
     def first_time(path: Path) -> float:
         chunks = (chunk.ensembles for chunk in _decode_chunks(path))
@@ -107,8 +103,7 @@ def read_with_reports(paths: Sequence[Path], settings: Settings) -> tuple[Record
     where = ", ".join(map(str, paths))
     arrays = GrowableArrays(where, sum(Path(path).stat().st_size for path in paths if Path(path).is_file()))
     files = [_read_file(path, settings, arrays) for path in ordered]
-    reports = tuple(report for _, report in files)
-    return _record([part for parts, _ in files for part in parts], arrays, reports, settings), reports
+    return _record([part for parts, _ in files for part in parts], arrays, [report for _, report in files], settings)
 
 
 def echo_ranges(ensembles: Ensembles) -> Floats:
@@ -139,9 +134,9 @@ def _decode_chunks(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Iterator
 
 
 def _refuse_empty(path: str | Path, chunks: Sequence[_DecodedChunk]) -> None:
-    dropped = sum((chunk.dropped for chunk in chunks), DroppedCounts())
+    dropped = sum((chunk.dropped for chunk in chunks), Counter[str]())
     count = sum(len(chunk.ensembles) for chunk in chunks)
-    misfits = dropped.not_of_four_beams
+    misfits = dropped["not_of_four_beams"]
     if misfits > checks.STRAY * (misfits + count):  # more than damage explains
         expected = "blocks of four columns, as many rows as the leader tells cells"
         shown = f"others, perhaps of five beams, in {misfits} of {misfits + count} ensembles"
@@ -151,8 +146,8 @@ def _refuse_empty(path: str | Path, chunks: Sequence[_DecodedChunk]) -> None:
     with Path(path).open("rb") as file:
         beginning = file.read(16)
     shown = f"a file that begins with {beginning!r}" if beginning else "an empty file"
-    if int(dropped):
-        shown = f"{int(dropped)} ensembles without velocities or with impossible dates"
+    if dropped:
+        shown = f"{dropped.total()} ensembles without velocities or with impossible dates"
     advice = "check that format: pd0 and the file belong together"
     raise InputError(str(path), expected="PD0 ensembles (7F 7F) with velocities", found=shown, advice=advice)
 
@@ -170,7 +165,7 @@ def _read_file(path: str | Path, settings: Settings, arrays: GrowableArrays) -> 
             checks.refuse_rotation(str(path), settings.declination_applied, is_earth=is_earth)
             parts.append(_turn_chunk(chunk.ensembles, chunk.size, settings, arrays))
     _refuse_empty(path, chunks)
-    whole = sum(len(chunk.ensembles) + int(chunk.dropped) for chunk in chunks)
+    whole = sum(len(chunk.ensembles) + chunk.dropped.total() for chunk in chunks)
     skipped = tuple(each for chunk in chunks for each in chunk.skipped)
     refuse_mostly_damaged(path, "PD0 ensembles", damaged=sum(each.failed for each in skipped), whole=whole)
     cells = np.sum([part.contradictions for part in parts], axis=0)
@@ -185,7 +180,7 @@ def _read_file(path: str | Path, settings: Settings, arrays: GrowableArrays) -> 
         path=str(path),
         bytes_total=sum(chunk.size for chunk in chunks) + sum(each.length for each in skipped),
         ensembles=len(offset),
-        dropped=sum((chunk.dropped for chunk in chunks), DroppedCounts()),
+        dropped=sum((chunk.dropped for chunk in chunks), Counter[str]()),
         three_beam=sum(part.three_beam for part in parts),
         lost=checks.count_lost_ensembles(offset, number, skipped),
         skipped=skipped,

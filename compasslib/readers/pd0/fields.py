@@ -7,6 +7,7 @@ the identifier of the block. Source: RDI, WorkHorse Commands and Output Data For
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from math import prod
@@ -35,6 +36,7 @@ T = TypeVar("T", bound=np.generic)
 
 BEAM, INSTRUMENT, SHIP, EARTH = 0, 1, 2, 3  # bits 4 and 3 of EX
 VELOCITY, CORRELATION, ECHO, PERCENT_GOOD = 0x0100, 0x0200, 0x0300, 0x0400
+DROPPED = ("without_velocity", "bad_dates", "not_of_four_beams")  # why intact ensembles are dropped
 COUNTS = {"echo": (ECHO, 1), "correlation": (CORRELATION, 2), "percent_good": (PERCENT_GOOD, 4)}  # identifier, bit
 LAST_YEAR = 2079  # two-digit years are unique from FIRST_YEAR to here; other dates indicate a damaged clock
 
@@ -117,21 +119,6 @@ class Ensembles:
         return len(self.number)
 
 
-@dataclass(frozen=True)
-class DroppedCounts:
-    """Counts of intact ensembles that were dropped, by reason."""
-
-    without_velocity: int = 0
-    bad_dates: int = 0
-    not_of_four_beams: int = 0
-
-    def __add__(self, other: DroppedCounts) -> DroppedCounts:
-        return DroppedCounts(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(DroppedCounts)))
-
-    def __int__(self) -> int:
-        return self.without_velocity + self.bad_dates + self.not_of_four_beams
-
-
 @dataclass(frozen=True, eq=False)
 class Leaders:
     """Leader fields that concern headings, (n,) each."""
@@ -153,27 +140,25 @@ def has_velocities(layout: Layout) -> bool:
     return _has_profile(layout, VELOCITY) and _of_four_beams(layout)
 
 
-def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles, DroppedCounts]:
-    """Decode the ensembles of several runs in file order.
-
-    Ensembles without velocities, with other than four columns or with an invalid date are dropped and counted.
-    """
+def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles, Counter[str]]:
+    """Decode the ensembles of several runs in file order, and count those dropped by the reasons in ``DROPPED``."""
     groups: dict[bytes, list[EnsembleRun]] = {}
-    without_velocity = not_of_four = 0
+    dropped = Counter[str]()
     for run in runs:
         if not _has_profile(run.layout, VELOCITY):
-            without_velocity += len(run.rows)
+            dropped["without_velocity"] += len(run.rows)
         elif not _of_four_beams(run.layout):
-            not_of_four += len(run.rows)
+            dropped["not_of_four_beams"] += len(run.rows)
         else:
             groups.setdefault(run.layout.signature, []).append(run)
     ensembles = concatenate([_decode(group[0].layout, group) for group in groups.values()])
     if len(groups) > 1:
         ensembles = select(ensembles, np.argsort(ensembles.offset))
     dated = np.isfinite(ensembles.time_s)
-    bad_dates = int(np.sum(~dated))
-    left_out = DroppedCounts(without_velocity, bad_dates, not_of_four)
-    return (select(ensembles, dated) if bad_dates else ensembles), left_out
+    if not dated.all():
+        dropped["bad_dates"] = int(np.sum(~dated))
+        ensembles = select(ensembles, dated)
+    return ensembles, dropped
 
 
 def concatenate(parts: Sequence[Ensembles]) -> Ensembles:
