@@ -146,25 +146,13 @@ def _table(columns: dict[str, Any]) -> Callable[[Path], Record]:
     return read
 
 
-def _nortek(path: Path) -> Record:
-    return _through(nortek.read([path]))
-
-
-def _mmp(path: Path) -> Record:
-    return _through(mmp.read([path], pressure_files=(), start_offset_seconds=0.0))
+def _reader(read: Callable[..., Record], **settings: Any) -> Callable[[Path], Record]:
+    return lambda path: _through(read([path], **settings))
 
 
 def _netcdf(path: Path) -> Record:
     told = {"orientation": None, "declination_applied": None, "direction_reference": "magnetic"}
     return _through(replace(netcdf.read([path], columns=None, **told), serial_number=""))
-
-
-def _rdi_text(path: Path) -> Record:
-    return _through(rdi_text.read([path], orientation=None))
-
-
-def _pd12(path: Path) -> Record:
-    return _through(pd12.read([path], orientation="up", bin_size=20.0, first_bin=24.7))
 
 
 def _through(record: Record) -> Record:
@@ -198,19 +186,21 @@ def kinds(folder: Path) -> dict[str, Kind]:
     moments = enumerate(zip(times, speeds, strict=True))
     rows = "".join(f"{at},{100 + i / 8:.3f},{u:.2f},{v:.2f}\n" for i, (at, (u, v)) in moments)
     body = rows.replace(",10", ",2", 5)
+    acm = _reader(mmp.read, pressure_files=(), start_offset_seconds=0.0)
+    short = _reader(pd12.read, orientation="up", bin_size=20.0, first_bin=24.7)
     return {
         "pd0": Kind(b"".join(_ensembles(rng)), _pd0, _good),
         "table": Kind(b"t,z,u,v\n" + rows.encode(), _table(COLUMNS)),
         "acm_table": Kind(b"t,h,x,y\n" + body.encode(), _table(BODY)),
-        "mmp text": Kind((folder / "acm.txt").read_bytes(), _mmp),
-        "mmp binary": Kind((folder / "acm.dat").read_bytes(), _mmp),
-        "nortek": Kind(_samples(rng, older), _nortek, _good),
-        "ad2cp": Kind(_samples(rng, signature, 4), _nortek, _good),
+        "mmp text": Kind((folder / "acm.txt").read_bytes(), acm),
+        "mmp binary": Kind((folder / "acm.dat").read_bytes(), acm),
+        "nortek": Kind(_samples(rng, older), _reader(nortek.read), _good),
+        "ad2cp": Kind(_samples(rng, signature, 4), _reader(nortek.read), _good),
         "nmea0183": Kind(_log(), lambda path: nmea.read([path])),
         "iaga2002": Kind((folder / "obs.min").read_bytes(), lambda path: iaga2002.read([path])),
         "netcdf": Kind((folder / "a.nc").read_bytes(), _netcdf),
-        "rdi_text": Kind(rdi_text_files.export().encode(), _rdi_text),
-        "pd12": Kind(_telemetry(rng), _pd12, _good),
+        "rdi_text": Kind(rdi_text_files.export().encode(), _reader(rdi_text.read, orientation=None)),
+        "pd12": Kind(_telemetry(rng), short, _good),
         "yaml": _yaml(folder),
     }
 

@@ -302,7 +302,7 @@ _MAGNETOMETER = {axis: rf"(?:mag(?:netometer)?|field|b|h|m)?_?{axis}" for axis i
     "time_utc": _WORDS["time"],
     "temperature_c": _WORDS["temperature"],
 }
-_ABOUT = ("date", "clock", "depth", "pressure", "heading", "tilt_x", "tilt_y", "temperature")
+_ABOUT = ("depth", "pressure", "heading", "tilt_x", "tilt_y", "temperature")
 _FLOWS = (("east", "north"), ("speed", "direction"), ("x", "y", "heading"))
 # Kind of table, patterns of its column names, and required columns, in the order in which they are tried.
 _TABLES: tuple[tuple[str, Mapping[str, str], tuple[str, ...]], ...] = (
@@ -359,10 +359,8 @@ def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
     if flow and not ("x" in flow and _roles(names, {"z": _MAGNETOMETER["z"]})):
         if {"date", "clock"} <= set(columns):
             columns.pop("time", None)
-        clock = ("time",) if "time" in columns else ()
-        chosen = {role: columns[role] for role in (*clock, *flow, *_ABOUT) if role in columns}
-        if clock:
-            chosen = {role: header for role, header in chosen.items() if role not in ("date", "clock")}
+        about = _ABOUT if "time" in columns else ("date", "clock", *_ABOUT)
+        chosen = {role: columns[role] for role in ("time", *flow, *about) if role in columns}
         speeds = (_SPEED.search(re.sub(r"[\])]", "", columns[role].lower())) for role in flow)
         units = {match[1] for match in speeds if match}
         names = [columns[role].lower() for role in (*flow, "heading") if role in columns]

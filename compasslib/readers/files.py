@@ -14,6 +14,8 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+
 from compasslib.errors import InputError
 
 MEGABYTE = 1 << 20
@@ -156,6 +158,12 @@ def refuse_mostly_damaged(path: str | Path, records: str, *, damaged: int, whole
             found=f"{damaged} of {damaged + whole} that are damaged",
             advice="copy the file once more from the instrument, byte by byte, or give the parts of it that are whole",
         )
+
+
+def block_type(**fields: tuple[int, str]) -> np.dtype[np.void]:
+    """Create the data type of a block of bytes from the offset and format of its fields; it ends with the last one."""
+    offsets, formats = zip(*fields.values(), strict=True)
+    return np.dtype({"names": [*fields], "formats": [*formats], "offsets": [*offsets]})
 
 
 def unescape(data: bytes) -> bytes:

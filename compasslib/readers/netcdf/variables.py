@@ -210,11 +210,7 @@ def values(file: File, role: str, variable: netCDF4.Variable, part: tuple[str, i
 
 
 def numbers(file: File, variable: netCDF4.Variable) -> Floats:
-    """Read unpacked values, with NaN for fill values and values outside the valid range.
-
-    Raises:
-        InputError: see ``refuse_size``.
-    """
+    """Read unpacked values, with NaN for fill values and values out of range; errors as for ``refuse_size``."""
     refuse_size(file.path, variable)
     with np.errstate(invalid="ignore"):
         data = np.ma.filled(np.ma.asarray(variable[...]).astype(float), np.nan)

@@ -11,7 +11,7 @@ Boundaries are detected in the echo, which decreases with range in water: surfac
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -37,14 +37,6 @@ NEAR_CELLS = 2
 
 
 @dataclass(frozen=True, eq=False)
-class _DecodedChunk:
-    ensembles: Ensembles
-    dropped: Counter[str]
-    size: int  # bytes in intact ensembles
-    skipped: tuple[Skipped, ...]
-
-
-@dataclass(frozen=True, eq=False)
 class _ChunkCurrents:
     """Results of a chunk that are needed for the record, apart from its currents and profiles."""
 
@@ -62,9 +54,10 @@ def decode(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Ensembles:
     Raises:
         InputError: the file cannot be read or holds no ensemble with velocities.
     """
-    chunks = list(_decode_chunks(path, chunk_bytes))
-    _refuse_empty(path, chunks)
-    return fields.concatenate([chunk.ensembles for chunk in chunks])
+    parts = [fields.decode_runs(chunk.runs) for chunk in iter_chunks(path, chunk_bytes)]
+    ensembles = fields.concatenate([part for part, _ in parts])
+    _refuse_empty(path, len(ensembles), sum((dropped for _, dropped in parts), Counter[str]()))
+    return ensembles
 
 
 def read(
@@ -95,8 +88,8 @@ def read(
         raise InputError("orientation", expected="up or down", found=shown, advice=advice)
 
     def first_time(path: Path) -> float:
-        chunks = (chunk.ensembles for chunk in _decode_chunks(path))
-        return next((float(ensembles.time_s[0]) for ensembles in chunks if len(ensembles)), np.inf)
+        parts = (fields.decode_runs(chunk.runs)[0] for chunk in iter_chunks(path))
+        return next((float(ensembles.time_s[0]) for ensembles in parts if len(ensembles)), np.inf)
 
     # The files may be listed in any order.
     ordered = sorted(paths, key=first_time) if len(paths) > 1 else paths
@@ -127,15 +120,7 @@ def echo_ranges(ensembles: Ensembles) -> Floats:
     return np.where(heard, ranges, np.nan)
 
 
-def _decode_chunks(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Iterator[_DecodedChunk]:
-    for chunk in iter_chunks(path, chunk_bytes):
-        ensembles, dropped = fields.decode_runs(chunk.runs)
-        yield _DecodedChunk(ensembles, dropped, sum(run.rows.size for run in chunk.runs), chunk.skipped)
-
-
-def _refuse_empty(path: str | Path, chunks: Sequence[_DecodedChunk]) -> None:
-    dropped = sum((chunk.dropped for chunk in chunks), Counter[str]())
-    count = sum(len(chunk.ensembles) for chunk in chunks)
+def _refuse_empty(path: str | Path, count: int, dropped: Counter[str]) -> None:
     misfits = dropped["not_of_four_beams"]
     if misfits > checks.STRAY * (misfits + count):  # more than damage explains
         expected = "blocks of four columns, as many rows as the leader tells cells"
@@ -154,36 +139,37 @@ def _refuse_empty(path: str | Path, chunks: Sequence[_DecodedChunk]) -> None:
 
 def _read_file(path: str | Path, settings: Settings, arrays: GrowableArrays) -> tuple[list[_ChunkCurrents], FileReport]:
     """Read one file chunk by chunk, freeing the profiles of each chunk before the next one is read."""
-    chunks: list[_DecodedChunk] = []  # without profiles
     parts: list[_ChunkCurrents] = []
-    begin = len(arrays)
-    for chunk in _decode_chunks(path):
-        chunks.append(replace(chunk, ensembles=_drop_profiles(chunk.ensembles)))
-        if len(chunk.ensembles):
-            checks.refuse_alignment(str(path), chunk.ensembles, settings.heading_alignment)
-            is_earth = bool((chunk.ensembles.coordinates == EARTH).all())
+    dropped, skipped, intact_bytes, begin = Counter[str](), list[Skipped](), 0, len(arrays)
+    for chunk in iter_chunks(path):
+        ensembles, left_out = fields.decode_runs(chunk.runs)
+        size = sum(run.rows.size for run in chunk.runs)
+        dropped += left_out
+        intact_bytes += size
+        skipped += chunk.skipped
+        if len(ensembles):
+            checks.refuse_alignment(str(path), ensembles, settings.heading_alignment)
+            is_earth = bool((ensembles.coordinates == EARTH).all())
             checks.refuse_rotation(str(path), settings.declination_applied, is_earth=is_earth)
-            parts.append(_turn_chunk(chunk.ensembles, chunk.size, settings, arrays))
-    _refuse_empty(path, chunks)
-    whole = sum(len(chunk.ensembles) + chunk.dropped.total() for chunk in chunks)
-    skipped = tuple(each for chunk in chunks for each in chunk.skipped)
-    refuse_mostly_damaged(path, "PD0 ensembles", damaged=sum(each.failed for each in skipped), whole=whole)
+            parts.append(_turn_chunk(ensembles, size, settings, arrays))
+    leaders = fields.concatenate([part.leaders for part in parts])
+    _refuse_empty(path, len(leaders), dropped)
+    damaged, whole = sum(each.failed for each in skipped), len(leaders) + dropped.total()
+    refuse_mostly_damaged(path, "PD0 ensembles", damaged=damaged, whole=whole)
     cells = np.sum([part.contradictions for part in parts], axis=0)
-    checks.refuse_coordinates(str(path), fields.concatenate([part.leaders for part in parts]), *cells.tolist())
+    checks.refuse_coordinates(str(path), leaders, *cells.tolist())
     if not any(part.has_percent_good for part in parts):
         # An all-zero percent-good block was never filled, and says nothing about the velocities.
         flags = arrays["quality"][begin:]
         flags[flags == BAD] = GOOD
-    offset = np.concatenate([chunk.ensembles.offset for chunk in chunks])
-    number = np.concatenate([chunk.ensembles.number for chunk in chunks])
     return parts, FileReport(
         path=str(path),
-        bytes_total=sum(chunk.size for chunk in chunks) + sum(each.length for each in skipped),
-        ensembles=len(offset),
-        dropped=sum((chunk.dropped for chunk in chunks), Counter[str]()),
+        bytes_total=intact_bytes + sum(each.length for each in skipped),
+        ensembles=len(leaders),
+        dropped=dropped,
         three_beam=sum(part.three_beam for part in parts),
-        lost=checks.count_lost_ensembles(offset, number, skipped),
-        skipped=skipped,
+        lost=checks.count_lost_ensembles(leaders.offset, leaders.number, skipped),
+        skipped=tuple(skipped),
         escaped=is_escaped(path),
     )
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.readers.files import refuse_large_arrays
+from compasslib.readers.files import block_type, refuse_large_arrays
 from compasslib.readers.pd0.frames import (
     FIXED_LEADERS,
     VARIABLE_LEADERS,
@@ -41,31 +41,16 @@ COUNTS = {"echo": (ECHO, 1), "correlation": (CORRELATION, 2), "percent_good": (P
 LAST_YEAR = 2079  # two-digit years are unique from FIRST_YEAR to here; other dates indicate a damaged clock
 
 MISSING_COUNT = -32768
-_FIXED = np.dtype(
-    {
-        "names": [
-            *("system", "beams", "cells", "pings", "cell_cm", "blank_cm", "between_pings", "ex", "ea", "eb"),
-            *("sensors", "bin1_cm", "board", "serial", "beam_angle"),
-        ],
-        "formats": [
-            *("<u2", "u1", "u1", "<u2", "<u2", "<u2", "3u1", "u1", "<i2", "<i2"),
-            *("u1", "<u2", "<i8", "<u4", "u1"),
-        ],
-        "offsets": [4, 8, 9, 10, 12, 14, 22, 25, 26, 28, 31, 32, 42, 54, 58],
-        "itemsize": 59,
-    }
-)
-_VARIABLE = np.dtype(
-    {
-        "names": [
-            *("number", "clock", "number_high", "depth_dm", "heading", "tilt1", "tilt2", "temperature"),
-            *("heading_spread", "current", "voltage", "pressure", "century", "clock_2000"),
-        ],
-        "formats": ["<u2", "7u1", "u1", "<u2", "<u2", "<i2", "<i2", "<i2", "u1", "u1", "u1", "<i4", "u1", "7u1"],
-        "offsets": [2, 4, 11, 16, 18, 20, 22, 26, 31, 34, 35, 48, 57, 58],
-        "itemsize": 65,
-    }
-)
+_FIXED = block_type(
+    system=(4, "<u2"), beams=(8, "u1"), cells=(9, "u1"), pings=(10, "<u2"), cell_cm=(12, "<u2"), blank_cm=(14, "<u2"),
+    between_pings=(22, "3u1"), ex=(25, "u1"), ea=(26, "<i2"), eb=(28, "<i2"), sensors=(31, "u1"), bin1_cm=(32, "<u2"),
+    board=(42, "<i8"), serial=(54, "<u4"), beam_angle=(58, "u1"),
+)  # fmt: skip
+_VARIABLE = block_type(
+    number=(2, "<u2"), clock=(4, "7u1"), number_high=(11, "u1"), depth_dm=(16, "<u2"), heading=(18, "<u2"),
+    tilt1=(20, "<i2"), tilt2=(22, "<i2"), temperature=(26, "<i2"), heading_spread=(31, "u1"), current=(34, "u1"),
+    voltage=(35, "u1"), pressure=(48, "<i4"), century=(57, "u1"), clock_2000=(58, "7u1"),
+)  # fmt: skip
 _PRESSURE_STOP, _VOLTAGE_STOP, _BOARD_STOP, _SERIAL_STOP = 52, 36, 50, 58
 _ALL_ONES = 2**32 - 1
 NO_HEADING = 65535  # hundredths of a degree; marks a missing heading
