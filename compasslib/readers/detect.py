@@ -32,12 +32,9 @@ READABLE = {
     "nortek": "a Nortek file",
     "netcdf": "a netCDF file",
     "mmp_acm": "scans of a Falmouth 3D-ACM",
-    "table": "a text table",
-    "acm_table": "a text table",
-    "csv": "a text table",
     "iaga2002": "an IAGA-2002 file",
     "nmea0183": "an NMEA 0183 log",
-}
+} | dict.fromkeys(("table", "acm_table", "csv"), "a text table")
 BINARY, LINE_FEEDS = ("pd0", "pd12", "nortek", "netcdf"), 20  # so many never all follow a carriage return by chance
 TEXTS = ("table", "acm_table", "csv", "rdi_text", "iaga2002", "nmea0183")
 ELSEWHERE = {

@@ -150,11 +150,10 @@ def _read_file(path: Path) -> _File:
     known = {letter: np.where(filled[letter], np.nan, column) for letter, column in columns.items()}
     stuck = {letter: _stuck(known[letter], time_s[sound]) for letter in known if letter in "DY"}
     known |= {letter: np.where(stuck[letter], np.nan, known[letter]) for letter in stuck}
-    counts = {
-        name: int(np.sum(np.any(list(each.values()), axis=0))) if each else 0
-        for name, each in (("fillers", filled), ("stuck", stuck))
-    }
-    file = _File(path, header, time_s[sound], known, {"damaged": len(rows) - int(sound.sum()), **counts})
+    counts = {"damaged": len(rows) - int(sound.sum())}
+    for name, flagged in (("fillers", filled), ("stuck", stuck)):
+        counts[name] = int(np.sum(np.any([*flagged.values()], axis=0)))
+    file = _File(path, header, time_s[sound], known, counts)
     _refuse_contradiction(file)
     return file
 

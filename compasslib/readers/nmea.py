@@ -103,10 +103,9 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC") ->
 
 
 def read_any(path: Path) -> tuple[dict[str, str], NmeaLog] | None:
-    """Read a log with the first readable pair of heading and course sentences, None without any.
+    """Read a log by its first readable pair of heading and course sentences, None without any.
 
-    Returns:
-        The setting ``columns`` of a swing for these sentences, empty for the default ones, and the log.
+    Also give the setting ``columns`` of a swing for these sentences, empty for the default ones.
     """
     content = _content(path)
     named = [name for name in (*HEADINGS, *COURSES) if re.search(rb"\$[A-Z]{2}%s,[^,\s]" % name.encode(), content)]

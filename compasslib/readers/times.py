@@ -26,10 +26,7 @@ FARTHEST_ZONE_H = 14  # hours, largest UTC offset in use
 FIRST_YEAR, LAST_YEAR = 1980, 2100  # accepted years of instrument clocks
 YEARS = (1950, 2100)  # accepted years of numeric times
 FIRST_S, LAST_S = 315532800.0, 1893456000.0  # 1980 to 2030: range in which numeric times are detected
-MONTHS = (
-    *("january", "february", "march", "april", "may", "june"),
-    *("july", "august", "september", "october", "november", "december"),
-)
+MONTHS = "january february march april may june july august september october november december"
 
 _CLOCK = (
     r"(?:[T ] *(?P<H>\d{1,2})(?::(?P<M>\d\d)(?::(?P<S>\d\d(?:[.,]\d{1,9})?))?)?(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?)?"
@@ -253,7 +250,7 @@ def _parse_fields(cells: Sequence[str]) -> tuple[Floats, Floats, str] | None:
     if form == "figures":
         column["d"], column["m"], note = _day_and_month(cells, column["a"], column["b"], column["y"])
     if "name" in groups:
-        number = {name: k for k, long in enumerate(MONTHS, 1) for name in (long, long[:3])} | {"sept": 9}
+        number = {name: k for k, long in enumerate(MONTHS.split(), 1) for name in (long, long[:3])} | {"sept": 9}
         for row, name in enumerate(groups["name"]):
             if name.lower() not in number:
                 advice = "write the months in figures or in English"

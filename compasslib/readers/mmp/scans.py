@@ -141,10 +141,10 @@ def _count_failed(data: bytes, span: _Span, records: np.ndarray, good: Bools) ->
 def _read_file(path: Path) -> Scans:
     data, notes = _undo_modem(path, files.read_bytes(path))
     if _is_binary(data):
-        blocks, *columns = _parse_binary(data)
+        blocks, place, time_s, values, damaged, failed = _parse_binary(data)
         if len(blocks) == 1:
             blocks = [replace(blocks[0], number=rows.number_in_name(path))]
-        return replace(_select_possible(path, blocks, *columns), notes=notes)
+        return replace(_select_possible(path, blocks, place, time_s, values, damaged, failed), notes=notes)
     text = rows.parse(data if is_text(data) else b"", lambda form: form in (STAMPED, UNSTAMPED))
     if data.strip() and text.form is None and not rows.statements(text)[0]:
         shown = f"a file that begins with {data[:24]!r}"

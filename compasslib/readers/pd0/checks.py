@@ -277,10 +277,8 @@ def _describe_headings(leaders: Ensembles, counts: dict[str, int], settings: Set
     if applied is None and biases.any():
         lines.append(f"The file's heading bias EB of {written} degrees was taken out of the headings.")
     if applied is not None and (np.abs(np.subtract.outer(biases, applied)) > _BIAS_TOLERANCE_DEG).any():
-        lines.append(
-            f"declination_applied of {applied} degrees was taken out of the headings, "
-            f"although the file's heading bias EB is {written} degrees."
-        )
+        reason = f"although the file's heading bias EB is {written} degrees"
+        lines.append(f"declination_applied of {applied} degrees was taken out of the headings, {reason}.")
     if leaders.heading_alignment_deg.any() and settings.heading_alignment is not None:
         shown = _join_numbers(np.unique(leaders.heading_alignment_deg))
         added = f"heading_alignment of {settings.heading_alignment:g} degrees was added to the headings"
