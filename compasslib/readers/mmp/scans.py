@@ -14,6 +14,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -228,18 +229,12 @@ def _concatenate(parts: Sequence[Scans]) -> Scans:
     profile = np.concatenate([part.profile + first for part, first in zip(parts, shift[:-1], strict=True)])
     blocks = [block for part in parts for block in part.blocks]
     occupied, profile = np.unique(profile, return_inverse=True)
-    return Scans(
-        clock_s=np.concatenate([part.clock_s for part in parts]),
-        values=np.concatenate([part.values for part in parts]),
-        place=np.concatenate([part.place for part in parts]),
-        profile=profile,
-        blocks=tuple(blocks[k] for k in occupied),
-        damaged=sum(part.damaged for part in parts),
-        damaged_files=tuple(file for part in parts for file in part.damaged_files),
-        empty_files=tuple(file for part in parts for file in part.empty_files),
-        strange=sum(part.strange for part in parts),
-        notes=tuple(note for part in parts for note in part.notes),
-    )
+    joined: dict[str, Any] = {name: sum(getattr(part, name) for part in parts) for name in ("damaged", "strange")}
+    for name in ("clock_s", "values", "place"):
+        joined[name] = np.concatenate([getattr(part, name) for part in parts])
+    for name in ("damaged_files", "empty_files", "notes"):
+        joined[name] = tuple(line for part in parts for line in getattr(part, name))
+    return Scans(**joined, profile=profile, blocks=tuple(blocks[k] for k in occupied))
 
 
 def _precedes_record(data: bytes, end: int) -> bool:
