@@ -46,6 +46,7 @@ HEADERS_APART = (
     (("Date", "Time", "East [cm/s]", "North [cm/s]", "Depth [m]"), 0.01),
     (("Date", "Clock", "u", "v", "depth"), None),
 )
+CELLS = [[100, 200, 3, 2]] * 4
 JUNK = (b"", b"\0\0\xb5\0\0\xa6", b"[BREAK Wakeup A]\r\nWorkHorse\r\n>CS\r\n", bytes(5000), b"$GPZDA,1,2,3*00\r\n" * 4)
 
 
@@ -72,12 +73,10 @@ def drawn(seed: int, n: int) -> list[Case]:
 
 def genuine() -> list[Case]:
     """List the genuine and wild files that are available."""
+    centimetres = {"format": "table", "scale": 0.01}
     known = (
         ("wild/pd0_junk_before.000", {"format": "pd0"}),
-        (
-            "wild/seaguard_tab.txt",
-            {"format": "table", "columns": {"time": "Record Time", "east": "East[cm/s]"}, "scale": 0.01},
-        ),
+        ("wild/seaguard_tab.txt", centimetres | {"columns": {"time": "Record Time", "east": "East[cm/s]"}}),
         ("wild/nortek_pnors.nmea", {"left": "telemetry"}),
         ("wild/swing_hdg_holds_true.nmea", {"calibration": "swing"}),
         ("swing/2010-11-03.Taiohae.nmea", {"calibration": "swing"}),
@@ -88,17 +87,11 @@ def genuine() -> list[Case]:
         ("acm/mmp_global_A0000001.DAT", {"format": "mmp_acm"}),
         ("observatory/esk20031029dmin.min", {"calibration": "declination"}),
         ("magnetometer/signature500.csv", {"calibration": "magnetometer"}),
-        (
-            "cruise_eh2/raw/E0/deep.csv",
-            {"format": "table", "columns": {"time": "time_utc", "east": "u_cm_s"}, "scale": 0.01},
-        ),
+        ("cruise_eh2/raw/E0/deep.csv", centimetres | {"columns": {"time": "time_utc", "east": "u_cm_s"}}),
         ("vectors.json", {"left": "JSON"}),
     )
-    return [
-        Case(name, functools.partial(_copy, SHARED / name), **expected)
-        for name, expected in known
-        if (SHARED / name).is_file()
-    ]
+    there = [(name, SHARED / name, expected) for name, expected in known if (SHARED / name).is_file()]
+    return [Case(name, lambda path, source=source: path.symlink_to(source), **it) for name, source, it in there]
 
 
 def outcome(case: Case) -> tuple[str, str]:
@@ -132,9 +125,8 @@ def _judged(case: Case, instrument: dict[str, Any], truth: Any, root: Path) -> s
     open_keys = {key.rpartition(".")[2] for key in undecided(instrument)} & {"scale", *readers.TABLE_KEYS}
     if case.format != "table" or open_keys - {"scale"}:
         return "asked" if open_keys else "right"
-    files = [root / file for file in [instrument["files"]]]
     try:
-        record = readers.read("table", files, decided(instrument))
+        record = readers.read("table", [root / instrument["files"]], decided(instrument))
     except InputError:
         return "wrong"
     if isinstance(truth, tables.Truth):
@@ -173,32 +165,26 @@ def _plain(name: str, content: Callable[[], bytes], **expected: str) -> Callable
     return lambda rng: Case(name, lambda path: path.write_bytes(content()), **expected)  # type: ignore[arg-type]
 
 
-def _samples() -> list[nortek_encoder.Sample]:
-    return [nortek_encoder.Sample(k, np.full((3, 4), 0.1 + 0.01 * k), heading=30.0 * k % 360.0) for k in range(12)]
+def _samples(beams: int) -> list[nortek_encoder.Sample]:
+    return [nortek_encoder.Sample(k, np.full((beams, 4), 0.1 + 0.01 * k), heading=30.0 * k) for k in range(12)]
 
 
 def _older() -> bytes:
-    return nortek_encoder.configuration(0, 4) + b"".join(nortek_encoder.older(each) for each in _samples())
+    return nortek_encoder.configuration(0, 4) + b"".join(map(nortek_encoder.older, _samples(3)))
 
 
 def _signature() -> bytes:
-    samples = [nortek_encoder.Sample(k, np.full((4, 4), 0.1), heading=30.0 * k % 360.0) for k in range(12)]
-    return nortek_encoder.text() + b"".join(nortek_encoder.signature(each) for each in samples)
+    return nortek_encoder.text() + b"".join(map(nortek_encoder.signature, _samples(4)))
 
 
 def _pd0() -> bytes:
-    hours = (datetime(2007, 9, 4 + k // 24, k % 24) for k in range(48))
-    cells = [[100, 200, 3, 2]] * 4
-    return b"".join(
-        pd0_encoder.ensemble(cells, number=k, when=when, heading=700 * k % 36000) for k, when in enumerate(hours, 1)
-    )
+    hours = enumerate((datetime(2007, 9, 4 + k // 24, k % 24) for k in range(48)), 1)
+    return b"".join(pd0_encoder.ensemble(CELLS, number=k, when=when, heading=700 * k % 36000) for k, when in hours)
 
 
 def _pd12() -> bytes:
-    cells = [(100, 200, 3, 2)] * 4
-    return pd12_files.framed(
-        [pd12_files.ensemble(k, datetime(2013, 7, 23, k), 15.0 * k, cells) for k in range(1, 20)], escape=False
-    )
+    sent = [pd12_files.ensemble(k, datetime(2013, 7, 23, k), 15.0 * k, CELLS) for k in range(1, 20)]
+    return pd12_files.framed(sent, escape=False)
 
 
 def sentences(*bodies: str) -> str:
@@ -221,12 +207,8 @@ def _archive(path: Path) -> None:
         packed.writestr("top.000", "x")
 
 
-def _copy(source: Path, path: Path) -> None:
-    path.symlink_to(source)
-
-
-def _rows(header: str, row: Callable[[int], str]) -> Callable[[], bytes]:
-    return lambda: "\n".join([header, *map(row, range(36)), ""]).encode()
+def _rows(header: str, row: str) -> Callable[[], bytes]:
+    return lambda: "\n".join([header, *map(row.format, range(36)), ""]).encode()
 
 
 OTHERS: tuple[Callable[[np.random.Generator], Case], ...] = (
@@ -242,21 +224,11 @@ OTHERS: tuple[Callable[[np.random.Generator], Case], ...] = (
     _plain("gnss.nmea", lambda: log(None).encode(), left="no magnetic heading"),
     _plain("gyro.nmea", lambda: log("HEHDT,{}.0,T").encode(), left="no magnetic heading"),
     _plain("transit.nmea", lambda: log("HCHDG,{}.0,,,10.7,E", n=20).encode(), left="no swing"),
-    _plain(
-        "dvl.txt", lambda: sentences(*["PNORC1,083013,132455,3,11.0,0.332,0.332,0.332"] * 9).encode(), left="telemetry"
-    ),
-    _plain(
-        "bench.csv", _rows("reference_deg,recorded_deg", lambda k: f"{10 * k},{10 * k + 2}"), calibration="platform"
-    ),
-    _plain("swing.csv", _rows("Compass,COG,SOG", lambda k: f"{10 * k},{10 * k + 2},5"), calibration="swing"),
-    _plain(
-        "mag.csv",
-        _rows("time_utc,x,y,z", lambda k: f"2007-09-04T00:00:{k:02d}Z,{k},{-k},9"),
-        calibration="magnetometer",
-    ),
-    _plain(
-        "ctd.csv", _rows("time,pressure_dbar", lambda k: f"2007-09-04T00:00:{k:02d}Z,{k}"), left="table of pressure"
-    ),
+    _plain("dvl.txt", lambda: sentences(*["PNORC1,083013,132455,3,11.0,0.332"] * 9).encode(), left="telemetry"),
+    _plain("bench.csv", _rows("reference_deg,recorded_deg", "{0}0,{0}2"), calibration="platform"),
+    _plain("swing.csv", _rows("Compass,COG,SOG", "{0}0,{0}2,5"), calibration="swing"),
+    _plain("mag.csv", _rows("time_utc,x,y,z", "2007-09-04T00:00:{0:02d}Z,{0},-{0},9"), calibration="magnetometer"),
+    _plain("ctd.csv", _rows("time,pressure_dbar", "2007-09-04T00:00:{0:02d}Z,{0}"), left="table of pressure"),
     _plain("letter.txt", lambda: b"We moored it on Tuesday, in 800 m of water.\n" * 20, left="a text without columns"),
     _plain("photo.png", lambda: b"\x89PNG\r\n\x1a\n" + bytes(99), left="an image"),
     _plain("log.pdf", lambda: b"%PDF-1.7\n" + bytes(99), left="a PDF"),

@@ -43,18 +43,8 @@ COLUMNS = {"time": "t", "depth": "z", "east": "u", "north": "v", "scale": 0.01}
 BODY = {"time": "t", "x": "x", "y": "y", "heading": "h", "scale": 0.01}
 FIELD = EarthField(np.array([0.0, 4e9]), *np.full((4, 2), 100.0))
 SETTLED = {"start_s": START.timestamp() - 1e5, "end_s": START.timestamp() + 1e6, "water_depth": 500.0}
-NASTY = (
-    b"\xff" * 40,
-    b"\x00" * 40,
-    b"\x7f\x7f" * 9,
-    b"\r\n\r\n",
-    b",,,,",
-    b"nan",
-    b"1e999",
-    b"-999",
-    b"\x1a",
-    b"$GPRMC,",
-)
+NASTY = (b"\xff" * 40, b"\x00" * 40, b"\x7f\x7f" * 9, b"\r\n\r\n")
+NASTY += (b",,,,", b"nan", b"1e999", b"-999", b"\x1a", b"$GPRMC,")
 
 
 class Wrong(AssertionError):
@@ -89,14 +79,6 @@ def _flip(data: bytes, rng: np.random.Generator) -> bytes:
     return bytes(copy)
 
 
-def _cut(data: bytes, rng: np.random.Generator) -> bytes:
-    return data[: _place(data, rng)]
-
-
-def _behead(data: bytes, rng: np.random.Generator) -> bytes:
-    return data[_place(data, rng) :]
-
-
 def _piece(data: bytes, rng: np.random.Generator) -> tuple[int, int]:
     begin = _place(data, rng)
     return begin, min(len(data), begin + int(2 ** rng.uniform(0, 11)))
@@ -112,14 +94,12 @@ def _repeat(data: bytes, rng: np.random.Generator) -> bytes:
     return data[:at] + data[begin:end] + data[at:]
 
 
-def _junk(data: bytes, rng: np.random.Generator) -> bytes:
-    at = _place(data, rng)
-    return data[:at] + rng.bytes(int(2 ** rng.uniform(0, 9))) + data[at:]
+def _inserted(piece: Callable[[np.random.Generator], bytes]) -> Callable[[bytes, np.random.Generator], bytes]:
+    def insert(data: bytes, rng: np.random.Generator) -> bytes:
+        at = _place(data, rng)
+        return data[:at] + piece(rng) + data[at:]
 
-
-def _nasty(data: bytes, rng: np.random.Generator) -> bytes:
-    at = _place(data, rng)
-    return data[:at] + NASTY[rng.integers(len(NASTY))] + data[at:]
+    return insert
 
 
 def _overwrite(data: bytes, rng: np.random.Generator) -> bytes:
@@ -134,7 +114,17 @@ def _turn_over(data: bytes, rng: np.random.Generator) -> bytes:
     return b"\n".join([*lines[:begin], *lines[begin:end][::-1], *lines[end:]])
 
 
-_DAMAGES = (_flip, _cut, _behead, _lose, _repeat, _junk, _nasty, _overwrite, _turn_over)
+_DAMAGES = (
+    _flip,
+    lambda data, rng: data[: _place(data, rng)],
+    lambda data, rng: data[_place(data, rng) :],
+    _lose,
+    _repeat,
+    _inserted(lambda rng: rng.bytes(int(2 ** rng.uniform(0, 9)))),
+    _inserted(lambda rng: NASTY[rng.integers(len(NASTY))]),
+    _overwrite,
+    _turn_over,
+)
 
 
 def _pd0(path: Path) -> Record:
@@ -156,21 +146,13 @@ def _table(columns: dict[str, Any]) -> Callable[[Path], Record]:
     return read
 
 
-def _nortek(path: Path) -> Record:
-    return _through(nortek.read([path]))
-
-
-def _mmp(path: Path) -> Record:
-    return _through(mmp.read([path], pressure_files=(), start_offset_seconds=0.0))
+def _reader(read: Callable[..., Record], **settings: Any) -> Callable[[Path], Record]:
+    return lambda path: _through(read([path], **settings))
 
 
 def _netcdf(path: Path) -> Record:
     told = {"orientation": None, "declination_applied": None, "direction_reference": "magnetic"}
     return _through(replace(netcdf.read([path], columns=None, **told), serial_number=""))
-
-
-def _pd12(path: Path) -> Record:
-    return _through(pd12.read([path], orientation="up", bin_size=20.0, first_bin=24.7))
 
 
 def _through(record: Record) -> Record:
@@ -192,11 +174,7 @@ def _good(record: Record) -> set[tuple[float, ...]]:
 
 
 def kinds(folder: Path) -> dict[str, Kind]:
-    """Make an intact file of each kind.
-
-    Args:
-        folder: directory for temporary files.
-    """
+    """Make an intact file of each kind, with temporary files in a folder."""
     rng = np.random.default_rng(0)
     write_observatory(folder / "obs.min", series(4))
     netcdf_layouts.write(folder / "a.nc", "imos_magnetic")
@@ -205,25 +183,24 @@ def kinds(folder: Path) -> dict[str, Kind]:
     profiler.write_binary(folder / "acm.dat", METER, scans)
     times = [f"{START + timedelta(hours=i):%Y-%m-%dT%H:%M:%SZ}" for i in range(40)]
     speeds = rng.normal(0, 20, (40, 2))
-    rows = "".join(
-        f"{at},{100 + i / 8:.3f},{u:.2f},{v:.2f}\n" for i, (at, (u, v)) in enumerate(zip(times, speeds, strict=True))
-    )
+    moments = enumerate(zip(times, speeds, strict=True))
+    rows = "".join(f"{at},{100 + i / 8:.3f},{u:.2f},{v:.2f}\n" for i, (at, (u, v)) in moments)
     body = rows.replace(",10", ",2", 5)
+    acm = _reader(mmp.read, pressure_files=(), start_offset_seconds=0.0)
+    short = _reader(pd12.read, orientation="up", bin_size=20.0, first_bin=24.7)
     return {
         "pd0": Kind(b"".join(_ensembles(rng)), _pd0, _good),
         "table": Kind(b"t,z,u,v\n" + rows.encode(), _table(COLUMNS)),
         "acm_table": Kind(b"t,h,x,y\n" + body.encode(), _table(BODY)),
-        "mmp text": Kind((folder / "acm.txt").read_bytes(), _mmp),
-        "mmp binary": Kind((folder / "acm.dat").read_bytes(), _mmp),
-        "nortek": Kind(_samples(rng, older), _nortek, _good),
-        "ad2cp": Kind(_samples(rng, signature, 4), _nortek, _good),
+        "mmp text": Kind((folder / "acm.txt").read_bytes(), acm),
+        "mmp binary": Kind((folder / "acm.dat").read_bytes(), acm),
+        "nortek": Kind(_samples(rng, older), _reader(nortek.read), _good),
+        "ad2cp": Kind(_samples(rng, signature, 4), _reader(nortek.read), _good),
         "nmea0183": Kind(_log(), lambda path: nmea.read([path])),
         "iaga2002": Kind((folder / "obs.min").read_bytes(), lambda path: iaga2002.read([path])),
         "netcdf": Kind((folder / "a.nc").read_bytes(), _netcdf),
-        "rdi_text": Kind(
-            rdi_text_files.export().encode(), lambda path: _through(rdi_text.read([path], orientation=None))
-        ),
-        "pd12": Kind(_telemetry(rng), _pd12, _good),
+        "rdi_text": Kind(rdi_text_files.export().encode(), _reader(rdi_text.read, orientation=None)),
+        "pd12": Kind(_telemetry(rng), short, _good),
         "yaml": _yaml(folder),
     }
 
@@ -245,13 +222,12 @@ def _ensembles(rng: np.random.Generator) -> list[bytes]:
 
 
 def _telemetry(rng: np.random.Generator) -> bytes:
-    profiles = rng.integers(-400, 400, (40, 4, 4)).tolist()
-    return pd12_files.framed(
-        [
-            pd12_files.ensemble(i + 1, START + timedelta(hours=i), float(rng.uniform(0, 359)), profile)
-            for i, profile in enumerate(profiles)
-        ]
+    profiles = enumerate(rng.integers(-400, 400, (40, 4, 4)).tolist())
+    sent = (
+        pd12_files.ensemble(i + 1, START + timedelta(hours=i), float(rng.uniform(0, 359)), profile)
+        for i, profile in profiles
     )
+    return pd12_files.framed([*sent])
 
 
 def _samples(rng: np.random.Generator, written: Callable[..., bytes], beams: int = 3) -> bytes:
@@ -287,27 +263,14 @@ def _yaml(folder: Path) -> Kind:
 
     def read(path: Path) -> Any:
         file.write_bytes(path.read_bytes())
-        return yaml.safe_dump(config.load_cruise(made).moorings["M1"].model_dump(mode="json"))
+        moorings = config.load_cruise(made).moorings
+        return yaml.safe_dump(moorings["M1"].model_dump(mode="json")) if "M1" in moorings else None  # it was renamed
 
-    return Kind(whole, _renamed(read))
-
-
-def _renamed(read: Callable[[Path], Any]) -> Callable[[Path], Any]:
-    def tried(path: Path) -> Any:
-        try:
-            return read(path)
-        except KeyError:
-            return None  # the damage renamed the mooring
-
-    return tried
+    return Kind(whole, read)
 
 
 def run(seconds: float, seed: int) -> Counter[str]:
-    """Damage and read each kind of file in turn until the time is up; count the files read and refused.
-
-    Args:
-        seconds: CPU time.
-        seed: seed of the random faults.
+    """Damage and read each kind of file in turn until the CPU time is up; count the files read and refused.
 
     Raises:
         Wrong: a crash, a hang or a false ensemble; the message gives kind, seed and number to reproduce it.

@@ -24,13 +24,8 @@ CONTRACT = SHARED.parent / "tools/check_contract.py"
 
 def command(folder: Path, project: Path = PROJECT) -> list[str]:
     """Compose Snakemake's command; -P: like ``snakemake`` itself, import no modules from the working directory."""
-    return [
-        sys.executable,
-        *("-P", "-m", "snakemake", "--snakefile"),
-        f"{project / 'Snakefile'}",
-        "--directory",
-        f"{folder}",
-    ]
+    where = ("--snakefile", f"{project / 'Snakefile'}", "--directory", f"{folder}")
+    return [sys.executable, "-P", "-m", "snakemake", *where]
 
 
 def environment(*beside: Path) -> dict[str, str]:
@@ -44,8 +39,6 @@ def snakemake(
     """Run ``compass run`` with options of Snakemake, including target files; each stage is a job.
 
     Args:
-        folder: cruise folder.
-        options: options and targets of Snakemake.
         project: root of the project, possibly a copy.
         beside: further folders from which jobs import packages.
         anew: start new Python processes, with their own hash seeds, for the command and its jobs, as for a copy.
@@ -96,10 +89,8 @@ def keeps_contract(folder: Path, *options: str) -> None:
 
 def change(path: Path, **keys: object) -> None:
     """Set keys of a YAML file; None deletes a key."""
-    content = yaml.safe_load(path.read_text()) | keys
-    path.write_text(
-        yaml.safe_dump({key: value for key, value in content.items() if value is not None}, sort_keys=False)
-    )
+    content = {key: value for key, value in (yaml.safe_load(path.read_text()) | keys).items() if value is not None}
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
 
 
 def copied_project(into: Path, *parts: str) -> Path:

@@ -6,7 +6,7 @@ time and time2; stglib its aqdutils and rdi modules. All are imitations; only do
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -94,46 +94,28 @@ def dimensions(nc: netCDF4.Dataset, **sizes: int) -> None:
         nc.createDimension(name, size)
 
 
+def flags() -> NDArray[np.int8]:
+    """Compose flags that are good but for two velocities."""
+    codes = np.ones((N, M), dtype="i1")
+    codes[3, 2], codes[4, 2] = 4, 8
+    return codes
+
+
 def oceansites(nc: netCDF4.Dataset, t: Truth) -> None:
     """Write OceanSITES: velocities from true north, bin depths, flags with meanings; the manual has no heading."""
     east, north, _ = t.true()
     dimensions(nc, TIME=N, DEPTH=M, LATITUDE=1, LONGITUDE=1)
     nc.setncatts({"Conventions": "CF-1.6, OceanSITES-1.4, ACDD-1.2", "orientation": "upward"})
-    put(
-        nc,
-        "TIME",
-        ("TIME",),
-        t.time_s / 86400.0 + 7305.0,
-        units="days since 1950-01-01T00:00:00Z",
-        standard_name="time",
-    )
-    put(
-        nc,
-        "DEPTH",
-        ("DEPTH",),
-        (100.0 - t.range_m).astype("f4"),
-        units="meters",
-        standard_name="depth",
-        positive="down",
-    )
+    since = {"units": "days since 1950-01-01T00:00:00Z", "standard_name": "time"}
+    put(nc, "TIME", ("TIME",), t.time_s / 86400.0 + 7305.0, **since)
+    below = {"units": "meters", "standard_name": "depth", "positive": "down"}
+    put(nc, "DEPTH", ("DEPTH",), (100.0 - t.range_m).astype("f4"), **below)
+    meanings = {"flag_values": np.array([0, 1, 2, 3, 4, 7, 8, 9], "i1"), "flag_meanings": OCEANSITES}
     where = ("TIME", "DEPTH", "LATITUDE", "LONGITUDE")
     for name, word, values in (("UCUR", "eastward", east), ("VCUR", "northward", north)):
-        said = {
-            "standard_name": f"{word}_sea_water_velocity",
-            "units": "meters/second",
-            "ancillary_variables": f"{name}_QC",
-        }
-        put(nc, name, where, values.astype("f4"), 99999.0, **said)
-        flags = np.ones((N, M), dtype="i1")
-        flags[3, 2], flags[4, 2] = 4, 8
-        put(
-            nc,
-            f"{name}_QC",
-            where,
-            flags,
-            flag_values=np.array([0, 1, 2, 3, 4, 7, 8, 9], "i1"),
-            flag_meanings=OCEANSITES,
-        )
+        said = {"standard_name": f"{word}_sea_water_velocity", "units": "meters/second"}
+        put(nc, name, where, values.astype("f4"), 99999.0, **said, ancillary_variables=f"{name}_QC")
+        put(nc, f"{name}_QC", where, flags(), **meanings)
     put(nc, "TEMP", ("TIME",), t.temperature_c, standard_name="sea_water_temperature", units="degree_Celsius")
 
 
@@ -142,44 +124,18 @@ def _imos(
 ) -> None:
     dimensions(nc, TIME=N, HEIGHT_ABOVE_SENSOR=M)
     nc.setncatts({"Conventions": "CF-1.6,IMOS-1.4", "instrument_serial_number": "1367"})
-    put(
-        nc,
-        "TIME",
-        ("TIME",),
-        t.time_s / 86400.0 + 7305.0,
-        units="days since 1950-01-01 00:00:00 UTC",
-        calendar="gregorian",
-    )
-    put(
-        nc, "HEIGHT_ABOVE_SENSOR", ("HEIGHT_ABOVE_SENSOR",), t.range_m, units="m", positive="up", standard_name="height"
-    )
-    mag = "magnetic_" if suffix else ""
+    since = {"units": "days since 1950-01-01 00:00:00 UTC", "calendar": "gregorian"}
+    put(nc, "TIME", ("TIME",), t.time_s / 86400.0 + 7305.0, **since)
+    above = {"units": "m", "positive": "up", "standard_name": "height"}
+    put(nc, "HEIGHT_ABOVE_SENSOR", ("HEIGHT_ABOVE_SENSOR",), t.range_m, **above)
+    meanings = {"flag_values": np.arange(10, dtype="i1"), "flag_meanings": IMOS}
+    mag, where = "magnetic_" if suffix else "", ("TIME", "HEIGHT_ABOVE_SENSOR")
     for name, word, values in (("UCUR", "eastward", east), ("VCUR", "northward", north)):
         qc, name = f"{name}{suffix}_quality_control", name + suffix
-        own = {} if suffix else {"standard_name": f"{word}_sea_water_velocity"}
-        long = f"{mag}{word}_sea_water_velocity"
-        put(
-            nc,
-            name,
-            ("TIME", "HEIGHT_ABOVE_SENSOR"),
-            values.astype("f4"),
-            999999.0,
-            long_name=long,
-            units="m s-1",
-            ancillary_variables=qc,
-            **own,
-            **said,
-        )
-        flags = np.ones((N, M), dtype="i1")
-        flags[3, 2], flags[4, 2] = 4, 8
-        put(
-            nc,
-            qc,
-            ("TIME", "HEIGHT_ABOVE_SENSOR"),
-            flags,
-            flag_values=np.arange(10, dtype="i1"),
-            flag_meanings=IMOS,
-        )
+        own = {"long_name": f"{mag}{word}_sea_water_velocity", "units": "m s-1", "ancillary_variables": qc}
+        own |= {} if suffix else {"standard_name": f"{word}_sea_water_velocity"}
+        put(nc, name, where, values.astype("f4"), 999999.0, **own, **said)
+        put(nc, qc, where, flags(), **meanings)
     put(nc, f"HEADING{suffix}", ("TIME",), heading, 999999.0, units="degree", **said)
     put(nc, "PITCH", ("TIME",), t.pitch_deg, units="degree", standard_name="platform_pitch")
     put(nc, "ROLL", ("TIME",), t.roll_deg, units="degree", standard_name="platform_roll")
@@ -195,15 +151,8 @@ def imos_magnetic(nc: netCDF4.Dataset, t: Truth) -> None:
 def imos_true(nc: netCDF4.Dataset, t: Truth) -> None:
     """Write the layout of imos-toolbox after it: names without _MAG, the declination as attribute of each variable."""
     east, north, heading = t.true()
-    _imos(
-        nc,
-        t,
-        east,
-        north,
-        heading,
-        "",
-        {"compass_correction_applied": DECLINATION, "magnetic_declination": DECLINATION},
-    )
+    said = dict.fromkeys(("compass_correction_applied", "magnetic_declination"), DECLINATION)
+    _imos(nc, t, east, north, heading, "", said)
 
 
 def epic(nc: netCDF4.Dataset, t: Truth) -> None:
@@ -215,14 +164,8 @@ def epic(nc: netCDF4.Dataset, t: Truth) -> None:
     )
     days = t.time_s / 86400.0
     put(nc, "time", ("time",), (np.floor(days) + 2440588).astype("i4"), units="True Julian Day", epic_code=624)
-    put(
-        nc,
-        "time2",
-        ("time",),
-        np.round((days % 1.0) * 86_400_000).astype("i4"),
-        units="msec since 0:00 GMT",
-        epic_code=624,
-    )
+    milliseconds = np.round((days % 1.0) * 86_400_000).astype("i4")
+    put(nc, "time2", ("time",), milliseconds, units="msec since 0:00 GMT", epic_code=624)
     put(nc, "depth", ("depth",), 100.0 - t.range_m, units="m", epic_code=3)
     put(nc, "bindist", ("depth",), t.range_m, units="m", note="distance from transducer head")
     at = ("time", "depth", "lat", "lon")
@@ -247,15 +190,8 @@ def stglib(nc: netCDF4.Dataset, t: Truth) -> None:
     put(nc, "depth", ("z",), 100.0 - t.range_m, units="m", standard_name="depth", positive="down")
     put(nc, "bindist", ("z",), t.range_m, units="m", long_name="distance from transducer head")
     for name, word, values in (("u_1205", "eastward", east), ("v_1206", "northward", north)):
-        put(
-            nc,
-            name,
-            ("z", "time"),
-            values.astype("f4"),
-            1e35,
-            units="m s-1",
-            standard_name=f"{word}_sea_water_velocity",
-        )
+        said = {"units": "m s-1", "standard_name": f"{word}_sea_water_velocity"}
+        put(nc, name, ("z", "time"), values.astype("f4"), 1e35, **said)
     put(nc, "Hdg_1215", ("time",), heading, 1e35, units="degrees", standard_name="platform_orientation")
     put(nc, "Ptch_1216", ("time",), t.pitch_deg, units="degrees", standard_name="platform_pitch")
     put(nc, "Roll_1217", ("time",), t.roll_deg, units="degrees", standard_name="platform_roll")
@@ -263,13 +199,7 @@ def stglib(nc: netCDF4.Dataset, t: Truth) -> None:
     put(nc, "Tx_1211", ("time",), t.temperature_c + 273.15, units="K")
 
 
-LAYOUTS: dict[str, Callable[[netCDF4.Dataset, Truth], None]] = {
-    "oceansites": oceansites,
-    "imos_magnetic": imos_magnetic,
-    "imos_true": imos_true,
-    "epic": epic,
-    "stglib": stglib,
-}
+LAYOUTS = {layout.__name__: layout for layout in (oceansites, imos_magnetic, imos_true, epic, stglib)}
 
 
 def write(path: Path, layout: str) -> Truth:

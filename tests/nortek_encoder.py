@@ -56,33 +56,22 @@ def record(kind: int, contents: bytes) -> bytes:
 
 
 def configuration(
-    coordinates: int,
-    cells: int,
-    *,
-    serial: str = "WPR 1234",
-    khz: int = 1000,
-    average_s: int = 60,
-    blanking: int = 20,
-    beams: int = 3,
+    coordinates: int, cells: int, *, serial: str = "WPR 1234", khz: int = 1000, average_s: int = 60, beams: int = 3
 ) -> bytes:
     hardware = serial.ljust(14).encode() + bytes(24) + b"3.36"
     matrix = np.rint(TRANSFORM * 4096).astype("<i2").tobytes()
     head = struct.pack("<HHH12s", 0x0F, khz, 0, b"WAV 55") + bytes(8) + matrix + bytes(150) + bytes(22)
     head += struct.pack("<H", 3)
-    first = struct.pack("<9H", 34, blanking, 44, 512, 512, 60, average_s, beams, 0)
+    first = struct.pack("<9H", 34, 20, 44, 512, 512, 60, average_s, beams, 0)
     second = struct.pack("<HHHHHHHHH", 0, 0, 0, 0, 1, coordinates, cells, 256, 600)
     user = first + second + b"NORTEK" + bytes(508 - 2 - 4 - 36 - 6)
     return record(0x05, hardware) + record(0x04, head) + record(0x00, user[: 512 - 6])
 
 
-def bcd(number: int) -> int:
-    return 16 * (number // 10) + number % 10
-
-
 def older(sample: Sample, kind: int = 0x20) -> bytes:
     """Encode a record of the older format: 01 point, 20 AWAC profile, 21 Aquadopp profile, 80 diagnostic sample."""
     at = sample.time
-    clock = bytes(map(bcd, (at.minute, at.second, at.day, at.hour, at.year - 2000, at.month)))
+    clock = bytes.fromhex(at.strftime("%M%S%d%H%y%m"))  # binary-coded decimals
     tenths = [round(10 * x) for x in (sample.heading, sample.pitch, sample.roll)]
     millibars = round(1000 * sample.pressure)
     sensors = struct.pack("<HHHH", sample.extra.get("error", 0), 0, round(10 * sample.volts), 14800)
@@ -127,12 +116,8 @@ def signature(sample: Sample, coordinates: int = BEAM, kind: int = 0x16) -> byte
     block += struct.pack("<Hhh", *(round(100 * x) for x in (sample.heading, sample.pitch, sample.roll)))
     block += struct.pack("<HHHBB", cells | coordinates << 10 | beams << 12, 1000, 50, 78, 100)
     block += struct.pack("<H3h3h", round(10 * sample.volts), *sample.magnetometer, 0, 0, 16384)
-    block += struct.pack("<HHHbbhhHHII", 500, 0x4321, 0, -3, 0, 0, 450, 0, 0, _status(sample), sample.k + 1)
+    status = sample.extra.get("orientation", 5 if sample.down else 4) << 25 | 2  # bit 1: blanking in centimetres
+    block += struct.pack("<HHHbbhhHHII", 500, 0x4321, 0, -3, 0, 0, 450, 0, 0, status, sample.k + 1)
     correlation = np.full((beams, cells), 90) if sample.correlation is None else sample.correlation
     counts = np.rint(1000 * sample.velocity).astype("<i2").tobytes()
     return packet(kind, block + counts + bytes([120]) * (beams * cells) + correlation.astype(np.uint8).tobytes())
-
-
-def _status(sample: Sample) -> int:
-    orientation = sample.extra.get("orientation", 5 if sample.down else 4)
-    return orientation << 25 | 2  # bit 1: blanking in centimetres

@@ -13,7 +13,7 @@ import pd12_files
 import pytest
 from netCDF4 import Dataset
 from scipy.io import savemat
-from sea import SHARED, real
+from sea import real
 
 from compasslib import calibrations
 from compasslib.errors import InputError
@@ -21,18 +21,11 @@ from compasslib.readers import iaga2002, read
 from compasslib.readers.detect import detect_kind
 
 
-def workbook() -> bytes:
-    made = io.BytesIO()
-    with zipfile.ZipFile(made, "w") as archive:
-        archive.writestr("[Content_Types].xml", "<Types/>")
-        archive.writestr("xl/workbook.xml", "<workbook/>")
-    return made.getvalue()
-
-
-def archive() -> bytes:
+def zipped(*names: str) -> bytes:
     made = io.BytesIO()
     with zipfile.ZipFile(made, "w") as packed:
-        packed.writestr("top.000", "x")
+        for name in names:
+            packed.writestr(name, "x")
     return made.getvalue()
 
 
@@ -42,8 +35,8 @@ WRITTEN = [
     (b"\xa5\x05\x18\x00AQD 9330" + bytes(40), "a Nortek file (aqd, prf, wpr or vec)"),
     (b"n\x7f\x02\x01" + bytes(range(60)), "an RDI PD12 file"),
     (b"7F7F940200061200" * 9, "an RDI PD0 file written as hexadecimal text; turn the digits into bytes"),
-    (workbook(), "an Excel workbook"),
-    (archive(), "a zip archive"),
+    (zipped("[Content_Types].xml", "xl/workbook.xml"), "an Excel workbook"),
+    (zipped("top.000"), "a zip archive"),
     (gzip.compress(b"\x7f\x7f\xae\x02\x00\x06" * 9), "a gzip file that holds an RDI PD0 file"),
     (b"%PDF-1.7\n" + bytes(90), "a PDF"),
     (b"\x89PNG\r\n\x1a\n" + bytes(90), "an image"),
@@ -86,9 +79,8 @@ def test_hexadecimal_text_after_timestamps_is_refused_with_advice(tmp_path, form
     """The message names the encoded format, whatever the length of the lines."""
     data, name = SENT[form]
     for k, stamp in enumerate((*STAMPS, "")):
-        lines = [
-            f"{stamp}{data[i : i + 30].hex(*filter(None, [between])).upper()}" for i in range(0, len(data) - 19, 30)
-        ]
+        pieces = [data[i : i + 30] for i in range(0, len(data) - 19, 30)]
+        lines = [f"{stamp}{piece.hex(*filter(None, [between])).upper()}" for piece in pieces]
         head = ["2013/07/24 01:26:15.001 [adcpt:DLOGP1]:Instrument Started"] * (k == 0)
         (tmp_path / "sent").write_text("\r\n".join([*head, *lines]))
         for other in ("pd0", "table"):
@@ -103,9 +95,8 @@ def test_scans_after_logger_timestamps_are_refused(tmp_path):
     row = "  09-04-2007 12:00:15   228.67    -0.87    -2.34   -0.0818   -0.4171    0.2452    -12.38     17.99      8.52"
     for stamp in ("2013/07/24 01:26:16.123 ", "2013-07-24T01:26:16Z,", "[2013-07-24 01:26:16]"):
         (tmp_path / "sent").write_text(f"{stamp}{row}    -3.41\r\n" * 30)
-        with pytest.raises(
-            InputError, match=r"behind a logger's time stamps; take the logger's time stamps off: a row"
-        ):
+        expected = "behind a logger's time stamps; take the logger's time stamps off: a row"
+        with pytest.raises(InputError, match=expected):
             read("mmp_acm", [tmp_path / "sent"], {"pressure_files": ()})
 
 
@@ -215,6 +206,4 @@ GENUINE = {
 
 @pytest.mark.parametrize("name", GENUINE)
 def test_genuine_files_are_recognized(name):
-    if not (SHARED / name).exists():
-        pytest.skip(f"{SHARED / name} is not there")
-    assert detect_kind(SHARED / name).form == GENUINE[name]
+    assert detect_kind(real(name)).form == GENUINE[name]

@@ -27,8 +27,13 @@ def about(record) -> list[str]:
     return [said for said in record.warnings if "HX HY HZ" in said]
 
 
-def test_consistent_headings_are_not_flagged(tmp_path):
-    record = read(changed(tmp_path, lambda values: None))
+def without_tilts(values: np.ndarray) -> None:
+    values[:, 0] = np.rad2deg(np.arctan2(values[:, 4], values[:, 3]))
+
+
+@pytest.mark.parametrize("change", [lambda values: None, without_tilts], ids=["as logged", "without tilt correction"])
+def test_consistent_headings_are_not_flagged(tmp_path, change):
+    record = read(changed(tmp_path, change))
     assert record.counts["heading_off_magnetometer"] == 0 and about(record) == []
 
 
@@ -45,24 +50,14 @@ def test_deviating_headings_are_flagged_with_their_currents(tmp_path):
     assert about(record) == [said]
 
 
-def test_headings_without_tilt_correction_are_accepted(tmp_path):
-    def change(values):
-        values[:, 0] = np.rad2deg(np.arctan2(values[:, 4], values[:, 3]))
-
-    record = read(changed(tmp_path, change))
-    assert record.counts["heading_off_magnetometer"] == 0 and about(record) == []
-
-
 def test_constant_offset_is_reported_without_flags(tmp_path):
     def change(values):
         values[:, 0] -= 23.6
 
     record = read(changed(tmp_path, change))
     assert (record.heading_quality == GOOD).all()
-    assert about(record) == [
-        "the logged headings stand -23.6 degrees off those of HX HY HZ TX TY throughout: give it as "
-        "declination_applied if the logger added it"
-    ]
+    said = "the logged headings stand -23.6 degrees off those of HX HY HZ TX TY throughout"
+    assert about(record) == [f"{said}: give it as declination_applied if the logger added it"]
 
 
 def test_headings_unrelated_to_the_magnetometer_are_reported(tmp_path):

@@ -1,23 +1,22 @@
 """NMEA 0183 logs: a real one, damaged sentences, other sentence types, clocks and junk."""
 
-from pathlib import Path
+from functools import reduce
+from operator import xor
 
 import numpy as np
 import pytest
+from sea import SHARED
 
 from compasslib.errors import InputError
 
 pytest.importorskip("pynmea2", reason="pynmea2 is not installed")
 from compasslib.readers import nmea
 
-REAL = Path(__file__).resolve().parents[2] / "shared/data/swing/2010-11-03.Taiohae.nmea"
+REAL = SHARED / "swing/2010-11-03.Taiohae.nmea"
 
 
 def sentence(body: str) -> str:
-    check = 0
-    for letter in body:
-        check ^= ord(letter)
-    return f"${body}*{check:02X}"
+    return f"${body}*{reduce(xor, body.encode()):02X}"
 
 
 def rmc(second: int, course: float, *, status: str = "A", speed: float = 5.0) -> str:

@@ -68,14 +68,9 @@ def by_mhkit(path: Path):
 def xform(sample: Sample, down: bool) -> np.ndarray:
     """Compute the matrix from x, y, z to east, north, up, as in Nortek's Xform.m."""
     hh, pp, rr = np.deg2rad([sample.heading - 90.0, sample.pitch, sample.roll])
-    h = np.array([[np.cos(hh), np.sin(hh), 0], [-np.sin(hh), np.cos(hh), 0], [0, 0, 1]])
-    p = np.array(
-        [
-            [np.cos(pp), -np.sin(pp) * np.sin(rr), -np.cos(rr) * np.sin(pp)],
-            [0, np.cos(rr), -np.sin(rr)],
-            [np.sin(pp), np.sin(rr) * np.cos(pp), np.cos(pp) * np.cos(rr)],
-        ]
-    )
+    (ch, cp, cr), (sh, sp, sr) = np.cos([hh, pp, rr]), np.sin([hh, pp, rr])
+    h = np.array([[ch, sh, 0], [-sh, ch, 0], [0, 0, 1]])
+    p = np.array([[cp, -sp * sr, -cr * sp], [0, cr, -sr], [sp, sr * cp, cp * cr]])
     return h @ p @ np.diag([1, -1, -1] if down else [1, 1, 1])
 
 
@@ -186,9 +181,8 @@ def test_declination_setting_is_removed_unless_metadata_override(tmp_path):
 def test_headings_and_velocities_may_contain_different_declinations(tmp_path):
     samples = drawn(4)
     plain = read(tmp_path, of_signature(samples, ENU))
-    record = read(
-        tmp_path, of_signature(samples, ENU, declination=12.5), declination_applied={"heading": 3, "velocity": 0}
-    )
+    data, apart = of_signature(samples, ENU, declination=12.5), {"heading": 3, "velocity": 0}
+    record = read(tmp_path, data, declination_applied=apart)
     assert np.allclose((record.heading_deg + 3.0) % 360.0, plain.heading_deg) and (record.east == plain.east).all()
     assert (record.heading_bias_deg, record.velocity_bias_deg) == (3.0, 0.0)
 
@@ -243,10 +237,8 @@ def test_other_record_types_are_skipped_and_reported(tmp_path):
     data = of_signature(samples) + b"".join(bursts) + encoder.packet(0x1C, bytes(401))  # odd: an echo sounder's
     record = read(tmp_path, data, "meter.ad2cp")
     assert record.east.shape == (10, 5) and record.counts["bytes_skipped"] == 0
-    assert (
-        "meter.ad2cp: the averages were read; 11 records of other kinds, 10 of them bursts, were passed over."
-        in record.warnings
-    )
+    said = "meter.ad2cp: the averages were read; 11 records of other kinds, 10 of them bursts, were passed over."
+    assert said in record.warnings
     point = [replace(s, velocity=s.velocity[:, :1]) for s in drawn(n=10)]
     mixed = of_older(point, kind=0x01) + b"".join(encoder.older(s, 0x80) for s in point)
     found = read(tmp_path, mixed)
@@ -271,9 +263,7 @@ def test_unusable_files_are_refused_in_one_line(tmp_path):
     refusals = {
         b"": "expected records of a Nortek file (A5), found an empty file",
         b"7F7F, a letter": "found a file that begins with b'7F7F, a letter'",
-        of_older(good)[
-            800:
-        ]: "expected the user's configuration (A5 00), which tells what the velocities are, found none",
+        of_older(good)[800:]: "the user's configuration (A5 00), which tells what the velocities are, found none",
         of_older(good) + of_older(good, XYZ): "found 2 that differ; give each recording as a file of its own",
         vector: "expected velocities of an Aquadopp, an Aquadopp profiler or an AWAC, found those of a Vector",
         of_signature(side): "found an instrument on its side by its own word in 3 of 3 samples; give orientation: up",

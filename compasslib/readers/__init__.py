@@ -53,8 +53,7 @@ FORMATS = {
     "acm_table": Format("table", ("columns", "flags", *TABLE_KEYS)),
     "mmp_acm": Format("mmp", ("pressure_files", "start_offset_seconds", *TABLE_KEYS)),
     "netcdf": Format(
-        "netcdf",
-        ("columns", "orientation", "declination_applied", "direction_reference", "heading_alignment", "flags"),
+        "netcdf", ("columns", "orientation", "declination_applied", "direction_reference", "heading_alignment", "flags")
     ),
     "rdi_text": Format("rdi_text", ("orientation",)),
     "pd12": Format("pd12", ("orientation", "bin_size", "first_bin")),

@@ -33,7 +33,6 @@ from compasslib.types import Floats
 COLUMN_MAP = "correct columns in the mooring file"
 TIMES = ("time", "time_utc")  # roles of time columns
 FLAG = "flag"  # role of quality flags: words or values
-NO_MEANINGS: Mapping[str, int] = MappingProxyType({})
 DATE_AND_CLOCK = ("date", "clock")  # roles of the date and the time of day, combined into ``time``
 NUMBER_FORM = "a number or nothing"
 MEND = "mend or remove the line"
@@ -103,7 +102,7 @@ def read_table(
     headers: Mapping[str, str],
     advice: str = COLUMN_MAP,
     layout: Layout = DEFAULT_LAYOUT,
-    meanings: Mapping[str, int] = NO_MEANINGS,
+    meanings: Mapping[str, int] = MappingProxyType({}),
 ) -> Table:
     """Read the requested columns of one table.
 
@@ -169,7 +168,7 @@ def _read_plain(path: Path, headers: Mapping[str, str], layout: Layout) -> Table
 
 def parse_table(
     path: Path, lines: Lines, headers: Mapping[str, str], advice: str, layout: Layout,
-    meanings: Mapping[str, int] = NO_MEANINGS,
+    meanings: Mapping[str, int] = MappingProxyType({}),
 ) -> Table:  # fmt: skip
     """Parse the requested columns from the lines of one table; arguments and errors as for ``read_table``."""
     for role, header in headers.items():

@@ -32,12 +32,9 @@ READABLE = {
     "nortek": "a Nortek file",
     "netcdf": "a netCDF file",
     "mmp_acm": "scans of a Falmouth 3D-ACM",
-    "table": "a text table",
-    "acm_table": "a text table",
-    "csv": "a text table",
     "iaga2002": "an IAGA-2002 file",
     "nmea0183": "an NMEA 0183 log",
-}
+} | dict.fromkeys(("table", "acm_table", "csv"), "a text table")
 BINARY, LINE_FEEDS = ("pd0", "pd12", "nortek", "netcdf"), 20  # so many never all follow a carriage return by chance
 TEXTS = ("table", "acm_table", "csv", "rdi_text", "iaga2002", "nmea0183")
 ELSEWHERE = {
@@ -302,7 +299,7 @@ _MAGNETOMETER = {axis: rf"(?:mag(?:netometer)?|field|b|h|m)?_?{axis}" for axis i
     "time_utc": _WORDS["time"],
     "temperature_c": _WORDS["temperature"],
 }
-_ABOUT = ("date", "clock", "depth", "pressure", "heading", "tilt_x", "tilt_y", "temperature")
+_ABOUT = ("depth", "pressure", "heading", "tilt_x", "tilt_y", "temperature")
 _FLOWS = (("east", "north"), ("speed", "direction"), ("x", "y", "heading"))
 # Kind of table, patterns of its column names, and required columns, in the order in which they are tried.
 _TABLES: tuple[tuple[str, Mapping[str, str], tuple[str, ...]], ...] = (
@@ -359,10 +356,8 @@ def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
     if flow and not ("x" in flow and _roles(names, {"z": _MAGNETOMETER["z"]})):
         if {"date", "clock"} <= set(columns):
             columns.pop("time", None)
-        clock = ("time",) if "time" in columns else ()
-        chosen = {role: columns[role] for role in (*clock, *flow, *_ABOUT) if role in columns}
-        if clock:
-            chosen = {role: header for role, header in chosen.items() if role not in ("date", "clock")}
+        about = _ABOUT if "time" in columns else ("date", "clock", *_ABOUT)
+        chosen = {role: columns[role] for role in ("time", *flow, *about) if role in columns}
         speeds = (_SPEED.search(re.sub(r"[\])]", "", columns[role].lower())) for role in flow)
         units = {match[1] for match in speeds if match}
         names = [columns[role].lower() for role in (*flow, "heading") if role in columns]

@@ -13,7 +13,8 @@ import re
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+
+import numpy as np
 
 from compasslib.errors import InputError
 
@@ -159,6 +160,12 @@ def refuse_mostly_damaged(path: str | Path, records: str, *, damaged: int, whole
         )
 
 
+def block_type(**fields: tuple[int, str]) -> np.dtype[np.void]:
+    """Create the data type of a block of bytes from the offset and format of its fields; it ends with the last one."""
+    offsets, formats = zip(*fields.values(), strict=True)
+    return np.dtype({"names": [*fields], "formats": [*formats], "offsets": [*offsets]})
+
+
 def unescape(data: bytes) -> bytes:
     """Replace the escape pairs by the bytes 2B and 18."""
     for pair, octet in ESCAPE_PAIRS:
@@ -173,16 +180,11 @@ def looks_escaped(data: bytes) -> bool:
     return pairs > sample.count(ESCAPE) - pairs + sample.count(b"\x2b")
 
 
-class Payload(NamedTuple):
-    """Content of a modem's frame."""
+def payloads(data: bytes) -> Iterator[tuple[str, bytes]]:
+    """Iterate over a file's frames as (instrument: two letters and the number of its controller; unescaped content).
 
-    instrument: str  # two letters and the number of its controller
-    data: bytes  # without escapes
-    whole: bool  # whether the frame ends after the length in its header
-
-
-def payloads(data: bytes) -> Iterator[Payload]:
-    """Iterate over the contents of a file's frames; a damaged frame yields all bytes up to the next one."""
+    A damaged frame yields all bytes up to the next one.
+    """
     undo = looks_escaped(data)
     heads = list(FRAME.finditer(data))
     ends = [*(head.start() for head in heads), len(data)][1:]
@@ -190,5 +192,4 @@ def payloads(data: bytes) -> Iterator[Payload]:
         length = int(head[2], 16)
         raw = data[head.end() : end]
         sent = unescape(raw) if undo else raw
-        whole = sent[length : length + 1] == FRAME_END
-        yield Payload(head[1].decode(), sent[:length] if whole else sent, whole)
+        yield head[1].decode(), sent[:length] if sent[length : length + 1] == FRAME_END else sent

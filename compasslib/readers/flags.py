@@ -19,36 +19,28 @@ from compasslib.records import BAD, GOOD, MISSING, NOT_CHECKED, PROBABLY_BAD, PR
 ORDER = (GOOD, PROBABLY_GOOD, NOT_CHECKED, PROBABLY_BAD, BAD, MISSING)  # from best to worst
 SHOWN = 5  # largest number of meanings listed in a warning
 KEYS = {"good": GOOD, "bad": BAD, "unchecked": NOT_CHECKED}  # of the mooring file's ``flags``
-_NOT_CHECKED_WORDS = (
-    "unknown no_qc no_qc_performed no_quality_control no_quality_control_performed not_evaluated not_checked unchecked "
-    "not_evaluated_or_unknown not_evaluated_not_available_or_unknown not_calibrated no_flag_assigned"
-)
-_GOOD_WORDS = "good good_data good_value pass passed acceptable acceptable_measurement good_measurement"
-_PROBABLY_GOOD_WORDS = (
-    "probably_good probably_good_data probably_good_value value_changed changed_value changed interpolated "
-    "interpolated_value interpolated_values estimated estimated_value nominal_value despiked interpolated_measurement "
-    "interpolated_over_interval_larger_than_2_dbar interpolated_over_a_pressure_interval_larger_than_2_dbar"
-)
-_PROBABLY_BAD_WORDS = (
-    "probably_bad probably_bad_data probably_bad_value potentially_correctable_bad_data suspect suspicious "
-    "bad_data_that_are_potentially_correctable bad_data_potentially_correctable suspect_or_of_high_interest "
-    "suspect_or_high_interest suspect_data questionable questionable_measurement value_below_detection value_in_excess "
-    "value_phenomenon_uncertain value_below_limit_of_quantification"
-)
-_BAD_WORDS = "bad bad_data bad_value bad_measurement fail failed"
-_MISSING_WORDS = "missing missing_data missing_value missing_values not_reported not_sampled"
-MEANINGS = {
-    word: flag
-    for flag, words in (
-        (NOT_CHECKED, _NOT_CHECKED_WORDS),
-        (GOOD, _GOOD_WORDS),
-        (PROBABLY_GOOD, _PROBABLY_GOOD_WORDS),
-        (PROBABLY_BAD, _PROBABLY_BAD_WORDS),
-        (BAD, _BAD_WORDS),
-        (MISSING, _MISSING_WORDS),
-    )
-    for word in words.split()
+_WORDS = {
+    NOT_CHECKED: (
+        "unknown no_qc no_qc_performed no_quality_control no_quality_control_performed not_evaluated not_checked "
+        "unchecked not_evaluated_or_unknown not_evaluated_not_available_or_unknown not_calibrated no_flag_assigned"
+    ),
+    GOOD: "good good_data good_value pass passed acceptable acceptable_measurement good_measurement",
+    PROBABLY_GOOD: (
+        "probably_good probably_good_data probably_good_value value_changed changed_value changed interpolated "
+        "interpolated_value interpolated_values estimated estimated_value nominal_value despiked "
+        "interpolated_measurement interpolated_over_interval_larger_than_2_dbar "
+        "interpolated_over_a_pressure_interval_larger_than_2_dbar"
+    ),
+    PROBABLY_BAD: (
+        "probably_bad probably_bad_data probably_bad_value potentially_correctable_bad_data suspect suspicious "
+        "bad_data_that_are_potentially_correctable bad_data_potentially_correctable suspect_or_of_high_interest "
+        "suspect_or_high_interest suspect_data questionable questionable_measurement value_below_detection "
+        "value_in_excess value_phenomenon_uncertain value_below_limit_of_quantification"
+    ),
+    BAD: "bad bad_data bad_value bad_measurement fail failed",
+    MISSING: "missing missing_data missing_value missing_values not_reported not_sampled",
 }
+MEANINGS = {word: flag for flag, words in _WORDS.items() for word in words.split()}
 _COMMON = {"0": "no_qc_performed", "1": "good_data", "2": "probably_good_data", "3": "probably_bad", "4": "bad_data"}
 _COMMON |= {"5": "value_changed", "8": "interpolated_value", "9": "missing_value"}
 _L20 = _COMMON | {"6": "value_below_detection", "7": "value_in_excess", "A": "value_phenomenon_uncertain"}

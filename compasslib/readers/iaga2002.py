@@ -59,13 +59,14 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
     """
     with detect.format_hints("iaga2002", paths, advice=ADVICE):
         files = [_read_file(Path(path)) for path in paths]
-    station = files[0].header.get("iaga code", "").upper()
+    headers = [file.header for file in files]
+    station = headers[0].get("iaga code", "").upper()
     for file in files[1:]:
         code = file.header.get("iaga code", "").upper()
         if code != station:
             raise _error(file.path, f"station {station or 'without code'} as in {files[0].path}", code or "no code")
         for label in ("geodetic latitude", "geodetic longitude"):
-            here, there = _number(file.header.get(label, "")), _number(_first([f.header for f in files], label))
+            here, there = _number(file.header.get(label, "")), _number(_first(headers, label))
             if abs(angles.difference(here, there)) > KILOMETRE_DEG:
                 raise _error(file.path, f"{label} {there:g} as in the other files", f"{here:g}")
     rows = np.concatenate([np.array([file.time_s, *_field(file.values)]) for file in files], axis=1)
@@ -78,7 +79,6 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
         "contradicting": int(np.sum(np.abs(angles.difference(rows[1], declination[which])) > SAME_DEG)),
         "missing": int(np.sum(~np.isfinite(declination))),
     }
-    headers = [file.header for file in files]
     order_warnings = []
     for file in files:
         reported, letters = file.header.get("reported", "").upper(), "".join(file.values)
@@ -150,11 +150,10 @@ def _read_file(path: Path) -> _File:
     known = {letter: np.where(filled[letter], np.nan, column) for letter, column in columns.items()}
     stuck = {letter: _stuck(known[letter], time_s[sound]) for letter in known if letter in "DY"}
     known |= {letter: np.where(stuck[letter], np.nan, known[letter]) for letter in stuck}
-    counts = {
-        name: int(np.sum(np.any(list(each.values()), axis=0))) if each else 0
-        for name, each in (("fillers", filled), ("stuck", stuck))
-    }
-    file = _File(path, header, time_s[sound], known, {"damaged": len(rows) - int(sound.sum()), **counts})
+    counts = {"damaged": len(rows) - int(sound.sum())}
+    for name, flagged in (("fillers", filled), ("stuck", stuck)):
+        counts[name] = int(np.sum(np.any([*flagged.values()], axis=0)))
+    file = _File(path, header, time_s[sound], known, counts)
     _refuse_contradiction(file)
     return file
 

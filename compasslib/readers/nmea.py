@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from itertools import count, product
 from pathlib import Path
@@ -103,10 +103,9 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC") ->
 
 
 def read_any(path: Path) -> tuple[dict[str, str], NmeaLog] | None:
-    """Read a log with the first readable pair of heading and course sentences, None without any.
+    """Read a log by its first readable pair of heading and course sentences, None without any.
 
-    Returns:
-        The setting ``columns`` of a swing for these sentences, empty for the default ones, and the log.
+    Also give the setting ``columns`` of a swing for these sentences, empty for the default ones.
     """
     content = _content(path)
     named = [name for name in (*HEADINGS, *COURSES) if re.search(rb"\$[A-Z]{2}%s,[^,\s]" % name.encode(), content)]
@@ -149,7 +148,11 @@ def _sort_sentences(
     fixes = [fix for fix, is_valid in zip(fixes, valid, strict=True) if is_valid]
     counts["empty"] += sum(not np.isfinite(fix.course_deg + fix.speed_kn) for fix in fixes)
     fixes = [fix for fix in fixes if np.isfinite(fix.course_deg + fix.speed_kn)]
-    return _add_times(fixes, clock), values
+    if clock:  # times of courses without one are interpolated between the surrounding RMC sentences
+        lines, times = np.transpose(clock)
+        known = [fix.time_s if np.isfinite(fix.time_s) else float(np.interp(fix.line, lines, times)) for fix in fixes]
+        fixes = [replace(fix, time_s=time_s) for fix, time_s in zip(fixes, known, strict=True)]
+    return fixes, values
 
 
 def _rmc(line: int, sentence: Any, counts: Counter[str]) -> _Fix | None:
@@ -172,15 +175,6 @@ def _number(text: object) -> float:
         return float(str(text))
     except ValueError:
         return NAN
-
-
-def _add_times(fixes: list[_Fix], clock: list[tuple[int, float]]) -> list[_Fix]:
-    """Interpolate the times of courses without one from the surrounding RMC sentences."""
-    if not clock:
-        return fixes
-    lines, times = np.transpose(clock)
-    known = [fix.time_s if np.isfinite(fix.time_s) else float(np.interp(fix.line, lines, times)) for fix in fixes]
-    return [_Fix(fix.line, time_s, *list(vars(fix).values())[2:]) for fix, time_s in zip(fixes, known, strict=True)]
 
 
 def _sentences(paths: Sequence[Path], counts: Counter[str], wanted: Sequence[str]) -> Iterator[tuple[int, Any]]:

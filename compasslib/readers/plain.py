@@ -72,10 +72,9 @@ class Cells:
 
 
 def split_cells(data: bytes, begin: int, delimiter: str, count: int) -> Iterator[Cells | None]:
-    """Split lines into ``count`` cells block by block; yield None and stop at a line with another number of cells.
+    """Split lines without quotation marks into ``count`` cells, block by block.
 
-    Args:
-        data: text that ends with a line feed and contains no quotation marks.
+    Yield None and stop at a line with another number of cells. The last line must end with a line feed.
     """
     while begin < len(data):
         end = data.rfind(b"\n", begin, begin + BLOCK) + 1 or data.find(b"\n", begin) + 1

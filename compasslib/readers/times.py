@@ -26,10 +26,7 @@ FARTHEST_ZONE_H = 14  # hours, largest UTC offset in use
 FIRST_YEAR, LAST_YEAR = 1980, 2100  # accepted years of instrument clocks
 YEARS = (1950, 2100)  # accepted years of numeric times
 FIRST_S, LAST_S = 315532800.0, 1893456000.0  # 1980 to 2030: range in which numeric times are detected
-MONTHS = (
-    *("january", "february", "march", "april", "may", "june"),
-    *("july", "august", "september", "october", "november", "december"),
-)
+MONTHS = "january february march april may june july august september october november december"
 
 _CLOCK = (
     r"(?:[T ] *(?P<H>\d{1,2})(?::(?P<M>\d\d)(?::(?P<S>\d\d(?:[.,]\d{1,9})?))?)?(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?)?"
@@ -56,16 +53,13 @@ _SINCE = re.compile(
 _ISO = re.compile(r"\d{4}-\d\d-\d\d(?:[T ]\d\d(?::\d\d(?::\d\d(?:\.\d{1,6})?)?)?)?Z?", re.ASCII)
 _SHORT_YEAR = re.compile(r"\d{1,2}[-/. ](?:\d{1,2}|[A-Za-z]{3,9})[-/. ]\d\d(?:[T ].*)?", re.ASCII)
 _ZONE_NAME = re.compile(r".*\d ?(?:[AaPp]\.?[Mm]\.? )? ?([A-Z]{2,5}\d?)", re.ASCII)
+_NUMBERLIKE = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?", re.ASCII)
 LONG_AVERAGE_S = 120.0  # averages from here on, with a midpoint at least a minute after the time stamp, are reported
 OVERLAP = 0.9  # least sampling interval of an average, relative to its duration; clocks are rounded to a second
 
 
 class Unreadable(Exception):
-    """A cell or a column of times that cannot be parsed.
-
-    Args:
-        row: index of the row from 0, None for the column as a whole.
-    """
+    """A cell of times, by the index of its row, or a column (None) that cannot be parsed."""
 
     def __init__(self, row: int | None, shown: str, expected: str = TIME_FORM, advice: str = ""):
         super().__init__(shown)
@@ -169,8 +163,6 @@ def _decimal_years(years: Floats) -> Floats:
     return np.round(begin + (years - whole) * (end - begin), 3)
 
 
-# Numeric times.
-
 SCALES: dict[str, tuple[Callable[[Floats], Floats], str]] = {
     "epoch": (lambda x: x, "seconds since 1970"),
     "epoch_ms": (lambda x: x / 1e3, "milliseconds since 1970"),
@@ -218,12 +210,6 @@ def _detect_scale(cells: Sequence[str], values: Floats | None) -> str:
     raise Unreadable(None, f"numbers from {np.min(values):.10g} to {np.max(values):.10g}", "times", advice)
 
 
-_NUMBERLIKE = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?", re.ASCII)
-
-
-# Times as text.
-
-
 def _parse_format(cells: Sequence[str], form: str, ahead_s: float) -> Floats:
     import pandas as pd  # imported only for a given format, as this takes longer than parsing a table
 
@@ -264,7 +250,7 @@ def _parse_fields(cells: Sequence[str]) -> tuple[Floats, Floats, str] | None:
     if form == "figures":
         column["d"], column["m"], note = _day_and_month(cells, column["a"], column["b"], column["y"])
     if "name" in groups:
-        number = {name: k for k, long in enumerate(MONTHS, 1) for name in (long, long[:3])} | {"sept": 9}
+        number = {name: k for k, long in enumerate(MONTHS.split(), 1) for name in (long, long[:3])} | {"sept": 9}
         for row, name in enumerate(groups["name"]):
             if name.lower() not in number:
                 advice = "write the months in figures or in English"

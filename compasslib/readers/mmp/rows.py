@@ -183,9 +183,9 @@ def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
 
 def parse_profiles(text: Text, path: Path) -> tuple[list[ProfileBlock], Ints, int]:
     """Divide rows into profiles, index each row in its profile (damaged rows included), and count the damaged rows."""
-    statements, garbled = _statements(text)
+    stated, garbled = statements(text)
     damaged = np.sort(np.append(text.damaged, np.array(garbled, dtype=np.int64)))
-    ends = [statement for statement in statements if statement.kind != "other"]
+    ends = [statement for statement in stated if statement.kind != "other"]
     before = np.searchsorted([statement.offset for statement in ends], text.offset)
     begins = np.flatnonzero(np.append(True, np.diff(before) > 0)) if len(before) else np.zeros(0, dtype=int)
     marks = [0, *before[begins].tolist(), len(ends)]
@@ -195,9 +195,9 @@ def parse_profiles(text: Text, path: Path) -> tuple[list[ProfileBlock], Ints, in
     place = np.arange(len(text.offset)) + np.searchsorted(damaged, text.offset)
     for k, group in enumerate(pairwise(limits)):
         head, tail = _around(between, k)
-        stated = {statement.kind: statement.value for statement in [*reversed(tail), *head]}
-        number, hertz, on, off = (stated.get(kind, np.nan) for kind in ("profile", "rate", "on", "off"))
-        number = UNKNOWN if "profile" not in stated else int(number)
+        known = {statement.kind: statement.value for statement in [*reversed(tail), *head]}
+        hertz, on, off = (known.get(kind, np.nan) for kind in ("rate", "on", "off"))
+        number = int(known.get("profile", UNKNOWN))
         block = ProfileBlock(*group, number=number, rate_hz=hertz if hertz > 0 else np.nan, on_s=on, off_s=off)
         for piece in _pieces(block, text.time_s):
             introduced = between[k] and piece.begin == group[0]
@@ -217,11 +217,6 @@ def number_in_name(path: Path) -> int:
     """Parse the profile number that a file's name ends with, as in A0000012.TXT."""
     match = _NUMBER_IN_NAME.search(path.name)
     return int(match[1]) if match else UNKNOWN
-
-
-def has_statements(text: Text) -> bool:
-    """Return whether any line is a header line of the unpacker."""
-    return bool(_statements(text)[0])
 
 
 def _chunks(data: bytes) -> Iterator[tuple[int, Octets]]:
@@ -280,19 +275,19 @@ def _most_frequent(values: Ints) -> int:
     return int(distinct[np.argmax(times)])
 
 
-def _statements(text: Text) -> tuple[list[_Statement], list[int]]:
+def statements(text: Text) -> tuple[list[_Statement], list[int]]:
     """Parse the header lines, and find damaged rows (many digits) among the other non-numeric lines."""
-    statements: list[_Statement] = []
+    found: list[_Statement] = []
     garbled: list[int] = []
     inside = False
     for offset, line in text.lines:
         statement = _statement(line)
         if statement:
-            statements.append(replace(statement, offset=offset))
+            found.append(replace(statement, offset=offset))
             inside = statement.kind == "contents"
         elif not inside and sum(48 <= c < 58 for c in line) > len(line) // 4:
             garbled.append(offset)
-    return statements, garbled
+    return found, garbled
 
 
 @lru_cache(maxsize=1024)  # the same instrument header follows every profile

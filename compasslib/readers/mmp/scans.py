@@ -14,6 +14,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from compasslib.errors import InputError
 from compasslib.readers import files
 from compasslib.readers.files import refuse_mostly_damaged
 from compasslib.readers.mmp import rows
-from compasslib.readers.mmp.rows import UNKNOWN, Ints, ProfileBlock
+from compasslib.readers.mmp.rows import Ints, ProfileBlock
 from compasslib.readers.times import civil_seconds
 from compasslib.types import DAY_S, Bools, Floats
 
@@ -60,18 +61,6 @@ class Scans:
     notes: tuple[str, ...] = ()  # sentences on how files were read
 
 
-@dataclass(frozen=True, eq=False)
-class BinaryScans:
-    """The scans of a binary file."""
-
-    blocks: list[ProfileBlock]
-    place: Ints  # (r,) index of each scan in its profile, including damaged scans
-    time_s: Floats  # (r,) whole UTC seconds since 1970
-    values: Floats  # (r, 10) in the order of COLUMNS
-    damaged: int  # number of invalid records
-    failed: int  # number of these within recognized profiles that are neither padding nor shifted by lost bytes
-
-
 @dataclass(frozen=True)
 class _Span:
     """Byte range of the records of one profile, or of unrecognized bytes outside profiles."""
@@ -105,8 +94,8 @@ def is_text(data: bytes) -> bool:
     return not data or files.count_unprintable(sample) < (1.0 - TEXT_SHARE) * len(sample)
 
 
-def _parse_binary(data: bytes) -> BinaryScans:
-    """Parse the scans of a binary file, dropping damaged records."""
+def _parse_binary(data: bytes) -> tuple[list[ProfileBlock], Ints, Floats, Floats, int, int]:
+    """Parse the scans of a binary file, dropping damaged records, to the arguments of ``_select_possible``."""
     blocks: list[ProfileBlock] = []
     places: list[Ints] = [np.zeros(0, dtype=np.int64)]
     times: list[Floats] = [np.zeros(0)]
@@ -134,7 +123,7 @@ def _parse_binary(data: bytes) -> BinaryScans:
             values.append(records["values"][good].astype(float))
             failed += _count_failed(data, span, records, good)
             damaged, begin = damaged - count, begin + count
-    return BinaryScans(blocks, np.concatenate(places), np.concatenate(times), np.concatenate(values), damaged, failed)
+    return blocks, np.concatenate(places), np.concatenate(times), np.concatenate(values), damaged, failed
 
 
 def _count_failed(data: bytes, span: _Span, records: np.ndarray, good: Bools) -> int:
@@ -153,13 +142,12 @@ def _count_failed(data: bytes, span: _Span, records: np.ndarray, good: Bools) ->
 def _read_file(path: Path) -> Scans:
     data, notes = _undo_modem(path, files.read_bytes(path))
     if _is_binary(data):
-        binary = _parse_binary(data)
-        number = rows.number_in_name(path) if len(binary.blocks) == 1 else UNKNOWN
-        blocks = [ProfileBlock(**(vars(block) | {"number": number})) for block in binary.blocks]
-        columns = binary.place, binary.time_s, binary.values
-        return replace(_select_possible(path, blocks, *columns, binary.damaged, binary.failed), notes=notes)
+        blocks, place, time_s, values, damaged, failed = _parse_binary(data)
+        if len(blocks) == 1:
+            blocks = [replace(blocks[0], number=rows.number_in_name(path))]
+        return replace(_select_possible(path, blocks, place, time_s, values, damaged, failed), notes=notes)
     text = rows.parse(data if is_text(data) else b"", lambda form: form in (STAMPED, UNSTAMPED))
-    if data.strip() and text.form is None and not rows.has_statements(text):
+    if data.strip() and text.form is None and not rows.statements(text)[0]:
         shown = f"a file that begins with {data[:24]!r}"
         raise InputError(str(path), expected=EXPECTED, found=shown, advice="check that format and file belong together")
     profiles, place, damaged = rows.parse_profiles(text, path)
@@ -182,12 +170,12 @@ def _undo_modem(path: Path, data: bytes) -> tuple[bytes, tuple[str, ...]]:
     """
     profiles: list[list[bytes]] = []
     last: dict[str, list[bytes]] = {}  # last profile of each instrument
-    for payload in files.payloads(data):
-        if _is_binary(payload.data):
-            profiles.append(last.setdefault(payload.instrument, []))
-            last[payload.instrument] = profiles[-1] = [payload.data]
-        elif payload.instrument in last:  # continues the last profile of the instrument
-            last[payload.instrument].append(payload.data)
+    for instrument, content in files.payloads(data):
+        if _is_binary(content):
+            last[instrument] = [content]
+            profiles.append(last[instrument])
+        elif instrument in last:  # continues the last profile of the instrument
+            last[instrument].append(content)
     undone = files.looks_escaped(data)
     sent = b"".join(dict.fromkeys(b"".join(parts) for parts in profiles))
     sent = sent or (files.unescape(data) if undone else b"")
@@ -202,7 +190,7 @@ def _undo_modem(path: Path, data: bytes) -> tuple[bytes, tuple[str, ...]]:
 
 
 def _count_scans(data: bytes) -> int:
-    return len(_parse_binary(data).time_s) if _is_binary(data) else 0
+    return len(_parse_binary(data)[1]) if _is_binary(data) else 0
 
 
 def _select_possible(
@@ -212,7 +200,7 @@ def _select_possible(
 
     Args:
         damaged: number of rows or records that are not valid scans.
-        failed: number of these that are recognizable as damaged scans.
+        failed: number of these that are recognizable as damaged scans: neither padding nor shifted by lost bytes.
     """
     profile = np.repeat(np.arange(len(blocks)), [block.end - block.begin for block in blocks])
     heading, tilts, field, paths = values[:, 0], values[:, 1:3], values[:, 3:6], values[:, 6:]
@@ -241,18 +229,12 @@ def _concatenate(parts: Sequence[Scans]) -> Scans:
     profile = np.concatenate([part.profile + first for part, first in zip(parts, shift[:-1], strict=True)])
     blocks = [block for part in parts for block in part.blocks]
     occupied, profile = np.unique(profile, return_inverse=True)
-    return Scans(
-        clock_s=np.concatenate([part.clock_s for part in parts]),
-        values=np.concatenate([part.values for part in parts]),
-        place=np.concatenate([part.place for part in parts]),
-        profile=profile,
-        blocks=tuple(blocks[k] for k in occupied),
-        damaged=sum(part.damaged for part in parts),
-        damaged_files=tuple(file for part in parts for file in part.damaged_files),
-        empty_files=tuple(file for part in parts for file in part.empty_files),
-        strange=sum(part.strange for part in parts),
-        notes=tuple(note for part in parts for note in part.notes),
-    )
+    joined: dict[str, Any] = {name: sum(getattr(part, name) for part in parts) for name in ("damaged", "strange")}
+    for name in ("clock_s", "values", "place"):
+        joined[name] = np.concatenate([getattr(part, name) for part in parts])
+    for name in ("damaged_files", "empty_files", "notes"):
+        joined[name] = tuple(line for part in parts for line in getattr(part, name))
+    return Scans(**joined, profile=profile, blocks=tuple(blocks[k] for k in occupied))
 
 
 def _precedes_record(data: bytes, end: int) -> bool:

@@ -66,16 +66,6 @@ class _Settings:
 
 
 @dataclass(frozen=True)
-class _Currents:
-    """Velocities of a file before any rotation."""
-
-    east: Floats  # (n, m) m/s
-    north: Floats  # (n, m) m/s
-    quality: Flags
-    variable: netCDF4.Variable  # of the east component
-
-
-@dataclass(frozen=True)
 class _Bins:
     range_m: Floats  # (n, m) or (1, m) vertical distance from the transducer
     looks_up: bool
@@ -121,23 +111,22 @@ def _read_file(path: Path, settings: _Settings) -> Record:
 
 def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
     file, time_s, time_flags = _open(path, nc, settings)
-    water = _velocities(file)
-    file = _with_bins(file, water.variable)
+    east, northward, quality, variable = _velocities(file)
+    file = _with_bins(file, variable)
     heading_variable = find(file, "heading", (file.time,))
     n = len(time_s)
-    stated = attributes.stated_north(file, water.variable, heading_variable)
-    turn = attributes.resolve_north(file, stated, settings.reference, settings.declination)
-    east, northward = water.east, water.north
-    if np.any(turn.velocity):
-        by = turn.velocity[:, None] if turn.velocity.ndim else turn.velocity
+    stated = attributes.stated_north(file, variable, heading_variable)
+    in_velocity, in_heading = attributes.resolve_north(file, stated, settings.reference, settings.declination)
+    if np.any(in_velocity):
+        by = in_velocity[:, None] if in_velocity.ndim else in_velocity
         east, northward = angles.turn(east, northward, -by)
     alignment = attributes.heading_alignment(file, heading_variable, settings.alignment)
     heading = _series(file, "heading", n, heading_variable) + alignment
-    heading = np.full(n, np.nan) if turn.heading is None else heading - turn.heading
+    heading = np.full(n, np.nan) if in_heading is None else heading - in_heading
     heading = np.where(np.isfinite(heading), angles.wrap360(heading), np.nan)
     bins = _bins(file, n, east.shape[1], settings.orientation)
     _refuse_rows(file, time_s, bins)
-    quality = vocabularies.worst_flag([water.quality, time_flags[:, None]])
+    quality = vocabularies.worst_flag([quality, time_flags[:, None]])
     quality = np.where(np.isfinite(east + northward), quality, MISSING).astype(np.int8)
     stated_flags = None if heading_variable is None else attributes.read_flags(file, heading_variable)
     heading_flags = vocabularies.worst_flag([GOOD if stated_flags is None else stated_flags, time_flags])
@@ -164,8 +153,8 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
         looks_up=bins.looks_up,
         beam_angle_deg=_beam_angle(file, east.shape[1]),
         direction_reference=settings.reference,
-        heading_bias_deg=float(np.median(turn.heading)) if turn.heading is not None else 0.0,
-        velocity_bias_deg=float(np.median(turn.velocity)),
+        heading_bias_deg=float(np.median(in_heading)) if in_heading is not None else 0.0,
+        velocity_bias_deg=float(np.median(in_velocity)),
         serial_number=str(file.attribute(*SERIAL_NUMBERS, f"SerialNum{file.suffix}") or ""),
         manufacturer=str(file.attribute(*MANUFACTURERS) or ""),
         model=str(file.attribute(*MODELS) or ""),
@@ -247,7 +236,8 @@ def _with_bins(file: File, variable: netCDF4.Variable) -> File:
     return replace(file, bins=bins, columns=columns, suffix=suffix)
 
 
-def _velocities(file: File) -> _Currents:
+def _velocities(file: File) -> tuple[Floats, Floats, Flags, netCDF4.Variable]:
+    """Read east and north velocities as recorded, (n, m) m/s, their flags, and the variable of the east component."""
     parts = [_component(file, role) for role in ("east", "north")]
     east, northward = (
         values(_with_bins(file, variable), role, variable, part)
@@ -257,7 +247,7 @@ def _velocities(file: File) -> _Currents:
     each = [attributes.read_flags(_with_bins(file, variable), variable, part) for variable, part in parts]
     known = [flag for flag in each if flag is not None] or [np.full(east.shape, GOOD)]
     worst = vocabularies.worst_flag(known).reshape(n, -1)
-    return _Currents(east.reshape(n, -1), northward.reshape(n, -1), worst, parts[0][0])
+    return east.reshape(n, -1), northward.reshape(n, -1), worst, parts[0][0]
 
 
 def _component(file: File, role: str) -> tuple[netCDF4.Variable, tuple[str, int] | None]:

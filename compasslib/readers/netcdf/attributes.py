@@ -236,14 +236,6 @@ class North:
     why: str  # attribute or variable that states it
 
 
-@dataclass(frozen=True)
-class Turn:
-    """Declination to remove from velocities and headings, degrees; None where headings cannot be used."""
-
-    velocity: Floats
-    heading: Floats | None
-
-
 def stated_north(file: File, east: netCDF4.Variable, heading: netCDF4.Variable | None) -> North:
     """Find the reference north that the file states for its velocities and headings."""
     word, degrees, why = _velocity_north(file, east)
@@ -256,8 +248,10 @@ def stated_north(file: File, east: netCDF4.Variable, heading: netCDF4.Variable |
     return North(word, degrees, in_heading, why)
 
 
-def resolve_north(file: File, north: North, reference: str, applied: AppliedDeclination | None) -> Turn:
-    """Determine the declination to remove from the file's metadata and the mooring file; note the decision.
+def resolve_north(
+    file: File, north: North, reference: str, applied: AppliedDeclination | None
+) -> tuple[Floats, Floats | None]:
+    """Determine the declination to remove from velocities, and from headings unless these cannot be used, degrees.
 
     Raises:
         InputError: the two contradict each other, or leave the declination undetermined.
@@ -271,11 +265,20 @@ def resolve_north(file: File, north: North, reference: str, applied: AppliedDecl
             reason = f"although {north.why} says {_in_degrees(north.degrees)}"
             file.notes.append(f"declination_applied of {applied} degrees was taken out of the directions, {reason}.")
         if applied.differs:
-            return Turn(np.asarray(applied.velocity), np.asarray(applied.heading))
+            return np.asarray(applied.velocity), np.asarray(applied.heading)
         magnetic = north.heading_degrees is not None and north.word == TRUE and not np.any(north.heading_degrees)
-        return Turn(np.asarray(applied.velocity), np.asarray(0.0 if magnetic else applied.heading))
+        return np.asarray(applied.velocity), np.asarray(0.0 if magnetic else applied.heading)
     if reference == TRUE:
-        return _keep_true(file, north)
+        if north.word == MAGNETIC:
+            expected, advice = "true north, as direction_reference says", "write direction_reference: magnetic"
+            raise file.refuse("directions", expected, f"magnetic north by {north.why}", advice)
+        if north.heading_degrees is None:
+            file.notes.append(
+                "Headings are left out, as the file does not tell the declination in them; declination_applied: "
+                "DEGREES, beside direction_reference: magnetic, takes it out of headings and velocities, "
+                "declination_applied: {heading: DEGREES, velocity: 0} out of headings alone."
+            )
+        return np.zeros(()), north.heading_degrees
     if north.degrees is not None and np.any(north.degrees):
         file.notes.append(f"{north.why}: {_in_degrees(north.degrees)} of declination were taken out of the directions.")
     if north.word == TRUE and north.degrees is None:
@@ -290,7 +293,7 @@ def resolve_north(file: File, north: North, reference: str, applied: AppliedDecl
             "The file does not say which north its directions count from; direction_reference: magnetic counts."
         )
     degrees = np.zeros(()) if north.degrees is None else north.degrees
-    return Turn(degrees, degrees if north.heading_degrees is None else north.heading_degrees)
+    return degrees, degrees if north.heading_degrees is None else north.heading_degrees
 
 
 def heading_alignment(file: File, heading: netCDF4.Variable | None, stated: float | None) -> float:
@@ -316,20 +319,6 @@ def heading_alignment(file: File, heading: netCDF4.Variable | None, stated: floa
         added = f"heading_alignment of {stated or 0.0:g} degrees was added to the headings"
         file.note(f"{added}; {name} is {degrees:g} degrees.")
     return stated or 0.0
-
-
-def _keep_true(file: File, north: North) -> Turn:
-    if north.word == MAGNETIC:
-        advice = "write direction_reference: magnetic"
-        expected = "true north, as direction_reference says"
-        raise file.refuse("directions", expected, f"magnetic north by {north.why}", advice)
-    if north.heading_degrees is None:
-        file.notes.append(
-            "Headings are left out, as the file does not tell the declination in them; declination_applied: DEGREES, "
-            "beside direction_reference: magnetic, takes it out of headings and velocities, declination_applied: "
-            "{heading: DEGREES, velocity: 0} out of headings alone."
-        )
-    return Turn(np.zeros(()), north.heading_degrees)
 
 
 def _velocity_north(file: File, east: netCDF4.Variable) -> tuple[str, Floats | None, str]:

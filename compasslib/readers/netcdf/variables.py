@@ -54,54 +54,32 @@ PLACE_NAMES = {  # variables of one value, or attributes: OceanSITES, IMOS (imos
     "longitude": ("LONGITUDE", "longitude", "lon", "geospatial_lon_min"),
     "water_depth": ("water_depth", "WATER_DEPTH", "site_nominal_depth", "sea_floor_depth_below_sea_surface"),
 }
-
-
-@dataclass(frozen=True)
-class Role:
-    """Names of a variable by preference, its standard names (minus: opposite sign), and unit conversion factors."""
-
-    names: tuple[str, ...]
-    standard: tuple[str, ...]
-    units: Mapping[str, float]
-
-
-_EAST = ("UCUR_RECORDED", "UCUR_MAG", "UCUR", "EWCT", "u_1205", "LCEWAP01", "east", "vel_east", "u")
-_NORTH = ("VCUR_RECORDED", "VCUR_MAG", "VCUR", "NSCT", "v_1206", "LCNSAP01", "north", "vel_north", "v")
-ROLES = {
-    "east": Role(_EAST, ("eastward_sea_water_velocity", "magnetic_eastward_sea_water_velocity"), SPEED),
-    "north": Role(_NORTH, ("northward_sea_water_velocity", "magnetic_northward_sea_water_velocity"), SPEED),
-    "heading": Role(
-        ("HEADING", "HEADING_MAG", "Hdg_1215", "heading", "Hdg"),
-        ("platform_orientation", "platform_yaw", "platform_azimuth_angle"),
-        ANGLE,
-    ),
-    "tilt_x": Role(
-        ("PITCH", "Ptch_1216", "pitch", "Ptch"),
-        ("platform_pitch", "platform_pitch_fore_up", "-platform_pitch_fore_down"),
-        ANGLE,
-    ),
-    "tilt_y": Role(
-        ("ROLL", "Roll_1217", "roll"),
-        ("platform_roll", "platform_roll_starboard_down", "-platform_roll_starboard_up"),
-        ANGLE,
-    ),
-    "pressure": Role(
-        ("PRES_REL", "PRES", "PRESSURE", "P_1", "P_1ac", "pressure"),
-        ("sea_water_pressure_due_to_sea_water", "sea_water_pressure"),
-        PRESSURE,
-    ),
-    "depth": Role(("INSTRUMENT_DEPTH", "instrument_depth", "DEPTH", "DEPH", "D_3", "depth"), ("depth",), LENGTH),
-    "temperature": Role(
-        ("TEMP", "TEMPERATURE", "Tx_1211", "T_1211", "T_28", "T_20", "temp", "temperature"),
-        ("sea_water_temperature", "temperature_of_sensor_for_oxygen_in_sea_water"),
-        TEMPERATURE,
-    ),
-    "declination": Role(("DECLINATION", "MAGNETIC_DECLINATION"), (), ANGLE),
-    "range": Role(
-        ("HEIGHT_ABOVE_SENSOR", "DIST_ALONG_BEAMS", "BIN_RANGE", "bindist", "range", "distance", "DISTANCE"), (), LENGTH
-    ),
-    "cell_depth": Role(("DEPTH", "bin_depth", "depth", "DEPTHS", "DEPH"), ("depth",), LENGTH),
+NAMES = {  # variable names of each role, by preference
+    "east": "UCUR_RECORDED UCUR_MAG UCUR EWCT u_1205 LCEWAP01 east vel_east u",
+    "north": "VCUR_RECORDED VCUR_MAG VCUR NSCT v_1206 LCNSAP01 north vel_north v",
+    "heading": "HEADING HEADING_MAG Hdg_1215 heading Hdg",
+    "tilt_x": "PITCH Ptch_1216 pitch Ptch",
+    "tilt_y": "ROLL Roll_1217 roll",
+    "pressure": "PRES_REL PRES PRESSURE P_1 P_1ac pressure",
+    "depth": "INSTRUMENT_DEPTH instrument_depth DEPTH DEPH D_3 depth",
+    "temperature": "TEMP TEMPERATURE Tx_1211 T_1211 T_28 T_20 temp temperature",
+    "declination": "DECLINATION MAGNETIC_DECLINATION",
+    "range": "HEIGHT_ABOVE_SENSOR DIST_ALONG_BEAMS BIN_RANGE bindist range distance DISTANCE",
+    "cell_depth": "DEPTH bin_depth depth DEPTHS DEPH",
 }
+STANDARD_NAMES = {  # minus: opposite sign
+    "east": "eastward_sea_water_velocity magnetic_eastward_sea_water_velocity",
+    "north": "northward_sea_water_velocity magnetic_northward_sea_water_velocity",
+    "heading": "platform_orientation platform_yaw platform_azimuth_angle",
+    "tilt_x": "platform_pitch platform_pitch_fore_up -platform_pitch_fore_down",
+    "tilt_y": "platform_roll platform_roll_starboard_down -platform_roll_starboard_up",
+    "pressure": "sea_water_pressure_due_to_sea_water sea_water_pressure",
+    "depth": "depth",
+    "temperature": "sea_water_temperature temperature_of_sensor_for_oxygen_in_sea_water",
+    "cell_depth": "depth",
+}
+FACTORS = dict.fromkeys(("heading", "tilt_x", "tilt_y", "declination"), ANGLE) | {"east": SPEED, "north": SPEED}
+FACTORS |= dict.fromkeys(("depth", "range", "cell_depth"), LENGTH) | {"pressure": PRESSURE, "temperature": TEMPERATURE}
 SPARE_BYTES = 32 * 2**20  # memory that a variable may take in any file, however small
 GROWTH = 200  # bytes in memory per byte of the file; currents compress to a tenth, their flags further
 MOST_BYTES = 4 * 2**30  # memory that a variable may take at most
@@ -164,10 +142,10 @@ def find(file: File, role: str, *dimensions: tuple[str | None, ...]) -> netCDF4.
     fitting = {n: v for n, v in file.nc.variables.items() if spans(v) in long and np.issubdtype(v.dtype, np.number)}
     if "HEADING_CORRECTED" in file.nc.variables:  # own product: only the recorded values are used
         fitting = {name: v for name, v in fitting.items() if name not in ("HEADING_TRUE", "UCUR", "VCUR")}
-    spec = ROLES[role]
-    wanted = {name.lstrip("-") for name in spec.standard}
+    wanted = {name.lstrip("-") for name in STANDARD_NAMES.get(role, "").split()}
     named = [n for n, v in fitting.items() if file.text("standard_name", v) in wanted]
-    names = [*(f"{name}{file.suffix}" for name in spec.names if file.suffix), *spec.names]
+    names = NAMES[role].split()
+    names = [*(f"{name}{file.suffix}" for name in names if file.suffix), *names]
     known = [name for name in names if name in fitting]
     likely = [name for name in known if name in named] or named
     if len(named) > 1 and likely is named:
@@ -191,30 +169,26 @@ def values(file: File, role: str, variable: netCDF4.Variable, part: tuple[str, i
         InputError: unknown units.
     """
     data = arranged(file, variable, numbers(file, variable), part)
-    spec, unit = ROLES[role], file.text("units", variable).strip()
-    factor = spec.units.get(unit.lower())
+    factors, unit = FACTORS[role], file.text("units", variable).strip()
+    factor = factors.get(unit.lower())
     scale = float(file.columns.get("scale") or 1.0)
-    if factor is None and spec.units is SPEED and scale != 1.0 and not unit:
+    if factor is None and factors is SPEED and scale != 1.0 and not unit:
         factor = scale
-    if factor is None and spec.units is ANGLE and not unit:
+    if factor is None and factors is ANGLE and not unit:
         factor = 1.0
     if factor is None:
-        known = ", ".join(list(spec.units)[:4])
-        advice = "give the variable its units" + ", or columns: {scale: 0.01} for cm/s" * (spec.units is SPEED)
+        known = ", ".join(list(factors)[:4])
+        advice = "give the variable its units" + ", or columns: {scale: 0.01} for cm/s" * (factors is SPEED)
         raise file.refuse(variable.name, f"units such as {known}", repr(unit) if unit else "none", advice)
-    if spec.units is SPEED and unit and scale not in (1.0, factor):
+    if factors is SPEED and unit and scale not in (1.0, factor):
         raise file.refuse(variable.name, f"scale {factor:g} or none, as units are {unit}", f"{scale:g}", "delete scale")
-    if f"-{file.text('standard_name', variable)}" in spec.standard:
+    if f"-{file.text('standard_name', variable)}" in STANDARD_NAMES.get(role, "").split():
         factor = -factor
-    return factor * data - (273.15 if spec.units is TEMPERATURE and unit.lower() in KELVIN else 0.0)
+    return factor * data - (273.15 if factors is TEMPERATURE and unit.lower() in KELVIN else 0.0)
 
 
 def numbers(file: File, variable: netCDF4.Variable) -> Floats:
-    """Read unpacked values, with NaN for fill values and values outside the valid range.
-
-    Raises:
-        InputError: see ``refuse_size``.
-    """
+    """Read unpacked values, with NaN for fill values and values out of range; errors as for ``refuse_size``."""
     refuse_size(file.path, variable)
     with np.errstate(invalid="ignore"):
         data = np.ma.filled(np.ma.asarray(variable[...]).astype(float), np.nan)
@@ -298,7 +272,7 @@ def time_variable(file_columns: str | None, nc: netCDF4.Dataset) -> netCDF4.Vari
     since = [v for v in along if " since " in _unit(v) and _unit(v) != EPIC_MS]
     coordinates = [v for v in since if v.dimensions == (v.name,) or v.name.lower() in ("time", "time_cf")]
     named = [v for v in since if getattr(v, "standard_name", "") == "time"]
-    flows = [nc.variables[name] for name in (*ROLES["east"].names, *DOLFYN) if name in nc.variables]
+    flows = [nc.variables[name] for name in (*NAMES["east"].split(), *DOLFYN) if name in nc.variables]
     candidates = [*coordinates, *named, *epic, *since]
     along_flow = [v for flow in flows for v in candidates if v.dimensions[0] in flow.dimensions]
     return next(iter([*along_flow, *candidates]), None)

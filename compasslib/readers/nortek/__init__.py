@@ -17,7 +17,7 @@ import numpy as np
 from compasslib import angles, compass
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
-from compasslib.readers.files import ESCAPES_UNDONE
+from compasslib.readers.files import ESCAPES_UNDONE, block_type
 from compasslib.readers.nortek import signature
 from compasslib.readers.nortek.packets import BEAM, EARTH, MISSING_COUNT, Bytes, Packets, Samples, by_beam, find_packets
 from compasslib.readers.pd0.checks import ADVICE, FEW_DISAGREE, RANGES_SHOWN, match_serial_number, refuse_rotation
@@ -38,17 +38,10 @@ BLANKING_M = {2000: 0.02228, 1000: 0.02266, 600: 0.02281, 400: 0.02289}  # kHz: 
 COMPASS_FAILED, SAMPLE_FAILED = 0x01, 0x06  # bits of the error code
 DOWN, FINE_SCALE, TILTED_BEYOND = 0x01, 0x02, 0x0C  # bits of the status
 _BCD = np.array([10 * (k >> 4) + (k & 15) if max(k >> 4, k & 15) < 10 else -1 for k in range(256)])  # -1: not BCD
-_SENSORS = np.dtype(
-    {
-        "names": [
-            *("clock", "error", "battery", "heading", "pitch", "roll"),
-            *("pressure_high", "status", "pressure_low", "temperature"),
-        ],
-        "formats": ["6u1", "<u2", "<u2", "<u2", "<i2", "<i2", "u1", "u1", "<u2", "<i2"],
-        "offsets": [4, 10, 14, 18, 20, 22, 24, 25, 26, 28],
-        "itemsize": 30,
-    }
-)
+_SENSORS = block_type(
+    clock=(4, "6u1"), error=(10, "<u2"), battery=(14, "<u2"), heading=(18, "<u2"), pitch=(20, "<i2"), roll=(22, "<i2"),
+    pressure_high=(24, "u1"), status=(25, "u1"), pressure_low=(26, "<u2"), temperature=(28, "<i2"),
+)  # fmt: skip
 
 
 def decode(packets: Packets) -> Samples:

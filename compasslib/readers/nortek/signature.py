@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from compasslib.errors import InputError
+from compasslib.readers.files import block_type
 from compasslib.readers.nortek import packets as records
 from compasslib.readers.nortek.packets import BEAM, EARTH, INSTRUMENT, MISSING_COUNT, Bytes, Packets, Places, Samples
 from compasslib.readers.times import civil_seconds
@@ -34,20 +35,12 @@ CENTIMETRES = 0x02  # bit of the status: blanking is in centimetres, else in mil
 SIDEWAYS, DOWN = (0, 1, 2, 3), 5  # codes of the orientation: X up, X down, Y up, Y down; Z down
 LEAST_CORRELATION, LEAST_PERCENT_GOOD = 50, 25  # percent; recommended by Nortek, and as for PD0, respectively
 USUAL_SLANT_DEG = 25.0
-_HEAD = np.dtype(
-    {
-        "names": [
-            *("format", "offset", "configuration", "serial", "clock", "fraction", "temperature", "pressure"),
-            *("heading", "pitch", "roll", "layout", "cell", "blanking", "battery", "magnetometer", "scale", "status"),
-        ],
-        "formats": [
-            *("u1", "u1", "<u2", "<u4", "6u1", "<u2", "<i2", "<u4"),
-            *("<u2", "<i2", "<i2", "<u2", "<u2", "<u2", "<u2", "3<i2", "i1", "<u4"),
-        ],
-        "offsets": [0, 1, 2, 4, 8, 14, 18, 20, 24, 26, 28, 30, 32, 34, 38, 40, 58, 68],
-        "itemsize": 76,
-    }
-)
+_HEAD = block_type(
+    format=(0, "u1"), offset=(1, "u1"), configuration=(2, "<u2"), serial=(4, "<u4"), clock=(8, "6u1"),
+    fraction=(14, "<u2"), temperature=(18, "<i2"), pressure=(20, "<u4"), heading=(24, "<u2"), pitch=(26, "<i2"),
+    roll=(28, "<i2"), layout=(30, "<u2"), cell=(32, "<u2"), blanking=(34, "<u2"), battery=(38, "<u2"),
+    magnetometer=(40, "3<i2"), scale=(58, "i1"), status=(68, "<u4"), ensemble=(72, "<u4"),
+)  # fmt: skip
 _SAME = (0, 1, 2, 3, 30, 31, 32, 33, 34, 35)  # offsets of bytes that are equal within one configuration
 
 
@@ -200,28 +193,20 @@ def _ranges(head: Any, cells: int) -> tuple[float, ...]:
 
 def _profiles(rows: Bytes, layout: _Layout) -> dict[str, Bytes]:
     """Extract amplitude, correlation and percent good, as far as the records hold them."""
-    correlation, percent = _places(layout)
-    amplitude = layout.offset + 2 * layout.beams * layout.cells if layout.configuration & AMPLITUDE else None
-    blocks = {"echo": amplitude, "correlation": correlation}
-    shape = layout.beams, layout.cells
-    profiles = {name: records.by_beam(rows, at, *shape) for name, at in blocks.items() if at is not None}
-    if percent is not None and percent + layout.cells <= rows.shape[1]:
-        profiles["percent_good"] = rows[:, percent : percent + layout.cells].copy()
-    return profiles
-
-
-def _places(layout: _Layout) -> tuple[int | None, int | None]:
-    """Locate correlation and percent good as byte offsets, None where absent."""
     each = layout.beams * layout.cells
-    at = layout.offset + 2 * each + (each if layout.configuration & AMPLITUDE else 0)
-    correlation = at if layout.configuration & CORRELATION else None
-    at += each if layout.configuration & CORRELATION else 0
+    profiles, at = {}, layout.offset + 2 * each
+    for name, bit in (("echo", AMPLITUDE), ("correlation", CORRELATION)):
+        if layout.configuration & bit:
+            profiles[name] = records.by_beam(rows, at, layout.beams, layout.cells)
+            at += each
     for bit, size in BLOCKS:
         if layout.configuration & bit:
             if size is None:  # raw echoes: size stated in the block, does not occur in averages
-                return correlation, None
+                return profiles
             at += size
-    return correlation, at if layout.configuration & PERCENT_GOOD else None
+    if layout.configuration & PERCENT_GOOD and at + layout.cells <= rows.shape[1]:
+        profiles["percent_good"] = rows[:, at : at + layout.cells].copy()
+    return profiles
 
 
 def _notes(packets: Packets, kind: int, counts: dict[str, int], states_declination: bool) -> Iterator[str]:

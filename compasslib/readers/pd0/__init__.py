@@ -10,7 +10,8 @@ Boundaries are detected in the echo, which decreases with range in water: surfac
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from compasslib.readers.files import refuse_mostly_damaged
 from compasslib.readers.pd0 import checks, currents, fields
 from compasslib.readers.pd0.checks import FileReport
 from compasslib.readers.pd0.currents import Settings
-from compasslib.readers.pd0.fields import BEAM, COUNTS, EARTH, DroppedCounts, Ensembles, GrowableArrays
+from compasslib.readers.pd0.fields import BEAM, COUNTS, EARTH, Ensembles, GrowableArrays
 from compasslib.readers.pd0.frames import CHUNK_BYTES, Skipped, is_escaped, iter_chunks
 from compasslib.records import BAD, GOOD, MISSING, Record
 from compasslib.types import Floats
@@ -33,14 +34,6 @@ BOUNDARY_COUNTS = 50  # echo of a boundary above the minimum at shorter range; 0
 HEARD_COUNTS = 15  # echo of water above the minimum of the ensemble, which is at least the receiver noise
 BEAMS = 4
 NEAR_CELLS = 2
-
-
-@dataclass(frozen=True, eq=False)
-class _DecodedChunk:
-    ensembles: Ensembles
-    dropped: DroppedCounts
-    size: int  # bytes in intact ensembles
-    skipped: tuple[Skipped, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +54,10 @@ def decode(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Ensembles:
     Raises:
         InputError: the file cannot be read or holds no ensemble with velocities.
     """
-    chunks = list(_decode_chunks(path, chunk_bytes))
-    _refuse_empty(path, chunks)
-    return fields.concatenate([chunk.ensembles for chunk in chunks])
+    parts = [fields.decode_runs(chunk.runs) for chunk in iter_chunks(path, chunk_bytes)]
+    ensembles = fields.concatenate([part for part, _ in parts])
+    _refuse_empty(path, len(ensembles), sum((dropped for _, dropped in parts), Counter[str]()))
+    return ensembles
 
 
 def read(
@@ -87,28 +81,22 @@ def read(
             and ``heading_alignment`` contradict each other.
     """
     settings = Settings(orientation, parse_applied_declination(declination_applied), heading_alignment, serial_number)
-    return read_with_reports(paths, settings)[0]
-
-
-def read_with_reports(paths: Sequence[Path], settings: Settings) -> tuple[Record, tuple[FileReport, ...]]:
-    """Read the record like ``read``, and report the content and skipped ranges of each file; errors as for ``read``."""
     if not paths:
         raise InputError("files", expected="at least one PD0 file", found="none", advice="name the instrument's files")
-    if settings.orientation not in (None, "up", "down"):
-        shown = repr(settings.orientation)
-        raise InputError("orientation", expected="up or down", found=shown, advice="write orientation: up")
+    if orientation not in (None, "up", "down"):
+        shown, advice = repr(orientation), "write orientation: up"
+        raise InputError("orientation", expected="up or down", found=shown, advice=advice)
 
     def first_time(path: Path) -> float:
-        chunks = (chunk.ensembles for chunk in _decode_chunks(path))
-        return next((float(ensembles.time_s[0]) for ensembles in chunks if len(ensembles)), np.inf)
+        parts = (fields.decode_runs(chunk.runs)[0] for chunk in iter_chunks(path))
+        return next((float(ensembles.time_s[0]) for ensembles in parts if len(ensembles)), np.inf)
 
     # The files may be listed in any order.
     ordered = sorted(paths, key=first_time) if len(paths) > 1 else paths
     where = ", ".join(map(str, paths))
     arrays = GrowableArrays(where, sum(Path(path).stat().st_size for path in paths if Path(path).is_file()))
     files = [_read_file(path, settings, arrays) for path in ordered]
-    reports = tuple(report for _, report in files)
-    return _record([part for parts, _ in files for part in parts], arrays, reports, settings), reports
+    return _record([part for parts, _ in files for part in parts], arrays, [report for _, report in files], settings)
 
 
 def echo_ranges(ensembles: Ensembles) -> Floats:
@@ -132,16 +120,8 @@ def echo_ranges(ensembles: Ensembles) -> Floats:
     return np.where(heard, ranges, np.nan)
 
 
-def _decode_chunks(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Iterator[_DecodedChunk]:
-    for chunk in iter_chunks(path, chunk_bytes):
-        ensembles, dropped = fields.decode_runs(chunk.runs)
-        yield _DecodedChunk(ensembles, dropped, sum(run.rows.size for run in chunk.runs), chunk.skipped)
-
-
-def _refuse_empty(path: str | Path, chunks: Sequence[_DecodedChunk]) -> None:
-    dropped = sum((chunk.dropped for chunk in chunks), DroppedCounts())
-    count = sum(len(chunk.ensembles) for chunk in chunks)
-    misfits = dropped.not_of_four_beams
+def _refuse_empty(path: str | Path, count: int, dropped: Counter[str]) -> None:
+    misfits = dropped["not_of_four_beams"]
     if misfits > checks.STRAY * (misfits + count):  # more than damage explains
         expected = "blocks of four columns, as many rows as the leader tells cells"
         shown = f"others, perhaps of five beams, in {misfits} of {misfits + count} ensembles"
@@ -151,44 +131,45 @@ def _refuse_empty(path: str | Path, chunks: Sequence[_DecodedChunk]) -> None:
     with Path(path).open("rb") as file:
         beginning = file.read(16)
     shown = f"a file that begins with {beginning!r}" if beginning else "an empty file"
-    if int(dropped):
-        shown = f"{int(dropped)} ensembles without velocities or with impossible dates"
+    if dropped:
+        shown = f"{dropped.total()} ensembles without velocities or with impossible dates"
     advice = "check that format: pd0 and the file belong together"
     raise InputError(str(path), expected="PD0 ensembles (7F 7F) with velocities", found=shown, advice=advice)
 
 
 def _read_file(path: str | Path, settings: Settings, arrays: GrowableArrays) -> tuple[list[_ChunkCurrents], FileReport]:
     """Read one file chunk by chunk, freeing the profiles of each chunk before the next one is read."""
-    chunks: list[_DecodedChunk] = []  # without profiles
     parts: list[_ChunkCurrents] = []
-    begin = len(arrays)
-    for chunk in _decode_chunks(path):
-        chunks.append(replace(chunk, ensembles=_drop_profiles(chunk.ensembles)))
-        if len(chunk.ensembles):
-            checks.refuse_alignment(str(path), chunk.ensembles, settings.heading_alignment)
-            is_earth = bool((chunk.ensembles.coordinates == EARTH).all())
+    dropped, skipped, intact_bytes, begin = Counter[str](), list[Skipped](), 0, len(arrays)
+    for chunk in iter_chunks(path):
+        ensembles, left_out = fields.decode_runs(chunk.runs)
+        size = sum(run.rows.size for run in chunk.runs)
+        dropped += left_out
+        intact_bytes += size
+        skipped += chunk.skipped
+        if len(ensembles):
+            checks.refuse_alignment(str(path), ensembles, settings.heading_alignment)
+            is_earth = bool((ensembles.coordinates == EARTH).all())
             checks.refuse_rotation(str(path), settings.declination_applied, is_earth=is_earth)
-            parts.append(_turn_chunk(chunk.ensembles, chunk.size, settings, arrays))
-    _refuse_empty(path, chunks)
-    whole = sum(len(chunk.ensembles) + int(chunk.dropped) for chunk in chunks)
-    skipped = tuple(each for chunk in chunks for each in chunk.skipped)
-    refuse_mostly_damaged(path, "PD0 ensembles", damaged=sum(each.failed for each in skipped), whole=whole)
+            parts.append(_turn_chunk(ensembles, size, settings, arrays))
+    leaders = fields.concatenate([part.leaders for part in parts])
+    _refuse_empty(path, len(leaders), dropped)
+    damaged, whole = sum(each.failed for each in skipped), len(leaders) + dropped.total()
+    refuse_mostly_damaged(path, "PD0 ensembles", damaged=damaged, whole=whole)
     cells = np.sum([part.contradictions for part in parts], axis=0)
-    checks.refuse_coordinates(str(path), fields.concatenate([part.leaders for part in parts]), *cells.tolist())
+    checks.refuse_coordinates(str(path), leaders, *cells.tolist())
     if not any(part.has_percent_good for part in parts):
         # An all-zero percent-good block was never filled, and says nothing about the velocities.
         flags = arrays["quality"][begin:]
         flags[flags == BAD] = GOOD
-    offset = np.concatenate([chunk.ensembles.offset for chunk in chunks])
-    number = np.concatenate([chunk.ensembles.number for chunk in chunks])
     return parts, FileReport(
         path=str(path),
-        bytes_total=sum(chunk.size for chunk in chunks) + sum(each.length for each in skipped),
-        ensembles=len(offset),
-        dropped=sum((chunk.dropped for chunk in chunks), DroppedCounts()),
+        bytes_total=intact_bytes + sum(each.length for each in skipped),
+        ensembles=len(leaders),
+        dropped=dropped,
         three_beam=sum(part.three_beam for part in parts),
-        lost=checks.count_lost_ensembles(offset, number, skipped),
-        skipped=skipped,
+        lost=checks.count_lost_ensembles(leaders.offset, leaders.number, skipped),
+        skipped=tuple(skipped),
         escaped=is_escaped(path),
     )
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from compasslib.earthfield import AppliedDeclination
 from compasslib.errors import InputError
 from compasslib.readers import files
 from compasslib.readers.pd0.currents import Settings, looks_up
-from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, DroppedCounts, Ensembles
+from compasslib.readers.pd0.fields import BEAM, DROPPED, EARTH, INSTRUMENT, SHIP, Ensembles
 from compasslib.readers.pd0.frames import Places, Skipped
 from compasslib.readers.times import describe_averages
 from compasslib.records import BAD, GOOD, PROBABLY_BAD, Flags
@@ -197,7 +197,7 @@ class FileReport:
     path: str
     bytes_total: int
     ensembles: int  # number of intact, dated ensembles with velocities of four beams
-    dropped: DroppedCounts
+    dropped: Counter[str]
     three_beam: int  # number of currents solved from three beams, by this reader or by the instrument
     lost: int  # number of ensembles missing where bytes were skipped, by their numbers
     skipped: tuple[Skipped, ...]
@@ -229,7 +229,7 @@ def summarize_counts(
     """Summarize the counts of all files for the record."""
     names = "ensembles damaged lost bytes_skipped bytes_total three_beam"
     summed = {name: sum(getattr(report, name) for report in reports) for name in names.split()}
-    summed |= asdict(sum((report.dropped for report in reports), DroppedCounts()))
+    summed |= {reason: sum(report.dropped[reason] for report in reports) for reason in DROPPED}
     return summed | {
         "orientation_disagrees": int(np.sum(leaders.looks_up != mostly_looks_up(leaders, settings))),
         "heading_missing": int(np.isnan(heading_deg).sum()),
@@ -265,13 +265,9 @@ def _describe_file(report: FileReport) -> list[str]:
         if others := report.skipped[RANGES_SHOWN:]:
             shown.append(f"and {len(others)} more ranges of {sum(s.length for s in others)} bytes in all")
         lines.append(f"{name}: skipped {', '.join(shown)}.")
-    why = {
-        "hold no velocities": report.dropped.without_velocity,
-        "have an impossible date": report.dropped.bad_dates,
-        "hold other columns than those of four beams": report.dropped.not_of_four_beams,
-    }
-    lines += [f"{name}: {count} good ensembles {reason} and were left out." for reason, count in why.items() if count]
-    return lines
+    why = "hold no velocities", "have an impossible date", "hold other columns than those of four beams"
+    counts = zip(why, (report.dropped[reason] for reason in DROPPED), strict=True)
+    return lines + [f"{name}: {count} good ensembles {reason} and were left out." for reason, count in counts if count]
 
 
 def _describe_headings(leaders: Ensembles, counts: dict[str, int], settings: Settings) -> list[str]:
@@ -281,10 +277,8 @@ def _describe_headings(leaders: Ensembles, counts: dict[str, int], settings: Set
     if applied is None and biases.any():
         lines.append(f"The file's heading bias EB of {written} degrees was taken out of the headings.")
     if applied is not None and (np.abs(np.subtract.outer(biases, applied)) > _BIAS_TOLERANCE_DEG).any():
-        lines.append(
-            f"declination_applied of {applied} degrees was taken out of the headings, "
-            f"although the file's heading bias EB is {written} degrees."
-        )
+        reason = f"although the file's heading bias EB is {written} degrees"
+        lines.append(f"declination_applied of {applied} degrees was taken out of the headings, {reason}.")
     if leaders.heading_alignment_deg.any() and settings.heading_alignment is not None:
         shown = _join_numbers(np.unique(leaders.heading_alignment_deg))
         added = f"heading_alignment of {settings.heading_alignment:g} degrees was added to the headings"
@@ -305,8 +299,7 @@ def _describe_configuration(leaders: Ensembles, counts: dict[str, int], settings
         shown = f"{counts['three_beam']} of {counts['velocities']} currents"
         lines.append(f"{shown} come from three beams: one beam is dead or weak, and nothing checks the other three.")
     if counts["configurations"] > 1:
-        count = counts["configurations"]
-        shown = f"The recording holds {count} configurations"
+        shown = f"The recording holds {counts['configurations']} configurations"
         lines.append(f"{shown}; bins that one lacks are padded, each has its ranges.")
     level = ~leaders.tilts_used
     if (level & (leaders.coordinates == EARTH)).any():
@@ -322,13 +315,9 @@ def _describe_configuration(leaders: Ensembles, counts: dict[str, int], settings
 
 def _count_configurations(leaders: Ensembles) -> int:
     """Count the configurations, ignoring the distance of bin 1, which varies by centimetres with the speed of sound."""
-    columns = [leaders.cells, leaders.cell_m, leaders.blank_m, leaders.coordinates]
-    columns += [leaders.beam_angle_deg, leaders.frequency_khz]
-    table: Floats = np.stack([np.asarray(column, dtype=float) for column in columns], axis=1)
-    table = np.where(np.isnan(table), -1.0, table)
-    # Most ensembles equal the previous one; sorting only the others is faster.
-    changes = np.any(table[1:] != table[:-1], axis=1)
-    return len(np.unique(table[np.r_[True, changes]], axis=0))
+    columns = leaders.cells, leaders.cell_m, leaders.blank_m, leaders.coordinates
+    table = np.column_stack([*columns, leaders.beam_angle_deg, leaders.frequency_khz])
+    return len(np.unique(_number_rows(np.nan_to_num(table, nan=-1.0))))
 
 
 def _join_numbers(values: Floats) -> str:

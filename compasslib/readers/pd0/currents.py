@@ -182,8 +182,7 @@ def beams_to_instrument(
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Convert beam velocities, (..., 4), to (x, y, z, error) in instrument axes, (...) each.
 
-    Args:
-        beam_angle_deg: angle from the vertical; it and ``convex`` broadcast with (...).
+    The angle of the beams from the vertical and ``convex`` broadcast with (...).
     """
     b1, b2, b3, b4 = (beams[..., i] for i in range(4))
     sine, cosine = angles.sin_cos(beam_angle_deg)

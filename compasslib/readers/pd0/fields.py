@@ -7,6 +7,7 @@ the identifier of the block. Source: RDI, WorkHorse Commands and Output Data For
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from math import prod
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.readers.files import refuse_large_arrays
+from compasslib.readers.files import block_type, refuse_large_arrays
 from compasslib.readers.pd0.frames import (
     FIXED_LEADERS,
     VARIABLE_LEADERS,
@@ -35,35 +36,21 @@ T = TypeVar("T", bound=np.generic)
 
 BEAM, INSTRUMENT, SHIP, EARTH = 0, 1, 2, 3  # bits 4 and 3 of EX
 VELOCITY, CORRELATION, ECHO, PERCENT_GOOD = 0x0100, 0x0200, 0x0300, 0x0400
+DROPPED = ("without_velocity", "bad_dates", "not_of_four_beams")  # why intact ensembles are dropped
 COUNTS = {"echo": (ECHO, 1), "correlation": (CORRELATION, 2), "percent_good": (PERCENT_GOOD, 4)}  # identifier, bit
 LAST_YEAR = 2079  # two-digit years are unique from FIRST_YEAR to here; other dates indicate a damaged clock
 
 MISSING_COUNT = -32768
-_FIXED = np.dtype(
-    {
-        "names": [
-            *("system", "beams", "cells", "pings", "cell_cm", "blank_cm", "between_pings", "ex", "ea", "eb"),
-            *("sensors", "bin1_cm", "board", "serial", "beam_angle"),
-        ],
-        "formats": [
-            *("<u2", "u1", "u1", "<u2", "<u2", "<u2", "3u1", "u1", "<i2", "<i2"),
-            *("u1", "<u2", "<i8", "<u4", "u1"),
-        ],
-        "offsets": [4, 8, 9, 10, 12, 14, 22, 25, 26, 28, 31, 32, 42, 54, 58],
-        "itemsize": 59,
-    }
-)
-_VARIABLE = np.dtype(
-    {
-        "names": [
-            *("number", "clock", "number_high", "depth_dm", "heading", "tilt1", "tilt2", "temperature"),
-            *("heading_spread", "current", "voltage", "pressure", "century", "clock_2000"),
-        ],
-        "formats": ["<u2", "7u1", "u1", "<u2", "<u2", "<i2", "<i2", "<i2", "u1", "u1", "u1", "<i4", "u1", "7u1"],
-        "offsets": [2, 4, 11, 16, 18, 20, 22, 26, 31, 34, 35, 48, 57, 58],
-        "itemsize": 65,
-    }
-)
+_FIXED = block_type(
+    system=(4, "<u2"), beams=(8, "u1"), cells=(9, "u1"), pings=(10, "<u2"), cell_cm=(12, "<u2"), blank_cm=(14, "<u2"),
+    between_pings=(22, "3u1"), ex=(25, "u1"), ea=(26, "<i2"), eb=(28, "<i2"), sensors=(31, "u1"), bin1_cm=(32, "<u2"),
+    board=(42, "<i8"), serial=(54, "<u4"), beam_angle=(58, "u1"),
+)  # fmt: skip
+_VARIABLE = block_type(
+    number=(2, "<u2"), clock=(4, "7u1"), number_high=(11, "u1"), depth_dm=(16, "<u2"), heading=(18, "<u2"),
+    tilt1=(20, "<i2"), tilt2=(22, "<i2"), temperature=(26, "<i2"), heading_spread=(31, "u1"), current=(34, "u1"),
+    voltage=(35, "u1"), pressure=(48, "<i4"), century=(57, "u1"), clock_2000=(58, "7u1"),
+)  # fmt: skip
 _PRESSURE_STOP, _VOLTAGE_STOP, _BOARD_STOP, _SERIAL_STOP = 52, 36, 50, 58
 _ALL_ONES = 2**32 - 1
 NO_HEADING = 65535  # hundredths of a degree; marks a missing heading
@@ -117,21 +104,6 @@ class Ensembles:
         return len(self.number)
 
 
-@dataclass(frozen=True)
-class DroppedCounts:
-    """Counts of intact ensembles that were dropped, by reason."""
-
-    without_velocity: int = 0
-    bad_dates: int = 0
-    not_of_four_beams: int = 0
-
-    def __add__(self, other: DroppedCounts) -> DroppedCounts:
-        return DroppedCounts(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(DroppedCounts)))
-
-    def __int__(self) -> int:
-        return self.without_velocity + self.bad_dates + self.not_of_four_beams
-
-
 @dataclass(frozen=True, eq=False)
 class Leaders:
     """Leader fields that concern headings, (n,) each."""
@@ -153,27 +125,25 @@ def has_velocities(layout: Layout) -> bool:
     return _has_profile(layout, VELOCITY) and _of_four_beams(layout)
 
 
-def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles, DroppedCounts]:
-    """Decode the ensembles of several runs in file order.
-
-    Ensembles without velocities, with other than four columns or with an invalid date are dropped and counted.
-    """
+def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles, Counter[str]]:
+    """Decode the ensembles of several runs in file order, and count those dropped by the reasons in ``DROPPED``."""
     groups: dict[bytes, list[EnsembleRun]] = {}
-    without_velocity = not_of_four = 0
+    dropped = Counter[str]()
     for run in runs:
         if not _has_profile(run.layout, VELOCITY):
-            without_velocity += len(run.rows)
+            dropped["without_velocity"] += len(run.rows)
         elif not _of_four_beams(run.layout):
-            not_of_four += len(run.rows)
+            dropped["not_of_four_beams"] += len(run.rows)
         else:
             groups.setdefault(run.layout.signature, []).append(run)
     ensembles = concatenate([_decode(group[0].layout, group) for group in groups.values()])
     if len(groups) > 1:
         ensembles = select(ensembles, np.argsort(ensembles.offset))
     dated = np.isfinite(ensembles.time_s)
-    bad_dates = int(np.sum(~dated))
-    left_out = DroppedCounts(without_velocity, bad_dates, not_of_four)
-    return (select(ensembles, dated) if bad_dates else ensembles), left_out
+    if not dated.all():
+        dropped["bad_dates"] = int(np.sum(~dated))
+        ensembles = select(ensembles, dated)
+    return ensembles, dropped
 
 
 def concatenate(parts: Sequence[Ensembles]) -> Ensembles:
