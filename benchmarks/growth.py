@@ -39,11 +39,7 @@ ONE_PROCESS = "import sys; from compasslib.pipeline.process import process_moori
 
 
 def one_process(cruise: Path, name: str, *, published: bool = False) -> tuple[float, float]:
-    """Correct a mooring in one process; return CPU seconds and peak MB.
-
-    Args:
-        published: whether to use the published method alone, without diagnosis.
-    """
+    """Correct a mooring in one process, by the published method alone if asked; return CPU seconds and peak MB."""
     if published:
         plain = {"fit": {"method": "von_appen"}, "diagnose": {"enabled": False}, "name": f"{name}P"}
         path = cruise / f"config/moorings/{name}P.yaml"

@@ -130,11 +130,7 @@ def card() -> str:
 
 
 def goals(folder: str = "../proof/", *, missed_only: bool = False) -> str:
-    """The goals of the sealed proof of record, all or those that are missed.
-
-    Args:
-        folder: of the cards, from the page.
-    """
+    """The goals of the sealed proof of record, all or those that are missed."""
     made = json.loads((CARD / "scorecard.json").read_text())
     some = [goal for goal in made["goals"] if goal["missed"] or not missed_only]
     figure = "" if missed_only else f"\n![True errors of headings]({folder}{CARD.name}/figures/headings.png)\n"

@@ -72,14 +72,7 @@ def _drawn(attacks: list[tuple[str, str]], count: int, seed: int, *, harmless: b
 
 
 def attempt(case: Case, kept: Path, into: Path) -> dict[str, Any]:
-    """Process one case unless its row exists; a traceback is recorded in a row, too.
-
-    Cruise and results are kept in the folder if the case is wrong or crashed, or if a harmless change harms.
-
-    Args:
-        kept: folder of the bases.
-        into: folder of the cases.
-    """
+    """Process one case unless its row exists; cruise and results are kept if it is wrong or crashed, or harms."""
     folder, file = into / case.name, into / case.name / "row.json"
     if file.exists():
         return dict(json.loads(file.read_text()))

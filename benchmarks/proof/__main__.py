@@ -15,11 +15,7 @@ DATA = standing.PROJECT.parent / "shared" / "data"
 
 
 def main(given: Sequence[str] | None = None) -> int:
-    """Run one proof; return exit status 1 if a target is missed.
-
-    Args:
-        given: arguments, by default those of the command line.
-    """
+    """Run one proof; return exit status 1 if a target is missed."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.proof", description=__doc__)
     parser.add_argument("--commit", nargs="?", const="HEAD", metavar="REV", help="print the seed of a commit, and exit")
     parser.add_argument(

@@ -25,11 +25,7 @@ Table = tuple[str, list[str], list[list[str]]]
 
 
 def write(out: Path, made: dict[str, Any]) -> None:
-    """Write scorecard.json and scorecard.md.
-
-    Args:
-        made: content of the scorecard.
-    """
+    """Write scorecard.json and scorecard.md."""
     out.mkdir(parents=True, exist_ok=True)
     (out / "scorecard.json").write_text(json.dumps(made, indent=1) + "\n")
     tables = [table for table in _tables(made) if table[2]]

@@ -64,12 +64,7 @@ MOORINGS = (
 
 
 def run(work: Path, data: Path, cores: int) -> None:
-    """Process the available recordings by the workflow, each as a separate cruise, as a kind may be refused.
-
-    Args:
-        work: folder of the cruises; existing ones are not run again.
-        data: folder of recordings.
-    """
+    """Process the available recordings by the workflow, each as a separate cruise, as a kind may be refused."""
     for one in (*MOORINGS, *CALIBRATIONS):
         cruise = work / one.name
         if _absent(one, data) or (cruise / "wrong.txt").exists():
@@ -86,12 +81,7 @@ def run(work: Path, data: Path, cores: int) -> None:
 
 
 def scored(work: Path, data: Path) -> list[dict[str, Any]]:
-    """Score the diagnosis of every recording, for the pipeline and for all tools of comparison.
-
-    Args:
-        work: folder of the cruises of the recordings.
-        data: folder of recordings.
-    """
+    """Score the diagnosis of every recording, for the pipeline and for all tools of comparison."""
     found, tools = [], score.tools([truth_of(one) for one in (*MOORINGS, *CALIBRATIONS)])
     for one in (*MOORINGS, *CALIBRATIONS):
         line: dict[str, Any] = {"name": one.name, "concealed": one.concealed, "known": one.known, "points": {}}

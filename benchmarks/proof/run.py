@@ -24,11 +24,7 @@ THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # a process has
 
 
 def each(job: Callable[[str], str], names: Sequence[str], cores: int, what: str) -> None:
-    """Run one job for every mooring on several cores with progress messages; a job that returns a text has failed.
-
-    Args:
-        what: name of the job in messages.
-    """
+    """Run one job for every mooring on several cores with progress messages; a job that returns a text has failed."""
     begun, done, failed = time.monotonic(), 0, []
     with _one_thread_each(), multiprocessing.get_context("spawn").Pool(cores, maxtasksperchild=TASKS) as pool:
         for name, wrong in pool.imap_unordered(_Named(job), names):
@@ -42,12 +38,7 @@ def each(job: Callable[[str], str], names: Sequence[str], cores: int, what: str)
 
 
 def process(cruise: Path, name: str, folder: Path) -> str:
-    """Correct one mooring, keep the files in ``KEPT``, and return the reason if it stopped, else an empty text.
-
-    Args:
-        cruise: folder of the cruise of this mooring.
-        folder: folder of its results, with ``stopped.txt`` if it stopped.
-    """
+    """Correct one mooring, keep the files in ``KEPT``, and return the reason if it stopped, else an empty text."""
     try:
         process_mooring(cruise, name, folder)
     except Exception as error:  # a mooring that stops is scored as such
@@ -64,11 +55,7 @@ def process(cruise: Path, name: str, folder: Path) -> str:
 
 
 def workflow(cruise: Path, wanted: Sequence[str], cores: int) -> str:
-    """Create files of a cruise by Snakemake, as a user would, and return an error in one line, if any.
-
-    Args:
-        wanted: the files, relative to the folder of the cruise.
-    """
+    """Create files of a cruise by Snakemake, as a user would, and return an error in one line, if any."""
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile"), "--directory", str(cruise)]
     options = ["--workflow-profile", "none", "--cores", str(cores), "--keep-going", "--quiet", "rules", "progress"]
     path = os.pathsep.join(filter(None, (str(PROJECT), os.environ.get("PYTHONPATH"))))

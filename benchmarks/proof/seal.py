@@ -18,20 +18,12 @@ class Broken(Exception):
 
 
 def hashes(folder: Path, files: Iterable[Path]) -> dict[str, str]:
-    """Compute the SHA-256 of files by their path relative to a folder, in the order of the paths.
-
-    Args:
-        folder: folder to which the paths are relative.
-    """
+    """Compute the SHA-256 of files by their path relative to a folder, in the order of the paths."""
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(files)}
 
 
 def whole(parts: dict[str, str]) -> str:
-    """Compute one hash of many.
-
-    Args:
-        parts: hash by path.
-    """
+    """Compute one hash of many."""
     return hashlib.sha256("".join(f"{name} {code}\n" for name, code in sorted(parts.items())).encode()).hexdigest()
 
 
@@ -54,12 +46,7 @@ def _content(node: Any) -> Any:
 
 
 def publish(path: Path, folder: Path, files: Iterable[Path], **said: object) -> None:
-    """Write the hashes of files for publication.
-
-    Args:
-        folder: folder that contains the files.
-        **said: metadata that is published with them.
-    """
+    """Write the hashes of files for publication, with metadata."""
     parts = hashes(folder, files)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps({**said, "sha256": whole(parts), "files": parts}, indent=1) + "\n")
@@ -67,11 +54,6 @@ def publish(path: Path, folder: Path, files: Iterable[Path], **said: object) -> 
 
 def check(path: Path, folder: Path, why: str) -> None:
     """Compare files with their published hashes.
-
-    Args:
-        path: JSON file that was published.
-        folder: folder that contains the files.
-        why: error message if they differ.
 
     Raises:
         Broken: if a file is absent or differs, or the list itself was changed.

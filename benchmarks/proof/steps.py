@@ -78,10 +78,6 @@ def left(folder: Path) -> list[Path]:
 def write(out: Path, work: Path, concealed: Sequence[dict[str, Any]] = ()) -> dict[str, Any]:
     """Check all hashes, unseal the truth, score, and write the scorecard.
 
-    Args:
-        out: folder of the scorecard, with the published hashes.
-        concealed: scored real recordings.
-
     Raises:
         seal.Broken: if truth or results were changed.
     """

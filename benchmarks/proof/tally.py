@@ -277,12 +277,7 @@ def confusion(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
 
 
 def goals(rows: Sequence[Row], scored: dict[str, Any], stated: dict[str, Any]) -> list[Measured]:
-    """Compare what was measured with every target, moorings with a stand-in reference left out.
-
-    Args:
-        scored: of ``points``.
-        stated: of ``probabilities``.
-    """
+    """Compare what was measured with every target, moorings with a stand-in reference left out."""
     rows = [row for row in rows if row["place"] != PLACES[-1]]
     found = [
         targets.share(rate.what, map(rate.holds, rate.cases), **rate.target) for rate in rates(rows) if rate.target

@@ -123,12 +123,7 @@ def ideal(scene: Scene, meter: Meter, effects: Sequence[Acts]) -> Floats:
 
 
 def left_deg(recorded_deg: Floats, heading_deg: Floats) -> Floats:
-    """Compute the heading error that remains after a fit of five coefficients, degrees, (n,).
-
-    Args:
-        recorded_deg: readings, (n,).
-        heading_deg: correct headings, (n,).
-    """
+    """Compute the heading error that remains after a fit of five coefficients, degrees, (n,)."""
     w = np.exp(1j * np.deg2rad(heading_deg))
     columns = np.stack([-1j * w, w**0, -1j * w**0, 1.0 / w, -1j / w], axis=1)
     five = np.zeros(5)
@@ -147,12 +142,7 @@ def total(effects: Sequence[Acts], part: str, count: int) -> Floats:
 
 
 def ensemble(flow: Complexes, made: Read, declination_deg: Floats, *, by_ping: bool) -> Complexes:
-    """Compute velocities of an instrument in earth coordinates, relative to its own magnetic north, (n, m).
-
-    Args:
-        flow: true currents, (n, m).
-        by_ping: whether each ping is rotated by its own heading, or their mean by the mean heading.
-    """
+    """Compute velocities of an instrument in earth coordinates, relative to its own magnetic north, (n, m)."""
     wrong = made.recorded_deg - made.heading_deg - declination_deg
     seen = turned(flow, wrong[:, None])
     return seen if by_ping else np.asarray(seen * np.abs(made.resultant)[:, None])

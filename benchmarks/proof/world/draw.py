@@ -78,12 +78,7 @@ def draw(
 
 
 def write(one: Drawn, cruise: Path, locked: Path, data: Path, own: Path | None = None) -> None:
-    """Simulate one mooring and write its files to a cruise, and its truth to another folder.
-
-    Args:
-        data: folder of recordings.
-        own: folder with descriptions of more recordings.
-    """
+    """Simulate one mooring and write its files to a cruise, and its truth to another folder."""
     scene = _scene(one, data, own)
     record = next((each for each in records.described(data, own) if each.name == one.water), None)
     meter = compass.build(one.random("compass"), scene, float(one.random("iron").choice(STRENGTHS)))

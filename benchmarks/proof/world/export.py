@@ -63,12 +63,7 @@ class Mooring:
 
 
 def write(made: Mooring, seed: int, cruise: Path, locked: Path, facts: dict[str, Any]) -> None:
-    """Write raw files and YAML as a separate cruise and, last, the truth to another folder.
-
-    Args:
-        seed: seed of the noise.
-        facts: entries of the truth in addition to those computed here.
-    """
+    """Write raw files and YAML as a separate cruise and, last, the truth to another folder."""
     raw = cruise / "raw" / made.name
     raw.mkdir(parents=True, exist_ok=True)
     scene, count = made.scene, made.scene.time_s.size

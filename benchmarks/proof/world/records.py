@@ -97,11 +97,7 @@ def whole(name: str, data: Path, own: Path | None = None) -> Scene:
 
 
 def cut(rng: np.random.Generator, one: Described, scene: Scene, *, mirrored: bool = False) -> Scene:
-    """Split a record into two instruments: one bin is the reference, those beyond a gap are the affected instrument.
-
-    Args:
-        mirrored: whether to mirror the scene, with the reference bin on the other side of the affected ones.
-    """
+    """Split a record, mirrored if asked: one bin is the reference, those beyond a gap are the affected instrument."""
     if mirrored:
         scene = _mirrored(scene)
     if one.stands_in:
