@@ -17,13 +17,10 @@ Needs ../shared/data.
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import sys
-import time
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 
 import discrepancy as bench
 import numpy as np
@@ -37,7 +34,6 @@ from compasslib.deviation.correction import correct_headings, readings_at_pairs
 from compasslib.effects import side_of
 from compasslib.inference import covariates
 from compasslib.inference.comparison import Options
-from compasslib.inference.kinds.mooring import diagnose
 from compasslib.preparation.pairs import PairRules, find_pairs
 from compasslib.records import EarthField, Pairs, take
 from tests.world import pairs as sea
@@ -184,10 +180,8 @@ def draw(case: Case, own: Seen, kind: str, turn: int, seed: int) -> tuple[sea.Dr
     if kind == "single":
         wanted = {singles[turn % len(singles)]: size}
     elif kind == "two":
-        pair = bench._two(here.rng)
-        while not set(pair) <= set(there):
-            pair = bench._two(here.rng)
-        wanted = dict.fromkeys(pair, size)
+        while not wanted or not set(wanted) <= set(there):
+            wanted = dict.fromkeys(bench.two(here.rng), size)
     elif kind == "unknown":
         wanted = {unknown[turn % len(unknown)]: size}
     drawn = sea.planted(here, wanted)
@@ -235,17 +229,8 @@ def measure(kind: str, index: int, seed: int, records: list[str], gap: int | Non
     case = some[k % len(some)]
     own = seen(case)
     drawn, size = draw(case, own, kind, k, 100_000 * seed + 10_000 * KINDS.index(kind) + index)
-    fit, field = bench.fitted(drawn), bench.field_of(drawn)
-    begin = time.perf_counter()
-    found = diagnose(drawn.pairs, drawn.covariates, fit, field, Options(reference_magnetic=False))
-    row = {
-        "kind": kind, "index": index, "record": record, "water": case.water, "case": vars(case),
-        "truth": drawn.truth, "size": size, "visible": drawn.visible_deg, "verdict": found.verdict,
-        "sets": [[one.named, *one.alternatives] for one in found.findings], "seconds": time.perf_counter() - begin,
-        "left": None if found.unexplained is None else [found.unexplained.covariates, found.unexplained.rms_effect_deg],
-        "sides": found.sides,
-        "probability": [{one.named: one.probability, **one.alternatives_probability} for one in found.findings],
-    }  # fmt: skip
+    fit, field, found, row = bench.diagnosed(drawn, size, Options(reference_magnetic=False))
+    row |= {"kind": kind, "index": index, "record": record, "water": case.water, "case": vars(case)}
     return row if found.verdict == "insufficient" else row | errors(drawn, own, fit, field, found)
 
 
@@ -253,14 +238,12 @@ def measure(kind: str, index: int, seed: int, records: list[str], gap: int | Non
 
 
 def held(what: str, rows: list[dict], told, *, most: float = 1.0, least: float = 0.0) -> bool:
-    """Print a share of all and of each record; return False if the interval of all excludes the target.
-
-    The interval is the wider of that of Clopper and Pearson and that by resampling windows, which share their water.
-    """
+    """Print a share of all and of each record; return False if the interval of all excludes the target."""
     if not rows:
         return True
     values = [told(row) for row in rows]
     plain = targets.share(what, values, least=least, most=most)
+    # Windows share their water: the interval may be that by resampling them.
     good = bench.told(targets.grouped(plain, values, [row["water"] for row in rows]))
     for record in dict.fromkeys(row["record"] for row in rows):
         own = [row for row in rows if row["record"] == record]
@@ -290,9 +273,8 @@ def report(rows: list[dict]) -> bool:
     ]
     for logged in LOGGED:
         some = [row for row in of["null"] if row["case"]["logged"] == logged]
-        bench.line(
-            f"no effect, covariates {logged}: attributed to compass or clock", targets.share_of(map(named, some))
-        )
+        what = f"no effect, covariates {logged}: attributed to compass or clock"
+        bench.line(what, targets.share_of(map(named, some)))
     for size in bench.SIZES["single"]:
         some = [row for row in of["single"] if row["size"] == size]
         got = [row for row in some if bench.detected(row)]
@@ -328,21 +310,15 @@ def headings(kind: str, rows: list[dict]) -> None:
         fitted = f"published method ({np.isfinite(each['published']).sum()} of {len(own)} fitted)"
         what = f"{kind}, {record}: rms error in degrees: recorded, {fitted}, fit, product, best five coefficients"
         bench.line(what, text)
-        bench.line(f"{kind}, {record}: worse than the fit by over 0.1 degree",
-                   targets.share_of(row["error_after"] > row["error_plain"] + 0.1 for row in own))  # fmt: skip
+        worse = targets.share_of(row["error_after"] > row["error_plain"] + 0.1 for row in own)
+        bench.line(f"{kind}, {record}: worse than the fit by over 0.1 degree", worse)
         both = [100.0 * np.array([row[name] for row in own]) for name in ("covered", "centred")]
         told = f"{targets.middle(both[0], np.mean, unit=' %', fewest=5)}; {both[1].mean():.1f} %"
         bench.line(f"{kind}, {record}: headings within 95 %; the same without their mean error", told)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("count", type=int, nargs="?", default=42, help="recordings of each kind (default 42)")
-    parser.add_argument("seed", type=int, nargs="?", default=1)
-    parser.add_argument("--kind", choices=KINDS)
-    parser.add_argument(
-        "--rows", type=Path, help="file with a line of JSON a recording; what is in it is not made again"
-    )
+    parser = targets.parser(__doc__, 42, KINDS, rows=True)
     parser.add_argument("--record", choices=tuple(GAPS), action="append")
     parser.add_argument("--gap", type=int, help="cells between the trusted bin and the nearest of the others")
     asked = parser.parse_args()

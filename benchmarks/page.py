@@ -1,7 +1,6 @@
 """Write the quick measurements to one page, results/bench/README.md, each with a ratio within the same run.
 
     python benchmarks/page.py [OUTPUT]
-    python benchmarks/page.py --older CHECKOUT    only the seven moorings of the demonstration, and another version
 
 Times are CPU seconds (user and system, of all processes) unless stated otherwise, as they depend less on other work of
 the machine than wall time. The demonstration cruise is simulated again in a temporary folder.
@@ -33,16 +32,6 @@ from compasslib.deviation.series import multistart_least_squares, series_design,
 SCRIPTS = PROJECT / "workflow/scripts"
 FLEETS = (1, 10, 100)
 EDITED = "EG5"
-ONE_PROCESS = """
-import sys
-from contextlib import chdir
-from pathlib import Path
-from compasslib.config.cruise import load_cruise
-from compasslib.pipeline.process import LAST, run_stages
-with chdir(sys.argv[1]):
-    for name in sys.argv[2:]:
-        run_stages(load_cruise(Path()), name, Path("alone", name).absolute(), last=(*LAST, "figures/timeline.png"))
-"""
 LIMITS = {"whole": 60.0, "without": 25.0, "edit": 12.0, "nothing": 3.0}
 
 
@@ -91,37 +80,6 @@ def of_cruise(temporary: Path) -> tuple[str, list[Measured]]:
     lines += [f"| {name} | {s:.1f} | {limit:.0f} | {cpu:.1f} | {cpu / first:.2f} |" for name, s, cpu, limit in rows]
     kept = [targets.limit(f"{name}, s by the clock", s, most=limit) for name, s, _, limit in rows]
     return "\n".join(lines), kept
-
-
-def of_seven(temporary: Path, older: Path) -> str:
-    """Time the seven published moorings by another version and by this one, with and without parts added since."""
-    rows = []
-
-    def seven(name: str, command: Callable[[Path], list[str]], project: Path = PROJECT, **options: object) -> None:
-        folder = temporary / name.replace(" ", "-")
-        shutil.copytree(project / "config", folder / "config")
-        for path in (folder / "config/moorings").glob("C*.yaml"):
-            path.unlink()
-        change(folder / "config/config.yaml", **options)
-        rows.append((name, *runs.cost(command(folder), project)[:2]))
-        print(f"{name}: {rows[-1][2]:.0f} CPU s", file=sys.stderr, flush=True)
-
-    def workflow(folder: Path) -> list[str]:
-        return runs.snakemake(folder, "--config", "mooring_cores=1")
-
-    def one_process(folder: Path) -> list[str]:
-        shutil.copytree(temporary / "here/raw", folder / "raw")
-        return [sys.executable, "-c", ONE_PROCESS, str(folder), *(f"EG{k}" for k in range(1, 8))]
-
-    seven("the older version", lambda folder: runs.snakemake(folder, project=older), older)
-    seven("here", workflow)
-    since = {"product": {"grid": False}, "diagnose": {"surrogates": 0}}
-    seven("here without grids and surrogates", workflow, **since)
-    seven("one process, figures but no simulation and report", one_process, **since)
-    first = rows[0][2]
-    lines = ["| the seven published moorings | s by the clock | CPU s | of the older |", "|---|---|---|---|"]
-    lines += [f"| {name} | {s:.1f} | {cpu:.1f} | {cpu / first:.2f} |" for name, s, cpu in rows]
-    return "\n".join(lines)
 
 
 def of_imports() -> str:
@@ -228,8 +186,4 @@ def main(output: Path) -> int:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--older"]:
-        with tempfile.TemporaryDirectory() as scratch:
-            print(of_seven(Path(scratch), Path(sys.argv[2]).resolve()))
-        sys.exit()
     sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else PROJECT / "results/bench/README.md"))

@@ -5,6 +5,7 @@ A target is missed if the 95 % interval excludes it; a script that misses one en
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -41,6 +42,22 @@ class Measured:
     def verdict(self) -> str:
         """The target, marked if it was missed."""
         return self.target if self.held else f"{self.target}, MISSED"
+
+
+def parser(
+    doc: str, count: int, kinds: Sequence[str] = (), *, red: bool = False, rows: bool = False
+) -> argparse.ArgumentParser:
+    """Make the parser of a benchmark: count, seed, and the options that several benchmarks have."""
+    made = argparse.ArgumentParser(description=doc.splitlines()[0])
+    made.add_argument("count", type=int, nargs="?", default=count, help=f"cases, of each kind (default {count})")
+    made.add_argument("seed", type=int, nargs="?", default=1)
+    if kinds:
+        made.add_argument("--kind", choices=kinds)
+    if red:
+        made.add_argument("--red", action="store_true", help="the water of the two depths differs for days to seasons")
+    if rows:
+        made.add_argument("--rows", type=Path, help="file of a line of JSON a case; what is in it is not made again")
+    return made
 
 
 def interval(hits: int, count: int) -> tuple[float, float]:

@@ -23,26 +23,17 @@ PLAIN_SHEAR = 0.25  # differences between depths in plain water relative to the 
 
 @dataclass(frozen=True)
 class Base:
-    """One mooring, simulated from its seed.
-
-    Args:
-        strength: field of the iron relative to the earth's horizontal field; above 1 a reading has two headings.
-        water: structured (the standard simulation), plain (little shear, no turning with depth) or real.
-        wide: whether the headings cover the full circle.
-        deep: format of the reference, pd0 or table.
-        top: format of the affected instrument: PD0 in earth or beam coordinates, or a table.
-        every: step at which samples of the reference are selected, as for a profiler that passes twice a day.
-    """
+    """One mooring, simulated from its seed."""
 
     name: str
     seed: int
-    strength: float
-    water: str = "structured"
-    wide: bool = True
+    strength: float  # of the iron's field over the earth's horizontal field; above 1 a reading has two headings
+    water: str = "structured"  # structured (the standard simulation), plain (little shear, no turn with depth), real
+    wide: bool = True  # whether the headings cover the full circle
     hours: int = 2160
-    deep: str = "table"
-    top: str = "earth"
-    every: int = 1
+    deep: str = "table"  # format of the reference, pd0 or table
+    top: str = "earth"  # the affected instrument: PD0 in earth or beam coordinates, or a table
+    every: int = 1  # step of the samples of the reference, as of a profiler that passes twice a day
 
 
 BASES = (
@@ -64,17 +55,12 @@ STRENGTHS = {"weak": 0.2, "strong": 0.5, "fast": 0.75, "two-valued": 1.3}
 def nulls(count: int, seed: int) -> list[Base]:
     """Define moorings without errors, cycling through all combinations of water and strength."""
     kinds = [(water, name) for name in STRENGTHS for water in WATERS if water != "real" or REAL.is_dir()]
-    return [
-        Base(
-            f"null-{water}-{name}-{seed}.{k}",
-            1000 * seed + k,
-            STRENGTHS[name],
-            water,
-            wide=k // len(kinds) % 2 == 0,
-            every=12 if k // len(kinds) % 4 == 3 else 1,
-        )
-        for k, (water, name) in enumerate(kinds[k % len(kinds)] for k in range(count))
-    ]
+    drawn = []
+    for k in range(count):
+        turn, (water, name) = k // len(kinds), kinds[k % len(kinds)]
+        keys = {"wide": turn % 2 == 0, "every": 12 if turn % 4 == 3 else 1}
+        drawn.append(Base(f"null-{water}-{name}-{seed}.{k}", 1000 * seed + k, STRENGTHS[name], water, **keys))
+    return drawn
 
 
 def available() -> list[Base]:
@@ -145,8 +131,8 @@ def _write_real(base: Base, cruise: Path) -> np.ndarray:
     top.turn(read_by(iron(base), truth) - truth)
     top.set_heading(read_by(iron(base), truth))
     top.save(raw / "top.000")
-    frame = pd.read_csv(REAL / "raw/E0/deep.csv")
-    frame[Table.times_of(frame) <= last_s].to_csv(raw / "deep.csv", index=False)
+    deep = Table(REAL / "raw/E0/deep.csv")
+    deep.frame[deep.time_s <= last_s].to_csv(raw / "deep.csv", index=False)
     return np.stack([top.time_s, truth])
 
 

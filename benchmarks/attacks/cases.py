@@ -152,7 +152,7 @@ def _calibration(case: Case, folder: Path) -> dict[str, Any]:
     plain = calibrations.make(kind, [first, second, 0], folder / "cruise")
     before = calibrations.run(plain, folder / "plain")
     made = calibrations.make(kind, [first, second, 0], folder / "cruise")
-    spoil = calibrations.harmless if case.harmless else calibrations.SPOILERS[kind][1]
+    spoil = calibrations.harmless if case.harmless else calibrations.spoil
     done = spoil(made, np.random.default_rng([first, second, 1]))
     outcome = calibrations.run(made, folder / "spoilt")
     wrong = calibrations.is_wrong(outcome, before)

@@ -34,10 +34,8 @@ class Recording:
 CALIBRATIONS = (
     Recording(
         "acm_mmp", "tilt compensation", "without it the heading is 7.8° rms wrong, with it 0.04°",
-        ("tilt_uncompensated",), file="acm/mmp_global_A0000001.TXT",
-        settings={
-            "kind": "magnetometer", "format": "mmp_acm", "latitude": 65.0, "longitude": -33.0, "date": "2007-09-04",
-        },
+        ("tilt_uncompensated",), "single", "acm/mmp_global_A0000001.TXT",
+        {"kind": "magnetometer", "format": "mmp_acm", "latitude": 65.0, "longitude": -33.0, "date": "2007-09-04"},
     ),
     Recording(
         "signature500", "hard iron and levelling", "first harmonic of the modulus 22.6 %, 12.9° of deviation",

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.proof.world import compass, export, families, records, seas, waves
 from benchmarks.proof.world.export import Export, Mooring
-from benchmarks.proof.world.scene import Family, Scene
+from benchmarks.proof.world.scene import Scene
 from benchmarks.proof.world.seas import Weather
 
 # Shares of kinds. The first rows have no planted effect: they differ in water, sphere, log, or reference.
@@ -46,14 +46,9 @@ class Drawn:
 
 
 def draw(
-    seed: int,
-    counts: tuple[int, int],
-    hours: int,
-    there: dict[str, bool],
-    *,
-    second: bool = False,
+    seed: int, counts: tuple[int, int], hours: int, there: dict[str, bool], *, second: bool = False,
     kind: str | None = None,
-) -> list[Drawn]:
+) -> list[Drawn]:  # fmt: skip
     """Draw the moorings of one proof, in simulated and in real water, in random order.
 
     Args:
@@ -65,13 +60,12 @@ def draw(
     """
     rng = np.random.default_rng([seed, 1])
     turns = rng.integers(0, 1000, 2)
-    made = [
-        _one(seed, f"{letter}{place + 1:03d}", each, int(turn) + k, (hours, there, letter == "R"))
-        for letter, shares, count, turn in zip("PR", (MADE, REAL), counts, turns, strict=True)
-        for k, (place, each) in enumerate(
-            zip(rng.permutation(count), _kinds({kind: 1.0} if kind else shares, count), strict=True)
-        )
-    ]
+    made = []
+    for letter, shares, count, turn in zip("PR", (MADE, REAL), counts, turns, strict=True):
+        kinds = zip(rng.permutation(count), _kinds({kind: 1.0} if kind else shares, count), strict=True)
+        for k, (place, each) in enumerate(kinds):
+            name = f"{letter}{place + 1:03d}"
+            made.append(_one(seed, name, each, int(turn) + k, (hours, there, letter == "R")))
     if second:
         made = [one if one.real else replace(one, water=waves.WATER) for one in made]
     return sorted(made, key=lambda one: one.name)
@@ -136,7 +130,8 @@ def _wanted(
     kind: str, turn: int, size: float, *, real: bool, rng: np.random.Generator
 ) -> tuple[tuple[tuple[str, float], ...], tuple[str, ...]]:
     """Draw families with their sizes, and the effects that cannot be distinguished from them."""
-    named = [each for each in families.NAMED if not (real and _needs_more(each))]
+    # A real record lacks an observatory, a change of battery and a discharge curve.
+    named = [each for each in families.NAMED if not (real and (each.needs or each.name == "supply_loop"))]
     strange = families.STRANGE
     if kind == "single":
         one = named[turn % len(named)]
@@ -157,11 +152,6 @@ def _wanted(
     return (), ()
 
 
-def _needs_more(family: Family) -> bool:
-    """Return whether a real record lacks what a family requires: observatory, change of battery, discharge curve."""
-    return bool(family.needs) or family.name == "supply_loop"
-
-
 def _scene(one: Drawn, data: Path, own: Path | None) -> Scene:
     rng = one.random("scene")
     if one.water in (worlds := {"made": seas.make, waves.WATER: waves.make}):
@@ -172,11 +162,7 @@ def _scene(one: Drawn, data: Path, own: Path | None) -> Scene:
         return records.longer(rng, scene, one.weather)
     count = min(scene.time_s.size, one.weather.hours)
     begin = int(rng.integers(0, scene.time_s.size - count + 1))
-    return _part(scene, slice(begin, begin + count))
-
-
-def _part(scene: Scene, some: slice) -> Scene:
-    n = scene.time_s.size
+    some, n = slice(begin, begin + count), scene.time_s.size
     return replace(scene, **{k: v[some] for k, v in vars(scene).items() if np.shape(v)[:1] == (n,) and k != "range_m"})
 
 

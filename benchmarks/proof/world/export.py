@@ -82,27 +82,17 @@ def write(made: Mooring, seed: int, cruise: Path, locked: Path, facts: dict[str,
     for path, text in (("config", settings), (f"moorings/{made.name}", _described(made))):
         (cruise / f"config/{path}.yaml").write_text(yaml.safe_dump(text, sort_keys=False))
     bare = compass.read(seen, made.meter, compass.clocks(made.planted), made.random("readings", seed))
-    _lock(made, read, bare, kept, (locked, facts))
-
-
-def _lock(made: Mooring, read: Read, bare: Read, kept: NDArray[np.bool_], where: tuple[Path, dict[str, Any]]) -> None:
-    locked, facts = where
-    veer = compass.total(made.effects, "veer_deg", made.scene.time_s.size)
-    series = (made.scene.time_s, read.heading_deg, read.recorded_deg, bare.recorded_deg, veer)
+    veer = compass.total(made.effects, "veer_deg", count)
+    series = (scene.time_s, read.heading_deg, read.recorded_deg, bare.recorded_deg, veer)
     np.save(locked / f"{made.name}.npy", np.stack(series)[:, kept])
     effects = [
-        {
-            "name": one.family.name,
-            "right": list(one.family.right),
-            "side": one.family.side,
-            "visible_deg": round(one.visible_deg, 4),
-        }
-        for one in made.planted
-    ]
+        {"name": x.family.name, "right": list(x.family.right), "side": x.family.side,
+         "visible_deg": round(x.visible_deg, 4)} for x in made.planted
+    ]  # fmt: skip
     errors = {
         "five_deg": float(np.std(compass.left_deg(read.recorded_deg, read.heading_deg))),
         "oracle_deg": float(np.std(compass.left_deg(bare.recorded_deg, bare.heading_deg))),
-        "background_deg": float(np.std(compass.ideal(made.scene, made.meter, ()))),
+        "background_deg": float(np.std(compass.ideal(scene, made.meter, ()))),
     }
     (locked / f"{made.name}.json").write_text(json.dumps(facts | {"effects": effects} | errors, indent=1) + "\n")
 
@@ -128,8 +118,7 @@ def _write_top(made: Mooring, seed: int, path: Path, seen: Scene, read: Read, ke
     error = np.where(three[:, None], np.nan, rng.normal(0.0, NOISE_M_S, (n, m)))
     velocity = np.stack([flow.real, flow.imag, rng.normal(0.0, 0.004, (n, m)), error], axis=-1)
     good = np.isfinite(flow)[..., None] * np.where(three[:, None, None], [98, 0, 2, 0], [2, 0, 2, 96])
-    log = scene.at(scene.time_s)
-    warm, supply = (np.roll(x, round(export.shift * n)) for x in (log.temperature_c, log.supply))
+    warm, supply = (np.roll(x, round(export.shift * n)) for x in (scene.temperature_c, scene.supply))
     pitch, roll = inclinometers(read.pitch_deg, read.roll_deg)
     cells = np.ones((n, m, 4))
     ensembles = Ensembles(
@@ -149,8 +138,8 @@ def _write_top(made: Mooring, seed: int, path: Path, seen: Scene, read: Read, ke
         percent_good=good.astype(np.uint8),
     )
     whole = Ensembles(**{name: column[kept] for name, column in vars(ensembles).items()})
-    cell = _cell(scene)
-    adcp.write(path, _setup(m, cell, float(scene.range_m[0]), looks_up=scene.looks_up, serial=6100), whole)
+    setup = _setup(m, _cell(scene), float(scene.range_m[0]), looks_up=scene.looks_up, serial=6100)
+    adcp.write(path, setup, whole)
 
 
 def _write_deep(made: Mooring, seed: int, raw: Path) -> None:
@@ -218,12 +207,8 @@ def _described(made: Mooring) -> dict[str, Any]:
             "columns": {"time": "time_utc", "depth": "depth_m", "east": "u_cm_s", "north": "v_cm_s", "scale": 0.01},
         }  # fmt: skip
     else:
-        deep = {
-            "format": "pd0",
-            "files": f"raw/{name}/deep.000",
-            "depth": depths[1] - DEEP_FIRST_M,
-            "orientation": "down",
-        }
+        deep = {"format": "pd0", "files": f"raw/{name}/deep.000", "depth": depths[1] - DEEP_FIRST_M}
+        deep["orientation"] = "down"
     text: dict[str, Any] = {
         "name": name, "latitude": scene.place[0], "longitude": scene.place[1], "water_depth": scene.place[2],
         "start": first, "end": last, "declination": "auto", "compromised": "top", "reference": "deep",
