@@ -2,11 +2,10 @@
 
     python benchmarks/accuracy.py            the demonstration cruise, after make run
     python benchmarks/accuracy.py CRUISE     any cruise folder with truth/NAME.csv or truth_NAME.csv
-    python benchmarks/accuracy.py --product  only the existing results of the cruise, including the search:
-                                             headings, and currents at fixed depths compared with a mean per bin
+    python benchmarks/accuracy.py --product  only the existing results of the cruise, including the search
 
-Copies of the cruise are run with all moorings by ``exact``, by ``exact`` with tilt and by ``von_appen``; the original
-is not changed. Without a truth file, the recorded headings of a mooring are taken as the truth.
+Copies of the cruise are run by ``exact``, by ``exact`` with tilt and by ``von_appen``. Without a truth file, the
+recorded headings of a mooring are taken as the truth.
 """
 
 from __future__ import annotations

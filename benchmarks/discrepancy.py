@@ -1,10 +1,9 @@
-"""Score of the search for unmodelled effects on new simulated moorings of one year, hourly.
+"""Score of the search for unmodelled effects on new simulated moorings of one year, hourly (tests/world/pairs.py).
 
-    python benchmarks/discrepancy.py 100 1                 100 moorings of each kind by seed 1
     python benchmarks/discrepancy.py 300 1 --kind null     one kind: null, single, two, unknown, control, clock
     python benchmarks/discrepancy.py 100 1 --rows PATH     with one line of JSON per mooring; an interrupted run resumes
 
-The simulation is tests/world/pairs.py; visible sizes are residuals after a fit of five coefficients. It uses one core.
+Visible sizes are residuals after a fit of five coefficients. It uses one core.
 """
 
 from __future__ import annotations

@@ -2,11 +2,10 @@
 
     python benchmarks/experiments.py 40 1 ROWS     40 ambiguous moorings by seed 1, in slowly veering water
 
-Moorings with one effect are drawn until enough are ambiguous. Half a year of each is diagnosed; then its second half,
-or a second reference at another depth, is simulated and added, and the search is repeated. A swing of all headings
-after recovery and a log of the field strength are simulated by formulae independent of the engine, and the hypotheses
-of the recording are weighted again with them. A single finding counts as left if the verdict is ``explained``, or if
-the probability of no effect is 95 %. ROWS gets one line of JSON per mooring, from which an interrupted run resumes.
+Half a year of each is diagnosed; then its second half, or a second reference at another depth, is added, and the search
+is repeated. A swing of all headings after recovery and a log of the field strength are simulated by formulae
+independent of the engine, and weigh the hypotheses again. A single finding counts as left if the verdict is
+``explained``, or if the probability of no effect is 95 %. An interrupted run resumes from ROWS.
 """
 
 from __future__ import annotations

@@ -3,12 +3,9 @@
     python benchmarks/frozen.py e368bdf                  against that commit, in a checkout of its own
     python benchmarks/frozen.py e368bdf --kept FOLDER    keeps cruises and results, and resumes from existing ones
 
-Both versions process, through Snakemake, the demonstration cruise, the real record ../shared/data/cruise_eh2 if it
-exists, a sealed cruise of 24 moorings, a calibration of each kind, a compass shared by several moorings and a bench,
-and a cruise of other formats (Nortek, netCDF) with a mooring that stops; raw files are simulated by this checkout.
 Headings and velocities may differ by 1e-9, other numbers by ``DIGITS`` significant digits; verdicts and names must be
-equal. Changed sentences and figures are counted and listed, as are moorings with changed flags of corrected headings.
-The exit status is 1 if a number, a verdict, a name or the set of files differs.
+equal. Changed sentences, figures and flags are counted and listed. The exit status is 1 if a number, a verdict, a name
+or the set of files differs.
 """
 
 from __future__ import annotations

@@ -4,8 +4,7 @@
     python benchmarks/growth.py --plan           only the planning of fleets of up to 1000 moorings
     python benchmarks/growth.py --plan 10000     of a fleet of this size
 
-CPU seconds are user and system of all processes; peaks are those of the largest process. Ratios within the same run
-are those of the workflow to one process with the same steps, and of the whole to the published method alone.
+CPU seconds are user and system of all processes; peaks are those of the largest process.
 """
 
 from __future__ import annotations

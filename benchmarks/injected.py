@@ -1,18 +1,13 @@
 """Score of the search for unmodelled effects on real currents: bins of three records, with a simulated compass.
 
     python benchmarks/injected.py 210 1 --kind null --rows ROWS     210 recordings without an effect, by seed 1
-    python benchmarks/injected.py 120 1 --kind single --rows ROWS   the same with one effect of 1.5 or 3 degrees
     python benchmarks/injected.py 60 1 --record papa                every kind of one record
 
 The bins of one profile share their compass: they differ by the water only, and any finding on a compass is false. One
-bin serves as the reference, those beyond a gap as the affected instrument, whose headings are re-read by a compass near
-iron (tests/world/pairs.py), with or without an effect. Records: eh2 (2 m cells, hourly), papa (20 m cells, every 2 to 8
-hours) and aqd9330, a point meter, for which the mean of the hours 3 h before and after serves as the second instrument;
-that mean contains no tide. Windows are the whole record and its halves, quarters of aqd9330. In two of three nulls the
-logged covariates are reversed in time or shifted by weeks and cannot be a cause. If ROWS is given, a line of JSON is
-added for each recording, from which an interrupted run resumes. eh2 and papa were used to tune the layers of the
-simulated currents (docs/sea.md), and eh2 the largest lag of the water (clocks.py); aqd9330 was used for no choice.
-Needs ../shared/data.
+bin is the reference; the headings of those beyond a gap are re-read by a compass near iron (tests/world/pairs.py). Of
+aqd9330, a point meter, the mean of the hours 3 h before and after is the second instrument. In two of three nulls the
+logged covariates are reversed in time or shifted by weeks. eh2 and papa were used to tune the layers of the simulated
+currents (docs/sea.md), and eh2 the largest lag of the water; aqd9330 was used for no choice. Needs ../shared/data.
 """
 
 from __future__ import annotations

@@ -3,9 +3,8 @@
     python benchmarks/numbers_of_pages.py NAME SCRIPT ...   runs a benchmark and keeps the tables that it prints
     python benchmarks/numbers_of_pages.py                   writes the marked parts of the pages anew
 
-A part stands between ``<!-- numbers: NAME -->`` and ``<!-- /numbers -->``. It gives the command, the version and the
-date, and says where the engine has changed since. Tables are kept in ``docs/background/measured.json``; those of the
-sealed proof come from its card. A test holds the pages against the files.
+A part between ``<!-- numbers: NAME -->`` and ``<!-- /numbers -->`` gives the command, the version and the date, and
+says where the engine has changed since. Tables are kept in ``docs/background/measured.json``.
 """
 
 from __future__ import annotations

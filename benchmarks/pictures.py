@@ -5,8 +5,6 @@
     python benchmarks/pictures.py --from CRUISE demonstration    from a cruise that has been run already
 
 docs/pictures.json contains the SHA-256 of each picture and of the code that draws it; tests/test_docs.py compares both.
-docs/report.png needs Chromium; the tutorial needs its own cruise, --from CRUISE tutorial; the sea needs
-../shared/data.
 """
 
 from __future__ import annotations

@@ -1,18 +1,14 @@
 """Upper bound, set by the noise, of the share of planted effects that any search can detect.
 
-    python benchmarks/reach.py 110 71                 110 moorings with one and 110 with two effects by seed 71
-    python benchmarks/reach.py 110 71 --red           the same with slow differences of the currents at the two depths
-    python benchmarks/reach.py 110 71 --red --kind single --rows REACH --engine ROWS
-                                                      compared with the engine's detections, by effect and slow veer
-    python benchmarks/reach.py 120 71 --heldout ROWS      test of held-out days against the prediction of the others:
+    python benchmarks/reach.py 110 71 --red           110 moorings with one and 110 with two effects, in slow water
+    python benchmarks/reach.py 110 71 --red --kind single --engine ROWS    beside the engine's detections: rows of
+                                                      discrepancy.py by the same seed
+    python benchmarks/reach.py 120 71 --heldout ROWS  held-out days against the prediction of the others:
                                                       120 effects of 4 to 8 standard errors, 200 nulls, 100 days each
 
-Each effect is tested with everything known except its size: its pattern and date, the other effect, and variance and
-memory of the noise of the water. The five coefficients and the size of the other effect are refitted. No search with
-less knowledge can have more power. The moorings are those of benchmarks/discrepancy.py, without use of the engine; ROWS
-are the rows of such a run by the same seed. REACH gets one line of JSON per mooring, to resume an interrupted run.
-The exit status is 1 if the interval of the engine's shortfall lies above 5 points, or if held-out slopes, their
-intervals or the ranks of records without an effect miss their targets.
+Each effect is tested with everything known except its size, the size of the other effect and the five coefficients. No
+search with less knowledge can have more power. The exit status is 1 if the interval of the engine's shortfall lies
+above 5 points, or if held-out slopes, their intervals or the ranks of records without an effect miss their targets.
 """
 
 from __future__ import annotations

@@ -1,11 +1,9 @@
 """Score of the joint analysis of several records of one compass: shared effects, outliers, and gain of short records.
 
-    python benchmarks/shared_compass.py 40 1              40 sets of three deployments of each kind by seed 1
     python benchmarks/shared_compass.py 40 1 --kind null  one kind: shared, null, season, siblings, short
     python benchmarks/shared_compass.py 40 1 --every 2    a sample every 2 hours; the default is 4
 
-The simulation is tests/world/redeployed.py; sets of ``siblings`` and ``short`` are fitted without a search. It uses one
-core; the exit status is 1 if a 95 % interval excludes its target. Draw the seed after the code is frozen.
+The simulation is tests/world/redeployed.py; sets of ``siblings`` and ``short`` are fitted without a search.
 """
 
 from __future__ import annotations

@@ -2,10 +2,9 @@
 
     python benchmarks/temperature.py 58 6262 --rows PATH    58 moorings by seed 6262; an interrupted run resumes
 
-A mooring has no effect, one of the catalogue or one outside it (families.py), in plain or in slowly veering water. Each
-is inferred once, and its posterior is computed at every temperature. The score is the log score of the probability of
-a fault of compass or clock, and of that of each driver with 5 % or more. The temperature of the search was fixed by
-seeds that are used in no other measurement.
+Each mooring is inferred once, and its posterior is computed at every temperature. The score is the log score of the
+probability of a fault of compass or clock, and of that of each driver with 5 % or more. The temperature of the search
+was fixed by seeds that are used in no other measurement.
 """
 
 from __future__ import annotations

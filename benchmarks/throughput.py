@@ -2,9 +2,9 @@
 
     python benchmarks/throughput.py [file.000]
 
-PD0 is the valid ensembles of a moored WorkHorse, repeated to about 60 MB in a temporary folder; mhkit, which is slow
-and keeps all data in memory, reads a smaller file of the same ensembles. Nortek is a real Aquadopp file, if available
-in ../shared/data, an AWAC and a Signature written by the tests' encoder; netCDF is the small PD0 file saved by mhkit.
+PD0 is the valid ensembles of a moored WorkHorse, repeated to about 60 MB; mhkit reads a smaller file of the same
+ensembles. Nortek is a real Aquadopp file, if available, an AWAC and a Signature written by the tests' encoder; netCDF
+is the small PD0 file saved by mhkit.
 """
 
 from __future__ import annotations

@@ -2,7 +2,6 @@
 
     python benchmarks/attacks                               300 mistakes and 150 harmless changes by seed 1
     python benchmarks/attacks --kind local --count 60 --seed 7
-    python benchmarks/attacks --so-far                      report the cases of an unfinished run
     python benchmarks/attacks --only local-heading_stuck-017    one case, or all of one attack
     python benchmarks/attacks --library ../other --older ../main    compare another checkout with an older one
     python benchmarks/attacks --nulls 48 --older ../main    flags 1 lost in moorings without errors
@@ -10,14 +9,11 @@
 Each case is a copy of a mooring with known truth, or a calibration, with one mistake, processed as ``compass correct``
 does. It is *wrong* if its headings flagged 1 have an rms error over 2 degrees and over twice that of the unmodified
 case, and their stated 95 % intervals contain the truth for under 85 % or over 1 % of the errors exceed 6 sigma.
-If only the column of headings was altered, the corrected currents may still be right: these are counted separately.
 A wrong case is *silent* if it has no warning, finding or verdict that the unmodified one did not have, and is *called
 good* if more than half of the original flags 1 are still set, regardless of warnings. A harmless change *harms* if it
-is refused, if over 1 % of the samples lose their flag 1, or if there is a new warning. A constant between the
-instruments cannot be distinguished from A by any record: it is counted, but marked. Rows are stored in ``--into`` by
-a hash of the library, and an interrupted run continues from them; wrong cases keep their cruise and results there.
-Use another folder if the attacks themselves were changed. The exit status is 1 if any case was silent, called good,
-or ended in a traceback.
+is refused, if over 1 % of the samples lose their flag 1, or if there is a new warning. Rows are stored in ``--into`` by
+a hash of the library, and an interrupted run continues from them; use another folder if the attacks were changed. The
+exit status is 1 if any case was silent, called good, or ended in a traceback.
 """
 
 from __future__ import annotations

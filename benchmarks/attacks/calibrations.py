@@ -178,7 +178,7 @@ def _filled(text: list[str], rng: np.random.Generator, value: float) -> list[str
     return _with_columns(text, lambda v: np.where(hit[:, None], value, v))
 
 
-def _put(frame: pd.DataFrame, column: str, where: Any, values: Any) -> pd.DataFrame:
+def _put(frame: pd.DataFrame, column: str, values: Any, where: Any) -> pd.DataFrame:
     new = frame.copy()
     new.loc[where, column] = values
     return new
@@ -205,7 +205,7 @@ PLATFORM: Mistakes = {
     "gon": lambda f, rng: f.assign(recorded_deg=f["recorded_deg"] / 0.9),
     "exchanged": lambda f, rng: f.assign(reference_deg=f["recorded_deg"], recorded_deg=f["reference_deg"]),
     "a half turn": lambda f, rng: f.assign(recorded_deg=np.mod(f["recorded_deg"] + 180.0, 360.0)),
-    "typos": lambda f, rng: _put(f, "recorded_deg", rng.choice(len(f), 6, replace=False), rng.uniform(0, 360, 6)),
+    "typos": lambda f, rng: _put(f, "recorded_deg", rng.uniform(0, 360, 6), rng.choice(len(f), 6, replace=False)),
     "reference true": lambda f, rng: f.assign(reference_deg=np.mod(f["reference_deg"] - 23.5, 360.0)),
     "shuffled": lambda f, rng: f.assign(recorded_deg=rng.permutation(f["recorded_deg"])),
 }
@@ -214,11 +214,11 @@ SWING: Mistakes = {
     "compass true": lambda f, rng: f.assign(compass_deg=np.mod(
         f["compass_deg"] + float(earthfield.igrf(65.3, -33.0, START_S)[0][0]), 360.0)),
     "backwards": lambda f, rng: f.assign(compass_deg=np.mod(-f["compass_deg"], 360.0)),
-    "frozen receiver": lambda f, rng: _put(f, "cog_deg", slice(len(f) // 3, None), f["cog_deg"].iloc[len(f) // 3]),
+    "frozen receiver": lambda f, rng: _put(f, "cog_deg", f["cog_deg"].iloc[len(f) // 3], slice(len(f) // 3, None)),
     "speed in m/s": lambda f, rng: f.assign(speed_kn=f["speed_kn"] * 0.5144),
-    "course of 999": lambda f, rng: _put(f, "cog_deg", rng.random(len(f)) < 0.05, 999.0),
+    "course of 999": lambda f, rng: _put(f, "cog_deg", 999.0, rng.random(len(f)) < 0.05),
     "compass late by a minute": lambda f, rng: f.assign(compass_deg=np.roll(f["compass_deg"], 60)),
-    "compass of 0 in a tenth": lambda f, rng: _put(f, "compass_deg", rng.random(len(f)) < 0.1, 0.0),
+    "compass of 0 in a tenth": lambda f, rng: _put(f, "compass_deg", 0.0, rng.random(len(f)) < 0.1),
     "columns exchanged": lambda f, rng: f.assign(compass_deg=f["cog_deg"], cog_deg=f["compass_deg"]),
     "half a circle": lambda f, rng: f[np.mod(f["compass_deg"], 360.0) < 180.0],
     "declination's sign": lambda f, rng: f,
