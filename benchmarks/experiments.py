@@ -53,10 +53,8 @@ def remembered(found: Inference) -> tuple[tuple[str, float], ...]:
     return STATED(found)
 
 
-STATED, experiments.rank_observations = (
-    experiments.rank_observations,
-    remembered,
-)  # the search does not return its posterior otherwise
+STATED = experiments.rank_observations
+experiments.rank_observations = remembered  # the search does not return its posterior otherwise
 
 
 def settled(found: Diagnosis) -> float:
@@ -72,19 +70,15 @@ def swung(found: Inference, drawn: sea.Drawn, rng: np.random.Generator) -> np.nd
     heading = np.arange(experiments.COURSES) * 360.0 / experiments.COURSES
     none = np.zeros((2, len(heading)))
     deck = replace(drawn.world, heading=heading, tilt=none, sensed=none)
-    extra, offsets = np.zeros((3, len(heading))), []
-    for (part, size), name in zip(drawn.parts, drawn.truth, strict=True):
-        if name in NONE_ON_DECK:
-            continue
+    parts = [(*one, name) for one, name in zip(drawn.parts, drawn.truth, strict=True) if name not in NONE_ON_DECK]
+    extra = np.zeros((3, len(heading)))
+    for part, size, name in parts:
         if part.extra is not None:
             extra += size * at_deck(part.extra, name)[:, None]
-        if part.offset is not None:
-            offsets.append((part.offset, size, name))
 
     def offset(gamma):
-        return sum(
-            (size * (own(gamma) if name in LOBES else at_deck(own(gamma), name)) for own, size, name in offsets), 0
-        )
+        own = ((part.offset(gamma), size, name) for part, size, name in parts if part.offset is not None)
+        return sum((size * (turn if name in LOBES else at_deck(turn, name)) for turn, size, name in own), 0)
 
     mark, noise = rng.normal(0.0, 3.0), rng.normal(0.0, experiments.SWUNG_DEG, len(heading))
     recorded = sea.compass(deck, extra=extra, offset=offset)
@@ -140,20 +134,13 @@ def measure(index: int, seed: int) -> dict:
         return row
     ahead, inferred, rng = experiments.prospects(INFERRED[0]), INFERRED[0], np.random.default_rng(own)
     assert ahead is not None
-    came = {
-        SWING: left(ahead, SWING, swung(inferred, drawn, rng)),
-        STRENGTH: left(ahead, STRENGTH, strength(inferred, drawn, rng))
-        if any(what.startswith(STRENGTH) for what in ahead.observations)
-        else None,
-        "another": settled(judged(drawn, whole)),
-        "a second": settled(judged(drawn, beside(world, first, np.random.default_rng(own)))),
-    }
-    row["stated"] = [
-        [begin, chance, came[begin]]
-        for what, chance in found.experiments
-        for begin in OBSERVED
-        if what.startswith(begin)
-    ]
+    came = {SWING: left(ahead, SWING, swung(inferred, drawn, rng))}
+    if any(what.startswith(STRENGTH) for what in ahead.observations):
+        came[STRENGTH] = left(ahead, STRENGTH, strength(inferred, drawn, rng))
+    came["another"] = settled(judged(drawn, whole))
+    came["a second"] = settled(judged(drawn, beside(world, first, np.random.default_rng(own))))
+    for what, chance in found.experiments:
+        row["stated"] += [[begin, chance, came[begin]] for begin in OBSERVED if what.startswith(begin)]
     return row
 
 

@@ -60,9 +60,8 @@ def worktree(commit: str, folder: Path) -> Path:
 
 def write_raw(into: Path) -> list[str]:
     """Write the cruises that both versions process, by this checkout's simulation; return their names."""
-    names = ["demonstration", "sealed", "calibrations", "shared", "formats"] + (
-        ["eh2"] if (DATA / "cruise_eh2").is_dir() else []
-    )
+    names = ["demonstration", "sealed", "calibrations", "shared", "formats"]
+    names += ["eh2"] if (DATA / "cruise_eh2").is_dir() else []
     if (into / "written").exists():
         return names
     shutil.copytree(PROJECT / "config", into / "demonstration/config", dirs_exist_ok=True)
@@ -119,13 +118,10 @@ def _write_formats(cruise: Path) -> None:
             nc[variable].units = "m s-1"
             nc[variable][:] = np.ma.masked_invalid(values[:, 0])
     settings = yaml.safe_load(page.read_text())
-    settings["instruments"] = {
-        "top": {"format": "nortek", "files": "raw/AWAC/top.wpr", "orientation": "up"},
-        "deep": {
-            "format": "netcdf", "files": "raw/AWAC/deep.nc", "depth": round(float(np.nanmedian(deep.depth_m)), 1) + 4,
-            "direction_reference": "magnetic",
-        },
-    }  # fmt: skip
+    depth = round(float(np.nanmedian(deep.depth_m)), 1) + 4
+    netcdf = {"format": "netcdf", "files": "raw/AWAC/deep.nc", "depth": depth, "direction_reference": "magnetic"}
+    nortek_file = {"format": "nortek", "files": "raw/AWAC/top.wpr", "orientation": "up"}
+    settings["instruments"] = {"top": nortek_file, "deep": netcdf}
     page.write_text(yaml.safe_dump(settings))
     for role in ("top", "deep"):
         (raw / f"{role}.000").unlink()
@@ -200,6 +196,7 @@ def leaves(content: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 def content(path: Path) -> dict[str, Any]:
     """Read the content of a file by name: numbers, arrays and texts."""
+    found: dict[str, Any] = {}
     if path.suffix == ".png":
         found = {"/figure": hashlib.sha256(image.imread(path).tobytes()).hexdigest()}
     elif path.suffix == ".json":
@@ -209,14 +206,12 @@ def content(path: Path) -> dict[str, Any]:
         found = {f"/{k}/{key}": _value(text) for k, row in enumerate(rows) for key, text in row.items()}
     else:
         with netCDF4.Dataset(path) as data:
-            found = {f"/{name}": _array(v[:]) for name, v in data.variables.items()}
+            for name, variable in data.variables.items():
+                values = np.ma.asarray(variable[:])
+                numeric = values.dtype.kind in "iufb"
+                found[f"/{name}"] = values.astype(float).filled(np.nan) if numeric else str(values.tolist())
             found |= {f"/{key}": _value(str(data.getncattr(key))) for key in data.ncattrs()}
     return {key: value for key, value in found.items() if not OF_THE_RUN.search(key)}
-
-
-def _array(values: Any) -> Any:
-    kept = np.ma.asarray(values)
-    return np.ma.filled(kept.astype(float), np.nan) if kept.dtype.kind in "iufb" else str(kept.tolist())
 
 
 def _value(text: str) -> Any:
@@ -249,10 +244,8 @@ def compare(old: Path, new: Path) -> tuple[Counter[str], dict[str, list[str]]]:
     counted: Counter[str] = Counter()
     where: dict[str, list[str]] = defaultdict(list)
     files = {p.relative_to(old) for p in old.rglob("*")} | {p.relative_to(new) for p in new.rglob("*")}
-    for file in sorted(
-        f for f in files if f.suffix in (".json", ".csv", ".nc", ".png") and not {"logs", "benchmarks"} & set(f.parts)
-    ):
-        if file.name in SKIPPED:
+    for file in sorted(files):
+        if file.suffix not in (".json", ".csv", ".nc", ".png") or {"logs", "benchmarks", *SKIPPED} & set(file.parts):
             continue
         if not ((old / file).is_file() and (new / file).is_file()):
             where["file"].append(f"{file}: only in the {'earlier' if (old / file).is_file() else 'later'}")
@@ -284,9 +277,8 @@ def flags_changed(old: Path, new: Path) -> Iterator[str]:
         if changes:
             said = [set(_warnings(path.parent)) for path in (before, after)]
             verdicts = [json.loads((path.parent / "diagnosis.json").read_text())["verdict"] for path in (before, after)]
-            yield f"{mooring}: {changes} of {len(flags[after])}; {' -> '.join(verdicts)}; " + "; ".join(
-                sorted(said[1] - said[0])
-            )
+            new = "; ".join(sorted(said[1] - said[0]))
+            yield f"{mooring}: {changes} of {len(flags[after])}; {' -> '.join(verdicts)}; {new}"
 
 
 def _warnings(folder: Path) -> Iterator[str]:

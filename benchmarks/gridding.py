@@ -145,14 +145,9 @@ class Grid:
     def compare(self) -> dict[str, float]:
         """Compute rms error and coverage of both components."""
         off, good = self.flow - self.truth, np.isfinite(self.flow) & np.isfinite(self.sigma[0])
-        cover = [
-            np.mean(np.abs(x[good]) < 1.96 * s[good]) for x, s in zip((off.real, off.imag), self.sigma, strict=True)
-        ]
-        return {
-            "rms_cm_s": 100.0 * np.sqrt(np.mean(np.abs(off[good]) ** 2) / 2.0),
-            "cover u": cover[0],
-            "cover v": cover[1],
-        }
+        parts = zip("uv", (off.real, off.imag), self.sigma, strict=True)
+        cover = {f"cover {name}": np.mean(np.abs(x[good]) < 1.96 * s[good]) for name, x, s in parts}
+        return {"rms_cm_s": 100.0 * np.sqrt(np.mean(np.abs(off[good]) ** 2) / 2.0)} | cover
 
     def section(self, angle: float) -> dict[str, float]:
         """Compute coverage and squared z of the mean of all cells in a given direction, radians from east."""

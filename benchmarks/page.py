@@ -23,6 +23,7 @@ import numpy as np
 import runs
 import targets
 import yaml
+from numbers_of_pages import table
 from runs import PROJECT
 from targets import Measured
 
@@ -59,12 +60,6 @@ def cpu_of(code: str) -> float:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def imports_of(script: Path) -> str:
-    """Extract the import statements of a script."""
-    lines = [ast.unparse(n) for n in ast.parse(script.read_text()).body if isinstance(n, ast.Import | ast.ImportFrom)]
-    return "\n".join(lines)
-
-
 def of_cruise(temporary: Path) -> tuple[str, list[Measured]]:
     """Time the whole cruise, one job per mooring, no diagnosis and figures, an edit, and an up-to-date cruise."""
     whole, joined, bare = (fresh(temporary / name) for name in ("whole", "joined", "bare"))
@@ -75,22 +70,23 @@ def of_cruise(temporary: Path) -> tuple[str, list[Measured]]:
     change(whole / f"config/moorings/{EDITED}.yaml", declination=-20.5)
     rows.append((f"{EDITED}'s declination edited", *took(whole), LIMITS["edit"]))
     rows.append(("nothing to do", *took(whole), LIMITS["nothing"]))
-    first = rows[0][2]
-    lines = ["| run, two cores | s by the clock | budget s | CPU s | of the whole |", "|---|---|---|---|---|"]
-    lines += [f"| {name} | {s:.1f} | {limit:.0f} | {cpu:.1f} | {cpu / first:.2f} |" for name, s, cpu, limit in rows]
+    cells = [
+        (name, f"{s:.1f}", f"{limit:.0f}", f"{cpu:.1f}", f"{cpu / rows[0][2]:.2f}") for name, s, cpu, limit in rows
+    ]
     kept = [targets.limit(f"{name}, s by the clock", s, most=limit) for name, s, _, limit in rows]
-    return "\n".join(lines), kept
+    return table(cells, ("run, two cores", "s by the clock", "budget s", "CPU s", "of the whole")), kept
 
 
 def of_imports() -> str:
     """Time the imports of each job in new interpreters."""
     bare = min(cpu_of("pass") for _ in range(3))
-    lines = ["| job | imports, CPU s | of numpy's |", "|---|---|---|"]
-    numpy = min(cpu_of("import numpy") for _ in range(3)) - bare
+    rows, numpy = [], min(cpu_of("import numpy") for _ in range(3)) - bare
     for script in sorted(SCRIPTS.glob("*.py")):
-        seconds = min(cpu_of(imports_of(script)) for _ in range(3)) - bare
-        lines.append(f"| {script.stem} | {seconds:.2f} | {seconds / numpy:.1f} |")
-    return "\n".join(lines)
+        body = ast.parse(script.read_text()).body
+        imports = "\n".join(ast.unparse(node) for node in body if isinstance(node, ast.Import | ast.ImportFrom))
+        seconds = min(cpu_of(imports) for _ in range(3)) - bare
+        rows.append((script.stem, f"{seconds:.2f}", f"{seconds / numpy:.1f}"))
+    return table(rows, ("job", "imports, CPU s", "of numpy's"))
 
 
 def of_fits() -> str:
@@ -100,48 +96,43 @@ def of_fits() -> str:
     rng, n = np.random.default_rng(1), 9000
     heading = rng.uniform(0.0, 360.0, n)
     columns = series_design(heading)
-    lines = ["| largest deviation | scatter | curve_fit ms | ours ms | ratio | its worst error | ours |"]
-    lines.append("|---|---|---|---|---|---|---|")
+    rows = []
     for size in (10.0, 60.0, 130.0):
         true = size * np.array([0.1, 0.7, -0.4, 0.1, 0.05])
         deviation = angles.wrap180(columns @ true + rng.normal(0.0, 8.0, n))
 
-        def theirs(deviation: np.ndarray = deviation) -> np.ndarray:
-            return curve_fit(lambda x, *c: series_deviation(c, x), heading, deviation, p0=np.zeros(5))[0]
-
-        def ours(deviation: np.ndarray = deviation) -> np.ndarray:
-            return multistart_least_squares(columns, deviation)
-
-        (slow, other), (fast, own) = timed(theirs), timed(ours)
+        slow, other = timed(
+            lambda y: curve_fit(lambda x, *c: series_deviation(c, x), heading, y, p0=np.zeros(5))[0], deviation
+        )
+        fast, own = timed(lambda y: multistart_least_squares(columns, y), deviation)
         errors = [float(np.abs(found - true).max()) for found in (other, own)]
         largest = float(np.abs(columns @ true).max())
-        lines.append(
-            f"| {largest:.0f}° | 8° | {slow * 1e3:.1f} | {fast * 1e3:.1f} | {slow / fast:.1f} | "
-            f"{errors[0]:.2f}° | {errors[1]:.2f}° |"
-        )
-    return "\n".join(lines)
+        times = (f"{slow * 1e3:.1f}", f"{fast * 1e3:.1f}", f"{slow / fast:.1f}")
+        rows.append((f"{largest:.0f}°", "8°", *times, *(f"{error:.2f}°" for error in errors)))
+    head = ("largest deviation", "scatter", "curve_fit ms", "ours ms", "ratio", "its worst error", "ours")
+    return table(rows, head)
 
 
-def timed(action: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
+def timed(action: Callable[[np.ndarray], np.ndarray], data: np.ndarray) -> tuple[float, np.ndarray]:
     """Measure the minimum CPU seconds of some repetitions, and return them with the result."""
     fastest = float("inf")
     for _ in range(5):
         begun = time.process_time()
-        result = action()
+        result = action(data)
         fastest = min(fastest, time.process_time() - begun)
     return fastest, result
 
 
 def of_fleets(temporary: Path) -> str:
     """Time the planning of fleets of moorings by dry runs."""
-    lines = ["| moorings | jobs | planning, CPU s | ms a job |", "|---|---|---|---|"]
+    rows = []
     for count in FLEETS:
         folder = fleet(temporary / f"fleet{count}", count)
         took = runs.cost(runs.snakemake(folder, "--dry-run"))
         found = re.search(r"^total +(\d+)", took.said, re.MULTILINE)
         planned = int(found[1]) if found else 0
-        lines.append(f"| {count} | {planned} | {took.cpu_s:.1f} | {1e3 * took.cpu_s / max(planned, 1):.0f} |")
-    return "\n".join(lines)
+        rows.append((str(count), str(planned), f"{took.cpu_s:.1f}", f"{1e3 * took.cpu_s / max(planned, 1):.0f}"))
+    return table(rows, ("moorings", "jobs", "planning, CPU s", "ms a job"))
 
 
 def fleet(folder: Path, count: int) -> Path:

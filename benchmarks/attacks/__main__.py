@@ -43,10 +43,8 @@ Row = dict[str, Any]
 
 def label(library: Path) -> str:
     """Compose the name of a checkout with a hash of its code."""
-    digest = hashlib.sha256()
-    for path in sorted((library / "compasslib").rglob("*.py")):
-        digest.update(path.read_bytes())
-    return f"{library.name}-{digest.hexdigest()[:10]}"
+    code = b"".join(path.read_bytes() for path in sorted((library / "compasslib").rglob("*.py")))
+    return f"{library.name}-{hashlib.sha256(code).hexdigest()[:10]}"
 
 
 def in_processes(
@@ -192,15 +190,6 @@ def _print_bad(row: Row) -> None:
         print(f"    said: {text[:240]}")
 
 
-def compare(rows: list[Row], older: list[Row]) -> None:
-    """Print the cases whose outcome differs from that by an older library."""
-    before = {row["name"]: way(row) for row in older}
-    print("\nbefore -> now")
-    for row in rows:
-        if before.get(row["name"], way(row)) != way(row):
-            print(f"  {row['name']}: {before[row['name']]} -> {way(row)}")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=300, help="mistakes")
@@ -209,7 +198,6 @@ def main() -> None:
     parser.add_argument("--kind", action="append", choices=cases.KINDS, help="of this kind alone; may be given again")
     parser.add_argument("--only", help="the case, or all cases of the attack, of this name")
     parser.add_argument("--so-far", action="store_true", help="report the rows that are there, process nothing")
-    parser.add_argument("--list", action="store_true", help="print the cases and end")
     parser.add_argument("--library", type=Path, default=PROJECT, help="checkout whose code is measured")
     parser.add_argument("--older", type=Path, help="checkout beside which it is set")
     parser.add_argument("--nulls", type=int, help="process so many moorings with nothing wrong instead")
@@ -225,21 +213,19 @@ def main() -> None:
         run_nulls(asked.nulls, asked.seed, libraries, into, asked.cores)
         return
     drawn = cases.draw(asked.count, asked.count // 2 if asked.harmless is None else asked.harmless, asked.seed)
-    chosen = [
-        case
-        for case in drawn
-        if asked.only in (None, case.name, case.attack) and (not asked.kind or case.kind in asked.kind)
-    ]
-    if asked.list:
-        print("\n".join(f"{case.name} {'harmless' if case.harmless else case.kind}" for case in chosen))
-        return
+    chosen = [case for case in drawn if asked.only in (None, case.name, case.attack)]
+    chosen = [case for case in chosen if not asked.kind or case.kind in asked.kind]
     if asked.so_far:
         rows, *older = (rows_so_far(chosen, library, into) for library in libraries)
     else:
         rows, *older = (run(chosen, library, into, asked.cores) for library in libraries)
     status = report(rows)
     if older:
-        compare(rows, older[0])
+        before = {row["name"]: way(row) for row in older[0]}
+        print("\nbefore -> now")
+        for row in rows:
+            if before.get(row["name"], way(row)) != way(row):
+                print(f"  {row['name']}: {before[row['name']]} -> {way(row)}")
     sys.exit(1 if status else 0)
 
 
