@@ -82,7 +82,7 @@ def write(one: Drawn, cruise: Path, locked: Path, data: Path, own: Path | None =
         "kind": one.kind, "water": one.water, "real": one.real, "rivals": list(one.rivals), "wide": _wide(scene),
         "stands_in": bool(record and record.stands_in),
     }  # fmt: skip
-    export.write(Mooring(one.name, scene, meter, planted, one.export), one.seed, cruise, locked, facts)
+    export.write(Mooring(one.name, scene, meter, planted, one.export, one.random), cruise, locked, facts)
 
 
 def _kinds(shares: dict[str, float], count: int) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -51,28 +51,25 @@ class Mooring:
     meter: Meter
     planted: Sequence[Planted]
     export: Export
+    random: Callable[[str], np.random.Generator]  # of one purpose
 
     @property
     def effects(self) -> list[Acts]:
         """Actions of the planted effects."""
         return [one.acts for one in self.planted]
 
-    def random(self, purpose: str, seed: int) -> np.random.Generator:
-        """Create the random generator of one purpose on this mooring."""
-        return np.random.default_rng([seed, int.from_bytes(f"{self.name}/{purpose}".encode(), "big")])
 
-
-def write(made: Mooring, seed: int, cruise: Path, locked: Path, facts: dict[str, Any]) -> None:
+def write(made: Mooring, cruise: Path, locked: Path, facts: dict[str, Any]) -> None:
     """Write raw files and YAML as a separate cruise and, last, the truth to another folder."""
     raw = cruise / "raw" / made.name
     raw.mkdir(parents=True, exist_ok=True)
     scene, count = made.scene, made.scene.time_s.size
     ahead = compass.total(made.effects, "ahead_s", count)
     seen = scene.at(scene.time_s - ahead) if ahead.any() else scene
-    read = compass.read(seen, made.meter, made.effects, made.random("readings", seed))
-    kept = _kept(made, seed)
-    _write_top(made, seed, raw / "top.000", seen, read, kept)
-    _write_deep(made, seed, raw)
+    read = compass.read(seen, made.meter, made.effects, made.random("readings"))
+    kept = _kept(made)
+    _write_top(made, raw / "top.000", seen, read, kept)
+    _write_deep(made, raw)
     if made.export.observatory:
         swung = scene.declination_deg + compass.total(made.effects, "north_deg", count)
         field = (swung, scene.horizontal_nt, scene.vertical_nt)
@@ -81,7 +78,7 @@ def write(made: Mooring, seed: int, cruise: Path, locked: Path, facts: dict[str,
     settings = {"moorings": "config/moorings", "overlap": {"max_metres": max(20.0, WIDEST_CELLS * _cell(scene))}}
     for path, text in (("config", settings), (f"moorings/{made.name}", _described(made))):
         (cruise / f"config/{path}.yaml").write_text(yaml.safe_dump(text, sort_keys=False))
-    bare = compass.read(seen, made.meter, compass.clocks(made.planted), made.random("readings", seed))
+    bare = compass.read(seen, made.meter, compass.clocks(made.planted), made.random("readings"))
     veer = compass.total(made.effects, "veer_deg", count)
     series = (scene.time_s, read.heading_deg, read.recorded_deg, bare.recorded_deg, veer)
     np.save(locked / f"{made.name}.npy", np.stack(series)[:, kept])
@@ -97,16 +94,16 @@ def write(made: Mooring, seed: int, cruise: Path, locked: Path, facts: dict[str,
     (locked / f"{made.name}.json").write_text(json.dumps(facts | {"effects": effects} | errors, indent=1) + "\n")
 
 
-def _kept(made: Mooring, seed: int) -> NDArray[np.bool_]:
-    rng, count = made.random("gaps", seed), made.scene.time_s.size
+def _kept(made: Mooring) -> NDArray[np.bool_]:
+    rng, count = made.random("gaps"), made.scene.time_s.size
     kept = np.ones(count, dtype=bool)
     for begin, length in zip(rng.integers(0, count, GAPS), rng.integers(1, LONGEST_GAP, GAPS), strict=True):
         kept[begin : begin + length] = False
     return kept
 
 
-def _write_top(made: Mooring, seed: int, path: Path, seen: Scene, read: Read, kept: NDArray[np.bool_]) -> None:
-    rng, export, scene = made.random("top", seed), made.export, made.scene
+def _write_top(made: Mooring, path: Path, seen: Scene, read: Read, kept: NDArray[np.bool_]) -> None:
+    rng, export, scene = made.random("top"), made.export, made.scene
     n, m = seen.flow.shape
     flow = compass.ensemble(seen.flow, read, seen.declination_deg, by_ping=export.by_ping)
     three = np.arange(n) >= n * (1.0 - export.lost_beam)
@@ -142,9 +139,9 @@ def _write_top(made: Mooring, seed: int, path: Path, seen: Scene, read: Read, ke
     adcp.write(path, setup, whole)
 
 
-def _write_deep(made: Mooring, seed: int, raw: Path) -> None:
+def _write_deep(made: Mooring, raw: Path) -> None:
     """Write the record of the reference, whose compass has an independent heading."""
-    scene, export, rng = made.scene, made.export, made.random("deep", seed)
+    scene, export, rng = made.scene, made.export, made.random("deep")
     n = scene.time_s.size
     flow = turned(scene.lower, compass.total(made.effects, "veer_deg", n))
     noise = (0.0 if scene.real else 1.0) * export.noise * LOWER_NOISE_M_S
