@@ -10,7 +10,6 @@ independent of the engine, and weigh the hypotheses again. A single finding coun
 
 from __future__ import annotations
 
-import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -149,15 +148,13 @@ def names(found: Diagnosis) -> list[list[str]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("ambiguous", type=int)
-    parser.add_argument("seed", type=int)
+    parser = targets.parser(__doc__, 40)
     parser.add_argument("rows", type=Path)
     asked = parser.parse_args()
     rows = targets.rows_of(asked.rows, {})
-    while sum(bool(row["stated"]) for row in rows) < asked.ambiguous and len(rows) < MOST:
+    while sum(bool(row["stated"]) for row in rows) < asked.count and len(rows) < MOST:
         rows.append(targets.added(asked.rows, measure(len(rows), asked.seed)))
-        targets.progress(f"{sum(bool(row['stated']) for row in rows)} of {asked.ambiguous}")
+        targets.progress(f"{sum(bool(row['stated']) for row in rows)} of {asked.count}")
     print(f"\n{len(rows)} moorings, {sum(bool(row['stated']) for row in rows)} ambiguous")
     targets.head("observation", "n", "stated", "came", "95 % of what may come if the chances are right")
     sys.exit(0 if all([calibrated(rows, one) for one in OBSERVED]) else 1)  # noqa: C419  both are printed

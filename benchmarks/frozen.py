@@ -32,15 +32,17 @@ import yaml
 from matplotlib import image
 from runs import DATA, PROJECT, cost, snakemake
 
+sys.path.append(str(PROJECT / "benchmarks/attacks"))
+
+from benchmarks.attacks import calibrations
 from benchmarks.proof.world import draw
 from compasslib import readers
 from compasslib.demo import demonstration
-from compasslib.demo.compass import earth_field
 from compasslib.demo.sealed import Wish
 from tests import nortek_encoder as nortek
 from tests.nortek_encoder import Sample
 from tests.world import draw as paper
-from tests.world import observatory, package, redeployed, swing
+from tests.world import package, redeployed
 
 NEAR = 1e-9
 DIGITS = 6  # significant digits of numbers other than headings and velocities
@@ -130,37 +132,22 @@ def _write_formats(cruise: Path) -> None:
 
 def _write_calibrations(cruise: Path) -> None:
     """Write one calibration of each kind."""
-    place, start = {"latitude": 48.4, "longitude": -4.5, "date": "2022-09-29"}, 1.664352e9
     for folder in ("config/calibrations", "raw"):
         (cruise / folder).mkdir(parents=True, exist_ok=True)
-
-    def write(name: str, settings: dict[str, Any], header: str = "", columns: Any = ()) -> None:
-        (cruise / f"config/calibrations/{name}.yaml").write_text(yaml.safe_dump(settings))
-        if header:
-            np.savetxt(cruise / settings["file"], np.column_stack(columns), "%.3f", ",", header=header, comments="")
-
-    rng, turn = np.random.default_rng(1), np.arange(0, 360, 10.0)
-    bent = turn - 7 * np.sin(np.deg2rad(turn)) - 3 * np.cos(np.deg2rad(turn)) + rng.normal(0, 0.4, 36)
-    bench = place | {"kind": "platform", "file": "raw/bench.csv"}
-    write("bench", bench, "reference_deg,recorded_deg", (turn, np.mod(bent, 360)))
-    boat = swing.sail(rng, swing.Boat(plan=swing.CIRCLES, water_kn=0.2 + 0.1j), 0.5, start)
-    sailed = (boat.compass_deg, boat.course_deg, boat.speed_kn)
-    write("boat", place | {"kind": "swing", "file": "raw/boat.csv"}, "compass_deg,cog_deg,speed_kn", sailed)
-    round_rad = np.deg2rad(np.linspace(0, 1080, 720))
-    axes = [21000 * np.cos(round_rad) + 2000, -21000 * np.sin(round_rad) - 900, 43000 + 0 * round_rad]
-    axes = [axis + rng.normal(0, 40, 720) for axis in axes]
-    write("axes", place | {"kind": "magnetometer", "file": "raw/axes.csv"}, "x,y,z", axes)
-    hours = start + 3600.0 * np.arange(24 * 200)
-    declination, *others = earth_field(48.4, -4.5, (hours[0], hours[-1])).at(hours)
-    noise = rng.normal(0, 0.05, hours.size) + 0.1 * np.sin(2 * np.pi * hours / 86400)
-    observatory.write(cruise / "raw/station.hor", hours, (declination + noise + 0.1, *others), (48.4, -4.5))
-    write("station", {"kind": "declination", "file": "raw/station.hor", "format": "iaga2002"})
+    settings = {}
+    for kind in calibrations.SPOILERS:
+        made = calibrations.make(kind, [1, 0, 0], cruise / "raw")
+        settings[kind] = made.settings | {"file": f"raw/{kind}{Path(made.settings['file']).suffix}"}
+        made.save(cruise / settings[kind]["file"])
+    rng = np.random.default_rng(1)
     motion = package.lower(rng, package.Sea(), 1.2e9)
     second = package.Head(mount_deg=(47.0, 2.0, -1.5), first_s=0.37, ping_s=1.3, clock_s=7.3)
     for letter, head in {"a": package.Head(), "b": second}.items():
         stood = package.stand(rng, motion, head)
         (cruise / f"raw/{letter}.000").write_bytes(package.encoded(stood, looks_up=head.looks_up))
-    write("heads", {"kind": "two_heads", "file": ["raw/a.000", "raw/b.000"], "format": "pd0"})
+    settings["heads"] = {"kind": "two_heads", "file": ["raw/a.000", "raw/b.000"], "format": "pd0"}
+    for name, text in settings.items():
+        (cruise / f"config/calibrations/{name}.yaml").write_text(yaml.safe_dump(text))
 
 
 def process(project: Path, raw: Path, into: Path) -> None:

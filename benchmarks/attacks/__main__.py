@@ -28,6 +28,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # also of the processes that are spawned
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # last: attacks has a calibrations of its own
 
 import bases

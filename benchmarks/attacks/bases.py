@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import yaml
 from cruises import VARIABLE, Pd0, Table, stamps
+from gridding import in_plain_water, with_iron
 from runs import DATA
 
-from compasslib.demo import compass, sealed
-from compasslib.demo.sealed import Export, Ground, Wish
+from compasslib.demo import sealed
+from compasslib.demo.sealed import Export, Wish
 from tests.world import draw
 
 REAL = DATA / "cruise_eh2"
 REAL_MOORING, REAL_DAYS = "E0", 70  # the original record, by a compass without iron
-PLAIN_SHEAR = 0.25  # differences between depths in plain water relative to the standard simulation
 
 
 @dataclass(frozen=True)
@@ -98,21 +98,11 @@ def _write_simulated(base: Base, cruise: Path) -> np.ndarray:
     drawn = draw.Sealed("M", wish=Wish(wide=base.wide, hours=base.hours), export=export, seed=base.seed)
     draw.write(drawn, cruise, cruise)  # for its YAML file; the compass is built below
     (cruise / "M.npy").unlink()
-    ground = _with_iron(sealed.make(base.seed, "M", drawn.wish), base)
+    ground = with_iron(sealed.make(base.seed, "M", drawn.wish), base.strength)
     if base.water == "plain":
-        ground = replace(ground, currents=_plain(ground))
+        ground = in_plain_water(ground)
     written = sealed.write(ground, [], cruise / "raw/M", export)
     return np.stack([written.time_s, written.heading_deg])
-
-
-def _with_iron(ground: Ground, base: Base) -> Ground:
-    _, horizontal, vertical = (float(x.mean()) for x in ground.field.at(ground.stamp_s))
-    return replace(ground, meter=compass.build(ground.random("iron"), (horizontal, vertical), base.strength))
-
-
-def _plain(ground: Ground) -> sealed.Water:
-    currents, level = ground.currents, np.full(ground.currents.time_s.size, PLAIN_SHEAR)
-    return replace(currents, layers=currents.layers.times(level), veer_deg_m=0.0 * currents.veer_deg_m)
 
 
 def _write_real(base: Base, cruise: Path) -> np.ndarray:

@@ -45,11 +45,11 @@ class Recording:
         (folder / "raw").mkdir()
         (folder / "config/config.yaml").write_text("moorings: []\n")
         (folder / "config/calibrations/K.yaml").write_text(yaml.safe_dump(self.settings, sort_keys=False))
-        path = folder / str(self.settings["file"])
-        if self.text:
-            path.write_text("".join(self.text))
-        else:
-            self.frame.to_csv(path, index=False)
+        self.save(folder / str(self.settings["file"]))
+
+    def save(self, path: Path) -> None:
+        """Write the readings."""
+        path.write_text("".join(self.text) if self.text else self.frame.to_csv(index=False))
 
 
 def run(made: Recording, folder: Path) -> Outcome:
