@@ -26,7 +26,7 @@ from PIL import Image
 PROJECT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(PROJECT))
 
-from benchmarks.proof.seal import statements  # noqa: E402
+from benchmarks.proof.standing import statements  # noqa: E402
 
 DOCS, RECORD = PROJECT / "docs", PROJECT / "docs/pictures.json"
 
