@@ -128,7 +128,8 @@ def measure(index: int, seed: int) -> dict:
     whole = bench.of_house(drawn)
     first = take(whole, np.arange(HALF))
     found = judged(drawn, first)
-    row = {"index": index, "effect": effect, "verdict": found.verdict, "stated": [], "before": names(found)}
+    row = {"index": index, "effect": effect, "verdict": found.verdict, "stated": []}
+    row["before"] = [[one.named, *one.alternatives] for one in found.findings]
     if found.verdict != "ambiguous":
         return row
     ahead, inferred, rng = experiments.prospects(INFERRED[0]), INFERRED[0], np.random.default_rng(own)
@@ -141,10 +142,6 @@ def measure(index: int, seed: int) -> dict:
     for what, chance in found.experiments:
         row["stated"] += [[begin, chance, came[begin]] for begin in OBSERVED if what.startswith(begin)]
     return row
-
-
-def names(found: Diagnosis) -> list[list[str]]:
-    return [[one.named, *one.alternatives] for one in found.findings]
 
 
 def main() -> None:

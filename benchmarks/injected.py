@@ -34,7 +34,7 @@ from compasslib.records import EarthField, Pairs, take
 from tests.world import pairs as sea
 
 KINDS = ("null", "single", "two", "unknown")
-HOUR_S, DAY_S = 3600.0, 86400.0
+HOUR_S = 3600.0
 SIDE_H = 3  # hours before and after, whose mean serves as the second instrument
 DEEP_DBAR = 200.0
 GAPS = {"eh2": (2, 4), "papa": (1, 2), "aqd9330": (0,)}  # cells between the reference bin and the nearest other

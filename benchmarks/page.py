@@ -36,12 +36,6 @@ EDITED = "EG5"
 LIMITS = {"whole": 60.0, "without": 25.0, "edit": 12.0, "nothing": 3.0}
 
 
-def fresh(folder: Path) -> Path:
-    """Copy the demonstration cruise without results."""
-    shutil.copytree(PROJECT / "config", folder / "config")
-    return folder
-
-
 def change(path: Path, **keys: object) -> None:
     """Set keys of a YAML file."""
     path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | keys, sort_keys=False))
@@ -62,7 +56,9 @@ def cpu_of(code: str) -> float:
 
 def of_cruise(temporary: Path) -> tuple[str, list[Measured]]:
     """Time the whole cruise, one job per mooring, no diagnosis and figures, an edit, and an up-to-date cruise."""
-    whole, joined, bare = (fresh(temporary / name) for name in ("whole", "joined", "bare"))
+    whole, joined, bare = (temporary / name for name in ("whole", "joined", "bare"))
+    for folder in (whole, joined, bare):
+        shutil.copytree(PROJECT / "config", folder / "config")
     change(bare / "config/config.yaml", diagnose={"enabled": False})
     rows = [("whole cruise, diagnosis and figures", *took(whole), LIMITS["whole"])]
     rows.append(("a job a mooring", *took(joined, "--config", "mooring_cores=1"), LIMITS["whole"]))

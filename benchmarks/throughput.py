@@ -43,11 +43,6 @@ MEGABYTES, MHKIT_COPIES, REPEATS = 60, 2, 5
 SAMPLES, CELLS = 2000, 40
 
 
-def good_bytes(path: Path) -> bytes:
-    """Read the valid ensembles of a file without gaps between them."""
-    return b"".join(run.rows.tobytes() for chunk in iter_chunks(path) for run in chunk.runs)
-
-
 def speed(path: Path, action: Callable[[Path], object], repeats: int = REPEATS) -> float:
     """Measure the throughput of the fastest of some repetitions, MB/s."""
     fastest = float("inf")
@@ -122,7 +117,7 @@ def of_table(folder: Path) -> None:
 def main(raw: Path) -> None:
     """Write the files, time each way of reading them, and print the table."""
     logging.disable(logging.CRITICAL)
-    good = good_bytes(raw)
+    good = b"".join(run.rows.tobytes() for chunk in iter_chunks(raw) for run in chunk.runs)  # valid ensembles
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         large, small = folder / "large.000", folder / "small.000"

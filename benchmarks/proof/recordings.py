@@ -87,7 +87,10 @@ def scored(work: Path, data: Path) -> list[dict[str, Any]]:
         if missing := _absent(one, data):
             found.append(line | {"said": missing})
             continue
-        diagnosis, truth = _left(one, work / one.name), truth_of(one)
+        left, wrong, truth = work / one.name / _diagnosis(one), work / one.name / "wrong.txt", truth_of(one)
+        why = wrong.read_text() if wrong.exists() else "it was not run"
+        stopped = {"verdict": "stopped", "findings": [], "unexplained": None, "why": why}
+        diagnosis = measure.diagnosis(left.parent) if left.exists() else stopped
         line["points"] = {name: score.points(truth, tool(truth, diagnosis)) for name, tool in tools.items()}
         found.append(line | {"said": _said(diagnosis), "outcome": score.judge(truth, diagnosis)})
     return found
@@ -97,13 +100,6 @@ def truth_of(one: Recording) -> dict[str, Any]:
     """Construct the truth of a recording in the form of that of a mooring."""
     effects = [{"name": name, "right": [name], "side": "compass", "visible_deg": 0.0} for name in one.effects]
     return {"kind": one.kind, "effects": effects, "rivals": [], "real": True}
-
-
-def _left(one: Recording, cruise: Path) -> dict[str, Any]:
-    if (cruise / _diagnosis(one)).exists():
-        return measure.diagnosis((cruise / _diagnosis(one)).parent)
-    wrong = (cruise / "wrong.txt").read_text() if (cruise / "wrong.txt").exists() else "it was not run"
-    return {"verdict": "stopped", "findings": [], "unexplained": None, "why": wrong}
 
 
 def _diagnosis(one: Recording) -> Path:

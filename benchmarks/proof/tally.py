@@ -48,7 +48,8 @@ def rates(rows: Sequence[Row]) -> list[Rate]:
     of_one = [row for row in single if [len(one) for one in row["sets"]] == [1]]
     names, driven = _statements(rows, "effect"), _statements(rows, "effect", "driver", side="compass")
     stated = sum(one["probability"] for one in names) / max(len(names), 1)
-    large = [row for row in single if row["visible_deg"][0] >= EASY_DEG and _acts_on_compass(row)]
+    beside = {*score.CURRENT, "clock_offset", "clock_drift"}  # that do not act on the compass
+    large = [row for row in single if row["visible_deg"][0] >= EASY_DEG and not {*row["right"][0]} & beside]
     detectable, corrected = _detectable_effects(rows, "single"), [row for row in rows if _whole(row)]
     blamed, above = "attributed to compass or clock", "above its stated detection limit"
     mistimed = "temperature logged at wrong times"
@@ -79,7 +80,8 @@ def rates(rows: Sequence[Row]) -> list[Rate]:
         Rate("unlisted effects: unexplained or composed", strange, _outcome("right", "name beside")),
         Rate("unlisted effects: attributed to a listed one", strange, _outcome("bare name"), {"most": 0.07}),
         Rate("unlisted effects: wrong drivers only", strange, _misled, {"most": 0.07}),
-        Rate("unlisted effects, detected: correct driver first", list(filter(seen, strange)), _driver_first),
+        Rate("unlisted effects, detected: correct driver first", list(filter(seen, strange)),
+             lambda row: bool(row["stated"]) and row["stated"][0]["driver_right"]),
         Rate(f"{mistimed}: temperature first", shifted,
              lambda row: "temperature" in {one[0] for one in row["sets"]}, {"most": 0.05}),
         Rate(f"{mistimed}: attributed to a listed effect", shifted, _outcome("bare name")),
@@ -296,10 +298,6 @@ def _outcome(*names: str) -> Callable[[Row], bool]:
     return lambda row: row["outcome"] in names
 
 
-def _acts_on_compass(row: Row) -> bool:
-    return not {*row["right"][0]} & {*score.CURRENT, "clock_offset", "clock_drift"}
-
-
 def _veered(row: Row) -> bool:
     effects = zip(row["right"], row["visible_deg"], strict=True)
     return any(size >= EASY_DEG and {*names} & {*score.CURRENT} for names, size in effects)
@@ -316,10 +314,6 @@ def _by_driver(row: Row) -> bool:
 def _misled(row: Row) -> bool:
     """Return whether there are findings, none of which has a right driver, and nothing is left unexplained."""
     return bool(row["stated"]) and row["unexplained"] is None and not any(one["driver_right"] for one in row["stated"])
-
-
-def _driver_first(row: Row) -> bool:
-    return bool(row["stated"]) and row["stated"][0]["driver_right"]
 
 
 def seen(row: Row) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -196,11 +196,6 @@ def _dipole(moment: Floats, away_m: Floats) -> Floats:
     return np.asarray(100.0 * (3.0 * along * (along @ moment) - moment) / distance**3)
 
 
-def without(planted: Sequence[Planted], side: str) -> list[Acts]:
-    """List the actions of all effects except those of one side."""
-    return [one.acts for one in planted if one.family.side != side]
-
-
 def clocks(planted: Sequence[Planted]) -> list[Acts]:
     """List the actions of clock errors only."""
-    return [replace(Acts(), ahead_s=one.acts.ahead_s) for one in planted if one.acts.ahead_s is not None]
+    return [Acts(ahead_s=one.acts.ahead_s) for one in planted if one.acts.ahead_s is not None]

@@ -79,7 +79,8 @@ def write(one: Drawn, cruise: Path, locked: Path, data: Path, own: Path | None =
     known = {each.name: each for each in (*families.NAMED, *families.STRANGE)}
     planted = [compass.plant(scene, meter, known[name], size, one.random(name)) for name, size in one.wanted]
     facts: dict[str, Any] = {
-        "kind": one.kind, "water": one.water, "real": one.real, "rivals": list(one.rivals), "wide": _wide(scene),
+        "kind": one.kind, "water": one.water, "real": one.real, "rivals": list(one.rivals),
+        "wide": bool(np.abs(np.exp(1j * np.deg2rad(scene.heading_deg)).mean()) < 0.6),  # resultant length
         "stands_in": bool(record and record.stands_in),
     }  # fmt: skip
     export.write(Mooring(one.name, scene, meter, planted, one.export, one.random), cruise, locked, facts)
@@ -164,8 +165,3 @@ def _scene(one: Drawn, data: Path, own: Path | None) -> Scene:
     begin = int(rng.integers(0, scene.time_s.size - count + 1))
     some, n = slice(begin, begin + count), scene.time_s.size
     return replace(scene, **{k: v[some] for k, v in vars(scene).items() if np.shape(v)[:1] == (n,) and k != "range_m"})
-
-
-def _wide(scene: Scene) -> bool:
-    """Return whether the headings are widely spread: their resultant length is below 0.6."""
-    return bool(np.abs(np.exp(1j * np.deg2rad(scene.heading_deg)).mean()) < 0.6)

@@ -207,8 +207,3 @@ def _lean(rng: np.random.Generator, time_s: Floats, speed: Floats, way_deg: Floa
     pitch = rng.uniform(-3.0, 3.0) - drag * np.cos(way) + sway[0]
     roll = rng.uniform(-3.0, 3.0) + drag * np.sin(way) + sway[1]
     return STEEPEST_DEG * np.tanh(pitch / STEEPEST_DEG), STEEPEST_DEG * np.tanh(roll / STEEPEST_DEG)
-
-
-def shifted(series: Floats, rng: np.random.Generator) -> Floats:
-    """Shift a series circularly by a fifth to four fifths of its length: right in all statistics, wrong in time."""
-    return np.asarray(np.roll(series, int(series.size * rng.uniform(0.2, 0.8))))
