@@ -1,4 +1,4 @@
-"""Table of the three papers: its numbers are those of the code, each row's code and test exist, differences are explained."""
+"""Table of the three papers: numbers are those of the code, rows name code and a test, differences have a reason."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ import pytest
 
 from benchmarks import targets
 from benchmarks.proof import __main__ as command
-from benchmarks.proof import measure, recordings, score, standing, tally
+from benchmarks.proof import measure, recordings, score, standing, steps, tally
 from benchmarks.proof.world import compass, draw, families, records, scene, seas
 from benchmarks.proof.world.scene import Acts
 from compasslib.effects import CATALOGUE
@@ -88,7 +88,7 @@ def test_folder_of_another_proof_is_refused(proof, capsys):
 
 
 def scored(folder: Path) -> dict:
-    return command.write(folder / "out", folder / "work")
+    return steps.write(folder / "out", folder / "work")
 
 
 def changed(path: Path, before: str, after: str) -> str:
