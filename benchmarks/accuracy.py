@@ -2,11 +2,10 @@
 
     python benchmarks/accuracy.py            the demonstration cruise, after make run
     python benchmarks/accuracy.py CRUISE     any cruise folder with truth/NAME.csv or truth_NAME.csv
-    python benchmarks/accuracy.py --product  only the existing results of the cruise, including the search:
-                                             headings, and currents at fixed depths compared with a mean per bin
+    python benchmarks/accuracy.py --product  only the existing results of the cruise, including the search
 
-Copies of the cruise are run with all moorings by ``exact``, by ``exact`` with tilt and by ``von_appen``; the original
-is not changed. Without a truth file, the recorded headings of a mooring are taken as the truth.
+Copies of the cruise are run by ``exact``, by ``exact`` with tilt and by ``von_appen``. Without a truth file, the
+recorded headings of a mooring are taken as the truth.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from compasslib.deviation.series import fit_series_about_mean, invert_series
 from compasslib.preparation.references import combine_references
 
 METHODS = ("exact", "exact, tilt: true", "von_appen")
-HEAD_OF_CURRENTS = "| mooring | cells | rms of U and V, gridded | a corrected mean per bin | U, V within 95 % |"
+HEAD_OF_CURRENTS = ("mooring", "cells", "rms of U and V, gridded", "a corrected mean per bin", "U, V within 95 %")
 
 
 def run(source: Path, folder: Path, method: str) -> None:
@@ -81,33 +80,24 @@ def row(source: Path, folder: Path, name: str, method: str) -> list[str]:
     before, after = difference(recorded, real), difference(corrected, real)
     known = np.isfinite(after)
     sure = known & (probability >= 0.95)
+    middle = np.median(np.abs(after[known])) if known.any() else np.nan
+    shown = [f"{rms(before):.1f}°", f"{rms(after):.2f}°", f"{middle:.2f}°"]
     if method == numbers.BY_EYE:
-        shown = [f"{rms(before):.1f}°", f"{rms(after):.2f}°", f"{np.median(np.abs(after[known])):.2f}°"]
         return [name, method, f"{100 * known.mean():.1f} %", *shown, *4 * ("–",)]
-    return [
-        name,
-        method,
-        f"{100 * np.isfinite(corrected).mean():.1f} %",
-        f"{rms(before):.1f}°",
-        f"{rms(after):.2f}°",
-        f"{np.median(np.abs(after[known])) if known.any() else np.nan:.2f}°",
-        f"{rms(sigma):.2f}°",
-        f"{100 * np.mean(np.abs(after[known]) < 1.96 * sigma[known]) if known.any() else np.nan:.0f} %",
-        f"{100 * sure.mean():.1f} %",
-        f"{rms(after[sure]):.2f}°",
-    ]
+    within = 100 * np.mean(np.abs(after[known]) < 1.96 * sigma[known]) if known.any() else np.nan
+    certain = [f"{100 * sure.mean():.1f} %", f"{rms(after[sure]):.2f}°"]
+    corrects = f"{100 * np.isfinite(corrected).mean():.1f} %"
+    return [name, method, corrects, *shown, f"{rms(sigma):.2f}°", f"{within:.0f} %", *certain]
 
 
 def product(source: Path) -> None:
     """Print the tables of existing results."""
-    rows = [row(source, source, path.stem, "product") for path in sorted((source / "config/moorings").glob("*.yaml"))]
-    print(numbers.table(rows))
-    print(f"\n{HEAD_OF_CURRENTS}\n" + "|---" * HEAD_OF_CURRENTS.count(" |") + "|")
-    for path in sorted((source / "config/moorings").glob("*.yaml")):
-        print(currents(source, path.stem))
+    names = [path.stem for path in sorted((source / "config/moorings").glob("*.yaml"))]
+    print(numbers.table([row(source, source, name, "product") for name in names]))
+    print(f"\n{numbers.table([currents(source, name) for name in names], HEAD_OF_CURRENTS)}")
 
 
-def currents(source: Path, name: str) -> str:
+def currents(source: Path, name: str) -> list[str]:
     """Compare gridded.nc, as far as from the affected instrument, with its cells rotated by the true heading."""
     folder = source / "results" / name
     with netCDF4.Dataset(folder / "corrected.nc") as nc:
@@ -134,10 +124,8 @@ def currents(source: Path, name: str) -> str:
     inside = [np.abs(x) < 1.96 * s[own] for x, s in ((off.real, grid.east_sigma), (off.imag, grid.north_sigma))]
     both = own & np.isfinite(by_bin)
     sizes = [100.0 * np.sqrt(np.mean(np.abs(x) ** 2) / 2.0) for x in (off, (by_bin - known)[both])]
-    return (
-        f"| {name} | {own.sum()} | {sizes[0]:.2f} cm/s | {sizes[1]:.2f} cm/s | "
-        f"{100 * np.mean(inside[0]):.0f} %, {100 * np.mean(inside[1]):.0f} % |"
-    )
+    within = ", ".join(f"{100 * np.mean(one):.0f} %" for one in inside)
+    return [name, str(own.sum()), *(f"{size:.2f} cm/s" for size in sizes), within]
 
 
 def methods(source: Path) -> None:

@@ -10,11 +10,9 @@ driver, form) each. Its hash is printed to prove that a file written before the 
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import importlib.util
 import sys
-import time
 from pathlib import Path
 
 import discrepancy as bench
@@ -22,8 +20,6 @@ import numpy as np
 import targets
 
 from compasslib.effects import COMPOSED, side_of
-from compasslib.inference.comparison import Options
-from compasslib.inference.kinds.mooring import diagnose
 from tests.world import pairs as sea
 
 SIZES = (3.0, 3.0, 1.5)
@@ -50,17 +46,15 @@ def measure(every: dict, index: int, seed: int, *, red: bool) -> dict:
     world = sea.make(own, wide=index % 3 == 2, slow_water=slow)
     effect, right = every[name](world)
     drawn = sea.planted(world, {name: size}, {name: effect})
-    fit, field = bench.fitted(drawn), bench.field_of(drawn)
-    begin = time.perf_counter()
-    found = diagnose(drawn.pairs, drawn.covariates, fit, field, Options())
-    seconds = time.perf_counter() - begin
+    fit, field, found, diagnosed = bench.diagnosed(drawn, size)
     first = [one.named for one in found.findings]
     told = {n for one in found.findings for n in (one.named, *one.alternatives)}
     words = {described(n) for n in told} - {None}
     drivers = {one[1] for one in words} | {one.driver for one in found.current}
     sides = {side_of(COMPOSED + "/".join(one)) for one in right}
     row = {
-        "family": name, "size": size, "verdict": found.verdict, "first": first, "set": sorted(told), "seconds": seconds,
+        "family": name, "size": size, "verdict": found.verdict, "first": first, "set": sorted(told),
+        "seconds": diagnosed["seconds"],
         "side": max(found.sides.get(side, 0.0) for side in sides) >= 0.5 if found.sides else False,
         "in_set": bool(words & right),
         "is_first": bool({described(n) for n in first} & right),
@@ -77,18 +71,14 @@ def measure(every: dict, index: int, seed: int, *, red: bool) -> dict:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("moorings", type=int)
-    parser.add_argument("seed", type=int)
+    parser = targets.parser(__doc__, 54, red=True, rows=True)
     parser.add_argument("--families", type=Path, default=Path(__file__).with_name("families.py"))
-    parser.add_argument("--red", action="store_true")
-    parser.add_argument("--rows", type=Path)
     asked = parser.parse_args()
     every, rows = families(asked.families), []
     print(f"{len(every)} families, sha256 {hashlib.sha256(asked.families.read_bytes()).hexdigest()}")
-    for index in range(asked.moorings):
+    for index in range(asked.count):
         rows.append(targets.added(asked.rows, measure(every, index, asked.seed, red=asked.red)))
-        targets.progress(f"{index + 1} of {asked.moorings}")
+        targets.progress(f"{index + 1} of {asked.count}")
     targets.head("measure", "value", "target")
     good = [_of_size(rows, size) for size in (3.0, 1.5)]
     own = [row for row in rows if "covered" in row]

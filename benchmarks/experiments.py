@@ -2,16 +2,14 @@
 
     python benchmarks/experiments.py 40 1 ROWS     40 ambiguous moorings by seed 1, in slowly veering water
 
-Moorings with one effect are drawn until enough are ambiguous. Half a year of each is diagnosed; then its second half,
-or a second reference at another depth, is simulated and added, and the search is repeated. A swing of all headings
-after recovery and a log of the field strength are simulated by formulae independent of the engine, and the hypotheses
-of the recording are weighted again with them. A single finding counts as left if the verdict is ``explained``, or if
-the probability of no effect is 95 %. ROWS gets one line of JSON per mooring, from which an interrupted run resumes.
+Half a year of each is diagnosed; then its second half, or a second reference at another depth, is added, and the search
+is repeated. A swing of all headings after recovery and a log of the field strength are simulated by formulae
+independent of the engine, and weigh the hypotheses again. A single finding counts as left if the verdict is
+``explained``, or if the probability of no effect is 95 %. An interrupted run resumes from ROWS.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -54,10 +52,8 @@ def remembered(found: Inference) -> tuple[tuple[str, float], ...]:
     return STATED(found)
 
 
-STATED, experiments.rank_observations = (
-    experiments.rank_observations,
-    remembered,
-)  # the search does not return its posterior otherwise
+STATED = experiments.rank_observations
+experiments.rank_observations = remembered  # the search does not return its posterior otherwise
 
 
 def settled(found: Diagnosis) -> float:
@@ -73,19 +69,15 @@ def swung(found: Inference, drawn: sea.Drawn, rng: np.random.Generator) -> np.nd
     heading = np.arange(experiments.COURSES) * 360.0 / experiments.COURSES
     none = np.zeros((2, len(heading)))
     deck = replace(drawn.world, heading=heading, tilt=none, sensed=none)
-    extra, offsets = np.zeros((3, len(heading))), []
-    for (part, size), name in zip(drawn.parts, drawn.truth, strict=True):
-        if name in NONE_ON_DECK:
-            continue
+    parts = [(*one, name) for one, name in zip(drawn.parts, drawn.truth, strict=True) if name not in NONE_ON_DECK]
+    extra = np.zeros((3, len(heading)))
+    for part, size, name in parts:
         if part.extra is not None:
             extra += size * at_deck(part.extra, name)[:, None]
-        if part.offset is not None:
-            offsets.append((part.offset, size, name))
 
     def offset(gamma):
-        return sum(
-            (size * (own(gamma) if name in LOBES else at_deck(own(gamma), name)) for own, size, name in offsets), 0
-        )
+        own = ((part.offset(gamma), size, name) for part, size, name in parts if part.offset is not None)
+        return sum((size * (turn if name in LOBES else at_deck(turn, name)) for turn, size, name in own), 0)
 
     mark, noise = rng.normal(0.0, 3.0), rng.normal(0.0, experiments.SWUNG_DEG, len(heading))
     recorded = sea.compass(deck, extra=extra, offset=offset)
@@ -136,42 +128,30 @@ def measure(index: int, seed: int) -> dict:
     whole = bench.of_house(drawn)
     first = take(whole, np.arange(HALF))
     found = judged(drawn, first)
-    row = {"index": index, "effect": effect, "verdict": found.verdict, "stated": [], "before": names(found)}
+    row = {"index": index, "effect": effect, "verdict": found.verdict, "stated": []}
+    row["before"] = [[one.named, *one.alternatives] for one in found.findings]
     if found.verdict != "ambiguous":
         return row
     ahead, inferred, rng = experiments.prospects(INFERRED[0]), INFERRED[0], np.random.default_rng(own)
     assert ahead is not None
-    came = {
-        SWING: left(ahead, SWING, swung(inferred, drawn, rng)),
-        STRENGTH: left(ahead, STRENGTH, strength(inferred, drawn, rng))
-        if any(what.startswith(STRENGTH) for what in ahead.observations)
-        else None,
-        "another": settled(judged(drawn, whole)),
-        "a second": settled(judged(drawn, beside(world, first, np.random.default_rng(own)))),
-    }
-    row["stated"] = [
-        [begin, chance, came[begin]]
-        for what, chance in found.experiments
-        for begin in OBSERVED
-        if what.startswith(begin)
-    ]
+    came = {SWING: left(ahead, SWING, swung(inferred, drawn, rng))}
+    if any(what.startswith(STRENGTH) for what in ahead.observations):
+        came[STRENGTH] = left(ahead, STRENGTH, strength(inferred, drawn, rng))
+    came["another"] = settled(judged(drawn, whole))
+    came["a second"] = settled(judged(drawn, beside(world, first, np.random.default_rng(own))))
+    for what, chance in found.experiments:
+        row["stated"] += [[begin, chance, came[begin]] for begin in OBSERVED if what.startswith(begin)]
     return row
 
 
-def names(found: Diagnosis) -> list[list[str]]:
-    return [[one.named, *one.alternatives] for one in found.findings]
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("ambiguous", type=int)
-    parser.add_argument("seed", type=int)
+    parser = targets.parser(__doc__, 40)
     parser.add_argument("rows", type=Path)
     asked = parser.parse_args()
     rows = targets.rows_of(asked.rows, {})
-    while sum(bool(row["stated"]) for row in rows) < asked.ambiguous and len(rows) < MOST:
+    while sum(bool(row["stated"]) for row in rows) < asked.count and len(rows) < MOST:
         rows.append(targets.added(asked.rows, measure(len(rows), asked.seed)))
-        targets.progress(f"{sum(bool(row['stated']) for row in rows)} of {asked.ambiguous}")
+        targets.progress(f"{sum(bool(row['stated']) for row in rows)} of {asked.count}")
     print(f"\n{len(rows)} moorings, {sum(bool(row['stated']) for row in rows)} ambiguous")
     targets.head("observation", "n", "stated", "came", "95 % of what may come if the chances are right")
     sys.exit(0 if all([calibrated(rows, one) for one in OBSERVED]) else 1)  # noqa: C419  both are printed

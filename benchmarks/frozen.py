@@ -3,12 +3,9 @@
     python benchmarks/frozen.py e368bdf                  against that commit, in a checkout of its own
     python benchmarks/frozen.py e368bdf --kept FOLDER    keeps cruises and results, and resumes from existing ones
 
-Both versions process, through Snakemake, the demonstration cruise, the real record ../shared/data/cruise_eh2 if it
-exists, a sealed cruise of 24 moorings, a calibration of each kind, a compass shared by several moorings and a bench,
-and a cruise of other formats (Nortek, netCDF) with a mooring that stops; raw files are simulated by this checkout.
 Headings and velocities may differ by 1e-9, other numbers by ``DIGITS`` significant digits; verdicts and names must be
-equal. Changed sentences and figures are counted and listed, as are moorings with changed flags of corrected headings.
-The exit status is 1 if a number, a verdict, a name or the set of files differs.
+equal. Changed sentences, figures and flags are counted and listed. The exit status is 1 if a number, a verdict, a name
+or the set of files differs.
 """
 
 from __future__ import annotations
@@ -35,15 +32,17 @@ import yaml
 from matplotlib import image
 from runs import DATA, PROJECT, cost, snakemake
 
+sys.path.append(str(PROJECT / "benchmarks/attacks"))
+
+from benchmarks.attacks import calibrations
 from benchmarks.proof.world import draw
 from compasslib import readers
 from compasslib.demo import demonstration
-from compasslib.demo.compass import earth_field
 from compasslib.demo.sealed import Wish
 from tests import nortek_encoder as nortek
 from tests.nortek_encoder import Sample
 from tests.world import draw as paper
-from tests.world import observatory, package, redeployed, swing
+from tests.world import package, redeployed
 
 NEAR = 1e-9
 DIGITS = 6  # significant digits of numbers other than headings and velocities
@@ -63,9 +62,8 @@ def worktree(commit: str, folder: Path) -> Path:
 
 def write_raw(into: Path) -> list[str]:
     """Write the cruises that both versions process, by this checkout's simulation; return their names."""
-    names = ["demonstration", "sealed", "calibrations", "shared", "formats"] + (
-        ["eh2"] if (DATA / "cruise_eh2").is_dir() else []
-    )
+    names = ["demonstration", "sealed", "calibrations", "shared", "formats"]
+    names += ["eh2"] if (DATA / "cruise_eh2").is_dir() else []
     if (into / "written").exists():
         return names
     shutil.copytree(PROJECT / "config", into / "demonstration/config", dirs_exist_ok=True)
@@ -122,13 +120,10 @@ def _write_formats(cruise: Path) -> None:
             nc[variable].units = "m s-1"
             nc[variable][:] = np.ma.masked_invalid(values[:, 0])
     settings = yaml.safe_load(page.read_text())
-    settings["instruments"] = {
-        "top": {"format": "nortek", "files": "raw/AWAC/top.wpr", "orientation": "up"},
-        "deep": {
-            "format": "netcdf", "files": "raw/AWAC/deep.nc", "depth": round(float(np.nanmedian(deep.depth_m)), 1) + 4,
-            "direction_reference": "magnetic",
-        },
-    }  # fmt: skip
+    depth = round(float(np.nanmedian(deep.depth_m)), 1) + 4
+    netcdf = {"format": "netcdf", "files": "raw/AWAC/deep.nc", "depth": depth, "direction_reference": "magnetic"}
+    nortek_file = {"format": "nortek", "files": "raw/AWAC/top.wpr", "orientation": "up"}
+    settings["instruments"] = {"top": nortek_file, "deep": netcdf}
     page.write_text(yaml.safe_dump(settings))
     for role in ("top", "deep"):
         (raw / f"{role}.000").unlink()
@@ -137,37 +132,22 @@ def _write_formats(cruise: Path) -> None:
 
 def _write_calibrations(cruise: Path) -> None:
     """Write one calibration of each kind."""
-    place, start = {"latitude": 48.4, "longitude": -4.5, "date": "2022-09-29"}, 1.664352e9
     for folder in ("config/calibrations", "raw"):
         (cruise / folder).mkdir(parents=True, exist_ok=True)
-
-    def write(name: str, settings: dict[str, Any], header: str = "", columns: Any = ()) -> None:
-        (cruise / f"config/calibrations/{name}.yaml").write_text(yaml.safe_dump(settings))
-        if header:
-            np.savetxt(cruise / settings["file"], np.column_stack(columns), "%.3f", ",", header=header, comments="")
-
-    rng, turn = np.random.default_rng(1), np.arange(0, 360, 10.0)
-    bent = turn - 7 * np.sin(np.deg2rad(turn)) - 3 * np.cos(np.deg2rad(turn)) + rng.normal(0, 0.4, 36)
-    bench = place | {"kind": "platform", "file": "raw/bench.csv"}
-    write("bench", bench, "reference_deg,recorded_deg", (turn, np.mod(bent, 360)))
-    boat = swing.sail(rng, swing.Boat(plan=swing.CIRCLES, water_kn=0.2 + 0.1j), 0.5, start)
-    sailed = (boat.compass_deg, boat.course_deg, boat.speed_kn)
-    write("boat", place | {"kind": "swing", "file": "raw/boat.csv"}, "compass_deg,cog_deg,speed_kn", sailed)
-    round_rad = np.deg2rad(np.linspace(0, 1080, 720))
-    axes = [21000 * np.cos(round_rad) + 2000, -21000 * np.sin(round_rad) - 900, 43000 + 0 * round_rad]
-    axes = [axis + rng.normal(0, 40, 720) for axis in axes]
-    write("axes", place | {"kind": "magnetometer", "file": "raw/axes.csv"}, "x,y,z", axes)
-    hours = start + 3600.0 * np.arange(24 * 200)
-    declination, *others = earth_field(48.4, -4.5, (hours[0], hours[-1])).at(hours)
-    noise = rng.normal(0, 0.05, hours.size) + 0.1 * np.sin(2 * np.pi * hours / 86400)
-    observatory.write(cruise / "raw/station.hor", hours, (declination + noise + 0.1, *others), (48.4, -4.5))
-    write("station", {"kind": "declination", "file": "raw/station.hor", "format": "iaga2002"})
+    settings = {}
+    for kind in calibrations.SPOILERS:
+        made = calibrations.make(kind, [1, 0, 0], cruise / "raw")
+        settings[kind] = made.settings | {"file": f"raw/{kind}{Path(made.settings['file']).suffix}"}
+        made.save(cruise / settings[kind]["file"])
+    rng = np.random.default_rng(1)
     motion = package.lower(rng, package.Sea(), 1.2e9)
     second = package.Head(mount_deg=(47.0, 2.0, -1.5), first_s=0.37, ping_s=1.3, clock_s=7.3)
     for letter, head in {"a": package.Head(), "b": second}.items():
         stood = package.stand(rng, motion, head)
         (cruise / f"raw/{letter}.000").write_bytes(package.encoded(stood, looks_up=head.looks_up))
-    write("heads", {"kind": "two_heads", "file": ["raw/a.000", "raw/b.000"], "format": "pd0"})
+    settings["heads"] = {"kind": "two_heads", "file": ["raw/a.000", "raw/b.000"], "format": "pd0"}
+    for name, text in settings.items():
+        (cruise / f"config/calibrations/{name}.yaml").write_text(yaml.safe_dump(text))
 
 
 def process(project: Path, raw: Path, into: Path) -> None:
@@ -203,6 +183,7 @@ def leaves(content: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 def content(path: Path) -> dict[str, Any]:
     """Read the content of a file by name: numbers, arrays and texts."""
+    found: dict[str, Any] = {}
     if path.suffix == ".png":
         found = {"/figure": hashlib.sha256(image.imread(path).tobytes()).hexdigest()}
     elif path.suffix == ".json":
@@ -212,14 +193,12 @@ def content(path: Path) -> dict[str, Any]:
         found = {f"/{k}/{key}": _value(text) for k, row in enumerate(rows) for key, text in row.items()}
     else:
         with netCDF4.Dataset(path) as data:
-            found = {f"/{name}": _array(v[:]) for name, v in data.variables.items()}
+            for name, variable in data.variables.items():
+                values = np.ma.asarray(variable[:])
+                numeric = values.dtype.kind in "iufb"
+                found[f"/{name}"] = values.astype(float).filled(np.nan) if numeric else str(values.tolist())
             found |= {f"/{key}": _value(str(data.getncattr(key))) for key in data.ncattrs()}
     return {key: value for key, value in found.items() if not OF_THE_RUN.search(key)}
-
-
-def _array(values: Any) -> Any:
-    kept = np.ma.asarray(values)
-    return np.ma.filled(kept.astype(float), np.nan) if kept.dtype.kind in "iufb" else str(kept.tolist())
 
 
 def _value(text: str) -> Any:
@@ -252,10 +231,8 @@ def compare(old: Path, new: Path) -> tuple[Counter[str], dict[str, list[str]]]:
     counted: Counter[str] = Counter()
     where: dict[str, list[str]] = defaultdict(list)
     files = {p.relative_to(old) for p in old.rglob("*")} | {p.relative_to(new) for p in new.rglob("*")}
-    for file in sorted(
-        f for f in files if f.suffix in (".json", ".csv", ".nc", ".png") and not {"logs", "benchmarks"} & set(f.parts)
-    ):
-        if file.name in SKIPPED:
+    for file in sorted(files):
+        if file.suffix not in (".json", ".csv", ".nc", ".png") or {"logs", "benchmarks", *SKIPPED} & set(file.parts):
             continue
         if not ((old / file).is_file() and (new / file).is_file()):
             where["file"].append(f"{file}: only in the {'earlier' if (old / file).is_file() else 'later'}")
@@ -287,9 +264,8 @@ def flags_changed(old: Path, new: Path) -> Iterator[str]:
         if changes:
             said = [set(_warnings(path.parent)) for path in (before, after)]
             verdicts = [json.loads((path.parent / "diagnosis.json").read_text())["verdict"] for path in (before, after)]
-            yield f"{mooring}: {changes} of {len(flags[after])}; {' -> '.join(verdicts)}; " + "; ".join(
-                sorted(said[1] - said[0])
-            )
+            new = "; ".join(sorted(said[1] - said[0]))
+            yield f"{mooring}: {changes} of {len(flags[after])}; {' -> '.join(verdicts)}; {new}"
 
 
 def _warnings(folder: Path) -> Iterator[str]:

@@ -46,19 +46,29 @@ TOP = Setup(kilohertz=300, looks_up=True, cells=CELLS, cell_m=CELL_M, blank_m=1.
 def ground_of(kind: str, seed: int) -> Ground:
     """Simulate a mooring of a kind."""
     ground = sealed.make(seed, "M", Wish(wide=True, hours=HOURS))
-    _, horizontal, vertical = (float(x.mean()) for x in ground.field.at(ground.stamp_s))
     strength = STRENGTH.get(kind, float(np.random.default_rng(seed).choice([0.1, 0.2, 0.35])))
-    ground = replace(ground, meter=compass.build(ground.random("iron"), (horizontal, vertical), strength))
+    ground = with_iron(ground, strength)
     if kind == "plain":
-        level = np.full(ground.currents.time_s.size, PLAIN_SHEAR)
-        layers, veer = ground.currents.layers.times(level), 0.0 * ground.currents.veer_deg_m
-        ground = replace(ground, currents=replace(ground.currents, layers=layers, veer_deg_m=veer))
+        ground = in_plain_water(ground)
     if kind == "diving":
         rig = water.Rig(WEAK * (500.0 + 1.7 * ground.water_depth_m), 30.0, 26.0, 1.0, -1.0)
         declination = float(ground.field.at(ground.stamp_s)[0].mean())
         motion = water.make_motion(seed, "M", rig, ground.currents, declination_deg=declination)
         ground = replace(ground, motion=motion)
     return ground
+
+
+def with_iron(ground: Ground, strength: float) -> Ground:
+    """Place iron near the compass whose field has a strength relative to the earth's horizontal field."""
+    _, horizontal, vertical = (float(x.mean()) for x in ground.field.at(ground.stamp_s))
+    return replace(ground, meter=compass.build(ground.random("iron"), (horizontal, vertical), strength))
+
+
+def in_plain_water(ground: Ground) -> Ground:
+    """Reduce the shear, and let the current not turn with depth."""
+    currents, level = ground.currents, np.full(ground.currents.time_s.size, PLAIN_SHEAR)
+    layers, veer = currents.layers.times(level), 0.0 * currents.veer_deg_m
+    return replace(ground, currents=replace(currents, layers=layers, veer_deg_m=veer))
 
 
 def write(kind: str, ground: Ground, folder: Path) -> None:
@@ -145,14 +155,9 @@ class Grid:
     def compare(self) -> dict[str, float]:
         """Compute rms error and coverage of both components."""
         off, good = self.flow - self.truth, np.isfinite(self.flow) & np.isfinite(self.sigma[0])
-        cover = [
-            np.mean(np.abs(x[good]) < 1.96 * s[good]) for x, s in zip((off.real, off.imag), self.sigma, strict=True)
-        ]
-        return {
-            "rms_cm_s": 100.0 * np.sqrt(np.mean(np.abs(off[good]) ** 2) / 2.0),
-            "cover u": cover[0],
-            "cover v": cover[1],
-        }
+        parts = zip("uv", (off.real, off.imag), self.sigma, strict=True)
+        cover = {f"cover {name}": np.mean(np.abs(x[good]) < 1.96 * s[good]) for name, x, s in parts}
+        return {"rms_cm_s": 100.0 * np.sqrt(np.mean(np.abs(off[good]) ** 2) / 2.0)} | cover
 
     def section(self, angle: float) -> dict[str, float]:
         """Compute coverage and squared z of the mean of all cells in a given direction, radians from east."""

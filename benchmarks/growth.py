@@ -1,12 +1,10 @@
 """Scaling of time and memory with the length of a record, the number of moorings, and the number of effects.
 
     python benchmarks/growth.py                  a quarter of an hour on one core
-    python benchmarks/growth.py --figure PNG     also draws the curves
     python benchmarks/growth.py --plan           only the planning of fleets of up to 1000 moorings
     python benchmarks/growth.py --plan 10000     of a fleet of this size
 
-CPU seconds are user and system of all processes; peaks are those of the largest process. Ratios within the same run
-are those of the workflow to one process with the same steps, and of the whole to the published method alone.
+CPU seconds are user and system of all processes; peaks are those of the largest process.
 """
 
 from __future__ import annotations
@@ -28,8 +26,6 @@ from targets import Measured
 from compasslib.config.cruise import load_cruise
 from compasslib.demo.sealed import Wish
 from compasslib.pipeline import plan
-from compasslib.plots.page import BLUE, VERMILION
-from compasslib.plots.page import page as figure_of
 from tests.world import draw
 
 YEARS, MOORINGS, FLEETS, HOURS = (0.25, 0.5, 1.0, 2.0), (1, 2, 4), (10, 100, 1000), 4000
@@ -39,11 +35,7 @@ ONE_PROCESS = "import sys; from compasslib.pipeline.process import process_moori
 
 
 def one_process(cruise: Path, name: str, *, published: bool = False) -> tuple[float, float]:
-    """Correct a mooring in one process; return CPU seconds and peak MB.
-
-    Args:
-        published: whether to use the published method alone, without diagnosis.
-    """
+    """Correct a mooring in one process, by the published method alone if asked; return CPU seconds and peak MB."""
     if published:
         plain = {"fit": {"method": "von_appen"}, "diagnose": {"enabled": False}, "name": f"{name}P"}
         path = cruise / f"config/moorings/{name}P.yaml"
@@ -55,7 +47,7 @@ def one_process(cruise: Path, name: str, *, published: bool = False) -> tuple[fl
     return took.cpu_s, took.peak_mb
 
 
-def by_length(folder: Path) -> tuple[list[tuple[float, ...]], list[Measured]]:
+def by_length(folder: Path) -> list[Measured]:
     """Measure records of increasing length, of 10-minute ensembles of 40 bins."""
     rows = []
     for years in YEARS:
@@ -66,11 +58,8 @@ def by_length(folder: Path) -> tuple[list[tuple[float, ...]], list[Measured]]:
     table("record, years", "CPU s, peak MB, published alone CPU s, peak MB, ratio of CPU", rows)
     lengths, cpu, peak = np.array(rows).T[:3]
     powers = [float(np.polyfit(np.log(lengths), np.log(series), 1)[0]) for series in (cpu, peak)]
-    names = ("CPU", "memory")
-    return rows, [
-        targets.limit(f"power of the length that {name} grows by", power, most=STEEPEST)
-        for name, power in zip(names, powers, strict=True)
-    ]
+    what = "power of the length that {} grows by".format
+    return [targets.limit(what(x), power, most=STEEPEST) for x, power in zip(("CPU", "memory"), powers, strict=True)]
 
 
 def fleet(cruise: Path, count: int, years: float) -> list[str]:
@@ -126,35 +115,17 @@ def table(first: str, others: str, rows: Sequence[tuple[float, ...]]) -> None:
         targets.line(*(f"{value:.3g}" for value in row))
 
 
-def plot(rows: Sequence[tuple[float, ...]], path: Path) -> None:
-    """Draw time and memory against the length of the record."""
-    years, cpu, peak, published, published_peak, _ = np.array(rows).T
-    with figure_of(path, 2.6) as figure:
-        panels = figure.subplots(1, 2)
-        for axes, whole, alone, label in zip(
-            panels, (cpu, peak), (published, published_peak), ("CPU (s)", "Peak (MB)"), strict=True
-        ):
-            axes.plot(years, whole, "o-", color=BLUE, label="whole")
-            axes.plot(years, alone, "s--", color=VERMILION, label="published alone")
-            axes.set(xlabel="Record (years of 10 min)", ylabel=label, ylim=(0.0, None))
-        panels[0].legend()
-
-
 def main() -> int:
     """Print the tables; return 1 if a target is missed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--figure", type=Path)
     parser.add_argument("--plan", type=int, nargs="*", metavar="MOORINGS")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         by_plan(Path(name), asked.plan or FLEETS)
         if asked.plan is not None:
             return 0
-        rows, lines = by_length(Path(name))
-        lines += by_moorings(Path(name))
+        lines = by_length(Path(name)) + by_moorings(Path(name))
         by_effects(Path(name))
-    if asked.figure:
-        plot(rows, asked.figure)
     return targets.report(lines)
 
 

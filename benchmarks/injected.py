@@ -1,29 +1,21 @@
 """Score of the search for unmodelled effects on real currents: bins of three records, with a simulated compass.
 
     python benchmarks/injected.py 210 1 --kind null --rows ROWS     210 recordings without an effect, by seed 1
-    python benchmarks/injected.py 120 1 --kind single --rows ROWS   the same with one effect of 1.5 or 3 degrees
     python benchmarks/injected.py 60 1 --record papa                every kind of one record
 
 The bins of one profile share their compass: they differ by the water only, and any finding on a compass is false. One
-bin serves as the reference, those beyond a gap as the affected instrument, whose headings are re-read by a compass near
-iron (tests/world/pairs.py), with or without an effect. Records: eh2 (2 m cells, hourly), papa (20 m cells, every 2 to 8
-hours) and aqd9330, a point meter, for which the mean of the hours 3 h before and after serves as the second instrument;
-that mean contains no tide. Windows are the whole record and its halves, quarters of aqd9330. In two of three nulls the
-logged covariates are reversed in time or shifted by weeks and cannot be a cause. If ROWS is given, a line of JSON is
-added for each recording, from which an interrupted run resumes. eh2 and papa were used to tune the layers of the
-simulated currents (docs/sea.md), and eh2 the largest lag of the water (clocks.py); aqd9330 was used for no choice.
-Needs ../shared/data.
+bin is the reference; the headings of those beyond a gap are re-read by a compass near iron (tests/world/pairs.py). Of
+aqd9330, a point meter, the mean of the hours 3 h before and after is the second instrument. In two of three nulls the
+logged covariates are reversed in time or shifted by weeks. eh2 and papa were used to tune the layers of the simulated
+currents (docs/sea.md), and eh2 the largest lag of the water; aqd9330 was used for no choice. Needs ../shared/data.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import sys
-import time
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 
 import discrepancy as bench
 import numpy as np
@@ -37,13 +29,12 @@ from compasslib.deviation.correction import correct_headings, readings_at_pairs
 from compasslib.effects import side_of
 from compasslib.inference import covariates
 from compasslib.inference.comparison import Options
-from compasslib.inference.kinds.mooring import diagnose
 from compasslib.preparation.pairs import PairRules, find_pairs
 from compasslib.records import EarthField, Pairs, take
 from tests.world import pairs as sea
 
 KINDS = ("null", "single", "two", "unknown")
-HOUR_S, DAY_S = 3600.0, 86400.0
+HOUR_S = 3600.0
 SIDE_H = 3  # hours before and after, whose mean serves as the second instrument
 DEEP_DBAR = 200.0
 GAPS = {"eh2": (2, 4), "papa": (1, 2), "aqd9330": (0,)}  # cells between the reference bin and the nearest other
@@ -184,10 +175,8 @@ def draw(case: Case, own: Seen, kind: str, turn: int, seed: int) -> tuple[sea.Dr
     if kind == "single":
         wanted = {singles[turn % len(singles)]: size}
     elif kind == "two":
-        pair = bench._two(here.rng)
-        while not set(pair) <= set(there):
-            pair = bench._two(here.rng)
-        wanted = dict.fromkeys(pair, size)
+        while not wanted or not set(wanted) <= set(there):
+            wanted = dict.fromkeys(bench.two(here.rng), size)
     elif kind == "unknown":
         wanted = {unknown[turn % len(unknown)]: size}
     drawn = sea.planted(here, wanted)
@@ -235,17 +224,8 @@ def measure(kind: str, index: int, seed: int, records: list[str], gap: int | Non
     case = some[k % len(some)]
     own = seen(case)
     drawn, size = draw(case, own, kind, k, 100_000 * seed + 10_000 * KINDS.index(kind) + index)
-    fit, field = bench.fitted(drawn), bench.field_of(drawn)
-    begin = time.perf_counter()
-    found = diagnose(drawn.pairs, drawn.covariates, fit, field, Options(reference_magnetic=False))
-    row = {
-        "kind": kind, "index": index, "record": record, "water": case.water, "case": vars(case),
-        "truth": drawn.truth, "size": size, "visible": drawn.visible_deg, "verdict": found.verdict,
-        "sets": [[one.named, *one.alternatives] for one in found.findings], "seconds": time.perf_counter() - begin,
-        "left": None if found.unexplained is None else [found.unexplained.covariates, found.unexplained.rms_effect_deg],
-        "sides": found.sides,
-        "probability": [{one.named: one.probability, **one.alternatives_probability} for one in found.findings],
-    }  # fmt: skip
+    fit, field, found, row = bench.diagnosed(drawn, size, Options(reference_magnetic=False))
+    row |= {"kind": kind, "index": index, "record": record, "water": case.water, "case": vars(case)}
     return row if found.verdict == "insufficient" else row | errors(drawn, own, fit, field, found)
 
 
@@ -253,14 +233,12 @@ def measure(kind: str, index: int, seed: int, records: list[str], gap: int | Non
 
 
 def held(what: str, rows: list[dict], told, *, most: float = 1.0, least: float = 0.0) -> bool:
-    """Print a share of all and of each record; return False if the interval of all excludes the target.
-
-    The interval is the wider of that of Clopper and Pearson and that by resampling windows, which share their water.
-    """
+    """Print a share of all and of each record; return False if the interval of all excludes the target."""
     if not rows:
         return True
     values = [told(row) for row in rows]
     plain = targets.share(what, values, least=least, most=most)
+    # Windows share their water: the interval may be that by resampling them.
     good = bench.told(targets.grouped(plain, values, [row["water"] for row in rows]))
     for record in dict.fromkeys(row["record"] for row in rows):
         own = [row for row in rows if row["record"] == record]
@@ -290,9 +268,8 @@ def report(rows: list[dict]) -> bool:
     ]
     for logged in LOGGED:
         some = [row for row in of["null"] if row["case"]["logged"] == logged]
-        bench.line(
-            f"no effect, covariates {logged}: attributed to compass or clock", targets.share_of(map(named, some))
-        )
+        what = f"no effect, covariates {logged}: attributed to compass or clock"
+        bench.line(what, targets.share_of(map(named, some)))
     for size in bench.SIZES["single"]:
         some = [row for row in of["single"] if row["size"] == size]
         got = [row for row in some if bench.detected(row)]
@@ -328,21 +305,15 @@ def headings(kind: str, rows: list[dict]) -> None:
         fitted = f"published method ({np.isfinite(each['published']).sum()} of {len(own)} fitted)"
         what = f"{kind}, {record}: rms error in degrees: recorded, {fitted}, fit, product, best five coefficients"
         bench.line(what, text)
-        bench.line(f"{kind}, {record}: worse than the fit by over 0.1 degree",
-                   targets.share_of(row["error_after"] > row["error_plain"] + 0.1 for row in own))  # fmt: skip
+        worse = targets.share_of(row["error_after"] > row["error_plain"] + 0.1 for row in own)
+        bench.line(f"{kind}, {record}: worse than the fit by over 0.1 degree", worse)
         both = [100.0 * np.array([row[name] for row in own]) for name in ("covered", "centred")]
         told = f"{targets.middle(both[0], np.mean, unit=' %', fewest=5)}; {both[1].mean():.1f} %"
         bench.line(f"{kind}, {record}: headings within 95 %; the same without their mean error", told)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("count", type=int, nargs="?", default=42, help="recordings of each kind (default 42)")
-    parser.add_argument("seed", type=int, nargs="?", default=1)
-    parser.add_argument("--kind", choices=KINDS)
-    parser.add_argument(
-        "--rows", type=Path, help="file with a line of JSON a recording; what is in it is not made again"
-    )
+    parser = targets.parser(__doc__, 42, KINDS, rows=True)
     parser.add_argument("--record", choices=tuple(GAPS), action="append")
     parser.add_argument("--gap", type=int, help="cells between the trusted bin and the nearest of the others")
     asked = parser.parse_args()

@@ -2,9 +2,8 @@
 
     python benchmarks/interruptions.py [KILLS] [SEED]
 
-Each run is killed with its jobs after a random time up to the duration of a whole run, repeatedly until it ends by
-itself or was killed eight times (otherwise a late job would take most of the kills on a busy machine); it is then
-restarted and left to finish, and a new cruise begins. Logs and benchmarks, which contain times, are not compared.
+Each run is killed with its jobs, repeatedly until it ends by itself or was killed eight times (otherwise a late job
+would take most of the kills on a busy machine); it is then restarted and left to finish, and a new cruise begins.
 """
 
 from __future__ import annotations

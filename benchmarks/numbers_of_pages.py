@@ -3,9 +3,8 @@
     python benchmarks/numbers_of_pages.py NAME SCRIPT ...   runs a benchmark and keeps the tables that it prints
     python benchmarks/numbers_of_pages.py                   writes the marked parts of the pages anew
 
-A part stands between ``<!-- numbers: NAME -->`` and ``<!-- /numbers -->``. It gives the command, the version and the
-date, and says where the engine has changed since. Tables are kept in ``docs/background/measured.json``; those of the
-sealed proof come from its card. A test holds the pages against the files.
+A part between ``<!-- numbers: NAME -->`` and ``<!-- /numbers -->`` gives the command, the version and the date, and
+says where the engine has changed since. Tables are kept in ``docs/background/measured.json``.
 """
 
 from __future__ import annotations
@@ -130,11 +129,7 @@ def card() -> str:
 
 
 def goals(folder: str = "../proof/", *, missed_only: bool = False) -> str:
-    """The goals of the sealed proof of record, all or those that are missed.
-
-    Args:
-        folder: of the cards, from the page.
-    """
+    """The goals of the sealed proof of record, all or those that are missed."""
     made = json.loads((CARD / "scorecard.json").read_text())
     some = [goal for goal in made["goals"] if goal["missed"] or not missed_only]
     figure = "" if missed_only else f"\n![True errors of headings]({folder}{CARD.name}/figures/headings.png)\n"

@@ -1,7 +1,6 @@
 """Write the quick measurements to one page, results/bench/README.md, each with a ratio within the same run.
 
     python benchmarks/page.py [OUTPUT]
-    python benchmarks/page.py --older CHECKOUT    only the seven moorings of the demonstration, and another version
 
 Times are CPU seconds (user and system, of all processes) unless stated otherwise, as they depend less on other work of
 the machine than wall time. The demonstration cruise is simulated again in a temporary folder.
@@ -24,6 +23,7 @@ import numpy as np
 import runs
 import targets
 import yaml
+from numbers_of_pages import table
 from runs import PROJECT
 from targets import Measured
 
@@ -33,23 +33,7 @@ from compasslib.deviation.series import multistart_least_squares, series_design,
 SCRIPTS = PROJECT / "workflow/scripts"
 FLEETS = (1, 10, 100)
 EDITED = "EG5"
-ONE_PROCESS = """
-import sys
-from contextlib import chdir
-from pathlib import Path
-from compasslib.config.cruise import load_cruise
-from compasslib.pipeline.process import LAST, run_stages
-with chdir(sys.argv[1]):
-    for name in sys.argv[2:]:
-        run_stages(load_cruise(Path()), name, Path("alone", name).absolute(), last=(*LAST, "figures/timeline.png"))
-"""
 LIMITS = {"whole": 60.0, "without": 25.0, "edit": 12.0, "nothing": 3.0}
-
-
-def fresh(folder: Path) -> Path:
-    """Copy the demonstration cruise without results."""
-    shutil.copytree(PROJECT / "config", folder / "config")
-    return folder
 
 
 def change(path: Path, **keys: object) -> None:
@@ -70,15 +54,11 @@ def cpu_of(code: str) -> float:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def imports_of(script: Path) -> str:
-    """Extract the import statements of a script."""
-    lines = [ast.unparse(n) for n in ast.parse(script.read_text()).body if isinstance(n, ast.Import | ast.ImportFrom)]
-    return "\n".join(lines)
-
-
 def of_cruise(temporary: Path) -> tuple[str, list[Measured]]:
     """Time the whole cruise, one job per mooring, no diagnosis and figures, an edit, and an up-to-date cruise."""
-    whole, joined, bare = (fresh(temporary / name) for name in ("whole", "joined", "bare"))
+    whole, joined, bare = (temporary / name for name in ("whole", "joined", "bare"))
+    for folder in (whole, joined, bare):
+        shutil.copytree(PROJECT / "config", folder / "config")
     change(bare / "config/config.yaml", diagnose={"enabled": False})
     rows = [("whole cruise, diagnosis and figures", *took(whole), LIMITS["whole"])]
     rows.append(("a job a mooring", *took(joined, "--config", "mooring_cores=1"), LIMITS["whole"]))
@@ -86,53 +66,23 @@ def of_cruise(temporary: Path) -> tuple[str, list[Measured]]:
     change(whole / f"config/moorings/{EDITED}.yaml", declination=-20.5)
     rows.append((f"{EDITED}'s declination edited", *took(whole), LIMITS["edit"]))
     rows.append(("nothing to do", *took(whole), LIMITS["nothing"]))
-    first = rows[0][2]
-    lines = ["| run, two cores | s by the clock | budget s | CPU s | of the whole |", "|---|---|---|---|---|"]
-    lines += [f"| {name} | {s:.1f} | {limit:.0f} | {cpu:.1f} | {cpu / first:.2f} |" for name, s, cpu, limit in rows]
+    cells = [
+        (name, f"{s:.1f}", f"{limit:.0f}", f"{cpu:.1f}", f"{cpu / rows[0][2]:.2f}") for name, s, cpu, limit in rows
+    ]
     kept = [targets.limit(f"{name}, s by the clock", s, most=limit) for name, s, _, limit in rows]
-    return "\n".join(lines), kept
-
-
-def of_seven(temporary: Path, older: Path) -> str:
-    """Time the seven published moorings by another version and by this one, with and without parts added since."""
-    rows = []
-
-    def seven(name: str, command: Callable[[Path], list[str]], project: Path = PROJECT, **options: object) -> None:
-        folder = temporary / name.replace(" ", "-")
-        shutil.copytree(project / "config", folder / "config")
-        for path in (folder / "config/moorings").glob("C*.yaml"):
-            path.unlink()
-        change(folder / "config/config.yaml", **options)
-        rows.append((name, *runs.cost(command(folder), project)[:2]))
-        print(f"{name}: {rows[-1][2]:.0f} CPU s", file=sys.stderr, flush=True)
-
-    def workflow(folder: Path) -> list[str]:
-        return runs.snakemake(folder, "--config", "mooring_cores=1")
-
-    def one_process(folder: Path) -> list[str]:
-        shutil.copytree(temporary / "here/raw", folder / "raw")
-        return [sys.executable, "-c", ONE_PROCESS, str(folder), *(f"EG{k}" for k in range(1, 8))]
-
-    seven("the older version", lambda folder: runs.snakemake(folder, project=older), older)
-    seven("here", workflow)
-    since = {"product": {"grid": False}, "diagnose": {"surrogates": 0}}
-    seven("here without grids and surrogates", workflow, **since)
-    seven("one process, figures but no simulation and report", one_process, **since)
-    first = rows[0][2]
-    lines = ["| the seven published moorings | s by the clock | CPU s | of the older |", "|---|---|---|---|"]
-    lines += [f"| {name} | {s:.1f} | {cpu:.1f} | {cpu / first:.2f} |" for name, s, cpu in rows]
-    return "\n".join(lines)
+    return table(cells, ("run, two cores", "s by the clock", "budget s", "CPU s", "of the whole")), kept
 
 
 def of_imports() -> str:
     """Time the imports of each job in new interpreters."""
     bare = min(cpu_of("pass") for _ in range(3))
-    lines = ["| job | imports, CPU s | of numpy's |", "|---|---|---|"]
-    numpy = min(cpu_of("import numpy") for _ in range(3)) - bare
+    rows, numpy = [], min(cpu_of("import numpy") for _ in range(3)) - bare
     for script in sorted(SCRIPTS.glob("*.py")):
-        seconds = min(cpu_of(imports_of(script)) for _ in range(3)) - bare
-        lines.append(f"| {script.stem} | {seconds:.2f} | {seconds / numpy:.1f} |")
-    return "\n".join(lines)
+        body = ast.parse(script.read_text()).body
+        imports = "\n".join(ast.unparse(node) for node in body if isinstance(node, ast.Import | ast.ImportFrom))
+        seconds = min(cpu_of(imports) for _ in range(3)) - bare
+        rows.append((script.stem, f"{seconds:.2f}", f"{seconds / numpy:.1f}"))
+    return table(rows, ("job", "imports, CPU s", "of numpy's"))
 
 
 def of_fits() -> str:
@@ -142,48 +92,43 @@ def of_fits() -> str:
     rng, n = np.random.default_rng(1), 9000
     heading = rng.uniform(0.0, 360.0, n)
     columns = series_design(heading)
-    lines = ["| largest deviation | scatter | curve_fit ms | ours ms | ratio | its worst error | ours |"]
-    lines.append("|---|---|---|---|---|---|---|")
+    rows = []
     for size in (10.0, 60.0, 130.0):
         true = size * np.array([0.1, 0.7, -0.4, 0.1, 0.05])
         deviation = angles.wrap180(columns @ true + rng.normal(0.0, 8.0, n))
 
-        def theirs(deviation: np.ndarray = deviation) -> np.ndarray:
-            return curve_fit(lambda x, *c: series_deviation(c, x), heading, deviation, p0=np.zeros(5))[0]
-
-        def ours(deviation: np.ndarray = deviation) -> np.ndarray:
-            return multistart_least_squares(columns, deviation)
-
-        (slow, other), (fast, own) = timed(theirs), timed(ours)
+        slow, other = timed(
+            lambda y: curve_fit(lambda x, *c: series_deviation(c, x), heading, y, p0=np.zeros(5))[0], deviation
+        )
+        fast, own = timed(lambda y: multistart_least_squares(columns, y), deviation)
         errors = [float(np.abs(found - true).max()) for found in (other, own)]
         largest = float(np.abs(columns @ true).max())
-        lines.append(
-            f"| {largest:.0f}° | 8° | {slow * 1e3:.1f} | {fast * 1e3:.1f} | {slow / fast:.1f} | "
-            f"{errors[0]:.2f}° | {errors[1]:.2f}° |"
-        )
-    return "\n".join(lines)
+        times = (f"{slow * 1e3:.1f}", f"{fast * 1e3:.1f}", f"{slow / fast:.1f}")
+        rows.append((f"{largest:.0f}°", "8°", *times, *(f"{error:.2f}°" for error in errors)))
+    head = ("largest deviation", "scatter", "curve_fit ms", "ours ms", "ratio", "its worst error", "ours")
+    return table(rows, head)
 
 
-def timed(action: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
+def timed(action: Callable[[np.ndarray], np.ndarray], data: np.ndarray) -> tuple[float, np.ndarray]:
     """Measure the minimum CPU seconds of some repetitions, and return them with the result."""
     fastest = float("inf")
     for _ in range(5):
         begun = time.process_time()
-        result = action()
+        result = action(data)
         fastest = min(fastest, time.process_time() - begun)
     return fastest, result
 
 
 def of_fleets(temporary: Path) -> str:
     """Time the planning of fleets of moorings by dry runs."""
-    lines = ["| moorings | jobs | planning, CPU s | ms a job |", "|---|---|---|---|"]
+    rows = []
     for count in FLEETS:
         folder = fleet(temporary / f"fleet{count}", count)
         took = runs.cost(runs.snakemake(folder, "--dry-run"))
         found = re.search(r"^total +(\d+)", took.said, re.MULTILINE)
         planned = int(found[1]) if found else 0
-        lines.append(f"| {count} | {planned} | {took.cpu_s:.1f} | {1e3 * took.cpu_s / max(planned, 1):.0f} |")
-    return "\n".join(lines)
+        rows.append((str(count), str(planned), f"{took.cpu_s:.1f}", f"{1e3 * took.cpu_s / max(planned, 1):.0f}"))
+    return table(rows, ("moorings", "jobs", "planning, CPU s", "ms a job"))
 
 
 def fleet(folder: Path, count: int) -> Path:
@@ -228,8 +173,4 @@ def main(output: Path) -> int:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--older"]:
-        with tempfile.TemporaryDirectory() as scratch:
-            print(of_seven(Path(scratch), Path(sys.argv[2]).resolve()))
-        sys.exit()
     sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else PROJECT / "results/bench/README.md"))

@@ -5,8 +5,6 @@
     python benchmarks/pictures.py --from CRUISE demonstration    from a cruise that has been run already
 
 docs/pictures.json contains the SHA-256 of each picture and of the code that draws it; tests/test_docs.py compares both.
-docs/report.png needs Chromium; the tutorial needs its own cruise, --from CRUISE tutorial; the sea needs
-../shared/data.
 """
 
 from __future__ import annotations
@@ -19,8 +17,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from PIL import Image
@@ -28,33 +26,44 @@ from PIL import Image
 PROJECT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(PROJECT))
 
-from benchmarks.proof.seal import statements  # noqa: E402
+from benchmarks.proof.standing import statements  # noqa: E402
 
 DOCS, RECORD = PROJECT / "docs", PROJECT / "docs/pictures.json"
-CURRENTS = ("sticks", "progressive", "roses")
-DRAWN = ("page",)  # modules of plots used by all figures of a mooring
 
 
 @dataclass(frozen=True)
 class Maker:
-    """Function that draws some of the pictures, and what it depends on."""
+    """Some of the pictures, and what they depend on."""
 
-    make: Callable[[Path], None]  # draws from the folder of a cruise that was run, or from an empty one
-    pictures: Sequence[str]  # relative to docs
+    title: str
     code: Sequence[str]  # patterns of the files that draw them, relative to the project
+    copied: Mapping[str, str] = field(default_factory=dict)  # pictures, relative to docs, of results of a cruise
+    drawn: Sequence[str] = ()  # pictures drawn by ``draw`` from the folder of a cruise that was run, or an empty one
+    draw: Callable[[Path], None] | None = None
     cruise: str = ""  # folder of the cruise to run first, relative to the project
 
+    @property
+    def pictures(self) -> list[str]:
+        return [*self.drawn, *self.copied]
 
-def demonstration(cruise: Path) -> None:
-    """EG4 of the demonstration cruise before and after, and the top of the report."""
-    figures = cruise / "results/EG4/figures"
-    beside(DOCS / "currents.png", [figures / f"{name}.png" for name in CURRENTS])
-    for name in ("deviation", "scatter", "section"):
-        shutil.copyfile(figures / f"{name}.png", DOCS / f"eg4_{name}.png")
+    def make(self, cruise: Path) -> None:
+        """Make the pictures from a cruise that was run."""
+        for picture, result in self.copied.items():
+            shutil.copyfile(cruise / "results" / result, DOCS / picture)
+        if self.draw is not None:
+            self.draw(cruise)
+
+
+def beside(cruise: Path) -> None:
+    """Combine figures of the currents of EG4 side by side into one."""
+    images = [Image.open(cruise / f"results/EG4/figures/{name}.png") for name in ("sticks", "progressive", "roses")]
+    whole = Image.new("RGB", (sum(one.width for one in images), max(one.height for one in images)), "white")
+    for k, one in enumerate(images):
+        whole.paste(one, (sum(earlier.width for earlier in images[:k]), 0))
+    whole.save(DOCS / "currents.png", compress_level=9)
 
 
 def report(cruise: Path) -> None:
-    """The top of the demonstration's report, as Chromium shows it."""
     sys.path.insert(0, str(PROJECT / "tests"))
     import browser
 
@@ -63,19 +72,8 @@ def report(cruise: Path) -> None:
         chromium.picture(DOCS / "report.png", whole=False)
 
 
-def tutorial(cruise: Path) -> None:
-    """The mooring of the tutorial."""
-    for name in ("sticks", "deviation", "scatter"):
-        shutil.copyfile(cruise / f"results/EG4/figures/{name}.png", DOCS / f"tutorial/{name}.png")
-
-
-def redeployed(cruise: Path) -> None:
-    """One compass by all its records."""
-    shutil.copyfile(cruise / "results/compasses/wh8104/figures/coefficients.png", DOCS / "redeployed.png")
-
-
 def concealed(cruise: Path) -> None:
-    """The diagnosis of C1 and its heading errors, with the page that explains them."""
+    """Take the diagnosis of C1 and draw its heading errors, with the page that explains them."""
     import walkthrough
 
     shutil.copyfile(cruise / "results/C1/figures/diagnosis.png", DOCS / "diagnosis.png")
@@ -83,14 +81,12 @@ def concealed(cruise: Path) -> None:
 
 
 def sea(folder: Path) -> None:
-    """Water between bins."""
     import sea as measured
 
     measured.draw(measured.profiles(), DOCS / "sea.png")
 
 
 def papers(folder: Path) -> None:
-    """Figures 4 and 5 of von Appen 2015."""
     from compasslib.plots import moorings
 
     moorings.draw_angles(DOCS / "angles.png")
@@ -99,45 +95,38 @@ def papers(folder: Path) -> None:
 
 COMMAND = ".venv/bin/python benchmarks/pictures.py "
 BY_HAND = {"tutorial": f"{COMMAND}--from CRUISE tutorial    # the cruise of the tutorial"}
-
-
-def plots(*names: str) -> list[str]:
-    """List the modules of plots that draw figures of a mooring."""
-    return [f"compasslib/plots/{name}.py" for name in (*DRAWN, *names)]
-
-
+PAGE, TIMESERIES, DEVIATION = (f"compasslib/plots/{name}.py" for name in ("page", "timeseries", "deviation"))
 MAKERS = {
     "demonstration": Maker(
-        demonstration,
-        ("currents.png", "eg4_deviation.png", "eg4_scatter.png", "eg4_section.png"),
-        [*plots("timeseries", "deviation"), "compasslib/demo/demonstration.py"],
-        cruise=".",
+        "EG4 of the demonstration cruise before and after, and the top of the report",
+        (PAGE, TIMESERIES, DEVIATION, "compasslib/demo/demonstration.py"),
+        {f"eg4_{name}.png": f"EG4/figures/{name}.png" for name in ("deviation", "scatter", "section")},
+        ("currents.png",), beside, cruise=".",
     ),
     "report": Maker(
-        report, ("report.png",), ["compasslib/report/templates/*", "compasslib/report/chart.py"], cruise="."
+        "The top of the demonstration's report, as Chromium shows it",
+        ("compasslib/report/templates/*", "compasslib/report/chart.py"), drawn=("report.png",), draw=report, cruise=".",
     ),
     "tutorial": Maker(
-        tutorial,
-        [f"tutorial/{name}.png" for name in ("sticks", "deviation", "scatter")],
-        plots("timeseries", "deviation"),
+        "The mooring of the tutorial", (PAGE, TIMESERIES, DEVIATION),
+        {f"tutorial/{name}.png": f"EG4/figures/{name}.png" for name in ("sticks", "deviation", "scatter")},
     ),
     "redeployed": Maker(
-        redeployed,
-        ("redeployed.png",),
-        [*plots("deviation"), "tests/world/redeployed.py", "examples/redeployed/config/**/*.yaml"],
-        cruise="examples/redeployed",
+        "One compass by all its records",
+        (PAGE, DEVIATION, "tests/world/redeployed.py", "examples/redeployed/config/**/*.yaml"),
+        {"redeployed.png": "compasses/wh8104/figures/coefficients.png"}, cruise="examples/redeployed",
     ),
     "concealed": Maker(
-        concealed,
-        ("diagnosis.png", "concealed_errors.png"),
-        [*plots("diagnosis", "timeseries"), "compasslib/demo/concealed.py"],
-        cruise=".",
+        "The diagnosis of C1 and its heading errors, with the page that explains them",
+        (PAGE, "compasslib/plots/diagnosis.py", TIMESERIES, "compasslib/demo/concealed.py"),
+        drawn=("diagnosis.png", "concealed_errors.png"), draw=concealed, cruise=".",
     ),
     "papers": Maker(
-        papers, ("angles.png", "synthetic.png"), ["compasslib/plots/page.py", "compasslib/plots/moorings.py"]
+        "Figures 4 and 5 of von Appen 2015", (PAGE, "compasslib/plots/moorings.py"),
+        drawn=("angles.png", "synthetic.png"), draw=papers,
     ),
-    "sea": Maker(sea, ("sea.png",), ["compasslib/plots/page.py", "benchmarks/sea.py"]),
-}
+    "sea": Maker("Water between bins", (PAGE, "benchmarks/sea.py"), drawn=("sea.png",), draw=sea),
+}  # fmt: skip
 
 
 def code(patterns: Iterable[str]) -> str:
@@ -179,21 +168,11 @@ def run(cruise: str, folder: Path) -> Path:
     return folder
 
 
-def beside(path: Path, figures: Sequence[Path]) -> None:
-    """Combine figures side by side into one."""
-    images = [Image.open(figure) for figure in figures]
-    whole = Image.new("RGB", (sum(one.width for one in images), max(one.height for one in images)), "white")
-    for k, one in enumerate(images):
-        whole.paste(one, (sum(earlier.width for earlier in images[:k]), 0))
-    whole.save(path, compress_level=9)
-
-
 def gallery() -> str:
     """Compose the page of all pictures, each with the command that draws it."""
     lines = ["# Gallery", "", "The pictures of these pages, each with the command of a checkout that draws it."]
     for name, maker in MAKERS.items():
-        title, command = str(maker.make.__doc__).split(".")[0], BY_HAND.get(name, COMMAND + name)
-        lines += ["", f"## {title}", "", f"    {command}"]
+        lines += ["", f"## {maker.title}", "", f"    {BY_HAND.get(name, COMMAND + name)}"]
         lines += [line for picture in maker.pictures for line in ("", f"![{Path(picture).stem}]({picture})")]
     return "\n".join(lines) + "\n"
 

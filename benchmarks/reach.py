@@ -1,23 +1,18 @@
 """Upper bound, set by the noise, of the share of planted effects that any search can detect.
 
-    python benchmarks/reach.py 110 71                 110 moorings with one and 110 with two effects by seed 71
-    python benchmarks/reach.py 110 71 --red           the same with slow differences of the currents at the two depths
-    python benchmarks/reach.py 110 71 --red --kind single --rows REACH --engine ROWS
-                                                      compared with the engine's detections, by effect and slow veer
-    python benchmarks/reach.py 120 71 --heldout ROWS      test of held-out days against the prediction of the others:
+    python benchmarks/reach.py 110 71 --red           110 moorings with one and 110 with two effects, in slow water
+    python benchmarks/reach.py 110 71 --red --kind single --engine ROWS    beside the engine's detections: rows of
+                                                      discrepancy.py by the same seed
+    python benchmarks/reach.py 120 71 --heldout ROWS  held-out days against the prediction of the others:
                                                       120 effects of 4 to 8 standard errors, 200 nulls, 100 days each
 
-Each effect is tested with everything known except its size: its pattern and date, the other effect, and variance and
-memory of the noise of the water. The five coefficients and the size of the other effect are refitted. No search with
-less knowledge can have more power. The moorings are those of benchmarks/discrepancy.py, without use of the engine; ROWS
-are the rows of such a run by the same seed. REACH gets one line of JSON per mooring, to resume an interrupted run.
-The exit status is 1 if the interval of the engine's shortfall lies above 5 points, or if held-out slopes, their
-intervals or the ranks of records without an effect miss their targets.
+Each effect is tested with everything known except its size, the size of the other effect and the five coefficients. No
+search with less knowledge can have more power. The exit status is 1 if the interval of the engine's shortfall lies
+above 5 points, or if held-out slopes, their intervals or the ranks of records without an effect miss their targets.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import sys
 from pathlib import Path
@@ -28,7 +23,6 @@ import targets
 from scipy.stats import chi2, kstest, ncx2, norm
 
 from compasslib.inference import design, finding, heldout, inference
-from compasslib.inference.comparison import compare_pairs
 from compasslib.statistics.resampling import blocks_by_count
 from tests.world import pairs as sea
 
@@ -148,8 +142,8 @@ def beside(rows: list[dict], found: list[dict]) -> bool:
         some = [both for both in joined if both[0]["size"] == size]
         good.append(compared(f"{size}, all", some))
         for low, high in itertools.pairwise(VEERS_DEG):
-            compared(f"{size}, slow veer {low:g} to {high:g}",
-                     [both for both in some if low <= both[0]["veer_deg"] < high])  # fmt: skip
+            veering = [both for both in some if low <= both[0]["veer_deg"] < high]
+            compared(f"{size}, slow veer {low:g} to {high:g}", veering)
         for name in bench.SINGLES:
             compared(f"{size}, {name}", [both for both in some if name in both[0]["power"]])
     return all(good)
@@ -190,11 +184,9 @@ def held_out(kind: str, index: int, seed: int) -> dict:
         row |= {"effect": name, "z": np.sqrt(noncentrality(made)[name]), "visible_deg": made.visible_deg[name]}
     else:
         made = drawn({})
-    case = compare_pairs(made.pairs, made.covariates, bench.fitted(made), bench.field_of(made))
-    empty = design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1]))
-    found = inference.infer(design.refit(empty, []), odds=1.0)
+    found = inference.infer(bench.bare_state(made), odds=1.0)
     if kind == "null":
-        fold = blocks_by_count(case.time_s, finding.FOLDS)
+        fold = blocks_by_count(found.state.case.time_s, finding.FOLDS)
         proof = heldout.refit_folds(found, design.refit(found.state, []), fold, SURROGATES)
         return row | {"rank_p": proof["placebo"].rank_p}
     terms = found.state.simulation.terms
@@ -243,12 +235,7 @@ def left_out(rows: list[dict]) -> int:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("count", type=int, nargs="?", default=44, help="moorings of each kind (default 44)")
-    parser.add_argument("seed", type=int, nargs="?", default=1)
-    parser.add_argument("--kind", choices=("single", "two"), action="append")
-    parser.add_argument("--red", action="store_true", help="the water of the two depths differs for days to seasons")
-    parser.add_argument("--rows", type=Path, help="file with a line of JSON a mooring; what is in it is not made again")
+    parser = targets.parser(__doc__, 44, ("single", "two"), red=True, rows=True)
     parser.add_argument("--engine", type=Path, help="rows of discrepancy.py, by the same seed")
     parser.add_argument("--heldout", type=Path, help="file for rows of the trial of held-out days, as of --rows")
     asked = parser.parse_args()
@@ -257,7 +244,7 @@ def main() -> None:
         trial = {"seed": asked.seed}
         rows = targets.resumed(asked.heldout, trial, wanted, lambda kind, index: held_out(kind, index, asked.seed))
         sys.exit(left_out(rows))
-    kinds, run = asked.kind or ("single", "two"), {"seed": asked.seed, "red": asked.red}
+    kinds, run = (asked.kind,) if asked.kind else ("single", "two"), {"seed": asked.seed, "red": asked.red}
     wanted = [(kind, index) for kind in kinds for index in range(asked.count)]
     rows = targets.resumed(asked.rows, run, wanted, lambda kind, index: row(kind, index, asked.seed, red=asked.red))
     targets.head("planted, 1 % of false alarms", "known beforehand", "found by a search")

@@ -10,7 +10,6 @@ attributed to the affected compass alone.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
@@ -74,9 +73,7 @@ def report(rows: Sequence[dict]) -> int:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("count", type=int, nargs="?", default=40)
-    parser.add_argument("seed", type=int, nargs="?", default=1)
+    parser = targets.parser(__doc__, 40)
     parser.add_argument("--cores", type=int, default=2)
     asked = parser.parse_args()
     with ProcessPoolExecutor(asked.cores) as pool:

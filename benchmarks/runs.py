@@ -35,10 +35,11 @@ class Cost(NamedTuple):
     said: str
 
 
-def environment(project: Path = PROJECT) -> dict[str, str]:
-    """Compose the environment in which jobs import one project's library and use a fixed date."""
+def environment(project: Path = PROJECT, date: str | None = "0") -> dict[str, str]:
+    """Compose the environment in which jobs import one project's library and use a fixed date, if one is given."""
     path = os.pathsep.join(filter(None, (str(project), os.environ.get("PYTHONPATH"))))
-    return {"SOURCE_DATE_EPOCH": "0"} | os.environ | ONE_THREAD | {"PYTHONPATH": path}
+    dated = {} if date is None else {"SOURCE_DATE_EPOCH": date}
+    return dated | os.environ | ONE_THREAD | {"PYTHONPATH": path}
 
 
 def snakemake(folder: Path, *options: object, cores: int | None = 2, project: Path = PROJECT) -> list[str]:

@@ -1,16 +1,13 @@
 """Score of the joint analysis of several records of one compass: shared effects, outliers, and gain of short records.
 
-    python benchmarks/shared_compass.py 40 1              40 sets of three deployments of each kind by seed 1
     python benchmarks/shared_compass.py 40 1 --kind null  one kind: shared, null, season, siblings, short
     python benchmarks/shared_compass.py 40 1 --every 2    a sample every 2 hours; the default is 4
 
-The simulation is tests/world/redeployed.py; sets of ``siblings`` and ``short`` are fitted without a search. It uses one
-core; the exit status is 1 if a 95 % interval excludes its target. Draw the seed after the code is frozen.
+The simulation is tests/world/redeployed.py; sets of ``siblings`` and ``short`` are fitted without a search.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import sys
 import time
@@ -19,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 import targets
-from discrepancy import field_of, fitted, held, line, told
+from discrepancy import errors_over_sigma, field_of, fitted, held, line, told
 from scipy.stats import chi2, ncx2
 
 from compasslib import angles
@@ -56,14 +53,15 @@ def searched(name: str, drawn: Drawn) -> tuple[Member, list[str]]:
     if found.information is None:
         return fitted_only(name, drawn), names
     told = found.information
-    return Member(
-        name, "mooring", None, drawn.horizontal, drawn.vertical, told.coefficients, told.covariance, told.effects
-    ), names
+    return replace(member(name, drawn, told), effects=told.effects), names
+
+
+def member(name: str, drawn: Drawn, known) -> Member:
+    return Member(name, "mooring", None, drawn.horizontal, drawn.vertical, known.coefficients, known.covariance)
 
 
 def fitted_only(name: str, drawn: Drawn) -> Member:
-    fit = fitted(drawn)
-    return Member(name, "mooring", None, drawn.horizontal, drawn.vertical, fit.coefficients, fit.covariance)
+    return member(name, drawn, fitted(drawn))
 
 
 def of_shared(index: int, seed: int, kind: str, every: int) -> dict:
@@ -81,12 +79,7 @@ def of_shared(index: int, seed: int, kind: str, every: int) -> dict:
         "named": [one.effect for one in found.findings],
         "sets": [[one.effect, *one.alternatives] for one in found.findings],
         "visible": sizes,
-        "z": [
-            (one.parameters[key].value - value) / one.parameters[key].sigma
-            for one in found.findings
-            for key, value in drawn[0].truth.get(one.effect, {}).items()
-            if key in one.parameters
-        ],
+        "z": errors_over_sigma(found.findings, drawn[0].truth),
     }
 
 
@@ -171,10 +164,8 @@ def report(rows: list[dict]) -> bool:
         what = f"three records that share {SIZE_DEG} degrees: named on the compass"
         good.append(held(what, (r["effect"] in r["named"] for r in shared), least=0.85))
         line("the same: among the names", targets.share_of(any(r["effect"] in s for s in r["sets"]) for r in shared))
-        line(
-            "the same: named by a record alone",
-            targets.share_of(r["effect"] in names for r in shared for names in r["alone"]),
-        )
+        alone = targets.share_of(r["effect"] in names for r in shared for names in r["alone"])
+        line("the same: named by a record alone", alone)
         line("the same: another effect named", targets.share_of(bool({*r["named"]} - {r["effect"]}) for r in shared))
         for name in EFFECTS:
             line(f"- {name}", targets.share_of(name in r["named"] for r in shared if r["effect"] == name))
@@ -195,9 +186,8 @@ def report(rows: list[dict]) -> bool:
             if far == 4.0:
                 good.append(held(f"another compass {far:g} sigma away: told", values, least=0.95))
             line(f"another compass {far:g} sigma away: told", targets.share_of(values), best)
-        good.append(
-            covered("B..E within the 95 % interval that the others tell", (x for r in siblings for x in r["inside"]))
-        )
+        inside = (x for r in siblings for x in r["inside"])
+        good.append(covered("B..E within the 95 % interval that the others tell", inside))
     if short := [row for row in kind["short"] if "pairs" in row]:
         for name, words in (("alone", "alone"), ("both", "with two siblings"), ("none", "by siblings, no reference")):
             error = targets.middle(np.array([r[name] for r in short]), np.mean)
@@ -218,10 +208,7 @@ def measure(kind: str, index: int, seed: int, every: int) -> dict:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("count", type=int, nargs="?", default=30, help="sets of each kind (default 30)")
-    parser.add_argument("seed", type=int, nargs="?", default=1)
-    parser.add_argument("--kind", choices=KINDS)
+    parser = targets.parser(__doc__, 30, KINDS)
     parser.add_argument("--every", type=int, default=4, help="hours from one sample to the next (default 4)")
     asked = parser.parse_args()
     rows, begin = [], time.process_time()

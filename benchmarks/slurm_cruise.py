@@ -2,9 +2,8 @@
 
     python benchmarks/slurm_cruise.py [MOORINGS]
 
-Needs what ``tests/slurm.py`` starts: Debian's slurm-wlm and munge, make slurm, and root. CPU seconds are those of the
-whole machine, as the jobs are not child processes of Snakemake: nothing else may run. The exit status is 1 if files
-differ.
+Needs what ``tests/slurm.py`` starts, and root. CPU seconds are those of the whole machine: nothing else may run. The
+exit status is 1 if files differ.
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@ A target is missed if the 95 % interval excludes it; a script that misses one en
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -43,6 +44,22 @@ class Measured:
         return self.target if self.held else f"{self.target}, MISSED"
 
 
+def parser(
+    doc: str, count: int, kinds: Sequence[str] = (), *, red: bool = False, rows: bool = False
+) -> argparse.ArgumentParser:
+    """Make the parser of a benchmark: count, seed, and the options that several benchmarks have."""
+    made = argparse.ArgumentParser(description=doc.splitlines()[0])
+    made.add_argument("count", type=int, nargs="?", default=count, help=f"cases, of each kind (default {count})")
+    made.add_argument("seed", type=int, nargs="?", default=1)
+    if kinds:
+        made.add_argument("--kind", choices=kinds)
+    if red:
+        made.add_argument("--red", action="store_true", help="the water of the two depths differs for days to seasons")
+    if rows:
+        made.add_argument("--rows", type=Path, help="file of a line of JSON a case; what is in it is not made again")
+    return made
+
+
 def interval(hits: int, count: int) -> tuple[float, float]:
     """Compute the 95 % interval of a share (Clopper and Pearson 1934)."""
     found = binomtest(hits, count).proportion_ci(method="exact")
@@ -64,26 +81,14 @@ def share_of(values: Iterable[object]) -> str:
 
 
 def share(what: str, values: Iterable[object], *, least: float = 0.0, most: float = 1.0) -> Measured:
-    """Compute a share with its target.
-
-    Args:
-        values: whether each case is true.
-        least: lower limit of the target.
-        most: upper limit of the target.
-    """
+    """Compute a share with its target."""
     held = [bool(one) for one in values]
     low, high = interval(sum(held), len(held)) if held else (0.0, 1.0)
     return Measured(what, text_of(sum(held), len(held)), low, high, least, most, _said(least, most, " %", 100.0))
 
 
 def grouped(plain: Measured, values: Sequence[object], groups: Sequence[object]) -> Measured:
-    """Widen the interval of a share to that by resampling groups of dependent cases, if this is wider.
-
-    Args:
-        plain: the share, computed for independent cases.
-        values: whether each case is true.
-        groups: label of the group of each case.
-    """
+    """Widen the interval of a share to that by resampling groups of dependent cases, if this is wider."""
     if not values:
         return plain
     held, group = np.array([bool(one) for one in values]), np.unique(np.array(groups), return_inverse=True)[1]
@@ -104,12 +109,7 @@ def mean(
     unit: str = "",
     times: float = 1.0,
 ) -> Measured:
-    """Compute a mean with its interval by resampling, and its target.
-
-    Args:
-        unit: unit that is printed after numbers.
-        times: factor applied to printed numbers.
-    """
+    """Compute a mean with its interval by resampling, and its target; printed numbers are multiplied by ``times``."""
     each = np.asarray(values, dtype=float)
     low, high = resampled(each, lambda some: some.mean(axis=-1)) or (-np.inf, np.inf)
     told = middle(times * each, np.mean, unit=unit)
@@ -117,12 +117,7 @@ def mean(
 
 
 def middle(values: np.ndarray, of: Callable[..., Any] = np.median, *, unit: str = "", fewest: int = FEWEST) -> str:
-    """Format a statistic with its n and its 95 % interval by resampling the cases.
-
-    Args:
-        of: the statistic, a function of numpy that takes ``axis``.
-        fewest: minimum number of cases for an interval.
-    """
+    """Format a statistic with its n and its 95 % interval by resampling the cases, if these are not too few."""
     if not len(values):
         return "–"
     found = resampled(values, lambda some: of(some, axis=-1), fewest=fewest)
@@ -138,12 +133,7 @@ def limit(what: str, value: float, *, most: float, unit: str = "") -> Measured:
 def resampled(
     values: np.ndarray, of: Callable[[np.ndarray], np.ndarray], seed: int = 1, *, fewest: int = FEWEST
 ) -> tuple[float, float] | None:
-    """Compute the 95 % interval of a statistic by resampling the cases (Efron 1979); None if they are too few.
-
-    Args:
-        values: (n,), finite.
-        of: the statistic along the last axis.
-    """
+    """Compute the 95 % interval of a statistic by resampling the cases (Efron 1979); None if they are too few."""
     if values.size < fewest:
         return None
     drawn = of(np.random.default_rng(seed).choice(values, (DRAWS, values.size)))

@@ -2,24 +2,19 @@
 
     python benchmarks/temperature.py 58 6262 --rows PATH    58 moorings by seed 6262; an interrupted run resumes
 
-A mooring has no effect, one of the catalogue or one outside it (families.py), in plain or in slowly veering water. Each
-is inferred once, and its posterior is computed at every temperature. The score is the log score of the probability of
-a fault of compass or clock, and of that of each driver with 5 % or more. The temperature of the search was fixed by
-seeds that are used in no other measurement.
+Each mooring is inferred once, and its posterior is computed at every temperature. The score is the log score of the
+probability of a fault of compass or clock, and of that of each driver with 5 % or more. The temperature of the search
+was fixed by seeds that are used in no other measurement.
 """
 
 from __future__ import annotations
-
-import argparse
-from pathlib import Path
 
 import discrepancy as bench
 import families
 import numpy as np
 import targets
 
-from compasslib.inference import design, inference
-from compasslib.inference.comparison import compare_pairs
+from compasslib.inference import inference
 from compasslib.inference.finding import TILTS
 from tests.world import pairs as sea
 
@@ -51,9 +46,7 @@ def draw(index: int, seed: int) -> tuple[sea.Drawn, str, set[str]]:
 def measure(index: int, seed: int) -> dict:
     """Infer one mooring and return its row: scores of the fault and of drivers at each temperature."""
     drawn, family, right = draw(index, seed)
-    case = compare_pairs(drawn.pairs, drawn.covariates, bench.fitted(drawn), bench.field_of(drawn))
-    empty = design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1]))
-    found = inference.infer(design.refit(empty, []), 1.0).posterior
+    found = inference.infer(bench.bare_state(drawn), 1.0).posterior
     candidates, kinds = found.candidates, found.candidates.kinds
     waters = [found.waters[i] for i in np.argsort(-found.water_probability)[:KEPT]]
     tried = candidates.index(found.hypotheses)
@@ -72,7 +65,7 @@ def measure(index: int, seed: int) -> dict:
         told = {name: probability[[name in one for one in acting]].sum() for name in set().union(*acting)}
         each = [score(p, name in right) for name, p in told.items() if p >= LEAST]
         scores.append([score(probability[fault].sum(), bool(right)), float(np.mean(each)) if each else 0.0])
-    return {"index": index, "family": family, "scores": scores}
+    return {"kind": "mooring", "index": index, "family": family, "scores": scores}
 
 
 def score(stated: float, came: bool) -> float:
@@ -80,13 +73,9 @@ def score(stated: float, came: bool) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("moorings", type=int)
-    parser.add_argument("seed", type=int)
-    parser.add_argument("--rows", type=Path)
-    asked = parser.parse_args()
-    wanted = [(index,) for index in range(asked.moorings)]
-    rows = targets.resumed(asked.rows, {"seed": asked.seed}, wanted, lambda index: measure(index, asked.seed))
+    asked = targets.parser(__doc__, 58, rows=True).parse_args()
+    wanted = [("mooring", index) for index in range(asked.count)]
+    rows = targets.resumed(asked.rows, {"seed": asked.seed}, wanted, lambda kind, index: measure(index, asked.seed))
     each = np.array([row["scores"] for row in rows])
     family = np.array([row["family"] for row in rows])
     targets.head("temperature", "log score of faults, nats", "of drivers", "both")

@@ -2,9 +2,9 @@
 
     python benchmarks/throughput.py [file.000]
 
-PD0 is the valid ensembles of a moored WorkHorse, repeated to about 60 MB in a temporary folder; mhkit, which is slow
-and keeps all data in memory, reads a smaller file of the same ensembles. Nortek is a real Aquadopp file, if available
-in ../shared/data, an AWAC and a Signature written by the tests' encoder; netCDF is the small PD0 file saved by mhkit.
+PD0 is the valid ensembles of a moored WorkHorse, repeated to about 60 MB; mhkit reads a smaller file of the same
+ensembles. Nortek is a real Aquadopp file, if available, an AWAC and a Signature written by the tests' encoder; netCDF
+is the small PD0 file saved by mhkit.
 """
 
 from __future__ import annotations
@@ -41,11 +41,6 @@ KEYS = {
 }
 MEGABYTES, MHKIT_COPIES, REPEATS = 60, 2, 5
 SAMPLES, CELLS = 2000, 40
-
-
-def good_bytes(path: Path) -> bytes:
-    """Read the valid ensembles of a file without gaps between them."""
-    return b"".join(run.rows.tobytes() for chunk in iter_chunks(path) for run in chunk.runs)
 
 
 def speed(path: Path, action: Callable[[Path], object], repeats: int = REPEATS) -> float:
@@ -122,7 +117,7 @@ def of_table(folder: Path) -> None:
 def main(raw: Path) -> None:
     """Write the files, time each way of reading them, and print the table."""
     logging.disable(logging.CRITICAL)
-    good = good_bytes(raw)
+    good = b"".join(run.rows.tobytes() for chunk in iter_chunks(raw) for run in chunk.runs)  # valid ensembles
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         large, small = folder / "large.000", folder / "small.000"

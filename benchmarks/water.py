@@ -103,9 +103,8 @@ def across(record: Record, depth: int, gap: int) -> tuple[np.ndarray, np.ndarray
     found = predict_water(top, trusted.bin_depth_m()[:, 0], 2)
     assert found is not None
     truth = trusted.east[:, 0] + 1j * trusted.north[:, 0]
-    fast = (
-        np.isfinite(truth * plain * found.velocity) & (np.abs(truth) > SLOWEST_M_S) & usable_velocities(trusted)[:, 0]
-    )
+    known = np.isfinite(truth * plain * found.velocity) & usable_velocities(trusted)[:, 0]
+    fast = known & (np.abs(truth) > SLOWEST_M_S)
     with np.errstate(invalid="ignore", divide="ignore"):
         off = [np.imag((one - truth) * np.conj(truth) / np.abs(truth)) for one in (plain, found.velocity)]
     before, after = (np.where(fast, x, np.nan) for x in off)
@@ -117,10 +116,6 @@ def fall(record: Record, depth: int, gap: int) -> tuple[float, float, float]:
     *off, expected = across(record, depth, gap)
     before, after = (float(np.sqrt(np.nanmean(x**2))) for x in off)
     return 100.0 * (1.0 - after / before), expected, after
-
-
-def noise(case: Case) -> tuple[float, float, float]:
-    return fall(profile(case.record), case.depth, case.gap)
 
 
 def as_trusted(record: Record, depth: int) -> Record:
@@ -168,17 +163,12 @@ def main() -> None:
     every = list(cases())
     if not every:
         sys.exit(0)
+    records = {one.record: profile(one.record) for one in every}
+    reduced = [fall(records[one.record], one.depth, one.gap) for one in every]
     with ProcessPoolExecutor(asked.cores) as pool:
-        reduced, errors = list(pool.map(noise, every)), list(pool.map(heading_error, every))
-    targets.head(
-        "record",
-        "gap, cells",
-        "noise across the flow falls, %",
-        "stated / real rms",
-        "ratio of heading errors",
-        "worst",
-        "A off, over its σ, rms",
-    )
+        errors = list(pool.map(heading_error, every))
+    targets.head("record", "gap, cells", "noise across the flow falls, %", "stated / real rms",
+                 "ratio of heading errors", "worst", "A off, over its σ, rms")  # fmt: skip
     for record, gap in dict.fromkeys((one.record, one.gap) for one in every):
         some = [k for k, one in enumerate(every) if (one.record, one.gap) == (record, gap)]
         falls = np.array([reduced[k][0] for k in some])
@@ -189,9 +179,8 @@ def main() -> None:
         targets.line(record, gap, *middles, f"{ratio.max():.2f}", f"{sure:.2f}")
     ratio = np.array([after / before for one in errors for _, before, after, *_ in one])
     print(f"\nAll: ratio of the errors of the fitted headings {targets.middle(ratio)}, worst {ratio.max():.2f}")
-    targets.head(
-        "iron", "error of the headings without the prediction, median, °", "with it", "averaged with no deviation"
-    )
+    error = "error of the headings without the prediction, median, °"
+    targets.head("iron", error, "with it", "averaged with no deviation")
     for name in IRON:
         each = np.array([found[:3] for one in errors for iron, *found in one if iron == name])
         targets.line(name, *(f"{value:.2f}" for value in np.median(each, axis=0)))

@@ -30,7 +30,7 @@ from sea import cruise
 from test_architecture import APART, ROOMS
 
 import compasslib
-from benchmarks.proof import seal
+from benchmarks.proof import standing
 from compasslib import angles
 from compasslib.cli import _parser
 from compasslib.config.cruise import load_cruise
@@ -169,7 +169,7 @@ def test_gallery_lists_all_pictures():
 
 def test_comments_and_layout_do_not_outdate_a_picture():
     before, after = '"""A."""\nx = 1  # one\n', '"""B."""\n\nx = (1)\n'
-    assert seal.statements(before) == seal.statements(after) != seal.statements("x = 2\n")
+    assert standing.statements(before) == standing.statements(after) != standing.statements("x = 2\n")
     with pytest.raises(FileNotFoundError, match=r"no file compasslib/plots/gone\.py"):
         pictures.code(["compasslib/plots/gone.py"])
 

@@ -14,7 +14,7 @@ import pytest
 
 from benchmarks import targets
 from benchmarks.proof import __main__ as command
-from benchmarks.proof import measure, recordings, score, seal, standing, steps, tally
+from benchmarks.proof import measure, recordings, score, standing, steps, tally
 from benchmarks.proof.world import compass, draw, families, records, scene, seas
 from benchmarks.proof.world.scene import Acts
 from compasslib.effects import CATALOGUE
@@ -107,7 +107,7 @@ def changed(path: Path, before: str, after: str) -> str:
 )
 def test_changed_truth_or_result_is_refused(proof, path, key, match):
     text = changed(proof / path, key, key + " ")
-    with pytest.raises(seal.Broken, match=match):
+    with pytest.raises(standing.Broken, match=match):
         scored(proof)
     (proof / path).write_text(text)
     scored(proof)
@@ -117,15 +117,15 @@ def test_changed_seal_or_missing_file_is_refused(tmp_path):
     folder = tmp_path / "locked"
     folder.mkdir()
     (folder / "a").write_text("one")
-    seal.publish(tmp_path / "seal.json", folder, folder.iterdir(), seed=1)
-    seal.check(tmp_path / "seal.json", folder, "changed")
+    standing.publish(tmp_path / "seal.json", folder, folder.iterdir(), seed=1)
+    standing.check(tmp_path / "seal.json", folder, "changed")
     text = changed(tmp_path / "seal.json", '"sha256": "', '"sha256": "0')
-    with pytest.raises(seal.Broken, match="does not give its own hash"):
-        seal.check(tmp_path / "seal.json", folder, "changed")
+    with pytest.raises(standing.Broken, match="does not give its own hash"):
+        standing.check(tmp_path / "seal.json", folder, "changed")
     (tmp_path / "seal.json").write_text(text)
     (folder / "a").unlink()
-    with pytest.raises(seal.Broken, match="changed: a"):
-        seal.check(tmp_path / "seal.json", folder, "changed")
+    with pytest.raises(standing.Broken, match="changed: a"):
+        standing.check(tmp_path / "seal.json", folder, "changed")
 
 
 def test_families_match_their_sealed_hash(tmp_path):
@@ -134,7 +134,7 @@ def test_families_match_their_sealed_hash(tmp_path):
     there.parent.mkdir(parents=True)
     there.write_bytes((standing.PROJECT / standing.SEALED).read_bytes() + b"#")
     (tmp_path / "benchmarks/proof/families.sha256").write_text(standing.families())
-    with pytest.raises(seal.Broken, match="is not what"):
+    with pytest.raises(standing.Broken, match="is not what"):
         standing.families(tmp_path)
 
 
@@ -407,7 +407,6 @@ def test_proof_imports_only_permitted_library_modules():
     folder = Path(command.__file__).parent
     knowing = {
         "world": ("compasslib.demo", "compasslib.readers"),
-        "steps": ("tests.world.draw",),
         "run": ("compasslib.pipeline.process",),
         "figures": ("compasslib.plots.page",),
         "bounds": ("compasslib",),  # its fits are those of the library by definition

@@ -2,29 +2,23 @@
 
     python benchmarks/attacks                               300 mistakes and 150 harmless changes by seed 1
     python benchmarks/attacks --kind local --count 60 --seed 7
-    python benchmarks/attacks --so-far                      report the cases of an unfinished run
     python benchmarks/attacks --only local-heading_stuck-017    one case, or all of one attack
-    python benchmarks/attacks --library ../other --older ../main    compare another checkout with an older one
     python benchmarks/attacks --nulls 48 --older ../main    flags 1 lost in moorings without errors
 
 Each case is a copy of a mooring with known truth, or a calibration, with one mistake, processed as ``compass correct``
 does. It is *wrong* if its headings flagged 1 have an rms error over 2 degrees and over twice that of the unmodified
 case, and their stated 95 % intervals contain the truth for under 85 % or over 1 % of the errors exceed 6 sigma.
-If only the column of headings was altered, the corrected currents may still be right: these are counted separately.
 A wrong case is *silent* if it has no warning, finding or verdict that the unmodified one did not have, and is *called
 good* if more than half of the original flags 1 are still set, regardless of warnings. A harmless change *harms* if it
-is refused, if over 1 % of the samples lose their flag 1, or if there is a new warning. A constant between the
-instruments cannot be distinguished from A by any record: it is counted, but marked. Rows are stored in ``--into`` by
-a hash of the library, and an interrupted run continues from them; wrong cases keep their cruise and results there.
-Use another folder if the attacks themselves were changed. The exit status is 1 if any case was silent, called good,
-or ended in a traceback.
+is refused, if over 1 % of the samples lose their flag 1, or if there is a new warning. Rows are stored in ``--into`` by
+a hash of the library, and an interrupted run continues from them; use another folder if the attacks were changed. The
+exit status is 1 if any case was silent, called good, or ended in a traceback.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
-import json
 import multiprocessing
 import os
 import sys
@@ -34,6 +28,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # also of the processes that are spawned
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # last: attacks has a calibrations of its own
 
 import bases
@@ -47,26 +42,18 @@ Row = dict[str, Any]
 
 def label(library: Path) -> str:
     """Compose the name of a checkout with a hash of its code."""
-    digest = hashlib.sha256()
-    for path in sorted((library / "compasslib").rglob("*.py")):
-        digest.update(path.read_bytes())
-    return f"{library.name}-{digest.hexdigest()[:10]}"
+    code = b"".join(path.read_bytes() for path in sorted((library / "compasslib").rglob("*.py")))
+    return f"{library.name}-{hashlib.sha256(code).hexdigest()[:10]}"
 
 
-def in_processes(
-    library: Path, cores: int, work: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]
-) -> list[Any]:
-    """Call a function in processes that import a library's code; return the results in the order of the arguments."""
-    sys.path.insert(0, str(library))  # spawned processes inherit the path
-    try:
-        with ProcessPoolExecutor(cores, mp_context=multiprocessing.get_context("spawn")) as pool:
-            futures = [pool.submit(work, *each) for each in arguments]
-            for done, _ in enumerate(as_completed(futures), 1):
-                targets.progress(f"{work.__name__}: {done} of {len(futures)}   ")
-            print(file=sys.stderr)
-            return [future.result() for future in futures]
-    finally:
-        sys.path.remove(str(library))
+def in_processes(cores: int, work: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]) -> list[Any]:
+    """Call a function in new processes; return the results in the order of the arguments."""
+    with ProcessPoolExecutor(cores, mp_context=multiprocessing.get_context("spawn")) as pool:
+        futures = [pool.submit(work, *each) for each in arguments]
+        for done, _ in enumerate(as_completed(futures), 1):
+            targets.progress(f"{work.__name__}: {done} of {len(futures)}   ")
+        print(file=sys.stderr)
+        return [future.result() for future in futures]
 
 
 def write_bases(wanted: list[bases.Base], into: Path, cores: int) -> None:
@@ -74,34 +61,24 @@ def write_bases(wanted: list[bases.Base], into: Path, cores: int) -> None:
     absent = [base for base in wanted if not (into / f"{base.name}.npy").exists()]
     if absent:
         into.mkdir(parents=True, exist_ok=True)
-        in_processes(PROJECT, cores, bases.write, [(base, into) for base in absent])
+        in_processes(cores, bases.write, [(base, into) for base in absent])
 
 
-def rows_so_far(chosen: list[cases.Case], library: Path, into: Path) -> list[Row]:
-    """Read the existing rows of a library."""
-    files = [into / label(library) / "cases" / case.name / "row.json" for case in chosen]
-    return [json.loads(file.read_text()) for file in files if file.exists()]
-
-
-def run(chosen: list[cases.Case], library: Path, into: Path, cores: int) -> list[Row]:
-    """Process by a library the cases that have no rows yet, and return all rows."""
-    here, kept = into / label(library), into / "bases"
+def run(chosen: list[cases.Case], into: Path, cores: int) -> list[Row]:
+    """Process the cases that have no rows yet, and return all rows."""
+    here, kept = into / label(PROJECT), into / "bases"
     write_bases(bases.available(), kept, cores)
-    in_processes(library, cores, cases.untouched, [(base, kept, here / "untouched") for base in bases.available()])
-    return in_processes(library, cores, cases.attempt, [(case, kept, here / "cases") for case in chosen])
+    in_processes(cores, cases.untouched, [(base, kept, here / "untouched") for base in bases.available()])
+    return in_processes(cores, cases.attempt, [(case, kept, here / "cases") for case in chosen])
 
 
-def run_nulls(count: int, seed: int, libraries: list[Path], into: Path, cores: int) -> None:
-    """Process moorings without errors by a library and an older one, and print how many flags 1 were lost.
-
-    The older library runs its own workflow, as the names of its modules may differ.
-    """
+def run_nulls(count: int, seed: int, old: Path, into: Path, cores: int) -> None:
+    """Process moorings without errors here and by an older checkout; print how many flags 1 were lost."""
     wanted, kept = bases.nulls(count, seed), into / "bases"
     write_bases(wanted, kept, cores)
-    new, old = libraries
-    folders = [into / label(library) / "nulls" for library in libraries]
-    in_processes(new, cores, cases.untouched, [(base, kept, folders[0]) for base in wanted])
-    in_processes(PROJECT, cores, cases.untouched_by_workflow, [(base, kept, folders[1], old) for base in wanted])
+    folders = [into / label(library) / "nulls" for library in (PROJECT, old)]
+    in_processes(cores, cases.untouched, [(base, kept, folders[0]) for base in wanted])
+    in_processes(cores, cases.untouched_by_workflow, [(base, kept, folders[1], old) for base in wanted])
     groups: dict[str, list[tuple[int, int]]] = {}
     lost_of = {base.name: lost(*(folder / base.name / "made/errors.npz" for folder in folders)) for base in wanted}
     for name, pair in lost_of.items():
@@ -196,15 +173,6 @@ def _print_bad(row: Row) -> None:
         print(f"    said: {text[:240]}")
 
 
-def compare(rows: list[Row], older: list[Row]) -> None:
-    """Print the cases whose outcome differs from that by an older library."""
-    before = {row["name"]: way(row) for row in older}
-    print("\nbefore -> now")
-    for row in rows:
-        if before.get(row["name"], way(row)) != way(row):
-            print(f"  {row['name']}: {before[row['name']]} -> {way(row)}")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=300, help="mistakes")
@@ -212,39 +180,22 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kind", action="append", choices=cases.KINDS, help="of this kind alone; may be given again")
     parser.add_argument("--only", help="the case, or all cases of the attack, of this name")
-    parser.add_argument("--so-far", action="store_true", help="report the rows that are there, process nothing")
-    parser.add_argument("--list", action="store_true", help="print the cases and end")
-    parser.add_argument("--library", type=Path, default=PROJECT, help="checkout whose code is measured")
-    parser.add_argument("--older", type=Path, help="checkout beside which it is set")
     parser.add_argument("--nulls", type=int, help="process so many moorings with nothing wrong instead")
+    parser.add_argument("--older", type=Path, help="checkout with which these are compared")
     parser.add_argument("--into", type=Path, default=PROJECT / "results/attacks", help="folder of rows and wrong cases")
     parser.add_argument("--cores", type=int, default=2)
     asked = parser.parse_args()
     os.environ |= ONE_THREAD
-    libraries = [library.resolve() for library in (asked.library, asked.older) if library]
     into = asked.into.resolve()
     if asked.nulls:
         if not asked.older:
             parser.error("--nulls needs --older, a checkout to compare with")
-        run_nulls(asked.nulls, asked.seed, libraries, into, asked.cores)
+        run_nulls(asked.nulls, asked.seed, asked.older.resolve(), into, asked.cores)
         return
     drawn = cases.draw(asked.count, asked.count // 2 if asked.harmless is None else asked.harmless, asked.seed)
-    chosen = [
-        case
-        for case in drawn
-        if asked.only in (None, case.name, case.attack) and (not asked.kind or case.kind in asked.kind)
-    ]
-    if asked.list:
-        print("\n".join(f"{case.name} {'harmless' if case.harmless else case.kind}" for case in chosen))
-        return
-    if asked.so_far:
-        rows, *older = (rows_so_far(chosen, library, into) for library in libraries)
-    else:
-        rows, *older = (run(chosen, library, into, asked.cores) for library in libraries)
-    status = report(rows)
-    if older:
-        compare(rows, older[0])
-    sys.exit(1 if status else 0)
+    chosen = [case for case in drawn if asked.only in (None, case.name, case.attack)]
+    chosen = [case for case in chosen if not asked.kind or case.kind in asked.kind]
+    sys.exit(1 if report(run(chosen, into, asked.cores)) else 0)
 
 
 if __name__ == "__main__":

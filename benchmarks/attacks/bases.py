@@ -3,46 +3,37 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import yaml
 from cruises import VARIABLE, Pd0, Table, stamps
+from gridding import in_plain_water, with_iron
 from runs import DATA
 
-from compasslib.demo import compass, sealed
-from compasslib.demo.sealed import Export, Ground, Wish
+from compasslib.demo import sealed
+from compasslib.demo.sealed import Export, Wish
 from tests.world import draw
 
 REAL = DATA / "cruise_eh2"
 REAL_MOORING, REAL_DAYS = "E0", 70  # the original record, by a compass without iron
-PLAIN_SHEAR = 0.25  # differences between depths in plain water relative to the standard simulation
 
 
 @dataclass(frozen=True)
 class Base:
-    """One mooring, simulated from its seed.
-
-    Args:
-        strength: field of the iron relative to the earth's horizontal field; above 1 a reading has two headings.
-        water: structured (the standard simulation), plain (little shear, no turning with depth) or real.
-        wide: whether the headings cover the full circle.
-        deep: format of the reference, pd0 or table.
-        top: format of the affected instrument: PD0 in earth or beam coordinates, or a table.
-        every: step at which samples of the reference are selected, as for a profiler that passes twice a day.
-    """
+    """One mooring, simulated from its seed."""
 
     name: str
     seed: int
-    strength: float
-    water: str = "structured"
-    wide: bool = True
+    strength: float  # of the iron's field over the earth's horizontal field; above 1 a reading has two headings
+    water: str = "structured"  # structured (the standard simulation), plain (little shear, no turn with depth), real
+    wide: bool = True  # whether the headings cover the full circle
     hours: int = 2160
-    deep: str = "table"
-    top: str = "earth"
-    every: int = 1
+    deep: str = "table"  # format of the reference, pd0 or table
+    top: str = "earth"  # the affected instrument: PD0 in earth or beam coordinates, or a table
+    every: int = 1  # step of the samples of the reference, as of a profiler that passes twice a day
 
 
 BASES = (
@@ -64,17 +55,12 @@ STRENGTHS = {"weak": 0.2, "strong": 0.5, "fast": 0.75, "two-valued": 1.3}
 def nulls(count: int, seed: int) -> list[Base]:
     """Define moorings without errors, cycling through all combinations of water and strength."""
     kinds = [(water, name) for name in STRENGTHS for water in WATERS if water != "real" or REAL.is_dir()]
-    return [
-        Base(
-            f"null-{water}-{name}-{seed}.{k}",
-            1000 * seed + k,
-            STRENGTHS[name],
-            water,
-            wide=k // len(kinds) % 2 == 0,
-            every=12 if k // len(kinds) % 4 == 3 else 1,
-        )
-        for k, (water, name) in enumerate(kinds[k % len(kinds)] for k in range(count))
-    ]
+    drawn = []
+    for k in range(count):
+        turn, (water, name) = k // len(kinds), kinds[k % len(kinds)]
+        keys = {"wide": turn % 2 == 0, "every": 12 if turn % 4 == 3 else 1}
+        drawn.append(Base(f"null-{water}-{name}-{seed}.{k}", 1000 * seed + k, STRENGTHS[name], water, **keys))
+    return drawn
 
 
 def available() -> list[Base]:
@@ -112,21 +98,11 @@ def _write_simulated(base: Base, cruise: Path) -> np.ndarray:
     drawn = draw.Sealed("M", wish=Wish(wide=base.wide, hours=base.hours), export=export, seed=base.seed)
     draw.write(drawn, cruise, cruise)  # for its YAML file; the compass is built below
     (cruise / "M.npy").unlink()
-    ground = _with_iron(sealed.make(base.seed, "M", drawn.wish), base)
+    ground = with_iron(sealed.make(base.seed, "M", drawn.wish), base.strength)
     if base.water == "plain":
-        ground = replace(ground, currents=_plain(ground))
+        ground = in_plain_water(ground)
     written = sealed.write(ground, [], cruise / "raw/M", export)
     return np.stack([written.time_s, written.heading_deg])
-
-
-def _with_iron(ground: Ground, base: Base) -> Ground:
-    _, horizontal, vertical = (float(x.mean()) for x in ground.field.at(ground.stamp_s))
-    return replace(ground, meter=compass.build(ground.random("iron"), (horizontal, vertical), base.strength))
-
-
-def _plain(ground: Ground) -> sealed.Water:
-    currents, level = ground.currents, np.full(ground.currents.time_s.size, PLAIN_SHEAR)
-    return replace(currents, layers=currents.layers.times(level), veer_deg_m=0.0 * currents.veer_deg_m)
 
 
 def _write_real(base: Base, cruise: Path) -> np.ndarray:
@@ -145,8 +121,8 @@ def _write_real(base: Base, cruise: Path) -> np.ndarray:
     top.turn(read_by(iron(base), truth) - truth)
     top.set_heading(read_by(iron(base), truth))
     top.save(raw / "top.000")
-    frame = pd.read_csv(REAL / "raw/E0/deep.csv")
-    frame[Table.times_of(frame) <= last_s].to_csv(raw / "deep.csv", index=False)
+    deep = Table(REAL / "raw/E0/deep.csv")
+    deep.frame[deep.time_s <= last_s].to_csv(raw / "deep.csv", index=False)
     return np.stack([top.time_s, truth])
 
 

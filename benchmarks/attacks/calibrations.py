@@ -8,10 +8,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import cruises
 import numpy as np
 import pandas as pd
 import yaml
-from cruises import MARGIN_DEG, Outcome
+from cruises import MARGIN_DEG, Outcome, wrap
 
 from compasslib import calibrations, earthfield
 from compasslib.calibrations import result
@@ -44,11 +45,11 @@ class Recording:
         (folder / "raw").mkdir()
         (folder / "config/config.yaml").write_text("moorings: []\n")
         (folder / "config/calibrations/K.yaml").write_text(yaml.safe_dump(self.settings, sort_keys=False))
-        path = folder / str(self.settings["file"])
-        if self.text:
-            path.write_text("".join(self.text))
-        else:
-            self.frame.to_csv(path, index=False)
+        self.save(folder / str(self.settings["file"]))
+
+    def save(self, path: Path) -> None:
+        """Write the readings."""
+        path.write_text("".join(self.text) if self.text else self.frame.to_csv(index=False))
 
 
 def run(made: Recording, folder: Path) -> Outcome:
@@ -73,19 +74,9 @@ def run(made: Recording, folder: Path) -> Outcome:
             return Outcome(refused=page["why"] or "no table", warnings=warnings)
         known = np.isfinite(got.table.deviation_deg)
         true = made.truth(got.table.heading_deg[known])
-        error = np.mod(got.table.deviation_deg[known] - true + 180.0, 360.0) - 180.0
+        error = wrap(got.table.deviation_deg[known] - true)
         sigma = got.table.sigma_deg[known]
-    return Outcome(
-        warnings=warnings,
-        rms_deg=float(np.sqrt(np.mean(error**2))),
-        covered=float(np.mean(np.abs(error) <= 1.96 * sigma)),
-        far=float(np.mean(np.abs(error) > 6.0 * sigma)),
-        good=1.0,
-    )
-
-
-def wrap(degrees: Any) -> Any:
-    return np.mod(np.asarray(degrees) + 180.0, 360.0) - 180.0
+    return Outcome(warnings=warnings, good=1.0, **cruises.scores_of(error, sigma))
 
 
 def inverse(recorded: np.ndarray, correct: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
@@ -167,146 +158,100 @@ def _settings(kind: str) -> dict[str, Any]:
     return {"kind": kind, "file": "raw/k.csv", "latitude": PLACE[0], "longitude": PLACE[1], "date": DATE}
 
 
-def _columns(made: Recording, change: Callable[[np.ndarray], np.ndarray]) -> None:
+def _with_columns(text: list[str], change: Callable[[np.ndarray], np.ndarray]) -> list[str]:
     """Apply a function to the four components of an IAGA-2002 file, (n, 4)."""
-    first = next(k for k, line in enumerate(made.text) if line.startswith("DATE")) + 1
-    rows = np.array([[float(x) for x in line.split()[3:7]] for line in made.text[first:]])
-    new = change(rows)
-    for k, line in enumerate(made.text[first:]):
-        made.text[first + k] = line[:30] + " ".join(f"{x:9.2f}" for x in new[k]) + "\n"
+    first = next(k for k, line in enumerate(text) if line.startswith("DATE")) + 1
+    new = change(np.array([[float(x) for x in line.split()[3:7]] for line in text[first:]]))
+    rows = zip(text[first:], new, strict=True)
+    return [*text[:first], *(line[:30] + " ".join(f"{x:9.2f}" for x in row) + "\n" for line, row in rows)]
 
 
-def _as_dhzf(made: Recording, minutes: float) -> None:
+def _as_dhzf(text: list[str], minutes: float) -> list[str]:
     """Convert X and Y to D and H, with D in degrees times a factor, of which 60 is correct."""
-    made.text = [line.replace("XYZF", "DHZF").replace("NWHX", "NWHD").replace("NWHY", "NWHH") for line in made.text]
-    _columns(
-        made,
-        lambda v: np.stack(
-            [minutes * np.rad2deg(np.arctan2(v[:, 1], v[:, 0])), np.hypot(v[:, 0], v[:, 1]), *v.T[2:]], 1
-        ),
-    )
+    named = [line.replace("XYZF", "DHZF").replace("NWHX", "NWHD").replace("NWHY", "NWHH") for line in text]
+    return _with_columns(named, lambda v: np.stack(
+        [minutes * np.rad2deg(np.arctan2(v[:, 1], v[:, 0])), np.hypot(v[:, 0], v[:, 1]), *v.T[2:]], 1))  # fmt: skip
 
 
-def spoil_series(made: Recording, rng: np.random.Generator) -> str:
-    how = str(rng.choice([
-        "D in degrees", "D of the wrong sign", "X and Y exchanged", "longitude's sign", "a factor of ten in Y",
-        "a factor of ten in all", "fillers of -9999", "fillers of 0", "latitude's sign",
-        "Y of the wrong sign", "X in microtesla",
-    ]))  # fmt: skip
-    if how == "D in degrees":
-        _as_dhzf(made, 1.0)
-    elif how == "D of the wrong sign":
-        _as_dhzf(made, -60.0)
-    elif how == "longitude's sign":
-        made.text = [x.replace("330.000", " 30.000") for x in made.text]
-    elif how == "latitude's sign":
-        made.text = [x.replace("58.000 ", "-58.000") for x in made.text]
-    elif how.startswith("fillers"):
-        hit = rng.random(366 * 24) < 0.03
-        value = float(how.split()[-1])
-        _columns(made, lambda v: np.where(hit[:, None], value, v))
+def _filled(text: list[str], rng: np.random.Generator, value: float) -> list[str]:
+    hit = rng.random(366 * 24) < 0.03
+    return _with_columns(text, lambda v: np.where(hit[:, None], value, v))
+
+
+def _put(frame: pd.DataFrame, column: str, values: Any, where: Any) -> pd.DataFrame:
+    new = frame.copy()
+    new.loc[where, column] = values
+    return new
+
+
+# Mistakes in the lines of a series, and in the table of each other kind.
+SERIES: dict[str, Callable[[list[str], np.random.Generator], list[str]]] = {
+    "D in degrees": lambda text, rng: _as_dhzf(text, 1.0),
+    "D of the wrong sign": lambda text, rng: _as_dhzf(text, -60.0),
+    "X and Y exchanged": lambda text, rng: _with_columns(text, lambda v: v[:, [1, 0, 2, 3]]),
+    "longitude's sign": lambda text, rng: [x.replace("330.000", " 30.000") for x in text],
+    "a factor of ten in Y": lambda text, rng: _with_columns(text, lambda v: v * [1, 10, 1, 1]),
+    "a factor of ten in all": lambda text, rng: _with_columns(text, lambda v: v / 10.0),
+    "fillers of -9999": lambda text, rng: _filled(text, rng, -9999.0),
+    "fillers of 0": lambda text, rng: _filled(text, rng, 0.0),
+    "latitude's sign": lambda text, rng: [x.replace("58.000 ", "-58.000") for x in text],
+    "Y of the wrong sign": lambda text, rng: _with_columns(text, lambda v: v * [1, -1, 1, 1]),
+    "X in microtesla": lambda text, rng: _with_columns(text, lambda v: v / [1000, 1, 1, 1]),
+}
+Mistakes = dict[str, Callable[[pd.DataFrame, np.random.Generator], pd.DataFrame]]
+PLATFORM: Mistakes = {
+    "backwards": lambda f, rng: f.assign(recorded_deg=np.mod(-f["recorded_deg"], 360.0)),
+    "radians": lambda f, rng: f.assign(recorded_deg=np.deg2rad(f["recorded_deg"])),
+    "gon": lambda f, rng: f.assign(recorded_deg=f["recorded_deg"] / 0.9),
+    "exchanged": lambda f, rng: f.assign(reference_deg=f["recorded_deg"], recorded_deg=f["reference_deg"]),
+    "a half turn": lambda f, rng: f.assign(recorded_deg=np.mod(f["recorded_deg"] + 180.0, 360.0)),
+    "typos": lambda f, rng: _put(f, "recorded_deg", rng.uniform(0, 360, 6), rng.choice(len(f), 6, replace=False)),
+    "reference true": lambda f, rng: f.assign(reference_deg=np.mod(f["reference_deg"] - 23.5, 360.0)),
+    "shuffled": lambda f, rng: f.assign(recorded_deg=rng.permutation(f["recorded_deg"])),
+}
+SWING: Mistakes = {
+    "course magnetic": lambda f, rng: f,
+    "compass true": lambda f, rng: f.assign(compass_deg=np.mod(
+        f["compass_deg"] + float(earthfield.igrf(65.3, -33.0, START_S)[0][0]), 360.0)),
+    "backwards": lambda f, rng: f.assign(compass_deg=np.mod(-f["compass_deg"], 360.0)),
+    "frozen receiver": lambda f, rng: _put(f, "cog_deg", f["cog_deg"].iloc[len(f) // 3], slice(len(f) // 3, None)),
+    "speed in m/s": lambda f, rng: f.assign(speed_kn=f["speed_kn"] * 0.5144),
+    "course of 999": lambda f, rng: _put(f, "cog_deg", 999.0, rng.random(len(f)) < 0.05),
+    "compass late by a minute": lambda f, rng: f.assign(compass_deg=np.roll(f["compass_deg"], 60)),
+    "compass of 0 in a tenth": lambda f, rng: _put(f, "compass_deg", 0.0, rng.random(len(f)) < 0.1),
+    "columns exchanged": lambda f, rng: f.assign(compass_deg=f["cog_deg"], cog_deg=f["compass_deg"]),
+    "half a circle": lambda f, rng: f[np.mod(f["compass_deg"], 360.0) < 180.0],
+    "declination's sign": lambda f, rng: f,
+}  # fmt: skip
+MAGNETOMETER: Mistakes = {
+    "int16 wrap": lambda f, rng: ((np.rint(f * 1.5) + 32768) % 65536) - 32768,
+    "clipped": lambda f, rng: f.clip(-19000, 19000),
+    "x of other sign": lambda f, rng: f.assign(x=-f["x"]),
+    "axes exchanged": lambda f, rng: f.rename(columns={"x": "y", "y": "x"}),
+    "dead axis": lambda f, rng: f.assign(y=120.0),
+    "other unit": lambda f, rng: f.assign(x=f["x"] / 10.0),
+    "jumps": lambda f, rng: f.assign(x=f["x"] + 6000.0 * (np.arange(len(f)) >= len(f) // 2)),
+    "12 bit wrap": lambda f, rng: ((np.rint(f / 11.0) + 2048) % 4096) - 2048,
+}
+SETTINGS = {  # of mistakes in the YAML file
+    "reference true": {"latitude": 65.3, "longitude": -33.0}, "course magnetic": {"latitude": 65.3, "longitude": -33.0},
+    "declination's sign": {"declination": 23.5},
+}  # fmt: skip
+SPOILERS: dict[str, tuple[Callable[..., Recording], dict[str, Callable[..., Any]]]] = {
+    "platform": (platform, PLATFORM), "swing": (swung, SWING), "magnetometer": (magnetometer, MAGNETOMETER),
+    "declination": (series, SERIES),
+}  # fmt: skip
+
+
+def spoil(made: Recording, rng: np.random.Generator) -> str:
+    """Draw a mistake of a recording's kind, make it, and name it."""
+    mistakes = SPOILERS[made.kind][1]
+    how = str(rng.choice(list(mistakes)))
+    made.settings |= SETTINGS.get(how, {})
+    if made.text:
+        made.text = mistakes[how](made.text, rng)
     else:
-        change = {
-            "X and Y exchanged": lambda v: v[:, [1, 0, 2, 3]], "a factor of ten in Y": lambda v: v * [1, 10, 1, 1],
-            "a factor of ten in all": lambda v: v / 10.0, "Y of the wrong sign": lambda v: v * [1, -1, 1, 1],
-            "X in microtesla": lambda v: v / [1000, 1, 1, 1],
-        }[how]  # fmt: skip
-        _columns(made, change)
-    return how
-
-
-def spoil_platform(made: Recording, rng: np.random.Generator) -> str:
-    frame = made.frame
-    how = str(
-        rng.choice(["backwards", "radians", "gon", "exchanged", "a half turn", "typos", "reference true", "shuffled"])
-    )
-    reference, recorded = frame["reference_deg"].copy(), frame["recorded_deg"].copy()
-    if how == "backwards":
-        frame["recorded_deg"] = np.mod(-recorded, 360.0)
-    elif how == "radians":
-        frame["recorded_deg"] = np.deg2rad(recorded)
-    elif how == "gon":
-        frame["recorded_deg"] = recorded / 0.9
-    elif how == "exchanged":
-        frame["reference_deg"], frame["recorded_deg"] = recorded, reference
-    elif how == "a half turn":
-        frame["recorded_deg"] = np.mod(recorded + 180.0, 360.0)
-    elif how == "typos":
-        frame.loc[rng.choice(len(frame), 6, replace=False), "recorded_deg"] = rng.uniform(0, 360, 6)
-    elif how == "reference true":
-        made.settings["latitude"], made.settings["longitude"] = 65.3, -33.0
-        frame["reference_deg"] = np.mod(reference - 23.5, 360.0)
-    else:
-        frame["recorded_deg"] = rng.permutation(recorded)
-    return how
-
-
-def spoil_swing(made: Recording, rng: np.random.Generator) -> str:
-    frame = made.frame
-    how = str(rng.choice([
-        "course magnetic", "compass true", "backwards", "frozen receiver", "speed in m/s", "course of 999",
-        "compass late by a minute",
-        "compass of 0 in a tenth", "columns exchanged", "half a circle", "declination's sign",
-    ]))  # fmt: skip
-    off = float(earthfield.igrf(65.3, -33.0, START_S)[0][0])
-    if how == "course magnetic":
-        made.settings |= {"latitude": 65.3, "longitude": -33.0}
-    elif how == "compass true":
-        frame["compass_deg"] = np.mod(frame["compass_deg"] + off, 360.0)
-    elif how == "backwards":
-        frame["compass_deg"] = np.mod(-frame["compass_deg"], 360.0)
-    elif how == "frozen receiver":
-        frame.loc[len(frame) // 3 :, "cog_deg"] = frame["cog_deg"].iloc[len(frame) // 3]
-    elif how == "speed in m/s":
-        frame["speed_kn"] *= 0.5144
-    elif how == "course of 999":
-        frame.loc[rng.random(len(frame)) < 0.05, "cog_deg"] = 999.0
-    elif how == "compass late by a minute":
-        frame["compass_deg"] = np.roll(frame["compass_deg"], 60)
-    elif how == "compass of 0 in a tenth":
-        frame.loc[rng.random(len(frame)) < 0.1, "compass_deg"] = 0.0
-    elif how == "columns exchanged":
-        frame["compass_deg"], frame["cog_deg"] = frame["cog_deg"].copy(), frame["compass_deg"].copy()
-    elif how == "half a circle":
-        made.frame = frame[np.mod(frame["compass_deg"], 360.0) < 180.0]
-    else:
-        made.settings["declination"] = 23.5
-    return how
-
-
-def spoil_magnetometer(made: Recording, rng: np.random.Generator) -> str:
-    frame = made.frame
-    how = str(
-        rng.choice(
-            [
-                "int16 wrap",
-                "clipped",
-                "x of other sign",
-                "axes exchanged",
-                "dead axis",
-                "other unit",
-                "jumps",
-                "12 bit wrap",
-            ]
-        )
-    )
-    if how == "int16 wrap":
-        scaled = np.rint(frame * 1.5)
-        made.frame = ((scaled + 32768) % 65536) - 32768
-    elif how == "12 bit wrap":
-        made.frame = ((np.rint(frame / 11.0) + 2048) % 4096) - 2048
-    elif how == "clipped":
-        made.frame = frame.clip(-19000, 19000)
-    elif how == "x of other sign":
-        frame["x"] *= -1.0
-    elif how == "axes exchanged":
-        made.frame = frame.rename(columns={"x": "y", "y": "x"})
-    elif how == "dead axis":
-        frame["y"] = 120.0
-    elif how == "other unit":
-        frame["x"] /= 10.0
-    else:
-        frame.loc[len(frame) // 2 :, "x"] += 6000.0
+        made.frame = mistakes[how](made.frame, rng)
     return how
 
 
@@ -332,12 +277,6 @@ def harmless(made: Recording, rng: np.random.Generator) -> str:
     return how
 
 
-SPOILERS = {
-    "platform": (platform, spoil_platform), "swing": (swung, spoil_swing),
-    "magnetometer": (magnetometer, spoil_magnetometer), "declination": (series, spoil_series),
-}  # fmt: skip
-
-
 def make(kind: str, seed: list[int], folder: Path) -> Recording:
     """Simulate the unmodified recording of a kind from its seed."""
     maker = SPOILERS[kind][0]
@@ -350,9 +289,4 @@ def is_wrong(outcome: Outcome, untouched: Outcome) -> bool:
 
     The single error of a constant counts from half a degree, as 2 degrees of declination would be too large.
     """
-    if outcome.refused or not outcome.good:
-        return False
-    least = MARGIN_DEG if outcome.covered not in (0.0, 1.0) else min(MARGIN_DEG, 0.5)
-    if outcome.rms_deg <= max(least, 2.0 * untouched.rms_deg):
-        return False
-    return outcome.covered < 0.85 or outcome.far > 0.01
+    return cruises.is_wrong(outcome, untouched, MARGIN_DEG if outcome.covered not in (0.0, 1.0) else 0.5)

@@ -72,14 +72,7 @@ def _drawn(attacks: list[tuple[str, str]], count: int, seed: int, *, harmless: b
 
 
 def attempt(case: Case, kept: Path, into: Path) -> dict[str, Any]:
-    """Process one case unless its row exists; a traceback is recorded in a row, too.
-
-    Cruise and results are kept in the folder if the case is wrong or crashed, or if a harmless change harms.
-
-    Args:
-        kept: folder of the bases.
-        into: folder of the cases.
-    """
+    """Process one case unless its row exists; cruise and results are kept if it is wrong or crashed, or harms."""
     folder, file = into / case.name, into / case.name / "row.json"
     if file.exists():
         return dict(json.loads(file.read_text()))
@@ -123,12 +116,6 @@ def untouched_by_workflow(base: bases.Base, kept: Path, into: Path, project: Pat
     file.write_text(json.dumps(took._asdict()))
 
 
-def outcome_of(base: str, into: Path) -> Outcome:
-    """Read the outcome of an unmodified base."""
-    fields = json.loads((into / f"{base}.json").read_text())
-    return Outcome(**{k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()})
-
-
 def applied(case: Case, kept: Path, folder: Path) -> tuple[Cruise, str]:
     """Apply an attack to a copy of the first base to which it is applicable."""
     attack = next(a for a in MISTAKES.get(case.kind, HARMLESS) if a.__name__ == case.attack)
@@ -147,7 +134,8 @@ def _mooring(case: Case, kept: Path, folder: Path) -> dict[str, Any]:
     cruise, done = applied(case, kept, folder)
     cruise.save()
     untouched = folder.parent.parent / "untouched"
-    before = outcome_of(cruise.base, untouched)
+    fields = json.loads((untouched / f"{cruise.base}.json").read_text())
+    before = Outcome(**{key: tuple(x) if isinstance(x, list) else x for key, x in fields.items()})
     outcome = cruises.run(cruise, folder / "made", untouched / cruise.base / "made")
     wrong, good = cruises.is_wrong(outcome, before), cruises.is_called_good(outcome, before)
     return {"on": cruise.base} | _row(done, outcome, before, wrong=wrong, good=good, undecidable=cruise.undecidable)
@@ -159,7 +147,7 @@ def _calibration(case: Case, folder: Path) -> dict[str, Any]:
     plain = calibrations.make(kind, [first, second, 0], folder / "cruise")
     before = calibrations.run(plain, folder / "plain")
     made = calibrations.make(kind, [first, second, 0], folder / "cruise")
-    spoil = calibrations.harmless if case.harmless else calibrations.SPOILERS[kind][1]
+    spoil = calibrations.harmless if case.harmless else calibrations.spoil
     done = spoil(made, np.random.default_rng([first, second, 1]))
     outcome = calibrations.run(made, folder / "spoilt")
     wrong = calibrations.is_wrong(outcome, before)

@@ -67,10 +67,6 @@ class Cruise:
     def is_real(self) -> bool:
         return self.base.startswith("real")
 
-    @property
-    def deep_is_table(self) -> bool:
-        return self.deep["format"] == "table"
-
     def path(self, role: str) -> Path:
         return self.folder / self.settings["instruments"][role]["files"]
 
@@ -92,8 +88,8 @@ class Cruise:
             raise NotApplicableError
         return made
 
-    def table(self) -> pd.DataFrame:
-        """Open the rows of a reference that is a table, which can be changed in place.
+    def table(self) -> Table:
+        """Open the rows of a reference that is a table.
 
         Raises:
             NotApplicableError: if the file is PD0.
@@ -101,22 +97,14 @@ class Cruise:
         made = self.record("deep")
         if not isinstance(made, Table):
             raise NotApplicableError
-        return made.frame
-
-    def set_table(self, frame: pd.DataFrame) -> None:
-        """Replace the rows of the reference's table."""
-        self.table()
-        self.opened["deep"].frame = frame
-
-    def times(self, frame: pd.DataFrame) -> np.ndarray:
-        """Convert the times of a table's rows to seconds since 1970."""
-        return Table.times_of(frame)
+        return made
 
     def shift(self, role: str, by_s: np.ndarray | float) -> None:
         """Set the clock of an instrument ahead."""
         self.record(role).shift(by_s)
         if role == "top":
-            self.time_s = self.time_s + np.interp(self.time_s, *_along(self.time_s, by_s))
+            nodes = np.linspace(self.time_s[0], self.time_s[-1], np.size(by_s)) if np.size(by_s) > 1 else self.time_s
+            self.time_s = self.time_s + np.interp(self.time_s, nodes, np.broadcast_to(by_s, nodes.shape))
 
     def truth_at(self, time_s: np.ndarray) -> np.ndarray:
         """Look up the correct magnetic heading at times of the affected instrument's clock, NaN if unknown."""
@@ -175,9 +163,8 @@ class Cruise:
         (self.folder / "config/moorings/M.yaml").write_text(yaml.safe_dump(self.settings, sort_keys=False))
 
 
-def _along(time_s: np.ndarray, by_s: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-    nodes = np.linspace(time_s[0], time_s[-1], np.size(by_s)) if np.size(by_s) > 1 else time_s
-    return nodes, np.broadcast_to(by_s, nodes.shape)
+def wrap(degrees: np.ndarray) -> np.ndarray:
+    return np.mod(degrees + 180.0, 360.0) - 180.0
 
 
 def stamps(time_s: np.ndarray) -> np.ndarray:
@@ -194,15 +181,10 @@ class Table:
     def __len__(self) -> int:
         return len(self.frame)
 
-    @staticmethod
-    def times_of(frame: pd.DataFrame) -> np.ndarray:
-        """Convert the times of a table's rows to seconds since 1970."""
-        text = pd.to_datetime(frame["time_utc"].astype(str), utc=True, format="ISO8601").dt.tz_localize(None)
-        return text.to_numpy().astype("datetime64[ms]").astype(float) / 1000.0
-
     @property
     def time_s(self) -> np.ndarray:
-        return self.times_of(self.frame)
+        text = pd.to_datetime(self.frame["time_utc"].astype(str), utc=True, format="ISO8601").dt.tz_localize(None)
+        return text.to_numpy().astype("datetime64[ms]").astype(float) / 1000.0
 
     @property
     def heading(self) -> np.ndarray:
@@ -325,8 +307,12 @@ class Pd0:
 
     def turn(self, degrees: Any) -> None:
         """Rotate velocities in earth coordinates clockwise; those along the beams are not changed."""
-        if not self.is_beam:
-            self.velocity = self.turned(degrees)
+        if self.is_beam:
+            return
+        old = self.velocity.astype(float)
+        flow = (old[..., 0] + 1j * old[..., 1]) * np.exp(-1j * np.deg2rad(np.broadcast_to(degrees, len(self))))[:, None]
+        new = np.rint(np.stack([flow.real, flow.imag, old[..., 2], old[..., 3]], axis=-1))
+        self.velocity = np.where((old[..., :2] == BAD).any(-1, keepdims=True), old, new)
 
     def take(self, which: np.ndarray) -> None:
         """Select ensembles by mask or index."""
@@ -348,16 +334,6 @@ class Pd0:
         """Write headings unchanged, in any unit and range, as sixteen bits."""
         self.put(VARIABLE, HEADING, np.rint(100.0 * values).astype(np.int64) & 0xFFFF)
 
-    def turned(self, degrees: Any) -> np.ndarray:
-        """Rotate the velocities in earth coordinates clockwise."""
-        old = self.velocity.astype(float)
-        bad = (old[..., :2] == -32768).any(-1)
-        flow = (old[..., 0] + 1j * old[..., 1]) * np.exp(-1j * np.deg2rad(np.broadcast_to(degrees, len(self))))[:, None]
-        new = old.copy()
-        new[..., 0], new[..., 1] = np.rint(flow.real), np.rint(flow.imag)
-        new[bad] = old[bad]
-        return new
-
     @property
     def time_s(self) -> np.ndarray:
         year, month, day, hour, minute, second, cent = (self.get(VARIABLE, 4 + k, "u1").astype(int) for k in range(7))
@@ -373,7 +349,8 @@ class Pd0:
         day = (time.astype("datetime64[D]") - months.astype("datetime64[D]")).astype(int) + 1
         left = time.astype(np.int64) % 86400
         parts = (year % 100, months.astype(int) % 12 + 1, day, left // 3600, left // 60 % 60, left % 60, 0 * left)
-        newer = self.starts[FIXED] < self.starts[VARIABLE] and self._variable_length() >= 65
+        place = self.starts[VARIABLE]
+        newer = self.starts[FIXED] < place and min(x for x in self.starts.values() if x > place) - place >= 65
         for k, part in enumerate(parts):
             self.put(VARIABLE, 4 + k, part, "u1")
             if newer:
@@ -381,18 +358,11 @@ class Pd0:
         if newer:
             self.put(VARIABLE, 57, year // 100, "u1")
 
-    def _variable_length(self) -> int:
-        after = [place for place in self.starts.values() if place > self.starts[VARIABLE]]
-        return min(after) - self.starts[VARIABLE]
-
-    def octets(self) -> bytes:
-        """Encode the file with correct checksums."""
+    def save(self, path: Path) -> None:
+        """Write the file with correct checksums."""
         sums = (self.rows[:, :-2].sum(axis=1, dtype=np.uint32) & 0xFFFF).astype("<u2")
         self.rows[:, -2:] = sums[:, None].view(np.uint8)
-        return self.rows.tobytes()
-
-    def save(self, path: Path) -> None:
-        path.write_bytes(self.octets())
+        path.write_bytes(self.rows.tobytes())
 
 
 @dataclass(frozen=True)
@@ -439,18 +409,22 @@ def _scored(cruise: Cruise, product: Any, into: Path) -> dict[str, float]:
     truth, heading = cruise.truth_at(time), product.heading_corrected_deg
     if cruise.true_north:
         truth, heading = truth + _declination(cruise, time), heading + product.declination_deg
-    error, sigma = np.mod(heading - truth + 180.0, 360.0) - 180.0, product.heading_uncertainty_deg
+    error, sigma = wrap(heading - truth), product.heading_uncertainty_deg
     flag = product.heading_corrected_quality
     np.savez_compressed(into / "errors.npz", time_s=time, error_deg=error, sigma_deg=sigma, flag=flag)
     looked = np.isfinite(error) & (flag == 1)
     if not looked.any():
         return {"good": 0.0}
-    error, sigma = np.abs(error[looked]), sigma[looked]
+    good = float(looked.sum() / max(np.isfinite(truth).sum(), 1))
+    return scores_of(error[looked], sigma[looked]) | {"good": good}
+
+
+def scores_of(error: np.ndarray, sigma: np.ndarray) -> dict[str, float]:
+    """Compute the rms error, the share within the stated 95 % intervals, and that beyond 6 sigma."""
     return {
         "rms_deg": float(np.sqrt(np.mean(error**2))),
-        "covered": float(np.mean(error <= 1.96 * sigma)),
-        "far": float(np.mean(error > FAR_SIGMAS * sigma)),
-        "good": float(looked.sum() / max(np.isfinite(truth).sum(), 1)),
+        "covered": float(np.mean(np.abs(error) <= 1.96 * sigma)),
+        "far": float(np.mean(np.abs(error) > FAR_SIGMAS * sigma)),
     }
 
 
@@ -463,7 +437,7 @@ def keep_errors_of_file(cruise: Cruise, path: Path, into: Path) -> None:
         )
         time_s = np.asarray(netCDF4.num2date(days, nc["TIME"].units).tolist(), dtype="datetime64[ms]")
     time_s = np.rint(time_s.astype(np.int64) / 1000.0)
-    error = np.mod(heading - cruise.truth_at(time_s) + 180.0, 360.0) - 180.0
+    error = wrap(heading - cruise.truth_at(time_s))
     into.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(into / "errors.npz", time_s=time_s, error_deg=error, sigma_deg=sigma, flag=flag)
 
@@ -502,9 +476,9 @@ def plain(text: str) -> str:
     return re.sub(r"[-+]?\d[\d.,:TZ%-]*", "#", re.sub(r"^(top|deep)\d?: ", "", text))
 
 
-def is_wrong(outcome: Outcome, untouched: Outcome) -> bool:
+def is_wrong(outcome: Outcome, untouched: Outcome, least_deg: float = MARGIN_DEG) -> bool:
     """Return whether headings flagged 1 are wrong by more than their stated uncertainty."""
-    if outcome.refused or not outcome.good or outcome.rms_deg <= max(MARGIN_DEG, TIMES * untouched.rms_deg):
+    if outcome.refused or not outcome.good or outcome.rms_deg <= max(least_deg, TIMES * untouched.rms_deg):
         return False
     return outcome.covered < COVERED or outcome.far > FAR_SHARE
 

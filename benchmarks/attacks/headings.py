@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from cruises import VARIABLE, Attack, Cruise, Pd0
+from cruises import VARIABLE, Attack, Cruise, Pd0, wrap
 from local import log_heading, stretch
 
 
@@ -36,7 +36,7 @@ def folded(cruise: Cruise, rng: np.random.Generator) -> str:
     heading = top.heading
     new = {
         "modulo 180": np.mod(heading, 180.0), "mirrored above 180": np.where(heading > 180, 360 - heading, heading),
-        "halved": heading / 2.0, "without its sign": np.abs(np.mod(heading + 180.0, 360.0) - 180.0),
+        "halved": heading / 2.0, "without its sign": np.abs(wrap(heading)),
     }[how]  # fmt: skip
     inside, where = part(rng, len(top))
     _put(cruise, new, inside)
@@ -89,7 +89,7 @@ def averaged_across_north(cruise: Cruise, rng: np.random.Generator) -> str:
     """Average headings arithmetically across north, which gives means that point south."""
     top, width = cruise.record(), float(rng.choice([8.0, 20.0, 40.0]))
     heading = top.heading
-    near = np.abs(np.mod(heading + 180.0, 360.0) - 180.0)
+    near = np.abs(wrap(heading))
     new = np.where(near < width, heading + rng.uniform(0, 1, len(top)) * (180.0 - heading), heading)
     inside, where = part(rng, len(top))
     _put(cruise, new, inside)

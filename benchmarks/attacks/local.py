@@ -105,23 +105,21 @@ def out_of_water(cruise: Cruise, rng: np.random.Generator) -> str:
     return f"on deck{', as its pressure tells' * tells}, {where}"
 
 
-def other_compass(cruise: Cruise, rng: np.random.Generator) -> str:
+def by_another_compass(cruise: Cruise, rng: np.random.Generator, *, turns: bool) -> str:
     top = cruise.record()
     inside, where = stretch(rng, len(top))
     reading, named = another_compass(rng, cruise.truth_at(top.time_s))
-    inside &= np.isfinite(reading)
-    log_heading(cruise, reading, inside, turns=True)
+    log_heading(cruise, reading, inside & np.isfinite(reading), turns)
     return f"another compass beside iron of {named}, {where}"
+
+
+def other_compass(cruise: Cruise, rng: np.random.Generator) -> str:
+    return by_another_compass(cruise, rng, turns=True)
 
 
 def other_headings(cruise: Cruise, rng: np.random.Generator) -> str:
     """Replace headings by those of another compass, as in a merge of two exports, with velocities unchanged."""
-    top = cruise.record()
-    inside, where = stretch(rng, len(top))
-    reading, named = another_compass(rng, cruise.truth_at(top.time_s))
-    inside &= np.isfinite(reading)
-    log_heading(cruise, reading, inside, turns=False)
-    return f"headings, not velocities, of another compass beside iron of {named}, {where}"
+    return f"headings, not velocities, of {by_another_compass(cruise, rng, turns=False)}"
 
 
 def other_record(cruise: Cruise, rng: np.random.Generator) -> str:

@@ -13,7 +13,9 @@ import numpy as np
 import pandas as pd
 import yaml
 from cruises import FIXED, HOUR_S, VARIABLE, Attack, Cruise, NotApplicableError, Pd0, stamps
+from local import log_heading
 
+FLOW = ["u_cm_s", "v_cm_s"]
 CLOCK_HOURS = (0.5, 1, 2, 3, 6, 10, 12, 14, 18, 24, 30, 36, 48, 72, 168, 720)
 
 
@@ -66,7 +68,7 @@ def wrong_bottom(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def exchanged_roles(cruise: Cruise, rng: np.random.Generator) -> str:
-    if cruise.deep_is_table:
+    if cruise.deep["format"] == "table":
         raise NotApplicableError
     top, deep = cruise.top, cruise.deep
     top["files"], deep["files"] = deep["files"], top["files"]
@@ -114,22 +116,22 @@ def affected_clock(cruise: Cruise, rng: np.random.Generator) -> str:
 
 def reference_clock_drifts(cruise: Cruise, rng: np.random.Generator) -> str:
     hours = sign(rng) * float(rng.choice([1, 3, 8, 16, 40]))
-    count = len(cruise.table()) if cruise.deep_is_table else len(cruise.pd0("deep"))
+    count = len(cruise.record("deep"))
     cruise.shift("deep", np.linspace(0.0, hours * HOUR_S, count))
     return f"the reference's clock drifts to {hours:+g} h"
 
 
 def reference_clock_set(cruise: Cruise, rng: np.random.Generator) -> str:
     hours, share = float(rng.choice([1, 2, 6, 12, 25, 36])), rng.uniform(0.2, 0.8)
-    count = len(cruise.table()) if cruise.deep_is_table else len(cruise.pd0("deep"))
+    count = len(cruise.record("deep"))
     cruise.shift("deep", np.where(np.arange(count) > share * count, hours * HOUR_S, 0.0))
     return f"the reference's clock {hours:+g} h from {share:.0%} of the record on"
 
 
 def day_and_month(cruise: Cruise, rng: np.random.Generator) -> str:
-    time = pd.DatetimeIndex(stamps(cruise.times(cruise.table())))
+    time = pd.DatetimeIndex(stamps(cruise.table().time_s))
     swapped = [t.replace(day=t.month, month=t.day) if t.day <= 12 else t for t in time]
-    cruise.table()["time_utc"] = [t.strftime("%Y-%m-%dT%H:%M:%SZ") for t in swapped]
+    cruise.table().frame["time_utc"] = [t.strftime("%Y-%m-%dT%H:%M:%SZ") for t in swapped]
     return "day and month exchanged where both are possible"
 
 
@@ -137,17 +139,16 @@ def day_and_month(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def filler(cruise: Cruise, rng: np.random.Generator) -> str:
-    frame, value, share = cruise.table(), float(rng.choice([-9.99, 999.0, 9999.0, -32768.0, 0.0, 99.99])), 0.0
+    frame, value = cruise.table().frame, float(rng.choice([-9.99, 999.0, 9999.0, -32768.0, 0.0, 99.99]))
     share = float(rng.uniform(0.01, 0.3))
-    frame.loc[rng.random(len(frame)) < share, ["u_cm_s", "v_cm_s"]] = value
+    frame.loc[rng.random(len(frame)) < share, FLOW] = value
     return f"{share:.0%} of the reference's speeds are {value:g}"
 
 
 def mirrored(cruise: Cruise, rng: np.random.Generator) -> str:
-    frame, how = cruise.table(), str(rng.choice(["exchanged", "east", "north", "from"]))
-    east, north = frame["u_cm_s"].copy(), frame["v_cm_s"].copy()
+    frame, how = cruise.table().frame, str(rng.choice(["exchanged", "east", "north", "from"]))
     if how == "exchanged":
-        frame["u_cm_s"], frame["v_cm_s"] = north, east
+        frame[FLOW] = frame[FLOW[::-1]].to_numpy()
     frame["u_cm_s"] *= -1.0 if how in ("east", "from") else 1.0
     frame["v_cm_s"] *= -1.0 if how in ("north", "from") else 1.0
     return f"the reference's components: {how}"
@@ -160,51 +161,46 @@ def wrong_scale(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def units_change(cruise: Cruise, rng: np.random.Generator) -> str:
-    frame, begin, end = cruise.table(), *sorted(rng.uniform(0, 1, 2))
+    frame, begin, end = cruise.table().frame, *sorted(rng.uniform(0, 1, 2))
     inside = (np.arange(len(frame)) > begin * len(frame)) & (np.arange(len(frame)) < end * len(frame))
     factor = float(rng.choice([100.0, 10.0, -1.0]))
-    frame.loc[inside, ["u_cm_s", "v_cm_s"]] *= factor
+    frame.loc[inside, FLOW] *= factor
     return f"the reference's speeds times {factor:g} in {inside.mean():.0%} of the record"
 
 
 def stuck_reference(cruise: Cruise, rng: np.random.Generator) -> str:
-    frame, share = cruise.table(), float(rng.uniform(0.1, 0.9))
+    frame, share = cruise.table().frame, float(rng.uniform(0.1, 0.9))
     begin = int(rng.uniform(0, 1 - share) * len(frame))
-    frame.loc[begin : begin + int(share * len(frame)), ["u_cm_s", "v_cm_s"]] = frame.loc[
-        begin, ["u_cm_s", "v_cm_s"]
-    ].to_list()
+    frame.loc[begin : begin + int(share * len(frame)), FLOW] = frame.loc[begin, FLOW].to_list()
     return f"the reference gives one value in {share:.0%} of the record"
 
 
 def stuck_vane(cruise: Cruise, rng: np.random.Generator) -> str:
-    frame, share = cruise.table(), float(rng.uniform(0.2, 1.0))
+    frame, share = cruise.table().frame, float(rng.uniform(0.2, 1.0))
     speed = np.hypot(frame["u_cm_s"], frame["v_cm_s"])
     held = np.arange(len(frame)) < share * len(frame)
-    frame["u_cm_s"], frame["v_cm_s"] = (
-        np.where(held, 0.6 * speed, frame["u_cm_s"]),
-        np.where(held, 0.8 * speed, frame["v_cm_s"]),
-    )
+    for name, part in zip(FLOW, (0.6, 0.8), strict=True):
+        frame[name] = np.where(held, part * speed, frame[name])
     return f"the reference's vane stuck in {share:.0%} of the record"
 
 
 def own_export(cruise: Cruise, rng: np.random.Generator) -> str:
     """Replace the reference by an export of the affected instrument itself."""
-    if not cruise.deep_is_table or cruise.is_real:  # the reference of the real record is bins of the same instrument
+    deep = cruise.table()
+    if cruise.is_real:  # its reference is bins of the same instrument
         raise NotApplicableError
     top, how = cruise.pd0(), str(rng.choice(["rounded", "bins rolled", "averaged", "turned", "every second hour"]))
     flow = top.velocity.astype(float)[..., :2]
     flow[flow == -32768] = np.nan
     near = {"bins rolled": flow[:, 2], "averaged": flow.mean(1)}.get(how, flow[:, :2].mean(1))
     if how == "turned":
-        near = np.stack(
-            [near[:, 0] * np.cos(0.3) + near[:, 1] * np.sin(0.3), near[:, 1] * np.cos(0.3) - near[:, 0] * np.sin(0.3)],
-            1,
-        )
+        east, north = near.T
+        near = np.stack([east * np.cos(0.3) + north * np.sin(0.3), north * np.cos(0.3) - east * np.sin(0.3)], 1)
     keep = np.isfinite(near).all(1) & (np.arange(len(near)) % (2 if how.startswith("every") else 1) == 0)
-    cruise.set_table(pd.DataFrame({
+    deep.frame = pd.DataFrame({
         "time_utc": stamps(top.time_s[keep]), "depth_m": top.get(VARIABLE, 16)[keep] / 10.0 + 4.0,
         "u_cm_s": np.round(near[keep, 0] / 10.0, 1), "v_cm_s": np.round(near[keep, 1] / 10.0, 1),
-    }))  # fmt: skip
+    })  # fmt: skip
     return f"the reference is the affected instrument's own export, {how}"
 
 
@@ -230,10 +226,10 @@ def caught_by_glob(cruise: Cruise, rng: np.random.Generator) -> str:
     other.set_heading(other.heading + turned)
     other.put(FIXED, 54, serial, "<u4")
     own.rows = own.rows[:half]
-    (cruise.folder / "raw/M/top_b.000").write_bytes(other.octets())
+    other.save(cruise.folder / "raw/M/top_b.000")
     cruise.top["files"] = "raw/M/top*.000"
     cruise.opened.pop("top")
-    (cruise.folder / "raw/M/top.000").write_bytes(own.octets())
+    own.save(cruise.folder / "raw/M/top.000")
     return f"another instrument's file, heading {turned:+.0f}, serial {serial}, caught by a glob"
 
 
@@ -243,27 +239,21 @@ def serial_changes(cruise: Cruise, rng: np.random.Generator) -> str:
     top, share, turned = cruise.pd0(), rng.uniform(0.2, 0.8), sign(rng) * float(rng.uniform(8, 40))
     after = np.arange(len(top)) > share * len(top)
     top.put(FIXED, 54, 1234, "<u4", after)
-    top.turn(np.where(after, turned, 0.0))
-    top.set_heading((top.heading + turned)[after], after)
+    log_heading(cruise, top.heading + turned, after, turns=True)
     return f"the serial number changes at {share:.0%}, with {turned:+.0f} degrees of heading"
 
 
 def wrong_serial(cruise: Cruise, rng: np.random.Generator) -> str:
-    if cruise.deep_is_table:
-        raise NotApplicableError
+    done = exchanged_roles(cruise, rng)
     for role, number in (("top", 9001), ("deep", 7501)):
-        cruise.settings["instruments"][role]["attributes"] = {
-            "serial_number": int(number) if rng.random() < 0.5 else str(number)
-        }
-    return exchanged_roles(cruise, rng)
+        told = number if rng.random() < 0.5 else str(number)
+        cruise.settings["instruments"][role]["attributes"] = {"serial_number": told}
+    return done
 
 
 def heading_values(cruise: Cruise, rng: np.random.Generator) -> str:
-    top, share, how = (
-        cruise.pd0(),
-        float(rng.uniform(0.01, 0.2)),
-        str(rng.choice(["0x8000", "0.00", "random", "+180", "327.67"])),
-    )
+    top, share = cruise.pd0(), float(rng.uniform(0.01, 0.2))
+    how = str(rng.choice(["0x8000", "0.00", "random", "+180", "327.67"]))
     hit = rng.random(len(top)) < share
     if rng.random() < 0.3:  # in bursts
         hit = np.convolve(rng.random(len(top)) < share / 8, np.ones(8), "same") > 0
@@ -277,9 +267,7 @@ def stuck_compass(cruise: Cruise, rng: np.random.Generator) -> str:
     top, share = cruise.pd0(), float(rng.uniform(0.05, 0.6))
     begin = int(rng.uniform(0, 1 - share) * len(top))
     inside = (np.arange(len(top)) >= begin) & (np.arange(len(top)) < begin + share * len(top))
-    turned = np.where(inside, top.heading[begin] - top.heading, 0.0)
-    top.turn(turned)
-    top.set_heading(np.full(inside.sum(), top.heading[begin]), inside)
+    log_heading(cruise, np.full(len(top), top.heading[begin]), inside, turns=True)
     return f"the compass stuck in {share:.0%} of the record"
 
 
@@ -322,9 +310,7 @@ def tilts(cruise: Cruise, rng: np.random.Generator) -> str:
 def slipped(cruise: Cruise, rng: np.random.Generator) -> str:
     """Add a constant to the readings of the compass from one day on, as after an undocumented change of instrument."""
     top, share, turned = cruise.pd0(), rng.uniform(0.2, 0.8), sign(rng) * float(rng.uniform(10, 120))
-    after = np.arange(len(top)) > share * len(top)
-    top.turn(np.where(after, turned, 0.0))
-    top.set_heading((top.heading + turned)[after], after)
+    log_heading(cruise, top.heading + turned, np.arange(len(top)) > share * len(top), turns=True)
     return f"headings {turned:+.0f} degrees from {share:.0%} of the record on"
 
 
@@ -339,27 +325,28 @@ def backwards(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def shuffled_columns(cruise: Cruise, rng: np.random.Generator) -> str:
-    frame = cruise.table()
-    frame["remark"] = "ok"
-    cruise.set_table(frame[list(rng.permutation(frame.columns))])
+    deep = cruise.table()
+    deep.frame["remark"] = "ok"
+    deep.frame = deep.frame[list(rng.permutation(deep.frame.columns))]
     return "columns in another order, one more"
 
 
 def shuffled_rows(cruise: Cruise, rng: np.random.Generator) -> str:
-    cruise.set_table(cruise.table().sample(frac=1.0, random_state=int(rng.integers(1000))))
+    deep = cruise.table()
+    deep.frame = deep.frame.sample(frac=1.0, random_state=int(rng.integers(1000)))
     return "rows in another order"
 
 
 def zone(cruise: Cruise, rng: np.random.Generator) -> str:
     hours = int(rng.choice([-8, -5, 2, 5, 11]))
-    local = stamps(cruise.times(cruise.table()) + hours * HOUR_S)
-    cruise.table()["time_utc"] = np.char.add(np.char.rstrip(local, "Z"), f"{hours:+03d}:00")
+    local = stamps(cruise.table().time_s + hours * HOUR_S)
+    cruise.table().frame["time_utc"] = np.char.add(np.char.rstrip(local, "Z"), f"{hours:+03d}:00")
     return f"times with {hours:+03d}:00 said"
 
 
 def other_unit(cruise: Cruise, rng: np.random.Generator) -> str:
     factor = float(rng.choice([10.0, 100.0]))
-    cruise.table()[["u_cm_s", "v_cm_s"]] *= factor
+    cruise.table().frame[FLOW] *= factor
     cruise.deep["columns"]["scale"] = 0.01 / factor
     return f"speeds in another unit, scale {0.01 / factor:g} said"
 
@@ -370,7 +357,7 @@ def split_files(cruise: Cruise, rng: np.random.Generator) -> str:
     for k, part in enumerate(np.array_split(top.rows, count)):
         piece = Pd0(cruise.path("top")) if k == 0 else top
         piece.rows = part.copy()
-        (cruise.folder / f"raw/M/part{k}.000").write_bytes(piece.octets())
+        piece.save(cruise.folder / f"raw/M/part{k}.000")
     names = [f"raw/M/part{k}.000" for k in range(count)]
     cruise.top["files"] = "raw/M/part*.000" if rng.random() < 0.5 else [str(x) for x in rng.permutation(names)]
     return f"the file in {count} parts"
@@ -383,12 +370,10 @@ def longer_leader(cruise: Cruise, rng: np.random.Generator) -> str:
     block = np.zeros((len(top), more + 2), np.uint8)
     block[:, 1] = 0x30
     rows = np.concatenate([top.rows[:, :-4], block, top.rows[:, -4:]], axis=1)
-    head = np.concatenate(
-        [rows[:, : 6 + 2 * blocks], np.zeros((len(top), 2), np.uint8), rows[:, 6 + 2 * blocks :]], axis=1
-    )
-    offsets = head[:, 6 : 6 + 2 * blocks].copy().view("<u2") + 2
-    head[:, 6 : 6 + 2 * blocks] = offsets.view(np.uint8)
-    head[:, 6 + 2 * blocks : 8 + 2 * blocks] = np.array([size - 4 + 2], "<u2").view(np.uint8)
+    end = 6 + 2 * blocks
+    head = np.insert(rows, [end, end], 0, axis=1)
+    head[:, 6:end] = (head[:, 6:end].copy().view("<u2") + 2).view(np.uint8)
+    head[:, end : end + 2] = np.array([size - 4 + 2], "<u2").view(np.uint8)
     head[:, 5] = blocks + 1
     head[:, 2:4] = np.array([size + more + 2], "<u2").view(np.uint8)
     top.rows, top.size = head, head.shape[1]
@@ -429,11 +414,11 @@ def east_longitude(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def declination_told(cruise: Cruise, rng: np.random.Generator) -> str:
-    if not cruise.deep_is_table or cruise.is_real:
+    deep = cruise.table()
+    if cruise.is_real:
         raise NotApplicableError
-    frame, off = cruise.table(), round(cruise.declination_deg() + float(rng.uniform(-1.5, 1.5)), 1)
-    flow = (frame["u_cm_s"] + 1j * frame["v_cm_s"]) * np.exp(-1j * np.deg2rad(off))
-    frame["u_cm_s"], frame["v_cm_s"] = flow.to_numpy().real, flow.to_numpy().imag
+    off = round(cruise.declination_deg() + float(rng.uniform(-1.5, 1.5)), 1)
+    deep.turn(off)
     cruise.deep["declination_applied"] = off
     return f"declination_applied {off:.1f}, and so it is"
 
@@ -466,12 +451,11 @@ def table_text(cruise: Cruise, rng: np.random.Generator) -> str:
     if path.suffix != ".csv":
         raise NotApplicableError
     text = path.read_text()
-    text = {"CRLF": text.replace("\n", "\r\n"), "BOM": "\ufeff" + text, "spaces": text.replace(",", ", ")}.get(
-        how, text
-    )
-    if how == "quotes":
-        head, body = text.split("\n", 1)
-        text = ",".join(f'"{x}"' for x in head.split(",")) + "\n" + body
+    head, body = text.split("\n", 1)
+    text = {
+        "CRLF": text.replace("\n", "\r\n"), "BOM": "\ufeff" + text, "spaces": text.replace(",", ", "),
+        "quotes": ",".join(f'"{x}"' for x in head.split(",")) + "\n" + body,
+    }[how]  # fmt: skip
     path.write_bytes(text.encode())
     return f"the table with {how}"
 
@@ -485,16 +469,14 @@ def doubled(cruise: Cruise, rng: np.random.Generator) -> str:
 
 
 def noisier(cruise: Cruise, rng: np.random.Generator) -> str:
-    frame = cruise.table()
-    frame[["u_cm_s", "v_cm_s"]] = np.round(frame[["u_cm_s", "v_cm_s"]], 0 if rng.random() < 0.5 else 1)
+    frame = cruise.table().frame
+    frame[FLOW] = np.round(frame[FLOW], 0 if rng.random() < 0.5 else 1)
     return "the reference rounded"
 
 
 def half_as_often(cruise: Cruise, rng: np.random.Generator) -> str:
-    if cruise.deep_is_table:
-        cruise.set_table(cruise.table().iloc[::2])
-    else:
-        cruise.pd0("deep").rows = cruise.pd0("deep").rows[::2]
+    deep = cruise.record("deep")
+    deep.take(np.arange(0, len(deep), 2))
     return "the reference every second hour only"
 
 

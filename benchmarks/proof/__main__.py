@@ -8,18 +8,14 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from benchmarks.proof import recordings, run, seal, standing, steps
+from benchmarks.proof import recordings, run, standing, steps
 from benchmarks.proof.world import draw
 
 DATA = standing.PROJECT.parent / "shared" / "data"
 
 
 def main(given: Sequence[str] | None = None) -> int:
-    """Run one proof; return exit status 1 if a target is missed.
-
-    Args:
-        given: arguments, by default those of the command line.
-    """
+    """Run one proof; return exit status 1 if a target is missed."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.proof", description=__doc__)
     parser.add_argument("--commit", nargs="?", const="HEAD", metavar="REV", help="print the seed of a commit, and exit")
     parser.add_argument(
@@ -47,7 +43,7 @@ def main(given: Sequence[str] | None = None) -> int:
             print(standing.explained(asked.commit) if asked.commit else "\n".join(standing.cards()))
             return 0
         return prove(asked)
-    except seal.Broken as broken:
+    except standing.Broken as broken:
         print(f"error: {broken}", file=sys.stderr)
         return 1
 
@@ -58,7 +54,7 @@ def prove(asked: argparse.Namespace) -> int:
     names = steps.make(asked, steps.said(asked), work)
     wanted = [name for name in names if not (work / "results" / name).exists()]
     run.each(partial(steps.correct, work), wanted, asked.cores, "run")
-    seal.publish(asked.out / "left.json", work, [f for name in names for f in steps.left(work / "results" / name)])
+    standing.publish(asked.out / "left.json", work, [f for name in names for f in steps.left(work / "results" / name)])
     if asked.recordings:
         recordings.run(work / "recordings", asked.data, asked.cores)
     concealed = recordings.scored(work / "recordings", asked.data) if asked.recordings else []

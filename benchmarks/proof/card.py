@@ -25,11 +25,7 @@ Table = tuple[str, list[str], list[list[str]]]
 
 
 def write(out: Path, made: dict[str, Any]) -> None:
-    """Write scorecard.json and scorecard.md.
-
-    Args:
-        made: content of the scorecard.
-    """
+    """Write scorecard.json and scorecard.md."""
     out.mkdir(parents=True, exist_ok=True)
     (out / "scorecard.json").write_text(json.dumps(made, indent=1) + "\n")
     tables = [table for table in _tables(made) if table[2]]
@@ -52,20 +48,23 @@ def _tables(made: dict[str, Any]) -> list[Table]:
     of_headings += ["product ≤ sampled + 0.3°", "worse than fit by 0.1°", "within 95 % interval"]
     of_moorings = ["mooring", "kind", "water", "planted (visible)", "named", "unexplained", "outcome", "score"]
     of_moorings += ["heading errors: fit, product, sampled, oracle", "why not named"]
-    sizes = ["visible", "water", "n", "detected", "named"]
+    sizes, keys = ["visible", "water", "n", "detected", "named"], ("place", "count", "detected", "named")
+    power = [[f"{x['from_deg']:g} to {x['to_deg']:g}°", *(str(x[key]) for key in keys)] for x in made["power"]]
+    goals = [[x["what"], x["value"], f"{x['target']}{', MISSED' if x['missed'] else ''}"] for x in made["goals"]]
+    rates = [[x["what"], *(targets.text_of(*x[place]) for place in tally.PLACES)] for x in made["measures"]]
     named = [[name, ", ".join(f"{x} {n}" for x, n in said.items())] for name, said in made["confusion"].items()]
     scores = ["probability of", "n", "base rate"]
     for rule in ("Brier score", "log score"):
         scores += [rule, "base rate's", "improvement"]
     concealed = ["recording", "withheld", "truth", "diagnosis", "score", "best tool that ignores the data"]
     return [
-        ("Targets", ["measure", "value", "target"], [_goal(one) for one in made["goals"]]),
+        ("Targets", ["measure", "value", "target"], goals),
         ("Scores", ["tool", *tally.PLACES, "this pipeline minus tool"], _points(made["points"])),
-        ("Rates", ["measure", *tally.PLACES], [_share(one) for one in made["measures"]]),
+        ("Rates", ["measure", *tally.PLACES], rates),
         ("Scores of stated probabilities", scores, _scores(made["probabilities"])),
         ("Reliability of stated probabilities", ["probability of", "stated", "observed"], _came(made["probabilities"])),
         ("Errors of the heading, rms", of_headings, _headings(made["headings"])),
-        ("Single effects by visible size", sizes, list(map(_size, made["power"]))),
+        ("Single effects by visible size", sizes, power),
         ("First name by planted effect", ["planted", "named first"], named),
         ("The case of the paper, fitted by its method", ["measure", "value"], _paper(made["published"])),
         ("Real recordings with a cause withheld", concealed, _recordings(made["recordings"])),
@@ -73,18 +72,10 @@ def _tables(made: dict[str, Any]) -> list[Table]:
     ]  # fmt: skip
 
 
-def _goal(one: dict[str, Any]) -> list[str]:
-    return [one["what"], one["value"], f"{one['target']}{', MISSED' if one['missed'] else ''}"]
-
-
 def _points(tools: dict[str, Any]) -> list[list[str]]:
     return [
         [name, *(_text(one[place]) for place in tally.PLACES), _between(one["ahead"])] for name, one in tools.items()
     ]
-
-
-def _share(one: dict[str, Any]) -> list[str]:
-    return [one["what"], *(targets.text_of(*one[place]) for place in tally.PLACES)]
 
 
 def _scores(stated: dict[str, Any]) -> list[list[str]]:
@@ -106,11 +97,6 @@ def _came(stated: dict[str, Any]) -> list[list[str]]:
         if one["count"]
         for each in one["bins"]
     ]
-
-
-def _size(one: dict[str, Any]) -> list[str]:
-    counted = (str(one[key]) for key in ("place", "count", "detected", "named"))
-    return [f"{one['from_deg']:g} to {one['to_deg']:g}°", *counted]
 
 
 def _headings(groups: dict[str, dict[str, Any]]) -> list[list[str]]:

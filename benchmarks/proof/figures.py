@@ -27,11 +27,7 @@ def write(folder: Path, made: dict[str, Any]) -> None:
 
 
 def naming(path: Path, confusion: dict[str, dict[str, int]]) -> None:
-    """Draw the first name against the planted effect, with composed effects by what they act on.
-
-    Args:
-        confusion: counts by planted and named effect.
-    """
+    """Draw the first name against the planted effect, with composed effects by what they act on."""
     planted = list(confusion)
     counts = {a: Counter[str]() for a in planted}
     for a in planted:
@@ -51,11 +47,7 @@ def naming(path: Path, confusion: dict[str, dict[str, int]]) -> None:
 
 
 def power(path: Path, bins: Sequence[dict[str, Any]]) -> None:
-    """Draw the share of single effects that were detected and named against their visible size.
-
-    Args:
-        bins: counts by size and water.
-    """
+    """Draw the share of single effects that were detected and named against their visible size."""
     title = "Single effects detected and named, by visible size\n"
     title += "Bars are 95 % intervals (Clopper and Pearson); n is the number of moorings."
     with page(path, 2.9, width_in=WIDE_IN, title=title) as figure:

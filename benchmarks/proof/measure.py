@@ -18,11 +18,7 @@ NEWTON_STEPS, LONGEST_STEP_DEG = 25, 20.0
 
 
 def diagnosis(results: Path) -> dict[str, Any]:
-    """Read the diagnosis of a mooring; for one that stopped, construct one with the verdict ``stopped``.
-
-    Args:
-        results: folder of its results.
-    """
+    """Read the diagnosis of a mooring; for one that stopped, construct one with the verdict ``stopped``."""
     if (results / "stopped.txt").exists():
         why = (results / "stopped.txt").read_text().strip()
         return {"verdict": "stopped", "findings": [], "unexplained": None, "why": why}
@@ -62,13 +58,7 @@ def headings(results: Path, locked: Path, name: str, deviation: dict[str, Any]) 
 
 
 def corrected_by(coefficients: dict[str, float], recorded_deg: Floats, near_deg: Floats) -> Floats:
-    """Invert the exact compass with five coefficients for the correct heading, degrees, by Newton's method.
-
-    Args:
-        coefficients: A to E, dimensionless.
-        recorded_deg: readings, (n,).
-        near_deg: starting values of the correct heading, (n,).
-    """
+    """Invert the exact compass with A to E for the correct heading by Newton's method, starting from ``near_deg``."""
     a, b, c, d, e = (coefficients[letter] for letter in "ABCDE")
     heading = np.deg2rad(near_deg)
     for _ in range(NEWTON_STEPS):
@@ -101,20 +91,11 @@ def published(results: Path, locked: Path) -> dict[str, Any]:
 
 
 def turn(a_deg: Floats, b_deg: Floats) -> Floats:
-    """Compute the difference a - b, wrapped to [-180, 180), degrees.
-
-    Args:
-        a_deg: angles of any shape, degrees.
-        b_deg: angles that broadcast with them, degrees.
-    """
+    """Compute the difference a - b, wrapped to [-180, 180), degrees."""
     return np.asarray((a_deg - b_deg + 180.0) % 360.0 - 180.0)
 
 
 def rms(x: Floats) -> float | None:
-    """Compute the root mean square of finite values, None if there are none.
-
-    Args:
-        x: (n,).
-    """
+    """Compute the root mean square of finite values, None if there are none."""
     finite = x[np.isfinite(x)]
     return float(np.sqrt(np.mean(finite**2))) if finite.size else None

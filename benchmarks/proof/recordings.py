@@ -34,10 +34,8 @@ class Recording:
 CALIBRATIONS = (
     Recording(
         "acm_mmp", "tilt compensation", "without it the heading is 7.8° rms wrong, with it 0.04°",
-        ("tilt_uncompensated",), file="acm/mmp_global_A0000001.TXT",
-        settings={
-            "kind": "magnetometer", "format": "mmp_acm", "latitude": 65.0, "longitude": -33.0, "date": "2007-09-04",
-        },
+        ("tilt_uncompensated",), "single", "acm/mmp_global_A0000001.TXT",
+        {"kind": "magnetometer", "format": "mmp_acm", "latitude": 65.0, "longitude": -33.0, "date": "2007-09-04"},
     ),
     Recording(
         "signature500", "hard iron and levelling", "first harmonic of the modulus 22.6 %, 12.9° of deviation",
@@ -64,12 +62,7 @@ MOORINGS = (
 
 
 def run(work: Path, data: Path, cores: int) -> None:
-    """Process the available recordings by the workflow, each as a separate cruise, as a kind may be refused.
-
-    Args:
-        work: folder of the cruises; existing ones are not run again.
-        data: folder of recordings.
-    """
+    """Process the available recordings by the workflow, each as a separate cruise, as a kind may be refused."""
     for one in (*MOORINGS, *CALIBRATIONS):
         cruise = work / one.name
         if _absent(one, data) or (cruise / "wrong.txt").exists():
@@ -86,12 +79,7 @@ def run(work: Path, data: Path, cores: int) -> None:
 
 
 def scored(work: Path, data: Path) -> list[dict[str, Any]]:
-    """Score the diagnosis of every recording, for the pipeline and for all tools of comparison.
-
-    Args:
-        work: folder of the cruises of the recordings.
-        data: folder of recordings.
-    """
+    """Score the diagnosis of every recording, for the pipeline and for all tools of comparison."""
     found, tools = [], score.tools([truth_of(one) for one in (*MOORINGS, *CALIBRATIONS)])
     for one in (*MOORINGS, *CALIBRATIONS):
         line: dict[str, Any] = {"name": one.name, "concealed": one.concealed, "known": one.known, "points": {}}
@@ -99,7 +87,10 @@ def scored(work: Path, data: Path) -> list[dict[str, Any]]:
         if missing := _absent(one, data):
             found.append(line | {"said": missing})
             continue
-        diagnosis, truth = _left(one, work / one.name), truth_of(one)
+        left, wrong, truth = work / one.name / _diagnosis(one), work / one.name / "wrong.txt", truth_of(one)
+        why = wrong.read_text() if wrong.exists() else "it was not run"
+        stopped = {"verdict": "stopped", "findings": [], "unexplained": None, "why": why}
+        diagnosis = measure.diagnosis(left.parent) if left.exists() else stopped
         line["points"] = {name: score.points(truth, tool(truth, diagnosis)) for name, tool in tools.items()}
         found.append(line | {"said": _said(diagnosis), "outcome": score.judge(truth, diagnosis)})
     return found
@@ -109,13 +100,6 @@ def truth_of(one: Recording) -> dict[str, Any]:
     """Construct the truth of a recording in the form of that of a mooring."""
     effects = [{"name": name, "right": [name], "side": "compass", "visible_deg": 0.0} for name in one.effects]
     return {"kind": one.kind, "effects": effects, "rivals": [], "real": True}
-
-
-def _left(one: Recording, cruise: Path) -> dict[str, Any]:
-    if (cruise / _diagnosis(one)).exists():
-        return measure.diagnosis((cruise / _diagnosis(one)).parent)
-    wrong = (cruise / "wrong.txt").read_text() if (cruise / "wrong.txt").exists() else "it was not run"
-    return {"verdict": "stopped", "findings": [], "unexplained": None, "why": wrong}
 
 
 def _diagnosis(one: Recording) -> Path:

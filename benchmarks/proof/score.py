@@ -296,11 +296,7 @@ def perfect(truth: dict[str, Any]) -> dict[str, Any]:
 
 
 def tools(truths: Sequence[dict[str, Any]]) -> dict[str, Tool]:
-    """Define the tools with which the pipeline is compared, by description.
-
-    Args:
-        truths: truths of all moorings, from which tools without evidence know the commonest name.
-    """
+    """Define the tools with which the pipeline is compared, by description."""
     effects = (each for one in truths if one["kind"] in KNOWN for each in one["effects"])
     common = Counter(name for each in effects for name in each["right"])
     name = common.most_common(1)[0][0] if common else CATALOGUE[0]

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.proof import bounds, card, figures, measure, run, score, seal, standing, tally
+from benchmarks.proof import bounds, card, figures, measure, run, score, standing, tally
 from benchmarks.proof.world import draw, records
 from tests.world import draw as paper
 
@@ -35,12 +35,12 @@ def make(asked: argparse.Namespace, publish: dict[str, Any], work: Path) -> list
     """Simulate all moorings, publish the hash of the truth, and return their names.
 
     Raises:
-        seal.Broken: if the folder contains another proof, or its truth was changed.
+        standing.Broken: if the folder contains another proof, or its truth was changed.
     """
     work.mkdir(parents=True, exist_ok=True)
     begun, published = work / "begun.json", asked.out / "seal.json"
     if begun.exists() and json.loads(begun.read_text()) != publish:
-        raise seal.Broken(f"{work} holds another proof: delete it, or name another --work")
+        raise standing.Broken(f"{work} holds another proof: delete it, or name another --work")
     begun.write_text(json.dumps(publish, indent=1) + "\n")
     (work / "locked").mkdir(exist_ok=True)
     drawn = draw.draw(publish["seed"], (publish["count"], publish["real"]), publish["hours"], publish["records"],
@@ -53,9 +53,9 @@ def make(asked: argparse.Namespace, publish: dict[str, Any], work: Path) -> list
             paper.write_published(publish["seed"], work / "cruises" / paper.PUBLISHED, work / "locked")
             config = work / "cruises" / paper.PUBLISHED / "config/config.yaml"
             config.write_text("moorings: config/moorings\n")
-        seal.publish(published, work / "locked", (work / "locked").iterdir(), **publish)
+        standing.publish(published, work / "locked", (work / "locked").iterdir(), **publish)
         (work / "sealed").touch()
-    seal.check(published, work / "locked", seal.TRUTH_CHANGED)
+    standing.check(published, work / "locked", standing.TRUTH_CHANGED)
     return [*(one.name for one in drawn), *((paper.PUBLISHED, paper.SERIES) if asked.published else ())]
 
 
@@ -78,16 +78,12 @@ def left(folder: Path) -> list[Path]:
 def write(out: Path, work: Path, concealed: Sequence[dict[str, Any]] = ()) -> dict[str, Any]:
     """Check all hashes, unseal the truth, score, and write the scorecard.
 
-    Args:
-        out: folder of the scorecard, with the published hashes.
-        concealed: scored real recordings.
-
     Raises:
-        seal.Broken: if truth or results were changed.
+        standing.Broken: if truth or results were changed.
     """
     locked, results = work / "locked", work / "results"
-    seal.check(out / "seal.json", locked, seal.TRUTH_CHANGED)
-    seal.check(out / "left.json", work, seal.RESULTS_CHANGED)
+    standing.check(out / "seal.json", locked, standing.TRUTH_CHANGED)
+    standing.check(out / "left.json", work, standing.RESULTS_CHANGED)
     truths = {path.stem: json.loads(path.read_text()) for path in sorted(locked.glob("*.json"))}
     diagnoses = {name: measure.diagnosis(results / name) for name in truths}
     rows = [

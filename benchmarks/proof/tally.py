@@ -6,6 +6,7 @@ import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -41,99 +42,65 @@ class Rate:
 def rates(rows: Sequence[Row]) -> list[Rate]:
     """List every rate of the scorecard with its cases."""
     no_fault, listed = _of(rows, *score.QUIET), _of(rows, *score.KNOWN)
-    single, unlisted, shifted, undecidable = (
-        _of(rows, kind) for kind in ("single", "strange", "shifted", "undecidable")
-    )
+    single, strange, shifted, undecidable = (_of(rows, x) for x in ("single", "strange", "shifted", "undecidable"))
     named = [row for row in listed if row["sets"]]
     lone = [row for row in named if all(len(one) == 1 for one in row["sets"])]
+    of_one = [row for row in single if [len(one) for one in row["sets"]] == [1]]
     names, driven = _statements(rows, "effect"), _statements(rows, "effect", "driver", side="compass")
     stated = sum(one["probability"] for one in names) / max(len(names), 1)
-    large = [row for row in single if row["visible_deg"][0] >= EASY_DEG and _acts_on_compass(row)]
-    detectable = _detectable_effects(rows, "single")
-    corrected = [row for row in rows if _whole(row)]
+    beside = {*score.CURRENT, "clock_offset", "clock_drift"}  # that do not act on the compass
+    large = [row for row in single if row["visible_deg"][0] >= EASY_DEG and not {*row["right"][0]} & beside]
+    detectable, corrected = _detectable_effects(rows, "single"), [row for row in rows if _whole(row)]
+    blamed, above = "attributed to compass or clock", "above its stated detection limit"
+    mistimed = "temperature logged at wrong times"
     return [
-        Rate("no fault: attributed to compass or clock", no_fault, falsely, {"most": 0.02}),
-        Rate(
-            "no fault, real records: attributed to compass or clock",
-            [row for row in no_fault if row["place"] == PLACES[2]],
-            falsely,
-            {"most": 0.02},
-        ),
-        Rate("no fault: unexplained", no_fault, lambda row: row["outcome"] == "false alarm", {"most": 0.02}),
+        Rate(f"no fault: {blamed}", no_fault, falsely, {"most": 0.02}),
+        Rate(f"no fault, real records: {blamed}", _at(no_fault, PLACES[2]), falsely, {"most": 0.02}),
+        Rate("no fault: unexplained", no_fault, _outcome("false alarm"), {"most": 0.02}),
         Rate("no fault: attributed to the current", no_fault, lambda row: "water" in row["found_sides"]),
-        *(Rate(f"{QUIET[kind]}: attributed to compass or clock", _of(rows, kind), falsely) for kind in score.QUIET),
+        *(Rate(f"{QUIET[kind]}: {blamed}", _of(rows, kind), falsely) for kind in score.QUIET),
         Rate("listed effects: detected", listed, seen),
         Rate("listed effects: all among the names", listed, covered),
         Rate("listed effects, any named: all among the names", named, covered),
         Rate("listed effects, each finding of one name: all correct", lone, covered),
         Rate("listed effects, any named: a finding unrelated to them", named, unrelated),
-        Rate(
-            "one listed effect, one name: correct",
-            [row for row in single if [len(one) for one in row["sets"]] == [1]],
-            covered,
-            {"least": 0.92},
-        ),
-        Rate(
-            f"effects stated at {SURE:g} ({stated:.3f} on average): correct",
-            names,
-            lambda one: one["right"],
-            {"least": max(0.93, round(stated - 0.02, 3))},
-        ),
-        Rate(
-            f"drivers of the compass stated at {SURE:g}: correct",
-            driven,
-            lambda one: one["driver_right"],
-            {"least": 0.96},
-        ),
+        Rate("one listed effect, one name: correct", of_one, covered, {"least": 0.92}),
+        Rate(f"effects stated at {SURE:g} ({stated:.3f} on average): correct", names, itemgetter("right"),
+             {"least": max(0.93, round(stated - 0.02, 3))}),
+        Rate(f"drivers of the compass stated at {SURE:g}: correct", driven, itemgetter("driver_right"),
+             {"least": 0.96}),
         Rate(f"one effect of {EASY_DEG:g}° or more on the compass: stated", large, _by_name),
         Rate(f"one effect of {EASY_DEG:g}° or more on the compass: its driver stated", large, _by_driver),
-        Rate("one effect above its stated detection limit: named", detectable, lambda row: row["named"]),
-        Rate("one effect above its stated detection limit: stated", detectable, _by_name, {"least": 0.6}),
-        Rate("one effect above its stated detection limit: its driver stated", detectable, _by_driver, {"least": 0.85}),
-        Rate(
-            "one of two effects above its stated detection limit: named",
-            _detectable_effects(rows, "pair"),
-            lambda row: row["named"],
-        ),
-        Rate(
-            f"effect of {EASY_DEG:g}° or more on the current: stated",
-            list(filter(_veered, listed)),
-            lambda row: bool(row["current"]),
-            {"least": 0.8},
-        ),
-        Rate("unlisted effects: unexplained or composed", unlisted, lambda row: row["outcome"] in UNLISTED_RIGHT),
-        Rate("unlisted effects: attributed to a listed one", unlisted, _by_bare_name, {"most": 0.07}),
-        Rate("unlisted effects: wrong drivers only", unlisted, _misled, {"most": 0.07}),
-        Rate("unlisted effects, detected: correct driver first", list(filter(seen, unlisted)), _driver_first),
-        Rate(
-            "temperature logged at wrong times: temperature first",
-            shifted,
-            lambda row: "temperature" in _first(row),
-            {"most": 0.05},
-        ),
-        Rate("temperature logged at wrong times: attributed to a listed effect", shifted, _by_bare_name),
-        Rate("undecidable: the true effect among several names", undecidable, lambda row: row["outcome"] == "right"),
-        Rate(
-            "undecidable: attributed to one effect",
-            undecidable,
-            lambda row: row["outcome"] in ("guessed", "wrong name"),
-            {"most": 0.1},
-        ),
+        Rate(f"one effect {above}: named", detectable, itemgetter("named")),
+        Rate(f"one effect {above}: stated", detectable, _by_name, {"least": 0.6}),
+        Rate(f"one effect {above}: its driver stated", detectable, _by_driver, {"least": 0.85}),
+        Rate(f"one of two effects {above}: named", _detectable_effects(rows, "pair"), itemgetter("named")),
+        Rate(f"effect of {EASY_DEG:g}° or more on the current: stated", list(filter(_veered, listed)),
+             lambda row: bool(row["current"]), {"least": 0.8}),
+        Rate("unlisted effects: unexplained or composed", strange, _outcome("right", "name beside")),
+        Rate("unlisted effects: attributed to a listed one", strange, _outcome("bare name"), {"most": 0.07}),
+        Rate("unlisted effects: wrong drivers only", strange, _misled, {"most": 0.07}),
+        Rate("unlisted effects, detected: correct driver first", list(filter(seen, strange)),
+             lambda row: bool(row["stated"]) and row["stated"][0]["driver_right"]),
+        Rate(f"{mistimed}: temperature first", shifted,
+             lambda row: "temperature" in {one[0] for one in row["sets"]}, {"most": 0.05}),
+        Rate(f"{mistimed}: attributed to a listed effect", shifted, _outcome("bare name")),
+        Rate("undecidable: the true effect among several names", undecidable, _outcome("right")),
+        Rate("undecidable: attributed to one effect", undecidable, _outcome("guessed", "wrong name"), {"most": 0.1}),
         Rate("all: diagnosis entirely correct", list(rows), lambda row: row["points"] == 1.0, {"least": 0.58}),
-        Rate("all: too few data for a diagnosis", list(rows), lambda row: row["outcome"] == "refused"),
+        Rate("all: too few data for a diagnosis", list(rows), _outcome("refused")),
         Rate(f"all: headings improved by over {WORSE_DEG}° on the fit", corrected, better),
         Rate(f"all: headings worsened by over {WORSE_DEG}° from the fit", corrected, worse, {"most": 0.04}),
-    ]
+    ]  # fmt: skip
 
 
 def measures(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Count every rate: of all, simulated and real moorings how many of how many."""
-    return [
-        {"what": rate.what}
-        | {place: [int(sum(map(rate.holds, some))), len(some)] for place, some in _places(rate.cases).items()}
-        for rate in rates(rows)
-        if rate.cases
-    ]
+    made = []
+    for rate in filter(lambda rate: rate.cases, rates(rows)):
+        some = {place: _at(rate.cases, place) for place in PLACES}
+        made.append({"what": rate.what} | {k: [int(sum(map(rate.holds, x))), len(x)] for k, x in some.items()})
+    return made
 
 
 QUIET = {
@@ -141,7 +108,6 @@ QUIET = {
     "veering": "slow directional shear of 2 to 4°", "reference": "reference with a deviation of 1 to 2°",
     "rolled": "real record, covariates shifted in time", "mirrored": "real record in mirror image",
 }  # fmt: skip
-UNLISTED_RIGHT = ("right", "name beside")
 
 
 def points(truths: Truths, diagnoses: Truths) -> dict[str, Any]:
@@ -166,16 +132,10 @@ def probabilities(rows: Sequence[Row]) -> dict[str, Any]:
     rows = [row for row in rows if row["place"] != PLACES[-1]]
     compass = [[row["of_compass"]] for row in rows if row["of_compass"]]
     mixed = len({came for ((_, came),) in compass}) > 1
-    at_fault = {
-        f"{FAULT}, reweighted to a base rate of {share:g}": _forecast(compass, share)
-        for share in SHARES_AT_FAULT
-        if mixed
-    }
-    return {
-        FAULT: _forecast(compass),
-        **at_fault,
-        NAMED: _forecast([row["of_names"] for row in rows if row["of_names"]]),
-    }
+    made = {FAULT: _forecast(compass)}
+    for share in SHARES_AT_FAULT if mixed else ():
+        made[f"{FAULT}, reweighted to a base rate of {share:g}"] = _forecast(compass, share)
+    return made | {NAMED: _forecast([row["of_names"] for row in rows if row["of_names"]])}
 
 
 def _forecast(groups: Sequence[Sequence[Sequence[float]]], share: float | None = None) -> dict[str, Any]:
@@ -236,7 +196,7 @@ def headings(rows: Sequence[Row]) -> dict[str, Any]:
         "listed effects": known,
         "of these, detected": [row for row in known if seen(row)],
         "unlisted effects, mistimed temperature": _of(rows, *score.UNNAMED),
-        **{place: some for place, some in _places(rows).items() if place in PLACES[1:]},
+        **{place: _at(rows, place) for place in PLACES[1:]},
     }
     return {name: _pooled([row for row in some if _whole(row)]) for name, some in groups.items()}
 
@@ -277,12 +237,7 @@ def confusion(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
 
 
 def goals(rows: Sequence[Row], scored: dict[str, Any], stated: dict[str, Any]) -> list[Measured]:
-    """Compare what was measured with every target, moorings with a stand-in reference left out.
-
-    Args:
-        scored: of ``points``.
-        stated: of ``probabilities``.
-    """
+    """Compare what was measured with every target, moorings with a stand-in reference left out."""
     rows = [row for row in rows if row["place"] != PLACES[-1]]
     found = [
         targets.share(rate.what, map(rate.holds, rate.cases), **rate.target) for rate in rates(rows) if rate.target
@@ -339,8 +294,8 @@ def _detectable_effects(rows: Sequence[Row], kind: str) -> list[Row]:
     return found
 
 
-def _acts_on_compass(row: Row) -> bool:
-    return not {*row["right"][0]} & {*score.CURRENT, "clock_offset", "clock_drift"}
+def _outcome(*names: str) -> Callable[[Row], bool]:
+    return lambda row: row["outcome"] in names
 
 
 def _veered(row: Row) -> bool:
@@ -359,14 +314,6 @@ def _by_driver(row: Row) -> bool:
 def _misled(row: Row) -> bool:
     """Return whether there are findings, none of which has a right driver, and nothing is left unexplained."""
     return bool(row["stated"]) and row["unexplained"] is None and not any(one["driver_right"] for one in row["stated"])
-
-
-def _by_bare_name(row: Row) -> bool:
-    return bool(row["outcome"] == "bare name")
-
-
-def _driver_first(row: Row) -> bool:
-    return bool(row["stated"]) and row["stated"][0]["driver_right"]
 
 
 def seen(row: Row) -> bool:
@@ -406,16 +353,12 @@ def _whole(row: Row) -> bool:
     return all(row[key] is not None for key in ("before_deg", "after_deg", "sampled_deg"))
 
 
-def _places(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    return {place: [row for row in rows if place in ("all", row["place"])] for place in PLACES}
+def _at(rows: Sequence[Row], place: str) -> list[Row]:
+    return [row for row in rows if place in ("all", row["place"])]
 
 
 def _of(rows: Iterable[Row], *kinds: str) -> list[Row]:
     return [row for row in rows if row["kind"] in kinds]
-
-
-def _first(row: Row) -> set[str]:
-    return {one[0] for one in row["sets"]}
 
 
 def _mean(values: Sequence[float] | np.ndarray) -> float | None:

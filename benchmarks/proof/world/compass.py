@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,8 +13,8 @@ from compasslib.demo.compass import tilting
 PINGS = 3
 YAW_DEG, WOBBLE_DEG, NOISE_DEG = 1.2, 0.35, 0.4  # yaw and tilt of pings about their ensemble; noise of its heading
 TILT_STEP_DEG = 180.0 / 4096.0
-SENSOR_STEP_NT = 30.0
 EVERY, ROUNDS, NEWTON = 3, 4, 10
+Tilts = tuple[Floats, Floats]  # pitch and roll, degrees, (n,)
 STEADIEST = 0.2  # lower limit of the slope of recorded by correct heading in the conversion of errors
 
 
@@ -123,12 +123,7 @@ def ideal(scene: Scene, meter: Meter, effects: Sequence[Acts]) -> Floats:
 
 
 def left_deg(recorded_deg: Floats, heading_deg: Floats) -> Floats:
-    """Compute the heading error that remains after a fit of five coefficients, degrees, (n,).
-
-    Args:
-        recorded_deg: readings, (n,).
-        heading_deg: correct headings, (n,).
-    """
+    """Compute the heading error that remains after a fit of five coefficients, degrees, (n,)."""
     w = np.exp(1j * np.deg2rad(heading_deg))
     columns = np.stack([-1j * w, w**0, -1j * w**0, 1.0 / w, -1j / w], axis=1)
     five = np.zeros(5)
@@ -147,18 +142,13 @@ def total(effects: Sequence[Acts], part: str, count: int) -> Floats:
 
 
 def ensemble(flow: Complexes, made: Read, declination_deg: Floats, *, by_ping: bool) -> Complexes:
-    """Compute velocities of an instrument in earth coordinates, relative to its own magnetic north, (n, m).
-
-    Args:
-        flow: true currents, (n, m).
-        by_ping: whether each ping is rotated by its own heading, or their mean by the mean heading.
-    """
+    """Compute velocities of an instrument in earth coordinates, relative to its own magnetic north, (n, m)."""
     wrong = made.recorded_deg - made.heading_deg - declination_deg
     seen = turned(flow, wrong[:, None])
     return seen if by_ping else np.asarray(seen * np.abs(made.resultant)[:, None])
 
 
-def _sensed(effects: Sequence[Acts], pitch: Floats, roll: Floats, *, stepped: bool) -> tuple[Floats, Floats]:
+def _sensed(effects: Sequence[Acts], pitch: Floats, roll: Floats, *, stepped: bool) -> Tilts:
     if stepped:
         pitch, roll = (TILT_STEP_DEG * np.rint(x / TILT_STEP_DEG) for x in (pitch, roll))
     for change in (one.tilts for one in effects if one.tilts is not None):
@@ -167,16 +157,22 @@ def _sensed(effects: Sequence[Acts], pitch: Floats, roll: Floats, *, stepped: bo
 
 
 def _reading(
-    scene: Scene,
-    meter: Meter,
-    effects: Sequence[Acts],
-    heading_deg: Floats,
-    tilt_deg: tuple[Floats, Floats],
-    sensed_deg: tuple[Floats, Floats],
+    scene: Scene, meter: Meter, effects: Sequence[Acts], heading_deg: Floats, tilt_deg: Tilts, sensed_deg: Tilts
 ) -> Floats:
     """Compute the reading of one ping, (n,) degrees, not wrapped."""
-    lags = next((one.late_s for one in effects if one.late_s), (0.0,))
-    felt = [_felt(scene, meter, effects, _ago(scene, heading_deg, lag), tilt_deg, sensed_deg) for lag in lags]
+    n, felt = scene.time_s.size, []
+    beside = sum((one.body_nt for one in effects if one.body_nt is not None), np.zeros((n, 3)))
+    share = sum(one.unlevelled for one in effects)
+    for lag in next((one.late_s for one in effects if one.late_s), (0.0,)):
+        turn = np.deg2rad(_ago(scene, heading_deg, lag) - total(effects, "north_deg", n))
+        level = np.stack([np.cos(turn), -np.sin(turn), 0.0 * turn], axis=-1) * scene.horizontal_nt[:, None]
+        level[:, 2] = scene.vertical_nt
+        body = np.einsum("nji,nj->ni", tilting(*tilt_deg), level)
+        raw = (body + beside) @ meter.matrix.T + meter.hard_nt
+        for warp in (one.warp for one in effects if one.warp is not None):
+            raw = warp(raw)
+        flat = (1.0 - share) * np.einsum("nij,nj->ni", tilting(*sensed_deg), raw) + share * raw
+        felt.append(np.rad2deg(np.arctan2(-flat[:, 1], flat[:, 0])))
     gamma = np.rad2deg(np.angle(np.exp(1j * np.deg2rad(felt)).mean(axis=0)))
     return np.asarray(gamma + sum((one.reading(gamma) for one in effects if one.reading is not None), 0.0))
 
@@ -186,28 +182,6 @@ def _ago(scene: Scene, heading_deg: Floats, lag_s: float) -> Floats:
         return heading_deg
     turning = np.unwrap(np.deg2rad(scene.heading_deg))
     return heading_deg + np.rad2deg(np.interp(scene.time_s - lag_s, scene.time_s, turning) - turning)
-
-
-def _felt(
-    scene: Scene,
-    meter: Meter,
-    effects: Sequence[Acts],
-    heading_deg: Floats,
-    tilt_deg: tuple[Floats, Floats],
-    sensed_deg: tuple[Floats, Floats],
-) -> Floats:
-    n = scene.time_s.size
-    turn = np.deg2rad(heading_deg - total(effects, "north_deg", n))
-    level = np.stack([np.cos(turn), -np.sin(turn), 0.0 * turn], axis=-1) * scene.horizontal_nt[:, None]
-    level[:, 2] = scene.vertical_nt
-    body = np.einsum("nji,nj->ni", tilting(*tilt_deg), level)
-    beside = sum((one.body_nt for one in effects if one.body_nt is not None), np.zeros((n, 3)))
-    raw = (body + beside) @ meter.matrix.T + meter.hard_nt
-    for warp in (one.warp for one in effects if one.warp is not None):
-        raw = warp(raw)
-    share = sum(one.unlevelled for one in effects)
-    flat = (1.0 - share) * np.einsum("nij,nj->ni", tilting(*sensed_deg), raw) + share * raw
-    return np.asarray(np.rad2deg(np.arctan2(-flat[:, 1], flat[:, 0])))
 
 
 def _places(rng: np.random.Generator, count: int, nearest: float, farthest: float) -> Floats:
@@ -222,11 +196,6 @@ def _dipole(moment: Floats, away_m: Floats) -> Floats:
     return np.asarray(100.0 * (3.0 * along * (along @ moment) - moment) / distance**3)
 
 
-def without(planted: Sequence[Planted], side: str) -> list[Acts]:
-    """List the actions of all effects except those of one side."""
-    return [one.acts for one in planted if one.family.side != side]
-
-
 def clocks(planted: Sequence[Planted]) -> list[Acts]:
     """List the actions of clock errors only."""
-    return [replace(Acts(), ahead_s=one.acts.ahead_s) for one in planted if one.acts.ahead_s is not None]
+    return [Acts(ahead_s=one.acts.ahead_s) for one in planted if one.acts.ahead_s is not None]

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.proof.world import compass, export, families, records, seas, waves
 from benchmarks.proof.world.export import Export, Mooring
-from benchmarks.proof.world.scene import Family, Scene
+from benchmarks.proof.world.scene import Scene
 from benchmarks.proof.world.seas import Weather
 
 # Shares of kinds. The first rows have no planted effect: they differ in water, sphere, log, or reference.
@@ -46,14 +46,9 @@ class Drawn:
 
 
 def draw(
-    seed: int,
-    counts: tuple[int, int],
-    hours: int,
-    there: dict[str, bool],
-    *,
-    second: bool = False,
+    seed: int, counts: tuple[int, int], hours: int, there: dict[str, bool], *, second: bool = False,
     kind: str | None = None,
-) -> list[Drawn]:
+) -> list[Drawn]:  # fmt: skip
     """Draw the moorings of one proof, in simulated and in real water, in random order.
 
     Args:
@@ -65,35 +60,30 @@ def draw(
     """
     rng = np.random.default_rng([seed, 1])
     turns = rng.integers(0, 1000, 2)
-    made = [
-        _one(seed, f"{letter}{place + 1:03d}", each, int(turn) + k, (hours, there, letter == "R"))
-        for letter, shares, count, turn in zip("PR", (MADE, REAL), counts, turns, strict=True)
-        for k, (place, each) in enumerate(
-            zip(rng.permutation(count), _kinds({kind: 1.0} if kind else shares, count), strict=True)
-        )
-    ]
+    made = []
+    for letter, shares, count, turn in zip("PR", (MADE, REAL), counts, turns, strict=True):
+        kinds = zip(rng.permutation(count), _kinds({kind: 1.0} if kind else shares, count), strict=True)
+        for k, (place, each) in enumerate(kinds):
+            name = f"{letter}{place + 1:03d}"
+            made.append(_one(seed, name, each, int(turn) + k, (hours, there, letter == "R")))
     if second:
         made = [one if one.real else replace(one, water=waves.WATER) for one in made]
     return sorted(made, key=lambda one: one.name)
 
 
 def write(one: Drawn, cruise: Path, locked: Path, data: Path, own: Path | None = None) -> None:
-    """Simulate one mooring and write its files to a cruise, and its truth to another folder.
-
-    Args:
-        data: folder of recordings.
-        own: folder with descriptions of more recordings.
-    """
+    """Simulate one mooring and write its files to a cruise, and its truth to another folder."""
     scene = _scene(one, data, own)
     record = next((each for each in records.described(data, own) if each.name == one.water), None)
     meter = compass.build(one.random("compass"), scene, float(one.random("iron").choice(STRENGTHS)))
     known = {each.name: each for each in (*families.NAMED, *families.STRANGE)}
     planted = [compass.plant(scene, meter, known[name], size, one.random(name)) for name, size in one.wanted]
     facts: dict[str, Any] = {
-        "kind": one.kind, "water": one.water, "real": one.real, "rivals": list(one.rivals), "wide": _wide(scene),
+        "kind": one.kind, "water": one.water, "real": one.real, "rivals": list(one.rivals),
+        "wide": bool(np.abs(np.exp(1j * np.deg2rad(scene.heading_deg)).mean()) < 0.6),  # resultant length
         "stands_in": bool(record and record.stands_in),
     }  # fmt: skip
-    export.write(Mooring(one.name, scene, meter, planted, one.export), one.seed, cruise, locked, facts)
+    export.write(Mooring(one.name, scene, meter, planted, one.export, one.random), cruise, locked, facts)
 
 
 def _kinds(shares: dict[str, float], count: int) -> list[str]:
@@ -141,7 +131,8 @@ def _wanted(
     kind: str, turn: int, size: float, *, real: bool, rng: np.random.Generator
 ) -> tuple[tuple[tuple[str, float], ...], tuple[str, ...]]:
     """Draw families with their sizes, and the effects that cannot be distinguished from them."""
-    named = [each for each in families.NAMED if not (real and _needs_more(each))]
+    # A real record lacks an observatory, a change of battery and a discharge curve.
+    named = [each for each in families.NAMED if not (real and (each.needs or each.name == "supply_loop"))]
     strange = families.STRANGE
     if kind == "single":
         one = named[turn % len(named)]
@@ -162,11 +153,6 @@ def _wanted(
     return (), ()
 
 
-def _needs_more(family: Family) -> bool:
-    """Return whether a real record lacks what a family requires: observatory, change of battery, discharge curve."""
-    return bool(family.needs) or family.name == "supply_loop"
-
-
 def _scene(one: Drawn, data: Path, own: Path | None) -> Scene:
     rng = one.random("scene")
     if one.water in (worlds := {"made": seas.make, waves.WATER: waves.make}):
@@ -177,14 +163,5 @@ def _scene(one: Drawn, data: Path, own: Path | None) -> Scene:
         return records.longer(rng, scene, one.weather)
     count = min(scene.time_s.size, one.weather.hours)
     begin = int(rng.integers(0, scene.time_s.size - count + 1))
-    return _part(scene, slice(begin, begin + count))
-
-
-def _part(scene: Scene, some: slice) -> Scene:
-    n = scene.time_s.size
+    some, n = slice(begin, begin + count), scene.time_s.size
     return replace(scene, **{k: v[some] for k, v in vars(scene).items() if np.shape(v)[:1] == (n,) and k != "range_m"})
-
-
-def _wide(scene: Scene) -> bool:
-    """Return whether the headings are widely spread: their resultant length is below 0.6."""
-    return bool(np.abs(np.exp(1j * np.deg2rad(scene.heading_deg)).mean()) < 0.6)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -51,33 +51,25 @@ class Mooring:
     meter: Meter
     planted: Sequence[Planted]
     export: Export
+    random: Callable[[str], np.random.Generator]  # of one purpose
 
     @property
     def effects(self) -> list[Acts]:
         """Actions of the planted effects."""
         return [one.acts for one in self.planted]
 
-    def random(self, purpose: str, seed: int) -> np.random.Generator:
-        """Create the random generator of one purpose on this mooring."""
-        return np.random.default_rng([seed, int.from_bytes(f"{self.name}/{purpose}".encode(), "big")])
 
-
-def write(made: Mooring, seed: int, cruise: Path, locked: Path, facts: dict[str, Any]) -> None:
-    """Write raw files and YAML as a separate cruise and, last, the truth to another folder.
-
-    Args:
-        seed: seed of the noise.
-        facts: entries of the truth in addition to those computed here.
-    """
+def write(made: Mooring, cruise: Path, locked: Path, facts: dict[str, Any]) -> None:
+    """Write raw files and YAML as a separate cruise and, last, the truth to another folder."""
     raw = cruise / "raw" / made.name
     raw.mkdir(parents=True, exist_ok=True)
     scene, count = made.scene, made.scene.time_s.size
     ahead = compass.total(made.effects, "ahead_s", count)
     seen = scene.at(scene.time_s - ahead) if ahead.any() else scene
-    read = compass.read(seen, made.meter, made.effects, made.random("readings", seed))
-    kept = _kept(made, seed)
-    _write_top(made, seed, raw / "top.000", seen, read, kept)
-    _write_deep(made, seed, raw)
+    read = compass.read(seen, made.meter, made.effects, made.random("readings"))
+    kept = _kept(made)
+    _write_top(made, raw / "top.000", seen, read, kept)
+    _write_deep(made, raw)
     if made.export.observatory:
         swung = scene.declination_deg + compass.total(made.effects, "north_deg", count)
         field = (swung, scene.horizontal_nt, scene.vertical_nt)
@@ -86,42 +78,32 @@ def write(made: Mooring, seed: int, cruise: Path, locked: Path, facts: dict[str,
     settings = {"moorings": "config/moorings", "overlap": {"max_metres": max(20.0, WIDEST_CELLS * _cell(scene))}}
     for path, text in (("config", settings), (f"moorings/{made.name}", _described(made))):
         (cruise / f"config/{path}.yaml").write_text(yaml.safe_dump(text, sort_keys=False))
-    bare = compass.read(seen, made.meter, compass.clocks(made.planted), made.random("readings", seed))
-    _lock(made, read, bare, kept, (locked, facts))
-
-
-def _lock(made: Mooring, read: Read, bare: Read, kept: NDArray[np.bool_], where: tuple[Path, dict[str, Any]]) -> None:
-    locked, facts = where
-    veer = compass.total(made.effects, "veer_deg", made.scene.time_s.size)
-    series = (made.scene.time_s, read.heading_deg, read.recorded_deg, bare.recorded_deg, veer)
+    bare = compass.read(seen, made.meter, compass.clocks(made.planted), made.random("readings"))
+    veer = compass.total(made.effects, "veer_deg", count)
+    series = (scene.time_s, read.heading_deg, read.recorded_deg, bare.recorded_deg, veer)
     np.save(locked / f"{made.name}.npy", np.stack(series)[:, kept])
     effects = [
-        {
-            "name": one.family.name,
-            "right": list(one.family.right),
-            "side": one.family.side,
-            "visible_deg": round(one.visible_deg, 4),
-        }
-        for one in made.planted
-    ]
+        {"name": x.family.name, "right": list(x.family.right), "side": x.family.side,
+         "visible_deg": round(x.visible_deg, 4)} for x in made.planted
+    ]  # fmt: skip
     errors = {
         "five_deg": float(np.std(compass.left_deg(read.recorded_deg, read.heading_deg))),
         "oracle_deg": float(np.std(compass.left_deg(bare.recorded_deg, bare.heading_deg))),
-        "background_deg": float(np.std(compass.ideal(made.scene, made.meter, ()))),
+        "background_deg": float(np.std(compass.ideal(scene, made.meter, ()))),
     }
     (locked / f"{made.name}.json").write_text(json.dumps(facts | {"effects": effects} | errors, indent=1) + "\n")
 
 
-def _kept(made: Mooring, seed: int) -> NDArray[np.bool_]:
-    rng, count = made.random("gaps", seed), made.scene.time_s.size
+def _kept(made: Mooring) -> NDArray[np.bool_]:
+    rng, count = made.random("gaps"), made.scene.time_s.size
     kept = np.ones(count, dtype=bool)
     for begin, length in zip(rng.integers(0, count, GAPS), rng.integers(1, LONGEST_GAP, GAPS), strict=True):
         kept[begin : begin + length] = False
     return kept
 
 
-def _write_top(made: Mooring, seed: int, path: Path, seen: Scene, read: Read, kept: NDArray[np.bool_]) -> None:
-    rng, export, scene = made.random("top", seed), made.export, made.scene
+def _write_top(made: Mooring, path: Path, seen: Scene, read: Read, kept: NDArray[np.bool_]) -> None:
+    rng, export, scene = made.random("top"), made.export, made.scene
     n, m = seen.flow.shape
     flow = compass.ensemble(seen.flow, read, seen.declination_deg, by_ping=export.by_ping)
     three = np.arange(n) >= n * (1.0 - export.lost_beam)
@@ -133,8 +115,7 @@ def _write_top(made: Mooring, seed: int, path: Path, seen: Scene, read: Read, ke
     error = np.where(three[:, None], np.nan, rng.normal(0.0, NOISE_M_S, (n, m)))
     velocity = np.stack([flow.real, flow.imag, rng.normal(0.0, 0.004, (n, m)), error], axis=-1)
     good = np.isfinite(flow)[..., None] * np.where(three[:, None, None], [98, 0, 2, 0], [2, 0, 2, 96])
-    log = scene.at(scene.time_s)
-    warm, supply = (np.roll(x, round(export.shift * n)) for x in (log.temperature_c, log.supply))
+    warm, supply = (np.roll(x, round(export.shift * n)) for x in (scene.temperature_c, scene.supply))
     pitch, roll = inclinometers(read.pitch_deg, read.roll_deg)
     cells = np.ones((n, m, 4))
     ensembles = Ensembles(
@@ -154,13 +135,13 @@ def _write_top(made: Mooring, seed: int, path: Path, seen: Scene, read: Read, ke
         percent_good=good.astype(np.uint8),
     )
     whole = Ensembles(**{name: column[kept] for name, column in vars(ensembles).items()})
-    cell = _cell(scene)
-    adcp.write(path, _setup(m, cell, float(scene.range_m[0]), looks_up=scene.looks_up, serial=6100), whole)
+    setup = _setup(m, _cell(scene), float(scene.range_m[0]), looks_up=scene.looks_up, serial=6100)
+    adcp.write(path, setup, whole)
 
 
-def _write_deep(made: Mooring, seed: int, raw: Path) -> None:
+def _write_deep(made: Mooring, raw: Path) -> None:
     """Write the record of the reference, whose compass has an independent heading."""
-    scene, export, rng = made.scene, made.export, made.random("deep", seed)
+    scene, export, rng = made.scene, made.export, made.random("deep")
     n = scene.time_s.size
     flow = turned(scene.lower, compass.total(made.effects, "veer_deg", n))
     noise = (0.0 if scene.real else 1.0) * export.noise * LOWER_NOISE_M_S
@@ -223,12 +204,8 @@ def _described(made: Mooring) -> dict[str, Any]:
             "columns": {"time": "time_utc", "depth": "depth_m", "east": "u_cm_s", "north": "v_cm_s", "scale": 0.01},
         }  # fmt: skip
     else:
-        deep = {
-            "format": "pd0",
-            "files": f"raw/{name}/deep.000",
-            "depth": depths[1] - DEEP_FIRST_M,
-            "orientation": "down",
-        }
+        deep = {"format": "pd0", "files": f"raw/{name}/deep.000", "depth": depths[1] - DEEP_FIRST_M}
+        deep["orientation"] = "down"
     text: dict[str, Any] = {
         "name": name, "latitude": scene.place[0], "longitude": scene.place[1], "water_depth": scene.place[2],
         "start": first, "end": last, "declination": "auto", "compromised": "top", "reference": "deep",

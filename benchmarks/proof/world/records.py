@@ -75,7 +75,7 @@ def whole(name: str, data: Path, own: Path | None = None) -> Scene:
     record = readers.read(keys["format"], [data / keys["files"]], keys.get("settings", {}))
     # A modem may send an ensemble twice, and out of order.
     stamps, first_sent = np.unique(np.rint(record.time_s), return_index=True)
-    ends = [_seconds(keys[end]) for end in ("start", "end")]
+    ends = [datetime.fromisoformat(str(keys[end])).timestamp() for end in ("start", "end")]
     inside = first_sent[(stamps >= ends[0]) & (stamps < ends[1])][:: keys.get("every", 1)]
     first, last = keys.get("bins", (0, 1))
     time, place = np.rint(record.time_s[inside]), (keys["latitude"], keys["longitude"], keys["water_depth"])
@@ -97,11 +97,7 @@ def whole(name: str, data: Path, own: Path | None = None) -> Scene:
 
 
 def cut(rng: np.random.Generator, one: Described, scene: Scene, *, mirrored: bool = False) -> Scene:
-    """Split a record into two instruments: one bin is the reference, those beyond a gap are the affected instrument.
-
-    Args:
-        mirrored: whether to mirror the scene, with the reference bin on the other side of the affected ones.
-    """
+    """Split a record, mirrored if asked: one bin is the reference, those beyond a gap are the affected instrument."""
     if mirrored:
         scene = _mirrored(scene)
     if one.stands_in:
@@ -212,8 +208,3 @@ def _mirrored(scene: Scene) -> Scene:
 def _logged(series: Floats, otherwise: float) -> Floats:
     known = np.isfinite(series)
     return bridged(series) if known.any() else np.full(series.size, otherwise)
-
-
-def _seconds(text: str | datetime) -> float:
-    stamp = text if isinstance(text, datetime) else datetime.fromisoformat(str(text))
-    return stamp.timestamp()

@@ -38,11 +38,7 @@ class Scene:
     real: bool = False  # whether currents, headings and tilts are those of a real record
 
     def at(self, time_s: Floats) -> Scene:
-        """Interpolate the scene linearly to other times.
-
-        Args:
-            time_s: (k,) UTC seconds.
-        """
+        """Interpolate the scene linearly to other times."""
         turning = np.rad2deg(np.unwrap(np.deg2rad(self.heading_deg)))
         rows = replace(self, heading_deg=turning)
         moved = {
@@ -103,11 +99,7 @@ class Family:
 
 
 def bridged(series: Floats) -> Floats:
-    """Interpolate a series linearly over gaps.
-
-    Args:
-        series: (n,), with at least one finite value.
-    """
+    """Interpolate a series, (n,), linearly over gaps; at least one value must be finite."""
     known, at = np.isfinite(series), np.arange(series.size)
     return series if known.all() else np.interp(at, at[known], series[known])
 
@@ -123,11 +115,7 @@ def towards(flow: Complexes) -> Floats:
 
 
 def turned(flow: Complexes, by_deg: Floats) -> Complexes:
-    """Rotate currents clockwise, any shape.
-
-    Args:
-        by_deg: angle in degrees that broadcasts with the currents.
-    """
+    """Rotate currents clockwise, any shape."""
     return np.asarray(flow * np.exp(-1j * np.deg2rad(by_deg)))
 
 

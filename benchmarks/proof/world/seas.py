@@ -89,11 +89,7 @@ def earth(time_s: Floats, place: tuple[float, float, float]) -> tuple[Floats, Fl
 
 
 def matern(rng: np.random.Generator, time_s: Floats, memory_s: float, smooth: float = 1.5) -> Floats:
-    """Draw a series with a Matérn covariance and unit standard deviation, (n,).
-
-    Args:
-        smooth: smoothness parameter, half-integer; 0.5 is the first-order process.
-    """
+    """Draw a series with a Matérn covariance and unit standard deviation, (n,); ``smooth`` 0.5 is of first order."""
     count = 2 * time_s.size
     frequency = 2.0 * np.pi * np.fft.rfftfreq(count, float(np.median(np.diff(time_s))))
     size = (2.0 * smooth / memory_s**2 + frequency**2) ** (-0.5 * (smooth + 0.5))
@@ -211,8 +207,3 @@ def _lean(rng: np.random.Generator, time_s: Floats, speed: Floats, way_deg: Floa
     pitch = rng.uniform(-3.0, 3.0) - drag * np.cos(way) + sway[0]
     roll = rng.uniform(-3.0, 3.0) + drag * np.sin(way) + sway[1]
     return STEEPEST_DEG * np.tanh(pitch / STEEPEST_DEG), STEEPEST_DEG * np.tanh(roll / STEEPEST_DEG)
-
-
-def shifted(series: Floats, rng: np.random.Generator) -> Floats:
-    """Shift a series circularly by a fifth to four fifths of its length: right in all statistics, wrong in time."""
-    return np.asarray(np.roll(series, int(series.size * rng.uniform(0.2, 0.8))))
