@@ -27,7 +27,7 @@ from sea import cruise
 from snakemake.iocontainers import Namedlist
 
 from compasslib import __version__
-from compasslib.archive import crate, datacite, deposit, provenance, verification
+from compasslib.archive import crate, deposit, provenance, verification
 from compasslib.cli import main
 from compasslib.config import cruise as config
 from compasslib.config import schema, values
@@ -166,7 +166,7 @@ def test_software_url_gives_programs_of_a_deposit_an_address(processed):
 
 
 def test_deposit_has_required_datacite_fields_and_no_invented_ones(unpacked):
-    cited = json.loads((unpacked / datacite.FILE).read_text())
+    cited = json.loads((unpacked / deposit.DATACITE).read_text())
     affiliation = {"name": "A. Fram", "nameType": "Personal", "affiliation": [{"name": "Sea"}]}
     assert cited["creators"] == [affiliation] and cited["publisher"] == {"name": "Sea"} and "doi" not in cited
     assert cited["titles"] == [{"title": "Compass deviations corrected: Größe"}]

@@ -154,11 +154,7 @@ def read_applied_declinations(paths: Iterable[str | Path]) -> dict[str, float]:
 
 
 def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, object] | None = None) -> None:
-    """Write overlap.nc.
-
-    Args:
-        pairs: the pairs, possibly none.
-    """
+    """Write overlap.nc, possibly without pairs."""
     with create_netcdf(path) as nc:
         nc.setncatts({"Conventions": "CF-1.11", "title": "pairs of overlapping velocities"} | plain(attributes or {}))
         nc.setncattr("warnings", json.dumps(pairs.warnings))
@@ -280,7 +276,7 @@ def _scan_pieces(pieces: Iterable[CorrectedRecord]) -> _Whole:
         depths += _ends(record.bin_depth_m())
         declination += piece.declination_deg[[0, -1]].tolist() if len(piece.declination_deg) else []
         several = (record.heading_deg, piece.heading_corrected_deg, record.temperature_c, record.pressure_dbar)
-        counts += [_count(each) for each in several]
+        counts += [np.isfinite(each).sum() for each in several]
     recorded, corrected, *series = counts.tolist()
     perhaps = [name for name, count in zip(("TEMP", "PRES"), series, strict=True) if count]
     return _Whole(
@@ -410,10 +406,6 @@ def _columns(product: CorrectedRecord, whole: _Whole) -> Columns:
         flags = _flag_missing(record.quality, values, MISSING) if values.dtype.kind == "f" else None
         columns[variables.PROFILES[name]] = (_beams_first(values), flags)
     return columns
-
-
-def _count(values: Floats) -> int:
-    return int(np.isfinite(values).sum())
 
 
 def _flag_missing(flags: Flags, values: Floats, absent: int) -> Flags:
