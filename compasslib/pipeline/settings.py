@@ -193,18 +193,13 @@ class Moorings:
     def gridded(self, wildcards: Any) -> list[str]:
         """List the files of the gridded product, with daily means if configured; none where it is switched off."""
         wanted = self._mooring(wildcards).product
-        files = ["gridded.nc", *["gridded_daily.nc"] * wanted.daily] if wanted.grid and self.is_whole(wildcards) else []
+        whole = wildcards.mooring in self.cruise.whole  # not one of several affected instruments
+        files = ["gridded.nc", *["gridded_daily.nc"] * wanted.daily] if wanted.grid and whole else []
         return [f"results/{wildcards.mooring}/{file}" for file in files]
 
-    def is_whole(self, wildcards: Any) -> bool:
-        """Return whether the job is of a whole mooring, not of one of several affected instruments."""
-        return wildcards.mooring in self.cruise.whole
-
     def figures(self, wildcards: Any) -> list[str]:
-        names = (
-            *(FIGURES if wildcards.mooring in self.cruise.moorings else ()),
-            *(OF_GRID if self.gridded(wildcards) else ()),
-        )
+        names = FIGURES if wildcards.mooring in self.cruise.moorings else ()
+        names += OF_GRID if self.gridded(wildcards) else ()
         return list_figures(self.cruise, f"results/{wildcards.mooring}", names)
 
     def instrument_names(self, wildcards: Any) -> list[str]:
