@@ -140,11 +140,7 @@ def declination_attributes(attributes: Attributes, time_s: Floats, degrees: tupl
 
 
 def plain(attributes: Mapping[str, object]) -> Attributes:
-    """Convert attributes to netCDF: legal names, and texts or numbers as values; None is omitted.
-
-    Args:
-        attributes: as parsed from YAML; lists are joined by commas, dates become ISO 8601, mappings JSON.
-    """
+    """Convert attributes to netCDF: legal names, lists with commas, ISO 8601 dates, mappings as JSON, no None."""
     names = {key: re.sub(r"\W", "_", str(key), flags=re.ASCII).lstrip("_") for key in attributes}
     legal = {key: name if name[:1].isalpha() else f"attribute_{name}" for key, name in names.items()}
     return {legal[key]: _value(value) for key, value in attributes.items() if value is not None}

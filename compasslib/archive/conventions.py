@@ -71,11 +71,7 @@ def not_given(path: str | Path) -> list[str]:
 
 
 def checked(path: str | Path, checker: str) -> list[str]:
-    """Run the compliance checker and list its errors and warnings, without its suggestions.
-
-    Args:
-        checker: name and version of one of its checks, such as ``cf:1.11``.
-    """
+    """List the errors and warnings of a check of the compliance checker, such as ``cf:1.11``, without suggestions."""
     from compliance_checker.suite import CheckSuite  # heavy, and only in the test environment
 
     CheckSuite.load_all_available_checkers()

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -68,9 +68,6 @@ BLOCK_BYTES = 1 << 20  # bytes copied at a time
 def deposit(cruise: Cruise, to: str | Path) -> int:
     """Pack a processed cruise and return the number of files packed.
 
-    Args:
-        to: path of the ZIP file.
-
     Raises:
         InputError: there is no manifest, a file differs from it, or an attribute of ``OWNERS`` is missing.
     """
@@ -89,7 +86,7 @@ def deposit(cruise: Cruise, to: str | Path) -> int:
     }
     if (lock := provenance.RELEASE_FILES / crate.LOCK).is_file():
         rules[crate.LOCK] = lock
-    rules |= {path.relative_to(root).as_posix(): path for path in (root / crate.FOLDER).glob("**/logs/*.json")}
+    rules |= {path.relative_to(root).as_posix(): path for path in crate.record_files(root).values()}
     described = compose(page, attributes, {name: provenance.sha256(path) for name, path in rules.items()}, root)
     texts = {METADATA: json.dumps(described, indent=1, ensure_ascii=False) + "\n"}
     whole = next(x for x in described["@graph"] if x["@id"] == "./")
@@ -206,8 +203,11 @@ def _entities_at_root(page: Mapping[str, Any], rules: Mapping[str, str], softwar
 
 
 def _describe_run(actions: Sequence[Entity], author: str, root: Path) -> Entity:
-    """Describe the run of the workflow, and add agent and end time to the actions of its jobs."""
-    ends = dict(_ends(root))
+    """Describe the run of the workflow; add agent and end, by the time of its record, to the action of each job."""
+    ends = {
+        quote(name): datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat(timespec="seconds")
+        for name, path in crate.record_files(root).items()
+    }
     last = max(ends.values(), default=provenance.date_created())
     for action in actions:
         action |= {"agent": {"@id": author}, "endTime": ends.get(action["@id"].removeprefix("#"), last)}
@@ -232,13 +232,6 @@ def _moved(entity: Any, identifiers: Mapping[str, str]) -> Any:
 
 def _references(identifiers: Iterable[str]) -> list[Entity]:
     return [{"@id": identifier} for identifier in sorted(identifiers)]
-
-
-def _ends(root: Path) -> Iterator[tuple[str, str]]:
-    """Yield the name of each job's action and the job's end, which is the modification time of its record."""
-    for path in (root / crate.FOLDER).glob("**/logs/*.json"):
-        name = "/".join(part for part in path.relative_to(root / crate.FOLDER).with_suffix("").parts if part != "logs")
-        yield quote(name), datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat(timespec="seconds")
 
 
 def _entry(name: str) -> zipfile.ZipInfo:

@@ -104,11 +104,7 @@ def _damaged(path: str | Path, expected: str, error: Exception) -> InputError:
 def write_csv(
     path: str | Path, names: Sequence[str], columns: Sequence[Sequence[Any] | NDArray[Any]], forms: Sequence[str]
 ) -> None:
-    """Write columns of numbers or texts as CSV; cells of non-finite numbers are empty.
-
-    Args:
-        forms: format of the numbers in each column, such as ``{:.3f}``.
-    """
+    """Write columns of texts, or of numbers by formats such as ``{:.3f}``, as CSV; non-finite numbers become empty."""
     with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(names)
@@ -218,12 +214,7 @@ def _create_variable(nc: netCDF4.Dataset, variable: Variable, level: Literal[0, 
 
 
 def write_bins(nc: netCDF4.Dataset, bins: int, looks_up: bool) -> None:
-    """Write the bin numbers.
-
-    Args:
-        nc: the open file, in which the dimension BIN is defined.
-        looks_up: whether bins are counted upwards.
-    """
+    """Write the bin numbers, which are counted upwards if the instrument looks up, else downwards."""
     away = {"positive": "up" if looks_up else "down"}
     write_variable(nc, replace(BIN, also={**BIN.also, **away}), np.arange(1, bins + 1))
 

@@ -51,11 +51,7 @@ def affected_source(
 
 
 def reference_source(name: str, path: str | Path, record: Record, field: EarthField, flags: Sequence[int]) -> Source:
-    """Return a reference as a source of the grid, its velocities read from its record on demand, from true north.
-
-    Args:
-        record: content of the same file, without velocities.
-    """
+    """Return a reference as a source of the grid, its velocities read from its record on demand, from true north."""
     with open_netcdf(path) as nc:
         bins, rising = len(nc.dimensions["BIN"]), "WCUR" in nc.variables
 
@@ -153,11 +149,7 @@ def write_gridded(
 
 
 def write_daily(path: str | Path, product: GriddedProduct, description: FileDescription, daily: DailyMeans) -> None:
-    """Write gridded_daily.nc.
-
-    Args:
-        daily: sums accumulated over the pieces of gridded.nc.
-    """
+    """Write gridded_daily.nc from the sums accumulated over the pieces of gridded.nc."""
     means = daily.means(product)
     written, turned = description.compose("gridded-daily", means.time_s, product.axes.depth_m)
     with create_netcdf(path, "NETCDF4_CLASSIC") as nc:
@@ -213,10 +205,7 @@ class SectionMeans:
 
 
 def read_section(path: str | Path, columns: int) -> SectionMeans:
-    """Average gridded.nc over equal intervals of time, piece by piece.
-
-    Args:
-        columns: largest number of intervals.
+    """Average gridded.nc over at most ``columns`` equal intervals of time, piece by piece.
 
     Raises:
         InputError: the file is missing, damaged or of another kind.
@@ -389,10 +378,7 @@ class GriddedCurrents:
 
 
 def open_gridded(path: str | Path) -> GriddedCurrents:
-    """Read gridded.nc or gridded_daily.nc.
-
-    Args:
-        path: the file, or the folder of a mooring's results, whose gridded.nc is read.
+    """Read gridded.nc or gridded_daily.nc, or gridded.nc of the folder of a mooring's results.
 
     Raises:
         InputError: the file is missing, damaged or of another kind.

@@ -80,9 +80,6 @@ def _beams(record: Record) -> int:
 def read_record(path: str | Path, *, velocities: bool = True) -> Record:
     """Read a record written by ``write_record``, without its profiles, which are large and rarely needed.
 
-    Args:
-        velocities: whether to read the bins; otherwise the record has none.
-
     Raises:
         InputError: the file is missing, damaged or of another kind.
     """
@@ -120,20 +117,13 @@ def read_profiles(path: str | Path) -> dict[str, Rows]:
         }
 
 
-def read_counts(path: str | Path) -> dict[str, int]:
-    """Read the counts of a record (read, skipped, flagged) without its series.
+def read_notes(path: str | Path, name: str) -> Any:
+    """Read the ``counts`` (read, skipped, flagged) or the ``warnings`` of a record without its series.
 
     Raises:
         InputError: the file is missing, damaged or of another kind.
     """
-    counts: dict[str, int] = json.loads(read_attribute(path, "counts"))
-    return counts
-
-
-def read_warnings(path: str | Path) -> list[str]:
-    """Read the warnings of a record; see ``read_counts``."""
-    warnings: list[str] = json.loads(read_attribute(path, "warnings"))
-    return warnings
+    return json.loads(read_attribute(path, name))
 
 
 def read_applied_declinations(paths: Iterable[str | Path]) -> dict[str, float]:

@@ -47,7 +47,7 @@ def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = Non
     corrected = np.isfinite(heading)
     paths = record_paths(folder, roles)
     current = ["water"] * bool(diagnosis.get("current"))
-    of_records = [f"{path.stem}: {warning}" for path in paths for warning in netcdf.read_warnings(path)]
+    of_records = [f"{path.stem}: {warning}" for path in paths for warning in netcdf.read_notes(path, "warnings")]
     return {
         "name": name,
         "method": fit["method"],
@@ -70,11 +70,7 @@ def stopped_row(name: str, why: str) -> dict[str, Any]:
 
 
 def record_paths(folder: Path, roles: Iterable[str] | None) -> list[Path]:
-    """List the record files of a mooring's instruments, sorted by name.
-
-    Args:
-        roles: its instruments; None, without a configuration, for all records present.
-    """
+    """List the record files of a mooring's instruments, sorted; without a configuration (None), of all present."""
     if roles is None:
         return sorted((folder / "work").glob("*.nc"))
     return [folder / f"work/{role}.nc" for role in sorted(roles)]
@@ -212,12 +208,7 @@ def reference_current(pairs: Pairs) -> CurrentSeries:
 
 
 def averaging_hours(time_s: Floats, most: int = MAX_MEANS) -> float:
-    """Choose an averaging interval, hours.
-
-    Args:
-        time_s: increasing times, possibly none.
-        most: largest number of means over the record.
-    """
+    """Choose an averaging interval, hours, for at most ``most`` means over a record, whose times increase."""
     hours = (time_s[-1] - time_s[0]) / HOUR_S if len(time_s) else 0.0
     return float(next((span for span in AVERAGING_HOURS if hours <= most * span), AVERAGING_HOURS[-1]))
 

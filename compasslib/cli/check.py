@@ -284,9 +284,6 @@ def _plural(n: int, noun: str) -> str:
 def correct(asked: Namespace) -> int:
     """Correct a mooring; report each stage and finally all warnings on stderr, and print the folder of the results.
 
-    Args:
-        asked: ``cruise``, ``mooring`` and ``into``, the folder of the results or None.
-
     Raises:
         InputError: a mistake in the cruise, a raw file that cannot be read, or a folder that already exists.
     """

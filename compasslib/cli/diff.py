@@ -143,10 +143,6 @@ class MooringRun:
 def diff(asked: Namespace) -> int:
     """Print the differences of moorings and of calibrations, with possible reasons, or that nothing changed.
 
-    Args:
-        asked: ``old`` and ``new``, each a cruise, a deposit (ZIP), a folder of results, or that of one mooring or
-            calibration.
-
     Raises:
         InputError: there are no results, or one of their files is damaged.
     """
@@ -384,11 +380,7 @@ def effects(diagnosis: Mapping[str, Any]) -> str:
 
 
 def coefficients(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """Format the changes of the configured fit's coefficients, or of its method if that differs.
-
-    Args:
-        old: method, coefficients and covariance of a fit.
-    """
+    """Format the changes of the configured fit's coefficients, or of its method if that differs."""
     before, after = old["coefficients"], new["coefficients"]
     if old["method"] != new["method"]:
         return f"{old['method']} → {new['method']}"

@@ -49,9 +49,6 @@ WITHOUT = "Ensembles outside the deployment or without a corrected heading: velo
 def export(asked: Namespace) -> int:
     """Write the files of one format and print their names.
 
-    Args:
-        asked: ``mooring``, ``cruise``, ``to`` and ``into``, the folder or None.
-
     Raises:
         InputError: there are no results, a file already exists, or the raw files are not those of the results.
     """

@@ -77,11 +77,7 @@ def mooring_cores(config: Mapping[str, object], *, is_module: bool = False) -> i
 
 
 def refuse_prefix(modifier: Any) -> None:
-    """Raise InputError for a module with a prefix, whose results would not be in the folder of the run.
-
-    Args:
-        modifier: Snakemake's path modifier.
-    """
+    """Raise InputError for a module with a prefix, whose results would not be in the folder of the run."""
     if modifier.prefix or modifier.modifies_prefixes:
         advice = "start the workflow that uses this one with --directory CRUISE, and leave prefix: out"
         raise InputError("module", expected="results in the folder of the run", found="a prefix", advice=advice)
@@ -100,12 +96,7 @@ def begin() -> float:
 
 
 def listing(paths: Iterable[str], begun: float) -> list[str]:
-    """Summarize a run: the last log line of each of its jobs, all warnings, and the jobs that were killed.
-
-    Args:
-        paths: records of all jobs.
-        begun: time at which the run began, by ``file_clock``.
-    """
+    """Summarize a run since ``begun``: last log line of each of its jobs, by record, all warnings, and killed jobs."""
     ran = []
     for record in map(Path, paths):
         with suppress(OSError):
@@ -140,9 +131,6 @@ def refuse_links(folders: Sequence[str]) -> None:
     """Refuse symbolic links where the run writes, because their targets may belong to others.
 
     Only ``results`` may be a link, to a folder that is not another cruise's, for example on a scratch disk.
-
-    Args:
-        folders: result folders of each mooring, calibration and compass.
 
     Raises:
         InputError: there is a link.

@@ -244,12 +244,7 @@ class Moorings:
 
     def site(self, wildcards: Any) -> dict[str, Any]:
         mooring = self._mooring(wildcards)
-        return {
-            "name": mooring.name,
-            "latitude": mooring.latitude,
-            "longitude": mooring.longitude,
-            "water_depth_m": mooring.water_depth,
-        }
+        return {"name": mooring.name} | _place(mooring)
 
     def attributes(self, wildcards: Any) -> dict[str, Any]:
         """Merge the archive's attributes: the instrument's override the mooring's, which override the cruise's."""
@@ -292,11 +287,9 @@ class Moorings:
         roles = {(name, role): "reference" for name, mooring in moorings.items() for role in mooring.reference}
         roles |= {(name.split("/")[0], m.compromised): "affected" for name, m in self.cruise.moorings.items()}
         return [
-            {
-                "name": name,
-                "latitude": mooring.latitude,
-                "longitude": mooring.longitude,
-                "water_depth_m": mooring.water_depth,
+            {"name": name}
+            | _place(mooring)
+            | {
                 "instruments": [
                     {
                         "depth_m": None if each.format == "mmp_acm" else each.depth,
@@ -437,15 +430,16 @@ def _described(mooring: Mooring) -> dict[str, Any]:
         or "none"
         for role, names in roles.items()
     }
-    return {
-        "latitude": mooring.latitude,
-        "longitude": mooring.longitude,
-        "water_depth_m": mooring.water_depth,
+    return _place(mooring) | {
         "start": mooring.start.isoformat(),
         "end": mooring.end.isoformat(),
         "instruments": texts,
         "roles": used_instruments(mooring),
     }
+
+
+def _place(mooring: Mooring) -> dict[str, Any]:
+    return {"latitude": mooring.latitude, "longitude": mooring.longitude, "water_depth_m": mooring.water_depth}
 
 
 def used_instruments(mooring: Mooring) -> list[str]:
