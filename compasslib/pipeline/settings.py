@@ -198,8 +198,8 @@ class Moorings:
         return [f"results/{wildcards.mooring}/{file}" for file in files]
 
     def figures(self, wildcards: Any) -> list[str]:
-        names = FIGURES if wildcards.mooring in self.cruise.moorings else ()
-        names += OF_GRID if self.gridded(wildcards) else ()
+        single = FIGURES if wildcards.mooring in self.cruise.moorings else ()
+        names = (*single, *(OF_GRID if self.gridded(wildcards) else ()))
         return list_figures(self.cruise, f"results/{wildcards.mooring}", names)
 
     def instrument_names(self, wildcards: Any) -> list[str]:
