@@ -115,8 +115,12 @@ def make_product(n: int = 200, m: int = 6, *, uncorrectable: int = 20, **other: 
     record = make_record(n, m, **other)
     deviation = 25 * angles.sin_cos(record.heading_deg)[0]
     deviation[:uncorrectable] = np.nan
+    return product_of(record, deviation)
+
+
+def product_of(record: Record, deviation: np.ndarray) -> CorrectedRecord:
     corrected = angles.wrap360(record.heading_deg + deviation)
-    declination = np.full(n, -17.5)
+    declination = np.full(len(record.time_s), -17.5)
     east_recorded, north_recorded = angles.turn(record.east, record.north, declination[:, None])
     east, north = angles.turn(east_recorded, north_recorded, deviation[:, None])
     return CorrectedRecord(
