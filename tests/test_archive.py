@@ -64,36 +64,12 @@ PROCESSING = {
     "date_created": "2026-01-02T03:04:05Z",
 }
 CONTRACT = [
-    "TIME",
-    "HEADING",
-    "HEADING_CORRECTED",
-    "HEADING_CORRECTED_UNCERTAINTY",
-    "DEVIATION",
-    "DECLINATION",
-    "UCUR",
-    "VCUR",
-    "UCUR_RECORDED",
-    "VCUR_RECORDED",
-    "DEPTH",
-    "PITCH",
-    "ROLL",
+    *("TIME", "HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY", "DEVIATION", "DECLINATION"),
+    *("UCUR", "VCUR", "UCUR_RECORDED", "VCUR_RECORDED", "DEPTH", "PITCH", "ROLL"),
 ]
 OVERLAP = [
-    "TIME",
-    "HEADING",
-    "PITCH",
-    "ROLL",
-    "UPPER_UCUR",
-    "UPPER_VCUR",
-    "LOWER_UCUR",
-    "LOWER_VCUR",
-    "LOWER_HEADING",
-    "REFERENCE_INDEX",
-    "UPPER_DEPTH",
-    "LOWER_DEPTH",
-    "SEPARATION_MINUTES",
-    "SEPARATION_METRES",
-    "DECLINATION",
+    *("TIME", "HEADING", "PITCH", "ROLL", "UPPER_UCUR", "UPPER_VCUR", "LOWER_UCUR", "LOWER_VCUR", "LOWER_HEADING"),
+    *("REFERENCE_INDEX", "UPPER_DEPTH", "LOWER_DEPTH", "SEPARATION_MINUTES", "SEPARATION_METRES", "DECLINATION"),
 ]
 
 
@@ -139,8 +115,12 @@ def make_product(n: int = 200, m: int = 6, *, uncorrectable: int = 20, **other: 
     record = make_record(n, m, **other)
     deviation = 25 * angles.sin_cos(record.heading_deg)[0]
     deviation[:uncorrectable] = np.nan
+    return product_of(record, deviation)
+
+
+def product_of(record: Record, deviation: np.ndarray) -> CorrectedRecord:
     corrected = angles.wrap360(record.heading_deg + deviation)
-    declination = np.full(n, -17.5)
+    declination = np.full(len(record.time_s), -17.5)
     east_recorded, north_recorded = angles.turn(record.east, record.north, declination[:, None])
     east, north = angles.turn(east_recorded, north_recorded, deviation[:, None])
     return CorrectedRecord(
@@ -162,15 +142,7 @@ def make_product(n: int = 200, m: int = 6, *, uncorrectable: int = 20, **other: 
 
 def make_pairs(n: int = 50) -> Pairs:
     rng = np.random.default_rng(2)
-    others = (
-        "warnings",
-        "expected_m_s",
-        "veer_deg",
-        "doubts",
-        "reference_index",
-        "reference_names",
-        "time_s",
-    )
+    others = ("warnings", "expected_m_s", "veer_deg", "doubts", "reference_index", "reference_names", "time_s")
     arrays = [field.name for field in dataclasses.fields(Pairs) if field.name not in others]
     values: dict = {name: rng.normal(10, 1, n) for name in arrays}
     values |= {"reference_index": np.arange(n, dtype=np.int8) % 2, "reference_names": ("deep", "mid")}
@@ -252,10 +224,8 @@ def test_damaged_json_is_reported_in_one_line(tmp_path, content):
     path = tmp_path / "deviation.json"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(
-        InputError,
-        match=r"deviation\.json: expected a JSON file, found .*; run the cruise again, or restore it",
-    ):
+    message = r"deviation\.json: expected a JSON file, found .*; run the cruise again, or restore it"
+    with pytest.raises(InputError, match=message):
         read_json(path)
 
 
@@ -418,6 +388,7 @@ def test_product_round_trip(tmp_path, n, m, looks_up):
     product = make_product(n, m, looks_up=looks_up)
     back = netcdf.read_corrected(write(tmp_path / "c.nc", product))
     same(dataclasses.replace(product, record=back.record), back, rtol=1e-7)
+    failed = np.where(product.heading_corrected_quality >= PROBABLY_BAD, MASKS["heading"], 0)
     expected = dataclasses.replace(
         product.record,
         east=product.east_recorded,
@@ -427,9 +398,7 @@ def test_product_round_trip(tmp_path, n, m, looks_up):
         beam_angle_deg=0.0,
         counts={},
         warnings=(),
-        tests=np.repeat(
-            np.where(product.heading_corrected_quality >= PROBABLY_BAD, MASKS["heading"], 0)[:, None], m, axis=1
-        ),
+        tests=np.repeat(failed[:, None], m, axis=1),
     )
     # Ranges are recovered as differences of float32 depths of up to 150 m.
     same(expected, back.record, rtol=1e-7, atol=1e-5)
@@ -473,10 +442,8 @@ def test_product_contains_the_measured_variables_only(tmp_path):
         left = angles.difference(nc["HEADING_CORRECTED"][:] + nc["DECLINATION"][:], nc["HEADING_TRUE"][:])
         assert np.abs(left).max() < 1e-9 and (nc["HEADING_TRUE_QC"][:] == nc["HEADING_CORRECTED_QC"][:]).all()
         for name in variables.BY_DECLINATION:
-            assert (
-                nc[name].declination_model.startswith("IGRF-14")
-                and nc[name].declination_degrees.tolist() == [-17.5] * 2
-            )
+            assert nc[name].declination_model.startswith("IGRF-14")
+            assert nc[name].declination_degrees.tolist() == [-17.5] * 2
             assert nc[name].declination_date == "2007-09-05T13:46:40Z/2007-09-08T08:06:40Z"
         assert {name for name in variables.CORRECTED if f"{name}_QC" in nc.variables} == {
             n for n, entry in variables.CORRECTED.items() if entry.flagged
@@ -486,18 +453,13 @@ def test_product_contains_the_measured_variables_only(tmp_path):
 
 
 def test_product_page_lists_the_current_variables():
-    page_file = Path(__file__).resolve().parents[1] / "docs/reference/product.md"
-    assert variables.format_table() in page_file.read_text(), (
-        "replace its table by what python -m compasslib.archive.variables prints"
-    )
+    page = Path(__file__).resolve().parents[1] / "docs/reference/product.md"
+    assert variables.format_table() in page.read_text()  # python -m compasslib.archive.variables prints it
 
 
 def test_product_written_in_parts_equals_one_write(tmp_path):
-    product = make_product(**measured())
-    parts = [
-        dataclasses.replace(take(product, some), record=take(product.record, some))
-        for some in (slice(0, 70), slice(70, 200))
-    ]
+    product, pieces = make_product(**measured()), (slice(0, 70), slice(70, 200))
+    parts = [dataclasses.replace(take(product, some), record=take(product.record, some)) for some in pieces]
     write(tmp_path / "one.nc", product), write(tmp_path / "two.nc", parts)
     with netCDF4.Dataset(tmp_path / "one.nc") as one, netCDF4.Dataset(tmp_path / "two.nc") as two:
         for name in one.variables:
@@ -599,10 +561,8 @@ def test_user_attributes_override_all_but_derived_ones(tmp_path):
         "source": "ship",
     }
     with netCDF4.Dataset(write(tmp_path / "c.nc", attributes=wishes)) as nc:
-        assert (nc.title, nc.source, nc.data_mode, nc.Conventions) == (
-            *("Mine", "ship", "D"),
-            archive_attributes.CONVENTIONS,
-        )
+        assert (nc.title, nc.source, nc.data_mode) == ("Mine", "ship", "D")
+        assert nc.Conventions == archive_attributes.CONVENTIONS
         assert nc.software_version == PROCESSING["software_version"] and "Source_Files" not in nc.ncattrs()
         assert nc.time_coverage_start == "2007-09-05T13:46:40Z" and nc.history == PROCESSING["history"]
         assert not {"creator_name", "license", "institution"} & {*nc.ncattrs()}

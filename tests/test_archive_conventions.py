@@ -13,17 +13,18 @@ from test_archive import PROCESSING, USUAL, make_pairs, make_product, make_recor
 
 from compasslib.archive import attributes as archive_attributes
 from compasslib.archive import conventions, netcdf, variables
-from compasslib.archive import conventions as oceansites
 from compasslib.errors import InputError
 
 # CF has no standard names for these: its orientation is relative to north; deviation and declination have none.
 WITHOUT_STANDARD_NAME = {
-    "HEADING",
-    "HEADING_CORRECTED",
-    "HEADING_CORRECTED_UNCERTAINTY",
-    "DEVIATION",
-    "BRANCH_PROBABILITY",
-    "DECLINATION",
+    *(
+        "HEADING",
+        "HEADING_CORRECTED",
+        "HEADING_CORRECTED_UNCERTAINTY",
+        "DEVIATION",
+        "BRANCH_PROBABILITY",
+        "DECLINATION",
+    ),
     *("UCUR_RECORDED", "VCUR_RECORDED"),  # so that a selection by standard name yields the corrected current
 }
 HISTORY = {"history": PROCESSING["history"]}
@@ -111,14 +112,13 @@ def test_missing_checker_is_reported(corrected, monkeypatch):
 @pytest.mark.parametrize(("n", "m"), [(200, 6), (1, 1), (0, 6)])
 @pytest.mark.parametrize("uncorrectable", [0, 200])
 def test_product_has_no_oceansites_remarks(tmp_path, n, m, uncorrectable):
-    assert (
-        oceansites.oceansites_remarks(write(tmp_path / "c.nc", make_product(n, m, uncorrectable=uncorrectable))) == []
-    )
+    path = write(tmp_path / "c.nc", make_product(n, m, uncorrectable=uncorrectable))
+    assert conventions.oceansites_remarks(path) == []
 
 
 def test_flag_scale_is_that_of_oceansites():
-    assert variables.FLAG_VALUES.tolist() == list(oceansites.FLAGS)
-    assert variables.FLAG_MEANINGS.split() == list(oceansites.FLAGS.values())
+    assert variables.FLAG_VALUES.tolist() == list(conventions.FLAGS)
+    assert variables.FLAG_MEANINGS.split() == list(conventions.FLAGS.values())
 
 
 def attribute(name: str, value: object, variable: str | None = None):
@@ -197,9 +197,8 @@ def test_each_violated_rule_is_reported(tmp_path, corrected, change, remark):
     path = Path(shutil.copy(corrected, tmp_path / "c.nc"))
     with netCDF4.Dataset(path, "a") as nc:
         change(nc)
-    assert any(one.startswith(remark) for one in oceansites.oceansites_remarks(path)), oceansites.oceansites_remarks(
-        path
-    )
+    remarks = conventions.oceansites_remarks(path)
+    assert any(one.startswith(remark) for one in remarks), remarks
 
 
 def test_invalid_dimensions_and_types_are_reported(tmp_path):
@@ -209,7 +208,7 @@ def test_invalid_dimensions_and_types_are_reported(tmp_path):
         nc.createVariable("TIME", "f4", ("TIME",))[:] = [1, 2, 3]
         nc.createVariable("TEMP", "f4", ("DEPTH", "TIME"))
         nc.createVariable("TEMP_QC", "i4", ("TIME",))[:] = 1
-    said = oceansites.oceansites_remarks(tmp_path / "c.nc")
+    said = conventions.oceansites_remarks(tmp_path / "c.nc")
     for remark in (
         "TIME is not double TIME(TIME)",
         "TEMP: TIME is not the first of its dimensions",

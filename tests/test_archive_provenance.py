@@ -27,7 +27,7 @@ from sea import cruise
 from snakemake.iocontainers import Namedlist
 
 from compasslib import __version__
-from compasslib.archive import crate, datacite, deposit, provenance, verification
+from compasslib.archive import crate, deposit, provenance, verification
 from compasslib.cli import main
 from compasslib.config import cruise as config
 from compasslib.config import schema, values
@@ -37,6 +37,7 @@ from compasslib.pipeline.job import job
 from compasslib.pipeline.process import process_mooring
 
 SAMPLES = 120
+INPUTS = {"config/config.yaml", "config/moorings/M1.yaml", "raw/M1/top.000", "raw/M1/deep.csv"}
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +60,16 @@ def archive(processed, tmp_path):
 
 def page_of(folder: Path) -> dict:
     return json.loads((folder / crate.FILE).read_text())
+
+
+def flip(path: Path) -> None:
+    """Change one bit of a file and restore the times of access and modification."""
+    before = path.stat()
+    content = bytearray(path.read_bytes())
+    content[5000 % len(content)] ^= 1
+    with path.open("r+b") as stream:
+        stream.write(content)
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
 
 
 def of_type(page: dict, kind: str) -> list[dict]:
@@ -130,19 +141,13 @@ def test_deposit_is_a_complete_workflow_run_crate(unpacked):
         "A. Fram", "Sea", "CC-BY-4.0",
     ]  # fmt: skip
     for action in of_type(page, "CreateAction"):
-        assert ids(action["agent"]) == ids(root["author"]) and re.fullmatch(
-            r"[\d-]{10}T[\d:]{8}\+00:00", action["endTime"]
-        )
-        assert action["description"] and all(
-            item in entities for part in ("object", "result") for item in ids(action[part])
-        )
+        assert ids(action["agent"]) == ids(root["author"]) and action["description"]
+        assert re.fullmatch(r"[\d-]{10}T[\d:]{8}\+00:00", action["endTime"])
+        assert all(item in entities for part in ("object", "result") for item in ids(action[part]))
     files = {unquote(identifier) for identifier in ids(root["hasPart"])}
     assert files | {"ro-crate-metadata.json", crate.FILE} == tree(unpacked, files_only=True)
-    known = {
-        entity["name"]: entity["sha256"]
-        for entity in page["@graph"]
-        if "File" in entity["@type"] and "sha256" in entity
-    }
+    hashed = [entity for entity in page["@graph"] if "File" in entity["@type"] and "sha256" in entity]
+    known = {entity["name"]: entity["sha256"] for entity in hashed}
     assert all(provenance.sha256(unpacked / name) == digest for name, digest in known.items() if "/" in name)
 
 
@@ -166,7 +171,7 @@ def test_software_url_gives_programs_of_a_deposit_an_address(processed):
 
 
 def test_deposit_has_required_datacite_fields_and_no_invented_ones(unpacked):
-    cited = json.loads((unpacked / datacite.FILE).read_text())
+    cited = json.loads((unpacked / deposit.DATACITE).read_text())
     affiliation = {"name": "A. Fram", "nameType": "Personal", "affiliation": [{"name": "Sea"}]}
     assert cited["creators"] == [affiliation] and cited["publisher"] == {"name": "Sea"} and "doi" not in cited
     assert cited["titles"] == [{"title": "Compass deviations corrected: Größe"}]
@@ -228,12 +233,7 @@ def test_listed_files_exist_with_their_hashes(processed):
     listed = {entity["name"] for entity in of_type(page, "File")}
     made = {p.relative_to(processed).as_posix() for p in (processed / "results").rglob("*") if p.is_file()}
     apart = {name for name in made if "/logs/" in name or "/benchmarks/" in name}
-    assert listed == made - apart - {crate.FILE} | {
-        "config/config.yaml",
-        "config/moorings/M1.yaml",
-        "raw/M1/top.000",
-        "raw/M1/deep.csv",
-    }
+    assert listed == made - apart - {crate.FILE} | INPUTS
 
 
 def test_other_names_in_results_are_reserved(processed):
@@ -249,12 +249,7 @@ def test_product_is_traced_to_raw_files_settings_and_software(processed):
         reached.add(one := waiting.pop())
         waiting += [other for other in ids(made_by[one]["object"]) if one in made_by] if one in made_by else []
     sources = {one for one in reached if one not in made_by}
-    assert sources == {
-        "../raw/M1/top.000",
-        "../raw/M1/deep.csv",
-        "../config/config.yaml",
-        "../config/moorings/M1.yaml",
-    }
+    assert sources == {f"../{file}" for file in INPUTS}
     names = {entity["name"]: entity for entity in page["@graph"] if "name" in entity}
     assert names["compasslib"]["softwareVersion"] == provenance.software().removeprefix("compasslib ")
     assert names["numpy"]["softwareVersion"] and names["python"]["softwareVersion"]
@@ -323,9 +318,8 @@ def test_lineage_ignores_replaced_files_and_refuses_changed_ones(tmp_path, monke
     }
     assert list(crate.lineage(jobs, ["end"])) == ["first", "last"]
     Path("end").write_text("edited")
-    with pytest.raises(
-        InputError, match=r"end: expected the file that its job wrote, found another, or no record of it; move it away"
-    ):
+    message = "end: expected the file that its job wrote, found another, or no record of it; move it away"
+    with pytest.raises(InputError, match=message):
         crate.lineage(jobs, ["end"])
 
 
@@ -352,11 +346,7 @@ def test_verification_of_an_unchanged_archive_writes_nothing(archive):
 
 
 def test_changed_files_are_reported_one_per_line(archive):
-    with (archive / "results/M1/corrected.nc").open("r+b") as stream:  # one bit of one byte
-        stream.seek(5000)
-        byte = stream.read(1)[0]
-        stream.seek(5000)
-        stream.write(bytes([byte ^ 1]))
+    flip(archive / "results/M1/corrected.nc")
     (archive / "raw/M1/deep.csv").unlink()
     (archive / "results/M1/notes.txt").write_text("mine")
     code, said = verify(archive)
@@ -447,33 +437,26 @@ def test_links_among_results_are_reported_despite_equal_content(archive, tmp_pat
 
 
 ELSEWHERE = [
-    "/etc/passwd",
-    "../../x.nc",
-    "M1/../../../x.nc",
-    "%2e%2e/%2e%2e/x.nc",
-    "..%2f..%2fx.nc",
-    "file:///etc/passwd",
+    *("/etc/passwd", "../../x.nc", "M1/../../../x.nc", "%2e%2e/%2e%2e/x.nc", "..%2f..%2fx.nc", "file:///etc/passwd"),
+    *("https://example.org/x.nc", "./M1/corrected.nc", "M1/fit.nc"),
 ]
 
 
 def differing(archive: Path) -> list[str]:
-    return verification.differences(
-        archive, plan.plan(config.load_cruise(archive), PROJECT / "workflow/scripts").configured()
-    )
+    return verification.differences(archive, plan.plan(config.load_cruise(archive)).configured())
 
 
 def test_identifier_of_no_cruise_file_is_reported(archive):
     """The identifier is replaced in the file's entity and all references; its name is replaced too, or not."""
     text = (archive / crate.FILE).read_text()
     assert differing(archive) == []
-    for identifier in (*ELSEWHERE, "https://example.org/x.nc", "./M1/corrected.nc", "M1/fit.nc"):
+    for identifier in ELSEWHERE:
         moved = text.replace('"M1/corrected.nc"', json.dumps(identifier))
         alike = moved.replace('"name": "results/M1/corrected.nc"', f'"name": {json.dumps(unquote(identifier))}')
         for page in (moved, alike):
             (archive / crate.FILE).write_text(page)
-            assert f"elsewhere: {identifier}, which is no file of the cruise that a job read or wrote" in differing(
-                archive
-            )
+            line = f"elsewhere: {identifier}, which is no file of the cruise that a job read or wrote"
+            assert line in differing(archive)
 
 
 def without(page: dict, *kinds: str, name: str = "") -> dict:
@@ -548,9 +531,8 @@ def test_nothing_is_cleared_during_a_run_or_without_configuration(renamed):
     assert tree(renamed) | {"raw/M1/top.000"} == before
     code, said = verify(renamed)
     assert "missing: raw/M1/top.000" in said and not any(line.startswith("no longer configured:") for line in said)
-    assert any(
-        line.startswith("cannot list results that are no longer configured: config/moorings/M1.yaml") for line in said
-    )
+    unread = "cannot list results that are no longer configured: config/moorings/M1.yaml"
+    assert any(line.startswith(unread) for line in said)
 
 
 # ---------------------------------------------------------------------------------------------------------------- jobs
@@ -634,10 +616,8 @@ def copied(tmp_path):
 def test_software_outside_a_checkout_is_identified_by_hash(copied):
     before = datetime.now(UTC).replace(microsecond=0)
     software, date = told(copied)
-    assert (
-        software.startswith(f"compasslib {__version__} ")
-        and f"no checkout, modules sha256 {_modules(copied)[:12]}" in software
-    )
+    assert software.startswith(f"compasslib {__version__} ")
+    assert f"no checkout, modules sha256 {_modules(copied)[:12]}" in software
     assert before <= datetime.fromisoformat(date) <= datetime.now(UTC)
     assert told(copied, SOURCE_DATE_EPOCH="1700000000")[1] == "2023-11-14T22:13:20Z"
 

@@ -72,9 +72,8 @@ def test_help_lists_commands_without_heavy_imports():
         "    print([m for m in ('numpy', 'pydantic', 'yaml', 'netCDF4', 'scipy') if m in sys.modules])\n"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert all(
-        name in ran.stdout for name in ("check", "correct", "explain", "export", "diff")
-    ) and ran.stdout.endswith("[]\n")
+    assert all(name in ran.stdout for name in ("check", "correct", "explain", "export", "diff"))
+    assert ran.stdout.endswith("[]\n")
 
 
 def test_commands_without_figures_do_not_import_matplotlib():
@@ -121,17 +120,11 @@ def test_check_summarizes_each_mooring(tmp_path, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "M1: 65.3333° N, 32.9550° W; 2007-09-04 to 2007-09-04, by exact"
     seen = [line.split() for line in lines]
-    assert seen[2][:6] == ["top", "affected", "pd0", "5", "1", "h"] and seen[3][:4] == [
-        "deep",
-        "reference",
-        "table",
-        "5",
-    ]
+    assert seen[2][:6] == ["top", "affected", "pd0", "5", "1", "h"]
+    assert seen[3][:4] == ["deep", "reference", "table", "5"]
     assert "  with deep: 5 pairs over 0 days, 10.2 m apart, " in lines[5]
-    assert (
-        any("no reference, so nothing is corrected" in line for line in lines)
-        and lines[-1] == "2 moorings: can run, 0 problems"
-    )
+    assert any("no reference, so nothing is corrected" in line for line in lines)
+    assert lines[-1] == "2 moorings: can run, 0 problems"
     told = lines.index("4 warnings:")
     assert [line.split(":")[0] for line in lines[told + 1 : -1]] == ["  M1 top", "  M1 deep", "  M2 top", "  M2 deep"]
     assert not (folder / "results").exists()
@@ -191,9 +184,8 @@ def test_check_reports_missing_pairs_and_coefficients(tmp_path, capsys):
     (folder / "raw/turn.csv").write_text("compass_deg,cog_deg\n10,20\n15,30\n20,40\n")
     assert main(["check", str(folder)]) == 1
     out, err = capsys.readouterr()
-    assert (
-        "  with deep: no pairs" in out and "M1: no pairs with deep, so nothing is corrected by it: no two veloc" in err
-    )
+    assert "  with deep: no pairs" in out
+    assert "M1: no pairs with deep, so nothing is corrected by it: no two veloc" in err
     assert "turn.yaml: no coefficients: 3 headings cannot carry the five coefficients" in err
     assert out.splitlines()[-1] == "1 mooring and 1 calibration: can run, 2 problems"
 
@@ -218,10 +210,8 @@ def test_check_reports_duplicate_records_and_conflicting_names(tmp_path, capsys)
     change(path, start="2007-09-04T00:00:00Z", end="2007-09-05T00:00:00Z")
     path.write_text(path.read_text().replace("wh1", "wh2"))
     assert main(["check", str(folder)]) == 1
-    assert (
-        "M1 and M2: one mooring under two names, as the files of the affected instrument are equal"
-        in capsys.readouterr().err
-    )
+    expected = "M1 and M2: one mooring under two names, as the files of the affected instrument are equal"
+    assert expected in capsys.readouterr().err
 
 
 def test_check_outside_a_cruise_is_refused(tmp_path, capsys):
@@ -351,9 +341,8 @@ def test_warnings_of_unconfigured_instruments_are_omitted(runs, copied):
     shutil.copy(copied / "work/top.nc", copied / "work/upper.nc")  # as left behind by a renamed instrument
     told = summary.summary_row("M1", copied, ["top", "deep"])["warnings"]
     assert "top: pitch and roll never change" in told and "upper: " not in told
-    assert (
-        told == summary.summary_row("M1", runs / "old/M1")["warnings"] != summary.summary_row("M1", copied)["warnings"]
-    )
+    assert told == summary.summary_row("M1", runs / "old/M1")["warnings"]
+    assert told != summary.summary_row("M1", copied)["warnings"]
 
 
 # --- diff ------------------------------------------------------------------------------------------------------------
@@ -422,11 +411,7 @@ def versions_of(tmp_path_factory) -> Path:
     copy = copied_project(tmp_path_factory.mktemp("library"), "compasslib")
     for file, now, then in (
         ("__init__.py", compasslib.__version__, "0.1.0"),
-        (
-            "earthfield.py",
-            "wrap180(angles.direction(east, north))",
-            "wrap180(angles.direction(east, north) + 2.0)",
-        ),
+        ("earthfield.py", "(angles.direction(east, north))", "(angles.direction(east, north) + 2.0)"),
         ("deviation/correction.py", "LEFT_OUT_BY_TILT = 0.08", "LEFT_OUT_BY_TILT = 0.16"),
     ):
         text = (copy / "compasslib" / file).read_text()
@@ -482,12 +467,8 @@ def test_diff_between_versions_states_sigmas_and_changelog_entries(versions_of, 
 def test_diff_lists_changed_settings_and_raw_files(tmp_path):
     """Only jobs of both runs are compared; intermediate files and new jobs are ignored."""
     read = {"rule": "read", "of": {"mooring": "M1", "role": "deep"}, "read": {"raw/M1/deep.csv": "a", "results/x": "1"}}
-    fit = {
-        "rule": "fit",
-        "of": {"mooring": "M1"},
-        "parameters": {"fit": {"method": "exact"}},
-        "read": {"results/y": "1"},
-    }
+    settings = {"fit": {"method": "exact"}}
+    fit = {"rule": "fit", "of": {"mooring": "M1"}, "parameters": settings, "read": {"results/y": "1"}}
     for side, depth, digest, more in (("old", 20.0, "a", {}), ("new", 16.2, "b", {"carry": fit})):
         spans = {"end_s": 1188864000.0 + 10 * depth, "exclude": [[None, 10 * depth]]}
         now = read | {"parameters": {"deployment": {"nominal_depth": depth} | spans}}

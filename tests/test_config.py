@@ -147,6 +147,7 @@ def test_example_configuration_is_read(cruise: Path) -> None:
     assert mooring.covariates["declination_observatory"].files == ("raw/obs/lrv1.min", "raw/obs/lrv2.min")
 
 
+DIAGNOSE = {"enabled": True, "apply": True, "min_effect_deg": 0.5, "prior_odds": 1.0, "surrogates": 19}
 QUALITY = {
     "percent_good": 25.0, "correlation": None, "error_velocity": None, "echo": None, "tilt_deg": 45.0, "speed": 5.0,
     "side_lobe": True,
@@ -171,7 +172,7 @@ def test_all_but_eight_keys_have_defaults(cruise: Path) -> None:
             "max_minutes": 20.0, "max_metres": 20.0, "bins": 2, "predict": True, "grid_minutes": 60.0, "grid_tolerance_minutes": 30.0
         },
         "fit": FIT,
-        "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5, "prior_odds": 1.0, "surrogates": 19},
+        "diagnose": DIAGNOSE,
         "conventions": {"check": False},
         "product": PRODUCT,
         "figures": {"formats": ("png",)},
@@ -190,7 +191,7 @@ def test_all_but_eight_keys_have_defaults(cruise: Path) -> None:
             "time_format": None, "timezone": None, "missing": (), "skip_rows": None,
         }},
         "attributes": {}, "fit": FIT,
-        "diagnose": {"enabled": True, "apply": True, "min_effect_deg": 0.5, "prior_odds": 1.0, "surrogates": 19}, "confirmed": {"constant": False}, "product": PRODUCT,
+        "diagnose": DIAGNOSE, "confirmed": {"constant": False}, "product": PRODUCT,
         "quality": QUALITY, "covariates": {},
     }  # fmt: skip
 
@@ -229,20 +230,8 @@ def test_mooring_file_overrides_cruise_options(cruise: Path) -> None:
     write(cruise, "config/moorings/M1.yaml", SHORTEST)
     own, general = config.load_cruise(cruise).moorings.values()
     assert (own.fit.method, general.fit.method) == ("exact", "von_appen")
-    assert own.diagnose.model_dump() == {
-        "enabled": False,
-        "apply": False,
-        "min_effect_deg": 2.0,
-        "prior_odds": 1.0,
-        "surrogates": 19,
-    }
-    assert general.diagnose.model_dump() == {
-        "enabled": True,
-        "apply": False,
-        "min_effect_deg": 2.0,
-        "prior_odds": 1.0,
-        "surrogates": 19,
-    }
+    assert own.diagnose.model_dump() == DIAGNOSE | {"enabled": False, "apply": False, "min_effect_deg": 2.0}
+    assert general.diagnose.model_dump() == DIAGNOSE | {"apply": False, "min_effect_deg": 2.0}
 
 
 def test_keys_of_the_other_formats_are_read(cruise: Path) -> None:
@@ -589,22 +578,22 @@ def test_invalid_cruise_option_is_reported(cruise: Path, line: str, expected: st
     assert message(cruise) == f"config/config.yaml: {expected}"
 
 
-@pytest.mark.parametrize(
-    ("given", "line"),
-    [
-        (
-            "",
-            "orientation: expected up or down, which pd12 does not tell, found nothing; add for example orientation: up",
-        ),
-        (
-            "orientation: up, bin_size: 16,",
-            "first_bin: expected metres above 0, at most 1000, which pd12 does not tell, found nothing; add for example first_bin: 24.7",
-        ),
-    ],
-)
-def test_keys_that_pd12_lacks_are_required(cruise: Path, given: str, line: str) -> None:
-    write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: pd12, {given}"))
-    assert message(cruise) == f"{MOORING_FILE}: instruments.top.{line}"
+BAD_INSTRUMENTS = [
+    ("format: pd12,", "top.orientation: expected up or down, which pd12 does not tell, found nothing; add for example orientation: up"),
+    ("format: pd12, orientation: up, bin_size: 16,", "top.first_bin: expected metres above 0, at most 1000, which pd12 does not tell, found nothing; add for example first_bin: 24.7"),
+    ("format: table, columns: {time: t, east: u, north: v},", "top.columns: expected a depth or pressure column where the instrument has no depth, found neither; add depth: 120 to the instrument, or depth: depth_m to its columns"),
+    ("format: pd0, columns: {time: t},", "top.columns: expected this key only with format table or acm_table or mmp_acm or netcdf, found it with format pd0; delete it or correct the format"),
+    ("format: pd0, pressure_files: raw/EG4/deep.csv,", "top.pressure_files: expected this key only with format mmp_acm, found it with format pd0; delete it or correct the format"),
+    ("format: pd0, start_offset_seconds: 4,", "top.start_offset_seconds: expected this key only with format mmp_acm, found it with format pd0; delete it or correct the format"),
+    ("format: mmp_acm, heading_alignment: 4,", "top.heading_alignment: expected this key only with format pd0 or netcdf, found it with format mmp_acm; delete it or correct the format"),
+    ("format: pd0, flags: {good: [1]},", "top.flags: expected this key only with format table or acm_table or netcdf, found it with format pd0; delete it or correct the format"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("keys", "expected"), BAD_INSTRUMENTS, ids=[keys for keys, _ in BAD_INSTRUMENTS])
+def test_invalid_keys_of_a_format_are_reported(cruise: Path, keys: str, expected: str) -> None:
+    write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", keys))
+    assert message(cruise) == f"{MOORING_FILE}: instruments.{expected}"
 
 
 def test_declination_applied_may_differ_for_heading_and_velocity(cruise: Path) -> None:
@@ -619,33 +608,6 @@ def test_declination_applied_may_differ_for_heading_and_velocity(cruise: Path) -
     columns = "depth: 10, columns: {time: t, x: u, y: v, heading: h}"
     write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: acm_table, {columns}, {both},"))
     assert "declination_applied: expected one number, as these velocities are turned by the headings" in message(cruise)
-
-
-@pytest.mark.parametrize(
-    ("line", "key", "allowed", "form"),
-    [
-        ("columns: {time: t}", "columns", "table or acm_table or mmp_acm or netcdf", "pd0"),
-        ("pressure_files: raw/EG4/deep.csv", "pressure_files", "mmp_acm", "pd0"),
-        ("start_offset_seconds: 4", "start_offset_seconds", "mmp_acm", "pd0"),
-        ("heading_alignment: 4", "heading_alignment", "pd0 or netcdf", "mmp_acm"),
-        ("flags: {good: [1]}", "flags", "table or acm_table or netcdf", "pd0"),
-    ],
-)
-def test_key_of_another_format_is_refused(cruise: Path, line: str, key: str, allowed: str, form: str) -> None:
-    write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: {form}, {line},"))
-    assert message(cruise) == (
-        f"{MOORING_FILE}: instruments.top.{key}: expected this key only with format {allowed}, "
-        f"found it with format {form}; delete it or correct the format"
-    )
-
-
-def test_table_without_depth_is_refused(cruise: Path) -> None:
-    table = "format: table, columns: {time: t, east: u, north: v},"
-    write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", table))
-    assert message(cruise) == (
-        f"{MOORING_FILE}: instruments.top.columns: expected a depth or pressure column where the instrument has no "
-        "depth, found neither; add depth: 120 to the instrument, or depth: depth_m to its columns"
-    )
 
 
 def test_missing_config_file_is_reported(tmp_path: Path) -> None:
@@ -670,9 +632,8 @@ def test_damaged_yaml_is_read_or_refused_in_one_line(cruise: Path) -> None:
         damaged = bytearray(MOORING.encode())
         for _ in range(rng.randint(1, 4)):
             place = rng.randrange(len(damaged))
-            damaged[place : place + rng.randint(0, 3)] = rng.choice(
-                [b"", b":", b"[", b"\t", b"\n", b"'", b"\xff", b"9"]
-            )
+            end = place + rng.randint(0, 3)
+            damaged[place:end] = rng.choice([b"", b":", b"[", b"\t", b"\n", b"'", b"\xff", b"9"])
         write(cruise, MOORING_FILE, bytes(damaged))
         try:
             read += len(config.load_cruise(cruise).moorings)
@@ -713,38 +674,23 @@ def test_mooring_names_differing_only_in_case_are_refused(cruise: Path) -> None:
 SECOND = SHORTEST.replace("name: M1", "name: M2").replace("top.000}", "top.000, compass: wh1}")
 
 
-@pytest.mark.parametrize(
-    ("second", "expected"),
-    [
-        (
-            SECOND,
-            "instruments.top.compass: expected a compass that is in one place from 2007-09-04T00:00:00Z to 2008-10-04T00:00:00Z, found wh1 at EG4 (top), 2007-09-04T00:00:00Z to 2008-10-04T00:00:00Z; correct the dates, or give one of the two compasses another name",
-        ),
-        (
-            SECOND.replace("wh1", "WH1"),
-            "instruments.top.compass: expected a name that no other has in other letters, found 'WH1', and calibration aqd has wh1; write both alike, or rename one",
-        ),
-        (
-            SECOND.replace("M2", "aqd"),
-            "instruments.top.compass: expected another name of the mooring than of the compass's calibration, found aqd for both; rename one of the two",
-        ),
-        (
-            SECOND + "fit: {method: calibration, name: aqd}\n",
-            "fit.method: expected another method beside compass: wh1, by which calibrations of it come in already, found 'calibration'; delete fit here, and write compass: wh1 in the calibration's file",
-        ),
-    ],
-)
+BAD_COMPASSES = [
+    (SECOND, "instruments.top.compass: expected a compass that is in one place from 2007-09-04T00:00:00Z to 2008-10-04T00:00:00Z, found wh1 at EG4 (top), 2007-09-04T00:00:00Z to 2008-10-04T00:00:00Z; correct the dates, or give one of the two compasses another name"),
+    (SECOND.replace("wh1", "WH1"), "instruments.top.compass: expected a name that no other has in other letters, found 'WH1', and calibration aqd has wh1; write both alike, or rename one"),
+    (SECOND.replace("M2", "aqd"), "instruments.top.compass: expected another name of the mooring than of the compass's calibration, found aqd for both; rename one of the two"),
+    (SECOND + "fit: {method: calibration, name: aqd}\n", "fit.method: expected another method beside compass: wh1, by which calibrations of it come in already, found 'calibration'; delete fit here, and write compass: wh1 in the calibration's file"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("second", "expected"), BAD_COMPASSES)
 def test_conflicting_uses_of_a_compass_are_refused(cruise: Path, second: str, expected: str) -> None:
     write(cruise, MOORING_FILE, MOORING.replace("    depth: 100 ", "    compass: wh1\n    depth: 100 "))
     write(cruise, "config/moorings/M2.yaml", second)
     place = "latitude: 1\nlongitude: 1\ndate: 2001-01-01\n"
     write(cruise, "config/calibrations/aqd.yaml", f"kind: platform\nfile: raw/EG4/top.000\ncompass: wh1\n{place}")
     assert message(cruise) == f"config/moorings/M2.yaml: {expected}"
-    write(
-        cruise,
-        "config/moorings/M2.yaml",
-        SECOND.replace("2007-", "2008-1").replace("10-04", "12-04").replace("2008-109-04", "2008-10-04"),
-    )
+    later = SECOND.replace("end: 2008-10-04", "end: 2008-12-04").replace("start: 2007-09-04", "start: 2008-10-04")
+    write(cruise, "config/moorings/M2.yaml", later)
     assert config.load_cruise(cruise).moorings["M2"].instruments["top"].compass == "wh1"
 
 

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from sea import FOLDED, MILD, pairs
 
 from compasslib import angles, compass
-from compasslib.archive import tables
+from compasslib.archive import summary
 from compasslib.archive.files import read_csv
 from compasslib.deviation.assessment import assess_correction, confidence_intervals
 from compasslib.deviation.correction import LOOKUP_COLUMNS, tabulate_deviation
@@ -30,7 +30,7 @@ def exact(coefficients) -> DeviationFit:
 @pytest.mark.parametrize("coefficients", [MILD, FOLDED])
 def test_the_table_inverts_the_compass_at_every_reachable_degree(coefficients, tmp_path):
     fit = exact(coefficients)
-    tables.write_lookup(tmp_path / "table.csv", tabulate_deviation(fit))
+    summary.write_lookup(tmp_path / "table.csv", tabulate_deviation(fit))
     table = read_csv(tmp_path / "table.csv")
     assert tuple(table) == LOOKUP_COLUMNS
     back = compass.recorded_heading(coefficients, table["corrected_deg"])
@@ -63,8 +63,8 @@ def test_histograms_count_finite_values_in_bins_of_five_degrees(tmp_path):
     record = replace(record_of(seen), heading_quality=np.where(np.arange(600) < 7, BAD, 1).astype(np.int8))
     heading[:11] = np.nan
     verdict = assess_correction(seen, unfitted("exact", 600))
-    tables.write_histograms(tmp_path / "a.csv", build_histograms(record, heading, seen, verdict["difference_counts"]))
-    counts = tables.read_histograms(tmp_path / "a.csv")
+    summary.write_histograms(tmp_path / "a.csv", build_histograms(record, heading, seen, verdict["difference_counts"]))
+    counts = summary.read_histograms(tmp_path / "a.csv")
     assert {name: int(n.sum()) for name, n in counts.items()} == dict(
         zip(QUANTITIES, (593, 589, 600, 589, 600, 600, 0), strict=True)
     )

@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import os
+import shutil
 import warnings
 from pathlib import Path
 
@@ -15,21 +16,20 @@ import pytest
 from launch import change
 from pd0_encoder import ensemble
 from sea import SHARED, START, cruise
-from test_archive import PROCESSING, USUAL
+from test_archive import PROCESSING, USUAL, product_of
 
 from compasslib import angles
 from compasslib.archive import netcdf
 from compasslib.archive.attributes import Site
 from compasslib.archive.files import HALF_WRITTEN
 from compasslib.cli import export, main
-from compasslib.cli import export as export_command
 from compasslib.errors import InputError
 from compasslib.pipeline.process import process_mooring
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.readers import pd0
 from compasslib.readers.pd0.fields import rewrite
 from compasslib.readers.pd0.frames import iter_chunks
-from compasslib.records import MISSING, CorrectedRecord, Record
+from compasslib.records import MISSING
 
 EH2 = SHARED / "pd0/eh2_20060530_20060717_0007m.000"
 READ = {"declination_applied": None, "heading_alignment": None}
@@ -77,19 +77,15 @@ def test_pandas_reads_the_table_and_its_sidecar(world, tmp_path, capsys):
     with netCDF4.Dataset(world / "corrected/M1/corrected.nc") as nc:
         n, m = nc["UCUR"].shape
         assert len(read) == n * m and read.TIME.iloc[0] == pandas.Timestamp("2007-09-04T05:58:00Z")
-        wide = {
-            name: read[name].to_numpy().reshape(n, m) for name in ("UCUR", "HEADING_TRUE", "CORRELATION_3", "UCUR_QC")
-        }
+        names = ("UCUR", "HEADING_TRUE", "CORRELATION_3", "UCUR_QC")
+        wide = {name: read[name].to_numpy().reshape(n, m) for name in names}
         # The table is written with seven digits.
         np.testing.assert_allclose(wide["UCUR"], nc["UCUR"][:].filled(np.nan), rtol=1e-6)
         np.testing.assert_allclose(wide["HEADING_TRUE"][:, 1], nc["HEADING_TRUE"][:].filled(np.nan), rtol=1e-6)
         np.testing.assert_array_equal(wide["CORRELATION_3"], nc["CORRELATION"][2])
         np.testing.assert_array_equal(wide["UCUR_QC"], nc["UCUR_QC"][:])
         told = json.loads(sidecar.read_text())
-        assert {name: told["columns"][name]["units"] for name in ("UCUR", "HEADING_TRUE")} == {
-            "UCUR": "m s-1",
-            "HEADING_TRUE": "degree",
-        }
+        assert [told["columns"][name]["units"] for name in ("UCUR", "HEADING_TRUE")] == ["m s-1", "degree"]
         assert told["for_all_rows"]["LATITUDE"] == 65.3333 and told["attributes"]["id"] == nc.id
         columns = {column.rsplit("_", 1)[0] if column[-1].isdigit() else column for column in read.columns}
         assert columns == set(told["columns"])
@@ -157,9 +153,9 @@ def test_export_can_be_repeated_after_a_kill(world, tmp_path, capsys, monkeypatc
     assert {path.name for path in tmp_path.iterdir()} == {"whole", *(file.name for file in whole)}
     for name in ("b", "b.json", "c"):
         (tmp_path / name).touch()
-    assert export_command._available_files(tmp_path, "a", "b")
+    assert export._available_files(tmp_path, "a", "b")
     with pytest.raises(InputError, match="c: expected a file that is not there yet"):
-        export_command._available_files(tmp_path, "a", "c")
+        export._available_files(tmp_path, "a", "c")
 
 
 # ----------------------------------------------------------------------------------------------------------------- PD0
@@ -183,8 +179,6 @@ def test_pd0_reader_recovers_the_corrected_headings(world, tmp_path, capsys):
 
 @pytest.mark.parametrize("change_it", ["raw", "clock", "mooring", "format"])
 def test_changed_raw_files_or_settings_are_refused(world, tmp_path, capsys, change_it):
-    import shutil
-
     copied, name = Path(shutil.copytree(world, tmp_path / "c")), "M1"
     yaml_file = copied / "config/moorings/M1.yaml"
     if change_it == "raw":
@@ -283,9 +277,8 @@ def test_real_file_with_new_headings_is_read_by_mhkit(tmp_path):
     # mhkit returns float32.
     for found, expected in ((seen.vel[0], back.east), (seen.vel[1], back.north), (seen.vel[2], back.profiles["up"])):
         np.testing.assert_allclose(found.values.T, expected[:n], atol=1e-5)
-    np.testing.assert_array_equal(
-        np.moveaxis(seen.prcnt_gd.values, 0, 2).swapaxes(0, 1), old.profiles["percent_good"][:n]
-    )
+    good = np.moveaxis(seen.prcnt_gd.values, 0, 2).swapaxes(0, 1)
+    np.testing.assert_array_equal(good, old.profiles["percent_good"][:n])
 
 
 @pytest.mark.skipif(not EH2.exists(), reason="needs the recordings beside the project")
@@ -298,7 +291,7 @@ def test_real_record_is_exported_to_csv_and_mat(tmp_path):
         pd0.read([EH2], orientation="down", **READ),
         **{"start_s": days[0], "end_s": days[1], "water_depth": 45.5, "latitude": 47.5977, "nominal_depth": 7.0},
     )
-    made = _product(record)
+    made = product_of(record, deviation(record.heading_deg))
     source = tmp_path / "corrected.nc"
     netcdf.write_corrected(source, made, site=Site("E0", 47.6, -124.6), attributes=USUAL, processing=PROCESSING)
     export.write_csv(source, tmp_path / "E0.csv", tmp_path / "E0.csv.json")
@@ -312,23 +305,3 @@ def test_real_record_is_exported_to_csv_and_mat(tmp_path):
         np.testing.assert_allclose(read[name].to_numpy().reshape(n, m), record.profiles[key], rtol=1e-6)
     np.testing.assert_array_equal(read.CORRELATION_2.to_numpy().reshape(n, m), record.profiles["correlation"][..., 1])
     np.testing.assert_array_equal(data["ECHO_INTENSITY"], np.moveaxis(record.profiles["echo"], 2, 0))
-
-
-def _product(record: Record) -> CorrectedRecord:
-    by, n = deviation(record.heading_deg), len(record.time_s)
-    east, north = angles.turn(record.east, record.north, by[:, None])
-    return CorrectedRecord(
-        record=record,
-        heading_corrected_deg=angles.wrap360(record.heading_deg + by),
-        heading_uncertainty_deg=np.ones(n),
-        heading_corrected_quality=np.ones(n, np.int8),
-        deviation_deg=by,
-        branch_probability=np.ones(n),
-        declination_deg=np.zeros(n),
-        east=east,
-        north=north,
-        east_recorded=record.east,
-        north_recorded=record.north,
-        velocity_uncertainty=np.hypot(east, north) * 0.02,
-        velocity_quality=record.quality,
-    )

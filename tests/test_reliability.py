@@ -97,20 +97,21 @@ def at(ensemble: bytes, when: datetime) -> bytes:
     return rewritten(rewritten(ensemble, 1, 4, clock), 1, 58, clock)
 
 
-def clock(hours: Callable[[int], float], begin: datetime = SET) -> Spoil:
+def recording(change: Callable[[int, bytes], bytes]) -> Spoil:
+    """Return a function that changes the ensembles of the affected instrument's recording."""
+
     def spoil(folder: Path) -> None:
-        moved = [at(each, begin + timedelta(hours=hours(i))) for i, each in enumerate(ensembles(folder))]
-        (folder / TOP).write_bytes(b"".join(moved))
+        (folder / TOP).write_bytes(b"".join(change(i, each) for i, each in enumerate(ensembles(folder))))
 
     return spoil
+
+
+def clock(hours: Callable[[int], float], begin: datetime = SET) -> Spoil:
+    return recording(lambda i, each: at(each, begin + timedelta(hours=hours(i))))
 
 
 def profiles(block: int, place: int, content: bytes) -> Spoil:
-    def spoil(folder: Path) -> None:
-        changed = [rewritten(each, block, place, content) for each in ensembles(folder)]
-        (folder / TOP).write_bytes(b"".join(changed))
-
-    return spoil
+    return recording(lambda i, each: rewritten(each, block, place, content))
 
 
 def given_twice(folder: Path) -> None:
@@ -143,8 +144,8 @@ def three_beams(folder: Path) -> None:
 
 def percent_good(folder: Path) -> None:
     """Add percent-good blocks in which every ping has more than one bad beam."""
-    blocks = [_blocks(each) for each in ensembles(folder)]
-    (folder / TOP).write_bytes(b"".join(assemble([*each, b"\x00\x04" + bytes([0, 0, 100, 0]) * 4]) for each in blocks))
+    bad = b"\x00\x04" + bytes([0, 0, 100, 0]) * 4
+    recording(lambda i, each: assemble([*_blocks(each), bad]))(folder)
 
 
 def _blocks(whole: bytes) -> list[bytes]:
@@ -153,20 +154,13 @@ def _blocks(whole: bytes) -> list[bytes]:
 
 
 def another_deployment(folder: Path) -> None:
-    later = [
-        rewritten(at(each, SET + timedelta(hours=i)), 1, 18, b"\x10\x27") for i, each in enumerate(ensembles(folder))
-    ]
-    (folder / TOP).write_bytes((folder / TOP).read_bytes() + b"".join(later))
+    first = (folder / TOP).read_bytes()
+    recording(lambda i, each: rewritten(at(each, SET + timedelta(hours=i)), 1, 18, b"\x10\x27"))(folder)
+    (folder / TOP).write_bytes(first + (folder / TOP).read_bytes())
 
 
 def headings(centidegrees: Callable[[int, bytes], int]) -> Spoil:
-    def spoil(folder: Path) -> None:
-        made = [
-            rewritten(each, 1, 18, struct.pack("<H", centidegrees(i, each))) for i, each in enumerate(ensembles(folder))
-        ]
-        (folder / TOP).write_bytes(b"".join(made))
-
-    return spoil
+    return recording(lambda i, each: rewritten(each, 1, 18, struct.pack("<H", centidegrees(i, each))))
 
 
 def logged(whole: bytes) -> int:
@@ -458,9 +452,8 @@ def test_results_dated_in_the_future_are_redated_raw_files_refused(sound, tmp_pa
     os.utime(folder / TOP, (future, future))
     ran = snakemake(folder, *wanted)
     said = [line for line in ran.stderr.splitlines() if "error" in line.lower()]
-    assert (
-        ran.returncode != 0 and len(said) == 1 and said[0].startswith(f"error: {TOP}: expected a date of change before")
-    )
+    assert ran.returncode != 0 and len(said) == 1
+    assert said[0].startswith(f"error: {TOP}: expected a date of change before")
     assert (folder / TOP).stat().st_mtime > time.time()
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.config import values
+from compasslib.records import iso_time
 from compasslib.types import Floats
 
 Attributes = dict[str, str | int | float]
@@ -23,18 +24,8 @@ CONVENTIONS = "CF-1.11, ACDD-1.3, OceanSITES-1.4"
 DECLINATION = {"IGRF": "IGRF-14 at sea level, along time", "metadata": "a constant given in the mooring's YAML file"}
 DATES = ("date_created", "date_modified", "date_issued", "date_metadata_modified")
 ASKED_FOR = (
-    "institution",
-    "project",
-    "principal_investigator",
-    "creator_name",
-    "creator_email",
-    "creator_url",
-    "publisher_name",
-    "publisher_email",
-    "publisher_url",
-    "license",
-    "acknowledgement",
-    "naming_authority",
+    *("institution", "project", "principal_investigator", "creator_name", "creator_email", "creator_url"),
+    *("publisher_name", "publisher_email", "publisher_url", "license", "acknowledgement", "naming_authority"),
 )
 SPELLINGS = {"acknowledgement": "acknowledgment"}
 SENSOR_KEYS = ("manufacturer", "model", "serial_number", "mount")
@@ -111,11 +102,7 @@ def global_attributes(
 
 
 def missing(attributes: Container[str]) -> list[str]:
-    """List the missing global attributes that ACDD and OceanSITES request and that only the user can give.
-
-    Args:
-        attributes: names of the attributes that are present.
-    """
+    """List the global attributes that ACDD and OceanSITES request, only the user can give, and are not present."""
     return [name for name in ASKED_FOR if name not in attributes and SPELLINGS.get(name) not in attributes]
 
 
@@ -153,31 +140,14 @@ def declination_attributes(attributes: Attributes, time_s: Floats, degrees: tupl
 
 
 def plain(attributes: Mapping[str, object]) -> Attributes:
-    """Convert attributes to netCDF: legal names, and texts or numbers as values; None is omitted.
-
-    Args:
-        attributes: as parsed from YAML; lists are joined by commas, dates become ISO 8601, mappings JSON.
-    """
+    """Convert attributes to netCDF: legal names, lists with commas, ISO 8601 dates, mappings as JSON, no None."""
     names = {key: re.sub(r"\W", "_", str(key), flags=re.ASCII).lstrip("_") for key in attributes}
     legal = {key: name if name[:1].isalpha() else f"attribute_{name}" for key, name in names.items()}
     return {legal[key]: _value(value) for key, value in attributes.items() if value is not None}
 
 
-def iso_time(time_s: float) -> str:
-    """Format a time as ISO 8601 in UTC, to the second.
-
-    Args:
-        time_s: UTC seconds since 1970.
-    """
-    return f"{np.datetime64(round(float(time_s)), 's')}Z"
-
-
 def iso_duration(seconds: float) -> str:
-    """Format a duration as ISO 8601 in days, hours, minutes and seconds.
-
-    Args:
-        seconds: the duration, not negative.
-    """
+    """Format a duration, not negative, as ISO 8601 in days, hours, minutes and seconds."""
     minutes, remainder = divmod(round(float(seconds), 3), 60.0)
     hours, minutes = divmod(int(minutes), 60)
     days, hours = divmod(hours, 24)

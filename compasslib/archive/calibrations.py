@@ -56,9 +56,6 @@ def write(
 def read(*, calibration: str | Path, table: str | Path, points: str | Path) -> StoredCalibration:
     """Read a calibration's files.
 
-    Args:
-        points: path of points.csv.
-
     Raises:
         InputError: a file is missing or damaged.
     """

@@ -11,7 +11,7 @@ from typing import Any
 import netCDF4
 import numpy as np
 
-from compasslib.archive import grid_variables, provenance, variables
+from compasslib.archive import provenance, variables
 from compasslib.archive.attributes import SPELLINGS, missing
 from compasslib.archive.files import open_netcdf
 from compasslib.errors import InputError
@@ -23,7 +23,7 @@ NOT_ASKED = 1  # the checker's weight of mere suggestions
 # The CF table has no name for these: its orientation is from true north, and it has no deviation or declination.
 UNNAMED = tuple(
     name
-    for table in (variables.CORRECTED, grid_variables.GRIDDED)
+    for table in (variables.CORRECTED, variables.GRIDDED)
     for name, variable in table.items()
     if not variable.standard_name
 )
@@ -71,11 +71,7 @@ def not_given(path: str | Path) -> list[str]:
 
 
 def checked(path: str | Path, checker: str) -> list[str]:
-    """Run the compliance checker and list its errors and warnings, without its suggestions.
-
-    Args:
-        checker: name and version of one of its checks, such as ``cf:1.11``.
-    """
+    """List the errors and warnings of a check of the compliance checker, such as ``cf:1.11``, without suggestions."""
     from compliance_checker.suite import CheckSuite  # heavy, and only in the test environment
 
     CheckSuite.load_all_available_checkers()

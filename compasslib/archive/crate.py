@@ -46,11 +46,16 @@ Record = Mapping[str, Any]  # of a job; see ``pipeline.records.of_job``
 Entity = dict[str, Any]
 
 
+def record_files(root: Path) -> dict[str, Path]:
+    """List the records of all jobs of a cruise, by the names of their actions."""
+    entries = sorted((root / FOLDER).glob("**/logs/*.json"))
+    parts = {path: path.relative_to(root / FOLDER).with_suffix("").parts for path in entries}
+    return {"/".join(part for part in parts[path] if part != "logs"): path for path in entries}
+
+
 def records() -> dict[str, Record]:
     """Read the records of all jobs of this cruise, by the names of their actions."""
-    entries = sorted(Path(FOLDER).glob("**/logs/*.json"))
-    parts = {path: path.relative_to(FOLDER).with_suffix("").parts for path in entries}
-    return {"/".join(part for part in parts[path] if part != "logs"): read_json(path) for path in entries}
+    return {name: read_json(path) for name, path in record_files(Path()).items()}
 
 
 def lineage(known: Mapping[str, Record], products: Iterable[str]) -> dict[str, Record]:

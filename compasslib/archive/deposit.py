@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -18,14 +18,15 @@ from urllib.parse import quote
 
 import yaml
 
-from compasslib.archive import crate, datacite, provenance
+from compasslib.archive import crate, provenance
+from compasslib.archive.attributes import Site
 from compasslib.archive.crate import Entity
 from compasslib.archive.files import atomic_write
 from compasslib.archive.verification import read_manifest
 from compasslib.config.cruise import Cruise
 from compasslib.errors import InputError
 
-METADATA, README = "ro-crate-metadata.json", "README.md"
+METADATA, README, DATACITE = "ro-crate-metadata.json", "README.md", "datacite.json"
 WORKFLOW_FILE, RUN = "workflow/Snakefile", "#run"
 PROFILES = {
     "https://w3id.org/ro/wfrun/process/0.5": ("Process Run Crate", "0.5"),
@@ -60,14 +61,12 @@ and `raw/` what they were made from, `workflow/` the rules, `ro-crate-metadata.j
 
 The unpacked folder is compared with its manifest by `compass verify FOLDER`.
 """
+VON_APPEN = "10.1175/JTECH-D-14-00043.1"  # DOI of the method
 BLOCK_BYTES = 1 << 20  # bytes copied at a time
 
 
 def deposit(cruise: Cruise, to: str | Path) -> int:
     """Pack a processed cruise and return the number of files packed.
-
-    Args:
-        to: path of the ZIP file.
 
     Raises:
         InputError: there is no manifest, a file differs from it, or an attribute of ``OWNERS`` is missing.
@@ -87,13 +86,13 @@ def deposit(cruise: Cruise, to: str | Path) -> int:
     }
     if (lock := provenance.RELEASE_FILES / crate.LOCK).is_file():
         rules[crate.LOCK] = lock
-    rules |= {path.relative_to(root).as_posix(): path for path in (root / crate.FOLDER).glob("**/logs/*.json")}
+    rules |= {path.relative_to(root).as_posix(): path for path in crate.record_files(root).values()}
     described = compose(page, attributes, {name: provenance.sha256(path) for name, path in rules.items()}, root)
     texts = {METADATA: json.dumps(described, indent=1, ensure_ascii=False) + "\n"}
     whole = next(x for x in described["@graph"] if x["@id"] == "./")
     texts[README] = ABOUT.format(title=whole["name"])
-    cited = datacite.describe(cruise, title=whole["name"], published=whole["datePublished"])
-    texts[datacite.FILE] = json.dumps(cited, indent=1, ensure_ascii=False) + "\n"
+    cited = describe_datacite(cruise, title=whole["name"], published=whole["datePublished"])
+    texts[DATACITE] = json.dumps(cited, indent=1, ensure_ascii=False) + "\n"
     with atomic_write(to) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, text in texts.items():
             archive.writestr(_entry(name), text)
@@ -160,7 +159,7 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], rules: Mappi
     run = _describe_run(actions, author, root)
     whole = next(entity for entity in page["@graph"] if entity["@id"] == "./") | owned | {
         "conformsTo": _references(PROFILES), "publisher": {"@id": publisher}, "mainEntity": {"@id": WORKFLOW_FILE},
-        "hasPart": _references([*files, README, datacite.FILE]),
+        "hasPart": _references([*files, README, DATACITE]),
         "mentions": _references([RUN, *(action["@id"] for action in actions)]),
     }  # fmt: skip
     about: Entity = {
@@ -168,7 +167,7 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], rules: Mappi
         "conformsTo": _references(["https://w3id.org/ro/crate/1.1", list(PROFILES)[2]]),
     }  # fmt: skip
     added = [about, whole, SNAKEMAKE, run]
-    for name, form in ((README, "text/markdown"), (datacite.FILE, "application/json")):
+    for name, form in ((README, "text/markdown"), (DATACITE, "application/json")):
         added.append({"@id": name, "@type": "File", "name": name, "encodingFormat": form, "about": {"@id": "./"}})
     person = {"name": str(attributes["principal_investigator"]), "affiliation": {"@id": publisher}}
     added += [
@@ -204,8 +203,11 @@ def _entities_at_root(page: Mapping[str, Any], rules: Mapping[str, str], softwar
 
 
 def _describe_run(actions: Sequence[Entity], author: str, root: Path) -> Entity:
-    """Describe the run of the workflow, and add agent and end time to the actions of its jobs."""
-    ends = dict(_ends(root))
+    """Describe the run of the workflow; add agent and end, by the time of its record, to the action of each job."""
+    ends = {
+        quote(name): datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat(timespec="seconds")
+        for name, path in crate.record_files(root).items()
+    }
     last = max(ends.values(), default=provenance.date_created())
     for action in actions:
         action |= {"agent": {"@id": author}, "endTime": ends.get(action["@id"].removeprefix("#"), last)}
@@ -232,14 +234,49 @@ def _references(identifiers: Iterable[str]) -> list[Entity]:
     return [{"@id": identifier} for identifier in sorted(identifiers)]
 
 
-def _ends(root: Path) -> Iterator[tuple[str, str]]:
-    """Yield the name of each job's action and the job's end, which is the modification time of its record."""
-    for path in (root / crate.FOLDER).glob("**/logs/*.json"):
-        name = "/".join(part for part in path.relative_to(root / crate.FOLDER).with_suffix("").parts if part != "logs")
-        yield quote(name), datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat(timespec="seconds")
-
-
 def _entry(name: str) -> zipfile.ZipInfo:
     entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
     entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
     return entry
+
+
+def describe_datacite(cruise: Cruise, *, title: str, published: str) -> dict[str, Any]:
+    """Compose the DataCite metadata of a cruise.
+
+    Args:
+        cruise: its attributes must include those that a deposit requires.
+        published: date of the results, ISO 8601.
+    """
+    given = {key: str(value) for key, value in cruise.options.attributes.items()}
+    affiliation = [{"name": given["institution"]}]
+    creator = {"name": given["principal_investigator"], "nameType": "Personal", "affiliation": affiliation}
+    if orcid := given.get("principal_investigator_orcid"):
+        scheme = {"nameIdentifierScheme": "ORCID", "schemeUri": "https://orcid.org/"}
+        creator["nameIdentifiers"] = [{"nameIdentifier": orcid, **scheme}]
+    moorings = {name.partition("/")[0]: mooring for name, mooring in cruise.moorings.items()}
+    places = []
+    for name, mooring in moorings.items():
+        longitude = Site(name, mooring.latitude, mooring.longitude).signed_longitude()
+        point = {"pointLatitude": mooring.latitude, "pointLongitude": longitude}
+        places.append({"geoLocationPlace": name, "geoLocationPoint": point})
+    spans = dict.fromkeys(f"{mooring.start:%Y-%m-%d}/{mooring.end:%Y-%m-%d}" for mooring in moorings.values())
+    dates = [{"date": span, "dateType": "Collected"} for span in spans]
+    terms, abstract = given["license"], given.get("summary", f"{title}. Processed by {provenance.software()}.")
+    method = {"relatedIdentifier": VON_APPEN, "relatedIdentifierType": "DOI", "relationType": "References"}
+    described = {
+        "schemaVersion": "http://datacite.org/schema/kernel-4",
+        "types": {"resourceTypeGeneral": "Dataset", "resourceType": "Moored current records with corrected headings"},
+        "titles": [{"title": title}],
+        "creators": [creator],
+        "publisher": {"name": given["institution"]},
+        "publicationYear": published[:4],
+        "dates": [*dates, {"date": published, "dateType": "Created"}],
+        "rightsList": [{"rights": terms, **({"rightsUri": terms} if "://" in terms else {})}],
+        "subjects": [{"subject": "ocean currents"}, {"subject": "compass deviation"}],
+        "descriptions": [{"description": abstract, "descriptionType": "Abstract"}],
+        "relatedIdentifiers": [method],
+        "geoLocations": places,
+        "formats": ["application/x-netcdf", "application/json", "text/csv"],
+        **({"doi": given["doi"]} if "doi" in given else {}),
+    }
+    return {key: value for key, value in described.items() if value}

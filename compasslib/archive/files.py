@@ -48,9 +48,8 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
     except (OSError, RuntimeError) as error:  # netCDF raises RuntimeError on a full disk
         reason = getattr(error, "strerror", None) or str(error)
         advice = "free some space or correct the permissions, and run again"
-        raise TransientError(
-            str(path), expected="room and the right to write it", found=reason, advice=advice
-        ) from error
+        expected = "room and the right to write it"
+        raise TransientError(str(path), expected=expected, found=reason, advice=advice) from error
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
@@ -96,8 +95,7 @@ def _jsonable(value: Any) -> Any:
 
 
 def _damaged(path: str | Path, expected: str, error: Exception) -> InputError:
-    advice = RERUN
-    return TransientError(str(path), expected=expected, found=f"{type(error).__name__}: {error}", advice=advice)
+    return TransientError(str(path), expected=expected, found=f"{type(error).__name__}: {error}", advice=RERUN)
 
 
 # Tables of numbers.
@@ -106,11 +104,7 @@ def _damaged(path: str | Path, expected: str, error: Exception) -> InputError:
 def write_csv(
     path: str | Path, names: Sequence[str], columns: Sequence[Sequence[Any] | NDArray[Any]], forms: Sequence[str]
 ) -> None:
-    """Write columns of numbers or texts as CSV; cells of non-finite numbers are empty.
-
-    Args:
-        forms: format of the numbers in each column, such as ``{:.3f}``.
-    """
+    """Write columns of texts, or of numbers by formats such as ``{:.3f}``, as CSV; non-finite numbers become empty."""
     with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(names)
@@ -137,23 +131,15 @@ def read_csv(path: str | Path, texts: Sequence[str] = ()) -> dict[str, NDArray[A
             for name, column in cells.items()
         }
     except (OSError, ValueError, IndexError) as error:
-        raise InputError(
-            str(path),
-            expected="a table that this program wrote",
-            found=f"{type(error).__name__}: {error}",
-            advice=RERUN,
-        ) from error
+        expected, found = "a table that this program wrote", f"{type(error).__name__}: {error}"
+        raise InputError(str(path), expected=expected, found=found, advice=RERUN) from error
 
 
 @contextmanager
 def create_netcdf(
     path: str | Path, form: Literal["NETCDF4", "NETCDF4_CLASSIC"] = "NETCDF4"
 ) -> Iterator[netCDF4.Dataset]:
-    """Yield a new netCDF dataset, which becomes the file at the path once the block has succeeded.
-
-    Args:
-        form: netCDF-4, or its classic model.
-    """
+    """Yield a new netCDF dataset, which becomes the file at the path once the block has succeeded."""
     with atomic_write(path) as temporary, netCDF4.Dataset(temporary, "w", format=form) as nc:
         yield nc
 
@@ -207,9 +193,8 @@ def write_variable(
         values = values.astype(dtype if dtype.kind == "f" else values.dtype)
         values[~np.isfinite(values)] = variable.fill
     made = nc[variable.name] if variable.name in nc.variables else _create_variable(nc, variable, level)
-    made[... if rows is None else tuple(rows if name == "TIME" else slice(None) for name in variable.dimensions)] = (
-        values
-    )
+    place = ... if rows is None else tuple(rows if name == "TIME" else slice(None) for name in variable.dimensions)
+    made[place] = values
 
 
 def _create_variable(nc: netCDF4.Dataset, variable: Variable, level: Literal[0, 1, 4]) -> netCDF4.Variable:
@@ -229,12 +214,7 @@ def _create_variable(nc: netCDF4.Dataset, variable: Variable, level: Literal[0, 
 
 
 def write_bins(nc: netCDF4.Dataset, bins: int, looks_up: bool) -> None:
-    """Write the bin numbers.
-
-    Args:
-        nc: the open file, in which the dimension BIN is defined.
-        looks_up: whether bins are counted upwards.
-    """
+    """Write the bin numbers, which are counted upwards if the instrument looks up, else downwards."""
     away = {"positive": "up" if looks_up else "down"}
     write_variable(nc, replace(BIN, also={**BIN.also, **away}), np.arange(1, bins + 1))
 

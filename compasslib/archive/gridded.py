@@ -15,12 +15,11 @@ from compasslib import angles, earthfield
 from compasslib.archive import variables
 from compasslib.archive.attributes import Site, declination_attributes, global_attributes
 from compasslib.archive.files import CHUNK, create_netcdf, open_netcdf, read_variable, write_variable
-from compasslib.archive.grid_variables import COORDINATES, DEPTH, GRIDDED, MODE, SECTION_SIGMA, SOURCES
 from compasslib.archive.netcdf import DAYS_1950_TO_1970, TIME_DECIMALS
-from compasslib.archive.variables import Variable, quality_variable
-from compasslib.product.cells import Velocities, empty_cells
+from compasslib.archive.variables import GRIDDED, SECTION_SIGMA, Variable, quality_variable
+from compasslib.product.cells import Velocities
 from compasslib.product.errors import HeadingErrors, sum_sigma
-from compasslib.product.grid import DailyMeans, GriddedProduct, Piece, Source
+from compasslib.product.grid import DailyMeans, GriddedProduct, Piece, Source, empty_piece
 from compasslib.records import GOOD, CorrectedRecord, EarthField, Flags, Record
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
@@ -52,11 +51,7 @@ def affected_source(
 
 
 def reference_source(name: str, path: str | Path, record: Record, field: EarthField, flags: Sequence[int]) -> Source:
-    """Return a reference as a source of the grid, its velocities read from its record on demand, from true north.
-
-    Args:
-        record: content of the same file, without velocities.
-    """
+    """Return a reference as a source of the grid, its velocities read from its record on demand, from true north."""
     with open_netcdf(path) as nc:
         bins, rising = len(nc.dimensions["BIN"]), "WCUR" in nc.variables
 
@@ -98,16 +93,30 @@ class FileDescription:
     also: Mapping[str, object]  # further global attributes, such as the comparison with the reference
 
     def compose(self, kind: str, time_s: Floats, depth_m: Floats) -> tuple[dict[str, Any], dict[str, object]]:
-        """Compose the global attributes of one file, and the attributes of its velocities on the declination."""
+        """Compose the global attributes of one file, and the attributes of its velocities on the declination.
+
+        Of the texts of this kind of file, the user's take precedence except ``comment``.
+        """
         spanned = global_attributes(
             self.site, time_s=time_s, depth_m=depth_m, headings=self.headings, attributes=self.attributes,
             processing=self.processing,
         )  # fmt: skip
-        first, last = (
-            earthfield.declination_at(self.field, time_s[[0, -1]]).tolist() if len(time_s) else (np.nan, np.nan)
-        )
-        turned = dict(declination_attributes(spanned, time_s, (first, last)))
-        return _described(spanned, self.attributes, self.site, kind, self.also), turned
+        means = "daily means of " if kind.endswith("daily") else ""
+        name = self.site.name
+        texts = {
+            "title": f"Currents of mooring {name} on fixed depths: {means}corrected and reference velocities",
+            "summary": (
+                f"Currents of mooring {name} on fixed depths and times, {means}velocities by corrected headings and of "
+                "the reference instruments, with the uncertainty that sections and transports need."
+            ),
+            "comment": SECTION_SIGMA,
+            "processing_level": "Post-recovery calibrations have been applied",
+            "QC_indicator": "mixed",
+        }
+        unset = {key: text for key, text in texts.items() if key not in self.attributes or key == "comment"}
+        named = {"id": str(spanned["id"]).replace("compass-corrected", kind)}
+        ends = earthfield.declination_at(self.field, time_s[[0, -1]]).tolist() if len(time_s) else (np.nan, np.nan)
+        return {**spanned, **unset, **named, **self.also}, declination_attributes(spanned, time_s, tuple(ends))
 
 
 def write_gridded(
@@ -135,19 +144,12 @@ def write_gridded(
             if daily is not None:
                 daily.add(piece)
         if not len(axes.time_s):
-            none, rows = np.zeros((0, len(axes.depth_m))), slice(0, 0)
-            cells = empty_cells(0, len(axes.depth_m), True)
-            empty = Piece(rows, cells, none.astype(np.intp), none.astype(np.int8), *[none] * 5)
-            _put_columns(nc, _columns(empty, rising), {}, rows)
+            _put_columns(nc, _columns(empty_piece(len(axes.depth_m), True), rising), {}, slice(0, 0))
     return dict(zip(("cells", "filled", "interpolated"), counts.tolist(), strict=True))
 
 
 def write_daily(path: str | Path, product: GriddedProduct, description: FileDescription, daily: DailyMeans) -> None:
-    """Write gridded_daily.nc.
-
-    Args:
-        daily: sums accumulated over the pieces of gridded.nc.
-    """
+    """Write gridded_daily.nc from the sums accumulated over the pieces of gridded.nc."""
     means = daily.means(product)
     written, turned = description.compose("gridded-daily", means.time_s, product.axes.depth_m)
     with create_netcdf(path, "NETCDF4_CLASSIC") as nc:
@@ -174,7 +176,8 @@ def _put_columns(
     rows: slice | None = None,
 ) -> None:
     for name, values in columns.items():
-        _put(nc, GRIDDED.get(name) or _flags(name), values, attributes.get(name, {}), rows)
+        variable = GRIDDED.get(name) or quality_variable(GRIDDED[name.removesuffix("_QC")])
+        _put(nc, variable, values, attributes.get(name, {}), rows)
 
 
 @dataclass(frozen=True)
@@ -202,10 +205,7 @@ class SectionMeans:
 
 
 def read_section(path: str | Path, columns: int) -> SectionMeans:
-    """Average gridded.nc over equal intervals of time, piece by piece.
-
-    Args:
-        columns: largest number of intervals.
+    """Average gridded.nc over at most ``columns`` equal intervals of time, piece by piece.
 
     Raises:
         InputError: the file is missing, damaged or of another kind.
@@ -270,26 +270,6 @@ def _mean_profile(moments: Complexes, number: Floats) -> MeanProfile:
     return MeanProfile(total, (power + twice.real) / 2.0, (power - twice.real) / 2.0, twice.imag / 2.0)
 
 
-def _described(
-    spanned: Mapping[str, Any], given: Mapping[str, object], site: Site, kind: str, also: Mapping[str, object]
-) -> dict[str, Any]:
-    """Add the texts of this kind of file to global attributes; except ``comment``, the user's take precedence."""
-    means = "daily means of " if kind.endswith("daily") else ""
-    texts = {
-        "title": f"Currents of mooring {site.name} on fixed depths: {means}corrected and reference velocities",
-        "summary": (
-            f"Currents of mooring {site.name} on fixed depths and times, {means}velocities by corrected headings and "
-            "of the reference instruments, with the uncertainty that sections and transports need."
-        ),
-        "comment": SECTION_SIGMA,
-        "processing_level": "Post-recovery calibrations have been applied",
-        "QC_indicator": "mixed",
-    }
-    unset = {key: text for key, text in texts.items() if key not in given or key == "comment"}
-    named = {"id": str(spanned["id"]).replace("compass-corrected", kind)}
-    return {**spanned, **unset, **named, **also}
-
-
 def _put_frame(nc: netCDF4.Dataset, product: GriddedProduct, site: Site, time_s: Floats) -> bool:
     """Write dimensions and coordinates; return whether vertical velocities were measured."""
     name = np.frombuffer(site.name.encode(), dtype="S1")
@@ -298,15 +278,14 @@ def _put_frame(nc: netCDF4.Dataset, product: GriddedProduct, site: Site, time_s:
     sizes |= {"SOURCES": len(shares), "NAME_LENGTH": len(name)}
     for dimension, size in sizes.items():
         nc.createDimension(dimension, size)
-    middle = {"comment": "UTC; the middle of each interval"}
     write_variable(nc, replace(variables.TIME, comment=""), time_s / DAY_S + DAYS_1950_TO_1970)
-    nc["TIME"].setncatts(middle)
-    write_variable(nc, DEPTH, product.axes.depth_m)
+    nc["TIME"].comment = "UTC; the middle of each interval"
+    write_variable(nc, variables.GRID_DEPTH, product.axes.depth_m)
     write_variable(nc, variables.LATITUDE, site.latitude)
     write_variable(nc, variables.LONGITUDE, site.signed_longitude())
     write_variable(nc, variables.STATION, name)
-    write_variable(nc, MODE, np.arange(1, shares.shape[1] + 1))
-    write_variable(nc, SOURCES, np.arange(1, len(shares) + 1))
+    write_variable(nc, variables.MODE, np.arange(1, shares.shape[1] + 1))
+    write_variable(nc, variables.SOURCES, np.arange(1, len(shares) + 1))
     return any(source.rising for source in product.sources)
 
 
@@ -351,10 +330,6 @@ def _columns(piece: Piece, rising: bool) -> dict[str, NDArray[Any]]:
     return columns
 
 
-def _flags(name: str) -> Variable:
-    return quality_variable(GRIDDED[name.removesuffix("_QC")])
-
-
 def _with(variable: Variable, also: Mapping[str, object]) -> Variable:
     return replace(variable, also={**variable.also, **also})
 
@@ -362,7 +337,7 @@ def _with(variable: Variable, also: Mapping[str, object]) -> Variable:
 def _put(
     nc: netCDF4.Dataset, variable: Variable, values: NDArray[Any], also: Mapping[str, object], rows: slice | None = None
 ) -> None:
-    place = {"coordinates": COORDINATES[variable.dimensions]}
+    place = {"coordinates": variables.GRID_COORDINATES[variable.dimensions]}
     write_variable(nc, _with(variable, {**place, **also}), values, level=4, rows=rows)
 
 
@@ -403,10 +378,7 @@ class GriddedCurrents:
 
 
 def open_gridded(path: str | Path) -> GriddedCurrents:
-    """Read gridded.nc or gridded_daily.nc.
-
-    Args:
-        path: the file, or the folder of a mooring's results, whose gridded.nc is read.
+    """Read gridded.nc or gridded_daily.nc, or gridded.nc of the folder of a mooring's results.
 
     Raises:
         InputError: the file is missing, damaged or of another kind.

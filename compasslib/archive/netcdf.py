@@ -80,9 +80,6 @@ def _beams(record: Record) -> int:
 def read_record(path: str | Path, *, velocities: bool = True) -> Record:
     """Read a record written by ``write_record``, without its profiles, which are large and rarely needed.
 
-    Args:
-        velocities: whether to read the bins; otherwise the record has none.
-
     Raises:
         InputError: the file is missing, damaged or of another kind.
     """
@@ -120,20 +117,13 @@ def read_profiles(path: str | Path) -> dict[str, Rows]:
         }
 
 
-def read_counts(path: str | Path) -> dict[str, int]:
-    """Read the counts of a record (read, skipped, flagged) without its series.
+def read_notes(path: str | Path, name: str) -> Any:
+    """Read the ``counts`` (read, skipped, flagged) or the ``warnings`` of a record without its series.
 
     Raises:
         InputError: the file is missing, damaged or of another kind.
     """
-    counts: dict[str, int] = json.loads(read_attribute(path, "counts"))
-    return counts
-
-
-def read_warnings(path: str | Path) -> list[str]:
-    """Read the warnings of a record; see ``read_counts``."""
-    warnings: list[str] = json.loads(read_attribute(path, "warnings"))
-    return warnings
+    return json.loads(read_attribute(path, name))
 
 
 def read_applied_declinations(paths: Iterable[str | Path]) -> dict[str, float]:
@@ -154,11 +144,7 @@ def read_applied_declinations(paths: Iterable[str | Path]) -> dict[str, float]:
 
 
 def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, object] | None = None) -> None:
-    """Write overlap.nc.
-
-    Args:
-        pairs: the pairs, possibly none.
-    """
+    """Write overlap.nc, possibly without pairs."""
     with create_netcdf(path) as nc:
         nc.setncatts({"Conventions": "CF-1.11", "title": "pairs of overlapping velocities"} | plain(attributes or {}))
         nc.setncattr("warnings", json.dumps(pairs.warnings))
@@ -280,7 +266,7 @@ def _scan_pieces(pieces: Iterable[CorrectedRecord]) -> _Whole:
         depths += _ends(record.bin_depth_m())
         declination += piece.declination_deg[[0, -1]].tolist() if len(piece.declination_deg) else []
         several = (record.heading_deg, piece.heading_corrected_deg, record.temperature_c, record.pressure_dbar)
-        counts += [_count(each) for each in several]
+        counts += [np.isfinite(each).sum() for each in several]
     recorded, corrected, *series = counts.tolist()
     perhaps = [name for name, count in zip(("TEMP", "PRES"), series, strict=True) if count]
     return _Whole(
@@ -410,10 +396,6 @@ def _columns(product: CorrectedRecord, whole: _Whole) -> Columns:
         flags = _flag_missing(record.quality, values, MISSING) if values.dtype.kind == "f" else None
         columns[variables.PROFILES[name]] = (_beams_first(values), flags)
     return columns
-
-
-def _count(values: Floats) -> int:
-    return int(np.isfinite(values).sum())
 
 
 def _flag_missing(flags: Flags, values: Floats, absent: int) -> Flags:

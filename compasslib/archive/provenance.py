@@ -137,11 +137,7 @@ def digest(modules: Iterable[str | Path]) -> str:
 
 @cache
 def code(modules: tuple[str, ...]) -> str:
-    """Hash the modules behind a script, once per process: later edits of the files are ignored.
-
-    Args:
-        modules: files as returned by ``sources``.
-    """
+    """Hash the modules behind a script, as returned by ``sources``, once per process: later edits are ignored."""
     return digest(modules)
 
 
@@ -203,11 +199,7 @@ def processing(
 
 
 def stamp(raw_files: Sequence[str]) -> dict[str, Any]:
-    """Compose the keys that state the provenance of a calibration: raw files, software and date.
-
-    Args:
-        raw_files: raw files that were read, relative to the cruise folder.
-    """
+    """Compose the keys that state the provenance of a calibration: raw files, software and date."""
     return {"source_files": list(raw_files), "software": software(), "date_created": date_created()}
 
 

@@ -1,4 +1,4 @@
-"""Summaries of a mooring's results: its row of summary.csv, and the current of one bin before and after correction."""
+"""Summaries of a mooring's results: row of summary.csv, lookup table, histograms, and the current of one bin."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib.archive import netcdf
-from compasslib.archive.files import atomic_write, open_netcdf, read_json, read_series, read_variable
+from compasslib.archive.files import (
+    atomic_write,
+    open_netcdf,
+    read_csv,
+    read_json,
+    read_series,
+    read_variable,
+    write_csv,
+)
 from compasslib.archive.netcdf import DAYS_1950_TO_1970
+from compasslib.deviation.correction import LOOKUP_COLUMNS
+from compasslib.deviation.histograms import BIN_DEG, BINS, QUANTITIES, Counts
 from compasslib.records import BAD, Pairs
-from compasslib.types import Complexes, Floats
+from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
 COLUMNS = (
-    "name",
-    "method",
-    "n_pairs",
-    "share_corrected",
-    "rms_before_deg",
-    "rms_after_deg",
-    "max_deviation_deg",
-    "folded",
-    "verdict",
-    "effects",
-    "side",
-    "warnings",
+    *("name", "method", "n_pairs", "share_corrected", "rms_before_deg", "rms_after_deg", "max_deviation_deg", "folded"),
+    *("verdict", "effects", "side", "warnings"),
 )
-
 STOPPED = "stopped"  # verdict of a mooring that has no results because its files cannot be used
 
 
@@ -47,7 +47,7 @@ def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = Non
     corrected = np.isfinite(heading)
     paths = record_paths(folder, roles)
     current = ["water"] * bool(diagnosis.get("current"))
-    of_records = [f"{path.stem}: {warning}" for path in paths for warning in netcdf.read_warnings(path)]
+    of_records = [f"{path.stem}: {warning}" for path in paths for warning in netcdf.read_notes(path, "warnings")]
     return {
         "name": name,
         "method": fit["method"],
@@ -70,11 +70,7 @@ def stopped_row(name: str, why: str) -> dict[str, Any]:
 
 
 def record_paths(folder: Path, roles: Iterable[str] | None) -> list[Path]:
-    """List the record files of a mooring's instruments, sorted by name.
-
-    Args:
-        roles: its instruments; None, without a configuration, for all records present.
-    """
+    """List the record files of a mooring's instruments, sorted; without a configuration (None), of all present."""
     if roles is None:
         return sorted((folder / "work").glob("*.nc"))
     return [folder / f"work/{role}.nc" for role in sorted(roles)]
@@ -123,10 +119,35 @@ def _rounded(value: float | None, digits: int) -> float | None:
     return None if value is None else round(float(value), digits)
 
 
+HISTOGRAM_COLUMNS = ("quantity", "from_deg", "to_deg", "count")
+
+
+def write_lookup(path: str | Path, table: Mapping[str, Floats]) -> None:
+    """Write table.csv, the lookup table of headings; only its header where the table is empty."""
+    forms = ("{:.0f}", "{:.3f}", "{:.3f}", "{:.3f}", "{:.0f}")
+    write_csv(path, LOOKUP_COLUMNS, [table[name] for name in LOOKUP_COLUMNS], forms)
+
+
+def write_histograms(path: str | Path, histograms: Mapping[str, Counts]) -> None:
+    """Write histograms.csv, one row per bin."""
+    begin = np.concatenate([QUANTITIES[name] + BIN_DEG * np.arange(BINS) for name in histograms])
+    columns = (np.repeat(list(histograms), BINS), begin, begin + BIN_DEG, np.concatenate(list(histograms.values())))
+    write_csv(path, HISTOGRAM_COLUMNS, columns, ("", "{:g}", "{:g}", "{:.0f}"))
+
+
+def read_histograms(path: str | Path) -> dict[str, NDArray[np.int_]]:
+    """Read the counts of histograms.csv by quantity, (72,) each.
+
+    Raises:
+        InputError: the file is missing or damaged.
+    """
+    columns = read_csv(path, ("quantity",))
+    return {name: columns["count"][columns["quantity"] == name].astype(int) for name in QUANTITIES}
+
+
 # The current of one bin.
 
 MIN_SAMPLE_SHARE = 0.9  # of the samples of the fullest bin: the nearest bin that has as many is shown
-HOUR_S = 3600.0
 AVERAGING_HOURS = (1, 6, 24, 48, 120, 240, 720, 2400)  # possible averaging intervals
 MAX_MEANS, MAX_STICKS = 420, 90
 
@@ -162,7 +183,7 @@ def read_bin_currents(path: str | Path) -> BinCurrents:
         InputError: the file is missing, damaged or of another kind.
     """
     with open_netcdf(path) as nc:
-        time_s = (read_variable(nc, "TIME") - DAYS_1950_TO_1970) * 86400.0
+        time_s = (read_variable(nc, "TIME") - DAYS_1950_TO_1970) * DAY_S
         count = np.sum(read_variable(nc, "UCUR_RECORDED_QC") < BAD, axis=0)
         if not count.any():
             nothing = CurrentSeries(time_s, np.full(time_s.shape, complex(np.nan, np.nan)))
@@ -187,12 +208,7 @@ def reference_current(pairs: Pairs) -> CurrentSeries:
 
 
 def averaging_hours(time_s: Floats, most: int = MAX_MEANS) -> float:
-    """Choose an averaging interval, hours.
-
-    Args:
-        time_s: increasing times, possibly none.
-        most: largest number of means over the record.
-    """
+    """Choose an averaging interval, hours, for at most ``most`` means over a record, whose times increase."""
     hours = (time_s[-1] - time_s[0]) / HOUR_S if len(time_s) else 0.0
     return float(next((span for span in AVERAGING_HOURS if hours <= most * span), AVERAGING_HOURS[-1]))
 

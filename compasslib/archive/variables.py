@@ -1,15 +1,16 @@
 """Variables of the netCDF files, one entry each.
 
-The variable names of corrected.nc and overlap.nc are a public interface. Standard names are from the CF table and are
-omitted where it has none: it has an orientation from true north, but no magnetic heading, deviation or declination.
-Flags are those of OceanSITES reference table 2. ``python -m compasslib.archive.variables`` prints the table of
-docs/reference/product.md.
+The variable names of corrected.nc, overlap.nc and gridded.nc are a public interface. Standard names are from the CF
+table and are omitted where it has none: it has an orientation from true north, but no magnetic heading, deviation or
+declination. Flags are those of OceanSITES reference table 2. ``python -m compasslib.archive.variables`` prints the
+table of docs/reference/product.md.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -77,19 +78,10 @@ class Variable:
 
 
 def quality_variable(variable: Variable) -> Variable:
-    """Create the quality flag variable of a variable.
-
-    Args:
-        variable: the variable whose values are flagged.
-    """
+    """Create the quality flag variable of a variable."""
     attributes = {"conventions": "OceanSITES QC Flags", "flag_values": FLAG_VALUES, "flag_meanings": FLAG_MEANINGS}
-    return replace(
-        Variable(
-            f"{variable.name}_QC", f"quality flag for {variable.name}", "", "status_flag", fill=None, also=attributes
-        ),
-        dimensions=variable.dimensions,
-        dtype="i1",
-    )
+    name, meaning = f"{variable.name}_QC", f"quality flag for {variable.name}"
+    return Variable(name, meaning, "", "status_flag", variable.dimensions, "i1", fill=None, also=attributes)
 
 
 # ------------------------------------------------------------------------------------------------ record, by field name
@@ -123,7 +115,7 @@ RECORD = {
     "depth_m": Variable("INSTRUMENT_DEPTH", "depth of the instrument", "m", "depth", also=SEA_LEVEL),
     "temperature_c": Variable("TEMP", "temperature", "degree_Celsius", "sea_water_temperature", also=_ON_SCALE),
     "supply_voltage": Variable("SUPPLY_VOLTAGE", "supply voltage, counts or volts", "1"),
-    "quality": replace(quality_variable(Variable("VELOCITY", "")), dimensions=BINS),
+    "quality": quality_variable(Variable("VELOCITY", "", dimensions=BINS)),
     "heading_quality": quality_variable(Variable("HEADING", "")),
     "tests": Variable(
         "VELOCITY_QC_TESTS", "tests that the velocity failed", "", "status_flag", BINS, "i2", fill=None, also=_TESTS
@@ -166,40 +158,17 @@ _STANDARD_DEVIATION = "One standard deviation."
 _BY_CORRECTED = ("HEADING_CORRECTED", "DECLINATION")
 
 TIME = Variable(
-    "TIME",
-    "time of measurement",
-    "days since 1950-01-01T00:00:00Z",
-    "time",
-    valid=(0.0, 90000.0),
-    comment="UTC",
-    fill=None,
-    also={"axis": "T", "QC_indicator": "probably good data"},
-    parameter="ELTJLD01",
-)
+    "TIME", "time of measurement", "days since 1950-01-01T00:00:00Z", "time", valid=(0.0, 90000.0), fill=None,
+    also={"axis": "T", "QC_indicator": "probably good data"}, parameter="ELTJLD01", comment="UTC",
+)  # fmt: skip
 LATITUDE = Variable(
-    "LATITUDE",
-    "latitude of the mooring",
-    "degrees_north",
-    "latitude",
-    dimensions=(),
-    valid=(-90.0, 90.0),
-    reference="WGS84",
-    fill=None,
-    also={"axis": "Y", **_WGS84},
-    parameter="ALATZZ01",
-)
+    "LATITUDE", "latitude of the mooring", "degrees_north", "latitude", dimensions=(), valid=(-90.0, 90.0),
+    reference="WGS84", fill=None, also={"axis": "Y", **_WGS84}, parameter="ALATZZ01",
+)  # fmt: skip
 LONGITUDE = Variable(
-    "LONGITUDE",
-    "longitude of the mooring",
-    "degrees_east",
-    "longitude",
-    dimensions=(),
-    valid=(-180.0, 180.0),
-    reference="WGS84",
-    fill=None,
-    also={"axis": "X", **_WGS84},
-    parameter="ALONZZ01",
-)
+    "LONGITUDE", "longitude of the mooring", "degrees_east", "longitude", dimensions=(), valid=(-180.0, 180.0),
+    reference="WGS84", fill=None, also={"axis": "X", **_WGS84}, parameter="ALONZZ01",
+)  # fmt: skip
 STATION = Variable(
     "STATION", "name of the mooring", "", "", ("NAME_LENGTH",), "S1", fill=None, also={"cf_role": "timeseries_id"}
 )
@@ -216,7 +185,7 @@ def _current(name: str, how: str, comment: str, ancillary: tuple[str, ...] = ())
         "" if recorded else standard_name,  # selection by standard name yields the corrected current
         BINS,
         "f4",
-        valid=(-10.0, 10.0),
+        valid=(0.0, 10.0) if uncertain else (-10.0, 10.0),
         reference=TRUE,
         comment=comment,
         ancillary=ancillary,
@@ -230,214 +199,115 @@ def _current(name: str, how: str, comment: str, ancillary: tuple[str, ...] = ())
 
 def _counts(name: str, what: str, standard_name: str, comment: str, *, units: str = "1") -> Variable:
     # The classic netCDF model has no unsigned byte; the high bytes are almost all zero and compress to nothing.
-    unchecked = {"QC_indicator": "unknown"}
     return Variable(
-        *(name, what, units, standard_name, BEAMS, "i2"),
-        valid=(0, 255),
-        comment=comment,
-        fill=ABSENT,
-        also=unchecked,
-        flagged=False,
-        sensed=True,
-        optional=True,
-    )
+        name, what, units, standard_name, BEAMS, "i2", valid=(0, 255), comment=comment, fill=ABSENT,
+        also={"QC_indicator": "unknown"}, flagged=False, sensed=True, optional=True,
+    )  # fmt: skip
 
 
 def _tilt(name: str, standard_name: str, sign: str, parameter: str) -> Variable:
     return Variable(
-        *(name, name.lower(), "degree", standard_name),
-        valid=(-180.0, 180.0),
-        comment=f"{sign} {_RANGE_ONLY}",
-        sensed=True,
-        parameter=parameter,
-    )
+        name, name.lower(), "degree", standard_name, valid=(-180.0, 180.0), comment=f"{sign} {_RANGE_ONLY}",
+        sensed=True, parameter=parameter,
+    )  # fmt: skip
 
 
 _TABLE = (
     Variable(
-        "INSTRUMENT_DEPTH",
-        "depth of the instrument",
-        "m",
-        "depth",
-        valid=(-10.0, 12000.0),
-        comment=_RANGE_ONLY,
-        also=_BELOW_SEA_LEVEL,
-        content="coordinate",
-        parameter="ADEPZZ01",
+        "INSTRUMENT_DEPTH", "depth of the instrument", "m", "depth", valid=(-10.0, 12000.0), comment=_RANGE_ONLY,
+        also=_BELOW_SEA_LEVEL, content="coordinate", parameter="ADEPZZ01",
     ),
     Variable(
-        "DEPTH",
-        "depth of each bin, blow-down followed",
-        "m",
-        "depth",
-        BINS,
-        "f4",
-        valid=(-1000.0, 12000.0),
+        "DEPTH", "depth of each bin, blow-down followed", "m", "depth", BINS, "f4", valid=(-1000.0, 12000.0),
+        also=_BELOW_SEA_LEVEL, content="coordinate", parameter="ADEPZZ01",
         comment="Negative where a bin lies above the sea surface. " + _RANGE_ONLY,
-        also=_BELOW_SEA_LEVEL,
-        content="coordinate",
-        parameter="ADEPZZ01",
     ),
     Variable(
-        "HEADING",
-        "heading of the instrument as its compass recorded it",
-        "degree",
-        valid=(0.0, 360.0),
-        reference=MAGNETIC,
-        comment="Clockwise; without declination and without any correction.",
-        sensed=True,
+        "HEADING", "heading of the instrument as its compass recorded it", "degree", valid=(0.0, 360.0),
+        reference=MAGNETIC, sensed=True, comment="Clockwise; without declination and without any correction.",
     ),
     Variable(
-        "HEADING_CORRECTED",
-        "heading of the instrument, corrected for magnetic deviation",
-        "degree",
-        valid=(0.0, 360.0),
-        reference=MAGNETIC,
-        comment="Clockwise. HEADING_CORRECTED + DECLINATION is the heading from true north. " + _NOT_CORRECTED,
+        "HEADING_CORRECTED", "heading of the instrument, corrected for magnetic deviation", "degree",
+        valid=(0.0, 360.0), reference=MAGNETIC,
         ancillary=("HEADING_CORRECTED_UNCERTAINTY", "DEVIATION", "BRANCH_PROBABILITY"),
+        comment="Clockwise. HEADING_CORRECTED + DECLINATION is the heading from true north. " + _NOT_CORRECTED,
     ),
     Variable(
-        "HEADING_CORRECTED_UNCERTAINTY",
-        "uncertainty of HEADING_CORRECTED",
-        "degree",
-        valid=(0.0, 180.0),
-        comment=_STANDARD_DEVIATION,
-        content="qualityInformation",
+        "HEADING_CORRECTED_UNCERTAINTY", "uncertainty of HEADING_CORRECTED", "degree", valid=(0.0, 180.0),
+        comment=_STANDARD_DEVIATION, content="qualityInformation",
     ),
     Variable(
-        "DEVIATION",
-        "magnetic deviation of the compass, HEADING_CORRECTED minus HEADING",
-        "degree",
-        valid=(-180.0, 180.0),
-        comment="Positive where the compass reads too little.",
-        content="modelResult",
+        "DEVIATION", "magnetic deviation of the compass, HEADING_CORRECTED minus HEADING", "degree",
+        valid=(-180.0, 180.0), content="modelResult", comment="Positive where the compass reads too little.",
     ),
     Variable(
-        "BRANCH_PROBABILITY",
-        "probability of HEADING_CORRECTED among the headings that give the same reading",
-        "1",
-        valid=(0.0, 1.0),
+        "BRANCH_PROBABILITY", "probability of HEADING_CORRECTED among the headings that give the same reading", "1",
+        valid=(0.0, 1.0), content="qualityInformation", flagged=False,
         comment="1 where one heading alone gives the recorded one.",
-        content="qualityInformation",
-        flagged=False,
     ),
     Variable(
-        "DECLINATION",
-        "magnetic declination, angle from true to magnetic north",
-        "degree",
-        valid=(-180.0, 180.0),
-        reference=TRUE,
+        "DECLINATION", "magnetic declination, angle from true to magnetic north", "degree", valid=(-180.0, 180.0),
+        reference=TRUE, content="modelResult", by_declination=True,
         comment="East positive; from a model of the earth's field or from metadata, not measured.",
-        content="modelResult",
-        by_declination=True,
     ),
     _current("UCUR", "by the corrected heading", _CORRECTED, ("UCUR_UNCERTAINTY", "UCUR_QC_TESTS", *_BY_CORRECTED)),
     _current("VCUR", "by the corrected heading", _CORRECTED, ("VCUR_UNCERTAINTY", "UCUR_QC_TESTS", *_BY_CORRECTED)),
     _current("UCUR_RECORDED", "by the recorded heading", _RECORDED, ("HEADING", "DECLINATION")),
     _current("VCUR_RECORDED", "by the recorded heading", _RECORDED, ("HEADING", "DECLINATION")),
-    replace(_current("UCUR_UNCERTAINTY", "uncertainty of UCUR", _STANDARD_DEVIATION), valid=(0.0, 10.0)),
-    replace(_current("VCUR_UNCERTAINTY", "uncertainty of VCUR", _STANDARD_DEVIATION), valid=(0.0, 10.0)),
+    _current("UCUR_UNCERTAINTY", "uncertainty of UCUR", _STANDARD_DEVIATION),
+    _current("VCUR_UNCERTAINTY", "uncertainty of VCUR", _STANDARD_DEVIATION),
     Variable(
-        "UCUR_QC_TESTS",
-        "tests that UCUR and VCUR failed",
-        "",
-        "status_flag",
-        BINS,
-        "i2",
+        "UCUR_QC_TESTS", "tests that UCUR and VCUR failed", "", "status_flag", BINS, "i2", fill=None, also=_TESTS,
+        content="qualityInformation", flagged=False,
         comment="Bits of all tests that a velocity failed; names after QARTOD's tests and the IMOS toolbox.",
-        fill=None,
-        also=_TESTS,
-        content="qualityInformation",
-        flagged=False,
     ),
     Variable(
-        "HEADING_TRUE",
-        "heading of the instrument from true north, corrected for magnetic deviation",
-        "degree",
-        "platform_orientation",
-        valid=(0.0, 360.0),
-        reference=TRUE,
+        "HEADING_TRUE", "heading of the instrument from true north, corrected for magnetic deviation", "degree",
+        "platform_orientation", valid=(0.0, 360.0), reference=TRUE,
+        ancillary=("HEADING_CORRECTED_UNCERTAINTY", "DECLINATION"), by_declination=True, parameter="HEADCM01",
         comment="Clockwise; HEADING_CORRECTED + DECLINATION. " + _NOT_CORRECTED,
-        ancillary=("HEADING_CORRECTED_UNCERTAINTY", "DECLINATION"),
-        by_declination=True,
-        parameter="HEADCM01",
     ),
     _tilt("PITCH", PITCH, "Forward up.", "PTCHGP01"),
     _tilt("ROLL", ROLL, "Starboard down.", "ROLLGP01"),
     Variable(
-        "TEMP",
-        "temperature at the transducer",
-        "degree_Celsius",
-        "sea_water_temperature",
-        valid=(-5.0, 45.0),
-        comment=_RANGE_ONLY,
-        also=_ON_SCALE,
-        sensed=True,
-        optional=True,
-        parameter="TEMPPR01",
+        "TEMP", "temperature at the transducer", "degree_Celsius", "sea_water_temperature", valid=(-5.0, 45.0),
+        comment=_RANGE_ONLY, also=_ON_SCALE, sensed=True, optional=True, parameter="TEMPPR01",
     ),
     Variable(
-        "PRES",
-        "pressure at the instrument",
-        "dbar",
-        "sea_water_pressure",
-        valid=(-10.0, 12000.0),
-        comment="By the instrument's sensor, which is usually set to zero in air; pressure_offset is subtracted. "
-        + _RANGE_ONLY,
-        sensed=True,
-        optional=True,
+        "PRES", "pressure at the instrument", "dbar", "sea_water_pressure", valid=(-10.0, 12000.0), sensed=True,
+        optional=True, comment="By the instrument's sensor, which is usually set to zero in air; pressure_offset is "
+        f"subtracted. {_RANGE_ONLY}",
     ),
     Variable(
-        "WCUR",
-        "upward velocity of the water",
-        "m s-1",
-        "upward_sea_water_velocity",
-        BINS,
-        "f4",
-        valid=(-10.0, 10.0),
-        comment="As measured; no heading changes it.",
-        sensed=True,
-        optional=True,
+        "WCUR", "upward velocity of the water", "m s-1", "upward_sea_water_velocity", BINS, "f4", valid=(-10.0, 10.0),
+        sensed=True, optional=True, comment="As measured; no heading changes it.",
     ),
     Variable(
-        "ERROR_VELOCITY",
-        "error velocity, the misfit of four beams",
-        "m s-1",
-        "indicative_error_from_multibeam_acoustic_doppler_velocity_profiler_in_sea_water",
-        BINS,
-        "f4",
-        valid=(-10.0, 10.0),
+        "ERROR_VELOCITY", "error velocity, the misfit of four beams", "m s-1",
+        "indicative_error_from_multibeam_acoustic_doppler_velocity_profiler_in_sea_water", BINS, "f4",
+        valid=(-10.0, 10.0), sensed=True, optional=True, parameter="LERRAP01",
         comment="As measured; velocities from three beams have none.",
-        sensed=True,
-        optional=True,
-        parameter="LERRAP01",
     ),
     _counts(
-        "ECHO_INTENSITY",
-        "intensity of the echo of each beam",
+        "ECHO_INTENSITY", "intensity of the echo of each beam",
         "signal_intensity_from_multibeam_acoustic_doppler_velocity_sensor_in_sea_water",
         "Counts of the instrument, of some 0.45 dB (RDI) or 0.5 dB (Nortek).",
     ),
     _counts(
-        "CORRELATION",
-        "correlation of the pings of each beam",
+        "CORRELATION", "correlation of the pings of each beam",
         "beam_consistency_indicator_from_multibeam_acoustic_doppler_velocity_profiler_in_sea_water",
         "Counts of 255 (RDI), or percent (Nortek).",
     ),
     _counts(
-        "PERCENT_GOOD",
-        "share of the pings that were good",
+        "PERCENT_GOOD", "share of the pings that were good",
         "proportion_of_acceptable_signal_returns_from_acoustic_instrument_in_sea_water",
         "RDI: of each beam where recorded_in is beam; else the shares of solutions from three beams, of those rejected "
         "by their error velocity, of more than one bad beam, and of solutions from four beams.",
         units="percent",
     ),
-)
+)  # fmt: skip
 CORRECTED = {
-    variable.name: replace(
-        variable,
-        also={**variable.also, "coverage_content_type": variable.content},
-    )
+    variable.name: replace(variable, also={**variable.also, "coverage_content_type": variable.content})
     for variable in _TABLE
 }
 _OF_BINS = "TIME LATITUDE LONGITUDE DEPTH"
@@ -464,6 +334,96 @@ def profile_variable(name: str, kind: str, beams: bool) -> Variable:
         bits = {**base.also, "_Unsigned": "true"}
         return replace(base, dtype="i1", fill=None, valid=None, dimensions=dimensions, also=bits)
     return replace(base, dtype=kind, dimensions=dimensions)
+
+
+# ----------------------------------------------------------------------------- gridded.nc and gridded_daily.nc, by name
+CELLS, MODES, SHARES = ("TIME", "DEPTH"), ("MODE", "TIME"), ("SOURCES", "MODE")
+GRID_COORDINATES = {CELLS: "TIME LATITUDE LONGITUDE DEPTH", ("TIME",): "TIME LATITUDE LONGITUDE"}
+SECTION_SIGMA = (
+    "An error delta of a heading is transverse, du = v delta and dv = -u delta, and is common to all cells of one "
+    "time and source. Of a sum Q = sum(a UCUR + b VCUR) over times t and depths z, let g(s, t) = sum over the depths "
+    "of source s of a VCUR - b UCUR. Then var(Q) = sum over modes m of [sum over s, t of HEADING_ERROR_SHARE(s, m) "
+    "HEADING_ERROR_MODE(m, t) g(s, t)]^2 + sum over pairs of times t, t' of r(t) r(t') exp(-|t - t'| / memory_hours) "
+    "+ sum over cells of rest^2 (a^2 + b^2) (1 + 2 error_memory_hours / step of TIME), where r(t) = "
+    "HEADING_ERROR_RANDOM(t) g(1, t), source 1 being the affected instrument (several are sources 1, 2, ..., each "
+    "with its own row of HEADING_ERROR_RANDOM and its own sum), memory_hours is an attribute of HEADING_ERROR_RANDOM "
+    "and error_memory_hours of UCUR_UNCERTAINTY, and rest^2 = (UCUR_UNCERTAINTY^2 + VCUR_UNCERTAINTY^2 - h^2 (UCUR^2 "
+    "+ VCUR^2)) / 2 with h^2 the variance of the heading of the cell's source."
+)
+GRID_DEPTH = Variable(
+    "DEPTH", "depth", "m", "depth", ("DEPTH",), fill=None, valid=(0.0, 12000.0),
+    also={"axis": "Z", **SEA_LEVEL, "QC_indicator": "nominal value", "coverage_content_type": "coordinate",
+          "coordinate_reference_frame": "urn:ogc:def:crs:EPSG::5831"},
+    parameter="ADEPZZ01",
+)  # fmt: skip
+MODE = Variable("MODE", "number of the mode", "1", "", ("MODE",), "i4", fill=None)
+SOURCES = Variable("SOURCES", "number of the instrument, as in SOURCE", "1", "", ("SOURCES",), "i4", fill=None)
+
+_QUALITY = {"coverage_content_type": "qualityInformation"}
+_MEASURED = {"coverage_content_type": "physicalMeasurement"}
+_HELPERS = ("UV_COVARIANCE", "SOURCE", "N_CELLS", "HEADING_ERROR_MODE", "HEADING_ERROR_RANDOM")
+_BY_WHAT = "By the corrected heading of the affected instrument, or by a reference; SOURCE tells which."
+_TOTAL = "One standard deviation, all errors together; for sums and means the modes of the heading error are needed."
+
+
+def _cells(name: str, long_name: str, units: str, standard_name: str = "", **others: Any) -> Variable:
+    return Variable(name, long_name, units, standard_name, CELLS, **{"dtype": "f4", "also": _QUALITY, **others})
+
+
+def _gridded_current(name: str, towards: str, standard_name: str) -> Variable:
+    return _cells(
+        name, f"{towards} velocity of the water", "m s-1", standard_name, valid=(-10.0, 10.0), reference=TRUE,
+        comment=_BY_WHAT, ancillary=(f"{name}_QC", f"{name}_UNCERTAINTY", *_HELPERS), also=_MEASURED,
+        parameter=CURRENT_CODES[name],
+    )  # fmt: skip
+
+
+def _uncertainty(name: str, standard_name: str) -> Variable:
+    relation = f"{standard_name} standard_error"
+    return _cells(f"{name}_UNCERTAINTY", f"uncertainty of {name}", "m s-1", relation, valid=(0.0, 10.0), comment=_TOTAL)
+
+
+def _number(name: str, long_name: str) -> Variable:
+    return _cells(name, long_name, "1", dtype="i4", fill=None)
+
+
+_GRIDDED = (
+    _gridded_current("UCUR", "eastward", EASTWARD),
+    _gridded_current("VCUR", "northward", NORTHWARD),
+    _cells(
+        "WCUR", "upward velocity of the water", "m s-1", "upward_sea_water_velocity", valid=(-10.0, 10.0),
+        ancillary=("WCUR_QC", "SOURCE"), also=_MEASURED,
+        comment="Relative to the instrument, whose own rise is that of its depth. No heading changes it.",
+    ),
+    _uncertainty("UCUR", EASTWARD),
+    _uncertainty("VCUR", NORTHWARD),
+    _cells("UV_COVARIANCE", "covariance of the errors of UCUR and VCUR", "m2 s-2"),
+    _cells("SOURCE", "instrument that the velocity is of", "", dtype="i1", fill=None),
+    _number("N_CELLS", "number of measured velocities that went in"),
+    Variable(
+        "HEADING_ERROR_MODE", "error of the heading, radians per unit normal number", "radian", dimensions=MODES,
+        dtype="f4", comment=SECTION_SIGMA, also=_QUALITY,
+    ),
+    Variable(
+        "HEADING_ERROR_RANDOM", "random error of the heading of the affected instrument", "radian", also=_QUALITY,
+        comment="One standard deviation; its correlation falls off as exp(-lag / memory_hours).",
+    ),
+    Variable(
+        "HEADING_ERROR_SHARE", "share of a mode in the heading error of an instrument", "1", dimensions=SHARES,
+        dtype="f4", also=_QUALITY,
+    ),
+    Variable(
+        "HEADING_CORRECTION", "corrected minus recorded heading of the affected instrument", "degree",
+        also={"coverage_content_type": "modelResult"},
+        comment="Clockwise; its UCUR and VCUR turned back by this angle are those by the recorded heading.",
+    ),
+    _number("N_SAMPLES", "number of times that went into the mean"),
+    Variable(
+        "SHRINKAGE", "factor by which the heading error shortens a mean velocity", "1", also=_QUALITY,
+        comment="exp(-sigma^2 / 2), sigma the standard deviation of the heading; not undone in UCUR and VCUR.",
+    ),
+)  # fmt: skip
+GRIDDED = {variable.name: variable for variable in _GRIDDED}
 
 
 # Table for the documentation.

@@ -83,11 +83,7 @@ class Results:
         return bool(known) and not path.is_symlink() and path.is_file() and provenance.sha256(path) in known
 
     def foreign(self, apart: Collection[str]) -> list[str]:
-        """List the files that no job wrote, or that were modified since.
-
-        Args:
-            apart: files to skip.
-        """
+        """List the files except ``apart`` that no job wrote, or that were modified since."""
         left = (file for file in self.files if file not in apart and not self.of_job(file))
         return [file for file in left if not self.as_written(file)]
 
@@ -145,9 +141,6 @@ def differences(cruise: str | Path, configured: Collection[str] | None) -> list[
 
 def verify(cruise: str | Path, configured: Collection[str] | None, say: Callable[[str], None]) -> None:
     """Report the differences from the manifest, or that there are none.
-
-    Args:
-        configured: as for ``differences``.
 
     Raises:
         InputError: there are differences, or there is no valid manifest.

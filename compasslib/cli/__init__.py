@@ -31,11 +31,7 @@ AS_WRITTEN = argparse.RawDescriptionHelpFormatter
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return the exit status: 0 success, 1 unusable input, 2 invalid usage, 130 interrupted.
-
-    Args:
-        arguments: words of the command line; None for those of this process.
-    """
+    """Run one command and return the exit status: 0 success, 1 unusable input, 2 invalid usage, 130 interrupted."""
     parser = _parser()
     words = list(sys.argv[1:] if arguments is None else arguments)
     end = words.index("--") if words[:1] == ["run"] and "--" in words else len(words)

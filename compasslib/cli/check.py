@@ -14,8 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib import calibrations as calibrations
-from compasslib import earthfield, readers
+from compasslib import calibrations, earthfield, readers
 from compasslib.cli.results import print_warnings, split_warnings
 from compasslib.config import compasses
 from compasslib.config import cruise as config
@@ -32,25 +31,13 @@ from compasslib.readers.pd0.checks import match_serial_number
 from compasslib.records import BAD, Record
 from compasslib.report.words import position
 from compasslib.stages import read
-from compasslib.types import Floats
+from compasslib.types import DAY_S, Floats
 
-DAY_S = 86400.0
 SECTOR_DEG, SECTORS = 10.0, 36
 GAP = 3.0  # in median time steps: a longer step between two samples is a gap
 STEPS = ((DAY_S, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"))
 HEAD: tuple[str, ...] = (
-    "",
-    "",
-    "format",
-    "samples",
-    "every",
-    "gaps",
-    "from",
-    "to",
-    "depth",
-    "bins",
-    "headings",
-    "directions",
+    *("", "", "format", "samples", "every", "gaps", "from", "to", "depth", "bins", "headings", "directions"),
 )
 
 
@@ -121,7 +108,8 @@ def _inspect(job: Callable[[str, plan.Plan], Inspection], name: str, planned: pl
 
 def _inspect_mooring(name: str, planned: plan.Plan) -> Inspection:
     rules = planned.moorings
-    mooring, used = planned.cruise.moorings[name], used_instruments(planned.cruise.moorings[name])
+    mooring = planned.cruise.moorings[name]
+    fit, used = mooring.fit, used_instruments(mooring)
     records: dict[str, Record] = {}
     problems, warnings, rows = list[str](), list[str](), [HEAD]
     for role in (*used, *(other for other in mooring.instruments if other not in used)):
@@ -134,9 +122,8 @@ def _inspect_mooring(name: str, planned: plan.Plan) -> Inspection:
         except InputError as error:
             problems.append(f"{name}: {role}: {error}")
     series, unusable = _inspect_covariates(name, mooring.covariates, (mooring.start_s, mooring.end_s))
-    by = f"calibration {' and '.join(mooring.fit.name)}" if mooring.fit.name else mooring.fit.method
+    by = f"calibration {' and '.join(fit.name)}" if fit.name else fit.method
     also = "".join(f"; {each} ({covariate.format})" for each, covariate in mooring.covariates.items())
-    fit = mooring.fit
     corrected = mooring.reference or fit.name or fit.file or fit.coefficients
     also += "" if corrected else "; no reference, so nothing is corrected"
     place = f"{name}: {position(mooring.latitude, mooring.longitude)}"
@@ -296,9 +283,6 @@ def _plural(n: int, noun: str) -> str:
 
 def correct(asked: Namespace) -> int:
     """Correct a mooring; report each stage and finally all warnings on stderr, and print the folder of the results.
-
-    Args:
-        asked: ``cruise``, ``mooring`` and ``into``, the folder of the results or None.
 
     Raises:
         InputError: a mistake in the cruise, a raw file that cannot be read, or a folder that already exists.

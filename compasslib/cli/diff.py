@@ -113,6 +113,7 @@ CHANGES = {
 SIGMA, FLAG = "HEADING_CORRECTED_UNCERTAINTY", "HEADING_CORRECTED_QC"
 INCOMPLETE = 1
 Cells = Callable[[Path, Path], tuple[str, ...]]  # cells that compare two folders of results
+Changes = dict[tuple[str, str], set[str]]  # what changed, as in the changelog, by the software of OLD and NEW
 REQUIRED_VARIABLES = ("TIME", "HEADING_CORRECTED", "DECLINATION")
 # Variables and attributes that follow from quantities with columns of their own.
 TURNED = ("HEADING_CORRECTED", "HEADING_TRUE", "DEVIATION", "BRANCH_PROBABILITY", "UCUR", "VCUR")
@@ -142,10 +143,6 @@ class MooringRun:
 def diff(asked: Namespace) -> int:
     """Print the differences of moorings and of calibrations, with possible reasons, or that nothing changed.
 
-    Args:
-        asked: ``old`` and ``new``, each a cruise, a deposit (ZIP), a folder of results, or that of one mooring or
-            calibration.
-
     Raises:
         InputError: there are no results, or one of their files is damaged.
     """
@@ -163,8 +160,10 @@ def _print_differences(old: results.ResultFolders, new: results.ResultFolders) -
     }
     differ = [f"  {k}: {text}" for k, side in both.items() for text in records.compare(side, new.moorings[k])]
     sections += ["\n".join(["Settings and raw files that differ:", *differ])] if differ else []
-    sections += _mooring_reasons(old.moorings, new.moorings, moorings)
-    sections += _calibration_reasons(old.calibrations, new.calibrations, calibrations)
+    by_software = [_mooring_changes(old.moorings, new.moorings, moorings)]
+    by_software += [_calibration_changes(old.calibrations, new.calibrations, calibrations)]
+    reasons = (changelog_reasons(*sides, named) for each in by_software for sides, named in each.items() if named)
+    sections += ["\n".join(lines) for lines in reasons if lines]
     if not sections:
         parts = ((moorings, "mooring"), (calibrations, "calibration"))
         compared = [words.plural(len(rows), noun) for rows, noun in parts if rows]
@@ -190,11 +189,9 @@ def _rows(
     return rows
 
 
-def _mooring_reasons(
-    old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]
-) -> list[str]:
-    """List, for each pair of software versions, the entries of the changelog that may explain changed moorings."""
-    changed: dict[tuple[str, str], set[str]] = {}
+def _mooring_changes(old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]) -> Changes:
+    """Collect what changed in moorings by the software of both results."""
+    changed: Changes = {}
     for name, row in rows.items():
         if len(row) == len(MOORING_HEADER) - 1:
             sides = _software(old.get(name) or next(iter(old.values()))), _software(new[name])
@@ -202,9 +199,7 @@ def _mooring_reasons(
             named = {what for column, what in CHANGES.items() if cells[column] != SAME}
             named |= {"uncertainty"} if SIGMA in cells["also changed"] else set()
             changed.setdefault(sides, set()).update(named)
-    return [
-        "\n".join(lines) for sides, named in changed.items() if named and (lines := changelog_reasons(*sides, named))
-    ]
+    return changed
 
 
 def _software(folder: Path) -> str:
@@ -222,7 +217,10 @@ def _read_mooring(folder: Path) -> MooringRun:
 
 def _compare_moorings(old_folder: Path, new_folder: Path) -> tuple[str, ...]:
     old, new = _read_mooring(old_folder), _read_mooring(new_folder)
-    turned = _heading_change(old, new)
+    _, here, there = np.intersect1d(old.series["TIME"], new.series["TIME"], return_indices=True)
+    turn = angles.difference(new.true_deg[there], old.true_deg[here])
+    corrected = np.isfinite(old.true_deg).any() or np.isfinite(new.true_deg).any()
+    turned = _rms_and_largest(turn, "none in both" if corrected else SAME)
     share = from_to(words.percent(_corrected_share(old)), words.percent(_corrected_share(new)))
     outcome = (
         from_to(old.diagnosis["verdict"], new.diagnosis["verdict"]),
@@ -241,39 +239,27 @@ def _compare_moorings(old_folder: Path, new_folder: Path) -> tuple[str, ...]:
     others += [f"{file}.json" for file in alike if getattr(old, file) != getattr(new, file)]
     return (
         *turned,
-        _change_in_sigmas(old, new),
+        _change_in_sigmas(np.abs(turn), old.series.get(SIGMA, np.full(old.series["TIME"].shape, np.nan))[here]),
         share,
-        _flag_changes(old, new),
+        _flag_changes(old.series, new.series, here, there),
         *outcome,
         fitted,
         ", ".join(others) or SAME,
     )
 
 
-def _heading_change(old: MooringRun, new: MooringRun) -> tuple[str, str]:
-    """Compute rms and largest change of the true heading over samples for which both runs have one."""
-    here, there = _common_samples(old, new)
-    turn = angles.difference(new.true_deg[there], old.true_deg[here])
-    turn = turn[np.isfinite(turn)]
-    if not turn.size:
-        nowhere = SAME if not (np.isfinite(old.true_deg).any() or np.isfinite(new.true_deg).any()) else "none in both"
+def _rms_and_largest(change: Floats, nowhere: str) -> tuple[str, str]:
+    """Format rms and largest of changes of an angle where it is known, ``nowhere`` if that is nowhere."""
+    change = change[np.isfinite(change)]
+    if not change.size:
         return nowhere, nowhere
-    if not turn.any():
+    if not change.any():
         return SAME, SAME
-    return degrees(float(np.sqrt(np.mean(turn**2)))), degrees(float(np.max(np.abs(turn))))
+    return degrees(float(np.sqrt(np.mean(change**2)))), degrees(float(np.max(np.abs(change))))
 
 
-def _common_samples(old: MooringRun, new: MooringRun) -> tuple[Any, Any]:
-    """Return the indices of the samples that have the same time in both runs."""
-    _, here, there = np.intersect1d(old.series["TIME"], new.series["TIME"], return_indices=True)
-    return here, there
-
-
-def _change_in_sigmas(old: MooringRun, new: MooringRun) -> str:
+def _change_in_sigmas(turn: Floats, stated: Floats) -> str:
     """Compute the changes of heading in units of OLD's 1σ, on which users relied; both runs use the same data."""
-    here, there = _common_samples(old, new)
-    turn = np.abs(angles.difference(new.true_deg[there], old.true_deg[here]))
-    stated = np.asarray(old.series.get(SIGMA, np.full(old.series["TIME"].shape, np.nan)))[here]
     known = np.isfinite(turn) & (stated > 0.0)
     if not turn[np.isfinite(turn)].any():
         return SAME
@@ -283,12 +269,11 @@ def _change_in_sigmas(old: MooringRun, new: MooringRun) -> str:
     return ", ".join(words.significant(x, 2) for x in (*np.quantile(ratio, [0.5, 0.95]).tolist(), float(ratio.max())))
 
 
-def _flag_changes(old: MooringRun, new: MooringRun) -> str:
-    """Count the samples whose flag changed, and list the most frequent changes."""
-    if FLAG not in old.series or FLAG not in new.series:
-        return SAME if FLAG not in {*old.series, *new.series} else "none on one side"
-    here, there = _common_samples(old, new)
-    before, after = old.series[FLAG][here], new.series[FLAG][there]
+def _flag_changes(old: Mapping[str, Any], new: Mapping[str, Any], here: Any, there: Any) -> str:
+    """Count the samples, at indices ``here`` and ``there``, whose flag changed, and list the most frequent changes."""
+    if FLAG not in old or FLAG not in new:
+        return SAME if FLAG not in {*old, *new} else "none on one side"
+    before, after = old[FLAG][here], new[FLAG][there]
     steps, count = np.unique(np.stack([before, after])[:, before != after], axis=1, return_counts=True)
     most = np.argsort(-count, kind="stable")[:3]
     listed = (f"{steps[0, k]:.0f} → {steps[1, k]:.0f}: {count[k]}" for k in most)
@@ -310,14 +295,7 @@ def _equal(entry: Any, other: Any) -> bool:
 # Calibrations.
 
 CALIBRATION_HEADER = (
-    "calibration",
-    "deviation, rms",
-    "largest",
-    "uncertainty",
-    "verdict",
-    "effects",
-    "coefficients",
-    "also changed",
+    *("calibration", "deviation, rms", "largest", "uncertainty", "verdict", "effects", "coefficients", "also changed"),
 )
 # Keys that follow from quantities with columns of their own, or that state the software.
 EXPECTED_KEYS = ("model", "coefficients", "covariance", "uncertainty", "software", "date_created")
@@ -329,26 +307,27 @@ class CalibrationRun:
 
     content: Mapping[str, Any]  # calibration.json
     table: DeviationTable
-    diagnosis: Mapping[str, Any]  # empty if calibrations of this kind are not diagnosed
+    diagnosis: Mapping[str, Any]
 
 
-def _calibration_reasons(
+def _calibration_changes(
     old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]
-) -> list[str]:
-    """List, for each pair of software versions, the entries of the changelog that may explain changed calibrations."""
-    changed: dict[tuple[str, str], set[str]] = {}
+) -> Changes:
+    """Collect the kinds of changed calibrations by the software of both results."""
+    changed: Changes = {}
     for name, row in rows.items():
         if len(row) == len(CALIBRATION_HEADER) - 1 and any(cell != SAME for cell in row[:-1]):
             earlier = old.get(name) or next(iter(old.values()))  # a folder and its copy under another name
             entry, other = (results.read_content(side / "calibration.json") for side in (earlier, new[name]))
             sides = str(entry.get("software", "")), str(other.get("software", ""))
             changed.setdefault(sides, set()).add(f"calibration:{other['kind']}")
-    return ["\n".join(lines) for sides, named in changed.items() if (lines := changelog_reasons(*sides, named))]
+    return changed
 
 
 def _read_calibration(folder: Path) -> CalibrationRun:
     file = folder / "diagnosis.json"
-    outcome = results.read_content(file) if file.is_file() else {}
+    undiagnosed = {"verdict": "none", "findings": []}  # calibrations of some kinds are not diagnosed
+    outcome = results.read_content(file) if file.is_file() else undiagnosed
     return CalibrationRun(
         results.read_content(folder / "calibration.json"), archive.read_table(folder / "table.csv"), outcome
     )
@@ -356,43 +335,26 @@ def _read_calibration(folder: Path) -> CalibrationRun:
 
 def _compare_calibrations(old_folder: Path, new_folder: Path) -> tuple[str, ...]:
     old, new = _read_calibration(old_folder), _read_calibration(new_folder)
-    outcome = (from_to(_verdict(old), _verdict(new)), from_to(_effects(old), _effects(new)))
+    verdicts = from_to(*(str(entry.diagnosis["verdict"]) for entry in (old, new)))
+    outcome = (verdicts, from_to(effects(old.diagnosis), effects(new.diagnosis)))
     sure = from_to(*(words.degrees(entry.content["uncertainty"]["expanded_deg"], 2) for entry in (old, new)))
     fitted = coefficients(_calibration_fit(old.content), _calibration_fit(new.content))
     keys = dict.fromkeys([*old.content, *new.content])
     others = [key for key in keys if key not in EXPECTED_KEYS and old.content.get(key) != new.content.get(key)]
     alike = all(cell == SAME for cell in outcome)
     others += ["diagnosis.json"] if alike and old.diagnosis != new.diagnosis else []
-    return (*_deviation_change(old.table, new.table), sure, *outcome, fitted, ", ".join(others) or SAME)
-
-
-def _deviation_change(old: DeviationTable, new: DeviationTable) -> tuple[str, str]:
-    """Compute rms and largest change of the deviation at the headings common to both tables."""
-    _, here, there = np.intersect1d(old.heading_deg, new.heading_deg, return_indices=True)
-    change = angles.difference(new.deviation_deg[there], old.deviation_deg[here])
-    change = change[np.isfinite(change)]
-    if not change.size:
-        nowhere = "none in both" if old.heading_deg.size or new.heading_deg.size else SAME
-        return nowhere, nowhere
-    if not change.any():
-        return SAME, SAME
-    return degrees(float(np.sqrt(np.mean(change**2)))), degrees(float(np.max(np.abs(change))))
-
-
-def _verdict(run: CalibrationRun) -> str:
-    return str(run.diagnosis["verdict"]) if run.diagnosis else "none"
-
-
-def _effects(run: CalibrationRun) -> str:
-    return effects(run.diagnosis) if run.diagnosis else "none"
+    _, here, there = np.intersect1d(old.table.heading_deg, new.table.heading_deg, return_indices=True)
+    change = angles.difference(new.table.deviation_deg[there], old.table.deviation_deg[here])
+    tabulated = old.table.heading_deg.size or new.table.heading_deg.size
+    changed = _rms_and_largest(change, "none in both" if tabulated else SAME)
+    return (*changed, sure, *outcome, fitted, ", ".join(others) or SAME)
 
 
 def _calibration_fit(content: Mapping[str, Any]) -> dict[str, Any]:
     """Convert the known coefficients to the form of a mooring's fit; some kinds determine only the first of them."""
     known = {letter: value for letter, value in (content["coefficients"] or {}).items() if value is not None}
-    sigma = np.array(content["covariance"] or np.zeros((len(known), len(known))), dtype=float)[
-        : len(known), : len(known)
-    ]
+    n = len(known)
+    sigma = np.array(content["covariance"] or np.zeros((n, n)), dtype=float)[:n, :n]
     return {"method": content["model"], "coefficients": known, "covariance": np.nan_to_num(sigma).tolist()}
 
 
@@ -408,29 +370,17 @@ def from_to(old: str, new: str) -> str:
 
 
 def degrees(value: float) -> str:
-    """Format the size of a change.
-
-    Args:
-        value: degrees.
-    """
+    """Format the size of a change, degrees."""
     return f"{words.significant(value, 3)}°" if value >= 0.01 else "below 0.01°"
 
 
 def effects(diagnosis: Mapping[str, Any]) -> str:
-    """List the identified effects.
-
-    Args:
-        diagnosis: content of diagnosis.json.
-    """
+    """List the effects identified in the content of diagnosis.json."""
     return ", ".join(entry["effect"] for entry in diagnosis["findings"]) or "none"
 
 
 def coefficients(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """Format the changes of the configured fit's coefficients, or of its method if that differs.
-
-    Args:
-        old: method, coefficients and covariance of a fit.
-    """
+    """Format the changes of the configured fit's coefficients, or of its method if that differs."""
     before, after = old["coefficients"], new["coefficients"]
     if old["method"] != new["method"]:
         return f"{old['method']} → {new['method']}"

@@ -49,9 +49,6 @@ WITHOUT = "Ensembles outside the deployment or without a corrected heading: velo
 def export(asked: Namespace) -> int:
     """Write the files of one format and print their names.
 
-    Args:
-        asked: ``mooring``, ``cruise``, ``to`` and ``into``, the folder or None.
-
     Raises:
         InputError: there are no results, a file already exists, or the raw files are not those of the results.
     """
@@ -65,7 +62,8 @@ def export(asked: Namespace) -> int:
     if asked.to == "pd0":
         files = _export_pd0(asked, source, into)
     else:
-        name = oceansites_name(source) if asked.to == "oceansites" else f"{source.parent.resolve().name}.{asked.to}"
+        stem = source.parent.resolve().name
+        name = f"{read_attribute(source, 'id')}.nc" if asked.to == "oceansites" else f"{stem}.{asked.to}"
         files = _available_files(into, name)
         files += [_note_path(files[0])] if asked.to == "csv" else []
         forms: dict[str, Callable[..., None]] = {"csv": write_csv, "mat": write_mat, "oceansites": write_oceansites}
@@ -160,11 +158,9 @@ class _Product:
             expected = f"a mooring of the cruise ({', '.join(rules.cruise.moorings) or 'it has none'})"
             raise InputError(mooring, expected=expected, found="another name", advice="write its name, and --cruise")
         job = Wildcards(mooring, rules.cruise.moorings[mooring].compromised)
-        if rules.form(job) != "pd0":
-            advice = "export it to csv, mat or oceansites"
-            raise InputError(
-                f"{mooring}: {job.role}", expected="raw files in PD0", found=rules.form(job), advice=advice
-            )
+        if (form := rules.form(job)) != "pd0":
+            where, advice = f"{mooring}: {job.role}", "export it to csv, mat or oceansites"
+            raise InputError(where, expected="raw files in PD0", found=form, advice=advice)
         self.mooring, self.source, self.files = mooring, source, rules.raw_files(job)
         self._reader, self._deployment = rules.reader_settings(job), rules.deployment(job)
         names = ("TIME", "HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_QC")
@@ -172,8 +168,7 @@ class _Product:
         self._time_s = np.round((time - DAYS_1950_TO_1970) * 86400.0, TIME_DECIMALS)
         self._found = np.zeros(len(time), dtype=bool)
         self._hashes = {file: provenance.sha256(rules.cruise.root / file) for file in self.files}
-        with open_netcdf(source) as nc:
-            history = str(nc.getncattr("history"))
+        history = read_attribute(source, "history")
         if other := next((file for file, known in self._hashes.items() if known not in history), None):
             actual, advice = "one that the results were not made from", "run the cruise again"
             raise InputError(other, expected=f"the raw file behind {source}", found=actual, advice=advice)
@@ -195,11 +190,7 @@ class _Product:
         return np.where(same, angles.difference(self._corrected[at], self._recorded[at]), np.nan)
 
     def refuse_missing(self) -> None:
-        """Refuse an export in which corrected headings are missing.
-
-        Raises:
-            InputError: some corrected headings match no ensemble.
-        """
+        """Raise InputError if some corrected headings match no ensemble."""
         if lost := int(np.sum(np.isfinite(self._corrected) & ~self._found)):
             expected = f"an ensemble for each corrected heading of {self.source}"
             actual, advice = f"none for {lost}", "clock or reader settings have changed since: run the cruise again"
@@ -235,29 +226,13 @@ CONSTANT_VARIABLES = ("LATITUDE", "LONGITUDE", variables.STATION.name, variables
 
 
 def write_oceansites(source: Path, target: Path) -> None:
-    """Copy corrected.nc under another name.
-
-    Raises:
-        TransientError: the copy cannot be written.
-    """
+    """Copy corrected.nc, whose attribute ``id`` is its OceanSITES name."""
     with atomic_write(target) as temporary:
         shutil.copyfile(source, temporary)
 
 
-def oceansites_name(source: Path) -> str:
-    """Return the OceanSITES file name of corrected.nc, made from its attribute ``id``.
-
-    Raises:
-        InputError: the file is missing or damaged.
-    """
-    return f"{read_attribute(source, 'id')}.nc"
-
-
 def write_csv(source: Path, table: Path, sidecar: Path) -> None:
     """Write one row per sample and bin, with empty cells for missing values; units and meanings go to a JSON file.
-
-    Args:
-        source: corrected.nc.
 
     Raises:
         InputError: the file is missing or damaged.
@@ -274,9 +249,6 @@ def write_csv(source: Path, table: Path, sidecar: Path) -> None:
 
 def write_mat(source: Path, target: Path) -> None:
     """Write MATLAB structures: data, units, long_name and global attributes; missing values are NaN.
-
-    Args:
-        source: corrected.nc.
 
     Raises:
         InputError: the file is missing or damaged.

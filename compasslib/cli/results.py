@@ -87,10 +87,7 @@ def unpack_deposit(place: str) -> Iterator[str]:
 
 
 def find_results(place: str) -> ResultFolders:
-    """Find the folders of results.
-
-    Args:
-        place: a cruise, a folder of results, or the folder of one mooring or calibration.
+    """Find the folders of results in a cruise or a folder of results, or in that of one mooring or calibration.
 
     Raises:
         InputError: there is none.
@@ -129,22 +126,13 @@ def _moorings(root: Path) -> dict[str, Path]:
     return dict(sorted(named))
 
 
-def missing_files(folder: Path, needed: Sequence[str] = MOORING_FILES) -> list[str]:
-    """List the required files that are missing from results, as after an incomplete run.
-
-    Args:
-        folder: results of one mooring or calibration.
-    """
+def missing_files(folder: Path, needed: Sequence[str]) -> list[str]:
+    """List the required files that are missing from results, as after an incomplete run."""
     return [file for file in needed if not (folder / file).is_file()]
 
 
-def explain_missing(old: Path | None, new: Path | None, needed: Sequence[str] = MOORING_FILES) -> str:
-    """Explain why two results cannot be compared; empty if they can.
-
-    Args:
-        old: folder of the results, None if there is none.
-        needed: files that both must have.
-    """
+def explain_missing(old: Path | None, new: Path | None, needed: Sequence[str]) -> str:
+    """Explain why two folders of results, None if there is none, cannot be compared; empty if they can."""
     for folder, which in ((old, "OLD"), (new, "NEW")):
         if folder is None:
             return f"not in {which}"
@@ -153,7 +141,7 @@ def explain_missing(old: Path | None, new: Path | None, needed: Sequence[str] = 
     return ""
 
 
-def refuse_incomplete(folder: Path, needed: Sequence[str] = MOORING_FILES, what: str = "mooring") -> None:
+def refuse_incomplete(folder: Path, needed: Sequence[str], what: str) -> None:
     """Refuse results of an incomplete run.
 
     Raises:
@@ -179,10 +167,7 @@ def check_version(folder: Path) -> Iterator[None]:
 
 
 def read_content(file: Path) -> dict[str, Any]:
-    """Read a JSON file of the results and check its keys.
-
-    Args:
-        file: a file that ``REQUIRED_KEYS`` lists.
+    """Read a JSON file of the results that ``REQUIRED_KEYS`` lists, and check its keys.
 
     Raises:
         InputError: it is not JSON, or lacks a key that every run writes.
@@ -209,11 +194,7 @@ def split_warnings(said: str) -> tuple[list[str], list[str]]:
 
 
 def print_warnings(warnings: Sequence[str], stream: TextIO | None = None) -> None:
-    """Print each distinct warning once.
-
-    Args:
-        stream: output stream; None for stderr.
-    """
+    """Print each distinct warning once, to stderr by default."""
     once = list(dict.fromkeys(warnings))
     if once:
         print(f"{len(once)} warning{'s' * (len(once) != 1)}:", *once, sep="\n  ", file=stream or sys.stderr, flush=True)
@@ -228,22 +209,18 @@ EXPLAINED = ("", "calibrations", "compasses")  # subfolders of the results
 def explain(asked: Namespace) -> int:
     """Print the diagnosis of a mooring, of a calibration, or of a compass that several records share.
 
-    Args:
-        asked: ``cruise`` and ``mooring``, a name in the cruise or a folder of results.
-
     Raises:
         InputError: there are no results, or they are incomplete.
     """
-    what = "mooring, calibration or compass"
-    folder = mooring_folder(asked.cruise, asked.mooring, EXPLAINED, what).resolve()
-    read: Callable[[Path], ReportSection] = _mooring_section
-    for part, needed in (("calibration", CALIBRATION_FILES), ("compass", ("compass.json", "diagnosis.json"))):
-        if (folder / f"{part}.json").is_file():
-            refuse_incomplete(folder, needed, part)
-            read = _calibration_section if part == "calibration" else _compass_section
-            break
-    else:
-        refuse_incomplete(folder)
+    folder = mooring_folder(asked.cruise, asked.mooring, EXPLAINED, "mooring, calibration or compass").resolve()
+    parts: dict[str, tuple[Sequence[str], Callable[[Path], ReportSection]]] = {
+        "calibration": (CALIBRATION_FILES, _calibration_section),
+        "compass": (("compass.json", "diagnosis.json"), _compass_section),
+        "mooring": (MOORING_FILES, _mooring_section),
+    }
+    what = next((part for part in parts if (folder / f"{part}.json").is_file()), "mooring")
+    needed, read = parts[what]
+    refuse_incomplete(folder, needed, what)
     with check_version(folder):
         lines = explanation_lines(read(folder), folder)
     print("\n".join(lines))
@@ -303,9 +280,6 @@ def _wrap(sentences: Iterable[str]) -> list[str]:
 
 def verify(asked: Namespace) -> int:
     """Print differences from the manifest; with ``clear``, list or delete results that are no longer configured.
-
-    Args:
-        asked: ``cruise``, ``clear`` and ``yes``, which confirms the deletion.
 
     Raises:
         InputError: there are differences, there is no manifest, or ``clear`` is given and the configuration cannot be

@@ -22,9 +22,6 @@ METADATA = f"{guard.SNAKEMAKES}/metadata"  # where Snakemake stores parameters a
 def run(asked: Namespace) -> int:
     """Replace this process by Snakemake.
 
-    Args:
-        asked: ``cruise``, ``cores``, ``profile``, and ``options`` of Snakemake, which may include result files.
-
     Raises:
         InputError: Snakemake or the cruise folder is missing, or an input of the cruise is dated in the future.
     """

@@ -77,14 +77,7 @@ def mooring_cores(config: Mapping[str, object], *, is_module: bool = False) -> i
 
 
 def refuse_prefix(modifier: Any) -> None:
-    """Refuse use as a module with a prefix, whose results would not be in the folder of the run.
-
-    Args:
-        modifier: Snakemake's path modifier.
-
-    Raises:
-        InputError: the module has a prefix.
-    """
+    """Raise InputError for a module with a prefix, whose results would not be in the folder of the run."""
     if modifier.prefix or modifier.modifies_prefixes:
         advice = "start the workflow that uses this one with --directory CRUISE, and leave prefix: out"
         raise InputError("module", expected="results in the folder of the run", found="a prefix", advice=advice)
@@ -103,12 +96,7 @@ def begin() -> float:
 
 
 def listing(paths: Iterable[str], begun: float) -> list[str]:
-    """Summarize a run: the last log line of each of its jobs, all warnings, and the jobs that were killed.
-
-    Args:
-        paths: records of all jobs.
-        begun: time at which the run began, by ``file_clock``.
-    """
+    """Summarize a run since ``begun``: last log line of each of its jobs, by record, all warnings, and killed jobs."""
     ran = []
     for record in map(Path, paths):
         with suppress(OSError):
@@ -134,10 +122,8 @@ def listing(paths: Iterable[str], begun: float) -> list[str]:
 def _label(record: Path) -> str:
     """Compose the label of a job from its subject and stage, such as ``M1 read top``."""
     _, *folders = record.parent.parent.parts  # below results
-    name, stage = (
-        "/".join(folders[folders[:1] in (["calibrations"], ["compasses"]) :]),
-        record.stem.replace("_", " ", 1),
-    )
+    name = "/".join(folders[folders[:1] in (["calibrations"], ["compasses"]) :])
+    stage = record.stem.replace("_", " ", 1)
     return f"{name} {stage}" if name else stage
 
 
@@ -146,21 +132,13 @@ def refuse_links(folders: Sequence[str]) -> None:
 
     Only ``results`` may be a link, to a folder that is not another cruise's, for example on a scratch disk.
 
-    Args:
-        folders: result folders of each mooring, calibration and compass.
-
     Raises:
         InputError: there is a link.
     """
     below = [f"{folder}/{name}" for folder in (RESULTS, *folders) for name in BELOW]
-    ours = [
-        SNAKEMAKES,
-        *map(str, Path(SNAKEMAKES).glob("*")),
-        RESULTS,
-        f"{RESULTS}/calibrations",
-        f"{RESULTS}/compasses",
-    ]
-    for path in [*ours, *folders, *below]:  # linked files in them do no harm: the link is replaced
+    ours = [SNAKEMAKES, *map(str, Path(SNAKEMAKES).glob("*")), RESULTS]
+    common = [f"{RESULTS}/calibrations", f"{RESULTS}/compasses"]
+    for path in [*ours, *common, *folders, *below]:  # linked files in them do no harm: the link is replaced
         scratch = path == RESULTS and os.path.isdir(path)
         if os.path.islink(path) and not (scratch and not Path(os.path.realpath(path), "../config").exists()):
             advice = "put the cruise on the other disk and name it by --directory, or mount the disk there"
@@ -187,9 +165,8 @@ def refuse_future(paths: Iterable[str], now: float) -> None:
         if is_future(path, now):
             date = datetime.fromtimestamp(os.stat(path).st_mtime, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
             present = datetime.fromtimestamp(now, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-            advice = (
-                f"set the clock of this machine if it is wrong, otherwise redate the file: touch {shlex.quote(path)}"
-            )
+            redate = f"touch {shlex.quote(path)}"
+            advice = f"set the clock of this machine if it is wrong, otherwise redate the file: {redate}"
             raise InputError(path, expected=f"a date of change before now, {present}", found=date, advice=advice)
 
 

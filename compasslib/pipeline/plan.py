@@ -34,7 +34,7 @@ from compasslib.pipeline.stages import CRUISE, OF_CRUISE, Given, Stage
 
 SIMULATED = (*(f"EG{k}" for k in range(1, 8)), *records.CONCEALED)  # the moorings of the demonstration cruise
 BEFORE_JOINING = ("read", "overlap", "fit", "carry", "diagnose_alone")
-SUMMARY, REPORT, MANIFEST = "results/summary.csv", "results/report.html", "results/ro-crate-metadata.json"
+SUMMARY, REPORT = "results/summary.csv", "results/report.html"
 
 
 @dataclass(frozen=True)

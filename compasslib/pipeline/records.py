@@ -110,11 +110,7 @@ def sign(paths: Iterable[str]) -> Signatures:
 
 
 def check_inputs(read: Mapping[str, str], known: Mapping[str, str]) -> None:
-    """Refuse an input that differs from what its job wrote.
-
-    Args:
-        read: SHA-256 of each input of a job, by path.
-        known: SHA-256 of the files that preceding jobs wrote, by path.
+    """Refuse an input, by path and SHA-256, that differs from what preceding jobs wrote.
 
     Raises:
         TransientError: an input differs.
@@ -126,10 +122,7 @@ def check_inputs(read: Mapping[str, str], known: Mapping[str, str]) -> None:
 
 
 def check_unchanged(before: Mapping[str, tuple[Signature, str]]) -> None:
-    """Refuse a file that was replaced while a job read it.
-
-    Args:
-        before: signature and SHA-256 of each file when the job began.
+    """Refuse a file that was replaced since its signature and SHA-256 were read.
 
     Raises:
         TransientError: a file has changed.
@@ -224,12 +217,7 @@ def reason(stage: str, error: BaseException) -> dict[str, Any]:
 
 
 def inherited(before: Sequence[Record], kind: str, name: str) -> dict[str, Any] | None:
-    """Return the reason of a preceding job that stops this one too; a compass is stopped only if all of them were.
-
-    Args:
-        kind: ``mooring``, ``calibration`` or ``compass``; other jobs inherit no reason.
-        name: name of the mooring, calibration or compass.
-    """
+    """Return the reason of a preceding job that stops this one too; a compass is stopped only if all of them were."""
     stops = [record for record in before if record["stopped"]]
     if kind not in FOLDERS or not stops:
         return None
@@ -264,21 +252,19 @@ def stopped(record: Record, why: Mapping[str, Any]) -> Record:
 
 def reasons(before: Iterable[Record]) -> dict[str, dict[str, str]]:
     """Collect the reasons why moorings, calibrations and compasses were stopped, by kind and name."""
-    by_kind: dict[str, dict[str, str]] = {f"{kind}s" if kind != "compass" else "compasses": {} for kind in FOLDERS}
+    plural = {"mooring": "moorings", "calibration": "calibrations", "compass": "compasses"}
+    by_kind: dict[str, dict[str, str]] = {kind: {} for kind in plural.values()}
     for record in before:
         if record["stopped"]:
             kind, name = next(iter(record["of"].items()))
-            by_kind["compasses" if kind == "compass" else f"{kind}s"].setdefault(name, record["stopped"]["why"])
+            by_kind[plural[kind]].setdefault(name, record["stopped"]["why"])
     return by_kind
 
 
 def stale(paths: Iterable[str], known: KnownHashes) -> dict[str, str]:
-    """Explain for each job with outdated results why it must run again, whatever the times of its files.
+    """Explain for each record of a job with outdated results why it must run again, whatever the times of its files.
 
     A file that it wrote has been modified or removed, or a file that it read has changed since.
-
-    Args:
-        paths: records of all jobs of the cruise.
     """
     reasons = {}
     for path in filter(os.path.lexists, paths):
@@ -296,13 +282,9 @@ def stale(paths: Iterable[str], known: KnownHashes) -> dict[str, str]:
 
 
 def restore_times(paths: Iterable[str], known: KnownHashes, now: float) -> list[str]:
-    """Set the times of unmodified results that are dated in the future to the present; return their paths.
+    """Set the times of unmodified results that are dated after ``now`` to it; return their paths.
 
     Snakemake fails each job that reads such a file, and finds no input newer than it.
-
-    Args:
-        paths: records of all jobs of the cruise.
-        now: by the clock that dates the files, seconds since 1970.
     """
     restored = []
     for record in paths:

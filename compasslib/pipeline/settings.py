@@ -193,18 +193,13 @@ class Moorings:
     def gridded(self, wildcards: Any) -> list[str]:
         """List the files of the gridded product, with daily means if configured; none where it is switched off."""
         wanted = self._mooring(wildcards).product
-        files = ["gridded.nc", *["gridded_daily.nc"] * wanted.daily] if wanted.grid and self.is_whole(wildcards) else []
+        whole = wildcards.mooring in self.cruise.whole  # not one of several affected instruments
+        files = ["gridded.nc", *["gridded_daily.nc"] * wanted.daily] if wanted.grid and whole else []
         return [f"results/{wildcards.mooring}/{file}" for file in files]
 
-    def is_whole(self, wildcards: Any) -> bool:
-        """Return whether the job is of a whole mooring, not of one of several affected instruments."""
-        return wildcards.mooring in self.cruise.whole
-
     def figures(self, wildcards: Any) -> list[str]:
-        names = (
-            *(FIGURES if wildcards.mooring in self.cruise.moorings else ()),
-            *(OF_GRID if self.gridded(wildcards) else ()),
-        )
+        single = FIGURES if wildcards.mooring in self.cruise.moorings else ()
+        names = (*single, *(OF_GRID if self.gridded(wildcards) else ()))
         return list_figures(self.cruise, f"results/{wildcards.mooring}", names)
 
     def instrument_names(self, wildcards: Any) -> list[str]:
@@ -249,12 +244,7 @@ class Moorings:
 
     def site(self, wildcards: Any) -> dict[str, Any]:
         mooring = self._mooring(wildcards)
-        return {
-            "name": mooring.name,
-            "latitude": mooring.latitude,
-            "longitude": mooring.longitude,
-            "water_depth_m": mooring.water_depth,
-        }
+        return {"name": mooring.name} | _place(mooring)
 
     def attributes(self, wildcards: Any) -> dict[str, Any]:
         """Merge the archive's attributes: the instrument's override the mooring's, which override the cruise's."""
@@ -297,11 +287,9 @@ class Moorings:
         roles = {(name, role): "reference" for name, mooring in moorings.items() for role in mooring.reference}
         roles |= {(name.split("/")[0], m.compromised): "affected" for name, m in self.cruise.moorings.items()}
         return [
-            {
-                "name": name,
-                "latitude": mooring.latitude,
-                "longitude": mooring.longitude,
-                "water_depth_m": mooring.water_depth,
+            {"name": name}
+            | _place(mooring)
+            | {
                 "instruments": [
                     {
                         "depth_m": None if each.format == "mmp_acm" else each.depth,
@@ -442,15 +430,16 @@ def _described(mooring: Mooring) -> dict[str, Any]:
         or "none"
         for role, names in roles.items()
     }
-    return {
-        "latitude": mooring.latitude,
-        "longitude": mooring.longitude,
-        "water_depth_m": mooring.water_depth,
+    return _place(mooring) | {
         "start": mooring.start.isoformat(),
         "end": mooring.end.isoformat(),
         "instruments": texts,
         "roles": used_instruments(mooring),
     }
+
+
+def _place(mooring: Mooring) -> dict[str, Any]:
+    return {"latitude": mooring.latitude, "longitude": mooring.longitude, "water_depth_m": mooring.water_depth}
 
 
 def used_instruments(mooring: Mooring) -> list[str]:

@@ -73,12 +73,7 @@ def of_moorings(plan: Any) -> dict[str, Stage]:
             code=lambda wildcards: of.reader_code(wildcards, plan.scripts),
             reads={"companions": of.companion_files, "raw": of.raw_files},
             writes={"record": "work/{role}.nc"},
-            settings={
-                "form": of.form,
-                "reader": of.reader_settings,
-                "deployment": of.deployment,
-                "series": of.series,
-            },
+            settings={"form": of.form, "reader": of.reader_settings, "deployment": of.deployment, "series": of.series},
         ),
         "overlap": stage(
             *("overlap", "overlap.overlap"),
@@ -103,12 +98,7 @@ def of_moorings(plan: Any) -> dict[str, Stage]:
             writes={"fit": fit},
             settings={"parts": of.parts},
         ),
-        "diagnose": stage(
-            *("diagnose", "diagnose.diagnose"),
-            reads=judging,
-            writes=judged,
-            settings=options,
-        ),
+        "diagnose": stage(*("diagnose", "diagnose.diagnose"), reads=judging, writes=judged, settings=options),
         "diagnose_alone": stage(
             *("diagnose_alone", "diagnose.diagnose"),
             code=plan.code("diagnose"),
@@ -243,9 +233,7 @@ def of_cruise(plan: Any) -> dict[str, Stage]:
             plan.code("summary"),
             reads={"files": lambda wildcards: files["summary"]},
             writes={"summary": "summary.csv"},
-            settings={
-                "roles": lambda wildcards: {name: used_instruments(m) for name, m in cruise.moorings.items()},
-            },
+            settings={"roles": lambda wildcards: {name: used_instruments(m) for name, m in cruise.moorings.items()}},
         ),
         "cruise_figures": Stage(
             *("drawings.cruise_figures", CRUISE, "cruise_figures"),

@@ -15,10 +15,7 @@ from compasslib.pipeline.job import run_job
 
 
 def run_jobs(snakemake: Any) -> None:
-    """Run the stages of a mooring or calibration, each with its log and record, in as many processes as threads.
-
-    Args:
-        snakemake: object of the script; ``params.jobs`` describes the jobs, see ``Plan.described_jobs``.
+    """Run the jobs of ``params.jobs``, each with its log and record, in as many processes as threads.
 
     Raises:
         SystemExit: a job failed.

@@ -204,6 +204,13 @@ class GriddedProduct:
         return Piece(inner, cells, source, quality.astype(np.int8), *parts, noise, spread)
 
 
+def empty_piece(depths: int, rising: bool) -> Piece:
+    """Make a piece without times."""
+    none = np.zeros((0, depths))
+    cells = empty_cells(0, depths, rising)
+    return Piece(slice(0, 0), cells, none.astype(np.intp), none.astype(np.int8), *[none] * 5)
+
+
 def survey(source: Source) -> Survey:
     """Summarize an instrument's velocities in one pass."""
     n = len(source.time_s)
@@ -399,11 +406,8 @@ class DailyMeans:
         """Compute the daily means; errors common to a day's velocities are not reduced by averaging."""
         axes, sums, depths = self.axes, self.sums, len(self.axes.depth_m)
         if not sums:
-            none, nothing = np.zeros((0, depths)), np.zeros(0)
-            piece = Piece(
-                slice(0, 0), empty_cells(0, depths, False), none.astype(np.intp), none.astype(np.int8), *[none] * 5
-            )
-            return Daily(nothing, piece, self.errors, product.deviation_deg, none.astype(int), nothing)
+            nothing, count = np.zeros(0), np.zeros((0, depths), dtype=int)
+            return Daily(nothing, empty_piece(depths, False), self.errors, product.deviation_deg, count, nothing)
         count = sums["count"]
         per_source = np.array([sums[f"source{s}"] for s in range(len(self.errors.shares))])
         source = np.argmax(per_source, axis=0)

@@ -183,7 +183,7 @@ def read_mooring(name: str, root: Path, row: Mapping[str, str], roles: Iterable[
     fit, diagnosis, assessment = (
         read_json(folder / f"{file}.json") for file in ("deviation", "diagnosis", "assessment")
     )
-    inputs = {path.stem: netcdf.read_counts(path) for path in summary.record_paths(folder, roles)}
+    inputs = {path.stem: netcdf.read_notes(path, "counts") for path in summary.record_paths(folder, roles)}
     product = folder / "corrected.nc"
     shown = summary.read_bin_currents(product)
     return MooringResults(name, folder, row, fit, diagnosis, assessment, _summarize_headings(product), shown, inputs)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from compasslib import earthfield
-from compasslib.archive import netcdf, provenance, tables
+from compasslib.archive import netcdf, provenance, summary
 from compasslib.archive.attributes import Site
 from compasslib.archive.files import read_json, write_json
 from compasslib.deviation.assessment import compare_forms, describe_forms
@@ -66,10 +66,10 @@ def correct(
         attributes=attributes,
         processing=provenance.processing(made_by, along, sources, superseded),
     )
-    tables.write_lookup(table, tabulate_deviation(made_by.fit, made_by.left_deg, made_by.doubts))
+    summary.write_lookup(table, tabulate_deviation(made_by.fit, made_by.left_deg, made_by.doubts))
     differences = read_json(assessment)["difference_counts"]
     counted = build_histograms(made.record, made.decision.heading_deg, near, differences)
-    tables.write_histograms(histograms, counted)
+    summary.write_histograms(histograms, counted)
     say(describe_correction(mooring, made))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from compasslib.archive import netcdf, summary, tables
+from compasslib.archive import netcdf, summary
 from compasslib.archive.files import read_json, write_pictures
 from compasslib.archive.gridded import read_section
 from compasslib.inference import product as products
@@ -37,7 +37,7 @@ def figures(
     shown, reference = summary.read_bin_currents(product), summary.reference_current(both)
     averaged, coarser = (water.average_currents(shown, reference, n) for n in (summary.MAX_MEANS, summary.MAX_STICKS))
     headings = {"recorded": page.usable_headings(corrected), "corrected": corrected.heading_corrected_deg}
-    counts = tables.read_histograms(histograms)
+    counts = summary.read_histograms(histograms)
     section = read_section(gridded[0], COLUMNS) if gridded else None
     for ending in dict.fromkeys(Path(figure).suffix for figure in figures):
         to = {Path(figure).stem: figure for figure in figures if figure.endswith(ending)}
