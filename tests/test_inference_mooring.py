@@ -8,7 +8,7 @@ from pathlib import Path
 import chain
 import numpy as np
 import pytest
-from sea import FOLDED, pairs
+from sea import FOLDED, pairs, plain_record
 
 from benchmarks import discrepancy as bench
 from benchmarks.discrepancy import field_of, fitted
@@ -23,7 +23,7 @@ from compasslib.inference import product as products
 from compasslib.inference.comparison import Options, compare_pairs
 from compasslib.inference.kinds import mooring
 from compasslib.inference.kinds.mooring import diagnose
-from compasslib.records import GOOD, EarthField, Pairs, Record, take
+from compasslib.records import EarthField, Pairs, take
 from tests.world import pairs as world
 from tests.world.pairs import red_from_rest as red_noise
 
@@ -388,15 +388,12 @@ def test_a_season_alone_does_not_identify_temperature():
 def leaning(stuck_from=None):
     """Return a record whose tilts follow the flow, optionally stuck from some sample on, and the true tilts."""
     drawn = world.make(3, wide=True, n=HOURS)
-    east, north = drawn.flow.real, drawn.flow.imag
     tilts = drawn.tilt.copy()
     if stuck_from is not None:
         tilts[:, stuck_from:] = tilts[:, stuck_from : stuck_from + 1]
-    none, shape = np.full(HOURS, np.nan), (HOURS, 1)
-    return Record(
-        drawn.time_s, east[:, None], north[:, None], np.ones(shape), drawn.heading % 360.0, *tilts, none, none + 100.0,
-        none, none, np.full(shape, GOOD, dtype=np.int8), np.full(HOURS, GOOD, dtype=np.int8),
-    ), drawn.tilt  # fmt: skip
+    attitude = {"heading_deg": drawn.heading % 360.0, "pitch_deg": tilts[0], "roll_deg": tilts[1]}
+    record = plain_record(drawn.time_s, drawn.flow[:, None], (1.0,), depth_m=np.full(HOURS, 100.0), **attitude)
+    return record, drawn.tilt
 
 
 def test_stuck_tilts_are_estimated_from_the_flow():

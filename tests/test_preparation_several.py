@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -74,7 +75,7 @@ def test_combination_bridges_gaps_and_preserves_rotations():
 
     def by_heading(pairs):
         east, north = angles.turn(pairs.upper_east, pairs.upper_north, shift[np.searchsorted(one.time_s, pairs.time_s)])
-        return type(pairs)(**{**vars(pairs), "upper_east": east, "upper_north": north})
+        return replace(pairs, upper_east=east, upper_north=north)
 
     again = combine_references(join_references([by_heading(pairs) for pairs in found], NAMES))
     np.testing.assert_allclose(again.upper_east, by_heading(one).upper_east, atol=1e-12)
