@@ -28,6 +28,7 @@ import yaml
 from launch import copied_project
 from sea import cruise
 from test_architecture import APART, ROOMS
+from test_archive import make_product, write
 
 import compasslib
 from benchmarks.proof import seal
@@ -307,16 +308,8 @@ def test_commands_that_a_page_names_exist(page):
     text = page.read_text()
     targets = set(re.findall(r"^([a-z]+):", (PROJECT / "Makefile").read_text(), re.MULTILINE))
     assert set(re.findall(r"(?:`|^    )make ([a-z]+)", text, re.MULTILINE)) <= targets
-    assert set(re.findall(r"`compass ([a-z]+)`", text)) <= {
-        "init",
-        "run",
-        "check",
-        "correct",
-        "explain",
-        "export",
-        "diff",
-        "verify",
-    }
+    commands = {"init", "run", "check", "correct", "explain", "export", "diff", "verify"}
+    assert set(re.findall(r"`compass ([a-z]+)`", text)) <= commands
     for words in re.findall(r"^(?:    (?:\.venv/bin/)?|\$ )compass ([^\n#]*)", text, re.MULTILINE):
         _parser().parse_args(shlex.split(words.partition(" -- ")[0]))  # options of Snakemake follow
     for script in re.findall(r"\b(?:benchmarks|tests|examples|compasslib|workflow)/[\w/]*\w\.py\b", text):
@@ -365,12 +358,6 @@ def test_tutorial_commands_print_what_the_page_shows(installed, tmp_path):
         assert ran.returncode == 0 and re.fullmatch(expected, said), f"$ {command}{said}"
 
 
-def run_installed(installed: Path, folder: Path, code: str) -> subprocess.CompletedProcess:
-    environment = os.environ | {"PYTHONPATH": str(installed), "SOURCE_DATE_EPOCH": "0"}
-    command = [sys.executable, "-c", code]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-
-
 def test_wheel_contains_every_file_of_the_package(installed):
     kept = {path.relative_to(PROJECT) for path in (PROJECT / "compasslib").rglob("*") if path.is_file()}
     kept = {path for path in kept if "__pycache__" not in path.parts}
@@ -394,7 +381,10 @@ def test_the_wheel_works_without_the_checkout(installed, tmp_path):
         "from compasslib.report import read_glossary, words\nfrom compasslib.cli import main\n"
         "print(words.TEMPLATES.is_dir(), len(read_glossary()) > 15, compasslib.__file__)\nsys.exit(main(['check']))\n"
     )
-    ran = run_installed(installed, tmp_path, code)
+    ran = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False,
+        env=os.environ | {"PYTHONPATH": str(installed), "SOURCE_DATE_EPOCH": "0"},
+    )  # fmt: skip
     assert ran.returncode == 0, ran.stderr
     assert ran.stdout.splitlines() == [
         f"True True {installed / 'compasslib/__init__.py'}",
@@ -419,3 +409,32 @@ def test_measured_shares_are_only_in_generated_parts_of_pages():
         text = re.sub(r"<!-- numbers: \S+ -->\n.*?<!-- /numbers -->", "", page.read_text(), flags=re.DOTALL)
         found = re.findall(r".*(?:\d % of \d+|\(\d[\d.]* to \d[\d.]*[,;)%]|\bn = \d).*", text)
         assert not found or page.name in by_others, f"{page.name}: {found}"
+
+
+GREY, GREEN = (153, 153, 153), (44, 160, 44)  # colours of recorded and corrected sticks
+
+
+def test_example_draws_recorded_and_corrected_currents(tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    record = write(tmp_path / "corrected.nc", make_product(1500, 6))
+    command = [sys.executable, "-W", "error", PROJECT / "examples/plot_corrected.py", record, tmp_path / "figure.png"]
+    environment = os.environ | {"MPLBACKEND": "Agg"}
+    ran = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert ran.returncode == 0, ran.stderr
+    assert "Currents of mooring EG4, corrected" in ran.stdout
+    with image.open(tmp_path / "figure.png") as drawn:
+        pixels = np.asarray(drawn.convert("RGB"))
+    for colour in (GREY, GREEN):
+        assert (pixels == colour).all(axis=2).sum() > 100, colour
+
+
+def test_imports_of_the_readme_commands_are_locked():
+    """Packages of the example, and pygments, which Snakemake's report needs without requiring it."""
+    lock = (PROJECT / "requirements/run.txt").read_text().lower()
+    text = (PROJECT / "examples/plot_corrected.py").read_text()
+    imported = {
+        line.split()[1].split(".")[0].lower() for line in text.splitlines() if line.startswith(("import ", "from "))
+    }
+    assert {"netcdf4", "numpy", "matplotlib"} <= imported
+    for package in (imported - set(sys.stdlib_module_names)) | {"pygments"}:
+        assert f"\n{package}==" in lock, package

@@ -38,7 +38,7 @@ def test_the_size_of_a_slow_veer_is_estimated():
 
 
 def test_slow_veer_widens_the_uncertainty_of_the_constant():
-    calm, slow = (told(size, 1) for size in (0.0, 6.0))
+    calm, slow = (told(size, 1) for size in (0.0, 4.0))
     assert np.sqrt(slow.covariance[0, 0]) > 2.0 * np.sqrt(calm.covariance[0, 0])
     assert slow.fit.covariance[0, 0] >= slow.covariance[0, 0] * 0.99
 
