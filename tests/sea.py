@@ -28,9 +28,8 @@ def real(name: str) -> Path:
 
 
 def pairs(coefficients=MILD, **drawn) -> tuple[Pairs, np.ndarray]:
-    """Draw hourly pairs by ``under_a_compass``, as the library's ``Pairs``, and the correct headings."""
-    made, heading = world.under_a_compass(coefficients, **drawn)
-    return Pairs(**vars(made)), heading
+    """Draw hourly pairs by ``under_a_compass``, and the correct headings."""
+    return world.under_a_compass(coefficients, **drawn)
 
 
 def plain_record(time_s, flow, ranges_m=(0.0,), **columns) -> Record:

@@ -191,11 +191,7 @@ def test_comparison_of_forms_rejects_the_series_for_a_folded_compass():
     assert "that in recorded heading predicts worse than the exact compass (-" in line and "\n" not in line
 
 
-READ_WRONGLY = {
-    "exchanged": lambda z: 1j * np.conj(z),
-    "both signs": np.negative,
-    "sign of north": np.conj,
-}
+READ_WRONGLY = {"exchanged": lambda z: 1j * np.conj(z), "both signs": np.negative, "sign of north": np.conj}
 
 
 @pytest.mark.parametrize("iron", [MILD, FOLDED], ids=["mild", "folded"])

@@ -196,15 +196,9 @@ def moored(share: float, *, magnetic: bool):
         time_s, gamma % 360.0, *world.sensed, upper.real, upper.imag, lower.real, lower.imag, world.depth,
         world.depth + world.separation, zero, zero,
     )  # fmt: skip
-    one = np.ones(2)
-    field = EarthField(time_s[[0, -1]], 0.0 * one, world.earth[0] * one, world.earth[1] * one, 0.0 * one)
-    return diagnose(
-        pairs,
-        {"declination_observatory": departure},
-        fit_deviation("exact", pairs),
-        field,
-        Options(reference_magnetic=magnetic),
-    )
+    field = EarthField(time_s[[0, -1]], *np.outer([0.0, *world.earth, 0.0], [1.0, 1.0]))
+    logged, fit = {"declination_observatory": departure}, fit_deviation("exact", pairs)
+    return diagnose(pairs, logged, fit, field, Options(reference_magnetic=magnetic))
 
 
 @real

@@ -182,8 +182,7 @@ def test_bad_bins_are_excluded_and_short_profiles_averaged():
     assert np.sqrt(np.mean(np.abs(clean - left_out) ** 2)) < 0.015  # the veer is estimated without them
     for some in (slice(0, 1), slice(0, 3)):
         few = replace(
-            top,
-            **{name: getattr(top, name)[:, some] for name in ("east", "north", "bin_range_m", "quality")},
+            top, **{name: getattr(top, name)[:, some] for name in ("east", "north", "bin_range_m", "quality")}
         )
         assert predict_water(few, depth, 2) is None
         found = [find_pairs(few, [trusted], FIELD, replace(ALL_NEAR, predict=on)) for on in (False, True)]
