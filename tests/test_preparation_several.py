@@ -6,6 +6,7 @@ import copy
 from dataclasses import replace
 from pathlib import Path
 
+import chain
 import numpy as np
 import pandas as pd
 import pytest
@@ -127,7 +128,7 @@ def add_reference(file: Path) -> dict:
 
 
 def test_list_of_references_runs_through_the_pipeline(tmp_path):
-    cruise = sea.cruise(tmp_path / "cruise", n=600)
+    cruise = sea.cruise(tmp_path / "cruise", n=400)  # too short for the search
     lines = (cruise / "raw/M1/deep.csv").read_text().splitlines()
     rows = [line.rsplit(",", 2) for line in lines[1:301]]
     noise = np.random.default_rng(1).normal(0.0, 0.5, (300, 2))
@@ -140,9 +141,9 @@ def test_list_of_references_runs_through_the_pipeline(tmp_path):
     folder = process_mooring(cruise, "M1", tmp_path / "out", lines.append)
     pairs = netcdf.read_pairs(folder / "overlap.nc")
     assert pairs.reference_names == ("deep", "other")
-    assert np.bincount(pairs.reference_index).tolist() == [600, 300]
-    assert any("(deep 600, other 300)" in line for line in lines)
-    assert len(combine_references(pairs)) == 600
+    assert np.bincount(pairs.reference_index).tolist() == [400, 300]
+    assert any("(deep 400, other 300)" in line for line in lines)
+    assert len(combine_references(pairs)) == 400
 
     said["reference"] = ["deep", "deep"]
     file.write_text(yaml.safe_dump(said))
@@ -151,12 +152,12 @@ def test_list_of_references_runs_through_the_pipeline(tmp_path):
 
 
 def test_contradictory_references_make_all_headings_doubtful(tmp_path):
-    cruise = sea.cruise(tmp_path / "cruise", n=1400)
+    cruise = sea.cruise(tmp_path / "cruise", n=700)
     add_reference(cruise / "config/moorings/M1.yaml")
     frame = pd.read_csv(cruise / "raw/M1/deep.csv")
     east, north = angles.turn(frame.u_cm_s, frame.v_cm_s, 40.0)
     frame.assign(u_cm_s=east, v_cm_s=north).round(2).to_csv(cruise / "raw/M1/other.csv", index=False)
-    folder = process_mooring(cruise, "M1", tmp_path / "out")
+    folder = chain.make(cruise, "M1", tmp_path / "out")
     product = netcdf.read_corrected(folder / "corrected.nc")
     known = np.isfinite(product.heading_corrected_deg)
     assert known.all() and (product.heading_corrected_quality == PROBABLY_BAD).all()
