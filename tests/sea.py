@@ -37,11 +37,13 @@ def plain_record(time_s, flow, ranges_m=(0.0,), **columns) -> Record:
     n, flow = len(time_s), np.asarray(flow)
     names = ["heading_deg", "pitch_deg", "roll_deg", "pressure_dbar", "depth_m", "temperature_c", "supply_voltage"]
     plain = {name: np.full(n, np.nan) for name in names} | {
+        "east": flow.real.copy(),
+        "north": flow.imag.copy(),
         "bin_range_m": np.tile(np.array(ranges_m), (n, 1)),
         "quality": np.full(flow.shape, GOOD, dtype=np.int8),
         "heading_quality": np.full(n, GOOD, dtype=np.int8),
     }
-    return Record(time_s=time_s, east=flow.real.copy(), north=flow.imag.copy(), **(plain | columns))
+    return Record(time_s=time_s, **(plain | columns))
 
 
 def record_of(seen: Pairs) -> Record:
