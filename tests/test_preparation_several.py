@@ -152,7 +152,7 @@ def test_list_of_references_runs_through_the_pipeline(tmp_path):
 
 
 def test_contradictory_references_make_all_headings_doubtful(tmp_path):
-    cruise = sea.cruise(tmp_path / "cruise", n=700)
+    cruise = sea.cruise(tmp_path / "cruise", n=1400)
     add_reference(cruise / "config/moorings/M1.yaml")
     frame = pd.read_csv(cruise / "raw/M1/deep.csv")
     east, north = angles.turn(frame.u_cm_s, frame.v_cm_s, 40.0)
