@@ -17,6 +17,7 @@ import tempfile
 import tomllib
 import typing
 import zipfile
+from functools import cache
 from pathlib import Path
 
 import numbers_of_pages
@@ -31,7 +32,7 @@ from test_architecture import APART, ROOMS
 from test_archive import make_product, write
 
 import compasslib
-from benchmarks.proof import seal
+from benchmarks.proof import seal, standing
 from compasslib import angles
 from compasslib.cli import _parser
 from compasslib.config.cruise import load_cruise
@@ -390,8 +391,16 @@ def test_page_on_the_concealed_moorings_is_up_to_date():
     )
 
 
+@pytest.fixture(scope="module")
+def hashed_once():
+    """Hash the statements of the engine once for all pages, as each hash takes a second."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(standing, "engine", cache(standing.engine))
+        yield
+
+
 @pytest.mark.parametrize("page", numbers_of_pages.PAGES, ids=lambda page: page.name)
-def test_measured_numbers_on_pages_are_up_to_date(page):
+def test_measured_numbers_on_pages_are_up_to_date(hashed_once, page):
     assert page.read_text() == numbers_of_pages.filled(page), "run .venv/bin/python benchmarks/numbers_of_pages.py"
 
 
