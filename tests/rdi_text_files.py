@@ -39,25 +39,14 @@ def export(names: tuple[str, str] = ("Eas", "Nor"), bad: int = -32768, orientati
         "\t".join([*[""] * len(head), *bins]),
     ]
     east, north = CURRENTS.astype(float)
-    values = (
-        (east, north) if names[0] == "Eas" else (np.hypot(east, north), np.degrees(np.arctan2(east, north)) % 360.0)
-    )
+    polar = np.hypot(east, north), np.degrees(np.arctan2(east, north)) % 360.0
+    values = (east, north) if names[0] == "Eas" else polar
     for i in range(ROWS):
         when = START + timedelta(hours=i)
-        cells = [
-            str(i + 1),
-            f"{when:%y}",
-            *(f"{x:g}" for x in (when.month, when.day, when.hour, when.minute, when.second, 17)),
-        ]
-        cells += [
-            "1.20",
-            "-0.40",
-            f"{HEADINGS[i]:.2f}",
-            "7.30",
-            "45.0",
-            *[orientation or ""] * (orientation is not None),
-        ]
-        cells += ["0", "160"]
+        clock = (when.month, when.day, when.hour, when.minute, when.second, 17)
+        cells = [str(i + 1), f"{when:%y}", *(f"{x:g}" for x in clock)]
+        cells += ["1.20", "-0.40", f"{HEADINGS[i]:.2f}", "7.30", "45.0"]
+        cells += [orientation or ""] * (orientation is not None) + ["0", "160"]
         for component in values:
             shown = [f"{x:.3f}".rstrip("0").rstrip(".") for x in component[i]]
             cells += [*shown[:-1], str(bad)] if i == 1 else shown

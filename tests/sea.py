@@ -11,7 +11,7 @@ import pytest
 import yaml
 from pd0_encoder import ensemble
 
-from compasslib.records import Pairs
+from compasslib.records import GOOD, EarthField, Pairs, Record
 from tests.world import pairs as world
 
 SHARED = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
@@ -28,9 +28,33 @@ def real(name: str) -> Path:
 
 
 def pairs(coefficients=MILD, **drawn) -> tuple[Pairs, np.ndarray]:
-    """Draw hourly pairs by ``under_a_compass``, as the library's ``Pairs``, and the correct headings."""
-    made, heading = world.under_a_compass(coefficients, **drawn)
-    return Pairs(**vars(made)), heading
+    """Draw hourly pairs by ``under_a_compass``, and the correct headings."""
+    return world.under_a_compass(coefficients, **drawn)
+
+
+def plain_record(time_s, flow, ranges_m=(0.0,), **columns) -> Record:
+    """Make a record of good quality from its current, east + i north, (n, m) m/s; columns not given are missing."""
+    n, flow = len(time_s), np.asarray(flow)
+    names = ["heading_deg", "pitch_deg", "roll_deg", "pressure_dbar", "depth_m", "temperature_c", "supply_voltage"]
+    plain = {name: np.full(n, np.nan) for name in names} | {
+        "east": flow.real.copy(),
+        "north": flow.imag.copy(),
+        "bin_range_m": np.tile(np.array(ranges_m), (n, 1)),
+        "quality": np.full(flow.shape, GOOD, dtype=np.int8),
+        "heading_quality": np.full(n, GOOD, dtype=np.int8),
+    }
+    return Record(time_s=time_s, **(plain | columns))
+
+
+def record_of(seen: Pairs) -> Record:
+    """Make the record of one bin of which pairs were made."""
+    flow = (seen.upper_east + 1j * seen.upper_north)[:, None]
+    return plain_record(seen.time_s, flow, heading_deg=seen.heading_deg, depth_m=np.full(len(seen), 100.0))
+
+
+def field_of(seen: Pairs, declination: float = 0.0) -> EarthField:
+    """Make a constant field of 12,000 nT, horizontal and vertical, for the time of pairs."""
+    return EarthField(seen.time_s[[0, -1]], np.full(2, declination), *np.full((3, 2), 12000.0))
 
 
 def cruise(folder: Path, names=("M1",), *, coefficients=MILD, n: int = 1200, reference: bool = True) -> Path:

@@ -11,20 +11,11 @@ PROJECT = Path(__file__).resolve().parents[1]
 LIBRARY = sorted((PROJECT / "compasslib").rglob("*.py"))
 SCRIPTS = sorted((PROJECT / "workflow/scripts").glob("*.py"))
 # Subpackages from the lowest up: each may import from itself and from those before it.
+# "ground" are the modules of the top level.
 ROOMS = [
-    *(
-        "ground",  # modules of the top level
-        "statistics",
-        "readers",
-        "preparation",
-        "effects",
-        "deviation",
-        "calibrations",
-        "inference",
-        "product",
-    ),
-    *("config", "archive", "pipeline", "plots", "report", "stages", "cli"),
-]
+    "ground", "statistics", "readers", "preparation", "effects", "deviation", "calibrations", "inference", "product",
+    "config", "archive", "pipeline", "plots", "report", "stages", "cli",
+]  # fmt: skip
 FLOOR = {room: k for k, room in enumerate(ROOMS)}
 APART = "demo"  # the simulated world: imports nothing else of the library, imported only by stages.simulate
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import netCDF4
 import numpy as np
 import pytest
-from sea import FOLDED, MILD, pairs
+from sea import FOLDED, MILD, field_of, pairs, record_of
 
 from compasslib import angles
 from compasslib.archive import netcdf
@@ -32,31 +32,7 @@ from compasslib.deviation.likelihood import CELL_CENTRES, CELLS
 from compasslib.deviation.model import unfitted
 from compasslib.deviation.series import fit_series
 from compasslib.deviation.tilt import compass_series
-from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, EarthField, Pairs, Record, take
-
-
-def record_of(seen: Pairs) -> Record:
-    flat, shape = np.full(len(seen), np.nan), (len(seen), 1)
-    return Record(
-        seen.time_s,
-        seen.upper_east[:, None],
-        seen.upper_north[:, None],
-        np.zeros(shape),
-        seen.heading_deg,
-        flat,
-        flat,
-        flat,
-        flat + 100.0,
-        flat,
-        flat,
-        np.full(shape, GOOD, dtype=np.int8),
-        np.full(len(seen), GOOD, dtype=np.int8),
-    )
-
-
-def field_of(seen: Pairs, declination: float = 0.0) -> EarthField:
-    ends = seen.time_s[[0, -1]]
-    return EarthField(ends, np.full(2, declination), *(np.full((3, 2), 12000.0)))
+from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, take
 
 
 @pytest.fixture(scope="module")
@@ -215,11 +191,7 @@ def test_comparison_of_forms_rejects_the_series_for_a_folded_compass():
     assert "that in recorded heading predicts worse than the exact compass (-" in line and "\n" not in line
 
 
-READ_WRONGLY = {
-    "exchanged": lambda z: 1j * np.conj(z),
-    "both signs": np.negative,
-    "sign of north": np.conj,
-}
+READ_WRONGLY = {"exchanged": lambda z: 1j * np.conj(z), "both signs": np.negative, "sign of north": np.conj}
 
 
 @pytest.mark.parametrize("iron", [MILD, FOLDED], ids=["mild", "folded"])

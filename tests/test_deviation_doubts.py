@@ -9,8 +9,7 @@ import chain
 import numpy as np
 import pytest
 import yaml
-from sea import FOLDED, MILD, cruise, pairs
-from test_deviation_correction import field_of, record_of
+from sea import FOLDED, MILD, cruise, field_of, pairs, record_of
 
 from compasslib import angles
 from compasslib.archive import netcdf
@@ -48,6 +47,13 @@ def series(angle_deg: float) -> DeviationFit:
 @pytest.fixture(scope="module")
 def some() -> Pairs:
     return pairs(n=50)[0]
+
+
+@pytest.fixture(scope="module")
+def mild() -> tuple[Pairs, DeviationFit]:
+    """Pairs under mild iron, and their fit."""
+    seen, _ = pairs(MILD, n=1500, seed=6)
+    return seen, fit_exact(seen)
 
 
 @pytest.mark.parametrize(
@@ -100,9 +106,9 @@ def turned(seen: Pairs, side: str, angle_deg: float) -> Pairs:
     return replace(seen, **dict(zip(names, velocity, strict=True)))
 
 
-def test_constant_of_a_calibration_is_the_mean_residual():
-    seen, _ = pairs(MILD, n=1500, seed=3)
-    carried = replace(fit_exact(seen), method="calibration")
+def test_constant_of_a_calibration_is_the_mean_residual(mild):
+    seen, fit = mild
+    carried = replace(fit, method="calibration")
     found = find_constant_offset(carried, turned(seen, "lower", 18.0), DECLINATION_DEG)
     assert found.effect == "declination_error" and found.angle_deg == pytest.approx(18.0, abs=3.0)
 
@@ -120,9 +126,8 @@ def test_fit_of_a_folded_compass_recovers_a_constant(angle_deg):
 # ------------------------------------------------------------------------------------------------------------- windows
 def spoilt(seen: Pairs, some: slice) -> Pairs:
     """Replace headings and velocities of the upper instrument in some pairs by those of another time."""
-    other = (np.arange(len(seen))[some] + 900) % len(seen)
     at = np.arange(len(seen))
-    at[some] = other
+    at[some] = (at[some] + 900) % len(seen)
     return replace(
         seen, heading_deg=seen.heading_deg[at], upper_east=seen.upper_east[at], upper_north=seen.upper_north[at]
     )
@@ -179,19 +184,10 @@ def test_a_slope_in_a_narrow_heading_range_is_not_doubted():
     assert find_doubtful_windows(turned(stayed, "upper", slope), fit_exact(seen)) == ()
 
 
-def with_others(seen: Pairs, every: int) -> Pairs:
-    """Replace every k-th sample of the affected instrument by that of another time."""
-    at = np.arange(len(seen))
-    at[::every] = (at[::every] + 900) % len(seen)
-    return replace(
-        seen, heading_deg=seen.heading_deg[at], upper_east=seen.upper_east[at], upper_north=seen.upper_north[at]
-    )
-
-
 @pytest.mark.parametrize("iron", [MILD, FOLDED], ids=["mild", "folded"])
 @pytest.mark.parametrize("every", [2, 3, 7, 12])
 def test_foreign_samples_at_every_kth_place_are_doubted(iron, every):
-    wrong = with_others(pairs(iron, n=3000, seed=22)[0], every)
+    wrong = spoilt(pairs(iron, n=3000, seed=22)[0], slice(None, None, every))
     first, *_ = find_doubtful_windows(wrong, fit_exact(wrong))
     assert np.isinf(first.from_s) and first.sigma_deg > 20.0 and f"one in {every} differ" in first.why
 
@@ -199,10 +195,8 @@ def test_foreign_samples_at_every_kth_place_are_doubted(iron, every):
 def test_a_deviating_hour_of_the_day_is_identified():
     seen, _ = pairs(MILD, n=3000, seed=23)
     hour = np.rint(seen.time_s / 3600.0).astype(int) % 24
-    velocity = angles.turn(seen.upper_east, seen.upper_north, np.where(hour == 14, 50.0, 0.0))
-    first, *_ = find_doubtful_windows(
-        wrong := replace(seen, upper_east=velocity[0], upper_north=velocity[1]), fit_exact(wrong)
-    )
+    wrong = turned(seen, "upper", np.where(hour == 14, 50.0, 0.0))
+    first, *_ = find_doubtful_windows(wrong, fit_exact(wrong))
     assert "those of 14:00 UTC differ" in first.why
 
 
@@ -239,8 +233,8 @@ def test_uncertainty_includes_the_resolution_of_coarse_headings():
     np.testing.assert_array_equal(found.heading_uncertainty_deg[~part], plain.heading_uncertainty_deg[~part])
 
 
-def test_only_the_calibration_of_another_compass_is_contradicted():
-    seen, _ = pairs(MILD, n=1500, seed=6)
+def test_only_the_calibration_of_another_compass_is_contradicted(mild):
+    seen, _ = mild
     own = replace(fit_exact(pairs(MILD, n=1500, seed=7)[0]), method="calibration")
     other = replace(own, coefficients=own.coefficients + np.array([0.0, -1.0, 0.6, 0.0, 0.0]))
     moved = replace(own, coefficients=own.coefficients + np.array([0.2, 0.0, 0.0, 0.0, 0.0]))
@@ -249,7 +243,7 @@ def test_only_the_calibration_of_another_compass_is_contradicted():
 
 def test_samples_inconsistent_with_any_heading_make_the_record_doubtful():
     seen, _ = pairs(MILD, n=2000, seed=8)
-    wrong = with_others(seen, 12)
+    wrong = spoilt(seen, slice(None, None, 12))
     assert diagnoses._doubt_outliers(fit_exact(seen)) == ()
     (doubt,) = diagnoses._doubt_outliers(fit_exact(wrong))
     assert "disagree with the fitted compass altogether" in doubt.why and doubt.sigma_deg > 15.0
@@ -261,30 +255,28 @@ CONSISTENT = Diagnosis("consistent")
 
 def concluded(
     seen: Pairs,
+    fit: DeviationFit,
     *,
-    fit: DeviationFit | None = None,
     find: Callable[[DeviationFit], ConstantOffset | None] = lambda fit: None,
     calibration: str = "",
     diagnosis: Diagnosis = CONSISTENT,
 ):
-    fit = fit_exact(seen) if fit is None else fit
     return diagnoses.conclude(
         lambda _: diagnosis, seen, record_of(seen), field_of(seen), {}, fit=fit, find_constant=find,
         calibration=calibration,
     )  # fmt: skip
 
 
-def test_a_sound_mooring_keeps_the_verdict_of_the_search():
-    made = concluded(pairs(MILD, n=1500, seed=6)[0])
-    assert made.diagnosis == Diagnosis("consistent") and made.product.doubts == ()
+def test_a_sound_mooring_keeps_the_verdict_of_the_search(mild):
+    made = concluded(*mild)
+    assert made.diagnosis == CONSISTENT and made.product.doubts == ()
 
 
 @pytest.mark.parametrize(
     "rest", [ConstantOffset(2.0, 1.0), ConstantOffset(18.5, 1.0, "declination_error", "said", 0.9)]
 )
-def test_a_clock_error_may_explain_a_questioned_constant(rest):
-    seen, _ = pairs(MILD, n=1500, seed=6)
-    first = fit_exact(seen)
+def test_a_clock_error_may_explain_a_questioned_constant(mild, rest):
+    seen, first = mild
     refitted = replace(first, coefficients=first.coefficients + 0.01 * np.eye(5)[0])
     where = CovariateRange("turn_rate", -10.0, 10.0, "all along")
     clock = Finding(
@@ -292,23 +284,22 @@ def test_a_clock_error_may_explain_a_questioned_constant(rest):
     )
     searched = Diagnosis("explained", findings=(clock,), fit=refitted)
     questioned = ConstantOffset(18.0, 1.0, "declination_error", "equal to the declination", 0.9)
-    made = concluded(seen, fit=first, diagnosis=searched, find=lambda fit: questioned if fit is first else rest)
+    made = concluded(seen, first, diagnosis=searched, find=lambda fit: questioned if fit is first else rest)
     assert made.diagnosis.findings[0].effect == ("declination_error" if rest.effect else "clock_offset")
     assert bool(made.product.doubts) == bool(rest.effect)
 
 
-def test_an_implausible_configured_fit_is_insufficient_despite_effects():
-    seen, _ = pairs(MILD, n=1500, seed=6)
-    sound = fit_exact(seen)
+def test_an_implausible_configured_fit_is_insufficient_despite_effects(mild):
+    seen, sound = mild
     wrong = replace(sound, coefficients=np.array([0.0, 0.2, 0.1, 0.7, 0.1]), covariance=1e-4 * np.eye(5))
-    made = concluded(seen, fit=wrong, diagnosis=Diagnosis("explained", fit=sound))
+    made = concluded(seen, wrong, diagnosis=Diagnosis("explained", fit=sound))
     assert made.diagnosis.verdict == "insufficient" and "soft iron of 7" in made.diagnosis.why
     assert made.product.doubts[0].sigma_deg == angles.UNIFORM_SIGMA_DEG
 
 
 def test_a_doubtful_period_makes_the_verdict_unexplained_with_dates():
     wrong = spoilt(pairs(MILD, n=3000, seed=21)[0], slice(1000, 1400))
-    made = concluded(wrong)
+    made = concluded(wrong, fit_exact(wrong))
     assert made.diagnosis.verdict == "unexplained" and made.diagnosis.unexplained.where.covariate == "time"
     begin, end = made.diagnosis.unexplained.when_s
     assert wrong.time_s[900] < begin < wrong.time_s[1150] and wrong.time_s[1250] < end < wrong.time_s[1500]
@@ -316,37 +307,35 @@ def test_a_doubtful_period_makes_the_verdict_unexplained_with_dates():
 
 
 @pytest.mark.parametrize(("size_deg", "doubted"), [(9.0, False), (12.0, True)])
-def test_a_large_unexplained_mismatch_makes_all_headings_doubtful(size_deg, doubted):
+def test_a_large_unexplained_mismatch_makes_all_headings_doubtful(mild, size_deg, doubted):
     place = CovariateRange("heading", 0.0, 360.0, "all round")
     left = Unexplained(("heading",), place, None, size_deg, (), "A mismatch.")
-    made = concluded(pairs(MILD, n=1500, seed=6)[0], diagnosis=Diagnosis("unexplained", unexplained=left))
+    made = concluded(*mild, diagnosis=Diagnosis("unexplained", unexplained=left))
     assert [doubt.from_s for doubt in made.product.doubts] == [-np.inf] * doubted
 
 
 @pytest.mark.parametrize(("sigma_deg", "verdict"), [(angles.UNIFORM_SIGMA_DEG, "insufficient"), (30.0, "unexplained")])
-def test_doubts_of_the_pairs_determine_the_verdict(sigma_deg, verdict):
-    seen = replace(pairs(MILD, n=1500, seed=6)[0], doubts=((sigma_deg, "the reference cannot be believed"),))
-    made = concluded(seen)
+def test_doubts_of_the_pairs_determine_the_verdict(mild, sigma_deg, verdict):
+    seen, fit = replace(mild[0], doubts=((sigma_deg, "the reference cannot be believed"),)), mild[1]
+    made = concluded(seen, fit)
     assert made.diagnosis.verdict == verdict and made.product.doubts[0].sigma_deg == sigma_deg
     assert "cannot be believed" in made.diagnosis.why or "cannot be believed" in made.diagnosis.warnings[0]
-    carried = replace(fit_exact(seen), method="calibration")
-    kept = concluded(seen, fit=carried)
+    kept = concluded(seen, replace(fit, method="calibration"))
     assert kept.product.doubts == () and "cannot be believed" in kept.diagnosis.warnings[-1]
 
 
-def test_a_record_that_contradicts_its_fit_makes_all_headings_doubtful():
-    seen, _ = pairs(MILD, n=1500, seed=6)
+def test_a_record_that_contradicts_its_fit_makes_all_headings_doubtful(mild):
     few = Diagnosis("insufficient", why="the branch of the compass is known for 11 of 1500 pairs", refutes_fit=True)
-    made = concluded(seen, diagnosis=few)
+    made = concluded(*mild, diagnosis=few)
     assert made.diagnosis.why == few.why and made.product.doubts[0].sigma_deg == angles.UNIFORM_SIGMA_DEG
-    assert concluded(seen, diagnosis=replace(few, refutes_fit=False)).product.doubts == ()
+    assert concluded(*mild, diagnosis=replace(few, refutes_fit=False)).product.doubts == ()
 
 
-def test_a_contradicted_calibration_is_insufficient_and_named():
-    seen, _ = pairs(MILD, n=1500, seed=6)
-    other = replace(fit_exact(seen), method="calibration", covariance=np.eye(5) * 1e-4)
-    other = replace(other, coefficients=np.array([0.0, -0.7, 0.7, 0.0, 0.0]))
-    made = concluded(seen, fit=other, calibration="bench")
+def test_a_contradicted_calibration_is_insufficient_and_named(mild):
+    seen, fit = mild
+    coefficients = np.array([0.0, -0.7, 0.7, 0.0, 0.0])
+    other = replace(fit, method="calibration", covariance=np.eye(5) * 1e-4, coefficients=coefficients)
+    made = concluded(seen, other, calibration="bench")
     assert made.diagnosis.verdict == "insufficient" and made.diagnosis.why.startswith("calibration bench: ")
     assert made.product.doubts[0].sigma_deg == angles.UNIFORM_SIGMA_DEG
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from launch import change
 from scipy.io import savemat
-from sea import MILD, cruise, pairs
+from sea import MILD, cruise, field_of, pairs, record_of
 
 from compasslib import angles
 from compasslib.calibrations.at_mooring import compass_from_coefficients
@@ -23,7 +23,6 @@ from compasslib.deviation.series import fit_series
 from compasslib.errors import InputError
 from compasslib.preparation.pairs import ROLES, match_ready_pairs, read_ready_pairs
 from compasslib.records import GOOD, PROBABLY_BAD
-from tests.test_deviation_correction import field_of, record_of
 
 SEEN, HEADING = pairs(n=400)
 RECORD = record_of(SEEN)

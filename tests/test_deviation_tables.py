@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from sea import FOLDED, MILD, pairs
+from sea import FOLDED, MILD, pairs, record_of
 
 from compasslib import angles, compass
 from compasslib.archive import summary
@@ -19,7 +19,6 @@ from compasslib.deviation.histograms import BIN_DEG, QUANTITIES, build_histogram
 from compasslib.deviation.model import DeviationFit, estimate_safe_distance, unfitted
 from compasslib.deviation.series import fit_series, series_deviation
 from compasslib.records import BAD
-from tests.test_deviation_correction import record_of
 
 
 def exact(coefficients) -> DeviationFit:

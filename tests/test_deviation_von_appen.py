@@ -1,5 +1,7 @@
 """The published method: its numbers, folding, NaN outside its range, and its known bias."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sea import MILD, pairs
@@ -52,14 +54,8 @@ def test_fit_recovers_a_curve_without_noise():
     truth = np.array([3.0, 20.0, -10.0, 2.0, 1.0])
     deviation = series_deviation(truth, heading)
     lower = angles.turn(seen.upper_east, seen.upper_north, deviation)
-    clean = type(seen)(
-        **{
-            **vars(seen),
-            "heading_deg": angles.wrap360(heading - deviation),
-            "lower_east": lower[0],
-            "lower_north": lower[1],
-        }
-    )
+    recorded = angles.wrap360(heading - deviation)
+    clean = replace(seen, heading_deg=recorded, lower_east=lower[0], lower_north=lower[1])
     fit = fit_series(clean)
     assert fit.coefficients == pytest.approx(truth, abs=1e-6)
     assert fit.recorded_range_deg == (0.0, 360.0) and not fit.folded

@@ -17,6 +17,7 @@ import tempfile
 import tomllib
 import typing
 import zipfile
+from functools import cache
 from pathlib import Path
 
 import numbers_of_pages
@@ -28,6 +29,7 @@ import yaml
 from launch import copied_project
 from sea import cruise
 from test_architecture import APART, ROOMS
+from test_archive import make_product, write
 
 import compasslib
 from benchmarks.proof import standing
@@ -45,6 +47,13 @@ WITH_YAML = [PROJECT / "README.md", *sorted((PROJECT / "docs/howto").glob("*.md"
 MOST_WORDS = 1200  # of the README, to be read to the end
 
 
+def python(*words: object, **options: object) -> str:
+    """Run Python in a process of its own, check that it succeeds, and return what it prints."""
+    ran = subprocess.run([sys.executable, *map(str, words)], capture_output=True, text=True, check=False, **options)
+    assert ran.returncode == 0, ran.stderr
+    return ran.stdout
+
+
 def blocks(page: Path, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
 
@@ -56,9 +65,7 @@ def test_library_page_runs_and_corrects_a_record(tmp_path):
         " sigma=product.heading_uncertainty_deg, t=truth.time_s, true=truth.heading_deg, read=truth.recorded_deg,"
         " again=corrected.heading_corrected_deg, weak=cl.compass.inverse(weak, recorded))"
     )
-    code = "\n".join([*blocks(LIBRARY, "python"), check])
-    ran = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert ran.returncode == 0, ran.stderr
+    said = python("-c", "\n".join([*blocks(LIBRARY, "python"), check]), cwd=tmp_path)
     seen = np.load(tmp_path / "seen.npz")
     np.testing.assert_allclose(seen["time"], seen["t"], atol=1.0)  # the file has hundredths of seconds
     before, after = (angles.difference(seen[name], seen["true"]) for name in ("read", "heading"))
@@ -67,7 +74,7 @@ def test_library_page_runs_and_corrects_a_record(tmp_path):
     assert rms[1] < 3.0 * np.nanmedian(seen["sigma"]) and rms[1] < 0.2 * rms[0]
     assert np.nanmax(np.abs(before)) == pytest.approx(33.0, abs=0.5)
     np.testing.assert_allclose(np.sort(seen["weak"])[:, 0], [10.0, 100.0, 190.0, 280.0], atol=1e-9)
-    assert "bench.csv" in ran.stdout.splitlines()[-1]
+    assert "bench.csv" in said.splitlines()[-1]
 
 
 def test_notebook_runs_and_states_the_transport_uncertainty(tmp_path):
@@ -77,12 +84,8 @@ def test_notebook_runs_and_states_the_transport_uncertainty(tmp_path):
     page = json.loads((PROJECT / "docs/notebooks/section_and_transport.ipynb").read_text())
     code = "\n".join("".join(cell["source"]) for cell in page["cells"] if cell["cell_type"] == "code")
     assert not any(cell.get("outputs") for cell in page["cells"])
-    environment = os.environ | {"MPLBACKEND": "agg"}
-    ran = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, env=environment, check=False
-    )
-    assert ran.returncode == 0, ran.stderr
-    along, joined, alone = map(float, re.findall(r"(-?[0-9.]+) ± ([0-9.]+) m²/s \(95 %\); ± ([0-9.]+)", ran.stdout)[0])
+    said = python("-c", code, cwd=tmp_path, env=os.environ | {"MPLBACKEND": "agg"})
+    along, joined, alone = map(float, re.findall(r"(-?[0-9.]+) ± ([0-9.]+) m²/s \(95 %\); ± ([0-9.]+)", said)[0])
     assert abs(along) > joined > alone > 0.0  # a heading error is common to all cells of a time
 
 
@@ -100,8 +103,7 @@ def test_public_names_are_documented_and_imported_lazily():
     for name in compasslib.__all__:
         assert getattr(compasslib, name).__doc__, name
         assert f"`{name}`" in page, f"{name} is public and not on {LIBRARY.name}"
-    late = "import sys, compasslib; dir(compasslib); sys.exit('numpy' in sys.modules)"
-    subprocess.run([sys.executable, "-c", late], check=True)
+    python("-c", "import sys, compasslib; dir(compasslib); sys.exit('numpy' in sys.modules)")
 
 
 def test_correcting_one_record_takes_at_most_ten_lines():
@@ -251,9 +253,7 @@ def site(tmp_path_factory) -> Path:
     if any(importlib.util.find_spec(name) is None for name in ("sphinx", "furo", "myst_parser")):
         pytest.skip("no Sphinx: make docs installs it")
     folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "sphinx", "--fail-on-warning", "--quiet", PROJECT / "docs", folder]
-    built = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False)
-    assert built.returncode == 0, built.stderr
+    python("-m", "sphinx", "--fail-on-warning", "--quiet", PROJECT / "docs", folder)
     return folder
 
 
@@ -307,16 +307,8 @@ def test_commands_that_a_page_names_exist(page):
     text = page.read_text()
     targets = set(re.findall(r"^([a-z]+):", (PROJECT / "Makefile").read_text(), re.MULTILINE))
     assert set(re.findall(r"(?:`|^    )make ([a-z]+)", text, re.MULTILINE)) <= targets
-    assert set(re.findall(r"`compass ([a-z]+)`", text)) <= {
-        "init",
-        "run",
-        "check",
-        "correct",
-        "explain",
-        "export",
-        "diff",
-        "verify",
-    }
+    commands = {"init", "run", "check", "correct", "explain", "export", "diff", "verify"}
+    assert set(re.findall(r"`compass ([a-z]+)`", text)) <= commands
     for words in re.findall(r"^(?:    (?:\.venv/bin/)?|\$ )compass ([^\n#]*)", text, re.MULTILINE):
         _parser().parse_args(shlex.split(words.partition(" -- ")[0]))  # options of Snakemake follow
     for script in re.findall(r"\b(?:benchmarks|tests|examples|compasslib|workflow)/[\w/]*\w\.py\b", text):
@@ -332,9 +324,7 @@ def installed(tmp_path_factory) -> Path:
     files = "pyproject.toml", "setup.py", "README.md", "LICENSE", "CHANGELOG.md", "docs/glossary.md"
     copied_project(source, "compasslib", "workflow", "requirements", *files)
     build = "from setuptools.build_meta import build_wheel; print(build_wheel('.'))"
-    made = subprocess.run([sys.executable, "-c", build], cwd=source, capture_output=True, text=True, check=False)
-    assert made.returncode == 0, made.stderr
-    with zipfile.ZipFile(source / made.stdout.split()[-1]) as wheel:
+    with zipfile.ZipFile(source / python("-c", build, cwd=source).split()[-1]) as wheel:
         wheel.extractall(target)
     return target
 
@@ -365,12 +355,6 @@ def test_tutorial_commands_print_what_the_page_shows(installed, tmp_path):
         assert ran.returncode == 0 and re.fullmatch(expected, said), f"$ {command}{said}"
 
 
-def run_installed(installed: Path, folder: Path, code: str) -> subprocess.CompletedProcess:
-    environment = os.environ | {"PYTHONPATH": str(installed), "SOURCE_DATE_EPOCH": "0"}
-    command = [sys.executable, "-c", code]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-
-
 def test_wheel_contains_every_file_of_the_package(installed):
     kept = {path.relative_to(PROJECT) for path in (PROJECT / "compasslib").rglob("*") if path.is_file()}
     kept = {path for path in kept if "__pycache__" not in path.parts}
@@ -394,9 +378,8 @@ def test_the_wheel_works_without_the_checkout(installed, tmp_path):
         "from compasslib.report import read_glossary, words\nfrom compasslib.cli import main\n"
         "print(words.TEMPLATES.is_dir(), len(read_glossary()) > 15, compasslib.__file__)\nsys.exit(main(['check']))\n"
     )
-    ran = run_installed(installed, tmp_path, code)
-    assert ran.returncode == 0, ran.stderr
-    assert ran.stdout.splitlines() == [
+    said = python("-c", code, cwd=tmp_path, env=os.environ | {"PYTHONPATH": f"{installed}", "SOURCE_DATE_EPOCH": "0"})
+    assert said.splitlines() == [
         f"True True {installed / 'compasslib/__init__.py'}",
         "nothing to run: can run, 0 problems",
     ]
@@ -408,8 +391,16 @@ def test_page_on_the_concealed_moorings_is_up_to_date():
     )
 
 
+@pytest.fixture(scope="module")
+def hashed_once():
+    """Hash the statements of the engine once for all pages, as each hash takes a second."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(standing, "engine", cache(standing.engine))
+        yield
+
+
 @pytest.mark.parametrize("page", numbers_of_pages.PAGES, ids=lambda page: page.name)
-def test_measured_numbers_on_pages_are_up_to_date(page):
+def test_measured_numbers_on_pages_are_up_to_date(hashed_once, page):
     assert page.read_text() == numbers_of_pages.filled(page), "run .venv/bin/python benchmarks/numbers_of_pages.py"
 
 
@@ -419,3 +410,29 @@ def test_measured_shares_are_only_in_generated_parts_of_pages():
         text = re.sub(r"<!-- numbers: \S+ -->\n.*?<!-- /numbers -->", "", page.read_text(), flags=re.DOTALL)
         found = re.findall(r".*(?:\d % of \d+|\(\d[\d.]* to \d[\d.]*[,;)%]|\bn = \d).*", text)
         assert not found or page.name in by_others, f"{page.name}: {found}"
+
+
+GREY, GREEN = (153, 153, 153), (44, 160, 44)  # colours of recorded and corrected sticks
+
+
+def test_example_draws_recorded_and_corrected_currents(tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    record = write(tmp_path / "corrected.nc", make_product(1500, 6))
+    words = "-W", "error", PROJECT / "examples/plot_corrected.py", record, tmp_path / "figure.png"
+    assert "Currents of mooring EG4, corrected" in python(*words, env=os.environ | {"MPLBACKEND": "Agg"})
+    with image.open(tmp_path / "figure.png") as drawn:
+        pixels = np.asarray(drawn.convert("RGB"))
+    for colour in (GREY, GREEN):
+        assert (pixels == colour).all(axis=2).sum() > 100, colour
+
+
+def test_imports_of_the_readme_commands_are_locked():
+    """Packages of the example, and pygments, which Snakemake's report needs without requiring it."""
+    lock = (PROJECT / "requirements/run.txt").read_text().lower()
+    text = (PROJECT / "examples/plot_corrected.py").read_text()
+    imported = {
+        line.split()[1].split(".")[0].lower() for line in text.splitlines() if line.startswith(("import ", "from "))
+    }
+    assert {"netcdf4", "numpy", "matplotlib"} <= imported
+    for package in (imported - set(sys.stdlib_module_names)) | {"pygments"}:
+        assert f"\n{package}==" in lock, package

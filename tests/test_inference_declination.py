@@ -11,8 +11,8 @@ from iaga_files import DAY_S, HOUR_S, LATITUDE, LONGITUDE, START_S, series, writ
 from sea import SHARED
 
 from compasslib import earthfield
-from compasslib.calibrations import declination as calibrated_declination
 from compasslib.calibrations import observatory
+from compasslib.calibrations.declination import with_observatory_warnings
 from compasslib.deviation import fit_deviation
 from compasslib.errors import InputError
 from compasslib.inference.comparison import Options
@@ -160,49 +160,45 @@ def test_an_observatory_series_becomes_a_covariate_of_a_mooring(tmp_path):
 def test_observatory_of_a_mooring_is_checked_for_place_and_time(tmp_path):
     path, here = write(tmp_path / "a.hor", series(40)), {"latitude": 56.0, "longitude": -5.0}
     field = earthfield.field_along(56.0, -5.0, START_S, START_S + 40 * DAY_S)
-    assert calibrated_declination.with_observatory_warnings(field, [], here) is field
-    assert calibrated_declination.with_observatory_warnings(field, [path], here).warnings == ()
-    far = calibrated_declination.with_observatory_warnings(field, [path], {"latitude": 30.0, "longitude": 5.0}).warnings
+
+    def warned(field, path, place=here):
+        return with_observatory_warnings(field, [path], place).warnings
+
+    assert with_observatory_warnings(field, [], here) is field
+    assert warned(field, path) == ()
+    far = warned(field, path, {"latitude": 30.0, "longitude": 5.0})
     assert len(far) == 1 and far[0].startswith("the observatory Made is 28")
     later = earthfield.field_along(56.0, -5.0, START_S + 30 * DAY_S, START_S + 90 * DAY_S)
-    assert (
-        "covers 16 % of the deployment's days"
-        in calibrated_declination.with_observatory_warnings(later, [path], here).warnings[0]
-    )
+    assert "covers 16 % of the deployment's days" in warned(later, path)[0]
     empty = replace(series(40), declination_deg=np.full(960, np.nan))
-    nothing = calibrated_declination.with_observatory_warnings(
-        field, [write(tmp_path / "b.hor", empty, "DHZF")], here
-    ).warnings
+    nothing = warned(field, write(tmp_path / "b.hor", empty, "DHZF"))
     assert "covers 0 % of the deployment's days" in nothing[0]
     wrong = replace(series(40), declination_deg=-series(40).declination_deg)
     with pytest.raises(InputError, match="the sign of D"):
-        calibrated_declination.with_observatory_warnings(field, [write(tmp_path / "c.hor", wrong)], here)
+        warned(field, write(tmp_path / "c.hor", wrong))
+
+
+N = 3000  # hours, until two weeks after the storm of 29 October 2003
 
 
 def moored(share: float, *, magnetic: bool):
-    """Diagnose a simulated mooring whose compass is exposed to a multiple of the departures of a real year."""
-    world = sea.make(1, wide=True, noise_deg=8.0, n=6000)
-    begin = float(np.datetime64("2003-03-01T00:30", "s").astype(float))
-    time_s = begin + HOUR_S * np.arange(6000)
+    """Diagnose a simulated mooring whose compass is exposed to a multiple of the departures of real months."""
+    world = sea.make(1, wide=True, noise_deg=8.0, n=N)
+    begin = float(np.datetime64("2003-07-15T00:30", "s").astype(float))
+    time_s = begin + HOUR_S * np.arange(N)
     departure, _ = observatory.covariates([REAL / "esk2003dhor.hor"], time_s)
     moved = share * np.nan_to_num(departure)
-    gamma = sea.compass(replace(world, heading=world.heading - moved)) + world.rng.normal(0.0, 0.5, 6000)
+    gamma = sea.compass(replace(world, heading=world.heading - moved)) + world.rng.normal(0.0, 0.5, N)
     upper = sea.turned(world.flow, sea.wrap(gamma - world.heading))
     lower = sea.turned(world.flow + world.difference, -moved if magnetic else 0.0)
-    zero = np.zeros(6000)
+    zero = np.zeros(N)
     pairs = Pairs(
         time_s, gamma % 360.0, *world.sensed, upper.real, upper.imag, lower.real, lower.imag, world.depth,
         world.depth + world.separation, zero, zero,
     )  # fmt: skip
-    one = np.ones(2)
-    field = EarthField(time_s[[0, -1]], 0.0 * one, world.earth[0] * one, world.earth[1] * one, 0.0 * one)
-    return diagnose(
-        pairs,
-        {"declination_observatory": departure},
-        fit_deviation("exact", pairs),
-        field,
-        Options(reference_magnetic=magnetic),
-    )
+    field = EarthField(time_s[[0, -1]], *np.outer([0.0, *world.earth, 0.0], [1.0, 1.0]))
+    logged, fit = {"declination_observatory": departure}, fit_deviation("exact", pairs)
+    return diagnose(pairs, logged, fit, field, Options(reference_magnetic=magnetic))
 
 
 @real

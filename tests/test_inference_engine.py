@@ -1,4 +1,4 @@
-"""Parts of the search: scores, clocks, nuisances, covariates, held-out gains and wording."""
+"""Parts of the search: scores, clocks, nuisances, covariates, held-out gains, wording, suggested observations."""
 
 from dataclasses import replace
 
@@ -11,7 +11,8 @@ from compasslib.deviation.model import observed_deviation
 from compasslib.effects.composed import compose_effect, place_effect
 from compasslib.effects.effect import YEAR_S
 from compasslib.effects.iron import TemperatureOfField, TemperatureOfReading
-from compasslib.inference import comparison, covariates, finding, omnibus, wording
+from compasslib.inference import comparison, covariates, experiments, finding, omnibus, wording
+from compasslib.inference.experiments import ANYTHING, Rows
 from compasslib.inference.kinds import mooring
 from compasslib.records import take
 from compasslib.statistics.whitening import whitened_basis
@@ -43,8 +44,7 @@ def test_clock_offset_is_estimated_with_its_sign_and_corrected(ahead_h):
     assert found.offset_named and not found.drift_named
     assert found.offset_h == pytest.approx(ahead_h, abs=4 * found.offset_sigma_h + 0.05)
     again = mooring.repair_pairs(wrong, found)
-    own, off = (angles.rms(observed_deviation(x) - 0.0) for x in (again, wrong))
-    assert own < off
+    assert angles.rms(observed_deviation(again)) < angles.rms(observed_deviation(wrong))
 
 
 def test_clock_drift_is_distinguished_from_an_offset():
@@ -163,3 +163,28 @@ def test_separating_observations_are_stated():
     told = wording.separating_observations("supply_voltage", ("compass_drift",))
     assert "supply_voltage or compass_drift" in told and "battery change" in told
     assert "is in the water" in wording.separating_observations("current_veer", ("sextantal",))
+
+
+def test_free_nuisances_reduce_the_information_of_an_observation():
+    rng = np.random.default_rng(3)
+    known = rng.normal(size=(50, 2))
+    free = Rows(known, np.ones((50, 1)), np.full(1, 1.0 / ANYTHING)).information
+    centred = known - known.mean(axis=0)
+    np.testing.assert_allclose(free, centred.T @ centred, rtol=1e-5)
+    fixed = Rows(known, np.ones((50, 1)), np.full(1, 1e9)).information
+    np.testing.assert_allclose(fixed, known.T @ known, rtol=1e-5)
+
+
+def test_a_trend_is_extrapolated_and_other_series_are_repeated():
+    time_s = np.arange(1000.0)
+    falling, season = 40.0 - 0.004 * time_s, np.sin(time_s / 30.0)
+    np.testing.assert_allclose(experiments._continued(falling, time_s, 1000.0), falling - 4.0)
+    np.testing.assert_array_equal(experiments._continued(season, time_s, 1000.0), season)
+
+
+def test_the_share_of_single_names_follows_the_verdict():
+    """An effect is certain by its total probability; equal ones leave two names; no effect at 0.8 is uncertain."""
+    names = [(), ("heeling",), ("current_veer", "heeling"), ("temperature",)]
+    draws = np.array([[0.0, 0.6, 0.38, 0.02], [0.0, 0.5, 0.0, 0.5], [0.8, 0.2, 0.0, 0.0], [0.97, 0.03, 0.0, 0.0]]).T
+    each = [experiments._single_name_share(names, draws[:, k : k + 1]) for k in range(4)]
+    assert each == [1.0, 0.0, 0.0, 1.0] and experiments._single_name_share(names, draws) == 0.5

@@ -6,23 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_inference_mooring import bench, diagnose, field_of, fitted, seen
+from test_inference_mooring import bench, diagnose, field_of, fitted, seen, state_of
 
 from compasslib import angles
 from compasslib.deviation.tilt import CompassSeries, average_compasses
 from compasslib.effects import SIDES, SLOW_WATER
 from compasslib.inference import design, heldout, inference, noise, posterior, weighing
-from compasslib.inference.comparison import compare_pairs
 from compasslib.inference.current import infer_current
-from compasslib.types import Floats
 from tests.world import pairs as world
 
 
 def inferred(wanted, seed, n=6000):
     drawn = world.planted(world.make(seed, wide=True, n=n), wanted)
-    case = compare_pairs(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
-    empty = design.refit(design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1])), [])
-    return drawn, inference.infer(empty, 1.0)
+    return drawn, inference.infer(design.refit(state_of(drawn), []), 1.0)
 
 
 @pytest.fixture(scope="module")
@@ -57,10 +53,7 @@ def test_slow_water_is_found_for_a_hypothesis_not_retained(lobes):
     _, found = lobes
     whole = found.posterior
     pair = next(one for one in whole.hypotheses if len(one) == 2)
-    without = replace(
-        whole,
-        hypotheses=[pair if one == pair[:1] else one for one in whole.hypotheses],
-    )
+    without = replace(whole, hypotheses=[pair if one == pair[:1] else one for one in whole.hypotheses])
     assert pair[:1] not in without.hypotheses
     assert without.water_of(pair[:1]) in without.waters
 
@@ -76,12 +69,9 @@ def test_prior_odds_change_probabilities_but_not_statements(lobes):
     assert odds[1] / odds[0] == pytest.approx(1e-6, rel=0.01) or faults[1] > 0.999
     alone = posterior.log_shares(candidates.kinds)
     of_faults = [k for k, kind in enumerate(candidates.kinds) if kind.side != "reference" and not kind.always_present]
-    each = [alone[k] + candidates.shares[k] for k in of_faults if not kind_of(candidates, k).startswith("composed")]
+    listed = [k for k in of_faults if not candidates.kinds[k].name.startswith("composed")]
+    each = [alone[k] + candidates.shares[k] for k in listed]
     assert np.exp(each).sum() == pytest.approx(2.0 / 3.0)  # the other third is that of composed effects
-
-
-def kind_of(candidates, k):
-    return candidates.kinds[k].name
 
 
 def test_a_veering_current_is_stated_by_its_driver():
@@ -93,8 +83,7 @@ def test_a_veering_current_is_stated_by_its_driver():
     assert not found.applied or not any(one.compass for one in found.applied[:1] if one.effect == "none")
 
 
-@pytest.mark.parametrize("driver", ["tide", "tilt"])
-@pytest.mark.parametrize("acts_on", ["offset", "veer"])
+@pytest.mark.parametrize(("acts_on", "driver"), [("offset", "tide"), ("veer", "tilt")])
 def test_reading_and_current_with_the_same_driver_share_the_probability(acts_on, driver):
     """Both yield nearly the same pairs. Regression test: the current, treated as noise, took all of the probability."""
     made = world.make(3, wide=True, n=4000)
@@ -193,21 +182,18 @@ def test_an_event_within_one_fold_is_held_out_within_it(lobes):
     assert proof.method == "within_event" and proof.placebo.rank_p is None and not proof.confirmed
 
 
-def compass_off_by(
-    deg: float, sigma_deg: float, weight: float, others: tuple[CompassSeries, ...] = ()
-) -> CompassSeries:
-    def turned(heading_deg: Floats) -> Floats:
-        return np.ones((len(heading_deg), 1))
-
+def compass_off_by(deg: float, weight: float, others: tuple[CompassSeries, ...] = ()) -> CompassSeries:
+    """Make a compass without deviation whose reading is off by a constant, with a standard error of 1°."""
     reading = np.arange(0.0, 360.0, 30.0) + deg
-    return CompassSeries(reading, np.zeros(5), np.array([[sigma_deg**2]]), turned, weight=weight, others=others)
+    turned = lambda heading_deg: np.ones((len(heading_deg), 1))  # noqa: E731
+    return CompassSeries(reading, np.zeros(5), np.eye(1), turned, weight=weight, others=others)
 
 
 def test_equal_weights_average_headings_and_widen_sigma():
-    at = compass_off_by(0.0, 1.0, 0.5, (compass_off_by(4.0, 1.0, 0.5),))
+    at = compass_off_by(0.0, 0.5, (compass_off_by(4.0, 0.5),))
     made = average_compasses(at, np.arange(0.0, 360.0, 30.0))
     assert made.shift_deg == pytest.approx(2.0, abs=1e-9)
     assert made.sigma_deg == pytest.approx(np.hypot(1.0, 2.0))
     assert np.all(made.agreed == 0.5)  # they are four standard errors apart
-    sure = average_compasses(replace(at, weight=0.97, others=(compass_off_by(4.0, 1.0, 0.03),)), np.zeros(12))
+    sure = average_compasses(replace(at, weight=0.97, others=(compass_off_by(4.0, 0.03),)), np.zeros(12))
     assert np.all(sure.agreed > 0.9) and np.all(np.abs(angles.wrap180(sure.shift_deg)) < 0.2)

@@ -27,7 +27,7 @@ from tests.world import recordings as drawn
 from tests.world import swing
 
 OPTIONS = Options()
-MM = np.array([-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123])
+MM = np.array([-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123])  # Moncunill Marimón 2023, section 5.3
 ACM = "acm/mmp_global_A0000001.TXT"
 
 
@@ -207,8 +207,7 @@ def test_a_disabled_diagnosis_says_so():
 
 
 def test_a_swing_of_eight_headings_is_insufficient_with_advice(tmp_path):
-    deviations = (-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123)  # Moncunill 2023, 5.3
-    rows = [f"{(45 * k - d) % 360:.3f},{45 * k}" for k, d in enumerate(deviations)]
+    rows = [f"{(45 * k - d) % 360:.3f},{45 * k}" for k, d in enumerate(MM)]
     (tmp_path / "swing.csv").write_text("\n".join(["compass_deg,true_deg", *rows]) + "\n")
     found = kinds.diagnose("swing", [tmp_path / "swing.csv"], {"declination": 0.0}, Options())
     assert found.verdict == "insufficient" and "third (3.1) and fourth" in found.why and "16 to 24" in found.why

@@ -1,11 +1,12 @@
 """Tilt errors, moving iron and storms, planted by an independent simulation and recovered by the forward models."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+from test_inference_mooring import state_of as any_state_of
 
-from benchmarks.discrepancy import field_of, fitted
 from compasslib import angles
 from compasslib.demo.water import DAY_S, red_noise
 from compasslib.effects import Scene
@@ -14,17 +15,12 @@ from compasslib.effects.earth import VectorDisturbance
 from compasslib.effects.forward import ForwardModel, recorded_heading
 from compasslib.effects.readout import TemperatureOfTilt
 from compasslib.inference import covariates, design, noise
-from compasslib.inference.comparison import compare_pairs
 from tests.world import pairs as world
 
 HOURS, WEAK_NT = 5000, (5000.0, 55000.0)  # the earth's field near the magnetic pole
 
 
-def state_of(drawn, more=None, *, magnetic=False):
-    """Evaluate the fitted compass without effects."""
-    logged = drawn.covariates | (more or {})
-    case = compare_pairs(drawn.pairs, logged, fitted(drawn), field_of(drawn), reference_magnetic=magnetic)
-    return design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+state_of = partial(any_state_of, magnetic=False)
 
 
 def swung(drawn, north_deg):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sea import real
 
 from compasslib import calibrations
 from compasslib.demo.compass import Iron
@@ -14,13 +15,12 @@ from compasslib.inference import kinds
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.kinds import swing as swing_kind
-from tests.world import recordings, swing
+from tests.world import iron, recordings, swing
 from tests.world.swing import CIRCLES, LEGS, ONE_CIRCLE, Boat
 
 KNOT_M_S = 1852.0 / 3600.0
 WATER_KN = 0.8 * np.exp(0.6j)
 BOAT = Boat(plan=CIRCLES, minutes=25.0, leeway_deg=1.0, iron=Iron((1500.0, -900.0, 0.0)))
-TAIOHAE = Path(__file__).resolve().parents[2] / "shared/data/swing/2010-11-03.Taiohae.nmea"
 
 
 def table(path: Path, boat: Boat, seed: int = 1) -> Path:
@@ -142,25 +142,17 @@ def test_many_independent_readings_are_searched(tmp_path):
     rng, heading = np.random.default_rng(5), np.arange(0.0, 720.0, 3.0)
     wrong = heading + 4.0 * np.sin(np.deg2rad(3.0 * heading)) + rng.normal(0.0, 1.0, len(heading))
     path = tmp_path / "bench.csv"
-    np.savetxt(
-        path,
-        np.column_stack([heading % 360.0, wrong % 360.0]),
-        "%.2f",
-        ",",
-        header="reference_deg,recorded_deg",
-        comments="",
-    )
+    iron.write(path, reference_deg=heading % 360.0, recorded_deg=wrong % 360.0)
     assert [one.effect for one in kinds.diagnose("platform", [path], {}, Options()).findings] == ["sextantal"]
 
 
 def test_the_real_log_shows_course_lag_and_current():
-    if not TAIOHAE.exists():
-        pytest.skip(f"no real recording {TAIOHAE.name} beside the repository")
-    found = kinds.diagnose("swing", [TAIOHAE], {"format": "nmea0183"}, Options())
+    log = real("swing/2010-11-03.Taiohae.nmea")
+    found = kinds.diagnose("swing", [log], {"format": "nmea0183"}, Options())
     assert sets(found) == [{"course_lag"}, {"water_drift"}]
     assert found.findings[0].held_out.rms_before_deg > 7.0 and found.findings[0].held_out.rms_after_deg < 2.0
     assert found.findings[1].parameters["drift_kn"].value == pytest.approx(0.27, abs=0.1)
-    without = kinds.diagnose("swing", [TAIOHAE], {"format": "nmea0183", "withhold": ["water_speed_kn"]}, Options())
+    without = kinds.diagnose("swing", [log], {"format": "nmea0183", "withhold": ["water_speed_kn"]}, Options())
     assert sets(without) == [{"course_lag"}] and "two speeds" in (without.separated_by or "")
 
 

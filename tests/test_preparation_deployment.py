@@ -77,15 +77,6 @@ def test_excluded_windows_are_flagged_not_deleted():
     assert (settled.quality[2:4] == BAD).all() and len(settled.time_s) == 10
 
 
-def test_impossible_speeds_and_tilts_are_flagged_and_reported():
-    given = record(HOUR * np.arange(4))
-    east = given.east.copy()
-    east[1] = 9.0
-    settled = apply_deployment(replace(given, east=east, pitch_deg=np.array([3.0, 3.0, 80.0, 3.0])), **SETTINGS)
-    assert settled.counts["impossible_speed"] == 3 and settled.counts["steep_tilt"] == 3
-    assert len([said for said in settled.warnings if "velocities flagged" in said]) == 2
-
-
 def test_applied_declination_is_removed():
     given = record(HOUR * np.arange(3), east=0.0, north=0.2, heading=5.0)
     settled = apply_deployment(given, **SETTINGS, declination_applied=18.0)
@@ -186,15 +177,6 @@ def test_coarse_compass_in_slack_water_is_not_stuck():
     coarse = np.repeat(np.arange(0.0, 60.0, 10.0), 10) + 13.0  # repeats itself nine times in ten
     settled = apply_deployment(replace(given, heading_deg=coarse), **LONG)
     assert settled.counts["heading_stuck"] == 0
-
-
-def test_frozen_tilts_and_narrow_headings_are_counted_and_reported():
-    given = turning()
-    stuck = replace(given, pitch_deg=np.full(60, 3.0), roll_deg=np.full(60, -2.0))
-    settled = apply_deployment(replace(stuck, heading_deg=90.0 + given.heading_deg / 100.0), **LONG)
-    assert settled.counts["tilt_frozen"] == 60 and settled.counts["heading_narrow"] == 60
-    assert any("tilt sensor is stuck" in said for said in settled.warnings)
-    assert any("all headings lie within 3." in said for said in settled.warnings)
 
 
 def test_frozen_velocities_and_impossible_depths_are_flagged():

@@ -37,10 +37,11 @@ def altered(some: slice, change) -> Record:
     return replace(record, heading_deg=heading)
 
 
-MIDDLE = slice(800, 1200)
+HEADING = moored().heading_deg
+MIDDLE, ALL = slice(800, 1200), slice(None)
 EVERY_SIXTH = np.arange(N) // 6 * 6
-AVERAGED = angles.direction(*(np.convolve(x, np.ones(12) / 12, "same") for x in angles.sin_cos(moored().heading_deg)))
-WITHOUT_A_BIT = (np.rint(100 * moored().heading_deg).astype(int) & ~(1 << 12)) / 100  # the bit of 40.96 degrees
+AVERAGED = angles.direction(*(np.convolve(x, np.ones(12) / 12, "same") for x in angles.sin_cos(HEADING)))
+WITHOUT_A_BIT = (np.rint(100 * HEADING).astype(int) & ~(1 << 12)) / 100  # the bit of 40.96 degrees
 
 
 def running_mean(values):
@@ -55,54 +56,37 @@ def across_north(heading_deg):
     )
 
 
-CUT = np.flatnonzero(moored().heading_deg <= 40.0)
+CUT = np.flatnonzero(HEADING <= 40.0)
 
 
-@pytest.mark.parametrize(
-    ("record", "words", "some"),
-    [
-        (altered(MIDDLE, lambda h: h + 180.0), "not those by which the velocities were turned", MIDDLE),
-        (altered(slice(None), lambda h: -h), "mirrored (counted anticlockwise)", slice(None)),
-        (altered(MIDDLE, lambda h: moored().heading_deg[100:500]), "repeat others to the last digit", MIDDLE),
-        (altered(MIDDLE, lambda h: moored().heading_deg[EVERY_SIXTH][MIDDLE]), "stands for several samples", MIDDLE),
-        (altered(MIDDLE, lambda h: AVERAGED[MIDDLE]), "far smoother than the flow", MIDDLE),
-        (altered(MIDDLE, lambda h: moored().heading_deg[795:1195]), "lag the direction of flow by 5 samples", MIDDLE),
-        (altered(MIDDLE, lambda h: WITHOUT_A_BIT[MIDDLE]), "a bit of the reading is stuck", MIDDLE),
-        (altered(slice(None), lambda h: h % 2.56), "higher bits of the reading are missing", slice(None)),
-        (altered(slice(None), lambda h: np.minimum(h, 360.0 - h)), "folded on the other", slice(None)),
-        (altered(slice(None), np.deg2rad), "they are radians", slice(None)),
-        (altered(slice(None), np.random.default_rng(3).permutation), "in another order", slice(None)),
-        (altered(slice(None), running_mean), "are running means", slice(None)),
-        (altered(slice(None), across_north), "average them as directions", slice(None)),
-        (altered(slice(None, None, 3), lambda h: h + 30.0), "one heading in 3 differs", slice(None)),
-        (altered(slice(None, None, 2), lambda h: h + 30.0), "one heading in 2 differs", slice(None)),
-        (replace(moored(), heading_deg=np.maximum(moored().heading_deg, 40.0)), "exactly 40 degrees", CUT),
-    ],
-    ids=[
-        "half a turn",
-        "mirrored",
-        "copied",
-        "held",
-        "averaged",
-        "late",
-        "stuck bit",
-        "low byte",
-        "folded",
-        "radians",
-        "shuffled",
-        "degrees averaged",
-        "across north",
-        "every third",
-        "every second",
-        "clipped",
-    ],
-)
-def test_altered_headings_are_flagged_and_described(record, words, some):
+ALTERED = {  # altered record, words of the warning, flagged part
+    "half a turn": (altered(MIDDLE, lambda h: h + 180.0), "not those by which the velocities were turned", MIDDLE),
+    "mirrored": (altered(ALL, lambda h: -h), "mirrored (counted anticlockwise)", ALL),
+    "copied": (altered(MIDDLE, lambda h: HEADING[100:500]), "repeat others to the last digit", MIDDLE),
+    "held": (altered(MIDDLE, lambda h: HEADING[EVERY_SIXTH][MIDDLE]), "stands for several samples", MIDDLE),
+    "averaged": (altered(MIDDLE, lambda h: AVERAGED[MIDDLE]), "far smoother than the flow", MIDDLE),
+    "late": (altered(MIDDLE, lambda h: HEADING[795:1195]), "lag the direction of flow by 5 samples", MIDDLE),
+    "stuck bit": (altered(MIDDLE, lambda h: WITHOUT_A_BIT[MIDDLE]), "a bit of the reading is stuck", MIDDLE),
+    "low byte": (altered(ALL, lambda h: h % 2.56), "higher bits of the reading are missing", ALL),
+    "folded": (altered(ALL, lambda h: np.minimum(h, 360.0 - h)), "folded on the other", ALL),
+    "radians": (altered(ALL, np.deg2rad), "they are radians", ALL),
+    "shuffled": (altered(ALL, np.random.default_rng(3).permutation), "in another order", ALL),
+    "degrees averaged": (altered(ALL, running_mean), "are running means", ALL),
+    "across north": (altered(ALL, across_north), "average them as directions", ALL),
+    "every third": (altered(slice(None, None, 3), lambda h: h + 30.0), "one heading in 3 differs", ALL),
+    "every second": (altered(slice(None, None, 2), lambda h: h + 30.0), "one heading in 2 differs", ALL),
+    "clipped": (replace(moored(), heading_deg=np.maximum(HEADING, 40.0)), "exactly 40 degrees", CUT),
+}
+
+
+@pytest.mark.parametrize("name", ALTERED)
+def test_altered_headings_are_flagged_and_described(name):
+    record, words, some = ALTERED[name]
     found = headings.flag_altered(record)
     assert any(words in warning for warning in found.warnings)
     assert (found.heading_quality[some] == PROBABLY_BAD).mean() > 0.7
     doubtful = (found.heading_quality == PROBABLY_BAD).mean()
-    assert doubtful < 0.55 or some == slice(None)
+    assert doubtful < 0.55 or some == ALL
 
 
 @pytest.mark.parametrize("seed", range(6))

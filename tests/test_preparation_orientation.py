@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pd0_encoder import START, ensemble
-from sea import SHARED
+from sea import real
 
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.readers import pd0
@@ -106,10 +106,7 @@ def test_few_samples_give_no_warning(tmp_path):
     [("eh2_20060530_20060717_0007m.000", "down", 7.0, 45.5), ("03160000.000", "up", 41.5, 200.0)],
 )
 def test_orientation_of_genuine_records_is_recognized(name, word, depth, bottom):
-    path = SHARED / "pd0" / name
-    if not path.exists():
-        pytest.skip(f"{path} is not there")
-    read = pd0.read([path], orientation=None, declination_applied=None, heading_alignment=None)
+    read = pd0.read([real(f"pd0/{name}")], orientation=None, declination_applied=None, heading_alignment=None)
     settings = SETTINGS | {"nominal_depth": depth, "water_depth": bottom}
     settings |= {"start_s": read.time_s[0] + 43200.0 * (word == "down"), "end_s": read.time_s[-1]}
     right = apply_deployment(read, **settings)

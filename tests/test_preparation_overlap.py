@@ -12,7 +12,7 @@ from compasslib.errors import InputError
 from compasslib.preparation.clocks import ClockOffset, take
 from compasslib.preparation.gridding import grid_indices, interpolate_series
 from compasslib.preparation.pairs import PairRules, check_pairs, estimate_clock_offset, find_pairs
-from compasslib.records import BAD, GOOD, EarthField, Record
+from compasslib.records import BAD, EarthField, Record
 from tests.world.pairs import red_from_rest as red_noise
 
 HOUR = 3600.0
@@ -21,23 +21,9 @@ NORTH_FIELD = EarthField(np.array([0.0, 1e9]), np.array([10.0, 10.0]), *(np.ones
 
 def record(times, *, depth=100.0, ranges=(10.0, 14.0, 18.0), east=0.2, north=0.1, up=True, heading=30.0) -> Record:
     times = np.asarray(times, dtype=float)
-    shape, flat = (len(times), len(ranges)), np.full(len(times), np.nan)
-    return Record(
-        times,
-        np.full(shape, east),
-        np.full(shape, north),
-        np.tile(np.array(ranges), (len(times), 1)),
-        np.full(len(times), heading),
-        flat,
-        flat,
-        flat,
-        np.broadcast_to(depth, times.shape).astype(float),
-        flat,
-        flat,
-        np.full(shape, GOOD, dtype=np.int8),
-        np.full(len(times), GOOD, dtype=np.int8),
-        looks_up=up,
-    )
+    flow, headings = np.full((len(times), len(ranges)), east + 1j * north), np.full(len(times), heading)
+    depths = np.broadcast_to(depth, times.shape).astype(float)
+    return sea.plain_record(times, flow, ranges, heading_deg=headings, depth_m=depths, looks_up=up)
 
 
 def test_grid_adopts_the_phase_of_the_series():

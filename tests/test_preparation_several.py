@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
+from pathlib import Path
 
+import chain
 import numpy as np
 import pandas as pd
 import pytest
@@ -74,7 +77,7 @@ def test_combination_bridges_gaps_and_preserves_rotations():
 
     def by_heading(pairs):
         east, north = angles.turn(pairs.upper_east, pairs.upper_north, shift[np.searchsorted(one.time_s, pairs.time_s)])
-        return type(pairs)(**{**vars(pairs), "upper_east": east, "upper_north": north})
+        return replace(pairs, upper_east=east, upper_north=north)
 
     again = combine_references(join_references([by_heading(pairs) for pairs in found], NAMES))
     np.testing.assert_allclose(again.upper_east, by_heading(one).upper_east, atol=1e-12)
@@ -115,10 +118,17 @@ def test_duplicate_recording_gets_no_second_vote():
     assert set(every.reference_index) == {0} and every.doubts[0][0] == pytest.approx(40.0, abs=4.0)
 
 
-def test_list_of_references_runs_through_the_pipeline(tmp_path):
-    cruise = sea.cruise(tmp_path / "cruise", n=600)
-    file = cruise / "config/moorings/M1.yaml"
+def add_reference(file: Path) -> dict:
+    """Add an instrument ``other``, like ``deep``, to the references of a mooring file, and return its keys."""
     said = yaml.safe_load(file.read_text())
+    said["instruments"]["other"] = copy.deepcopy(said["instruments"]["deep"]) | {"files": "raw/M1/other.csv"}
+    said["reference"] = ["deep", "other"]
+    file.write_text(yaml.safe_dump(said))
+    return said
+
+
+def test_list_of_references_runs_through_the_pipeline(tmp_path):
+    cruise = sea.cruise(tmp_path / "cruise", n=400)  # too short for the search
     lines = (cruise / "raw/M1/deep.csv").read_text().splitlines()
     rows = [line.rsplit(",", 2) for line in lines[1:301]]
     noise = np.random.default_rng(1).normal(0.0, 0.5, (300, 2))
@@ -126,16 +136,14 @@ def test_list_of_references_runs_through_the_pipeline(tmp_path):
         f"{first},{float(u) + a:.2f},{float(v) + b:.2f}" for (first, u, v), (a, b) in zip(rows, noise, strict=True)
     ]
     (cruise / "raw/M1/other.csv").write_text("\n".join([lines[0], *other]) + "\n")
-    said["instruments"]["other"] = copy.deepcopy(said["instruments"]["deep"]) | {"files": "raw/M1/other.csv"}
-    said["reference"] = ["deep", "other"]
-    file.write_text(yaml.safe_dump(said))
+    said = add_reference(file := cruise / "config/moorings/M1.yaml")
     lines = []
     folder = process_mooring(cruise, "M1", tmp_path / "out", lines.append)
     pairs = netcdf.read_pairs(folder / "overlap.nc")
     assert pairs.reference_names == ("deep", "other")
-    assert np.bincount(pairs.reference_index).tolist() == [600, 300]
-    assert any("(deep 600, other 300)" in line for line in lines)
-    assert len(combine_references(pairs)) == 600
+    assert np.bincount(pairs.reference_index).tolist() == [400, 300]
+    assert any("(deep 400, other 300)" in line for line in lines)
+    assert len(combine_references(pairs)) == 400
 
     said["reference"] = ["deep", "deep"]
     file.write_text(yaml.safe_dump(said))
@@ -145,14 +153,11 @@ def test_list_of_references_runs_through_the_pipeline(tmp_path):
 
 def test_contradictory_references_make_all_headings_doubtful(tmp_path):
     cruise = sea.cruise(tmp_path / "cruise", n=1400)
-    file, path = cruise / "config/moorings/M1.yaml", cruise / "raw/M1/deep.csv"
-    frame = pd.read_csv(path)
+    add_reference(cruise / "config/moorings/M1.yaml")
+    frame = pd.read_csv(cruise / "raw/M1/deep.csv")
     east, north = angles.turn(frame.u_cm_s, frame.v_cm_s, 40.0)
     frame.assign(u_cm_s=east, v_cm_s=north).round(2).to_csv(cruise / "raw/M1/other.csv", index=False)
-    said = yaml.safe_load(file.read_text())
-    said["instruments"]["other"] = copy.deepcopy(said["instruments"]["deep"]) | {"files": "raw/M1/other.csv"}
-    file.write_text(yaml.safe_dump(said | {"reference": ["deep", "other"]}))
-    folder = process_mooring(cruise, "M1", tmp_path / "out")
+    folder = chain.make(cruise, "M1", tmp_path / "out")
     product = netcdf.read_corrected(folder / "corrected.nc")
     known = np.isfinite(product.heading_corrected_deg)
     assert known.all() and (product.heading_corrected_quality == PROBABLY_BAD).all()

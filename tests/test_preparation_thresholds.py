@@ -7,6 +7,7 @@ from dataclasses import replace
 import netCDF4
 import numpy as np
 import pytest
+from sea import plain_record
 from test_archive import make_product, write
 
 from compasslib.archive import netcdf
@@ -19,27 +20,23 @@ SHARES = np.array([80, 30, 20, 10, 60])  # percent good of each bin
 
 def record(**columns) -> Record:
     """Make a sound profiler record whose percent good, correlation, echo and error velocity differ between bins."""
-    rng, series = np.random.default_rng(3), np.full(N, np.nan)
+    rng = np.random.default_rng(3)
     percent = np.zeros((N, M, 4), dtype=np.int16)
     percent[..., 3] = SHARES
     counts = np.broadcast_to(np.array([120, 70, 60, 90, 100], dtype=np.int16)[None, :, None], (N, M, 4))
     error = np.broadcast_to(np.array([0.0, 0.1, -0.3, np.nan, 0.05]), (N, M))
-    sound = Record(
-        3600.0 * np.arange(N),
-        *rng.normal(0.0, 0.1, (2, N, M)),
-        np.broadcast_to(np.linspace(4.0, 20.0, M), (N, M)),
-        rng.uniform(0.0, 360.0, N),
-        *np.full((2, N), 2.0) + rng.normal(0.0, 0.5, (2, N)),
-        series,
-        np.full(N, 100.0),
-        series,
-        series,
-        np.where(np.broadcast_to(SHARES < 25, (N, M)), BAD, GOOD).astype(np.int8),
-        np.full(N, GOOD, dtype=np.int8),
-        recorded_in="earth",
-        profiles={"percent_good": percent, "correlation": counts, "echo": counts + 40, "error_velocity": error},
-    )
-    return replace(sound, **columns)
+    pitch, roll = rng.normal(2.0, 0.5, (2, N))
+    sound = {
+        "heading_deg": rng.uniform(0.0, 360.0, N),
+        "pitch_deg": pitch,
+        "roll_deg": roll,
+        "depth_m": np.full(N, 100.0),
+        "quality": np.where(np.broadcast_to(SHARES < 25, (N, M)), BAD, GOOD).astype(np.int8),
+        "recorded_in": "earth",
+        "profiles": {"percent_good": percent, "correlation": counts, "echo": counts + 40, "error_velocity": error},
+    }
+    flow = rng.normal(0.0, 0.1, (N, M)) + 1j * rng.normal(0.0, 0.1, (N, M))
+    return plain_record(3600.0 * np.arange(N), flow, np.linspace(4.0, 20.0, M), **(sound | columns))
 
 
 def bad_bins(flagged: Record) -> list[int]:

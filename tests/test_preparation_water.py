@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sea import FOLDED, MILD, SHARED
+from sea import FOLDED, MILD, plain_record, real
 
 from compasslib import angles, compass, readers
 from compasslib.deviation import fit_deviation
@@ -39,23 +39,9 @@ def layers(seed: int, *, noise_m_s: float = 0.01, bins: int = BINS + 2) -> np.nd
 
 
 def instrument(flow: np.ndarray, first_m: float, *, heading_deg: np.ndarray, depth: float = 100.0) -> Record:
-    flat, shape = np.full(len(flow), np.nan), flow.shape
-    return Record(
-        time_s=1.19e9 + 3600.0 * np.arange(len(flow)),
-        east=flow.real.copy(),
-        north=flow.imag.copy(),
-        bin_range_m=np.tile(first_m + CELL_M * np.arange(shape[1]), (len(flow), 1)),
-        heading_deg=heading_deg,
-        pitch_deg=0.0 * heading_deg,
-        roll_deg=0.0 * heading_deg,
-        pressure_dbar=flat,
-        depth_m=np.full(len(flow), depth),
-        temperature_c=flat,
-        supply_voltage=flat,
-        quality=np.ones(shape, dtype=np.int8),
-        heading_quality=np.ones(len(flow), dtype=np.int8),
-        looks_up=True,
-    )
+    level = {"pitch_deg": 0.0 * heading_deg, "roll_deg": 0.0 * heading_deg, "looks_up": True}
+    time_s, ranges_m = 1.19e9 + 3600.0 * np.arange(len(flow)), first_m + CELL_M * np.arange(flow.shape[1])
+    return plain_record(time_s, flow, ranges_m, heading_deg=heading_deg, depth_m=np.full(len(flow), depth), **level)
 
 
 def seen(coefficients, flow: np.ndarray, seed: int = 1) -> tuple[Record, Record, np.ndarray]:
@@ -196,8 +182,7 @@ def test_bad_bins_are_excluded_and_short_profiles_averaged():
     assert np.sqrt(np.mean(np.abs(clean - left_out) ** 2)) < 0.015  # the veer is estimated without them
     for some in (slice(0, 1), slice(0, 3)):
         few = replace(
-            top,
-            **{name: getattr(top, name)[:, some] for name in ("east", "north", "bin_range_m", "quality")},
+            top, **{name: getattr(top, name)[:, some] for name in ("east", "north", "bin_range_m", "quality")}
         )
         assert predict_water(few, depth, 2) is None
         found = [find_pairs(few, [trusted], FIELD, replace(ALL_NEAR, predict=on)) for on in (False, True)]
@@ -206,9 +191,7 @@ def test_bad_bins_are_excluded_and_short_profiles_averaged():
 
 def test_prediction_reduces_heading_errors_of_a_real_profile():
     """``benchmarks/water.py`` covers all depths, gaps and iron strengths."""
-    path = SHARED / "pd0/eh2_20060530_20060717_0007m.000"
-    if not path.exists():
-        pytest.skip(f"no real recording at {path}")
+    path = real("pd0/eh2_20060530_20060717_0007m.000")
     record = replace(readers.read("pd0", [path], {}), serial_number=None)
     record = replace(record, depth_m=np.full(len(record.time_s), 7.0))
     cut = {name: getattr(record, name) for name in ("east", "north", "bin_range_m", "quality")}

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from compasslib import angles
 from compasslib.statistics.least_squares import MAX_STEP_DEG, gauss_newton, minimize_bfgs, robust_width
@@ -88,9 +89,7 @@ def test_robust_width_is_insensitive_to_outliers():
 def test_effective_sample_size_of_red_noise():
     rng = np.random.default_rng(2)
     keep, n = 0.8, 20000
-    series = np.zeros(n)
-    for i in range(1, n):
-        series[i] = keep * series[i - 1] + rng.normal()
+    series = lfilter([1.0], [1.0, -keep], rng.normal(size=n))
     expected = n * (1 - keep) / (1 + keep)
     assert effective_sample_size(series, 3600.0 * np.arange(n)) == pytest.approx(expected, rel=0.15)
 
@@ -99,9 +98,7 @@ def test_correlated_noise_widens_the_covariance():
     rng, n, off = np.random.default_rng(3), 90, []
     columns = np.column_stack([np.ones(n), np.cos(np.arange(n) / 7.0)])
     for _ in range(60):
-        noise = np.zeros(n)
-        for k in range(1, n):
-            noise[k] = 0.6 * noise[k - 1] + rng.normal()
+        noise = lfilter([1.0], [1.0, -0.6], rng.normal(size=n))
         fitted = np.linalg.lstsq(columns, noise, rcond=None)[0]
         spread = arma_covariance(noise - columns @ fitted, columns)
         off.append(fitted / np.sqrt(np.diag(spread)))

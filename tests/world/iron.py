@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
 
 from compasslib.demo.water import Floats
 
@@ -67,13 +68,7 @@ def tumble(rng: np.random.Generator, n: int) -> Floats:
 
 def turned(motion: Floats) -> Floats:
     """Compute the rotation C^T from earth (north, east, down) to body for each attitude, (n, 3, 3)."""
-    (h, p, r) = np.deg2rad(motion).T
-    one, nil = np.ones_like(h), np.zeros_like(h)
-    about_z = np.array([[np.cos(h), -np.sin(h), nil], [np.sin(h), np.cos(h), nil], [nil, nil, one]])
-    about_y = np.array([[np.cos(p), nil, np.sin(p)], [nil, one, nil], [-np.sin(p), nil, np.cos(p)]])
-    about_x = np.array([[one, nil, nil], [nil, np.cos(r), -np.sin(r)], [nil, np.sin(r), np.cos(r)]])
-    body_to_earth = np.einsum("ijn,jkn,kln->nil", about_z, about_y, about_x)
-    return np.swapaxes(body_to_earth, 1, 2)
+    return np.asarray(Rotation.from_euler("ZYX", motion, degrees=True).inv().as_matrix())
 
 
 def readings(

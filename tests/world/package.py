@@ -58,13 +58,7 @@ class Head:
     clock_s: float = 0.0  # its clock minus the true time, at the middle of the cast
     drift_s: float = 0.0  # gain of its clock over the cast
     iron: Iron = NO_IRON
-    deviation_deg: tuple[float, ...] = (
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-    )  # A..E, series in the recorded heading, instead of iron
+    deviation_deg: tuple[float, ...] = (0.0,) * 5  # A..E, series in the recorded heading, instead of iron
     noise_deg: float = 0.5  # of the compass
     tilt_noise_deg: float = 0.1
     slow_deg: float = 0.0  # red noise of the compass: damping, moving iron, accelerations; a fifth of it on the tilts

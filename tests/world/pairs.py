@@ -15,6 +15,7 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from compasslib.demo.water import Complexes, Floats
+from compasslib.records import Pairs
 
 HOUR_S, YEAR_H = 3600.0, 8766.0
 BEGIN_S = 1188864000.0  # 4 September 2007
@@ -30,30 +31,6 @@ FAMILIES = {
 SINGLES = tuple(FAMILIES)
 TWO = tuple(x for x in SINGLES if FAMILIES[x] not in ("clock", "turning"))
 UNKNOWN = ("sector", "teeth", "hour", "episode", "wander", "depth_threshold", "warm_sextantal", "tilt_squared")
-
-
-@dataclass(frozen=True)
-class Pairs:
-    """Overlapping measurements of an upper and a lower instrument, (n,) each, named as in ``compasslib.records``."""
-
-    time_s: Floats
-    heading_deg: Floats  # recorded by the upper compass, magnetic
-    pitch_deg: Floats
-    roll_deg: Floats
-    upper_east: Floats  # m/s, rotated by the recorded heading
-    upper_north: Floats
-    lower_east: Floats
-    lower_north: Floats
-    upper_depth_m: Floats
-    lower_depth_m: Floats
-    separation_minutes: Floats
-    declination_deg: Floats
-    lower_heading_deg: Floats | None = None
-    warnings: tuple[str, ...] = ()
-    veer_deg: float = 0.0  # standard deviation of a constant veer of the lower from the upper current
-
-    def __len__(self) -> int:
-        return len(self.time_s)
 
 
 @dataclass(frozen=True)

@@ -154,10 +154,7 @@ def boat(rng: np.random.Generator, effect: str) -> tuple[Boat, Truth]:
         "clock_offset": ({"clock_s": way * 2.0 * late}, {"offset_s": way * 2.0 * late}),
         "sextantal": ({"lobes": (3, harmonic, phase)}, lobes(harmonic, phase)),
         "octantal": ({"lobes": (4, harmonic, phase)}, lobes(harmonic, phase)),
-        "heading_slip": (
-            {"slip_deg": way * late, "slip_at": rng.uniform(0.3, 0.7)},
-            {"offset_deg": way * late},
-        ),
+        "heading_slip": ({"slip_deg": way * late, "slip_at": rng.uniform(0.3, 0.7)}, {"offset_deg": way * late}),
         "(a card that hangs)": ({"hangs_deg": way * 2.0 * late, "hangs_at_deg": phase}, {}),
         "(a while astray)": ({"astray": (way * 2.0 * late, 0.3, 0.5 + 0.2 * size)}, {}),
     }
