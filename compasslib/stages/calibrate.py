@@ -29,7 +29,6 @@ def calibrate(
     Args:
         raw: raw files in the order of the YAML file.
         earlier: calibration.json of the calibrations to compare with, possibly none.
-        settings: keys of the YAML file that the kind of calibration takes.
 
     Raises:
         InputError: a raw file cannot be read.

@@ -13,7 +13,6 @@ from compasslib.plots import calibrations as plots
 from compasslib.plots import deviation
 from compasslib.plots import diagnosis as hypotheses
 from compasslib.plots import moorings as together
-from compasslib.plots.moorings import draw_array
 
 
 def calibration_figures(
@@ -34,11 +33,7 @@ def diagnosis_figure(name: str, /, *, diagnosis: str, figures: Sequence[str], sa
 
 
 def joined_figures(name: str, /, *, joined: str, figures: Sequence[str], say: Callable[[str], None]) -> None:
-    """Draw the figures of a shared compass, each selected by its file name.
-
-    Args:
-        joined: compass.json.
-    """
+    """Draw the figures of a shared compass (``joined``: compass.json), each selected by its file name."""
     content = read_json(joined)
     for figure in figures:
         deviation.draw_shared(Path(figure).stem, figure, content)
@@ -66,7 +61,7 @@ def cruise_figures(
     ]
     for figure in figures:
         if Path(figure).stem == "array":
-            draw_array(figure, array)
+            together.draw_array(figure, array)
         else:
             together.draw_figure(Path(figure).stem, figure, moorings)
     say(f"{len(figures)} figures of {len(moorings)} moorings")

@@ -71,8 +71,22 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     solved = iron.solve_iron(log, axes, choice, field)
     if solved is None:
         return _refused(log, choice.why)
+    exact = iron.exact_coefficients(solved.iron, solved.dip_ratio)
+    known = bool(np.isfinite(exact).all())
+    folded = known and not compass.turns_full_circle(exact)
+    misfits = _misfits(solved)
     warnings = [*log.warnings, *warnings, *check_date(log.time_s, settings.get("date_s"))]
-    return _make_calibration(solved, field, settings.get("columns") or {}, warnings)
+    return Calibration(
+        kind=KIND,
+        model=solved.fitted.model.name,
+        n=len(solved.log.raw),
+        coverage=len(np.unique(solved.headings()[0] // SECTOR_DEG)),
+        points=_points(solved),
+        details={**_details(solved, field), "doubts": misfits},
+        why=FOLDED if folded else "" if known else NO_DIP,
+        warnings=(*warnings, *_warnings(solved, field, settings.get("columns") or {}), *misfits),
+        **(_correction(solved, exact, folded=folded) if known else {}),
+    )
 
 
 def _refused(log: Log, why: str) -> Calibration:
@@ -80,31 +94,10 @@ def _refused(log: Log, why: str) -> Calibration:
     return Calibration(KIND, NO_MODEL, len(log.raw), 0, details=details, why=why, warnings=log.warnings)
 
 
-def _make_calibration(
-    solved: SolvedIron, field: Mapping[str, float] | None, columns: Mapping[str, str], warnings: Sequence[str]
-) -> Calibration:
-    exact = iron.exact_coefficients(solved.iron, solved.dip_ratio)
-    known = bool(np.isfinite(exact).all())
-    folded = known and not compass.turns_full_circle(exact)
-    recorded, _ = solved.headings()
-    misfits = _misfits(solved)
-    return Calibration(
-        kind=KIND,
-        model=solved.fitted.model.name,
-        n=len(solved.log.raw),
-        coverage=len(np.unique(recorded // SECTOR_DEG)),
-        points=_points(solved),
-        details={**_details(solved, field), "doubts": misfits},
-        why=FOLDED if folded else "" if known else NO_DIP,
-        warnings=(*warnings, *_warnings(solved, field, columns), *misfits),
-        **(_correction(solved, exact, folded=folded) if known else {}),
-    )
-
-
 def _correction(solved: SolvedIron, exact: Floats, *, folded: bool) -> dict[str, Any]:
     """Compute coefficients, table and budget of the deviation by the iron; only the exact coefficients if folded."""
-    each = zip(solved.replicates, solved.dip_replicates, strict=True)
-    replicates = np.array([iron.exact_coefficients(replicate, float(dip)) for replicate, dip in each])
+    dips = solved.dip_replicates.tolist()
+    replicates = np.array([*map(iron.exact_coefficients, solved.replicates, dips)])
     moved = iron.exact_coefficients(solved.moved, solved.dip_ratio)
     correction: dict[str, Any] = {"exact": exact, "exact_covariance": ellipsoid.covariance(replicates, moved - exact)}
     if folded:
@@ -147,10 +140,9 @@ def _points(solved: SolvedIron) -> dict[str, Floats]:
 def _details(solved: SolvedIron, field: Field) -> dict[str, Any]:
     """Collect the details specific to a magnetometer, ready for JSON; null where undetermined."""
     choice, size = solved.choice, solved.choice.scale * solved.gain(solved.iron)
-    angles_to_instrument = zip(TURNS, solved.turn_deg, solved.turn_sigma_deg, strict=True)
     misalignment = {
         name: {"value": float(angle), "sigma": float(sigma)} if np.isfinite(angle) else None
-        for name, angle, sigma in angles_to_instrument
+        for name, angle, sigma in zip(TURNS, solved.turn_deg, solved.turn_sigma_deg, strict=True)
     }
     open_turns = {f"turn about {name}": OPEN_TURN for name, angle in misalignment.items() if angle is None}
     undetermined = {**choice.undetermined, **open_turns}
@@ -242,11 +234,7 @@ def _warnings(solved: SolvedIron, field: Field, columns: Mapping[str, str]) -> l
         ),
         "No tilts are logged: a misalignment of the magnetometer is not detected.": not (level or tilted),
     }
-    texts = applicable(sentences_where)
-    if field is None:
-        return texts
-    size, what = solved.choice.scale * solved.gain(solved.iron), "horizontal" if level else "total"
-    return texts + _unit_warnings(size, _strength(solved, field), what, columns)
+    return applicable(sentences_where) + ([] if field is None else _unit_warnings(solved, field, columns))
 
 
 def _misfits(solved: SolvedIron) -> list[str]:
@@ -292,27 +280,24 @@ def _sources(solved: SolvedIron, table: DeviationTable, series: Floats) -> tuple
     return tuple(sources)
 
 
-def _unit_warnings(modulus: float, strength_nT: float, what: str, columns: Mapping[str, str]) -> list[str]:
+def _unit_warnings(solved: SolvedIron, field: Mapping[str, float], columns: Mapping[str, str]) -> list[str]:
     """Warn if the modulus is not that of the earth's field in the stated unit, or in any unit if none is stated.
 
     Units of magnetic fields differ by powers of ten. If the file does not state its unit, the corrected modulus must
     match IGRF in one of them; headers such as ``mag_x_nT`` state the unit.
-
-    Args:
-        modulus: of the corrected axes, in the file's unit.
-        what: which modulus it is, total or horizontal.
     """
+    modulus, strength_nT = solved.choice.scale * solved.gain(solved.iron), _strength(solved, field)
     ends = {match[1] if (match := UNIT_SUFFIX.search(columns.get(role) or "")) else None for role in ("x", "y")}
     unit = ends.pop() if len(ends) == 1 else None
     ratio = modulus / strength_nT
     agreement = 10.0 ** round(log10(ratio)) / ratio if unit is None else 1.0 / (modulus * NANOTESLA[unit] / strength_nT)
     if abs(agreement - 1.0) < MAX_UNIT_ERROR:
         return []
-    text = f"The corrected {what} field is {modulus:.4g} {unit or 'in the unit of the file'}"
-    expected = f"IGRF has {strength_nT:.0f} nT at place and date"
+    what = "horizontal" if solved.choice.level else "total"
     none = "No unit of a magnetic field (nT, µT, mG, G) makes"
     by = "The unit in the header does not make" if unit else none
     return [
-        f"{text}; {expected}. {by} the two agree: a wrong scale, unit, place or date, raw counts of the sensor, or not "
-        "the earth's field. Headings depend on ratios only and are not affected; hard_iron is in the file's unit."
+        f"The corrected {what} field is {modulus:.4g} {unit or 'in the unit of the file'}; IGRF has {strength_nT:.0f} "
+        f"nT at place and date. {by} the two agree: a wrong scale, unit, place or date, raw counts of the sensor, or "
+        "not the earth's field. Headings depend on ratios only and are not affected; hard_iron is in the file's unit."
     ]

@@ -93,23 +93,16 @@ def _chain(*rows: dict[str, float]) -> Floats:
 
 
 X, Y, Z = ({name: 1.0} for name in CENTRE)
-ALIKE = {"S11": 1.0, "S22": 1.0, "S33": 1.0}
+ALIKE, EACH = {"S11": 1.0, "S22": 1.0, "S33": 1.0}, [{name: 1.0} for name in SOFT]
 SPHERE = Model("sphere", (*CENTRE, "scale"), _chain(X, Y, Z, ALIKE))
-AXES = Model("ellipsoid along the axes", (*CENTRE, *SOFT[:3]), _chain(X, Y, Z, *({k: 1.0} for k in SOFT[:3])))
-ELLIPSOID = Model("ellipsoid", PARAMETERS, _chain(X, Y, Z, *({k: 1.0} for k in SOFT)))
+AXES = Model("ellipsoid along the axes", (*CENTRE, *SOFT[:3]), _chain(X, Y, Z, *EACH[:3]))
+ELLIPSOID = Model("ellipsoid", PARAMETERS, _chain(X, Y, Z, *EACH))
 CIRCLE = Model("circle", (*CENTRE[:2], "scale"), _chain(X, Y, ALIKE))
 # The third axis is unobservable: its sensitivity is set to the mean of the other two.
-ELLIPSE = Model(
-    "ellipse",
-    (*CENTRE[:2], "S11", "S22", "S12"),
-    _chain(X, Y, {"S11": 1.0, "S33": 0.5}, {"S22": 1.0, "S33": 0.5}, {"S12": 1.0}),
-)
+TWO_AXES = {"S11": 1.0, "S33": 0.5}, {"S22": 1.0, "S33": 0.5}, {"S12": 1.0}
+ELLIPSE = Model("ellipse", (*CENTRE[:2], "S11", "S22", "S12"), _chain(X, Y, *TWO_AXES))
 # Never fitted: serves to assess which parameters the tilts of a level platform would determine.
-LEVEL_AND_THIRD = Model(
-    "ellipse and third axis",
-    (*CENTRE, "S11", "S22", "S33", "S12"),
-    _chain(X, Y, Z, *({k: 1.0} for k in ("S11", "S22", "S33", "S12"))),
-)
+LEVEL_AND_THIRD = Model("ellipse and third axis", (*CENTRE, *SOFT[:4]), _chain(X, Y, Z, *EACH[:4]))
 
 
 def unpack(model: Model, parameters: Floats) -> tuple[Floats, Floats]:
@@ -127,17 +120,6 @@ def modulus(field: Floats, down: Floats) -> Floats:
     """Compute the modulus of the field component perpendicular to ``down`` (n,), or the full one where that is zero."""
     along = np.sum(field * down, axis=1)
     return np.sqrt(np.maximum(np.sum(field**2, axis=1) - along**2, 0.0))
-
-
-def fit_sphere(readings: ScaledReadings) -> tuple[Floats, float]:
-    """Fit centre (3,) and radius of the sphere or circle by linear least squares on the squared modulus."""
-    across = readings.field - np.sum(readings.field * readings.down, axis=1)[:, None] * readings.down
-    level = bool(readings.down.any())
-    use = across[:, :2] if level else across
-    columns = np.column_stack([2.0 * use, np.ones(len(use))])
-    solved = np.linalg.lstsq(columns, np.sum(across**2, axis=1), rcond=None)[0]
-    centre = np.append(solved[:-1], np.zeros(4 - len(solved)))
-    return centre, float(np.sqrt(max(solved[-1] + centre @ centre, 0.0)))
 
 
 def solve(model: Model, readings: ScaledReadings, centre: Floats, *, adjusted: bool = True) -> tuple[Floats, float]:
@@ -200,21 +182,6 @@ def sigma(replicates: Floats, shift: Floats | float = 0.0) -> Floats:
     shape = replicates.shape[1:]
     flat = replicates.reshape(len(replicates), -1)
     return np.sqrt(np.diag(covariance(flat, np.broadcast_to(shift, shape).ravel()))).reshape(shape)
-
-
-def dilution(model: Model, iron: Floats, readings: ScaledReadings) -> dict[str, float]:
-    """Compute the factor by which errors of the readings that do not average out are magnified in each parameter.
-
-    It is the square root of the diagonal of the inverse information of an average reading, with all parameters free.
-    Eigenvalues of the information are bounded below by 1e-14 of the largest.
-    """
-    centre, matrix = iron[:3], iron[3:].reshape(3, 3)
-    across, weight = _across(centre, matrix, readings)
-    steepness = 2.0 * np.linalg.norm(weight, axis=1)[:, None]  # |d(squared modulus) / d(reading)|
-    columns = _gradient(centre, readings, across, weight) @ model.chain.T / np.maximum(steepness, 1e-6)
-    values, vectors = np.linalg.eigh(columns.T @ columns / len(readings))
-    inverse = (vectors / np.maximum(values, 1e-14 * values[-1])) @ vectors.T
-    return dict(zip(model.free, np.sqrt(np.diag(inverse)).tolist(), strict=True))
 
 
 def _across(centre: Floats, matrix: Floats, readings: ScaledReadings) -> tuple[Floats, Floats]:
@@ -378,8 +345,16 @@ def _tilt(down: Floats) -> Floats:
 
 
 def _scaled(body: Floats, down: Floats) -> tuple[ScaledReadings, float, Floats]:
-    """Scale readings by the radius of the fitted circle or sphere; also give that scale and the scaled centre."""
-    centre, radius = fit_sphere(ScaledReadings(body, down))
+    """Scale readings by the radius of the fitted circle or sphere; also give that scale and the scaled centre (3,).
+
+    The fit is linear least squares on the squared modulus.
+    """
+    across = body - np.sum(body * down, axis=1)[:, None] * down
+    use = across[:, :2] if down.any() else across
+    columns = np.column_stack([2.0 * use, np.ones(len(use))])
+    solved = np.linalg.lstsq(columns, np.sum(across**2, axis=1), rcond=None)[0]
+    centre = np.append(solved[:-1], np.zeros(4 - len(solved)))
+    radius = float(np.sqrt(max(solved[-1] + centre @ centre, 0.0)))
     scale = radius if radius > 0.0 else 1.0
     return ScaledReadings(body / scale, down), scale, centre / scale
 
@@ -408,9 +383,20 @@ def _scattered(noise: float, shape: str) -> str:
 def _standard_errors(
     model: Model, fitted: FittedEllipsoid, readings: ScaledReadings, noise: tuple[float, float]
 ) -> dict[str, float]:
-    """Compute each parameter's standard error relative to the field, from averaged noise and systematic errors."""
+    """Compute each parameter's standard error relative to the field, from averaged noise and systematic errors.
+
+    These are magnified by the square root of the diagonal of the inverse information of an average reading, with all
+    parameters free. Eigenvalues of the information are bounded below by 1e-14 of the largest.
+    """
+    iron = fitted.iron()[0]
+    centre, matrix = iron[:3], iron[3:].reshape(3, 3)
+    across, weight = _across(centre, matrix, readings)
+    steepness = 2.0 * np.linalg.norm(weight, axis=1)[:, None]  # |d(squared modulus) / d(reading)|
+    columns = _gradient(centre, readings, across, weight) @ model.chain.T / np.maximum(steepness, 1e-6)
+    values, vectors = np.linalg.eigh(columns.T @ columns / len(readings))
+    inverse = (vectors / np.maximum(values, 1e-14 * values[-1])) @ vectors.T
     each = float(np.hypot(noise[0] / np.sqrt(noise[1]), SYSTEMATIC_ERROR))
-    return {name: each * by for name, by in dilution(model, fitted.iron()[0], readings).items()}
+    return dict(zip(model.free, (each * np.sqrt(np.diag(inverse))).tolist(), strict=True))
 
 
 def _noise(largest: Model, fitted: FittedEllipsoid, readings: ScaledReadings) -> tuple[float, float]:

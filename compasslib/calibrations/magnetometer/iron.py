@@ -10,7 +10,7 @@ import numpy as np
 from compasslib import angles, compass
 from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.calibrations.magnetometer.ellipsoid import FittedEllipsoid, ModelChoice, ScaledReadings
-from compasslib.calibrations.magnetometer.log import Axes, Log, about_down, level_heading
+from compasslib.calibrations.magnetometer.log import Axes, Log, about_down, level_heading, mean_and_scatter
 from compasslib.calibrations.result import DeviationTable
 from compasslib.deviation.series import series_design
 from compasslib.types import Floats
@@ -25,8 +25,7 @@ MAX_DILUTION = 10.0  # radians of misalignment per relative error of the field: 
 def exact_coefficients(iron: Floats, dip_ratio: float) -> Floats:
     """Compute A..E of the exact compass of a level instrument, (5,).
 
-    Args:
-        dip_ratio: downward over horizontal field; 0 if the modulus is that of the horizontal field alone.
+    ``dip_ratio`` is the downward over the horizontal field; 0 if the modulus is that of the horizontal field alone.
     """
     horizontal = 1.0 / np.hypot(1.0, dip_ratio)
     soft = np.linalg.inv(iron[3:].reshape(3, 3))
@@ -52,12 +51,6 @@ def deviation_table(coefficients: Floats, replicates: Floats, moved: Floats) -> 
     value = exact_deviation(coefficients, TABLE_DEG)
     off = np.array([angles.difference(exact_deviation(each, TABLE_DEG), value) for each in (moved, *replicates)])
     return DeviationTable(TABLE_DEG, value, ellipsoid.sigma(off[1:], off[0]))
-
-
-def compute_headings(iron: Floats, readings: ScaledReadings, levelling: Floats) -> tuple[Floats, Floats]:
-    """Compute recorded and corrected headings of readings, (n,) degrees each."""
-    field = ellipsoid.corrected(iron, readings)
-    return level_heading(readings.field, levelling), level_heading(field, levelling)
 
 
 def modulus_harmonics(modulus: Floats, heading_deg: Floats) -> tuple[float, float]:
@@ -148,7 +141,7 @@ class SolvedIron:
 
     def headings(self) -> tuple[Floats, Floats]:
         """Compute recorded and corrected headings, (n,) degrees each."""
-        return compute_headings(self.iron, self.readings, self.levelling)
+        return level_heading(self.readings.field, self.levelling), level_heading(self.corrected(), self.levelling)
 
     def gain(self, iron: Floats) -> float:
         """Compute the field's modulus in scaled readings: the mean diagonal of the observed axes."""
@@ -163,8 +156,7 @@ class SolvedIron:
 def solve_iron(log: Log, axes: Axes, choice: ModelChoice, field: Mapping[str, float] | None) -> SolvedIron | None:
     """Express the iron in the frame of the instrument; None if no model was fitted.
 
-    Args:
-        field: the earth's field {horizontal_nT, vertical_nT}, which gives the dip without tilts; None if unknown.
+    The earth's field {horizontal_nT, vertical_nT} gives the dip without tilts; it is None if unknown.
     """
     if choice.fitted is None or choice.readings is None:
         return None
@@ -213,15 +205,15 @@ def _align_to_heading(solved: SolvedIron) -> SolvedIron:
     if logged is None or not solved.headed:
         return solved
     recorded, corrected = solved.headings()
-    centre, scatter = _about_mean(angles.difference(logged, corrected))
-    if scatter > MAX_SCATTER_RATIO * _about_mean(angles.difference(logged, recorded))[1]:
+    centre, scatter = mean_and_scatter(angles.difference(logged, corrected))
+    if scatter > MAX_SCATTER_RATIO * mean_and_scatter(angles.difference(logged, recorded))[1]:
         return solved
-    block, angles_deg = ellipsoid.blocks(len(logged)), []
+    block, turns_deg = ellipsoid.blocks(len(logged)), np.zeros(len(solved.replicates))
     for k, replicate in enumerate(solved.replicates):  # each with the readings that it was fitted to
-        remaining = block != k
-        headings = compute_headings(replicate, solved.readings.take(remaining), solved.levelling[remaining])
-        angles_deg.append(_about_mean(angles.difference(logged[remaining], headings[1]))[0])
-    turns_deg = np.array(angles_deg)
+        kept = block != k
+        field = ellipsoid.corrected(replicate, solved.readings.take(kept))
+        off = angles.difference(logged[kept], level_heading(field, solved.levelling[kept]))
+        turns_deg[k], _ = mean_and_scatter(off)
     sigma = float(ellipsoid.sigma(angles.difference(turns_deg, centre) + solved.turn_replicates_deg[:, 2]))
     turns = zip(solved.replicates, turns_deg, strict=True)
     return replace(
@@ -232,11 +224,6 @@ def _align_to_heading(solved: SolvedIron) -> SolvedIron:
         turn_sigma_deg=np.append(solved.turn_sigma_deg[:2], sigma),
         logged_is_correct=True,
     )
-
-
-def _about_mean(off_deg: Floats) -> tuple[float, float]:
-    centre = float(angles.wrap180(angles.mean(off_deg)))
-    return centre, angles.rms(angles.difference(off_deg, centre))
 
 
 def _about_down(iron: Floats, angle_deg: float) -> Floats:
