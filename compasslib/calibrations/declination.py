@@ -179,7 +179,7 @@ def check_field(series: FieldSeries, place: tuple[float, float]) -> list[str]:
 
 
 def with_observatory_warnings(field: EarthField, files: Sequence[str | Path], place: Mapping[str, float]) -> EarthField:
-    """Add warnings about a mooring's observatory to the mooring's field.
+    """Add warnings about a mooring's observatory to the mooring's field: mistakes in its file, distance and coverage.
 
     Raises:
         InputError: a file cannot be read, or as for ``check_field``.
@@ -187,8 +187,28 @@ def with_observatory_warnings(field: EarthField, files: Sequence[str | Path], pl
     if not files:
         return field
     series = iaga2002.read(files)
+    there = np.array([series.latitude, series.longitude])
     warnings = check_field(series, (series.latitude, series.longitude))
-    warnings += _distance_warning(series, (place["latitude"], place["longitude"])) + _coverage_warning(series, field)
+    if np.isfinite(there).all():
+        here = place["latitude"], place["longitude"]
+        (sine, cosine), (east, north) = (angles.sin_cos(x) for x in np.transpose([there, here]))
+        station, other = np.stack([cosine * north, cosine * east, sine], axis=-1)
+        across = float(np.linalg.norm(np.cross(station, other)))
+        apart = DEGREE_KM * float(angles.argument(complex(station @ other, across)))
+        if apart > FARTHEST_KM:
+            warnings.append(
+                f"the observatory {series.station} is {apart:.0f} km from the mooring; disturbances are similar within "
+                f"some {FARTHEST_KM:.0f} km: use a nearer one, or check both positions"
+            )
+    # Where the series covers little of the deployment, most of the disturbance is taken as zero.
+    days = np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / DAY_S))
+    first, last = np.floor(field.time_s[[0, -1]] / DAY_S)
+    covered = float(np.sum((days >= first) & (days <= last)) / (last - first + 1.0))
+    if covered < COVERED:
+        warnings.append(
+            f"the observatory {series.station} covers {100.0 * covered:.0f} % of the deployment's days; elsewhere the "
+            "disturbance of the field is taken as zero"
+        )
     return replace(field, warnings=(*field.warnings, *warnings))
 
 
@@ -336,32 +356,3 @@ def _describe_field(median: FieldMedian, named: Sequence[str]) -> str:
     )
     why = f" ({'; or '.join(named)})" if named else ""
     return f"D {median.declination_deg:+.2f} degrees{horizontal}{vertical}{why}"
-
-
-def _distance_warning(series: FieldSeries, place: tuple[float, float]) -> list[str]:
-    there = np.array([series.latitude, series.longitude])
-    if not np.isfinite(there).all():
-        return []
-    (sine, cosine), (east, north) = (angles.sin_cos(x) for x in np.transpose([there, place]))
-    station, other = np.stack([cosine * north, cosine * east, sine], axis=-1)
-    across = float(np.linalg.norm(np.cross(station, other)))
-    apart = DEGREE_KM * float(angles.argument(complex(station @ other, across)))
-    if apart <= FARTHEST_KM:
-        return []
-    return [
-        f"the observatory {series.station} is {apart:.0f} km from the mooring; disturbances are similar within some "
-        f"{FARTHEST_KM:.0f} km: use a nearer one, or check both positions"
-    ]
-
-
-def _coverage_warning(series: FieldSeries, field: EarthField) -> list[str]:
-    """Warn if the series covers less than half of a deployment, as the disturbance is taken as zero elsewhere."""
-    days = np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / DAY_S))
-    first, last = np.floor(field.time_s[[0, -1]] / DAY_S)
-    covered = float(np.sum((days >= first) & (days <= last)) / (last - first + 1.0))
-    if covered >= COVERED:
-        return []
-    return [
-        f"the observatory {series.station} covers {100.0 * covered:.0f} % of the deployment's days; elsewhere the "
-        "disturbance of the field is taken as zero"
-    ]

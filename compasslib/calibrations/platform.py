@@ -338,9 +338,8 @@ def read_columns(
 ) -> tuple[dict[str, Floats], tuple[str, ...]]:
     """Read columns of angles by role, concatenated over the files, and notes on the tables.
 
-    Args:
-        settings: ``columns`` gives headers that differ from the roles, ``withhold`` roles or headers to ignore, and
-            the keys of ``delimited.Layout`` the format of the tables.
+    In the settings, ``columns`` gives headers that differ from the roles, ``withhold`` roles or headers to ignore, and
+    the keys of ``delimited.Layout`` the format of the tables.
 
     Raises:
         InputError: a file or column is absent or withheld, or a value cannot be read or is not an angle in degrees.

@@ -27,7 +27,6 @@ def calibrate(
     """Write coefficients, deviation table, points and uncertainty budget of a calibration.
 
     Args:
-        raw: raw files in the order of the YAML file.
         earlier: calibration.json of the calibrations to compare with, possibly none.
 
     Raises:

@@ -61,7 +61,7 @@ def diagnose(
         references: record files of the reference instruments, possibly none.
         wide: file of pairs with larger separations, from which the shear of the water is estimated.
         observatory: IAGA-2002 files of one observatory, possibly none.
-        options: options of the mooring's diagnosis.
+
         sphere_distance_m: bounds of the distance from the compass to the iron's centre, m, where known.
         summary: file to write for other records of the compass, empty if there are none.
 
@@ -113,9 +113,7 @@ def _search(
 ) -> Conclusion:
     """Search the pairs of a mooring for effects and conclude; other arguments as for ``diagnose`` and ``conclude``.
 
-    Args:
-        configured: content of the fit's file.
-        shared: information on effects from other records of the same compass.
+    ``configured`` is the content of the fit's file, ``shared`` what other records of the same compass tell of effects.
     """
     series = covariates.logged_series(netcdf.read_record(record), observatory)
     upper = netcdf.read_record(record, velocities=False)  # these take a third of the memory

@@ -72,7 +72,7 @@ def grid(
         corrected: corrected.nc of each affected instrument, in the order of the other files of these instruments.
         gridded: gridded.nc, and gridded_daily.nc if configured.
         references: record files of the reference instruments, possibly none.
-        options: options of the mooring's product.
+
         compasses: ``sigma_deg`` (degrees, None for the usual value) and ``magnetic`` of each reference.
         attributes: global attributes from the YAML files.
         sources: raw files, relative to the cruise folder.

@@ -270,18 +270,16 @@ def find_outliers(choice: ModelChoice) -> Bools:
     return far if far.mean() < MAX_OUTLIER_SHARE else np.zeros_like(far)
 
 
-def _choose_spatial(body: Floats) -> ModelChoice:
+def _choose_spatial(body: Floats) -> ModelChoice | None:
+    """Choose a sphere or an ellipsoid; None if the readings determine neither."""
     readings, scale, centre = _scaled(body, np.zeros_like(body))
     sphere = _fit_or_none(SPHERE, readings, centre)
-    if sphere is None:
-        return ModelChoice(why="The readings determine no sphere.")
-    noise = _noise(ELLIPSOID, sphere, readings)
-    if noise[0] > MAX_SCATTER:
-        return ModelChoice(why=_scattered(noise[0], "ellipsoid"))
+    if sphere is None or (noise := _noise(ELLIPSOID, sphere, readings))[0] > MAX_SCATTER:
+        return None
     unsure = _standard_errors(ELLIPSOID, sphere, readings, noise)
     lost = _undetermined_groups(unsure, DIAGONAL, OTHERS)
     if any(unsure[name] > MAX_STANDARD_ERROR for name in CENTRE):
-        return ModelChoice(why="The orientations do not cover the sphere.")
+        return None
     models = [model for model in (SPHERE, AXES, ELLIPSOID) if not set(lost) & set(model.free)]
     reasons = {name: _reason(unsure[name], "the orientations leave it") for name in lost}
     partial = ModelChoice(scale=scale, undetermined=reasons, weakest=unsure)
@@ -362,7 +360,10 @@ def _scaled(body: Floats, down: Floats) -> tuple[ScaledReadings, float, Floats]:
 def _unusable_circle(circle: FittedEllipsoid, readings: ScaledReadings, noise: float) -> str:
     """Explain why the circle fitted to the readings is unusable; empty if it is usable."""
     if noise > MAX_SCATTER:
-        return _scattered(noise, "circle or ellipse")
+        return (
+            f"The readings scatter by {100.0 * noise:.0f} % about a circle or ellipse: the instrument did not turn, "
+            "or its field is not the earth's with iron."
+        )
     towards = np.sort(angles.argument((readings.field - circle.iron()[0][:3])[:, :2] @ np.array([1.0, -1.0j])))
     arc = 360.0 - float(np.max(np.diff(towards, append=towards[0] + 360.0)))
     if arc < MIN_ARC_DEG:
@@ -371,13 +372,6 @@ def _unusable_circle(circle: FittedEllipsoid, readings: ScaledReadings, noise: f
     if sectors < MIN_SECTORS:
         return f"The readings repeat {sectors} headings, at least {MIN_SECTORS} apart by 10° are needed."
     return ""
-
-
-def _scattered(noise: float, shape: str) -> str:
-    return (
-        f"The readings scatter by {100.0 * noise:.0f} % about a {shape}: the instrument did not turn, "
-        "or its field is not the earth's with iron."
-    )
 
 
 def _standard_errors(

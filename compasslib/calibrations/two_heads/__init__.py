@@ -129,7 +129,7 @@ def known_clock_offset(b: Motion, offset_s: float) -> ClockDifference:
 def pair_samples(a: Motion, b: Motion, clock: ClockDifference) -> PairedHeads:
     """Interpolate a to the times of b, converted to a's clock."""
     at = clock.by_a(b.time_s)
-    heading, lean, rate = a.heading.at(at), a.leaning.at(at), a.heading.at(at, 1)
+    heading, lean, rate = a.heading.at(at), motion.GapSpline(a.time_s, a.lean).at(at), a.heading.at(at, 1)
     known = np.isfinite(heading) & np.isfinite(lean)
     recorded = angles.wrap360(heading[known])
     return PairedHeads(b.time_s[known], recorded, b.recorded_deg[known], lean[known], b.lean[known], rate[known])
