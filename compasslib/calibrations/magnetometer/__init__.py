@@ -21,7 +21,7 @@ from compasslib.calibrations.budget import Source
 from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.calibrations.magnetometer import log as magnetometer_log
 from compasslib.calibrations.magnetometer.ellipsoid import FittedEllipsoid, ModelChoice, ScaledReadings
-from compasslib.calibrations.magnetometer.log import Axes, Log, about_down, level_heading, mean_and_scatter
+from compasslib.calibrations.magnetometer.log import Axes, Log, about_down, level_heading, mean_and_scatter, rotation
 from compasslib.calibrations.result import Calibration, DeviationTable, check_date
 from compasslib.deviation.series import series_design, series_deviation
 from compasslib.errors import applicable
@@ -62,8 +62,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         InputError: a column is absent or a cell is not a number.
     """
     log = magnetometer_log.repair_counts(magnetometer_log.read(files, settings))
-    why = magnetometer_log.unusable_reason(log)
-    if why:
+    if why := magnetometer_log.unusable_reason(log):
         return _refused(log, why)
     field = settings.get("field")
     axes, warnings = magnetometer_log.determine_axes(log)
@@ -100,8 +99,7 @@ def _refused(log: Log, why: str) -> Calibration:
 
 def _correction(solved: SolvedIron, exact: Floats, *, folded: bool) -> dict[str, Any]:
     """Compute coefficients, table and budget of the deviation by the iron; only the exact coefficients if folded."""
-    dips = solved.dip_replicates.tolist()
-    replicates = np.array([*map(exact_coefficients, solved.replicates, dips)])
+    replicates = np.array([*map(exact_coefficients, solved.replicates, solved.dip_replicates.tolist())])
     moved = exact_coefficients(solved.moved, solved.dip_ratio)
     correction: dict[str, Any] = {"exact": exact, "exact_covariance": ellipsoid.covariance(replicates, moved - exact)}
     if folded:
@@ -150,8 +148,8 @@ def _details(solved: SolvedIron, field: Field) -> dict[str, Any]:
         name: {"value": float(angle), "sigma": float(sigma)} if np.isfinite(angle) else None
         for name, angle, sigma in zip(TURNS, solved.turn_deg, solved.turn_sigma_deg, strict=True)
     }
-    open_turns = {f"turn about {name}": OPEN_TURN for name, angle in misalignment.items() if angle is None}
-    undetermined = {**choice.undetermined, **open_turns}
+    undetermined = dict(choice.undetermined)
+    undetermined |= {f"turn about {name}": OPEN_TURN for name, angle in misalignment.items() if angle is None}
     harmonics = None
     if solved.headed:
         recorded, corrected = solved.headings()
@@ -359,19 +357,10 @@ def estimate_tilt_misalignment(iron: Floats, readings: ScaledReadings, down: Flo
             wide = np.sqrt(np.diag(inverse))[1:] > MAX_DILUTION
         columns[:, 1:] *= ~wide
         solved = np.linalg.lstsq(columns, np.sum(turned * down, axis=1), rcond=None)[0]
-        turn = _rotation(solved[1:]) @ turn
+        turn = rotation(solved[1:]) @ turn
     vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2.0
     matrix = turn @ iron[3:].reshape(3, 3)
     return np.where(wide, np.nan, vector / angles.DEGREE), float(solved[0]), np.append(iron[:3], matrix.ravel())
-
-
-def _rotation(vector: Floats) -> Floats:
-    """Build the rotation about a vector by its length in radians (Rodrigues), (3, 3)."""
-    length = float(np.linalg.norm(vector))
-    x, y, z = vector / max(length, 1e-300)
-    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    sine, cosine = (float(v) for v in angles.sin_cos(length / angles.DEGREE))
-    return np.eye(3) + sine * across + (1.0 - cosine) * across @ across
 
 
 @dataclass(frozen=True)

@@ -259,6 +259,15 @@ def about_down(angle_deg: float) -> Floats:
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
+def rotation(vector: Floats) -> Floats:
+    """Build the rotation about a vector by its length in radians (Rodrigues), (3, 3)."""
+    length = float(np.linalg.norm(vector))
+    x, y, z = vector / max(length, 1e-300)
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    sine, cosine = (float(v) for v in angles.sin_cos(length / angles.DEGREE))
+    return np.eye(3) + sine * across + (1.0 - cosine) * across @ across
+
+
 def _describe_axes(matrix: Floats) -> str:
     """Describe the directions of x, y and z in words."""
     largest = np.argmax(np.abs(matrix), axis=0)
