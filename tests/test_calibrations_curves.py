@@ -34,25 +34,16 @@ def calibrated(read: BenchReadings, **keys):
 def test_gradient_of_every_form_matches_finite_differences(form):
     coefficients = np.append([0.02, 0.15, 0.1, 0.03, -0.02, 0.01, 0.02], np.full(6, 0.03))[: len(form.letters)]
     heading, step = np.arange(1.0, 360.0, 13.0), 1e-6
-    numeric = np.stack(
-        [
-            (form.deviation(coefficients + step * unit, heading) - form.deviation(coefficients, heading)) / step
-            for unit in np.eye(len(form.letters))
-        ],
-        axis=-1,
-    )
+    moved = [form.deviation(coefficients + step * unit, heading) for unit in np.eye(len(coefficients))]
+    numeric = np.transpose(moved - form.deviation(coefficients, heading)) / step
     assert np.allclose(form.gradient(coefficients, heading), numeric, atol=1e-3)
 
 
 @pytest.mark.parametrize("form", [SMITH, EXACT, POLYNOMIAL], ids=lambda form: form.name)
 def test_left_out_residual_is_that_of_a_fit_without_the_point(form):
     seen = curves.deviation_points(smith_bench().recorded_deg, smith_bench().reference_deg)
-    whole = curves.fit_curve(form, seen)
-    k = 7
-    kept = np.arange(len(seen)) != k
-    without = curves.fit_curve(
-        form, curves.Points(seen.recorded_deg[kept], seen.deviation_deg[kept], seen.weight[kept])
-    )
+    whole, k = curves.fit_curve(form, seen), 7
+    without = curves.fit_curve(form, curves.Points(*(np.delete(column, k) for column in vars(seen).values())))
     assert isinstance(whole, FittedCurve) and isinstance(without, FittedCurve)
     alone = seen.deviation_deg[k] - without.deviation(seen.recorded_deg[[k]])[0]
     # The hat matrix of the exact compass is that of its linearisation, whose slope differs by a few per cent.
@@ -130,10 +121,8 @@ def test_series_and_polynomial_are_consistent_with_le_menn():
     for _ in range(20):
         recorded = rng.uniform(0.0, 10.0) + ring()
         deviation = series_deviation([0.5, 10.0, 8.0, 2.5, 1.0], recorded) + rng.normal(0.0, 0.35, 36)
-        fits = [
-            curves.fit_curve(form, curves.deviation_points(recorded, recorded + deviation))
-            for form in (SMITH, POLYNOMIAL)
-        ]
+        points = curves.deviation_points(recorded, recorded + deviation)
+        fits = [curves.fit_curve(form, points) for form in (SMITH, POLYNOMIAL)]
         expanded.append([2.0 * np.hypot(budget.combined(rows), fit.scatter_deg) for fit in fits])
     smith, polynomial = np.mean(expanded, axis=0)
     assert smith == pytest.approx(1.14, abs=0.05)  # 31 degrees of freedom instead of many
@@ -205,10 +194,7 @@ def test_constant_shift_is_reported_with_its_uncertainty():
         ([30.0], "one heading only: the deviation there is +"),
         ([30.0, 30.0, 30.0], "one heading only: the deviation there is +"),
         ([0.0, 120.0, 240.0], "3 headings in 3 of 36 sectors determine no curve (five terms: 5 coefficients need at"),
-        (
-            np.arange(0.0, 60.0, 5.0),
-            "12 headings in 6 of 36 sectors determine no curve (five terms: the headings do not",
-        ),
+        (np.arange(0.0, 60.0, 5.0), "12 headings in 6 of 36 sectors determine no curve (five terms: the headings do"),
     ],
     ids=["none", "one", "one repeated", "three", "a sixth of the circle"],
 )

@@ -65,10 +65,7 @@ def test_averages_preserve_gaps():
 def test_departures_are_unaffected_by_wrapping_at_180():
     made = series(10)
     turned = replace(made, declination_deg=(made.declination_deg - 175.3 + 180.0) % 360.0 - 180.0)
-    there, here = (
-        observatory.declination_departure(turned, made.time_s),
-        observatory.declination_departure(made, made.time_s),
-    )
+    there, here = (observatory.declination_departure(each, made.time_s) for each in (turned, made))
     assert np.allclose(there, here)
 
 
@@ -107,29 +104,27 @@ def test_calibration_round_trips_through_json_and_is_drawn(tmp_path):
         assert (tmp_path / "a.png").stat().st_size > 20_000
 
 
-def twisted(made, *, turn=lambda d: d, place=None):
-    declination = turn(made.declination_deg)
-    return replace(made, declination_deg=declination), place or {}
-
-
+# By what is said: a wrong declination as a function of the right one, or a wrong place.
 MISTAKES = {
-    "D looks like degrees, -4": {"turn": lambda d: d / 60.0},
-    "D in minutes of arc, -10800 to 21600": {"turn": lambda d: 60.0 * d},
-    "D looks like tenths of a minute": {"turn": lambda d: 10.0 * d},
-    "the sign of D (or of Y) looks exchanged": {"turn": lambda d: -d},
-    "the columns X and Y look exchanged": {"turn": lambda d: 90.0 - d},
-    "the sign of X looks exchanged": {"turn": lambda d: 180.0 - d},
-    "Y looks ten times too small": {"turn": lambda d: np.rad2deg(np.arctan(np.tan(np.deg2rad(d)) / 10.0))},
-    "the longitude's sign looks exchanged": {"place": {"latitude": 55.3, "longitude": 3.2}},
-    "the latitude's sign looks exchanged": {"place": {"latitude": -55.3, "longitude": -3.2}},
-    "the latitude looks like a colatitude": {"place": {"latitude": 34.7, "longitude": -3.2}},
-    "a variation about zero: the baseline is missing": {"turn": lambda d: d - d.mean()},
+    "D looks like degrees, -4": lambda d: d / 60.0,
+    "D in minutes of arc, -10800 to 21600": lambda d: 60.0 * d,
+    "D looks like tenths of a minute": lambda d: 10.0 * d,
+    "the sign of D (or of Y) looks exchanged": lambda d: -d,
+    "the columns X and Y look exchanged": lambda d: 90.0 - d,
+    "the sign of X looks exchanged": lambda d: 180.0 - d,
+    "Y looks ten times too small": lambda d: np.rad2deg(np.arctan(np.tan(np.deg2rad(d)) / 10.0)),
+    "the longitude's sign looks exchanged": {"latitude": 55.3, "longitude": 3.2},
+    "the latitude's sign looks exchanged": {"latitude": -55.3, "longitude": -3.2},
+    "the latitude looks like a colatitude": {"latitude": 34.7, "longitude": -3.2},
+    "a variation about zero: the baseline is missing": lambda d: d - d.mean(),
 }
 
 
 @pytest.mark.parametrize("said", MISTAKES)
 def test_mistake_in_the_declination_is_named_and_refused(tmp_path, said):
-    made, place = twisted(at_igrf(40), **MISTAKES[said])
+    made, mistake = at_igrf(40), MISTAKES[said]
+    place, turn = ({}, mistake) if callable(mistake) else (mistake, lambda d: d)
+    made = replace(made, declination_deg=turn(made.declination_deg))
     with pytest.raises(InputError, match=re.escape(said)):
         declination.calibrate([write(tmp_path / "a.hor", made, "DHZF")], place)
 
@@ -164,12 +159,10 @@ def test_rocks_and_a_wrong_sign_of_z_are_not_refused(tmp_path, rocks_deg):
 
 def test_large_constant_gives_a_warning_and_a_huge_one_is_refused(tmp_path):
     made = at_igrf(40)
-    lava = replace(made, declination_deg=made.declination_deg - 3.4)
-    assert "rocks rarely make more than 600 nT" in " ".join(
-        declination.calibrate([write(tmp_path / "a.hor", lava)], {}).warnings
-    )
+    lava, turned = (replace(made, declination_deg=made.declination_deg + x) for x in (-3.4, 25.0))
+    found = declination.calibrate([write(tmp_path / "a.hor", lava)], {})
+    assert "rocks rarely make more than 600 nT" in " ".join(found.warnings)
     with pytest.raises(InputError, match=r"as IGRF has, found D \+20"):
-        turned = replace(made, declination_deg=made.declination_deg + 25.0)
         declination.calibrate([write(tmp_path / "a.hor", turned)], {})
 
 

@@ -59,9 +59,8 @@ def sigmas(found: Calibration) -> np.ndarray:
 @pytest.fixture
 def eight(tmp_path):
     true = 45.0 * np.arange(8)
-    return written(
-        tmp_path, compass_deg=angles.wrap360(true - DECLINATION - DEVIATIONS), true_deg=true, cog_deg=COURSES
-    )
+    recorded_deg = angles.wrap360(true - DECLINATION - DEVIATIONS)
+    return written(tmp_path, compass_deg=recorded_deg, true_deg=true, cog_deg=COURSES)
 
 
 def test_the_eight_headings_by_true_heading(eight):
@@ -73,13 +72,11 @@ def test_the_eight_headings_by_true_heading(eight):
     assert found.residual_rms_deg == pytest.approx(4.05, abs=0.005)  # physics page, section 7
     assert (found.n, found.coverage, found.kind, found.model) == (8, 8, "swing", "series")
     assert found.details["drift"] is None
-    told = " ".join(found.warnings)
+    told, rms = " ".join(found.warnings), "residual of the series 4.05° rms"
     assert "8 headings determine at most 8 coefficients" in told
     assert "sin 4 of the heading is not observable" in told
     assert "swing 16 to 24 headings" in told
-    assert (
-        "residual of the series 4.05° rms; with the third harmonic of the heading 2.57°, with the fourth 2.68°" in told
-    )
+    assert f"{rms}; with the third harmonic of the heading 2.57°, with the fourth 2.68°" in told
 
 
 def test_the_eight_headings_by_course_over_ground(eight):
@@ -191,18 +188,17 @@ def test_speed_log_determines_the_current_at_one_speed(tmp_path):
     assert drift["separable"] is True
     assert (drift["east"], drift["north"]) == pytest.approx((0.4, -0.3), abs=0.06)  # 3 sigma
     assert drift["log_scale"] == pytest.approx(1 / 1.07, abs=0.01)
-    withheld = swing.calibrate(
-        [written(tmp_path, **columns, water_speed_kn=logged)], SURE | {"withhold": ["water_speed_kn"]}
-    )
+    withheld = swing.calibrate([tmp_path / "swing.csv"], SURE | {"withhold": ["water_speed_kn"]})
     assert withheld.details["drift"]["separable"] is False
 
 
 def test_visual_marks_determine_b_and_c(tmp_path):
     columns = at_sea(8, noise_deg=0.05)
     marks = [{"compass_deg": float(recorded(np.array([h]))[0]), "true_deg": h} for h in (40.0, 130.0)]
-    bare = swing.calibrate([written(tmp_path, **columns)], SURE)
-    one = swing.calibrate([written(tmp_path, **columns)], SURE | {"visual": marks[:1]})
-    two = swing.calibrate([written(tmp_path, **columns)], SURE | {"visual": marks, "visual_sigma_deg": 0.3})
+    path = written(tmp_path, **columns)
+    bare = swing.calibrate([path], SURE)
+    one = swing.calibrate([path], SURE | {"visual": marks[:1]})
+    two = swing.calibrate([path], SURE | {"visual": marks, "visual_sigma_deg": 0.3})
     assert set(bare.details["residual_b_c"]) == {"opposite_courses"}
     across = np.array(angles.sin_cos(40.0))
     left = [float(across @ f.covariance[1:3, 1:3] @ across) for f in (bare, one)]
@@ -230,9 +226,7 @@ def test_five_courses_and_one_mark_state_the_error_by_drift(tmp_path, set_deg):
     error = 5.73 * np.cos(np.deg2rad(set_deg - 40.0)) * np.array([drift["along"]["B"], drift["along"]["C"]])
     assert np.subtract(by_mark, truth[1:3]) == pytest.approx(-error, abs=0.6)  # second order
     assert not any("lies in the quadrant of" in text for text in found.warnings)
-    elsewhere = swing.calibrate(
-        [written(tmp_path, **columns)], SURE | {"visual": [{"compass_deg": 130, "true_deg": 130}]}
-    )
+    elsewhere = swing.calibrate([tmp_path / "swing.csv"], SURE | {"visual": [{"compass_deg": 130, "true_deg": 130}]})
     assert any("lies in the quadrant of SE and D comes from NE alone" in text for text in elsewhere.warnings)
     assert np.hypot(*error) <= drift["largest_deg"] and "second mark 60 to 120° away" in drift["text"]
     by_speed = [found.details["residual_b_c"]["opposite_courses"][k] for k in "BC"]
@@ -241,14 +235,14 @@ def test_five_courses_and_one_mark_state_the_error_by_drift(tmp_path, set_deg):
 
 def test_heading_for_the_sun(tmp_path):
     pytest.importorskip("ephem", reason="ephem is not installed")
-    settings = SURE | {"latitude": 43.4, "longitude": -3.4}
+    path, settings = written(tmp_path, **at_sea()), SURE | {"latitude": 43.4, "longitude": -3.4}
     sun = [{"compass_deg": 200.0, "time_utc": "2021-05-24T13:00:00Z"}]
-    found = swing.calibrate([written(tmp_path, **at_sea())], settings | {"sun": sun})
+    found = swing.calibrate([path], settings | {"sun": sun})
     assert found.details["marks"][0]["true_deg"] == pytest.approx(208.55, abs=0.05)
     with pytest.raises(InputError, match="sun: time_utc: expected an ISO time"):
-        swing.calibrate([written(tmp_path, **at_sea())], settings | {"sun": [{"compass_deg": 1.0, "time_utc": "noon"}]})
+        swing.calibrate([path], settings | {"sun": [{"compass_deg": 1.0, "time_utc": "noon"}]})
     with pytest.raises(InputError, match="sun: expected latitude and longitude"):
-        swing.calibrate([written(tmp_path, **at_sea())], SURE | {"sun": sun})
+        swing.calibrate([path], SURE | {"sun": sun})
 
 
 def test_budget_adds_up_to_the_uncertainty_of_the_table(tmp_path):
@@ -334,11 +328,8 @@ def circling(seconds: int, rate_deg_s: float) -> dict[str, np.ndarray]:
     heading = np.cumsum(np.broadcast_to(rate_deg_s, seconds))
     columns = {"compass_deg": recorded(heading), "cog_deg": heading - 3.0 * rate_deg_s + rng.normal(size=seconds)}
     stamps = np.datetime64("2021-05-24T11:00:00") + time.astype("timedelta64[s]")
-    speed = 5.0 + np.sin(time / 40.0)
-    return {k: angles.wrap360(x) for k, x in columns.items()} | {
-        "speed_kn": speed,
-        "time_utc": np.datetime_as_string(stamps),
-    }
+    others = {"speed_kn": 5.0 + np.sin(time / 40.0), "time_utc": np.datetime_as_string(stamps)}
+    return {k: angles.wrap360(x) for k, x in columns.items()} | others
 
 
 def test_delay_is_confounded_with_a_unless_turning_both_ways(tmp_path):
@@ -368,10 +359,8 @@ def test_a_delay_that_explains_most_of_the_misfit_is_applied(tmp_path, late, app
         return
     delay_s, sigma_s = found.details["lag_s"]
     assert abs(delay_s - applied) < max(3.0 * sigma_s, 0.5) and not turning
-    assert (
-        f"The {'courses' if applied > 0 else 'readings'} are late by {abs(delay_s):.1f}"
-        in found.details["delay"]["text"]
-    )
+    late_ones = "courses" if applied > 0 else "readings"
+    assert f"The {late_ones} are late by {abs(delay_s):.1f}" in found.details["delay"]["text"]
     without = swing.calibrate([path], SURE | {"declination_deg": 5.0, "max_lag_s": 0.0})
     assert without.n < found.n and budget.expanded(found.sources) < budget.expanded(without.sources)
 
@@ -438,9 +427,7 @@ def test_invalid_swing_files_are_refused_with_the_reason(tmp_path):
     path = written(tmp_path, compass_deg=[1.0], heading=[2.0])
     with pytest.raises(InputError, match=r"column of the course over ground \(cog_deg\) or of the true heading"):
         swing.calibrate([path], SURE)
-    with pytest.raises(
-        InputError, match=r"column 'hdg' \(compass_deg\): expected one of the file's columns, found comp"
-    ):
+    with pytest.raises(InputError, match=r"'hdg' \(compass_deg\): expected one of the file's columns, found comp"):
         swing.calibrate([path], SURE | {"columns": {"compass_deg": "hdg", "true_deg": "heading"}})
     with pytest.raises(InputError, match="declination: expected a number, or position and date"):
         swing.calibrate([path], {"columns": {"true_deg": "heading"}})

@@ -12,7 +12,7 @@ from pd0_encoder import START, ensemble
 from sea import SHARED
 from two_heads_files import PLAIN, START_S, TURNED, cast, rewritten
 
-from compasslib import calibrations
+from compasslib import angles, calibrations
 from compasslib.archive import calibrations as calibration_files
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import result
@@ -43,6 +43,19 @@ def narrow(tmp_path_factory) -> Calibration:
     return heads.calibrate(cast(tmp_path_factory.mktemp("narrow"), sea=NARROW), {})
 
 
+def lowered(seed: int):
+    """Simulate the motion of a lowered frame; return also the generator, for the noise of its heads."""
+    rng = np.random.default_rng(seed)
+    return rng, package.lower(rng, Sea(), START_S)
+
+
+def of_files(folder: Path, *contents: bytes) -> Calibration:
+    paths = [folder / "a.000", folder / "b.000"]
+    for path, content in zip(paths, contents, strict=True):
+        path.write_bytes(content)
+    return heads.calibrate(paths, {})
+
+
 def test_a_turning_cast_gives_offset_coefficients_and_clock(full):
     said = full.details
     assert full.kind == "two_heads" and full.why == "" and full.coverage == 36 and said["terms"] == 5
@@ -71,14 +84,11 @@ def test_constant_error_is_shown_by_headings_and_tilts(tmp_path):
     assert any("the constants of the compasses differ by +" in warning for warning in found.warnings)
 
 
-def test_ambiguities_are_stated(full):
-    assert any("does not show which of them is wrong" in warning for warning in full.warnings)
-    assert any("from the mounting angle" in warning for warning in full.warnings)
-
-
-def test_result_round_trips_through_json(full, tmp_path):
+def test_ambiguities_are_stated_and_the_details_are_json(full, tmp_path):
     write_json(tmp_path / "c.json", full.details)
     assert read_json(tmp_path / "c.json")["offset_deg"] == pytest.approx(full.details["offset_deg"])
+    assert any("does not show which of them is wrong" in warning for warning in full.warnings)
+    assert any("from the mounting angle" in warning for warning in full.warnings)
 
 
 def test_narrow_headings_determine_only_an_offset(narrow):
@@ -93,7 +103,8 @@ def test_narrow_headings_determine_only_an_offset(narrow):
     assert any("offset_deg is the mean difference over" in warning for warning in narrow.warnings)
 
 
-def test_arc_of_87_degrees_determines_neither_five_nor_three_terms():
+def test_variance_is_inflated_by_an_arc_of_87_degrees_and_not_by_the_full_circle():
+    assert heads_frame.variance_inflation(np.full(36, True), 5) == pytest.approx(np.ones(5))
     heading = np.linspace(272.0, 359.0, 2000)
     covered = heads_frame.covered_sectors(heading)
     assert heads_frame.variance_inflation(covered, 3).max() > 50.0
@@ -103,18 +114,11 @@ def test_arc_of_87_degrees_determines_neither_five_nor_three_terms():
 
 @pytest.mark.parametrize(("width", "terms"), [(87, 1), (140, 1), (175, 3), (210, 3), (245, 5), (360, 5)])
 def test_number_of_terms_by_width_of_the_arc(width, terms):
-    rng = np.random.default_rng(3)
-    n = 4000
-    heading = 20.0 + width * rng.random(n)
-    fitted = heads_frame.fit_difference(
-        np.arange(float(n)), np.mod(heading, 360.0), rng.normal(0.0, 1.0, n), np.zeros(n)
-    )
+    rng, n = np.random.default_rng(3), 4000
+    heading = angles.wrap360(20.0 + width * rng.random(n))
+    fitted = heads_frame.fit_difference(np.arange(float(n)), heading, rng.normal(0.0, 1.0, n), np.zeros(n))
     assert fitted.terms == terms
     assert ("D and E are refused" in fitted.refused) == (terms < 5)
-
-
-def test_full_coverage_does_not_inflate_the_variance():
-    assert heads_frame.variance_inflation(np.full(36, True), 5) == pytest.approx(np.ones(5))
 
 
 def test_uncertainty_widens_away_from_the_headings(tmp_path):
@@ -158,16 +162,13 @@ def test_headings_give_the_clock_offset_without_swell(tmp_path):
 
 
 def test_lagging_compass_is_distinguished_from_a_clock_error(tmp_path):
-    rng = np.random.default_rng(1)
-    motion = package.lower(rng, Sea(), START_S)
-    paths = [tmp_path / "a.000", tmp_path / "b.000"]
+    rng, motion = lowered(1)
     seen = package.stand(rng, motion, TURNED)
     ahead = package.stand(rng, motion, replace(TURNED, first_s=TURNED.first_s + 0.8)).recorded_deg
     # Headings are 0.8 s early in the file, the last one repeated at its end.
     ahead = np.append(ahead, np.repeat(ahead[-1], len(seen.time_s) - len(ahead)))
-    paths[0].write_bytes(package.encoded(package.stand(rng, motion, PLAIN)))
-    paths[1].write_bytes(package.encoded(replace(seen, recorded_deg=ahead)))
-    found = heads.calibrate(paths, {})
+    a, b = package.stand(rng, motion, PLAIN), replace(seen, recorded_deg=ahead)
+    found = of_files(tmp_path, package.encoded(a), package.encoded(b))
     clock = found.details["clock"]
     assert clock["from_headings_s"][0] - clock["from_tilts_s"][0] == pytest.approx(-0.8, abs=0.05)
     assert clock["offset_s"] == pytest.approx(TURNED.clock_s, abs=0.03)
@@ -175,26 +176,19 @@ def test_lagging_compass_is_distinguished_from_a_clock_error(tmp_path):
 
 
 def test_mirrored_roll_is_detected(tmp_path):
-    rng = np.random.default_rng(3)
-    motion = package.lower(rng, Sea(), START_S)
-    paths = [tmp_path / "a.000", tmp_path / "b.000"]
-    paths[0].write_bytes(package.encoded(package.stand(rng, motion, PLAIN)))
-    paths[1].write_bytes(package.encoded(package.stand(rng, motion, TURNED), looks_up=True, mirrored=True))
-    found = heads.calibrate(paths, {})
+    a, b = (package.stand(rng, motion, head) for rng, motion in [lowered(3)] for head in (PLAIN, TURNED))
+    found = of_files(tmp_path, package.encoded(a), package.encoded(b, looks_up=True, mirrored=True))
     assert found.details["frame"]["verdict"] == "mirrored" and found.details["offset_from_tilts_deg"] is None
     assert found.details["offset_deg"] == pytest.approx(47.0, abs=0.1)
 
 
 def test_slip_of_a_head_is_detected_and_dated(tmp_path):
-    rng = np.random.default_rng(3)
-    motion = package.lower(rng, Sea(), START_S)
+    rng, motion = lowered(3)
     before, after = (package.stand(rng, motion, replace(TURNED, mount_deg=(m, 2.0, -1.5))) for m in (47.0, 52.0))
     half = len(before.time_s) // 2
     recorded = np.append(before.recorded_deg[:half], after.recorded_deg[half:])
-    paths = [tmp_path / "a.000", tmp_path / "b.000"]
-    paths[0].write_bytes(package.encoded(package.stand(rng, motion, PLAIN)))
-    paths[1].write_bytes(package.encoded(replace(before, recorded_deg=recorded)))
-    found = heads.calibrate(paths, {})
+    a, b = package.stand(rng, motion, PLAIN), replace(before, recorded_deg=recorded)
+    found = of_files(tmp_path, package.encoded(a), package.encoded(b))
     told = [warning for warning in found.warnings if "the offset changes by" in warning]
     assert len(told) == 1 and 4.0 < float(told[0].split("by ")[1].split("°")[0]) < 6.0
     # 1.2e9 s is 2008-01-10T21:20Z; the cast is 4000 s long.
@@ -211,12 +205,9 @@ def test_heads_on_two_frames_are_refused(tmp_path):
 
 
 def test_files_without_common_time_are_refused(tmp_path):
-    rng = np.random.default_rng(1)
-    paths = [tmp_path / "a.000", tmp_path / "b.000"]
-    for path, start in zip(paths, (START_S, START_S + 1e6), strict=True):
-        motion = package.lower(rng, Sea(deepest_m=300.0), start)
-        path.write_bytes(package.encoded(package.stand(rng, motion, Head())))
-    found = heads.calibrate(paths, {})
+    rng, sea = np.random.default_rng(1), Sea(deepest_m=300.0)
+    motions = [package.lower(rng, sea, start) for start in (START_S, START_S + 1e6)]
+    found = of_files(tmp_path, *(package.encoded(package.stand(rng, motion, Head())) for motion in motions))
     assert found.n == 0 and "share no time" in found.why and found.table is None
 
 
@@ -244,7 +235,7 @@ def test_rotated_heading_is_that_of_the_tilted_body():
     assert frame.offset_deg == pytest.approx(65.0, abs=1e-9) and frame.rms_deg < 1e-5
     for rotation in (frame.rotation, heads_frame.upright(65.0, lean_a, lean_b)):
         turned = heads_frame.turned_heading(heading, lean_a, rotation)
-        off = heads.angles.difference(turned, wanted)
+        off = angles.difference(turned, wanted)
         # ``upright`` matches only the mean leans; the fitted rotation is exact.
         assert np.abs(off).max() < (1e-9 if rotation is frame.rotation else 0.2)
 
@@ -284,19 +275,14 @@ def test_figures_are_drawn(draw, full, narrow, tmp_path):
         assert Path(tmp_path / f"{name}.png").stat().st_size > 10_000
 
 
-def _still(path, n, heading, tilt=lambda i: 300):
-    """Write a head with given headings and tilts (hundredths of a degree), constant tilts by default."""
-    made = (
-        ensemble(
-            [[100, 200, 3, 2]] * 4,
-            fixed={"up": True},
-            number=i + 1,
-            when=START + timedelta(seconds=10 * i),
-            heading=heading(i),
-            tilt1=tilt(i),
-        )
-        for i in range(n)
-    )
+def _still(path, n, heading):
+    """Write a head with given headings (hundredths of a degree) and constant tilts."""
+    cells, fixed = [[100, 200, 3, 2]] * 4, {"up": True}
+    times = [START + timedelta(seconds=10 * i) for i in range(n)]
+    made = [
+        ensemble(cells, fixed=fixed, number=i + 1, when=when, heading=heading(i), tilt1=300)
+        for i, when in enumerate(times)
+    ]
     path.write_bytes(b"".join(made))
     return path
 

@@ -18,7 +18,6 @@ from compasslib.calibrations import FIGURES, budget, platform, result
 from compasslib.calibrations.platform import BenchReadings
 from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.plots import calibrations, deviation
-from compasslib.plots import calibrations as plots_certificate
 from compasslib.plots.page import DPI, WIDE_IN, WIDTH_IN
 
 FIELD = {"horizontal_nT": 21299.0, "vertical_nT": 42888.0, "declination_deg": -0.68}
@@ -82,14 +81,10 @@ def test_figures_are_reproducible(show, tmp_path, figure):
     assert (tmp_path / "again.png").read_bytes() == show("whole", figure)[0].read_bytes()
 
 
-@pytest.mark.parametrize(
-    ("name", "count"),
-    [
-        ("R1", 1),
-        ("Hydrographic mooring of the year 2007, deployed twice", 14),
-        ("Name_of_a_mooring_that_has_no_gap_anywhere_2007", 14),
-    ],
-)
+LONG = ("Hydrographic mooring of the year 2007, deployed twice", "Name_of_a_mooring_that_has_no_gap_anywhere_2007")
+
+
+@pytest.mark.parametrize(("name", "count"), [("R1", 1), *((name, 14) for name in LONG)])
 def test_shared_compass_panels_keep_their_size_with_long_names(tmp_path, name, count):
     letters = dict.fromkeys("ABCDE", 0.05)
     field = {"horizontal_nT": 2e4, "vertical_nT": 4e4}
@@ -98,11 +93,9 @@ def test_shared_compass_panels_keep_their_size_with_long_names(tmp_path, name, c
     each = {one: {"values": [2.0, 3.0], "sigma": [0.5, 0.5]} for one in names}
     effect = {"effect": "temperature", "parameters": ["cos_deg", "sin_deg"], "units": ["degrees"] * 2, "each": each}
     effect |= {"values": [2.0, 3.0], "sigma": [0.2, 0.2]}
-    shared = {
-        "coefficients": dict.fromkeys(("P_nT", "Q_nT", "c", "f", "D", "E"), 0.01),
-        "covariance": np.eye(6).tolist(),
-    }
-    content = {"deployments": records, "effects": [effect], "rejected": [], "sigma_between": 0.0} | shared
+    iron = dict.fromkeys(("P_nT", "Q_nT", "c", "f", "D", "E"), 0.01)
+    content = {"deployments": records, "effects": [effect], "rejected": [], "sigma_between": 0.0}
+    content |= {"coefficients": iron, "covariance": np.eye(6).tolist()}
     figure = saved(lambda: deviation.draw_shared("coefficients", tmp_path / "a.png", content))
     panels = [axes for axes in figure.axes if axes.get_visible()]
     assert len(panels) == 6 and all(a.bbox.width >= 0.3 * figure.bbox.width for a in panels)
@@ -116,25 +109,21 @@ def test_shared_compass_panels_keep_their_size_with_long_names(tmp_path, name, c
 def test_certificate_texts_stay_on_the_page_without_overlap(show, case):
     _, figure = show(case, "certificate")
     figure.draw_without_rendering()
-    boxes = [
-        text.get_window_extent()
-        for axes in figure.axes
-        for text in axes.texts
-        if isinstance(text, Annotation) and text.get_text()
-    ]
+    texts = [text for axes in figure.axes for text in axes.texts if isinstance(text, Annotation)]
+    boxes = [text.get_window_extent() for text in texts if text.get_text()]
     height = figure.bbox.height
     assert all(box.y0 >= 0.0 and box.x1 <= figure.bbox.width and box.y1 <= height for box in boxes)
     assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
 
 
 def test_certificate_states_place_date_and_uncertainty():
-    text = plots_certificate.writing(page("whole"))
+    text = calibrations.writing(page("whole"))
     assert "date        2022-09-29" in text.about and "place       48.4000° S, 175.5000° W" in text.about
     assert len(text.table) == 13 and text.table[1].startswith("    0° ")
     assert any(line.startswith("  expanded (k = 2)") for line in text.budget)
     assert "maker accuracy" in "".join(text.budget) and "A constant shift of" in text.notes[0]
-    assert plots_certificate.writing(page("one")).table == ["table of deviations: none"]
-    assert plots_certificate.writing(page("folded")).about[7] == "exact compass, ± standard"
+    assert calibrations.writing(page("one")).table == ["table of deviations: none"]
+    assert calibrations.writing(page("folded")).about[7] == "exact compass, ± standard"
 
 
 def test_calibration_without_curves_still_has_figures(tmp_path):

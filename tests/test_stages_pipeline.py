@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import subprocess
 import sys
@@ -136,21 +135,13 @@ def test_invalid_requests_are_refused(tmp_path, mooring, into, line):
 
 def test_affected_instruments_have_separate_folders_and_one_grid(tmp_path):
     folder = cruise(tmp_path / "c", n=300)
-    mid = {
-        "format": "pd0",
-        "files": "raw/M1/top.000",
-        "depth": 112,
-        "orientation": "up",
-        "fit": {"method": "von_appen"},
-    }
-    loaded = yaml.safe_load((folder / "config/moorings/M1.yaml").read_text())
-    change(
-        folder / "config/moorings/M1.yaml", compromised=["top", "mid"], instruments=loaded["instruments"] | {"mid": mid}
-    )
-    processing.process_mooring(folder, "M1", made := tmp_path / "out")
-    assert [json.loads((made / role / "deviation.json").read_text())["method"] for role in ("top", "mid")] == [
-        "exact", "von_appen",
-    ]  # fmt: skip
+    mid = {"format": "pd0", "files": "raw/M1/top.000", "depth": 112, "orientation": "up"}
+    mid["fit"] = {"method": "von_appen"}
+    file, made = folder / "config/moorings/M1.yaml", tmp_path / "out"
+    instruments = yaml.safe_load(file.read_text())["instruments"] | {"mid": mid}
+    change(file, compromised=["top", "mid"], instruments=instruments)
+    processing.process_mooring(folder, "M1", made)
+    assert [read_json(made / f"{role}/deviation.json")["method"] for role in ("top", "mid")] == ["exact", "von_appen"]
     assert not (made / "top/gridded.nc").exists()
     with netCDF4.Dataset(made / "gridded.nc") as nc:
         assert nc["SOURCE"].flag_meanings == "none top mid deep" and set(np.unique(nc["SOURCE"][:])) >= {1, 2, 3}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import shutil
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from sea import cruise, pairs
 
 from compasslib import angles, earthfield
 from compasslib.archive import provenance
+from compasslib.archive.files import read_json
 from compasslib.config import cruise as config
 from compasslib.deviation.model import FieldAtPlace, transfer_coefficients
 from compasslib.pipeline import plan
@@ -61,8 +61,8 @@ def alone(done, tmp_path_factory) -> Path:
     return process_mooring(folder, "M1", folder / "out")
 
 
-def result(folder: Path, name: str) -> dict:
-    return json.loads((folder / f"results/calibrations/{name}/calibration.json").read_text())
+def result(folder: Path, name: str, file: str = "calibration") -> dict:
+    return read_json(folder / f"results/calibrations/{name}/{file}.json")
 
 
 def test_every_calibration_has_its_files(done):
@@ -87,32 +87,27 @@ def test_every_calibration_has_its_files(done):
 def test_mooring_is_corrected_by_a_calibration_made_elsewhere(done, alone, whole):
     """All iron is hard here, but from one calibration half of it may be induced, so a possible bias is stated."""
     there = done / "results/M1" if whole else alone
-    deviation = json.loads((there / "deviation.json").read_text())
+    deviation = read_json(there / "deviation.json")
     assert deviation["method"] == "calibration" and not deviation["folded"]
     assert "may be" in deviation["warnings"][0] and deviation["calibration"]["name"] == "bench"
     _, heading = pairs(AT_SEA, n=SAMPLES, seed=10)
+    names = ("HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY")
     with netCDF4.Dataset(there / "corrected.nc") as nc:
-        recorded, found, sigma = (
-            nc[name][:].filled(np.nan) for name in ("HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY")
-        )
+        recorded, found, sigma = (nc[name][:].filled(np.nan) for name in names)
     off = angles.difference(found, heading)
     assert angles.rms(off) < 3.0 < 10.0 < angles.rms(recorded - heading)
     assert np.mean(np.abs(off) <= 1.96 * sigma) >= 0.93 and np.median(sigma) < 3.0
 
 
 def test_pairs_assess_the_calibration_without_changing_it(done, alone):
-    both, other = (json.loads((there / "deviation.json").read_text()) for there in (done / "results/M1", alone))
+    both, other = (read_json(there / "deviation.json") for there in (done / "results/M1", alone))
     assert both["coefficients"] == other["coefficients"] and both["n_pairs"] > 500 and other["n_pairs"] == 0
-    assessment = json.loads((done / "results/M1/assessment.json").read_text())
+    assessment = read_json(done / "results/M1/assessment.json")
     assert assessment["after"]["rms_deg"] < assessment["before"]["rms_deg"]
-    assert json.loads((done / "results/M1/forms.json").read_text()) == {"forms": None}
+    assert read_json(done / "results/M1/forms.json") == {"forms": None}
     summary = list(csv.DictReader((done / "results/summary.csv").read_text().splitlines()))
     row = next(row for row in summary if row["name"] == "M1")
     assert row["method"] == "calibration" and "calibration bench: B and C may be" in row["warnings"]
-
-
-def test_results_satisfy_the_contract(done):
-    keeps_contract(done)
 
 
 def test_changed_calibration_reruns_only_its_dependents(done):
@@ -146,10 +141,9 @@ def test_calibration_depends_on_the_modules_of_its_kind(done):
     assert not modules & {"inference.kinds.two_heads", "calibrations.magnetometer", "plots.timeline"}
 
 
-def test_calibrations_are_diagnosed(done):
-    bench, few = (
-        json.loads((done / f"results/calibrations/{name}/diagnosis.json").read_text()) for name in ("bench", "few")
-    )
+def test_calibrations_are_diagnosed_and_the_contract_holds(done):
+    keeps_contract(done)
+    bench, few = (result(done, name, "diagnosis") for name in ("bench", "few"))
     assert bench["verdict"] == "consistent" and bench["findings"] == []
     assert few["verdict"] == "insufficient" and few["why"].startswith("3 headings in 3 of 36 sectors")
 

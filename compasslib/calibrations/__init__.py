@@ -69,11 +69,7 @@ def figure_names(kind: str) -> list[str]:
 
 @single_threaded()
 def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Calibrate a compass from raw files.
-
-    Args:
-        files: raw files in the order of the YAML file.
-        settings: keys of the YAML file with defaults filled in.
+    """Calibrate a compass from raw files in the order of the YAML file, with its keys as settings.
 
     Raises:
         InputError: a file cannot be read.

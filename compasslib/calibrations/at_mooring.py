@@ -48,11 +48,7 @@ def carry_to_mooring(
     """Transfer the exact compass of calibrations to a mooring's field; no coefficients if that is impossible.
 
     Of two calibrations, before and after the deployment, the mean is used, with a uniform distribution between them as
-    uncertainty. The model is evaluated on the pairs, but not fitted to them.
-
-    Args:
-        contents: calibration.json of one or two calibrations.
-        parts: parts near the mooring's compass, as stated in its file.
+    uncertainty. The model is evaluated on the pairs, but not fitted to them. ``parts`` are near the mooring's compass.
     """
     if missing := [f"calibration {each['name']}: {why}" for each in contents if (why := _missing_part(each, field))]:
         return DeviationFit(METHOD, len(pairs), why="; ".join(missing))
@@ -89,8 +85,7 @@ def other_parts(calibrated: Sequence[str], moored: Sequence[str]) -> str:
 
 def _change(contents: Sequence[Mapping[str, Any]], coefficients: Sequence[Floats]) -> dict[str, Any]:
     """Describe the change of a compass between two calibrations, both transferred to the mooring."""
-    shown = [compass.recorded_heading(each, HEADINGS_DEG) for each in coefficients]
-    size = angles.rms(angles.difference(*shown))
+    size = angles.rms(angles.difference(*(compass.recorded_heading(each, HEADINGS_DEG) for each in coefficients)))
     before, after = (f"{each['name']} ({each['place']['date'] or 'not dated'})" for each in contents)
     text = (
         f"the compass changed by {size:.1f}° rms between the calibrations {before} and {after}: the mean of both is "
@@ -170,13 +165,13 @@ def origin(contents: Sequence[Mapping[str, Any]], field: EarthField) -> dict[str
     """Describe the origin of the model for deviation.json: the calibration, and any after the deployment."""
     sources, carried = [], []
     for content in contents:
-        source: dict[str, Any] = {"name": content["name"], "kind": content["kind"], "place": content["place"]}
+        source: dict[str, Any] = {key: content[key] for key in ("name", "kind", "place")}
         if not _missing_part(content, field):
             transferred = _transfer(content, field)
             carried.append(transferred.coefficients)
-            ends = {"if_all_hard": transferred.if_all_hard, "if_all_induced": transferred.if_all_induced}
-            source |= {"coefficients": content["exact"]["coefficients"]}
-            source |= {name: dict(zip(LETTERS, values.tolist(), strict=True)) for name, values in ends.items()}
+            source["coefficients"] = content["exact"]["coefficients"]
+            for end in ("if_all_hard", "if_all_induced"):
+                source[end] = dict(zip(LETTERS, getattr(transferred, end).tolist(), strict=True))
         sources.append(source)
     after = {"calibration_after": sources[1]} if len(sources) > 1 else {}
     change = {"calibration_change": _change(contents, carried)} if len(carried) > 1 else {}

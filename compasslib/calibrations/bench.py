@@ -26,11 +26,9 @@ MIN_DIRECTIONS = 4  # of a spun instrument
 
 
 def correct_field(reference_deg: Floats, time_s: Floats, files: Sequence[str]) -> tuple[Floats, dict[str, Any]]:
-    """Correct magnetic reference directions for changes of the declination about its mean over the readings.
+    """Correct reference directions, (n,), for changes of the declination about its mean over the readings.
 
-    Args:
-        reference_deg: reference directions from the mean declination of the readings, (n,).
-        time_s: of the readings, (n,), NaN where unknown; readings far from any sample are not corrected.
+    Readings at an unknown time or far from any sample are not corrected.
 
     Raises:
         InputError: a file cannot be read.
@@ -168,9 +166,7 @@ def fit_fall(changes: Sequence[ObjectChange], exponent: ArrayLike) -> tuple[Floa
 def safe_distance(strength: Floats, covariance: Floats, least_m: float) -> dict[str, float]:
     """Compute the distance beyond which a dipole changes no deviation by more than ``SAFE_DEG``, with a 95 % interval.
 
-    Args:
-        strength: change times distance cubed, (2,) degrees m3.
-        least_m: lower bound; at shorter distances the object is not a dipole.
+    ``strength`` is the change times distance cubed, (2,) degrees m3. The object is no dipole at less than ``least_m``.
     """
     size = float(np.hypot(*strength))
     sigma = float(np.sqrt(strength @ covariance @ strength)) / max(size, 1e-12)
@@ -181,11 +177,9 @@ def safe_distance(strength: Floats, covariance: Floats, least_m: float) -> dict[
 def changes_by_object(without: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) -> list[ObjectChange]:
     """Collect the changes of (B, C) by an object from calibrations that state its distance, nearest first."""
     found = []
-    for content in others:
-        given = content.get("object")
-        if not given or not content["coefficients"] or not without["coefficients"]:
-            continue
-        change = np.array([content["coefficients"][k] - without["coefficients"][k] for k in "BC"])
-        both = [np.array(each["covariance"], dtype=float)[1:3, 1:3] for each in (content, without)]
-        found.append(ObjectChange(content["name"], given["distance_m"], change, both[0] + both[1]))
+    for content in others if without["coefficients"] else ():
+        if content.get("object") and content["coefficients"]:
+            change = np.array([content["coefficients"][k] - without["coefficients"][k] for k in "BC"])
+            both = [np.array(each["covariance"], dtype=float)[1:3, 1:3] for each in (content, without)]
+            found.append(ObjectChange(content["name"], content["object"]["distance_m"], change, both[0] + both[1]))
     return sorted(found, key=lambda each: each.distance_m)

@@ -62,11 +62,9 @@ ROWS: dict[str, Row] = {
 
 
 def sources(given: Mapping[str, float | None], budget: str | None = None, kind: str = PLATFORM) -> tuple[Source, ...]:
-    """List the rows of a budget as standard uncertainties.
+    """List the rows of a budget, given in degrees as ``ROWS`` describes them, as standard uncertainties.
 
-    Args:
-        given: row -> degrees, as ``ROWS`` describes them; None where absent.
-        budget: ``le_menn`` fills missing rows with the values of that paper, where it has one.
+    The budget ``le_menn`` fills missing rows with the values of that paper, where it has one.
     """
     made = []
     for name, row in _rows_of(kind).items():
@@ -74,8 +72,7 @@ def sources(given: Mapping[str, float | None], budget: str | None = None, kind: 
         if value is None and budget == LE_MENN:
             value, origin = row.le_menn_deg, "Le Menn et al. 2023, section 2"
         if value is not None:
-            how = f"{row.what}: {value:g} degrees, {row.how} ({origin})"
-            made.append(Source(name, value / row.divisor, how))
+            made.append(Source(name, value / row.divisor, f"{row.what}: {value:g} degrees, {row.how} ({origin})"))
     return tuple(made)
 
 

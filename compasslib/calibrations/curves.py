@@ -144,12 +144,26 @@ def fit_curve(form: CurveForm, points: Points) -> FittedCurve | str:
     if solution is None:
         return "no curve of this form passes near the points"
     by = form.around(solution.coefficients)
-    variance = np.einsum("ni,ij,nj->n", by, solution.cofactor, by) * np.mean(points.weight)
-    if float(np.sqrt(np.max(variance))) > MAX_VAGUENESS or np.max(solution.leverage) > 1.0 - 1e-6:
+    vague = np.einsum("ni,ij,nj->n", by, solution.cofactor, by) * np.mean(points.weight)
+    if float(np.sqrt(np.max(vague))) > MAX_VAGUENESS or np.max(solution.leverage) > 1.0 - 1e-6:
         return "the headings do not determine it: they leave too wide a gap in the circle"
-    curve = _evaluate_fit(form, points, solution)
-    off = angles.rms(curve.residual_deg)
-    return curve if off <= MAX_RESIDUAL_DEG else f"it misses the readings by {off:.0f} degrees rms"
+    dof = len(points) - len(form.letters)
+    variance = student_widening(dof) ** 2 * float(np.sum(solution.weight * solution.residual_deg**2)) / dof
+    # Residuals of the recorded heading, divided by minus the slope, are those of the correct heading.
+    slope = -1.0 / form.steepness(solution.coefficients, points) if form.steepness else np.ones(len(points))
+    residual = slope * solution.residual_deg
+    if (off := angles.rms(residual)) > MAX_RESIDUAL_DEG:
+        return f"it misses the readings by {off:.0f} degrees rms"
+    mean_square = float(np.sum(points.weight * residual**2) / np.sum(points.weight))
+    return FittedCurve(
+        form=form,
+        coefficients=solution.coefficients,
+        covariance=variance * solution.cofactor,
+        residual_deg=residual,
+        left_out_deg=residual / (1.0 - solution.leverage),
+        dof=dof,
+        scatter_deg=student_widening(dof) * float(np.sqrt(mean_square * len(points) / dof)),
+    )
 
 
 def select_curve(curves: Sequence[FittedCurve]) -> FittedCurve:
@@ -166,24 +180,6 @@ def select_curve(curves: Sequence[FittedCurve]) -> FittedCurve:
         needed = 0.0 if same else MIN_GAIN_SIGMAS * float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
         best = other if float(np.mean(gain)) > needed else best
     return best
-
-
-def _evaluate_fit(form: CurveForm, points: Points, solution: LeastSquares) -> FittedCurve:
-    dof = len(points) - len(form.letters)
-    variance = student_widening(dof) ** 2 * float(np.sum(solution.weight * solution.residual_deg**2)) / dof
-    # Residuals of the recorded heading, divided by minus the slope, are those of the correct heading.
-    slope = -1.0 / form.steepness(solution.coefficients, points) if form.steepness else np.ones(len(points))
-    residual = slope * solution.residual_deg
-    mean_square = float(np.sum(points.weight * residual**2) / np.sum(points.weight))
-    return FittedCurve(
-        form=form,
-        coefficients=solution.coefficients,
-        covariance=variance * solution.cofactor,
-        residual_deg=residual,
-        left_out_deg=residual / (1.0 - solution.leverage),
-        dof=dof,
-        scatter_deg=student_widening(dof) * float(np.sqrt(mean_square * len(points) / dof)),
-    )
 
 
 def series_form(

@@ -72,11 +72,9 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     covariance = np.full((5, 5), np.nan)
     covariance[0, 0] = compared.constant_sigma_deg**2
     # The same constant at every heading: the correction of headings converted to true with the model's declination.
-    step_deg = float(settings.get("table_step_deg", 10.0))
-    heading = np.arange(0.0, 360.0, step_deg)
-    alike = np.ones(len(heading))
-    quiet = np.nan_to_num(compared.curve_deg)
-    calm = compared.disturbed_deg[~compared.stormy]
+    heading = np.arange(0.0, 360.0, float(settings.get("table_step_deg", 10.0)))
+    alike = (np.full(len(heading), x) for x in (compared.constant_deg, compared.constant_sigma_deg))
+    quiet, calm = np.nan_to_num(compared.curve_deg), compared.disturbed_deg[~compared.stormy]
     return Calibration(
         kind=KIND,
         model=f"{'IGRF' if field.source == 'IGRF' else 'the given declination'} plus a constant",
@@ -90,7 +88,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
             Source("daily variation", float(np.std(quiet)), f"rms of the curve of {compared.quiet_days} days"),
             Source("disturbance", angles.rms(calm), "rms of what level and quiet day leave, storms left out"),
         ),
-        table=DeviationTable(heading, compared.constant_deg * alike, compared.constant_sigma_deg * alike),
+        table=DeviationTable(heading, *alike),
         points=_points(compared),
         details=_header(series, place) | _details(compared, series, field),
         warnings=(*warnings, *field.warnings),
@@ -123,16 +121,12 @@ def _header(series: FieldSeries, place: tuple[float, float]) -> dict[str, Any]:
 
 
 def _details(compared: FieldComparison, series: FieldSeries, field: EarthField) -> dict[str, Any]:
-    off_deg = angles.difference(series.declination_deg, compared.observed_deg[0])
-    curve, quiet_day = compared.curve_deg, None
-    if compared.quiet_days:
-        amplitude_deg = float(np.ptp(curve)) / 2.0
-        by_hour = curve - np.mean(curve)
-        quiet_day = {"days": compared.quiet_days, "amplitude_deg": amplitude_deg, "by_hour_deg": by_hour}
-    storms = [
-        {"from": _stamp(x.begin_s), "to": _stamp(x.end_s), "range_deg": x.range_deg, "rms_deg": x.rms_deg}
-        for x in compared.storms
-    ]
+    off_deg, curve = angles.difference(series.declination_deg, compared.observed_deg[0]), compared.curve_deg
+    quiet_day = {
+        "days": compared.quiet_days,
+        "amplitude_deg": float(np.ptp(curve)) / 2.0,
+        "by_hour_deg": curve - np.mean(curve),
+    }
     return {
         "constant_deg": compared.constant_deg,
         "constant_sigma_deg": compared.constant_sigma_deg,
@@ -141,8 +135,11 @@ def _details(compared: FieldComparison, series: FieldSeries, field: EarthField) 
         "from": _stamp(series.time_s[0]),
         "to": _stamp(series.time_s[-1]),
         "range_deg": float(np.ptp(off_deg[np.isfinite(off_deg)])),
-        "quiet_day": quiet_day,
-        "storms": storms,
+        "quiet_day": quiet_day if compared.quiet_days else None,
+        "storms": [
+            {"from": _stamp(x.begin_s), "to": _stamp(x.end_s), "range_deg": x.range_deg, "rms_deg": x.rms_deg}
+            for x in compared.storms
+        ],
         "cannot_tell": [AMBIGUITY],
     }
 
@@ -182,7 +179,7 @@ def check_field(series: FieldSeries, place: tuple[float, float]) -> list[str]:
 
 
 def with_observatory_warnings(field: EarthField, files: Sequence[str | Path], place: Mapping[str, float]) -> EarthField:
-    """Add warnings about a mooring's observatory to the mooring's field.
+    """Add warnings about a mooring's observatory to the mooring's field: mistakes in its file, distance and coverage.
 
     Raises:
         InputError: a file cannot be read, or as for ``check_field``.
@@ -190,8 +187,28 @@ def with_observatory_warnings(field: EarthField, files: Sequence[str | Path], pl
     if not files:
         return field
     series = iaga2002.read(files)
+    there = np.array([series.latitude, series.longitude])
     warnings = check_field(series, (series.latitude, series.longitude))
-    warnings += _distance_warning(series, (place["latitude"], place["longitude"])) + _coverage_warning(series, field)
+    if np.isfinite(there).all():
+        here = place["latitude"], place["longitude"]
+        (sine, cosine), (east, north) = (angles.sin_cos(x) for x in np.transpose([there, here]))
+        station, other = np.stack([cosine * north, cosine * east, sine], axis=-1)
+        across = float(np.linalg.norm(np.cross(station, other)))
+        apart = DEGREE_KM * float(angles.argument(complex(station @ other, across)))
+        if apart > FARTHEST_KM:
+            warnings.append(
+                f"the observatory {series.station} is {apart:.0f} km from the mooring; disturbances are similar within "
+                f"some {FARTHEST_KM:.0f} km: use a nearer one, or check both positions"
+            )
+    # Where the series covers little of the deployment, most of the disturbance is taken as zero.
+    days = np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / DAY_S))
+    first, last = np.floor(field.time_s[[0, -1]] / DAY_S)
+    covered = float(np.sum((days >= first) & (days <= last)) / (last - first + 1.0))
+    if covered < COVERED:
+        warnings.append(
+            f"the observatory {series.station} covers {100.0 * covered:.0f} % of the deployment's days; elsewhere the "
+            "disturbance of the field is taken as zero"
+        )
     return replace(field, warnings=(*field.warnings, *warnings))
 
 
@@ -201,18 +218,16 @@ def _medians(series: FieldSeries, place: tuple[float, float]) -> Iterator[FieldM
     stretch = np.stack([file, np.floor(series.time_s / BLOCK_S).astype(np.intp)])
     for number in np.unique(stretch, axis=1).T:
         part = np.all(stretch == number[:, None], axis=0)
-        declination = series.declination_deg[part]
-        declination, median = declination[np.isfinite(declination)], float("nan")
-        if len(declination):
-            first = declination[0]
-            median = float(angles.wrap180(first + np.median(angles.difference(declination, first))))
-        horizontal, vertical = (
+        known = np.flatnonzero(part & np.isfinite(series.declination_deg))
+        first = series.declination_deg[known[0]] if len(known) else 0.0
+        turned = angles.difference(series.declination_deg[part], first)
+        off, horizontal, vertical = (
             float(np.nanmedian(column)) if np.isfinite(column).any() else float("nan")
-            for column in (series.horizontal_nT[part], series.vertical_nT[part])
+            for column in (turned, series.horizontal_nT[part], series.vertical_nT[part])
         )
         where = series.files[number[0]] if series.files else series.station
-        time_s = float(np.median(series.time_s[part]))
-        yield FieldMedian(where, time_s, median, horizontal, vertical, *place)
+        time_s, declination = float(np.median(series.time_s[part])), float(angles.wrap180(first + off))
+        yield FieldMedian(where, time_s, declination, horizontal, vertical, *place)
 
 
 def _field_warnings(median: FieldMedian) -> dict[tuple[str, ...], str]:
@@ -341,32 +356,3 @@ def _describe_field(median: FieldMedian, named: Sequence[str]) -> str:
     )
     why = f" ({'; or '.join(named)})" if named else ""
     return f"D {median.declination_deg:+.2f} degrees{horizontal}{vertical}{why}"
-
-
-def _distance_warning(series: FieldSeries, place: tuple[float, float]) -> list[str]:
-    there = np.array([series.latitude, series.longitude])
-    if not np.isfinite(there).all():
-        return []
-    (sine, cosine), (east, north) = (angles.sin_cos(x) for x in np.transpose([there, place]))
-    station, other = np.stack([cosine * north, cosine * east, sine], axis=-1)
-    across = float(np.linalg.norm(np.cross(station, other)))
-    apart = DEGREE_KM * float(angles.argument(complex(station @ other, across)))
-    if apart <= FARTHEST_KM:
-        return []
-    return [
-        f"the observatory {series.station} is {apart:.0f} km from the mooring; disturbances are similar within some "
-        f"{FARTHEST_KM:.0f} km: use a nearer one, or check both positions"
-    ]
-
-
-def _coverage_warning(series: FieldSeries, field: EarthField) -> list[str]:
-    """Warn if the series covers less than half of a deployment, as the disturbance is taken as zero elsewhere."""
-    days = np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / DAY_S))
-    first, last = np.floor(field.time_s[[0, -1]] / DAY_S)
-    covered = float(np.sum((days >= first) & (days <= last)) / (last - first + 1.0))
-    if covered >= COVERED:
-        return []
-    return [
-        f"the observatory {series.station} covers {100.0 * covered:.0f} % of the deployment's days; elsewhere the "
-        "disturbance of the field is taken as zero"
-    ]

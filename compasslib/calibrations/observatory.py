@@ -34,7 +34,6 @@ from compasslib.types import DAY_S, HOUR_S, Bools, Floats
 
 MIN_SHARE = 0.5  # fraction of the samples required for a mean
 MONTH_DAYS = 27  # a rotation of the sun
-Measures = tuple[float, float, float, float]  # of a storm: begin, end, rms and rms of its worst three hours
 WINDOW_S = 3 * HOUR_S
 APART_S = 24 * HOUR_S  # windows farther apart belong to separate storms
 MIN_WITHOUT_LARGEST = 0.5  # fraction of the limit required of a window without its largest value, lest that be a spike
@@ -79,10 +78,9 @@ def average(series: FieldSeries, step_s: float) -> tuple[Floats, Floats]:
 
 
 def declination_departure(series: FieldSeries, time_s: Floats) -> Floats:
-    """Compute the short-term variation of the declination at given times, (n,) degrees, NaN where unknown.
+    """Compute the variation of the declination about its monthly median, (n,) degrees: ``field_disturbance``.
 
-    Hourly means minus the median of the surrounding 27 days retain storms and daily variation, without the secular
-    variation and the crustal constant. This is the covariate of ``field_disturbance``.
+    It retains storms and daily variation, without the secular variation and the crustal constant.
     """
     known = np.flatnonzero(np.isfinite(series.declination_deg))
     first = series.declination_deg[known[0]] if len(known) else 0.0
@@ -102,10 +100,14 @@ def _departure(series_s: Floats, values: Floats, time_s: Floats) -> Floats:
     mean = np.where(enough, (total[last] - total[first]) / np.maximum(last - first, 1), np.nan)
     days, begins = np.unique(np.floor(known_s / DAY_S), return_index=True)
     levels = np.array([np.median(part) for part in np.split(off, begins[1:])])  # daily, then running medians
-    reach = MONTH_DAYS // 2
-    ends = zip(np.searchsorted(days, days - reach), np.searchsorted(days, days + reach, side="right"), strict=True)
-    course = np.array([np.median(levels[a:b]) for a, b in ends])
+    course = _running_median(days, levels, MONTH_DAYS // 2)
     return np.asarray(mean - np.interp(time_s, (days + 0.5) * DAY_S, course))
+
+
+def _running_median(days: Floats, values: Floats, reach: int, least: int = 1) -> Floats:
+    """Compute medians over the days at most ``reach`` away, (n,); of all days where fewer than ``least`` are near."""
+    ends = zip(np.searchsorted(days, days - reach), np.searchsorted(days, days + reach, side="right"), strict=True)
+    return np.array([np.median(values[a:b] if b - a >= least else values) for a, b in ends])
 
 
 def covariates(files: Sequence[str | Path], time_s: Floats) -> tuple[Floats, Floats]:
@@ -170,10 +172,11 @@ def three_hour_rms(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
     return np.where(full, np.sqrt(total / count), 0.0), np.where(full, without_largest, 0.0)
 
 
-def storms(time_s: Floats, off: Floats, limit_deg: float) -> tuple[Bools, list[Measures], float, int]:
-    """Detect storms: mask of disturbed values, measures of each storm, median disturbance and number of spikes.
+def storms(time_s: Floats, off: Floats, limit_deg: float) -> tuple[Bools, list[tuple[float, ...]], float, int]:
+    """Detect storms in the declination without level and quiet-day curve, (n,) degrees.
 
-    ``off`` is observed minus model declination without level and quiet-day curve, (n,) degrees.
+    Returns:
+        Mask of disturbed values; begin, end, rms and worst three-hour rms of each storm; median disturbance; spikes.
     """
     size, without_largest = three_hour_rms(time_s, off)
     ordinary = float(np.median(size)) if np.ptp(time_s) >= MIN_DAYS * DAY_S else 0.0
@@ -191,16 +194,8 @@ def storms(time_s: Floats, off: Floats, limit_deg: float) -> tuple[Bools, list[M
     spans = [slice(g[0], g[-1] + 1) for g in groups]
     ends = [(time_s[g[0]] - half, time_s[g[-1]] + half) for g in groups]
     rms = [angles.rms(off[span][stormy[span]]) for span in spans]
-    measures = [(*end, x, float(size[g].max())) for end, x, g in zip(ends, rms, groups, strict=True)]
-    return stormy, measures, ordinary, spikes
-
-
-def make_storm(series: FieldSeries, model: EarthField, measures: Measures) -> Storm:
-    """Make a storm from its measures and the range of the samples during it."""
-    begin_s, end_s, rms_deg, worst_deg = measures
-    inside = (series.time_s >= begin_s) & (series.time_s <= end_s)
-    off = angles.difference(series.declination_deg, earthfield.declination_at(model, series.time_s))[inside]
-    return Storm(begin_s, end_s, float(np.nanmax(off) - np.nanmin(off)), rms_deg, worst_deg)
+    worst = [float(size[group].max()) for group in groups]
+    return stormy, [(*end, *x) for end, *x in zip(ends, rms, worst, strict=True)], ordinary, spikes
 
 
 @dataclass(frozen=True)
@@ -239,10 +234,7 @@ class FieldComparison:
 
 
 def model_field(series: FieldSeries, settings: Mapping[str, Any], where: str) -> EarthField:
-    """Evaluate the field model along a series, with the declination replaced by a number if one is given.
-
-    Args:
-        settings: ``latitude`` and ``longitude``, which override the header's; ``declination`` (auto or degrees east).
+    """Evaluate the field model along a series, with the declination replaced by a number if the settings have one.
 
     Raises:
         InputError: neither header nor settings give the position, or a date lies outside the model.
@@ -284,17 +276,17 @@ def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Fiel
         middle = np.array([np.median(part) for part in np.split(off, begins[1:])])
         first = hourly_median(time_s, off - middle[which_day], np.ones(len(off), dtype=bool))
     levels, days = _levels(time_s, off - interpolate_daily_curve(first, time_s))
-    running = np.full(len(days), np.median(levels))  # default where too few days are near
-    ends = np.searchsorted(days, days + NEAR_DAYS, side="right")
-    for k, (a, b) in enumerate(zip(np.searchsorted(days, days - NEAR_DAYS), ends, strict=True)):
-        if b - a >= MIN_NEAR:
-            running[k] = np.median(levels[a:b])
-    level = running[np.searchsorted(days, np.floor(time_s / DAY_S))]
+    level = _running_median(days, levels, NEAR_DAYS, MIN_NEAR)[np.searchsorted(days, np.floor(time_s / DAY_S))]
     rough = off - level - interpolate_daily_curve(first, time_s)
     quiet = _quiet_days(time_s, rough, storms(time_s, rough, limit_deg)[0])
     curve = hourly_median(time_s, off - level, quiet) if quiet.any() else first
     disturbed = off - level - interpolate_daily_curve(curve, time_s)
     stormy, measures, ordinary, spikes = storms(time_s, disturbed, limit_deg)
+    samples = angles.difference(series.declination_deg, earthfield.declination_at(model, series.time_s))
+    found = []
+    for begin_s, end_s, rms_deg, worst_deg in measures:
+        inside = samples[(series.time_s >= begin_s) & (series.time_s <= end_s)]
+        found.append(Storm(begin_s, end_s, float(np.nanmax(inside) - np.nanmin(inside)), rms_deg, worst_deg))
     # Daily means, without storms except on days that have no other values.
     calm = ~stormy | (np.bincount(which_day, ~stormy) == 0)[which_day]
     without = off - interpolate_daily_curve(curve - np.mean(curve), time_s)
@@ -308,7 +300,7 @@ def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Fiel
         quiet_days=len(np.unique(np.floor(time_s[quiet] / DAY_S))),
         disturbed_deg=disturbed,
         stormy=stormy,
-        storms=tuple(make_storm(series, model, measured) for measured in measures),
+        storms=tuple(found),
         ordinary_deg=ordinary,
         spikes=spikes,
         constant_deg=float(np.median(each)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -95,17 +95,14 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
             advice=f"write mounting_deg: {stood:.0f} if the instrument stood so on the bench, clockwise, or the bench "
             "was read from the other side; mounting_deg: 0 if the constant is the compass's own",
         )
-    constant = [] if mounting is not None else _constant_reasons(fitted, read, settings.get("declination_deg"))
-    misfits = [*constant]
+    misfits = [] if mounting is not None else _constant_reasons(fitted, read, settings.get("declination_deg"))
     if _even(read.recorded_deg) and not _even(read.reference_deg):
         misfits.append(
             "recorded_deg has even steps and reference_deg does not: if the columns are exchanged, every deviation has "
             "the wrong sign"
         )
-    warnings = [*notes]
-    if not known.all():
-        warnings.append(f"{int(np.sum(~known))} lines without both headings are excluded")
-    warnings += [*fitted.warnings, *misfits, *budget.notes(given, rows)]
+    lost = [] if known.all() else [f"{int(np.sum(~known))} lines without both headings are excluded"]
+    warnings = [*notes, *lost, *fitted.warnings, *misfits, *budget.notes(given, rows)]
     details: dict[str, Any] = {**fitted.details, **conditions, "doubts": misfits}
     if settings.get("budget") == budget.LE_MENN and given.get("field_deg") is None and fitted.model != "none":
         level = (settings.get("field") or {}).get("horizontal_nT", budget.PAPER_FIELD_NT)
@@ -118,29 +115,26 @@ def _refuse_mistaken(fitted: Calibration, read: BenchReadings, where: str) -> No
     missed = np.inf if fitted.model == "none" else fitted.residual_rms_deg
     if missed < POOR_DEG or len(read) < MIN_EVEN:
         return
-    residuals = {}
-    for text, undone in _corrections(read).items():
-        curve = curves.fit_curve(SMITH, curves.deviation_points(undone.recorded_deg, undone.reference_deg))
-        residuals[text] = float("inf") if isinstance(curve, str) else angles.rms(curve.residual_deg)
-    best = min(residuals, key=lambda text: residuals[text])
-    if residuals[best] < min(missed, 90.0) / MIN_RATIO:
+    least, best = np.inf, ""
+    for text, reference, recorded in _corrections(read):
+        curve = curves.fit_curve(SMITH, curves.deviation_points(recorded, reference))
+        if not isinstance(curve, str) and angles.rms(curve.residual_deg) < least:
+            least, best = angles.rms(curve.residual_deg), text
+    if least < min(missed, 90.0) / MIN_RATIO:
         advice = "correct the columns; headings are degrees, clockwise"
         raise InputError(where, expected="headings that a deviation curve can join", found=best, advice=advice)
 
 
-def _corrections(read: BenchReadings) -> dict[str, BenchReadings]:
-    """Map the description of each possible mistake in the columns to the readings without it."""
+def _corrections(read: BenchReadings) -> Iterator[tuple[str, Floats, Floats]]:
+    """Yield each possible mistake in the columns, and reference and recorded headings without it."""
     reference, recorded = read.reference_deg, read.recorded_deg
-    against = "headings that run against each other: one column counts anticlockwise"
-    corrections = {against: BenchReadings(-reference, recorded)}
+    yield "headings that run against each other: one column counts anticlockwise", -reference, recorded
     for unit, turn in UNITS.items():
         by = 360.0 / turn
-        corrections[f"reference_deg in {unit}, as it looks"] = BenchReadings(by * reference, recorded)
-        corrections[f"recorded_deg in {unit}, as it looks"] = BenchReadings(reference, by * recorded)
+        yield f"reference_deg in {unit}, as it looks", by * reference, recorded
+        yield f"recorded_deg in {unit}, as it looks", reference, by * recorded
         if np.nanmax(np.abs([reference, recorded])) <= turn:
-            both = BenchReadings(by * reference, by * recorded)
-            corrections[f"both columns in {unit}, as they look"] = both
-    return corrections
+            yield f"both columns in {unit}, as they look", by * reference, by * recorded
 
 
 def _constant_reasons(fitted: Calibration, read: BenchReadings, declination_deg: float | None) -> list[str]:
@@ -174,8 +168,7 @@ def calibrate_readings(
 ) -> Calibration:
     """Fit the curves to bench readings and select one, if any is determined.
 
-    Args:
-        sources: rows of the uncertainty budget besides the scatter about the curve.
+    ``sources`` are the rows of the uncertainty budget besides the scatter about the curve.
     """
     # Repeats share the error of the bench's setting: they are averaged and count once.
     slots = np.round(angles.wrap360(readings.reference_deg) / SAME_HEADING_DEG)
@@ -204,10 +197,8 @@ def calibrate_readings(
     chosen = curves.select_curve(fitted)
     rows = (*sources, budget.residual(chosen.scatter_deg, chosen.dof))
     points = _points(readings, chosen)
-    common_deg = budget.common(rows)
     heading = np.arange(0.0, 360.0, table_step_deg)
-    deviation = chosen.deviation(heading)
-    sigma = np.hypot(chosen.sigma(heading), common_deg)
+    deviation, sigma = chosen.deviation(heading), np.hypot(chosen.sigma(heading), budget.common(rows))
     return replace(
         empty,
         model=chosen.form.name,
@@ -223,8 +214,7 @@ def calibrate_readings(
 
 def _coefficients(fits: Mapping[str, FittedCurve | str], chosen: FittedCurve) -> dict[str, Any]:
     """Collect the series in the recorded heading and the exact compass, as far as the headings determine them."""
-    smith, exact = fits[SMITH.name], fits[EXACT.name]
-    coefficients: dict[str, Any] = {}
+    smith, exact, coefficients = fits[SMITH.name], fits[EXACT.name], dict[str, Any]()
     if isinstance(smith, FittedCurve):
         coefficients |= {"coefficients": smith.coefficients, "covariance": smith.covariance}
     elif chosen.form is ONE_CYCLE:
@@ -280,10 +270,9 @@ def _constant_shift(fits: Mapping[str, FittedCurve | str], chosen: FittedCurve, 
     value = unit * float(series_fit.coefficients[0])
     sigma = float(np.hypot(unit * np.sqrt(series_fit.covariance[0, 0]), common_deg))
     proven = abs(value) > 2.0 * sigma
-    judged = "is significant" if proven else "is not significant"
     text = (
-        f"A constant shift of {value:+.2f} ± {2.0 * sigma:.2f} degrees (k = 2) {judged}; "
-        "it may be of the compass, its mounting or the reference direction."
+        f"A constant shift of {value:+.2f} ± {2.0 * sigma:.2f} degrees (k = 2) is {'' if proven else 'not '}"
+        "significant; it may be of the compass, its mounting or the reference direction."
     )
     return {"value_deg": value, "sigma_deg": sigma, "differs_from_none": proven, "text": text}
 
@@ -349,9 +338,8 @@ def read_columns(
 ) -> tuple[dict[str, Floats], tuple[str, ...]]:
     """Read columns of angles by role, concatenated over the files, and notes on the tables.
 
-    Args:
-        settings: ``columns`` gives headers that differ from the roles, ``withhold`` roles or headers to ignore, and
-            the keys of ``delimited.Layout`` the format of the tables.
+    In the settings, ``columns`` gives headers that differ from the roles, ``withhold`` roles or headers to ignore, and
+    the keys of ``delimited.Layout`` the format of the tables.
 
     Raises:
         InputError: a file or column is absent or withheld, or a value cannot be read or is not an angle in degrees.
@@ -370,8 +358,8 @@ def read_columns(
             raise InputError("withhold", expected=expected, found=needed, advice="take it out of withhold")
     tables = [delimited.read_table(path, header, ADVICE, layout) for path in paths]
     columns = {role: np.concatenate([table.columns[role] for table in tables]) for role in roles}
-    for role, values in ((role, columns[role]) for role in roles if role != "time_utc"):
-        if (largest := np.nanmax(np.abs(values), initial=0.0)) > MAX_ANGLE_DEG:
+    for role in (role for role in roles if role != "time_utc"):
+        if (largest := np.nanmax(np.abs(columns[role]), initial=0.0)) > MAX_ANGLE_DEG:
             advice = "turn the column to degrees"
             raise InputError(f"{where}: {role}", expected="degrees", found=f"{largest:g}", advice=advice)
     return columns, delimited.table_notes(tables)

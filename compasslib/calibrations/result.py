@@ -62,8 +62,7 @@ def to_json(
 ) -> dict[str, Any]:
     """Convert a calibration to the content of calibration.json: keys common to all kinds, then those of its kind.
 
-    Args:
-        earlier: calibration.json of the calibrations to compare it with, by name.
+    ``earlier`` are the contents of the calibrations to compare it with, by name.
     """
     place = _place(settings, made.details)
     weak = weak_field_warnings(place["field"]["horizontal_nT"]) if place["field"] else ()
@@ -185,10 +184,7 @@ def compare(
     Le Menn et al. 2023, sections 3 and 4, compare curves by eye and by their phase shift. Here the difference of each
     coefficient is given with its uncertainty, and with the p-value (chi square) of no difference. The budgets are
     not included, as errors common to both calibrations cancel. Calibrations at different dips separate hard iron from
-    the iron induced by the vertical field.
-
-    Args:
-        field: the earth's field at the later calibration, None if unknown.
+    the iron induced by the vertical field, if the field at the later one is known.
     """
     if not after.coefficients.size or before["coefficients"] is None:
         missing = name if before["coefficients"] is None else "this calibration"

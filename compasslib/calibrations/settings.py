@@ -7,13 +7,10 @@ from typing import Any
 
 
 def resolve_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Add ``field`` and ``declination_deg`` to the settings, as all kinds require them.
+    """Add ``field`` and ``declination_deg`` to the keys of a YAML file, as all kinds require them.
 
     The field is a mapping of horizontal_nT, vertical_nT and declination_deg if latitude, longitude and date are given,
     else None. The declination is the number given, else that of the field, else None.
-
-    Args:
-        settings: the keys of the YAML file with defaults filled in.
 
     Raises:
         InputError: the date lies outside the model of the earth's field.

@@ -40,12 +40,13 @@ class AxisReadings:
     notes: tuple[str, ...] = ()
 
 
-def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Calibrate the pitch and the roll of a tilt sensor against the tilts of a platform.
+NOTHING = AxisReadings(np.zeros(0), np.zeros(0), np.nan)
 
-    Args:
-        files: CSV files with the platform's tilt and the recorded pitch and roll, degrees.
-        settings: ``columns``, ``withhold``, the keys of tables, ``budget``, ``uncertainty``.
+
+def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
+    """Calibrate the pitch and the roll of a tilt sensor against the tilts of a platform, by CSV files of all three.
+
+    The settings are ``columns``, ``withhold``, the keys of tables, ``budget`` and ``uncertainty``.
 
     Raises:
         InputError: a file cannot be read, or a column is absent or is not in degrees.
@@ -102,13 +103,10 @@ def calibrate_axes(
 def split_axes(reference_deg: Floats, recorded_deg: Floats) -> tuple[dict[str, AxisReadings], int]:
     """Assign each reading to the tilted axis, level readings to both; count and omit those with both axes tilted.
 
-    Args:
-        reference_deg: tilts of the platform, (n,); signed or absolute.
-        recorded_deg: pitch and roll, (2, n).
+    The tilts of the platform, (n,), are signed or absolute; pitch and roll are (2, n).
     """
     if not len(reference_deg):
-        nothing = AxisReadings(np.zeros(0), np.zeros(0), np.nan)
-        return dict.fromkeys(AXES, nothing), 0
+        return dict.fromkeys(AXES, NOTHING), 0
     size = np.abs(reference_deg)
     level = (size <= size.min() + LEVEL_DEG) & (size <= SKEW_DEG)
     zero = np.median(recorded_deg[:, level], axis=1) if level.any() else np.zeros(2)
@@ -128,7 +126,7 @@ def _axis_readings(
 ) -> AxisReadings:
     """Convert the readings of one axis to the instrument's sign convention and average repeats of a setting."""
     if not (chosen & ~level).any():
-        return AxisReadings(np.zeros(0), np.zeros(0), np.nan)
+        return NOTHING
     reference, lean, other = reference_deg[chosen], lean_deg[k][chosen], lean_deg[1 - k][chosen]
     notes = []
     if np.min(reference) >= 0.0 and np.min(lean) < -LEVEL_DEG:

@@ -184,13 +184,13 @@ def of_calibrations(plan: Any) -> dict[str, Stage]:
             settings={"kind": of.kind, "settings": of.settings, "options": of.diagnose},
         ),
         "diagnosis_figure": Stage(
-            *("drawings.diagnosis_figure", CALIBRATION, "diagnosis_figure"),
+            *("figures.diagnosis_figure", CALIBRATION, "diagnosis_figure"),
             plan.code("diagnosis_figure"),
             reads={"diagnosis": "diagnosis.json"},
             writes={"figures": of.diagnosis_figures},
         ),
         "calibration_figures": Stage(
-            *("drawings.calibration_figures", CALIBRATION, "figures"),
+            *("figures.calibration_figures", CALIBRATION, "figures"),
             plan.code("calibration_figures"),
             reads=made,
             writes={"figures": of.figures},
@@ -210,7 +210,7 @@ def of_compasses(plan: Any) -> dict[str, Stage]:
             settings={"spheres": of.spheres, "min_effect_deg": of.min_effect_deg},
         ),
         "joined_figures": Stage(
-            *("drawings.joined_figures", COMPASS, "figures"),
+            *("figures.joined_figures", COMPASS, "figures"),
             plan.code("joined_figures"),
             reads={"joined": "compass.json"},
             writes={"figures": of.figures},
@@ -236,7 +236,7 @@ def of_cruise(plan: Any) -> dict[str, Stage]:
             settings={"roles": lambda wildcards: {name: used_instruments(m) for name, m in cruise.moorings.items()}},
         ),
         "cruise_figures": Stage(
-            *("drawings.cruise_figures", CRUISE, "cruise_figures"),
+            *("figures.cruise_figures", CRUISE, "cruise_figures"),
             plan.code("cruise_figures"),
             reads={
                 "deviations": lambda wildcards: plan.per_mooring("deviation.json"),

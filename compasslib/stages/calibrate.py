@@ -27,9 +27,7 @@ def calibrate(
     """Write coefficients, deviation table, points and uncertainty budget of a calibration.
 
     Args:
-        raw: raw files in the order of the YAML file.
         earlier: calibration.json of the calibrations to compare with, possibly none.
-        settings: keys of the YAML file that the kind of calibration takes.
 
     Raises:
         InputError: a raw file cannot be read.

@@ -51,21 +51,10 @@ def correct(
     at = product.compass_along_record(made_by, affected, along, covariates.logged_series(affected, observatory))
     near = combine_references(netcdf.read_pairs(pairs))
     made = correct_in_pieces(
-        whole,
-        made_by.fit,
-        along,
-        near,
-        at,
-        unmodelled_deg=made_by.left_deg,
-        doubts=made_by.doubts,
+        whole, made_by.fit, along, near, at, unmodelled_deg=made_by.left_deg, doubts=made_by.doubts
     )
-    netcdf.write_corrected(
-        corrected,
-        made,
-        site=Site(**site),
-        attributes=attributes,
-        processing=provenance.processing(made_by, along, sources, superseded),
-    )
+    processing = provenance.processing(made_by, along, sources, superseded)
+    netcdf.write_corrected(corrected, made, site=Site(**site), attributes=attributes, processing=processing)
     summary.write_lookup(table, tabulate_deviation(made_by.fit, made_by.left_deg, made_by.doubts))
     differences = read_json(assessment)["difference_counts"]
     counted = build_histograms(made.record, made.decision.heading_deg, near, differences)

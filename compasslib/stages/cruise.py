@@ -61,10 +61,7 @@ def provenance(
 
 
 def complete(*, folders: Sequence[str], stopped: Mapping[str, Mapping[str, str]], say: Callable[[str], None]) -> None:
-    """End the run: report what was stopped, and delete outdated ``stopped.json`` files.
-
-    Args:
-        folders: result folders of moorings, calibrations and compasses.
+    """End the run: report what was stopped, and delete outdated ``stopped.json`` from the folders of results.
 
     Raises:
         Stopped: a mooring or calibration was stopped and has no results.
@@ -89,10 +86,7 @@ def _named(stopped: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
 
 
 def verify(*, configured: Sequence[str], say: Callable[[str], None]) -> None:
-    """Report the differences from the manifest of the working folder, one line each.
-
-    Args:
-        configured: files that the rules can make.
+    """Report differences of the working folder, with the files that the rules can make, from its manifest.
 
     Raises:
         InputError: there are differences, or there is no manifest.

@@ -21,7 +21,7 @@ from compasslib.deviation.assessment import (
 )
 from compasslib.deviation.exact import start_from_prior
 from compasslib.deviation.model import MIN_PAIRS, DeviationFit, estimate_safe_distance, fit_from_json
-from compasslib.inference import covariates, joint, joint_compass, kinds
+from compasslib.inference import covariates, joint, joint_compass, joint_effects, kinds
 from compasslib.inference import diagnosis as diagnoses
 from compasslib.inference.diagnosis import Conclusion
 from compasslib.inference.joint import SiblingInformation
@@ -61,7 +61,7 @@ def diagnose(
         references: record files of the reference instruments, possibly none.
         wide: file of pairs with larger separations, from which the shear of the water is estimated.
         observatory: IAGA-2002 files of one observatory, possibly none.
-        options: options of the mooring's diagnosis.
+
         sphere_distance_m: bounds of the distance from the compass to the iron's centre, m, where known.
         summary: file to write for other records of the compass, empty if there are none.
 
@@ -71,26 +71,38 @@ def diagnose(
     near, along = combine_references(netcdf.read_pairs(pairs)), earthfield.field_from_json(read_json(field))
     configured = read_json(fit)
     fitted = fit_from_json(configured)
-    with_sharing = {**options, "share": bool(summary)}
-    made = judged(
-        near, along, configured, fitted, record=record, references=references, observatory=observatory, wide=wide,
-        options=with_sharing,
-    )  # fmt: skip
-    write_json(diagnosis, made.diagnosis.to_json())
-    distances = {"safe_distance": estimate_safe_distance(made.product.fit, sphere_distance_m)}
-    write_json(deviation, configured | {"applied": made.product.to_json(), "shared": None} | distances)
-    write_json(assessment, made.assessment)
+    made = _search(
+        near, along, configured, fitted, record, references, observatory, wide, {**options, "share": bool(summary)}
+    )
+    _write(made, configured, None, sphere_distance_m, (diagnosis, deviation, assessment))
     if summary:
-        write_json(summary, _summary(mooring, near, fitted, along, made.diagnosis))
+        information = made.diagnosis.information or joint_effects.fit_information(fitted)
+        place = float(np.mean(along.horizontal_nT)), float(np.mean(along.vertical_nT))
+        span_s = near.time_s[[0, -1]].tolist() if len(near) else []
+        write_json(summary, joint_compass.summarize_record(mooring, place, information, span_s=span_s, why=fitted.why))
     say(f"{made.diagnosis.log_line(mooring)}\n{describe_assessment(mooring, made.assessment)}")
 
 
-def judged(
+def _write(
+    made: Conclusion,
+    configured: Mapping[str, Any],
+    shared: Mapping[str, Any] | None,
+    sphere_distance_m: tuple[float, float] | None,
+    files: tuple[str, str, str],
+) -> None:
+    """Write diagnosis, fit with the effects applied and the distances of the iron, and assessment."""
+    diagnosis, deviation, assessment = files
+    distances = {"safe_distance": estimate_safe_distance(made.product.fit, sphere_distance_m)}
+    write_json(diagnosis, made.diagnosis.to_json())
+    write_json(deviation, {**configured, "applied": made.product.to_json(), "shared": shared, **distances})
+    write_json(assessment, made.assessment)
+
+
+def _search(
     near: Pairs,
     along: EarthField,
     configured: Mapping[str, Any],
     fitted: DeviationFit,
-    *,
     record: str,
     references: Sequence[str],
     observatory: Sequence[str],
@@ -101,9 +113,7 @@ def judged(
 ) -> Conclusion:
     """Search the pairs of a mooring for effects and conclude; other arguments as for ``diagnose`` and ``conclude``.
 
-    Args:
-        configured: content of the fit's file.
-        shared: information on effects from other records of the same compass.
+    ``configured`` is the content of the fit's file, ``shared`` what other records of the same compass tell of effects.
     """
     series = covariates.logged_series(netcdf.read_record(record), observatory)
     upper = netcdf.read_record(record, velocities=False)  # these take a third of the memory
@@ -141,18 +151,6 @@ def judged(
     )
 
 
-def _summary(
-    mooring: str, near: Pairs, fitted: DeviationFit, along: EarthField, diagnosis: Diagnosis
-) -> dict[str, Any]:
-    from compasslib.inference import joint_compass, joint_effects
-
-    information = diagnosis.information or joint_effects.fit_information(fitted)
-    place = float(np.mean(along.horizontal_nT)), float(np.mean(along.vertical_nT))
-    return joint_compass.summarize_record(
-        mooring, place, information, span_s=near.time_s[[0, -1]].tolist() if len(near) else [], why=fitted.why
-    )
-
-
 def share(
     mooring: str,
     *,
@@ -175,20 +173,21 @@ def share(
 ) -> None:
     """Write diagnosis, fit and assessment of a record given the others of its compass, if any are consistent with it.
 
+    The arguments not listed are those of ``diagnose``.
+
     Args:
         joined: compass.json.
         alone: diagnosis.json, deviation.json and assessment.json of the record by itself.
-        wide: file of pairs with larger separations, from which the shear of the water is estimated.
         tilt: whether pitch and roll enter the fit.
 
     Raises:
         InputError: an observatory's file cannot be read.
     """
+    files = diagnosis, deviation, assessment
     siblings, configured = joint.read_returned(read_json(joined), mooring), read_json(fit)
     if siblings is None:
-        write_json(diagnosis, read_json(alone[0]))
-        write_json(deviation, read_json(alone[1]))
-        write_json(assessment, read_json(alone[2]))
+        for file, same in zip(files, alone, strict=True):
+            write_json(file, read_json(same))
         say(f"{mooring}: no other record of its compass belongs to it; as it is alone")
         return
     near, along = combine_references(netcdf.read_pairs(pairs)), earthfield.field_from_json(read_json(field))
@@ -205,26 +204,12 @@ def share(
             made, siblings, along, covariates.logged_series(netcdf.read_record(record), observatory)
         )
 
-    made = judged(
-        near,
-        along,
-        configured,
-        fitted,
-        record=record,
-        references=references,
-        observatory=observatory,
-        wide=wide,
-        options=options,
-        shared=siblings.effects,
-        with_effects=with_effects,
-    )
+    evidence = record, references, observatory, wide
+    made = _search(near, along, configured, fitted, *evidence, options, siblings.effects, with_effects)
     text = describe_siblings(siblings, before, fitted)
-    write_json(diagnosis, made.diagnosis.to_json())
-    distances = {"safe_distance": estimate_safe_distance(made.product.fit, sphere_distance_m)}
-    write_json(deviation, configured | {"applied": made.product.to_json(), "shared": siblings.block(text)} | distances)
-    write_json(assessment, made.assessment)
-    lines = text, made.diagnosis.log_line(mooring), describe_assessment(mooring, made.assessment)
-    say("\n".join([f"{mooring}: {lines[0]}", *lines[1:]]))
+    _write(made, configured, siblings.block(text), sphere_distance_m, files)
+    agreement = describe_assessment(mooring, made.assessment)
+    say(f"{mooring}: {text}\n{made.diagnosis.log_line(mooring)}\n{agreement}")
 
 
 def fit_with_siblings(
@@ -274,8 +259,7 @@ def join(
         spheres: sphere or frame by name of mooring or calibration, None where not stated.
         min_effect_deg: visible size below which a shared effect is irrelevant.
     """
-    moored = [read_json(path) for path in summaries]
-    calibrated = [read_json(path) for path in calibrations]
+    moored, calibrated = ([read_json(path) for path in paths] for paths in (summaries, calibrations))
     records = [joint_compass.mooring_member(m, spheres[m["name"]]) for m in moored]
     records += [joint_compass.calibration_member(c, spheres[c["name"]]) for c in calibrated]
     page, result = joint.join_compass(name, records, min_effect_deg)
@@ -296,11 +280,6 @@ def diagnose_calibration(
     say: Callable[[str], None],
 ) -> None:
     """Write the diagnosis of a calibration: effects in its readings that its model lacks.
-
-    Args:
-        raw: raw files in the order of the YAML file.
-        settings: keys of the YAML file that the kind of calibration takes.
-        options: options of the cruise's diagnoses.
 
     Raises:
         InputError: a raw file cannot be read.

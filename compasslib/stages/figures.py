@@ -1,20 +1,21 @@
-"""Draw one mooring: currents before and after, diagnosis, von Appen's Figs 6, 7 and 9, sections, the record."""
+"""Draw moorings (currents, diagnosis, von Appen's Figs 6, 7 and 9, sections), calibrations, compasses and cruises."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+from compasslib.archive import calibrations as stored
 from compasslib.archive import netcdf, summary
 from compasslib.archive.files import read_json, write_pictures
 from compasslib.archive.gridded import read_section
 from compasslib.inference import product as products
+from compasslib.plots import calibrations, page
 from compasslib.plots import deviation as curve
-from compasslib.plots import deviation as frequencies
 from compasslib.plots import diagnosis as hypotheses
-from compasslib.plots import page
+from compasslib.plots import moorings as together
 from compasslib.plots import timeseries as water
-from compasslib.plots.timeseries import COLUMNS, draw_profile, draw_section
 from compasslib.preparation.references import combine_references
 
 
@@ -38,7 +39,7 @@ def figures(
     averaged, coarser = (water.average_currents(shown, reference, n) for n in (summary.MAX_MEANS, summary.MAX_STICKS))
     headings = {"recorded": page.usable_headings(corrected), "corrected": corrected.heading_corrected_deg}
     counts = summary.read_histograms(histograms)
-    section = read_section(gridded[0], COLUMNS) if gridded else None
+    section = read_section(gridded[0], water.COLUMNS) if gridded else None
     for ending in dict.fromkeys(Path(figure).suffix for figure in figures):
         to = {Path(figure).stem: figure for figure in figures if figure.endswith(ending)}
         water.draw_sticks(to["sticks"], coarser)
@@ -46,12 +47,12 @@ def figures(
         water.draw_roses(to["roses"], shown, reference, headings)
         hypotheses.draw_mooring(to["diagnosis"], read_json(diagnosis))
         curve.draw_deviation(to["deviation"], both, products.from_json(read_json(deviation)).fit)
-        frequencies.draw_histograms(to["histograms"], counts, read_json(assessment))
+        curve.draw_histograms(to["histograms"], counts, read_json(assessment))
         curve.draw_scatter(to["scatter"], both, corrected)
         water.draw_timeline(to["timeline"], corrected, both)
         if section is not None:
-            draw_section(to["section"], section)
-            draw_profile(to["profile"], section)
+            water.draw_section(to["section"], section)
+            water.draw_profile(to["profile"], section)
     write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])
     say(f"{mooring}: {len(figures)} figures")
 
@@ -60,8 +61,60 @@ def sections(
     mooring: str, *, gridded: Sequence[str], figures: Sequence[str], pictures: str, say: Callable[[str], None]
 ) -> None:
     """Draw section and mean profile of a mooring with several affected instruments."""
-    section = read_section(gridded[0], COLUMNS)
+    section = read_section(gridded[0], water.COLUMNS)
     for figure in figures:
-        (draw_section if Path(figure).stem == "section" else draw_profile)(figure, section)
+        (water.draw_section if Path(figure).stem == "section" else water.draw_profile)(figure, section)
     write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])
     say(f"{mooring}: {len(figures)} figures")
+
+
+def calibration_figures(
+    name: str, /, *, calibration: str, table: str, points: str, figures: Sequence[str], say: Callable[[str], None]
+) -> None:
+    """Draw the figures of a calibration, each selected by its file name."""
+    made = stored.read(calibration=calibration, table=table, points=points)
+    for figure in figures:
+        calibrations.draw_figure(Path(figure).stem, figure, made)
+    say(f"{name}: {len(figures)} figures")
+
+
+def diagnosis_figure(name: str, /, *, diagnosis: str, figures: Sequence[str], say: Callable[[str], None]) -> None:
+    """Draw a calibration's residuals before and after, and the ranked hypotheses, in each format."""
+    for figure in figures:
+        hypotheses.draw_calibration(figure, read_json(diagnosis))
+    say(f"{name}: figure of the diagnosis")
+
+
+def joined_figures(name: str, /, *, joined: str, figures: Sequence[str], say: Callable[[str], None]) -> None:
+    """Draw the figures of a shared compass (``joined``: compass.json), each selected by its file name."""
+    content = read_json(joined)
+    for figure in figures:
+        curve.draw_shared(Path(figure).stem, figure, content)
+    say(f"{name}: {len(figures)} figures")
+
+
+def cruise_figures(
+    *,
+    deviations: Sequence[str],
+    assessments: Sequence[str],
+    array: Sequence[Mapping[str, Any]],
+    figures: Sequence[str],
+    say: Callable[[str], None],
+) -> None:
+    """Draw the configured array and the figures of all moorings that have results, each selected by its file name.
+
+    Args:
+        deviations: deviation.json of each mooring with results.
+        assessments: assessment.json of the same moorings.
+        array: arguments of ``plots.moorings.draw_array``.
+    """
+    moorings = [
+        together.AssessedMooring(Path(file).parent.name, products.from_json(read_json(file)).fit, read_json(assessment))
+        for file, assessment in zip(deviations, assessments, strict=True)
+    ]
+    for figure in figures:
+        if Path(figure).stem == "array":
+            together.draw_array(figure, array)
+        else:
+            together.draw_figure(Path(figure).stem, figure, moorings)
+    say(f"{len(figures)} figures of {len(moorings)} moorings")

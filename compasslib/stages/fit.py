@@ -36,18 +36,14 @@ def fit(
     upper, near = netcdf.read_record(record, velocities=False), combine_references(netcdf.read_pairs(pairs))
     there = earthfield.field_from_json(read_json(field))
     weak = weak_field_warnings(there.horizontal_nT)
-    if given is not None:
-        known = at_mooring.compass_from_coefficients(**given, record=upper, pairs=near)
-        known = replace(known, warnings=(*known.warnings, *weak))
-        write_json(
-            fit, deviation_json(known, upper) | {"calibration": {"name": "of the mooring's file", "kind": method}}
-        )
-        say(describe_fit(mooring, known))
-        return
-    fitted = fit_deviation(method, near, dip_ratio=tilt * earthfield.dip_ratio(there))
-    fitted = replace(fitted, warnings=(*fitted.warnings, *weak))
-    write_json(fit, deviation_json(fitted, upper))
-    say(describe_fit(mooring, fitted))
+    if given is None:
+        made, origin = fit_deviation(method, near, dip_ratio=tilt * earthfield.dip_ratio(there)), {}
+    else:
+        made = at_mooring.compass_from_coefficients(**given, record=upper, pairs=near)
+        origin = {"calibration": {"name": "of the mooring's file", "kind": method}}
+    made = replace(made, warnings=(*made.warnings, *weak))
+    write_json(fit, deviation_json(made, upper) | origin)
+    say(describe_fit(mooring, made))
 
 
 def carry(

@@ -30,8 +30,7 @@ from compasslib.product.errors import (
 )
 from compasslib.product.grid import DailyMeans, GridRules, Source, Survey, make_axes, survey
 from compasslib.product.grid import grid as make_grid
-from compasslib.records import PROBABLY_BAD, CorrectedRecord, EarthField, Pairs, Record
-from compasslib.types import Bools
+from compasslib.records import PROBABLY_BAD, CorrectedRecord, EarthField, Pairs
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ def grid(
         corrected: corrected.nc of each affected instrument, in the order of the other files of these instruments.
         gridded: gridded.nc, and gridded_daily.nc if configured.
         references: record files of the reference instruments, possibly none.
-        options: options of the mooring's product.
+
         compasses: ``sigma_deg`` (degrees, None for the usual value) and ``magnetic`` of each reference.
         attributes: global attributes from the YAML files.
         sources: raw files, relative to the cruise folder.
@@ -95,11 +94,8 @@ def grid(
     instruments = [*(part.source for part in affected), *each]
     surveys = [*(part.survey for part in affected), *map(survey, each)]
     rules = GridRules(**options["grid"])
-    axes, gap_s, sigma_deg = (
-        make_axes(instruments, surveys, rules),
-        60.0 * rules.max_gap_minutes,
-        declination_sigma(along),
-    )
+    axes, gap_s = make_axes(instruments, surveys, rules), 60.0 * rules.max_gap_minutes
+    sigma_deg = declination_sigma(along)
     trusted = _reference_compasses(names, compasses, sigma_deg)
     errors = heading_errors([part.headings for part in affected], trusted, axes, gap_s, sigma_deg)
     turned = [np.where(part.headings.used, part.corrected.deviation_deg, np.nan) for part in affected]
@@ -134,7 +130,7 @@ def _read_affected(
     corrected: str, record: str, pairs: str, deviation: str, *,
     along: EarthField, observatory: Sequence[str], flags: tuple[int, ...], references: int,
 ) -> _Affected:  # fmt: skip
-    """Read an affected instrument; velocities of flag 3 are used if none has one of the given flags."""
+    """Read an affected instrument and the error of its headings; if no velocity has a given flag, those of flag 3."""
     made_by, product = products.from_json(read_json(deviation)), netcdf.read_corrected(corrected, velocities=False)
     recording, name = netcdf.read_record(record, velocities=bool(made_by.applied)), Path(record).stem
     source = archive.affected_source(name, corrected, product, recording, flags)
@@ -144,36 +140,25 @@ def _read_affected(
         source = archive.affected_source(name, corrected, product, recording, (PROBABLY_BAD,))
         surveyed = survey(source)
         doubtful = not surveyed.empty
-    near, used = (
-        netcdf.read_pairs(pairs),
-        np.isin(product.heading_corrected_quality, (PROBABLY_BAD,) if doubtful else flags),
-    )
-    headings = _affected_headings(name, product, made_by, near, recording, along, observatory, used, references)
-    return _Affected(source, surveyed, product, made_by, near, headings, doubtful)
-
-
-def _affected_headings(
-    name: str, product: CorrectedRecord, made_by: Product, pairs: Pairs, recording: Record, along: EarthField,
-    observatory: Sequence[str], used: Bools, references: int,
-) -> AffectedHeadings:  # fmt: skip
-    """Collect the corrected headings and the components of their error."""
+    near = netcdf.read_pairs(pairs)
     series = covariates.logged_series(recording, observatory) if made_by.applied else {}
     at = products.compass_along_record(made_by, recording, along, series)
-    index = np.zeros(len(pairs), dtype=int) if pairs.reference_index is None else pairs.reference_index
-    weights = np.bincount(index, minlength=references)[:references] / max(len(pairs), 1)
-    return AffectedHeadings(
+    index = np.zeros(len(near), dtype=int) if near.reference_index is None else near.reference_index
+    weights = np.bincount(index, minlength=references)[:references] / max(len(near), 1)
+    headings = AffectedHeadings(
         name=name,
         time_s=product.record.time_s,
-        used=used,
+        used=np.isin(product.heading_corrected_quality, (PROBABLY_BAD,) if doubtful else flags),
         heading_deg=product.heading_corrected_deg,
         sigma_deg=product.heading_uncertainty_deg,
         probability=product.branch_probability,
         columns_deg=compass_modes(made_by.fit, at, record_readings(recording), product.heading_corrected_deg),
         doubted_deg=evaluate_doubts(made_by.doubts, product.record.time_s)[1],
         unexplained_deg=made_by.left_deg,
-        veer_deg=pairs.veer_deg if made_by.fit.method == "von_appen" else 0.0,
+        veer_deg=near.veer_deg if made_by.fit.method == "von_appen" else 0.0,
         weights=weights * (made_by.fit.method != "calibration"),
     )
+    return _Affected(source, surveyed, product, made_by, near, headings, doubtful)
 
 
 def _reference_compasses(

@@ -59,8 +59,7 @@ def overlap(
     # Named relative to the mooring's folder, so that the bytes of the file do not depend on its location.
     made = provenance.origin("pairs found", [upper, *lower], within=Path(pairs).parent)
     if ready and columns is not None:
-        headers = {role: columns[role] for role in ROLES}
-        rows = read_ready_pairs(Path(ready[0]), headers)
+        rows = read_ready_pairs(Path(ready[0]), {role: columns[role] for role in ROLES})
         matched = match_ready_pairs(rows, columns["scale"], above, along)
         made = provenance.origin("ready-made pairs read", ready)
         for file in (wide, pairs):

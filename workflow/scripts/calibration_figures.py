@@ -1,6 +1,6 @@
 """Draw one calibration: calibration.json, table.csv, points.csv -> results/calibrations/NAME/figures/*.png."""
 
 from compasslib.pipeline.job import job
-from compasslib.stages.drawings import calibration_figures
+from compasslib.stages.figures import calibration_figures
 
 job(snakemake, calibration_figures)

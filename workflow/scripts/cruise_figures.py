@@ -1,6 +1,6 @@
 """Draw figures of all moorings: deviation.json and assessment.json of each -> results/figures."""
 
 from compasslib.pipeline.job import job
-from compasslib.stages.drawings import cruise_figures
+from compasslib.stages.figures import cruise_figures
 
 job(snakemake, cruise_figures)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import log10
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,12 @@ import numpy as np
 
 from compasslib import angles, compass
 from compasslib.calibrations.budget import Source
-from compasslib.calibrations.magnetometer import ellipsoid, iron
+from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.calibrations.magnetometer import log as magnetometer_log
-from compasslib.calibrations.magnetometer.iron import SolvedIron
-from compasslib.calibrations.magnetometer.log import Log
+from compasslib.calibrations.magnetometer.ellipsoid import FittedEllipsoid, ModelChoice, ScaledReadings
+from compasslib.calibrations.magnetometer.log import Axes, Log, about_down, level_heading, mean_and_scatter, rotation
 from compasslib.calibrations.result import Calibration, DeviationTable, check_date
-from compasslib.deviation.series import series_deviation
+from compasslib.deviation.series import series_design, series_deviation
 from compasslib.errors import applicable
 from compasslib.types import Floats
 
@@ -44,22 +45,24 @@ OPEN_TURN = "an ellipsoid does not depend on how the sensor is turned; only tilt
 MAX_UNIT_ERROR = 0.12  # exceeds errors by sensor, crust and daily variation; one in nine arbitrary scales passes
 NANOTESLA = {"nT": 1.0, "uT": 1e3, "µT": 1e3, "mT": 1e6, "mG": 100.0, "G": 1e5, "Gauss": 1e5}
 UNIT_SUFFIX = re.compile(rf"[_ .\[(]({'|'.join(NANOTESLA)})[\])]?$")
+TABLE_DEG = np.arange(0.0, 360.0, 10.0)
+GRID_DEG = np.arange(0.0, 360.0, 5.0)
+MAX_SCATTER_RATIO = 0.5  # of logged minus corrected headings to logged minus raw ones
+ROUNDS = 3  # linearized steps for the misalignment
+MAX_DILUTION = 10.0  # radians of misalignment per relative error of the field: 0.3 % then cause 1.7 degrees
 Field = Mapping[str, float] | None
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Calibrate a magnetometer from its log.
+    """Calibrate a magnetometer from CSV files with x, y and perhaps z, pitch_deg, roll_deg, heading_deg, time_utc.
 
-    Args:
-        files: CSV files with x, y and perhaps z, pitch_deg, roll_deg, heading_deg, time_utc.
-        settings: ``columns``, ``withhold`` and ``field`` {horizontal_nT, vertical_nT, ...} or None.
+    The settings are ``columns``, ``withhold`` and ``field`` {horizontal_nT, vertical_nT, ...} or None.
 
     Raises:
         InputError: a column is absent or a cell is not a number.
     """
     log = magnetometer_log.repair_counts(magnetometer_log.read(files, settings))
-    why = magnetometer_log.unusable_reason(log)
-    if why:
+    if why := magnetometer_log.unusable_reason(log):
         return _refused(log, why)
     field = settings.get("field")
     axes, warnings = magnetometer_log.determine_axes(log)
@@ -68,11 +71,25 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     if far.any():
         log = log.take(~far, f"{far.sum()} of {far.size} readings are outliers of the fitted modulus and excluded.")
         choice = ellipsoid.choose_model(log, log.raw @ axes.matrix.T)
-    solved = iron.solve_iron(log, axes, choice, field)
+    solved = solve_iron(log, axes, choice, field)
     if solved is None:
         return _refused(log, choice.why)
+    exact = exact_coefficients(solved.iron, solved.dip_ratio)
+    known = bool(np.isfinite(exact).all())
+    folded = known and not compass.turns_full_circle(exact)
+    misfits = _misfits(solved)
     warnings = [*log.warnings, *warnings, *check_date(log.time_s, settings.get("date_s"))]
-    return _make_calibration(solved, field, settings.get("columns") or {}, warnings)
+    return Calibration(
+        kind=KIND,
+        model=solved.fitted.model.name,
+        n=len(solved.log.raw),
+        coverage=len(np.unique(solved.headings()[0] // SECTOR_DEG)),
+        points=_points(solved),
+        details={**_details(solved, field), "doubts": misfits},
+        why=FOLDED if folded else "" if known else NO_DIP,
+        warnings=(*warnings, *_warnings(solved, field, settings.get("columns") or {}), *misfits),
+        **(_correction(solved, exact, folded=folded) if known else {}),
+    )
 
 
 def _refused(log: Log, why: str) -> Calibration:
@@ -80,47 +97,27 @@ def _refused(log: Log, why: str) -> Calibration:
     return Calibration(KIND, NO_MODEL, len(log.raw), 0, details=details, why=why, warnings=log.warnings)
 
 
-def _make_calibration(
-    solved: SolvedIron, field: Mapping[str, float] | None, columns: Mapping[str, str], warnings: Sequence[str]
-) -> Calibration:
-    exact = iron.exact_coefficients(solved.iron, solved.dip_ratio)
-    known = bool(np.isfinite(exact).all())
-    folded = known and not compass.turns_full_circle(exact)
-    recorded, _ = solved.headings()
-    misfits = _misfits(solved)
-    return Calibration(
-        kind=KIND,
-        model=solved.fitted.model.name,
-        n=len(solved.log.raw),
-        coverage=len(np.unique(recorded // SECTOR_DEG)),
-        points=_points(solved),
-        details={**_details(solved, field), "doubts": misfits},
-        why=FOLDED if folded else "" if known else NO_DIP,
-        warnings=(*warnings, *_warnings(solved, field, columns), *misfits),
-        **(_correction(solved, exact, folded=folded) if known else {}),
-    )
-
-
 def _correction(solved: SolvedIron, exact: Floats, *, folded: bool) -> dict[str, Any]:
     """Compute coefficients, table and budget of the deviation by the iron; only the exact coefficients if folded."""
-    each = zip(solved.replicates, solved.dip_replicates, strict=True)
-    replicates = np.array([iron.exact_coefficients(replicate, float(dip)) for replicate, dip in each])
-    moved = iron.exact_coefficients(solved.moved, solved.dip_ratio)
+    replicates = np.array([*map(exact_coefficients, solved.replicates, solved.dip_replicates.tolist())])
+    moved = exact_coefficients(solved.moved, solved.dip_ratio)
     correction: dict[str, Any] = {"exact": exact, "exact_covariance": ellipsoid.covariance(replicates, moved - exact)}
     if folded:
         return correction
-    series, table = iron.series_coefficients(exact), iron.deviation_table(exact, replicates, moved)
-    each_series = np.array([iron.series_coefficients(replicate) for replicate in replicates])
+    series, value = series_coefficients(exact), exact_deviation(exact, TABLE_DEG)
+    each_series = np.array([series_coefficients(replicate) for replicate in replicates])
+    off = np.array([angles.difference(exact_deviation(each, TABLE_DEG), value) for each in (moved, *replicates)])
+    table = DeviationTable(TABLE_DEG, value, ellipsoid.sigma(off[1:], off[0]))
     # Misfit of the series: over the readings, or around the circle if these have no headings.
     if solved.headed:
         recorded, corrected = solved.headings()
         deviation = angles.difference(corrected, recorded)
     else:
-        recorded = iron.GRID_DEG
-        deviation = iron.exact_deviation(exact, recorded)
+        recorded = GRID_DEG
+        deviation = exact_deviation(exact, recorded)
     return correction | {
         "coefficients": series,
-        "covariance": ellipsoid.covariance(each_series, iron.series_coefficients(moved) - series),
+        "covariance": ellipsoid.covariance(each_series, series_coefficients(moved) - series),
         "residual_rms_deg": angles.rms(deviation - series_deviation(series, recorded)),
         "sources": _sources(solved, table, series),
         "table": table,
@@ -147,19 +144,18 @@ def _points(solved: SolvedIron) -> dict[str, Floats]:
 def _details(solved: SolvedIron, field: Field) -> dict[str, Any]:
     """Collect the details specific to a magnetometer, ready for JSON; null where undetermined."""
     choice, size = solved.choice, solved.choice.scale * solved.gain(solved.iron)
-    angles_to_instrument = zip(TURNS, solved.turn_deg, solved.turn_sigma_deg, strict=True)
     misalignment = {
         name: {"value": float(angle), "sigma": float(sigma)} if np.isfinite(angle) else None
-        for name, angle, sigma in angles_to_instrument
+        for name, angle, sigma in zip(TURNS, solved.turn_deg, solved.turn_sigma_deg, strict=True)
     }
-    open_turns = {f"turn about {name}": OPEN_TURN for name, angle in misalignment.items() if angle is None}
-    undetermined = {**choice.undetermined, **open_turns}
+    undetermined = dict(choice.undetermined)
+    undetermined |= {f"turn about {name}": OPEN_TURN for name, angle in misalignment.items() if angle is None}
     harmonics = None
     if solved.headed:
         recorded, corrected = solved.headings()
         fields = {"before": (solved.readings.field, recorded), "after": (solved.corrected(), corrected)}
         harmonics = {
-            when: dict(zip(("first", "second"), iron.modulus_harmonics(modulus, heading), strict=True))
+            when: dict(zip(("first", "second"), modulus_harmonics(modulus, heading), strict=True))
             for when, (each, heading) in fields.items()
             for modulus in [ellipsoid.modulus(each, solved.down)]
         }
@@ -242,11 +238,7 @@ def _warnings(solved: SolvedIron, field: Field, columns: Mapping[str, str]) -> l
         ),
         "No tilts are logged: a misalignment of the magnetometer is not detected.": not (level or tilted),
     }
-    texts = applicable(sentences_where)
-    if field is None:
-        return texts
-    size, what = solved.choice.scale * solved.gain(solved.iron), "horizontal" if level else "total"
-    return texts + _unit_warnings(size, _strength(solved, field), what, columns)
+    return applicable(sentences_where) + ([] if field is None else _unit_warnings(solved, field, columns))
 
 
 def _misfits(solved: SolvedIron) -> list[str]:
@@ -292,27 +284,216 @@ def _sources(solved: SolvedIron, table: DeviationTable, series: Floats) -> tuple
     return tuple(sources)
 
 
-def _unit_warnings(modulus: float, strength_nT: float, what: str, columns: Mapping[str, str]) -> list[str]:
+def _unit_warnings(solved: SolvedIron, field: Mapping[str, float], columns: Mapping[str, str]) -> list[str]:
     """Warn if the modulus is not that of the earth's field in the stated unit, or in any unit if none is stated.
 
     Units of magnetic fields differ by powers of ten. If the file does not state its unit, the corrected modulus must
     match IGRF in one of them; headers such as ``mag_x_nT`` state the unit.
-
-    Args:
-        modulus: of the corrected axes, in the file's unit.
-        what: which modulus it is, total or horizontal.
     """
+    modulus, strength_nT = solved.choice.scale * solved.gain(solved.iron), _strength(solved, field)
     ends = {match[1] if (match := UNIT_SUFFIX.search(columns.get(role) or "")) else None for role in ("x", "y")}
     unit = ends.pop() if len(ends) == 1 else None
     ratio = modulus / strength_nT
     agreement = 10.0 ** round(log10(ratio)) / ratio if unit is None else 1.0 / (modulus * NANOTESLA[unit] / strength_nT)
     if abs(agreement - 1.0) < MAX_UNIT_ERROR:
         return []
-    text = f"The corrected {what} field is {modulus:.4g} {unit or 'in the unit of the file'}"
-    expected = f"IGRF has {strength_nT:.0f} nT at place and date"
+    what = "horizontal" if solved.choice.level else "total"
     none = "No unit of a magnetic field (nT, µT, mG, G) makes"
     by = "The unit in the header does not make" if unit else none
     return [
-        f"{text}; {expected}. {by} the two agree: a wrong scale, unit, place or date, raw counts of the sensor, or not "
-        "the earth's field. Headings depend on ratios only and are not affected; hard_iron is in the file's unit."
+        f"The corrected {what} field is {modulus:.4g} {unit or 'in the unit of the file'}; IGRF has {strength_nT:.0f} "
+        f"nT at place and date. {by} the two agree: a wrong scale, unit, place or date, raw counts of the sensor, or "
+        "not the earth's field. Headings depend on ratios only and are not affected; hard_iron is in the file's unit."
     ]
+
+
+# Iron in the frame of the instrument: the selected ellipsoid, rotated as far as tilts and logged heading determine.
+
+
+def exact_coefficients(iron: Floats, dip_ratio: float) -> Floats:
+    """Compute A..E of the exact compass of a level instrument, (5,).
+
+    ``dip_ratio`` is the downward over the horizontal field; 0 if the modulus is that of the horizontal field alone.
+    """
+    horizontal = 1.0 / np.hypot(1.0, dip_ratio)
+    soft = np.linalg.inv(iron[3:].reshape(3, 3))
+    return compass.level_coefficients(soft, iron[:3], horizontal_nT=horizontal, vertical_nT=dip_ratio * horizontal)
+
+
+def exact_deviation(coefficients: Floats, recorded_deg: Floats) -> Floats:
+    """Compute beta - gamma of an exact compass A..E (5,) at recorded headings, root of larger slope, (n,) degrees."""
+    return angles.difference(compass.inverse(coefficients, recorded_deg)[:, 0], recorded_deg)
+
+
+def series_coefficients(coefficients: Floats) -> Floats:
+    """Fit A..E (5,), degrees, of the series in the recorded heading to an exact compass over the full circle."""
+    return np.linalg.lstsq(series_design(GRID_DEG), exact_deviation(coefficients, GRID_DEG), rcond=None)[0]
+
+
+def modulus_harmonics(modulus: Floats, heading_deg: Floats) -> tuple[float, float]:
+    """Fit the first and second harmonic of a modulus against the heading, percent of its mean."""
+    k = np.linalg.lstsq(series_design(heading_deg), modulus, rcond=None)[0]
+    return float(100.0 * np.hypot(k[1], k[2]) / k[0]), float(100.0 * np.hypot(k[3], k[4]) / k[0])
+
+
+def estimate_tilt_misalignment(iron: Floats, readings: ScaledReadings, down: Floats) -> tuple[Floats, float, Floats]:
+    """Estimate the small rotation from magnetometer to tilt sensor that makes the vertical field constant.
+
+    With the downward direction t, the vertical field t . (h + e x h) is a constant c in every orientation, so
+    t . h = c - e . (h x t) is linear in the rotation e about forward, starboard and down.
+
+    Returns:
+        The rotation (3,) in degrees, NaN about axes that the tilts do not determine; c, the sine of the dip; and the
+        iron with the rotation included in G.
+    """
+    field = ellipsoid.corrected(iron, readings)
+    turn, wide = np.eye(3), np.zeros(3, dtype=bool)
+    for _ in range(ROUNDS):
+        turned = field @ turn.T
+        columns = np.column_stack([np.ones(len(field)), -np.cross(turned, down)])
+        if not wide.any():
+            values, vectors = np.linalg.eigh(columns.T @ columns / len(columns))
+            inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T
+            wide = np.sqrt(np.diag(inverse))[1:] > MAX_DILUTION
+        columns[:, 1:] *= ~wide
+        solved = np.linalg.lstsq(columns, np.sum(turned * down, axis=1), rcond=None)[0]
+        turn = rotation(solved[1:]) @ turn
+    vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2.0
+    matrix = turn @ iron[3:].reshape(3, 3)
+    return np.where(wide, np.nan, vector / angles.DEGREE), float(solved[0]), np.append(iron[:3], matrix.ravel())
+
+
+@dataclass(frozen=True)
+class SolvedIron:
+    """Iron with everything needed to compute headings; replicates leave out one block of the readings each."""
+
+    log: Log
+    axes: Axes
+    choice: ModelChoice
+    fitted: FittedEllipsoid
+    readings: ScaledReadings
+    iron: Floats  # (12,) centre and G, for the scaled readings
+    replicates: Floats  # (blocks, 12)
+    levelling: Floats  # (n, 3, 3)
+    dip_ratio: float  # downward over horizontal field; 0 on a level platform, NaN where unknown
+    dip_replicates: Floats  # (blocks,)
+    turn_deg: Floats  # (3,) from magnetometer to instrument about forward, starboard, down; NaN where undetermined
+    turn_sigma_deg: Floats  # (3,)
+    turn_replicates_deg: Floats  # (blocks, 3) part of the rotation determined by tilts, 0 where none
+    logged_is_correct: bool = False  # whether the logged heading follows the corrected axes
+
+    @property
+    def headed(self) -> bool:
+        """Whether headings can be computed: tilts were logged, or the platform is level."""
+        return self.log.tilted or self.choice.level
+
+    @property
+    def down(self) -> Floats:
+        """Downward direction in the body frame, (n, 3)."""
+        return self.levelling[:, 2, :]
+
+    @property
+    def moved(self) -> Floats:
+        """Iron changed by one standard deviation of the unobservable vertical hard iron, (12,).
+
+        On a level platform with a mean tilt, vertical iron looks like horizontal iron; it is assumed equally strong.
+        """
+        if not (self.choice.level and self.log.tilted):
+            return self.iron
+        hard = float(np.hypot(*self.iron[:2]))
+        return self.iron + np.append(hard * self.down[:, :2].mean(axis=0), np.zeros(10))
+
+    def corrected(self) -> Floats:
+        """Correct the readings for the iron: the normalized field, (n, 3)."""
+        return ellipsoid.corrected(self.iron, self.readings)
+
+    def headings(self) -> tuple[Floats, Floats]:
+        """Compute recorded and corrected headings, (n,) degrees each."""
+        return level_heading(self.readings.field, self.levelling), level_heading(self.corrected(), self.levelling)
+
+    def gain(self, iron: Floats) -> float:
+        """Compute the field's modulus in scaled readings: the mean diagonal of the observed axes."""
+        soft = np.linalg.inv(iron[3:].reshape(3, 3))
+        return float(np.mean(np.diag(soft)[: 2 if self.choice.level else 3]))
+
+    def soft(self, iron: Floats) -> Floats:
+        """Compute the soft iron relative to the mean diagonal of the observed axes, body frame, (3, 3)."""
+        return np.linalg.inv(iron[3:].reshape(3, 3)) / self.gain(iron)
+
+
+def solve_iron(log: Log, axes: Axes, choice: ModelChoice, field: Field) -> SolvedIron | None:
+    """Express the iron in the frame of the instrument; None if no model was fitted.
+
+    The earth's field {horizontal_nT, vertical_nT} gives the dip without tilts; it is None if unknown.
+    """
+    if choice.fitted is None or choice.readings is None:
+        return None
+    iron, replicates = choice.fitted.iron()
+    dip = 0.0 if choice.level else np.nan if field is None else field["vertical_nT"] / field["horizontal_nT"]
+    turn, sigma = np.array([np.nan, np.nan, axes.vertical_deg]), np.array([np.nan, np.nan, axes.vertical_sigma_deg])
+    levelling, dips = log.levelling(), np.full(len(replicates), dip)
+    parts = (log, axes, choice, choice.fitted, choice.readings, iron, replicates, levelling, dip, dips, turn, sigma)
+    solved = SolvedIron(*parts, np.zeros((len(replicates), 3)))
+    if log.tilted and not choice.level:
+        solved = _align_to_tilts(solved)
+    return _align_to_heading(solved)
+
+
+def _align_to_tilts(solved: SolvedIron) -> SolvedIron:
+    """Rotate the iron into the frame of the tilt sensor, where the vertical field is constant and gives the dip."""
+    readings, down, block = solved.readings, solved.down, ellipsoid.blocks(len(solved.readings))
+    turn, sine, turned = estimate_tilt_misalignment(solved.iron, readings, down)
+    parts = [(each, block != k) for k, each in enumerate(solved.replicates)]
+    each = [estimate_tilt_misalignment(iron, readings.take(kept), down[kept]) for iron, kept in parts]
+    turns = np.array([replicate[0] for replicate in each])
+    sigma = ellipsoid.sigma(turns)
+    by_heading = np.isfinite(solved.turn_deg)
+    return replace(
+        solved,
+        iron=turned,
+        replicates=np.array([replicate[2] for replicate in each]),
+        dip_ratio=_dip_ratio(sine),
+        dip_replicates=np.array([_dip_ratio(replicate[1]) for replicate in each]),
+        turn_deg=np.where(by_heading, solved.turn_deg + np.nan_to_num(turn), turn),
+        turn_sigma_deg=np.where(by_heading, np.hypot(solved.turn_sigma_deg, np.nan_to_num(sigma)), sigma),
+        turn_replicates_deg=np.nan_to_num(turns),
+    )
+
+
+def _dip_ratio(sine: float) -> float:
+    return sine / float(np.sqrt(max(1.0 - sine**2, 1e-6)))
+
+
+def _align_to_heading(solved: SolvedIron) -> SolvedIron:
+    """Rotate the iron about the vertical to a logged heading that follows the corrected axes better than the raw ones.
+
+    Such a heading has been corrected for iron already, so it determines how the magnetometer is mounted.
+    """
+    logged = solved.log.heading_deg
+    if logged is None or not solved.headed:
+        return solved
+    recorded, corrected = solved.headings()
+    centre, scatter = mean_and_scatter(angles.difference(logged, corrected))
+    if scatter > MAX_SCATTER_RATIO * mean_and_scatter(angles.difference(logged, recorded))[1]:
+        return solved
+    block, turns_deg = ellipsoid.blocks(len(logged)), np.zeros(len(solved.replicates))
+    for k, replicate in enumerate(solved.replicates):  # each with the readings that it was fitted to
+        kept = block != k
+        field = ellipsoid.corrected(replicate, solved.readings.take(kept))
+        off = angles.difference(logged[kept], level_heading(field, solved.levelling[kept]))
+        turns_deg[k], _ = mean_and_scatter(off)
+    sigma = float(ellipsoid.sigma(angles.difference(turns_deg, centre) + solved.turn_replicates_deg[:, 2]))
+    turns = zip(solved.replicates, turns_deg, strict=True)
+    return replace(
+        solved,
+        iron=_about_down(solved.iron, centre),
+        replicates=np.array([_about_down(replicate, float(angle)) for replicate, angle in turns]),
+        turn_deg=np.append(solved.turn_deg[:2], np.nan_to_num(solved.turn_deg[2]) + centre),
+        turn_sigma_deg=np.append(solved.turn_sigma_deg[:2], sigma),
+        logged_is_correct=True,
+    )
+
+
+def _about_down(iron: Floats, angle_deg: float) -> Floats:
+    """Rotate iron about the vertical so that corrected headings increase by an angle."""
+    return np.append(iron[:3], (about_down(angle_deg) @ iron[3:].reshape(3, 3)).ravel())

@@ -93,23 +93,16 @@ def _chain(*rows: dict[str, float]) -> Floats:
 
 
 X, Y, Z = ({name: 1.0} for name in CENTRE)
-ALIKE = {"S11": 1.0, "S22": 1.0, "S33": 1.0}
+ALIKE, EACH = {"S11": 1.0, "S22": 1.0, "S33": 1.0}, [{name: 1.0} for name in SOFT]
 SPHERE = Model("sphere", (*CENTRE, "scale"), _chain(X, Y, Z, ALIKE))
-AXES = Model("ellipsoid along the axes", (*CENTRE, *SOFT[:3]), _chain(X, Y, Z, *({k: 1.0} for k in SOFT[:3])))
-ELLIPSOID = Model("ellipsoid", PARAMETERS, _chain(X, Y, Z, *({k: 1.0} for k in SOFT)))
+AXES = Model("ellipsoid along the axes", (*CENTRE, *SOFT[:3]), _chain(X, Y, Z, *EACH[:3]))
+ELLIPSOID = Model("ellipsoid", PARAMETERS, _chain(X, Y, Z, *EACH))
 CIRCLE = Model("circle", (*CENTRE[:2], "scale"), _chain(X, Y, ALIKE))
 # The third axis is unobservable: its sensitivity is set to the mean of the other two.
-ELLIPSE = Model(
-    "ellipse",
-    (*CENTRE[:2], "S11", "S22", "S12"),
-    _chain(X, Y, {"S11": 1.0, "S33": 0.5}, {"S22": 1.0, "S33": 0.5}, {"S12": 1.0}),
-)
+TWO_AXES = {"S11": 1.0, "S33": 0.5}, {"S22": 1.0, "S33": 0.5}, {"S12": 1.0}
+ELLIPSE = Model("ellipse", (*CENTRE[:2], "S11", "S22", "S12"), _chain(X, Y, *TWO_AXES))
 # Never fitted: serves to assess which parameters the tilts of a level platform would determine.
-LEVEL_AND_THIRD = Model(
-    "ellipse and third axis",
-    (*CENTRE, "S11", "S22", "S33", "S12"),
-    _chain(X, Y, Z, *({k: 1.0} for k in ("S11", "S22", "S33", "S12"))),
-)
+LEVEL_AND_THIRD = Model("ellipse and third axis", (*CENTRE, *SOFT[:4]), _chain(X, Y, Z, *EACH[:4]))
 
 
 def unpack(model: Model, parameters: Floats) -> tuple[Floats, Floats]:
@@ -127,17 +120,6 @@ def modulus(field: Floats, down: Floats) -> Floats:
     """Compute the modulus of the field component perpendicular to ``down`` (n,), or the full one where that is zero."""
     along = np.sum(field * down, axis=1)
     return np.sqrt(np.maximum(np.sum(field**2, axis=1) - along**2, 0.0))
-
-
-def fit_sphere(readings: ScaledReadings) -> tuple[Floats, float]:
-    """Fit centre (3,) and radius of the sphere or circle by linear least squares on the squared modulus."""
-    across = readings.field - np.sum(readings.field * readings.down, axis=1)[:, None] * readings.down
-    level = bool(readings.down.any())
-    use = across[:, :2] if level else across
-    columns = np.column_stack([2.0 * use, np.ones(len(use))])
-    solved = np.linalg.lstsq(columns, np.sum(across**2, axis=1), rcond=None)[0]
-    centre = np.append(solved[:-1], np.zeros(4 - len(solved)))
-    return centre, float(np.sqrt(max(solved[-1] + centre @ centre, 0.0)))
 
 
 def solve(model: Model, readings: ScaledReadings, centre: Floats, *, adjusted: bool = True) -> tuple[Floats, float]:
@@ -200,21 +182,6 @@ def sigma(replicates: Floats, shift: Floats | float = 0.0) -> Floats:
     shape = replicates.shape[1:]
     flat = replicates.reshape(len(replicates), -1)
     return np.sqrt(np.diag(covariance(flat, np.broadcast_to(shift, shape).ravel()))).reshape(shape)
-
-
-def dilution(model: Model, iron: Floats, readings: ScaledReadings) -> dict[str, float]:
-    """Compute the factor by which errors of the readings that do not average out are magnified in each parameter.
-
-    It is the square root of the diagonal of the inverse information of an average reading, with all parameters free.
-    Eigenvalues of the information are bounded below by 1e-14 of the largest.
-    """
-    centre, matrix = iron[:3], iron[3:].reshape(3, 3)
-    across, weight = _across(centre, matrix, readings)
-    steepness = 2.0 * np.linalg.norm(weight, axis=1)[:, None]  # |d(squared modulus) / d(reading)|
-    columns = _gradient(centre, readings, across, weight) @ model.chain.T / np.maximum(steepness, 1e-6)
-    values, vectors = np.linalg.eigh(columns.T @ columns / len(readings))
-    inverse = (vectors / np.maximum(values, 1e-14 * values[-1])) @ vectors.T
-    return dict(zip(model.free, np.sqrt(np.diag(inverse)).tolist(), strict=True))
 
 
 def _across(centre: Floats, matrix: Floats, readings: ScaledReadings) -> tuple[Floats, Floats]:
@@ -303,18 +270,16 @@ def find_outliers(choice: ModelChoice) -> Bools:
     return far if far.mean() < MAX_OUTLIER_SHARE else np.zeros_like(far)
 
 
-def _choose_spatial(body: Floats) -> ModelChoice:
+def _choose_spatial(body: Floats) -> ModelChoice | None:
+    """Choose a sphere or an ellipsoid; None if the readings determine neither."""
     readings, scale, centre = _scaled(body, np.zeros_like(body))
     sphere = _fit_or_none(SPHERE, readings, centre)
-    if sphere is None:
-        return ModelChoice(why="The readings determine no sphere.")
-    noise = _noise(ELLIPSOID, sphere, readings)
-    if noise[0] > MAX_SCATTER:
-        return ModelChoice(why=_scattered(noise[0], "ellipsoid"))
+    if sphere is None or (noise := _noise(ELLIPSOID, sphere, readings))[0] > MAX_SCATTER:
+        return None
     unsure = _standard_errors(ELLIPSOID, sphere, readings, noise)
     lost = _undetermined_groups(unsure, DIAGONAL, OTHERS)
     if any(unsure[name] > MAX_STANDARD_ERROR for name in CENTRE):
-        return ModelChoice(why="The orientations do not cover the sphere.")
+        return None
     models = [model for model in (SPHERE, AXES, ELLIPSOID) if not set(lost) & set(model.free)]
     reasons = {name: _reason(unsure[name], "the orientations leave it") for name in lost}
     partial = ModelChoice(scale=scale, undetermined=reasons, weakest=unsure)
@@ -378,8 +343,16 @@ def _tilt(down: Floats) -> Floats:
 
 
 def _scaled(body: Floats, down: Floats) -> tuple[ScaledReadings, float, Floats]:
-    """Scale readings by the radius of the fitted circle or sphere; also give that scale and the scaled centre."""
-    centre, radius = fit_sphere(ScaledReadings(body, down))
+    """Scale readings by the radius of the fitted circle or sphere; also give that scale and the scaled centre (3,).
+
+    The fit is linear least squares on the squared modulus.
+    """
+    across = body - np.sum(body * down, axis=1)[:, None] * down
+    use = across[:, :2] if down.any() else across
+    columns = np.column_stack([2.0 * use, np.ones(len(use))])
+    solved = np.linalg.lstsq(columns, np.sum(across**2, axis=1), rcond=None)[0]
+    centre = np.append(solved[:-1], np.zeros(4 - len(solved)))
+    radius = float(np.sqrt(max(solved[-1] + centre @ centre, 0.0)))
     scale = radius if radius > 0.0 else 1.0
     return ScaledReadings(body / scale, down), scale, centre / scale
 
@@ -387,7 +360,10 @@ def _scaled(body: Floats, down: Floats) -> tuple[ScaledReadings, float, Floats]:
 def _unusable_circle(circle: FittedEllipsoid, readings: ScaledReadings, noise: float) -> str:
     """Explain why the circle fitted to the readings is unusable; empty if it is usable."""
     if noise > MAX_SCATTER:
-        return _scattered(noise, "circle or ellipse")
+        return (
+            f"The readings scatter by {100.0 * noise:.0f} % about a circle or ellipse: the instrument did not turn, "
+            "or its field is not the earth's with iron."
+        )
     towards = np.sort(angles.argument((readings.field - circle.iron()[0][:3])[:, :2] @ np.array([1.0, -1.0j])))
     arc = 360.0 - float(np.max(np.diff(towards, append=towards[0] + 360.0)))
     if arc < MIN_ARC_DEG:
@@ -398,19 +374,23 @@ def _unusable_circle(circle: FittedEllipsoid, readings: ScaledReadings, noise: f
     return ""
 
 
-def _scattered(noise: float, shape: str) -> str:
-    return (
-        f"The readings scatter by {100.0 * noise:.0f} % about a {shape}: the instrument did not turn, "
-        "or its field is not the earth's with iron."
-    )
-
-
 def _standard_errors(
     model: Model, fitted: FittedEllipsoid, readings: ScaledReadings, noise: tuple[float, float]
 ) -> dict[str, float]:
-    """Compute each parameter's standard error relative to the field, from averaged noise and systematic errors."""
+    """Compute each parameter's standard error relative to the field, from averaged noise and systematic errors.
+
+    These are magnified by the square root of the diagonal of the inverse information of an average reading, with all
+    parameters free. Eigenvalues of the information are bounded below by 1e-14 of the largest.
+    """
+    iron = fitted.iron()[0]
+    centre, matrix = iron[:3], iron[3:].reshape(3, 3)
+    across, weight = _across(centre, matrix, readings)
+    steepness = 2.0 * np.linalg.norm(weight, axis=1)[:, None]  # |d(squared modulus) / d(reading)|
+    columns = _gradient(centre, readings, across, weight) @ model.chain.T / np.maximum(steepness, 1e-6)
+    values, vectors = np.linalg.eigh(columns.T @ columns / len(readings))
+    inverse = (vectors / np.maximum(values, 1e-14 * values[-1])) @ vectors.T
     each = float(np.hypot(noise[0] / np.sqrt(noise[1]), SYSTEMATIC_ERROR))
-    return {name: each * by for name, by in dilution(model, fitted.iron()[0], readings).items()}
+    return dict(zip(model.free, (each * np.sqrt(np.diag(inverse))).tolist(), strict=True))
 
 
 def _noise(largest: Model, fitted: FittedEllipsoid, readings: ScaledReadings) -> tuple[float, float]:

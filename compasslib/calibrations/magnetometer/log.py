@@ -21,6 +21,7 @@ TIME = "time_utc"
 TEMPERATURE = "temperature_c"
 COLUMNS = ("pitch_deg", "roll_deg", "heading_deg", "time_s", "temperature_c")
 ABSENT = "name it under columns in the calibration's file"
+NEEDED = {"where": "withhold", "expected": "columns other than x and y", "advice": "take it off the list"}
 MIN_READINGS, MIN_DISTINCT = 50, 20
 # Modulus of accelerometer columns in g, m/s^2 and counts of a 16-bit 2 g sensor. Direction cosines have 1 too.
 GRAVITIES = {1.0: "1", 9.80665: "9.81", 16384.0: "16384"}
@@ -93,11 +94,7 @@ class Axes:
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
-    """Read the log from one or several files.
-
-    Args:
-        settings: ``format`` (csv, mmp_acm), ``columns`` (role -> header) and ``withhold`` (roles or headers to
-            ignore).
+    """Read the log from files, with the settings ``format``, ``columns`` by role, and ``withhold``, roles or headers.
 
     Raises:
         InputError: x or y is absent or withheld, or a cell is not a number.
@@ -117,11 +114,10 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     warnings = list(delimited.table_notes(read))
     if not good.all():
         warnings.append(f"{int((~good).sum())} of {good.size} rows lack a number and are excluded.")
-    z = columns.get("z")
+    z, pitch, roll = (columns.get(role) for role in ("z", "pitch", "roll"))
     if z is not None and z.size and np.ptp(z) == 0.0:
         warnings.append(f"Column z is {z[0]:g} throughout: the sensor is stuck and the column is not used.")
         z = None
-    pitch, roll = columns.get("pitch"), columns.get("roll")
     if (pitch is None) != (roll is None):
         warnings.append("Only one of pitch and roll is there: tilts are not used.")
     elif pitch is not None and roll is not None and not (pitch.any() or roll.any()):
@@ -134,11 +130,11 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     raw = np.column_stack([columns["x"], columns["y"], np.zeros(len(columns["x"])) if z is None else z])
     heading, time_s, left_out = columns.get("heading"), columns.get("time"), int((~good).sum())
     log = Log(raw, z is not None, pitch, roll, heading, time_s, left_out, tuple(warnings), columns.get("temperature"))
-    spike = np.zeros(len(raw), dtype=bool)
-    if len(raw):
-        low, high = np.percentile(raw, (1.0, 99.0), axis=0)  # range of the central 98 % of an axis
-        middle, reach = (low + high) / 2.0, SPIKE_HALF_RANGES * (high - low) / 2.0
-        spike = np.any((np.abs(raw - middle) > reach) & (reach > 0.0), axis=1)
+    if not len(raw):
+        return log
+    low, high = np.percentile(raw, (1.0, 99.0), axis=0)  # range of the central 98 % of an axis
+    middle, reach = (low + high) / 2.0, SPIKE_HALF_RANGES * (high - low) / 2.0
+    spike = np.any((np.abs(raw - middle) > reach) & (reach > 0.0), axis=1)
     return log.take(~spike, f"{spike.sum()} of {spike.size} readings are spikes and excluded.") if spike.any() else log
 
 
@@ -154,14 +150,10 @@ def _select_columns(
         header = usual if named is None else named
         if {role, usual, header} & withhold:
             if role in ("x", "y"):
-                raise _needed(header)
+                raise InputError(**NEEDED, found=header)
         elif named not in (None, usual) or header in there or role in ("x", "y"):
             wanted[role] = header
     return wanted
-
-
-def _needed(column: str) -> InputError:
-    return InputError("withhold", expected="columns other than x and y", found=column, advice="take it off the list")
 
 
 def are_direction_cosines(log: Log) -> bool:
@@ -249,11 +241,16 @@ def search_axes(log: Log) -> tuple[Floats, float, float]:
         for quarter in range(4):
             turned = np.round(about_down(90.0 * quarter)) @ matrix
             off = angles.difference(logged, level_heading(log.raw @ turned.T, levelling))
-            centre = float(angles.wrap180(angles.mean(off)))
-            scatter = angles.rms(angles.difference(off, centre))
+            centre, scatter = mean_and_scatter(off)
             if abs(centre) <= 45.0 and scatter < MAX_SCATTER_RATIO * least:
                 best, least, mean = turned, scatter, centre
     return best, float(least), mean
+
+
+def mean_and_scatter(off_deg: Floats) -> tuple[float, float]:
+    """Compute the mean of differences of headings, and their rms about it, degrees."""
+    centre = float(angles.wrap180(angles.mean(off_deg)))
+    return centre, angles.rms(angles.difference(off_deg, centre))
 
 
 def about_down(angle_deg: float) -> Floats:
@@ -262,13 +259,22 @@ def about_down(angle_deg: float) -> Floats:
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
+def rotation(vector: Floats) -> Floats:
+    """Build the rotation about a vector by its length in radians (Rodrigues), (3, 3)."""
+    length = float(np.linalg.norm(vector))
+    x, y, z = vector / max(length, 1e-300)
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    sine, cosine = (float(v) for v in angles.sin_cos(length / angles.DEGREE))
+    return np.eye(3) + sine * across + (1.0 - cosine) * across @ across
+
+
 def _describe_axes(matrix: Floats) -> str:
     """Describe the directions of x, y and z in words."""
-    words = []
-    for k, name in enumerate("xyz"):
-        axis = int(np.argmax(np.abs(matrix[:, k])))
-        words.append(f"{name} {NAMES[axis] if matrix[axis, k] > 0 else OPPOSITES[axis]}")
-    return ", ".join(words)
+    largest = np.argmax(np.abs(matrix), axis=0)
+    return ", ".join(
+        f"{name} {NAMES[axis] if matrix[axis, k] > 0 else OPPOSITES[axis]}"
+        for k, (name, axis) in enumerate(zip("xyz", largest, strict=True))
+    )
 
 
 # Falmouth 3D-ACM compass read as a magnetometer log: direction cosines, tilts and logged heading.
@@ -288,27 +294,25 @@ def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
         raise InputError("withhold", expected=expected, found=unknown[0], advice="correct it")
     for role in ("x", "y"):
         if {role, HEADERS[role]} & set(withhold):
-            raise _needed(role)
+            raise InputError(**NEEDED, found=role)
     allowed = {role for role, header in HEADERS.items() if not {role, header} & set(withhold)}
     allowed |= {TIME} - set(withhold)
     scans = mmp_scans.read_scans(paths)
     values, aliased = scans.values, is_aliased(scans)
     keep = ~aliased & np.isfinite(values[:, 3:6]).all(axis=1)
     columns = {role: values[keep, place] for role, place in PLACES.items() if role in allowed}
-    tilts = [columns.get(role) for role in ("pitch_deg", "roll_deg")]
+    pitch, roll, heading, z = (columns.get(role) for role in ("pitch_deg", "roll_deg", "heading_deg", "z"))
     warnings = [f"{int(aliased.sum())} first scans of a profile are aliased and excluded."]
-    if any(tilt is None for tilt in tilts):
-        tilts = [None, None]
-    elif scans.damaged:
+    if pitch is not None and roll is not None and scans.damaged:
         warnings.append(f"{scans.damaged} damaged rows are excluded.")
-    heading, z = columns.get("heading_deg"), columns.get("z")
     if heading is not None and np.isnan(heading).any():
         heading = None
         warnings.append("The scans carry no heading.")
     raw = np.column_stack([columns["x"], columns["y"], np.zeros(keep.sum()) if z is None else z])
     nominal = np.array([block.rate_hz for block in scans.blocks])
     time_s = mmp_scans.interpolate_clock(scans.clock_s, scans.profile, nominal[scans.profile])
-    pitch, roll = tilts if z is not None else (None, None)
+    if z is None or pitch is None or roll is None:
+        pitch = roll = None
     clock, left_out = time_s[keep] if TIME in allowed else None, int((~keep).sum())
     return Log(raw, z is not None, pitch, roll, heading, clock, left_out, tuple(warnings), axis_by_axis=True)
 

@@ -97,10 +97,9 @@ def _make_swing(observed: Observations, settings: Mapping[str, Any]) -> Swing:
 
 
 def _place(observed: Observations, settings: Mapping[str, Any]) -> tuple[float, float] | None:
-    latitude, longitude = settings.get("latitude"), settings.get("longitude")
-    if latitude is None or longitude is None:
+    if settings.get("latitude") is None or settings.get("longitude") is None:
         return observed.place
-    given = float(latitude), float(longitude)
+    given = float(settings["latitude"]), float(settings["longitude"])
     if observed.place and np.max(np.abs(angles.difference(given, observed.place))) > MAX_PLACE_ERROR_DEG:
         raise InputError(
             "latitude, longitude",
@@ -143,6 +142,11 @@ def _details(swing: Swing, settings: Mapping[str, Any]) -> dict[str, Any]:
     observed, place, date_s = swing.observed, _place(swing.observed, settings), _date(swing.observed, settings)
     psi = adjustment.pseudo_deviations(observed.course_deg, observed.recorded_deg)
     principal = adjustment.principal_coefficients(psi, swing.declination_deg)
+    minus_true = None  # A, D and E from courses over ground minus those from true headings (MM Table 3)
+    if len(observed) and np.isfinite(observed.also_course_deg).all():
+        also = adjustment.pseudo_deviations(observed.also_course_deg, observed.recorded_deg)
+        by_course = adjustment.principal_coefficients(also, swing.declination_deg)
+        minus_true = {letter: by_course[letter] - principal[letter] for letter in "ADE"}
     speed = float(np.median(observed.speed_kn)) if swing.has_speed and len(observed) else None
     ratio = (swing.widest_drift / speed if speed else swing.widest_drift) if observed.over_ground else 0.0
     return {
@@ -151,7 +155,7 @@ def _details(swing: Swing, settings: Mapping[str, Any]) -> dict[str, Any]:
         "cardinal_bound_deg": float(adjustment.error_bound_deg(ratio)),
         "drift_ratio": ratio,
         "residual_b_c": _residual_b_c(principal, swing, ratio),
-        "pseudo_minus_true": _pseudo_minus_true(principal, swing),
+        "pseudo_minus_true": minus_true,
         "declination_deg": swing.declination_deg,
         "latitude": place[0] if place else None,
         "longitude": place[1] if place else None,
@@ -160,16 +164,6 @@ def _details(swing: Swing, settings: Mapping[str, Any]) -> dict[str, Any]:
         "left_out": dict(observed.left_out),
         "marks": [{"compass_deg": c, "true_deg": t} for c, t in swing.marks],
     }
-
-
-def _pseudo_minus_true(principal: Mapping[str, Any], swing: Swing) -> dict[str, float] | None:
-    """Compute A, D and E from courses over ground minus those from true headings (MM Table 3), degrees."""
-    observed = swing.observed
-    if not np.isfinite(observed.also_course_deg).all() or not len(observed):
-        return None
-    psi = adjustment.pseudo_deviations(observed.also_course_deg, observed.recorded_deg)
-    by_course = adjustment.principal_coefficients(psi, swing.declination_deg)
-    return {letter: float(by_course[letter]) - float(principal[letter]) for letter in "ADE"}  # type: ignore[arg-type]
 
 
 def _residual_b_c(principal: Mapping[str, Any], swing: Swing, drift_ratio: float) -> dict[str, Any] | None:
@@ -243,7 +237,6 @@ def _make_calibration(shell: Calibration, swing: Swing, series: SwingFit, exact:
 
 
 def _describe_delay(observed: Observations, lag_s: float, sigma_s: float) -> dict[str, Any]:
-    """Describe the applied delay between courses and readings."""
     late, of = ("courses", "readings") if lag_s > 0.0 else ("readings", "courses")
     without, left = observed.misfit_deg
     text = (
@@ -266,8 +259,8 @@ def _without_water(
 
 def _points(swing: Swing, series: SwingFit | None) -> dict[str, Floats]:
     observed = swing.observed
-    columns = {"recorded_deg": observed.recorded_deg, "course_deg": observed.course_deg, "speed_kn": observed.speed_kn}
-    columns |= {"time_s": observed.time_s, "turn_deg_s": observed.turn_deg_s}
+    names = ("recorded_deg", "course_deg", "speed_kn", "time_s", "turn_deg_s")
+    columns = {name: getattr(observed, name) for name in names}
     columns["pseudo_deviation_deg"] = angles.difference(observed.course_deg, observed.recorded_deg)
     if series is not None:
         residual = series.residuals[COURSE]
@@ -345,18 +338,20 @@ def _warnings(swing: Swing, series: SwingFit, exact: SwingFit) -> tuple[str, ...
 def _heading_warnings(swing: Swing, series: SwingFit) -> list[str]:
     recorded, rms = swing.observed.recorded_deg, angles.rms(series.residuals[COURSE])
     distinct, gap = observations.distinct_headings(recorded), observations.widest_gap(recorded)
-    sentences = {
-        f"{distinct} headings determine at most {distinct} coefficients, {TERMS} of which are fitted"
-        f"{': sin 4 of the heading is not observable' if distinct == 8 else ''}; "
-        f"third and fourth harmonics cannot be tested. To test them, {REMEDY}": distinct < MIN_HEADINGS,
-        f"{len(recorded) - distinct} of {len(recorded)} observations repeat a heading and do not add to it": (
-            distinct < len(recorded) < 100
-        ),
-    }
+    warnings = []
+    if distinct < MIN_HEADINGS:
+        warnings.append(
+            f"{distinct} headings determine at most {distinct} coefficients, {TERMS} of which are fitted"
+            f"{': sin 4 of the heading is not observable' if distinct == 8 else ''}; "
+            f"third and fourth harmonics cannot be tested. To test them, {REMEDY}"
+        )
+    if distinct < (n := len(recorded)) < 100:
+        warnings.append(f"{n - distinct} of {n} observations repeat a heading and do not add to it")
     if rms > STRUCTURE_DEG and not swing.observed.timed:
-        sentences[_harmonic_warning(swing, series, rms)] = True
-    sentences[f"{gap:.0f}° of the circle hold no heading: the table is extrapolated there"] = gap > WIDE_GAP_DEG
-    return applicable(sentences)
+        warnings.append(_harmonic_warning(swing, series, rms))
+    if gap > WIDE_GAP_DEG:
+        warnings.append(f"{gap:.0f}° of the circle hold no heading: the table is extrapolated there")
+    return warnings
 
 
 def _harmonic_warning(swing: Swing, series: SwingFit, rms: float) -> str:

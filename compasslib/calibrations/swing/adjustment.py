@@ -37,15 +37,11 @@ def mean_by_point(values: ArrayLike, course_deg: ArrayLike, recorded_deg: ArrayL
 
     Observations are assigned to the nearest point by course or by compass, whichever lies closer to the points.
     """
-
-    def rms_from_points(heading_deg: Floats) -> float:
-        return angles.rms(heading_deg - STEP_DEG * np.rint(heading_deg / STEP_DEG))
-
-    steered = min((np.asarray(course_deg), np.asarray(recorded_deg)), key=rms_from_points)
+    headings = np.asarray(course_deg), np.asarray(recorded_deg)
+    steered = min(headings, key=lambda x: angles.rms(x - STEP_DEG * np.rint(x / STEP_DEG)))
     nearest, values = np.rint(steered / STEP_DEG).astype(int) % len(POINTS), np.asarray(values, dtype=float)
-    on_point = [nearest == k for k in range(len(POINTS))]
-    means = (float(np.mean(values[on])) if on.any() else NAN for on in on_point)
-    return dict(zip(POINTS, means, strict=True))
+    on_point = {point: values[nearest == k] for k, point in enumerate(POINTS)}
+    return {point: float(np.mean(on)) if len(on) else NAN for point, on in on_point.items()}
 
 
 def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[str, float]:
@@ -53,7 +49,7 @@ def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[st
     return mean_by_point(angles.difference(course_deg, recorded_deg), course_deg, recorded_deg)
 
 
-def principal_coefficients(psi: Mapping[str, float], declination_deg: float) -> dict[str, float | dict[str, float]]:
+def principal_coefficients(psi: Mapping[str, float], declination_deg: float) -> dict[str, Any]:
     """Compute A, B bar, C bar, D and E from pseudo-deviations, MM (39), (44) to (50); NaN where a course is missing.
 
     D is the mean over the steered quadrants, which is (47) for all four. With a declination of 0, the
@@ -90,12 +86,8 @@ def set_and_drift_terms(ratio: float, set_deg: float) -> dict[str, float]:
     sine, cosine = angles.sin_cos(set_deg)
     sine2, cosine2 = angles.sin_cos(2.0 * set_deg)
     first, second = ratio / angles.DEGREE, float(error_bound_deg(ratio))
-    return {
-        "x": first * float(cosine),
-        "y": first * float(sine),
-        "E": second * float(sine2),
-        "D": second * float(cosine2),
-    }
+    terms = {"x": first * cosine, "y": first * sine, "E": second * sine2, "D": second * cosine2}
+    return {name: float(value) for name, value in terms.items()}
 
 
 def residual_from_two_headings(
@@ -110,10 +102,8 @@ def residual_from_two_headings(
     if not NARROWEST_DEG <= apart <= WIDEST_DEG:
         expected, advice = "two headings 60 to 120 degrees apart", "steer for another mark"
         raise InputError("visual", expected=expected, found=f"{apart:.0f} degrees", advice=advice)
-    (eta1, eta2), (sine1, sine2), (cosine1, cosine2) = (
-        [_semicircular_part(known, *each) for each in (first, second)],
-        *np.transpose([angles.sin_cos(each[0]) for each in (first, second)]),
-    )
+    eta1, eta2 = (_semicircular_part(known, *each) for each in (first, second))
+    (sine1, cosine1), (sine2, cosine2) = np.array([angles.sin_cos(each[0]) for each in (first, second)])
     across = float(angles.sin_cos(first[0] - second[0])[0])
     return (eta1 * cosine2 - eta2 * cosine1) / across, (eta2 * sine1 - eta1 * sine2) / across
 
@@ -287,13 +277,8 @@ def adjust(
 ) -> list[dict[str, Any]]:
     """Simulate the adjustment on four cardinal courses: nullify on the first two, halve on their opposites.
 
-    The remaining B and C are x and -y, caused by the drift of the water; A, D and E do not change.
-
-    Args:
-        water_deg: x and y of MM (22).
-
-    Returns:
-        One entry per step: course, magnets, pseudo-deviation minus declination before and after, B and C after, text.
+    The remaining B and C are x and -y, MM (22), caused by the drift of the water; A, D and E do not change. Each step
+    has course, magnets, pseudo-deviation minus declination before and after, B and C after, and text.
     """
     letters = dict(zip(LETTERS, (float(k) for k in coefficients), strict=True))
     drift = {"B": -water_deg[0], "C": water_deg[1]}  # in the pseudo-deviation, MM (23) to (26), first order

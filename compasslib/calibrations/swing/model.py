@@ -74,9 +74,8 @@ class SwingFit:
 def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -> SwingFit:
     """Fit the parameters to all blocks by Gauss-Newton.
 
-    Args:
-        blocks: observations; the scatter of the first is added in quadrature to the known ``sigma`` of others.
-        mean, sigma: (k,) prior means and standard deviations, the latter infinite for a parameter without a prior.
+    The scatter of the first block is added in quadrature to the known ``sigma`` of others. Parameters have the prior
+    ``mean`` and ``sigma``, (k,), the latter infinite for a parameter without a prior.
     """
     parameters, noises = start.astype(float), dict[str, SwingNoise]()
     for _ in range(ROUNDS):
@@ -92,7 +91,7 @@ def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -
 def _noises(
     blocks: Sequence[Block], parameters: Floats, sigma: Floats, before: Mapping[str, SwingNoise]
 ) -> dict[str, SwingNoise]:
-    noises: dict[str, SwingNoise] = {}
+    noises = dict[str, SwingNoise]()
     for block in blocks:
         residual, columns = block.observe(parameters)
         if block.sigma is not None:
@@ -127,24 +126,22 @@ def _noises(
 def _rows(blocks: Sequence[Block], parameters: Floats, noises: Mapping[str, SwingNoise]) -> dict[str, Floats]:
     rows = {}
     for block in blocks:
-        residual, columns = block.observe(parameters)
-        noise = noises[block.name]
-        clipped = clip_residuals(residual, noise)
-        scaled = np.column_stack([columns, clipped]) / noise.sigma[:, None]
+        (residual, columns), noise = block.observe(parameters), noises[block.name]
+        scaled = np.column_stack([columns, clip_residuals(residual, noise)]) / noise.sigma[:, None]
         rows[block.name] = scaled * np.sqrt(noise.weight)
     return rows
 
 
 def _solution(blocks: Sequence[Block], parameters: Floats, sigma: Floats, noises: Mapping[str, SwingNoise]) -> SwingFit:
     rows = {name: each[:, :-1] for name, each in _rows(blocks, parameters, noises).items()}
-    in_time = {block.name: block.blocks for block in blocks}
     priors = {str(k): np.diag((np.arange(len(sigma)) == k) * sigma**-2.0) for k in np.flatnonzero(np.isfinite(sigma))}
     information = np.sum([*(each.T @ each for each in rows.values()), *priors.values()], axis=0)
     inverse = np.linalg.inv(information)
     spreads = {}
-    for name, each in rows.items():
-        widened = noises[name].weight * student_factor(noises[name].dof) ** 2
-        spreads[name] = widened * score_covariance(each, noises[name], in_time[name])
+    for block in blocks:
+        noise = noises[block.name]
+        spread = score_covariance(rows[block.name], noise, block.blocks)
+        spreads[block.name] = noise.weight * student_factor(noise.dof) ** 2 * spread
     parts = {name: inverse @ middle @ inverse for name, middle in (spreads | priors).items()}
     residuals = {block.name: block.observe(parameters)[0] for block in blocks}
     return SwingFit(parameters, np.sum(list(parts.values()), axis=0), parts, residuals, noises)
@@ -201,8 +198,11 @@ def fit_swing(swing: Swing, *, exact: bool = False, start: Floats | None = None)
     if exact:  # start from magnetic headings: courses corrected for drift and delay
         ground = swing.observed.over_ground
         through = angles.direction(*_through_water(begin, swing)) if ground else swing.observed.course_deg
-        heading_deg = angles.wrap360(through - _offset(begin, swing))
-        begin[SERIES] = exact_start(swing.observed.recorded_deg, heading_deg)
+        w = angles.phasor(angles.wrap360(through - _offset(begin, swing)))
+        g, ones = np.conj(angles.phasor(swing.observed.recorded_deg)), np.ones_like(w)
+        # Linear in A to E: Im(e^{-i gamma} q) = 0 (physics page, section 3).
+        columns = np.imag(g[:, None] * np.stack([-1j * w, ones, -1j * ones, np.conj(w), -1j * np.conj(w)], axis=-1))
+        begin[SERIES] = np.linalg.lstsq(columns, -np.imag(g * w))[0]
     return solve(_blocks(swing, _exact if exact else _series), mean, prior_widths(swing), begin)
 
 
@@ -223,14 +223,6 @@ def prior_widths(swing: Swing) -> Floats:
     if _by_log(swing).any():
         sigma[LOG] = LOG_SIGMA
     return sigma
-
-
-def exact_start(recorded_deg: Floats, heading_deg: Floats) -> Floats:
-    """Fit A..E of the exact compass linearly, Im(e^{-i gamma} q) = 0 (physics page, section 3), (5,)."""
-    g, w = np.conj(angles.phasor(recorded_deg)), angles.phasor(heading_deg)
-    ones = np.ones_like(w)
-    columns = np.imag(g[:, None] * np.stack([-1j * w, ones, -1j * ones, np.conj(w), -1j * np.conj(w)], axis=-1))
-    return np.asarray(np.linalg.lstsq(columns, -np.imag(g * w))[0])
 
 
 def _drift(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
@@ -258,8 +250,14 @@ def _drift_angle(parameters: Floats, swing: Swing, facing_deg: Floats, by_compas
     drift angle differs from a deviation only in higher harmonics of the heading; since compasses may have these too,
     they are projected out of the derivatives.
     """
-    speed = _through_speed(parameters, swing, facing_deg)
     (sine, cosine), (east, north) = angles.sin_cos(facing_deg), _drift(parameters, swing)
+    # Noise of the speeds, and of the compass through the heading, would look like varying speeds: both are smoothed.
+    along, beside, over_ground = (
+        observations.moving_average(x, swing.observed.time_s, SMOOTHED_S)
+        for x in (east * sine + north * cosine, east * cosine - north * sine, swing.speed_kn)
+    )
+    least = np.maximum(MIN_SPEED_SHARE * over_ground, 1e-3)  # where the drift is faster than the ship
+    speed = np.maximum(np.sqrt(np.maximum(over_ground**2 - beside**2, 0.0)) - along, least)  # through the water
     east, north = speed * sine + east, speed * cosine + north
     square = np.maximum(east**2 + north**2, (MIN_SPEED_SHARE * speed) ** 2)
     across = np.stack([north, -east], axis=-1) / square[:, None] / angles.DEGREE  # by the drift's east and north
@@ -272,29 +270,14 @@ def _drift_angle(parameters: Floats, swing: Swing, facing_deg: Floats, by_compas
     return angles.difference(angles.direction(east, north), facing_deg), slopes
 
 
-def _through_speed(parameters: Floats, swing: Swing, facing_deg: Floats) -> Floats:
-    """Compute the speed through the water (n,) from the speed over ground, the drift and the ship's heading.
-
-    Noise of the speeds, and of the compass through the heading, would look like varying speeds: both are smoothed.
-    """
-    (sine, cosine), (east, north) = angles.sin_cos(facing_deg), _drift(parameters, swing)
-    along, across, over_ground = (
-        observations.moving_average(x, swing.observed.time_s, SMOOTHED_S)
-        for x in (east * sine + north * cosine, east * cosine - north * sine, swing.speed_kn)
-    )
-    through = np.sqrt(np.maximum(over_ground**2 - across**2, 0.0)) - along
-    least = np.maximum(MIN_SPEED_SHARE * over_ground, 1e-3)  # where the drift is faster than the ship
-    return np.maximum(through, least)
-
-
 def _blocks(swing: Swing, curve: Curve) -> list[Block]:
-    observed = swing.observed
-    in_time = None
+    observed, in_time, groups = swing.observed, None, None
     if observed.timed:  # blocks of 20 s, numbered without the empty ones
         block = np.floor((observed.time_s - observed.time_s[0]) / observations.BLOCK_S)
         in_time = np.unique(block, return_inverse=True)[1]
+    else:
+        groups = observations.group_headings(observed.recorded_deg)
     slow = observed.speed_kn if swing.has_speed and observed.over_ground else None
-    groups = None if observed.timed else observations.group_headings(observed.recorded_deg)
     course = partial(_course, swing=swing, curve=curve)
     blocks = [Block(COURSE, course, slow, in_time, groups=groups, prior_sigma=swing.options.course_sigma_deg)]
     if swing.marks:
@@ -367,14 +350,11 @@ def set_and_drift(parameters: Floats) -> tuple[float, float]:
 
 def separate_drift(swing: Swing, series: SwingFit) -> dict[str, object]:
     """Describe set and drift of the water, how well they are separated from B and C, and what stays confounded."""
-    set_deg, drift = set_and_drift(series.parameters)
-    covariance, prior = series.covariance, prior_widths(swing)
-    sigma = np.sqrt(np.diag(covariance))
-    along = np.array(angles.components(1.0, set_deg))
-    across = np.array(angles.components(1.0, set_deg + 90.0))
-    water = covariance[np.ix_(DRIFT, DRIFT)]
+    (set_deg, drift), covariance, prior = set_and_drift(series.parameters), series.covariance, prior_widths(swing)
+    sigma, water = np.sqrt(np.diag(covariance)), covariance[np.ix_(DRIFT, DRIFT)]
     left = float(np.max(sigma[DRIFT] / prior[DRIFT]))
     unit = "kn" if swing.has_speed else "of the ship's speed"
+    along, across = (np.array(angles.components(1.0, towards)) for towards in (set_deg, set_deg + 90.0))
     ahead, side = (float(np.sqrt(max(float(x @ water @ x), 0.0))) for x in (along, across))
     sigma_set = float(angles.direction(side, drift)) if drift else 90.0
     described = f"set {set_deg:.0f} ± {1.96 * sigma_set:.0f}° (true), drift {drift:.2f} ± {1.96 * ahead:.2f} {unit}"

@@ -95,18 +95,15 @@ class Observations:
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observations:
-    """Read a swing, excluding and counting slow fixes and fast turns.
+    """Read a swing from CSV tables or NMEA 0183 logs, excluding and counting slow fixes and fast turns.
 
-    Args:
-        files: CSV tables or NMEA 0183 logs.
-        settings: ``format``, ``columns``, ``withhold`` and the keys of ``SwingOptions``.
+    The settings are ``format``, ``columns``, ``withhold`` and the keys of ``SwingOptions``.
 
     Raises:
         InputError: a file, a column or a value cannot be read.
     """
     paths, options = [Path(file) for file in files], SwingOptions.from_settings(settings)
-    reader = {"nmea0183": _read_logs}.get(str(settings.get("format")), _read_tables)
-    raw = reader(paths, settings)
+    raw = (_read_logs if settings.get("format") == "nmea0183" else _read_tables)(paths, settings)
     known = raw.keep(np.isfinite(raw.recorded_deg + raw.course_deg), "without heading or course")
     if known.over_ground and np.isfinite(known.speed_kn).any():
         known = known.keep(known.speed_kn > options.min_speed_kn, f"not above {options.min_speed_kn:g} kn")
@@ -149,10 +146,7 @@ def _with_delay(known: Observations, turned_deg: Floats, options: SwingOptions) 
 
     Turns, which reveal a delay, then need not be excluded. The misfit is the mean absolute 20 s average of residuals
     about a series in the recorded heading: it is robust to outliers, the series absorbs a steady drift to first order,
-    and averaging the noise by filtering the readings brings no advantage.
-
-    Args:
-        turned_deg: unwrapped recorded headings, (n,).
+    and averaging the noise by filtering the readings brings no advantage. ``turned_deg`` are unwrapped readings, (n,).
     """
     time_s, most = known.time_s, options.max_lag_s
     if len(known) < 2 or np.ptp(time_s) < MIN_LASTED_S or np.median(np.diff(time_s)) > APART_S:
@@ -160,14 +154,14 @@ def _with_delay(known: Observations, turned_deg: Floats, options: SwingOptions) 
     seconds = np.arange(time_s[0], time_s[-1] + 1.0)
     turned = np.interp(seconds, time_s, turned_deg)
 
-    def paired(delay_s: float, *, filtered: bool) -> tuple[Floats, Floats]:
+    def paired(delay_s: float, filtered: bool) -> tuple[Floats, Floats]:
         """Delay readings by a shift or a first-order filter; give the reading and its 20 s mean for each course."""
         series = FilteredCourse(delay_s).delayed(turned) if filtered else turned
         at = time_s if filtered else time_s - delay_s
         return np.interp(at, seconds, series), np.interp(at, seconds, moving_average(series, seconds, BLOCK_S))
 
-    def misfit(form: tuple[float, bool]) -> float:
-        recorded, on = paired(form[0], filtered=form[1])
+    def misfit(delay_s: float, filtered: bool) -> float:
+        recorded, on = paired(delay_s, filtered)
         apart, columns = known.course_deg - recorded, series_design(on)
         off = angles.difference(apart, angles.mean(apart))
         off -= columns @ np.linalg.lstsq(columns, off)[0]
@@ -175,12 +169,12 @@ def _with_delay(known: Observations, turned_deg: Floats, options: SwingOptions) 
 
     delays = np.arange(-most, most + DELAY_STEP_S / 2.0, DELAY_STEP_S).tolist()
     forms = [(delay, False) for delay in delays] + [(delay, True) for delay in delays if delay > 0.0]
-    misfits = [misfit(form) for form in forms]
-    (delay, filtered), left, without = forms[int(np.argmin(misfits))], min(misfits), misfit((0.0, False))
+    misfits = [misfit(*form) for form in forms]
+    (delay, filtered), left, without = forms[int(np.argmin(misfits))], min(misfits), misfit(0.0, False)
     if left > MAX_LEFT * without:
         return known
-    recorded, on = paired(delay, filtered=filtered)
-    rate = on - paired(delay + 1.0, filtered=filtered)[1]
+    recorded, on = paired(delay, filtered)
+    rate = on - paired(delay + 1.0, filtered)[1]
     return replace(
         known,
         recorded_deg=angles.wrap360(recorded),
@@ -201,10 +195,10 @@ def _read_logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
         longitude = log.longitude[known]
         middle = longitude[0] + np.median(angles.difference(longitude, longitude[0]))  # also across the date line
         place = float(np.median(log.latitude[known])), float(angles.wrap180(middle))
-    columns = {"compass_deg": log.heading_deg, "cog_deg": log.course_deg}
-    columns |= {"true_deg": log.true_heading_deg} if "true_deg" in named else {}
     others = {"speed_kn": log.speed_kn, "water_speed_kn": log.water_speed_kn, "time_utc": log.time_s}
-    columns |= {role: column for role, column in others.items() if role not in withheld}
+    columns = {role: column for role, column in others.items() if role not in withheld}
+    columns |= {"compass_deg": log.heading_deg, "cog_deg": log.course_deg}
+    columns |= {"true_deg": log.true_heading_deg} if "true_deg" in named else {}
     variation = float(np.median(stated)) if stated.size else float("nan")
     return replace(_observe(columns), place=place, variation_deg=variation, warnings=log.warnings)
 
@@ -266,12 +260,8 @@ def _read_table(path: Path, settings: Mapping[str, Any]) -> tuple[dict[str, Floa
 
 
 def _absent_column(path: Path, what: str, names: list[str]) -> InputError:
-    return InputError(
-        f"{path}: {what}",
-        expected="one of the file's columns",
-        found=", ".join(names) or "an empty file",
-        advice="correct columns in the calibration file",
-    )
+    expected, advice = "one of the file's columns", "correct columns in the calibration file"
+    return InputError(f"{path}: {what}", expected=expected, found=", ".join(names) or "an empty file", advice=advice)
 
 
 # Observations in time and around the circle: moving averages, rates of turn, distinct headings.
@@ -293,10 +283,7 @@ def rate_and_heading(time_s: Floats, turned_deg: Floats, slow: Bools) -> tuple[F
     In runs shorter than 20 s, the rate is the difference over a minute and the heading is the reading. Differences of
     readings are not used otherwise: they share the compass noise with the deviation, which would look like a delay.
     Single readings are not used as abscissa: effects of water and compass coincide only at the same headings.
-
-    Args:
-        turned_deg: unwrapped recorded headings, (n,).
-        slow: mask of samples outside fast turns, (n,).
+    ``turned_deg`` are unwrapped readings, ``slow`` is the mask of samples outside fast turns, (n,) each.
     """
     apart = (np.diff(time_s) > APART_S) | (np.diff(slow.astype(int)) != 0)
     ends = np.clip(np.stack([time_s - STEADY_S / 2.0, time_s + STEADY_S / 2.0]), time_s[0], time_s[-1])

@@ -50,12 +50,11 @@ AMBIGUITY = (
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Estimate the difference of the compasses of two profilers on one frame.
+    """Estimate the difference of the compasses of two profilers on one frame from the PD0 files of head a and head b.
 
     Args:
-        files: PD0 files of head a and of head b.
-        settings: keys of the calibration's YAML: start_s, end_s (window by a's clock), orientation,
-            declination_applied, heading_alignment (of a and b), max_clock_seconds, clock_offset_seconds (None: fitted).
+        settings: start_s, end_s (window by a's clock), orientation, declination_applied, heading_alignment (of a and
+            b), max_clock_seconds, clock_offset_seconds (None: fitted).
 
     Raises:
         InputError: there are not two files, or one cannot be read.
@@ -75,8 +74,8 @@ def compare(a: Record, b: Record, settings: Mapping[str, Any]) -> Calibration:
     start, end = None if start is None else start - max_offset_s, None if end is None else end + max_offset_s
     second = motion.extract_motion(b, start, end)
     warnings = (*a.warnings, *b.warnings, *check_date(first.time_s, settings.get("date_s")))
-    if min(len(first.time_s), len(second.time_s)) < MIN_SAMPLES or not overlap_in_time(first, second, max_offset_s):
-        n = min(len(first.time_s), len(second.time_s))
+    n = min(len(first.time_s), len(second.time_s))
+    if n < MIN_SAMPLES or not overlap_in_time(first, second, max_offset_s):
         why = f"the two heads share no time with {MIN_SAMPLES} usable samples of each ({n} usable)"
         return _no_calibration(0, why, warnings)
     fixed = settings.get("clock_offset_seconds")
@@ -106,17 +105,8 @@ def compare(a: Record, b: Record, settings: Mapping[str, Any]) -> Calibration:
 
 def read_head(path: str | Path, settings: Mapping[str, Any], which: int) -> Record:
     """Read the record of one head, 0 for a and 1 for b."""
-
-    def option(key: str) -> Any:
-        value = settings.get(key)
-        return value[which] if isinstance(value, list | tuple) else value
-
-    return pd0.read(
-        [Path(path)],
-        orientation=option("orientation"),
-        declination_applied=option("declination_applied"),
-        heading_alignment=option("heading_alignment"),
-    )
+    given = {key: settings.get(key) for key in ("orientation", "declination_applied", "heading_alignment")}
+    return pd0.read([Path(path)], **{k: x[which] if isinstance(x, list | tuple) else x for k, x in given.items()})
 
 
 def setting(settings: Mapping[str, Any], key: str, default: float) -> Any:
@@ -139,7 +129,7 @@ def known_clock_offset(b: Motion, offset_s: float) -> ClockDifference:
 def pair_samples(a: Motion, b: Motion, clock: ClockDifference) -> PairedHeads:
     """Interpolate a to the times of b, converted to a's clock."""
     at = clock.by_a(b.time_s)
-    heading, lean, rate = a.heading.at(at), a.leaning.at(at), a.heading.at(at, 1)
+    heading, lean, rate = a.heading.at(at), motion.GapSpline(a.time_s, a.lean).at(at), a.heading.at(at, 1)
     known = np.isfinite(heading) & np.isfinite(lean)
     recorded = angles.wrap360(heading[known])
     return PairedHeads(b.time_s[known], recorded, b.recorded_deg[known], lean[known], b.lean[known], rate[known])
@@ -171,7 +161,7 @@ def _make_calibration(fitted: _FittedHeads, warnings: tuple[str, ...]) -> Calibr
     if rms > UNRELATED_DEG:
         why = (
             f"b's headings do not follow a's ({rms:.0f}° rms about any constant turn): these heads do not stand on one "
-            f"frame, or their clocks are farther apart than max_clock_seconds"
+            "frame, or their clocks are farther apart than max_clock_seconds"
         )
         return replace(_no_calibration(len(pairs), why, warnings + clock.warnings), coverage=coverage, points=points)
     # Refused terms are NaN; A is 0 by definition.
@@ -188,7 +178,7 @@ def _make_calibration(fitted: _FittedHeads, warnings: tuple[str, ...]) -> Calibr
         covariance=covariance if series.terms > 1 else np.zeros(0),
         residual_rms_deg=rms,
         sources=_sources(fitted),
-        table=frames.deviation_table(series),
+        table=frames.deviation_table(series, np.arange(0.0, 360.0, 10.0)),
         points=points,
         details=_details(fitted),
         why="" if series.terms > 1 else series.refused,
@@ -264,7 +254,7 @@ def _points(fitted: _FittedHeads) -> dict[str, Floats]:
 
 def _sources(fitted: _FittedHeads) -> tuple[Source, ...]:
     pairs, series = fitted.pairs, fitted.series
-    table_sigma = frames.difference_curve(series, pairs.recorded_b).sigma_deg
+    table_sigma = frames.deviation_table(series, pairs.recorded_b).sigma_deg
     sampling = float(np.sqrt(max(float(np.nanmean(table_sigma**2)) - series.structure_deg**2, 0.0)))
     by_clock = float(abs(np.mean(motion.heading_error_deg(fitted.clock, pairs.rate_deg_s))))
     lever = float(np.sqrt(np.mean(np.abs(np.tan(np.abs(pairs.lean_a))) ** 2)))

@@ -56,8 +56,6 @@ class Frame:
     offset_sigma_deg: float  # NaN if the tilts do not determine the offset
     rms_deg: float
     variation_deg: float  # rms of a's tilt about its mean
-    correlation: float  # of the tilts, the larger of proper and mirrored
-    mirrored: bool
     verdict: str  # rigid | doubtful | not rigid | mirrored | not testable
     text: str
 
@@ -67,23 +65,15 @@ def fit_frame(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
     rotation = _rotation(down(lean_b).T @ down(lean_a))
     chord = np.linalg.norm(down(lean_a) @ rotation.T - down(lean_b), axis=1)
     residual = 2.0 * np.arcsin(np.minimum(chord / 2.0, 1.0)) / angles.DEGREE
-    offset, sigma = twist(rotation), _twist_sigma(time_s, lean_a, lean_b, rotation)
-    proper, mirrored, variation = _correlations(lean_a, lean_b)
-    rms = float(np.sqrt(np.mean(residual**2)))
+    a, b = lean_a - lean_a.mean(), lean_b - lean_b.mean()
+    scale = max(float(np.sqrt(np.sum(np.abs(a) ** 2) * np.sum(np.abs(b) ** 2))), 1e-300)
+    # Correlations of b's tilts with a's, and with a's mirrored, up to a rotation.
+    proper, mirrored = float(abs(np.sum(np.conj(a) * b))) / scale, float(abs(np.sum(a * b))) / scale
+    variation, rms = float(np.sqrt(np.mean(np.abs(a) ** 2))) / angles.DEGREE, float(np.sqrt(np.mean(residual**2)))
     verdict, text = _verdict(rms, variation, proper, mirrored, residual, blocks_by_count(time_s, STRETCHES))
-    determined = variation >= MIN_VARIATION_DEG and verdict in ("rigid", "doubtful")
-    return Frame(
-        rotation=rotation,
-        residual_deg=residual,
-        offset_deg=offset,
-        offset_sigma_deg=sigma if determined else float("nan"),
-        rms_deg=rms,
-        variation_deg=variation,
-        correlation=max(proper, mirrored),
-        mirrored=verdict == "mirrored",
-        verdict=verdict,
-        text=text,
-    )
+    determined = verdict in ("rigid", "doubtful")
+    sigma = _twist_sigma(time_s, lean_a, lean_b, rotation) if determined else float("nan")
+    return Frame(rotation, residual, twist(rotation), sigma, rms, variation, verdict, text)
 
 
 def twist(rotation: Floats) -> float:
@@ -133,14 +123,6 @@ def _rotation(moment: Floats) -> Floats:
     left, _, right = np.linalg.svd(moment)
     sign = np.sign(np.linalg.det(left @ right))
     return np.asarray(left * [1.0, 1.0, sign] @ right)
-
-
-def _correlations(lean_a: Complexes, lean_b: Complexes) -> tuple[float, float, float]:
-    """Correlate b's tilts with a's and with a's mirrored, up to a rotation; also compute a's rms variation, degrees."""
-    a, b = lean_a - lean_a.mean(), lean_b - lean_b.mean()
-    scale = max(float(np.sqrt(np.sum(np.abs(a) ** 2) * np.sum(np.abs(b) ** 2))), 1e-300)
-    variation = float(np.sqrt(np.mean(np.abs(a) ** 2))) / angles.DEGREE
-    return float(abs(np.sum(np.conj(a) * b))) / scale, float(abs(np.sum(a * b))) / scale, variation
 
 
 def _verdict(
@@ -249,13 +231,8 @@ def variance_inflation(covered: Bools, terms: int) -> Floats:
     return np.asarray(np.diag(information) * np.diag(np.linalg.pinv(information, rcond=1e-12)))
 
 
-def deviation_table(series: HeadingDifference) -> DeviationTable:
-    """Tabulate the deviation without constant every 10 degrees; NaN far from covered headings if terms are refused."""
-    return difference_curve(series, np.arange(0.0, 360.0, 10.0))
-
-
-def difference_curve(series: HeadingDifference, heading_deg: Floats) -> DeviationTable:
-    """Evaluate the deviation and its sigma at recorded headings, (m,), as ``deviation_table`` does."""
+def deviation_table(series: HeadingDifference, heading_deg: Floats) -> DeviationTable:
+    """Tabulate the deviation without constant at recorded headings; NaN far from covered ones if terms are refused."""
     columns, others = np.split(series_design(heading_deg), [series.terms], axis=1)
     # At covered headings the fitted terms have absorbed the refused ones; elsewhere, these add an error of their own.
     unseen = (others - columns @ series.leak) * ALLOWANCE_DEG[series.terms - 1 :]

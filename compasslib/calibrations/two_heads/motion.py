@@ -64,11 +64,6 @@ class Motion:
         return GapSpline(self.time_s, self.heading_deg)
 
     @cached_property
-    def leaning(self) -> GapSpline:
-        """Spline of the lean."""
-        return GapSpline(self.time_s, self.lean)
-
-    @cached_property
     def turn_rate(self) -> GapSpline:
         """Spline of the rate of turn between samples, degrees per second."""
         return _rate(self.time_s, self.heading_deg)
@@ -163,6 +158,7 @@ DISAGREE_SIGMAS, DISAGREE_S = 4.0, 0.02  # limits beyond which tilts and heading
 DRIFT_SIGMAS = 3.0  # less significant drifts are not applied
 MIN_VARIATION = 1e-6  # relative variation of a rate below which it is constant
 UNKNOWN = (float("nan"), float("nan"))
+_Rates = tuple[GapSpline, GapSpline]  # of a quantity measured by both heads: of a, of b
 
 
 @dataclass(frozen=True)
@@ -188,22 +184,6 @@ class ClockDifference:
         return time_s - self.offset_s - drift * (time_s - self.middle_s)
 
 
-@dataclass(frozen=True)
-class _Signal:
-    """A quantity measured by both heads: samples of b and spline of a."""
-
-    time_s: Floats  # (n,) by b's clock
-    value: Complexes  # (n,) of b
-    other: GapSpline  # of a
-
-    def turned(self, at_s: Floats) -> Complexes:
-        """Rotate b's samples into a's frame, given their times by a's clock, (n,)."""
-        here = self.other.at(at_s)
-        known = np.isfinite(here)
-        along = np.sum(np.conj(self.value[known]) * here[known])
-        return self.value * along / max(abs(along), 1e-300)
-
-
 def estimate_clock_offset(a: Motion, b: Motion, max_offset_s: float) -> ClockDifference:
     """Estimate the offset of b's clock from a's, with drift; not ``determined`` if the motions are uncorrelated."""
     min_correlation = max(MIN_CORRELATION, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
@@ -211,28 +191,24 @@ def estimate_clock_offset(a: Motion, b: Motion, max_offset_s: float) -> ClockDif
     middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
     correlations: dict[str, Any] = {f"{name[:-1]}_correlation": value for name, value in correlation.items()}
     rates = {"tilts": (a.lean_rate, b.lean_rate), "headings": (a.turn_rate, b.turn_rate)}
-    use = {
-        name: _Signal(rate_b.time_s, rate_b.values.astype(complex), rate_a)
-        for name, (rate_a, rate_b) in rates.items()
-        if correlation[name] >= min_correlation
-    }
+    use = {name: pair for name, pair in rates.items() if correlation[name] >= min_correlation}
     if not use:
         warning = "tilts and headings of the two heads hardly change together: the clocks are used uncorrected"
         return ClockDifference(middle_s=middle, warnings=(warning,), **correlations)
-    alone = {name: _offset(*_solve_lag(signal, np.array([lag]), middle)) for name, signal in use.items()}
-    signals = list(use.values())
+    alone = {name: _offset(*_solve_lag(pair, np.array([lag]), middle)) for name, pair in use.items()}
+    used = list(use.values())
     warnings: tuple[str, ...] = ()
     if len(use) == 2:
         (tilts, tilts_sigma), (headings, headings_sigma) = alone["tilts"], alone["headings"]
         apart = abs(tilts - headings)
         if apart > DISAGREE_S and apart > DISAGREE_SIGMAS * float(np.hypot(tilts_sigma, headings_sigma)):
-            signals = [use["tilts"]]
+            used = [use["tilts"]]
             warnings = (
                 f"b's clock differs from a's by {tilts:+.3f} s according to the tilts and by {headings:+.3f} s "
                 "according to the headings: one compass lags behind its tilt sensors; the tilts are used",
             )
     return ClockDifference(
-        **_offset_and_drift(signals, lag, middle, float(np.ptp(b.time_s))),
+        **_offset_and_drift(used, lag, middle, float(np.ptp(b.time_s))),
         middle_s=middle,
         from_tilts_s=alone.get("tilts", UNKNOWN),
         from_headings_s=alone.get("headings", UNKNOWN),
@@ -242,10 +218,10 @@ def estimate_clock_offset(a: Motion, b: Motion, max_offset_s: float) -> ClockDif
     )
 
 
-def _offset_and_drift(signals: Sequence[_Signal], lag: float, middle_s: float, span_s: float) -> dict[str, Any]:
+def _offset_and_drift(used: Sequence[_Rates], lag: float, middle_s: float, span_s: float) -> dict[str, Any]:
     """Estimate offset and drift as fields of ``ClockDifference``; insignificant drifts are reported but not applied."""
-    value, covariance = _weighted_mean([_solve_lag(s, np.array([lag]), middle_s) for s in signals])
-    both, both_covariance = _weighted_mean([_solve_lag(s, np.array([value[0], 0.0]), middle_s) for s in signals])
+    value, covariance = _weighted_mean([_solve_lag(pair, np.array([lag]), middle_s) for pair in used])
+    both, both_covariance = _weighted_mean([_solve_lag(pair, np.array([value[0], 0.0]), middle_s) for pair in used])
     drift, sigma = float(both[1]), float(np.sqrt(both_covariance[1, 1]))
     applied = abs(drift) > DRIFT_SIGMAS * sigma and abs(drift) * span_s > RESOLUTION_S
     offset = _offset(both, both_covariance) if applied else _offset(value, covariance)
@@ -317,32 +293,36 @@ def _weighted_mean(solutions: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, 
     return np.asarray(whole @ np.sum(parts, axis=0)), np.asarray(whole)
 
 
-def _solve_lag(signal: _Signal, start: Floats, middle_s: float) -> tuple[Floats, Floats]:
+def _solve_lag(rates: _Rates, start: Floats, middle_s: float) -> tuple[Floats, Floats]:
     """Solve for the offset (and drift, if ``start`` has two parameters) where the correlation's derivative vanishes."""
-    solution = start
+    solution, time_s = start, rates[1].time_s
     for _ in range(ROUNDS):
-        curvature, parts = _gradient_sums(signal, solution, middle_s)
+        curvature, parts = _gradient_sums(rates, solution, middle_s)
         change = -np.linalg.solve(curvature, parts.sum(axis=0))
-        solution = solution + change / max(1.0, 2.0 * abs(change[0]) / step(signal.time_s))
+        solution = solution + change / max(1.0, 2.0 * abs(change[0]) / step(time_s))
         if abs(change[0]) < 1e-6:
             break
-    curvature, parts = _gradient_sums(signal, solution, middle_s)
+    curvature, parts = _gradient_sums(rates, solution, middle_s)
     inverse = np.linalg.inv(curvature)
     widened = student_factor(STRETCHES - len(start)) ** 2 * STRETCHES / (STRETCHES - len(start))
-    floor = np.diag([FLOOR_S, FLOOR_S / max(float(np.ptp(signal.time_s)), 1.0)][: len(start)]) ** 2
+    floor = np.diag([FLOOR_S, FLOOR_S / max(float(np.ptp(time_s)), 1.0)][: len(start)]) ** 2
     return solution, inverse @ (parts.T @ parts) @ inverse * widened + floor
 
 
-def _gradient_sums(signal: _Signal, parameters: Floats, middle_s: float) -> tuple[Floats, Floats]:
+def _gradient_sums(rates: _Rates, parameters: Floats, middle_s: float) -> tuple[Floats, Floats]:
     """Compute the curvature of the correlation and the contribution of each block to its gradient."""
-    columns = np.stack([np.ones_like(signal.time_s), signal.time_s - middle_s])[: len(parameters)]
-    at = signal.time_s - parameters @ columns
-    turned = signal.turned(at)
-    first = -np.real(np.conj(turned) * signal.other.at(at, 1))
-    second = np.real(np.conj(turned) * signal.other.at(at, 2))
+    other, time_s, value = rates[0], rates[1].time_s, rates[1].values.astype(complex)
+    columns = np.stack([np.ones_like(time_s), time_s - middle_s])[: len(parameters)]
+    at = time_s - parameters @ columns
+    here = other.at(at)
+    known = np.isfinite(here)
+    along = np.sum(np.conj(value[known]) * here[known])
+    turned = value * along / max(abs(along), 1e-300)  # samples of b rotated into a's frame
+    first = -np.real(np.conj(turned) * other.at(at, 1))
+    second = np.real(np.conj(turned) * other.at(at, 2))
     known = np.isfinite(first) & np.isfinite(second)
     columns, first, second = columns[:, known], first[known], second[known]
-    stretch = blocks_by_count(signal.time_s, STRETCHES)[known]
+    stretch = blocks_by_count(time_s, STRETCHES)[known]
     parts = np.stack([np.bincount(stretch, first * column, STRETCHES) for column in columns], axis=1)
     return np.asarray((columns * second) @ columns.T), np.asarray(parts, dtype=float)
 
