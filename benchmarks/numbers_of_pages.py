@@ -74,7 +74,7 @@ def table(rows: Sequence[Sequence[str]], head: Sequence[str] = HEADINGS) -> str:
 def measured(kept: dict[str, Any]) -> str:
     """Report by which version and when something was measured, and whether its engine has changed since."""
     day = date.fromisoformat(kept["date"])
-    older = "" if kept["engine"] == standing.engine() else ", an older engine"
+    older = ", an older engine" if standing.is_older(kept["engine"]) else ""
     commit = f" ({kept['commit']})" if kept["commit"] else ""
     return f"version {kept['version']}{commit}{older}, {day.day} {day:%B %Y}"
 
@@ -143,7 +143,7 @@ def _goals(some: Sequence[dict[str, Any]]) -> str:
 
 def _moorings(made: dict[str, Any]) -> str:
     seal = made["seal"]
-    older = "" if seal["engine"] == standing.engine() else ", of an older engine"
+    older = ", of an older engine" if standing.is_older(seal["engine"]) else ""
     return f"{seal['count'] + seal['real']} moorings{older}"
 
 

@@ -439,3 +439,9 @@ def test_recording_is_run_through_the_workflow(tmp_path):
     recordings.run(tmp_path, tmp_path / "no data", cores=1)  # the files of all recordings but one are absent
     made = {one["name"]: one for one in recordings.scored(tmp_path, tmp_path / "no data")}["eight_headings"]
     assert made["outcome"] == "right" and made["points"][score.OWN] == 1.0, made["said"]
+
+
+def test_results_are_older_unless_the_engine_is_the_same_or_differs_only_in_an_error(monkeypatch):
+    monkeypatch.setattr(standing, "engine", lambda: "c" * 64)
+    monkeypatch.setattr(standing, "SAME_RESULTS", {"c" * 12: "b" * 12})
+    assert [standing.is_older(letter * 64) for letter in "cba"] == [False, False, True]

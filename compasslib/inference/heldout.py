@@ -96,6 +96,18 @@ class _Marginal(NamedTuple):
         """Leave out some days, given the products of all columns over these days."""
         return _marginalize(self.square - square, self.pull - pull, len(self.information), variance)
 
+    def nonnegative(self, parts: Sequence[NDArray[np.intp]]) -> _Marginal:
+        """Set the information of candidates that have less than none to the nearest that is possible.
+
+        Where the noise absorbs a candidate's columns, the difference of products in single precision may be negative.
+        """
+        information = self.information.copy()
+        for at in parts:
+            values, vectors = np.linalg.eigh(information[np.ix_(at, at)])
+            if values[0] <= -1.0:  # the prior adds 1
+                information[np.ix_(at, at)] = vectors * np.maximum(values, 0.0) @ vectors.T
+        return self._replace(information=information)
+
     def fit(self, at: NDArray[np.intp], r: NDArray[np.intp]) -> Floats:
         """Compute the posterior mean of a candidate's parameters for some targets, (k, r)."""
         return np.linalg.solve(self.information[np.ix_(at, at)] + np.eye(len(at)), self.score[np.ix_(at, r)])
@@ -152,10 +164,11 @@ class _PartitionedRecord:
         squares = [(rows[inside].T @ rows[inside]).astype(float) for inside in self.folds]
         pulls = [(rows[inside].T @ targets[inside]).astype(float) for inside in self.folds]
         whole = _marginalize(np.sum(squares, axis=0), np.sum(pulls, axis=0), white.shape[1], self.variance)
+        whole = whole.nonnegative(choices.parts)
         gain, predicted, followed = np.zeros((3, targets.shape[1]))
         values, chosen = np.zeros((len(squares), white.shape[1])), np.zeros(white.shape[1])
         for f, (square, pull) in enumerate(zip(squares, pulls, strict=True)):
-            training = whole.without(square, pull, self.variance)
+            training = whole.without(square, pull, self.variance).nonnegative(choices.parts)
             best = choices.choose(training, f)
             for g in np.unique(best):
                 at, r = choices.parts[g], np.flatnonzero(best == g)
