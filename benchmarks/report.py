@@ -25,7 +25,7 @@ import browser  # noqa: E402
 from compasslib import report  # noqa: E402
 from compasslib.config.cruise import load_cruise  # noqa: E402
 from compasslib.pipeline.settings import Moorings  # noqa: E402
-from compasslib.report import chart, sections  # noqa: E402
+from compasslib.report import chart  # noqa: E402
 
 COUNTS, OPENINGS = (7, 50, 200), 5
 PAINTED = "performance.getEntriesByName('first-contentful-paint')[0].startTime"
@@ -60,11 +60,11 @@ def main() -> None:
 
 def measured(chromium: browser.Page, path: Path, count: int) -> str:
     """Measure the report of a number of moorings and format the line of the table."""
-    sections.MAX_SECTIONS, most = (0 if count > sections.MAX_SECTIONS else sections.MAX_SECTIONS), sections.MAX_SECTIONS
+    report.MAX_SECTIONS, most = (0 if count > report.MAX_SECTIONS else report.MAX_SECTIONS), report.MAX_SECTIONS
     begin = time.perf_counter()
     described = Moorings(load_cruise(PROJECT)).described()
     made = report.gather(PROJECT / "results", attributes={}, moorings=described, calibrations=[])
-    sections.MAX_SECTIONS = most
+    report.MAX_SECTIONS = most
     report.write(path, repeated(made, count))
     written = time.perf_counter() - begin
     times = [opened(chromium, path) for _ in range(OPENINGS)]

@@ -15,7 +15,7 @@ from compasslib.calibrations.magnetometer import log as magnetometer_log
 from compasslib.calibrations.magnetometer.ellipsoid import ELLIPSE, ELLIPSOID, ScaledReadings
 from compasslib.calibrations.result import Calibration
 from compasslib.errors import InputError
-from compasslib.plots.calibrations import draw_magnetometer as draw
+from compasslib.plots.instruments import draw_magnetometer as draw
 from tests.world import iron
 
 SAFE = 4.5  # standard deviations, not exceeded by any of a few tens of normal numbers

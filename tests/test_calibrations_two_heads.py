@@ -24,6 +24,7 @@ from compasslib.errors import InputError
 from compasslib.inference import kinds
 from compasslib.inference.comparison import Options
 from compasslib.plots import calibrations as figures
+from compasslib.plots import instruments
 from tests.world import package
 from tests.world.package import Head, Sea
 
@@ -268,7 +269,9 @@ def test_real_headings_of_87_degrees_are_refused(tmp_path):
     assert found.details["offset_deg"] == pytest.approx(12.0, abs=0.01)
 
 
-@pytest.mark.parametrize("draw", [figures.draw_difference, figures.draw_tilt_check, figures.draw_along_time])
+@pytest.mark.parametrize(
+    "draw", [instruments.draw_difference, instruments.draw_tilt_check, instruments.draw_along_time]
+)
 def test_figures_are_drawn(draw, full, narrow, tmp_path):
     for name, found in (("full", full), ("narrow", narrow), ("none", heads._no_calibration(0, "no time shared", ()))):
         draw(tmp_path / f"{name}.png", found)

@@ -35,9 +35,19 @@ from compasslib.errors import InputError
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import CovariateRange, HeldOut, Parameter, Unexplained
 from compasslib.inference.finding import Finding as Found
-from compasslib.plots import calibrations as figures
+from compasslib.plots import instruments
 from compasslib.report import chart, sections, words
-from compasslib.report.sections import Figure, Overview, ReportedFinding, ReportSection, ReportTable, stopped_section
+from compasslib.report.results import (
+    Figure,
+    Overview,
+    ReportedFinding,
+    ReportSection,
+    ReportTable,
+    collect_figures,
+    read_mooring,
+    stopped_section,
+    table,
+)
 from tests.world import iron
 from tests.world.package import Sea
 
@@ -81,15 +91,15 @@ def filled(kind, text: str):
 
 
 def hostile(name: str = "M") -> ReportSection:
-    table = filled(ReportTable, HOSTILE)
+    parameters = filled(ReportTable, HOSTILE)
     figure = replace(filled(Figure, HOSTILE), data="", href="M/figures/x.png")
     return replace(
         filled(ReportSection, HOSTILE),
         name=name,
         anchor=f"mooring-{name}",
         verdict="consistent",
-        findings=(replace(filled(ReportedFinding, HOSTILE), parameters=table),),
-        tables=(table,),
+        findings=(replace(filled(ReportedFinding, HOSTILE), parameters=parameters),),
+        tables=(parameters,),
         first=(figure,),
         finding_figures=(figure,),
         figures=(figure, replace(figure, data="data:image/png;base64,", width=3, height=5)),
@@ -186,7 +196,7 @@ def test_page_begins_with_one_sentence_per_result(done, document):
 
 
 def test_absent_deviation_is_stated_without_a_deviation_value(done):
-    results = sections.read_mooring("M1", done / "results", {"warnings": ""})
+    results = read_mooring("M1", done / "results", {"warnings": ""})
     assert "the compass deviated by up to" in sections.summary_sentences(results)[0]
     without = results.fit | {"applied": results.fit["applied"] | {"no_deviation_probability": 0.8}}
     said = sections.summary_sentences(replace(results, fit=without))[0]
@@ -330,9 +340,9 @@ def test_untestable_effects_are_listed_with_their_reasons():
 
 def test_tried_effects_have_a_row_in_the_table():
     tried = [{"effect": "current_veer", "score": 12.34, "rms_effect_deg": 0.5, "probability": 0.012}]
-    (table,) = sections.table("diagnosis", "hypotheses", d={"hypotheses": tried})
-    assert table.rows == (("current veer", "12.3", "0.50° rms", "0.01"),)
-    assert sections.table("diagnosis", "hypotheses", d=diagnosis("consistent")) == ()
+    (found,) = table("diagnosis", "hypotheses", d={"hypotheses": tried})
+    assert found.rows == (("current veer", "12.3", "0.50° rms", "0.01"),)
+    assert table("diagnosis", "hypotheses", d=diagnosis("consistent")) == ()
 
 
 def made_of(kind: str, folder: Path, tilt_deg=np.r_[-20.0:20.1:1.0]) -> result.Calibration:
@@ -381,7 +391,7 @@ def test_two_heads_with_a_diagnosis_have_their_section(tmp_path):
     """A kind with its own texts and figures, together with a diagnosis."""
     made = two_heads.calibrate(cast(tmp_path, sea=Sea(turns=0.0, wander_deg=14.0)), {})
     for figure in ("difference", "tilt_check", "along_time"):
-        getattr(figures, f"draw_{figure}")(tmp_path / f"calibrations/heads/figures/{figure}.png", made)
+        getattr(instruments, f"draw_{figure}")(tmp_path / f"calibrations/heads/figures/{figure}.png", made)
     section = section_of("heads", made, tmp_path, diagnosis("explained", heeling()))
     assert section.verdict == "explained" and section.findings[0].title == "Heeling"
     assert set(made.details["cannot_tell"]) < set(section.limits)
@@ -419,7 +429,7 @@ def test_damaged_figure_is_reported_in_one_line(done, tmp_path):
     whole = (done / "results/M1/figures/scatter.png").read_bytes()
     (folder / "scatter.png").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match=r"scatter.png: expected a whole PNG, found .*; run the cruise again"):
-        sections.collect_figures(folder.parent, tmp_path, str, small=False)
+        collect_figures(folder.parent, tmp_path, str, small=False)
 
 
 @given(

@@ -37,7 +37,7 @@ class Kind:
     """Module, figures and file formats of a kind of calibration."""
 
     module: str  # in this package; its calibrate(files, settings) returns the Calibration
-    # Drawn by draw_NAME(path, calibration) of plots.calibrations.
+    # Drawn by draw_NAME(path, calibration) of plots.instruments, that of a swing of plots.calibrations.
     figures: tuple[str, ...] = ()
     by_heading: bool = True  # whether it has a deviation curve, and thus the common ``FIGURES``
     formats: tuple[str, ...] = ("table",)  # of its files, the default first

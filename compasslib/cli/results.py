@@ -21,7 +21,7 @@ from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
 from compasslib.pipeline import guard, plan, records
 from compasslib.report import sections
-from compasslib.report.sections import ReportSection
+from compasslib.report.results import ReportSection, read_calibration, read_mooring
 
 MOORING_FILES = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "work/field.json")
 REQUIRED_KEYS = {
@@ -231,7 +231,7 @@ def _mooring_section(folder: Path) -> ReportSection:
     for file in (name for name in MOORING_FILES if name in REQUIRED_KEYS):
         read_content(folder / file)
     row = summary.summary_row(folder.name, folder)
-    read = sections.read_mooring(row["name"], folder.parent, {name: str(value) for name, value in row.items()})
+    read = read_mooring(row["name"], folder.parent, {name: str(value) for name, value in row.items()})
     return ReportSection(
         name=read.name,
         anchor="",
@@ -246,7 +246,7 @@ def _mooring_section(folder: Path) -> ReportSection:
 
 def _calibration_section(folder: Path) -> ReportSection:
     root = folder.parents[1]
-    return sections.calibration_section(sections.read_calibration(folder.name, root), root, small=True)
+    return sections.calibration_section(read_calibration(folder.name, root), root, small=True)
 
 
 def _compass_section(folder: Path) -> ReportSection:

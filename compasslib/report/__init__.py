@@ -27,19 +27,17 @@ from compasslib.archive.files import atomic_write
 from compasslib.archive.summary import STOPPED
 from compasslib.inference.wording import VERDICTS
 from compasslib.report import chart, words
-from compasslib.report.sections import (
+from compasslib.report.results import (
     MAX_SECTIONS,
     Figure,
     Overview,
-    calibration_section,
     collect_figures,
-    compass_section,
-    mooring_section,
     read_calibration,
     read_mooring,
     read_summary,
     stopped_section,
 )
+from compasslib.report.sections import calibration_section, compass_section, mooring_section
 
 MOORINGS = "All moorings; rms: direction of the current minus the reference's, on pairs held out from the fit"
 CALIBRATIONS, COMPASSES = "All calibrations", "All compasses that several records share"

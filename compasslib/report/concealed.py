@@ -15,7 +15,7 @@ from compasslib.archive.files import embed_png, read_json, read_pictures
 from compasslib.plots.timeseries import draw_errors
 from compasslib.records import BAD
 from compasslib.report import sections, words
-from compasslib.report.sections import Figure, ReportedFinding
+from compasslib.report.results import Figure, ReportedFinding
 from compasslib.statistics.resampling import NORMAL_95, block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
 

@@ -1,0 +1,309 @@
+"""Results of a cruise as the report reads them from files, and the parts of which its sections are made."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from compasslib import angles
+from compasslib.archive import attributes as archive_attributes
+from compasslib.archive import files, netcdf, summary
+from compasslib.archive.files import open_netcdf, read_json, read_variable
+from compasslib.records import PROBABLY_BAD
+from compasslib.report import words
+from compasslib.types import Floats
+
+
+@dataclass(frozen=True)
+class ReportTable:
+    """A small table; the first column names its rows."""
+
+    caption: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of the results."""
+
+    title: str
+    caption: str
+    href: str  # URL of the file, relative to the page
+    data: str = ""  # the picture as a data URI; empty if it is only linked
+    width: int = 0  # pixels
+    height: int = 0
+
+
+@dataclass(frozen=True)
+class ReportedFinding:
+    """One identified effect, or what remains unexplained."""
+
+    title: str
+    text: str
+    facts: tuple[tuple[str, str], ...]
+    parameters: ReportTable | None = None
+
+
+@dataclass(frozen=True)
+class ReportSection:
+    """One mooring, compass or calibration."""
+
+    name: str
+    anchor: str
+    verdict: str  # one of ``inference.wording.VERDICTS``, ``stopped``, or empty
+    summary: tuple[str, ...]  # sentences; the first is the conclusion, which the top of the page repeats
+    facts: tuple[tuple[str, str], ...]
+    to_do: tuple[str, ...] = ()  # sentences: actions left to the user
+    first: tuple[Figure, ...] = ()  # figures shown first, such as currents before and after
+    finding_figures: tuple[Figure, ...] = ()  # figures shown with the findings
+    findings: tuple[ReportedFinding, ...] = ()
+    limits: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    figures: tuple[Figure, ...] = ()  # all others
+    tables: tuple[ReportTable, ...] = ()
+    links: tuple[tuple[str, str], ...] = ()  # text, URL relative to the page
+    cells: tuple[str, ...] = ()  # its row in the overview
+
+
+def table(template: str, block: str, **given: Any) -> tuple[ReportTable, ...]:
+    """Render a table of a template as caption, header and rows; the result is empty if it has no rows."""
+    filled = words.cells(template, block, **given)
+    return (ReportTable(" ".join(filled[0]), filled[1], tuple(filled[2:])),) if filled[2:] else ()
+
+
+def stopped_section(part: str, name: str, why: str, header: Sequence[str]) -> ReportSection:
+    """Compose the section of a mooring or calibration that has no results."""
+    known = {"Verdict": "stopped", "Warnings": "1"}
+    answer, to_do = words.paragraphs("mooring", "stopped", why=why)
+    return ReportSection(
+        name=name,
+        anchor=f"{part}-{name}",
+        verdict="stopped",
+        summary=(answer,),
+        facts=(),
+        to_do=(to_do,),
+        links=(("logs", f"{'calibrations/' * (part == 'calibration')}{name}/logs"),),
+        cells=(name, *(known.get(column, "") for column in header[1:])),
+    )
+
+
+@dataclass(frozen=True)
+class Overview:
+    """All sections of moorings, compasses or calibrations, and the table that compares them."""
+
+    caption: str
+    header: tuple[str, ...]
+    sections: Sequence[ReportSection]
+
+    @property
+    def table(self) -> ReportTable:
+        """One row for each section."""
+        return ReportTable(self.caption, self.header, tuple(section.cells for section in self.sections))
+
+
+# Results of one mooring or calibration that its section shows.
+
+SHOWN_ATTRIBUTES = (
+    "instrument",
+    "serial_number",
+    "software_version",
+    "date_created",
+    "time_coverage_start",
+    "time_coverage_end",
+)
+
+
+@dataclass(frozen=True)
+class MooringResults:
+    """Results of one mooring that the report uses."""
+
+    name: str
+    folder: Path
+    row: Mapping[str, str]  # of summary.csv
+    fit: Mapping[str, Any]  # deviation.json
+    diagnosis: Mapping[str, Any]
+    assessment: Mapping[str, Any]
+    headings: Mapping[str, Any]  # statistics of the corrected record
+    currents: summary.BinCurrents  # of the bin shown in figures
+    inputs: Mapping[str, Mapping[str, int]]  # counts of the samples of each instrument, by kind
+
+    @property
+    def product(self) -> Mapping[str, Any]:
+        """The fit used for the product and shown in the figures."""
+        fit: Mapping[str, Any] = self.fit["applied"]["fit"] or self.fit
+        return fit
+
+    @property
+    def other_compass(self) -> bool:
+        """Whether the product uses a compass other than that of the configured fit."""
+        applied = self.fit["applied"]
+        changed = applied["effects"] or applied["accounted_for"] or applied["method"] != self.fit["method"]
+        return bool(applied["fit"] and changed)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings of all stages."""
+        return tuple(warning for warning in self.row["warnings"].split(" | ") if warning)
+
+    @property
+    def depth(self) -> str:
+        """Depth of the currents shown in figures, with its unit."""
+        return f"{words.number(self.currents.depth_m, 0)}{words.SPACE}m"
+
+    def averaging(self, *, sticks: bool = False) -> str:
+        """Format the time over which the currents in figures are averaged."""
+        most = summary.MAX_STICKS if sticks else summary.MAX_MEANS
+        hours = summary.averaging_hours(self.currents.recorded.time_s, most)
+        return words.plural(int(hours), "hour") if hours <= 24.0 else words.plural(int(hours / 24.0), "day")
+
+
+def read_summary(table: str | Path) -> dict[str, dict[str, str]]:
+    """Read the rows of summary.csv by mooring."""
+    with Path(table).open(newline="", encoding="utf-8") as stream:
+        return {row["name"]: row for row in csv.DictReader(stream)}
+
+
+def read_mooring(name: str, root: Path, row: Mapping[str, str], roles: Iterable[str] | None = None) -> MooringResults:
+    """Read the files of one mooring; ``roles`` are the names of its instruments, see ``summary.record_paths``."""
+    folder = root / name
+    fit, diagnosis, assessment = (
+        read_json(folder / f"{file}.json") for file in ("deviation", "diagnosis", "assessment")
+    )
+    inputs = {path.stem: netcdf.read_notes(path, "counts") for path in summary.record_paths(folder, roles)}
+    product = folder / "corrected.nc"
+    shown = summary.read_bin_currents(product)
+    return MooringResults(name, folder, row, fit, diagnosis, assessment, _summarize_headings(product), shown, inputs)
+
+
+@dataclass(frozen=True)
+class CalibrationResults:
+    """Results of one calibration that the report uses."""
+
+    name: str
+    folder: Path
+    content: Mapping[str, Any]  # calibration.json
+    table: tuple[tuple[str, ...], ...]  # rows of table.csv
+    diagnosis: Mapping[str, Any]  # empty without one
+
+
+def read_calibration(name: str, root: Path) -> CalibrationResults:
+    """Read the files of one calibration."""
+    folder = root / "calibrations" / name
+    with (folder / "table.csv").open(newline="", encoding="utf-8") as stream:
+        rows = tuple(tuple(row) for row in csv.reader(stream))[1:]
+    diagnosis = read_json(path) if (path := folder / "diagnosis.json").exists() else {}
+    return CalibrationResults(name, folder, read_json(folder / "calibration.json"), rows, diagnosis)
+
+
+def _summarize_headings(path: str | Path) -> dict[str, Any]:
+    """Summarize the headings of a corrected.nc; its profiles are not read."""
+    with open_netcdf(path) as nc:
+        recorded, corrected, sigma, deviation, declination = (
+            read_variable(nc, name)
+            for name in ("HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY", "DEVIATION", "DECLINATION")
+        )
+        flags = read_variable(nc, "HEADING_CORRECTED_QC")
+        attributes = {name: nc.getncattr(name) for name in SHOWN_ATTRIBUTES if name in nc.ncattrs()}
+        missing = archive_attributes.missing(nc.ncattrs())
+        days = read_variable(nc, "TIME")
+    there = np.isfinite(corrected)
+    steps = np.diff(days) if len(days) > 1 else np.ones(1)
+    return {
+        "n": len(recorded),
+        # Missing samples between the first and the last, by the median interval.
+        "absent": int(np.sum(np.maximum(np.round(steps / np.median(steps)) - 1.0, 0.0))),
+        "corrected": int(there.sum()),
+        "doubtful": int(np.sum(there & (flags == PROBABLY_BAD))),
+        "sigma_deg": _percentiles(sigma[there], (50.0, 95.0)),
+        "largest_deviation_deg": float(np.max(np.abs(deviation[there]))) if there.any() else float("nan"),
+        "recorded_span_deg": heading_span(recorded),
+        "corrected_span_deg": heading_span(corrected),
+        "declination_deg": _percentiles(declination[np.isfinite(declination)], (0.0, 100.0)),
+        "attributes": attributes,
+        "missing": missing,  # global attributes required by the conventions
+    }
+
+
+def heading_span(heading_deg: Floats) -> tuple[float, float]:
+    """Compute the 5th and 95th percentile of finite headings about their circular mean, degrees; NaN without any."""
+    finite = heading_deg[np.isfinite(heading_deg)]
+    middle = angles.mean(finite)
+    low, high = _percentiles(angles.difference(finite, middle), (5.0, 95.0))
+    return float(angles.wrap360(middle + low)), float(angles.wrap360(middle + high))
+
+
+def _percentiles(values: Floats, at: tuple[float, float]) -> tuple[float, float]:
+    if not values.size:
+        return float("nan"), float("nan")
+    low, high = np.percentile(values, at)
+    return float(low), float(high)
+
+
+# Figures embedded in the page: with a colour palette; on a page of many sections small and few.
+
+MAX_SECTIONS = 50  # above which figures are not embedded at full size; a thousand moorings would need 400 MB
+TITLES = {
+    "sticks": "Currents along time",
+    "progressive": "Progressive vector diagram",
+    "roses": "Direction frequencies before and after",
+    "section": "Sections before and after",
+    "profile": "Mean profiles",
+    "diagnosis": "Residual of the fit",
+    "deviation": "Deviation of the compass",
+    "histograms": "Histograms before and after",
+    "scatter": "Direction compared with the reference",
+    "timeline": "Headings along time",
+    "residuals": "Residuals of the curve",
+    "certificate": "Certificate",
+    "magnetometer": "Magnetometer readings before and after",
+    "swing": "The swing",
+    "difference": "Difference of the two compasses",
+    "tilt_check": "Tilts of the two instruments",
+    "along_time": "Both compasses along time",
+    "series": "Declination of the observatory",
+    "disturbance": "Disturbances of the field",
+    "array": "The array",
+    "curves": "Deviations",
+    "differences": "Differences from the reference",
+    "currents": "Mean currents and variance ellipses",
+}
+LINKED = ("certificate",)  # not embedded, as the tables contain the same numbers
+
+
+def collect_figures(folder: Path, root: Path, caption: Callable[[str], str], *, small: bool) -> dict[str, Figure]:
+    """Collect the figures of one mooring or calibration by name, in the order of ``TITLES``, then all others.
+
+    Args:
+        folder: folder of its results, with the PNG files in ``figures``.
+        caption: composes the caption of a figure from its name.
+        small: whether the page has too many sections for figures of full size, here and below.
+    """
+    order = {name: k for k, name in enumerate(TITLES)}
+    paths = sorted(folder.glob("figures/*.png"), key=lambda p: (order.get(p.stem, len(order)), p.stem))
+    made = files.read_pictures(folder, small=small)
+    figures = {}
+    for path in paths:
+        name = path.stem
+        picture, size = made.get(name, ("", (0, 0)))
+        if name not in made and name not in LINKED and not small:
+            picture, size = files.embed_png(path)
+        title = TITLES.get(name, name.replace("_", " ").capitalize())
+        figures[name] = Figure(title, caption(name), relative_link(path, root), picture, *size)
+    return figures
+
+
+def relative_link(path: Path, root: Path) -> str:
+    """Compose the URL of a result file relative to the page."""
+    return quote(path.relative_to(root).as_posix())
+
+
+def links(folder: Path, root: Path, names: Iterable[str]) -> tuple[tuple[str, str], ...]:
+    """Compose the links to those files of a folder that exist."""
+    return tuple((name, relative_link(folder / name, root)) for name in names if (folder / name).exists())
