@@ -24,7 +24,7 @@ from compasslib.effects import CATALOGUE, SIDES
 from compasslib.inference import design, diagnosis, product
 from compasslib.inference.comparison import Options, compare_pairs
 from compasslib.inference.kinds.mooring import diagnose
-from compasslib.records import EarthField, Pairs
+from compasslib.records import EarthField
 from tests.world import pairs as sea
 
 WATER = ("current_shear_slow",)  # correct finding if no effect was planted
@@ -68,10 +68,6 @@ def two(rng) -> list[str]:
         pair = rng.choice(sea.TWO, 2, replace=False).tolist()
         if sea.FAMILIES[pair[0]] != sea.FAMILIES[pair[1]]:
             return pair
-
-
-def of_house(drawn: sea.Drawn) -> Pairs:
-    return Pairs(**{name: value for name, value in vars(drawn.pairs).items() if name != "warnings"})
 
 
 def field_of(drawn: sea.Drawn) -> EarthField:

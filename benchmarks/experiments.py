@@ -125,7 +125,7 @@ def measure(index: int, seed: int) -> dict:
     world = sea.make(own, wide=index % 3 == 2, slow_water=slow, n=2 * HALF)
     effect = bench.SINGLES[index % len(bench.SINGLES)]
     drawn = sea.planted(world, {effect: float(np.random.default_rng(own).choice([1.5, 3.0]))})
-    whole = bench.of_house(drawn)
+    whole = drawn.pairs
     first = take(whole, np.arange(HALF))
     found = judged(drawn, first)
     row = {"index": index, "effect": effect, "verdict": found.verdict, "stated": []}

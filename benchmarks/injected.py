@@ -196,7 +196,7 @@ def errors(drawn: sea.Drawn, own: Seen, fit, field, found) -> dict[str, float]:
         "error_after": bench.error(made.heading_deg, drawn),
         "error_published": published(drawn, own),
         "error_level": angles.rms(level),
-        "refuted": bool(assess_correction(bench.of_house(drawn), fit)["refuted"]),
+        "refuted": bool(assess_correction(drawn.pairs, fit)["refuted"]),
         "covered": float(np.nanmean(np.abs(off) < 1.96 * made.sigma_deg)),
         "centred": float(np.nanmean(np.abs(off - np.nanmean(off)) < 1.96 * made.sigma_deg)),
     }

@@ -43,12 +43,6 @@ def state_of(drawn, more=None, *, magnetic=True):
     return design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1]))
 
 
-@pytest.fixture
-def no_search(monkeypatch):
-    """Replace the search by one without findings, for statements on what precedes it."""
-    monkeypatch.setattr(long_record, "diagnose", lambda *given: diagnosis.Diagnosis("consistent"))
-
-
 @pytest.fixture(scope="module")
 def two():
     return seen({"sextantal": 3.0, "temperature": 3.0}, seed=4)
@@ -335,7 +329,7 @@ def test_clock_offset_is_attributed_to_the_clock_and_interpolation_not_to_veer()
 
 
 @pytest.mark.parametrize("hours", [-9.0, 5.0])
-def test_clock_error_refuted_by_held_out_directions_only_warns(no_search, monkeypatch, hours):
+def test_clock_error_refuted_by_held_out_directions_only_warns(monkeypatch, hours):
     drawn = world.planted(world.make(5, wide=True, n=HOURS), {})
     monkeypatch.setattr(
         mooring, "estimate_clock_error", lambda pairs: mooring.ClockError(hours, 0.0, 0.1, 0.1, True, False)
@@ -365,7 +359,7 @@ def test_large_deviation_states_the_rms_on_held_out_pairs():
     assert angles.rms(left[first]) > 2.5 * angles.rms(left[~first])
 
 
-def test_clock_error_is_estimated_from_the_wider_pairs_if_given(no_search):
+def test_clock_error_is_estimated_from_the_wider_pairs_if_given():
     drawn = world.planted(world.make(5, wide=True, n=HOURS), {"clock_offset": 1.0})
     ahead = drawn.truth["clock_offset"]["hours"]
     upper, lower = pair_speeds(drawn.pairs)

@@ -83,7 +83,8 @@ def test_a_veering_current_is_stated_by_its_driver():
     assert not found.applied or not any(one.compass for one in found.applied[:1] if one.effect == "none")
 
 
-@pytest.mark.parametrize(("acts_on", "driver"), [("offset", "tide"), ("veer", "tilt")])
+@pytest.mark.parametrize("driver", ["tide", "tilt"])
+@pytest.mark.parametrize("acts_on", ["offset", "veer"])
 def test_reading_and_current_with_the_same_driver_share_the_probability(acts_on, driver):
     """Both yield nearly the same pairs. Regression test: the current, treated as noise, took all of the probability."""
     made = world.make(3, wide=True, n=4000)

@@ -12,9 +12,9 @@ import cruises
 import numpy as np
 import pandas as pd
 import yaml
-from cruises import MARGIN_DEG, Outcome, wrap
+from cruises import MARGIN_DEG, Outcome
 
-from compasslib import calibrations, earthfield
+from compasslib import angles, calibrations, earthfield
 from compasslib.calibrations import result
 from compasslib.config import calibrations as configured
 from compasslib.config import cruise
@@ -74,7 +74,7 @@ def run(made: Recording, folder: Path) -> Outcome:
             return Outcome(refused=page["why"] or "no table", warnings=warnings)
         known = np.isfinite(got.table.deviation_deg)
         true = made.truth(got.table.heading_deg[known])
-        error = wrap(got.table.deviation_deg[known] - true)
+        error = angles.wrap180(got.table.deviation_deg[known] - true)
         sigma = got.table.sigma_deg[known]
     return Outcome(warnings=warnings, good=1.0, **cruises.scores_of(error, sigma))
 
@@ -82,7 +82,7 @@ def run(made: Recording, folder: Path) -> Outcome:
 def inverse(recorded: np.ndarray, correct: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     """Construct the deviation by recorded heading from noise-free readings over the full circle."""
     order = np.argsort(np.mod(recorded, 360.0))
-    x, y = np.mod(recorded, 360.0)[order], wrap(correct - recorded)[order]
+    x, y = np.mod(recorded, 360.0)[order], angles.wrap180(correct - recorded)[order]
     return lambda heading: np.interp(np.mod(heading, 360.0), x, y, period=360.0)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
+from compasslib import angles
 from compasslib.archive import netcdf, summary
 from compasslib.archive.files import read_json
 from compasslib.errors import InputError
@@ -161,10 +162,6 @@ class Cruise:
         for role, content in self.opened.items():
             content.save(self.path(role))
         (self.folder / "config/moorings/M.yaml").write_text(yaml.safe_dump(self.settings, sort_keys=False))
-
-
-def wrap(degrees: np.ndarray) -> np.ndarray:
-    return np.mod(degrees + 180.0, 360.0) - 180.0
 
 
 def stamps(time_s: np.ndarray) -> np.ndarray:
@@ -409,7 +406,7 @@ def _scored(cruise: Cruise, product: Any, into: Path) -> dict[str, float]:
     truth, heading = cruise.truth_at(time), product.heading_corrected_deg
     if cruise.true_north:
         truth, heading = truth + _declination(cruise, time), heading + product.declination_deg
-    error, sigma = wrap(heading - truth), product.heading_uncertainty_deg
+    error, sigma = angles.wrap180(heading - truth), product.heading_uncertainty_deg
     flag = product.heading_corrected_quality
     np.savez_compressed(into / "errors.npz", time_s=time, error_deg=error, sigma_deg=sigma, flag=flag)
     looked = np.isfinite(error) & (flag == 1)
@@ -437,7 +434,7 @@ def keep_errors_of_file(cruise: Cruise, path: Path, into: Path) -> None:
         )
         time_s = np.asarray(netCDF4.num2date(days, nc["TIME"].units).tolist(), dtype="datetime64[ms]")
     time_s = np.rint(time_s.astype(np.int64) / 1000.0)
-    error = wrap(heading - cruise.truth_at(time_s))
+    error = angles.wrap180(heading - cruise.truth_at(time_s))
     into.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(into / "errors.npz", time_s=time_s, error_deg=error, sigma_deg=sigma, flag=flag)
 

@@ -6,10 +6,12 @@ from copy import deepcopy
 
 import numpy as np
 import pandas as pd
-from cruises import VARIABLE, Attack, Cruise, NotApplicableError, Pd0, Table, stamps, wrap
+from cruises import VARIABLE, Attack, Cruise, NotApplicableError, Pd0, Table, stamps
 from identities import calibrated
 from local import log_heading
 from moorings import HARMLESS as FORMS
+
+from compasslib import angles
 
 
 def dates_written(cruise: Cruise, rng: np.random.Generator) -> str:
@@ -57,7 +59,7 @@ def headings_of_sign(cruise: Cruise, rng: np.random.Generator) -> str:
     top = cruise.record()
     if not isinstance(top, Table):
         raise NotApplicableError
-    top.put_heading(wrap(top.heading))
+    top.put_heading(angles.wrap180(top.heading))
     return "headings from -180 to 180"
 
 
@@ -157,7 +159,7 @@ def right_calibration(cruise: Cruise, rng: np.random.Generator) -> str:
     truth, recorded = cruise.truth_at(top.time_s), top.heading
     correct, read = [], []
     for middle in range(5, 360, 10):
-        off = wrap(truth - middle)
+        off = angles.wrap180(truth - middle)
         near = np.abs(off) < 5.0
         if near.sum() < 8:
             raise NotApplicableError

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from cruises import VARIABLE, Attack, Cruise, Pd0, wrap
+from cruises import VARIABLE, Attack, Cruise, Pd0
 from local import log_heading, stretch
+
+from compasslib import angles
 
 
 def part(rng: np.random.Generator, count: int) -> tuple[np.ndarray, str]:
@@ -36,7 +38,7 @@ def folded(cruise: Cruise, rng: np.random.Generator) -> str:
     heading = top.heading
     new = {
         "modulo 180": np.mod(heading, 180.0), "mirrored above 180": np.where(heading > 180, 360 - heading, heading),
-        "halved": heading / 2.0, "without its sign": np.abs(wrap(heading)),
+        "halved": heading / 2.0, "without its sign": np.abs(angles.wrap180(heading)),
     }[how]  # fmt: skip
     inside, where = part(rng, len(top))
     _put(cruise, new, inside)
@@ -89,7 +91,7 @@ def averaged_across_north(cruise: Cruise, rng: np.random.Generator) -> str:
     """Average headings arithmetically across north, which gives means that point south."""
     top, width = cruise.record(), float(rng.choice([8.0, 20.0, 40.0]))
     heading = top.heading
-    near = np.abs(wrap(heading))
+    near = np.abs(angles.wrap180(heading))
     new = np.where(near < width, heading + rng.uniform(0, 1, len(top)) * (180.0 - heading), heading)
     inside, where = part(rng, len(top))
     _put(cruise, new, inside)

@@ -20,8 +20,9 @@ ENGINE = ("statistics", "preparation", "effects", "deviation", "inference")  # p
 SEALED = Path("benchmarks/proof/world/families.py")
 CARDS = PROJECT / "docs/proof"
 DIGITS = 12  # printed digits of a hash
-# Engines that differ from an earlier one only where that ended in an error, so that its results stand.
-SAME_RESULTS = {"8f0981f36345": "959c527a7a43"}  # single precision in held-out days: 27 moorings of the proof are equal
+# The engine, by the first digits of its hash, of which an earlier one differs only where it ended in an error; the
+# results of the earlier one stand.
+SAME_RESULTS = {"8f0981f36345": "959c527a7a43"}  # factorization of information matrices in held-out days
 
 TRUTH_CHANGED = "the truth is not the one that was sealed before the run"
 RESULTS_CHANGED = "a result is not the one that the pipeline left"

@@ -97,9 +97,9 @@ class _Marginal(NamedTuple):
         return _marginalize(self.square - square, self.pull - pull, len(self.information), variance)
 
     def nonnegative(self, parts: Sequence[NDArray[np.intp]]) -> _Marginal:
-        """Set the information of candidates that have less than none to the nearest that is possible.
+        """Replace information matrices that are not positive definite with the prior by the nearest semidefinite ones.
 
-        Where the noise absorbs a candidate's columns, the difference of products in single precision may be negative.
+        Where the noise absorbs the columns of a candidate, rounding in single precision leaves negative eigenvalues.
         """
         information = self.information.copy()
         for at in parts:

@@ -369,6 +369,3 @@ def draw_swing(path: str | Path, result: Calibration) -> None:
                 Line2D([], [], **LIMIT, label="4° (ISO 25862)"),
             ]
             legend(figure, handles)
-
-
-# A tilt sensor.

@@ -44,6 +44,8 @@ POINT: dict[str, Any] = DOT | {"markersize": 3.5, "color": BLACK}
 BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
 WITHIN = 1.96  # standard deviations of a 95 % interval
 
+# A tilt sensor.
+
 
 def draw_tilt(path: str | Path, calibration: Calibration) -> None:
     """Draw the corrections of pitch and roll against the recorded tilt, with the curves and their 95 % band."""
