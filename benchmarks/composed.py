@@ -74,10 +74,12 @@ def main() -> None:
     parser = targets.parser(__doc__, 54, red=True, rows=True)
     parser.add_argument("--families", type=Path, default=Path(__file__).with_name("families.py"))
     asked = parser.parse_args()
-    every, rows = families(asked.families), []
-    print(f"{len(every)} families, sha256 {hashlib.sha256(asked.families.read_bytes()).hexdigest()}")
-    for index in range(asked.count):
-        rows.append(targets.added(asked.rows, measure(every, index, asked.seed, red=asked.red)))
+    every, sha256 = families(asked.families), hashlib.sha256(asked.families.read_bytes()).hexdigest()
+    print(f"{len(every)} families, sha256 {sha256}")
+    run = {"seed": asked.seed, "red": asked.red, "families": sha256}
+    rows = targets.rows_of(asked.rows, run)[: asked.count]
+    for index in range(len(rows), asked.count):
+        rows.append(targets.added(asked.rows, run | measure(every, index, asked.seed, red=asked.red)))
         targets.progress(f"{index + 1} of {asked.count}")
     targets.head("measure", "value", "target")
     good = [_of_size(rows, size) for size in (3.0, 1.5)]

@@ -1,18 +1,18 @@
 """Calibration of the stated probabilities that an additional observation leaves a single finding.
 
-    python benchmarks/experiments.py 40 1 ROWS     40 ambiguous moorings by seed 1, in slowly veering water
+    python benchmarks/experiments.py 40 1                  40 ambiguous moorings by seed 1, in slowly veering water
+    python benchmarks/experiments.py 40 1 --rows ROWS      with one line of JSON per mooring; an interrupted run resumes
 
 Half a year of each is diagnosed; then its second half, or a second reference at another depth, is added, and the search
 is repeated. A swing of all headings after recovery and a log of the field strength are simulated by formulae
 independent of the engine, and weigh the hypotheses again. A single finding counts as left if the verdict is
-``explained``, or if the probability of no effect is 95 %. An interrupted run resumes from ROWS.
+``explained``, or if the probability of no effect is 95 %.
 """
 
 from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import discrepancy as bench
 import numpy as np
@@ -145,12 +145,11 @@ def measure(index: int, seed: int) -> dict:
 
 
 def main() -> None:
-    parser = targets.parser(__doc__, 40)
-    parser.add_argument("rows", type=Path)
-    asked = parser.parse_args()
-    rows = targets.rows_of(asked.rows, {})
+    asked = targets.parser(__doc__, 40, rows=True).parse_args()
+    run = {"seed": asked.seed}
+    rows = targets.rows_of(asked.rows, run)
     while sum(bool(row["stated"]) for row in rows) < asked.count and len(rows) < MOST:
-        rows.append(targets.added(asked.rows, measure(len(rows), asked.seed)))
+        rows.append(targets.added(asked.rows, run | measure(len(rows), asked.seed)))
         targets.progress(f"{sum(bool(row['stated']) for row in rows)} of {asked.count}")
     print(f"\n{len(rows)} moorings, {sum(bool(row['stated']) for row in rows)} ambiguous")
     targets.head("observation", "n", "stated", "came", "95 % of what may come if the chances are right")
