@@ -1,311 +1,190 @@
-"""Errors of corrected headings over many simulated moorings of one year.
+"""Coverage of the stated uncertainty of corrected headings where the reference's compass errs as well, by moorings.
 
-    python benchmarks/headings.py                     120 moorings: the tables, each with its target
-    python benchmarks/headings.py 400 7               400 moorings by seed 7
-    python benchmarks/headings.py --heeling           with tilt and vertical iron
-    python benchmarks/headings.py --heeling --tilt    the same, with tilt in the fit
+    python benchmarks/headings.py 400 1 --kind plain --rows ROWS    one kind; an interrupted run resumes
+    python benchmarks/headings.py 60 1 --cores 2                    every kind
 
-Currents, shear across the sphere and headings aligned by the wake are those of compasslib.demo; iron near the compass
-has random direction and up to twice the earth's horizontal field. The reference gives pairs hourly or twice a day;
-headings are corrected every hour. The same seed draws the same moorings.
+Simulated half-years in plain and structured water (gridding.py) and windows of real records (injected.py) are corrected
+without the search, moorings of discrepancy.py with it. All errors have the priors of the product: constant and iron of
+the reference's compass, the constant of the affected one (4 degrees), and a mean veer by the water. Half of the
+references log their heading, the others are vanes. As draws from the prior prove its arithmetic only, the reference's
+errors are also drawn at half of it, at one and a half, and with the tails of Student's t. Each mooring is corrected
+once more without the reference's errors and the mean veer, and compared with the uncertainty less their modes.
 """
 
 from __future__ import annotations
 
-import argparse
-import itertools
-import multiprocessing
-import os
 import sys
-import time
 from dataclasses import replace
-from types import SimpleNamespace as Mooring
+from functools import partial
 
+import discrepancy as bench
+import injected
 import numpy as np
 import targets
-from runs import ONE_THREAD
-from scipy.optimize import least_squares
-from targets import Measured
+from gridding import in_plain_water
 
-from compasslib import angles, compass
-from compasslib.demo import compass as needle
-from compasslib.demo import demonstration, water
-from compasslib.demo.water import HOUR_S, clockwise, stream, white_vector
+from compasslib import angles
+from compasslib.demo import adcp, sealed, water
 from compasslib.deviation import fit_deviation
-from compasslib.deviation.correction import correct_headings, to_body_frame
-from compasslib.deviation.model import observed_heading
-from compasslib.deviation.series import invert_series, multistart_least_squares, series_design
-from compasslib.records import Pairs, Readings, take
+from compasslib.deviation.assessment import find_constant_offset
+from compasslib.deviation.correction import correct
+from compasslib.inference.comparison import Options
+from compasslib.inference.diagnosis import conclude, insufficient
+from compasslib.inference.kinds.mooring import diagnose
+from compasslib.inference.product import compass_along_record
+from compasslib.preparation.pairs import PairRules, find_pairs
+from compasslib.records import GOOD, CorrectedRecord, EarthField, Pairs, Record
+from tests.world import pairs as sea
 
-STRENGTHS = (0.0, 0.1, 0.2, 0.35, 0.6, 0.85, 1.1, 1.3, 1.6, 2.0)  # hard iron over the earth's horizontal field
-SPREADS, OVERLAPS = ("narrow", "wide"), ("hourly", "twice a day")
-GRID = tuple(itertools.product(STRENGTHS, SPREADS, OVERLAPS))
-SPECS = {"narrow": demonstration.MOORINGS[2:], "wide": demonstration.MOORINGS}  # on the shelf all headings are wide
-WOBBLE_DEG, MEAN_FLOW = {"narrow": (16.0, 26.0), "wide": (25.0, 35.0)}, {"narrow": 1.0, "wide": 0.5}
-FIELD_NT = (11980.0, 52078.0)  # horizontal and vertical at 65.3 N 33 W in 2007
-UPPER_M, LOWER_M = -7.1, 11.6  # means of the two nearest bins of either instrument, below the sphere
-METER_M_S = 0.008  # noise of their mean, each component
-RATIO, SURE = 0.45, 0.95  # target of the ratio of errors; probability from which a branch counts as sure
-BINS = (*itertools.pairwise((0.5, 0.7, 0.9, 0.94, 0.96, 0.98, 0.99, 1.01)), (0.94, 0.96))
-
-
-def draw(index: int, seed: int, heeling: bool) -> Mooring:
-    """Simulate one mooring: the input of the methods, and the truth."""
-    strength, spread, overlap = GRID[index % len(GRID)]
-    rng = stream(seed, name := f"M{index:04d}", "benchmark")
-    spec = SPECS[spread][rng.integers(len(SPECS[spread]))]
-    time_s = demonstration.DEPLOYED_S + HOUR_S * np.arange(rng.integers(8000, 9505))
-    rig = replace(spec.rig, heading_offset_deg=rng.uniform(0.0, 360.0), wobble_deg=rng.uniform(*WOBBLE_DEG[spread]))
-    site, span_s = (spec.latitude_deg, spec.water_depth_m), (time_s[0], time_s[-1] + HOUR_S)
-    climate = replace(spec.climate, mean_m_s=spec.climate.mean_m_s * MEAN_FLOW[spread])
-    currents = water.make_water(seed, name, climate, site=site, span_s=span_s)
-    motion = water.make_motion(seed, name, rig, currents, declination_deg=0.0)
-    series = (motion.heading_deg, motion.sphere_depth_m, heeling * motion.pitch_deg, heeling * motion.roll_deg)
-    heading, sphere, *tilt = (np.interp(time_s, motion.time_s, x) for x in series)
-    iron, (level_nt, down_nt) = draw_iron(rng, strength, heeling), FIELD_NT
-    sensed = [x + heeling * rng.normal(0.0, needle.TILT_NOISE_DEG, x.size) for x in tilt]
-    recorded = needle.recorded_heading((level_nt, down_nt), heading, tilt_deg=tilt, sensed_tilt_deg=sensed, iron=iron)
-    recorded = angles.wrap360(recorded + rng.normal(0.0, needle.NOISE_DEG, recorded.size))
-    upper, lower = (
-        water.velocity(currents, time_s, sphere + below) + white_vector(rng, time_s.size, METER_M_S)
-        for below in (UPPER_M, LOWER_M)
-    )
-    upper = clockwise(upper, recorded - heading)
-    flow, zero = (upper.real, upper.imag, lower.real, lower.imag), np.zeros(time_s.size)
-    columns = (time_s, recorded, *tilt, *flow, sphere + UPPER_M, sphere + LOWER_M, zero, zero)
-    step = slice(None) if overlap == "hourly" else slice(int(rng.integers(12)), None, 12)
-    return Mooring(
-        key=(strength, spread, overlap),
-        coefficients=compass.level_coefficients(iron.soft, iron.hard_nt, horizontal_nT=level_nt, vertical_nT=down_nt),
-        time_s=time_s,
-        heading_deg=angles.wrap360(heading),
-        recorded_deg=recorded,
-        readings=Readings(time_s, recorded, *tilt, to_body_frame(upper.real, upper.imag, recorded)),
-        pairs=Pairs(*(x[step] for x in columns)),
-    )
+HOURS, OWN_DEG = 4400, 4.0  # length of a record; constant of the affected compass, one standard deviation
+PRIORS = {"half the prior": 0.5, "1.5 times the prior": 1.5, "Student's tails": 1.0}
+WATERS, REAL, SEARCHED = ("plain", "structured"), tuple(injected.GAPS), ("null", "single", "unknown")
+KINDS = (*WATERS, *PRIORS, *REAL, *SEARCHED)
+WANTED = {name: {"least": 0.93, "most": 0.97} for name in WATERS} | {"1.5 times the prior": {"least": 0.85}}
+MODES = ("reference constant", "reference iron B", "reference iron C", "veer")
 
 
-def draw_iron(rng: np.random.Generator, strength: float, heeling: bool) -> needle.Iron:
-    """Draw hard iron of random direction and soft iron of a few percent; no iron at strength 0."""
-    towards = np.exp(2j * np.pi * rng.uniform())
-    if strength == 0.0:
-        return needle.Iron()
-    soft, vertical = np.eye(3), 0.0
-    soft[:2, :2] += rng.normal(0.0, [[0.025, 0.01], [0.01, 0.025]])
-    hard = strength * FIELD_NT[0] * 0.5 * (soft[0, 0] + soft[1, 1]) * towards
-    if heeling:
-        vertical = float(rng.normal(0.0, 0.3)) * FIELD_NT[0]
-        soft[2] += rng.normal(0.0, [0.005, 0.005, 0.01])
-        soft[:2, 2] += rng.normal(0.0, 0.003, 2)
-        hard -= FIELD_NT[1] * (soft[0, 2] + 1j * soft[1, 2])  # keeps the total strength unchanged
-    return needle.Iron((hard.real, hard.imag, vertical), tuple(map(tuple, soft.tolist())))
+def record_of(time_s, heading_deg, tilt_deg, depth_m, flow, range_m) -> Record:
+    """Compose the record of an instrument from recorded columns, (n,), and velocities, (n, m) m/s."""
+    none, good = np.full(len(time_s), np.nan), np.ones(flow.shape, dtype=np.int8)
+    columns = (flow.real, flow.imag, np.broadcast_to(range_m, flow.shape), heading_deg, *tilt_deg, none, depth_m)
+    return Record(time_s, *columns, none, none, good, good[:, 0])
 
 
-def measure(task: tuple[int, int, bool, bool]) -> Mooring:
-    """Draw one mooring, correct it by both methods and by both models fitted to the truth."""
-    *task, tilted = task
-    drawn = draw(*task)
-    recorded, heading, pairs = drawn.recorded_deg, drawn.heading_deg, drawn.pairs
-    fit = fit_deviation("exact", pairs, dip_ratio=tilted * FIELD_NT[1] / FIELD_NT[0])
-    decision = correct_headings(drawn.readings, fit, pairs)
-    error = angles.difference(decision.heading_deg, heading)
-    rival = np.abs(angles.difference(decision.other_deg, heading))
-    published = correct_headings(drawn.readings, fit_deviation("von_appen", pairs), pairs).heading_deg
-
-    missed = lambda known: angles.difference(recorded, compass.recorded_heading(known, heading))  # noqa: E731
-    exact = least_squares(missed, drawn.coefficients).x
-    left = np.abs(angles.difference(compass.inverse(exact, recorded), heading[:, None]))
-    series = multistart_least_squares(series_design(heading), angles.difference(heading, recorded))
-    series_left = angles.difference(invert_series(series, recorded), heading)
-    scatter = angles.difference(observed_heading(pairs), heading[np.isin(drawn.time_s, pairs.time_s)])
-    return Mooring(
-        **vars(drawn),
-        folded=fit.folded,
-        error_deg=error,
-        sigma_deg=decision.sigma_deg,
-        probability=decision.probability,
-        right=np.where(np.isfinite(rival), np.abs(error) < rival, np.nan),  # where there is another root
-        published_deg=angles.difference(published, heading),
-        floors_deg=(rms(np.fmin(left[:, 0], left[:, 1])), rms(series_left)),  # of both models fitted to the truth
-        z=(fit.coefficients - exact) / np.sqrt(np.diag(fit.covariance))[:5],
-        spread_deg=float(np.sqrt(-2 * np.log(angles.resultant_length(heading)))) / angles.DEGREE,
-        scatter_deg=1.4826 * float(np.median(np.abs(scatter))),
-    )
+def simulated(kind: str, index: int, seed: int) -> sea.Drawn:
+    """Simulate a mooring in plain or structured water, and find its pairs as the workflow does."""
+    ground = sealed.make(seed, f"M{index:04d}", sealed.Wish(wide=index % 4 >= 2, hours=HOURS))
+    ground = in_plain_water(ground) if kind == "plain" else ground
+    rng, time_s, field = ground.random("coverage"), ground.stamp_s, ground.field
+    top = sealed.read(ground, [], time_s, ground.random("readings"))
+    noises, ranges = (sealed.TOP_NOISE_M_S, sealed.DEEP_NOISE_M_S), [*map(adcp.ranges, (sealed.TOP, sealed.DEEP))]
+    spheres = top.depth_m, top.depth_m + sealed.DEEP_BELOW_M
+    turns = top.recorded_deg - top.heading_deg - top.declination_deg, -top.declination_deg
+    each = []
+    for side, noise, away, sphere, turn in zip((-1.0, 1.0), noises, ranges, spheres, turns, strict=True):
+        flow = water.velocity(ground.currents, time_s, sphere[:, None] + side * away)
+        flow = water.clockwise(flow + water.white_vector(rng, flow.shape, noise), turn[:, None])
+        heading = top.recorded_deg if side < 0.0 else np.full(HOURS, np.nan)
+        each.append(record_of(time_s, heading, top.sensed_tilt_deg, sphere, flow, away))
+    nodes = field.declination_deg, field.horizontal_nt, field.vertical_nt, field.declination_deg
+    upper, lower = each[0], replace(each[1], looks_up=False)
+    pairs = find_pairs(upper, [lower], EarthField(field.time_s, *nodes), PairRules(predict=True))
+    heading = top.heading_deg[np.searchsorted(time_s, pairs.time_s)]
+    return sea.Drawn(pairs, {}, heading, *(float(node.mean()) for node in nodes[1:3]))
 
 
-def rms(x) -> float:  # of finite values, as is the median
-    return share(np.square(x)[np.isfinite(x)] / 100.0) ** 0.5
+def draw(kind: str, index: int, seed: int) -> tuple[sea.Drawn, str]:
+    """Draw a mooring with all errors, and the name of the water that it shares with others."""
+    window = f"{index}"
+    if kind in REAL:
+        cases = [each for each in injected.cases(kind) if each.logged == injected.LOGGED[0]]
+        own = injected.seen(case := cases[index % len(cases)])
+        drawn, window = sea.planted(injected.world(own, 100_000 * seed + index), {}), case.water
+        drawn = replace(drawn, pairs=replace(drawn.pairs, veer_deg=own.pairs.veer_deg))
+    elif kind in SEARCHED:
+        drawn, _ = bench.draw(kind, index, seed)
+    else:
+        drawn = simulated(kind if kind in WATERS else WATERS[index // 4 % 2], index, seed)
+    rng = np.random.default_rng([seed, index])
+    drawn = replace(drawn, pairs=with_turned(drawn.pairs, own_deg=OWN_DEG * rng.normal()))
+    shape = rng.standard_t(4, 3) / np.sqrt(2.0) if kind == "Student's tails" else rng.normal(size=3)
+    errors = PRIORS.get(kind, 1.0) * shape * sea.reference_sizes((drawn.horizontal, drawn.vertical))
+    return sea.refer(drawn, errors, rng, logged=index % 2 == 0), window
 
 
-def median(values) -> float:
-    return float(np.median(finite)) if (finite := [x for x in values if np.isfinite(x)]) else float("nan")
+def with_turned(pairs: Pairs, own_deg: float = 0.0, reference_deg: np.ndarray | float = 0.0) -> Pairs:
+    """Turn the readings of the affected compass with its velocities, and the velocities of the reference, clockwise."""
+    upper = angles.turn(pairs.upper_east, pairs.upper_north, np.full(len(pairs), own_deg))
+    lower = angles.turn(pairs.lower_east, pairs.lower_north, np.zeros(len(pairs)) + reference_deg)
+    velocities = dict(zip(("upper_east", "upper_north", "lower_east", "lower_north"), (*upper, *lower), strict=True))
+    return replace(pairs, heading_deg=angles.wrap360(pairs.heading_deg + own_deg), **velocities)
 
 
-def share(values) -> float:
-    return 100.0 * float(np.mean(values)) if np.size(values) else float("nan")
+def without_reference(drawn: sea.Drawn) -> sea.Drawn:
+    """Remove the realised errors of the reference, and the mean veer between the depths, from the pairs."""
+    pairs = with_turned(drawn.pairs, reference_deg=-drawn.reference_deg)
+    upper, lower = pairs.upper_east + 1j * pairs.upper_north, pairs.lower_east + 1j * pairs.lower_north
+    product = sea.turned(lower, angles.difference(pairs.heading_deg, drawn.heading)) * np.conj(upper)
+    veer_deg = -float(np.rad2deg(np.angle(np.sum(product / np.sqrt(np.abs(product))))))  # weighted by speed
+    return replace(drawn, pairs=with_turned(pairs, reference_deg=-veer_deg))
 
 
-def those(told: list[Mooring], *names, least: float = 0.0, most: float = 9.0) -> list[Mooring]:
-    """Select moorings by bounds of the strength and by names (strength, spread, overlap or all)."""
-    return [x for x in told if {"all", *x.key}.issuperset(names) and least <= x.key[0] <= most]
+def corrected(drawn: sea.Drawn, *, search: bool) -> CorrectedRecord:
+    """Correct a mooring as the workflow does, with or without its search."""
+    pairs, field, flow = drawn.pairs, bench.field_of(drawn), drawn.pairs.upper_east + 1j * drawn.pairs.upper_north
+    tilts, depth = (pairs.pitch_deg, pairs.roll_deg), pairs.upper_depth_m
+    record = record_of(pairs.time_s, pairs.heading_deg, tilts, depth, flow[:, None], 0.0)
+    series = {**drawn.covariates, "depth": depth, "speed": np.abs(flow)}
+    fit = fit_deviation("exact", pairs)
+
+    def searched(some: Pairs):
+        if not search:
+            return insufficient("not searched")
+        at = np.searchsorted(pairs.time_s, some.time_s)
+        return diagnose(some, {name: column[at] for name, column in drawn.covariates.items()}, fit, field, Options())
+
+    constant = partial(find_constant_offset, pairs=pairs, declination_deg=0.0)
+    made = conclude(searched, pairs, record, field, series, fit=fit, find_constant=constant).product
+    at = compass_along_record(made, record, field, series)
+    return correct(record, made.fit, field, pairs, at, unmodelled_deg=made.left_deg, doubts=made.doubts)
 
 
-def joined(told: list[Mooring], name: str) -> np.ndarray:
-    return np.concatenate([np.zeros(0), *(getattr(one, name) for one in told)])
+def common_variance(made: CorrectedRecord) -> np.ndarray | float:
+    """Sum the variances of the modes of reference and veer, (n,) square degrees; 0 if none are stated."""
+    modes = getattr(made, "heading_modes_deg", {})
+    return sum((modes[name] ** 2 for name in MODES if name in modes), 0.0)
 
 
-def table(title: str, head: str, rows) -> None:
-    print(f"\n**{title}**")
-    targets.head(*head.split(", "))
-    for row in rows:
-        targets.line(*(f"{x:.2f}" if isinstance(x, float) else x for x in row))
+def measure(kind: str, index: int, seed: int) -> dict:
+    """Correct a mooring with and, by a perfect reference, without the errors of its reference."""
+    drawn, window = draw(kind, index, seed)
+    row = {"kind": kind, "index": index, "window": window}
+    cases = {"without": without_reference(drawn)} | ({} if kind in SEARCHED else {"whole": drawn})
+    for name, case in cases.items():
+        made = corrected(case, search=kind in SEARCHED)
+        off = angles.difference(made.heading_corrected_deg, drawn.heading)
+        known = np.isfinite(off)
+        left = made.heading_uncertainty_deg**2 - (common_variance(made) if name == "without" else 0.0)
+        off, sigma = off[known], np.sqrt(np.maximum(left, 0.0))[known]
+        good = (made.heading_corrected_quality == GOOD).mean()
+        within = (np.abs(off) < 1.96 * sigma).mean() if known.any() else np.nan
+        row[name] = {"within": within, "error": angles.rms(off), "sigma": angles.rms(sigma), "good": good}
+    return row
 
 
-def overview(told: list[Mooring]) -> None:
-    rows = []
-    for key in (key for key in GRID if those(told, *key)):
-        some = those(told, *key)
-        ours, theirs = ([rms(getattr(one, name)) for one in some] for name in ("error_deg", "published_deg"))
-        corrects = share(np.isfinite(joined(some, "published_deg")))
-        drawn = (median(one.spread_deg for one in some), median(one.scatter_deg for one in some))
-        drawn += (f"{sum(one.folded for one in some)} of {len(some)}",)
-        rows.append((*key, *drawn, median(ours), max(ours), median(theirs), max(theirs), corrects))
-    head = "iron, headings, overlaps, spread, scatter, fitted folded, rms, worst, published rms, worst, corrects %"
-    table("Heading error after correction, degrees", head, rows)
-
-
-def weak_iron(told: list[Mooring]) -> list[Measured]:
-    rows, beyond = [], []
-    for name in ("all", *SPREADS, *OVERLAPS):
-        over = []
-        for one in (some := those(told, name, least=0.1, most=0.6)):
-            left = np.square([rms(one.error_deg), rms(one.published_deg)]) - np.square(one.floors_deg)
-            over.append(np.sqrt(np.maximum(left, 0.0)))
-        ours, theirs = (median(x[i] for x in over) for i in (0, 1))
-        rows.append((name, len(some), ours, theirs, ours / theirs))
-        beyond = beyond or [float(x[0] - RATIO * x[1]) for x in over]
-    head = "moorings, n, error beyond the truth's own fit, published method's, ratio"
-    table("1. Iron 0.1-0.6 H, degrees, medians over moorings", head, rows)
-    what = f"1. error beyond the truth's own fit, less {RATIO} of the published method's, degrees"
-    return [targets.mean(what, beyond, most=0.0)] if beyond else []
-
-
-def strong_iron(told: list[Mooring]) -> list[Measured]:
-    lines: list[Measured] = []
-    for number, overlap in zip((2, 3), OVERLAPS, strict=True):
-        rows = []
-        for name in ("all", *SPREADS, *STRENGTHS[6:]):
-            some = those(told, overlap, name, least=1.1)
-            error, sure = joined(some, "error_deg"), joined(some, "probability") >= 0.95
-            each = [rms(one.error_deg) for one in some]
-            each_sure = median(rms(one.error_deg[one.probability >= 0.95]) for one in some)
-            every = (share(np.isfinite(error)), median(each), rms(error), max(each, default=np.nan))
-            rows.append((name, len(some), *every, share(sure), each_sure, rms(error[sure])))
-        head = "moorings, n, corrected %, rms median, pooled, worst, sure %, rms where sure median, pooled"
-        table(f"{number}. Iron 1.1-2 H, {overlap}, degrees", head, rows)
-        lines += strong_targets(number, those(told, overlap, least=1.1))
+def report(rows: list[dict]) -> list[targets.Measured]:
+    """Compute the shares of headings within the stated 95 %, with intervals over moorings, or windows of real water."""
+    lines, told = [], {"whole": "whole uncertainty", "without": "less reference and veer"}
+    for kind in KINDS:
+        for name, what in told.items():
+            some = [row for row in rows if row["kind"] == kind and name in row]
+            groups = {"": some}
+            if kind in WATERS and name == "whole":
+                groups |= {", reference logs its heading": some[::2], ", vane": some[1::2]}
+            for group, own in groups.items():
+                if not own:
+                    continue
+                windows = list(dict.fromkeys(row["window"] for row in own))
+                each = [np.mean([row[name]["within"] for row in own if row["window"] == one]) for one in windows]
+                wanted = {} if group or name == "without" else WANTED.get(kind, {})
+                one = targets.mean(f"{kind}{group}: within 95 %, {what}", each, unit=" %", times=100.0, **wanted)
+                error, sigma = (angles.rms(np.array([row[name][key] for row in own])) for key in ("error", "sigma"))
+                good = np.mean([row[name]["good"] for row in own])
+                value = f"{one.value}; error {error:.2f}°, stated {sigma:.2f}°, good {100.0 * good:.1f} %"
+                lines.append(replace(one, value=value))
     return lines
-
-
-def strong_targets(number: int, some: list[Mooring]) -> list[Measured]:
-    """Compute shares and errors of two-valued compasses with their targets: all headings, or only sure ones."""
-    if not some:
-        return []
-    if number == 2:
-        corrected = [float(np.isfinite(one.error_deg).mean()) for one in some]
-        return [
-            targets.mean("2. corrected", corrected, least=0.95, unit=" %", times=100.0),
-            targets.mean("2. rms, degrees", [rms(one.error_deg) for one in some], most=6.0),
-        ]
-    sure = [one.probability >= SURE for one in some]
-    errors = [rms(one.error_deg[is_sure]) for one, is_sure in zip(some, sure, strict=True) if is_sure.any()]
-    return [
-        targets.mean("3. sure", [float(is_sure.mean()) for is_sure in sure], least=0.75, unit=" %", times=100.0),
-        targets.mean("3. rms where sure, degrees", errors, most=12.0),
-    ]
-
-
-def honesty(told: list[Mooring]) -> list[Measured]:
-    probability, right, rows = joined(told, "probability"), joined(told, "right"), []
-    for i, (low, high) in enumerate(BINS):
-        inside = np.isfinite(right) & (probability >= low) & (probability < high)
-        where = f"{low:g}-{min(high, 1):g}" if i < len(BINS) - 1 else "of those given 95 % (0.94-0.96)"
-        rows.append((where, int(inside.sum()), share(probability[inside]), share(right[inside])))
-    table("4. Branch probability, records with two roots", "stated, n, mean stated %, right %", rows)
-
-    recorded, rows = np.concatenate([one.recorded_deg for one in told]), []
-    error, sigma = joined(told, "error_deg"), joined(told, "sigma_deg")
-    folded = np.repeat([one.key[0] > 1.0 for one in told], [one.error_deg.size for one in told])
-    kinds = {"all": folded | True, "folded": folded, "unfolded": ~folded}
-    kinds |= {f"recorded {a}-{a + 30}": recorded // 30 == a // 30 for a in range(0, 360, 30)}
-    for name, inside in kinds.items():
-        some = inside & np.isfinite(error)
-        off = error[some] / sigma[some]
-        rows.append((name, off.size, share(np.abs(off) < 1.96), rms(error[some]), rms(sigma[some]), rms(off)))
-    table("5. 95 % intervals", "records, n, covered %, rms error, rms stated, rms error/stated", rows)
-    each = [np.abs(one.error_deg / one.sigma_deg)[np.isfinite(one.error_deg)] < 1.96 for one in told]
-    covered = [float(one.mean()) for one in each if one.size]
-    return [targets.mean("5. headings within their 95 %", covered, least=0.93, most=0.97, unit=" %", times=100.0)]
-
-
-def coefficients(told: list[Mooring]) -> list[Measured]:
-    rows, lines = [], []
-    for overlap in OVERLAPS:
-        z = np.array([one.z for one in those(told, "narrow", overlap, most=0.85)]).reshape(-1, 5)
-        for letter, column in zip("ABCDE", z.T, strict=True):
-            rows.append((overlap, letter, column.size, share(column) / 100, column.size**-0.5, rms(column)))
-            if column.size:
-                lines.append(targets.mean(f"6. mean z of {letter}, {overlap}", column, least=0.0, most=0.0))
-                lines.append(targets.mean(f"6. mean square z of {letter}, {overlap}", column**2, least=1.0, most=1.0))
-    head = "overlaps, coefficient, n, mean z, its standard error, rms z"
-    table("6. Coefficients, narrow headings, iron under 1 H", head, rows)
-
-    null = those(told, 0.0)
-    change = [angles.wrap180(one.error_deg + one.heading_deg - one.recorded_deg) for one in null]
-    over = [rms(x / one.sigma_deg) for x, one in zip(change, null, strict=True)]
-    rms_of = [median(map(rms, x)) for x in (change, [one.sigma_deg for one in null], [[x] for x in over])]
-    row = (len(null), *rms_of, max(over, default=np.nan), share(np.less(over, 1)))
-    head = "n, applied, stated, applied/stated rms median, worst, under 1 %"
-    table("7. Compasses without iron, degrees", head, [row])
-    if over:
-        lines.append(targets.mean("7. applied over stated", over, most=1.0))
-    return lines
-
-
-def clock(seed: int, heeling: bool) -> Measured:
-    seconds = []
-    for index in (4, 6, 16, 18, 24, 26, 36, 38):  # hourly overlaps, iron 0.1, 0.6, 1.1 and 2 H
-        drawn = draw(index, seed, heeling)
-        pairs, readings = (take(x, np.arange(8000)) for x in (drawn.pairs, drawn.readings))
-        begin = time.perf_counter()
-        fit = fit_deviation("exact", pairs)
-        correct_headings(readings, fit, pairs)
-        seconds.append(time.perf_counter() - begin)
-    title = "8. Fit and headings of 8000 pairs, one core"
-    table(title, "n, seconds, most", [(len(seconds), median(seconds), max(seconds))])
-    return targets.limit("8. seconds a fit, median", median(seconds), most=3.0)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("count", nargs="?", type=int, default=120, help="moorings (default 120)")
-    parser.add_argument("seed", nargs="?", type=int, default=2007)
-    parser.add_argument("--heeling", action="store_true", help="tilt and vertical iron")
-    parser.add_argument("--tilt", action="store_true", help="tilt in the fit")
+    parser = targets.parser(__doc__, 60, KINDS, rows=True)
+    parser.add_argument("--cores", type=int, default=1)
     asked = parser.parse_args()
-    told, begin = [], time.perf_counter()
-    with multiprocessing.Pool(2) as pool:
-        for one in pool.imap(measure, [(index, asked.seed, asked.heeling, asked.tilt) for index in range(asked.count)]):
-            told.append(one)
-            targets.progress(f"{len(told)} of {asked.count}, {time.perf_counter() - begin:.0f} s")
-    print(file=sys.stderr)
-    overview(told)
-    lines = [line for tell in (weak_iron, strong_iron, honesty, coefficients) for line in tell(told)]
-    lines.append(clock(asked.seed, asked.heeling))
-    sys.exit(targets.report(lines))
+    there = {*KINDS} - {name for name in REAL if not injected.file_of(name).exists()}
+    kinds = [kind for kind in KINDS if kind in there and asked.kind in (None, kind)]
+    wanted = [(kind, index) for kind in kinds for index in range(asked.count)]
+    rows = targets.resumed(asked.rows, {"seed": asked.seed}, wanted, partial(measure, seed=asked.seed), asked.cores)
+    sys.exit(targets.report(report(rows)))
 
 
 if __name__ == "__main__":
-    if not ONE_THREAD.items() <= os.environ.items():  # read when numpy loads
-        os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | ONE_THREAD)
     main()

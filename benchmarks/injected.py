@@ -16,6 +16,7 @@ import itertools
 import sys
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 
 import discrepancy as bench
 import numpy as np
@@ -74,6 +75,11 @@ class Case:
     def water(self) -> str:
         """Name of the window, whose cases share their water."""
         return f"{self.record} {self.part + 1}/{self.of}"
+
+
+def file_of(record: str) -> Path:
+    """Locate the file of a record."""
+    return AQUADOPP if record == LEFT_OUT else water.DATA / water.FILES[record]
 
 
 @cache
@@ -317,8 +323,7 @@ def main() -> None:
     parser.add_argument("--record", choices=tuple(GAPS), action="append")
     parser.add_argument("--gap", type=int, help="cells between the trusted bin and the nearest of the others")
     asked = parser.parse_args()
-    files = {name: water.DATA / file for name, file in water.FILES.items()} | {LEFT_OUT: AQUADOPP}
-    records = [name for name in asked.record or GAPS if files[name].exists() and asked.gap in (None, *GAPS[name])]
+    records = [name for name in asked.record or GAPS if file_of(name).exists() and asked.gap in (None, *GAPS[name])]
     if not records:
         print(f"not measured: there is no real record in {water.DATA} to inject into")
         return

@@ -9,6 +9,8 @@ import argparse
 import json
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -185,14 +187,20 @@ def added(file: Path | None, row: dict[str, Any]) -> dict[str, Any]:
 
 
 def resumed(
-    file: Path | None, run: dict[str, Any], wanted: Sequence[tuple[str, int]], measure: Callable[[str, int], Any]
+    file: Path | None,
+    run: dict[str, Any],
+    wanted: Sequence[tuple[str, int]],
+    measure: Callable[[str, int], Any],
+    cores: int = 1,
 ) -> list[dict[str, Any]]:
     """Return a row for each wanted (kind, index), read from a file of this run, or measured and added to it."""
     known = {(row["kind"], row["index"]): row for row in rows_of(file, run)}
-    for count, (kind, index) in enumerate(wanted, 1):
-        if (kind, index) not in known:
-            known[kind, index] = added(file, run | measure(kind, index))
-            progress(f"{kind} {index + 1}, {count} of {len(wanted)}")
+    missing = [one for one in wanted if one not in known]
+    with ProcessPoolExecutor(cores) if cores > 1 else nullcontext() as pool:
+        made = (pool.map if pool else map)(measure, *zip(*missing, strict=True)) if missing else ()
+        for count, (one, row) in enumerate(zip(missing, made, strict=True), 1):
+            known[one] = added(file, run | row)
+            progress(f"{one[0]} {one[1] + 1}, {count} of {len(missing)}")
     print(file=sys.stderr)
     return [known[one] for one in wanted]
 

@@ -7,7 +7,7 @@ tilt, water and effects are implemented independently of the analysis.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -101,6 +101,7 @@ class Drawn:
     visible_deg: dict[str, float] = field(default_factory=dict)
     world: World | None = None
     parts: list[tuple[Effect, float]] = field(default_factory=list)  # planted effects and their sizes
+    reference_deg: Floats | float = 0.0  # error of the reference's directions in the pairs, (n,)
 
 
 def red(rng: np.random.Generator, n: int, memory: float, deviation: float) -> Floats:
@@ -455,3 +456,35 @@ def planted(world: World, wanted: dict[str, float], made: Mapping[str, Effect] |
     )  # fmt: skip
     covariates = {"temperature": world.temperature, "supply_voltage": world.voltage}
     return Drawn(pairs, covariates, world.heading % 360.0, *world.earth, truth, seen, world, parts)
+
+
+# A compass that was not calibrated in place: its constant, iron along either axis, and offset of its tilt sensor.
+CONSTANT_DEG, IRON_NT, LEVEL_DEG = 2.0, 525.0, 0.4
+WAKE_DEG, VANE_DEG = 40.0, 10.0  # spread of the reference's heading about the flow, of an instrument and of a vane
+
+
+def reference_sizes(earth: tuple[float, float]) -> Floats:
+    """Compute the standard deviations of constant, sine and cosine by the heading of an ordinary compass, degrees.
+
+    Args:
+        earth: horizontal and vertical field, nT.
+    """
+    iron_deg = float(np.hypot(IRON_NT / earth[0] / RAD, LEVEL_DEG * earth[1] / earth[0]))
+    return np.array([CONSTANT_DEG, iron_deg, iron_deg])
+
+
+def refer(drawn: Drawn, errors: Floats, rng: np.random.Generator, *, logged: bool) -> Drawn:
+    """Turn the reference's directions by the errors of its compass.
+
+    Args:
+        errors: constant, sine and cosine by its heading, degrees, (3,).
+        logged: whether it is an instrument that logs its heading, or a vane along the flow, whose heading is not known.
+    """
+    pairs = drawn.pairs
+    flow = pairs.lower_east + 1j * pairs.lower_north
+    spread, offset = (WAKE_DEG, rng.uniform(0.0, 360.0)) if logged else (VANE_DEG, 0.0)
+    heading = towards(flow) + offset + red(rng, len(flow), 12, spread)
+    wrong = errors @ np.array([np.ones(len(flow)), np.sin(heading * RAD), np.cos(heading * RAD)])
+    flow, recorded = turned(flow, wrong), (heading + wrong) % 360.0 if logged else None
+    pairs = replace(pairs, lower_east=flow.real, lower_north=flow.imag, lower_heading_deg=recorded)
+    return replace(drawn, pairs=pairs, reference_deg=wrong)
