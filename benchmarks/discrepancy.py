@@ -3,7 +3,8 @@
     python benchmarks/discrepancy.py 300 1 --kind null     one kind: null, single, two, unknown, control, clock
     python benchmarks/discrepancy.py 100 1 --rows PATH     with one line of JSON per mooring; an interrupted run resumes
 
-Visible sizes are residuals after a fit of five coefficients. It uses one core.
+Visible sizes are residuals after a fit of five coefficients. The reference's compass has errors of its own, and every
+other reference logs its heading. It uses one core.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import itertools
 import sys
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -58,9 +60,29 @@ def draw(kind: str, index: int, seed: int, *, red: bool = False) -> tuple[sea.Dr
     elif kind == "control" and size:
         wanted = {"temperature": size}
     drawn = sea.planted(world, wanted)
+    if slow:
+        drawn = replace(drawn, pairs=replace(drawn.pairs, veer_deg=mean_veer(slow, world.flow)))
     if kind == "control" and size:  # the logged temperature is not the cause
         drawn.covariates["temperature"] = np.roll(drawn.covariates["temperature"], 24 * world.rng.integers(50, 110))
     return drawn, wanted
+
+
+def mean_veer(slow: sea.SlowWater, flow: np.ndarray) -> float:
+    """Compute the standard deviation of the mean turn over a record between the depths, degrees."""
+    days = len(flow) / 24.0
+
+    def of_mean(memory: float) -> float:  # of first-order noise with unit standard deviation
+        return np.sqrt(2.0 * memory / days * (1.0 - memory / days * (1.0 - np.exp(-days / memory))))
+
+    shear_deg = np.rad2deg(slow.shear_m_s / np.median(np.abs(flow)))
+    return float(np.hypot(slow.veer_deg * of_mean(slow.veer_days), shear_deg * of_mean(slow.shear_days)))
+
+
+def referred(drawn: sea.Drawn, index: int, seed: int) -> sea.Drawn:
+    """Turn the reference by the errors of an ordinary compass; every other reference logs its heading."""
+    rng = np.random.default_rng([seed, index])
+    errors = rng.normal(size=3) * sea.reference_sizes((drawn.horizontal, drawn.vertical))
+    return sea.refer(drawn, errors, rng, logged=index % 2 == 0)
 
 
 def two(rng) -> list[str]:
@@ -85,6 +107,7 @@ def fitted(drawn: sea.Drawn) -> DeviationFit:
 def measure(kind: str, index: int, seed: int, *, red: bool = False) -> dict:
     """Diagnose one mooring and return its row of the score."""
     drawn, wanted = draw(kind, index, seed, red=red)
+    drawn = referred(drawn, index, seed)
     fit, field, found, row = diagnosed(drawn, max(wanted.values(), default=0.0))
     if found.current and "current_veer" in drawn.truth:  # otherwise it describes the slow shear of the simulation
         row["sets"].append(["current_veer"])
@@ -207,7 +230,7 @@ def report(rows: list[dict]) -> bool:
         seen = [r for r in some if detected(r)]
         alone = [r for r in seen if len(r["sets"]) == 1 and len(r["sets"][0]) == 1 and r["left"] is None]
         what = f"single {size}: P of the truth's side at least 1/2"
-        line(what, targets.share_of(map(detected, some)), "see reach.py")
+        line(what, targets.share_of(map(detected, some)))
         good.append(held(f"single {size}: truth in the set, where detected", map(covered, seen), least=0.97))
         good.append(held(f"single {size}: right where one name is given", map(covered, alone), least=0.97))
         good.append(held(f"single {size}: family right where one name is given", map(family, alone), least=0.99))

@@ -4,10 +4,11 @@
     python benchmarks/injected.py 60 1 --record papa                every kind of one record
 
 The bins of one profile share their compass: they differ by the water only, and any finding on a compass is false. One
-bin is the reference; the headings of those beyond a gap are re-read by a compass near iron (tests/world/pairs.py). Of
-aqd9330, a point meter, the mean of the hours 3 h before and after is the second instrument. In two of three nulls the
-logged covariates are reversed in time or shifted by weeks. eh2 and papa were used to tune the layers of the simulated
-currents (docs/sea.md), and eh2 the largest lag of the water; aqd9330 was used for no choice. Needs ../shared/data.
+bin is the reference, turned by the errors of a compass of its own; the headings of those beyond a gap are re-read by a
+compass near iron (tests/world/pairs.py). Of aqd9330, a point meter, the mean of the hours 3 h before and after is the
+second instrument. In two of three nulls the logged covariates are reversed in time or shifted by weeks. eh2 and papa
+were used to tune the layers of the simulated currents (docs/sea.md), and eh2 the largest lag of the water; aqd9330 was
+used for no choice. Needs ../shared/data.
 """
 
 from __future__ import annotations
@@ -230,6 +231,7 @@ def measure(kind: str, index: int, seed: int, records: list[str], gap: int | Non
     case = some[k % len(some)]
     own = seen(case)
     drawn, size = draw(case, own, kind, k, 100_000 * seed + 10_000 * KINDS.index(kind) + index)
+    drawn = bench.referred(drawn, index, seed)
     fit, field, found, row = bench.diagnosed(drawn, size, Options(reference_magnetic=False))
     row |= {"kind": kind, "index": index, "record": record, "water": case.water, "case": vars(case)}
     return row if found.verdict == "insufficient" else row | errors(drawn, own, fit, field, found)

@@ -187,7 +187,7 @@ def test_perfect_tool_scores_one_and_blind_tools_low():
         (truth("single", "current_veer"), said() | {"current": [{"driver": "speed"}]}, "right", 1.0),
         (truth("single", "heeling"), said(("heeling",)) | {"current": [{"driver": "speed"}]}, "right", 1.0),
         (truth("null"), said(("reference_slip",), side="reference"), "false name", 0.0),
-        (truth("reference"), said(("reference_deviation",), side="reference"), "right", 1.0),
+        (truth("null"), said(("reference_deviation",), side="reference"), "right", 1.0),
         (truth("null"), said() | {"verdict": "insufficient"}, "refused", 0.0),
         (truth("noisy"), said(left=True), "false alarm", 0.0),
         (truth("single", "heeling"), said(("heeling",)), "right", 1.0),

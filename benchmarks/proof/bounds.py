@@ -29,7 +29,7 @@ def errors_deg(results: Path, locked: Path, name: str, deviation: dict[str, Any]
     """
     if not deviation.get("coefficients"):
         return {"published_deg": None, "sampled_deg": None}
-    time_s, heading, recorded, plain, veer = np.load(locked / f"{name}.npy")
+    time_s, heading, recorded, plain, veer, _ = np.load(locked / f"{name}.npy")
     pairs = netcdf.read_pairs(results / "overlap.nc")
     series = fit_series(pairs)
     published = invert_series(series.coefficients, recorded)

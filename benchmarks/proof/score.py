@@ -98,9 +98,9 @@ def judge(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
 
 
 def _accused(truth: dict[str, Any], diagnosis: dict[str, Any]) -> bool:
-    """Return whether compass or clock are named; the water always may be, and a reference that has a deviation."""
-    spared = {"water", "reference"} if truth["kind"] == "reference" else {"water"}
-    return any(one.get("side", "compass") not in spared for one in diagnosis["findings"])
+    """Return whether compass or clock are named; the water may be, and the deviation that every reference has."""
+    named = [one for one in diagnosis["findings"] if one["effect"] != "reference_deviation"]
+    return any(one.get("side", "compass") != "water" for one in named)
 
 
 def _name(truth: dict[str, Any], named: list[list[str]]) -> str:

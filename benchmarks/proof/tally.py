@@ -105,7 +105,7 @@ def measures(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 QUIET = {
     "null": "no effect", "noisy": "doubled noise", "turned": "sphere that turns by itself",
-    "veering": "slow directional shear of 2 to 4°", "reference": "reference with a deviation of 1 to 2°",
+    "veering": "slow directional shear of 2 to 4°", "reference": "errors of the reference's compass 1.5 times as large",
     "rolled": "real record, covariates shifted in time", "mirrored": "real record in mirror image",
 }  # fmt: skip
 

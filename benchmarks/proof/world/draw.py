@@ -119,7 +119,7 @@ def _one(seed: int, name: str, kind: str, turn: int, how: tuple[int, dict[str, b
         shift=float(rng.uniform(0.2, 0.8)) if kind in ("shifted", "rolled") else 0.0, noise=weather.noise,
         by_ping=bool(rng.random() < 0.6), lost_beam=float(rng.uniform(0.1, 0.6)) if rng.random() < 0.2 else 0.0,
         fouling=float(rng.uniform(0.2, 0.6)) if rng.random() < 0.3 else 0.0,
-        reference_deg=float(rng.uniform(1.0, 2.0)) if kind == "reference" else float(rng.uniform(0.0, 0.3)),
+        reference=1.5 if kind == "reference" else 1.0,
     )  # fmt: skip
     if kind == "reference":
         made = replace(made, table=False)

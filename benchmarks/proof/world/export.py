@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from benchmarks.proof.world import compass
 from benchmarks.proof.world.compass import Meter, Planted, Read
-from benchmarks.proof.world.scene import Acts, Complexes, Floats, Scene, bridged, turned, wrap
+from benchmarks.proof.world.scene import Acts, Complexes, Floats, Scene, bridged, towards, turned, wrap
 from compasslib.demo import adcp
 from compasslib.demo.adcp import Ensembles, Setup, inclinometers
 from tests.world import observatory
+from tests.world.pairs import reference_sizes
 
 NOISE_M_S, LOWER_NOISE_M_S, SUPPLY_NOISE, TEMPERATURE_NOISE_K = 0.012, 0.012, 0.5, 0.02
 GAPS, LONGEST_GAP = 3, 30  # number of gaps, and their largest length in ensembles
@@ -39,7 +40,7 @@ class Export:
     by_ping: bool = True  # whether each ping is rotated by its own heading, or their mean by the mean heading
     lost_beam: float = 0.0  # share of the record, at its end, in which a beam is missing
     fouling: float = 0.0  # share of the range that is lost at the end
-    reference_deg: float = 0.0  # deviation of the compass of the reference
+    reference: float = 1.0  # errors of the reference's compass relative to ordinary ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +59,12 @@ class Mooring:
         """Actions of the planted effects."""
         return [one.acts for one in self.planted]
 
+    @property
+    def errors_deg(self) -> Floats:
+        """Constant error of the reference's compass, and its sine and cosine by the heading, degrees, (3,)."""
+        earth = float(self.scene.horizontal_nt.mean()), float(self.scene.vertical_nt.mean())
+        return self.export.reference * self.random("reference").normal(size=3) * reference_sizes(earth)
+
 
 def write(made: Mooring, cruise: Path, locked: Path, facts: dict[str, Any]) -> None:
     """Write raw files and YAML as a separate cruise and, last, the truth to another folder."""
@@ -69,7 +76,7 @@ def write(made: Mooring, cruise: Path, locked: Path, facts: dict[str, Any]) -> N
     read = compass.read(seen, made.meter, made.effects, made.random("readings"))
     kept = _kept(made)
     _write_top(made, raw / "top.000", seen, read, kept)
-    _write_deep(made, raw)
+    wrong = _write_deep(made, raw)
     if made.export.observatory:
         swung = scene.declination_deg + compass.total(made.effects, "north_deg", count)
         field = (swung, scene.horizontal_nt, scene.vertical_nt)
@@ -80,7 +87,7 @@ def write(made: Mooring, cruise: Path, locked: Path, facts: dict[str, Any]) -> N
         (cruise / f"config/{path}.yaml").write_text(yaml.safe_dump(text, sort_keys=False))
     bare = compass.read(seen, made.meter, compass.clocks(made.planted), made.random("readings"))
     veer = compass.total(made.effects, "veer_deg", count)
-    series = (scene.time_s, read.heading_deg, read.recorded_deg, bare.recorded_deg, veer)
+    series = (scene.time_s, read.heading_deg, read.recorded_deg, bare.recorded_deg, veer, wrong)
     np.save(locked / f"{made.name}.npy", np.stack(series)[:, kept])
     effects = [
         {"name": x.family.name, "right": list(x.family.right), "side": x.family.side,
@@ -91,7 +98,8 @@ def write(made: Mooring, cruise: Path, locked: Path, facts: dict[str, Any]) -> N
         "oracle_deg": float(np.std(compass.left_deg(bare.recorded_deg, bare.heading_deg))),
         "background_deg": float(np.std(compass.ideal(scene, made.meter, ()))),
     }
-    (locked / f"{made.name}.json").write_text(json.dumps(facts | {"effects": effects} | errors, indent=1) + "\n")
+    facts |= {"effects": effects, "reference_deg": made.errors_deg.round(4).tolist()}
+    (locked / f"{made.name}.json").write_text(json.dumps(facts | errors, indent=1) + "\n")
 
 
 def _kept(made: Mooring) -> NDArray[np.bool_]:
@@ -139,22 +147,26 @@ def _write_top(made: Mooring, path: Path, seen: Scene, read: Read, kept: NDArray
     adcp.write(path, setup, whole)
 
 
-def _write_deep(made: Mooring, raw: Path) -> None:
-    """Write the record of the reference, whose compass has an independent heading."""
+def _write_deep(made: Mooring, raw: Path) -> Floats:
+    """Write the record of the reference, and return the error of its directions, (n,) degrees.
+
+    Its compass has an independent heading; that of a table is a vane along the flow.
+    """
     scene, export, rng = made.scene, made.export, made.random("deep")
-    n = scene.time_s.size
+    n, vane = scene.time_s.size, made.export.table or made.scene.real
     flow = turned(scene.lower, compass.total(made.effects, "veer_deg", n))
     noise = (0.0 if scene.real else 1.0) * export.noise * LOWER_NOISE_M_S
     flow = flow + noise * (rng.normal(size=n) + 1j * rng.normal(size=n))
     heading = 360.0 * np.cumsum(rng.normal(0.0, 0.012, n)) + rng.uniform(0.0, 360.0)
-    swung = compass.total(made.effects, "north_deg", n)
-    recorded = heading - swung + export.reference_deg * np.sin(np.deg2rad(heading + 40.0)) + rng.normal(0.0, 0.5, n)
-    if not export.true_north:
-        flow = turned(flow, wrap(recorded - heading) - scene.declination_deg)
+    heading = towards(scene.lower) - scene.declination_deg if vane else heading
+    turn = np.deg2rad(heading)
+    wrong = made.errors_deg @ np.array([np.ones(n), np.sin(turn), np.cos(turn)]) + rng.normal(0.0, 0.5, n)
+    recorded = heading - compass.total(made.effects, "north_deg", n) + wrong
+    flow = turned(flow, wrong if export.true_north else wrap(recorded - heading) - scene.declination_deg)
     known = np.isfinite(flow)
-    if export.table or scene.real:
+    if vane:
         _write_table(raw / "deep.csv", scene, flow, known)
-        return
+        return wrong
     velocity = np.zeros((n, DEEP_CELLS, 4))
     velocity[:, 0, 0], velocity[:, 0, 1] = flow.real, flow.imag
     velocity[:, 0, :2] += rng.normal(0.0, 0.3 * LOWER_NOISE_M_S, (n, 2))
@@ -167,6 +179,7 @@ def _write_deep(made: Mooring, raw: Path) -> None:
         np.array([2, 0, 2, 96], dtype=np.uint8) * ones,
     )  # fmt: skip
     adcp.write(raw / "deep.000", _setup(DEEP_CELLS, 2.0, DEEP_FIRST_M, looks_up=False, serial=6200), ensembles)
+    return wrong
 
 
 def _write_table(path: Path, scene: Scene, flow: Complexes, known: NDArray[np.bool_]) -> None:
