@@ -130,12 +130,6 @@ def diagnosed(drawn: sea.Drawn, size: float, options: Options | None = None) -> 
     }  # fmt: skip
 
 
-def bare_state(drawn: sea.Drawn) -> design.FittedModel:
-    """Fit a recording without terms, as the search does first."""
-    case = compare_pairs(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
-    return design.refit(design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1])), [])
-
-
 def against_oracle(drawn, fit, field, found) -> dict:
     """Compute heading errors, coverage and parameter errors, and the heading error of the true model after a fit."""
     case = compare_pairs(drawn.pairs, drawn.covariates, fit, field)

@@ -163,7 +163,6 @@ def main(output: Path) -> int:
             "The published series against curve_fit": of_fits(),
             "Planning 1, 10 and 100 moorings": of_fleets(Path(name)),
             "Memory of one year at 10 minutes, 40 bins": said_by("benchmarks/memory.py", "1"),
-            "Growth with the record, the moorings and the effects": said_by("benchmarks/growth.py"),
         }
     body = "\n\n".join(f"## {title}\n\n{text}" for title, text in sections.items())
     output.parent.mkdir(parents=True, exist_ok=True)

@@ -1,8 +1,7 @@
-"""Runs of the workflow for benchmarks: commands, their cost, and hashes of their results."""
+"""Runs of the workflow for benchmarks: commands and their cost."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import subprocess
@@ -56,10 +55,3 @@ def cost(command: Sequence[str], project: Path = PROJECT) -> Cost:
     if code:
         raise SystemExit(said[-4000:])
     return Cost(*took, said)
-
-
-def hashes(folder: Path, *without: str) -> dict[str, str]:
-    """Compute the SHA-256 of all files, except those in folders of given names."""
-    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
-    kept = [path for path in files if not {*without} & set(path.relative_to(folder).parts)]
-    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in kept}

@@ -379,7 +379,7 @@ def test_verify_rule_reports_differences_and_remakes_nothing(archive):
 
 @pytest.mark.skipif(bool(slurm.missing()), reason=slurm.missing() or "Slurm can be started")
 def test_cluster_run_gives_identical_results(processed, tmp_path):
-    """By Slurm with its profile alone; benchmarks/slurm_cruise.py compares runs of eight moorings."""
+    """By Slurm with its profile alone."""
     there = tmp_path / "there"
     for part in ("config", "raw"):
         shutil.copytree(processed / part, there / part)

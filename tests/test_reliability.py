@@ -363,7 +363,7 @@ def test_a_profile_in_a_cruise_folder_is_refused(sound, tmp_path, name):
 
 
 def test_killed_run_resumes_to_identical_results(sound, tmp_path):
-    """Except benchmarks and logs, which contain times. ``benchmarks/interruptions.py`` kills 100 times at random."""
+    """Except benchmarks and logs, which contain times."""
     killed, whole = (spoilt(sound, tmp_path / name, lambda there: None) for name in "ab")
     raw = hashes(killed / "raw")
     wanted = "results/M1/overlap.nc"

@@ -31,7 +31,7 @@ from compasslib.statistics.resampling import EVEN_BLOCKS, blocks_by_span, cluste
 from compasslib.statistics.whitening import whitened_basis
 from compasslib.types import Floats
 
-# Power of all evidence, since the models of effects and noise are simpler than reality (benchmarks/temperature.py).
+# Power of all evidence, since the models of effects and noise are simpler than reality (docs/background/search.md).
 TEMPERATURE = 0.5
 ALIKE = 4  # power of the similarity of two groups, as weight in the average of their inflations
 BLOCK_S = 3 * 86400.0  # longer than the autocorrelation that the filter leaves
