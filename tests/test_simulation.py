@@ -278,3 +278,20 @@ def test_missing_samples_do_not_shift_the_reference_flow():
     lower = (whole.flow + whole.difference)[kept]
     assert len(drawn.pairs) == len(kept)
     assert np.allclose(drawn.pairs.lower_east + 1j * drawn.pairs.lower_north, lower)
+
+
+@pytest.mark.parametrize("logged", [True, False])
+def test_reference_errs_by_constant_and_iron_of_its_own_heading(logged):
+    bare = pairs.planted(pairs.make(3, wide=True, n=500), {})
+    constant, sine, cosine = pairs.reference_sizes((11_980.0, 52_078.0))
+    # 525 nT of 11,980 are 2.51 degrees, and 0.4 degrees times the dip's tangent of 4.35 are 1.74.
+    assert (constant, sine, cosine) == pytest.approx((2.0, 3.05, 3.05), abs=0.01)
+    made = pairs.refer(bare, np.array([5.0, 3.0, 0.0]), np.random.default_rng(1), logged=logged)
+    before, after = (pairs.towards(x.pairs.lower_east + 1j * x.pairs.lower_north) for x in (bare, made))
+    wrong = pairs.wrap(after - before)
+    np.testing.assert_allclose(wrong, made.reference_deg, atol=1e-9)
+    own = made.pairs.lower_heading_deg
+    assert (own is not None) == logged
+    heading = own - wrong if logged else before
+    # A vane lies along the flow within 10 degrees, of whose sine the tenth part of 3 degrees is 0.5.
+    assert np.std(wrong - 5.0 - 3.0 * np.sin(np.deg2rad(heading))) < (1e-9 if logged else 0.6)
