@@ -175,6 +175,21 @@ class Readings:
 
 
 @dataclass(frozen=True)
+class ReferenceCompass:
+    """Source of a reference's directions, with the standard deviations of its errors."""
+
+    name: str
+    sigma_deg: float  #: of a constant error of its directions
+    iron_deg: float = 0.0  #: of B and of C, the coefficients of sine and cosine of its own heading
+    declination_deg: float = 0.0  #: of the declination between its north and magnetic north; 0 if it is magnetic
+
+    @property
+    def magnetic(self) -> bool:
+        """Whether its directions are from magnetic north."""
+        return self.declination_deg == 0.0
+
+
+@dataclass(frozen=True)
 class Pairs(Labelled):
     """Overlapping measurements of the affected (upper) instrument and the reference (lower), true east and north."""
 
@@ -200,6 +215,7 @@ class Pairs(Labelled):
     veer_deg: float = 0.0
     #: suspected errors of all headings, as indicated by the pairs, (1 sigma in degrees, reason) each
     doubts: tuple[tuple[float, str], ...] = ()
+    compass: ReferenceCompass | None = None  #: of the reference; None if its errors are not considered
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -228,6 +244,7 @@ class CorrectedRecord(Labelled):
     record: Record  #: as recorded, including flags
     heading_corrected_deg: Floats  #: (n,) magnetic, clockwise; NaN where it cannot be corrected
     heading_uncertainty_deg: Floats  #: (n,) degrees, one standard deviation
+    heading_common_deg: Floats  #: (n,) part of it that is common to the record: coefficients, reference, effects
     heading_corrected_quality: Flags  #: (n,) OceanSITES flag of each corrected heading
     deviation_deg: Floats  #: (n,) corrected minus recorded heading, degrees
     branch_probability: Floats  #: (n,) probability of the corrected heading among those with the same reading

@@ -34,6 +34,7 @@ from compasslib.records import (
     CorrectedRecord,
     Pairs,
     Record,
+    ReferenceCompass,
     join_records,
     take,
 )
@@ -127,6 +128,7 @@ def product_of(record: Record, deviation: np.ndarray) -> CorrectedRecord:
         record=record,
         heading_corrected_deg=corrected,
         heading_uncertainty_deg=np.where(np.isfinite(corrected), 2.0, np.nan),
+        heading_common_deg=np.where(np.isfinite(corrected), 1.5, np.nan),
         heading_corrected_quality=np.where(np.isfinite(corrected), GOOD, BAD).astype(np.int8),
         deviation_deg=deviation,
         branch_probability=np.where(np.isfinite(corrected), 0.9, np.nan),
@@ -142,7 +144,16 @@ def product_of(record: Record, deviation: np.ndarray) -> CorrectedRecord:
 
 def make_pairs(n: int = 50) -> Pairs:
     rng = np.random.default_rng(2)
-    others = ("warnings", "expected_m_s", "veer_deg", "doubts", "reference_index", "reference_names", "time_s")
+    others = (
+        "warnings",
+        "expected_m_s",
+        "veer_deg",
+        "doubts",
+        "reference_index",
+        "reference_names",
+        "time_s",
+        "compass",
+    )
     arrays = [field.name for field in dataclasses.fields(Pairs) if field.name not in others]
     values: dict = {name: rng.normal(10, 1, n) for name in arrays}
     values |= {"reference_index": np.arange(n, dtype=np.int8) % 2, "reference_names": ("deep", "mid")}
@@ -155,6 +166,7 @@ def make_pairs(n: int = 50) -> Pairs:
         expected_m_s=(0.046, 0.031),
         veer_deg=1.5,
         doubts=((12.0, "the references differ"),),
+        compass=ReferenceCompass("deep", 2.0, 2.9, 0.5),
     )
 
 

@@ -185,7 +185,7 @@ def test_all_but_eight_keys_have_defaults(cruise: Path) -> None:
             "format": "pd0", "files": ("raw/EG4/top.000",), "depth": None, "orientation": None,
             "declination_applied": None, "heading_alignment": None, "clock_offset_seconds": 0.0,
             "clock_drift_seconds": 0.0, "pressure_offset": 0.0, "direction_reference": "magnetic", "exclude": (),
-            "compass": None, "sphere": None, "compass_sigma_deg": None, "parts": (), "sphere_distance_m": None, "fit": None,
+            "compass": None, "sphere": None, "compass_sigma_deg": None, "compass_iron_nT": None, "parts": (), "sphere_distance_m": None, "fit": None,
             "attributes": {}, "columns": None, "pressure_files": (), "start_offset_seconds": 0.0,
             "bin_size": None, "first_bin": None, "flags": None, "delimiter": None, "decimal": None,
             "time_format": None, "timezone": None, "missing": (), "skip_rows": None,
