@@ -531,7 +531,8 @@ def test_percent_good_is_the_minimum_of_the_beams_used(tmp_path: Path) -> None:
 
 def fixed_sound(folder: Path, *, salinity: int = 35, sound: int = 1500, **fixed: Any) -> Path:
     """Write two ensembles in water of 4 and 6 degrees at 101 dbar, with an EC that was set to 1500 m/s."""
-    same = {"salinity": salinity, "sound": sound, "fixed": {"ez": 0x3D} | fixed}
+    echo = b"\x00\x03" + bytes([40] * 8 + [120] * 4)  # of a boundary in the third bin
+    same = {"salinity": salinity, "sound": sound, "fixed": {"ez": 0x3D} | fixed, "extra": [echo]}
     first, second = ({"number": k, "when": START + timedelta(hours=k), "temperature": 200 + 200 * k} for k in (1, 2))
     return written(folder, ensemble(PROFILE, **first, **same), ensemble(PROFILE, **second, **same))
 
@@ -560,6 +561,7 @@ def test_known_salinity_corrects_velocities_and_ranges(tmp_path, choice, told, s
         np.testing.assert_allclose(getattr(record, name), ratio[:, None] * getattr(kept, name), rtol=1e-4)
     np.testing.assert_allclose(record.profiles["up"], ratio[:, None] * kept.profiles["up"], rtol=1e-4)
     np.testing.assert_allclose(record.bin_range_m, ratio.mean() * kept.bin_range_m, rtol=1e-4)
+    np.testing.assert_allclose(record.echo_range_m, [2 * [8.2 * ratio.mean()]] * 2, rtol=1e-4)
     assert record.quality.tolist() == kept.quality.tolist() == [[1, 1, 9]] * 2
     assert record.counts["sound_speed_corrected"] == 2 and f"salinity {salinity:g} (by" in record.warnings[-1]
     assert record.sound_speed == record.warnings[-1]

@@ -178,11 +178,6 @@ def _read_file(path: str | Path, settings: Settings, arrays: GrowableArrays) -> 
     )
 
 
-def _drop_profiles(ensembles: Ensembles) -> Ensembles:
-    none, no_bytes = np.empty((len(ensembles), 0, 4)), np.empty((len(ensembles), 0, 4), np.uint8)
-    return replace(ensembles, velocity=none, correlation=no_bytes, echo=no_bytes, percent_good=no_bytes)
-
-
 def _turn_chunk(ensembles: Ensembles, size: int, settings: Settings, arrays: GrowableArrays) -> _ChunkCurrents:
     flow = currents.compute_currents(ensembles, settings)
     quality = currents.flag_currents(ensembles, flow.east, flow.north)
@@ -190,8 +185,9 @@ def _turn_chunk(ensembles: Ensembles, size: int, settings: Settings, arrays: Gro
     columns |= {"up": flow.up.astype(np.float32), "error_velocity": flow.error.astype(np.float32)}
     arrays.add(columns | {name: getattr(ensembles, name) for name in COUNTS}, {"quality": MISSING}, size)
     near = ensembles.echo[:, :NEAR_CELLS].astype(float)
+    none, no_bytes = np.empty((len(ensembles), 0, 4)), np.empty((len(ensembles), 0, 4), np.uint8)
     return _ChunkCurrents(
-        leaders=_drop_profiles(ensembles),
+        leaders=replace(ensembles, velocity=none, correlation=no_bytes, echo=no_bytes, percent_good=no_bytes),
         echo_range_m=echo_ranges(ensembles),
         echo_near=np.where(near.any(axis=(1, 2)), near.mean(axis=(1, 2)), np.nan),
         three_beam=flow.three_beam,

@@ -42,14 +42,6 @@ class SoundCorrection:
         return {"sound_speed_corrected": corrected, "sound_speed_doubtful": doubtful}
 
 
-def sound_speed(salinity: ArrayLike, temperature_c: Floats, pressure_dbar: Floats) -> Floats:
-    """Compute the speed of sound in water of a practical salinity, m/s (TEOS-10)."""
-    import gsw  # takes 0.1 s
-
-    absolute = gsw.SR_from_SP(salinity)
-    return np.asarray(gsw.sound_speed(absolute, gsw.CT_from_t(absolute, temperature_c, pressure_dbar), pressure_dbar))
-
-
 def correct_sound_speed(ensembles: Ensembles, choice: str | Mapping[str, float] | None) -> SoundCorrection:
     """Determine the correction from EC, ES, temperature and depth of each ensemble.
 
@@ -86,12 +78,18 @@ def correct_sound_speed(ensembles: Ensembles, choice: str | Mapping[str, float] 
 
 
 def _true_over_used(ensembles: Ensembles, salinity: ArrayLike) -> Floats:
-    """Divide the speed of sound in water of a salinity by EC, (n,), NaN without a thermometer or outside EC's range."""
+    """Divide the speed of sound in water of a practical salinity (TEOS-10) by EC, (n,).
+
+    NaN without a measured temperature, and where EC is none that the command accepts.
+    """
+    import gsw  # takes 0.1 s
+
     temperature = np.where(ensembles.measured & FROM_THERMOMETER, ensembles.temperature_c, np.nan)
     pressure = np.where(np.isfinite(ensembles.pressure_dbar), ensembles.pressure_dbar, ensembles.depth_m)
     used = np.where((ensembles.sound_m_s >= EC[0]) & (ensembles.sound_m_s <= EC[1]), ensembles.sound_m_s, np.nan)
+    absolute = gsw.SR_from_SP(salinity)
     with np.errstate(invalid="ignore"):
-        return sound_speed(salinity, temperature, pressure) / used
+        return np.asarray(gsw.sound_speed(absolute, gsw.CT_from_t(absolute, temperature, pressure), pressure) / used)
 
 
 def _describe_doubtful(ensembles: Ensembles) -> str:
