@@ -151,6 +151,7 @@ class Record(Labelled):
     #: integers of the file, -1 where missing
     profiles: Mapping[str, Rows] = field(default_factory=dict)
     recorded_in: str = ""  #: beam | instrument | ship | earth, if stated in the files
+    sound_speed: str = ""  #: what was done where the speed of sound in its files is not that of the water
     bins_mapped: bool = False  #: whether beam velocities were combined at equal depth, accounting for tilt
     #: (n, 2) range of a boundary's echo, and of the farthest echo of water, m; removed by ``apply_deployment``
     echo_range_m: Floats | None = None

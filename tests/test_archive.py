@@ -109,7 +109,7 @@ def measured(n: int = 200, m: int = 6) -> dict:
     error[::5, :1] = np.nan
     counts = {name: rng.integers(0, 256, (n, m, 4), dtype=np.uint8) for name in ("echo", "correlation", "percent_good")}
     profiles = {"up": up, "error_velocity": error, **counts}
-    return {"profiles": profiles, "pressure_dbar": rng.normal(100, 1, n), "recorded_in": "earth"}
+    return {"profiles": profiles, "pressure_dbar": rng.normal(100, 1, n), "recorded_in": "earth", "sound_speed": "kept"}
 
 
 def make_product(n: int = 200, m: int = 6, *, uncorrectable: int = 20, **other: object) -> CorrectedRecord:
@@ -449,6 +449,7 @@ def test_product_contains_the_measured_variables_only(tmp_path):
             np.testing.assert_array_equal(np.moveaxis(values, 0, 2) if values.ndim == 3 else values, expected)
         assert nc["ECHO_INTENSITY"].dimensions == ("BEAM", "TIME", "BIN") and nc["WCUR"].dimensions == ("TIME", "BIN")
         assert (nc["ERROR_VELOCITY_QC"][::5, 0] == MISSING).all() and nc["PERCENT_GOOD"].recorded_in == "earth"
+        assert nc["UCUR_RECORDED"].sound_speed == nc["WCUR"].sound_speed == "kept"
         np.testing.assert_array_equal(nc["WCUR_QC"][:], record.quality)
         np.testing.assert_array_equal(nc["PRES"][:], record.pressure_dbar)
         left = angles.difference(nc["HEADING_CORRECTED"][:] + nc["DECLINATION"][:], nc["HEADING_TRUE"][:])

@@ -270,7 +270,7 @@ class _Whole:
     declination: tuple[float, float]  # at the first and last sample, degrees, east positive
     measured: tuple[str, ...]  # names of the optional variables that were measured
     beams: int
-    recorded_in: Attributes  # attribute of the measured variables: coordinate system of the recorded velocities
+    recorded_in: Attributes  # of the measured variables: coordinates of the recorded velocities, their speed of sound
     instrument: dict[str, str]  # manufacturer, model and serial number, as far as its files state them
 
 
@@ -298,7 +298,7 @@ def _scan_pieces(pieces: Iterable[CorrectedRecord]) -> _Whole:
         declination=(declination[0], declination[-1]) if declination else (np.nan, np.nan),
         measured=(*perhaps, *(variables.PROFILES[name] for name in record.profiles)),
         beams=_beams(record),
-        recorded_in={"recorded_in": record.recorded_in} if record.recorded_in else {},
+        recorded_in={key: told for key in ("recorded_in", "sound_speed") if (told := getattr(record, key))},
         instrument={key: told for key in SENSOR_KEYS[:3] if (told := getattr(record, key))},
     )
 

@@ -32,6 +32,7 @@ from compasslib.config.section import (
     ProductOptions,
     Reference,
     Section,
+    SoundSpeed,
     Span,
     Switch,
     Text,
@@ -53,6 +54,7 @@ ONLY_FOR = {
     "pressure_files": ("mmp_acm",),
     "start_offset_seconds": ("mmp_acm",),
     "heading_alignment": ("pd0", "netcdf"),
+    "sound_speed": ("pd0",),
     "flags": (*TABLES, "netcdf"),
     "bin_size": ("pd12",),
     "first_bin": ("pd12",),
@@ -263,6 +265,7 @@ class Instrument(TableKeys):
         "degrees from -180 to 180, or {heading: degrees, velocity: degrees}", "0", None
     )
     heading_alignment: Number | None = key("degrees from -360 to 360", "0", None, ge=-360, le=360)
+    sound_speed: SoundSpeed = key("auto, keep, or {salinity: 0 to 42}", "{salinity: 35}", "auto")
     clock_offset_seconds: Number = _seconds()
     clock_drift_seconds: Number = _seconds()
     pressure_offset: Number = key("dbar from -12000 to 12000", "0", 0.0, ge=-12000, le=12000)
