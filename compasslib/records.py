@@ -151,6 +151,7 @@ class Record(Labelled):
     #: integers of the file, -1 where missing
     profiles: Mapping[str, Rows] = field(default_factory=dict)
     recorded_in: str = ""  #: beam | instrument | ship | earth, if stated in the files
+    sound_speed: str = ""  #: what was done where the speed of sound in its files is not that of the water
     bins_mapped: bool = False  #: whether beam velocities were combined at equal depth, accounting for tilt
     #: (n, 2) range of a boundary's echo, and of the farthest echo of water, m; removed by ``apply_deployment``
     echo_range_m: Floats | None = None
@@ -172,6 +173,21 @@ class Readings:
     pitch_deg: Floats  # (n,) forward up
     roll_deg: Floats  # (n,) starboard down
     water: NDArray[np.complexfloating]  # (n,) speed times e^{i alpha}, alpha clockwise from forward, m/s; NaN: unknown
+
+
+@dataclass(frozen=True)
+class ReferenceCompass:
+    """Source of a reference's directions, with the standard deviations of its errors."""
+
+    name: str
+    sigma_deg: float  #: of a constant error of its directions
+    iron_deg: float = 0.0  #: of B and of C, the coefficients of sine and cosine of its own heading
+    declination_deg: float = 0.0  #: of the declination between its north and magnetic north; 0 if it is magnetic
+
+    @property
+    def magnetic(self) -> bool:
+        """Whether its directions are from magnetic north."""
+        return self.declination_deg == 0.0
 
 
 @dataclass(frozen=True)
@@ -200,6 +216,7 @@ class Pairs(Labelled):
     veer_deg: float = 0.0
     #: suspected errors of all headings, as indicated by the pairs, (1 sigma in degrees, reason) each
     doubts: tuple[tuple[float, str], ...] = ()
+    compass: ReferenceCompass | None = None  #: of the reference; None if its errors are not considered
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -228,6 +245,7 @@ class CorrectedRecord(Labelled):
     record: Record  #: as recorded, including flags
     heading_corrected_deg: Floats  #: (n,) magnetic, clockwise; NaN where it cannot be corrected
     heading_uncertainty_deg: Floats  #: (n,) degrees, one standard deviation
+    heading_common_deg: Floats  #: (n,) part of it that is common to the record: coefficients, reference, effects
     heading_corrected_quality: Flags  #: (n,) OceanSITES flag of each corrected heading
     deviation_deg: Floats  #: (n,) corrected minus recorded heading, degrees
     branch_probability: Floats  #: (n,) probability of the corrected heading among those with the same reading

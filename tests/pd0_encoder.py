@@ -25,6 +25,8 @@ def fixed_leader(
     sensors: int = 0b0011_1101,
     beam_angle: int | None = 20,
     beams: int = 4,
+    firmware: int = 50,
+    ez: int = 0x7D,
     pings: int = 10,
     between_pings: Sequence[int] = (0, 0, 0),
     serial: int = 0,
@@ -35,10 +37,10 @@ def fixed_leader(
     """Encode a fixed leader of ``length`` bytes: 300 kHz, beams at 20 degrees; between pings minutes, s and 1/100 s."""
     system = 0x4102 | (0x80 if up else 0) | (0x08 if convex else 0)
     block = bytearray(59)
-    struct.pack_into("<HBBH", block, 0, identifier, 50, 36, system)
+    struct.pack_into("<HBBH", block, 0, identifier, firmware, 36, system)
     struct.pack_into("<BBHHH", block, 8, beams, cells, pings, cell_cm, blank_cm)
     block[22:25] = bytes(between_pings)
-    struct.pack_into("<BhhBBH", block, 25, ex, ea, eb, 0x7D, sensors, bin1_cm)
+    struct.pack_into("<BhhBBH", block, 25, ex, ea, eb, ez, sensors, bin1_cm)
     block[42:50] = board
     struct.pack_into("<I", block, 54, serial)
     block[58] = beam_angle or 0
@@ -55,16 +57,21 @@ def variable_leader(
     tilt2: int = 0,
     depth_dm: int = 1000,
     temperature: int = 450,
+    salinity: int = 35,
+    sound: int = 1470,
     voltage: int = 150,
     pressure: int = 101_000,
     length: int = 65,
     identifier: int = 0x0080,
 ) -> bytes:
-    """Encode a variable leader of ``length`` bytes; angles and temperature in hundredths, ``when`` or seven bytes."""
+    """Encode a variable leader of ``length`` bytes; angles and temperature in hundredths, ``when`` or seven bytes.
+
+    The speed of sound is that of the other values (1470.3 m/s).
+    """
     clock = when if not isinstance(when, datetime) else (when.year - 2000, *when.timetuple()[1:6], 0)
     block = bytearray(65)
     struct.pack_into("<HH7BB", block, 0, identifier, number & 0xFFFF, *clock, number >> 16)
-    struct.pack_into("<HHHhhHh", block, 14, 1500, depth_dm, heading, tilt1, tilt2, 35, temperature)
+    struct.pack_into("<HHHhhHh", block, 14, sound, depth_dm, heading, tilt1, tilt2, salinity, temperature)
     block[31], block[34], block[35] = 2, 90, voltage  # spread of headings, degrees; transmit current, counts
     struct.pack_into("<i", block, 48, pressure)
     struct.pack_into("<B7B", block, 57, century, *(clock if century else [0] * 7))

@@ -34,6 +34,7 @@ from compasslib.records import (
     CorrectedRecord,
     Pairs,
     Record,
+    ReferenceCompass,
     join_records,
     take,
 )
@@ -108,7 +109,7 @@ def measured(n: int = 200, m: int = 6) -> dict:
     error[::5, :1] = np.nan
     counts = {name: rng.integers(0, 256, (n, m, 4), dtype=np.uint8) for name in ("echo", "correlation", "percent_good")}
     profiles = {"up": up, "error_velocity": error, **counts}
-    return {"profiles": profiles, "pressure_dbar": rng.normal(100, 1, n), "recorded_in": "earth"}
+    return {"profiles": profiles, "pressure_dbar": rng.normal(100, 1, n), "recorded_in": "earth", "sound_speed": "kept"}
 
 
 def make_product(n: int = 200, m: int = 6, *, uncorrectable: int = 20, **other: object) -> CorrectedRecord:
@@ -127,6 +128,7 @@ def product_of(record: Record, deviation: np.ndarray) -> CorrectedRecord:
         record=record,
         heading_corrected_deg=corrected,
         heading_uncertainty_deg=np.where(np.isfinite(corrected), 2.0, np.nan),
+        heading_common_deg=np.where(np.isfinite(corrected), 1.5, np.nan),
         heading_corrected_quality=np.where(np.isfinite(corrected), GOOD, BAD).astype(np.int8),
         deviation_deg=deviation,
         branch_probability=np.where(np.isfinite(corrected), 0.9, np.nan),
@@ -142,7 +144,16 @@ def product_of(record: Record, deviation: np.ndarray) -> CorrectedRecord:
 
 def make_pairs(n: int = 50) -> Pairs:
     rng = np.random.default_rng(2)
-    others = ("warnings", "expected_m_s", "veer_deg", "doubts", "reference_index", "reference_names", "time_s")
+    others = (
+        "warnings",
+        "expected_m_s",
+        "veer_deg",
+        "doubts",
+        "reference_index",
+        "reference_names",
+        "time_s",
+        "compass",
+    )
     arrays = [field.name for field in dataclasses.fields(Pairs) if field.name not in others]
     values: dict = {name: rng.normal(10, 1, n) for name in arrays}
     values |= {"reference_index": np.arange(n, dtype=np.int8) % 2, "reference_names": ("deep", "mid")}
@@ -155,6 +166,7 @@ def make_pairs(n: int = 50) -> Pairs:
         expected_m_s=(0.046, 0.031),
         veer_deg=1.5,
         doubts=((12.0, "the references differ"),),
+        compass=ReferenceCompass("deep", 2.0, 2.9, 0.5),
     )
 
 
@@ -437,6 +449,7 @@ def test_product_contains_the_measured_variables_only(tmp_path):
             np.testing.assert_array_equal(np.moveaxis(values, 0, 2) if values.ndim == 3 else values, expected)
         assert nc["ECHO_INTENSITY"].dimensions == ("BEAM", "TIME", "BIN") and nc["WCUR"].dimensions == ("TIME", "BIN")
         assert (nc["ERROR_VELOCITY_QC"][::5, 0] == MISSING).all() and nc["PERCENT_GOOD"].recorded_in == "earth"
+        assert nc["UCUR_RECORDED"].sound_speed == nc["WCUR"].sound_speed == "kept"
         np.testing.assert_array_equal(nc["WCUR_QC"][:], record.quality)
         np.testing.assert_array_equal(nc["PRES"][:], record.pressure_dbar)
         left = angles.difference(nc["HEADING_CORRECTED"][:] + nc["DECLINATION"][:], nc["HEADING_TRUE"][:])

@@ -183,9 +183,9 @@ def test_all_but_eight_keys_have_defaults(cruise: Path) -> None:
         "end_s": 1223078400.0, "declination": "auto", "affected": ("top",), "reference": (),
         "instruments": {"top": {
             "format": "pd0", "files": ("raw/EG4/top.000",), "depth": None, "orientation": None,
-            "declination_applied": None, "heading_alignment": None, "clock_offset_seconds": 0.0,
+            "declination_applied": None, "heading_alignment": None, "sound_speed": "auto", "clock_offset_seconds": 0.0,
             "clock_drift_seconds": 0.0, "pressure_offset": 0.0, "direction_reference": "magnetic", "exclude": (),
-            "compass": None, "sphere": None, "compass_sigma_deg": None, "parts": (), "sphere_distance_m": None, "fit": None,
+            "compass": None, "sphere": None, "compass_sigma_deg": None, "compass_iron_nT": None, "parts": (), "sphere_distance_m": None, "fit": None,
             "attributes": {}, "columns": None, "pressure_files": (), "start_offset_seconds": 0.0,
             "bin_size": None, "first_bin": None, "flags": None, "delimiter": None, "decimal": None,
             "time_format": None, "timezone": None, "missing": (), "skip_rows": None,
@@ -245,7 +245,7 @@ instruments:
     start_offset_seconds: 1e3
     exclude: [{from: 2007-10-01, to: 2007-10-02T12:00Z, why: fouled}, {from: 2008-01-01, to: 2008-01-02}]
   acm: {format: acm_table, files: raw/EG4/a.000, columns: {time: t, pressure: p, x: vx, y: vy, heading: h, tilt_x: tx, tilt_y: ty, temperature: T}}
-  pd0: {format: pd0, files: raw/EG4/a.000, heading_alignment: 45, direction_reference: true}
+  pd0: {format: pd0, files: raw/EG4/a.000, heading_alignment: 45, sound_speed: {salinity: 7}, direction_reference: true}
   speeds: {format: table, files: raw/EG4/a.000, depth: 5, columns: {time: t, speed: s, direction: d, heading: h}}
 """
     write(cruise, MOORING_FILE, SHORTEST.rpartition("instruments")[0] + instruments)
@@ -255,6 +255,7 @@ instruments:
     assert found["top"].start_offset_seconds == 1000.0
     assert [(w.to_s - w.from_s, w.why) for w in found["top"].exclude] == [(129600.0, "fouled"), (86400.0, "")]
     assert (found["pd0"].heading_alignment, found["pd0"].direction_reference) == (45.0, "true")
+    assert found["pd0"].sound_speed == {"salinity": 7.0}
     assert found["acm"].columns is not None
     assert found["acm"].columns.scale == 1.0
 
@@ -469,7 +470,8 @@ BAD_LINES = [
     ("    depth: 1000", "instruments.top.depth: expected metres from 0 to the water depth, 894, found 1000; correct one of the two"),
     ("    orientation: upward", "instruments.top.orientation: expected up or down, found 'upward'; write for example orientation: up"),
     ("    sphere_distance_m: [0.6, 0.4]", "instruments.top.sphere_distance_m: expected a distance in metres, or [from, to], found a list; write for example sphere_distance_m: [0.4, 0.6]"),
-    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, compass, sphere, compass_sigma_deg, parts, sphere_distance_m, fit, attributes, columns, pressure_files, start_offset_seconds, bin_size, first_bin, flags, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
+    ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, sound_speed, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, compass, sphere, compass_sigma_deg, parts, sphere_distance_m, fit, attributes, columns, pressure_files, start_offset_seconds, bin_size, first_bin, flags, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
+    ("    sound_speed: {salinity: 43}", "instruments.top.sound_speed: expected auto, keep, or {salinity: 0 to 42}, found a mapping; write for example sound_speed: {salinity: 35}"),
     ("    declination_applied: {heading: 3}", "instruments.top.declination_applied: expected degrees from -180 to 180, or {heading: degrees, velocity: degrees}, found heading; write both, for example {heading: 0, velocity: -17.4}"),
     ("    declination_applied: {heading: 3, velocity: 181}", "instruments.top.declination_applied: expected degrees from -180 to 180, or {heading: degrees, velocity: degrees}, found a mapping; write for example declination_applied: 0"),
     ("    format: netcdf\n    flags: {good: [1], bad: ['1']}", "instruments.top.flags: expected each meaning once, found '1' twice; delete one of the two"),
@@ -586,6 +588,7 @@ BAD_INSTRUMENTS = [
     ("format: pd0, pressure_files: raw/EG4/deep.csv,", "top.pressure_files: expected this key only with format mmp_acm, found it with format pd0; delete it or correct the format"),
     ("format: pd0, start_offset_seconds: 4,", "top.start_offset_seconds: expected this key only with format mmp_acm, found it with format pd0; delete it or correct the format"),
     ("format: mmp_acm, heading_alignment: 4,", "top.heading_alignment: expected this key only with format pd0 or netcdf, found it with format mmp_acm; delete it or correct the format"),
+    ("format: netcdf, sound_speed: keep,", "top.sound_speed: expected this key only with format pd0, found it with format netcdf; delete it or correct the format"),
     ("format: pd0, flags: {good: [1]},", "top.flags: expected this key only with format table or acm_table or netcdf, found it with format pd0; delete it or correct the format"),
 ]  # fmt: skip
 

@@ -17,7 +17,6 @@ from compasslib.product.cells import Differences, Velocities, average_slots
 from compasslib.product.errors import (
     AffectedHeadings,
     HeadingErrors,
-    ReferenceCompass,
     compress,
     heading_errors,
     learn_bin_noise,
@@ -25,7 +24,7 @@ from compasslib.product.errors import (
     sum_sigma,
 )
 from compasslib.product.grid import DailyMeans, GridRules, Source, grid, make_axes, survey
-from compasslib.records import BAD, GOOD, EarthField
+from compasslib.records import BAD, GOOD, EarthField, ReferenceCompass
 
 HOUR_S, N, AUTO = 3600.0, 24 * 12, GridRules()
 TIMES = 1.2e9 + HOUR_S * np.arange(N)
@@ -168,14 +167,15 @@ def test_marginals_match_randomly_rotated_velocities(sigma):
 
 
 def affected(count, **others):
-    """Make headings with the columns of two coefficients and a random part of one degree."""
+    """Make headings with the columns of two coefficients, a constant and a random part of one degree."""
     turn = np.arange(count) / 30.0
     columns = np.stack([np.full(count, 1.5), np.sin(turn)], axis=1)
-    sigma = np.sqrt(1.0 + np.sum(columns**2, axis=1) + others.get("unexplained_deg", 0.0) ** 2)
+    further = np.hypot(others.get("unexplained_deg", 0.0), others.get("constant_deg", 0.0))
+    sigma = np.sqrt(1.0 + np.sum(columns**2, axis=1) + further**2)
     made = {
         "name": "top", "time_s": TIMES[:count], "used": np.ones(count, dtype=bool), "heading_deg": np.full(count, 40.0),
         "sigma_deg": sigma, "probability": np.ones(count), "columns_deg": columns, "doubted_deg": np.zeros(count),
-        "unexplained_deg": 0.0, "veer_deg": 0.0, "weights": np.ones(1),
+        "unexplained_deg": 0.0, "constant_deg": 0.0, "weights": np.ones(1),
     }  # fmt: skip
     return AffectedHeadings(**made | others)
 
@@ -183,19 +183,20 @@ def affected(count, **others):
 @pytest.mark.parametrize(
     ("others", "names", "shares"),
     [
-        ({}, 2, [1.0, 1.0]),
-        ({"unexplained_deg": 2.0}, 3, [1.0, 1.0]),
+        ({"constant_deg": 1.0}, 2, [1.0, 0.5]),  # the constant of the headings is better known than the reference's
+        ({"unexplained_deg": 2.0, "constant_deg": 2.0}, 3, [1.0, 1.0]),
+        ({"constant_deg": 3.0}, 3, [1.0, 1.0]),  # the mean veer beside it is a mode of its own
         ({"weights": np.zeros(1)}, 2, [1.0, 0.0]),  # a calibration does not depend on the reference's compass
     ],
 )
 def test_error_modes_and_random_part_add_up_to_the_total(others, names, shares):
     given = affected(N, **others)
     product, _ = gridded_of(source("top", np.full(N, 100.0)))
-    errors = heading_errors([given], [ReferenceCompass("deep", 2.0, True)], product.axes, 10800.0, 0.5)
+    errors = heading_errors([given], [ReferenceCompass("deep", 2.0)], product.axes, 10800.0, 0.5)
     assert len(errors.names) == 2 + names and errors.shares[0, :2].tolist() == shares
     assert errors.shares[1].tolist() == [1.0, 1.0, *[0.0] * names]
     total = errors.variance(0) / np.deg2rad(1.0) ** 2
-    assert np.allclose(total, given.sigma_deg**2 + 0.5**2 + 2.0**2 * shares[1])  # no part is counted twice
+    assert np.allclose(total, given.sigma_deg**2 + 0.5**2)  # no part is counted twice, none is missing
     assert np.allclose(errors.random, np.deg2rad(1.0))
 
 

@@ -12,7 +12,7 @@ from test_archive import make_product, write
 
 from compasslib.archive import netcdf
 from compasslib.preparation.quality import MASKS, TESTS, Thresholds, flag_quality
-from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, Record
+from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Record
 
 N, M = 40, 5
 SHARES = np.array([80, 30, 20, 10, 60])  # percent good of each bin
@@ -57,8 +57,10 @@ def bad_bins(flagged: Record) -> list[int]:
     ],
 )
 def test_threshold_flags_velocities_and_sets_its_bit(thresholds, bad, test):
-    flagged = flag_quality(record(), 500.0, thresholds=Thresholds(**thresholds))
-    assert bad_bins(flagged) == bad
+    probably = np.where(record().quality == GOOD, PROBABLY_GOOD, BAD).astype(np.int8)
+    for read in (record(quality=probably), record()):
+        flagged = flag_quality(read, 500.0, thresholds=Thresholds(**thresholds))
+        assert bad_bins(flagged) == bad
     value = {"low_percent_good": thresholds.get("percent_good", 25.0) > SHARES}.get(test)
     if test == "low_correlation":
         value = np.array([120, 70, 60, 90, 100]) < thresholds["correlation"]

@@ -29,7 +29,7 @@ from compasslib.errors import InputError
 from compasslib.readers import pd0
 from compasslib.readers.pd0 import currents, frames
 from compasslib.readers.pd0.fields import BEAM, EARTH, INSTRUMENT, SHIP, Ensembles, select
-from compasslib.records import Record
+from compasslib.records import PROBABLY_GOOD, Record
 from compasslib.types import Floats
 
 EH2 = "eh2_20060530_20060717_0007m.000"
@@ -527,6 +527,71 @@ def test_percent_good_is_the_minimum_of_the_beams_used(tmp_path: Path) -> None:
     good = [[90, 90, 90, 25], [90, 24, 90, 90], [90, 90, 90, 0]]
     record = read(written(tmp_path, ensemble(beams, fixed={"ex": EX[BEAM]}, percent_good=good)))
     assert record.quality.tolist() == [[1, 4, 1]] and record.counts["three_beam"] == 1
+
+
+def fixed_sound(folder: Path, *, salinity: int = 35, sound: int = 1500, **fixed: Any) -> Path:
+    """Write two ensembles in water of 4 and 6 degrees at 101 dbar, with an EC that was set to 1500 m/s."""
+    echo = b"\x00\x03" + bytes([40] * 8 + [120] * 4)  # of a boundary in the third bin
+    same = {"salinity": salinity, "sound": sound, "fixed": {"ez": 0x3D} | fixed, "extra": [echo]}
+    first, second = ({"number": k, "when": START + timedelta(hours=k), "temperature": 200 + 200 * k} for k in (1, 2))
+    return written(folder, ensemble(PROFILE, **first, **same), ensemble(PROFILE, **second, **same))
+
+
+def mackenzie(temperature: Floats, salinity: float, depth: float) -> Floats:
+    """Compute the speed of sound in sea water by Mackenzie (1981), nine-term equation, m/s."""
+    t, s, d = temperature, salinity - 35.0, depth
+    polynomial = 1448.96 + 4.591 * t - 5.304e-2 * t**2 + 2.374e-4 * t**3 + 1.340 * s
+    return polynomial + 1.630e-2 * d + 1.675e-7 * d**2 - 1.025e-2 * t * s - 7.139e-13 * t * d**3
+
+
+@pytest.mark.parametrize(
+    ("choice", "told", "salinity"),
+    [
+        ({"salinity": 35.0}, {}, 35.0),
+        ({"salinity": 33.0}, {"ez": 0x7D, "sound": 1470}, 33.0),  # EC computed by the instrument with the default ES
+        ("auto", {"salinity": 34}, 34.0),  # set by someone
+        (None, {"ez": 0x3F, "sensors": 0x3F}, 35.0),  # measured
+    ],
+)
+def test_known_salinity_corrects_velocities_and_ranges(tmp_path, choice, told, salinity) -> None:
+    path = fixed_sound(tmp_path, **told)
+    record, kept = read(path, sound_speed=choice), read(path, sound_speed="keep")
+    ratio = mackenzie(np.array([4.0, 6.0]), salinity, 100.0) / told.get("sound", 1500)
+    for name in ("east", "north"):  # the two equations differ by up to 0.1 m/s
+        np.testing.assert_allclose(getattr(record, name), ratio[:, None] * getattr(kept, name), rtol=1e-4)
+    np.testing.assert_allclose(record.profiles["up"], ratio[:, None] * kept.profiles["up"], rtol=1e-4)
+    np.testing.assert_allclose(record.bin_range_m, ratio.mean() * kept.bin_range_m, rtol=1e-4)
+    np.testing.assert_allclose(record.echo_range_m, [2 * [8.2 * ratio.mean()]] * 2, rtol=1e-4)
+    assert record.quality.tolist() == kept.quality.tolist() == [[1, 1, 9]] * 2
+    assert record.counts["sound_speed_corrected"] == 2 and f"salinity {salinity:g} (by" in record.warnings[-1]
+    assert record.sound_speed == record.warnings[-1]
+
+
+@pytest.mark.parametrize(
+    ("choice", "told", "flag", "sentence"),
+    [
+        (None, {"ez": 0x7D, "sound": 1470}, 1, ""),  # that of its own temperatures within 1 %: nothing to correct
+        (None, {}, 2, "+1.4 to +5.1 % off for salinities of 40 to 0 (the salinity alone: up to 3 %)"),
+        (None, {"salinity": 0}, 2, "sound_speed: {salinity: S} corrects them"),
+        (None, {"salinity": 34, "ez": 0x3C}, 2, "cannot be compared with the water"),  # no thermometer
+        ({"salinity": 35.0}, {"sound": 0}, 2, "cannot be compared with the water"),
+        ({"salinity": 35.0}, {"firmware": 23}, 1, "those of a phased array do not depend on it"),
+        ("keep", {}, 1, "kept as recorded (sound_speed: keep)"),
+    ],
+)
+def test_unknown_or_irrelevant_speed_of_sound_keeps_velocities(tmp_path, choice, told, flag, sentence) -> None:
+    record = read(fixed_sound(tmp_path, **told), sound_speed=choice)
+    np.testing.assert_array_equal(record.east[:, :2], [[0.1, 0.11]] * 2)
+    np.testing.assert_allclose(record.bin_range_m[0], [4.2, 6.2, 8.2])
+    assert record.quality.tolist() == [[flag, flag, 9]] * 2 and record.heading_quality.tolist() == [1, 1]
+    assert record.counts["sound_speed_doubtful"] == 2 * (flag == 2) and record.counts["sound_speed_corrected"] == 0
+    assert sentence in record.sound_speed and bool(record.warnings) == bool(sentence)
+
+
+@pytest.mark.parametrize("name", GOOD_ENSEMBLES)
+def test_real_files_whose_ec_was_computed_need_no_correction(name: str) -> None:
+    record = read(real(f"pd0/{name}"))
+    assert record.sound_speed == "" and (record.quality != PROBABLY_GOOD).all()
 
 
 PARTS, EACH = [5, 0, 2, 93], [97, 96, 98, 95]  # percent good: shares of all pings, or one value per beam

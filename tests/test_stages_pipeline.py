@@ -145,9 +145,15 @@ def test_affected_instruments_have_separate_folders_and_one_grid(tmp_path):
     assert not (made / "top/gridded.nc").exists()
     with netCDF4.Dataset(made / "gridded.nc") as nc:
         assert nc["SOURCE"].flag_meanings == "none top mid deep" and set(np.unique(nc["SOURCE"][:])) >= {1, 2, 3}
-        random, share = nc["HEADING_ERROR_RANDOM"][:], nc["HEADING_ERROR_SHARE"][:]
+        random, share, modes = (nc[f"HEADING_ERROR_{x}"][:].filled(np.nan) for x in ("RANDOM", "SHARE", "MODE"))
         assert random.shape[0] == 2 and len(nc["MODE"]) <= 8 and np.isfinite(nc["UCUR_UNCERTAINTY"][:]).any()
-        assert (share[:2, :2] == 1.0).all() and not (share[0, 2:] * share[1, 2:]).any()  # common and individual ones
+        assert (share[:2, 0] == 1.0).all() and (share[:2, 1] > 0.0).all()  # the declination, the reference's compass
+        assert not (share[0, 2:] * share[1, 2:]).any()  # modes of single instruments
+        whole = np.sqrt((share[0, 1:] ** 2) @ modes[1:] ** 2 + random[0] ** 2)  # of a magnetic heading
+    with netCDF4.Dataset(made / "top/corrected.nc") as nc:
+        sigma = np.deg2rad(nc["HEADING_CORRECTED_UNCERTAINTY"][:])
+        assert np.all(nc["HEADING_COMMON_UNCERTAINTY"][:] < nc["HEADING_CORRECTED_UNCERTAINTY"][:])
+    np.testing.assert_allclose(whole[: len(sigma)], sigma, rtol=1e-4)  # single precision in the file
     jobs = plan.plan(load_cruise(folder)).jobs
     assert {"results/M1/logs/grid.json", "results/M1/top/logs/correct.json"} <= jobs.keys()
 

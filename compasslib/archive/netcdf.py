@@ -35,7 +35,18 @@ from compasslib.archive.files import (
 )
 from compasslib.archive.variables import Variable, quality_variable
 from compasslib.preparation.quality import MASKS
-from compasslib.records import BAD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, CorrectedRecord, Flags, Pairs, Record, Rows
+from compasslib.records import (
+    BAD,
+    MISSING,
+    PROBABLY_BAD,
+    PROBABLY_GOOD,
+    CorrectedRecord,
+    Flags,
+    Pairs,
+    Record,
+    ReferenceCompass,
+    Rows,
+)
 from compasslib.types import Floats
 
 
@@ -151,6 +162,8 @@ def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, obje
         if pairs.expected_m_s is not None:
             nc.setncattr("water_error_of_mean_and_of_prediction_m_s", np.array(pairs.expected_m_s))
         nc.setncattr("water_turned_for_good_deg", pairs.veer_deg)
+        if pairs.compass is not None:
+            nc.setncattr("reference_compass", json.dumps(vars(pairs.compass)))
         if pairs.doubts:
             nc.setncattr("doubts", json.dumps(pairs.doubts))
         nc.createDimension("TIME", len(pairs))
@@ -184,7 +197,12 @@ def read_pairs(path: str | Path) -> Pairs:
         values |= {"warnings": warnings, "expected_m_s": expected, "reference_names": tuple(names)}
         values["veer_deg"] = float(getattr(nc, "water_turned_for_good_deg", 0.0))
         doubts = json.loads(getattr(nc, "doubts", "[]"))
-        return Pairs(**values, doubts=tuple((sigma_deg, why) for sigma_deg, why in doubts))
+        compass = json.loads(getattr(nc, "reference_compass", "null"))
+        return Pairs(
+            **values,
+            doubts=tuple((sigma_deg, why) for sigma_deg, why in doubts),
+            compass=None if compass is None else ReferenceCompass(**compass),
+        )
 
 
 # corrected.nc (CF, ACDD and OceanSITES): written in pieces along time, to bound the memory that a decade takes.
@@ -252,7 +270,7 @@ class _Whole:
     declination: tuple[float, float]  # at the first and last sample, degrees, east positive
     measured: tuple[str, ...]  # names of the optional variables that were measured
     beams: int
-    recorded_in: Attributes  # attribute of the measured variables: coordinate system of the recorded velocities
+    recorded_in: Attributes  # of the measured variables: coordinates of the recorded velocities, their speed of sound
     instrument: dict[str, str]  # manufacturer, model and serial number, as far as its files state them
 
 
@@ -280,7 +298,7 @@ def _scan_pieces(pieces: Iterable[CorrectedRecord]) -> _Whole:
         declination=(declination[0], declination[-1]) if declination else (np.nan, np.nan),
         measured=(*perhaps, *(variables.PROFILES[name] for name in record.profiles)),
         beams=_beams(record),
-        recorded_in={"recorded_in": record.recorded_in} if record.recorded_in else {},
+        recorded_in={key: told for key in ("recorded_in", "sound_speed") if (told := getattr(record, key))},
         instrument={key: told for key in SENSOR_KEYS[:3] if (told := getattr(record, key))},
     )
 
@@ -308,6 +326,7 @@ def read_corrected(path: str | Path, *, velocities: bool = True) -> CorrectedRec
             record=_record_of(nc, bins),
             heading_corrected_deg=read_variable(nc, "HEADING_CORRECTED"),
             heading_uncertainty_deg=read_variable(nc, "HEADING_CORRECTED_UNCERTAINTY"),
+            heading_common_deg=read_variable(nc, "HEADING_COMMON_UNCERTAINTY"),
             heading_corrected_quality=read_variable(nc, "HEADING_CORRECTED_QC"),
             deviation_deg=read_variable(nc, "DEVIATION"),
             branch_probability=read_variable(nc, "BRANCH_PROBABILITY"),
@@ -375,6 +394,7 @@ def _columns(product: CorrectedRecord, whole: _Whole) -> Columns:
         ),
         "HEADING_CORRECTED": (angles.wrap360(product.heading_corrected_deg), corrected),
         "HEADING_CORRECTED_UNCERTAINTY": (product.heading_uncertainty_deg, corrected),
+        "HEADING_COMMON_UNCERTAINTY": (product.heading_common_deg, corrected),
         "DEVIATION": (product.deviation_deg, corrected),
         "BRANCH_PROBABILITY": (product.branch_probability, None),
         "DECLINATION": (product.declination_deg, _judged("DECLINATION", product.declination_deg, True)),

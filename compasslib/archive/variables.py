@@ -229,12 +229,22 @@ _TABLE = (
     Variable(
         "HEADING_CORRECTED", "heading of the instrument, corrected for magnetic deviation", "degree",
         valid=(0.0, 360.0), reference=MAGNETIC,
-        ancillary=("HEADING_CORRECTED_UNCERTAINTY", "DEVIATION", "BRANCH_PROBABILITY"),
+        ancillary=(
+            "HEADING_CORRECTED_UNCERTAINTY", "HEADING_COMMON_UNCERTAINTY", "DEVIATION", "BRANCH_PROBABILITY",
+        ),
         comment="Clockwise. HEADING_CORRECTED + DECLINATION is the heading from true north. " + _NOT_CORRECTED,
     ),
     Variable(
         "HEADING_CORRECTED_UNCERTAINTY", "uncertainty of HEADING_CORRECTED", "degree", valid=(0.0, 180.0),
-        comment=_STANDARD_DEVIATION, content="qualityInformation",
+        comment=f"{_STANDARD_DEVIATION} Whole: reading, coefficients, uncorrected effects, the reference's compass and "
+        "the mean veer between the depths; the declination only where the reference's north is true.",
+        content="qualityInformation",
+    ),
+    Variable(
+        "HEADING_COMMON_UNCERTAINTY", "common part of the uncertainty of HEADING_CORRECTED", "degree",
+        valid=(0.0, 180.0), content="qualityInformation",
+        comment=f"{_STANDARD_DEVIATION} All but the reading's random error; it does not average out. Sums and means "
+        "need the modes of gridded.nc.",
     ),
     Variable(
         "DEVIATION", "magnetic deviation of the compass, HEADING_CORRECTED minus HEADING", "degree",

@@ -32,6 +32,7 @@ from compasslib.config.section import (
     ProductOptions,
     Reference,
     Section,
+    SoundSpeed,
     Span,
     Switch,
     Text,
@@ -53,6 +54,7 @@ ONLY_FOR = {
     "pressure_files": ("mmp_acm",),
     "start_offset_seconds": ("mmp_acm",),
     "heading_alignment": ("pd0", "netcdf"),
+    "sound_speed": ("pd0",),
     "flags": (*TABLES, "netcdf"),
     "bin_size": ("pd12",),
     "first_bin": ("pd12",),
@@ -263,6 +265,7 @@ class Instrument(TableKeys):
         "degrees from -180 to 180, or {heading: degrees, velocity: degrees}", "0", None
     )
     heading_alignment: Number | None = key("degrees from -360 to 360", "0", None, ge=-360, le=360)
+    sound_speed: SoundSpeed = key("auto, keep, or {salinity: 0 to 42}", "{salinity: 35}", "auto")
     clock_offset_seconds: Number = _seconds()
     clock_drift_seconds: Number = _seconds()
     pressure_offset: Number = key("dbar from -12000 to 12000", "0", 0.0, ge=-12000, le=12000)
@@ -271,6 +274,7 @@ class Instrument(TableKeys):
     compass: Name | None = key("a name that all records of one compass carry", "wh8104", None)
     sphere: Name | None = key("a name that all records in one sphere or frame carry", "sphere3", None)
     compass_sigma_deg: Number | None = key("degrees from 0 to 180", "2", None, ge=0, le=180)
+    compass_iron_nT: Number | None = key("nT from 0 to 60000", "525", None, ge=0, le=60000)
     parts: tuple[Text, ...] = key("a list of parts near the compass", "[lithium pack, frame]", ())
     sphere_distance_m: Span | None = key("a distance in metres, or [from, to]", "[0.4, 0.6]", None)
     fit: FitOptions | None = key("a mapping", "{method: exact}", None)

@@ -40,6 +40,7 @@ Decimal = Annotated[str, BeforeValidator(values.character(point=".", comma=","))
 Zone = Annotated[str, BeforeValidator(values.zone)]
 Missing = Annotated[tuple[str, ...], BeforeValidator(values.missing, json_schema_input_type=Cell | list[Cell])]
 DeclinationApplied = Annotated[float | dict[str, float], BeforeValidator(values.declination_applied)]
+SoundSpeed = Annotated[Literal["auto", "keep"] | dict[str, float], BeforeValidator(values.sound_speed)]
 Formats = Annotated[
     tuple[str, ...],
     BeforeValidator(values.figure_formats, json_schema_input_type=Literal["png", "pdf"] | list[Literal["png", "pdf"]]),

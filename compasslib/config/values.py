@@ -274,6 +274,15 @@ def declination_applied(value: Any) -> float | dict[str, float]:
     return degrees if isinstance(value, dict) else degrees[""]
 
 
+def sound_speed(value: Any) -> str | dict[str, float]:
+    """Check what corrects the speed of sound: ``auto``, ``keep`` or {salinity: S}, the practical salinity."""
+    if value in ("auto", "keep"):
+        return str(value)
+    if not isinstance(value, dict) or {*value} != {"salinity"} or not 0.0 <= number(value["salinity"]) <= 42.0:
+        raise problem()
+    return {"salinity": number(value["salinity"])}
+
+
 def missing(value: Any) -> tuple[str, ...]:
     """Check the fill values of a table, one or a list of strings and numbers."""
     listed = value if isinstance(value, list | tuple) else [value]

@@ -45,6 +45,7 @@ class HeadingDecision:
     sigma_deg: Floats  # (n,) from the compass's noise and the probability of the other branch
     probability: Floats  # (n,) of the chosen branch; 1 if single or merged at a fold, 0 if the reading is impossible
     other_deg: Floats  # (n,) the other root, NaN where there is none
+    common_deg: Floats | None = None  # (n,) part of sigma_deg that is common to the record; None before it is known
 
 
 def choose_branches(

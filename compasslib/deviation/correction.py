@@ -12,10 +12,12 @@ from compasslib import angles, compass, earthfield
 from compasslib.deviation import find_implausibility
 from compasslib.deviation.branches import PRECISION_DEG, HeadingDecision, choose_branches, open_branches, shows_branch
 from compasslib.deviation.doubts import Doubt, doubt_whole_record, evaluate_doubts
+from compasslib.deviation.exact import MIN_SLOPE
 from compasslib.deviation.likelihood import scatter_density, scatter_widths, squared_chords
 from compasslib.deviation.model import UNKNOWN_COVARIANCE, DeviationFit, observed_heading, pair_speeds
-from compasslib.deviation.series import invert_series, series_sigma, series_slope
-from compasslib.deviation.tilt import MIN_SLOPE, CompassAverage, CompassSeries, average_compasses, compass_series
+from compasslib.deviation.reference import declination_sigma
+from compasslib.deviation.series import invert_series, series_design, series_sigma, series_slope
+from compasslib.deviation.tilt import CompassAverage, CompassSeries, average_compasses, compass_series
 from compasslib.preparation.quality import apply_heading_flags, heading_outlier_flags
 from compasslib.records import (
     BAD,
@@ -44,7 +46,6 @@ MIN_PROBABILITY = 0.95  # a heading is flagged if its branch is less probable
 # H, or one of 1 % induced where Z is four times H, each deflect the compass by some 0.2 degrees along either axis.
 LEFT_OUT_BY_TILT = 0.08
 UNKNOWN_TILT_DEG = 5.0  # assumed where no tilt was recorded (von Appen 2015: typically 5)
-DECLINATION_SIGMA_DEG = 0.5  # assumed for a main-field model at high latitude, without crustal field and storms
 
 
 @dataclass(frozen=True)
@@ -54,11 +55,12 @@ class CorrectedPieces:
     record: Record
     decision: HeadingDecision
     field: EarthField
+    declination_deg: float  # standard deviation of the declination, where the headings do not include it
 
     def __iter__(self) -> Iterator[CorrectedRecord]:
         for begin in range(0, max(len(self.record.time_s), 1), PIECE):
             stretch = slice(begin, begin + PIECE)
-            yield _turned(take(self.record, stretch), take(self.decision, stretch), self.field)
+            yield _turned(take(self.record, stretch), take(self.decision, stretch), self.field, self.declination_deg)
 
 
 @single_threaded()
@@ -82,7 +84,8 @@ def correct(
         unmodelled_deg: standard deviation of known unmodelled effects, degrees.
         doubts: periods whose headings are flagged as doubtful, with increased uncertainty.
     """
-    return _turned(*_decided(record, fit, pairs, at, unmodelled_deg, doubts), field)
+    decided = _decided(record, fit, pairs, at, unmodelled_deg, doubts)
+    return _turned(*decided, field, _declination_sigma(fit, field))
 
 
 def correct_in_pieces(
@@ -96,7 +99,8 @@ def correct_in_pieces(
     doubts: Sequence[Doubt] = (),
 ) -> CorrectedPieces:
     """Correct like ``correct``, in pieces along time, so that a decade of velocities fits in memory."""
-    return CorrectedPieces(*_decided(record, fit, pairs, at, unmodelled_deg, doubts), field)
+    decided = _decided(record, fit, pairs, at, unmodelled_deg, doubts)
+    return CorrectedPieces(*decided, field, _declination_sigma(fit, field))
 
 
 def _decided(
@@ -115,9 +119,17 @@ def _decided(
     doubted, doubted_deg = evaluate_doubts(doubts, record.time_s)
     slope = np.maximum(np.nan_to_num(_slope(fit, decision.heading_deg), nan=1.0), MIN_SLOPE)
     rounded_deg = rounding_sigma(angle_resolution(record.heading_deg)) / slope
-    sigma = np.sqrt(decision.sigma_deg**2 + unmodelled_deg**2 + doubted_deg**2 + rounded_deg**2)
+    whole, common = (
+        np.minimum(np.sqrt(known**2 + unmodelled_deg**2 + doubted_deg**2 + further), angles.UNIFORM_SIGMA_DEG)
+        for known, further in ((decision.sigma_deg, rounded_deg**2), (decision.common_deg, 0.0))
+    )
     probability = np.where(doubted, np.minimum(decision.probability, 0.0), decision.probability)
-    return record, replace(decision, sigma_deg=np.minimum(sigma, angles.UNIFORM_SIGMA_DEG), probability=probability)
+    return record, replace(decision, sigma_deg=whole, common_deg=common, probability=probability)
+
+
+def _declination_sigma(fit: DeviationFit, field: EarthField) -> float:
+    """Return the declination's standard deviation; 0 where the fit's reference is true, and the headings hold it."""
+    return declination_sigma(field) if fit.reference is None or fit.reference.magnetic else 0.0
 
 
 def _without_outliers(record: Record, decision: HeadingDecision, fit: DeviationFit) -> tuple[Record, HeadingDecision]:
@@ -143,20 +155,21 @@ def _slope(fit: DeviationFit, heading_deg: Floats) -> Floats:
     return np.abs(slope(fit.coefficients, heading_deg))
 
 
-def _turned(record: Record, decision: HeadingDecision, field: EarthField) -> CorrectedRecord:
+def _turned(record: Record, decision: HeadingDecision, field: EarthField, declination_deg: float) -> CorrectedRecord:
     deviation = angles.difference(decision.heading_deg, record.heading_deg)
     declination = earthfield.declination_at(field, record.time_s)
     east, north = record.east, record.north
     if record.direction_reference != "true":
         east, north = angles.turn(east, north, declination[:, None])
     corrected_east, corrected_north = angles.turn(east, north, deviation[:, None])
-    direction_sigma = np.hypot(decision.sigma_deg, DECLINATION_SIGMA_DEG)
+    direction_sigma = np.hypot(decision.sigma_deg, declination_deg)
     quality = _heading_quality(record, decision)
     worse = np.maximum(np.maximum(record.quality, GOOD), quality[:, None])
     return CorrectedRecord(
         record=record,
         heading_corrected_deg=decision.heading_deg,
         heading_uncertainty_deg=decision.sigma_deg,
+        heading_common_deg=decision.common_deg,
         heading_corrected_quality=quality,
         deviation_deg=deviation,
         branch_probability=decision.probability,
@@ -197,7 +210,7 @@ def correct_headings(
     """
     if not fit.fitted:
         nothing = np.full(readings.heading_deg.shape, np.nan)
-        return HeadingDecision(nothing, nothing, nothing, nothing)
+        return HeadingDecision(nothing, nothing, nothing, nothing, nothing)
     if fit.method == "von_appen" and at is None:
         heading = invert_series(fit.coefficients, readings.heading_deg)
         slope = np.maximum(np.abs(series_slope(fit.coefficients, heading)), 0.05)
@@ -220,8 +233,34 @@ def correct_headings(
     if at is None or not at.tilted:
         tilt_deg = np.hypot(readings.pitch_deg, readings.roll_deg)
         left_out = LEFT_OUT_BY_TILT * np.where(np.isfinite(tilt_deg), tilt_deg, UNKNOWN_TILT_DEG)
-    sigma = np.sqrt(decision.sigma_deg**2 + parameters**2 + left_out**2)
-    return replace(decision, sigma_deg=np.minimum(sigma, angles.UNIFORM_SIGMA_DEG))
+    common = np.sqrt(parameters**2 + np.sum(reference_modes(fit, readings, decision.heading_deg) ** 2, axis=1))
+    sigma = np.sqrt(decision.sigma_deg**2 + common**2 + left_out**2)
+    return replace(decision, sigma_deg=np.minimum(sigma, angles.UNIFORM_SIGMA_DEG), common_deg=common)
+
+
+def reference_modes(fit: DeviationFit, readings: Readings, heading_deg: Floats) -> Floats:
+    """Decompose the heading error due to the reference into modes, (n, 3) degrees per unit normal.
+
+    The modes are a constant (with the mean veer, as far as the coefficients' covariance lacks it), and the reference's
+    B and C; they are zero if the fit does not state the reference's errors.
+    """
+    reference = fit.reference
+    if reference is None or not fit.fitted:
+        return np.zeros((len(heading_deg), 3))
+    published = fit.method == "von_appen"
+    constant, sigma = float(fit.coefficients[0]), float(np.sqrt(fit.covariance[0, 0]))
+    if published:
+        by = (
+            series_design(heading_deg)
+            / np.maximum(np.abs(series_slope(fit.coefficients, heading_deg)), MIN_SLOPE)[:, None]
+        )
+    else:
+        by = compass_series(fit, readings).sensitivity(heading_deg)
+        constant, sigma = float(angles.direction(constant, 1.0)), sigma / angles.DEGREE
+    if reference.veer_included:
+        sigma = float(np.sqrt(max(sigma**2 - reference.veer_deg**2, 0.0)))
+    further = reference.further_deg(float(angles.wrap180(constant)), sigma)
+    return np.column_stack([np.full(len(heading_deg), further), np.nan_to_num(by[:, :5] @ reference.iron)])
 
 
 def _moved(decision: HeadingDecision, average: CompassAverage) -> HeadingDecision:
@@ -299,8 +338,8 @@ def tabulate_deviation(
 ) -> dict[str, Floats]:
     """Tabulate the level compass at every whole degree that it can record; empty without coefficients.
 
-    The standard deviation is that of a heading on a known branch and combines the coefficients, the precision of a
-    reading, known unmodelled effects, and doubts about the whole record.
+    The standard deviation is that of a heading on a known branch and combines the coefficients, the reference's
+    compass, the precision of a reading, known unmodelled effects, and doubts about the whole record.
 
     Args:
         unmodelled_deg: standard deviation of known unmodelled effects, degrees.
@@ -323,8 +362,9 @@ def tabulate_deviation(
             parameters, slope = series_sigma(fit, root), series_slope(fit.coefficients, root)
         else:
             parameters, slope = compass_series(fit, readings).sigma(root), compass.slope(fit.coefficients, root)
+        trusted = np.sum(reference_modes(fit, readings, root) ** 2, axis=1)
         reading = PRECISION_DEG / np.maximum(np.abs(slope), MIN_READING_SLOPE)
-        sigma = np.minimum(np.sqrt(parameters**2 + reading**2 + further), angles.UNIFORM_SIGMA_DEG)
+        sigma = np.minimum(np.sqrt(parameters**2 + trusted + reading**2 + further), angles.UNIFORM_SIGMA_DEG)
         deviation = angles.difference(root, recorded)
         rows += list(zip(*(c[known] for c in (recorded, root, deviation, sigma, np.full(360, k))), strict=True))
     ordered = np.array(sorted(rows, key=lambda row: (row[0], row[-1]))).reshape(-1, len(LOOKUP_COLUMNS))

@@ -40,11 +40,13 @@ from compasslib.deviation.model import (
     DeviationFit,
     ScatterNoise,
     heading_residual,
+    nearest_root,
     observed_deviation,
     observed_heading,
     pair_speeds,
     unfitted,
 )
+from compasslib.deviation.reference import iron_pattern, reference_errors
 from compasslib.records import Pairs
 from compasslib.statistics.least_squares import minimize_bfgs, robust_width
 from compasslib.statistics.noise import effective_sample_size
@@ -240,6 +242,7 @@ def _described(
     parameters, _ = _maximise(state.parameters, data, state.prior, FINE, external=external)
     noise = replace(state.noise, compass_deg=float(np.exp(parameters[5])))
     scores = pair_scores(parameters, data, state.prior, FINE)[:, :5]
+    weak = PRIOR_WIDTH[:5] ** -2.0
     unscored = DeviationFit("exact", len(pairs), parameters[:5], noise=noise)
     left = heading_residual(unscored, pairs)
     standard = np.clip(left / overlap.width_deg(noise), -3.0, 3.0)
@@ -247,7 +250,8 @@ def _described(
     effective = effective_sample_size(standard[known], pairs.time_s[known])
     return replace(
         unscored,
-        covariance=robust_covariance(scores, PRIOR_WIDTH[:5] ** -2.0, unscored, pairs, effective, external),
+        covariance=robust_covariance(scores, weak, unscored, pairs, effective, external),
+        reference=reference_errors(pairs, reference_response(unscored, pairs, external), veer_included=True),
         n_effective=effective,
         residual_rms_deg=angles.rms(left),
         recorded_range_deg=compass.recorded_range(parameters[:5]),
@@ -367,6 +371,7 @@ MAX_SCORE = 1e3
 # Assumed correlation of the veer with the heading's excursions. The wake locks the heading to water that is itself
 # sheared across the sphere; simulated moorings show 0.03 to 0.1, which no record can distinguish from iron.
 WAKE_LOCKED_VEER = 0.05
+MIN_SLOPE = 0.3  # lower bound of a slope in a denominator; at a fold the spread over both branches dominates
 
 
 def robust_covariance(
@@ -422,6 +427,32 @@ def robust_covariance(
         along_time += pairs_per_independent(pairs, effective) * inverse[:, :5] @ external.precision @ inverse[:5]
     shown = along_time + positive_part(across - along_time)
     return shown + positive_part(np.outer(turned, turned) - shown) + np.outer(locked, locked)
+
+
+def reference_response(fit: DeviationFit, pairs: Pairs, external: CoefficientPrior | None = None) -> Floats:
+    """Compute the change of A..E by one standard deviation of the reference's B and of its C, (5, 2).
+
+    Weighted least squares of the errors of the reference's directions, where the weights are the second derivatives of
+    the fit's log density (Student's t) at the residuals.
+
+    Args:
+        external: as for ``robust_covariance``.
+    """
+    observed = observed_heading(pairs)
+    root = nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
+    known = np.isfinite(root)
+    root = np.where(known, root, observed)
+    left = angles.difference(observed, root)
+    slope = compass.slope(fit.coefficients, root)
+    slope = np.copysign(np.maximum(np.abs(slope), MIN_SLOPE), slope)
+    width = fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in pair_speeds(pairs)))
+    square = STUDENT_DOF * (width**2 + (fit.noise.compass_deg / slope) ** 2)
+    weight = known * (STUDENT_DOF + 1.0) * (square - left**2) / (square + left**2) ** 2
+    columns = (-compass.gradient(fit.coefficients, root) / slope).T
+    information = (columns.T * weight) @ columns + np.diag(PRIOR_WIDTH[:5] ** -2.0)
+    if external is not None:
+        information += external.precision
+    return np.linalg.solve(information, (columns.T * weight) @ iron_pattern(pairs))
 
 
 def independent_pairs(pairs: Pairs, effective: float) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compasslib import angles, compass
+from compasslib.deviation.reference import ReferenceErrors, errors_from_json
 from compasslib.records import Pairs
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Floats
@@ -68,6 +69,7 @@ class DeviationFit:
     fixed: bool = False  #: whether the coefficients were given and are not fitted to pairs
     covariance_known: bool = True  #: if False, the covariance is a wide placeholder
     prior: CoefficientPrior | None = None  #: prior from other records of the same compass
+    reference: ReferenceErrors | None = None  #: errors of the reference; None if not considered, or none was used
 
     def to_json(self) -> dict[str, Any]:
         """Convert to the content of deviation.json."""
@@ -90,6 +92,7 @@ class DeviationFit:
             **({"fixed": True} if self.fixed else {}),
             **({} if self.covariance_known else {"covariance_known": False}),
             **({} if self.prior is None else {"prior": self.prior.to_json()}),
+            "reference": None if self.reference is None else self.reference.to_json(),
         }
 
     @property
@@ -129,6 +132,7 @@ def fit_from_json(content: Mapping[str, Any]) -> DeviationFit:
         fixed=content.get("fixed", False),
         covariance_known=content.get("covariance_known", True),
         prior=prior_from_json(content.get("prior")),
+        reference=errors_from_json(content.get("reference")),
     )
 
 

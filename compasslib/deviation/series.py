@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from compasslib import angles
 from compasslib.deviation.model import MIN_PAIRS, DeviationFit, observed_deviation, observed_heading, unfitted
+from compasslib.deviation.reference import iron_pattern, reference_errors
 from compasslib.records import Pairs
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Floats
@@ -47,15 +48,18 @@ def fit_series(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
     effective = effective_sample_size(residual, pairs.time_s)
     variance = float(np.mean(residual**2)) * len(pairs) / max(effective - 5.0, 1.0)
     recorded_range, folded = series_range(coefficients)
+    solver = np.linalg.pinv(columns)
+    iron = iron_pattern(pairs) * series_slope(coefficients, heading)[:, None]  # it turns observed headings too
     return DeviationFit(
         method="von_appen",
         coefficients=coefficients,
-        covariance=variance * np.linalg.pinv(columns.T @ columns),
+        covariance=variance * solver @ solver.T,
         n_pairs=len(pairs),
         n_effective=effective,
         residual_rms_deg=angles.rms(residual),
         recorded_range_deg=recorded_range,
         folded=folded,
+        reference=reference_errors(pairs, solver @ iron, veer_included=False),
     )
 
 

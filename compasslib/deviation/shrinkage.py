@@ -3,7 +3,8 @@
 Between two depths real water veers for months, depending on flow direction and season, and a fit attributes part of it
 to iron: an undisturbed compass would be changed by several degrees. The coefficients therefore have priors of physical
 size, and a further hypothesis is that there is no deviation. The likelihood is the normal distribution of the fit with
-its robust covariance, so the evidence of each hypothesis has a closed form.
+its robust covariance, so the evidence of each hypothesis has a closed form. It includes errors of the reference, which
+a fit cannot distinguish from a deviation.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ from itertools import product
 
 import numpy as np
 
+from compasslib import angles
 from compasslib.deviation.model import DeviationFit
+from compasslib.types import Floats
 
 # Prior probability, and exponent of the likelihood, as veer that a fit attributes to iron is not independent noise.
 NO_DEVIATION_PRIOR, TEMPERATURE = 0.2, 0.5
@@ -40,15 +43,36 @@ def average_with_none(fit: DeviationFit) -> tuple[DeviationFit, float | None]:
     ]
     prior = np.array([np.diag(scale**2) for scale in (np.zeros(size), *deviated)])
     chance = np.append(NO_DEVIATION_PRIOR, np.full(len(deviated), (1.0 - NO_DEVIATION_PRIOR) / len(deviated)))
-    total = fit.covariance + prior
-    inverse = np.linalg.inv(total)
-    gain, misfit = prior @ inverse, np.einsum("i,kij,j->k", estimate, inverse, estimate)
+    constant, iron = _reference_covariance(fit, size)
+    gain = prior @ np.linalg.inv(fit.covariance + iron + prior)
+    total = fit.covariance + iron + constant + prior
+    misfit = np.einsum("i,kij,j->k", estimate, np.linalg.inv(total), estimate)
     log_weight = np.log(chance) - TEMPERATURE * 0.5 * (np.linalg.slogdet(total).logabsdet + misfit)
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     means = gain @ estimate
     mean = weight @ means
-    spread = gain @ fit.covariance + np.einsum("ki,kj->kij", means - mean, means - mean)
+    unknown = np.eye(size) - gain  # the iron is not included: it has modes of its own
+    spread = gain @ fit.covariance @ gain.transpose(0, 2, 1) + unknown @ prior @ unknown.transpose(0, 2, 1)
+    spread += np.einsum("ki,kj->kij", means - mean, means - mean)
     covariance = np.einsum("k,kij->ij", weight, spread)
-    averaged = replace(fit, coefficients=mean[:5], covariance=(covariance + covariance.T) / 2.0)
+    reference = fit.reference
+    if reference is not None:  # a compass without deviation does not follow the reference's errors
+        kept = np.einsum("k,kij->ij", weight, gain)
+        reference = replace(reference, iron=kept[:5, :5] @ reference.iron, share=float(1.0 - weight[0]))
+    averaged = replace(fit, coefficients=mean[:5], covariance=(covariance + covariance.T) / 2.0, reference=reference)
     return replace(averaged, heeling=float(mean[5]) if size > 5 else fit.heeling), float(weight[0])
+
+
+def _reference_covariance(fit: DeviationFit, size: int) -> tuple[Floats, Floats]:
+    """Compute the covariance of the coefficients by the reference's constant and by its iron, (size, size) each.
+
+    A constant turn e of all directions multiplies u by e^{-ie} and v by e^{ie}: with Re u = 1 again, the coefficients
+    change by e (1 + A^2, AB, AC, AD + E, AE - D).
+    """
+    constant, iron = np.zeros((size, size)), np.zeros((size, size))
+    if fit.reference is not None:
+        a, b, c, d, e = fit.coefficients
+        turned = np.array([1.0 + a**2, a * b, a * c, a * d + e, a * e - d]) * fit.reference.constant_deg * angles.DEGREE
+        constant[:5, :5], iron[:5, :5] = np.outer(turned, turned), fit.reference.iron @ fit.reference.iron.T
+    return constant, iron

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.deviation.exact import PRIOR_WIDTH, pairs_per_independent, robust_covariance, scores_at
+from compasslib.deviation.exact import MIN_SLOPE, PRIOR_WIDTH, pairs_per_independent, robust_covariance, scores_at
 from compasslib.deviation.model import DeviationFit, nearest_root, observed_heading
 from compasslib.records import Pairs, Readings
 from compasslib.types import Floats
@@ -114,7 +114,6 @@ def _levelled(at: Floats, pairs: Pairs, dip_ratio: float) -> Pairs:
 
 
 DISTINCT_SIGMAS = 3.0  # difference in standard errors above which two compasses disagree
-MIN_SLOPE = 0.3  # lower bound of a slope in a denominator; at a fold the spread over both branches dominates
 
 
 @dataclass(frozen=True)
@@ -181,6 +180,7 @@ def compass_series(fit: DeviationFit, readings: Readings) -> CompassSeries:
         columns = compass.gradient(at, heading_deg)
         if fit.tilted:
             columns = np.einsum("in,ikn->kn", columns, tilt_jacobian(fit, readings.pitch_deg, readings.roll_deg))
-        return (columns / np.maximum(np.abs(compass.slope(at, heading_deg)), MIN_SLOPE)).T
+        slope = compass.slope(at, heading_deg)
+        return (-columns / np.copysign(np.maximum(np.abs(slope), MIN_SLOPE), slope)).T
 
     return CompassSeries(readings.heading_deg, at, fit.covariance, sensitivity, tilted=fit.tilted)

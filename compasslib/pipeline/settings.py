@@ -210,10 +210,17 @@ class Moorings:
         ]
 
     def reference_compasses(self, wildcards: Any) -> list[dict[str, Any]]:
-        """List each reference's uncertainty of direction, and whether its directions are from magnetic north."""
+        """List the arguments of ``deviation.reference.reference_compass`` for each reference."""
         mooring = self._mooring(wildcards)
-        used = [mooring.instruments[name] for name in mooring.reference]
-        return [{"sigma_deg": i.compass_sigma_deg, "magnetic": i.direction_reference == "magnetic"} for i in used]
+        return [
+            {
+                "name": name,
+                "sigma_deg": mooring.instruments[name].compass_sigma_deg,
+                "iron_nT": mooring.instruments[name].compass_iron_nT,
+                "magnetic": mooring.instruments[name].direction_reference == "magnetic",
+            }
+            for name in mooring.reference
+        ]
 
     def sphere_distance_m(self, wildcards: Any) -> tuple[float, float] | None:
         mooring = self._mooring(wildcards)

@@ -84,7 +84,12 @@ def of_moorings(plan: Any) -> dict[str, Stage]:
                 "ready": of.ready_pairs,
             },
             writes={"field": field_, "pairs": pairs, "wide": "wide/overlap.nc"},
-            settings={"place": of.place_and_declination, "rules": of.pairing_rules, "columns": of.pair_columns},
+            settings={
+                "place": of.place_and_declination,
+                "rules": of.pairing_rules,
+                "columns": of.pair_columns,
+                "compasses": of.reference_compasses,
+            },
         ),
         "fit": stage(
             *("fit", "fit.fit"),

@@ -106,14 +106,14 @@ def flag_quality(
 
 
 def flag_velocities(record: Record, where: Bools, flag: int, count: str, sentence: str | None) -> Record:
-    """Flag velocities that were good so far, count them, and warn if a sentence describes them.
+    """Flag velocities that were good or probably good so far, count them, and warn if a sentence describes them.
 
     Args:
         where: mask, broadcastable to (n, m).
     """
     failed = np.broadcast_to(where, record.quality.shape) & (record.quality != MISSING)
     tests = np.where(failed, _tests(record) | MASKS[count], _tests(record)).astype(np.int16)
-    hit = failed & (record.quality <= GOOD)
+    hit = failed & (record.quality <= PROBABLY_GOOD)
     number = int(np.sum(hit))
     notes = (f"{number} velocities flagged: {sentence}",) if sentence and number else ()
     quality = np.where(hit, flag, record.quality).astype(np.int8)
@@ -249,7 +249,7 @@ def heading_outlier_flags(record: Record, heading_deg: Floats) -> Flags:
 
 def apply_heading_flags(record: Record, flags: Flags) -> Record:
     """Apply heading flags, (n,), where they are worse, and flag velocities rotated by a bad heading as doubtful."""
-    turned = (flags >= BAD)[:, None] & (record.quality <= GOOD)
+    turned = (flags >= BAD)[:, None] & (record.quality <= PROBABLY_GOOD)
     quality = np.where(turned, PROBABLY_BAD, record.quality).astype(np.int8)
     return replace(record, heading_quality=np.maximum(record.heading_quality, flags), quality=quality)
 
@@ -374,7 +374,7 @@ def _limit(off_both_deg: Floats, wrong: float) -> float:
 
 def _fast_water(record: Record) -> Bools:
     """Find samples with a mean speed of the first bins above its median, (n,)."""
-    good = record.quality[:, :NEAR_BINS] <= GOOD
+    good = record.quality[:, :NEAR_BINS] <= PROBABLY_GOOD
     count = good.sum(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = [np.where(good, of[:, :NEAR_BINS], 0.0).sum(axis=1) / count for of in (record.east, record.north)]

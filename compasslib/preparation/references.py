@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.preparation.gridding import nearest_index
-from compasslib.records import Pairs, Record, take
+from compasslib.records import Pairs, Record, ReferenceCompass, take
 from compasslib.statistics.least_squares import robust_width
 from compasslib.types import DAY_S, HOUR_S, Bools, Complexes, Floats
 
@@ -67,10 +67,25 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
         warnings=(*said, *notes),
         expected_m_s=_expected([each[k] for k in there]),
         veer_deg=float(np.average([each[k].veer_deg for k in there], weights=[max(len(each[k]), 1) for k in there])),
+        compass=_combined_compass([each[k].compass for k in there], [len(each[k]) for k in there]),
         doubts=(
             *(((differ_deg, CONTRADICTING.format(differ_deg)),) if differ_deg else ()),
             *(doubt for k in there for doubt in each[k].doubts),
         ),
+    )
+
+
+def _combined_compass(compasses: Sequence[ReferenceCompass | None], counts: Sequence[int]) -> ReferenceCompass | None:
+    """Combine independent errors of compasses, weighted by their numbers of pairs."""
+    known = [compass for compass in compasses if compass is not None]
+    if len(known) < len(compasses):
+        return None
+    weight = np.maximum(counts, 1) / np.maximum(counts, 1).sum()
+    errors = [(each.sigma_deg, each.iron_deg, each.declination_deg) for each in known]
+    # The error of the declination is common to all directions that are true already.
+    constant, iron = np.sqrt(weight**2 @ np.square(errors))[:2].tolist()
+    return ReferenceCompass(
+        " and ".join(each.name for each in known), constant, iron, float(weight @ [each[2] for each in errors])
     )
 
 

@@ -15,20 +15,17 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.deviation.correction import MIN_PROBABILITY
+from compasslib.deviation.exact import MIN_SLOPE
 from compasslib.deviation.model import DeviationFit, nearest_root
 from compasslib.deviation.series import series_design, series_slope
-from compasslib.deviation.tilt import MIN_SLOPE, CompassSeries, compass_series
+from compasslib.deviation.tilt import CompassSeries, compass_series
 from compasslib.preparation.water import fit_structure_function
 from compasslib.product.cells import Axes, Differences, average_slots
-from compasslib.records import EarthField, Readings
+from compasslib.records import Readings, ReferenceCompass
 from compasslib.types import Bools, Complexes, Floats
 
 MAX_MODES = 8
 MAX_REFERENCES = 3  # number of modes for the references' compasses; further references share the last
-# Error of a field model's declination, including crust and daily variation: sqrt(0.26^2 + (5417 nT / H)^2) degrees
-# (Chulliat et al. 2025, The US/UK World Magnetic Model for 2025-2030, technical report; WMM2020: 5625), used for IGRF.
-MODEL_CONSTANT_DEG, MODEL_BY_FIELD_NT = 0.26, 5417.0
-REFERENCE_SIGMA_DEG = 2.0  # of a moored magnetic compass that was not calibrated in place
 PRESSURE_SIGMA_M, NOMINAL_SIGMA_M = 0.5, 5.0  # of a measured depth (0.25 % of 200 m), and of a nominal depth
 GROWTH_IN_CELL = 1.5  # exponent of the structure function at distances within a cell
 UNMEASURED_MOTION_M_S = 0.005  # of a sphere without a pressure record: a bound, not an estimate
@@ -55,11 +52,6 @@ class HeadingErrors:
         """Compute the variance of an instrument's heading, (t,) square radians."""
         common = np.einsum("k,kt->t", self.shares[source] ** 2, np.nan_to_num(self.modes) ** 2)
         return common + self.random[source] ** 2 if source < len(self.random) else common
-
-
-def declination_sigma(field: EarthField) -> float:
-    """Compute the standard deviation of the field model's declination, degrees."""
-    return float(np.hypot(MODEL_CONSTANT_DEG, MODEL_BY_FIELD_NT / float(np.mean(field.horizontal_nT))))
 
 
 def compass_modes(fit: DeviationFit, at: CompassSeries | None, readings: Readings, heading_deg: Floats) -> Floats:
@@ -289,15 +281,6 @@ HOPELESS = 1e8  # square degrees, stands for an infinite variance
 
 
 @dataclass(frozen=True)
-class ReferenceCompass:
-    """Source of a reference's directions."""
-
-    name: str
-    sigma_deg: float  # standard deviation of a constant error
-    magnetic: bool  # whether its directions were corrected by the declination of the mooring
-
-
-@dataclass(frozen=True)
 class AffectedHeadings:
     """Corrected headings of an affected instrument at n samples, with their error components."""
 
@@ -305,12 +288,12 @@ class AffectedHeadings:
     time_s: Floats
     used: Bools  # (n,) whether velocities of the sample go into the grid
     heading_deg: Floats
-    sigma_deg: Floats  # without declination and the reference's compass
+    sigma_deg: Floats  # whole
     probability: Floats  # of the selected branch
-    columns_deg: Floats  # (n, p) modes of the error due to the compass coefficients, per unit normal
+    columns_deg: Floats  # (n, p) modes of the error due to coefficients and iron of the reference, per unit normal
+    constant_deg: float  # standard deviation of the constant due to the reference, included in sigma_deg
     doubted_deg: Floats  # (n,) standard deviation of suspected errors, included in sigma_deg
     unexplained_deg: float  # standard deviation of detected but uncorrected errors, included in sigma_deg
-    veer_deg: float  # standard deviation of the mean veer between the depths, unless in the coefficients' covariance
     weights: Floats  # (r,) share of each reference in the pairs that the coefficients are fitted to; zero without pairs
 
 
@@ -333,20 +316,30 @@ def heading_errors(
 ) -> HeadingErrors:
     """Decompose the heading errors of a mooring into modes along time and a random part.
 
-    The covariance of a fit includes the mean veer between the depths and the scatter of the water. It does not include
-    a constant error of the reference's compass, which enters the coefficient A, nor that of the declination, which
-    rotates affected and reference velocities alike.
+    The modes are those of HEADING_CORRECTED_UNCERTAINTY, and the declination, which rotates affected and reference
+    velocities alike unless the reference's directions are true already.
     """
+    # B sin + C cos of a reference's heading, of equal variances, has the same variance at any heading.
+    whole = [float(np.hypot(r.sigma_deg, r.iron_deg)) for r in references]
     constants = {"declination": declination_deg}
-    constants |= {f"compass of {r.name}": r.sigma_deg for r in references[: MAX_REFERENCES - 1]}
+    constants |= {f"compass of {r.name}": x for r, x in zip(references[: MAX_REFERENCES - 1], whole, strict=False)}
     if others := references[MAX_REFERENCES - 1 :]:
         name = "compass of " + " and ".join(r.name for r in others)
-        constants[name] = max(r.sigma_deg for r in others)
+        constants[name] = max(whole[MAX_REFERENCES - 1 :])
+    sizes = np.array(list(constants.values()))
     count = (MAX_MODES - len(constants)) // len(affected)
-    parts = [_decompose(each, axes, max_gap_s, count) for each in affected]
-    constant = np.repeat(np.array(list(constants.values()))[:, None] * angles.DEGREE, len(axes.time_s), axis=1)
+    follows = np.zeros((len(affected), len(constants)))  # share of each constant in the headings of each instrument
+    for k, each in enumerate(affected):
+        for r, (reference, weight) in enumerate(zip(references, each.weights, strict=False)):
+            mode = 1 + min(r, MAX_REFERENCES - 1)
+            follows[k, mode] += weight * reference.sigma_deg / max(sizes[mode], 1e-9)
+        along = float(np.hypot.reduce(follows[k] * sizes))
+        follows[k] *= min(1.0, each.constant_deg / along) if along else 0.0
+    shared = np.hypot.reduce(follows * sizes, axis=1)
+    parts = [_decompose(each, axes, max_gap_s, count, float(x)) for each, x in zip(affected, shared, strict=True)]
+    constant = np.repeat(sizes[:, None] * angles.DEGREE, len(axes.time_s), axis=1)
     named = [(part.names, f" of {each.name}" * (len(parts) > 1)) for part, each in zip(parts, affected, strict=True)]
-    shares = _shares(affected, references, len(constants), [len(part.modes) for part in parts])
+    shares = _shares(affected, references, follows, [len(part.modes) for part in parts])
     return HeadingErrors(
         (*constants, *(f"{name}{suffix}" for names, suffix in named for name in names)),
         np.concatenate([constant, *(part.modes for part in parts)]),
@@ -356,15 +349,22 @@ def heading_errors(
     )
 
 
-def _decompose(affected: AffectedHeadings, axes: Axes, max_gap_s: float, count: int) -> _Decomposition:
-    """Decompose the heading error of one instrument into modes, at most ``count``, and a random part."""
+def _decompose(
+    affected: AffectedHeadings, axes: Axes, max_gap_s: float, count: int, shared_deg: float
+) -> _Decomposition:
+    """Decompose the heading error of one instrument into modes, at most ``count``, and a random part.
+
+    Args:
+        shared_deg: part of its constant error that the modes of the references' compasses hold.
+    """
     samples = len(affected.time_s)
-    by_time = {"veer": np.full(samples, affected.veer_deg), "unexplained": np.full(samples, affected.unexplained_deg)}
+    veer = float(np.sqrt(max(affected.constant_deg**2 - shared_deg**2, 0.0)))
+    by_time = {"veer": np.full(samples, veer), "unexplained": np.full(samples, affected.unexplained_deg)}
     by_time |= {"doubts": affected.doubted_deg}
     by_time = {name: series for name, series in by_time.items() if np.any(series > 0.0)}
     columns, name = affected.columns_deg, "coefficients"
     within = np.sum(columns**2, axis=1)
-    within += sum((series**2 for key, series in by_time.items() if key != "veer"), np.zeros(samples))
+    within += sum((series**2 for series in by_time.values()), np.full(samples, shared_deg**2))
     if len(by_time) + 2 > count:  # several instruments share the modes
         columns, name, by_time = np.column_stack([columns, *by_time.values()]), "errors", {}
     leading, left = compress(columns, count - len(by_time))
@@ -386,21 +386,21 @@ def _decompose(affected: AffectedHeadings, axes: Axes, max_gap_s: float, count: 
 
 
 def _shares(
-    affected: Sequence[AffectedHeadings], references: Sequence[ReferenceCompass], constants: int, modes: Sequence[int]
+    affected: Sequence[AffectedHeadings], references: Sequence[ReferenceCompass], follows: Floats, modes: Sequence[int]
 ) -> Floats:
     """Compute the factor of each mode in the heading error of each instrument, affected ones first.
 
     Modes are those of the declination, of the references' compasses and of each affected instrument, in this order.
     """
+    constants = follows.shape[1]
     shares = np.zeros((len(affected) + len(references), constants + sum(modes)))
-    of_reference = [1 + min(k, MAX_REFERENCES - 1) for k in range(len(references))]
     magnetic = np.array([r.magnetic for r in references], dtype=float)
     ends = constants + np.cumsum([0, *modes])
     for k, each in enumerate(affected):
         shares[k, ends[k] : ends[k + 1]] = 1.0
+        shares[k, :constants] = follows[k]
         shares[k, 0] = each.weights @ magnetic if np.any(each.weights) else 1.0
-        np.add.at(shares[k], of_reference, each.weights)
-    for k, mode in enumerate(of_reference):
-        shares[len(affected) + k, mode] = 1.0
+    for k in range(len(references)):
+        shares[len(affected) + k, 1 + min(k, MAX_REFERENCES - 1)] = 1.0
         shares[len(affected) + k, 0] = magnetic[k]
     return shares

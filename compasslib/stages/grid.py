@@ -14,18 +14,16 @@ from compasslib.archive import gridded as archive
 from compasslib.archive import netcdf, provenance
 from compasslib.archive.attributes import Site
 from compasslib.archive.files import read_json
-from compasslib.deviation.correction import record_readings
+from compasslib.deviation.correction import record_readings, reference_modes
 from compasslib.deviation.doubts import evaluate_doubts
+from compasslib.deviation.reference import declination_sigma, reference_compass
 from compasslib.inference import covariates
 from compasslib.inference import product as products
 from compasslib.inference.product import Product
 from compasslib.product.cells import average_angle, compare_at_seam, describe_seam
 from compasslib.product.errors import (
-    REFERENCE_SIGMA_DEG,
     AffectedHeadings,
-    ReferenceCompass,
     compass_modes,
-    declination_sigma,
     heading_errors,
 )
 from compasslib.product.grid import DailyMeans, GridRules, Source, Survey, make_axes, survey
@@ -73,7 +71,7 @@ def grid(
         gridded: gridded.nc, and gridded_daily.nc if configured.
         references: record files of the reference instruments, possibly none.
 
-        compasses: ``sigma_deg`` (degrees, None for the usual value) and ``magnetic`` of each reference.
+        compasses: arguments of ``reference_compass`` for each reference.
         attributes: global attributes from the YAML files.
         sources: raw files, relative to the cruise folder.
         superseded: the earlier deposit, as returned by ``deposit.describe_superseded``.
@@ -96,7 +94,7 @@ def grid(
     rules = GridRules(**options["grid"])
     axes, gap_s = make_axes(instruments, surveys, rules), 60.0 * rules.max_gap_minutes
     sigma_deg = declination_sigma(along)
-    trusted = _reference_compasses(names, compasses, sigma_deg)
+    trusted = [reference_compass(field=along, **keys) for keys in compasses]
     errors = heading_errors([part.headings for part in affected], trusted, axes, gap_s, sigma_deg)
     turned = [np.where(part.headings.used, part.corrected.deviation_deg, np.nan) for part in affected]
     turns = [average_angle(x, part.headings.time_s, axes, gap_s) for x, part in zip(turned, affected, strict=True)]
@@ -145,6 +143,9 @@ def _read_affected(
     at = products.compass_along_record(made_by, recording, along, series)
     index = np.zeros(len(near), dtype=int) if near.reference_index is None else near.reference_index
     weights = np.bincount(index, minlength=references)[:references] / max(len(near), 1)
+    readings = record_readings(recording)
+    trusted = reference_modes(made_by.fit, readings, product.heading_corrected_deg)
+    columns = compass_modes(made_by.fit, at, readings, product.heading_corrected_deg)
     headings = AffectedHeadings(
         name=name,
         time_s=product.record.time_s,
@@ -152,26 +153,13 @@ def _read_affected(
         heading_deg=product.heading_corrected_deg,
         sigma_deg=product.heading_uncertainty_deg,
         probability=product.branch_probability,
-        columns_deg=compass_modes(made_by.fit, at, record_readings(recording), product.heading_corrected_deg),
+        columns_deg=np.column_stack([columns, trusted[:, 1:]]),
+        constant_deg=float(np.max(trusted[:, 0], initial=0.0)),
         doubted_deg=evaluate_doubts(made_by.doubts, product.record.time_s)[1],
         unexplained_deg=made_by.left_deg,
-        veer_deg=near.veer_deg if made_by.fit.method == "von_appen" else 0.0,
         weights=weights * (made_by.fit.method != "calibration"),
     )
     return _Affected(source, surveyed, product, made_by, near, headings, doubtful)
-
-
-def _reference_compasses(
-    names: Sequence[str], compasses: Sequence[Mapping[str, Any]], declination_deg: float
-) -> list[ReferenceCompass]:
-    """Return the references' compasses with their standard deviations.
-
-    Directions that are already true were rotated elsewhere by another declination, whose error is added.
-    """
-    usual = {True: REFERENCE_SIGMA_DEG, False: float(np.hypot(REFERENCE_SIGMA_DEG, declination_deg))}
-    sigmas = [usual[x["magnetic"]] if x["sigma_deg"] is None else x["sigma_deg"] for x in compasses]
-    given = zip(names, sigmas, compasses, strict=True)
-    return [ReferenceCompass(name, sigma_deg, compass["magnetic"]) for name, sigma_deg, compass in given]
 
 
 def _describe_processing(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from compasslib import earthfield
 from compasslib.archive import netcdf, provenance
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import declination
+from compasslib.deviation.reference import reference_compass
 from compasslib.preparation.pairs import (
     ROLES,
     PairRules,
@@ -36,6 +38,7 @@ def overlap(
     place: Mapping[str, Any],
     rules: Mapping[str, Any],
     columns: Mapping[str, Any] | None,
+    compasses: Sequence[Mapping[str, Any]],
     say: Callable[[str], None],
 ) -> None:
     """Write the field along the deployment, the pairs by the rules, and pairs by rules for larger separations.
@@ -47,6 +50,7 @@ def overlap(
         ready: file of ready-made pairs, which replace those of the records; empty if there is none.
         place: arguments of ``earthfield.field_along``.
         columns: headers or variables of the ready-made file by role, and ``scale``.
+        compasses: arguments of ``reference_compass`` for each reference.
 
     Raises:
         InputError: a file of pairs or of an observatory cannot be read, or a date lies outside the model of the field.
@@ -61,6 +65,7 @@ def overlap(
     if ready and columns is not None:
         rows = read_ready_pairs(Path(ready[0]), {role: columns[role] for role in ROLES})
         matched = match_ready_pairs(rows, columns["scale"], above, along)
+        matched = replace(matched, compass=reference_compass("reference", along, magnetic=True))
         made = provenance.origin("ready-made pairs read", ready)
         for file in (wide, pairs):
             netcdf.write_pairs(file, matched, attributes=made)
@@ -69,8 +74,12 @@ def overlap(
     asked = PairRules(**rules)
     each = [[reference] for reference in below] or [[]]
     clocks = [estimate_clock_offset(above, reference, asked) for reference in each]
+    trusted = [reference_compass(field=along, **keys) for keys in compasses] or [None]
     for file, by in ((wide, widen_rules(asked)), (pairs, asked)):
-        by_reference = [find_pairs(above, r, along, by, clock) for r, clock in zip(each, clocks, strict=True)]
+        by_reference = [
+            replace(find_pairs(above, r, along, by, clock), compass=compass)
+            for r, clock, compass in zip(each, clocks, trusted, strict=True)
+        ]
         joined = join_references(by_reference, [Path(reference).stem for reference in lower])
         netcdf.write_pairs(file, joined, attributes=made)
     say(describe_pairs(mooring, joined))

@@ -27,7 +27,8 @@ from compasslib.readers.pd0.checks import FileReport
 from compasslib.readers.pd0.currents import Settings
 from compasslib.readers.pd0.fields import BEAM, COUNTS, EARTH, Ensembles, GrowableArrays
 from compasslib.readers.pd0.frames import CHUNK_BYTES, Skipped, is_escaped, iter_chunks
-from compasslib.records import BAD, GOOD, MISSING, Record
+from compasslib.readers.pd0.sound import correct_sound_speed
+from compasslib.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Record
 from compasslib.types import Floats
 
 BOUNDARY_COUNTS = 50  # echo of a boundary above the minimum at shorter range; 0.45 dB per count
@@ -67,6 +68,7 @@ def read(
     declination_applied: float | Mapping[str, float] | None,
     heading_alignment: float | None,
     serial_number: str | None = None,
+    sound_speed: str | Mapping[str, float] | None = None,
 ) -> Record:
     """Read one record from files sorted by their first times, with currents rotated by the recorded magnetic heading.
 
@@ -75,12 +77,14 @@ def read(
         declination_applied: declination contained in headings (and earth velocities), degrees; overrides EB.
         heading_alignment: degrees to add to the recorded heading to get that of beam 3; required if EA is not 0.
         serial_number: expected serial number, possibly with letters around its digits.
+        sound_speed: auto (as None), keep or {salinity: S}, see ``sound.correct_sound_speed``.
 
     Raises:
         InputError: a file is unreadable, holds no ensemble or other than four beams, the serial number differs, or EA
             and ``heading_alignment`` contradict each other.
     """
-    settings = Settings(orientation, parse_applied_declination(declination_applied), heading_alignment, serial_number)
+    applied = parse_applied_declination(declination_applied)
+    settings = Settings(orientation, applied, heading_alignment, serial_number, sound_speed)
     if not paths:
         raise InputError("files", expected="at least one PD0 file", found="none", advice="name the instrument's files")
     if orientation not in (None, "up", "down"):
@@ -174,11 +178,6 @@ def _read_file(path: str | Path, settings: Settings, arrays: GrowableArrays) -> 
     )
 
 
-def _drop_profiles(ensembles: Ensembles) -> Ensembles:
-    none, no_bytes = np.empty((len(ensembles), 0, 4)), np.empty((len(ensembles), 0, 4), np.uint8)
-    return replace(ensembles, velocity=none, correlation=no_bytes, echo=no_bytes, percent_good=no_bytes)
-
-
 def _turn_chunk(ensembles: Ensembles, size: int, settings: Settings, arrays: GrowableArrays) -> _ChunkCurrents:
     flow = currents.compute_currents(ensembles, settings)
     quality = currents.flag_currents(ensembles, flow.east, flow.north)
@@ -186,8 +185,9 @@ def _turn_chunk(ensembles: Ensembles, size: int, settings: Settings, arrays: Gro
     columns |= {"up": flow.up.astype(np.float32), "error_velocity": flow.error.astype(np.float32)}
     arrays.add(columns | {name: getattr(ensembles, name) for name in COUNTS}, {"quality": MISSING}, size)
     near = ensembles.echo[:, :NEAR_CELLS].astype(float)
+    none, no_bytes = np.empty((len(ensembles), 0, 4)), np.empty((len(ensembles), 0, 4), np.uint8)
     return _ChunkCurrents(
-        leaders=_drop_profiles(ensembles),
+        leaders=replace(ensembles, velocity=none, correlation=no_bytes, echo=no_bytes, percent_good=no_bytes),
         echo_range_m=echo_ranges(ensembles),
         echo_near=np.where(near.any(axis=(1, 2)), near.mean(axis=(1, 2)), np.nan),
         three_beam=flow.three_beam,
@@ -204,9 +204,15 @@ def _record(
     checks.refuse_mixed(where, leaders)
     serial = checks.serial_number(where, leaders, settings.serial_number)
     flags, strays, notes = checks.flag_strays(leaders)
+    sound = correct_sound_speed(leaders, settings.sound_speed)
+    notes += [sound.sentence] if sound.sentence else []
+    velocity_flags = np.where(sound.doubtful, np.maximum(flags, PROBABLY_GOOD), flags)
+    for name in ("east", "north", "up", "error_velocity"):
+        velocity = arrays[name]
+        velocity *= sound.factor[:, None]
     heading = currents.magnetic_heading(leaders, settings)
     known = {"velocities": int(np.isfinite(arrays["east"]).sum())}
-    counts = checks.summarize_counts(reports, leaders, heading, settings) | strays | known
+    counts = checks.summarize_counts(reports, leaders, heading, settings) | strays | known | sound.counts
     codes = np.unique(leaders.coordinates)
     # Distances of the bins, (n, m) metres, NaN beyond the last bin of an ensemble.
     cells = int(leaders.cells.max())
@@ -215,6 +221,7 @@ def _record(
     rows = slice(1) if same else slice(None)
     ranges = leaders.bin1_m[rows, None] + leaders.cell_m[rows, None] * np.arange(cells)
     ranges[np.arange(cells) >= leaders.cells[rows, None]] = np.nan
+    ranges *= sound.range_factor
     return Record(
         time_s=leaders.time_s,
         east=arrays["east"],
@@ -236,7 +243,7 @@ def _record(
         profiles=_profiles(arrays, leaders),
         bins_mapped=bool(np.all(leaders.bins_mapped | (leaders.coordinates == BEAM))),
         recorded_in=checks.COORDINATES[int(codes[0])] if len(codes) == 1 else "several",
-        quality=np.maximum(arrays["quality"], flags[:, None]),
+        quality=np.maximum(arrays["quality"], velocity_flags[:, None]),
         heading_quality=np.where(np.isnan(heading), MISSING, flags).astype(np.int8),
         looks_up=checks.mostly_looks_up(leaders, settings),
         beam_angle_deg=_most_frequent(leaders.beam_angle_deg),
@@ -244,8 +251,9 @@ def _record(
         heading_bias_deg=_most_frequent(currents.heading_bias(leaders, settings)),
         velocity_bias_deg=_most_frequent(currents.velocity_bias(leaders, settings)),
         serial_number=serial,
-        echo_range_m=np.concatenate([part.echo_range_m for part in parts]),
+        echo_range_m=np.concatenate([part.echo_range_m for part in parts]) * sound.range_factor,
         counts=counts,
+        sound_speed=sound.sentence,
         warnings=(*checks.describe_reading(reports, leaders, counts, settings), *notes),
     )
 

@@ -8,7 +8,7 @@ known solutions.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +37,7 @@ class Settings:
     declination_applied: AppliedDeclination | None = None
     heading_alignment: float | None = None  # degrees from the recorded heading to that of beam 3
     serial_number: str | None = None
+    sound_speed: str | Mapping[str, float] | None = None  # auto (as None) | keep | {salinity: S}
 
 
 def heading_bias(ensembles: Ensembles, settings: Settings) -> Floats:

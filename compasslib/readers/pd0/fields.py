@@ -42,17 +42,22 @@ LAST_YEAR = 2079  # two-digit years are unique from FIRST_YEAR to here; other da
 
 MISSING_COUNT = -32768
 _FIXED = block_type(
-    system=(4, "<u2"), beams=(8, "u1"), cells=(9, "u1"), pings=(10, "<u2"), cell_cm=(12, "<u2"), blank_cm=(14, "<u2"),
-    between_pings=(22, "3u1"), ex=(25, "u1"), ea=(26, "<i2"), eb=(28, "<i2"), sensors=(31, "u1"), bin1_cm=(32, "<u2"),
-    board=(42, "<i8"), serial=(54, "<u4"), beam_angle=(58, "u1"),
+    firmware=(2, "u1"), system=(4, "<u2"), beams=(8, "u1"), cells=(9, "u1"), pings=(10, "<u2"), cell_cm=(12, "<u2"),
+    blank_cm=(14, "<u2"), between_pings=(22, "3u1"), ex=(25, "u1"), ea=(26, "<i2"), eb=(28, "<i2"), ez=(30, "u1"),
+    sensors=(31, "u1"), bin1_cm=(32, "<u2"), board=(42, "<i8"), serial=(54, "<u4"), beam_angle=(58, "u1"),
 )  # fmt: skip
 _VARIABLE = block_type(
-    number=(2, "<u2"), clock=(4, "7u1"), number_high=(11, "u1"), depth_dm=(16, "<u2"), heading=(18, "<u2"),
-    tilt1=(20, "<i2"), tilt2=(22, "<i2"), temperature=(26, "<i2"), heading_spread=(31, "u1"), current=(34, "u1"),
-    voltage=(35, "u1"), pressure=(48, "<i4"), century=(57, "u1"), clock_2000=(58, "7u1"),
+    number=(2, "<u2"), clock=(4, "7u1"), number_high=(11, "u1"), sound=(14, "<u2"), depth_dm=(16, "<u2"),
+    heading=(18, "<u2"), tilt1=(20, "<i2"), tilt2=(22, "<i2"), salinity=(24, "<u2"), temperature=(26, "<i2"),
+    heading_spread=(31, "u1"), current=(34, "u1"), voltage=(35, "u1"), pressure=(48, "<i4"), century=(57, "u1"),
+    clock_2000=(58, "7u1"),
 )  # fmt: skip
 _PRESSURE_STOP, _VOLTAGE_STOP, _BOARD_STOP, _SERIAL_STOP = 52, 36, 50, 58
 _ALL_ONES = 2**32 - 1
+FROM_THERMOMETER, FROM_CONDUCTIVITY = 1, 2  # bits of EZ: temperature and salinity are measured
+# Versions of the firmware of Ocean Surveyor, RiverRay and Pinnacle (MHKiT-Python, dolfyn/io/rdi.py); the others are
+# pistons, Long Ranger and QuarterMaster among them.
+_PHASED_ARRAYS = (14, 23, 44, 61)
 NO_HEADING = 65535  # hundredths of a degree; marks a missing heading
 _PER_CELL = {VELOCITY: 8, CORRELATION: 4, ECHO: 4, PERCENT_GOOD: 4}  # bytes per bin of four beams or components
 _RESERVED = 2  # bytes between the last block and the checksum
@@ -79,6 +84,10 @@ class Ensembles:
     pressure_dbar: Floats  # (n,) NaN without a sensor
     depth_m: Floats  # (n,) of the transducer
     temperature_c: Floats  # (n,) degrees Celsius
+    sound_m_s: Floats  # (n,) EC, speed of sound from which velocities and ranges were computed
+    salinity: Floats  # (n,) ES, measured or set
+    measured: Bytes  # (n,) EZ: sensors that are fitted and used
+    phased_array: Bools  # (n,) whether the beams are formed by one array instead of four pistons
     supply_voltage: Floats  # (n,) counts of the transmit voltage
     transmit_current: Floats  # (n,) counts
     heading_spread_deg: Floats  # (n,) standard deviation of the pings' headings
@@ -306,6 +315,8 @@ def _decode_fixed(rows: Bytes, layout: Layout) -> dict[str, Any]:
         "frequency_khz": _FREQUENCIES_KHZ[system & 7],
         "heading_alignment_deg": leader["ea"] / 100.0,
         "heading_bias_deg": leader["eb"] / 100.0,
+        "measured": leader["ez"] & leader["sensors"],
+        "phased_array": np.isin(leader["firmware"], _PHASED_ARRAYS),
         "average_s": leader["pings"] * (leader["between_pings"] @ [60.0, 1.0, 0.01]),
     }
 
@@ -328,6 +339,8 @@ def _decode_variable(rows: Bytes, layout: Layout) -> dict[str, Any]:
         "tilt2_deg": from_hundredths(leader["tilt2"]),
         "temperature_c": from_hundredths(leader["temperature"]),
         "depth_m": leader["depth_dm"] / 10.0,
+        "sound_m_s": leader["sound"].astype(float),
+        "salinity": leader["salinity"].astype(float),
         "supply_voltage": np.where(length >= _VOLTAGE_STOP, leader["voltage"], np.nan),
         "transmit_current": np.where(length >= _VOLTAGE_STOP, leader["current"], np.nan),
         "heading_spread_deg": np.where(length >= _VOLTAGE_STOP, leader["heading_spread"], np.nan),

@@ -1,0 +1,131 @@
+"""Errors of the reference's own compass, and how they enter the corrected headings.
+
+The reference's directions err by a constant and by iron of its own, b sin + c cos of the *reference's* heading. A fit
+to these directions turns with the constant, and takes up what of the iron looks like iron of the affected compass.
+The mean veer between the two depths acts like the constant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from compasslib import angles
+from compasslib.records import EarthField, Pairs, ReferenceCompass
+from compasslib.types import Floats
+
+# Error of a field model's declination, including crust and daily variation: sqrt(0.26^2 + (5417 nT / H)^2) degrees
+# (Chulliat et al. 2025, The US/UK World Magnetic Model for 2025-2030, technical report; WMM2020: 5625), used for IGRF.
+MODEL_CONSTANT_DEG, MODEL_BY_FIELD_NT = 0.26, 5417.0
+# Physics page, fourth round: of a moored magnetic compass that was not calibrated in place, and of the constants of
+# affected compasses, by their mounting and alignment.
+CONSTANT_SIGMA_DEG, IRON_SIGMA_NT, TILT_OFFSET_DEG, ALIGNMENT_SIGMA_DEG = 2.0, 525.0, 0.4, 4.0
+STUDENT_DOF = 4.0  # of the errors of references (physics page, fourth round)
+
+
+def declination_sigma(field: EarthField) -> float:
+    """Compute the standard deviation of the field model's declination, degrees."""
+    return float(np.hypot(MODEL_CONSTANT_DEG, MODEL_BY_FIELD_NT / float(np.mean(field.horizontal_nT))))
+
+
+def reference_compass(
+    name: str, field: EarthField, *, magnetic: bool, sigma_deg: float | None = None, iron_nT: float | None = None
+) -> ReferenceCompass:
+    """Describe the compass of a reference by the keys of its instrument.
+
+    Directions that are already true were rotated elsewhere by another declination, whose error is added unless
+    ``sigma_deg`` is given.
+
+    Args:
+        magnetic: whether its directions are from magnetic north.
+        sigma_deg: standard deviation of its constant error (``compass_sigma_deg``), None for the usual one.
+        iron_nT: that of either component of its horizontal iron (``compass_iron_nT``), None for the usual one.
+    """
+    horizontal, declination = float(np.mean(field.horizontal_nT)), declination_sigma(field)
+    dip_ratio = abs(float(np.mean(field.vertical_nT))) / horizontal
+    usual = CONSTANT_SIGMA_DEG if magnetic else float(np.hypot(CONSTANT_SIGMA_DEG, declination))
+    iron = (IRON_SIGMA_NT if iron_nT is None else iron_nT) / horizontal / angles.DEGREE
+    return ReferenceCompass(
+        name,
+        usual if sigma_deg is None else sigma_deg,
+        float(np.hypot(iron, TILT_OFFSET_DEG * dip_ratio)) if iron_nT is None else iron,
+        0.0 if magnetic else declination,
+    )
+
+
+@dataclass(frozen=True)
+class ReferenceErrors:
+    """Errors of the reference's compass and of the mean veer in a fit to the reference's directions."""
+
+    constant_deg: float  #: standard deviation of the reference's constant, from magnetic north
+    veer_deg: float  #: of the mean veer between the depths
+    iron: Floats  #: (5, 2) change of the coefficients by one standard deviation of the reference's B and of its C
+    magnetic: bool  #: whether its directions are from magnetic north
+    veer_included: bool  #: whether the covariance of the fit includes the mean veer
+    share: float = 1.0  #: probability that the compass has a deviation, and follows the reference
+
+    def to_json(self) -> dict[str, Any]:
+        """Convert to the content of deviation.json."""
+        return vars(self) | {"iron": self.iron.tolist()}
+
+    def further_deg(self, constant_deg: float, sigma_deg: float) -> float:
+        """Compute the standard deviation of the constant error of all headings that the covariance lacks, degrees.
+
+        Args:
+            constant_deg: the fitted constant A.
+            sigma_deg: its standard error by the scatter of the pairs.
+        """
+        whole = constant_sigma(constant_deg, sigma_deg, float(np.hypot(self.constant_deg, self.veer_deg)))
+        included = self.veer_deg if self.veer_included else 0.0
+        return float(np.sqrt(self.share * max(whole**2 - included**2, 0.0)))
+
+
+def errors_from_json(content: dict[str, Any] | None) -> ReferenceErrors | None:
+    """Build the errors from the content of deviation.json, None if it has none."""
+    return None if content is None else ReferenceErrors(**content | {"iron": np.array(content["iron"])})
+
+
+def iron_pattern(pairs: Pairs) -> Floats:
+    """Compute the error of the reference's directions by one standard deviation of its B and of its C, (n, 2) degrees.
+
+    Where its heading was not recorded, it is taken for a vane, whose heading follows the flow: the worst case.
+    """
+    heading = angles.direction(pairs.lower_east, pairs.lower_north)
+    if pairs.lower_heading_deg is not None:
+        heading = np.where(np.isfinite(pairs.lower_heading_deg), pairs.lower_heading_deg, heading)
+    return (pairs.compass.iron_deg if pairs.compass else 0.0) * np.column_stack(angles.sin_cos(heading))
+
+
+def reference_errors(pairs: Pairs, iron: Floats, *, veer_included: bool) -> ReferenceErrors | None:
+    """Collect the errors of the reference of a fit; None if the pairs do not state them.
+
+    Args:
+        iron: (5, 2) change of the coefficients by each column of ``iron_pattern``.
+    """
+    if (compass := pairs.compass) is None:
+        return None
+    constant = float(np.hypot(compass.sigma_deg, compass.declination_deg))
+    return ReferenceErrors(constant, pairs.veer_deg, iron, compass.declination_deg == 0.0, veer_included)
+
+
+def constant_sigma(constant_deg: float, sigma_deg: float, error_deg: float) -> float:
+    """Compute the rms of the part of a fitted constant that is not the affected compass's own, degrees.
+
+    The constant is the sum of the compass's own, normal with ``ALIGNMENT_SIGMA_DEG``, and of the error of the
+    reference, Student's t; given their sum, the error has a mean and a standard deviation, and their root sum of
+    squares is returned (physics page, fourth round).
+
+    Args:
+        sigma_deg: standard error of the fitted constant.
+        error_deg: standard deviation of the error.
+    """
+    if error_deg == 0.0:
+        return 0.0
+    width, scale = float(np.hypot(ALIGNMENT_SIGMA_DEG, sigma_deg)), error_deg * np.sqrt(1.0 - 2.0 / STUDENT_DOF)
+    error = np.linspace(-1.0, 1.0, 2001) * (abs(constant_deg) + 8.0 * error_deg + 4.0 * width)
+    log_density = -0.5 * (STUDENT_DOF + 1.0) * np.log1p((error / scale) ** 2 / STUDENT_DOF)
+    log_density = log_density - 0.5 * ((constant_deg - error) / width) ** 2
+    weight = np.exp(log_density - log_density.max())
+    return float(np.sqrt(np.average(error**2, weights=weight)))
