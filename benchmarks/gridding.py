@@ -29,9 +29,9 @@ from compasslib.demo import compass, sealed, water
 from compasslib.demo import water as sea
 from compasslib.demo.adcp import Setup
 from compasslib.demo.sealed import Effect, Export, Ground, Wish
+from compasslib.deviation.reference import declination_sigma
 from compasslib.earthfield import field_from_json
 from compasslib.pipeline import process
-from compasslib.product.errors import declination_sigma
 from compasslib.stages import grid as stage
 from tests.world import draw
 

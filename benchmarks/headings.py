@@ -27,7 +27,7 @@ from compasslib import angles
 from compasslib.demo import adcp, sealed, water
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.assessment import find_constant_offset
-from compasslib.deviation.correction import correct
+from compasslib.deviation.correction import correct, record_readings, reference_modes
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import conclude, insufficient
 from compasslib.inference.kinds.mooring import diagnose
@@ -41,7 +41,6 @@ PRIORS = {"half the prior": 0.5, "1.5 times the prior": 1.5, "Student's tails": 
 WATERS, REAL, SEARCHED = ("plain", "structured"), tuple(injected.GAPS), ("null", "single", "unknown")
 KINDS = (*WATERS, *PRIORS, *REAL, *SEARCHED)
 WANTED = {name: {"least": 0.93, "most": 0.97} for name in WATERS} | {"1.5 times the prior": {"least": 0.85}}
-MODES = ("reference constant", "reference iron B", "reference iron C", "veer")
 
 
 def record_of(time_s, heading_deg, tilt_deg, depth_m, flow, range_m) -> Record:
@@ -109,8 +108,8 @@ def without_reference(drawn: sea.Drawn) -> sea.Drawn:
     return replace(drawn, pairs=with_turned(pairs, reference_deg=-veer_deg))
 
 
-def corrected(drawn: sea.Drawn, *, search: bool) -> CorrectedRecord:
-    """Correct a mooring as the workflow does, with or without its search."""
+def corrected(drawn: sea.Drawn, *, search: bool) -> tuple[CorrectedRecord, np.ndarray]:
+    """Correct a mooring as the workflow does, and sum the variances of the modes of reference and mean veer, (n,)."""
     pairs, field, flow = drawn.pairs, bench.field_of(drawn), drawn.pairs.upper_east + 1j * drawn.pairs.upper_north
     tilts, depth = (pairs.pitch_deg, pairs.roll_deg), pairs.upper_depth_m
     record = record_of(pairs.time_s, pairs.heading_deg, tilts, depth, flow[:, None], 0.0)
@@ -126,13 +125,10 @@ def corrected(drawn: sea.Drawn, *, search: bool) -> CorrectedRecord:
     constant = partial(find_constant_offset, pairs=pairs, declination_deg=0.0)
     made = conclude(searched, pairs, record, field, series, fit=fit, find_constant=constant).product
     at = compass_along_record(made, record, field, series)
-    return correct(record, made.fit, field, pairs, at, unmodelled_deg=made.left_deg, doubts=made.doubts)
-
-
-def common_variance(made: CorrectedRecord) -> np.ndarray | float:
-    """Sum the variances of the modes of reference and veer, (n,) square degrees; 0 if none are stated."""
-    modes = getattr(made, "heading_modes_deg", {})
-    return sum((modes[name] ** 2 for name in MODES if name in modes), 0.0)
+    result = correct(record, made.fit, field, pairs, at, unmodelled_deg=made.left_deg, doubts=made.doubts)
+    modes = reference_modes(made.fit, record_readings(record), result.heading_corrected_deg)
+    included = made.fit.reference is not None and made.fit.reference.veer_included
+    return result, np.sum(modes**2, axis=1) + included * pairs.veer_deg**2
 
 
 def measure(kind: str, index: int, seed: int) -> dict:
@@ -141,10 +137,10 @@ def measure(kind: str, index: int, seed: int) -> dict:
     row = {"kind": kind, "index": index, "window": window}
     cases = {"without": without_reference(drawn)} | ({} if kind in SEARCHED else {"whole": drawn})
     for name, case in cases.items():
-        made = corrected(case, search=kind in SEARCHED)
+        made, variance = corrected(case, search=kind in SEARCHED)
         off = angles.difference(made.heading_corrected_deg, drawn.heading)
         known = np.isfinite(off)
-        left = made.heading_uncertainty_deg**2 - (common_variance(made) if name == "without" else 0.0)
+        left = made.heading_uncertainty_deg**2 - (name == "without") * variance
         off, sigma = off[known], np.sqrt(np.maximum(left, 0.0))[known]
         good = (made.heading_corrected_quality == GOOD).mean()
         within = (np.abs(off) < 1.96 * sigma).mean() if known.any() else np.nan

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from compasslib.demo.water import Complexes, Floats
-from compasslib.records import Pairs
+from compasslib.records import Pairs, ReferenceCompass
 
 HOUR_S, YEAR_H = 3600.0, 8766.0
 BEGIN_S = 1188864000.0  # 4 September 2007
@@ -474,7 +474,7 @@ def reference_sizes(earth: tuple[float, float]) -> Floats:
 
 
 def refer(drawn: Drawn, errors: Floats, rng: np.random.Generator, *, logged: bool) -> Drawn:
-    """Turn the reference's directions by the errors of its compass.
+    """Turn the reference's directions by the errors of its compass, and state their ordinary sizes.
 
     Args:
         errors: constant, sine and cosine by its heading, degrees, (3,).
@@ -486,5 +486,7 @@ def refer(drawn: Drawn, errors: Floats, rng: np.random.Generator, *, logged: boo
     heading = towards(flow) + offset + red(rng, len(flow), 12, spread)
     wrong = errors @ np.array([np.ones(len(flow)), np.sin(heading * RAD), np.cos(heading * RAD)])
     flow, recorded = turned(flow, wrong), (heading + wrong) % 360.0 if logged else None
-    pairs = replace(pairs, lower_east=flow.real, lower_north=flow.imag, lower_heading_deg=recorded)
+    constant_deg, iron_deg, _ = reference_sizes((drawn.horizontal, drawn.vertical))
+    usual = ReferenceCompass("reference", constant_deg, iron_deg)
+    pairs = replace(pairs, lower_east=flow.real, lower_north=flow.imag, lower_heading_deg=recorded, compass=usual)
     return replace(drawn, pairs=pairs, reference_deg=wrong)
