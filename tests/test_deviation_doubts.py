@@ -184,22 +184,6 @@ def test_a_slope_in_a_narrow_heading_range_is_not_doubted():
     assert find_doubtful_windows(turned(stayed, "upper", slope), fit_exact(seen)) == ()
 
 
-@pytest.mark.parametrize("iron", [MILD, FOLDED], ids=["mild", "folded"])
-@pytest.mark.parametrize("every", [2, 3, 7, 12])
-def test_foreign_samples_at_every_kth_place_are_doubted(iron, every):
-    wrong = spoilt(pairs(iron, n=3000, seed=22)[0], slice(None, None, every))
-    first, *_ = find_doubtful_windows(wrong, fit_exact(wrong))
-    assert np.isinf(first.from_s) and first.sigma_deg > 20.0 and f"one in {every} differ" in first.why
-
-
-def test_a_deviating_hour_of_the_day_is_identified():
-    seen, _ = pairs(MILD, n=3000, seed=23)
-    hour = np.rint(seen.time_s / 3600.0).astype(int) % 24
-    wrong = turned(seen, "upper", np.where(hour == 14, 50.0, 0.0))
-    first, *_ = find_doubtful_windows(wrong, fit_exact(wrong))
-    assert "those of 14:00 UTC differ" in first.why
-
-
 def test_doubts_change_flags_and_uncertainty_only_in_their_period():
     seen, _ = pairs(MILD, n=600, seed=2)
     record, fit = record_of(seen), fit_exact(seen)

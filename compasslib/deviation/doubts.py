@@ -3,8 +3,7 @@
 Part of a record may be repeated, stuck, recorded out of the water, or measured by another compass. The residual,
 observed minus corrected heading, is described in windows: its mean, its dependence on the corrected heading, its
 scatter, and the share of headings that the fitted compass cannot have recorded. A window that is far outside the other
-windows is doubtful, even if the whole record fits well. So is a record in which every k-th sample, or one hour of the
-day, differs from the others: two recordings were merged, or time stamps are mixed up.
+windows is doubtful, even if the whole record fits well.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from compasslib import angles
 from compasslib.deviation.model import DeviationFit, heading_residual, observed_heading, pair_speeds
 from compasslib.records import Pairs, iso_time
 from compasslib.statistics.resampling import adjacent
-from compasslib.types import DAY_S, HOUR_S, Bools, Floats
+from compasslib.types import DAY_S, Bools, Floats
 
 
 @dataclass(frozen=True)
@@ -86,11 +85,6 @@ IN_A_ROW_DEG, IN_A_ROW_TIMES, LEAST_USUAL_DEG = 15.0, 4.5, 2.0
 # measured.
 LARGE_SHARE = 0.25
 LEAST_DOUBT_DEG = 10.0  # lower bound of the standard deviation of a suspected error
-# Periods and remainders of the sample index whose samples are compared with the others.
-INDICES = [(period, k) for period in (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 24) for k in range(period)]
-# Limits of mean and log scatter of one index against the others, and excess of its rms; sound moorings 5°, 0.26.
-INDEX_TURN_DEG, INDEX_TURN_SIGMAS, INDEX_LOG_SCATTER, INDEX_RMS_DEG = 12.0, 6.0, 0.5, 15.0
-CLEARER = 1.5  # factor by which the departure must be larger to prefer a longer period
 CLIP = 4.0  # bound of residuals in widths: slow water may have any direction
 
 
@@ -124,7 +118,7 @@ class Residuals:
 
 
 def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
-    """Find the windows of a record, and the samples of one index, that disagree with the rest of it.
+    """Find the windows of a record that disagree with the rest of it.
 
     If the windows contain a large share of the pairs, the whole record is doubtful: the fit may be to the wrong part.
 
@@ -152,47 +146,7 @@ def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
         turns = (angles.argument(np.sum(angles.phasor(windows.features[part, 0]))) for part in (far, ~far))
         apart = abs(float(angles.difference(*turns)))
         stretches = (*stretches, doubt_whole_record(max(apart, *(doubt.sigma_deg for doubt in stretches)), why))
-    return (*_by_index(pairs.time_s, residuals), *stretches)
-
-
-def _by_index(time_s: Floats, residuals: Residuals) -> tuple[Doubt, ...]:
-    """Make a doubt if every k-th sample, or one hour of the day, differs from the others; the clearest case only."""
-    step_s = float(np.median(np.diff(time_s)))
-    index = np.rint(time_s / step_s).astype(int)
-    worst, why = 0.0, ""
-    for period, k in INDICES:
-        selected = index % period == k
-        if min(selected.sum(), (~selected).sum()) < MIN_WINDOW_PAIRS:
-            continue
-        (turn, error, scatter), (others, _, usual) = (
-            _turn_and_scatter(part, residuals) for part in (selected, ~selected)
-        )
-        turn = abs(float(angles.difference(turn, others)))
-        rms, usual_rms = (residuals.rms_deg(part) for part in (selected, ~selected))
-        excess = float(np.sqrt(max(rms**2 - usual_rms**2, 0.0)))
-        turned = turn > max(INDEX_TURN_DEG, INDEX_TURN_SIGMAS * error)
-        scattered = scatter - usual > INDEX_LOG_SCATTER and excess > INDEX_RMS_DEG
-        if (turned or scattered) and max(turn, excess) > CLEARER * worst:  # a longer period contains the shorter one
-            worst = max(turn, excess)
-            day = f"those of {k * step_s / HOUR_S:02.0f}:00 UTC" if abs(period * step_s - DAY_S) < 1.0 else ""
-            why = (
-                f"of the hours paired with the reference, {day or f'one in {period}'} differ by {rms:.0f}° rms and the "
-                f"others by {usual_rms:.0f}°: two recordings may have been put together in one instrument's file, or "
-                "some samples have the time of others"
-            )
-    return (doubt_whole_record(min(worst, angles.UNIFORM_SIGMA_DEG), why),) if why else ()
-
-
-def _turn_and_scatter(selected: Bools, residuals: Residuals) -> tuple[float, float, float]:
-    """Compute mean residual of selected pairs, its standard error (degrees each), and log of the scatter in widths."""
-    known = selected & ~residuals.lost
-    if known.sum() < MIN_WINDOW_PAIRS:
-        return np.nan, np.nan, np.nan
-    residual, width = residuals.residual_deg[known], residuals.width_deg[known]
-    turn = float(angles.argument(np.sum(angles.phasor(residual) / width**2)))
-    scatter = np.clip(angles.difference(residual, turn) / width, -CLIP, CLIP)
-    size = float(np.sqrt(np.mean(scatter**2) + 1e-6))
-    return turn, size / float(np.sqrt(np.sum(1.0 / width**2))), float(np.log(size))
+    return stretches
 
 
 def _cut(time_s: Floats) -> list[NDArray[np.intp]]:
