@@ -94,7 +94,7 @@ def correct(cruise: Path, name: str, into: Path) -> None:
         with chdir(cruise):
             process.run_stages(config.load_cruise(Path()), name, into, last=("corrected.nc",))
     except InputError as error:
-        print(f"{name}: {error}", file=sys.stderr)
+        (into / "refused").write_text(str(error))
 
 
 def good(folder: Path) -> np.ndarray:
@@ -127,7 +127,7 @@ def main() -> None:
     def run(job: tuple[tuple[Path, Path], tuple[Path, str]]) -> None:
         (library, kept), (cruise, name) = job
         made = kept / f"{cruise.name}-{name}"
-        if not made.exists():
+        if not {"corrected.nc", "refused"} & set(os.listdir(made) if made.exists() else ()):
             command = [sys.executable, __file__, str(library), "--mooring", str(cruise), name, str(made)]
             subprocess.run(command, check=True, env=environment(library), cwd=library)
 

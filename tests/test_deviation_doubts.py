@@ -29,7 +29,7 @@ from compasslib.deviation.model import DeviationFit
 from compasslib.inference import diagnosis as diagnoses
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import UNTESTED, CovariateRange, Finding, Parameter, Unexplained
-from compasslib.records import GOOD, PROBABLY_BAD, EarthField, Pairs
+from compasslib.records import GOOD, PROBABLY_BAD, EarthField, Pairs, take
 
 DECLINATION_DEG, SIGMA_DEG = 18.0, 1.3
 
@@ -149,6 +149,22 @@ def test_a_repeated_period_is_doubted_and_the_rest_is_not(iron, some):
 def test_a_sound_record_has_no_doubtful_period(iron, seed):
     seen, _ = pairs(iron, n=3000, seed=seed)
     assert find_doubtful_windows(seen, fit_exact(seen)) == ()
+
+
+def test_slack_water_is_not_another_compass():
+    """Of a profiler's pairs with a scatter of 1 degree, two of a last window of 22 are slow and point elsewhere."""
+    seen, heading = pairs(MILD, n=12 * 262, seed=3)
+    rng, off = np.random.default_rng(1), angles.difference(seen.heading_deg, heading)
+    east, north = angles.turn(seen.upper_east, seen.upper_north, -off + rng.normal(0.0, 1.0, len(seen)))
+    speed = np.hypot(east, north)
+    size = np.maximum(speed, 0.1)
+    size[12 * 245], size[12 * 250] = 0.006, 0.019  # m/s
+    along = {name: size / speed * x for name, x in zip(("lower_east", "lower_north"), (east, north), strict=True)}
+    above = {name: size / speed * getattr(seen, name) for name in ("upper_east", "upper_north")}
+    slack = np.zeros(len(seen))
+    slack[12 * 245], slack[12 * 250] = -39.0, -11.0
+    sparse = take(turned(replace(seen, **along, **above), "lower", slack), np.arange(0, len(seen), 12))
+    assert find_doubtful_windows(sparse, fit_exact(sparse)) == ()
 
 
 @pytest.mark.parametrize(("angle_deg", "days", "doubted"), [(18.0, 12, True), (18.0, 5, False), (8.0, 12, False)])
