@@ -27,11 +27,13 @@ import yaml
 from gridding import in_plain_water, with_iron
 from runs import DATA, PROJECT, environment
 
+from benchmarks.proof.world import draw
 from compasslib.config import cruise as config
 from compasslib.demo import demonstration, sealed
 from compasslib.demo.sealed import Export, Wish
 from compasslib.errors import InputError
 from compasslib.pipeline import process
+from tests.world import draw as paper
 
 MOST, MOST_OF_ONE = 0.005, 0.02  # shares that may be lost
 STRENGTHS = (0.2, 0.5, 0.75, 1.3)  # of the iron's field over the earth's horizontal field; above 1 two-valued
@@ -39,52 +41,38 @@ COUNT, HOURS, PROFILER = 48, 2160, 12  # simulated moorings; step of the samples
 
 
 def write(into: Path) -> list[tuple[Path, str]]:
-    """Write the cruises; return the cruise folder and the name of each mooring."""
-    from benchmarks.proof.world import draw
-
+    """Write the cruises that do not exist yet; return the cruise folder and the name of each mooring."""
     cruise = into / "demonstration"
     shutil.copytree(PROJECT / "config", cruise / "config", dirs_exist_ok=True)
-    names = [f"EG{k}" for k in range(1, 8)]
-    for name in names if not (cruise / "raw").exists() else ():
+    found = [(cruise, f"EG{k}") for k in range(1, 8)]
+    for _, name in () if (cruise / "raw").exists() else found:
         demonstration.write_mooring(name, cruise / "raw", into / f"truth/{name}.csv")
-    found = [(cruise, name) for name in names]
     if (DATA / "cruise_eh2").is_dir():
         found += [(DATA / "cruise_eh2", name) for name in ("E0", "E1", "E2")]
-        (into / "truth").mkdir(exist_ok=True)
-        for name, record in product(("aqd", "papa"), (0, 1)):
-            full = {"aqd": "aqd9330", "papa": "papa_node59p1"}[name]
-            one = draw.Drawn(f"{name}{record}", "null", full, real=True, seed=record)
-            found.append((_empty(into / one.name), one.name))
-            if not (into / one.name / "raw").exists():
+        for record, seed in product(("aqd9330", "papa_node59p1"), (0, 1)):
+            one = draw.Drawn(f"{record[:4]}{seed}", "null", record, real=True, seed=seed)
+            found.append((into / one.name, one.name))
+            if not (into / one.name).exists():
                 draw.write(one, into / one.name, into / "truth", DATA)
-    kinds = list(product((True, False), (1, PROFILER), ("plain", "structured"), STRENGTHS))
+    kinds = list(product((True, False), (1, PROFILER), (False, True), STRENGTHS))
     for k in range(COUNT):
-        wide, every, water, strength = kinds[k % len(kinds)]
-        cruise = _empty(into / f"sea{k}")
-        if not (cruise / "raw").exists():
-            drawn = write_simulated(cruise, k, Wish(wide=wide, hours=HOURS), water, strength, every)
-            (cruise / "config/moorings/M.yaml").write_text(yaml.safe_dump(drawn))
-        found.append((cruise, "M"))
+        found.append((into / f"sea{k}", "M"))
+        if not (into / f"sea{k}").exists():
+            write_simulated(into / f"sea{k}", k, *kinds[k % len(kinds)])
     return found
 
 
-def write_simulated(cruise: Path, seed: int, wish: Wish, water: str, strength: float, every: int) -> dict[str, object]:
-    """Write the raw files of a simulated mooring; return its settings."""
-    from tests.world import draw
-
-    export = Export(deep="table")
-    ground = with_iron(sealed.make(seed, "M", wish), strength)
-    sealed.write(in_plain_water(ground) if water == "plain" else ground, [], cruise / "raw/M", export)
+def write_simulated(cruise: Path, seed: int, wide: bool, every: int, plain: bool, strength: float) -> None:
+    """Write a simulated mooring with iron of a strength, in water that shears little if ``plain``."""
+    drawn = paper.Sealed("M", wish=Wish(wide=wide, hours=HOURS), export=Export(deep="table"), seed=seed)
+    ground = with_iron(sealed.make(seed, "M", drawn.wish), strength)
+    sealed.write(in_plain_water(ground) if plain else ground, [], cruise / "raw/M", drawn.export)
     deep = cruise / "raw/M/deep.csv"
     head, *rows = deep.read_text().splitlines()
     deep.write_text("\n".join([head, *rows[::every]]) + "\n")
-    return draw._described(draw.Sealed("M", wish=wish, export=export, seed=seed), ground)
-
-
-def _empty(cruise: Path) -> Path:
-    (cruise / "config/moorings").mkdir(parents=True, exist_ok=True)
+    (cruise / "config/moorings").mkdir(parents=True)
     (cruise / "config/config.yaml").write_text("moorings: config/moorings\n")
-    return cruise
+    (cruise / "config/moorings/M.yaml").write_text(yaml.safe_dump(paper._described(drawn, ground)))
 
 
 def correct(cruise: Path, name: str, into: Path) -> None:

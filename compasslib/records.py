@@ -200,6 +200,8 @@ class Pairs(Labelled):
     veer_deg: float = 0.0
     #: suspected errors of all headings, as indicated by the pairs, (1 sigma in degrees, reason) each
     doubts: tuple[tuple[float, str], ...] = ()
+    #: where the speeds of a reference fall: (its index, begin and end in UTC seconds, ratio to the beginning) each
+    slowed: tuple[tuple[int, float, float, float], ...] = ()
 
     def __len__(self) -> int:
         return len(self.time_s)

@@ -9,7 +9,7 @@ import chain
 import numpy as np
 import pytest
 import yaml
-from sea import FOLDED, MILD, cruise, field_of, pairs, record_of
+from sea import FOLDED, MILD, cruise, field_of, pairs, real, record_of
 
 from compasslib import angles
 from compasslib.archive import netcdf
@@ -149,6 +149,13 @@ def test_a_repeated_period_is_doubted_and_the_rest_is_not(iron, some):
 def test_a_sound_record_has_no_doubtful_period(iron, seed):
     seen, _ = pairs(iron, n=3000, seed=seed)
     assert find_doubtful_windows(seen, fit_exact(seen)) == ()
+
+
+@pytest.mark.parametrize("name", ["E0", "E2"])
+def test_real_water_without_a_fault_is_not_doubted(tmp_path, name):
+    made = chain.make(real("cruise_eh2"), name, tmp_path, "overlap.nc")
+    seen = netcdf.read_pairs(made / "overlap.nc")
+    assert find_doubtful_windows(seen, fit_exact(seen)) == () and seen.slowed == ()
 
 
 def test_slack_water_is_not_another_compass():

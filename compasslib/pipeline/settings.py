@@ -210,10 +210,13 @@ class Moorings:
         ]
 
     def reference_compasses(self, wildcards: Any) -> list[dict[str, Any]]:
-        """List each reference's uncertainty of direction, and whether its directions are from magnetic north."""
+        """List each reference's uncertainty of direction, whether that is from magnetic north, and its kind."""
         mooring = self._mooring(wildcards)
         used = [mooring.instruments[name] for name in mooring.reference]
-        return [{"sigma_deg": i.compass_sigma_deg, "magnetic": i.direction_reference == "magnetic"} for i in used]
+        return [
+            {"sigma_deg": i.compass_sigma_deg, "magnetic": i.direction_reference == "magnetic", "kind": i.kind}
+            for i in used
+        ]
 
     def sphere_distance_m(self, wildcards: Any) -> tuple[float, float] | None:
         mooring = self._mooring(wildcards)
