@@ -54,7 +54,7 @@ bench: .venv/test  ## speed and memory, each with its ratio in the same run, on 
 	$(BIN)/python benchmarks/page.py
 
 accuracy: run .venv/test  ## the long measurements of how right the results are
-	for name in accuracy headings calibrations recordings discrepancy injected attacks/__main__; do \
+	for name in accuracy headings calibrations recordings discrepancy injected; do \
 	  echo "== $$name"; $(BIN)/python benchmarks/$$name.py || missed="$$missed $$name"; \
 	done; test -z "$$missed" || { echo "a target is missed, or a run failed:$$missed"; exit 1; }
 

@@ -28,21 +28,19 @@ from typing import Any
 
 import netCDF4
 import numpy as np
+import pandas as pd
 import yaml
 from matplotlib import image
 from runs import DATA, PROJECT, cost, snakemake
 
-sys.path.append(str(PROJECT / "benchmarks/attacks"))
-
-from benchmarks.attacks import calibrations
 from benchmarks.proof.world import draw
-from compasslib import readers
+from compasslib import earthfield, readers
 from compasslib.demo import demonstration
 from compasslib.demo.sealed import Wish
 from tests import nortek_encoder as nortek
 from tests.nortek_encoder import Sample
 from tests.world import draw as paper
-from tests.world import package, redeployed
+from tests.world import observatory, package, recordings, redeployed, swing
 
 NEAR = 1e-9
 DIGITS = 6  # significant digits of numbers other than headings and velocities
@@ -134,12 +132,23 @@ def _write_calibrations(cruise: Path) -> None:
     """Write one calibration of each kind."""
     for folder in ("config/calibrations", "raw"):
         (cruise / folder).mkdir(parents=True, exist_ok=True)
-    settings = {}
-    for kind in calibrations.SPOILERS:
-        made = calibrations.make(kind, [1, 0, 0], cruise / "raw")
-        settings[kind] = made.settings | {"file": f"raw/{kind}{Path(made.settings['file']).suffix}"}
-        made.save(cruise / settings[kind]["file"])
-    rng = np.random.default_rng(1)
+    rng, raw, year_s = np.random.default_rng(1), cruise / "raw", 1.6e9 + 3600.0 * np.arange(8784)
+    place = {"latitude": 48.4, "longitude": -4.5, "date": "2022-09-29"}
+    settings = {
+        kind: {"kind": kind, "file": f"raw/{kind}.csv"} | place for kind in ("platform", "swing", "magnetometer")
+    }
+    bench, log = recordings.bench(rng, "large_deviation"), recordings.log(rng, "hard_iron")
+    columns = {"reference_deg": bench.correct_deg, "recorded_deg": bench.recorded_deg}
+    pd.DataFrame(columns).to_csv(raw / "platform.csv", index=False)
+    pd.DataFrame(dict(zip("xyz", log.field_nt.T, strict=True))).to_csv(raw / "magnetometer.csv", index=False)
+    declination = float(earthfield.igrf(48.4, -4.5, 1.6e9)[0][0])
+    recordings.written(swing.sail(rng, recordings.boat(rng, "")[0], declination), raw / "swing.csv")
+    field = tuple(
+        np.broadcast_to(x, year_s.size) + rng.normal(0.0, 0.05, year_s.size)
+        for x in earthfield.igrf(58.0, -30.0, year_s)
+    )
+    observatory.write(raw / "declination.hor", year_s, field, (58.0, -30.0))
+    settings["declination"] = {"kind": "declination", "file": "raw/declination.hor", "format": "iaga2002"}
     motion = package.lower(rng, package.Sea(), 1.2e9)
     second = package.Head(mount_deg=(47.0, 2.0, -1.5), first_s=0.37, ping_s=1.3, clock_s=7.3)
     for letter, head in {"a": package.Head(), "b": second}.items():

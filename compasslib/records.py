@@ -217,6 +217,8 @@ class Pairs(Labelled):
     #: suspected errors of all headings, as indicated by the pairs, (1 sigma in degrees, reason) each
     doubts: tuple[tuple[float, str], ...] = ()
     compass: ReferenceCompass | None = None  #: of the reference; None if its errors are not considered
+    #: where the speeds of a reference fall: (its index, begin and end in UTC seconds, ratio to the beginning) each
+    slowed: tuple[tuple[int, float, float, float], ...] = ()
 
     def __len__(self) -> int:
         return len(self.time_s)

@@ -18,6 +18,7 @@ from compasslib import angles, report
 from compasslib.archive import netcdf, summary
 from compasslib.config import cruise as config
 from compasslib.pipeline import plan
+from compasslib.preparation import headings
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.preparation.pairs import PairRules, find_pairs
 from compasslib.preparation.quality import flag_quality, heading_outlier_flags
@@ -254,3 +255,22 @@ def test_counts_and_warnings_reach_summary_and_report(tmp_path):
     shown = {row[0]: dict(zip(counted.header, row, strict=True)) for row in counted.rows}
     for fault, (_, number) in FAULTS.items():
         assert shown[words.plain(fault)][fault] == str(number)
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "part"),
+    [
+        (lambda h: np.concatenate([h[:600], h[100:400], h[900:]]), "repeat others to the last digit", slice(600, 900)),
+        (np.deg2rad, "they are radians", slice(None)),
+        (lambda h: h / 2.0, "half of the circle was folded", slice(None)),
+    ],
+    ids=["copied", "radians", "halved"],
+)
+def test_copied_headings_and_other_units_are_doubtful(change, words, part):
+    rng = np.random.default_rng(1)
+    heading = angles.wrap360(3.0 * np.arange(1200) + rng.normal(0.0, 4.0, 1200)).round(2)
+    sound = replace(one_record(HOUR * np.arange(1200)), heading_deg=heading)
+    assert headings.flag_column(sound) is sound
+    found = headings.flag_column(replace(sound, heading_deg=change(heading).round(2)))
+    assert words in found.warnings[-1] and (found.heading_quality[part] == PROBABLY_BAD).all()
+    assert (found.heading_quality == PROBABLY_BAD).mean() <= 0.5 or part == slice(None)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import chain
+import netCDF4
 import numpy as np
 import pandas as pd
 import pytest
@@ -163,3 +164,29 @@ def test_contradictory_references_make_all_headings_doubtful(tmp_path):
     assert known.all() and (product.heading_corrected_quality == PROBABLY_BAD).all()
     assert (product.heading_uncertainty_deg > 35.0).all()
     assert read_json(folder / "diagnosis.json")["verdict"] == "unexplained"
+
+
+@pytest.mark.parametrize(("kind", "flag", "source"), [(None, 1, "deep"), ("rotor", 1, "top"), ("rotor", 2, "deep")])
+def test_a_fouled_rotor_yields_to_the_affected_instrument(tmp_path, kind, flag, source):
+    """Its gain falls from 1 to 0.35 within 20 days; it hangs at the affected instrument's first bin, or below all."""
+    folder, depth_m = sea.cruise(tmp_path / "c", n=2400), 90.0 if source == "top" or kind is None else 105.0
+    table, settings = folder / "raw/M1/deep.csv", folder / "config/moorings/M1.yaml"
+    rows = pd.read_csv(table).assign(depth_m=depth_m)
+    speed = 0.01 * np.hypot(rows["u_cm_s"], rows["v_cm_s"]).to_numpy()
+    for name in ("u_cm_s", "v_cm_s"):
+        rows[name] *= np.interp(np.arange(2400), [960, 1440], [1.0, 0.35])
+    rows.to_csv(table, index=False)
+    content = yaml.safe_load(settings.read_text()) | {"diagnose": {"enabled": False}}
+    content["instruments"]["deep"] |= {"depth": depth_m} | ({"kind": kind} if kind else {})
+    settings.write_text(yaml.safe_dump(content))
+    made = chain.make(folder, "M1", tmp_path / "out", "gridded.nc")
+    with netCDF4.Dataset(made / "gridded.nc") as nc:
+        level = int(np.argmin(np.abs(nc["DEPTH"][:] - depth_m)))
+        u, v, quality, number = (nc[name][:, level] for name in ("UCUR", "VCUR", "UCUR_QC", "SOURCE"))
+        names = nc["SOURCE"].flag_meanings.split()
+    late = slice(1500, 2300)
+    assert (quality[late] == flag).all() and (number[late] == names.index(source)).all()
+    assert (number[:900] == names.index("deep")).all() and (quality[:900] == 1).all()
+    ratio = np.hypot(u, v)[late].mean() / speed[late].mean()
+    assert ratio == pytest.approx(1.0 if source == "top" else 0.35, abs=0.05)  # noise of 2 cm/s in 20 cm/s
+    assert "the speeds of the reference fall to 0.3" in netcdf.read_pairs(made / "overlap.nc").warnings[0]

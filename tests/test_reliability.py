@@ -171,6 +171,17 @@ def bytes_of(path: Path, change: Callable[[bytes], bytes]) -> Spoil:
     return lambda folder: (folder / path).write_bytes(change((folder / path).read_bytes()))
 
 
+def backwards(folder: Path) -> None:
+    """Turn the affected instrument by half a turn in its mount, its velocities too."""
+    headings(lambda i, each: (logged(each) + 18000) % 36000)(folder)
+
+    def turned(i: int, each: bytes) -> bytes:
+        block = np.frombuffer(_blocks(each)[2][2:34], dtype="<i2").reshape(4, 4)
+        return rewritten(each, 2, 2, (block * np.array([-1, -1, 1, 1], dtype="<i2")).tobytes())
+
+    recording(turned)(folder)
+
+
 def pipe(folder: Path) -> None:
     (folder / TOP).unlink()
     os.mkfifo(folder / TOP)
@@ -185,6 +196,7 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
         said(deep__declination_applied=-23.6),
         "equal to minus the declination (-23.6°): the directions of the reference lack it",
     ),
+    "mounted backwards": (backwards, "refute the correction"),
     "a magnetic reference called true": (
         said(deep__direction_reference="true"),
         "equal to minus the declination (-23.6°): the directions of the reference lack it",

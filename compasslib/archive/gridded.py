@@ -20,7 +20,7 @@ from compasslib.archive.variables import GRIDDED, SECTION_SIGMA, Variable, quali
 from compasslib.product.cells import Velocities
 from compasslib.product.errors import HeadingErrors, sum_sigma
 from compasslib.product.grid import DailyMeans, GriddedProduct, Piece, Source, empty_piece
-from compasslib.records import GOOD, CorrectedRecord, EarthField, Flags, Record
+from compasslib.records import GOOD, PROBABLY_GOOD, CorrectedRecord, EarthField, Flags, Record
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
 USUAL_BEAM_DEG = 20.0  # beam angle assumed for an affected profiler whose files do not state it
@@ -50,22 +50,33 @@ def affected_source(
     return Source(name, samples.time_s, samples.depth_m, _tilt(samples, record), bins, beam_deg, rows, rising)
 
 
-def reference_source(name: str, path: str | Path, record: Record, field: EarthField, flags: Sequence[int]) -> Source:
-    """Return a reference as a source of the grid, its velocities read from its record on demand, from true north."""
+def reference_source(
+    name: str, path: str | Path, record: Record, field: EarthField, flags: Sequence[int],
+    slowed: Sequence[tuple[float, float]] = (),
+) -> Source:  # fmt: skip
+    """Return a reference as a source of the grid, its velocities read from its record on demand, from true north.
+
+    Args:
+        slowed: begin and end, UTC seconds, of periods in which its rotor was fouled: probably good at best.
+    """
     with open_netcdf(path) as nc:
         bins, rising = len(nc.dimensions["BIN"]), "WCUR" in nc.variables
 
     def rows(which: slice) -> Velocities:
         names = tuple(variables.RECORD[key].name for key in ("east", "north", "bin_range_m", "quality"))
         east, north, range_m, quality, *up = _read_rows(path, (*names, *("WCUR",) * rising), which)
-        quality = np.maximum(quality, GOOD)
+        doubtful = np.any([(record.time_s[which] >= a) & (record.time_s[which] <= b) for a, b in slowed], axis=0)
+        quality = np.maximum(quality, np.where(doubtful, PROBABLY_GOOD, GOOD)[..., None])
         if record.direction_reference != "true":
             east, north = angles.turn(east, north, earthfield.declination_at(field, record.time_s[which])[:, None])
         velocity = np.where(np.isin(quality, flags), east + 1j * north, np.nan)
         depth = record.depth_m[which][:, None] + (-1.0 if record.looks_up else 1.0) * range_m
         return Velocities(velocity, depth, quality, up[0] if rising else None)
 
-    return Source(name, record.time_s, record.depth_m, _tilt(record, record), bins, record.beam_angle_deg, rows, rising)
+    return Source(
+        name, record.time_s, record.depth_m, _tilt(record, record), bins, record.beam_angle_deg, rows, rising,
+        tuple(slowed),
+    )  # fmt: skip
 
 
 def _tilt(samples: Record, setup: Record) -> Floats:

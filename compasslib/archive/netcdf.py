@@ -166,6 +166,8 @@ def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, obje
             nc.setncattr("reference_compass", json.dumps(vars(pairs.compass)))
         if pairs.doubts:
             nc.setncattr("doubts", json.dumps(pairs.doubts))
+        if pairs.slowed:
+            nc.setncattr("slowed", json.dumps(pairs.slowed))
         nc.createDimension("TIME", len(pairs))
         for name, variable in variables.PAIRS.items():
             write_variable(nc, variable, getattr(pairs, name))
@@ -197,6 +199,9 @@ def read_pairs(path: str | Path) -> Pairs:
         values |= {"warnings": warnings, "expected_m_s": expected, "reference_names": tuple(names)}
         values["veer_deg"] = float(getattr(nc, "water_turned_for_good_deg", 0.0))
         doubts = json.loads(getattr(nc, "doubts", "[]"))
+        values["slowed"] = tuple(
+            (k, begin, end, ratio) for k, begin, end, ratio in json.loads(getattr(nc, "slowed", "[]"))
+        )
         compass = json.loads(getattr(nc, "reference_compass", "null"))
         return Pairs(
             **values,

@@ -275,6 +275,7 @@ class Instrument(TableKeys):
     sphere: Name | None = key("a name that all records in one sphere or frame carry", "sphere3", None)
     compass_sigma_deg: Number | None = key("degrees from 0 to 180", "2", None, ge=0, le=180)
     compass_iron_nT: Number | None = key("nT from 0 to 60000", "525", None, ge=0, le=60000)
+    kind: Literal["rotor"] | None = key("rotor", "rotor", None)
     parts: tuple[Text, ...] = key("a list of parts near the compass", "[lithium pack, frame]", ())
     sphere_distance_m: Span | None = key("a distance in metres, or [from, to]", "[0.4, 0.6]", None)
     fit: FitOptions | None = key("a mapping", "{method: exact}", None)

@@ -1,10 +1,8 @@
 """Periods of a record whose corrected headings may be wrong by more than the fit's own uncertainty.
 
-Part of a record may be repeated, stuck, recorded out of the water, or measured by another compass. The residual,
-observed minus corrected heading, is described in windows: its mean, its dependence on the corrected heading, its
-scatter, and the share of headings that the fitted compass cannot have recorded. A window that is far outside the other
-windows is doubtful, even if the whole record fits well. So is a record in which every k-th sample, or one hour of the
-day, differs from the others: two recordings were merged, or time stamps are mixed up.
+Part of a record may be repeated, stuck, recorded out of the water, or measured by another compass. Windows of the
+record are compared by the velocity that their residual, observed minus corrected heading, moves across the flow: slack
+water may have any direction and does not count, and a difference of water between two depths is limited in cm/s.
 """
 
 from __future__ import annotations
@@ -21,7 +19,7 @@ from compasslib import angles
 from compasslib.deviation.model import DeviationFit, heading_residual, observed_heading, pair_speeds
 from compasslib.records import Pairs, iso_time
 from compasslib.statistics.resampling import adjacent
-from compasslib.types import DAY_S, HOUR_S, Bools, Floats
+from compasslib.types import DAY_S, Bools, Floats
 
 
 @dataclass(frozen=True)
@@ -69,62 +67,25 @@ def evaluate_doubts(doubts: Sequence[Doubt], time_s: Floats) -> tuple[Bools, Flo
     return doubted, np.minimum(np.sqrt(variance), angles.UNIFORM_SIGMA_DEG)
 
 
-WINDOW_S, MIN_WINDOW_PAIRS = 5 * DAY_S, 40  # of a window: several days, and enough pairs for four parameters
-MIN_WINDOWS = 6  # needed to estimate the usual spread
-# Outlier limits of a window: mean, log scatter and share lost in robust standard deviations, heading dependence (the
-# second) in medians. Real water between two depths veered for five days by 28° (eh2): 6 standard deviations.
-FAR_SIGMAS = np.array([8.0, 6.0, 3.0, 6.0])
-GROWS = 0.5  # factor on these limits for a window adjacent to an outlying one
-# Lower bounds of the spread between windows: mean and heading dependence in degrees, log scatter, share lost.
-LEAST_SPREAD = np.array([5.0, 3.0, 0.2, 0.03])
-# Smallest relevant departure, in the same units.
-LEAST_DEPARTURE = np.array([20.0, 20.0, 0.5, 0.25])
-# Mean and heading dependence combined in each of two consecutive windows, degrees, and ratio to the median window's:
-# sound moorings, real water included, have at most 13 degrees and 3.7.
-IN_A_ROW_DEG, IN_A_ROW_TIMES, LEAST_USUAL_DEG = 15.0, 4.5, 2.0
-# Share of the pairs in outlying windows above which the fit may be to the wrong part of the record: chosen, not
-# measured.
+WINDOW_S, MIN_WINDOW_PAIRS = 5 * DAY_S, 40  # of a window: several days, and enough pairs for three parameters
+MIN_WINDOWS = 6  # needed for a median
+# Limits of the rms velocity across the flow over the median window's, and of the rms residual beyond the median one.
+# Without a fault, with deviations by iron of 0.05 to 1.3 H: beyond 30 degrees at most 1.8 times on papa (bins 40 and
+# 80 m apart), 1.5 on eh2 and aqd; beyond 20 degrees 2.3 times in 48 simulated moorings.
+FAR_TIMES, FAR_DEG = 2.2, 30.0
+GROWS = 0.5  # factor on these limits for a window adjacent to an outlying one, within which the period may begin
+# The same of the systematic part (mean and dependence on heading) in each of two consecutive windows: times the median
+# velocity, degrees, times the median angle. On papa the water at two depths turns by 25 degrees for a month: 3.9 times,
+# 23 degrees, 3.3 times; on eh2 1.7 times, 26 degrees, 4.0 times.
+TURN_TIMES, TURN_DEG, TURN_DEG_TIMES = 3.0, 15.0, 4.5
+# Share of the pairs in outlying windows above which the fit may be to the wrong part: a file may hold another
+# instrument's record from some day on.
 LARGE_SHARE = 0.25
 LEAST_DOUBT_DEG = 10.0  # lower bound of the standard deviation of a suspected error
-# Periods and remainders of the sample index whose samples are compared with the others.
-INDICES = [(period, k) for period in (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 24) for k in range(period)]
-# Limits of mean and log scatter of one index against the others, and excess of its rms; sound moorings 5°, 0.26.
-INDEX_TURN_DEG, INDEX_TURN_SIGMAS, INDEX_LOG_SCATTER, INDEX_RMS_DEG = 12.0, 6.0, 0.5, 15.0
-CLEARER = 1.5  # factor by which the departure must be larger to prefer a longer period
-CLIP = 4.0  # bound of residuals in widths: slow water may have any direction
-
-
-@dataclass(frozen=True)
-class Windows:
-    """Statistics of the residuals in k windows."""
-
-    first: NDArray[np.intp]  # (k,) index of the first pair
-    last: NDArray[np.intp]  # (k,) index of the last pair
-    features: Floats  # (k, 5) mean, coefficients of sine and cosine of heading (degrees), log scatter, share lost
-    spread: Floats  # (k, 2, 2) covariance of sine and cosine of the corrected heading
-    rms_deg: Floats  # (k,) of the residual
-
-
-@dataclass(frozen=True)
-class Residuals:
-    """Observed minus corrected headings of n pairs."""
-
-    residual_deg: Floats  # (n,) NaN where the fitted compass cannot have recorded the heading
-    width_deg: Floats  # (n,) expected scatter
-    heading_deg: Floats  # (n,) corrected
-
-    @property
-    def lost(self) -> Bools:
-        """Mask of headings that the fitted compass cannot have recorded, (n,)."""
-        return np.isnan(self.residual_deg)
-
-    def rms_deg(self, selected: NDArray[np.intp] | Bools) -> float:
-        """Compute the rms of selected residuals; lost ones count as uniformly distributed directions."""
-        return angles.rms(np.where(self.lost[selected], angles.UNIFORM_SIGMA_DEG, self.residual_deg[selected]))
 
 
 def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
-    """Find the windows of a record, and the samples of one index, that disagree with the rest of it.
+    """Find the windows of a record that disagree with the rest of it.
 
     If the windows contain a large share of the pairs, the whole record is doubtful: the fit may be to the wrong part.
 
@@ -133,66 +94,28 @@ def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
     """
     if not fit.fitted or fit.method == "von_appen" or len(pairs) < MIN_WINDOWS * MIN_WINDOW_PAIRS:
         return ()
-    residual = heading_residual(fit, pairs)
-    heading = observed_heading(pairs) - np.nan_to_num(residual)
-    residuals = Residuals(residual, fit.noise.width_deg(*pair_speeds(pairs)), heading)
-    parts = _cut(pairs.time_s)
-    first, last = (np.array([selected[k] for selected in parts]) for k in (0, -1))
-    features, spread = (np.array(x) for x in zip(*(_features(selected, residuals) for selected in parts), strict=True))
-    windows = Windows(first, last, features, spread, np.array([residuals.rms_deg(selected) for selected in parts]))
-    far = _far_windows(windows)
-    usual = float(np.median(windows.rms_deg[~far])) if (~far).any() else 0.0
-    stretches = tuple(_doubts(pairs, windows, far, usual))
-    count = windows.last - windows.first + 1
-    if count[far].sum() > LARGE_SHARE * count.sum():
+    windows = _cut(pairs.time_s)
+    if len(windows) < MIN_WINDOWS:
+        return ()
+    residual, speed = heading_residual(fit, pairs), np.minimum(*pair_speeds(pairs))
+    heading = observed_heading(pairs) - residual
+    described = [_describe(residual[rows], speed[rows], heading[rows]) for rows in windows]
+    flow, rms, turn, spread = (np.array(column) for column in zip(*described, strict=True))
+    off = turn - np.median(turn, axis=0)
+    systematic = np.sqrt(off[:, 0] ** 2 + np.einsum("ki,kij,kj->k", off[:, 1:], spread, off[:, 1:]))
+    far = _far_windows(flow, rms, systematic)
+    usual = float(np.median(rms[~far])) if (~far).any() else 0.0
+    doubts = tuple(_doubts(pairs.time_s, windows, rms, far, usual))
+    count = np.array([len(rows) for rows in windows])
+    share = count[far].sum() / count.sum()
+    if share > LARGE_SHARE:
         why = (
-            f"{count[far].sum() / count.sum():.0%} of the pairs with the reference disagree with the others, and the "
-            "record cannot tell which of the two parts is correct"
+            f"{share:.0%} of the pairs with the reference disagree with the others, and the record cannot tell which "
+            "of the two parts is correct"
         )
-        turns = (angles.argument(np.sum(angles.phasor(windows.features[part, 0]))) for part in (far, ~far))
-        apart = abs(float(angles.difference(*turns)))
-        stretches = (*stretches, doubt_whole_record(max(apart, *(doubt.sigma_deg for doubt in stretches)), why))
-    return (*_by_index(pairs.time_s, residuals), *stretches)
-
-
-def _by_index(time_s: Floats, residuals: Residuals) -> tuple[Doubt, ...]:
-    """Make a doubt if every k-th sample, or one hour of the day, differs from the others; the clearest case only."""
-    step_s = float(np.median(np.diff(time_s)))
-    index = np.rint(time_s / step_s).astype(int)
-    worst, why = 0.0, ""
-    for period, k in INDICES:
-        selected = index % period == k
-        if min(selected.sum(), (~selected).sum()) < MIN_WINDOW_PAIRS:
-            continue
-        (turn, error, scatter), (others, _, usual) = (
-            _turn_and_scatter(part, residuals) for part in (selected, ~selected)
-        )
-        turn = abs(float(angles.difference(turn, others)))
-        rms, usual_rms = (residuals.rms_deg(part) for part in (selected, ~selected))
-        excess = float(np.sqrt(max(rms**2 - usual_rms**2, 0.0)))
-        turned = turn > max(INDEX_TURN_DEG, INDEX_TURN_SIGMAS * error)
-        scattered = scatter - usual > INDEX_LOG_SCATTER and excess > INDEX_RMS_DEG
-        if (turned or scattered) and max(turn, excess) > CLEARER * worst:  # a longer period contains the shorter one
-            worst = max(turn, excess)
-            day = f"those of {k * step_s / HOUR_S:02.0f}:00 UTC" if abs(period * step_s - DAY_S) < 1.0 else ""
-            why = (
-                f"of the hours paired with the reference, {day or f'one in {period}'} differ by {rms:.0f}° rms and the "
-                f"others by {usual_rms:.0f}°: two recordings may have been put together in one instrument's file, or "
-                "some samples have the time of others"
-            )
-    return (doubt_whole_record(min(worst, angles.UNIFORM_SIGMA_DEG), why),) if why else ()
-
-
-def _turn_and_scatter(selected: Bools, residuals: Residuals) -> tuple[float, float, float]:
-    """Compute mean residual of selected pairs, its standard error (degrees each), and log of the scatter in widths."""
-    known = selected & ~residuals.lost
-    if known.sum() < MIN_WINDOW_PAIRS:
-        return np.nan, np.nan, np.nan
-    residual, width = residuals.residual_deg[known], residuals.width_deg[known]
-    turn = float(angles.argument(np.sum(angles.phasor(residual) / width**2)))
-    scatter = np.clip(angles.difference(residual, turn) / width, -CLIP, CLIP)
-    size = float(np.sqrt(np.mean(scatter**2) + 1e-6))
-    return turn, size / float(np.sqrt(np.sum(1.0 / width**2))), float(np.log(size))
+        apart = float(np.hypot(rms[far].max(), rms[~far].max(initial=0.0)))
+        doubts = (*doubts, doubt_whole_record(min(apart, angles.UNIFORM_SIGMA_DEG), why))
+    return doubts
 
 
 def _cut(time_s: Floats) -> list[NDArray[np.intp]]:
@@ -204,59 +127,59 @@ def _cut(time_s: Floats) -> list[NDArray[np.intp]]:
     return [selected for selected in cut if len(selected) >= MIN_WINDOW_PAIRS // 2]
 
 
-def _features(selected: NDArray[np.intp], residuals: Residuals) -> tuple[list[float], Floats]:
-    """Compute features and spread of a window, see ``Windows``; the mean residual is that at its mean heading."""
-    residual, lost, width, heading = residuals.residual_deg, residuals.lost, residuals.width_deg, residuals.heading_deg
-    known = selected[~lost[selected]]
-    if len(known) < MIN_WINDOW_PAIRS // 4:
-        return [0.0, 0.0, 0.0, 0.0, float(lost[selected].mean())], np.zeros((2, 2))
-    weight = 1.0 / width[known] ** 2
-    turn = float(angles.argument(np.sum(weight * angles.phasor(residual[known]))))
-    left = angles.difference(residual[known], turn)
-    columns = np.column_stack(angles.sin_cos(heading[known]))
-    # Centred columns, so that mean and heading dependence are not confounded in a narrow range of headings.
-    design = np.column_stack([np.ones(len(known)), columns - np.average(columns, axis=0, weights=weight)])
-    # The prior keeps the heading dependence small in a window with nearly constant heading.
-    normal = (design.T * weight) @ design + np.diag([0.0, 1.0, 1.0]) / 30.0**2
-    bounded = np.clip(left, -CLIP * width[known], CLIP * width[known])
-    fitted = np.linalg.solve(normal, (design.T * weight) @ bounded)
-    scatter = np.clip((left - design @ fitted) / width[known], -CLIP, CLIP)
-    turn = float(angles.wrap180(turn + fitted[0]))
-    log_scatter = 0.5 * float(np.log(np.mean(scatter**2) + 1e-6))
-    return [turn, fitted[1], fitted[2], log_scatter, float(lost[selected].mean())], np.cov(design[:, 1:].T)
+def _describe(residual_deg: Floats, speed: Floats, heading_deg: Floats) -> tuple[float, float, Floats, Floats]:
+    """Describe the residuals of a window, weighted by the square of the slower speed of each pair.
+
+    Args:
+        residual_deg: NaN where the fitted compass cannot have recorded the heading, as near the limit of a two-valued
+            one; a window with few others counts as of random directions.
+
+    Returns:
+        Rms speed (m/s), rms residual (degrees), mean residual with its dependence on sine and cosine of the heading
+        (degrees, (3,)), and the covariance of sine and cosine, (2, 2).
+    """
+    known, flow = np.isfinite(residual_deg), float(np.sqrt(np.mean(speed**2)))
+    if known.sum() < MIN_WINDOW_PAIRS // 4:
+        return flow, angles.UNIFORM_SIGMA_DEG, np.zeros(3), np.zeros((2, 2))
+    weight = speed[known] ** 2 / np.sum(speed[known] ** 2)
+    rms = float(np.sqrt(weight @ (2.0 - 2.0 * angles.sin_cos(residual_deg[known])[1]))) / angles.DEGREE  # of the chord
+    mean = angles.wrap180(angles.argument(weight @ angles.phasor(residual_deg[known])))
+    across = angles.sin_cos(angles.difference(residual_deg[known], mean))[0] / angles.DEGREE
+    columns = np.column_stack(angles.sin_cos(heading_deg[known]))
+    columns = columns - weight @ columns  # so that mean and dependence are not confounded in a narrow range of headings
+    root = np.sqrt(weight)[:, None]
+    slope = np.linalg.lstsq(root * columns, root[:, 0] * across, rcond=None)[0]
+    return flow, rms, np.append(mean, slope), (columns.T * weight) @ columns
 
 
-def _far_windows(windows: Windows) -> Bools:
-    """Find the windows that are far outside the others and differ by a relevant amount, (k,)."""
-    features = windows.features
-    if len(features) < MIN_WINDOWS:
-        return np.zeros(len(features), dtype=bool)
-    off = features - np.median(features, axis=0)
-    dependence = np.sqrt(np.einsum("ki,kij,kj->k", off[:, 1:3], windows.spread, off[:, 1:3]))
-    off = np.column_stack([np.abs(angles.wrap180(off[:, 0])), dependence, off[:, 3], off[:, 4]])
-    spread = np.maximum(np.median(np.abs(off), axis=0) * [1.4826, 1.0, 1.4826, 1.4826], LEAST_SPREAD)
-    matters, departure = off > LEAST_DEPARTURE, off / spread / FAR_SIGMAS
-    far, near = (np.asarray((matters & (departure > least)).any(axis=1)) for least in (1.0, GROWS))
-    size = np.hypot(off[:, 0], off[:, 1])
-    large = size > max(IN_A_ROW_DEG, IN_A_ROW_TIMES * max(float(np.median(size)), LEAST_USUAL_DEG))
+def _far_windows(flow: Floats, rms_deg: Floats, systematic_deg: Floats) -> Bools:
+    """Find the windows that are far outside the others and differ by a relevant angle, (k,)."""
+    beyond = np.sqrt(np.maximum(rms_deg**2 - np.median(rms_deg) ** 2, 0.0))
+    times, turned = (flow * angle / np.median(flow * angle) for angle in (rms_deg, systematic_deg))
+    least = max(TURN_DEG, TURN_DEG_TIMES * float(np.median(systematic_deg)))
+    (far, large), (near, nearly) = (
+        ((times > factor * FAR_TIMES) & (beyond > factor * FAR_DEG),
+         (turned > factor * TURN_TIMES) & (systematic_deg > factor * least))
+        for factor in (1.0, GROWS)
+    )  # fmt: skip
     far = far | (large & adjacent(large))
     for _ in range(len(far)):  # a period may begin within a window: add adjacent windows that are nearly outlying
-        far = far | (near & adjacent(far))
-    return far
+        far = far | ((near | nearly) & adjacent(far))
+    return np.asarray(far)
 
 
-def _doubts(pairs: Pairs, windows: Windows, far: Bools, usual_deg: float) -> Iterator[Doubt]:
+def _doubts(
+    time_s: Floats, windows: Sequence[NDArray[np.intp]], rms_deg: Floats, far: Bools, usual_deg: float
+) -> Iterator[Doubt]:
     """Yield a doubt for each run of outlying windows."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], far.astype(int), [0]])))
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        n = len(far)
-        from_s = pairs.time_s[windows.first[begin]] if begin else -np.inf
-        to_s = pairs.time_s[windows.last[end - 1]] if end < n else np.inf
-        rms = float(np.sqrt(np.mean(windows.rms_deg[begin:end] ** 2)))
+        ends = time_s[windows[begin][0]], time_s[windows[end - 1][-1]]
+        rms = float(np.sqrt(np.mean(rms_deg[begin:end] ** 2)))
         sigma = float(min(np.sqrt(max(rms**2 - usual_deg**2, LEAST_DOUBT_DEG**2)), angles.UNIFORM_SIGMA_DEG))
-        shown = [iso_time(float(pairs.time_s[k])) for k in (windows.first[begin], windows.last[end - 1])]
         why = (
-            f"from {shown[0]} to {shown[1]} directions differ from the reference by {rms:.0f}° rms and by "
-            f"{usual_deg:.0f}° in the rest of the record: the compass, the record or the reference was another then"
+            f"from {iso_time(float(ends[0]))} to {iso_time(float(ends[1]))} directions differ from the reference by "
+            f"{rms:.0f}° rms and by {usual_deg:.0f}° in the rest of the record: the compass, the record or the "
+            "reference was another then"
         )
-        yield Doubt(float(from_s), float(to_s), sigma, why)
+        yield Doubt(float(ends[0]) if begin else -np.inf, float(ends[1]) if end < len(far) else np.inf, sigma, why)

@@ -222,6 +222,11 @@ class Moorings:
             for name in mooring.reference
         ]
 
+    def rotors(self, wildcards: Any) -> list[bool]:
+        """List whether each reference counts its speed by a mechanical rotor."""
+        mooring = self._mooring(wildcards)
+        return [mooring.instruments[name].kind == "rotor" for name in mooring.reference]
+
     def sphere_distance_m(self, wildcards: Any) -> tuple[float, float] | None:
         mooring = self._mooring(wildcards)
         return mooring.instruments[mooring.compromised].sphere_distance_m

@@ -137,7 +137,7 @@ def of_moorings(plan: Any) -> dict[str, Stage]:
                 "observatory": of.observatory,
             },
             writes={"gridded": of.gridded},
-            settings={"options": of.product, "compasses": of.reference_compasses} | archived,
+            settings={"options": of.product, "compasses": of.reference_compasses, "rotors": of.rotors} | archived,
         ),
         "compare": stage(
             *("compare", "correct.compare"),

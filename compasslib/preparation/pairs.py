@@ -21,7 +21,7 @@ from compasslib.errors import InputError
 from compasslib.preparation.clocks import ClockOffset, SpeedSeries, compare_speeds
 from compasslib.preparation.gridding import grid_indices, interpolate_series, nearest_index
 from compasslib.preparation.quality import apply_heading_flags, heading_outlier_flags
-from compasslib.preparation.references import find_same_recording, warn_of_filtering
+from compasslib.preparation.references import find_same_recording, find_speed_changes, warn_of_filtering
 from compasslib.preparation.water import (
     depth_shift_by_speed,
     fails_speed_check,
@@ -132,6 +132,7 @@ def find_pairs(
     if not len(pairs):
         return pairs
     paired, at_m = take(upper, keep), other_depth[keep]
+    pairs = find_speed_changes(pairs, paired)
     if rules.predict and (predicted := _predicted(pairs, paired, at_m, rules.bins)) is not None:
         return predicted
     return replace(pairs, veer_deg=mean_shear_sigma(paired, at_m, rules.bins))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.preparation.headings import AT_LIMIT, COMPARED_VALUES, CROWDED, flag_altered, flag_headings
+from compasslib.preparation.headings import flag_column, flag_headings
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Flags, Record, iso_time
 from compasslib.statistics.resampling import angle_resolution
 from compasslib.types import Bools, Floats
@@ -41,6 +41,8 @@ BELOW_BOTTOM = 1.2  # times the water depth; charted depths are rarely wrong by 
 # Fractions of the 90th percentile of depth: shallower is on deck; up to the second a moored instrument passes in hours.
 ON_DECK, BETWEEN, RARELY, LEAST_DEPTH_M = 0.2, 0.5, 0.01, 15.0
 NEAR_LIMIT = 0.3  # range of values compared with the extreme one, as a fraction of it
+# Values equal to the extreme one, ratio to the median count of the next values, and the number of those values.
+AT_LIMIT, CROWDED, COMPARED_VALUES = 10, 10.0, 9
 COARSE_DEG = 2.0  # heading resolution from which on a note is made
 FROZEN_SAMPLES, FROZEN_S = 12, 6 * 3600.0  # real currents never repeat to the last digit for this long
 STILL_DEG = 0.1  # change between samples below which a compass counts as stuck: its noise
@@ -102,7 +104,7 @@ def flag_quality(
         frozen = _stuck_velocity(record)[:, None]
         sentence = "the same to the last digit for hours"
         record = _stuck_heading(flag_velocities(record, frozen, BAD, "frozen_velocity", sentence))
-    return _constant_sensors(flag_altered(record) if affected else record)
+    return _constant_sensors(flag_column(record) if affected else record)
 
 
 def flag_velocities(record: Record, where: Bools, flag: int, count: str, sentence: str | None) -> Record:

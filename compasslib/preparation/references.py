@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.preparation.gridding import nearest_index
-from compasslib.records import Pairs, Record, ReferenceCompass, take
+from compasslib.preparation.water import usable_velocities
+from compasslib.records import Pairs, Record, ReferenceCompass, iso_time, take
 from compasslib.statistics.least_squares import robust_width
 from compasslib.types import DAY_S, HOUR_S, Bools, Complexes, Floats
 
@@ -72,6 +73,7 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
             *(((differ_deg, CONTRADICTING.format(differ_deg)),) if differ_deg else ()),
             *(doubt for k in there for doubt in each[k].doubts),
         ),
+        slowed=tuple((k, *span[1:]) for k, pairs in enumerate(each) for span in pairs.slowed),
     )
 
 
@@ -341,6 +343,66 @@ def _averaged(cells: CellSeries, met: MatchedVelocities) -> bool:
         return False
     weight, *_ = np.linalg.lstsq(columns[whole], met.velocity[whole], rcond=None)
     return _equal(columns[whole] @ weight, met.velocity[whole], met.least_m_s)
+
+
+WINDOW_S, MIN_WINDOWS, MIN_WINDOW_PAIRS = 5 * DAY_S, 6, 10  # the last: a profiler passes twice a day
+# Least change of the ratio of speeds that is reported; the same in standard deviations of the ratio between own bins;
+# windows that it lasts. Of 24 combinations of bins of eh2 one reaches it in two windows, none in three; none of papa.
+LEAST_CHANGE, CHANGE_SIGMAS, LASTS = 0.2, 3.0, 3
+
+
+def find_speed_changes(pairs: Pairs, upper: Record) -> Pairs:
+    """Hold the ratio of both instruments' speeds against time, in windows; note where it leaves that of the beginning.
+
+    The ratio also changes with the water: a change counts if it exceeds those between the affected instrument's own
+    bins as far apart as the reference, for two weeks. Without such bins nothing is tested.
+
+    Args:
+        pairs: those of one reference.
+        upper: samples of the affected record at the pairs.
+    """
+    number = np.floor((pairs.time_s - pairs.time_s[0]) / WINDOW_S).astype(int)
+    windows = [rows for k in range(number[-1] + 1) if len(rows := np.flatnonzero(number == k)) >= MIN_WINDOW_PAIRS]
+    speed = np.where(usable_velocities(upper), np.hypot(upper.east, upper.north), np.nan)
+    range_m = np.nanmedian(upper.bin_range_m, axis=0)
+    apart_m = float(np.nanmedian(np.abs(pairs.lower_depth_m - pairs.upper_depth_m)))
+    other = [k + 1 + int(np.argmin(np.abs(np.abs(range_m[k + 1 :] - x) - apart_m))) for k, x in enumerate(range_m[:-1])]
+    if len(windows) < MIN_WINDOWS:
+        return pairs
+    upper_speed, lower_speed = (np.abs(flow)[:, None] for flow in _flows(pairs))
+    change = _changes(lower_speed, upper_speed, windows)[:, 0]
+    own = _changes(speed[:, other], speed[:, : len(other)], windows)
+    if not own.size:
+        return pairs
+    least = max(-np.log(1.0 - LEAST_CHANGE), CHANGE_SIGMAS * float(np.sqrt(np.nanmean(own**2))))
+    begins = [*(float(pairs.time_s[rows[0]]) for rows in windows), float(pairs.time_s[-1])]
+    fallen, notes = [], []
+    for way, said in ((-1.0, "fall"), (1.0, "rise")):
+        far = way * change > least
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], far.astype(int), [0]])))
+        for begin, end in zip(edges[::2], edges[1::2], strict=True):
+            if end - begin < LASTS:
+                continue
+            ratio = float(np.exp(np.mean(change[begin:end])))
+            fallen += [(0, begins[begin], begins[end], ratio)] if way < 0.0 else []
+            notes.append(
+                f"from {iso_time(begins[begin])} to {iso_time(begins[end])} the speeds of the reference {said} to "
+                f"{ratio:.2f} of their ratio to those of the affected instrument at the beginning: one of the two was "
+                "fouled or failed, or the water changed; velocities of a mechanical rotor (kind: rotor) that fall have "
+                "flag 2, and others take precedence"
+            )
+    return replace(pairs, slowed=tuple(fallen), warnings=(*pairs.warnings, *notes))
+
+
+def _changes(speed: Floats, other: Floats, windows: Sequence[NDArray[np.intp]]) -> Floats:
+    """Compute the log of the ratio of mean speeds in windows, less its median in the first quarter, (w, k)."""
+    both = np.isfinite(speed + other)
+    sums = [np.array([np.where(both, x, 0.0)[rows].sum(axis=0) for rows in windows]) for x in (speed, other)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.log(sums[0] / sums[1])
+    first = max(len(windows) // 4, LASTS)
+    ratio = ratio[:, np.isfinite(ratio[:first]).any(axis=0)]
+    return ratio - np.nanmedian(ratio[:first], axis=0)
 
 
 SLOW_S = 2 * DAY_S  # lag with which the shortest is compared

@@ -243,6 +243,12 @@ def merge(each: list[Cells]) -> tuple[Cells, NDArray[np.intp]]:
     return replace(whole, velocity=velocity, quality=quality), source
 
 
+def without(cells: Cells, times: Bools) -> Cells:
+    """Empty the cells of some times, (t,)."""
+    velocity = np.where(times[..., None], NONE, cells.velocity)
+    return replace(cells, velocity=velocity, measured=cells.measured & ~times[..., None])
+
+
 def take_slots(cells: Cells, which: slice) -> Cells:
     """Select a slice of the times."""
     parts: dict[str, Any] = {name: None if part is None else part[which] for name, part in vars(cells).items()}

@@ -25,6 +25,7 @@ from compasslib.product.cells import (
     place_points,
     place_profiles,
     take_slots,
+    without,
 )
 from compasslib.product.errors import (
     NOMINAL_SIGMA_M,
@@ -65,6 +66,7 @@ class Source:
     beam_angle_deg: float
     rows: Callable[[slice], Velocities]  # reads a slice of the samples
     rising: bool = False  # whether vertical velocities were measured
+    slowed: tuple[tuple[float, float], ...] = ()  # periods in which a fouled rotor yields to the affected instruments
 
     @property
     def profiles(self) -> bool:
@@ -190,9 +192,11 @@ class GriddedProduct:
 
     def _combine(self, each: list[Cells], inner: slice) -> Piece:
         # References take precedence over affected instruments: their headings are better known.
-        affected = len(self.errors.random)
-        order = [*range(affected, len(each)), *range(affected)]
-        cells, taken = merge([each[k] for k in order])
+        affected, time_s = len(self.errors.random), self.axes.time_s[inner]
+        first, last = range(affected, len(each)), [k for k in range(affected, len(each)) if self.sources[k].slowed]
+        order = [*first, *range(affected), *last]
+        yielding = [np.any([(time_s >= a) & (time_s <= b) for a, b in s.slowed], axis=0) for s in self.sources]
+        cells, taken = merge([*(without(each[k], yielding[k]) for k in first), *(each[k] for k in order[len(first) :])])
         source = np.where(taken >= 0, np.array(order)[taken], -1)
         heading = self.heading_variance[:, inner]
         there = source >= 0

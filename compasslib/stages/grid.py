@@ -58,6 +58,7 @@ def grid(
     gridded: Sequence[str],
     options: Mapping[str, Any],
     compasses: Sequence[Mapping[str, Any]],
+    rotors: Sequence[bool],
     site: Mapping[str, Any],
     attributes: Mapping[str, Any],
     sources: Sequence[str],
@@ -72,6 +73,7 @@ def grid(
         references: record files of the reference instruments, possibly none.
 
         compasses: arguments of ``reference_compass`` for each reference.
+        rotors: whether each reference counts its speed by a mechanical rotor.
         attributes: global attributes from the YAML files.
         sources: raw files, relative to the cruise folder.
         superseded: the earlier deposit, as returned by ``deposit.describe_superseded``.
@@ -85,9 +87,11 @@ def grid(
         _read_affected(*files, along=along, observatory=observatory, flags=flags, references=len(references))
         for files in zip(corrected, records, pairs, deviations, strict=True)
     ]
+    slowed = [(k, (begin, end)) for part in affected for k, begin, end, _ in part.pairs.slowed]
+    spans = [[span for k, span in slowed if k == n and rotor] for n, rotor in enumerate(rotors)]
     each = [
-        archive.reference_source(name, path, netcdf.read_record(path, velocities=False), along, flags)
-        for name, path in zip(names, references, strict=True)
+        archive.reference_source(name, path, netcdf.read_record(path, velocities=False), along, flags, where)
+        for name, path, where in zip(names, references, spans, strict=True)
     ]
     instruments = [*(part.source for part in affected), *each]
     surveys = [*(part.survey for part in affected), *map(survey, each)]
