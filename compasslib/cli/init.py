@@ -202,13 +202,15 @@ def _add_log(path: Path, file: str, name: str, contents: Contents) -> None:
         why = "no magnetic heading (HDG or HDM) with a course (RMC or VTG)"
         contents.left.append(f"{path}: an NMEA 0183 log with {why}: no swing")
         return
-    columns, log = parsed
+    columns, talkers, log = parsed
     gap = observations.widest_gap(log.heading_deg)
     if gap > observations.REFUSED_GAP_DEG:
         contents.left.append(f"{path}: an NMEA 0183 log whose headings leave {gap:.0f}° of the circle empty: no swing")
         return
     keys = {"file": file, "format": "nmea0183", **({"columns": columns} if columns else {})}
-    contents.calibrations[name] = draft.calibration("swing", keys, {})
+    keys |= {"talker": draft.DECIDE} if talkers else {}
+    comments = {"talker": f"{', '.join(talkers)} send headings; HC is a magnetic compass"}
+    contents.calibrations[name] = draft.calibration("swing", keys, comments)
 
 
 def _add_series(path: Path, file: str, table: detect.GuessedTable, mooring: str, contents: Contents) -> None:
