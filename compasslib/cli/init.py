@@ -45,6 +45,7 @@ PROVISIONAL: dict[str, dict[str, object]] = {
     "netcdf": {"direction_reference": "magnetic"},
 }
 ASKED = ("orientation", "bin_size", "first_bin")
+TOLD_UP = ("pd0", "nortek", "netcdf", "rdi_text")  # formats that may state the orientation
 SILENT = ("table", "acm_table", "mmp_acm")  # formats that never state whether directions are magnetic or true
 TO_CARRY = "where and when it was done: needed to carry it to a mooring"
 
@@ -262,9 +263,11 @@ def _drafted(
     try:
         record = readers.read(form, files, settings)
     except InputError as error:
-        asked = dict.fromkeys(_named_keys(error, readers.get_format(form).keys), draft.DECIDE)
+        unread = ["direction_reference"] * (form == "netcdf")  # what the file says of it is not known yet
+        asked = dict.fromkeys([*_named_keys(error, readers.get_format(form).keys), *unread], draft.DECIDE)
         return Drafted(form, inside, keys | asked, trouble=str(error))
     contents.records[inside[0]] = record
+    keys |= dict.fromkeys({"orientation"} & {*record.unstated}, draft.DECIDE)
     drafted = _of_record(form, inside, keys, record, table)
     if form != "netcdf":
         return drafted
@@ -290,7 +293,7 @@ def _of_record(
     depth = float(np.median(level[inside])) if inside.any() else np.nan
     speed = np.hypot(record.east, record.north)
     headings = record.heading_deg[np.isfinite(record.heading_deg)]
-    stated = table.north if table else None
+    stated = (table and table.north) if form in SILENT else record.direction_reference
     return Drafted(
         form, files, keys, "", start, end, surfaced,
         step_s=float(np.median(np.diff(record.time_s))) if len(record.time_s) > 1 else np.nan,
@@ -298,9 +301,9 @@ def _of_record(
         sectors=len(np.unique(headings // SECTOR_DEG)),
         depth_m=depth if depth > 0.0 else np.nan,
         depth_range_m=float(np.ptp(np.quantile(level[inside], [0.01, 0.99]))) if inside.any() else np.nan,
-        looks_up=record.looks_up if form in ("pd0", "nortek", "netcdf", "rdi_text") else None,
+        looks_up=record.looks_up if form in TOLD_UP and "orientation" not in record.unstated else None,
         heading_bias_deg=None if form in SILENT else record.heading_bias_deg or record.velocity_bias_deg,
-        direction_reference=stated if form in SILENT else record.direction_reference,
+        direction_reference=None if "direction_reference" in record.unstated else stated,
         speed=float(np.nanmedian(speed)) if np.isfinite(speed).any() else np.nan,
         serial_number=record.serial_number,
     )  # fmt: skip

@@ -89,7 +89,7 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC", ta
     fixes, values, talkers = _sort_sentences(
         _sentences(paths, counts, (heading, course)), counts, (heading, course), talker
     )
-    if len(talkers) > 1 and talker is None or talkers and talker and talker not in talkers:
+    if talkers and talker not in (talkers if talker or len(talkers) > 1 else [None]):
         raise InputError(
             ", ".join(map(str, paths)),
             expected=f"{heading} of {talker or 'one talker'}",
@@ -123,7 +123,9 @@ def read_any(path: Path) -> tuple[dict[str, str], list[str], NmeaLog] | None:
     """
     sent = {(kind.decode(), talker.decode()) for talker, kind in _NUMBERED.findall(_content(path))}
     for heading, course in product(HEADINGS, COURSES):
-        talkers = sorted((talker for kind, talker in sent if kind == heading), key=lambda name: (name != MAGNETIC, name))
+        talkers = sorted(
+            (talker for kind, talker in sent if kind == heading), key=lambda name: (name != MAGNETIC, name)
+        )
         if not talkers or course not in {kind for kind, _ in sent}:
             continue
         for talker in (None, talkers[0]):
