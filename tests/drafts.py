@@ -143,7 +143,7 @@ def _table(rng: np.random.Generator, k: int) -> Case:
     apart = form.time.startswith("apart")
     listed = HEADERS_APART if apart else HEADERS
     headers, scale = listed[int(rng.integers(len(listed)))]
-    scale = None if form.units and scale is None else scale
+    scale = 0.01 if form.units and scale is None else scale  # the unit row says so
     roles = ("date", "clock") if apart else ("time",)
     columns = dict(zip((*roles, "east", "north"), headers, strict=False))
 

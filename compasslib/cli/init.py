@@ -47,6 +47,7 @@ PROVISIONAL: dict[str, dict[str, object]] = {
 ASKED = ("orientation", "bin_size", "first_bin")
 TOLD_UP = ("pd0", "nortek", "netcdf", "rdi_text")  # formats that may state the orientation
 SILENT = ("table", "acm_table", "mmp_acm")  # formats that never state whether directions are magnetic or true
+TO_READ = "write one in a copy, or add it by hand with columns"
 TO_CARRY = "where and when it was done: needed to carry it to a mooring"
 
 
@@ -149,7 +150,9 @@ def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Conte
         if form is None:
             contents.left.append(f"{path}: {f'{kind.name}; {kind.advice}' if kind else 'its kind is not known'}")
         elif form == "table" and table is None:
-            contents.left.append(f"{path}: a table whose header names no known columns; add it by hand with columns")
+            contents.left.append(
+                f"{path}: a table whose header names no known columns, its time in one or two; {TO_READ}"
+            )
         elif table and table.kind == "pressure":
             continue  # read together with scans, or reported as unused below
         elif form in ("iaga2002", "nmea0183") or (table and table.kind != "instrument"):

@@ -21,8 +21,9 @@ from compasslib.errors import InputError
 from compasslib.readers import flags as vocabularies
 from compasslib.readers import nortek
 from compasslib.readers.netcdf import attributes, frames, variables
-from compasslib.readers.netcdf.variables import SPEED, File, find, numbers, spans, values
+from compasslib.readers.netcdf.variables import File, find, numbers, spans, values
 from compasslib.readers.pd0.currents import true_pitch
+from compasslib.readers.units import SPEED
 from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Flags, Record, join_records
 from compasslib.types import Floats
 

@@ -14,7 +14,8 @@ import netCDF4
 import numpy as np
 
 from compasslib import angles
-from compasslib.readers.netcdf.variables import SPEED, File
+from compasslib.readers.netcdf.variables import File
+from compasslib.readers.units import SPEED
 from compasslib.types import Floats
 
 _PLACES = "shore|shelf|slope|isobath|channel|stream|flow|track|ax[ie]s|canyon|strait|fjord|section|bank|river|valley"
