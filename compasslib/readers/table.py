@@ -138,10 +138,7 @@ def _stated(
                 said += [f"velocities were multiplied by {factor:.6g}, as they are in {found[1]}"] * (factor != 1.0)
         north = units.stated_north(file.said)
         if north and reference not in (None, north):
-            expected, advice = (
-                f"directions from {reference} north",
-                f"write direction_reference: {north}, or correct it",
-            )
+            expected, advice = f"directions from {reference} north", f"write direction_reference: '{north}'"
             raise InputError(f"{path}: headers and units", expected=expected, found=f"{north} north", advice=advice)
         reference = north or reference
     said += ["directions count from true north, as the table says"] * (reference == TRUE and north == TRUE)
