@@ -255,8 +255,6 @@ instruments:
     assert found["top"].start_offset_seconds == 1000.0
     assert [(w.to_s - w.from_s, w.why) for w in found["top"].exclude] == [(129600.0, "fouled"), (86400.0, "")]
     assert (found["pd0"].heading_alignment, found["pd0"].direction_reference) == (45.0, "true")
-    assert found["acm"].columns is not None
-    assert found["acm"].columns.scale == 1.0
 
 
 @pytest.mark.parametrize(
