@@ -296,7 +296,7 @@ def _of_record(
     depth = float(np.median(level[inside])) if inside.any() else np.nan
     speed = np.hypot(record.east, record.north)
     headings = record.heading_deg[np.isfinite(record.heading_deg)]
-    stated = (table and table.north) if form in SILENT else record.direction_reference
+    stated = (table.north if table else None) if form in SILENT else record.direction_reference
     return Drafted(
         form, files, keys, "", start, end, surfaced,
         step_s=float(np.median(np.diff(record.time_s))) if len(record.time_s) > 1 else np.nan,

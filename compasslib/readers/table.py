@@ -24,10 +24,6 @@ BY_LEVEL = 0.75  # ratio of distinct times to runs of equal time, up to which a 
 # Least share of steps that are multiples of the interval, and of samples present: swapped days and months leave gaps.
 EVEN, FILLED = 0.99, 0.7
 UNORDERED = 0.1  # share of backward time steps above which a table counts as unordered
-FILL_SHARE, FEWEST_FILLS = 0.005, 10  # least share and number of rows with a fill value
-FILL_TIMES, FILL_SIGMAS = 4.0, 6.0  # least excess over the frequency of neighbouring values: factor, plus sigmas
-NEIGHBOURS = 8  # neighbouring values on either side
-FROZEN_ROWS = 12  # mean length of runs of one value beyond which a meter is stuck; the deployment flags this
 FILLER_TIMES = 2.0  # least ratio of a fill value to the largest measured speed, unless both components hold it
 OTHER_UNIT, OTHER_UNIT_VALUES = 0.05, 10  # share and distinct values of invalid headings that indicate another unit
 LOSSES = {
@@ -38,7 +34,6 @@ LOSSES = {
     "headings_in_other_unit": "headings are no angles, of many values: the column is not in degrees; all are doubtful",
     "fillers": "fill values (speeds of nines only) count as missing",
     "rows_sorted": "rows are earlier than the one before; all were put in order: check the form of the times",
-    "fill_values": "velocities are fill values (one value far more often than its neighbours) and count as missing",
 }
 
 
@@ -157,8 +152,7 @@ def _in_units(file: Table) -> dict[str, Floats]:
 
 def _clean(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, Floats], dict[str, int]]:
     """Set fill values and invalid angles to NaN, drop repeated rows, and count what is removed."""
-    nines = _fillers(table)
-    filled = nines | _fill_values(table)
+    filled = _fillers(table)
     with np.errstate(invalid="ignore"):
         directions = {role: table[role] for role in ("heading", "direction") if role in table}
         wrong = {role: (degrees < -180.0) | (degrees > 360.0) for role, degrees in directions.items()}
@@ -173,8 +167,7 @@ def _clean(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, 
         "rows_contradict": contradict,
         "directions_impossible": int(sum(where.sum() for where in wrong.values())),
         "headings_in_other_unit": len(no_angles) * other_unit,
-        "fillers": int(nines.sum()),
-        "fill_values": int((filled & ~nines).sum()),
+        "fillers": int(filled.sum()),
     }
 
 
@@ -219,34 +212,6 @@ def _fillers(table: Mapping[str, Floats]) -> Bools:
         far = nine & (np.abs(column) > FILLER_TIMES * others.max(initial=0.0))
         filled = filled | (far if far.sum() > 1 else False)
     return np.asarray(filled)
-
-
-def _fill_values(table: Mapping[str, Floats]) -> Bools:
-    """Flag rows in which a velocity component has a value that is far too frequent, as a fill value.
-
-    Exempt are rows of zero components, where the flow is too slow for a rotor, and speeds, frequent at the threshold.
-    """
-    parts = [table[role] for role in units.FLOWS if role in table and role != "speed"]
-    filled = np.zeros(table["time"].shape, dtype=bool)
-    if parts:
-        moves = np.logical_or.reduce([column != 0.0 for column in parts])
-        filled[moves] = np.logical_or.reduce([_is_too_frequent(column[moves]) for column in parts])
-    return filled
-
-
-def _is_too_frequent(column: Floats) -> Bools:
-    """Flag values of a column that occur much more often than the median of their neighbouring values."""
-    distinct, where, count = np.unique(column, return_inverse=True, return_counts=True)
-    if len(distinct) < 4 * NEIGHBOURS:
-        return np.zeros(column.shape, dtype=bool)
-    steps = [*range(-NEIGHBOURS, 0), *range(1, NEIGHBOURS + 1)]
-    padded = np.pad(np.where(np.isfinite(distinct), count, 0), NEIGHBOURS)
-    usual = np.median([padded[NEIGHBOURS + k : NEIGHBOURS + k + len(distinct)] for k in steps], axis=0)
-    often = count >= max(FEWEST_FILLS, FILL_SHARE * len(column))
-    often &= count > FILL_TIMES * usual + FILL_SIGMAS * np.sqrt(usual)
-    frequent = (often & np.isfinite(distinct))[where.ravel()]
-    begins = int(np.sum(frequent[1:] & ~frequent[:-1])) + int(frequent[:1].sum())
-    return np.asarray(frequent & (frequent.sum() <= FROZEN_ROWS * begins))
 
 
 def _first_of_repeated(table: Mapping[str, Floats]) -> tuple[Bools, int, int]:

@@ -86,7 +86,7 @@ def other_frames(file: File) -> str:
 def turns_with_heading(file: File, pair: Sequence[netCDF4.Variable]) -> bool:
     """Return whether the components are X and Y of Nortek's XYZ, of which X points along the heading."""
     words = [text for variable in pair for _, text in _texts(file, variable)]
-    words += [text for holder in (*pair, file.nc) for text in _systems(holder)]
+    words += [*_systems(file.nc), *(text for variable in pair for text in _systems(variable))]
     makers = " ".join(str(file.nc.getncattr(name)) for name in file.nc.ncattrs())
     return any(re.search(r"\bxyz\b", text) for text in words) and not re.search(r"(?i)rdi\b|teledyne|workhorse", makers)
 
