@@ -157,6 +157,7 @@ class Record(Labelled):
     echo_range_m: Floats | None = None
     counts: dict[str, int] = field(default_factory=dict)  #: numbers of samples read, skipped and flagged
     warnings: tuple[str, ...] = ()  #: sentences for the report
+    unstated: tuple[str, ...] = ()  #: keys of the mooring file that its files leave open
     tests: NDArray[np.int16] | None = None  #: (n, m) bits of the tests that each velocity failed; None without tests
 
     def bin_depth_m(self) -> Floats:

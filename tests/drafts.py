@@ -72,13 +72,9 @@ def drawn(seed: int, n: int) -> list[Case]:
 
 
 def genuine() -> list[Case]:
-    """List the genuine and wild files that are available."""
+    """List the genuine files that are available."""
     centimetres = {"format": "table", "scale": 0.01}
     known = (
-        ("wild/pd0_junk_before.000", {"format": "pd0"}),
-        ("wild/seaguard_tab.txt", centimetres | {"columns": {"time": "Record Time", "east": "East[cm/s]"}}),
-        ("wild/nortek_pnors.nmea", {"left": "telemetry"}),
-        ("wild/swing_hdg_holds_true.nmea", {"calibration": "swing"}),
         ("swing/2010-11-03.Taiohae.nmea", {"calibration": "swing"}),
         ("pd0/eh2_20060530_20060717_0007m.000", {"format": "pd0"}),
         ("moored/aqd9330.npz", {"left": "zip"}),
@@ -143,7 +139,7 @@ def _table(rng: np.random.Generator, k: int) -> Case:
     apart = form.time.startswith("apart")
     listed = HEADERS_APART if apart else HEADERS
     headers, scale = listed[int(rng.integers(len(listed)))]
-    scale = None if form.units and scale is None else scale
+    scale = 0.01 if form.units and scale is None else scale  # the unit row says so
     roles = ("date", "clock") if apart else ("time",)
     columns = dict(zip((*roles, "east", "north"), headers, strict=False))
 

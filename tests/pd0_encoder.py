@@ -24,6 +24,7 @@ def fixed_leader(
     convex: bool = True,
     sensors: int = 0b0011_1101,
     beam_angle: int | None = 20,
+    angle_bits: int = 1,
     beams: int = 4,
     firmware: int = 50,
     ez: int = 0x7D,
@@ -35,7 +36,7 @@ def fixed_leader(
     identifier: int = 0x0000,
 ) -> bytes:
     """Encode a fixed leader of ``length`` bytes: 300 kHz, beams at 20 degrees; between pings minutes, s and 1/100 s."""
-    system = 0x4102 | (0x80 if up else 0) | (0x08 if convex else 0)
+    system = 0x4002 | angle_bits << 8 | (0x80 if up else 0) | (0x08 if convex else 0)
     block = bytearray(59)
     struct.pack_into("<HBBH", block, 0, identifier, firmware, 36, system)
     struct.pack_into("<BBHHH", block, 8, beams, cells, pings, cell_cm, blank_cm)

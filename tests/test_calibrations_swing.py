@@ -129,15 +129,6 @@ def test_wrong_sign_of_the_declination_is_reported(tmp_path):
     assert "twice minus the declination of -8.0°: the declination probably has the wrong sign" in found.warnings[0]
 
 
-WILD = REAL.parents[1] / "wild/swing_hdg_holds_true.nmea"
-
-
-@pytest.mark.skipif(not WILD.exists(), reason="no ../shared/data")
-def test_real_log_with_true_headings_is_reported_first():
-    found = swing.calibrate([WILD], {"format": "nmea0183"})
-    assert "minus the declination of +10.7°" in found.warnings[0] and "declination: 0" in found.warnings[0]
-
-
 def test_strong_iron_is_fitted_by_the_exact_compass(tmp_path):
     iron, heading = np.array([0.02, 0.45, -0.2, 0.05, -0.03]), np.arange(0.0, 360.0, 10.0)
     path = written(tmp_path, compass_deg=compass.recorded_heading(iron, heading), true_deg=heading)

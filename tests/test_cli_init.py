@@ -15,7 +15,7 @@ import yaml
 from bench import readings, write_table
 from drafts import log, sentences
 from launch import PROJECT
-from sea import cruise, real
+from sea import cruise
 
 from compasslib.cli import init, main
 from compasslib.config.draft import Drafted
@@ -247,11 +247,6 @@ def test_file_name_invalid_in_yaml_is_skipped_and_reported(tmp_path, capsys, nam
 def test_random_and_real_files_are_drafted_correctly_or_left_open(case):
     found, said = drafts.outcome(case)
     assert found in ("right", "asked"), said
-
-
-def test_directions_of_a_seaguard_are_drafted_as_magnetic(tmp_path):
-    assert main(["init", str(real("wild/seaguard_tab.txt")), "--into", str(tmp_path / "new"), "--name", "X"]) == 0
-    assert next(iter(draft(tmp_path / "new", "X")["instruments"].values()))["direction_reference"] == "magnetic"
 
 
 def test_unreadable_file_overlaps_no_other_in_time():

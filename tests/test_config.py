@@ -256,8 +256,6 @@ instruments:
     assert [(w.to_s - w.from_s, w.why) for w in found["top"].exclude] == [(129600.0, "fouled"), (86400.0, "")]
     assert (found["pd0"].heading_alignment, found["pd0"].direction_reference) == (45.0, "true")
     assert found["pd0"].sound_speed == {"salinity": 7.0}
-    assert found["acm"].columns is not None
-    assert found["acm"].columns.scale == 1.0
 
 
 @pytest.mark.parametrize(

@@ -253,15 +253,6 @@ def test_profiles_split_over_modem_frames_are_joined(kinds, tmp_path):
     assert 29 <= len(found) < len(expected) and {*map(tuple, found[-29:])} <= {*map(tuple, expected)}
 
 
-def test_escapes_and_frames_of_a_genuine_file_are_undone(tmp_path):
-    """Three profiles of 39, 42 and 36 scans by their frame lengths; the first scan of each is aliased and dropped."""
-    record = of_record("mmp binary", real("wild/acm_sio_escapes.dat").read_bytes(), tmp_path)
-    assert len(record.time_s) == 38 + 41 + 35 and record.counts["damaged_rows"] == 0
-    assert np.abs(np.hypot(record.east, record.north)).max() < 0.2
-    ends = record.time_s[[0, -1]].astype("datetime64[s]")
-    assert ends.astype(str).tolist() == ["2013-07-30T11:03:36", "2013-07-31T08:57:46"]
-
-
 CHECKED = ("pd0", "pd12", "nortek", "ad2cp", "mmp binary", "mmp text", "nmea0183", "iaga2002")
 
 

@@ -100,10 +100,6 @@ def test_scans_after_logger_timestamps_are_refused(tmp_path):
             read("mmp_acm", [tmp_path / "sent"], {"pressure_files": ()})
 
 
-def test_file_of_modem_frames_is_recognized():
-    assert detect_kind(real("wild/acm_sio_escapes.dat")).form == "mmp_acm"
-
-
 def test_files_written_by_libraries_are_recognized(tmp_path):
     Dataset(tmp_path / "a.nc", "w").close()
     Dataset(tmp_path / "b.nc", "w", format="NETCDF3_CLASSIC").close()

@@ -15,7 +15,7 @@ import netcdf_layouts as layouts
 import numpy as np
 import pytest
 from netcdf_layouts import DECLINATION, M, N
-from sea import SHARED, real
+from sea import SHARED
 from test_archive import make_product, measured, write
 
 from benchmarks import netcdf_layouts as drawn_layouts
@@ -344,43 +344,6 @@ def test_atmosphere_is_subtracted_from_absolute_imos_pressure(tmp_path):
 def test_random_layouts_are_read_as_generated(tmp_path):
     found = [lines for _, lines in drawn_layouts.layouts(47, 20, tmp_path)]
     assert found == [[]] * 20
-
-
-TRUE_UP = {"direction_reference": "true", "orientation": "up"}
-WILD = [  # file, settings, text of the refusal or of a warning, number of velocities with each flag
-    ("netcdf_flag_words_good", TRUE_UP, "UCUR_QC: the meaning of the flags low_percent_good (8 samples), side_lobe",
-     {0: 8, 1: 8, 3: 32}),
-    ("netcdf_flag_words_good", TRUE_UP | {"flags": {"bad": ["compass_error", "side_lobe", "sensor_broken", "2"]}}, "",
-     {0: 8, 1: 8, 4: 32}),
-    ("netcdf_flags_per_time", TRUE_UP, "", {1: 72, 4: 72}),
-    ("netcdf_seadatanet_flag0", TRUE_UP, "", {0: 48}),
-    ("netcdf_scalar_ancillary", TRUE_UP, "", {1: 48}),
-    ("netcdf_scalar_ancillary", {"orientation": "up"}, "-17.37 degrees of declination were taken out", {1: 48}),
-    ("imos_aggregated_rows", TRUE_UP, "the series of one instrument, found 3 in one, by instrument_index", None),
-    ("mhkit_ea45", {}, "give heading_alignment", None),
-    ("mhkit_ea45", {"heading_alignment": 45.0}, "heading_alignment of 45 degrees was added", {1: 1024, 9: 96}),
-    ("mhkit_vel_avg", {}, "", {1: 144}),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("name", "settings", "said", "flags"), WILD)
-def test_formerly_misread_files_of_other_software(name, settings, said, flags):
-    path = real(f"wild/{name}.nc")
-    if flags is None:
-        assert said in refused(path, **settings)
-        return
-    record = read(path, **settings)
-    counted = zip(*np.unique(record.quality, return_counts=True), strict=True)
-    assert {int(flag): int(n) for flag, n in counted} == flags
-    warnings = " ".join(record.warnings)
-    assert said in warnings and ("not known" in warnings) == ("meaning" in said)
-
-
-def test_mhkit_average_headings_and_cf_time_offset_are_read():
-    record = read(real("wild/mhkit_vel_avg.nc"))
-    assert np.isfinite(record.heading_deg).all() and record.bin_range_m[0, 0] == pytest.approx(6.0, abs=4.0)
-    time = read(real("wild/netcdf_time_offset_one_digit.nc"), **TRUE_UP).time_s[0]
-    assert np.datetime64(int(time), "s") == np.datetime64("1992-10-08T21:15:42")
 
 
 def test_single_pings_and_averages_are_read_separately(tmp_path):

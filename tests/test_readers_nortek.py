@@ -10,7 +10,7 @@ import nortek_encoder as encoder
 import numpy as np
 import pytest
 from nortek_encoder import BEAM, ENU, XYZ, Sample
-from sea import SHARED, real
+from sea import SHARED
 
 from compasslib.errors import InputError
 from compasslib.readers import nortek
@@ -298,17 +298,7 @@ def test_averages_are_recognized_by_the_sampling_interval(tmp_path, name, apart_
     assert sum("the mean of 360 s" in line for line in read(tmp_path, data, name).warnings) == said
 
 
-def test_genuine_single_pings_are_not_reported_as_averages():
-    record = nortek.read([real("wild/sig100_raw_avg_8.ad2cp")])
-    assert np.allclose(np.diff(record.time_s), 1.0, atol=1e-3) and record.warnings == ()
-
-
 @pytest.mark.parametrize(("beams", "said"), [(2, "found 2 beams, which are level"), (1, "found 1 beam;")])
 def test_files_without_three_slanted_beams_are_refused(tmp_path, beams, said):
     data = of_older([replace(s, velocity=s.velocity[:beams]) for s in drawn(cells=30)], beams=beams)
     assert said in refused(tmp_path, data) and "expected 3 slanted beams" in refused(tmp_path, data)
-
-
-def test_genuine_awac_with_two_horizontal_beams_is_refused():
-    with pytest.raises(InputError, match=r"expected 3 slanted beams, found 2 beams, .* write format: table"):
-        nortek.read([real("wild/h_awac_two_beams.wpr")])

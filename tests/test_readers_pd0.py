@@ -656,11 +656,6 @@ def test_timestamps_at_the_start_of_long_averages_are_reported(
     assert read(written(tmp_path, *series(30, fixed=fixed))).warnings == (said,) * (half > 0)
 
 
-def test_hourly_means_of_a_real_layout_are_reported() -> None:
-    warning = read(real("wild/pd0_hour_means.000")).warnings[0]
-    assert "the mean of 3600 s from its time on: its middle is 1800 s" in warning
-
-
 # ------------------------------------------------------------------------------- configurations and coordinates
 
 

@@ -242,34 +242,6 @@ def test_endless_line_is_refused_and_long_cell_is_abbreviated(tmp_path):
     assert path.stat().st_size > 2**20 and read("table", [path], {"columns": ROLES}).counts["rows"] == 50_000
 
 
-def _hours(east, north) -> str:
-    stamps = np.datetime64("2007-09-04T00:00") + np.arange(len(east)) * np.timedelta64(1, "h")
-    return "t,z,u,v\n" + "".join(f"{t},105,{u},{v}\n" for t, u, v in zip(stamps, east, north, strict=True))
-
-
-@pytest.mark.parametrize("value", [-32.768, 0.0, -9.99, 12.5])
-def test_overfrequent_value_of_one_component_is_a_fill_value(tmp_path, value):
-    rng = np.random.default_rng(2)
-    east, north = np.round(rng.normal(5.0, 15.0, (2, 3000)), 1)
-    hit = rng.random(3000) < 0.02
-    text = _hours(np.where(hit, value, east), north)
-    record = read("table", table(tmp_path, text), {"columns": ROLES})
-    own = int(np.sum(~hit & (east == value)))  # indistinguishable from fill values
-    assert record.counts["fill_values"] == hit.sum() + own
-    assert np.isnan(record.east[hit]).all() and "far more often" in record.warnings[0]
-
-
-@pytest.mark.parametrize("digits", [0, 1, 2])
-def test_rounded_currents_and_stalled_rotors_are_not_fill_values(tmp_path, digits):
-    rng = np.random.default_rng(3)
-    tide = 12.0 * np.cos(2.0 * np.pi * np.arange(3000) / 12.42)
-    east, north = np.round(tide + rng.normal(0.0, 3.0, 3000), digits), np.round(rng.normal(0.0, 5.0, 3000), digits)
-    stalled = rng.random(3000) < 0.2
-    text = _hours(np.where(stalled, 0.0, east), np.where(stalled, 0.0, north))
-    record = read("table", table(tmp_path, text), {"columns": ROLES})
-    assert record.counts["fill_values"] == 0 and record.warnings == ()
-
-
 MARKS = [("'", "'"), ('"', '"'), ('="', '"')]
 
 

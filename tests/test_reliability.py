@@ -182,6 +182,16 @@ def backwards(folder: Path) -> None:
     recording(turned)(folder)
 
 
+def without_unit(scale: float) -> Spoil:
+    """Return a function that takes the unit from the headers of the reference and sets a wrong scale."""
+
+    def spoil(folder: Path) -> None:
+        bytes_of(DEEP, lambda data: data.replace(b"_cm_s", b""))(folder)
+        said(deep__columns__east="u", deep__columns__north="v", deep__columns__scale=scale)(folder)
+
+    return spoil
+
+
 def pipe(folder: Path) -> None:
     (folder / TOP).unlink()
     os.mkfifo(folder / TOP)
@@ -202,8 +212,9 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
         "equal to minus the declination (-23.6°): the directions of the reference lack it",
     ),
     "one recording given twice": (given_twice, "recorded the same velocities: one recording was given twice"),
-    "cm/s called mm/s": (said(deep__columns__scale=0.0001), "the unit or scale of one is wrong"),
-    "cm/s called m/s": (said(deep__columns__scale=1.0), "velocities flagged: faster than 5 m/s"),
+    "cm/s called mm/s": (without_unit(0.0001), "the unit or scale of one is wrong"),
+    "cm/s called m/s": (without_unit(1.0), "velocities flagged: faster than 5 m/s"),
+    "cm/s of a header called m/s": (said(deep__columns__scale=1.0), "found cm_s; correct scale"),
     "east and north negative": (
         table(lambda i, row: [*row[:2], f"{-float(row[2])}", f"{-float(row[3])}"]),
         "refute the correction",

@@ -91,7 +91,8 @@ BIN = Variable(
 BEAM = Variable("BEAM", "number of the beam, as the instrument counts them", "1", "", ("BEAM",), "i4", fill=None)
 _SECONDS = Variable("TIME", "time", "seconds since 1970-01-01T00:00:00Z", "time", fill=None, also={"axis": "T"})
 
-NOT_STORED = {"echo_range_m", "channels", "profiles"}  # the first only serves the deployment; the others hold several
+# The first two only serve the deployment and drafts; the others hold several.
+NOT_STORED = {"echo_range_m", "unstated", "channels", "profiles"}
 CHANNEL = "CHANNEL_"  # prefix of the variables of ``channels``
 
 

@@ -45,7 +45,9 @@ PROVISIONAL: dict[str, dict[str, object]] = {
     "netcdf": {"direction_reference": "magnetic"},
 }
 ASKED = ("orientation", "bin_size", "first_bin")
+TOLD_UP = ("pd0", "nortek", "netcdf", "rdi_text")  # formats that may state the orientation
 SILENT = ("table", "acm_table", "mmp_acm")  # formats that never state whether directions are magnetic or true
+TO_READ = "write one in a copy, or add it by hand with columns"
 TO_CARRY = "where and when it was done: needed to carry it to a mooring"
 
 
@@ -148,7 +150,9 @@ def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Conte
         if form is None:
             contents.left.append(f"{path}: {f'{kind.name}; {kind.advice}' if kind else 'its kind is not known'}")
         elif form == "table" and table is None:
-            contents.left.append(f"{path}: a table whose header names no known columns; add it by hand with columns")
+            contents.left.append(
+                f"{path}: a table whose header names no known columns, its time in one or two; {TO_READ}"
+            )
         elif table and table.kind == "pressure":
             continue  # read together with scans, or reported as unused below
         elif form in ("iaga2002", "nmea0183") or (table and table.kind != "instrument"):
@@ -202,13 +206,15 @@ def _add_log(path: Path, file: str, name: str, contents: Contents) -> None:
         why = "no magnetic heading (HDG or HDM) with a course (RMC or VTG)"
         contents.left.append(f"{path}: an NMEA 0183 log with {why}: no swing")
         return
-    columns, log = parsed
+    columns, talkers, log = parsed
     gap = observations.widest_gap(log.heading_deg)
     if gap > observations.REFUSED_GAP_DEG:
         contents.left.append(f"{path}: an NMEA 0183 log whose headings leave {gap:.0f}° of the circle empty: no swing")
         return
     keys = {"file": file, "format": "nmea0183", **({"columns": columns} if columns else {})}
-    contents.calibrations[name] = draft.calibration("swing", keys, {})
+    keys |= {"talker": draft.DECIDE} if talkers else {}
+    comments = {"talker": f"{', '.join(talkers)} send headings; HC is a magnetic compass"}
+    contents.calibrations[name] = draft.calibration("swing", keys, comments)
 
 
 def _add_series(path: Path, file: str, table: detect.GuessedTable, mooring: str, contents: Contents) -> None:
@@ -260,9 +266,11 @@ def _drafted(
     try:
         record = readers.read(form, files, settings)
     except InputError as error:
-        asked = dict.fromkeys(_named_keys(error, readers.get_format(form).keys), draft.DECIDE)
+        unread = ["direction_reference"] * (form == "netcdf")  # what the file says of it is not known yet
+        asked = dict.fromkeys([*_named_keys(error, readers.get_format(form).keys), *unread], draft.DECIDE)
         return Drafted(form, inside, keys | asked, trouble=str(error))
     contents.records[inside[0]] = record
+    keys |= dict.fromkeys({"orientation"} & {*record.unstated}, draft.DECIDE)
     drafted = _of_record(form, inside, keys, record, table)
     if form != "netcdf":
         return drafted
@@ -288,7 +296,7 @@ def _of_record(
     depth = float(np.median(level[inside])) if inside.any() else np.nan
     speed = np.hypot(record.east, record.north)
     headings = record.heading_deg[np.isfinite(record.heading_deg)]
-    stated = table.north if table else None
+    stated = (table.north if table else None) if form in SILENT else record.direction_reference
     return Drafted(
         form, files, keys, "", start, end, surfaced,
         step_s=float(np.median(np.diff(record.time_s))) if len(record.time_s) > 1 else np.nan,
@@ -296,9 +304,9 @@ def _of_record(
         sectors=len(np.unique(headings // SECTOR_DEG)),
         depth_m=depth if depth > 0.0 else np.nan,
         depth_range_m=float(np.ptp(np.quantile(level[inside], [0.01, 0.99]))) if inside.any() else np.nan,
-        looks_up=record.looks_up if form in ("pd0", "nortek", "netcdf", "rdi_text") else None,
+        looks_up=record.looks_up if form in TOLD_UP and "orientation" not in record.unstated else None,
         heading_bias_deg=None if form in SILENT else record.heading_bias_deg or record.velocity_bias_deg,
-        direction_reference=stated if form in SILENT else record.direction_reference,
+        direction_reference=None if "direction_reference" in record.unstated else stated,
         speed=float(np.nanmedian(speed)) if np.isfinite(speed).any() else np.nan,
         serial_number=record.serial_number,
     )  # fmt: skip

@@ -225,6 +225,7 @@ class SwingFile(TableFile):
 
     format: Annotated[Literal["csv", "nmea0183"], BeforeValidator(_csv)] = key("csv or nmea0183", "csv", "csv")
     columns: SwingColumns = key("a mapping", "{compass_deg: hdg, cog_deg: cog}", SwingColumns())
+    talker: Text | None = key("the talker of the log's headings", "HC", None)
     min_speed_kn: Number | None = key("knots from 0 to 100", "2", None, ge=0, le=100)
     max_turn_deg_s: Number | None = key("degrees a second above 0, at most 90", "1", None, gt=0, le=90)
     max_lag_s: Number | None = key("seconds from 0 to 600", "10", None, ge=0, le=600)

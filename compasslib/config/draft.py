@@ -27,6 +27,7 @@ HEAD = f"# Drafted by compass init from the files. Replace every {DECIDE} by a v
 STILL_M = 0.3  # metres; tides and weather change the depth of an instrument by more
 UNITS = {
     "orientation": "up or down; the files do not tell",
+    "direction_reference": "magnetic, or true where the directions hold the declination",
     "bin_size": "m, from one bin that was sent to the next",
     "first_bin": "m, from the transducer to the middle of the first bin",
     "time_format": "as '%d/%m/%Y %H:%M' or '%m/%d/%Y %H:%M'",
@@ -203,11 +204,10 @@ def _directions(drafted: Drafted) -> list[str]:
     if drafted.direction_reference == "true" or (drafted.direction_reference and drafted.heading_bias_deg is None):
         return [*lines, _line("direction_reference", drafted.direction_reference, "as the files say", indent=4)]
     if drafted.direction_reference is None:
-        ask = "magnetic, or true where the directions hold the declination"
-        return [*lines, _line("direction_reference", DECIDE, ask, indent=4)]
-    if drafted.format == "netcdf":  # a value here would override the attribute of the file
-        return [*lines, "    # the declination that the file says is in its directions is taken out\n"]
-    if drafted.heading_bias_deg:
+        return [*lines, _line("direction_reference", DECIDE, UNITS["direction_reference"], indent=4)]
+    if drafted.format == "netcdf" and not drafted.heading_bias_deg:
+        return [*lines, _line("direction_reference", drafted.direction_reference, "as the files say", indent=4)]
+    if drafted.heading_bias_deg:  # a value here would override that of the file
         note = f"    # the file's heading bias or declination, {drafted.heading_bias_deg:+.2f}, is taken out\n"
         return [*lines, note]
     ask = "degrees east that are in the directions already, 0 for none; the files tell of none"

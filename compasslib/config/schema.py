@@ -46,6 +46,7 @@ from compasslib.config.values import iso, problem, shown
 from compasslib.earthfield import parse_applied_declination
 from compasslib.readers import TABLE_KEYS
 from compasslib.readers.flags import normalize
+from compasslib.readers.units import stated_north
 
 TABLES = ("table", "acm_table")
 # Keys that apply to some formats only; with others they would silently have no effect.
@@ -203,7 +204,7 @@ class Columns(Section):
     temperature: Text | None = _header("degrees Celsius", "temperature_c")
     flag: Text | None = _header("quality flags, tables only", "qc")
     range: Text | None = _header("metres from the transducer, netcdf only", "bindist")
-    scale: Number = key("a factor to m/s above 0, at most 1000", "0.01", 1.0, gt=0, le=1000)
+    scale: Number | None = key("a factor to m/s above 0, at most 1000", "0.01", None, gt=0, le=1000)
 
     def headers(self) -> dict[str, str]:
         """Select the headers that are given, by role."""
@@ -310,7 +311,11 @@ class Instrument(TableKeys):
                 advice = f"add for example {name}: {field.examples[0]}"
                 raise problem(name, f"{field.description}, which {self.format} does not tell", "nothing", advice)
         if self.format in TABLES:
-            values.check_table(self.columns.headers() if self.columns else {}, self.depth)
+            headers = self.columns.headers() if self.columns else {}
+            values.check_table(headers, self.depth)
+            if "direction_reference" not in self.model_fields_set:  # what the headers say stands for the key
+                north = stated_north({role: [header] for role, header in headers.items()})
+                object.__setattr__(self, "direction_reference", north or self.direction_reference)
         return self
 
 

@@ -49,8 +49,8 @@ class Format:
 TABLE_KEYS = ("delimiter", "decimal", "time_format", "timezone", "missing", "skip_rows")  # for any text table
 FORMATS = {
     "pd0": Format("pd0", ("orientation", "declination_applied", "heading_alignment", "serial_number", "sound_speed")),
-    "table": Format("table", ("columns", "flags", *TABLE_KEYS)),
-    "acm_table": Format("table", ("columns", "flags", *TABLE_KEYS)),
+    "table": Format("table", ("columns", "flags", "direction_reference", *TABLE_KEYS)),
+    "acm_table": Format("table", ("columns", "flags", "direction_reference", *TABLE_KEYS)),
     "mmp_acm": Format("mmp", ("pressure_files", "start_offset_seconds", *TABLE_KEYS)),
     "netcdf": Format(
         "netcdf", ("columns", "orientation", "declination_applied", "direction_reference", "heading_alignment", "flags")

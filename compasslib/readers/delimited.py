@@ -36,6 +36,7 @@ FLAG = "flag"  # role of quality flags: words or values
 DATE_AND_CLOCK = ("date", "clock")  # roles of the date and the time of day, combined into ``time``
 NUMBER_FORM = "a number or nothing"
 MEND = "mend or remove the line"
+JOIN = "join the columns of the time into one in a copy, as 2007-09-04T00:00:00Z"
 LONGEST_MISSING_WORD = 20
 DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"}  # in order of preference
 SEARCHED_LINES = 400  # lines searched for the header
@@ -50,6 +51,8 @@ _WHOLE = re.compile(r"[-+]?\d+", re.ASCII)
 _ONLY_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+", re.ASCII)
 _WITH_THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:([,.' ])\d{3})+(?!\1)[.,]\d*|[-+]?\d{1,3}(?:[' ]\d{3})+", re.ASCII)
 _WORD = re.compile(r'=?"[^"\n]*"|\S+')
+_FLAGS = re.compile(r"(?i)(?:^|[\W_])(?:qv|qc|flags?)(?:$|[\W_])")  # headers of quality flags
+_PART = re.compile(r"(?i)y{2,4}|years?|months?|days?|hours?|minutes?|seconds?")  # headers of a part of a time
 _UNIT = re.compile(r"(?=.*[^\W\d_]|.*%|.*°)(?!.*\d\d)[^\n]{1,40}|", re.DOTALL)  # metres, cm s-1, [°C], %
 
 
@@ -94,6 +97,7 @@ class Table:
     rows: int
     cut: int  # number of truncated last lines dropped
     notes: tuple[str, ...]  # detected format, in words
+    said: Mapping[str, tuple[str, ...]]  # role -> header, and cells of the unit lines
     unknown_flags: str = ""  # warning about flags of unknown meaning, empty without any
 
 
@@ -176,6 +180,8 @@ def parse_table(
             # A wrong skip_rows or delimiter may have hidden the column: suggest these keys first.
             keys = " or ".join(key for key in ("skip_rows", "delimiter") if getattr(layout, key) is not None)
             advice = f"correct {keys}, else {advice}" if keys else advice
+            if lines.header and all(name[:1] in NUMBER_STARTS for name in lines.header):
+                advice = "write a line of names above the numbers in a copy, with the time in one column or two"
             raise InputError(
                 f"{path}: column {header!r} ({role})",
                 expected="one of the file's columns",
@@ -186,7 +192,8 @@ def parse_table(
         expected, advice = "a time, or date and clock apart", "keep one of the two under columns"
         raise InputError(f"{path}: columns", expected=expected, found="all three", advice=advice)
     places = {role: lines.header.index(header) for role, header in headers.items()}
-    lines, has_units = _drop_units(lines, list(places.values()))
+    lines, unit_lines = _drop_units(lines, list(places.values()))
+    said = {role: (headers[role], *(row[k].strip() for row in unit_lines)) for role, k in places.items()}
     lines = _join_decimals(path, lines) if (layout.delimiter, layout.decimal) == (",", ",") else lines
     n = len(lines.header)
     if long := [k for k, row in enumerate(lines.rows) if len(row) > n and any(cell.strip() for cell in row[n:])]:
@@ -208,14 +215,18 @@ def parse_table(
         nameless = {cell: counts[cell] for cell, flag in known.items() if flag is None}
         where = f"{path.name}: column {headers[FLAG]}"
         unknown = flags.describe_unknown_flags(where, nameless) if nameless else ""
+    elif unused := [name for name in dict.fromkeys(lines.header) if _FLAGS.search(name)] * ("north" in headers):
+        unknown = f"{path.name}: flags stand in {', '.join(unused)}, which columns do not name as flag: none was used."
     decimal, by_comma = _detect_decimal(path, texts, headers, layout)
     for role, cells in texts.items():
         columns[role], row = plain.parse_texts(cells, decimal, layout.missing)
         if row is not None:
             to_do = "correct decimal" if layout.decimal else _advise_on_word(cells[row])
             _refuse_line(path, f"{lines.numbers[row]}, {headers[role]}", NUMBER_FORM, repr(cells[row]), to_do)
-    recognised = ["units below the header"] * has_units + ["decimal commas"] * by_comma + [time_note] * bool(time_note)
-    return Table(columns, len(lines.rows), lines.cut, (*lines.notes, *recognised), unknown)
+    recognised = (
+        ["units below the header"] * bool(unit_lines) + ["decimal commas"] * by_comma + [time_note] * bool(time_note)
+    )
+    return Table(columns, len(lines.rows), lines.cut, (*lines.notes, *recognised), said, unknown)
 
 
 def _advise_on_word(cell: str) -> str:
@@ -288,6 +299,11 @@ def find_lines(
     candidates = [layout.delimiter] if layout.delimiter else list(delimiters)
     headers = (_find_header(raw, places, candidate, fits) for candidate in candidates)
     begin, delimiter = next(filter(None, headers), (None, ""))
+    if begin is None:  # numpy.savetxt writes the header as a comment
+        bare = [re.sub(r"^\s*[#%]+\s*", "", line) if line.lstrip()[:1] in COMMENT_MARKS else "" for line in raw]
+        headers = (_find_header(bare, places, candidate, fits) for candidate in candidates)
+        begin, delimiter = next(filter(None, headers), (None, ""))
+        raw = raw if begin is None else [*raw[:begin], bare[begin], *raw[begin + 1 :]]
     if begin is None and must:
         return None
     if begin is None:
@@ -378,8 +394,8 @@ def _split_lines(path: Path, raw: list[str], begin: int, delimiter: str, *, ende
     return Lines(header, rows[: len(rows) - cut], [begin + k + 1 for k in places], int(cut), notes=notes)
 
 
-def _drop_units(lines: Lines, places: Sequence[int]) -> tuple[Lines, bool]:
-    """Drop unit lines below the header, whose requested cells hold unit-like words instead of numbers."""
+def _drop_units(lines: Lines, places: Sequence[int]) -> tuple[Lines, list[list[str]]]:
+    """Take unit lines from below the header, whose requested cells hold unit-like words instead of numbers."""
     count = 0
     for row in lines.rows[:UNIT_LINES]:
         cells = [row[k].strip() for k in places if k < len(row)]
@@ -387,7 +403,7 @@ def _drop_units(lines: Lines, places: Sequence[int]) -> tuple[Lines, bool]:
         if not words or len(cells) < len(places) or not all(map(_UNIT.fullmatch, words)):
             break
         count += 1
-    return replace(lines, rows=lines.rows[count:], numbers=lines.numbers[count:]), count > 0
+    return replace(lines, rows=lines.rows[count:], numbers=lines.numbers[count:]), lines.rows[:count]
 
 
 def _join_decimals(path: Path, lines: Lines) -> Lines:
@@ -462,6 +478,7 @@ def _parse_times(path: Path, lines: Lines, places: Mapping[str, int], layout: La
             line = "" if error.row is None else f"line {lines.numbers[error.row]}, "
             quoted = error.row is not None and any(mark in cells[error.row] for mark in "\"'")
             advice = "delete the quotation marks" if quoted else error.advice
+            advice = JOIN if _PART.fullmatch(header) else advice
             advice = advice or f"{MEND}; {times.SETTLE} for another form"
             where = f"{path}: {line}{header}"
             raise InputError(where, expected=error.expected, found=error.shown, advice=advice) from None

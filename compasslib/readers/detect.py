@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from compasslib.errors import InputError, TransientError
-from compasslib.readers import delimited
+from compasslib.readers import delimited, units
 from compasslib.readers.files import TooLarge, detect_utf16, read_bytes, unreadable
 
 HEAD_BYTES = 65536
@@ -108,6 +108,24 @@ KINDS = (
         "a text export of RDI's programs",
         "rdi_text",
         rb"(?:[^\n]*\n){0,20}\s*(?:Pings/Ens|Time/Ping|First Ensemble (?:Date|Time)|1st Bin Range|Ensemble Interval)\b",
+    ),
+    _kind(
+        "a text of Nortek's conversion, which has no header",
+        None,
+        rb"(?:\s*\d{1,2} +\d{1,2} +\d{4} +\d{1,2} +\d{1,2} +[\d.]+ +[01]{8} +[01]{8} [^\n]*\n)+",
+        RECORDED,
+    ),
+    _kind(
+        "raw counts of an Aanderaa logger",
+        None,
+        rb"(?:[01]\d{3}(?:[ \t]+[01]\d{3}){3,}\s*\n){3}",
+        "convert them by the coefficients of the sensors, and give a text table with format: table",
+    ),
+    _kind(
+        "an ODV spreadsheet",
+        None,
+        rb"(?://[^\n]*\n)*Cruise\tStation\t[^\n]*\t(QV:[^\t\n]*)\t[^\n]*\t\1[\t\r\n]",
+        "give every QV column a name of its own in a copy, and name that of the velocities as flag under columns",
     ),
     _kind("a header file of Nortek's conversion", None, rb"\[[^\]\n]*\.(?:aqd|prf|wpr|vec|hdr)\]\s", EXPORT),
 )
@@ -252,15 +270,9 @@ def _kind_of_record(data: bytes) -> Kind | None:
 
 
 PRESSURE_ALONE = 3  # most columns of a pressure table: time, pressure and perhaps temperature
-SPEEDS = {"mm": 0.001, "cm": 0.01, "m": 1.0}  # length unit per second -> m/s
-_SPEED = re.compile(r"(?:^|[\W_])(mm|cm|m)[\W_]*(?:/|p|per)?[\W_]*s(?:ec|econd)?(?:\W*-?1)?\W*$")
 _UNIT = re.compile(
     r"[\[(][^\])]*[\])]|_(?:m|metres?|deg|degrees?|dbar|c|degc|utc|gmt|kn|knots|nt|ut|counts)$|°|\s+utc$"
 )
-_NORTH = {
-    "magnetic": r"deg[\W_]*m\b|\bmag(?:netic)?\b",
-    "true": r"deg[\W_]*t\b|\btrue\b",
-}  # words for the reference north of directions
 _FLOW = r"(?:velocity|vel|current|cur|comp|component|water)?"
 _WORDS = {
     "time": r"(?:(?:record|sampl(?:e|ing)|measurement|observation|ensemble|utc|gmt)_?)?(?:date)?_?times?"
@@ -349,6 +361,8 @@ def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
     'Vel East [cm/s]'
     """
     columns = _roles(names, _WORDS)
+    if {"year", "month"} <= {*map(_plain, names)}:  # day and hour are parts of a time in more than two columns
+        columns = {role: header for role, header in columns.items() if role not in ("date", "clock")}
     if "date" in columns and not {"time", "clock"} & set(columns):
         columns["time"] = columns.pop("date")
     timed = "time" in columns or {"date", "clock"} <= set(columns)
@@ -358,12 +372,10 @@ def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
             columns.pop("time", None)
         about = _ABOUT if "time" in columns else ("date", "clock", *_ABOUT)
         chosen = {role: columns[role] for role in ("time", *flow, *about) if role in columns}
-        speeds = (_SPEED.search(re.sub(r"[\])]", "", columns[role].lower())) for role in flow)
-        units = {match[1] for match in speeds if match}
-        names = [columns[role].lower() for role in (*flow, "heading") if role in columns]
-        norths = {north for north, words in _NORTH.items() for name in names if re.search(words, name)}
-        scale = SPEEDS[units.pop()] if len(units) == 1 else None
-        return GuessedTable("instrument", chosen, scale, norths.pop() if len(norths) == 1 else None)
+        stated = (units.stated_factor(role, [columns[role]]) for role in flow if role in units.FLOWS)
+        factors = {factor for factor, _ in filter(None, stated)}
+        north = units.stated_north({role: [header] for role, header in columns.items()})
+        return GuessedTable("instrument", chosen, factors.pop() if len(factors) == 1 else None, north)
     for kind, words, must in _TABLES:
         roles = _roles(names, words)
         if set(must) <= set(roles):
@@ -390,5 +402,5 @@ def _roles(names: Iterable[str], words: Mapping[str, str]) -> dict[str, str]:
 
 def _plain(name: str) -> str:
     """Normalize a header: strip its unit, convert to lower case, and join its words by underscores."""
-    unitless = _SPEED.sub("", _UNIT.sub("", name.strip().lower()).strip())
+    unitless = units.SPEED_END.sub("", _UNIT.sub("", name.strip().lower()).strip())
     return re.sub(r"[\W_]+", "_", unitless).strip("_")

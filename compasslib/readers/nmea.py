@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from itertools import count, product
@@ -24,6 +25,7 @@ from compasslib.types import Floats
 
 HEADINGS, COURSES = ("HDG", "HDM"), ("RMC", "VTG")
 USUAL = (HEADINGS[0], COURSES[0])
+MAGNETIC = "HC"  # talker of a magnetic compass; AP and AG are autopilots
 PAIRED_S = 2.5  # largest time difference between a heading and its course
 LOSSES = {
     "damaged": "damaged sentences (checksum absent or wrong, or cut short)",
@@ -39,6 +41,7 @@ NAN = float("nan")
 FASTEST_KN = 100.0
 ASTRAY_DEG = 1.0  # largest distance in latitude from the median position: a compass swing lasts less than a day
 
+_NUMBERED = re.compile(rb"\$([A-Z]{2})(%s),[^,\s]" % "|".join((*HEADINGS, *COURSES)).encode())
 _Values = dict[str, list[tuple[int, float]]]  # sentence type -> (line, value)
 
 
@@ -70,19 +73,29 @@ class _Fix:
     variation_deg: float = NAN
 
 
-def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC") -> NmeaLog:
+def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC", talker: str | None = None) -> NmeaLog:
     """Read NMEA 0183 logs, pairing each course with the heading nearest in the stream.
 
     Args:
         heading: sentence of the magnetic heading, ``HDG`` or ``HDM``.
         course: sentence of the course over ground, ``RMC`` or ``VTG`` (timed by interpolation between RMC).
+        talker: sender of the headings, as ``HC`` for a magnetic compass; required where several send them.
 
     Raises:
-        InputError: a file cannot be read, over half of its headings and courses are damaged, or there are no headings
-            or no courses to pair.
+        InputError: a file cannot be read, over half of its headings and courses are damaged, several instruments send
+            headings, or there are no headings or no courses to pair.
     """
     counts: Counter[str] = Counter()
-    fixes, values = _sort_sentences(_sentences(paths, counts, (heading, course)), counts, (heading, course))
+    fixes, values, talkers = _sort_sentences(
+        _sentences(paths, counts, (heading, course)), counts, (heading, course), talker
+    )
+    if talkers and talker not in (talkers if talker or len(talkers) > 1 else [None]):
+        raise InputError(
+            ", ".join(map(str, paths)),
+            expected=f"{heading} of {talker or 'one talker'}",
+            found=f"those of {' and '.join(f'{name} ({n})' for name, n in sorted(talkers.items()))}",
+            advice=f"write talker: {MAGNETIC if MAGNETIC in talkers else min(talkers)}",
+        )
     if not (fixes and values[heading]):
         shown = f"{len(values[heading])} {heading} and {len(fixes)} {course} with numbers"
         raise InputError(
@@ -102,30 +115,34 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC") ->
     return NmeaLog(**log, counts=dict(counts), warnings=tuple(warnings))
 
 
-def read_any(path: Path) -> tuple[dict[str, str], NmeaLog] | None:
+def read_any(path: Path) -> tuple[dict[str, str], list[str], NmeaLog] | None:
     """Read a log by its first readable pair of heading and course sentences, None without any.
 
-    Also give the setting ``columns`` of a swing for these sentences, empty for the default ones.
+    Also give the setting ``columns`` of a swing for these sentences, empty for the default ones, and the talkers that
+    a user has to choose from, of which the first was read; empty unless several send these headings.
     """
-    content = _content(path)
-    named = [name for name in (*HEADINGS, *COURSES) if re.search(rb"\$[A-Z]{2}%s,[^,\s]" % name.encode(), content)]
+    sent = {(kind.decode(), talker.decode()) for talker, kind in _NUMBERED.findall(_content(path))}
     for heading, course in product(HEADINGS, COURSES):
-        if not {heading, course} <= set(named):
+        talkers = sorted(
+            (talker for kind, talker in sent if kind == heading), key=lambda name: (name != MAGNETIC, name)
+        )
+        if not talkers or course not in {kind for kind, _ in sent}:
             continue
-        try:
-            log = read([path], heading=heading, course=course)
-        except InputError:
-            continue
-        return {"compass_deg": heading, "cog_deg": course} if (heading, course) != USUAL else {}, log
+        for talker in (None, talkers[0]):
+            with suppress(InputError):
+                log = read([path], heading=heading, course=course, talker=talker)
+                columns = {"compass_deg": heading, "cog_deg": course} if (heading, course) != USUAL else {}
+                return columns, talkers if talker else [], log
     return None
 
 
 def _sort_sentences(
-    sentences: Iterator[tuple[int, Any]], counts: Counter[str], wanted: tuple[str, str]
-) -> tuple[list[_Fix], _Values]:
-    """Sort sentences into courses, and into (line, value) of headings and water speed."""
+    sentences: Iterator[tuple[int, Any]], counts: Counter[str], wanted: tuple[str, str], talker: str | None
+) -> tuple[list[_Fix], _Values, Counter[str]]:
+    """Sort sentences into courses, and (line, value) of headings and water speed; count the headings by talker."""
     fixes: list[_Fix] = []
     clock: list[tuple[int, float]] = []
+    talkers = Counter[str]()
     values: _Values = {name: [] for name in (*HEADINGS, "HDT", "VHW")}
     for line, sentence in sentences:
         kind = getattr(sentence, "sentence_type", "")  # absent in proprietary sentences
@@ -137,6 +154,9 @@ def _sort_sentences(
         elif kind in values:
             value = _number(sentence.water_speed_knots if kind == "VHW" else sentence.heading)
             possible = 0.0 <= np.nan_to_num(value) <= (FASTEST_KN if kind == "VHW" else 360.0)
+            talkers[sentence.talker] += kind == wanted[0] and bool(np.isfinite(value))
+            if kind == wanted[0] and talker and sentence.talker != talker:
+                continue
             counts["impossible"] += not possible
             values[kind] += [(line, value)] if np.isfinite(value) and possible else []
             counts["corrected"] += kind == wanted[0] == "HDG" and bool(_number(sentence.deviation) > 0.0)
@@ -152,7 +172,7 @@ def _sort_sentences(
         lines, times = np.transpose(clock)
         known = [fix.time_s if np.isfinite(fix.time_s) else float(np.interp(fix.line, lines, times)) for fix in fixes]
         fixes = [replace(fix, time_s=time_s) for fix, time_s in zip(fixes, known, strict=True)]
-    return fixes, values
+    return fixes, values, +talkers
 
 
 def _rmc(line: int, sentence: Any, counts: Counter[str]) -> _Fix | None:

@@ -14,19 +14,16 @@ import numpy as np
 from compasslib import angles
 from compasslib.errors import InputError
 from compasslib.readers import flags as vocabularies
-from compasslib.readers.delimited import COLUMN_MAP, Layout, read_table, table_notes
+from compasslib.readers import units
+from compasslib.readers.delimited import COLUMN_MAP, Layout, Table, read_table, table_notes
 from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
 from compasslib.types import Bools, Floats
 
-CURRENTS = ("east", "north", "x", "y", "speed")  # roles of velocity columns
+MAGNETIC, TRUE = "magnetic", "true"
 BY_LEVEL = 0.75  # ratio of distinct times to runs of equal time, up to which a table is listed level by level
 # Least share of steps that are multiples of the interval, and of samples present: swapped days and months leave gaps.
 EVEN, FILLED = 0.99, 0.7
 UNORDERED = 0.1  # share of backward time steps above which a table counts as unordered
-FILL_SHARE, FEWEST_FILLS = 0.005, 10  # least share and number of rows with a fill value
-FILL_TIMES, FILL_SIGMAS = 4.0, 6.0  # least excess over the frequency of neighbouring values: factor, plus sigmas
-NEIGHBOURS = 8  # neighbouring values on either side
-FROZEN_ROWS = 12  # mean length of runs of one value beyond which a meter is stuck; the deployment flags this
 FILLER_TIMES = 2.0  # least ratio of a fill value to the largest measured speed, unless both components hold it
 OTHER_UNIT, OTHER_UNIT_VALUES = 0.05, 10  # share and distinct values of invalid headings that indicate another unit
 LOSSES = {
@@ -37,34 +34,37 @@ LOSSES = {
     "headings_in_other_unit": "headings are no angles, of many values: the column is not in degrees; all are doubtful",
     "fillers": "fill values (speeds of nines only) count as missing",
     "rows_sorted": "rows are earlier than the one before; all were put in order: check the form of the times",
-    "fill_values": "velocities are fill values (one value far more often than its neighbours) and count as missing",
 }
 
 
 def read(
     paths: Sequence[Path],
     *,
-    columns: Mapping[str, str | float],
+    columns: Mapping[str, str | float | None],
     flags: Mapping[str, Sequence[object]] | None = None,
+    direction_reference: str | None = None,
     **layout: Any,
 ) -> Record:
     """Read one record from one or several tables, sorted by their first times.
 
     Args:
         columns: role -> header: time, or date and clock; depth or pressure; east+north, speed+direction, or x+y+heading
-            (x forward, y to port); tilt_x, tilt_y, temperature; flag. ``scale`` is the factor of velocities to m/s.
+            (x forward, y to port); tilt_x, tilt_y, temperature; flag. ``scale`` is the factor of velocities to m/s, by
+            default that of the unit in headers or unit lines, else 1.
         flags: good, bad and unchecked -> flag meanings or values that are in no known vocabulary.
+        direction_reference: magnetic or true; None uses that stated in headers or unit lines, else magnetic.
         **layout: format of the files, by the fields of ``delimited.Layout``.
 
     Raises:
-        InputError: a file or a column is missing, or a time or number cannot be parsed.
+        InputError: a file or a column is missing, a time or number cannot be parsed, or the table contradicts
+            ``scale`` or ``direction_reference``.
     """
-    scale = float(columns.get("scale", 1.0))
     headers = {role: str(header) for role, header in columns.items() if role != "scale" and header is not None}
     known = vocabularies.parse_flag_settings(flags)
     files = [read_table(path, headers, COLUMN_MAP, Layout.from_settings(layout), known) for path in paths]
+    scale, reference, said = _stated(paths, files, columns.get("scale"), direction_reference)
     # The files may be listed in any order.
-    tables = sorted((file.columns for file in files), key=lambda table: float(np.nanmin(table["time"], initial=np.inf)))
+    tables = sorted(map(_in_units, files), key=lambda table: float(np.nanmin(table["time"], initial=np.inf)))
     rows, cut = sum(file.rows for file in files), sum(file.cut for file in files)
     joined = {role: np.concatenate([table[role] for table in tables]) for role in tables[0]}
     table, counts = _clean(joined, {"rows": rows + cut, "rows_cut": cut})
@@ -99,21 +99,66 @@ def read(
             np.isfinite(heading), PROBABLY_BAD if counts["headings_in_other_unit"] else GOOD, MISSING
         ).astype(np.int8),
         looks_up=False,
+        direction_reference=reference,
         counts=counts | {"velocities_missing": int(np.sum(~np.isfinite(east + north)))},
-        warnings=(*table_notes(files), *(f"{counts[key]} {text}" for key, text in LOSSES.items() if counts[key])),
+        warnings=(
+            *table_notes(files),
+            *said,
+            *(f"{counts[key]} {text}" for key, text in LOSSES.items() if counts[key]),
+        ),
     )
+
+
+def _stated(
+    paths: Sequence[Path], files: Sequence[Table], scale: str | float | None, reference: str | None
+) -> tuple[float, str, list[str]]:
+    """Determine the factor of velocities and the north of directions, and say which of them the table decides.
+
+    Raises:
+        InputError: headers and unit lines contradict the keys or each other.
+    """
+    said = []
+    factor = None if scale is None else float(scale)
+    for path, file in zip(paths, files, strict=True):
+        for role in (role for role in units.FLOWS if role in file.said):
+            found = units.stated_factor(role, file.said[role])
+            if found and factor is not None and not np.isclose(found[0], factor):
+                expected = f"velocities of which one is {factor:g} m/s" + ", as scale says" * (scale is not None)
+                advice = "correct scale" if scale is not None else "write velocities in one unit"
+                raise InputError(
+                    f"{path}: column {file.said[role][0]!r}", expected=expected, found=found[1], advice=advice
+                )
+            if found and factor is None:
+                factor = found[0]
+                said += [f"velocities were multiplied by {factor:.6g}, as they are in {found[1]}"] * (factor != 1.0)
+        north = units.stated_north(file.said)
+        if north and reference not in (None, north):
+            expected, advice = f"directions from {reference} north", f"write direction_reference: '{north}'"
+            raise InputError(f"{path}: headers and units", expected=expected, found=f"{north} north", advice=advice)
+        reference = north or reference
+    said += ["directions count from true north, as the table says"] * (reference == TRUE and north == TRUE)
+    return 1.0 if factor is None else factor, reference or MAGNETIC, said
+
+
+def _in_units(file: Table) -> dict[str, Floats]:
+    """Convert the columns of a table other than velocities to the units of records, by headers and unit lines."""
+    columns = dict(file.columns)
+    for role in units.FACTORS.keys() & columns.keys() - {*units.FLOWS}:
+        if found := units.stated_factor(role, file.said[role]):
+            shift = units.ZERO_CELSIUS if role == "temperature" and found[1] in units.KELVIN else 0.0
+            columns[role] = found[0] * columns[role] - shift
+    return columns
 
 
 def _clean(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, Floats], dict[str, int]]:
     """Set fill values and invalid angles to NaN, drop repeated rows, and count what is removed."""
-    nines = _fillers(table)
-    filled = nines | _fill_values(table)
+    filled = _fillers(table)
     with np.errstate(invalid="ignore"):
         directions = {role: table[role] for role in ("heading", "direction") if role in table}
         wrong = {role: (degrees < -180.0) | (degrees > 360.0) for role, degrees in directions.items()}
     no_angles = directions["heading"][wrong["heading"]] if "heading" in wrong else np.empty(0)
     other_unit = len(no_angles) > OTHER_UNIT * len(table["time"]) and len(np.unique(no_angles)) >= OTHER_UNIT_VALUES
-    blank = {role: filled for role in CURRENTS if role in table} | wrong
+    blank = {role: filled for role in units.FLOWS if role in table} | wrong
     table = {role: np.where(blank[role], np.nan, x) if role in blank else x for role, x in table.items()}
     keep, repeated, contradict = _first_of_repeated(table)
     table = {role: column[keep] for role, column in table.items()}
@@ -122,8 +167,7 @@ def _clean(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, 
         "rows_contradict": contradict,
         "directions_impossible": int(sum(where.sum() for where in wrong.values())),
         "headings_in_other_unit": len(no_angles) * other_unit,
-        "fillers": int(nines.sum()),
-        "fill_values": int((filled & ~nines).sum()),
+        "fillers": int(filled.sum()),
     }
 
 
@@ -151,7 +195,7 @@ def _sort_rows(table: dict[str, Floats]) -> tuple[dict[str, Floats], int]:
 
 def _fillers(table: Mapping[str, Floats]) -> Bools:
     """Flag rows whose velocity is a repeated fill value consisting of nines only, such as -99.9 or 9999."""
-    speeds = [table[role] for role in CURRENTS if role in table]
+    speeds = [table[role] for role in units.FLOWS if role in table]
     nines = []
     for column in speeds:
         distinct, where = np.unique(column, return_inverse=True)
@@ -168,34 +212,6 @@ def _fillers(table: Mapping[str, Floats]) -> Bools:
         far = nine & (np.abs(column) > FILLER_TIMES * others.max(initial=0.0))
         filled = filled | (far if far.sum() > 1 else False)
     return np.asarray(filled)
-
-
-def _fill_values(table: Mapping[str, Floats]) -> Bools:
-    """Flag rows in which a velocity component has a value that is far too frequent, as a fill value.
-
-    Exempt are rows of zero components, where the flow is too slow for a rotor, and speeds, frequent at the threshold.
-    """
-    parts = [table[role] for role in CURRENTS if role in table and role != "speed"]
-    filled = np.zeros(table["time"].shape, dtype=bool)
-    if parts:
-        moves = np.logical_or.reduce([column != 0.0 for column in parts])
-        filled[moves] = np.logical_or.reduce([_is_too_frequent(column[moves]) for column in parts])
-    return filled
-
-
-def _is_too_frequent(column: Floats) -> Bools:
-    """Flag values of a column that occur much more often than the median of their neighbouring values."""
-    distinct, where, count = np.unique(column, return_inverse=True, return_counts=True)
-    if len(distinct) < 4 * NEIGHBOURS:
-        return np.zeros(column.shape, dtype=bool)
-    steps = [*range(-NEIGHBOURS, 0), *range(1, NEIGHBOURS + 1)]
-    padded = np.pad(np.where(np.isfinite(distinct), count, 0), NEIGHBOURS)
-    usual = np.median([padded[NEIGHBOURS + k : NEIGHBOURS + k + len(distinct)] for k in steps], axis=0)
-    often = count >= max(FEWEST_FILLS, FILL_SHARE * len(column))
-    often &= count > FILL_TIMES * usual + FILL_SIGMAS * np.sqrt(usual)
-    frequent = (often & np.isfinite(distinct))[where.ravel()]
-    begins = int(np.sum(frequent[1:] & ~frequent[:-1])) + int(frequent[:1].sum())
-    return np.asarray(frequent & (frequent.sum() <= FROZEN_ROWS * begins))
 
 
 def _first_of_repeated(table: Mapping[str, Floats]) -> tuple[Bools, int, int]:

@@ -187,7 +187,8 @@ def _with_delay(known: Observations, turned_deg: Floats, options: SwingOptions) 
 
 def _read_logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
     named = {**SENTENCES, **(settings.get("columns") or {})}
-    log = nmea.read(paths, heading=str(named["compass_deg"]), course=str(named["cog_deg"]))
+    sentences = str(named["compass_deg"]), str(named["cog_deg"])
+    log = nmea.read(paths, heading=sentences[0], course=sentences[1], talker=settings.get("talker"))
     withheld = set(settings.get("withhold") or ())
     stated = log.variation_deg[np.isfinite(log.variation_deg)]
     known, place = np.isfinite(log.latitude + log.longitude), None

@@ -5,7 +5,8 @@ Corrupted values go unnoticed in an HDF5 file without checksums, which is the us
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,13 +15,15 @@ import netCDF4
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles
+from compasslib import angles, compass
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.readers import flags as vocabularies
-from compasslib.readers.netcdf import attributes, variables
-from compasslib.readers.netcdf.variables import SPEED, File, find, numbers, spans, values
+from compasslib.readers import nortek
+from compasslib.readers.netcdf import attributes, frames, variables
+from compasslib.readers.netcdf.variables import File, find, numbers, spans, values
 from compasslib.readers.pd0.currents import true_pitch
+from compasslib.readers.units import SPEED
 from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Flags, Record, join_records
 from compasslib.types import Floats
 
@@ -51,6 +54,9 @@ COUNTS: Mapping[str, tuple[str, ...]] = {
 }
 BEAMS = ("BEAM", "beam")
 LARGEST = 255
+
+
+_Flow = tuple[Floats, Floats, Floats | None]  # (n, m) east, north and up, or the first to third of other axes, m/s
 
 
 @dataclass(frozen=True)
@@ -111,25 +117,38 @@ def _read_file(path: Path, settings: _Settings) -> Record:
 
 def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
     file, time_s, time_flags = _open(path, nc, settings)
-    east, northward, quality, variable = _velocities(file)
-    file = _with_bins(file, variable)
+    east, northward, quality, pair = _velocities(file)
+    file, n = _with_bins(file, pair[0]), len(time_s)
     heading_variable = find(file, "heading", (file.time,))
-    n = len(time_s)
-    stated = attributes.stated_north(file, variable, heading_variable)
+    recorded = _headings(file, n, heading_variable)
+    stated_flags = None if heading_variable is None else attributes.read_flags(file, heading_variable)
+    heading_flags = vocabularies.worst_flag([GOOD if stated_flags is None else stated_flags, time_flags])
+    flow, words = (east, northward, _velocity(file, "up")), "" if pair[0] is pair[1] else frames.other_frame(file, pair)
+    if by_heading := bool(words) and frames.turns_with_heading(file, pair) and heading_variable is not None:
+        flow = _turn_axes(file, flow, recorded, settings)
+        quality = vocabularies.worst_flag([quality, heading_flags[:, None]])
+    elif words:
+        turned = frames.turn_axes(file, pair, flow[:2])
+        if turned is None:
+            raise file.refuse("velocities", "east and north", words, frames.ADVICE)
+        flow = (*turned, flow[2])
+    east, northward, up = flow
+    of_north = heading_variable if by_heading and heading_variable is not None else pair[0]
+    stated = attributes.stated_north(file, of_north, heading_variable)
     in_velocity, in_heading = attributes.resolve_north(file, stated, settings.reference, settings.declination)
+    if by_heading and in_heading is not None:
+        in_velocity = in_heading
     if np.any(in_velocity):
         by = in_velocity[:, None] if in_velocity.ndim else in_velocity
         east, northward = angles.turn(east, northward, -by)
     alignment = attributes.heading_alignment(file, heading_variable, settings.alignment)
-    heading = _series(file, "heading", n, heading_variable) + alignment
+    heading = recorded + alignment
     heading = np.full(n, np.nan) if in_heading is None else heading - in_heading
     heading = np.where(np.isfinite(heading), angles.wrap360(heading), np.nan)
     bins = _bins(file, n, east.shape[1], settings.orientation)
     _refuse_rows(file, time_s, bins)
     quality = vocabularies.worst_flag([quality, time_flags[:, None]])
     quality = np.where(np.isfinite(east + northward), quality, MISSING).astype(np.int8)
-    stated_flags = None if heading_variable is None else attributes.read_flags(file, heading_variable)
-    heading_flags = vocabularies.worst_flag([GOOD if stated_flags is None else stated_flags, time_flags])
     backwards = bins.range_m.shape[1] > 1 and np.nanmedian(np.diff(bins.range_m, axis=1)) < 0.0
     order = slice(None, None, -1) if backwards else slice(None)
     attributes.note_unlinked(file)
@@ -144,6 +163,7 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
         heading_deg=heading,
         pitch_deg=pitch,
         roll_deg=_measured(file, "tilt_y", n),
+        recorded_in="instrument" if by_heading else "",
         pressure_dbar=_pressure(file, n),
         depth_m=bins.depth_m,
         temperature_c=_measured(file, "temperature", n),
@@ -158,7 +178,7 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
         serial_number=str(file.attribute(*SERIAL_NUMBERS, f"SerialNum{file.suffix}") or ""),
         manufacturer=str(file.attribute(*MANUFACTURERS) or ""),
         model=str(file.attribute(*MODELS) or ""),
-        profiles=_profiles(file, east.shape, order),
+        profiles=_profiles(file, up, east.shape, order),
         counts={
             "samples": n,
             "velocities": int(np.isfinite(east).sum()),
@@ -167,6 +187,10 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
             "heading_missing": int(np.isnan(heading).sum()),
         },
         warnings=tuple(f"{path.name}: {note}" for note in file.notes),
+        unstated=(
+            *["orientation"] * (file.bins is None and not (settings.orientation or _stated_orientation(file))),
+            *["direction_reference"] * (not stated.word and settings.declination is None),
+        ),
     )
 
 
@@ -174,7 +198,9 @@ def _open(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> tuple[File, F
     """Open the file along its time dimension; read times, and flags that are GOOD unless the time is doubtful."""
     columns = settings.columns
     if nc.groups and not nc.variables:
-        advice = "write the group with the velocities as a file of its own"
+        advice = "write the group with the velocities as a file of its own, name its variables under columns"
+        if degrees := sum(_declinations(nc)):
+            advice += f", and write declination_applied: {degrees:g}, which other groups state"
         shown = f"groups {', '.join(nc.groups)}"
         raise InputError(str(path), expected="variables at the top", found=shown, advice=advice)
     system = str(getattr(nc, "coord_sys", "earth"))
@@ -196,6 +222,13 @@ def _open(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> tuple[File, F
     time_s, time_flags = variables.read_times(file, time), attributes.read_flags(file, time)
     bad = np.full(len(time_s), GOOD) if time_flags is None else np.where(time_flags < PROBABLY_BAD, GOOD, time_flags)
     return file, time_s, bad.astype(np.int8)
+
+
+def _declinations(group: netCDF4.Dataset) -> Iterator[float]:
+    """Yield the declinations that the groups of OceanContour state: that of the program and that of the instrument."""
+    yield from (float(group.getncattr(name)) for name in group.ncattrs() if re.search(r"(?i)declination$|_decl$", name))
+    for inner in group.groups.values():
+        yield from _declinations(inner)
 
 
 def _refuse_ragged(file: File) -> None:
@@ -236,8 +269,8 @@ def _with_bins(file: File, variable: netCDF4.Variable) -> File:
     return replace(file, bins=bins, columns=columns, suffix=suffix)
 
 
-def _velocities(file: File) -> tuple[Floats, Floats, Flags, netCDF4.Variable]:
-    """Read east and north velocities as recorded, (n, m) m/s, their flags, and the variable of the east component."""
+def _velocities(file: File) -> tuple[Floats, Floats, Flags, tuple[netCDF4.Variable, ...]]:
+    """Read east and north velocities as recorded, (n, m) m/s, their flags, and their variables."""
     parts = [_component(file, role) for role in ("east", "north")]
     east, northward = (
         values(_with_bins(file, variable), role, variable, part)
@@ -247,7 +280,29 @@ def _velocities(file: File) -> tuple[Floats, Floats, Flags, netCDF4.Variable]:
     each = [attributes.read_flags(_with_bins(file, variable), variable, part) for variable, part in parts]
     known = [flag for flag in each if flag is not None] or [np.full(east.shape, GOOD)]
     worst = vocabularies.worst_flag(known).reshape(n, -1)
-    return east.reshape(n, -1), northward.reshape(n, -1), worst, parts[0][0]
+    return east.reshape(n, -1), northward.reshape(n, -1), worst, tuple(variable for variable, _ in parts)
+
+
+def _headings(file: File, n: int, variable: netCDF4.Variable | None) -> Floats:
+    """Read headings as recorded, NaN where they are no angle, as -999 and 65535 of a logger."""
+    heading = _series(file, "heading", n, variable)
+    with np.errstate(invalid="ignore"):
+        wrong = (heading < -180.0) | (heading > 360.0)
+    if wrong.any():
+        file.note(f"{int(wrong.sum())} headings are no angles and count as missing.")
+    return np.where(wrong, np.nan, heading)
+
+
+def _turn_axes(file: File, flow: _Flow, heading: Floats, settings: _Settings) -> tuple[Floats, Floats, Floats | None]:
+    """Turn x, y and z of Nortek to east, north and up by the heading, and by the tilts where z is known."""
+    x, y, z = flow
+    tilts = [np.nan_to_num(_measured(file, role, len(x))) * (z is not None) for role in ("tilt_x", "tilt_y")]
+    side = np.full((1, 1), -1.0 if _looks_up(file, settings.orientation, None) else 1.0)
+    axes = np.stack([x, y, np.zeros_like(x) if z is None else z], axis=-1)
+    *level, up = nortek.turn_axes(axes, compass.levelling(*tilts), side, heading)
+    how = "heading, pitch and roll" if np.any(tilts) else "heading alone"
+    file.note(f"Velocities of the instrument's axes were turned to east and north by the {how}.")
+    return level[0], level[1], None if z is None else up
 
 
 def _component(file: File, role: str) -> tuple[netCDF4.Variable, tuple[str, int] | None]:
@@ -261,9 +316,12 @@ def _component(file: File, role: str) -> tuple[netCDF4.Variable, tuple[str, int]
     if variable is None:
         there = ", ".join(file.nc.variables)
         advice = f"name it in the mooring file: columns: {{{role}: NAME}}"
-        advice += "; beam velocities need the instrument's own file"
         if velocity is not None:
             advice = f"{velocity.name} has no components E and N: save the file after rotate2(ds, 'earth')"
+        elif words := frames.other_frames(file):
+            there, advice = words, frames.ADVICE
+        elif {"HCSP", "CSPD"} & {*file.nc.variables}:  # Copernicus, IMOS
+            advice = "it has speed and direction: write east and north, speed times sine and cosine, into a copy"
         raise file.refuse(role, f"a variable of the {role}ward velocity", there, advice)
     return variable, None
 
@@ -320,7 +378,7 @@ def _bins(file: File, n: int, m: int, orientation: str | None) -> _Bins:
         cell = find(file, "cell_depth", ())
         if cell is not None and not np.isfinite(depth).any():
             depth = np.abs(_series(file, "cell_depth", n, cell))
-        return _Bins(np.zeros((1, 1)), orientation == "up", depth)
+        return _Bins(np.zeros((1, 1)), (orientation or _stated_orientation(file)) == "up", depth)
     distance = find(file, "range", (file.bins,), (file.time, file.bins))
     if distance is not None:
         ranges = _known(file, distance, np.atleast_2d(values(file, "range", distance)))
@@ -353,9 +411,13 @@ def _known(file: File, variable: netCDF4.Variable, places: Floats) -> Floats:
     return places
 
 
-def _looks_up(file: File, orientation: str | None, by_sign: str | None) -> bool:
+def _stated_orientation(file: File) -> str | None:
     text = file.text("orientation").lower()
-    stated = by_sign or ("up" if "up" in text else "down" if "down" in text else None)
+    return "up" if "up" in text else "down" if "down" in text else None
+
+
+def _looks_up(file: File, orientation: str | None, by_sign: str | None) -> bool:
+    stated = by_sign or _stated_orientation(file)
     if orientation and stated and orientation != stated:
         file.notes.append(f"The file says that it looked {stated}; {orientation} counts, as the metadata do.")
     if not (orientation or stated):
@@ -370,12 +432,12 @@ def _beam_angle(file: File, bins: int) -> float:
     return float(np.asarray(angle).ravel()[0]) if angle is not None else 0.0
 
 
-def _profiles(file: File, shape: tuple[int, ...], order: slice) -> dict[str, NDArray[Any]]:
+def _profiles(file: File, up: Floats | None, shape: tuple[int, ...], order: slice) -> dict[str, NDArray[Any]]:
     """Read the profiles of a record: upward and error velocity, echo, correlation and percent good.
 
     As no heading depends on them, ambiguous variables are dropped without an error.
     """
-    flows = {key: _velocity(file, key) for key in VELOCITIES}
+    flows = {"up": up, "error_velocity": _velocity(file, "error_velocity")}
     profiles: dict[str, Any] = {key: flow.astype(np.float32) for key, flow in flows.items() if flow is not None}
     for key, names in COUNTS.items():
         counts = _beam_counts(file, names)

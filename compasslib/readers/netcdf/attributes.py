@@ -146,7 +146,9 @@ def _is_empty(quality: netCDF4.Variable, value: Any) -> bool:
 
 def _interpreter(file: File, quality: netCDF4.Variable) -> Callable[[Any], _Meaning]:
     """Choose the function that interprets a flag value, by the form in which the variable states meanings."""
-    words = [word for word in re.split(r"[\s,;]+", file.text("flag_meanings", quality).strip()) if word]
+    meanings = file.attribute("flag_meanings", variable=quality)
+    words = [word for word in re.split(r"[\s,;]+", meanings.strip()) if word] if isinstance(meanings, str) else []
+    words = words or [vocabularies.normalize(word) for word in np.atleast_1d(meanings if meanings is not None else [])]
     values, masks = (_listed(file.attribute(name, variable=quality)) for name in ("flag_values", "flag_masks"))
     is_number = isinstance(quality.dtype, np.dtype) and quality.dtype.kind in "iu"
     if len(values) == 1 < len(words) == len(values[0]):

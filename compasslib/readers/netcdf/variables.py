@@ -18,21 +18,10 @@ from numpy.typing import NDArray
 
 from compasslib.errors import InputError
 from compasslib.readers.times import Unreadable, parse_origin
+from compasslib.readers.units import ANGLE, FACTORS, KELVIN, SPEED, TEMPERATURE, ZERO_CELSIUS
 from compasslib.types import DAY_S, HOUR_S, Floats
 
 LARGEST = 1e30  # EPIC's fill value is 1e35
-SPEED = {"m s-1": 1.0, "m/s": 1.0, "m.s-1": 1.0, "meter second-1": 1.0, "meters per second": 1.0, "meters/second": 1.0}
-SPEED |= {unit.replace("m", "cm", 1): 0.01 for unit in ("m s-1", "m/s", "m.s-1")} | {"cm/sec": 0.01, "m/sec": 1.0}
-SPEED |= {unit.replace("m", "mm", 1): 0.001 for unit in ("m s-1", "m/s", "m.s-1")}
-ANGLE = dict.fromkeys(("degree", "degrees", "deg", "degree_true", "degrees_true", "degrees_magnetic"), 1.0)
-ANGLE |= {"hundredths of degrees": 0.01, "tenths of degrees": 0.1}
-ANGLE |= dict.fromkeys(("rad", "radian", "radians"), 180 / np.pi)
-PRESSURE = dict.fromkeys(("dbar", "decibar", "decibars", "db"), 1.0) | {"pa": 1e-4, "hpa": 1e-2, "mbar": 1e-2}
-PRESSURE |= {"kpa": 0.1, "bar": 10.0, "deca-pascals": 1e-3, "dapa": 1e-3}
-LENGTH = dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0) | {"cm": 0.01, "km": 1000.0}
-CELSIUS = ("c", "degc", "deg_c", "degree_c", "degrees_c", "celsius", "degree_celsius", "degrees_celsius", "deg c")
-TEMPERATURE = dict.fromkeys((*CELSIUS, "k", "kelvin", "degrees c", "degree c"), 1.0)
-KELVIN = ("k", "kelvin")
 EPIC_DAY, EPIC_MS = "true julian day", "msec since 0:00 gmt"
 DOLFYN = ("vel", "vel_avg")  # all components in one variable: of single pings, and of averages
 EPIC_1970 = 2440588.0  # EPIC's day number of 1970-01-01; 2440000 begins at 0 h on 23 May 1968
@@ -78,8 +67,6 @@ STANDARD_NAMES = {  # minus: opposite sign
     "temperature": "sea_water_temperature temperature_of_sensor_for_oxygen_in_sea_water",
     "cell_depth": "depth",
 }
-FACTORS = dict.fromkeys(("heading", "tilt_x", "tilt_y", "declination"), ANGLE) | {"east": SPEED, "north": SPEED}
-FACTORS |= dict.fromkeys(("depth", "range", "cell_depth"), LENGTH) | {"pressure": PRESSURE, "temperature": TEMPERATURE}
 SPARE_BYTES = 32 * 2**20  # memory that a variable may take in any file, however small
 GROWTH = 200  # bytes in memory per byte of the file; currents compress to a tenth, their flags further
 MOST_BYTES = 4 * 2**30  # memory that a variable may take at most
@@ -171,8 +158,8 @@ def values(file: File, role: str, variable: netCDF4.Variable, part: tuple[str, i
     data = arranged(file, variable, numbers(file, variable), part)
     factors, unit = FACTORS[role], file.text("units", variable).strip()
     factor = factors.get(unit.lower())
-    scale = float(file.columns.get("scale") or 1.0)
-    if factor is None and factors is SPEED and scale != 1.0 and not unit:
+    scale = file.columns.get("scale")
+    if factor is None and factors is SPEED and not unit:
         factor = scale
     if factor is None and factors is ANGLE and not unit:
         factor = 1.0
@@ -180,11 +167,11 @@ def values(file: File, role: str, variable: netCDF4.Variable, part: tuple[str, i
         known = ", ".join(list(factors)[:4])
         advice = "give the variable its units" + ", or columns: {scale: 0.01} for cm/s" * (factors is SPEED)
         raise file.refuse(variable.name, f"units such as {known}", repr(unit) if unit else "none", advice)
-    if factors is SPEED and unit and scale not in (1.0, factor):
+    if factors is SPEED and unit and scale not in (None, factor):
         raise file.refuse(variable.name, f"scale {factor:g} or none, as units are {unit}", f"{scale:g}", "delete scale")
     if f"-{file.text('standard_name', variable)}" in STANDARD_NAMES.get(role, "").split():
         factor = -factor
-    return factor * data - (273.15 if factors is TEMPERATURE and unit.lower() in KELVIN else 0.0)
+    return factor * data - (ZERO_CELSIUS if factors is TEMPERATURE and unit.lower() in KELVIN else 0.0)
 
 
 def numbers(file: File, variable: netCDF4.Variable) -> Floats:

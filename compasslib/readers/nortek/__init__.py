@@ -299,7 +299,18 @@ def _turn_to_earth(
         return *(angles.turn(east, north, -applied_deg) if applied_deg else (east, north)), whole.up
     side = np.where(looks_up, -1.0, 1.0)[:, None]
     level = compass.levelling(whole.pitch_deg, whole.roll_deg)  # in axes forward, starboard, down
-    x, y, z = np.moveaxis(_map_beams(whole, level, side) if whole.beams_to_axes else whole.velocity, -1, 0)
+    axes = _map_beams(whole, level, side) if whole.beams_to_axes else whole.velocity
+    return turn_axes(axes, level, side, heading_deg)
+
+
+def turn_axes(axes: Floats, level: Floats, side: Floats, heading_deg: Floats) -> tuple[Floats, Floats, Floats]:
+    """Rotate x, y and z, (n, m, 3) m/s, to (east, north, up) by the heading.
+
+    Args:
+        level: (n, 3, 3) of ``compass.levelling``.
+        side: (n, 1) -1 for an up-looker, whose y points to port and z up, 1 for a down-looker.
+    """
+    x, y, z = np.moveaxis(axes, -1, 0)
     forward, starboard, down = np.moveaxis(level @ np.stack([x, side * y, side * z], axis=1), 1, 0)
     return *angles.turn(starboard, forward, heading_deg[:, None]), -down
 

@@ -310,6 +310,10 @@ def _describe_configuration(leaders: Ensembles, counts: dict[str, int], settings
         )
     if np.isnan(leaders.beam_angle_deg).any():
         lines.append("Some ensembles do not say their beam angle; beam velocities of theirs cannot be used.")
+    if leaders.angle_contradicted.any():
+        angle = _join_numbers(np.unique(leaders.beam_angle_deg[leaders.angle_contradicted]))
+        shown = f"{leaders.angle_contradicted.sum()} of {len(leaders)} ensembles state another beam angle in byte 58"
+        lines.append(f"{shown}; the {angle} degrees of the system configuration count.")
     return [*lines, *describe_averages(float(np.median(leaders.average_s)), leaders.time_s)]
 
 

@@ -104,6 +104,7 @@ class Ensembles:
     looks_up: Bools  # (n,) as the instrument states
     convex: Bools  # (n,) whether the transducer head is convex
     beam_angle_deg: Floats  # (n,) from the vertical; NaN where the file does not state it
+    angle_contradicted: Bools  # (n,) whether byte 58 states another angle than the system configuration
     frequency_khz: Floats  # (n,) NaN where unknown
     heading_alignment_deg: Floats  # (n,) EA
     heading_bias_deg: Floats  # (n,) EB
@@ -311,7 +312,9 @@ def _decode_fixed(rows: Bytes, layout: Layout) -> dict[str, Any]:
         "bins_mapped": (leader["ex"] & 5) == 5,
         "looks_up": (system & 0x80) > 0,
         "convex": (system & 0x08) > 0,
-        "beam_angle_deg": np.where((written > 0) & (written < 90), written, by_bits),
+        # Byte 58 serves "other", as 25 degrees of a Sentinel V; some files have a 3 there (bartverm/adcptools#28).
+        "beam_angle_deg": np.where(np.isnan(by_bits) & (written > 0) & (written < 90), written, by_bits),
+        "angle_contradicted": ~np.isnan(by_bits) & (written > 0) & (written != by_bits),
         "frequency_khz": _FREQUENCIES_KHZ[system & 7],
         "heading_alignment_deg": leader["ea"] / 100.0,
         "heading_bias_deg": leader["eb"] / 100.0,
