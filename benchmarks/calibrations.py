@@ -1,27 +1,36 @@
 """Coverage of the stated uncertainties of bench calibrations, over many simulated benches.
 
-    python benchmarks/calibrations.py             1000 benches of each design
-    python benchmarks/calibrations.py 200 7       200 of each by seed 7
+    python benchmarks/calibrations.py                     1000 benches of each design
+    python benchmarks/calibrations.py 200 7               200 of each by seed 7
+    python benchmarks/calibrations.py --kind transfer     compasses calibrated at Brest and moored at 65 N
+    python benchmarks/calibrations.py --kind object       safe distances of an object near the compass
 
 For each design: the share of coefficients and of the table's deviations whose true value lies within 1.96 stated
 standard uncertainties. The target is 93 to 97 %; the exit status is 1 if it is missed.
+
+For moorings: the share of B and C at 65 N within 95 %, where hard and induced iron are drawn from the prior of the
+transfer, from that prior at fixed ratios, and, without a target, from wider and narrower ones.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 from collections import Counter
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import targets
 from targets import Measured
 
 from compasslib import angles, compass
-from compasslib.calibrations import platform, tilt
+from compasslib.calibrations import platform, result, tilt
+from compasslib.calibrations.bench import DIPOLE, SAFE_DEG
 from compasslib.calibrations.platform import BenchReadings
 from compasslib.calibrations.result import Calibration
 from compasslib.calibrations.tilt import AxisReadings
+from compasslib.deviation.model import IRON_NT, SPHERE_NT, FieldAtPlace, PlacedCoefficients, transfer_coefficients
 from compasslib.deviation.series import series_deviation
 
 GRADUATION_DEG, READING_DEG = 0.26, 0.4  # standard errors of each setting of the bench, and of each reading
@@ -72,10 +81,15 @@ def bench(design: Design, rng: np.random.Generator) -> tuple[np.ndarray, BenchRe
     semicircular = design.strength * np.array(angles.sin_cos(direction))
     rest = design.strength * design.quadrantal * rng.normal(size=3)
     true = np.array([rest[0], *semicircular, *rest[1:]])
+    return true, read(design, true, rng)
+
+
+def read(design: Design, true: np.ndarray, rng: np.random.Generator) -> BenchReadings:
+    """Simulate the readings of a compass of known coefficients."""
     intended = np.repeat(design.settings_deg + rng.uniform(0.0, 10.0), design.repeats)
     off = np.repeat(rng.normal(0.0, GRADUATION_DEG, len(design.settings_deg)), design.repeats)
     recorded = _recorded(design.truth, true, intended + off) + rng.normal(0.0, READING_DEG, len(intended))
-    return true, BenchReadings(intended, angles.wrap360(recorded))
+    return BenchReadings(intended, angles.wrap360(recorded))
 
 
 def _recorded(truth: str, true: np.ndarray, correct_deg: np.ndarray) -> np.ndarray:
@@ -143,12 +157,106 @@ def run_tilts(steps: int, platforms: int, seed: int) -> Measured:
     return targets.mean(f"tilts, {steps} of each axis: within 95 %", shares, **ALLOWED, unit=" %", times=100.0)
 
 
-def main(benches: int = 1000, seed: int = 2007) -> int:
-    """Print the tables of all designs; return 1 if any target is missed."""
+PLATFORM = Design("36, before a mooring", ring(36), "exact", 0.1)
+BREST, ICELAND, MOORED = FieldAtPlace(21000.0, 43000.0), FieldAtPlace(13300.0, 50200.0), FieldAtPlace(11980.0, 52078.0)
+RATIOS = (1 / 3, -1 / 3, 1.0, -1.0, -1.29, 3.0, -3.0)
+
+
+@dataclass(frozen=True)
+class Iron:
+    """Iron of compasses that are calibrated at Brest and moored at 65 N."""
+
+    name: str
+    times: float = 1.0  # size over that of the prior
+    ratio: float | None = None  # cZ/P at Brest
+    prior_nT: float = IRON_NT
+    places: tuple[FieldAtPlace, ...] = (BREST,)  # of the calibrations
+    target: bool = True
+
+    def coefficients(self, rng: np.random.Generator) -> dict[FieldAtPlace, np.ndarray]:
+        """Draw a compass and compute its A to E at each place."""
+        hard, induced = self.times * self.prior_nT * rng.normal(size=(2, 2))
+        if self.ratio is not None:
+            hard = hard / np.hypot(1.0, self.ratio)  # the prior where induced iron is this multiple of hard iron
+            induced = self.ratio * hard
+        rest = rng.normal(0.0, 0.02, 3)
+        return {
+            place: np.array(
+                [rest[0], *(hard + induced * place.vertical_nT / BREST.vertical_nT) / place.horizontal_nT, *rest[1:]]
+            )
+            for place in (*self.places, MOORED)
+        }
+
+
+IRON = (
+    Iron("prior"),
+    Iron("prior with a sphere", prior_nT=SPHERE_NT),
+    *(Iron(f"induced over hard iron {ratio:+.2f}", ratio=ratio) for ratio in RATIOS),
+    Iron("calibrated at two dips", places=(BREST, ICELAND)),
+    *(Iron(f"{times} times the prior", times, target=False) for times in (0.5, 1.5)),
+)
+
+
+def run_transfer(iron: Iron, compasses: int, seed: int) -> Measured:
+    """Calibrate compasses elsewhere and print the median width at the mooring; return the coverage of B and C there."""
+    rng, shares, widths = np.random.default_rng([seed, IRON.index(iron)]), [], []
+    for _ in range(compasses):
+        true = iron.coefficients(rng)
+        made = [platform.calibrate_readings("platform", read(PLATFORM, true[place], rng)) for place in iron.places]
+        known = [PlacedCoefficients(m.exact, m.exact_covariance, at) for m, at in zip(made, iron.places, strict=True)]
+        moored = transfer_coefficients(known, MOORED, iron.prior_nT)
+        half = 1.96 * np.sqrt(np.diag(moored.covariance))
+        shares.append(float(np.mean(np.abs(moored.coefficients - true[MOORED])[1:3] <= half[1:3])))
+        widths.append(2.0 * half[1])
+    targets.line(iron.name, targets.middle(np.array(widths)))
+    least = ALLOWED["least"] if iron.target else 0.0
+    most = ALLOWED["most"] if iron.target and iron.ratio is None else 1.0
+    return targets.mean(f"{iron.name}: within 95 %", shares, least=least, most=most, unit=" %", times=100.0)
+
+
+DISTANCES_M, MOMENT_DEG_M3, SIZE_M = (0.3, 0.4, 0.6, 0.9), 0.2, 0.1
+
+
+def run_object(objects: int, seed: int) -> list[Measured]:
+    """Calibrate a compass without and with a dipole at four distances; return the coverage of what is derived."""
+    rng, inside = np.random.default_rng(seed), list[tuple[bool, bool]]()
+    truth = (MOMENT_DEG_M3 / SAFE_DEG) ** (1.0 / DIPOLE)
+    for _ in range(objects):
+        own = np.array([0.0, *rng.normal(0.0, 0.05, 2), 0.0, 0.0])
+        moment = MOMENT_DEG_M3 * angles.DEGREE * np.array(angles.sin_cos(rng.uniform(0.0, 360.0)))
+        pages: dict[str, dict[str, Any]] = {}
+        for distance in (np.inf, *DISTANCES_M):
+            true = own + np.array([0.0, *moment / distance**DIPOLE, 0.0, 0.0])
+            made = platform.calibrate_readings("platform", read(PLATFORM, true, rng))
+            near = {"distance_m": distance, "size_m": SIZE_M} if np.isfinite(distance) else None
+            page = result.to_json(f"{distance}", made, {"object": near}, pages)
+            pages[f"{distance}"] = json.loads(json.dumps(page, default=np.ndarray.tolist))
+        said = pages[f"{DISTANCES_M[-1]}"]["object"]
+        if (safe := said["safe_distance_m"]) is not None:
+            power = said["exponent"]
+            inside.append((safe["low"] <= truth <= safe["high"], power["low"] <= DIPOLE <= power["high"]))
+    names = ("safe distance within 95 %", "exponent within 95 %")
+    return [
+        targets.share("objects with a safe distance", np.arange(objects) < len(inside)),
+        *(targets.share(name, each, **ALLOWED) for name, each in zip(names, zip(*inside, strict=True), strict=True)),
+    ]
+
+
+def run_kind(kind: str, count: int, seed: int) -> list[Measured]:
+    """Simulate all designs of one kind."""
+    if kind == "object":
+        return run_object(count, seed)
+    if kind == "transfer":
+        targets.head("iron", "width of the interval of B, median")
+        return [run_transfer(iron, count, seed) for iron in IRON]
+    if kind == "tilt":
+        return [run_tilts(steps, count, seed) for steps in (9, 17)]
     targets.head("headings", "model used")
-    lines = [one for design in DESIGNS for one in run(design, benches, seed)]
-    return targets.report([*lines, *(run_tilts(steps, benches, seed) for steps in (9, 17))])
+    return [one for design in DESIGNS for one in run(design, count, seed)]
 
 
 if __name__ == "__main__":
-    sys.exit(main(*(int(argument) for argument in sys.argv[1:3])))
+    kinds = ("platform", "tilt", "transfer", "object")
+    asked = targets.parser(__doc__, 1000, kinds).parse_args()
+    chosen = kinds if asked.kind is None else (asked.kind,)
+    sys.exit(targets.report([one for kind in chosen for one in run_kind(kind, asked.count, asked.seed)]))
