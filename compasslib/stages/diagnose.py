@@ -98,7 +98,7 @@ def _write(
     content = {name: value for name, value in configured.items() if name not in fitted}  # the origin of a calibration
     content |= corrected | {
         "warnings": tuple(dict.fromkeys([*fitted["warnings"], *corrected["warnings"]])),
-        "averaged": bool(product.applied),
+        "averaged": any(member.compass for member in product.applied),
         "fitted": fitted,
         "applied": product.to_json(),
         "shared": shared,
