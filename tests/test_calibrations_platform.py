@@ -130,7 +130,7 @@ def test_rotated_mounting_is_refused_unless_stated(tmp_path, turn, stood):
     [
         (on_bench(lambda x: x - 23.5), -23.5, "constant of -22.4 degrees, which turns all headings alike"),
         (on_bench(lambda x: x + 2.6), 3.8, "it is the declination, +3.8: reference_deg may be true"),
-        (on_bench(lambda x: np.roll(x, 1)), 0.0, "shifted by one setting of 10"),
+        (on_bench(lambda x: np.roll(x, 1)), 0.0, "may have stood turned (mounting_deg)"),
         (BenchReadings(on_bench().recorded_deg, on_bench().reference_deg), 0.0, "the columns are exchanged"),
     ],
     ids=["turned", "true", "shifted", "exchanged"],
@@ -148,10 +148,7 @@ def test_ambiguous_bench_error_is_a_doubt_passed_to_the_mooring(tmp_path, read, 
 
 
 def test_budget_of_le_menn_reproduces_the_published_numbers():
-    """Section 2: 0.90 degrees, expanded, for directions; for tilts it prints 0.40, but the numbers in its text give 0.38.
-
-    Tables 4 and 5 are images.
-    """
+    """Section 2: 0.90 degrees for directions; for tilts it prints 0.40, but the numbers in its text give 0.38."""
     rows = budget.sources({}, "le_menn")
     assert f"{budget.expanded(rows):.3f}" == "0.896" and "maker_accuracy_deg" not in {row.name for row in rows}
     assert f"{budget.expanded(budget.sources({}, 'le_menn', 'tilt')):.3f}" == "0.384"

@@ -281,12 +281,7 @@ def transfer_coefficients(
 def separate_iron(
     here: ArrayLike, there: ArrayLike, field: FieldAtPlace, field_there: FieldAtPlace
 ) -> dict[str, dict[str, float]] | None:
-    """Separate hard from vertically induced iron by coefficients at two dips; None if the dips are too similar.
-
-    B H = (P + c Z) / lambda and C H = (Q + f Z) / lambda: two places determine both terms.
-
-    Args:
-        here: A to E of the exact compass at the first place, dimensionless, (5,); ``there`` at the other place.
+    """Separate hard from vertically induced iron by A to E, (5,), at two dips; None if the dips are too similar.
 
     Returns:
         For B and C: hard_nT and induced_nT at the first place, both over lambda.
@@ -294,14 +289,12 @@ def separate_iron(
     ratios = [each.vertical_nT / each.horizontal_nT for each in (field, field_there)]
     if abs(ratios[0] - ratios[1]) < MIN_DIP_CHANGE * max(map(abs, ratios)):
         return None
-    pulls = [
-        np.asarray(each, dtype=float)[1:3] * place.horizontal_nT
-        for each, place in ((here, field), (there, field_there))
-    ]
-    induced = (pulls[0] - pulls[1]) / (field.vertical_nT - field_there.vertical_nT) * field.vertical_nT
+    design = np.concatenate([iron_design(place)[1:3, 1:5] for place in (field, field_there)])
+    iron = np.linalg.solve(design, np.concatenate([np.asarray(each, dtype=float)[1:3] for each in (here, there)]))
+    induced = iron[2:] * field.vertical_nT
     return {
-        letter: {"hard_nT": float(pull - part), "induced_nT": float(part)}
-        for letter, pull, part in zip("BC", pulls[0], induced, strict=True)
+        letter: {"hard_nT": float(hard), "induced_nT": float(part)}
+        for letter, hard, part in zip("BC", iron[:2], induced, strict=True)
     }
 
 
