@@ -16,7 +16,6 @@ from compasslib.deviation.exact import fit_exact, smooth_density
 from compasslib.deviation.likelihood import CELLS
 from compasslib.deviation.model import (
     IRON_NT,
-    SPHERE_NT,
     UNKNOWN_COVARIANCE,
     DeviationFit,
     FieldAtPlace,
@@ -47,7 +46,7 @@ def carry_to_mooring(
     pairs: Pairs,
     *,
     parts: Sequence[str] = (),
-    sphere: bool = False,
+    iron_nT: float = IRON_NT,
 ) -> DeviationFit:
     """Transfer the exact compass of calibrations to a mooring's field; no coefficients if that is impossible.
 
@@ -55,11 +54,11 @@ def carry_to_mooring(
 
     Args:
         parts: parts near the mooring's compass.
-        sphere: whether a steel sphere is declared.
+        iron_nT: prior standard deviation of hard and of induced iron, see ``transfer_coefficients``.
     """
     if missing := [f"calibration {each['name']}: {why}" for each in contents if (why := _missing_part(each, field))]:
         return DeviationFit(METHOD, len(pairs), why="; ".join(missing))
-    transferred = _transfer(contents, field, SPHERE_NT if sphere else IRON_NT)
+    transferred = _transfer(contents, field, iron_nT)
     names = " and ".join(content["name"] for content in contents)
     named = [f"calibration {names}: {transferred.warning}"] if transferred.warning else []
     for content in contents:
@@ -167,7 +166,7 @@ def contradiction(fit: DeviationFit, pairs: Pairs) -> str:
     )
 
 
-def origin(contents: Sequence[Mapping[str, Any]], field: EarthField) -> dict[str, Any]:
+def origin(contents: Sequence[Mapping[str, Any]], field: EarthField, iron_nT: float = IRON_NT) -> dict[str, Any]:
     """Describe the origin of the model for deviation.json: the calibration, and any after the deployment."""
     known = [not _missing_part(content, field) for content in contents]
     sources = [
@@ -177,7 +176,7 @@ def origin(contents: Sequence[Mapping[str, Any]], field: EarthField) -> dict[str
     ]
     after = {"calibration_after": sources[1]} if len(sources) > 1 else {}
     both = len(contents) > 1 and all(known)
-    change = {"calibration_change": _change(contents, _transfer(contents, field).each)} if both else {}
+    change = {"calibration_change": _change(contents, _transfer(contents, field, iron_nT).each)} if both else {}
     return {"calibration": sources[0]} | after | change
 
 
@@ -198,9 +197,7 @@ def _missing_part(content: Mapping[str, Any], field: EarthField) -> str:
     return ""
 
 
-def _transfer(
-    contents: Sequence[Mapping[str, Any]], field: EarthField, iron_nT: float = IRON_NT
-) -> TransferredCoefficients:
+def _transfer(contents: Sequence[Mapping[str, Any]], field: EarthField, iron_nT: float) -> TransferredCoefficients:
     away = FieldAtPlace(float(np.mean(field.horizontal_nT)), float(np.mean(field.vertical_nT)))
     return transfer_coefficients([_placed(content) for content in contents], away, iron_nT)
 

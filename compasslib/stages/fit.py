@@ -11,7 +11,7 @@ from compasslib.archive import netcdf
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import at_mooring
 from compasslib.deviation import describe_fit, deviation_json, fit_deviation
-from compasslib.deviation.model import weak_field_warnings
+from compasslib.deviation.model import IRON_NT, SPHERE_NT, weak_field_warnings
 from compasslib.preparation.references import combine_references
 
 
@@ -71,6 +71,7 @@ def carry(
     upper, there = netcdf.read_record(record), earthfield.field_from_json(read_json(field))
     elsewhere = [read_json(path) for path in calibrations]
     near = combine_references(netcdf.read_pairs(pairs))
-    carried = at_mooring.carry_to_mooring(elsewhere, there, upper, near, parts=parts, sphere=sphere)
-    write_json(fit, deviation_json(carried, upper) | at_mooring.origin(elsewhere, there))
+    iron_nT = SPHERE_NT if sphere else IRON_NT
+    carried = at_mooring.carry_to_mooring(elsewhere, there, upper, near, parts=parts, iron_nT=iron_nT)
+    write_json(fit, deviation_json(carried, upper) | at_mooring.origin(elsewhere, there, iron_nT))
     say(describe_fit(mooring, carried))
