@@ -461,7 +461,7 @@ def test_diff_between_versions_states_sigmas_and_changelog_entries(versions_of, 
         f"NEW by {_software(versions_of / 'new/M1')}",
     ]
     reason, *entries = why.splitlines()[2:]
-    assert reason.startswith("headings and uncertainty changed; where YAML and raw files are the same, by one of these")
+    assert reason.startswith("coefficients, headings and uncertainty changed; where YAML and raw files are the same,")
     assert entries == [f"  {compasslib.__version__}: The declination is that of the place, not of the next."]
 
 

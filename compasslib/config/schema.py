@@ -33,6 +33,7 @@ from compasslib.config.section import (
     Reference,
     Section,
     Span,
+    Sphere,
     Switch,
     Text,
     Time,
@@ -269,9 +270,7 @@ class Instrument(TableKeys):
     direction_reference: Reference = key("magnetic or true", "magnetic", "magnetic")
     exclude: tuple[Exclusion, ...] = key("a list of windows", "[{from: 2007-10-01, to: 2007-10-02, why: fouled}]", ())
     compass: Name | None = key("a name that all records of one compass carry", "wh8104", None)
-    sphere: Literal[True] | Name | None = key(
-        "true, or a name that all records in one sphere or frame carry", "sphere3", None
-    )
+    sphere: Sphere | None = key("true, or a name that all records in one sphere or frame carry", "sphere3", None)
     compass_sigma_deg: Number | None = key("degrees from 0 to 180", "2", None, ge=0, le=180)
     parts: tuple[Text, ...] = key("a list of parts near the compass", "[lithium pack, frame]", ())
     sphere_distance_m: Span | None = key("a distance in metres, or [from, to]", "[0.4, 0.6]", None)
