@@ -14,7 +14,6 @@ transfer, from that prior at fixed ratios, and, without a target, from wider and
 
 from __future__ import annotations
 
-import json
 import sys
 from collections import Counter
 from dataclasses import dataclass
@@ -25,19 +24,13 @@ import targets
 from targets import Measured
 
 from compasslib import angles, compass
-from compasslib.calibrations import platform, result, tilt
-from compasslib.calibrations.bench import DIPOLE, SAFE_DEG
+from compasslib.calibrations import platform, tilt
+from compasslib.calibrations.bench import DIPOLE, SAFE_DEG, changes_by_object, describe_object
 from compasslib.calibrations.platform import BenchReadings
 from compasslib.calibrations.result import Calibration
 from compasslib.calibrations.tilt import AxisReadings
-from compasslib.deviation.model import (
-    IRON_NT,
-    SPHERE_NT,
-    FieldAtPlace,
-    PlacedCoefficients,
-    iron_design,
-    transfer_coefficients,
-)
+from compasslib.deviation import model
+from compasslib.deviation.model import FieldAtPlace
 from compasslib.deviation.series import series_deviation
 
 GRADUATION_DEG, READING_DEG = 0.26, 0.4  # standard errors of each setting of the bench, and of each reading
@@ -169,46 +162,47 @@ BREST, ICELAND, MOORED = FieldAtPlace(21000.0, 43000.0), FieldAtPlace(13300.0, 5
 RATIOS = (1 / 3, -1 / 3, 1.0, -1.0, -1.29, 3.0, -3.0)
 
 
-@dataclass(frozen=True)
-class Iron:
-    """Iron of compasses that are calibrated at Brest and moored at 65 N."""
-
-    name: str
-    times: float = 1.0  # size over that of the prior
-    ratio: float | None = None  # cZ/P at Brest
-    prior_nT: float = IRON_NT
-    places: tuple[FieldAtPlace, ...] = (BREST,)  # of the calibrations
+IRON: dict[str, dict[str, Any]] = {
+    "prior": {},
+    "prior with a sphere": {"prior_nT": model.SPHERE_NT},
+    **{f"induced over hard iron {ratio:+.2f}": {"ratio": ratio} for ratio in RATIOS},
+    "calibrated at two dips": {"places": (BREST, ICELAND)},
+    **{f"{times} times the prior": {"times": times} for times in (0.5, 1.5)},
+}
 
 
-IRON = (
-    Iron("prior"),
-    Iron("prior with a sphere", prior_nT=SPHERE_NT),
-    *(Iron(f"induced over hard iron {ratio:+.2f}", ratio=ratio) for ratio in RATIOS),
-    Iron("calibrated at two dips", places=(BREST, ICELAND)),
-    *(Iron(f"{times} times the prior", times) for times in (0.5, 1.5)),
-)
+def run_transfer(
+    name: str,
+    compasses: int,
+    seed: int,
+    *,
+    prior_nT: float = model.IRON_NT,
+    times: float = 1.0,
+    ratio: float | None = None,
+    places: tuple[FieldAtPlace, ...] = (BREST,),
+) -> Measured:
+    """Calibrate compasses elsewhere and print the median width at the mooring; return the coverage of B and C there.
 
-
-def run_transfer(iron: Iron, compasses: int, seed: int) -> Measured:
-    """Calibrate compasses elsewhere and print the median width at the mooring; return the coverage of B and C there."""
-    rng, shares, widths = np.random.default_rng([seed, IRON.index(iron)]), [], []
+    Their iron is some times that of the prior; ``ratio`` is cZ/P at Brest, free if None.
+    """
+    rng, shares, widths = np.random.default_rng([seed, list(IRON).index(name)]), [], []
     for _ in range(compasses):
-        hard, induced = iron.times * iron.prior_nT * rng.normal(size=(2, 2))
-        if iron.ratio is not None:  # the prior where induced iron is this multiple of hard iron
-            hard = hard / np.hypot(1.0, iron.ratio)
-            induced = iron.ratio * hard
+        hard, induced = times * prior_nT * rng.normal(size=(2, 2))
+        if ratio is not None:  # the prior where induced iron is this multiple of hard iron
+            hard = hard / np.hypot(1.0, ratio)
+            induced = ratio * hard
         parts = np.array([0.01, *hard, *induced / BREST.vertical_nT, *rng.normal(0.0, 0.02, 2)])
         known = []
-        for place in iron.places:
-            made = platform.calibrate_readings("platform", read(PLATFORM, iron_design(place) @ parts, rng))
-            known.append(PlacedCoefficients(made.exact, made.exact_covariance, place))
-        moored = transfer_coefficients(known, MOORED, iron.prior_nT)
+        for place in places:
+            made = platform.calibrate_readings("platform", read(PLATFORM, model.iron_design(place) @ parts, rng))
+            known.append(model.PlacedCoefficients(made.exact, made.exact_covariance, place))
+        moored = model.transfer_coefficients(known, MOORED, prior_nT)
         half = 1.96 * np.sqrt(np.diag(moored.covariance))
-        shares.append(float(np.mean((np.abs(moored.coefficients - iron_design(MOORED) @ parts) <= half)[1:3])))
+        shares.append(float(np.mean((np.abs(moored.coefficients - model.iron_design(MOORED) @ parts) <= half)[1:3])))
         widths.append(2.0 * half[1])
-    targets.line(iron.name, targets.middle(np.array(widths)))
-    least, most = (0.0, 1.0) if iron.times != 1.0 else (0.93, 0.97 if iron.ratio is None else 1.0)
-    return targets.mean(f"{iron.name}: within 95 %", shares, least=least, most=most, unit=" %", times=100.0)
+    targets.line(name, targets.middle(np.array(widths)))
+    least, most = (0.0, 1.0) if times != 1.0 else (0.93, 0.97 if ratio is None else 1.0)
+    return targets.mean(f"{name}: within 95 %", shares, least=least, most=most, unit=" %", times=100.0)
 
 
 DISTANCES_M, MOMENT_DEG_M3, SIZE_M = (0.3, 0.4, 0.6, 0.9), 0.2, 0.1
@@ -221,14 +215,14 @@ def run_object(objects: int, seed: int) -> list[Measured]:
     for _ in range(objects):
         own = np.array([0.0, *rng.normal(0.0, 0.05, 2), 0.0, 0.0])
         moment = MOMENT_DEG_M3 * angles.DEGREE * np.array(angles.sin_cos(rng.uniform(0.0, 360.0)))
-        pages: dict[str, dict[str, Any]] = {}
+        pages = []
         for distance in (np.inf, *DISTANCES_M):
             true = own + np.array([0.0, *moment / distance**DIPOLE, 0.0, 0.0])
             made = platform.calibrate_readings("platform", read(PLATFORM, true, rng))
-            near = {"distance_m": distance, "size_m": SIZE_M} if np.isfinite(distance) else None
-            page = result.to_json(f"{distance}", made, {"object": near}, pages)
-            pages[f"{distance}"] = json.loads(json.dumps(page, default=np.ndarray.tolist))
-        said = pages[f"{DISTANCES_M[-1]}"]["object"]
+            letters = dict(zip("ABCDE", made.coefficients, strict=True))
+            page = {"name": "", "coefficients": letters, "covariance": made.covariance}
+            pages.append(page | {"object": {"distance_m": distance}})
+        said = describe_object(changes_by_object(pages[0], pages[1:]), SIZE_M)
         if (safe := said["safe_distance_m"]) is not None:
             power = said["exponent"]
             inside.append((safe["low"] <= truth <= safe["high"], power["low"] <= DIPOLE <= power["high"]))
@@ -247,7 +241,7 @@ def run_kind(kind: str, count: int, seed: int) -> list[Measured]:
         return [run_tilts(steps, count, seed) for steps in (9, 17)]
     if kind == "transfer":
         targets.head("iron", "width of the interval of B, median")
-        return [run_transfer(iron, count, seed) for iron in IRON]
+        return [run_transfer(name, count, seed, **iron) for name, iron in IRON.items()]
     targets.head("headings", "model used")
     return [one for design in DESIGNS for one in run(design, count, seed)]
 

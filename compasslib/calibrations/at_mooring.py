@@ -168,15 +168,13 @@ def contradiction(fit: DeviationFit, pairs: Pairs) -> str:
 
 def origin(contents: Sequence[Mapping[str, Any]], field: EarthField, iron_nT: float = IRON_NT) -> dict[str, Any]:
     """Describe the origin of the model for deviation.json: the calibration, and any after the deployment."""
-    known = [not _missing_part(content, field) for content in contents]
-    sources = [
-        {key: content[key] for key in ("name", "kind", "place")}
-        | ({"coefficients": content["exact"]["coefficients"]} if usable else {})
-        for content, usable in zip(contents, known, strict=True)
-    ]
+    sources: list[dict[str, Any]] = [{key: content[key] for key in ("name", "kind", "place")} for content in contents]
+    usable = not any(_missing_part(content, field) for content in contents)
+    for source, content in zip(sources, contents if usable else (), strict=False):
+        source["coefficients"] = content["exact"]["coefficients"]
     after = {"calibration_after": sources[1]} if len(sources) > 1 else {}
-    both = len(contents) > 1 and all(known)
-    change = {"calibration_change": _change(contents, _transfer(contents, field, iron_nT).each)} if both else {}
+    each = _transfer(contents, field, iron_nT).each if usable and len(contents) > 1 else None
+    change = {} if each is None else {"calibration_change": _change(contents, each)}
     return {"calibration": sources[0]} | after | change
 
 

@@ -404,7 +404,7 @@ class Compasses:
         moored = {name: self.cruise.moorings[name] for name in moorings}
         stated = {name: mooring.instruments[mooring.compromised].sphere for name, mooring in moored.items()}
         stated |= {name: self.cruise.calibrations[name].sphere for name in given}
-        return {name: None if sphere is True else sphere for name, sphere in stated.items()}
+        return {name: sphere if isinstance(sphere, str) else None for name, sphere in stated.items()}
 
     def figures(self, wildcards: Any) -> list[str]:
         return list_figures(self.cruise, f"results/compasses/{wildcards.compass}", ("coefficients", "curve"))
