@@ -1,10 +1,15 @@
 """Coverage of the stated uncertainties of bench calibrations, over many simulated benches.
 
-    python benchmarks/calibrations.py             1000 benches of each design
-    python benchmarks/calibrations.py 200 7       200 of each by seed 7
+    python benchmarks/calibrations.py                     1000 benches of each design
+    python benchmarks/calibrations.py 200 7               200 of each by seed 7
+    python benchmarks/calibrations.py --kind transfer     compasses calibrated at Brest and moored at 65 N
+    python benchmarks/calibrations.py --kind object       safe distances of an object near the compass
 
 For each design: the share of coefficients and of the table's deviations whose true value lies within 1.96 stated
 standard uncertainties. The target is 93 to 97 %; the exit status is 1 if it is missed.
+
+For moorings: the share of B and C at 65 N within 95 %, where hard and induced iron are drawn from the prior of the
+transfer, from that prior at fixed ratios, and, without a target, from wider and narrower ones.
 """
 
 from __future__ import annotations
@@ -12,6 +17,7 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import targets
@@ -19,9 +25,12 @@ from targets import Measured
 
 from compasslib import angles, compass
 from compasslib.calibrations import platform, tilt
+from compasslib.calibrations.bench import DIPOLE, SAFE_DEG, changes_by_object, describe_object
 from compasslib.calibrations.platform import BenchReadings
 from compasslib.calibrations.result import Calibration
 from compasslib.calibrations.tilt import AxisReadings
+from compasslib.deviation import model
+from compasslib.deviation.model import FieldAtPlace
 from compasslib.deviation.series import series_deviation
 
 GRADUATION_DEG, READING_DEG = 0.26, 0.4  # standard errors of each setting of the bench, and of each reading
@@ -72,10 +81,15 @@ def bench(design: Design, rng: np.random.Generator) -> tuple[np.ndarray, BenchRe
     semicircular = design.strength * np.array(angles.sin_cos(direction))
     rest = design.strength * design.quadrantal * rng.normal(size=3)
     true = np.array([rest[0], *semicircular, *rest[1:]])
+    return true, read(design, true, rng)
+
+
+def read(design: Design, true: np.ndarray, rng: np.random.Generator) -> BenchReadings:
+    """Simulate the readings of a compass of known coefficients."""
     intended = np.repeat(design.settings_deg + rng.uniform(0.0, 10.0), design.repeats)
     off = np.repeat(rng.normal(0.0, GRADUATION_DEG, len(design.settings_deg)), design.repeats)
     recorded = _recorded(design.truth, true, intended + off) + rng.normal(0.0, READING_DEG, len(intended))
-    return true, BenchReadings(intended, angles.wrap360(recorded))
+    return BenchReadings(intended, angles.wrap360(recorded))
 
 
 def _recorded(truth: str, true: np.ndarray, correct_deg: np.ndarray) -> np.ndarray:
@@ -143,12 +157,97 @@ def run_tilts(steps: int, platforms: int, seed: int) -> Measured:
     return targets.mean(f"tilts, {steps} of each axis: within 95 %", shares, **ALLOWED, unit=" %", times=100.0)
 
 
-def main(benches: int = 1000, seed: int = 2007) -> int:
-    """Print the tables of all designs; return 1 if any target is missed."""
+PLATFORM = Design("36, before a mooring", ring(36), "exact", 0.1)
+BREST, ICELAND, MOORED = FieldAtPlace(21000.0, 43000.0), FieldAtPlace(13300.0, 50200.0), FieldAtPlace(11980.0, 52078.0)
+RATIOS = (1 / 3, -1 / 3, 1.0, -1.0, -1.29, 3.0, -3.0)
+
+
+IRON: dict[str, dict[str, Any]] = {
+    "prior": {},
+    "prior with a sphere": {"prior_nT": model.SPHERE_NT},
+    **{f"induced over hard iron {ratio:+.2f}": {"ratio": ratio} for ratio in RATIOS},
+    "calibrated at two dips": {"places": (BREST, ICELAND)},
+    **{f"{times} times the prior": {"times": times} for times in (0.5, 1.5)},
+}
+
+
+def run_transfer(
+    name: str,
+    compasses: int,
+    seed: int,
+    *,
+    prior_nT: float = model.IRON_NT,
+    times: float = 1.0,
+    ratio: float | None = None,
+    places: tuple[FieldAtPlace, ...] = (BREST,),
+) -> Measured:
+    """Calibrate compasses elsewhere and print the median width at the mooring; return the coverage of B and C there.
+
+    Their iron is some times that of the prior; ``ratio`` is cZ/P at Brest, free if None.
+    """
+    rng, shares, widths = np.random.default_rng([seed, list(IRON).index(name)]), [], []
+    for _ in range(compasses):
+        hard, induced = times * prior_nT * rng.normal(size=(2, 2))
+        if ratio is not None:  # the prior where induced iron is this multiple of hard iron
+            hard = hard / np.hypot(1.0, ratio)
+            induced = ratio * hard
+        parts = np.array([0.01, *hard, *induced / BREST.vertical_nT, *rng.normal(0.0, 0.02, 2)])
+        known = []
+        for place in places:
+            made = platform.calibrate_readings("platform", read(PLATFORM, model.iron_design(place) @ parts, rng))
+            known.append(model.PlacedCoefficients(made.exact, made.exact_covariance, place))
+        moored = model.transfer_coefficients(known, MOORED, prior_nT)
+        half = 1.96 * np.sqrt(np.diag(moored.covariance))
+        shares.append(float(np.mean((np.abs(moored.coefficients - model.iron_design(MOORED) @ parts) <= half)[1:3])))
+        widths.append(2.0 * half[1])
+    targets.line(name, targets.middle(np.array(widths)))
+    least, most = (0.0, 1.0) if times != 1.0 else (0.93, 0.97 if ratio is None else 1.0)
+    return targets.mean(f"{name}: within 95 %", shares, least=least, most=most, unit=" %", times=100.0)
+
+
+DISTANCES_M, MOMENT_DEG_M3, SIZE_M = (0.3, 0.4, 0.6, 0.9), 0.2, 0.1
+
+
+def run_object(objects: int, seed: int) -> list[Measured]:
+    """Calibrate a compass without and with a dipole at four distances; return the coverage of what is derived."""
+    rng, inside = np.random.default_rng(seed), list[tuple[bool, bool]]()
+    truth = (MOMENT_DEG_M3 / SAFE_DEG) ** (1.0 / DIPOLE)
+    for _ in range(objects):
+        own = np.array([0.0, *rng.normal(0.0, 0.05, 2), 0.0, 0.0])
+        moment = MOMENT_DEG_M3 * angles.DEGREE * np.array(angles.sin_cos(rng.uniform(0.0, 360.0)))
+        pages = []
+        for distance in (np.inf, *DISTANCES_M):
+            true = own + np.array([0.0, *moment / distance**DIPOLE, 0.0, 0.0])
+            made = platform.calibrate_readings("platform", read(PLATFORM, true, rng))
+            letters = dict(zip("ABCDE", made.coefficients, strict=True))
+            page = {"name": "", "coefficients": letters, "covariance": made.covariance}
+            pages.append(page | {"object": {"distance_m": distance}})
+        said = describe_object(changes_by_object(pages[0], pages[1:]), SIZE_M)
+        if (safe := said["safe_distance_m"]) is not None:
+            power = said["exponent"]
+            inside.append((safe["low"] <= truth <= safe["high"], power["low"] <= DIPOLE <= power["high"]))
+    names = ("safe distance within 95 %", "exponent within 95 %")
+    return [
+        targets.share("objects with a safe distance", np.arange(objects) < len(inside)),
+        *(targets.share(name, each, **ALLOWED) for name, each in zip(names, zip(*inside, strict=True), strict=True)),
+    ]
+
+
+def run_kind(kind: str, count: int, seed: int) -> list[Measured]:
+    """Simulate all designs of one kind."""
+    if kind == "object":
+        return run_object(count, seed)
+    if kind == "tilt":
+        return [run_tilts(steps, count, seed) for steps in (9, 17)]
+    if kind == "transfer":
+        targets.head("iron", "width of the interval of B, median")
+        return [run_transfer(name, count, seed, **iron) for name, iron in IRON.items()]
     targets.head("headings", "model used")
-    lines = [one for design in DESIGNS for one in run(design, benches, seed)]
-    return targets.report([*lines, *(run_tilts(steps, benches, seed) for steps in (9, 17))])
+    return [one for design in DESIGNS for one in run(design, count, seed)]
 
 
 if __name__ == "__main__":
-    sys.exit(main(*(int(argument) for argument in sys.argv[1:3])))
+    kinds = ("platform", "tilt", "transfer", "object")
+    asked = targets.parser(__doc__, 1000, kinds).parse_args()
+    chosen = kinds if asked.kind is None else (asked.kind,)
+    sys.exit(targets.report([one for kind in chosen for one in run_kind(kind, asked.count, asked.seed)]))

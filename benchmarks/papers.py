@@ -43,11 +43,6 @@ def pseudo() -> str:
     return ", ".join(f"{x:.3f}" for x in adjustment.pseudo_deviations(COURSES, recorded).values())
 
 
-def with_residual(degrees: float) -> str:
-    rows = (*ROWS_OF[budget.PLATFORM], budget.Source(budget.FIT_RESIDUAL, degrees, ""))
-    return f"{budget.expanded(rows):.2f}"
-
-
 def ours() -> dict[str, str]:
     """Compute all numbers, by the beginning of what their row says."""
     return {
@@ -57,8 +52,6 @@ def ours() -> dict[str, str]:
         "triangular distribution of a maker's accuracy": f"√{budget.TRIANGULAR[0] ** 2:.0f}",
         "expanded uncertainty of reference tilts": f"{budget.expanded(ROWS_OF[budget.TILT]):.2f}",
         "power by which an object's influence falls with distance": f"{bench.DIPOLE:.0f}",
-        "expanded uncertainty by Smith's terms": with_residual(0.35),
-        "the same by the polynomial": with_residual(0.70),
         "no correction below this horizontal field": f"{MIN_HORIZONTAL_NT:.0f}",
         "largest error of D and E at S/d = 7": f"{float(adjustment.error_bound_deg(1 / 7)):.3f}",
         "coefficients from deviations": letters(BY_DELTA, "A B_bar C_bar E D"),

@@ -110,25 +110,6 @@ def test_five_terms_leave_4_05_degrees_of_the_published_headings():
     assert made.sources[-1].standard_deg > 1.5 * 4.0  # Student's t with three degrees of freedom
 
 
-def test_series_and_polynomial_are_consistent_with_le_menn():
-    """Section 6: 1.14 degrees, expanded, by the series and 1.66 by the polynomial; the readings are not published.
-
-    With the residual implied by 1.14, 0.35 degrees, and a deviation of 13 degrees, the polynomial gives about 1.66,
-    which is consistent but no verification.
-    """
-    rng, rows = np.random.default_rng(2023), budget.sources({}, "le_menn")
-    expanded = []
-    for _ in range(20):
-        recorded = rng.uniform(0.0, 10.0) + ring()
-        deviation = series_deviation([0.5, 10.0, 8.0, 2.5, 1.0], recorded) + rng.normal(0.0, 0.35, 36)
-        points = curves.deviation_points(recorded, recorded + deviation)
-        fits = [curves.fit_curve(form, points) for form in (SMITH, POLYNOMIAL)]
-        expanded.append([2.0 * np.hypot(budget.combined(rows), fit.scatter_deg) for fit in fits])
-    smith, polynomial = np.mean(expanded, axis=0)
-    assert smith == pytest.approx(1.14, abs=0.05)  # 31 degrees of freedom instead of many
-    assert polynomial == pytest.approx(1.66, abs=0.15) and polynomial > 1.2 * smith
-
-
 # --- uncertainty ----------------------------------------------------------------------------------------------------
 
 

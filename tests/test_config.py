@@ -467,6 +467,7 @@ BAD_LINES = [
     ("    depth: -100", "instruments.top.depth: expected metres from 0 to 12000, found -100; write it positive, in metres"),
     ("    depth: 1000", "instruments.top.depth: expected metres from 0 to the water depth, 894, found 1000; correct one of the two"),
     ("    orientation: upward", "instruments.top.orientation: expected up or down, found 'upward'; write for example orientation: up"),
+    ("    sphere: false", "instruments.top.sphere: expected true, or a name that all records in one sphere or frame carry, found false; write for example sphere: sphere3"),
     ("    sphere_distance_m: [0.6, 0.4]", "instruments.top.sphere_distance_m: expected a distance in metres, or [from, to], found a list; write for example sphere_distance_m: [0.4, 0.6]"),
     ("    heading: 3", "instruments.top.heading: expected a key out of format, files, depth, orientation, declination_applied, heading_alignment, sound_speed, clock_offset_seconds, clock_drift_seconds, pressure_offset, direction_reference, exclude, compass, sphere, compass_sigma_deg, compass_iron_nT, kind, parts, sphere_distance_m, fit, attributes, columns, pressure_files, start_offset_seconds, bin_size, first_bin, flags, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'heading'; delete it, or indent it below the key that it belongs to"),
     ("    sound_speed: {salinity: 43}", "instruments.top.sound_speed: expected auto, keep, or {salinity: 0 to 42}, found a mapping; write for example sound_speed: {salinity: 35}"),
@@ -595,6 +596,13 @@ BAD_INSTRUMENTS = [
 def test_invalid_keys_of_a_format_are_reported(cruise: Path, keys: str, expected: str) -> None:
     write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", keys))
     assert message(cruise) == f"{MOORING_FILE}: instruments.{expected}"
+
+
+@pytest.mark.parametrize(("keys", "declared"), [("", False), (" sphere: true,", True), (" sphere: s1,", True),
+                                               (" sphere_distance_m: 0.5,", True)])  # fmt: skip
+def test_iron_is_declared_by_a_sphere_or_its_distance(cruise: Path, keys: str, declared: bool) -> None:
+    write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: pd0,{keys}"))
+    assert plan.plan(config.load_cruise(cruise), Path()).moorings.sphere(Wildcards("M1")) is declared
 
 
 def test_declination_applied_may_differ_for_heading_and_velocity(cruise: Path) -> None:

@@ -162,6 +162,14 @@ def test_strong_iron_and_large_misalignment_stay_as_fitted():
         assert chance < 1e-6 and (np.abs(averaged.coefficients - coefficients) < SIGMA / 3.0).all()
 
 
+def test_declared_iron_leaves_no_chance_of_no_deviation():
+    weak = fitted([0.0, 0.03, 0.0, 0.0, 0.0])
+    assert average_with_none(weak)[1] > 0.5
+    declared, chance = average_with_none(replace(weak, iron_declared=True))
+    assert chance == 0.0 and declared.coefficients[1] > 2.0 * average_with_none(weak)[0].coefficients[1]
+    assert fit_from_json(declared.to_json()).iron_declared
+
+
 @pytest.mark.parametrize("other", [{"folded": True}, {"fixed": True}])
 def test_folded_and_given_compasses_are_not_averaged(other):
     fit = fitted([0.01, 0.02, 0.0, 0.0, 0.0], **other)

@@ -202,7 +202,7 @@ def test_an_unlisted_effect_is_composed_and_applied():
     assert first.where.covariate == "temperature" and first.parameters["sine"].unit == "degrees/K"
     assert first.probability + sum(first.alternatives_probability.values()) > 0.95
     product = diagnosis.product_of_diagnosis(fitted(drawn), found)
-    again = products.from_json({"applied": json.loads(json.dumps(product.to_json()))})
+    again = products.from_json(json.loads(json.dumps({**product.fit.to_json(), "applied": product.to_json()})))
     assert again.applied[0].compass.simulation.terms == product.applied[0].compass.simulation.terms
 
 

@@ -12,7 +12,7 @@ import pytest
 import yaml
 from launch import CONTRACT
 
-from compasslib import angles
+from compasslib import angles, compass
 from compasslib.archive import summary
 from compasslib.archive.files import read_json
 from tests.world import pairs as world
@@ -118,6 +118,20 @@ def test_findings_can_be_left_unapplied_and_the_search_disabled(done):
     found, off = (summary.summary_row(name, folder / "results" / name) for name in ("FOUND", "OFF"))
     assert {*found["effects"].split()} == {"sextantal", "temperature"}
     assert "switched off" in off["warnings"]
+
+
+@pytest.mark.parametrize("name", ["LEFT", "OFF"])
+def test_coefficients_of_deviation_json_make_the_corrected_headings(done, name):
+    """One compass without an effect; its covariance and coefficients are not those of the configured fit."""
+    deviation = read(done[0], name, "deviation.json")
+    with netCDF4.Dataset(done[0] / "results" / name / "corrected.nc") as file:
+        recorded, corrected = (file[key][:].filled(np.nan) for key in ("HEADING", "HEADING_CORRECTED"))
+    roots = compass.inverse([deviation["coefficients"][letter] for letter in "ABCDE"], recorded)
+    off = np.nanmin(np.abs(angles.difference(roots, corrected[:, None])), axis=1)
+    assert np.isfinite(off).all() and off.max() < 1e-9
+    assert not deviation["averaged"] and read(done[0], "FOUND", "deviation.json")["averaged"]
+    assert deviation["fitted"] | {"warnings": []} == read(done[0], name, "work/fit.json") | {"warnings": []}
+    assert deviation["fitted"]["coefficients"] != deviation["coefficients"]
 
 
 @pytest.mark.parametrize("name", OPTIONS)

@@ -118,6 +118,6 @@ def _heads(locked: Path, results: Path, name: str) -> dict[str, Any]:
     if not (results / "deviation.json").exists():
         return dict.fromkeys([*(f"{key}_deg" for key in ("recorded", "before", "after", "published", "sampled")),
                               "share_corrected", "covered_95"])  # fmt: skip
-    deviation = json.loads((results / "deviation.json").read_text())
+    deviation = json.loads((results / "deviation.json").read_text())["fitted"]
     heads: dict[str, Any] = dict(measure.headings(results, locked, name, deviation))
     return heads | bounds.errors_deg(results, locked, name, deviation)

@@ -50,7 +50,7 @@ def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = Non
     of_records = [f"{path.stem}: {warning}" for path in paths for warning in netcdf.read_notes(path, "warnings")]
     return {
         "name": name,
-        "method": fit["method"],
+        "method": fit["fitted"]["method"],
         "n_pairs": fit["n_pairs"],
         "share_corrected": _rounded(corrected.mean() if corrected.size else 0.0, 4),
         "rms_before_deg": _rounded(verdict["before"]["rms_deg"], 2),

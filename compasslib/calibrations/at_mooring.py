@@ -15,9 +15,11 @@ from compasslib.calibrations.result import LETTERS
 from compasslib.deviation.exact import fit_exact, smooth_density
 from compasslib.deviation.likelihood import CELLS
 from compasslib.deviation.model import (
+    IRON_NT,
     UNKNOWN_COVARIANCE,
     DeviationFit,
     FieldAtPlace,
+    PlacedCoefficients,
     ScatterNoise,
     TransferredCoefficients,
     heading_residual,
@@ -44,28 +46,31 @@ def carry_to_mooring(
     pairs: Pairs,
     *,
     parts: Sequence[str] = (),
+    iron_nT: float = IRON_NT,
 ) -> DeviationFit:
     """Transfer the exact compass of calibrations to a mooring's field; no coefficients if that is impossible.
 
-    Of two calibrations, before and after the deployment, the mean is used, with a uniform distribution between them as
-    uncertainty. The model is evaluated on the pairs, but not fitted to them. ``parts`` are near the mooring's compass.
+    The model is evaluated on the pairs, but not fitted to them.
+
+    Args:
+        parts: parts near the mooring's compass.
+        iron_nT: prior standard deviation of hard and of induced iron, see ``transfer_coefficients``.
     """
     if missing := [f"calibration {each['name']}: {why}" for each in contents if (why := _missing_part(each, field))]:
         return DeviationFit(METHOD, len(pairs), why="; ".join(missing))
-    transferred = [_transfer(each, field) for each in contents]
-    named = []
-    for content, carried in zip(contents, transferred, strict=True):
-        exact = too_exact(content["residual_rms_deg"])
-        warnings = (carried.warning, *content.get("doubts", ()), *exact, other_parts(content.get("parts", ()), parts))
+    transferred = _transfer(contents, field, iron_nT)
+    names = " and ".join(content["name"] for content in contents)
+    named = [f"calibration {names}: {transferred.warning}"] if transferred.warning else []
+    for content in contents:
+        exact, others = too_exact(content["residual_rms_deg"]), other_parts(content.get("parts", ()), parts)
+        warnings = (*content.get("doubts", ()), *exact, others)
         named += [f"calibration {content['name']}: {warning}" for warning in warnings if warning]
-    change = transferred[-1].coefficients - transferred[0].coefficients
-    coefficients = transferred[0].coefficients + change / 2.0
-    covariance = np.mean([each.covariance for each in transferred], axis=0) + np.outer(change, change) / 12.0
     if len(contents) > 1:
-        named.append(_change(contents, [each.coefficients for each in transferred])["text"])
+        named.append(_change(contents, transferred.each)["text"])
     scatter = max(content["residual_rms_deg"] or 0.0 for content in contents)
     noise = ScatterNoise(compass_deg=float(np.clip(scatter, MIN_NOISE_DEG, MAX_NOISE_DEG)))
-    fit = DeviationFit(METHOD, len(pairs), coefficients, covariance, noise=noise, warnings=tuple(named))
+    known = transferred.coefficients, transferred.covariance
+    fit = DeviationFit(METHOD, len(pairs), *known, noise=noise, warnings=tuple(named))
     return evaluate_on_record(fit, record, pairs)
 
 
@@ -83,7 +88,7 @@ def other_parts(calibrated: Sequence[str], moored: Sequence[str]) -> str:
     )
 
 
-def _change(contents: Sequence[Mapping[str, Any]], coefficients: Sequence[Floats]) -> dict[str, Any]:
+def _change(contents: Sequence[Mapping[str, Any]], coefficients: Floats) -> dict[str, Any]:
     """Describe the change of a compass between two calibrations, both transferred to the mooring."""
     size = angles.rms(angles.difference(*(compass.recorded_heading(each, HEADINGS_DEG) for each in coefficients)))
     before, after = (f"{each['name']} ({each['place']['date'] or 'not dated'})" for each in contents)
@@ -161,20 +166,15 @@ def contradiction(fit: DeviationFit, pairs: Pairs) -> str:
     )
 
 
-def origin(contents: Sequence[Mapping[str, Any]], field: EarthField) -> dict[str, Any]:
+def origin(contents: Sequence[Mapping[str, Any]], field: EarthField, iron_nT: float = IRON_NT) -> dict[str, Any]:
     """Describe the origin of the model for deviation.json: the calibration, and any after the deployment."""
-    sources, carried = [], []
-    for content in contents:
-        source: dict[str, Any] = {key: content[key] for key in ("name", "kind", "place")}
-        if not _missing_part(content, field):
-            transferred = _transfer(content, field)
-            carried.append(transferred.coefficients)
-            source["coefficients"] = content["exact"]["coefficients"]
-            for end in ("if_all_hard", "if_all_induced"):
-                source[end] = dict(zip(LETTERS, getattr(transferred, end).tolist(), strict=True))
-        sources.append(source)
+    sources: list[dict[str, Any]] = [{key: content[key] for key in ("name", "kind", "place")} for content in contents]
+    usable = not any(_missing_part(content, field) for content in contents)
+    for source, content in zip(sources, contents if usable else (), strict=False):
+        source["coefficients"] = content["exact"]["coefficients"]
     after = {"calibration_after": sources[1]} if len(sources) > 1 else {}
-    change = {"calibration_change": _change(contents, carried)} if len(carried) > 1 else {}
+    each = _transfer(contents, field, iron_nT).each if usable and len(contents) > 1 else None
+    change = {} if each is None else {"calibration_change": _change(contents, each)}
     return {"calibration": sources[0]} | after | change
 
 
@@ -195,7 +195,12 @@ def _missing_part(content: Mapping[str, Any], field: EarthField) -> str:
     return ""
 
 
-def _transfer(content: Mapping[str, Any], field: EarthField) -> TransferredCoefficients:
+def _transfer(contents: Sequence[Mapping[str, Any]], field: EarthField, iron_nT: float) -> TransferredCoefficients:
+    away = FieldAtPlace(float(np.mean(field.horizontal_nT)), float(np.mean(field.vertical_nT)))
+    return transfer_coefficients([_placed(content) for content in contents], away, iron_nT)
+
+
+def _placed(content: Mapping[str, Any]) -> PlacedCoefficients:
     given, home = content["exact"], content["place"]["field"]
     covariance = np.array(given["covariance"], dtype=float)
     # Deviations not due to iron, which the selected curve absorbed, remain in the corrected headings.
@@ -203,6 +208,5 @@ def _transfer(content: Mapping[str, Any], field: EarthField) -> TransferredCoeff
     covariance[0, 0] += max((exact or 0.0) ** 2 - (content["residual_rms_deg"] or 0.0) ** 2, 0.0) * angles.DEGREE**2
     # At any one heading, the errors of the budget are indistinguishable from a rotation of the whole compass.
     covariance[0, 0] += ((content["uncertainty"]["standard_deg"] or 0.0) * angles.DEGREE) ** 2
-    away = FieldAtPlace(float(np.mean(field.horizontal_nT)), float(np.mean(field.vertical_nT)))
-    at_home = FieldAtPlace(home["horizontal_nT"], home["vertical_nT"])
-    return transfer_coefficients([given["coefficients"][k] for k in LETTERS], covariance, at_home, away)
+    place = FieldAtPlace(home["horizontal_nT"], home["vertical_nT"])
+    return PlacedCoefficients(np.array([given["coefficients"][k] for k in LETTERS]), covariance, place)

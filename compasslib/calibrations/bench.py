@@ -92,7 +92,8 @@ class ObjectChange:
     name: str  # of the calibration
     distance_m: float  # compass to the object's centre
     change_deg: Floats  # (2,) of B and C relative to the bench without it
-    covariance: Floats  # (2, 2)
+    own: Floats  # (2, 2) covariance of the calibration with the object
+    common: Floats  # (2, 2) covariance of the bench without it, whose error all changes have
 
     @property
     def size_deg(self) -> float:
@@ -103,7 +104,7 @@ class ObjectChange:
     def sigma_deg(self) -> float:
         """Standard uncertainty along the vector of changes, degrees."""
         along = self.change_deg / max(self.size_deg, 1e-12)
-        return float(np.sqrt(along @ self.covariance @ along))
+        return float(np.sqrt(along @ (self.own + self.common) @ along))
 
 
 def describe_object(changes: Sequence[ObjectChange], size_m: float) -> dict[str, Any]:
@@ -149,17 +150,19 @@ def _describe_fall(far: Sequence[ObjectChange], size_m: float, *, exponent: bool
 
 
 def fit_fall(changes: Sequence[ObjectChange], exponent: ArrayLike) -> tuple[Floats, Floats, Floats]:
-    """Fit the vector M of changes M / r^n by weighted least squares: M, its covariance, chi-squared.
+    """Fit the vector M of changes M / r^n by generalized least squares: M, its covariance, chi-squared.
 
     The exponent n is a scalar or an array, whose shape precedes that of each result.
     """
-    weights = np.linalg.inv([each.covariance for each in changes])
+    n = len(changes)
+    covariance = np.einsum("kl,kij->kilj", np.eye(n), [each.own for each in changes]) + changes[0].common[:, None]
+    precision = np.linalg.inv(covariance.reshape(2 * n, 2 * n)).reshape(n, 2, n, 2)
     observed = np.array([each.change_deg for each in changes])
     shares = np.array([each.distance_m for each in changes]) ** -np.asarray(exponent, dtype=float)[..., None]
-    covariance = np.linalg.inv(np.einsum("...k,kij->...ij", shares**2, weights))
-    pull = np.einsum("...k,kij,kj->...i", shares, weights, observed)
+    covariance = np.linalg.inv(np.einsum("...k,kilj,...l->...ij", shares, precision, shares))
+    pull = np.einsum("...k,kilj,lj->...i", shares, precision, observed)
     strength = np.einsum("...ij,...j->...i", covariance, pull)
-    square = np.einsum("ki,kij,kj", observed, weights, observed) - np.einsum("...i,...i", pull, strength)
+    square = np.einsum("ki,kilj,lj", observed, precision, observed) - np.einsum("...i,...i", pull, strength)
     return strength, covariance, np.maximum(square, 0.0)
 
 
@@ -180,6 +183,6 @@ def changes_by_object(without: Mapping[str, Any], others: Sequence[Mapping[str, 
     for content in others if without["coefficients"] else ():
         if content.get("object") and content["coefficients"]:
             change = np.array([content["coefficients"][k] - without["coefficients"][k] for k in "BC"])
-            both = [np.array(each["covariance"], dtype=float)[1:3, 1:3] for each in (content, without)]
-            found.append(ObjectChange(content["name"], content["object"]["distance_m"], change, both[0] + both[1]))
+            own, common = (np.array(each["covariance"], dtype=float)[1:3, 1:3] for each in (content, without))
+            found.append(ObjectChange(content["name"], content["object"]["distance_m"], change, own, common))
     return sorted(found, key=lambda each: each.distance_m)

@@ -22,7 +22,6 @@ ROLES = ("reference_deg", "recorded_deg")
 QUARTER_DEG = 90.0  # a constant as large is more likely the mounting of the instrument than its compass
 LARGE_DEG = 5.0  # larger than the alignment errors of benches and mounts
 DECLINATION_DEG, ALIKE_DEG = 2.0, 0.5  # least declination compared with the constant, and tolerance of the comparison
-STEP_DEG = 2.0  # tolerance of a constant to equal the step between two settings
 POOR_DEG, MIN_RATIO = 3.0, 3.0  # rms about the curve above which mistakes are tested, and factor of its reduction
 EVEN, MIN_EVEN = 0.02, 8  # range of the steps between set headings relative to their mean, and least number of headings
 UNITS = {"gon": 400.0, "radians": 360.0 * angles.DEGREE, "compass points": 32.0, "tens of degrees": 36.0}  # per turn
@@ -95,7 +94,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
             advice=f"write mounting_deg: {stood:.0f} if the instrument stood so on the bench, clockwise, or the bench "
             "was read from the other side; mounting_deg: 0 if the constant is the compass's own",
         )
-    misfits = [] if mounting is not None else _constant_reasons(fitted, read, settings.get("declination_deg"))
+    misfits = [] if mounting is not None else _constant_reasons(fitted, settings.get("declination_deg"))
     if _even(read.recorded_deg) and not _even(read.reference_deg):
         misfits.append(
             "recorded_deg has even steps and reference_deg does not: if the columns are exchanged, every deviation has "
@@ -137,7 +136,7 @@ def _corrections(read: BenchReadings) -> Iterator[tuple[str, Floats, Floats]]:
             yield f"both columns in {unit}, as they look", by * reference, by * recorded
 
 
-def _constant_reasons(fitted: Calibration, read: BenchReadings, declination_deg: float | None) -> list[str]:
+def _constant_reasons(fitted: Calibration, declination_deg: float | None) -> list[str]:
     """Explain a constant that is large or equals the declination, and is thus unlikely to be the compass's own."""
     shift = fitted.details.get("constant_shift")
     if shift is None or abs(shift["value_deg"]) <= 2.0 * shift["sigma_deg"]:
@@ -149,9 +148,7 @@ def _constant_reasons(fitted: Calibration, read: BenchReadings, declination_deg:
         alike = [text for text, sign in signs.items() if abs(value - sign * declination_deg) < near]
         reasons = [f"it is the declination, {declination_deg:+.1f}{text}: reference_deg may be true" for text in alike]
     if abs(value) > LARGE_DEG:
-        step = float(np.median(np.diff(np.unique(np.round(read.reference_deg, 1)))))
-        shifted = f", the columns shifted by one setting of {step:.0f}" if abs(abs(value) - step) < STEP_DEG else ""
-        reasons.append(f"the instrument may have stood turned (mounting_deg){shifted}, or reference_deg is true")
+        reasons.append("the instrument may have stood turned (mounting_deg), or reference_deg is true")
     text = f"a constant of {value:+.1f} degrees, which turns all headings alike: {'; '.join(reasons)}"
     return [text] if reasons else []
 

@@ -380,7 +380,7 @@ def effects(diagnosis: Mapping[str, Any]) -> str:
 
 
 def coefficients(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """Format the changes of the configured fit's coefficients, or of its method if that differs."""
+    """Format the changes of the coefficients that correct, or of the method if that differs."""
     before, after = old["coefficients"], new["coefficients"]
     if old["method"] != new["method"]:
         return f"{old['method']} → {new['method']}"

@@ -34,6 +34,7 @@ from compasslib.config.section import (
     Section,
     SoundSpeed,
     Span,
+    Sphere,
     Switch,
     Text,
     Time,
@@ -273,7 +274,7 @@ class Instrument(TableKeys):
     direction_reference: Reference = key("magnetic or true", "magnetic", "magnetic")
     exclude: tuple[Exclusion, ...] = key("a list of windows", "[{from: 2007-10-01, to: 2007-10-02, why: fouled}]", ())
     compass: Name | None = key("a name that all records of one compass carry", "wh8104", None)
-    sphere: Name | None = key("a name that all records in one sphere or frame carry", "sphere3", None)
+    sphere: Sphere | None = key("true, or a name that all records in one sphere or frame carry", "sphere3", None)
     compass_sigma_deg: Number | None = key("degrees from 0 to 180", "2", None, ge=0, le=180)
     compass_iron_nT: Number | None = key("nT from 0 to 60000", "525", None, ge=0, le=60000)
     kind: Literal["rotor"] | None = key("rotor", "rotor", None)

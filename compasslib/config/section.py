@@ -27,6 +27,7 @@ Switch = Annotated[bool, BeforeValidator(values.switch)]
 Text = Annotated[str, BeforeValidator(values.text)]
 Name = Annotated[str, BeforeValidator(values.name)]
 Names = Annotated[tuple[Name, ...], BeforeValidator(values.names, json_schema_input_type=str | list[str])]
+Sphere = Annotated[str | bool, BeforeValidator(values.sphere, json_schema_input_type=str | Literal[True])]
 Time = Annotated[float, BeforeValidator(values.time_s, json_schema_input_type=str)]
 Files = Annotated[tuple[str, ...], BeforeValidator(values.raw_files, json_schema_input_type=str | list[str])]
 MooringPaths = Annotated[

@@ -144,6 +144,13 @@ def name(value: Any) -> str:
     return str(value)
 
 
+def sphere(value: Any) -> str | bool:
+    """Check the name of a sphere, or true for one without a name."""
+    if value is False:
+        raise problem()
+    return True if value is True else name(value)
+
+
 def nearest(word: str, allowed: Sequence[str]) -> str | None:
     """Suggest the allowed word that is most similar to a given one; None if none is similar."""
     near = difflib.get_close_matches(word, allowed, 1)

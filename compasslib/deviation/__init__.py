@@ -116,9 +116,8 @@ def find_implausibility(fit: DeviationFit, record: Record) -> str:
 
 def deviation_json(fit: DeviationFit, record: Record) -> dict[str, Any]:
     """Compose the content of deviation.json."""
-    said = tuple(sentence for sentence in (find_implausibility(fit, record),) if sentence)
-    fraction = correctable_fraction(fit, record)
-    return fit.to_json() | {"correctable_fraction": fraction, "warnings": (*fit.warnings, *said)}
+    said = dict.fromkeys(sentence for sentence in (*fit.warnings, find_implausibility(fit, record)) if sentence)
+    return fit.to_json() | {"correctable_fraction": correctable_fraction(fit, record), "warnings": tuple(said)}
 
 
 def describe_fit(name: str, fit: DeviationFit) -> str:

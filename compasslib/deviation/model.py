@@ -7,7 +7,7 @@ yields only the sum; two of different tan I separate the parts (physics page, se
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -70,6 +70,7 @@ class DeviationFit:
     covariance_known: bool = True  #: if False, the covariance is a wide placeholder
     prior: CoefficientPrior | None = None  #: prior from other records of the same compass
     reference: ReferenceErrors | None = None  #: errors of the reference; None if not considered, or none was used
+    iron_declared: bool = False  #: whether the owner declares a sphere or the distance of its iron
 
     def to_json(self) -> dict[str, Any]:
         """Convert to the content of deviation.json."""
@@ -90,6 +91,7 @@ class DeviationFit:
             "why": self.why,
             "warnings": self.warnings,
             **({"fixed": True} if self.fixed else {}),
+            **({"iron_declared": True} if self.iron_declared else {}),
             **({} if self.covariance_known else {"covariance_known": False}),
             **({} if self.prior is None else {"prior": self.prior.to_json()}),
             "reference": None if self.reference is None else self.reference.to_json(),
@@ -133,6 +135,7 @@ def fit_from_json(content: Mapping[str, Any]) -> DeviationFit:
         covariance_known=content.get("covariance_known", True),
         prior=prior_from_json(content.get("prior")),
         reference=errors_from_json(content.get("reference")),
+        iron_declared=content.get("iron_declared", False),
     )
 
 
@@ -189,7 +192,11 @@ def prior_from_json(content: Mapping[str, Any] | None) -> CoefficientPrior | Non
     return None if content is None else CoefficientPrior(np.array(content["mean"]), np.array(content["precision"]))
 
 
-SEMICIRCULAR = (1, 2)  # B and C
+# Standard deviation of hard and of induced iron, nT, and where a steel sphere is declared. Accessories near a current
+# meter make 7.4 to 14.8 degrees at Brest, 2700 to 5400 nT (Le Menn et al. 2023, section 4).
+IRON_NT, SPHERE_NT = 2500.0, 4000.0
+UNBOUNDED = 10.0  # prior standard deviation of A, D and E, which calibrations determine
+MIN_UNKNOWN = 0.01  # uncertainty of B and C by a transfer that is told, 0.6 degrees
 MIN_DIP_CHANGE = 0.2  # relative change of Z/H between two places that separates hard and induced iron
 MIN_HORIZONTAL_NT = 5000.0  # horizontal field below which no correction is reliable (Le Menn et al. 2023)
 
@@ -218,48 +225,67 @@ class FieldAtPlace:
 
 
 @dataclass(frozen=True)
+class PlacedCoefficients:
+    """Coefficients of the exact compass and the field where they were determined."""
+
+    coefficients: Floats  # (5,) A..E, dimensionless
+    covariance: Floats  # (5, 5)
+    field: FieldAtPlace
+
+
+@dataclass(frozen=True)
 class TransferredCoefficients:
     """Coefficients transferred to another place, with their uncertainty."""
 
     coefficients: Floats  # (5,) A..E of the exact compass, dimensionless
-    covariance: Floats  # (5, 5) includes the ambiguity between hard and induced iron
-    if_all_hard: Floats  # (5,) coefficients if B and C are due to hard iron only
-    if_all_induced: Floats  # (5,) coefficients if B and C are due to the vertical field only
-    warning: str  # a sentence if the two differ or the field is too weak, else empty
+    covariance: Floats  # (5, 5) includes that hard and induced iron are unknown
+    each: Floats  # (n, 5) coefficients there that each calibration tells, which differ if the compass changed
+    warning: str  # a sentence if the iron is unknown or the field too weak, else empty
+
+
+def iron_design(place: FieldAtPlace) -> Floats:
+    """Build the derivative of A..E by A, P, Q, c, f, D, E at one place, (5, 7): nT for P, Q, all over lambda."""
+    rows = np.zeros((5, 7))
+    rows[0, 0] = rows[3, 5] = rows[4, 6] = 1.0
+    rows[1, [1, 3]] = rows[2, [2, 4]] = np.array([1.0, place.vertical_nT]) / place.horizontal_nT
+    return rows
 
 
 def transfer_coefficients(
-    coefficients: ArrayLike, covariance: ArrayLike, home: FieldAtPlace, away: FieldAtPlace
+    calibrations: Sequence[PlacedCoefficients], away: FieldAtPlace, iron_nT: float = IRON_NT
 ) -> TransferredCoefficients:
-    """Transfer coefficients calibrated at one place to another.
+    """Transfer coefficients calibrated at one or more places to another.
 
-    The share of hard iron in B and C is unknown: the result is the mean of the two extremes, with an uncertainty
-    uniformly distributed between them.
-
-    Args:
-        coefficients: A..E of the exact compass at home, dimensionless, (5,).
+    P and cZ are unknown, of any sign, and nearly cancel in some compasses: at the place of the first calibration each
+    has an independent normal prior, whose standard deviation is ``iron_nT`` or, if larger, the calibrated B H; likewise
+    Q and fZ. They are conditioned on the calibrations: one determines P + cZ, a second one at another dip both. The
+    error of A counts as common, and a change of the compass from the first to the last as uniformly distributed.
     """
-    given, semicircular = np.asarray(coefficients, dtype=float), np.isin(np.arange(5), SEMICIRCULAR)
-    by_strength = home.horizontal_nT / away.horizontal_nT
-    as_hard, as_induced = by_strength, by_strength * away.vertical_nT / home.vertical_nT
-    all_hard, all_induced = (np.where(semicircular, given * ratio, given) for ratio in (as_hard, as_induced))
-    scale = np.where(semicircular, 0.5 * as_hard + 0.5 * as_induced, 1.0)
-    spread = np.abs(all_hard - all_induced) / np.sqrt(12.0)
-    carried = np.asarray(covariance, dtype=float) * np.outer(scale, scale) + np.outer(spread, spread)
-    return TransferredCoefficients(
-        given * scale, carried, all_hard, all_induced, _transfer_warning(all_hard, all_induced, away)
-    )
+    n, first = len(calibrations), calibrations[0].field
+    observed = np.array([each.coefficients for each in calibrations])
+    level = np.array([each.field.horizontal_nT for each in calibrations])[:, None]
+    iron = np.maximum(np.abs(level * observed[:, 1:3]).max(axis=0), iron_nT)
+    # Near the magnetic equator cZ says nothing of c, which the horizontal field bounds there.
+    induced = iron / max(abs(first.vertical_nT), first.horizontal_nT)
+    prior = np.diag([UNBOUNDED, *iron, *induced, UNBOUNDED, UNBOUNDED]) ** 2
+    noise, scale = np.mean([each.covariance for each in calibrations], axis=0), np.sqrt([n, 1.0, 1.0, 1.0, 1.0])
+    errors = np.kron(np.eye(n), np.outer(scale, scale) * noise)
+    design, there = np.concatenate([iron_design(each.field) for each in calibrations]), iron_design(away)
+    gain = np.linalg.solve(design @ prior @ design.T + errors, design @ prior).T
+    found = gain @ observed.ravel()
+    residual = observed - (design @ found).reshape(n, 5)
+    residual[:, 1:3] *= level / away.horizontal_nT
+    covariance = there @ (prior - gain @ design @ prior) @ there.T
+    change = residual[-1] - residual[0]
+    covariance = (covariance + covariance.T) / 2.0 + np.outer(change, change) / 12.0
+    warning = _transfer_warning(covariance, noise * np.mean(level / away.horizontal_nT) ** 2, away)
+    return TransferredCoefficients(there @ found, covariance, there @ found + residual, warning)
 
 
 def separate_iron(
     here: ArrayLike, there: ArrayLike, field: FieldAtPlace, field_there: FieldAtPlace
 ) -> dict[str, dict[str, float]] | None:
-    """Separate hard from vertically induced iron by coefficients at two dips; None if the dips are too similar.
-
-    B H = (P + c Z) / lambda and C H = (Q + f Z) / lambda: two places determine both terms.
-
-    Args:
-        here: A to E of the exact compass at the first place, dimensionless, (5,); ``there`` at the other place.
+    """Separate hard from vertically induced iron by A to E, (5,), at two dips; None if the dips are too similar.
 
     Returns:
         For B and C: hard_nT and induced_nT at the first place, both over lambda.
@@ -267,27 +293,24 @@ def separate_iron(
     ratios = [each.vertical_nT / each.horizontal_nT for each in (field, field_there)]
     if abs(ratios[0] - ratios[1]) < MIN_DIP_CHANGE * max(map(abs, ratios)):
         return None
-    pulls = [
-        np.asarray(each, dtype=float)[1:3] * place.horizontal_nT
-        for each, place in ((here, field), (there, field_there))
-    ]
-    induced = (pulls[0] - pulls[1]) / (field.vertical_nT - field_there.vertical_nT) * field.vertical_nT
+    design = np.concatenate([iron_design(place)[1:3, 1:5] for place in (field, field_there)])
+    iron = np.linalg.solve(design, np.concatenate([np.asarray(each, dtype=float)[1:3] for each in (here, there)]))
+    induced = iron[2:] * field.vertical_nT
     return {
-        letter: {"hard_nT": float(pull - part), "induced_nT": float(part)}
-        for letter, pull, part in zip("BC", pulls[0], induced, strict=True)
+        letter: {"hard_nT": float(hard), "induced_nT": float(part)}
+        for letter, hard, part in zip("BC", iron[:2], induced, strict=True)
     }
 
 
-def _transfer_warning(all_hard: Floats, all_induced: Floats, away: FieldAtPlace) -> str:
+def _transfer_warning(covariance: Floats, noise: Floats, away: FieldAtPlace) -> str:
     if weak := weak_field_warnings(away.horizontal_nT):
         return weak[0]
-    apart = float(np.hypot(*(all_hard - all_induced)[list(SEMICIRCULAR)]))
-    if apart < 0.01:
+    there, here = (np.sqrt(np.diag(each)[1:3]) for each in (covariance, noise))
+    if np.all(there < here + MIN_UNKNOWN):
         return ""
     return (
-        f"B and C may be {np.round(all_hard[[1, 2]], 3).tolist()} (all hard iron) or "
-        f"{np.round(all_induced[[1, 2]], 3).tolist()} (all induced by the vertical field); a second calibration at "
-        "another dip would tell"
+        f"B and C are known to {there[0]:.3f} and {there[1]:.3f} here (1σ), as the shares of hard iron and of iron "
+        "induced by the vertical field are unknown; a second calibration at another dip would tell"
     )
 
 

@@ -30,8 +30,8 @@ def average_with_none(fit: DeviationFit) -> tuple[DeviationFit, float | None]:
     """Average a fitted exact compass with one that has no deviation, and compute the probability of the latter.
 
     The covariance is that of the average, including the spread between the hypotheses. Well-determined coefficients
-    hardly change. A two-valued compass, which cannot be free of iron, a fixed compass and one with a prior from other
-    records are not averaged; their probability is None.
+    hardly change. Where iron is declared, no deviation is no hypothesis. A two-valued compass, which cannot be free of
+    iron, a fixed compass and one with a prior from other records are not averaged; their probability is None.
     """
     if fit.method != "exact" or not fit.fitted or fit.folded or fit.fixed or fit.prior is not None:
         return fit, None
@@ -42,13 +42,14 @@ def average_with_none(fit: DeviationFit) -> tuple[DeviationFit, float | None]:
         for iron, align in product(IRON_SCALES, ALIGNMENT_SCALES)
     ]
     prior = np.array([np.diag(scale**2) for scale in (np.zeros(size), *deviated)])
-    chance = np.append(NO_DEVIATION_PRIOR, np.full(len(deviated), (1.0 - NO_DEVIATION_PRIOR) / len(deviated)))
+    none = 0.0 if fit.iron_declared else NO_DEVIATION_PRIOR
+    chance = np.append(none, np.full(len(deviated), (1.0 - none) / len(deviated)))
     constant, iron = _reference_covariance(fit, size)
     gain = prior @ np.linalg.inv(fit.covariance + iron + prior)
     total = fit.covariance + iron + constant + prior
     misfit = np.einsum("i,kij,j->k", estimate, np.linalg.inv(total), estimate)
-    log_weight = np.log(chance) - TEMPERATURE * 0.5 * (np.linalg.slogdet(total).logabsdet + misfit)
-    weight = np.exp(log_weight - log_weight.max())
+    log_likelihood = -TEMPERATURE * 0.5 * (np.linalg.slogdet(total).logabsdet + misfit)
+    weight = chance * np.exp(log_likelihood - log_likelihood.max())
     weight /= weight.sum()
     means = gain @ estimate
     mean = weight @ means

@@ -319,7 +319,7 @@ def product_of_diagnosis(fit: DeviationFit, diagnosis: Diagnosis) -> Product:
     sizes = [finding.rms_effect_deg for finding in uncorrected if finding.of_compass]
     sizes += [] if diagnosis.unexplained is None else [diagnosis.unexplained.rms_effect_deg]
     left_deg = float(np.hypot.reduce(sizes)) if sizes else 0.0
-    fit, no_deviation = diagnosis.fit or fit, None
+    fit, no_deviation = replace(diagnosis.fit or fit, iron_declared=fit.iron_declared), None
     if all(member.compass is None for member in diagnosis.applied):
         fit, no_deviation = average_with_none(fit)
     if diagnosis.fit is None:

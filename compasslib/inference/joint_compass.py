@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles
-from compasslib.deviation.model import LETTERS, CoefficientPrior
+from compasslib.deviation.model import LETTERS, CoefficientPrior, FieldAtPlace, iron_design
 from compasslib.effects import Effect, all_effects
 from compasslib.inference.design import Products
 from compasslib.types import Floats
@@ -360,11 +360,7 @@ def _weights(members: Sequence[Member]) -> Floats:
 
 def _design(member: Member) -> Floats:
     """Build the derivative of B, C, D, E by IRON_NAMES at one place, (4, 6)."""
-    level, dip = 1.0 / member.horizontal_nT, member.vertical_nT / member.horizontal_nT
-    rows = np.zeros((4, 6))
-    rows[0, [0, 2]] = rows[1, [1, 3]] = level, dip
-    rows[2, 4] = rows[3, 5] = 1.0
-    return rows
+    return iron_design(FieldAtPlace(member.horizontal_nT, member.vertical_nT))[1:, 1:]
 
 
 def _between(members: Sequence[Member], sizes: tuple[float, float]) -> Floats:

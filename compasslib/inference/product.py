@@ -145,17 +145,11 @@ class Product:
     doubts: tuple[Doubt, ...] = ()  # stretches whose headings are flagged doubtful
     no_deviation: float | None = None  # probability of no deviation, averaged into the fit
 
-    @property
-    def searched(self) -> bool:
-        """Whether it differs from the configured fit."""
-        return bool(self.effects or self.accounted or self.applied or self.no_deviation is not None)
-
     def to_json(self) -> dict[str, Any]:
         return {
             "method": self.fit.method,
             "effects": list(self.effects),
             "accounted_for": list(self.accounted),
-            "fit": self.fit.to_json() if self.searched else None,
             "compasses": [member.to_json() for member in self.applied],
             "weights": [{"effect": member.effect, "weight": member.weight} for member in self.applied],
             "dropped_probability": max(1.0 - sum(member.weight for member in self.applied), 0.0)
@@ -171,18 +165,21 @@ def from_json(content: Mapping[str, Any]) -> Product:
     """Read the product from a deviation.json."""
 
     block = content["applied"]
-    left_deg, stretches = block["uncorrected_deg"], doubts_from_json(block.get("doubts", ()))
-    no_deviation = block.get("no_deviation_probability")
-    if block["fit"] is None:
-        return Product(fit_from_json(content), left_deg=left_deg, doubts=stretches)
     applied = tuple(
         WeightedCompass(
             entry["weight"], entry["effect"], None if entry["compass"] is None else _compass_from_json(entry["compass"])
         )
         for entry in block["compasses"]
     )
-    fit, effects, accounted = fit_from_json(block["fit"]), tuple(block["effects"]), tuple(block["accounted_for"])
-    return Product(fit, effects, applied, accounted, left_deg, stretches, no_deviation)
+    return Product(
+        fit=fit_from_json(content),
+        effects=tuple(block["effects"]),
+        applied=applied,
+        accounted=tuple(block["accounted_for"]),
+        left_deg=block["uncorrected_deg"],
+        doubts=doubts_from_json(block["doubts"]),
+        no_deviation=block["no_deviation_probability"],
+    )
 
 
 def equivalent_pairs(product: Product, pairs: Pairs, record: Record, field: EarthField, series: Series) -> Pairs:

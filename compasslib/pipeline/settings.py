@@ -227,6 +227,11 @@ class Moorings:
         mooring = self._mooring(wildcards)
         return [mooring.instruments[name].kind == "rotor" for name in mooring.reference]
 
+    def sphere(self, wildcards: Any) -> bool:
+        """Return whether iron near the affected instrument is declared."""
+        mooring = self._mooring(wildcards)
+        return mooring.instruments[mooring.compromised].sphere is not None or bool(self.sphere_distance_m(wildcards))
+
     def sphere_distance_m(self, wildcards: Any) -> tuple[float, float] | None:
         mooring = self._mooring(wildcards)
         return mooring.instruments[mooring.compromised].sphere_distance_m
@@ -410,7 +415,8 @@ class Compasses:
         moorings, given = self.members[wildcards.compass]
         moored = {name: self.cruise.moorings[name] for name in moorings}
         stated = {name: mooring.instruments[mooring.compromised].sphere for name, mooring in moored.items()}
-        return stated | {name: self.cruise.calibrations[name].sphere for name in given}
+        stated |= {name: self.cruise.calibrations[name].sphere for name in given}
+        return {name: sphere if isinstance(sphere, str) else None for name, sphere in stated.items()}
 
     def figures(self, wildcards: Any) -> list[str]:
         return list_figures(self.cruise, f"results/compasses/{wildcards.compass}", ("coefficients", "curve"))

@@ -95,13 +95,13 @@ def of_moorings(plan: Any) -> dict[str, Stage]:
             *("fit", "fit.fit"),
             reads={"record": of.compromised, "pairs": pairs, "field": field_},
             writes={"fit": fit},
-            settings={"method": of.method, "tilt": of.tilt, "given": of.given_compass},
+            settings={"method": of.method, "tilt": of.tilt, "given": of.given_compass, "sphere": of.sphere},
         ),
         "carry": stage(
             *("carry", "fit.carry", "fit"),
             reads={"calibrations": of.calibrations, "record": of.compromised, "pairs": pairs, "field": field_},
             writes={"fit": fit},
-            settings={"parts": of.parts},
+            settings={"parts": of.parts, "sphere": of.sphere},
         ),
         "diagnose": stage(*("diagnose", "diagnose.diagnose"), reads=judging, writes=judged, settings=options),
         "diagnose_alone": stage(

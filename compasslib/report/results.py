@@ -135,17 +135,11 @@ class MooringResults:
     inputs: Mapping[str, Mapping[str, int]]  # counts of the samples of each instrument, by kind
 
     @property
-    def product(self) -> Mapping[str, Any]:
-        """The fit used for the product and shown in the figures."""
-        fit: Mapping[str, Any] = self.fit["applied"]["fit"] or self.fit
-        return fit
-
-    @property
     def other_compass(self) -> bool:
         """Whether the product uses a compass other than that of the configured fit."""
         applied = self.fit["applied"]
-        changed = applied["effects"] or applied["accounted_for"] or applied["method"] != self.fit["method"]
-        return bool(applied["fit"] and changed)
+        changed = self.fit["method"] != self.fit["fitted"]["method"]
+        return bool(applied["effects"] or applied["accounted_for"] or changed)
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -152,7 +152,7 @@ def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any]
     folders = [results.folder, *([results.folder.parent] if "/" in results.name else [])]  # also of the whole mooring
     collected = [collect_figures(folder, root, caption, small=small) for folder in folders]
     pictures = {name: figure for figures in collected for name, figure in figures.items()}
-    if not (results.fit["n_pairs"] or results.product["coefficients"]):
+    if not (results.fit["n_pairs"] or results.fit["coefficients"]):
         pictures = {name: entry for name, entry in pictures.items() if name not in OF_PAIRS}
     findings = report_findings(results.diagnosis, product=True)
     counts = dict.fromkeys(name for of_role in results.inputs.values() for name in of_role)

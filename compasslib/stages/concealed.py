@@ -39,7 +39,7 @@ def read_headings(folder: Path) -> dict[str, Floats]:
     """Read the headings of a mooring's results: as recorded, by the fitted coefficients alone, and as corrected."""
     product = netcdf.read_corrected(folder / "corrected.nc", velocities=False)
     near = combine_references(netcdf.read_pairs(folder / "overlap.nc"))
-    fit = fit_from_json(read_json(folder / "deviation.json"))
+    fit = fit_from_json(read_json(folder / "deviation.json")["fitted"])
     alone = correct_headings(record_readings(product.record), fit, near, None).heading_deg
     return {
         "time_s": product.record.time_s,

@@ -74,7 +74,7 @@ def diagnose(
     made = _search(
         near, along, configured, fitted, record, references, observatory, wide, {**options, "share": bool(summary)}
     )
-    _write(made, configured, None, sphere_distance_m, (diagnosis, deviation, assessment))
+    _write(made, configured, record, None, sphere_distance_m, (diagnosis, deviation, assessment))
     if summary:
         information = made.diagnosis.information or joint_effects.fit_information(fitted)
         place = float(np.mean(along.horizontal_nT)), float(np.mean(along.vertical_nT))
@@ -86,15 +86,26 @@ def diagnose(
 def _write(
     made: Conclusion,
     configured: Mapping[str, Any],
+    record: str,
     shared: Mapping[str, Any] | None,
     sphere_distance_m: tuple[float, float] | None,
     files: tuple[str, str, str],
 ) -> None:
-    """Write diagnosis, fit with the effects applied and the distances of the iron, and assessment."""
+    """Write diagnosis, the compass that corrects, the configured fit and the distances of the iron, and assessment."""
     diagnosis, deviation, assessment = files
-    distances = {"safe_distance": estimate_safe_distance(made.product.fit, sphere_distance_m)}
+    upper, product = netcdf.read_record(record, velocities=False), made.product
+    corrected, fitted = (deviation_json(fit, upper) for fit in (product.fit, fit_from_json(configured)))
+    content = {name: value for name, value in configured.items() if name not in fitted}  # the origin of a calibration
+    content |= corrected | {
+        "warnings": tuple(dict.fromkeys([*fitted["warnings"], *corrected["warnings"]])),
+        "averaged": any(member.compass for member in product.applied),
+        "fitted": fitted,
+        "applied": product.to_json(),
+        "shared": shared,
+        "safe_distance": estimate_safe_distance(product.fit, sphere_distance_m),
+    }
     write_json(diagnosis, made.diagnosis.to_json())
-    write_json(deviation, {**configured, "applied": made.product.to_json(), "shared": shared, **distances})
+    write_json(deviation, content)
     write_json(assessment, made.assessment)
 
 
@@ -207,7 +218,7 @@ def share(
     evidence = record, references, observatory, wide
     made = _search(near, along, configured, fitted, *evidence, options, siblings.effects, with_effects)
     text = describe_siblings(siblings, before, fitted)
-    _write(made, configured, siblings.block(text), sphere_distance_m, files)
+    _write(made, configured, record, siblings.block(text), sphere_distance_m, files)
     agreement = describe_assessment(mooring, made.assessment)
     say(f"{mooring}: {text}\n{made.diagnosis.log_line(mooring)}\n{agreement}")
 

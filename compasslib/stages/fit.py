@@ -11,7 +11,7 @@ from compasslib.archive import netcdf
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import at_mooring
 from compasslib.deviation import describe_fit, deviation_json, fit_deviation
-from compasslib.deviation.model import weak_field_warnings
+from compasslib.deviation.model import IRON_NT, SPHERE_NT, weak_field_warnings
 from compasslib.preparation.references import combine_references
 
 
@@ -25,6 +25,7 @@ def fit(
     method: str,
     tilt: bool,
     given: Mapping[str, Any] | None,
+    sphere: bool,
     say: Callable[[str], None],
 ) -> None:
     """Write the fitted compass, or the one given in the YAML file.
@@ -32,6 +33,7 @@ def fit(
     Args:
         tilt: whether pitch and roll enter the model.
         given: arguments of ``at_mooring.compass_from_coefficients``, None where the compass is fitted.
+        sphere: whether iron near the compass is declared.
     """
     upper, near = netcdf.read_record(record, velocities=False), combine_references(netcdf.read_pairs(pairs))
     there = earthfield.field_from_json(read_json(field))
@@ -41,7 +43,7 @@ def fit(
     else:
         made = at_mooring.compass_from_coefficients(**given, record=upper, pairs=near)
         origin = {"calibration": {"name": "of the mooring's file", "kind": method}}
-    made = replace(made, warnings=(*made.warnings, *weak))
+    made = replace(made, warnings=(*made.warnings, *weak), iron_declared=sphere)
     write_json(fit, deviation_json(made, upper) | origin)
     say(describe_fit(mooring, made))
 
@@ -54,6 +56,7 @@ def carry(
     pairs: str,
     field: str,
     parts: Sequence[str],
+    sphere: bool,
     fit: str,
     say: Callable[[str], None],
 ) -> None:
@@ -63,10 +66,12 @@ def carry(
         calibrations: calibration.json of one calibration, or of those before and after the deployment.
         pairs: file of pairs, used for comparison only: nothing is fitted to them.
         parts: parts mounted near the mooring's compass.
+        sphere: whether iron near it is declared.
     """
     upper, there = netcdf.read_record(record), earthfield.field_from_json(read_json(field))
     elsewhere = [read_json(path) for path in calibrations]
     near = combine_references(netcdf.read_pairs(pairs))
-    carried = at_mooring.carry_to_mooring(elsewhere, there, upper, near, parts=parts)
-    write_json(fit, deviation_json(carried, upper) | at_mooring.origin(elsewhere, there))
+    iron_nT = SPHERE_NT if sphere else IRON_NT
+    carried = at_mooring.carry_to_mooring(elsewhere, there, upper, near, parts=parts, iron_nT=iron_nT)
+    write_json(fit, deviation_json(carried, upper) | at_mooring.origin(elsewhere, there, iron_nT))
     say(describe_fit(mooring, carried))
