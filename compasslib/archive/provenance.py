@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # the Snakefile imports this module and should not import num
 PACKAGE: Path = Path(__file__).resolve().parents[1]
 PROJECT: Path = PACKAGE.parent
 CHECKOUT = (PROJECT / "workflow/Snakefile").is_file()
-WORKFLOW: Path = PROJECT / "workflow" if CHECKOUT else PACKAGE / "workflow"  # in a wheel it also has changelog and lock
+WORKFLOW: Path = PROJECT / "workflow" if CHECKOUT else PACKAGE / "workflow"  # in a wheel it also has lock and glossary
 RELEASE_FILES: Path = PROJECT if CHECKOUT else WORKFLOW
 TIMES = ("start_s", "end_s", "exclude")  # settings of a job that are in seconds since 1970
 _IMPORT = re.compile(r"^ *(?:from (compasslib\S*) import (\([^)]*\)|.*)|import (compasslib[\w.]*))", re.MULTILINE)
