@@ -226,7 +226,9 @@ def _dated(seconds: Any) -> Any:
     """Convert seconds since 1970, or nested lists of them, to ISO 8601."""
     if isinstance(seconds, list):
         return [_dated(each) for each in seconds]
-    return seconds and datetime.fromtimestamp(seconds, UTC).isoformat().replace("+00:00", "Z")
+    if not isinstance(seconds, float):  # dates and windows of a YAML file are texts and mappings
+        return seconds
+    return datetime.fromtimestamp(seconds, UTC).isoformat().replace("+00:00", "Z")
 
 
 def _short(value: Any, longest: int = 60) -> str:
