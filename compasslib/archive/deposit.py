@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 import zipfile
-import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -25,6 +24,7 @@ from compasslib.archive.files import atomic_write
 from compasslib.archive.verification import read_manifest
 from compasslib.config.cruise import LARGEST_BYTES, Cruise, parse, read
 from compasslib.errors import InputError
+from compasslib.readers.files import DAMAGE_ERRORS
 
 METADATA, README, DATACITE = "ro-crate-metadata.json", "README.md", "datacite.json"
 WORKFLOW_FILE, RUN = "workflow/Snakefile", "#run"
@@ -64,11 +64,6 @@ The unpacked folder is compared with its manifest by `compass verify FOLDER`.
 VON_APPEN = "10.1175/JTECH-D-14-00043.1"  # DOI of the method
 BLOCK_BYTES = 1 << 20  # bytes copied at a time
 LARGEST_JSON = 1 << 24  # bytes; the manifest of the demonstration cruise, of 11 moorings, has 0.25 MB
-# What the content of a damaged or foreign ZIP raises.
-UNSOUND = (
-    *(OSError, RuntimeError, LookupError, TypeError, AttributeError, ValueError, ArithmeticError, EOFError),
-    *(zipfile.BadZipFile, zlib.error),
-)
 
 
 def deposit(cruise: Cruise, to: str | Path) -> int:
@@ -161,7 +156,7 @@ def open_deposit(file: str | Path, advice: str) -> Iterator[zipfile.ZipFile]:
             if {entry.compress_type for entry in packed.infolist()} - {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
                 raise ValueError("files packed by another method than deflate")
             yield packed
-    except UNSOUND as error:
+    except (*DAMAGE_ERRORS, zipfile.BadZipFile) as error:
         expected, found = "the ZIP of compass export --to rocrate", f"{type(error).__name__}: {error}"
         raise InputError(str(file), expected=expected, found=found, advice=advice) from error
 

@@ -22,6 +22,11 @@ MEGABYTE = 1 << 20
 LARGEST_TEXT = 256 * MEGABYTE  # of one file, decompressed; parsing takes some 19 times as much memory
 LARGEST_ARRAYS, LARGEST_GROWTH = 1024 * MEGABYTE, 16  # bytes, and multiple of the file size; recordings need less
 LONGEST_LINE = 2**20  # bytes; a table of 10,000 columns has fewer
+# What libraries raise on the content of a damaged or foreign file; UnicodeDecodeError is a ValueError.
+DAMAGE_ERRORS = (
+    *(OSError, RuntimeError, LookupError, TypeError, AttributeError, ValueError, ArithmeticError, EOFError),
+    zlib.error,
+)
 GZIP_MAGIC = b"\x1f\x8b"
 UTF16_SAMPLE = 4096  # bytes from which UTF-16 without a byte order mark is detected
 _TEXT = bytes([*range(9, 14), *range(32, 127)])
