@@ -233,6 +233,10 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
         "the same to the last",
     ),
     "a frozen compass": (profiles(1, 18, struct.pack("<H", 12000)), "120.00 degrees all the time"),
+    "a heading set by hand": (
+        recording(lambda i, each: rewritten(rewritten(each, 1, 18, struct.pack("<H", 12000)), 0, 30, b"\x6d")),
+        "The heading of 120 degrees was set by hand (EH), as EZ takes none from the compass: it cannot be corrected",
+    ),
     "frozen tilts": (lambda folder: None, "the tilt sensor is stuck"),
     "a meter that shows one velocity": (table(lambda i, row: [*row[:2], "5.0", "5.0"]), "the same to the last digit"),
     "a meter of one component": (table(lambda i, row: [*row[:3], "0.0"]), "the same to the last digit"),

@@ -43,8 +43,8 @@ LAST_YEAR = 2079  # two-digit years are unique from FIRST_YEAR to here; other da
 MISSING_COUNT = -32768
 _FIXED = block_type(
     system=(4, "<u2"), beams=(8, "u1"), cells=(9, "u1"), pings=(10, "<u2"), cell_cm=(12, "<u2"), blank_cm=(14, "<u2"),
-    between_pings=(22, "3u1"), ex=(25, "u1"), ea=(26, "<i2"), eb=(28, "<i2"), sensors=(31, "u1"), bin1_cm=(32, "<u2"),
-    board=(42, "<i8"), serial=(54, "<u4"), beam_angle=(58, "u1"),
+    between_pings=(22, "3u1"), ex=(25, "u1"), ea=(26, "<i2"), eb=(28, "<i2"), ez=(30, "u1"), sensors=(31, "u1"),
+    bin1_cm=(32, "<u2"), board=(42, "<i8"), serial=(54, "<u4"), beam_angle=(58, "u1"),
 )  # fmt: skip
 _VARIABLE = block_type(
     number=(2, "<u2"), clock=(4, "7u1"), number_high=(11, "u1"), depth_dm=(16, "<u2"), heading=(18, "<u2"),
@@ -98,6 +98,7 @@ class Ensembles:
     frequency_khz: Floats  # (n,) NaN where unknown
     heading_alignment_deg: Floats  # (n,) EA
     heading_bias_deg: Floats  # (n,) EB
+    heading_measured: Bools  # (n,) whether the heading is the sensor's (EZ), not the one set by hand (EH)
     average_s: Floats  # (n,) averaging time of an ensemble: number of pings times the time between them
 
     def __len__(self) -> int:
@@ -306,6 +307,7 @@ def _decode_fixed(rows: Bytes, layout: Layout) -> dict[str, Any]:
         "frequency_khz": _FREQUENCIES_KHZ[system & 7],
         "heading_alignment_deg": leader["ea"] / 100.0,
         "heading_bias_deg": leader["eb"] / 100.0,
+        "heading_measured": (leader["ez"] & 0x10) > 0,
         "average_s": leader["pings"] * (leader["between_pings"] @ [60.0, 1.0, 0.01]),
     }
 
