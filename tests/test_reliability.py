@@ -28,6 +28,7 @@ from snakemake.iocontainers import Namedlist
 from compasslib import angles
 from compasslib.archive.files import HALF_WRITTEN
 from compasslib.config.cruise import load_cruise
+from compasslib.errors import InputError
 from compasslib.pipeline.job import job
 
 HOURS = 400
@@ -324,6 +325,9 @@ def test_links_out_of_the_cruise_are_allowed_and_loops_end(sound, tmp_path):
     (folder / TOP).symlink_to(outside)
     for name in ("a", "b"):
         (folder / "raw" / name).symlink_to(folder / "raw")
+    said(top__files="raw/**/**/*.000")(twice := Path(shutil.copytree(folder, tmp_path / "twice", symlinks=True)))
+    with pytest.raises(InputError, match=r"files: expected a glob with \*\* once at most"):
+        load_cruise(twice)
     begun = time.process_time()
     assert load_cruise(folder).moorings["M1"].instruments["top"].files == (str(TOP),)
     assert time.process_time() - begun < 5.0
