@@ -10,6 +10,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tracemalloc
 import zipfile
 from contextlib import redirect_stderr, redirect_stdout
 from datetime import UTC, datetime
@@ -21,6 +22,7 @@ from urllib.parse import unquote
 import netCDF4
 import pytest
 import slurm
+import yaml
 from bench import readings, write_calibration
 from launch import PROJECT, change, command, copied_project, environment, hashes, snakemake
 from sea import cruise
@@ -108,19 +110,29 @@ def test_diff_lists_changes_since_the_deposit(unpacked, archive, capsys):
     whole = Path(deposited).read_bytes()
     (archive / "cut.zip").write_bytes(whole[:at] + b"junk" + whole[at + 4 :])
     assert main(["diff", str(archive / "cut.zip"), str(archive)]) == 1
-    assert "cut.zip: expected a whole ZIP file" in capsys.readouterr().err
+    with zipfile.ZipFile(archive / "vast.zip", "w", zipfile.ZIP_DEFLATED) as packed:
+        packed.writestr("results/M1/deviation.json", " " * VAST)
+    os.mkfifo(archive / "pipe.zip")
+    assert "cut.zip: expected the ZIP of compass export --to rocrate" in capsys.readouterr().err
+    for name, expected in (("vast.zip", f"deviation.json of {VAST} bytes"), ("pipe.zip", "a folder with results")):
+        assert main(["diff", str(archive / name), str(archive)]) == 1
+        assert f"{name}: expected" in (line := capsys.readouterr().err) and expected in line and line.count("\n") == 1
 
 
 def test_product_states_changes_since_the_superseded_deposit(unpacked, archive):
     """In history and product_version of each product; a file that is no deposit is refused before processing."""
     shutil.copy(unpacked.parent / "c.zip", archive / "v1.zip")
-    change(archive / "config/moorings/M1.yaml", water_depth=890)
+    instruments = yaml.safe_load((archive / "config/moorings/M1.yaml").read_text())["instruments"]
+    instruments["top"]["exclude"] = [{"from": "2007-09-05", "to": "2007-09-06"}]
+    change(archive / "config/moorings/M1.yaml", water_depth=890, instruments=instruments)
     with open(archive / "raw/M1/deep.csv", "a") as stream:
         stream.write("\n")
     options = (archive / "config/config.yaml").read_text()
     (archive / "config/config.yaml").write_text(f"{options}supersedes: v1.zip\n")
     made = process_mooring(archive, "M1", archive / "again")
-    changes = "since v1.zip: water_depth was 894, is 890; raw/M1/deep.csv changed"
+    window = '[{"from": "2007-09-05", "to": "2007-09-06"}]'
+    changes = f"water_depth was 894, is 890; instruments.top.exclude was absent, is {window}"
+    changes = f"since v1.zip: {changes}; raw/M1/deep.csv changed"
     for name in ("corrected.nc", "gridded.nc"):
         with netCDF4.Dataset(made / name) as nc:
             assert nc.product_version == f"{provenance.software()}; {changes}"
@@ -128,6 +140,42 @@ def test_product_states_changes_since_the_superseded_deposit(unpacked, archive):
     (archive / "v1.zip").write_bytes(b"none")
     with pytest.raises(InputError, match=r"v1\.zip: expected the ZIP of compass export --to rocrate"):
         plan.plan(config.load_cruise(archive))
+
+
+VAST, FEW = 128 << 20, 64 << 20  # bytes of content, and of memory: a manifest may have 16 MB, read in pieces
+DEPOSITED = {
+    crate.FILE: '{"@graph": [{"@type": "SoftwareApplication", "name": "compasslib", "softwareVersion": "1"}]}',
+    "config/config.yaml": "seed: 1\n",
+}
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        ({crate.FILE: " "}, "results/ro-crate-metadata.json of more than 16777216 bytes"),
+        ({crate.FILE: "[" * 100_000}, "RecursionError"),
+        ({crate.FILE: '{"@graph": [5]}'}, "TypeError"),
+        ({crate.FILE: '{"@graph": []}'}, "KeyError: 'compasslib'"),
+        ({"config/config.yaml": " "}, "config/config.yaml of more than 1000000 bytes"),
+        (
+            {"config/config.yaml": "a: &a [1]\nb: [*a, *a]\n"},
+            "config/config.yaml: line 1, column 4: .* anchors, found &a",
+        ),
+        ({"config/config.yaml": "[1]"}, "config/config.yaml: expected keys with values, found a list"),
+    ],
+)
+def test_deposit_of_odd_or_vast_content_is_refused_in_one_line(tmp_path, content, expected):
+    with zipfile.ZipFile(tmp_path / "v1.zip", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as packed:
+        for name, text in (DEPOSITED | content).items():
+            packed.writestr(name, text * VAST if text == " " else text)
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config/config.yaml").write_text("seed: 2\n")
+    tracemalloc.start()
+    with pytest.raises(InputError, match=f"v1.zip: .*{expected}"):
+        deposit.describe_superseded(tmp_path / "v1.zip", ["config/config.yaml"], tmp_path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < FEW
 
 
 def test_deposit_is_a_complete_workflow_run_crate(unpacked):

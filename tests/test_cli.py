@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import yaml
 from bench import MILD, readings, ring, write_table
-from launch import PROJECT, change, copied_project, environment, snakemake
+from launch import change, copied_project, environment, snakemake
 from sea import cruise
 
 import compasslib
@@ -27,7 +27,7 @@ from compasslib.archive import summary
 from compasslib.archive.files import write_json
 from compasslib.calibrations import result
 from compasslib.calibrations.platform import BenchReadings
-from compasslib.cli import _parser, diff, main, results
+from compasslib.cli import _parser, main, results
 from compasslib.pipeline import records
 
 DIAGNOSED = {
@@ -423,26 +423,9 @@ def versions_of(tmp_path_factory) -> Path:
     return folder
 
 
-CHANGES = f"""# Changes
-## 99.0.0
-* Not yet. *(headings)*
-## {compasslib.__version__}
-* The declination is that of the place,
-  not of the next. *(headings, verdict)*
-* Faster.
-* Swings. *(calibration:swing)*
-* Calibrations. *(calibration)*
-## 0.1.0
-* The first. *(headings, flags)*
-"""
-
-
-def test_diff_between_versions_states_sigmas_and_changelog_entries(versions_of, capsys, monkeypatch):
-    file = versions_of / "CHANGELOG.md"
-    file.write_text(CHANGES)
-    monkeypatch.setattr(diff, "CHANGELOG", file)
+def test_diff_between_versions_states_sigmas_and_software(versions_of, capsys):
     assert main(["diff", str(versions_of / "old"), str(versions_of / "new")]) == 0
-    table, why = capsys.readouterr().out.split("\n\n")
+    table, software = capsys.readouterr().out.split("\n\n")
     cells = dict(zip(*(re.split("  +", line) for line in table.splitlines()), strict=True))
     with (
         netCDF4.Dataset(versions_of / "old/M1/corrected.nc") as nc,
@@ -456,13 +439,8 @@ def test_diff_between_versions_states_sigmas_and_changelog_entries(versions_of, 
     assert told == pytest.approx(expected, rel=0.05)  # printed with two digits
     assert cells["flags"] == "same" and "UNCERTAINTY" in cells["also changed"]
     assert all(float(x) < 0.1 for x in re.findall(r"\(([\d.]+)σ\)", cells["coefficients"]))
-    assert why.splitlines()[:2] == [
-        f"OLD by {_software(versions_of / 'old/M1')}",
-        f"NEW by {_software(versions_of / 'new/M1')}",
-    ]
-    reason, *entries = why.splitlines()[2:]
-    assert reason.startswith("coefficients, headings and uncertainty changed; where YAML and raw files are the same,")
-    assert entries == [f"  {compasslib.__version__}: The declination is that of the place, not of the next."]
+    old, new = (_software(versions_of / side / "M1") for side in ("old", "new"))
+    assert software == f"OLD by {old}\nNEW by {new}\n"
 
 
 def test_diff_lists_changed_settings_and_raw_files(tmp_path):
@@ -488,41 +466,6 @@ def test_diff_lists_changed_settings_and_raw_files(tmp_path):
 def _software(folder: Path) -> str:
     with netCDF4.Dataset(folder / "corrected.nc") as nc:
         return nc.software_version
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "changed", "entries"),
-    [
-        ("0.1.0 (a)", f"{compasslib.__version__} (b)", {"calibration:swing"}, ["Swings.", "Calibrations."]),
-        (f"{compasslib.__version__} (b)", "0.1.0 (a)", {"calibration:platform"}, ["Calibrations."]),
-        ("0.1.0 (a)", "0.1.0 (b)", {"flags"}, ["The first."]),
-        ("0.1.0 (a)", "99.0.0 (b)", {"headings"}, ["Not yet.", "The declination"]),
-        ("0.1.0 (a)", f"{compasslib.__version__} (b)", {"coefficients"}, []),
-    ],
-)
-def test_changelog_entries_are_selected_by_version_and_change(tmp_path, old, new, changed, entries):
-    (tmp_path / "CHANGELOG.md").write_text(CHANGES)
-    said = diff.changelog_reasons(f"compasslib {old}", f"compasslib {new}", changed, tmp_path / "CHANGELOG.md")
-    assert [line.split(": ", 1)[1] for line in said[3:]] == [
-        next(entry.text for entry in diff.parse_changelog(CHANGES) if entry.text.startswith(begin)) for begin in entries
-    ]
-    assert entries or "no entry of the changelog between them can change coefficients" in said[2]
-
-
-def test_missing_versions_and_changelog_are_reported(tmp_path):
-    assert diff.changelog_reasons("compasslib 0.2.0 (a)", "compasslib 0.2.0 (a)", {"headings"}) == []
-    assert "versions are not known" in diff.changelog_reasons("", "compasslib 0.2.0 (a)", {"headings"})[2]
-    sides = "compasslib 0.1.0 (a)", "compasslib 0.2.0 (a)"
-    absent = diff.changelog_reasons(*sides, {"headings"}, tmp_path / "none.md")
-    assert "this installation has no changelog" in absent[2]
-
-
-def test_changelog_is_parsed_and_begins_with_this_version():
-    found = diff.parse_changelog((PROJECT / "CHANGELOG.md").read_text())
-    assert found[0].version == compasslib.__version__ and len(found) > 40
-    kinds = {f"calibration:{kind}" for kind in calibrations.KINDS} | set(diff.KINDS_OF_CHANGE)
-    assert {change for entry in found for change in entry.changes} <= kinds
-    assert not any("*(" in entry.text for entry in found)
 
 
 def test_diff_counts_changed_flags(runs, copied, capsys):

@@ -389,6 +389,7 @@ BAD_LINES = [
     ("product: {grid: {minutes: often}}", "product.grid.minutes: expected auto, or minutes from 1 to 1440, found 'often'; write for example minutes: 60"),
     ("product: {grid: {from_m: 90, to_m: 80}}", "product.grid.to_m: expected metres below from_m, 90.0, found 80; correct one of the two"),
     ("product: {flags: [1, 4]}", "product.flags: expected a list of flags out of 1, 2 and 3, found a list; write for example flags: [1, 2]"),
+    ("product: {grid: {step_m: 0.000001}}", "product.grid.step_m: expected auto, or metres from 0.1 to 1000, found 1e-06; write for example step_m: 8"),
     ("latitude: 95.3", "latitude: expected a number from -90 to 90, found 95.3; check the sign and the order of latitude and longitude"),
     ("latitude: '65.3'", "latitude: expected a number from -90 to 90, found '65.3'; write 65.3 without quotes"),
     ("latitude: 65,3", "latitude: expected a number from -90 to 90, found '65,3'; write 65.3 with a point"),
@@ -482,6 +483,7 @@ BAD_LINES = [
     ("    exclude: {from: 2007-10-01, to: 2007-10-02}", "instruments.top.exclude: expected a list of windows, found a mapping; write for example exclude: [{from: 2007-10-01, to: 2007-10-02, why: fouled}]"),
     ("    exclude: [2007-10-01]", "instruments.top.exclude[0]: expected a mapping, found '2007-10-01'; write below it keys out of from, to, why"),
     ("    exclude: [{from: 2007-10-01}]", "instruments.top.exclude[0].to: expected a date or UTC time from 1980 to 2100, found nothing; add for example to: 2007-10-02T00:00:00Z"),
+    ("    exclude: [{from: 2009-01-01, to: 2009-01-02}]", "instruments.top.exclude[0]: expected a window within the deployment, 2007-09-04T00:00:00Z to 2008-10-04T00:00:00Z, found 2009-01-01T00:00:00Z to 2009-01-02T00:00:00Z; correct or delete it"),
     ("    exclude: [{from: 2007-10-02, to: 2007-10-01}]", "instruments.top.exclude[0].to: expected a time after from, 2007-10-02T00:00:00Z, found 2007-10-01T00:00:00Z; correct one of the two"),
     ("    direction_reference: grid", "instruments.deep.direction_reference: expected magnetic or true, found 'grid'; write for example direction_reference: magnetic"),
 ]  # fmt: skip
@@ -533,6 +535,8 @@ BAD_FILES = [
 
 BAD_OPTIONS = [
     ("demonstration: 1", "demonstration: expected true or false, found 1; write for example demonstration: false"),
+    ("figures: {formats: [[png]]}", "figures.formats: expected a list of png and pdf, found a list; write for example formats: [png, pdf]"),
+    ("supersedes: [a.zip, b.zip]", "supersedes: expected one ZIP, relative to the cruise folder, found a list; write for example supersedes: deposits/v1.zip"),
     ("seed: 1.5", "seed: expected a whole number from 0 to 4294967295, found 1.5; write for example seed: 2007"),
     ("overlap: {bins: 0}", "overlap.bins: expected a whole number from 1 to 255, found 0; write for example bins: 2"),
     ("overlap: {max_minuts: 20}", "overlap.max_minuts: expected a key out of max_minutes, max_metres, bins, predict, grid_minutes, grid_tolerance_minutes, found the unknown 'max_minuts'; write max_minutes"),

@@ -103,6 +103,7 @@ BAD = [
     ("kind: swing\nfile: raw/cal/aqd.csv\nvisual: [{compass_deg: 40}]\n", "visual[0].true_deg: expected degrees from 0 to 360, found nothing; add for example true_deg: 42"),
     ("kind: platfrom\nfile: raw/cal/aqd.csv\n", "kind: expected platform, tilt, swing, magnetometer, declination or two_heads, found 'platfrom'; write platform"),
     ("file: raw/cal/aqd.csv\n", "kind: expected platform, tilt, swing, magnetometer, declination or two_heads, found nothing; add for example kind: platform"),
+    ("kind: platform\nfile: raw/cal/aqd.csv\nspun: raw/cal/aqd.csv\n", "file: expected another file than spun and observatory, found 'raw/cal/aqd.csv'; correct one"),
     ("kind: platform\n", "file: expected a path, a list of paths or a glob, relative to the cruise folder, found nothing; add for example file: raw/cal/aqd.csv"),
     ("kind: platform\nfile: raw/cal/no.csv\n", "file: expected an existing file, found no file raw/cal/no.csv; put it there or correct the path, relative to the cruise folder"),
     (EXAMPLE + "depth: 3\n", "depth: expected a key out of kind, file, declination, latitude, longitude, date, withhold, table_step_deg, parts, compare_with, compass, sphere, format, columns, mounting_deg, spun, observatory, object, budget, uncertainty, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'depth'; delete it, or indent it below the key that it belongs to"),

@@ -21,7 +21,8 @@ from compasslib.deviation.correction import correct
 from compasslib.deviation.model import fit_from_json
 from compasslib.deviation.series import fit_series
 from compasslib.errors import InputError
-from compasslib.preparation.pairs import ROLES, match_ready_pairs, read_ready_pairs
+from compasslib.preparation.pairs import match_ready_pairs
+from compasslib.readers.ready_pairs import ROLES, read_ready_pairs
 from compasslib.records import GOOD, PROBABLY_BAD
 
 SEEN, HEADING = pairs(n=400)
@@ -108,6 +109,24 @@ def test_ready_made_pairs_of_tables_and_matlab_files_are_the_same(tmp_path, name
     assert len(matched) == len(SEEN) and not matched.warnings
     for part in ("time_s", "heading_deg", "upper_east", "lower_north"):
         assert getattr(matched, part) == pytest.approx(getattr(SEEN, part), abs=1e-4), part
+
+
+@pytest.mark.parametrize(
+    ("odd", "expected"),
+    [
+        (np.array([*SEEN.heading_deg], dtype=object), r"v_heading \(heading\): .* found cell, 1 x 400"),
+        ({"degrees": SEEN.heading_deg}, r"v_heading \(heading\): .* found struct, 1 x 1"),
+        (SEEN.heading_deg.reshape(20, 20), r"v_heading \(heading\): .* found double, 20 x 20"),
+        (SEEN.heading_deg + 1j, "v_heading: expected real numbers, found complex ones"),
+        (np.zeros(10**7), "expected variables of one length, found v_time 400, v_heading 10000000"),
+    ],
+)
+def test_matlab_variables_other_than_series_of_one_length_are_refused(tmp_path, odd, expected):
+    """Before they are read: 80 MB of zeros take 80 kB in the file."""
+    rows = {f"v_{role}": column for role, column in ROWS.items()} | {"v_heading": odd}
+    savemat(tmp_path / "a.mat", rows, do_compression=True)
+    with pytest.raises(InputError, match=f"a.mat: {expected}"):
+        read_ready_pairs(tmp_path / "a.mat", COLUMNS)
 
 
 def test_errors_of_ready_made_pairs_are_one_line_or_a_warning(tmp_path, monkeypatch):

@@ -321,7 +321,7 @@ def installed(tmp_path_factory) -> Path:
     if importlib.util.find_spec("setuptools") is None:
         pytest.skip("no setuptools: the wheel cannot be built")
     source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("installed")
-    files = "pyproject.toml", "setup.py", "README.md", "LICENSE", "CHANGELOG.md", "docs/glossary.md"
+    files = "pyproject.toml", "setup.py", "README.md", "LICENSE", "docs/glossary.md"
     copied_project(source, "compasslib", "workflow", "requirements", *files)
     build = "from setuptools.build_meta import build_wheel; print(build_wheel('.'))"
     with zipfile.ZipFile(source / python("-c", build, cwd=source).split()[-1]) as wheel:

@@ -11,6 +11,7 @@ from PIL import Image
 
 from compasslib.archive import conventions, gridded
 from compasslib.archive.attributes import Site
+from compasslib.errors import InputError
 from compasslib.plots import timeseries
 from compasslib.plots.page import DPI, WIDTH_IN
 from compasslib.product.cells import Differences, Velocities, average_slots
@@ -91,6 +92,18 @@ def test_short_gaps_are_interpolated_and_flagged():
     assert not (tight.quality == 8).any() and (tight.source[50, level[3]] == -1)
     _, profiles = gridded_of(source("top", still, lost=lost, beam=0.0))  # a profiler: its profiles have separate times
     assert (profiles.quality[10:12] == 9).all() and profiles.quality[50, level[3]] == 8
+
+
+def test_fine_grids_are_made_in_shorter_pieces_and_finer_ones_refused(monkeypatch):
+    """As the memory of a piece is bounded; its length changes nothing."""
+    product, piece = gridded_of(source("top", DIVING, lost=[(slice(10, 12), slice(None))]))
+    monkeypatch.setattr("compasslib.product.grid.CELLS", 7 * len(product.axes.depth_m))
+    short = [*product]
+    assert len(short) == -(-N // 7)
+    for name in ("quality", "source", "east_variance"):
+        assert np.array_equal(np.concatenate([getattr(x, name) for x in short]), getattr(piece, name), equal_nan=True)
+    with pytest.raises(InputError, match="grid: expected up to 6000 depths, found 100001 from 0 to 100 m; "):
+        gridded_of(source("top", DIVING), rules=GridRules(step_m=1e-3, from_m=0.0, to_m=100.0))
 
 
 def test_instrument_without_samples_gives_an_empty_grid():

@@ -196,6 +196,14 @@ def test_utc_offset_of_times_is_applied(tmp_path):
     assert list(record.time_s - 1188864000.0) == [0.0, 3600.0, 7200.0]
 
 
+@pytest.mark.parametrize("form", ["{}Z", "{}.00"])
+def test_row_of_a_leap_second_stays_before_the_next_minute(tmp_path, form):
+    times = [form.format(f"2008-12-31T23:59:{second}") for second in (59, 60)] + [form.format("2009-01-01T00:00:00")]
+    record = read("table", table(tmp_path, "t,z,u,v\n" + "".join(f"{t},1,1,1\n" for t in times)), {"columns": ROLES})
+    assert record.time_s - 1230768000.0 == pytest.approx([-1.0, -0.001, 0.0], abs=1e-6) and record.east.shape == (3, 1)
+    assert f"second 60 as a leap second ({times[1]})" in record.warnings[0]
+
+
 @pytest.mark.parametrize("spacing", ["even", "with gaps"])
 @pytest.mark.parametrize("order", ["newest first", "no order", "level by level"])
 def test_order_of_rows_does_not_change_the_record(tmp_path, order, spacing):

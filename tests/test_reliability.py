@@ -28,6 +28,7 @@ from snakemake.iocontainers import Namedlist
 from compasslib import angles
 from compasslib.archive.files import HALF_WRITTEN
 from compasslib.config.cruise import load_cruise
+from compasslib.errors import InputError
 from compasslib.pipeline.job import job
 
 HOURS = 400
@@ -256,6 +257,10 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
         "the same to the last",
     ),
     "a frozen compass": (profiles(1, 18, struct.pack("<H", 12000)), "120.00 degrees all the time"),
+    "a heading set by hand": (
+        recording(lambda i, each: rewritten(rewritten(each, 1, 18, struct.pack("<H", 12000)), 0, 30, b"\x6d")),
+        "The heading of 120 degrees was set by hand (EH), as EZ takes none from the compass: it cannot be corrected",
+    ),
     "frozen tilts": (lambda folder: None, "the tilt sensor is stuck"),
     "a meter that shows one velocity": (table(lambda i, row: [*row[:2], "5.0", "5.0"]), "the same to the last digit"),
     "a meter of one component": (table(lambda i, row: [*row[:3], "0.0"]), "the same to the last digit"),
@@ -343,6 +348,9 @@ def test_links_out_of_the_cruise_are_allowed_and_loops_end(sound, tmp_path):
     (folder / TOP).symlink_to(outside)
     for name in ("a", "b"):
         (folder / "raw" / name).symlink_to(folder / "raw")
+    said(top__files="raw/**/**/*.000")(twice := Path(shutil.copytree(folder, tmp_path / "twice", symlinks=True)))
+    with pytest.raises(InputError, match=r"files: expected a glob with \*\* once at most"):
+        load_cruise(twice)
     begun = time.process_time()
     assert load_cruise(folder).moorings["M1"].instruments["top"].files == (str(TOP),)
     assert time.process_time() - begun < 5.0

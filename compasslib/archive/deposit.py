@@ -10,21 +10,21 @@ from __future__ import annotations
 import hashlib
 import json
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
-
-import yaml
 
 from compasslib.archive import crate, provenance
 from compasslib.archive.attributes import Site
 from compasslib.archive.crate import Entity
 from compasslib.archive.files import atomic_write
 from compasslib.archive.verification import read_manifest
-from compasslib.config.cruise import Cruise
+from compasslib.config.cruise import LARGEST_BYTES, Cruise, parse, read
 from compasslib.errors import InputError
+from compasslib.readers.files import DAMAGE_ERRORS
 
 METADATA, README, DATACITE = "ro-crate-metadata.json", "README.md", "datacite.json"
 WORKFLOW_FILE, RUN = "workflow/Snakefile", "#run"
@@ -63,6 +63,7 @@ The unpacked folder is compared with its manifest by `compass verify FOLDER`.
 """
 VON_APPEN = "10.1175/JTECH-D-14-00043.1"  # DOI of the method
 BLOCK_BYTES = 1 << 20  # bytes copied at a time
+LARGEST_JSON = 1 << 24  # bytes; the manifest of the demonstration cruise, of 11 moorings, has 0.25 MB
 
 
 def deposit(cruise: Cruise, to: str | Path) -> int:
@@ -118,27 +119,54 @@ def describe_superseded(file: Path, configuration: Sequence[str], root: Path) ->
     Raises:
         InputError: the file is not a deposit.
     """
-    try:
-        with zipfile.ZipFile(file) as packed:
-            manifest, there = packed.read(crate.FILE), {*packed.namelist()}
-            old = {name: yaml.safe_load(packed.read(name)) for name in configuration if name in there}
+    new = {name: read(root, name) for name in configuration}
+    with open_deposit(file, "correct supersedes in config/config.yaml") as packed:
+        manifest, there = _read_entry(packed, crate.FILE, LARGEST_JSON), {*packed.namelist()}
+        old = {
+            name: parse(_read_entry(packed, name, LARGEST_BYTES), f"{file}: {name}")
+            for name in configuration
+            if name in there
+        }
+        for options in (old, new):
+            options.get("config/config.yaml", {}).pop("supersedes", None)
         page = json.loads(manifest)
         made_by = {x["name"]: x["softwareVersion"] for x in page["@graph"] if x["@type"] == "SoftwareApplication"}
-        listed = crate.listed(page)
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile, yaml.YAMLError) as error:
-        expected, advice = "the ZIP of compass export --to rocrate", "correct supersedes in config/config.yaml"
-        raise InputError(str(file), expected=expected, found=str(error), advice=advice) from error
-    new = {name: yaml.safe_load((root / name).read_bytes()) for name in configuration}
-    for options in (old, new):
-        options.get("config/config.yaml", {}).pop("supersedes", None)
-    return {
-        "name": file.name,
-        "manifest": hashlib.sha256(manifest).hexdigest(),
-        "software": f"compasslib {made_by['compasslib']}",
-        "keys": [text for name in old for text in provenance.changed_settings({"": old[name]}, {"": new[name]})]
-        + [f"{name} is new" for name in configuration if name not in old],
-        "files": {path: digest for path, digest in listed.items() if not path.startswith(f"{crate.FOLDER}/")},
-    }
+        return {
+            "name": file.name,
+            "manifest": hashlib.sha256(manifest).hexdigest(),
+            "software": f"compasslib {made_by['compasslib']}",
+            "keys": [text for name in old for text in provenance.changed_settings({"": old[name]}, {"": new[name]})]
+            + [f"{name} is new" for name in configuration if name not in old],
+            "files": {path: x for path, x in crate.listed(page).items() if not path.startswith(f"{crate.FOLDER}/")},
+        }
+
+
+@contextmanager
+def open_deposit(file: str | Path, advice: str) -> Iterator[zipfile.ZipFile]:
+    """Open the ZIP of a deposit; errors of the block are those of its content.
+
+    Raises:
+        InputError: it is not a deposit.
+    """
+    try:
+        if not Path(file).is_file():
+            raise ValueError("no file, or a pipe or device")
+        with zipfile.ZipFile(file) as packed:
+            # zipfile unpacks other methods without a limit of memory; no deposit has them.
+            if {entry.compress_type for entry in packed.infolist()} - {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
+                raise ValueError("files packed by another method than deflate")
+            yield packed
+    except (*DAMAGE_ERRORS, zipfile.BadZipFile) as error:
+        expected, found = "the ZIP of compass export --to rocrate", f"{type(error).__name__}: {error}"
+        raise InputError(str(file), expected=expected, found=found, advice=advice) from error
+
+
+def _read_entry(packed: zipfile.ZipFile, name: str, largest: int) -> bytes:
+    with packed.open(name) as stream:
+        content = stream.read(largest + 1)
+    if len(content) > largest:
+        raise ValueError(f"{name} of more than {largest} bytes")
+    return content
 
 
 def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], rules: Mapping[str, str], root: Path) -> Entity:

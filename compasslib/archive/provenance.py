@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # the Snakefile imports this module and should not import num
 PACKAGE: Path = Path(__file__).resolve().parents[1]
 PROJECT: Path = PACKAGE.parent
 CHECKOUT = (PROJECT / "workflow/Snakefile").is_file()
-WORKFLOW: Path = PROJECT / "workflow" if CHECKOUT else PACKAGE / "workflow"  # in a wheel it also has changelog and lock
+WORKFLOW: Path = PROJECT / "workflow" if CHECKOUT else PACKAGE / "workflow"  # in a wheel it also has lock and glossary
 RELEASE_FILES: Path = PROJECT if CHECKOUT else WORKFLOW
 TIMES = ("start_s", "end_s", "exclude")  # settings of a job that are in seconds since 1970
 _IMPORT = re.compile(r"^ *(?:from (compasslib\S*) import (\([^)]*\)|.*)|import (compasslib[\w.]*))", re.MULTILINE)
@@ -226,7 +226,9 @@ def _dated(seconds: Any) -> Any:
     """Convert seconds since 1970, or nested lists of them, to ISO 8601."""
     if isinstance(seconds, list):
         return [_dated(each) for each in seconds]
-    return seconds and datetime.fromtimestamp(seconds, UTC).isoformat().replace("+00:00", "Z")
+    if not isinstance(seconds, float):  # dates and windows of a YAML file are texts and mappings
+        return seconds
+    return datetime.fromtimestamp(seconds, UTC).isoformat().replace("+00:00", "Z")
 
 
 def _short(value: Any, longest: int = 60) -> str:

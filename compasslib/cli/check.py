@@ -25,9 +25,10 @@ from compasslib.errors import InputError
 from compasslib.pipeline import plan
 from compasslib.pipeline.process import process_mooring
 from compasslib.pipeline.settings import Moorings, Wildcards, used_instruments
-from compasslib.preparation.pairs import ROLES, PairRules, find_pairs, match_ready_pairs, read_ready_pairs
+from compasslib.preparation.pairs import PairRules, find_pairs, match_ready_pairs
 from compasslib.readers import iaga2002, table
 from compasslib.readers.pd0.checks import match_serial_number
+from compasslib.readers.ready_pairs import ROLES, read_ready_pairs
 from compasslib.records import BAD, Record
 from compasslib.report.words import position
 from compasslib.stages import read

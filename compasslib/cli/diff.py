@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
-import textwrap
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,104 +14,20 @@ from compasslib import angles
 from compasslib.archive import calibrations as archive
 from compasslib.archive.attributes import DATES
 from compasslib.archive.files import open_netcdf, read_variable
-from compasslib.archive.provenance import RELEASE_FILES
 from compasslib.calibrations.result import DeviationTable
 from compasslib.cli import results
 from compasslib.pipeline import records
+from compasslib.readers.netcdf.variables import refuse_size
 from compasslib.report import words
 from compasslib.types import Floats
-
-CHANGELOG = RELEASE_FILES / "CHANGELOG.md"
-# What an entry of the changelog can change.
-KINDS_OF_CHANGE = ("headings", "flags", "uncertainty", "coefficients", "verdict", "calibration")
-WIDTH = 100
-
-_SECTION = re.compile(r"^## (\S+).*$", re.MULTILINE)
-_ENTRY = re.compile(r"^\* (.*(?:\n  .*)*)", re.MULTILINE)
-_TAGS = re.compile(r"\s*\*\(([^()]*)\)\*$")
-_SOFTWARE = re.compile(r"compasslib (\d+(?:\.\d+)+) \((.*)\)")
-
-
-@dataclass(frozen=True)
-class ChangelogEntry:
-    """One entry of the changelog."""
-
-    version: str
-    text: str
-    changes: frozenset[str]  # of KINDS_OF_CHANGE, or calibration:KIND; empty if it changes no result
-
-
-def parse_changelog(text: str) -> list[ChangelogEntry]:
-    """Parse the entries of a changelog, newest first.
-
-    Args:
-        text: Markdown with one section per version and one bullet per entry, at whose end is what it can change.
-    """
-    _, *parts = _SECTION.split(text)
-    parsed = []
-    for version, section in zip(parts[::2], parts[1::2], strict=True):
-        for point in _ENTRY.findall(section):
-            joined = " ".join(point.split())
-            tags = _TAGS.search(joined)
-            changes = frozenset(tag.strip() for tag in tags[1].split(",")) if tags else frozenset()
-            parsed.append(ChangelogEntry(version, _TAGS.sub("", joined), changes))
-    return parsed
-
-
-def changelog_reasons(old: str, new: str, changed: Iterable[str], changelog: Path | None = None) -> list[str]:
-    """List the software behind two results, and the entries of the changelog that may explain their difference.
-
-    Args:
-        old: software of the earlier results, as stated in the products; empty if not stated.
-        new: software of the later results.
-        changed: what differs, of ``KINDS_OF_CHANGE`` or calibration:KIND.
-        changelog: path of the changelog; None for that of this software.
-    """
-    if old == new:
-        return []
-    sides = [f"OLD by {old or 'software that is not named'}", f"NEW by {new or 'software that is not named'}"]
-    why = _matching_entries(old, new, frozenset(changed), changelog or CHANGELOG)
-    wrapper = textwrap.TextWrapper(WIDTH, initial_indent="  ", subsequent_indent="    ")
-    return [*sides, why[0], *(line for entry in why[1:] for line in wrapper.wrap(entry))]
-
-
-def _matching_entries(old: str, new: str, changed: frozenset[str], changelog: Path) -> list[str]:
-    known = [match for side in (old, new) if (match := _SOFTWARE.fullmatch(side))]
-    if len(known) < 2:
-        return ["the versions are not known, so that no entry of the changelog can be named"]
-    if not changelog.is_file():
-        return ["this installation has no changelog; the checkout of the newer version has it"]
-    low, high = sorted(_number(match[1]) for match in known)
-    matching = []
-    for entry in parse_changelog(changelog.read_text(encoding="utf-8")):
-        at = _number(entry.version)  # between commits of one version any of its entries may be the reason
-        between = low < at <= high or low == at == high
-        if between and any(x in entry.changes or x.partition(":")[0] in entry.changes for x in changed):
-            matching.append(entry)
-    what = words.listed(sorted(changed))
-    if not matching:
-        return [f"no entry of the changelog between them can change {what}: look at the YAML and raw files"]
-    first = f"{what} changed; where YAML and raw files are the same, by one of these entries, or by several:"
-    return [first, *(f"{entry.version}: {entry.text}" for entry in matching)]
-
-
-def _number(version: str) -> tuple[int, ...]:
-    return tuple(int(part) for part in version.split("."))
-
 
 MOORING_HEADER = (
     *("mooring", "true heading, rms", "largest", "in OLD's 1σ: median, 95 %, largest", "corrected", "flags"),
     *("verdict", "effects", "coefficients", "also changed"),
 )
-# Columns, and what their changes are called in the changelog.
-CHANGES = {
-    **{"true heading, rms": "headings", "corrected": "flags", "flags": "flags", "verdict": "verdict"},
-    **{"effects": "verdict", "coefficients": "coefficients"},
-}
 SIGMA, FLAG = "HEADING_CORRECTED_UNCERTAINTY", "HEADING_CORRECTED_QC"
 INCOMPLETE = 1
 Cells = Callable[[Path, Path], tuple[str, ...]]  # cells that compare two folders of results
-Changes = dict[tuple[str, str], set[str]]  # what changed, as in the changelog, by the software of OLD and NEW
 REQUIRED_VARIABLES = ("TIME", "HEADING_CORRECTED", "DECLINATION")
 # Variables and attributes that follow from quantities with columns of their own.
 TURNED = ("HEADING_CORRECTED", "HEADING_TRUE", "DEVIATION", "BRANCH_PROBABILITY", "UCUR", "VCUR")
@@ -141,7 +55,7 @@ class MooringRun:
 
 
 def diff(asked: Namespace) -> int:
-    """Print the differences of moorings and of calibrations, with possible reasons, or that nothing changed.
+    """Print the differences of moorings and of calibrations, and the software of both, or that nothing changed.
 
     Raises:
         InputError: there are no results, or one of their files is damaged.
@@ -160,10 +74,8 @@ def _print_differences(old: results.ResultFolders, new: results.ResultFolders) -
     }
     differ = [f"  {k}: {text}" for k, side in both.items() for text in records.compare(side, new.moorings[k])]
     sections += ["\n".join(["Settings and raw files that differ:", *differ])] if differ else []
-    by_software = [_mooring_changes(old.moorings, new.moorings, moorings)]
-    by_software += [_calibration_changes(old.calibrations, new.calibrations, calibrations)]
-    reasons = (changelog_reasons(*sides, named) for each in by_software for sides, named in each.items() if named)
-    sections += ["\n".join(lines) for lines in reasons if lines]
+    made_by = {(_software(side), _software(new.moorings[k])) for k, side in both.items()}
+    sections += [f"OLD by {a}\nNEW by {b}" for a, b in sorted(made_by) if a != b]
     if not sections:
         parts = ((moorings, "mooring"), (calibrations, "calibration"))
         compared = [words.plural(len(rows), noun) for rows, noun in parts if rows]
@@ -189,26 +101,15 @@ def _rows(
     return rows
 
 
-def _mooring_changes(old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]) -> Changes:
-    """Collect what changed in moorings by the software of both results."""
-    changed: Changes = {}
-    for name, row in rows.items():
-        if len(row) == len(MOORING_HEADER) - 1:
-            sides = _software(old.get(name) or next(iter(old.values()))), _software(new[name])
-            cells = dict(zip(MOORING_HEADER[1:], row, strict=True))
-            named = {what for column, what in CHANGES.items() if cells[column] != SAME}
-            named |= {"uncertainty"} if SIGMA in cells["also changed"] else set()
-            changed.setdefault(sides, set()).update(named)
-    return changed
-
-
 def _software(folder: Path) -> str:
     with open_netcdf(folder / "corrected.nc") as nc:
-        return str(getattr(nc, "software_version", ""))
+        return str(getattr(nc, "software_version", "software that is not named"))
 
 
 def _read_mooring(folder: Path) -> MooringRun:
     with open_netcdf(folder / "corrected.nc") as nc:
+        for variable in nc.variables.values():
+            refuse_size(folder / "corrected.nc", variable)
         series = {name: read_variable(nc, name) for name in dict.fromkeys([*REQUIRED_VARIABLES, *nc.variables])}
         attributes = {name: nc.getncattr(name) for name in nc.ncattrs() if name not in EXPECTED_ATTRIBUTES}
     files = (results.read_content(folder / f"{file}.json") for file in ("deviation", "diagnosis", "assessment"))
@@ -308,20 +209,6 @@ class CalibrationRun:
     content: Mapping[str, Any]  # calibration.json
     table: DeviationTable
     diagnosis: Mapping[str, Any]
-
-
-def _calibration_changes(
-    old: Mapping[str, Path], new: Mapping[str, Path], rows: Mapping[str, tuple[str, ...]]
-) -> Changes:
-    """Collect the kinds of changed calibrations by the software of both results."""
-    changed: Changes = {}
-    for name, row in rows.items():
-        if len(row) == len(CALIBRATION_HEADER) - 1 and any(cell != SAME for cell in row[:-1]):
-            earlier = old.get(name) or next(iter(old.values()))  # a folder and its copy under another name
-            entry, other = (results.read_content(side / "calibration.json") for side in (earlier, new[name]))
-            sides = str(entry.get("software", "")), str(other.get("software", ""))
-            changed.setdefault(sides, set()).add(f"calibration:{other['kind']}")
-    return changed
 
 
 def _read_calibration(folder: Path) -> CalibrationRun:

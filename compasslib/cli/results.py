@@ -6,7 +6,6 @@ import sys
 import tempfile
 import textwrap
 import zipfile
-import zlib
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import chdir, contextmanager
@@ -14,12 +13,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
-from compasslib.archive import summary, verification
+from compasslib.archive import deposit, summary, verification
 from compasslib.archive.files import RERUN, read_json
 from compasslib.config import cruise
 from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
 from compasslib.pipeline import guard, plan, records
+from compasslib.readers.files import refuse_large_arrays
 from compasslib.report import sections
 from compasslib.report.results import ReportSection, read_calibration, read_mooring
 
@@ -32,7 +32,7 @@ REQUIRED_KEYS = {
     "work/field.json": ("warnings",),
 }
 CALIBRATION_FILES = ("calibration.json", "table.csv")
-COMPARED = (".nc", ".json", ".csv")  # files of a deposit that are unpacked for comparison
+COMPARED = ("corrected.nc", ".json", "table.csv")  # files of a deposit that are unpacked for comparison
 
 
 def mooring_folder(cruise: str, mooring: str, parts: Sequence[str] = ("",), what: str = "mooring") -> Path:
@@ -68,21 +68,21 @@ def unpack_deposit(place: str) -> Iterator[str]:
     """Yield a place to read from: a deposited ZIP unpacked for the duration of the block, anything else unchanged.
 
     Raises:
-        InputError: the ZIP is damaged.
+        InputError: the ZIP is damaged, or its results unpack to more memory than is allowed.
     """
-    if not zipfile.is_zipfile(place):
+    if not (Path(place).is_file() and zipfile.is_zipfile(place)):
         yield place
         return
-    with tempfile.TemporaryDirectory() as folder:
-        try:
-            with zipfile.ZipFile(place) as packed:
-                compared = [
-                    x for x in packed.namelist() if x.startswith(f"{records.RESULTS}/") and x.endswith(COMPARED)
-                ]
-                packed.extractall(folder, compared)
-        except (zipfile.BadZipFile, zlib.error, EOFError) as error:
-            advice = "fetch the deposit again"
-            raise InputError(place, expected="a whole ZIP file", found=str(error), advice=advice) from error
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = f"{temporary}/{Path(place).name}"  # so that messages name it
+        with deposit.open_deposit(place, "fetch the deposit again") as packed:
+            results = [x for x in packed.infolist() if x.filename.startswith(f"{records.RESULTS}/")]
+            compared = [x for x in results if x.filename.endswith(COMPARED)]
+            for entry in compared:
+                if not entry.filename.endswith(".nc") and entry.file_size > deposit.LARGEST_JSON:
+                    raise ValueError(f"{entry.filename} of {entry.file_size} bytes")
+            refuse_large_arrays(place, sum(x.file_size for x in compared), Path(place).stat().st_size)
+            packed.extractall(folder, compared)
         yield folder
 
 

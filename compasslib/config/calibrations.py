@@ -176,6 +176,12 @@ class Platform(TableFile):
     budget: Literal["le_menn"] | None = key("le_menn", "le_menn", None)
     uncertainty: Uncertainty = key("a mapping", "{graduation_deg: 0.26}", Uncertainty())
 
+    @model_validator(mode="after")
+    def _readings_are_apart(self) -> Self:
+        if not {*self.files} - {*self.spun, *self.observatory}:
+            raise problem("file", "another file than spun and observatory", shown(self.files[0]), "correct one")
+        return self
+
 
 class TiltColumns(Section):
     """Headers of the table of a tilt sensor, by role; needed only where they differ from the role."""

@@ -428,7 +428,7 @@ for _loader in (_Loader, _FastLoader):
         _loader.add_constructor(_tag, _number)
 
 
-def read(root: Path, name: str, example: str) -> dict[str, Any]:
+def read(root: Path, name: str, example: str = "key: value") -> dict[str, Any]:
     """Read a YAML file as a mapping; dates remain strings.
 
     Raises:
@@ -442,13 +442,23 @@ def read(root: Path, name: str, example: str) -> dict[str, Any]:
         expected, advice = f"at most {LARGEST_BYTES} bytes", "check that it is the YAML file and not data"
         raise InputError(name, expected=expected, found=f"{size}", advice=advice)
     try:
-        content = _parsed(path.read_bytes().decode("utf-8-sig"), name)
-    except UnicodeDecodeError as error:
-        advice = "save the file as UTF-8"
-        raise InputError(name, expected="UTF-8 text", found=f"other bytes at {error.start}", advice=advice) from None
+        return parse(path.read_bytes(), name, example)
     except OSError as error:
         advice = "check its permissions"
         raise InputError(name, expected="a readable file", found=f"{error.strerror}", advice=advice) from None
+
+
+def parse(data: bytes, name: str, example: str = "key: value") -> dict[str, Any]:
+    """Parse the content of a YAML file as ``read`` does.
+
+    Raises:
+        InputError: as for ``read``.
+    """
+    try:
+        content = _parsed(data.decode("utf-8-sig"), name)
+    except UnicodeDecodeError as error:
+        advice = "save the file as UTF-8"
+        raise InputError(name, expected="UTF-8 text", found=f"other bytes at {error.start}", advice=advice) from None
     if not isinstance(content, dict):
         actual = "an empty file" if content is None else "a list" if isinstance(content, list) else "a single value"
         raise InputError(name, expected="keys with values", found=actual, advice=f"write for example {example}")

@@ -154,7 +154,7 @@ class CruiseOptions(Section):
     demonstration: Switch = key("true or false", "false", False)
     seed: Count = key("a whole number from 0 to 4294967295", "2007", 2007, ge=0, le=2**32 - 1)
     attributes: Attributes = key(_ATTRIBUTES_WORDS, "{institution: My Institute}", {})
-    supersedes: Files = key("the ZIP of the earlier deposit, relative to the cruise folder", "deposits/v1.zip", ())
+    supersedes: Files = key("one ZIP, relative to the cruise folder", "deposits/v1.zip", (), max_length=1)
     overlap: Overlap = key("a mapping", "{max_minutes: 20}", Overlap())
     fit: FitOptions = key("a mapping", "{method: exact}", FitOptions())
     diagnose: Diagnose = key("a mapping", "{enabled: true}", Diagnose())
@@ -438,6 +438,11 @@ class Mooring(Section):
                 expected = f"another method beside compass: {compass}, by which calibrations of it come in already"
                 raise problem("fit.method", expected, shown(method), advice)
         for name, instrument in self.instruments.items():
+            for k, window in enumerate(instrument.exclude):
+                if window.to_s < self.start_s or window.from_s > self.end_s:
+                    expected = f"a window within the deployment, {iso(self.start_s)} to {iso(self.end_s)}"
+                    dates, advice = f"{iso(window.from_s)} to {iso(window.to_s)}", "correct or delete it"
+                    raise problem(f"instruments.{name}.exclude[{k}]", expected, dates, advice)
             if instrument.depth is not None and instrument.depth > self.water_depth * DEPTH_SLACK:
                 expected = f"metres from 0 to the water depth, {self.water_depth:g}"
                 raise problem(f"instruments.{name}.depth", expected, shown(instrument.depth), "correct one of the two")

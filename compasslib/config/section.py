@@ -96,7 +96,7 @@ def _auto(expected: str, example: str, **limits: Any) -> Any:
 class Grid(Section):
     """Fixed depths and times of the gridded product; ``auto``: those of the affected instrument."""
 
-    step_m: Number | None = _auto("metres above 0, at most 1000", "8", gt=0, le=1000)
+    step_m: Number | None = _auto("metres from 0.1 to 1000", "8", ge=0.1, le=1000)  # depths are known to 0.5 m at best
     from_m: Number | None = _auto("metres from 0 to 12000", "20", ge=0, le=12000)
     to_m: Number | None = _auto("metres from 0 to 12000", "500", ge=0, le=12000)
     minutes: Number | None = _auto("minutes from 1 to 1440", "60", ge=1, le=1440)

@@ -167,7 +167,7 @@ def names(value: Any) -> Any:
 def figure_formats(value: Any) -> tuple[str, ...]:
     """Check the formats of figures and add png, which always comes first."""
     listed = names(value)
-    if not set(listed) <= {"png", "pdf"}:
+    if any(item not in ("png", "pdf") for item in listed):
         raise problem()
     return tuple(sorted({"png", *listed}, reverse=True))
 
@@ -422,6 +422,8 @@ def _expand_glob(path: str, place: RawFolder) -> list[str]:
         raise problem(None, "a file", f"the folder {path}", f"write {path}/* for all files in it")
     # Hidden files are left out; ** does not follow symbolic links, which may form loops.
     pattern = f"{path}/*" if path.endswith("**") else re.sub(r"\*\*+(?=[^/*])|(?<=[^/*])\*\*+", "*", path)
+    if pattern.count("**") > 1:  # each multiplies the time by the depth of the folders
+        raise problem(None, "a glob with ** once at most", shown(path), "name the folders, or write *")
     there = place.root.glob(pattern) if is_glob else ()
     matches = [match.relative_to(place.root) for match in there if match.is_file()]
     files = sorted(str(match) for match in matches if not any(part.startswith(".") for part in match.parts))

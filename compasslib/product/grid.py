@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
+from compasslib.errors import InputError
 from compasslib.preparation.gridding import common_phase
 from compasslib.product.cells import (
     NONE,
@@ -43,7 +44,8 @@ from compasslib.product.errors import (
 from compasslib.records import MISSING, PROBABLY_BAD, Flags
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
-PIECE = 4096  # times gridded at once
+PIECE, CELLS = 4096, 1 << 21  # times gridded at once, and cells, of some 300 bytes each
+MOST_DEPTHS = 6000  # 1 m over the depth of most of the ocean; a year of daily means of so many has CELLS
 INTERPOLATED = 8  # OceanSITES reference table 2
 POINT_STEP_M, SLOWEST_STEP_S, FASTEST_STEP_S = 10.0, 3600.0, 60.0
 RARE = 0.01  # fraction of the samples at the best-sampled depth; depths with fewer do not extend the grid
@@ -159,9 +161,9 @@ class GriddedProduct:
     def __iter__(self) -> Iterator[Piece]:
         """Yield the pieces in order of time."""
         halo = int(np.ceil(self.max_gap_s / self.axes.step_s)) + 1
-        count = len(self.axes.time_s)
-        for begin in range(0, count, PIECE):
-            inner = slice(begin, min(begin + PIECE, count))
+        count, size = len(self.axes.time_s), max(1, min(PIECE, CELLS // len(self.axes.depth_m)))
+        for begin in range(0, count, size):
+            inner = slice(begin, min(begin + size, count))
             wide = range(max(begin - halo, 0), min(inner.stop + halo, count))
             each = [self._place(k, wide) for k in range(len(self.sources))]
             offset = inner.start - wide.start
@@ -245,7 +247,11 @@ def survey(source: Source) -> Survey:
 
 
 def make_axes(sources: Sequence[Source], surveys: Sequence[Survey], rules: GridRules) -> Axes:
-    """Make the axes: as requested, else with the steps of the first instrument over the range that any measured."""
+    """Make the axes: as requested, else with the steps of the first instrument over the range that any measured.
+
+    Raises:
+        InputError: there would be too many depths.
+    """
     cells = [each.cell_m for each in surveys if each.cell_m > 0.0 and not each.empty]
     cell_m = surveys[0].cell_m if not surveys[0].empty else 0.0
     step_m = rules.step_m or cell_m or (cells[0] if cells else POINT_STEP_M)
@@ -253,7 +259,10 @@ def make_axes(sources: Sequence[Source], surveys: Sequence[Survey], rules: GridR
     ends = [_ends(each, step_m, phase_m) for each in surveys if not each.empty] or [(phase_m, phase_m)]
     first = min(low for low, _ in ends) if rules.from_m is None else rules.from_m
     last = max(max(high for _, high in ends) if rules.to_m is None else rules.to_m, first)
-    depth_m = np.round(first + step_m * np.arange(int((last - first) / step_m + 1e-6) + 1), 3)
+    if (depths := int((last - first) / step_m + 1e-6) + 1) > MOST_DEPTHS:
+        found, advice = f"{depths} from {first:g} to {last:g} m", "write a larger step_m, or from_m and to_m"
+        raise InputError("product.grid", expected=f"up to {MOST_DEPTHS} depths", found=found, advice=advice)
+    depth_m = np.round(first + step_m * np.arange(depths), 3)
     used = [s for s, each in zip(sources, surveys, strict=True) if not each.empty] or list(sources[:1])
     timed = next((s for s in used if not s.profiles and len(s.time_s) > 1), None)
     step_s = SLOWEST_STEP_S if timed is None else float(np.rint(np.median(np.diff(timed.time_s))))

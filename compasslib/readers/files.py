@@ -22,6 +22,11 @@ MEGABYTE = 1 << 20
 LARGEST_TEXT = 256 * MEGABYTE  # of one file, decompressed; parsing takes some 19 times as much memory
 LARGEST_ARRAYS, LARGEST_GROWTH = 1024 * MEGABYTE, 16  # bytes, and multiple of the file size; recordings need less
 LONGEST_LINE = 2**20  # bytes; a table of 10,000 columns has fewer
+# What libraries raise on the content of a damaged or foreign file; UnicodeDecodeError is a ValueError.
+DAMAGE_ERRORS = (
+    *(OSError, RuntimeError, LookupError, TypeError, AttributeError, ValueError, ArithmeticError, EOFError),
+    zlib.error,
+)
 GZIP_MAGIC = b"\x1f\x8b"
 UTF16_SAMPLE = 4096  # bytes from which UTF-16 without a byte order mark is detected
 _TEXT = bytes([*range(9, 14), *range(32, 127)])
@@ -134,14 +139,24 @@ def refuse_large_text(path: Path, size: int) -> None:
         )
 
 
-def refuse_large_arrays(where: str, needed: int, size: int, cells: int) -> None:
-    """Raise TooLarge for arrays that need more than 1 GB and more than 16 times the size of their files."""
+def refuse_large_arrays(where: str, needed: int, size: int, cells: int | None = None) -> None:
+    """Raise TooLarge for arrays that need more than 1 GB and more than 16 times the size of their files.
+
+    Args:
+        needed: bytes of the arrays.
+        size: bytes of the files.
+        cells: number of bins of the widest profile.
+    """
     if needed > (allowed := max(LARGEST_ARRAYS, LARGEST_GROWTH * size)):
         raise TooLarge(
             where,
-            expected=f"profiles that take up to {allowed // MEGABYTE} MB of memory",
-            found=f"{needed // MEGABYTE} MB, as one declares {cells} cells, in {size / MEGABYTE:.1f} MB of files",
-            advice="give each configuration of the instrument as files of its own",
+            expected=f"{'arrays' if cells is None else 'profiles'} that take up to {allowed // MEGABYTE} MB of memory",
+            found=f"{needed // MEGABYTE} MB"
+            + ("" if cells is None else f", as one declares {cells} cells,")
+            + f" in {size / MEGABYTE:.1f} MB of files",
+            advice="check that these are the files you mean"
+            if cells is None
+            else "give each configuration of the instrument as files of its own",
         )
 
 

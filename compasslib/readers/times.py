@@ -51,6 +51,7 @@ _SINCE = re.compile(
     re.ASCII | re.IGNORECASE,
 )
 _ISO = re.compile(r"\d{4}-\d\d-\d\d(?:[T ]\d\d(?::\d\d(?::\d\d(?:\.\d{1,6})?)?)?)?Z?", re.ASCII)
+_SECOND_60 = re.compile(r"((?<!\d)\d\d:\d\d:)60(?!\d|[.,]\d*[1-9])", re.ASCII)
 _SHORT_YEAR = re.compile(r"\d{1,2}[-/. ](?:\d{1,2}|[A-Za-z]{3,9})[-/. ]\d\d(?:[T ].*)?", re.ASCII)
 _ZONE_NAME = re.compile(r".*\d ?(?:[AaPp]\.?[Mm]\.? )? ?([A-Z]{2,5}\d?)", re.ASCII)
 _NUMBERLIKE = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?", re.ASCII)
@@ -83,6 +84,11 @@ def parse_times(
     Raises:
         Unreadable: a cell is not a valid time, or is ambiguous.
     """
+    if leap := [row for row, cell in enumerate(cells) if ":60" in cell and _SECOND_60.search(cell)]:
+        given = [_SECOND_60.sub(r"\g<1>59", cell) for cell in cells]
+        time_s, note = parse_times(given, numbers, form=form, zone=zone)
+        time_s[leap] += 0.999  # before the next minute, whose row is another
+        return time_s, f"{note}{', ' * bool(note)}second 60 as a leap second ({cells[leap[0]]})"
     ahead_s = 0.0 if zone in (None, "UTC") else _offset_s(str(zone))
     if form is None and all(map(_ISO.fullmatch, cells)):
         time_s = _parse_iso(cells)

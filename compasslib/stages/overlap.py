@@ -13,16 +13,15 @@ from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import declination
 from compasslib.deviation.reference import reference_compass
 from compasslib.preparation.pairs import (
-    ROLES,
     PairRules,
     describe_pairs,
     estimate_clock_offset,
     find_pairs,
     match_ready_pairs,
-    read_ready_pairs,
     widen_rules,
 )
 from compasslib.preparation.references import join_references
+from compasslib.readers.ready_pairs import ROLES, read_ready_pairs
 
 
 def overlap(

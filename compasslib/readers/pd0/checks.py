@@ -283,6 +283,9 @@ def _describe_headings(leaders: Ensembles, counts: dict[str, int], settings: Set
         shown = _join_numbers(np.unique(leaders.heading_alignment_deg))
         added = f"heading_alignment of {settings.heading_alignment:g} degrees was added to the headings"
         lines.append(f"{added}; the file's heading alignment EA is {shown} degrees.")
+    if not leaders.heading_measured.any() and np.ptp(leaders.heading_deg) == 0.0:
+        heading = f"The heading of {leaders.heading_deg[0]:g} degrees was set by hand (EH)"
+        lines.append(f"{heading}, as EZ takes none from the compass: it cannot be corrected.")
     if counts["heading_missing"]:
         lines.append(f"{counts['heading_missing']} of {len(leaders)} ensembles have no valid heading.")
     return lines

@@ -108,6 +108,7 @@ class Ensembles:
     frequency_khz: Floats  # (n,) NaN where unknown
     heading_alignment_deg: Floats  # (n,) EA
     heading_bias_deg: Floats  # (n,) EB
+    heading_measured: Bools  # (n,) whether the heading is the sensor's (EZ), not the one set by hand (EH)
     average_s: Floats  # (n,) averaging time of an ensemble: number of pings times the time between them
 
     def __len__(self) -> int:
@@ -320,6 +321,7 @@ def _decode_fixed(rows: Bytes, layout: Layout) -> dict[str, Any]:
         "heading_bias_deg": leader["eb"] / 100.0,
         "measured": leader["ez"] & leader["sensors"],
         "phased_array": np.isin(leader["firmware"], _PHASED_ARRAYS),
+        "heading_measured": (leader["ez"] & 0x10) > 0,
         "average_s": leader["pings"] * (leader["between_pings"] @ [60.0, 1.0, 0.01]),
     }
 
