@@ -7,7 +7,7 @@ which the water flows. ``take`` selects samples, ``join_records`` joins the file
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
@@ -47,31 +47,52 @@ class Labelled:
         Raises:
             ImportError: xarray is not installed.
         """
-        try:
-            import xarray
-        except ImportError as error:
-            raise ImportError(NEEDED) from error
-        columns, attributes = collect(self)
+        columns, attributes = _collect(self)
         time_s = columns.pop("time_s")
         variables = {
-            name: (DIMENSIONS[: values.ndim], values, units(name, attributes.get("channel_units", {})))
+            name: (DIMENSIONS[: values.ndim], values, _units(name, attributes.get("channel_units", {})))
             for name, values in columns.items()
             if values.ndim <= len(DIMENSIONS) and len(values) == len(time_s)
         }
         written = {name: value for name, value in attributes.items() if name != "channel_units"}
         time = np.round(time_s * 1e3).astype("datetime64[ms]").astype("datetime64[ns]")
-        return xarray.Dataset(variables, coords={"time": time}, attrs=written)
+        return _import_xarray().Dataset(variables, coords={"time": time}, attrs=written)
 
 
-def collect(instance: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Collect the arrays of a dataclass and of nested dataclasses by name, and all other fields as attributes."""
+@dataclass(frozen=True)
+class FromFile:
+    """Mixin for products that were read from a netCDF file."""
+
+    path: str
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Load the file into a dataset with its own names (UCUR, TIME, DEPTH ...), flags and attributes.
+
+        Raises:
+            ImportError: xarray is not installed.
+        """
+        data = _import_xarray().load_dataset(self.path)
+        return data.set_coords([each.attrs["bounds"] for each in data.coords.values() if "bounds" in each.attrs])
+
+
+def _import_xarray() -> Any:
+    """Import xarray, which is optional.
+
+    Raises:
+        ImportError: it is not installed.
+    """
+    try:
+        import xarray
+    except ImportError as error:
+        raise ImportError(NEEDED) from error
+    return xarray
+
+
+def _collect(instance: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Collect the arrays of a dataclass by name, and all other fields as attributes."""
     columns, attributes = dict[str, Any](), dict[str, Any]()
     for name, value in ((each.name, getattr(instance, each.name)) for each in fields(instance)):
-        if is_dataclass(value):
-            inner, more = collect(value)
-            columns |= inner
-            attributes |= more
-        elif isinstance(value, np.ndarray):
+        if isinstance(value, np.ndarray):
             columns[name] = value
         elif name in ("channels", "profiles"):
             columns |= {part: np.asarray(series[:]) for part, series in value.items()}
@@ -86,7 +107,7 @@ def collect(instance: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     return columns, attributes
 
 
-def units(name: str, of_channels: Mapping[str, str]) -> dict[str, str]:
+def _units(name: str, of_channels: Mapping[str, str]) -> dict[str, str]:
     """Return the attribute ``units`` of an array, an empty mapping if it is unknown."""
     if name in of_channels:
         return {"units": of_channels[name]}
@@ -219,7 +240,7 @@ class EarthField:
 
 
 @dataclass(frozen=True)
-class CorrectedRecord(Labelled):
+class CorrectedRecord:
     """The record of an affected instrument together with its correction.
 
     Headings are relative to magnetic north, velocities are true east and north.

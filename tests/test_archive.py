@@ -490,6 +490,17 @@ def test_flags_mark_missing_out_of_range_and_nominal_values(tmp_path):
             assert (nc[f"{name}_QC"][:] == variables.NOMINAL).all()
 
 
+@pytest.mark.parametrize(("looks_up", "depth_m"), [(True, 30.0), (False, 870.0)])  # in water of 894 m
+def test_bins_outside_the_water_are_flagged_and_left_out_of_the_vertical_range(tmp_path, looks_up, depth_m):
+    record = make_record(6, 6, looks_up=looks_up, depth_m=np.full(6, depth_m))
+    product = product_of(record, np.zeros(6))
+    with netCDF4.Dataset(write(tmp_path / "c.nc", product, site=dataclasses.replace(SITE, water_depth_m=894.0))) as nc:
+        assert nc["DEPTH_QC"][0].tolist() == [variables.NOMINAL] * 3 + [BAD] * 3
+        assert (nc["UCUR_QC"][0] == product.velocity_quality[0]).all()
+        ends = nc.geospatial_vertical_min, nc.geospatial_vertical_max
+    assert ends == ((6.0, 22.0) if looks_up else (878.0, 894.0))
+
+
 def test_time_is_precise_to_ten_microseconds(tmp_path):
     record = make_record(4, 1, time_s=np.array([0.0, 1189000000.01, 1189000000.02, 4102444800.123]))
     product = dataclasses.replace(make_product(4, 1), record=record)
@@ -518,7 +529,7 @@ OCEANSITES = {
     "date_created": "2026-01-02T03:04:05Z",
     "principal_investigator": "A. Fram",
     "source": "subsurface mooring",
-    "cdm_data_type": "Station",
+    "cdm_data_type": "TimeSeriesProfile",
 }
 
 
@@ -543,6 +554,8 @@ def test_variables_follow_oceansites(corrected_nc):
                 assert "coordinates" in variable.ncattrs() or name in ("DEPTH", "INSTRUMENT_DEPTH")
         assert nc["UCUR"].sensor_serial_number == 1367 and nc["UCUR"].sensor_orientation == "upward"
         assert nc["UCUR"].sensor_mount == "mounted_on_mooring_line" and nc["UCUR"].sdn_uom_urn == "SDN:P06::UVAA"
+        assert nc["UCUR"].sdn_uom_name == "Metres per second" and "DECLINATION" not in nc["UCUR"].declination_comment
+        assert nc["TIME"].sdn_uom_name == "Days" and nc["DEPTH"].sdn_parameter_name.startswith("Depth (spatial")
         of_currents = [name for name, v in nc.variables.items() if "water_velocity" in getattr(v, "standard_name", "")]
         assert not [name for name in of_currents if "RECORDED" in name] and {"UCUR", "VCUR"} <= {*of_currents}
         assert len({v.sdn_parameter_urn for v in (nc["UCUR"], nc["VCUR"], nc["DEPTH"], nc["TIME"])}) == 4
