@@ -11,7 +11,8 @@ import pytest
 from launch import PROJECT
 from sea import cruise
 
-from compasslib.archive import netcdf
+from compasslib.archive import crate, netcdf
+from compasslib.archive.files import write_json
 from compasslib.config.cruise import load_cruise
 from compasslib.demo import concealed
 from compasslib.pipeline import plan, records
@@ -20,7 +21,7 @@ from compasslib.report.concealed import HeadingErrors
 from compasslib.stages.concealed import concealed as set_beside
 
 
-def test_only_the_page_reads_the_truth_and_no_manifest_lists_it():
+def test_only_the_page_reads_the_truth_and_no_manifest_lists_it(tmp_path, monkeypatch):
     planned = plan.plan(load_cruise(PROJECT))
     readers = [
         rule
@@ -37,6 +38,11 @@ def test_only_the_page_reads_the_truth_and_no_manifest_lists_it():
     assert not [rule for rule, text in given.items() if "concealed/" in text or "truth/" in text]
     assert not any("concealed" in path for path in planned.products())
     assert "results/logs/concealed.json" in planned.everything()
+    monkeypatch.chdir(tmp_path)
+    write_json(
+        "results/C1/logs/simulate.json", {"read": {}, "wrote": {"raw/C1/top.000": "0", "concealed/C1.json": "1"}}
+    )
+    assert crate.records()["C1/simulate"]["wrote"] == {"raw/C1/top.000": "0"}
 
 
 def told(folder: Path, name: str) -> dict:
