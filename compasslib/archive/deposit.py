@@ -91,7 +91,7 @@ def deposit(cruise: Cruise, to: str | Path) -> int:
         InputError: there is no manifest, a file differs from it, or an attribute of ``OWNERS`` is missing.
     """
     root, attributes = cruise.root, cruise.options.attributes
-    if missing := [key for key in OWNERS if not str(attributes.get(key, "")).strip()]:
+    if missing := missing_attributes(attributes):
         keys = "; ".join(f"{key}, {OWNERS[key]}" for key in missing)
         advice = f"add {keys}; then run the cruise again, as its products state them"
         expected = f"the attributes {', '.join(OWNERS)}"
@@ -124,6 +124,11 @@ def deposit(cruise: Cruise, to: str | Path) -> int:
                 expected, advice = "the file that the manifest lists", "run the cruise again, then export"
                 raise InputError(name, expected=expected, found="another", advice=advice)
     return len(listed) + len(rules) + len(texts) + 1
+
+
+def missing_attributes(attributes: Mapping[str, Any]) -> list[str]:
+    """List the attributes of a cruise that a deposit requires and that are not given."""
+    return [key for key in OWNERS if not str(attributes.get(key, "")).strip()]
 
 
 def _workflow_files() -> dict[str, Path]:
