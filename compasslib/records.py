@@ -59,7 +59,6 @@ class Labelled:
         return _import_xarray().Dataset(variables, coords={"time": time}, attrs=written)
 
 
-@dataclass(frozen=True)
 class FromFile:
     """Mixin for products that were read from a netCDF file."""
 

@@ -352,6 +352,7 @@ def _put(
 class GriddedCurrents(FromFile):
     """Velocities of a mooring on t times and z depths, NaN where there is none."""
 
+    path: str  #: the file that they were read from
     time_s: Floats  #: (t,) middle of each interval, UTC seconds since 1970
     depth_m: Floats  #: (z,) m below the surface, positive down
     velocity: Complexes  #: (t, z) m/s, true east + i north

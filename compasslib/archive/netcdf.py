@@ -340,6 +340,8 @@ def read_corrected(path: str | Path, *, velocities: bool = True) -> CorrectedRec
 class OpenedProduct(FromFile, CorrectedRecord):
     """A corrected record with the file that it was read from."""
 
+    path: str
+
 
 def open_product(path: str | Path) -> OpenedProduct:
     """Load a product into memory; its ``to_xarray()`` loads the whole file into a dataset.
