@@ -7,7 +7,7 @@ which the water flows. ``take`` selects samples, ``join_records`` joins the file
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
@@ -41,57 +41,45 @@ DIMENSIONS = ("time", "bin", "beam")
 class Labelled:
     """Mixin for frozen dataclasses of arrays along ``time_s`` that can be converted to an xarray dataset."""
 
+    path: str = ""  # of the netCDF file that a product was opened from
+
     def to_xarray(self) -> xarray.Dataset:
-        """Convert to a dataset along ``time`` (UTC), ``bin`` and ``beam``, with units; other fields are attributes.
+        """Load the file of an opened product with its own names (UCUR, TIME, DEPTH ...), flags and attributes.
+
+        Other records become a dataset along ``time`` (UTC), ``bin`` and ``beam``, with units and the names of their
+        fields.
 
         Raises:
             ImportError: xarray is not installed.
         """
-        columns, attributes = _collect(self)
+        try:
+            import xarray
+        except ImportError as error:
+            raise ImportError(NEEDED) from error
+        if self.path:
+            data = xarray.load_dataset(self.path)
+            return data.set_coords([each.attrs["bounds"] for each in data.coords.values() if "bounds" in each.attrs])
+        columns, attributes = collect(self)
         time_s = columns.pop("time_s")
         variables = {
-            name: (DIMENSIONS[: values.ndim], values, _units(name, attributes.get("channel_units", {})))
+            name: (DIMENSIONS[: values.ndim], values, units(name, attributes.get("channel_units", {})))
             for name, values in columns.items()
             if values.ndim <= len(DIMENSIONS) and len(values) == len(time_s)
         }
         written = {name: value for name, value in attributes.items() if name != "channel_units"}
         time = np.round(time_s * 1e3).astype("datetime64[ms]").astype("datetime64[ns]")
-        return _import_xarray().Dataset(variables, coords={"time": time}, attrs=written)
+        return xarray.Dataset(variables, coords={"time": time}, attrs=written)
 
 
-class FromFile:
-    """Mixin for products that were read from a netCDF file."""
-
-    path: str
-
-    def to_xarray(self) -> xarray.Dataset:
-        """Load the file into a dataset with its own names (UCUR, TIME, DEPTH ...), flags and attributes.
-
-        Raises:
-            ImportError: xarray is not installed.
-        """
-        data = _import_xarray().load_dataset(self.path)
-        return data.set_coords([each.attrs["bounds"] for each in data.coords.values() if "bounds" in each.attrs])
-
-
-def _import_xarray() -> Any:
-    """Import xarray, which is optional.
-
-    Raises:
-        ImportError: it is not installed.
-    """
-    try:
-        import xarray
-    except ImportError as error:
-        raise ImportError(NEEDED) from error
-    return xarray
-
-
-def _collect(instance: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Collect the arrays of a dataclass by name, and all other fields as attributes."""
+def collect(instance: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Collect the arrays of a dataclass and of nested dataclasses by name, and all other fields as attributes."""
     columns, attributes = dict[str, Any](), dict[str, Any]()
     for name, value in ((each.name, getattr(instance, each.name)) for each in fields(instance)):
-        if isinstance(value, np.ndarray):
+        if is_dataclass(value):
+            inner, more = collect(value)
+            columns |= inner
+            attributes |= more
+        elif isinstance(value, np.ndarray):
             columns[name] = value
         elif name in ("channels", "profiles"):
             columns |= {part: np.asarray(series[:]) for part, series in value.items()}
@@ -106,7 +94,7 @@ def _collect(instance: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     return columns, attributes
 
 
-def _units(name: str, of_channels: Mapping[str, str]) -> dict[str, str]:
+def units(name: str, of_channels: Mapping[str, str]) -> dict[str, str]:
     """Return the attribute ``units`` of an array, an empty mapping if it is unknown."""
     if name in of_channels:
         return {"units": of_channels[name]}
@@ -239,7 +227,7 @@ class EarthField:
 
 
 @dataclass(frozen=True)
-class CorrectedRecord:
+class CorrectedRecord(Labelled):
     """The record of an affected instrument together with its correction.
 
     Headings are relative to magnetic north, velocities are true east and north.
@@ -258,6 +246,7 @@ class CorrectedRecord:
     north_recorded: Floats  #: (n, m) m/s, as ``east_recorded``
     velocity_uncertainty: Floats  #: (n, m) m/s, one standard deviation of either component
     velocity_quality: Flags  #: (n, m) OceanSITES flag of the corrected velocities
+    path: str = ""  #: the file that it was opened from
 
 
 @dataclass(frozen=True)

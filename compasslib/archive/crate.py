@@ -111,14 +111,9 @@ def crate(
     makers = {record["software"] for record in jobs.values()} | ({provenance.software()} if stopped else set())
     url = str(attributes.get("software_url", ""))
     software = {maker: _software(maker, url) | required for maker in sorted(makers)}
-    actions = [
-        _job(name, record, configuration) | {"instrument": _ref(software[record["software"]]["@id"])}
-        for name, record in jobs.items()
-    ]
-    actions += [
-        _failed(subject, why, configuration) | {"instrument": _ref(software[provenance.software()]["@id"])}
-        for subject, why in (stopped or {}).items()
-    ]
+    actions = [_job(name, record, configuration, software[record["software"]]) for name, record in jobs.items()]
+    for subject, why in (stopped or {}).items():
+        actions.append(_failed(subject, why, configuration, software[provenance.software()]))
     parts = {"hasPart": _refs(files), "mentions": [_ref(action["@id"]) for action in actions]}
     about = [
         {
@@ -129,8 +124,7 @@ def crate(
         },
         {"@id": PROFILE, "@type": "CreativeWork", "name": "Process Run Crate", "version": PROFILE.rsplit("/", 1)[1]},
         _root(attributes) | parts,
-        *owners(attributes).values(),
-        *MAKERS,
+        *{entity["@id"]: entity for entity in (*MAKERS, *owners(attributes).values())}.values(),
     ]
     return {"@context": CONTEXT, "@graph": [*about, *software.values(), *tools, *actions, *data]}
 
@@ -254,7 +248,7 @@ def _software(program: str, url: str = "") -> Entity:
     return tool | ({"url": url} if url else {})
 
 
-def _job(name: str, record: Record, configuration: Mapping[str, Sequence[str]]) -> Entity:
+def _job(name: str, record: Record, configuration: Mapping[str, Sequence[str]], software: Entity) -> Entity:
     parameters = json.dumps(record["parameters"], ensure_ascii=False)
     about = " ".join(record["of"].values())
     subject = " ".join(next(iter(record["of"].items()), ""))
@@ -264,17 +258,19 @@ def _job(name: str, record: Record, configuration: Mapping[str, Sequence[str]]) 
         "@type": "CreateAction",
         "name": f"{record['rule']} {about}".strip(),
         "description": f"rule {record['rule']}, modules sha256 {record['code']}, parameters {parameters}",
+        "instrument": _ref(software["@id"]),
         "actionStatus": "http://schema.org/CompletedActionStatus",  # only completed jobs lead to products
         "object": _refs(read),
         "result": _refs(record["wrote"]),
     }
 
 
-def _failed(subject: str, why: str, configuration: Mapping[str, Sequence[str]]) -> Entity:
+def _failed(subject: str, why: str, configuration: Mapping[str, Sequence[str]], software: Entity) -> Entity:
     return {
         "@id": f"#{quote(f'stopped/{subject}')}",
         "@type": "CreateAction",
         "name": subject,
+        "instrument": _ref(software["@id"]),
         "actionStatus": "http://schema.org/FailedActionStatus",
         "error": why,
         "object": _refs(configuration[subject]),

@@ -159,16 +159,15 @@ def pack_wheel(rules: Mapping[str, Path]) -> bytes:
         f"{info}/WHEEL": b"Wheel-Version: 1.0\nGenerator: compasslib\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
         f"{info}/entry_points.txt": b"[console_scripts]\ncompass = compasslib.cli:main\n",
     }
-    lines = [f"{name},sha256={_base64_digest(content)},{len(content)}" for name, content in contents.items()]
-    contents[f"{info}/RECORD"] = "\n".join([*lines, f"{info}/RECORD,,", ""]).encode()
+    lines = [f"{info}/RECORD,,"]
+    for name, content in contents.items():
+        digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).decode().rstrip("=")
+        lines.append(f"{name},sha256={digest},{len(content)}")
+    contents[f"{info}/RECORD"] = "\n".join([*lines, ""]).encode()
     with zipfile.ZipFile(stream := io.BytesIO(), "w") as wheel:
         for name, content in contents.items():
             wheel.writestr(_entry(name), content)
     return stream.getvalue()
-
-
-def _base64_digest(content: bytes) -> str:
-    return base64.urlsafe_b64encode(hashlib.sha256(content).digest()).decode().rstrip("=")
 
 
 def describe_superseded(file: Path, configuration: Sequence[str], root: Path) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from compasslib.errors import InputError
 from compasslib.product.cells import Velocities
 from compasslib.product.errors import HeadingErrors, sum_sigma
 from compasslib.product.grid import DailyMeans, GriddedProduct, Piece, Source, empty_piece
-from compasslib.records import GOOD, CorrectedRecord, EarthField, Flags, FromFile, Record
+from compasslib.records import GOOD, CorrectedRecord, EarthField, Flags, Labelled, Record
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
 USUAL_BEAM_DEG = 20.0  # beam angle assumed for an affected profiler whose files do not state it
@@ -349,10 +349,9 @@ def _put(
 
 
 @dataclass(frozen=True)
-class GriddedCurrents(FromFile):
+class GriddedCurrents(Labelled):
     """Velocities of a mooring on t times and z depths, NaN where there is none."""
 
-    path: str  #: the file that they were read from
     time_s: Floats  #: (t,) middle of each interval, UTC seconds since 1970
     depth_m: Floats  #: (z,) m below the surface, positive down
     velocity: Complexes  #: (t, z) m/s, true east + i north
@@ -363,6 +362,7 @@ class GriddedCurrents(FromFile):
     instruments: tuple[str, ...]  #: names, affected instruments first
     errors: HeadingErrors  #: heading errors, which are correlated between cells and times
     memory_s: float  #: s, e-folding time of the errors that do not come from a heading
+    path: str = ""  #: the file that they were read from
 
     def sum_cells(self, east: ArrayLike, north: ArrayLike) -> tuple[float, float]:
         """Compute a weighted sum of the velocities, such as a transport or a mean, and its standard deviation.
@@ -404,8 +404,8 @@ def open_gridded(path: str | Path) -> GriddedCurrents:
             read_variable(nc, "HEADING_ERROR_SHARE"),
         )  # fmt: skip
         return GriddedCurrents(
-            str(path), np.round((time - DAYS_1950_TO_1970) * DAY_S, TIME_DECIMALS), depth_m, east + 1j * north,
+            np.round((time - DAYS_1950_TO_1970) * DAY_S, TIME_DECIMALS), depth_m, east + 1j * north,
             east_sigma, north_sigma, np.asarray(nc["UCUR_QC"][:]), np.asarray(nc["SOURCE"][:], dtype=np.intp) - 1,
             tuple(nc["SOURCE"].flag_meanings.split()[1:]), errors,
-            nc["UCUR_UNCERTAINTY"].error_memory_hours * HOUR_S,
+            nc["UCUR_UNCERTAINTY"].error_memory_hours * HOUR_S, str(path),
         )  # fmt: skip

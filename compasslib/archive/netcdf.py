@@ -36,18 +36,7 @@ from compasslib.archive.files import (
 from compasslib.archive.variables import Variable, quality_variable
 from compasslib.errors import InputError
 from compasslib.preparation.quality import MASKS
-from compasslib.records import (
-    BAD,
-    MISSING,
-    PROBABLY_BAD,
-    PROBABLY_GOOD,
-    CorrectedRecord,
-    Flags,
-    FromFile,
-    Pairs,
-    Record,
-    Rows,
-)
+from compasslib.records import BAD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, CorrectedRecord, Flags, Pairs, Record, Rows
 from compasslib.types import Bools, Floats
 
 
@@ -336,14 +325,7 @@ def read_corrected(path: str | Path, *, velocities: bool = True) -> CorrectedRec
         )
 
 
-@dataclass(frozen=True)
-class OpenedProduct(FromFile, CorrectedRecord):
-    """A corrected record with the file that it was read from."""
-
-    path: str
-
-
-def open_product(path: str | Path) -> OpenedProduct:
+def open_product(path: str | Path) -> CorrectedRecord:
     """Load a product into memory; its ``to_xarray()`` loads the whole file into a dataset.
 
     Args:
@@ -357,7 +339,7 @@ def open_product(path: str | Path) -> OpenedProduct:
         if "HEADING_ERROR_MODE" in nc.variables:
             advice = "open it by compasslib.open_gridded"
             raise InputError(str(path), expected="corrected.nc", found="gridded velocities", advice=advice)
-    return OpenedProduct(**vars(read_corrected(path)), path=str(path))
+    return replace(read_corrected(path), path=str(path))
 
 
 def _record_of(nc: netCDF4.Dataset, bins: int | None) -> Record:

@@ -27,14 +27,9 @@ FLAG_MEANINGS = (
 NOMINAL = 7  # "not observed but reported": flag of values from metadata or a model
 
 UNIT_CODES = {  # codes and labels in the NERC vocabulary P06
-    "m s-1": ("UVAA", "Metres per second"),
-    "degree": ("UAAA", "Degrees"),
-    "degree_Celsius": ("UPAA", "Degrees Celsius"),
-    "dbar": ("UPDB", "Decibars"),
-    "m": ("ULAA", "Metres"),
-    "percent": ("UPCT", "Percent"),
-    "degrees_north": ("DEGN", "Degrees north"),
-    "degrees_east": ("DEGE", "Degrees east"),
+    **{"m s-1": ("UVAA", "Metres per second"), "degree": ("UAAA", "Degrees"), "dbar": ("UPDB", "Decibars")},
+    **{"degree_Celsius": ("UPAA", "Degrees Celsius"), "m": ("ULAA", "Metres"), "percent": ("UPCT", "Percent")},
+    **{"degrees_north": ("DEGN", "Degrees north"), "degrees_east": ("DEGE", "Degrees east")},
     "days since 1950-01-01T00:00:00Z": ("UTAA", "Days"),
 }
 LABELS = {  # of codes in the NERC vocabulary P01
