@@ -100,7 +100,9 @@ def crate(
         attributes: of the cruise; ``project``, ``software_url`` and those of ``owners`` are used.
         stopped: reasons for missing results, by subject as in ``configuration``.
     """
-    files = _files(jobs, configuration)
+    files = provenance.hashes(path for paths in configuration.values() for path in paths)
+    for record in jobs.values():
+        files |= record["read"] | record["wrote"]
     data = [
         {"@id": _id(path), "@type": "File", "name": path, "sha256": files[path]}
         | {"encodingFormat": FORMATS.get(Path(path).suffix, "application/octet-stream")}
@@ -162,12 +164,6 @@ def written(page: Mapping[str, Any]) -> set[str]:
     return {path.removeprefix("../") if path.startswith("../") else f"{FOLDER}/{path}" for path in wrote}
 
 
-def log_line(page: Mapping[str, Any]) -> str:
-    """Format the log line that summarizes the crate."""
-    jobs = sum("result" in entity for entity in page["@graph"])
-    return f"{FILE}: {len(listed(page))} files, {jobs} jobs"
-
-
 def _actions(page: Mapping[str, Any]) -> list[Entity]:
     return [entity for entity in page["@graph"] if entity["@type"] == "CreateAction"]
 
@@ -176,12 +172,6 @@ def identifiers(action: Mapping[str, Any], part: str) -> list[str]:
     """List the identifiers in an action's ``object`` or ``result``."""
     given = action.get(part, [])
     return [item["@id"] for item in (given if isinstance(given, list) else [given])]
-
-
-def _files(jobs: Mapping[str, Record], configuration: Mapping[str, Sequence[str]]) -> dict[str, str]:
-    settings = provenance.hashes(path for paths in configuration.values() for path in paths)
-    files_of_jobs = [record[part] for record in jobs.values() for part in ("read", "wrote")]
-    return settings | {path: known for item in files_of_jobs for path, known in item.items()}
 
 
 def _root(attributes: Mapping[str, Any]) -> Entity:

@@ -213,7 +213,10 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], packed: Mapp
     """
     names = {entity["@id"]: quote(entity["name"]) for entity in page["@graph"] if entity["@type"] == "File"}
     names[f"#{crate.LOCK}"] = quote(crate.LOCK)
-    graph = json.loads(json.dumps(page["@graph"]), object_hook=lambda entity: _renamed(entity, names))
+    graph = json.loads(
+        json.dumps(page["@graph"]),
+        object_hook=lambda x: x | {"@id": names.get(x["@id"], x["@id"])} if "@id" in x else x,
+    )
     entities: dict[str, Entity] = {entity["@id"]: entity for entity in graph}
     author = crate.owners(attributes)["author"]["@id"]
     run = _describe_run([entity for entity in graph if entity["@type"] == "CreateAction"], author, root)
@@ -239,10 +242,6 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], packed: Mapp
     entities[METADATA]["conformsTo"] = _references(["https://w3id.org/ro/crate/1.1", list(PROFILES)[2]])
     entities |= {entity["@id"]: entity for entity in (run, *CONTEXTUAL)}
     return {"@context": crate.CONTEXT, "@graph": list(entities.values())}
-
-
-def _renamed(entity: Entity, names: Mapping[str, str]) -> Entity:
-    return entity | {"@id": names.get(entity["@id"], entity["@id"])} if "@id" in entity else entity
 
 
 def _describe_run(actions: Sequence[Entity], author: str, root: Path) -> Entity:

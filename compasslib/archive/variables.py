@@ -84,12 +84,10 @@ class Variable:
         attributes: dict[str, object] = {"standard_name": self.standard_name, "long_name": self.long_name}
         attributes |= {"units": self.units, "reference": self.reference, "comment": self.comment}
         attributes |= {"ancillary_variables": " ".join(self.ancillary)} | dict(self.also)
-        if self.parameter:
-            attributes |= {"sdn_parameter_urn": f"SDN:P01::{self.parameter}"}
-            attributes |= {"sdn_parameter_name": LABELS[self.parameter]}
-        if self.units in UNIT_CODES:
-            code, label = UNIT_CODES[self.units]
-            attributes |= {"sdn_uom_urn": f"SDN:P06::{code}", "sdn_uom_name": label}
+        codes = {"parameter": ("P01", self.parameter, LABELS.get(self.parameter, ""))}
+        codes["uom"] = ("P06", *UNIT_CODES.get(self.units, ("", "")))
+        for kind, (vocabulary, code, label) in codes.items():
+            attributes |= {f"sdn_{kind}_urn": f"SDN:{vocabulary}::{code}", f"sdn_{kind}_name": label} if code else {}
         attributes = {key: value for key, value in attributes.items() if not (isinstance(value, str) and value == "")}
         if self.valid is not None:
             attributes["valid_min"], attributes["valid_max"] = np.array(self.valid, dtype=self.dtype)
@@ -357,9 +355,7 @@ def profile_variable(name: str, kind: str, beams: bool) -> Variable:
 
 # ----------------------------------------------------------------------------- gridded.nc and gridded_daily.nc, by name
 CELLS, MODES, SHARES = ("TIME", "DEPTH"), ("MODE", "TIME"), ("SOURCES", "MODE")
-GRID_TIME = replace(
-    TIME, comment="UTC; the middle of each interval", also={**TIME.also, "bounds": "TIME_bnds"}
-)  # fmt: skip
+GRID_TIME = replace(TIME, comment="UTC; the middle of each interval", also={**TIME.also, "bounds": "TIME_bnds"})
 # CF 7.1: bounds inherit units and meaning from their coordinate.
 BOUNDS = {name: Variable(f"{name}_bnds", "", dimensions=(name, "NV"), fill=None) for name in ("TIME", "DEPTH")}
 GRID_COORDINATES = {CELLS: "TIME LATITUDE LONGITUDE DEPTH", ("TIME",): "TIME LATITUDE LONGITUDE"}
