@@ -1,4 +1,4 @@
-"""Puts the workflow into the wheel, with lock and glossary that it reads; the rest is in pyproject.toml."""
+"""Puts the workflow into the wheel, with license, lock and glossary that it reads; the rest is in pyproject.toml."""
 
 import shutil
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 from setuptools import setup
 from setuptools.command.build_py import build_py
 
-RELEASE_FILES = ("requirements/run.txt", "docs/glossary.md")
+RELEASE_FILES = ("LICENSE", "requirements/run.txt", "docs/glossary.md")
 
 
 class BuildWithWorkflow(build_py):

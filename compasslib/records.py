@@ -41,8 +41,13 @@ DIMENSIONS = ("time", "bin", "beam")
 class Labelled:
     """Mixin for frozen dataclasses of arrays along ``time_s`` that can be converted to an xarray dataset."""
 
+    path: str = ""  # of the netCDF file that a product was opened from
+
     def to_xarray(self) -> xarray.Dataset:
-        """Convert to a dataset along ``time`` (UTC), ``bin`` and ``beam``, with units; other fields are attributes.
+        """Load the file of an opened product with its own names (UCUR, TIME, DEPTH ...), flags and attributes.
+
+        Other records become a dataset along ``time`` (UTC), ``bin`` and ``beam``, with units and the names of their
+        fields.
 
         Raises:
             ImportError: xarray is not installed.
@@ -51,6 +56,9 @@ class Labelled:
             import xarray
         except ImportError as error:
             raise ImportError(NEEDED) from error
+        if self.path:
+            data = xarray.load_dataset(self.path)
+            return data.set_coords([each.attrs["bounds"] for each in data.coords.values() if "bounds" in each.attrs])
         columns, attributes = collect(self)
         time_s = columns.pop("time_s")
         variables = {
@@ -259,6 +267,7 @@ class CorrectedRecord(Labelled):
     north_recorded: Floats  #: (n, m) m/s, as ``east_recorded``
     velocity_uncertainty: Floats  #: (n, m) m/s, one standard deviation of either component
     velocity_quality: Flags  #: (n, m) OceanSITES flag of the corrected velocities
+    path: str = ""  #: the file that it was opened from
 
 
 @dataclass(frozen=True)

@@ -12,20 +12,17 @@ import pytest
 from test_archive import PROCESSING, USUAL, make_pairs, make_product, make_record, measured, write
 
 from compasslib.archive import attributes as archive_attributes
-from compasslib.archive import conventions, netcdf, variables
+from compasslib.archive import conventions, netcdf
 from compasslib.errors import InputError
 
 # CF has no standard names for these: its orientation is relative to north; deviation and declination have none.
 WITHOUT_STANDARD_NAME = {
+    *("HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY", "DEVIATION", "BRANCH_PROBABILITY"),
     *(
-        "HEADING",
-        "HEADING_CORRECTED",
-        "HEADING_CORRECTED_UNCERTAINTY",
-        "DEVIATION",
-        "BRANCH_PROBABILITY",
         "DECLINATION",
-    ),
-    *("UCUR_RECORDED", "VCUR_RECORDED"),  # so that a selection by standard name yields the corrected current
+        "UCUR_RECORDED",
+        "VCUR_RECORDED",
+    ),  # so that a selection by standard name yields the corrected current
 }
 HISTORY = {"history": PROCESSING["history"]}
 
@@ -114,11 +111,6 @@ def test_missing_checker_is_reported(corrected, monkeypatch):
 def test_product_has_no_oceansites_remarks(tmp_path, n, m, uncorrectable):
     path = write(tmp_path / "c.nc", make_product(n, m, uncorrectable=uncorrectable))
     assert conventions.oceansites_remarks(path) == []
-
-
-def test_flag_scale_is_that_of_oceansites():
-    assert variables.FLAG_VALUES.tolist() == list(conventions.FLAGS)
-    assert variables.FLAG_MEANINGS.split() == list(conventions.FLAGS.values())
 
 
 def attribute(name: str, value: object, variable: str | None = None):

@@ -125,6 +125,7 @@ def test_check_summarizes_each_mooring(tmp_path, capsys):
     assert "  with deep: 5 pairs over 0 days, 10.2 m apart, " in lines[5]
     assert any("no reference, so nothing is corrected" in line for line in lines)
     assert lines[-1] == "2 moorings: can run, 0 problems"
+    assert any(line.startswith("to deposit the results, add") and "license" in line for line in lines)
     told = lines.index("4 warnings:")
     assert [line.split(":")[0] for line in lines[told + 1 : -1]] == ["  M1 top", "  M1 deep", "  M2 top", "  M2 deep"]
     assert not (folder / "results").exists()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,7 +13,8 @@ import pytest
 from launch import PROJECT
 from sea import cruise
 
-from compasslib.archive import netcdf
+from compasslib.archive import crate, netcdf
+from compasslib.archive.files import write_json
 from compasslib.config.cruise import load_cruise
 from compasslib.demo import concealed
 from compasslib.pipeline import plan, records
@@ -20,7 +23,7 @@ from compasslib.report.concealed import HeadingErrors
 from compasslib.stages.concealed import concealed as set_beside
 
 
-def test_only_the_page_reads_the_truth_and_no_manifest_lists_it():
+def test_only_the_page_reads_the_truth_and_no_manifest_lists_it(tmp_path, monkeypatch):
     planned = plan.plan(load_cruise(PROJECT))
     readers = [
         rule
@@ -37,6 +40,11 @@ def test_only_the_page_reads_the_truth_and_no_manifest_lists_it():
     assert not [rule for rule, text in given.items() if "concealed/" in text or "truth/" in text]
     assert not any("concealed" in path for path in planned.products())
     assert "results/logs/concealed.json" in planned.everything()
+    monkeypatch.chdir(tmp_path)
+    write_json(
+        "results/C1/logs/simulate.json", {"read": {}, "wrote": {"raw/C1/top.000": "0", "concealed/C1.json": "1"}}
+    )
+    assert crate.records()["C1/simulate"]["wrote"] == {"raw/C1/top.000": "0"}
 
 
 def told(folder: Path, name: str) -> dict:
@@ -89,12 +97,24 @@ def processed(tmp_path_factory):
 
 def test_the_page_compares_findings_with_planted_causes(processed):
     page, lines = processed.folder / "results/concealed.html", []
+    said = page.parent / "C1/diagnosis.json"
+    current = {
+        "level": "side",
+        "probability": 0.99,
+        "driver": None,
+        "size": 1.0,
+        "unit": "m/s",
+        "text": "The current differs.",
+    }
+    write_json(said, told(said.parent, said.stem) | {"current": [current]})
     truths = [str(processed.folder / f"concealed/{name}.json") for name in ("C1", "C2")]
     set_beside(page=str(page), truths=truths, corrected=[str(page.parent / "C1/corrected.nc")], say=lines.append)
     text = page.read_text()
     assert "a &lt;planted&gt; change" in text and "<planted>" not in text and "on 2007-09-10 at 00:00" in text
     assert "Its field: forward 12, starboard −3, down 4 nT." in text
     assert "<strong>Not identified.</strong>" in text  # there is no finding
+    levels = [int(level) for level in re.findall(r"<h(\d)", text)]
+    assert all(below - above <= 1 for above, below in pairwise(levels))
     assert "2.0° (2.0–2.0)" in text  # the corrected headings' rms, with its interval
     within = f"{100 * np.mean(processed.sigma_deg * 1.959964 >= 2.0):.0f} %"
     assert within in text and text.count("data:image/png") == 2 and lines[0].endswith("1 moorings beside the truth")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from compasslib.archive import conventions, gridded
+from compasslib.archive import conventions, gridded, netcdf
 from compasslib.archive.attributes import Site
 from compasslib.errors import InputError
 from compasslib.plots import timeseries
@@ -261,7 +261,7 @@ def _mean(rows):
 
 @pytest.mark.filterwarnings("ignore")  # warnings of the checker itself
 def test_files_contain_the_grid_and_follow_conventions(written):
-    folder, _, piece = written
+    folder, product, piece = written
     with netCDF4.Dataset(folder / "gridded.nc") as nc:
         assert nc["DEPTH"].ndim == 1 and nc["HEADING_ERROR_MODE"].dimensions == ("MODE", "TIME")
         assert nc["SOURCE"].flag_meanings == "none top deep" and "HEADING_ERROR_SHARE" in nc.comment
@@ -279,8 +279,18 @@ def test_files_contain_the_grid_and_follow_conventions(written):
     assert np.allclose(profile.east_variance[whole], [c[0, 0] for c in expected], atol=1e-7)
     assert np.allclose(profile.covariance[whole], [c[0, 1] for c in expected], atol=1e-7)
     assert np.allclose(shown.profile_sigma[0][whole], 0.05 * np.abs(flow[:, whole].imag.mean(axis=0)), atol=1e-6)
-    for file in ("gridded.nc", "gridded_daily.nc"):
+    for file, step in (("gridded.nc", 1.0 / 24.0), ("gridded_daily.nc", 1.0)):
         assert conventions.remarks(folder / file) == []
+        with netCDF4.Dataset(folder / file) as nc:
+            for name, width in (("TIME", step), ("DEPTH", product.axes.step_m)):
+                around = np.maximum(nc[name][:][:, None] + width * np.array([-0.5, 0.5]), 0.0)
+                assert np.allclose(nc[nc[name].bounds][:], around, rtol=0.0, atol=1e-9)  # days resolve 0.3 us
+            assert nc["UCUR"].cell_methods == "TIME: mean" and "velocities put on fixed depths" in nc.history
+            assert "DECLINATION" not in nc["UCUR"].declination_comment and "metadata_link" not in nc.ncattrs()
+        data = gridded.open_gridded(folder / file).to_xarray()
+        assert {"TIME", "DEPTH", "TIME_bnds", "DEPTH_bnds"} <= {*data.coords} and data.UCUR.dims == ("TIME", "DEPTH")
+        with pytest.raises(InputError, match=r"found gridded velocities; open it by compasslib\.open_gridded"):
+            netcdf.open_product(folder / file)
 
 
 def test_daily_mean_keeps_common_error_and_reduces_noise(written):

@@ -18,15 +18,21 @@ def test_product_converts_to_xarray_with_dimensions_and_units(tmp_path):
     pytest.importorskip("xarray", reason="xarray is not installed")
     product = compasslib.open_product(write(tmp_path / "corrected.nc", make_product(50, 4)))
     data = product.to_xarray()
-    assert dict(data.sizes) == {"time": 50, "bin": 4}
-    assert (data.time.values == np.round(product.record.time_s * 1e3).astype("datetime64[ms]")).all()
-    for name, unit in (("heading_corrected_deg", "degrees"), ("east", "m s-1"), ("velocity_uncertainty", "m s-1")):
-        assert data[name].units == unit
-        assert data[name].values == pytest.approx(getattr(product, name), nan_ok=True)
-    # Recorded values have names of their own next to the corrected ones.
-    assert data["east_recorded"].values == pytest.approx(product.east_recorded, nan_ok=True)
-    assert data["heading_deg"].values == pytest.approx(product.record.heading_deg, nan_ok=True)
-    assert data.attrs["direction_reference"] == "true"
+    assert (
+        data.STATION.values.item() == b"EG4"
+        and data.sizes["TIME"] == 50
+        and data.sizes["BIN"] == 4
+        and {"TIME", "BIN", "DEPTH"} <= {*data.coords}
+    )
+    step = np.abs(data.TIME.values - np.round(product.record.time_s * 1e3).astype("datetime64[ms]"))
+    assert (step < np.timedelta64(1, "ms")).all()  # days since 1950 in float64
+    for name, unit, values in (
+        ("HEADING_CORRECTED", "degree", product.heading_corrected_deg),
+        ("UCUR", "m s-1", product.east),
+        ("UCUR_UNCERTAINTY", "m s-1", product.velocity_uncertainty),
+        ("HEADING", "degree", product.record.heading_deg),
+    ):
+        assert data[name].units == unit and data[name].values == pytest.approx(values, nan_ok=True)
     data.to_netcdf(tmp_path / "again.nc")
 
 

@@ -159,10 +159,13 @@ def test_every_link_has_a_target(done, document):
         assert there, link
 
 
-def test_headings_are_nested_and_tables_have_captions(document):
+def test_headings_are_nested_landmarks_unique_and_tables_have_captions(document):
     levels = [int(one.name[1]) for one in document.all("h1", "h2", "h3", "h4", "h5", "h6")]
     assert levels[0] == 1 and levels.count(1) == 1
     assert all(below - above <= 1 for above, below in pairwise(levels))
+    assert not [one for one in document.elements if one.attributes.get("role") == "region"]  # sections alone are
+    named = [one.attributes["aria-labelledby"] for one in document.all("section")]
+    assert len(named) == len(set(named)) > 3
     assert len(document.all("table")) == len(document.all("caption")) > 5
     assert all(one.attributes.get("scope") in ("row", "col") for one in document.all("th"))
     skip = document.all("a")[0]

@@ -16,7 +16,7 @@ import numpy as np
 from compasslib import angles
 from compasslib.config import values
 from compasslib.records import iso_time
-from compasslib.types import Floats
+from compasslib.types import Bools, Floats
 
 Attributes = dict[str, str | int | float]
 
@@ -39,7 +39,7 @@ SAME = {
 CONSTANT: Attributes = {
     "Conventions": CONVENTIONS,
     "featureType": "timeSeriesProfile",
-    "cdm_data_type": "Station",
+    "cdm_data_type": "TimeSeriesProfile",
     "data_type": "OceanSITES time-series data",
     "format_version": "1.4",
     "data_mode": "D",
@@ -69,6 +69,10 @@ class Site:
     def signed_longitude(self) -> float:
         """Wrap the longitude to [-180, 180]; a value in that range is returned unchanged."""
         return self.longitude if -180.0 <= self.longitude <= 180.0 else float(angles.wrap180(self.longitude))
+
+    def holds_water(self, depth_m: Floats) -> Bools:
+        """Return whether each depth is known and lies between the sea surface and the bottom."""
+        return (depth_m >= 0.0) & (depth_m <= (np.inf if self.water_depth_m is None else self.water_depth_m))
 
 
 def global_attributes(
@@ -135,7 +139,7 @@ def declination_attributes(attributes: Attributes, time_s: Floats, degrees: tupl
         "declination_model": DECLINATION.get(source, source),
         "declination_date": f"{iso_time(time_s[0])}/{iso_time(time_s[-1])}",
         "declination_degrees": np.array(degrees),
-        "declination_comment": "Degrees east of true north at the two dates; in between by the variable DECLINATION.",
+        "declination_comment": "Degrees east of true north at the two dates; in between by declination_model.",
     }
 
 
@@ -217,7 +221,7 @@ def _where(site: Site, depth_m: Floats) -> Attributes:
         "geospatial_vertical_positive": "down",
         "geospatial_vertical_units": "m",
     }
-    known = depth_m[np.isfinite(depth_m)]
+    known = depth_m[site.holds_water(depth_m)]
     if known.size:
         ranges |= {"geospatial_vertical_min": float(known.min()), "geospatial_vertical_max": float(known.max())}
     if site.water_depth_m is not None:

@@ -123,7 +123,7 @@ FIXED = {
     "format_version": r"1\.[1345]",
     "Conventions": r"(?=.*CF-1\.\d)(?=.*ACDD-1\.\d)(?=.*OceanSITES-1\.\d).*",
     "id": r"OS(_[^_]+){3,4}",
-    "cdm_data_type": r"Station",
+    "cdm_data_type": r"Station|TimeSeriesProfile",  # the manual's, and the CDM's name of this featureType
     "featureType": r"timeSeries(Profile)?",
     "source": r"(subsurface mooring|moored surface buoy|ship)",
     "update_interval": rf"void|{INTERVAL}",
@@ -195,7 +195,7 @@ def oceansites_remarks(path: str | Path) -> list[str]:
         InputError: the file is missing or damaged.
     """
     with open_netcdf(path) as nc:
-        apart = (*nc.dimensions, "TIME", "LATITUDE", "LONGITUDE")
+        apart = {*nc.dimensions, "TIME", "LATITUDE", "LONGITUDE"} | _bounds(nc)
         data = [name for name, variable in nc.variables.items() if variable.dtype.kind == "f" and name not in apart]
         issues = [*_attributes(nc), *_coordinates(nc), *_time(nc), *_names(nc)]
         issues += [remark for name in data for remark in (*_data(nc, name), *_flagged(nc, name))]
@@ -247,6 +247,8 @@ def _time(nc: netCDF4.Dataset) -> Remarks:
 
 def _names(nc: netCDF4.Dataset) -> Remarks:
     for name, variable in nc.variables.items():
+        if name in _bounds(nc):
+            continue
         if not re.fullmatch(r"[A-Z][A-Z0-9_]*", name):
             yield f"variable {name} is not named in capitals"
         if name in NAMES and _attribute(variable, "standard_name") != NAMES[name]:
@@ -312,6 +314,11 @@ def _flags(nc: netCDF4.Dataset, name: str) -> Remarks:
         yield f"{name}:flag_meanings are not those of table 2"
     if not np.isin(variable[...], list(FLAGS)).all():
         yield f"{name} holds a flag that table 2 has not"
+
+
+def _bounds(nc: netCDF4.Dataset) -> set[str]:
+    """Return the names of the variables of coordinate bounds, which CF exempts from attributes [7.1]."""
+    return {_attribute(variable, "bounds") for variable in nc.variables.values()}
 
 
 def _usable(variable: netCDF4.Variable) -> Any:

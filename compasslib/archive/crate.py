@@ -28,6 +28,7 @@ FILE = f"{FOLDER}/ro-crate-metadata.json"
 LOCK = "requirements/run.txt"
 PROFILE = "https://w3id.org/ro/wfrun/process/0.5"
 CONTEXT = ["https://w3id.org/ro/crate/1.1/context", "https://w3id.org/ro/terms/workflow-run/context"]
+Entity = dict[str, Any]
 FORMATS = {
     ".nc": "application/x-netcdf",
     ".json": "application/json",
@@ -36,14 +37,14 @@ FORMATS = {
     ".png": "image/png",
     ".html": "text/html",
 }
-# By type of entity: the attribute of the cruise, and its role at the root of the crate.
-PEOPLE = {
-    "Person": ("principal_investigator", "author"),
-    "Organization": ("institution", "publisher"),
-    "CreativeWork": ("license", "license"),
-}
+# Author and license of workflow and library, which are not those of the data.
+MAKERS: tuple[Entity, ...] = (
+    {"@id": "#compasslib-authors", "@type": "Organization", "name": "The compasslib authors"},
+    {"@id": "https://spdx.org/licenses/MIT", "@type": "CreativeWork", "name": "MIT"},
+)
+OWN: Entity = {role: {"@id": entity["@id"]} for role, entity in zip(("author", "license"), MAKERS, strict=True)}
+CONCEALED = "concealed/"  # truth of the demonstration, which no manifest lists
 Record = Mapping[str, Any]  # of a job; see ``pipeline.records.of_job``
-Entity = dict[str, Any]
 
 
 def record_files(root: Path) -> dict[str, Path]:
@@ -54,8 +55,11 @@ def record_files(root: Path) -> dict[str, Path]:
 
 
 def records() -> dict[str, Record]:
-    """Read the records of all jobs of this cruise, by the names of their actions."""
-    return {name: read_json(path) for name, path in record_files(Path()).items()}
+    """Read the records of all jobs of this cruise, without concealed files, by the names of their actions."""
+    known = {name: read_json(path) for name, path in record_files(Path()).items()}
+    for record in known.values():
+        record["wrote"] = {file: hash_ for file, hash_ in record["wrote"].items() if not file.startswith(CONCEALED)}
+    return known
 
 
 def lineage(known: Mapping[str, Record], products: Iterable[str]) -> dict[str, Record]:
@@ -93,22 +97,26 @@ def crate(
 
     Args:
         configuration: YAML files behind a job by its subject, e.g. "mooring EG4" or "calibration C1"; "" for others.
-        attributes: of the cruise; ``project`` and those of ``PEOPLE`` are used.
+        attributes: of the cruise; ``project``, ``software_url`` and those of ``owners`` are used.
         stopped: reasons for missing results, by subject as in ``configuration``.
     """
-    files = _files(jobs, configuration)
+    files = provenance.hashes(path for paths in configuration.values() for path in paths)
+    for record in jobs.values():
+        files |= record["read"] | record["wrote"]
     data = [
         {"@id": _id(path), "@type": "File", "name": path, "sha256": files[path]}
         | {"encodingFormat": FORMATS.get(Path(path).suffix, "application/octet-stream")}
         for path in sorted(files)
     ]
-    actions = [_job(name, record, configuration) for name, record in jobs.items()]
-    failed = [_failed(subject, why, configuration) for subject, why in (stopped or {}).items()]
-    actions += failed
-    parts = {"hasPart": _refs(files), "mentions": [_ref(action["@id"]) for action in actions]}
     tools = list(_surroundings())
-    makers = {record["software"] for record in jobs.values()} | ({provenance.software()} if failed else set())
-    software = [_software(maker, tools) for maker in sorted(makers)]
+    required = {"softwareRequirements": [_ref(entity["@id"]) for entity in tools], **OWN}
+    makers = {record["software"] for record in jobs.values()} | ({provenance.software()} if stopped else set())
+    url = str(attributes.get("software_url", ""))
+    software = {maker: _software(maker, url) | required for maker in sorted(makers)}
+    actions = [_job(name, record, configuration, software[record["software"]]) for name, record in jobs.items()]
+    for subject, why in (stopped or {}).items():
+        actions.append(_failed(subject, why, configuration, software[provenance.software()]))
+    parts = {"hasPart": _refs(files), "mentions": [_ref(action["@id"]) for action in actions]}
     about = [
         {
             "@id": "ro-crate-metadata.json",
@@ -118,9 +126,9 @@ def crate(
         },
         {"@id": PROFILE, "@type": "CreativeWork", "name": "Process Run Crate", "version": PROFILE.rsplit("/", 1)[1]},
         _root(attributes) | parts,
-        *_people(attributes),
+        *{entity["@id"]: entity for entity in (*MAKERS, *owners(attributes).values())}.values(),
     ]
-    return {"@context": CONTEXT, "@graph": [*about, *software, *tools, *actions, *data]}
+    return {"@context": CONTEXT, "@graph": [*about, *software.values(), *tools, *actions, *data]}
 
 
 def listed(page: Mapping[str, Any]) -> dict[str, str]:
@@ -156,12 +164,6 @@ def written(page: Mapping[str, Any]) -> set[str]:
     return {path.removeprefix("../") if path.startswith("../") else f"{FOLDER}/{path}" for path in wrote}
 
 
-def log_line(page: Mapping[str, Any]) -> str:
-    """Format the log line that summarizes the crate."""
-    jobs = sum("result" in entity for entity in page["@graph"])
-    return f"{FILE}: {len(listed(page))} files, {jobs} jobs"
-
-
 def _actions(page: Mapping[str, Any]) -> list[Entity]:
     return [entity for entity in page["@graph"] if entity["@type"] == "CreateAction"]
 
@@ -172,15 +174,9 @@ def identifiers(action: Mapping[str, Any], part: str) -> list[str]:
     return [item["@id"] for item in (given if isinstance(given, list) else [given])]
 
 
-def _files(jobs: Mapping[str, Record], configuration: Mapping[str, Sequence[str]]) -> dict[str, str]:
-    settings = provenance.hashes(path for paths in configuration.values() for path in paths)
-    files_of_jobs = [record[part] for record in jobs.values() for part in ("read", "wrote")]
-    return settings | {path: known for item in files_of_jobs for path, known in item.items()}
-
-
 def _root(attributes: Mapping[str, Any]) -> Entity:
     project = attributes.get("project")
-    roles = {PEOPLE[entity["@type"]][1]: _ref(entity["@id"]) for entity in _people(attributes)}
+    roles = {role: _ref(entity["@id"]) for role, entity in owners(attributes).items()}
     return {
         "@id": "./",
         "@type": "Dataset",
@@ -195,33 +191,31 @@ def _root(attributes: Mapping[str, Any]) -> Entity:
     } | roles
 
 
-def _people(attributes: Mapping[str, Any]) -> list[Entity]:
-    """Compose the entities of investigator, institution and license, as far as the cruise states them."""
-    return [
-        {"@id": f"#{key}", "@type": kind, "name": str(attributes[key])}
-        for kind, (key, _) in PEOPLE.items()
-        if key in attributes
-    ]
-
-
-def _software(maker: str, surroundings: Sequence[Entity]) -> Entity:
-    name, version = maker.split(" ", 1)
-    return {
-        "@id": f"#{quote(maker)}",
-        "@type": "SoftwareApplication",
-        "name": name,
-        "softwareVersion": version,
-        "softwareRequirements": [_ref(entity["@id"]) for entity in surroundings],
-    }
+def owners(attributes: Mapping[str, Any]) -> dict[str, Entity]:
+    """Compose the entities of the owners of the data, as far as the cruise states them, by their role at the root."""
+    given = {key: str(value) for key, value in attributes.items()}
+    entities: dict[str, Entity] = {}
+    if name := given.get("principal_investigator"):
+        identifier = given.get("principal_investigator_orcid", "#principal_investigator")
+        entities["author"] = {"@id": identifier, "@type": "Person", "name": name}
+    if name := given.get("institution"):
+        url = given.get("publisher_url", "")
+        entities["publisher"] = {"@id": url or "#institution", "@type": "Organization", "name": name}
+        entities["publisher"] |= {"url": url} if url else {}
+    if terms := given.get("license"):
+        identifier = terms if "://" in terms else "#license"
+        entities["license"] = {"@id": identifier, "@type": "CreativeWork", "name": terms}
+    if entities.keys() >= {"author", "publisher"}:
+        entities["author"]["affiliation"] = _ref(entities["publisher"]["@id"])
+    return entities
 
 
 def _surroundings() -> Iterator[Entity]:
     """Yield entities for Python, plug-in packages, the lock file and the installed version of each required package."""
     python = platform.python_version()
-    yield _tool(f"pkg:generic/python@{python}", "python", python, "https://www.python.org/")
+    yield _software(f"python {python}", "https://www.python.org/")
     for package in plugins.plugin_packages():
-        name, version = package.rsplit(" ", 1)
-        yield _tool(f"pkg:generic/{quote(name)}@{version}", name, version)
+        yield _software(package)
     lock, packages = provenance.RELEASE_FILES / LOCK, list[str]()
     if lock.is_file():
         known = provenance.sha256(lock)
@@ -233,15 +227,18 @@ def _surroundings() -> Iterator[Entity]:
             packages = sorted(re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in asked if "extra ==" not in line)
     for package in packages:
         if version := provenance.installed(package):  # the lock also lists build tools and packages of other platforms
-            yield _tool(f"pkg:pypi/{package}@{version}", package, version, f"https://pypi.org/project/{package}/")
+            yield _software(f"{package} {version}", f"https://pypi.org/project/{package}/")
 
 
-def _tool(identifier: str, name: str, version: str, url: str = "") -> Entity:
+def _software(program: str, url: str = "") -> Entity:
+    """Compose the entity of a program, given as "name version"."""
+    name, version = program.split(" ", 1)
+    identifier = f"{url}#{quote(version)}" if url else f"#{quote(program)}"
     tool = {"@id": identifier, "@type": "SoftwareApplication", "name": name, "softwareVersion": version}
     return tool | ({"url": url} if url else {})
 
 
-def _job(name: str, record: Record, configuration: Mapping[str, Sequence[str]]) -> Entity:
+def _job(name: str, record: Record, configuration: Mapping[str, Sequence[str]], software: Entity) -> Entity:
     parameters = json.dumps(record["parameters"], ensure_ascii=False)
     about = " ".join(record["of"].values())
     subject = " ".join(next(iter(record["of"].items()), ""))
@@ -251,19 +248,19 @@ def _job(name: str, record: Record, configuration: Mapping[str, Sequence[str]]) 
         "@type": "CreateAction",
         "name": f"{record['rule']} {about}".strip(),
         "description": f"rule {record['rule']}, modules sha256 {record['code']}, parameters {parameters}",
-        "instrument": _ref(f"#{quote(record['software'])}"),
+        "instrument": _ref(software["@id"]),
         "actionStatus": "http://schema.org/CompletedActionStatus",  # only completed jobs lead to products
         "object": _refs(read),
         "result": _refs(record["wrote"]),
     }
 
 
-def _failed(subject: str, why: str, configuration: Mapping[str, Sequence[str]]) -> Entity:
+def _failed(subject: str, why: str, configuration: Mapping[str, Sequence[str]], software: Entity) -> Entity:
     return {
         "@id": f"#{quote(f'stopped/{subject}')}",
         "@type": "CreateAction",
         "name": subject,
-        "instrument": _ref(f"#{quote(provenance.software())}"),
+        "instrument": _ref(software["@id"]),
         "actionStatus": "http://schema.org/FailedActionStatus",
         "error": why,
         "object": _refs(configuration[subject]),

@@ -7,7 +7,9 @@ job records, from which ``compass diff`` finds settings and raw files that chang
 
 from __future__ import annotations
 
+import base64
 import hashlib
+import io
 import json
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -17,6 +19,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from compasslib import __version__
 from compasslib.archive import crate, provenance
 from compasslib.archive.attributes import Site
 from compasslib.archive.crate import Entity
@@ -46,21 +49,37 @@ OPTIONAL = {
     "software_url": "where the version of this software that was used is kept (recommended)",
     "doi": "of the deposit, once reserved",
 }
-SNAKEMAKE: Entity = {
-    "@id": "https://w3id.org/workflowhub/workflow-ro-crate#snakemake",
-    "@type": "ComputerLanguage",
-    "name": "Snakemake",
-    "identifier": {"@id": "https://doi.org/10.1093/bioinformatics/bty350"},
-    "url": {"@id": "https://snakemake.github.io/"},
-}
+SNAKEMAKE = "https://w3id.org/workflowhub/workflow-ro-crate#snakemake"
+CONTEXTUAL: tuple[Entity, ...] = (
+    {
+        "@id": SNAKEMAKE,
+        "@type": "ComputerLanguage",
+        "name": "Snakemake",
+        "identifier": {"@id": "https://doi.org/10.1093/bioinformatics/bty350"},
+        "url": {"@id": "https://snakemake.github.io/"},
+    },
+    {"@id": BIOSCHEMAS, "@type": "CreativeWork", "name": "Bioschemas ComputationalWorkflow profile"},
+    *(
+        {"@id": profile, "@type": "CreativeWork", "name": name, "version": version}
+        for profile, (name, version) in PROFILES.items()
+    ),
+)
 ABOUT = """# {title}
 
 Moored current records whose compass was corrected, as one Workflow Run Crate. `results/` holds the products, `config/`
-and `raw/` what they were made from, `workflow/` the rules, `ro-crate-metadata.json` the description of all files,
-`datacite.json` what a DOI is registered with.
+and `raw/` the files they were made from, `ro-crate-metadata.json` the description of all files, `datacite.json` the
+metadata for registering a DOI. The license of the data is {license}. The software (rules and profiles in `workflow/`,
+the library `{wheel}`) has its own, `workflow/LICENSE`.
 
-The unpacked folder is compared with its manifest by `compass verify FOLDER`.
+To run it again in this folder, with Python 3.11 or later, and compare with the results of this deposit:
+
+    python3 -m venv .venv && .venv/bin/pip install -r requirements/run.txt && .venv/bin/pip install --no-deps {wheel}
+    mv results deposited && .venv/bin/compass run .
+    .venv/bin/compass diff deposited results
+
+`compass verify .` compares the unpacked folder with its manifest.
 """
+WHEEL = f"compasslib-{__version__}-py3-none-any.whl"
 VON_APPEN = "10.1175/JTECH-D-14-00043.1"  # DOI of the method
 BLOCK_BYTES = 1 << 20  # bytes copied at a time
 LARGEST_JSON = 1 << 24  # bytes; the manifest of the demonstration cruise, of 11 moorings, has 0.25 MB
@@ -73,27 +92,26 @@ def deposit(cruise: Cruise, to: str | Path) -> int:
         InputError: there is no manifest, a file differs from it, or an attribute of ``OWNERS`` is missing.
     """
     root, attributes = cruise.root, cruise.options.attributes
-    if missing := [key for key in OWNERS if not str(attributes.get(key, "")).strip()]:
+    if missing := missing_attributes(attributes):
         keys = "; ".join(f"{key}, {OWNERS[key]}" for key in missing)
         advice = f"add {keys}; then run the cruise again, as its products state them"
         expected = f"the attributes {', '.join(OWNERS)}"
         raise InputError("config/config.yaml: attributes", expected=expected, found=f"no {missing[0]}", advice=advice)
     page = read_manifest(root)
     listed = crate.listed(page)
-    rules = {
-        f"workflow/{path.relative_to(provenance.WORKFLOW).as_posix()}": path
-        for part in ("Snakefile", "rules/*.smk", "scripts/*.py")
-        for path in provenance.WORKFLOW.glob(part)
-    }
-    if (lock := provenance.RELEASE_FILES / crate.LOCK).is_file():
-        rules[crate.LOCK] = lock
+    rules = _workflow_files()
+    wheel = pack_wheel(rules)
     rules |= {path.relative_to(root).as_posix(): path for path in crate.record_files(root).values()}
-    described = compose(page, attributes, {name: provenance.sha256(path) for name, path in rules.items()}, root)
-    texts = {METADATA: json.dumps(described, indent=1, ensure_ascii=False) + "\n"}
+    hashed = {name: provenance.sha256(path) for name, path in rules.items()}
+    described = compose(page, attributes, hashed | {WHEEL: hashlib.sha256(wheel).hexdigest()}, root)
     whole = next(x for x in described["@graph"] if x["@id"] == "./")
-    texts[README] = ABOUT.format(title=whole["name"])
     cited = describe_datacite(cruise, title=whole["name"], published=whole["datePublished"])
-    texts[DATACITE] = json.dumps(cited, indent=1, ensure_ascii=False) + "\n"
+    texts: dict[str, str | bytes] = {
+        METADATA: json.dumps(described, indent=1, ensure_ascii=False) + "\n",
+        README: ABOUT.format(title=whole["name"], license=attributes["license"], wheel=WHEEL),
+        DATACITE: json.dumps(cited, indent=1, ensure_ascii=False) + "\n",
+        WHEEL: wheel,
+    }
     with atomic_write(to) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, text in texts.items():
             archive.writestr(_entry(name), text)
@@ -107,6 +125,50 @@ def deposit(cruise: Cruise, to: str | Path) -> int:
                 expected, advice = "the file that the manifest lists", "run the cruise again, then export"
                 raise InputError(name, expected=expected, found="another", advice=advice)
     return len(listed) + len(rules) + len(texts) + 1
+
+
+def missing_attributes(attributes: Mapping[str, Any]) -> list[str]:
+    """List the attributes of a cruise that a deposit requires and that are not given."""
+    return [key for key in OWNERS if not str(attributes.get(key, "")).strip()]
+
+
+def _workflow_files() -> dict[str, Path]:
+    """List the files of workflow, license and lock by their paths in the deposit."""
+    parts = ("Snakefile", "rules/*.smk", "scripts/*.py", "report/*.rst", "profiles/*/*.yaml")
+    found = [path for part in parts for path in provenance.WORKFLOW.glob(part)]
+    named = {f"workflow/{path.relative_to(provenance.WORKFLOW).as_posix()}": path for path in found}
+    named |= {"workflow/LICENSE": provenance.RELEASE_FILES / "LICENSE"}
+    return named | {crate.LOCK: provenance.RELEASE_FILES / crate.LOCK}
+
+
+def pack_wheel(rules: Mapping[str, Path]) -> bytes:
+    """Pack the running library as a wheel; the dependencies are those of the lock file.
+
+    Args:
+        rules: files of the workflow by their paths in the deposit, which the wheel also contains.
+    """
+    outside = {name: provenance.RELEASE_FILES / name for name in ("CHANGELOG.md", "docs/glossary.md", crate.LOCK)}
+    named = {f"compasslib/{name}": path for name, path in rules.items() if name.startswith("workflow/")}
+    named |= {f"compasslib/workflow/{name}": path for name, path in outside.items()}
+    for path in provenance.PACKAGE.rglob("*"):
+        if path.is_file() and "__pycache__" not in path.parts:
+            named[path.relative_to(provenance.PACKAGE.parent).as_posix()] = path
+    contents = {name: path.read_bytes() for name, path in sorted(named.items())}
+    info = f"compasslib-{__version__}.dist-info"
+    contents |= {
+        f"{info}/METADATA": f"Metadata-Version: 2.1\nName: compasslib\nVersion: {__version__}\n".encode(),
+        f"{info}/WHEEL": b"Wheel-Version: 1.0\nGenerator: compasslib\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+        f"{info}/entry_points.txt": b"[console_scripts]\ncompass = compasslib.cli:main\n",
+    }
+    lines = [f"{info}/RECORD,,"]
+    for name, content in contents.items():
+        digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).decode().rstrip("=")
+        lines.append(f"{name},sha256={digest},{len(content)}")
+    contents[f"{info}/RECORD"] = "\n".join([*lines, ""]).encode()
+    with zipfile.ZipFile(stream := io.BytesIO(), "w") as wheel:
+        for name, content in contents.items():
+            wheel.writestr(_entry(name), content)
+    return stream.getvalue()
 
 
 def describe_superseded(file: Path, configuration: Sequence[str], root: Path) -> dict[str, Any]:
@@ -169,65 +231,45 @@ def _read_entry(packed: zipfile.ZipFile, name: str, largest: int) -> bytes:
     return content
 
 
-def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], rules: Mapping[str, str], root: Path) -> Entity:
-    """Compose the metadata of the deposit from the manifest.
+def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], packed: Mapping[str, str], root: Path) -> Entity:
+    """Compose the metadata of the deposit from the manifest, with paths from the cruise folder.
 
     Args:
         page: the manifest, whose paths are relative to results/.
-        rules: SHA-256 of the workflow's files and of the job records, by path in the deposit.
+        packed: SHA-256 of the files of workflow and library and of the job records, by path in the deposit.
         root: the cruise folder, whose job records date the end of each job.
     """
-    author = str(attributes.get("principal_investigator_orcid", "#principal_investigator"))
-    terms, publisher = str(attributes["license"]), str(attributes["publisher_url"])
-    owned: Entity = {"license": {"@id": terms if "://" in terms else "#license"}, "author": {"@id": author}}
-    software = {"url": str(attributes["software_url"])} if "software_url" in attributes else {}
-    entities = _entities_at_root(page, rules, software.get("url"))
-    files = [identifier for identifier, entity in entities.items() if entity["@type"] == "File"]
-    actions = [entity for entity in entities.values() if entity["@type"] == "CreateAction"]
-    run = _describe_run(actions, author, root)
-    whole = next(entity for entity in page["@graph"] if entity["@id"] == "./") | owned | {
-        "conformsTo": _references(PROFILES), "publisher": {"@id": publisher}, "mainEntity": {"@id": WORKFLOW_FILE},
-        "hasPart": _references([*files, README, DATACITE]),
-        "mentions": _references([RUN, *(action["@id"] for action in actions)]),
-    }  # fmt: skip
-    about: Entity = {
-        "@id": METADATA, "@type": "CreativeWork", "about": {"@id": "./"},
-        "conformsTo": _references(["https://w3id.org/ro/crate/1.1", list(PROFILES)[2]]),
-    }  # fmt: skip
-    added = [about, whole, SNAKEMAKE, run]
-    for name, form in ((README, "text/markdown"), (DATACITE, "application/json")):
-        added.append({"@id": name, "@type": "File", "name": name, "encodingFormat": form, "about": {"@id": "./"}})
-    person = {"name": str(attributes["principal_investigator"]), "affiliation": {"@id": publisher}}
-    added += [
-        owned["license"] | {"@type": "CreativeWork", "name": terms},
-        {"@id": publisher, "@type": "Organization", "name": str(attributes["institution"]), "url": publisher},
-        {"@id": author, "@type": "Person", **person},
-        {"@id": BIOSCHEMAS, "@type": "CreativeWork", "name": "Bioschemas ComputationalWorkflow profile"},
-    ]
-    for profile, (name, version) in PROFILES.items():
-        added.append({"@id": profile, "@type": "CreativeWork", "name": name, "version": version})
-    entities[WORKFLOW_FILE] |= owned | software | {
+    names = {entity["@id"]: quote(entity["name"]) for entity in page["@graph"] if entity["@type"] == "File"}
+    names[f"#{crate.LOCK}"] = quote(crate.LOCK)
+    graph = json.loads(
+        json.dumps(page["@graph"]),
+        object_hook=lambda x: x | {"@id": names.get(x["@id"], x["@id"])} if "@id" in x else x,
+    )
+    entities: dict[str, Entity] = {entity["@id"]: entity for entity in graph}
+    author = crate.owners(attributes)["author"]["@id"]
+    run = _describe_run([entity for entity in graph if entity["@type"] == "CreateAction"], author, root)
+    for name, digest in packed.items():
+        own = crate.OWN if name.startswith("workflow/") or name == WHEEL else {}
+        form = "application/json" if name.endswith(".json") else "application/zip" if name == WHEEL else "text/plain"
+        about: Entity = {"@id": quote(name), "@type": "File", "name": name, "sha256": digest, "encodingFormat": form}
+        entities[quote(name)] = about | own
+    entities[WORKFLOW_FILE] |= {
         "@type": ["File", "SoftwareSourceCode", "ComputationalWorkflow"], "name": "Correction of compass deviations",
-        "programmingLanguage": {"@id": SNAKEMAKE["@id"]}, "version": provenance.software().split(" ", 1)[1],
+        "programmingLanguage": {"@id": SNAKEMAKE}, "version": provenance.software().split(" ", 1)[1],
         "conformsTo": {"@id": BIOSCHEMAS},
     }  # fmt: skip
-    return {"@context": crate.CONTEXT, "@graph": [*added, *entities.values()]}
-
-
-def _entities_at_root(page: Mapping[str, Any], rules: Mapping[str, str], software_url: str | None) -> dict[str, Entity]:
-    """Collect the manifest's entities except root and people, and the rules, with paths from the cruise folder."""
-    moved = {entity["@id"]: quote(entity["name"]) for entity in page["@graph"] if entity["@type"] == "File"}
-    moved |= {f"#{crate.LOCK}": quote(crate.LOCK)}
-    given = {"compasslib": software_url}
-    for entity in page["@graph"]:  # programs are identified by their URL, where it is known
-        if entity["@type"] == "SoftwareApplication" and (url := entity.get("url") or given.get(entity["name"])):
-            moved[entity["@id"]] = f"{url}#{quote(str(entity['softwareVersion']))}"
-    apart = {"./", METADATA, crate.PROFILE, *(f"#{key}" for _, (key, _) in crate.PEOPLE.items())}
-    entities = [_moved(entity, moved) for entity in page["@graph"] if entity["@id"] not in apart]
-    for name, digest in rules.items():
-        form = "application/json" if name.endswith(".json") else "text/plain"
-        entities.append({"@id": quote(name), "@type": "File", "name": name, "sha256": digest, "encodingFormat": form})
-    return {entity["@id"]: entity for entity in entities}
+    if "software_url" in attributes:
+        entities[WORKFLOW_FILE]["url"] = str(attributes["software_url"])
+    for name, form in ((README, "text/markdown"), (DATACITE, "application/json")):
+        entities[name] = {"@id": name, "@type": "File", "name": name, "encodingFormat": form, "about": {"@id": "./"}}
+    files = [identifier for identifier, entity in entities.items() if "File" in entity["@type"]]
+    entities["./"] |= {
+        "conformsTo": _references(PROFILES), "mainEntity": {"@id": WORKFLOW_FILE}, "hasPart": _references(files),
+        "mentions": [{"@id": RUN}, *entities["./"]["mentions"]],
+    }  # fmt: skip
+    entities[METADATA]["conformsTo"] = _references(["https://w3id.org/ro/crate/1.1", list(PROFILES)[2]])
+    entities |= {entity["@id"]: entity for entity in (run, *CONTEXTUAL)}
+    return {"@context": crate.CONTEXT, "@graph": list(entities.values())}
 
 
 def _describe_run(actions: Sequence[Entity], author: str, root: Path) -> Entity:
@@ -247,15 +289,6 @@ def _describe_run(actions: Sequence[Entity], author: str, root: Path) -> Entity:
         "description": "All jobs of the workflow; each has an action of its own", "agent": {"@id": author},
         "endTime": last, "object": _references(read), "result": _references(made),
     }  # fmt: skip
-
-
-def _moved(entity: Any, identifiers: Mapping[str, str]) -> Any:
-    """Copy an entity with its identifiers replaced."""
-    if isinstance(entity, dict):
-        copied = {key: identifiers.get(x, x) if key == "@id" else _moved(x, identifiers) for key, x in entity.items()}
-        software = entity.get("@type") == "SoftwareApplication" and copied["@id"].startswith("http")
-        return {"url": copied["@id"].partition("#")[0], **copied} if software else copied
-    return [_moved(item, identifiers) for item in entity] if isinstance(entity, list) else entity
 
 
 def _references(identifiers: Iterable[str]) -> list[Entity]:

@@ -17,10 +17,11 @@ from compasslib.archive.attributes import Site, declination_attributes, global_a
 from compasslib.archive.files import CHUNK, create_netcdf, open_netcdf, read_variable, write_variable
 from compasslib.archive.netcdf import DAYS_1950_TO_1970, TIME_DECIMALS
 from compasslib.archive.variables import GRIDDED, SECTION_SIGMA, Variable, quality_variable
+from compasslib.errors import InputError
 from compasslib.product.cells import Velocities
 from compasslib.product.errors import HeadingErrors, sum_sigma
 from compasslib.product.grid import DailyMeans, GriddedProduct, Piece, Source, empty_piece
-from compasslib.records import GOOD, PROBABLY_GOOD, CorrectedRecord, EarthField, Flags, Record
+from compasslib.records import GOOD, PROBABLY_GOOD, CorrectedRecord, EarthField, Flags, Labelled, Record
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
 USUAL_BEAM_DEG = 20.0  # beam angle assumed for an affected profiler whose files do not state it
@@ -126,6 +127,9 @@ class FileDescription:
         }
         unset = {key: text for key, text in texts.items() if key not in self.attributes or key == "comment"}
         named = {"id": str(spanned["id"]).replace("compass-corrected", kind)}
+        if "history" in spanned:
+            step = f"{means}velocities put on fixed depths and times by {spanned['software_version']}"
+            named["history"] = f"{spanned['history']}\n{spanned['date_created']}: {step}"
         ends = earthfield.declination_at(self.field, time_s[[0, -1]]).tolist() if len(time_s) else (np.nan, np.nan)
         return {**spanned, **unset, **named, **self.also}, declination_attributes(spanned, time_s, tuple(ends))
 
@@ -144,10 +148,10 @@ def write_gridded(
     axes = product.axes
     counts = np.zeros(3, dtype=int)
     written, turned = description.compose("gridded", axes.time_s, axes.depth_m)
-    attributes = _column_attributes(turned, f"{axes.step_s / HOUR_S:g} h", product.memory_s)
+    attributes = _column_attributes(turned, product.memory_s)
     with create_netcdf(path, "NETCDF4_CLASSIC") as nc:
         nc.setncatts(written)
-        rising = _put_frame(nc, product, description.site, axes.time_s)
+        rising = _put_frame(nc, product, description.site, axes.time_s, axes.step_s)
         _put_headings(nc, product)
         for piece in product:
             _put_columns(nc, _columns(piece, rising), attributes, piece.slots)
@@ -165,16 +169,16 @@ def write_daily(path: str | Path, product: GriddedProduct, description: FileDesc
     written, turned = description.compose("gridded-daily", means.time_s, product.axes.depth_m)
     with create_netcdf(path, "NETCDF4_CLASSIC") as nc:
         nc.setncatts(written)
-        _put_frame(nc, product, description.site, means.time_s)
+        _put_frame(nc, product, description.site, means.time_s, DAY_S)
         _put_headings(nc, replace(product, errors=means.errors, deviation_deg=means.deviation_deg))
-        _put_columns(nc, _columns(means.piece, False), _column_attributes(turned, "1 day", product.memory_s))
+        _put_columns(nc, _columns(means.piece, False), _column_attributes(turned, product.memory_s))
         for name, values in (("N_SAMPLES", means.count), ("SHRINKAGE", means.shrinkage)):
             _put(nc, GRIDDED[name], values, {"QC_indicator": "unknown"})
 
 
-def _column_attributes(turned: Mapping[str, object], interval: str, memory_s: float) -> dict[str, Mapping[str, object]]:
+def _column_attributes(turned: Mapping[str, object], memory_s: float) -> dict[str, Mapping[str, object]]:
     """Return, by name of the variable, the attributes that differ from file to file."""
-    averaged: dict[str, object] = {"cell_methods": f"TIME: mean (interval: {interval})"}
+    averaged: dict[str, object] = {"cell_methods": "TIME: mean"}
     memory: dict[str, object] = {"error_memory_hours": memory_s / HOUR_S}
     velocities = {"UCUR": {**turned, **averaged}, "VCUR": {**turned, **averaged}, "WCUR": averaged}
     return {**velocities, "UCUR_UNCERTAINTY": memory, "VCUR_UNCERTAINTY": memory}
@@ -281,17 +285,20 @@ def _mean_profile(moments: Complexes, number: Floats) -> MeanProfile:
     return MeanProfile(total, (power + twice.real) / 2.0, (power - twice.real) / 2.0, twice.imag / 2.0)
 
 
-def _put_frame(nc: netCDF4.Dataset, product: GriddedProduct, site: Site, time_s: Floats) -> bool:
+def _put_frame(nc: netCDF4.Dataset, product: GriddedProduct, site: Site, time_s: Floats, step_s: float) -> bool:
     """Write dimensions and coordinates; return whether vertical velocities were measured."""
     name = np.frombuffer(site.name.encode(), dtype="S1")
     shares = product.errors.shares
     sizes = {"TIME": len(time_s), "DEPTH": len(product.axes.depth_m), "MODE": shares.shape[1]}
-    sizes |= {"SOURCES": len(shares), "NAME_LENGTH": len(name)}
+    sizes |= {"SOURCES": len(shares), "NAME_LENGTH": len(name), "NV": 2}
     for dimension, size in sizes.items():
         nc.createDimension(dimension, size)
-    write_variable(nc, replace(variables.TIME, comment=""), time_s / DAY_S + DAYS_1950_TO_1970)
-    nc["TIME"].comment = "UTC; the middle of each interval"
+    write_variable(nc, variables.GRID_TIME, time_s / DAY_S + DAYS_1950_TO_1970)
     write_variable(nc, variables.GRID_DEPTH, product.axes.depth_m)
+    halves = np.array([-0.5, 0.5])
+    bounds = time_s[:, None] + step_s * halves, product.axes.depth_m[:, None] + product.axes.step_m * halves
+    write_variable(nc, variables.BOUNDS["TIME"], bounds[0] / DAY_S + DAYS_1950_TO_1970)
+    write_variable(nc, variables.BOUNDS["DEPTH"], np.maximum(bounds[1], 0.0))
     write_variable(nc, variables.LATITUDE, site.latitude)
     write_variable(nc, variables.LONGITUDE, site.signed_longitude())
     write_variable(nc, variables.STATION, name)
@@ -353,7 +360,7 @@ def _put(
 
 
 @dataclass(frozen=True)
-class GriddedCurrents:
+class GriddedCurrents(Labelled):
     """Velocities of a mooring on t times and z depths, NaN where there is none."""
 
     time_s: Floats  #: (t,) middle of each interval, UTC seconds since 1970
@@ -366,6 +373,7 @@ class GriddedCurrents:
     instruments: tuple[str, ...]  #: names, affected instruments first
     errors: HeadingErrors  #: heading errors, which are correlated between cells and times
     memory_s: float  #: s, e-folding time of the errors that do not come from a heading
+    path: str = ""  #: the file that they were read from
 
     def sum_cells(self, east: ArrayLike, north: ArrayLike) -> tuple[float, float]:
         """Compute a weighted sum of the velocities, such as a transport or a mean, and its standard deviation.
@@ -394,8 +402,11 @@ def open_gridded(path: str | Path) -> GriddedCurrents:
     Raises:
         InputError: the file is missing, damaged or of another kind.
     """
-    path = Path(path)
-    with open_netcdf(path / "gridded.nc" if path.is_dir() else path) as nc:
+    path = Path(path) / "gridded.nc" if Path(path).is_dir() else Path(path)
+    with open_netcdf(path) as nc:
+        if "HEADING_ERROR_MODE" not in nc.variables:
+            advice = "open corrected.nc by compasslib.open_product"
+            raise InputError(str(path), expected="gridded velocities", found="another file", advice=advice)
         names = ("TIME", "DEPTH", "UCUR", "VCUR", "UCUR_UNCERTAINTY", "VCUR_UNCERTAINTY", "HEADING_ERROR_MODE")
         time, depth_m, east, north, east_sigma, north_sigma, modes = (read_variable(nc, name) for name in names)
         random, memory_h = read_variable(nc, "HEADING_ERROR_RANDOM"), nc["HEADING_ERROR_RANDOM"].memory_hours
@@ -404,8 +415,8 @@ def open_gridded(path: str | Path) -> GriddedCurrents:
             read_variable(nc, "HEADING_ERROR_SHARE"),
         )  # fmt: skip
         return GriddedCurrents(
-            np.round((time - DAYS_1950_TO_1970) * DAY_S, TIME_DECIMALS), depth_m, east + 1j * north, east_sigma,
-            north_sigma, np.asarray(nc["UCUR_QC"][:]), np.asarray(nc["SOURCE"][:], dtype=np.intp) - 1,
+            np.round((time - DAYS_1950_TO_1970) * DAY_S, TIME_DECIMALS), depth_m, east + 1j * north,
+            east_sigma, north_sigma, np.asarray(nc["UCUR_QC"][:]), np.asarray(nc["SOURCE"][:], dtype=np.intp) - 1,
             tuple(nc["SOURCE"].flag_meanings.split()[1:]), errors,
-            nc["UCUR_UNCERTAINTY"].error_memory_hours * HOUR_S,
+            nc["UCUR_UNCERTAINTY"].error_memory_hours * HOUR_S, str(path),
         )  # fmt: skip

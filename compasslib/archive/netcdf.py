@@ -34,6 +34,7 @@ from compasslib.archive.files import (
     write_variable,
 )
 from compasslib.archive.variables import Variable, quality_variable
+from compasslib.errors import InputError
 from compasslib.preparation.quality import MASKS
 from compasslib.records import (
     BAD,
@@ -47,7 +48,7 @@ from compasslib.records import (
     ReferenceCompass,
     Rows,
 )
-from compasslib.types import Floats
+from compasslib.types import Bools, Floats
 
 
 def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, object] | None = None) -> None:
@@ -235,7 +236,7 @@ def write_corrected(
         processing: how and when the product was made; see ``archive.attributes.global_attributes``.
     """
     pieces = [product] if isinstance(product, CorrectedRecord) else product
-    whole = _scan_pieces(pieces)
+    whole = _scan_pieces(pieces, site)
     attributes = global_attributes(
         site,
         time_s=whole.time_s,
@@ -269,7 +270,8 @@ class _Whole:
     time_s: Floats  # (n,)
     bins: int
     looks_up: bool
-    depths_m: Floats  # m, smallest and largest depth of the bins in each piece that has any
+    site: Site
+    depths_m: Floats  # m, smallest and largest depth of the bins in the water in each piece that has any
     nominal_depth: bool
     headings: tuple[int, int]  # numbers of recorded and of corrected headings
     declination: tuple[float, float]  # at the first and last sample, degrees, east positive
@@ -279,14 +281,15 @@ class _Whole:
     instrument: dict[str, str]  # manufacturer, model and serial number, as far as its files state them
 
 
-def _scan_pieces(pieces: Iterable[CorrectedRecord]) -> _Whole:
+def _scan_pieces(pieces: Iterable[CorrectedRecord], site: Site) -> _Whole:
     times, instrument, depths, counts = [], [], [], np.zeros(4, dtype=int)
     declination: list[float] = []
     for piece in pieces:
         record = piece.record
         times.append(record.time_s)
         instrument += _ends(record.depth_m)
-        depths += _ends(record.bin_depth_m())
+        depth = record.bin_depth_m()
+        depths += _ends(depth[site.holds_water(depth)])
         declination += piece.declination_deg[[0, -1]].tolist() if len(piece.declination_deg) else []
         several = (record.heading_deg, piece.heading_corrected_deg, record.temperature_c, record.pressure_dbar)
         counts += [np.isfinite(each).sum() for each in several]
@@ -296,6 +299,7 @@ def _scan_pieces(pieces: Iterable[CorrectedRecord]) -> _Whole:
         time_s=np.concatenate(times),
         bins=record.east.shape[1],
         looks_up=record.looks_up,
+        site=site,
         depths_m=np.array(depths),
         # A measured depth varies; a constant one comes from metadata.
         nominal_depth=len(set(instrument)) == 1,
@@ -346,7 +350,7 @@ def read_corrected(path: str | Path, *, velocities: bool = True) -> CorrectedRec
 
 
 def open_product(path: str | Path) -> CorrectedRecord:
-    """Load a product into memory; its ``to_xarray()`` converts it to a labelled dataset.
+    """Load a product into memory; its ``to_xarray()`` loads the whole file into a dataset.
 
     Args:
         path: a corrected.nc, or the folder of a mooring's results.
@@ -354,8 +358,12 @@ def open_product(path: str | Path) -> CorrectedRecord:
     Raises:
         InputError: the file is missing, damaged or of another kind.
     """
-    path = Path(path)
-    return read_corrected(path / "corrected.nc" if path.is_dir() else path)
+    path = Path(path) / "corrected.nc" if Path(path).is_dir() else Path(path)
+    with open_netcdf(path) as nc:
+        if "HEADING_ERROR_MODE" in nc.variables:
+            advice = "open it by compasslib.open_gridded"
+            raise InputError(str(path), expected="corrected.nc", found="gridded velocities", advice=advice)
+    return replace(read_corrected(path), path=str(path))
 
 
 def _record_of(nc: netCDF4.Dataset, bins: int | None) -> Record:
@@ -391,7 +399,7 @@ def _columns(product: CorrectedRecord, whole: _Whole) -> Columns:
     tests = np.zeros(record.quality.shape, dtype=np.int16) if record.tests is None else record.tests
     doubtful = np.where(product.heading_corrected_quality >= PROBABLY_BAD, MASKS["heading"], 0).astype(np.int16)
     columns: Columns = {
-        "DEPTH": (depth, _judged("DEPTH", depth, nominal)),
+        "DEPTH": (depth, _judged("DEPTH", depth, nominal, whole.site.holds_water(depth))),
         "INSTRUMENT_DEPTH": (instrument_depth, _judged("INSTRUMENT_DEPTH", instrument_depth, nominal)),
         "HEADING": (
             angles.wrap360(record.heading_deg),
@@ -429,10 +437,11 @@ def _flag_missing(flags: Flags, values: Floats, absent: int) -> Flags:
     return np.where(given, flags, absent).astype(np.int8)
 
 
-def _judged(name: str, values: Floats, nominal: bool = False) -> Flags:
-    """Flag the values of a variable that no earlier stage has flagged, by its valid range alone."""
+def _judged(name: str, values: Floats, nominal: bool = False, within: Bools | bool = True) -> Flags:
+    """Flag the values of a variable that no earlier stage has flagged, by its valid range and ``within`` alone."""
     low, high = variables.CORRECTED[name].valid or (-np.inf, np.inf)
-    flags = np.where((values >= low) & (values <= high), variables.NOMINAL if nominal else PROBABLY_GOOD, BAD)
+    good = (values >= low) & (values <= high) & within
+    flags = np.where(good, variables.NOMINAL if nominal else PROBABLY_GOOD, BAD)
     return np.where(np.isfinite(values), flags, MISSING).astype(np.int8)
 
 

@@ -194,7 +194,6 @@ def processing(
         "effects": ", ".join(product.effects),
         "coefficients": json.dumps(product.fit.to_json()["coefficients"]),
         "declination_source": field.source,
-        "metadata_link": "../ro-crate-metadata.json",
     }
 
 

@@ -26,9 +26,24 @@ FLAG_MEANINGS = (
 )
 NOMINAL = 7  # "not observed but reported": flag of values from metadata or a model
 
-UNIT_CODES = {  # in the NERC vocabulary P06
-    **{"m s-1": "UVAA", "degree": "UAAA", "degree_Celsius": "UPAA", "dbar": "UPDB", "m": "ULAA", "percent": "UPCT"},
-    **{"degrees_north": "DEGN", "degrees_east": "DEGE"},
+UNIT_CODES = {  # codes and labels in the NERC vocabulary P06
+    **{"m s-1": ("UVAA", "Metres per second"), "degree": ("UAAA", "Degrees"), "dbar": ("UPDB", "Decibars")},
+    **{"degree_Celsius": ("UPAA", "Degrees Celsius"), "m": ("ULAA", "Metres"), "percent": ("UPCT", "Percent")},
+    **{"degrees_north": ("DEGN", "Degrees north"), "degrees_east": ("DEGE", "Degrees east")},
+    "days since 1950-01-01T00:00:00Z": ("UTAA", "Days"),
+}
+LABELS = {  # of codes in the NERC vocabulary P01
+    "ELTJLD01": "Elapsed time (since 1950-01-01T00:00:00Z)",
+    "ALATZZ01": "Latitude north",
+    "ALONZZ01": "Longitude east",
+    "ADEPZZ01": "Depth (spatial coordinate) relative to water surface in the water body",
+    "LCEWZZ01": "Eastward velocity of water current in the water body",
+    "LCNSZZ01": "Northward velocity of water current in the water body",
+    "LERRAP01": "Current velocity error in the water body by moored acoustic doppler current profiler (ADCP)",
+    "HEADCM01": "Orientation (horizontal relative to true north) of measurement device {heading}",
+    "PTCHGP01": "Orientation (pitch) of measurement platform by inclinometer",
+    "ROLLGP01": "Orientation (roll angle) of measurement platform by inclinometer (second sensor)",
+    "TEMPPR01": "Temperature of the water body",
 }
 
 SERIES, BINS = ("TIME",), ("TIME", "BIN")
@@ -69,8 +84,10 @@ class Variable:
         attributes: dict[str, object] = {"standard_name": self.standard_name, "long_name": self.long_name}
         attributes |= {"units": self.units, "reference": self.reference, "comment": self.comment}
         attributes |= {"ancillary_variables": " ".join(self.ancillary)} | dict(self.also)
-        codes = {"sdn_parameter_urn": ("P01", self.parameter), "sdn_uom_urn": ("P06", UNIT_CODES.get(self.units, ""))}
-        attributes |= {key: f"SDN:{vocabulary}::{code}" for key, (vocabulary, code) in codes.items() if code}
+        codes = {"parameter": ("P01", self.parameter, LABELS.get(self.parameter, ""))}
+        codes["uom"] = ("P06", *UNIT_CODES.get(self.units, ("", "")))
+        for kind, (vocabulary, code, label) in codes.items():
+            attributes |= {f"sdn_{kind}_urn": f"SDN:{vocabulary}::{code}", f"sdn_{kind}_name": label} if code else {}
         attributes = {key: value for key, value in attributes.items() if not (isinstance(value, str) and value == "")}
         if self.valid is not None:
             attributes["valid_min"], attributes["valid_max"] = np.array(self.valid, dtype=self.dtype)
@@ -221,7 +238,7 @@ _TABLE = (
     Variable(
         "DEPTH", "depth of each bin, blow-down followed", "m", "depth", BINS, "f4", valid=(-1000.0, 12000.0),
         also=_BELOW_SEA_LEVEL, content="coordinate", parameter="ADEPZZ01",
-        comment="Negative where a bin lies above the sea surface. " + _RANGE_ONLY,
+        comment="Negative where a bin lies above the sea surface. Flagged 4 above the surface and below the bottom.",
     ),
     Variable(
         "HEADING", "heading of the instrument as its compass recorded it", "degree", valid=(0.0, 360.0),
@@ -349,6 +366,9 @@ def profile_variable(name: str, kind: str, beams: bool) -> Variable:
 
 # ----------------------------------------------------------------------------- gridded.nc and gridded_daily.nc, by name
 CELLS, MODES, SHARES = ("TIME", "DEPTH"), ("MODE", "TIME"), ("SOURCES", "MODE")
+GRID_TIME = replace(TIME, comment="UTC; the middle of each interval", also={**TIME.also, "bounds": "TIME_bnds"})
+# CF 7.1: bounds inherit units and meaning from their coordinate.
+BOUNDS = {name: Variable(f"{name}_bnds", "", dimensions=(name, "NV"), fill=None) for name in ("TIME", "DEPTH")}
 GRID_COORDINATES = {CELLS: "TIME LATITUDE LONGITUDE DEPTH", ("TIME",): "TIME LATITUDE LONGITUDE"}
 SECTION_SIGMA = (
     "An error delta of a heading is transverse, du = v delta and dv = -u delta, and is common to all cells of one "
@@ -363,8 +383,8 @@ SECTION_SIGMA = (
 )
 GRID_DEPTH = Variable(
     "DEPTH", "depth", "m", "depth", ("DEPTH",), fill=None, valid=(0.0, 12000.0),
-    also={"axis": "Z", **SEA_LEVEL, "QC_indicator": "nominal value", "coverage_content_type": "coordinate",
-          "coordinate_reference_frame": "urn:ogc:def:crs:EPSG::5831"},
+    also={"axis": "Z", "bounds": "DEPTH_bnds", **SEA_LEVEL, "QC_indicator": "nominal value",
+          "coverage_content_type": "coordinate", "coordinate_reference_frame": "urn:ogc:def:crs:EPSG::5831"},
     parameter="ADEPZZ01",
 )  # fmt: skip
 MODE = Variable("MODE", "number of the mode", "1", "", ("MODE",), "i4", fill=None)

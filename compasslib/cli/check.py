@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from compasslib import calibrations, earthfield, readers
+from compasslib.archive.deposit import missing_attributes
 from compasslib.cli.results import print_warnings, split_warnings
 from compasslib.config import compasses
 from compasslib.config import cruise as config
@@ -84,6 +85,8 @@ def check(asked: Namespace) -> int:
         problems += compasses.find_contradictions(cruise.root, cruise.moorings, serials)
     for line in compasses.suggest_shared(cruise.moorings):
         print(line)
+    if jobs and (absent := missing_attributes(cruise.options.attributes)):
+        print(f"to deposit the results, add to the attributes of config.yaml before the run: {', '.join(absent)}")
     print_warnings(warnings, sys.stdout)
     for line in problems:
         print(f"error: {line}", file=sys.stderr)

@@ -30,7 +30,7 @@ STATED = (
     *("Conventions", "featureType", "cdm_data_type", "data_type", "data_mode", "format_version", "update_interval"),
     *("standard_name_vocabulary", "id", "product_version", "processing_level", "QC_indicator"),
     *("headings_recorded", "headings_corrected", "correction_method", "correction_coefficients", "effects"),
-    *("declination_source", "software_version", "source_files", "metadata_link", "history"),
+    *("declination_source", "software_version", "source_files", "history"),
     *("date_created", "date_modified", "date_issued", "date_metadata_modified"),
     *("geospatial_lat_min", "geospatial_lat_max", "geospatial_lat_units"),
     *("geospatial_lon_min", "geospatial_lon_max", "geospatial_lon_units"),

@@ -57,7 +57,7 @@ def provenance(
     jobs = crate.lineage(crate.records(), products)
     page = crate.crate(jobs, configuration=configuration, attributes=attributes, stopped=_named(stopped))
     write_json(manifest, page)
-    say(crate.log_line(page))
+    say(f"{manifest}: {len(crate.listed(page))} files, {len(jobs)} jobs")
 
 
 def complete(*, folders: Sequence[str], stopped: Mapping[str, Mapping[str, str]], say: Callable[[str], None]) -> None:
