@@ -45,7 +45,7 @@ class HeadingDecision:
     sigma_deg: Floats  # (n,) from the compass's noise and the probability of the other branch
     probability: Floats  # (n,) of the chosen branch; 1 if single or merged at a fold, 0 if the reading is impossible
     other_deg: Floats  # (n,) the other root, NaN where there is none
-    common_deg: Floats | None = None  # (n,) part of sigma_deg that is common to the record; None before it is known
+    common_deg: Floats  # (n,) part of sigma_deg that is common to the record
 
 
 def choose_branches(
@@ -68,6 +68,7 @@ def choose_branches(
             sigma_deg=PRECISION_DEG / slope,
             probability=np.where(np.isfinite(root), 1.0, np.nan),
             other_deg=np.full(root.shape, np.nan),
+            common_deg=np.zeros(root.shape),
         )
     known = np.isfinite(along.reading_deg)
     recorded = angles.wrap360(np.where(known, along.reading_deg, 0.0))
@@ -267,4 +268,5 @@ def _chosen(posterior: Floats, roots: Floats, recorded_deg: Floats) -> HeadingDe
         sigma_deg=np.where(known, np.sqrt(variance), np.nan),
         probability=np.where(known, np.where(two, share, 1.0), np.nan),
         other_deg=np.where(two, other, np.nan),
+        common_deg=np.zeros(known.shape),
     )

@@ -215,7 +215,8 @@ def correct_headings(
         heading = invert_series(fit.coefficients, readings.heading_deg)
         slope = np.maximum(np.abs(series_slope(fit.coefficients, heading)), 0.05)
         certain = np.where(np.isfinite(heading), 1.0, np.nan)
-        decision = HeadingDecision(heading, certain * PRECISION_DEG / slope, certain, np.full(heading.shape, np.nan))
+        nothing = np.full(heading.shape, np.nan)
+        decision = HeadingDecision(heading, certain * PRECISION_DEG / slope, certain, nothing, np.zeros(heading.shape))
     else:
         at = compass_series(fit, readings) if at is None else at
         overlap = np.searchsorted(readings.time_s, pairs.time_s)
@@ -247,13 +248,10 @@ def reference_modes(fit: DeviationFit, readings: Readings, heading_deg: Floats) 
     reference = fit.reference
     if reference is None or not fit.fitted:
         return np.zeros((len(heading_deg), 3))
-    published = fit.method == "von_appen"
     constant, sigma = float(fit.coefficients[0]), float(np.sqrt(fit.covariance[0, 0]))
-    if published:
-        by = (
-            series_design(heading_deg)
-            / np.maximum(np.abs(series_slope(fit.coefficients, heading_deg)), MIN_SLOPE)[:, None]
-        )
+    if fit.method == "von_appen":
+        slope = np.maximum(np.abs(series_slope(fit.coefficients, heading_deg)), MIN_SLOPE)
+        by: Floats = series_design(heading_deg) / slope[:, None]
     else:
         by = compass_series(fit, readings).sensitivity(heading_deg)
         constant, sigma = float(angles.direction(constant, 1.0)), sigma / angles.DEGREE

@@ -119,13 +119,13 @@ def constant_sigma(constant_deg: float, sigma_deg: float, error_deg: float) -> f
 
     Args:
         sigma_deg: standard error of the fitted constant.
-        error_deg: standard deviation of the error.
+        error_deg: scale of the error.
     """
     if error_deg == 0.0:
         return 0.0
-    width, scale = float(np.hypot(ALIGNMENT_SIGMA_DEG, sigma_deg)), error_deg * np.sqrt(1.0 - 2.0 / STUDENT_DOF)
+    width = float(np.hypot(ALIGNMENT_SIGMA_DEG, sigma_deg))
     error = np.linspace(-1.0, 1.0, 2001) * (abs(constant_deg) + 8.0 * error_deg + 4.0 * width)
-    log_density = -0.5 * (STUDENT_DOF + 1.0) * np.log1p((error / scale) ** 2 / STUDENT_DOF)
+    log_density = -0.5 * (STUDENT_DOF + 1.0) * np.log1p((error / error_deg) ** 2 / STUDENT_DOF)
     log_density = log_density - 0.5 * ((constant_deg - error) / width) ** 2
     weight = np.exp(log_density - log_density.max())
     return float(np.sqrt(np.average(error**2, weights=weight)))

@@ -22,6 +22,7 @@ from compasslib.preparation.pairs import (
 )
 from compasslib.preparation.references import join_references
 from compasslib.readers.ready_pairs import ROLES, read_ready_pairs
+from compasslib.records import ReferenceCompass
 
 
 def overlap(
@@ -73,11 +74,11 @@ def overlap(
     asked = PairRules(**rules)
     each = [[reference] for reference in below] or [[]]
     clocks = [estimate_clock_offset(above, reference, asked) for reference in each]
-    trusted = [reference_compass(field=along, **keys) for keys in compasses] or [None]
+    trusted: list[ReferenceCompass | None] = [reference_compass(field=along, **keys) for keys in compasses]
     for file, by in ((wide, widen_rules(asked)), (pairs, asked)):
         by_reference = [
             replace(find_pairs(above, r, along, by, clock), compass=compass)
-            for r, clock, compass in zip(each, clocks, trusted, strict=True)
+            for r, clock, compass in zip(each, clocks, trusted or [None], strict=True)
         ]
         joined = join_references(by_reference, [Path(reference).stem for reference in lower])
         netcdf.write_pairs(file, joined, attributes=made)
