@@ -31,7 +31,7 @@ BLOCK_S = 10 * 86400.0
 FOLDS = 2
 LEAST_BLOCKS = 2 * FOLDS
 FEWEST_FOR_FORMS = 4 * MIN_PAIRS
-REFUTED_DEG = 75.0  # rms after correction; unrelated directions scatter by 104, those of slow water at two depths by 42
+REFUTED_DEG = 75.0  # of few pairs, rms after correction; unrelated directions scatter by 104, slow water by 42
 FEWEST_TO_REFUTE = 10
 DOUBTED_DEG = 46.0  # rms above which misread components of the reference are tested; slow water has less
 FAR_BETTER = 0.6  # ratio of medians that indicates misread components; a more flexible curve alone does not reach it
@@ -162,7 +162,7 @@ def _refuted(after: dict[str, Any], others_deg: float | None) -> str:
         return ""
     check = "so that all headings are flagged doubtful; check instruments, clocks, columns, signs and units"
     rms = f"held-out pairs refute the correction: directions still differ by {after['rms_deg']:.0f}° rms"
-    if after["rms_deg"] > REFUTED_DEG:
+    if others_deg is None and after["rms_deg"] > REFUTED_DEG:
         return f"{rms} (unrelated ones by 104°), {check}"
     if others_deg is not None and SCATTERED_DEG < after["rms_deg"] >= others_deg:
         return f"{rms}, and by {others_deg:.0f}° from those of other days, {check}"
