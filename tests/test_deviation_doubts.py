@@ -15,6 +15,7 @@ from compasslib import angles
 from compasslib.archive import netcdf
 from compasslib.archive.files import read_json
 from compasslib.calibrations import at_mooring
+from compasslib.deviation.assessment import answer_use
 from compasslib.deviation.constant import (
     ConstantOffset,
     find_constant_offset,
@@ -324,6 +325,47 @@ def test_a_large_unexplained_mismatch_makes_all_headings_doubtful(mild, size_deg
     left = Unexplained(("heading",), place, None, size_deg, (), "A mismatch.")
     made = concluded(*mild, diagnosis=Diagnosis("unexplained", unexplained=left))
     assert [doubt.from_s for doubt in made.product.doubts] == [-np.inf] * doubted
+
+
+@pytest.mark.parametrize(("size_deg", "doubted"), [(9.0, False), (12.0, True)])
+def test_a_large_correction_by_a_cause_that_is_not_settled_makes_all_headings_doubtful(mild, size_deg, doubted):
+    where = CovariateRange("speed", 0.0, 0.5, "along speed")
+    found = Finding(
+        "temperature", "compass", ("current_veer",), where, None, {}, size_deg, UNTESTED, "A turn.", True, 0.7,
+        {"current_veer": 0.3},
+    )  # fmt: skip
+    made = concluded(*mild, diagnosis=Diagnosis("ambiguous", findings=(found,)))
+    assert [doubt.sigma_deg for doubt in made.product.doubts] == [size_deg] * doubted
+    assert made.diagnosis.why.startswith(
+        "temperature is the likeliest cause (70 %), but current veer would fit as well"
+    )
+
+
+@pytest.mark.parametrize(
+    ("verdict", "flag", "share", "sigma_deg", "answer"),
+    [
+        ("consistent", 3, 0.04, 2.0, "yes"),
+        ("explained", 2, 0.06, 2.0, "with care"),
+        ("consistent", 4, 0.4, 2.0, "yes"),
+        ("consistent", 4, 0.6, 2.0, "no"),
+        ("consistent", 1, 1.0, 5.1, "with care"),
+        ("ambiguous", 1, 1.0, 2.0, "with care"),
+        ("unexplained", 1, 1.0, 2.1, "with care"),  # a mismatch of 6 degrees
+        ("unexplained", 1, 1.0, 1.9, "no"),
+        ("insufficient", 1, 1.0, 2.0, "no"),
+    ],
+)
+def test_use_follows_from_verdict_flags_and_uncertainty(verdict, flag, share, sigma_deg, answer):
+    left = {"rms_effect_deg": 6.0, "where": {"text": "along speed"}} if verdict == "unexplained" else None
+    diagnosis = {
+        "verdict": verdict,
+        "unexplained": left,
+        "why": "A reason. Limits.",
+        "detectable_deg": {"a": 3.0, "b": 4.0},
+    }
+    flags = np.where(np.arange(100) < 100 * share, flag, GOOD)
+    use = answer_use(diagnosis, flags, np.where(flags < 4, sigma_deg, np.nan))
+    assert (use["answer"], use["sigma_deg"], use["unseen_deg"]) == (answer, sigma_deg, 4.0) and use["why"]
 
 
 @pytest.mark.parametrize(("sigma_deg", "verdict"), [(angles.UNIFORM_SIGMA_DEG, "insufficient"), (30.0, "unexplained")])

@@ -105,8 +105,7 @@ def find_constant_offset(
     angle, sigma = measured
     if abs(angle) > max(LEAST_DEG, LEAST_SIGMAS * sigma) and not fit.known_beforehand:
         shown = constant_sigmas(pairs, fit if fit.method == "exact" else fit_exact(pairs))
-        if shown < NEAR_SIGMAS:  # iron alone explains the pairs: the covariance is of one of several solutions
-            sigma = abs(angle) / max(shown, 0.1)
+        sigma = max(sigma, abs(angle) / max(shown, 0.1))
     return question_constant(angle, sigma, declination_deg, heading_bias_deg or {})
 
 

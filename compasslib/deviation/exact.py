@@ -62,7 +62,7 @@ ROUNDS, STEPS, NOISE_PAIRS = 2, 40, 1000
 PRIOR_CENTRE = np.zeros(6)
 PRIOR_WIDTH = np.array([0.5, 1.5, 1.5, 0.3, 0.3, 0.15])
 HARD_IRON_FIRST = np.array([0.02, 1.5, 1.5, 0.02, 0.02, 0.3])  # the same while a start locates its fold
-WITHOUT_CONSTANT = np.array([0.02, *PRIOR_WIDTH[1:]])
+WITHOUT_CONSTANT = np.array([0.001, *PRIOR_WIDTH[1:]])
 # Bounding |D|, |E| below |u| prevents the induced part from reversing the field, which no iron near an instrument does.
 # The last lower bound is the smallest compass noise that the grids resolve.
 PARAMETER_BOUNDS = np.array([(-np.inf, np.inf)] * 3 + [(-0.6, 0.6)] * 2 + [(np.log(0.8), np.log(8.0))])
