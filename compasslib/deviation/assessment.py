@@ -334,7 +334,7 @@ def vector_correlation(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> 
 
 
 MOST_UNSURE, MOST_BAD = 0.05, 0.5  # shares of headings of flags 2 and 3, and of flags 3 and 4
-USUAL_SIGMA_DEG = 5.0  # a larger uncertainty needs care: half of what von Appen (2015) calls a large deviation
+USUAL_SIGMA_DEG = 5.0  # a larger median uncertainty needs care; like the shares chosen, not measured
 COVERED_SIGMAS = 3.0
 
 
@@ -350,7 +350,8 @@ def answer_use(
     """
     known = np.isfinite(sigma_deg)
     sigma = float(np.median(sigma_deg[known])) if known.any() else None
-    bad, unsure = float(np.mean(flags >= PROBABLY_BAD)), float(np.mean(np.isin(flags, (PROBABLY_GOOD, PROBABLY_BAD))))
+    n = max(len(flags), 1)  # a record without samples has no good heading
+    bad, unsure = 1.0 - np.sum(flags < PROBABLY_BAD) / n, np.isin(flags, (PROBABLY_GOOD, PROBABLY_BAD)).sum() / n
     verdict, left = diagnosis["verdict"], diagnosis["unexplained"]
     size = left["rms_effect_deg"] if left else 0.0
     why = {
@@ -359,12 +360,13 @@ def answer_use(
         "unexplained": f"a mismatch of {size:.1f}° rms {left['where']['text'] if left else ''} is unexplained",
     }.get(verdict, diagnosis["why"].partition(". ")[0])
     no = {
-        f"{100.0 * bad:.0f} % of the headings are doubtful or missing": not bad <= MOST_BAD,
-        "the uncertainty does not cover the mismatch": known.any()
-        and size > COVERED_SIGMAS * angles.rms(sigma_deg[known]),
+        f"{100.0 * bad:.0f} % of the headings are doubtful or missing": bool(bad > MOST_BAD),
+        "the uncertainty does not cover the mismatch": bool(
+            known.any() and size > COVERED_SIGMAS * angles.rms(sigma_deg[known])
+        ),
     }
     care = {
-        f"{100.0 * unsure:.0f} % of the headings have flag 2 or 3": unsure > MOST_UNSURE,
+        f"{100.0 * unsure:.0f} % of the headings have flag 2 or 3": bool(unsure > MOST_UNSURE),
         f"the uncertainty exceeds {USUAL_SIGMA_DEG:g}°": sigma is not None and sigma > USUAL_SIGMA_DEG,
     }
     if verdict == "insufficient" or any(no.values()):
