@@ -12,7 +12,6 @@ from compasslib.archive import netcdf
 from compasslib.archive.attributes import Site
 from compasslib.deviation import deviation_json, find_implausibility
 from compasslib.deviation.assessment import (
-    REFUTED_DEG,
     assess_correction,
     compare_forms,
     describe_forms,
@@ -270,4 +269,4 @@ def test_agreement_no_better_than_with_other_days_refutes_the_correction():
     other = replace(seen, lower_east=np.roll(seen.lower_east, 700), lower_north=np.roll(seen.lower_north, 700))
     own, strange = (assess_correction(x, fit_exact(x)) for x in (seen, other))
     assert own["refuted"] == "" and own["after"]["rms_deg"] < own["rms_of_other_days_deg"]
-    assert strange["after"]["rms_deg"] < REFUTED_DEG and "of other days" in strange["refuted"]
+    assert "of other days" in strange["refuted"]

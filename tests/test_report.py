@@ -187,22 +187,27 @@ def test_page_begins_with_one_sentence_per_result(done, document):
     """One sentence per mooring and calibration with its numbers; a mooring begins with advice and its currents."""
     answers = [one.text for one in document.all("li") if one.inside[-1] == "ul" and "section" in one.inside][:4]
     assert [text.split()[0] for text in answers] == [ALONE, "M1", "bench", "few"]
-    diagnosis = json.loads((done / "results/M1/diagnosis.json").read_text())
-    assert f"probability {words.chance(diagnosis['sides']['none'] + diagnosis['sides']['water'])}" in answers[1]
+    diagnosis, assessment = (
+        json.loads((done / f"results/M1/{x}.json").read_text()) for x in ("diagnosis", "assessment")
+    )
+    chance = words.chance(diagnosis["sides"]["none"] + diagnosis["sides"]["water"])
+    assert f"probability {chance}" in sections.summary_sentences(read_mooring("M1", done / "results", {}))[1]
     with netCDF4.Dataset(done / "results/M1/corrected.nc") as nc:
         sigma = float(np.nanmedian(nc["HEADING_CORRECTED_UNCERTAINTY"][:].filled(np.nan)))
-    assert f"All headings are corrected, with a median uncertainty of {sigma:.1f}° (1σ)" in answers[1]
-    assert "No heading is corrected: no overlapping pairs" in answers[0]
+    assert (
+        assessment["use"]["answer"] == "yes" and f"Yes, with an uncertainty of {sigma:.1f}° (1σ, median)." in answers[1]
+    )
+    assert "No. No heading is corrected: no overlapping pairs" in answers[0]
     assert document.all("h2")[0].text == "In short" and document.all("svg")
     after = [one.text for one in document.all("h4", "h3")]
-    assert after[after.index(f"M1 {diagnosis['verdict']}") + 1 :][:2] == ["What to do", "Currents before and after"]
+    assert after[after.index(f"M1 {diagnosis['verdict']}") + 1 :][0] == "Can it be used?"
 
 
 def test_absent_deviation_is_stated_without_a_deviation_value(done):
     results = read_mooring("M1", done / "results", {"warnings": ""})
-    assert "the compass deviated by up to" in sections.summary_sentences(results)[0]
+    assert "the compass deviated by up to" in sections.summary_sentences(results)[1]
     without = results.fit | {"applied": results.fit["applied"] | {"no_deviation_probability": 0.8}}
-    said = sections.summary_sentences(replace(results, fit=without))[0]
+    said = sections.summary_sentences(replace(results, fit=without))[1]
     assert said.startswith("No deviation is shown; headings are left as recorded") and "deviated" not in said
 
 
@@ -221,10 +226,14 @@ def test_numbers_agree_with_the_results(done, document):
     rows = {row["name"]: row for row in csv.DictReader((done / "results/summary.csv").read_text().splitlines())}
     shown = [one.text for one in document.all("td", "th")]
     at = shown.index("M1")
-    assert shown[at + 1] == rows["M1"]["verdict"] and shown[at + 7] == f"{float(rows['M1']['rms_before_deg']):.1f}°"
-    assert shown[at + 8] == f"{float(rows['M1']['rms_after_deg']):.1f}°" and "\N{NO-BREAK SPACE}%" in shown[at + 5]
+    assert (
+        shown[at + 1 : at + 3] == ["yes", rows["M1"]["verdict"]]
+        and shown[at + 8] == f"{float(rows['M1']['rms_before_deg']):.1f}°"
+    )
+    assert shown[at + 9] == f"{float(rows['M1']['rms_after_deg']):.1f}°" and "\N{NO-BREAK SPACE}%" in shown[at + 6]
     alone = shown[shown.index(ALONE) :]
-    assert alone[1] == "insufficient" and alone[5] == f"0.0{words.SPACE}%" and alone[6] == alone[7] == words.UNKNOWN
+    assert alone[1:3] == ["no", "insufficient"] and alone[6] == f"0.0{words.SPACE}%"
+    assert alone[7] == alone[8] == words.UNKNOWN
     text = " ".join(one.text for one in document.all("p", "li"))
     assert rows[ALONE]["warnings"].split(" | ")[0][1:40] in text
 
@@ -423,7 +432,7 @@ def test_stopped_mooring_is_listed_among_the_results(tmp_path):
     made = written(
         tmp_path / "r.html", [stopped_section("mooring", "M", "raw/top.000: expected a PD0 file", ("", "Verdict"))]
     )
-    assert "M stopped No results" in " ".join(made.all("li")[0].text.split())
+    assert "M stopped No. There are no results" in " ".join(made.all("li")[0].text.split())
 
 
 def test_damaged_figure_is_reported_in_one_line(done, tmp_path):

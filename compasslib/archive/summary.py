@@ -29,7 +29,7 @@ from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
 COLUMNS = (
     *("name", "method", "n_pairs", "share_corrected", "rms_before_deg", "rms_after_deg", "max_deviation_deg", "folded"),
-    *("verdict", "effects", "side", "warnings"),
+    *("verdict", "effects", "side", "warnings", "use", "use_why", "use_sigma_deg", "use_unseen_deg"),
 )
 STOPPED = "stopped"  # verdict of a mooring that has no results because its files cannot be used
 
@@ -61,12 +61,17 @@ def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = Non
         "effects": " ".join(finding["effect"] for finding in diagnosis["findings"]),
         "side": " ".join(dict.fromkeys([*(finding["side"] for finding in diagnosis["findings"]), *current])),
         "warnings": " | ".join([*_warnings(folder, roles, fit, diagnosis, verdict), *of_records]),
+        "use": verdict["use"]["answer"],
+        "use_why": verdict["use"]["why"],
+        "use_sigma_deg": _rounded(verdict["use"]["sigma_deg"], 2),
+        "use_unseen_deg": _rounded(verdict["use"]["unseen_deg"], 1),
     }
 
 
 def stopped_row(name: str, why: str) -> dict[str, Any]:
     """Compose the row of a stopped mooring: no numbers, the verdict ``stopped`` and the reason as a warning."""
-    return dict.fromkeys(COLUMNS, None) | {"name": name, "verdict": STOPPED, "warnings": why}
+    said = {"name": name, "verdict": STOPPED, "warnings": why, "use": "no", "use_why": why}
+    return dict.fromkeys(COLUMNS, None) | said
 
 
 def record_paths(folder: Path, roles: Iterable[str] | None) -> list[Path]:

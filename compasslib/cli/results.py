@@ -21,13 +21,13 @@ from compasslib.errors import InputError
 from compasslib.pipeline import guard, plan, records
 from compasslib.readers.files import refuse_large_arrays
 from compasslib.report import sections
-from compasslib.report.results import ReportSection, read_calibration, read_mooring
+from compasslib.report.results import QUESTION, ReportSection, read_calibration, read_mooring
 
 MOORING_FILES = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "work/field.json")
 REQUIRED_KEYS = {
     "deviation.json": ("method", "coefficients", "covariance", "n_pairs", "folded", "why", "warnings", "applied"),
     "diagnosis.json": ("verdict", "findings", "unexplained", "separated_by", "not_testable", "why"),
-    "assessment.json": ("before", "after"),
+    "assessment.json": ("before", "after", "use"),
     "calibration.json": ("kind", "model", "coefficients", "covariance", "uncertainty", "why"),
     "work/field.json": ("warnings",),
 }
@@ -237,6 +237,7 @@ def _mooring_section(folder: Path) -> ReportSection:
         anchor="",
         verdict=read.diagnosis["verdict"],
         summary=sections.summary_sentences(read),
+        question=QUESTION,
         facts=sections.measures(read),
         findings=sections.report_findings(read.diagnosis, product=True),
         limits=sections.describe_limits(read.diagnosis),
@@ -255,7 +256,8 @@ def _compass_section(folder: Path) -> ReportSection:
 
 def explanation_lines(section: ReportSection, folder: Path) -> list[str]:
     """Compose the lines of ``compass explain`` from a section of the report."""
-    lines = [f"{section.name}: {section.verdict or 'not searched'}", *_wrap(section.summary)]
+    lines = [f"{section.name}: {section.verdict or 'not searched'}", *filter(None, [section.question])]
+    lines += _wrap(section.summary)
     lines += ["", *_wrap(f"{name}: {value}" for name, value in section.facts)]
     for finding in section.findings:
         numbers = [f"{': '.join(row)} (1σ)" for row in finding.parameters.rows] if finding.parameters else []

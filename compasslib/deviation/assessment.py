@@ -7,22 +7,21 @@ than forty days is divided into four), and the model is fitted without some bloc
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, compass, earthfield
+from compasslib import angles, compass
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.correction import correct_headings, readings_at_pairs
 from compasslib.deviation.exact import fit_exact, held_out_scores
 from compasslib.deviation.histograms import count_differences
 from compasslib.deviation.likelihood import EXACT, FORMS
 from compasslib.deviation.model import MIN_PAIRS, DeviationFit, heading_residual
-from compasslib.records import EarthField, Pairs, take
+from compasslib.records import PROBABLY_BAD, PROBABLY_GOOD, Pairs, take
 from compasslib.statistics import single_threaded
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import NORMAL_95
@@ -32,7 +31,7 @@ BLOCK_S = 10 * 86400.0
 FOLDS = 2
 LEAST_BLOCKS = 2 * FOLDS
 FEWEST_FOR_FORMS = 4 * MIN_PAIRS
-REFUTED_DEG = 75.0  # rms after correction; unrelated directions scatter by 104, those of slow water at two depths by 42
+REFUTED_DEG = 75.0  # of few pairs, rms after correction; unrelated directions scatter by 104, slow water by 42
 FEWEST_TO_REFUTE = 10
 DOUBTED_DEG = 46.0  # rms above which misread components of the reference are tested; slow water has less
 FAR_BETTER = 0.6  # ratio of medians that indicates misread components; a more flexible curve alone does not reach it
@@ -163,7 +162,7 @@ def _refuted(after: dict[str, Any], others_deg: float | None) -> str:
         return ""
     check = "so that all headings are flagged doubtful; check instruments, clocks, columns, signs and units"
     rms = f"held-out pairs refute the correction: directions still differ by {after['rms_deg']:.0f}° rms"
-    if after["rms_deg"] > REFUTED_DEG:
+    if others_deg is None and after["rms_deg"] > REFUTED_DEG:
         return f"{rms} (unrelated ones by 104°), {check}"
     if others_deg is not None and SCATTERED_DEG < after["rms_deg"] >= others_deg:
         return f"{rms}, and by {others_deg:.0f}° from those of other days, {check}"
@@ -334,134 +333,47 @@ def vector_correlation(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> 
     return {"magnitude": float(np.abs(product)), "angle_deg": angle}
 
 
-LEAST_DEG, LEAST_SIGMAS = 5.0, 4.0  # smaller constants are not examined
-NEAR_SIGMAS = 2.0  # largest difference from the angle of a mistake
-ORDINARY_DEG = 4.0  # standard deviation of constants of correctly configured moorings, by mounting and mean veer
-LEAST_ODDS = 10.0  # density of the mistake over that of an ordinary constant
-CRUST_DEG = 5.0  # possible effect of the crustal field on declination at sea, with a margin (IGRF: 0.4 to 2°)
-LARGE_DEG = 10.0  # a larger constant is reported even if no mistake explains it
-DECLINATION = {
-    1: "equal to the declination ({:+.1f}°): the directions of the reference hold it twice, being true already "
-    "(direction_reference, declination_applied), or it was subtracted from affected headings that never held it "
-    "(declination_applied)",
-    -1: "equal to minus the declination ({:+.1f}°): the directions of the reference lack it, being magnetic "
-    "(direction_reference, declination_applied), or the affected headings hold it already (declination_applied)",
-    2: "equal to twice the declination ({:+.1f}°): it was applied with the wrong sign (declination_applied, longitude)",
-    -2: "equal to minus twice the declination ({:+.1f}°): it was applied with the wrong sign (declination_applied, "
-    "longitude)",
-}
-BIAS = (
-    "equal to the heading bias EB of {:+.1f}° that was subtracted from the directions of {}, which may not hold it "
-    "(declination_applied: 0 keeps them)"
-)
-BACKWARDS = "half a turn: the instrument is mounted backwards, or both components of one instrument have the other sign"
+MOST_UNSURE, MOST_BAD = 0.05, 0.5  # shares of headings of flags 2 and 3, and of flags 3 and 4
+USUAL_SIGMA_DEG = 5.0  # a larger median uncertainty needs care; like the shares chosen, not measured
+COVERED_SIGMAS = 3.0
 
 
-@dataclass(frozen=True)
-class ConstantOffset:
-    """Constant direction offset of a fit, and the configuration error that explains it, if any."""
-
-    angle_deg: float
-    sigma_deg: float
-    effect: str = ""  # declination_error or mounting_offset; empty if no mistake explains it
-    cause: str = ""
-    probability: float = 0.0  # posterior of the effect, against an ordinary constant and one of any other cause
-    between_instruments: bool = True  # else common to both, relative to the model of the earth's field
-
-    @property
-    def text(self) -> str:
-        """Description for the report; empty if the constant is as small as in correctly configured moorings."""
-        if not self.between_instruments:
-            return self.cause
-        size = f"the two instruments differ by a constant of {self.angle_deg:+.1f}° (1σ {self.sigma_deg:.1f}°)"
-        if self.effect:
-            return f"{size}, {self.cause}"
-        if abs(self.angle_deg) > LARGE_DEG and abs(self.angle_deg) > NEAR_SIGMAS * self.sigma_deg:
-            return (
-                f"{size}: a mounting offset or a mistake; check declination, longitude, direction_reference and "
-                "declination_applied"
-            )
-        return ""
-
-
-def find_declination_error(field: EarthField) -> ConstantOffset | None:
-    """Compare the declination of the metadata with IGRF; None if no known mistake explains the difference.
-
-    A wrong declination rotates the directions of both instruments equally, so their agreement does not reveal it.
-    """
-    stated, model = float(np.mean(field.declination_deg)), float(np.mean(field.model_declination_deg))
-    size, mistake = float(angles.difference(stated, model)), earthfield.recognize_mistake(stated, model)
-    if min(abs(size), abs(stated)) <= CRUST_DEG or not mistake:  # near 0 may be intended: magnetic north throughout
-        return None
-    cause = (
-        f"the declination of the metadata is {size:+.1f}° off IGRF ({model:+.1f}°){mistake}: it is probably wrong, and "
-        "so are all corrected directions"
-    )
-    return ConstantOffset(size, 1.0, "declination_error", cause, 0.99, between_instruments=False)
-
-
-def find_constant_offset(
-    fit: DeviationFit, pairs: Pairs, declination_deg: float, heading_bias_deg: Mapping[str, float] | None = None
-) -> ConstantOffset | None:
-    """Compare the constant between the instruments with the angles that configuration errors cause.
+def answer_use(
+    diagnosis: Mapping[str, Any], flags: NDArray[np.integer], sigma_deg: Floats
+) -> dict[str, str | float | None]:
+    """Answer whether the corrected directions can be used: yes, with care, or no, from verdict, flags and uncertainty.
 
     Args:
-        fit: the fitted compass; for a calibration made elsewhere the constant is the mean residual of the pairs.
-        declination_deg: mean declination of the deployment, east positive.
-        heading_bias_deg: by instrument, the heading bias EB that was subtracted from its directions.
-
-    Returns:
-        The constant; None if the fit has none.
+        diagnosis: content of diagnosis.json.
+        flags: of the corrected headings, (n,).
+        sigma_deg: their standard deviations, (n,); NaN where there is no correction.
     """
-    measured = _measured(fit, pairs)
-    if measured is None:
-        return None
-    angle, sigma = measured
-    if abs(angle) <= max(LEAST_DEG, LEAST_SIGMAS * sigma):
-        return ConstantOffset(angle, sigma)
-    questioned: list[tuple[float, str, str]] = []
-    densities: defaultdict[str, float] = defaultdict(float)
-    ordinary = _normal_density(angle, np.hypot(sigma, ORDINARY_DEG))
-    mistakes = [
-        ("declination_error", cause.format(declination_deg), n * declination_deg) for n, cause in DECLINATION.items()
-    ]
-    for name, bias in (heading_bias_deg or {}).items():
-        mistakes += [("declination_error", BIAS.format(bias, name), angle) for angle in (bias, -bias) if bias]
-    mistakes.append(("mounting_offset", BACKWARDS, 180.0))
-    for effect, cause, mistake in mistakes:
-        off = float(angles.wrap180(angle - mistake))
-        density = _normal_density(off, sigma)
-        densities[effect] += density / len(mistakes)
-        if abs(off) <= NEAR_SIGMAS * sigma and density > LEAST_ODDS * ordinary:
-            questioned.append((density, effect, cause))
-    if not questioned:
-        return ConstantOffset(angle, sigma)
-    _, effect, _ = max(questioned)
-    causes = "; or ".join(dict.fromkeys(cause for _, _, cause in questioned))
-    # Equal prior odds of a mistake (all kinds equally likely), an ordinary constant and a uniformly distributed angle.
-    probability = densities[effect] / (sum(densities.values()) + ordinary + 1.0 / 360.0)
-    return ConstantOffset(angle, sigma, effect, causes, float(probability))
-
-
-def _measured(fit: DeviationFit, pairs: Pairs) -> tuple[float, float] | None:
-    """Estimate the constant and its standard error, degrees."""
-    if not fit.fitted or (fit.method == "von_appen" and fit.folded):  # the series' constant has no meaning then
-        return None
-    if fit.known_beforehand:
-        residual = heading_residual(fit, pairs)
-        known = np.isfinite(residual)
-        if known.sum() < MIN_PAIRS:
-            return None
-        n = effective_sample_size(residual[known], pairs.time_s[known])
-        current = float(np.sqrt(fit.covariance[0, 0])) / angles.DEGREE
-        mean = float(angles.wrap180(angles.mean(residual[known])))
-        return mean, float(np.hypot(current, angles.rms(residual[known]) / np.sqrt(n)))
-    a, sigma = float(fit.coefficients[0]), float(np.sqrt(fit.covariance[0, 0]))
-    if fit.method == "von_appen":
-        return float(angles.wrap180(a)), sigma
-    return float(angles.wrap180(angles.direction(a, 1.0))), sigma / angles.DEGREE
-
-
-def _normal_density(off_deg: float, sigma_deg: float) -> float:
-    """Compute a normal density, per degree."""
-    return float(np.exp(-0.5 * (off_deg / sigma_deg) ** 2) / (np.sqrt(2.0 * np.pi) * sigma_deg))
+    known = np.isfinite(sigma_deg)
+    sigma = float(np.median(sigma_deg[known])) if known.any() else None
+    n = max(len(flags), 1)  # a record without samples has no good heading
+    bad, unsure = 1.0 - np.sum(flags < PROBABLY_BAD) / n, np.isin(flags, (PROBABLY_GOOD, PROBABLY_BAD)).sum() / n
+    verdict, left = diagnosis["verdict"], diagnosis["unexplained"]
+    size = left["rms_effect_deg"] if left else 0.0
+    why = {
+        "consistent": "no further error of the compass was noticed",
+        "explained": "no error beyond the identified effects was noticed",
+        "unexplained": f"a mismatch of {size:.1f}° rms {left['where']['text'] if left else ''} is unexplained",
+    }.get(verdict, diagnosis["why"].partition(". ")[0])
+    no = {
+        f"{100.0 * bad:.0f} % of the headings are doubtful or missing": bool(bad > MOST_BAD),
+        "the uncertainty does not cover the mismatch": bool(
+            known.any() and size > COVERED_SIGMAS * angles.rms(sigma_deg[known])
+        ),
+    }
+    care = {
+        f"{100.0 * unsure:.0f} % of the headings have flag 2 or 3": bool(unsure > MOST_UNSURE),
+        f"the uncertainty exceeds {USUAL_SIGMA_DEG:g}°": sigma is not None and sigma > USUAL_SIGMA_DEG,
+    }
+    if verdict == "insufficient" or any(no.values()):
+        answer, reasons = "no", no
+    else:
+        answer = "with care" if verdict in ("ambiguous", "unexplained") or any(care.values()) else "yes"
+        reasons = care
+    said = "; ".join([*(reason for reason, holds in reasons.items() if holds), *([why] if why else [])])
+    unseen = max(diagnosis["detectable_deg"].values(), default=None)
+    return {"answer": answer, "why": said, "sigma_deg": sigma, "unseen_deg": unseen}

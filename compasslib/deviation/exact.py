@@ -64,6 +64,7 @@ ROUNDS, STEPS, NOISE_PAIRS = 2, 40, 1000
 PRIOR_CENTRE = np.zeros(6)
 PRIOR_WIDTH = np.array([0.5, 1.5, 1.5, 0.3, 0.3, 0.15])
 HARD_IRON_FIRST = np.array([0.02, 1.5, 1.5, 0.02, 0.02, 0.3])  # the same while a start locates its fold
+WITHOUT_CONSTANT = np.array([0.001, *PRIOR_WIDTH[1:]])
 # Bounding |D|, |E| below |u| prevents the induced part from reversing the field, which no iron near an instrument does.
 # The last lower bound is the smallest compass noise that the grids resolve.
 PARAMETER_BOUNDS = np.array([(-np.inf, np.inf)] * 3 + [(-0.6, 0.6)] * 2 + [(np.log(0.8), np.log(8.0))])
@@ -100,6 +101,21 @@ def fit_exact(pairs: Pairs, near: DeviationFit | None = None, *, turned: bool = 
     return replace(_described(state, pairs, overlap, external), prior=prior)
 
 
+def constant_sigmas(pairs: Pairs, fit: DeviationFit) -> float:
+    """Compute by how many standard errors pairs prefer the constant of a fit to any iron without a constant.
+
+    Where few headings occur, or readings have two of them, A is nearly collinear with B and C, and the covariance about
+    one solution does not contain the others.
+    """
+    overlap = _overlap(pairs)
+    without = _refined(_start(overlap, EXACT, WITHOUT_CONSTANT), overlap, WITHOUT_CONSTANT)
+    own, other = (
+        log_likelihood(state.parameters, overlap.sample(state.noise, FINE, EXACT), state.prior, FINE)
+        for state in (_at(fit), without)
+    )
+    return float(np.sqrt(max(2.0 * (own - other) / pairs_per_independent(pairs, fit.n_effective), 0.0)))
+
+
 def start_from_prior(prior: CoefficientPrior, pairs: Pairs) -> DeviationFit:
     """Make a starting fit from a prior by other records; if A is unconstrained, add the pairs' mean residual."""
     unscored = DeviationFit("exact", len(pairs), prior.mean, heading_density=np.full(CELLS, 1.0 / CELLS))
@@ -131,9 +147,9 @@ def held_out_scores(
     return scores
 
 
-def _refined(state: OptimizerState, overlap: Overlap) -> OptimizerState:
+def _refined(state: OptimizerState, overlap: Overlap, prior_width: Floats = PRIOR_WIDTH) -> OptimizerState:
     for _ in range(ROUNDS):
-        state = _improve(state, overlap, FINE, EXACT)
+        state = _improve(state, overlap, FINE, EXACT, prior_width)
     return state
 
 
@@ -191,7 +207,7 @@ class OptimizerState:
     loss: float = float("inf")
 
 
-def _start(overlap: Overlap, form: CurveForm) -> OptimizerState:
+def _start(overlap: Overlap, form: CurveForm, prior_width: Floats = PRIOR_WIDTH) -> OptimizerState:
     """Optimize from the best of many strengths and directions of the iron, using the pairs with the least scatter.
 
     The scatter is refitted at each maximum before they are compared: too wide a scatter blurs a fold, and a wrong
@@ -208,7 +224,7 @@ def _start(overlap: Overlap, form: CurveForm) -> OptimizerState:
     states = [_improve(state, few, COARSE, form, HARD_IRON_FIRST) for state in states]
     states = sorted(states, key=lambda state: state.loss)[:START_REFINED]
     for _ in range(START_ROUNDS):
-        states = [_improve(state, few, COARSE, form) for state in states]
+        states = [_improve(state, few, COARSE, form, prior_width) for state in states]
     return min(states, key=lambda state: state.loss)
 
 

@@ -1,9 +1,4 @@
-"""Diagnosis of a recording: findings of all comparisons, the verdict, and checks of a mooring's record as a whole.
-
-The search for unmodelled effects assumes that the record as a whole is valid. The checks here test this and keep
-verdict, flags and uncertainty consistent: a constant offset that matches a configuration error, periods that disagree
-with the other pairs, and a correction that held-out pairs contradict.
-"""
+"""Diagnosis of a recording: findings of all comparisons, and the verdict."""
 
 from __future__ import annotations
 
@@ -14,20 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from compasslib import angles
-from compasslib.calibrations import at_mooring
-from compasslib.deviation import find_implausibility
-from compasslib.deviation.assessment import ConstantOffset, assess_correction
-from compasslib.deviation.doubts import (
-    LEAST_DOUBT_DEG,
-    Doubt,
-    doubt_whole_record,
-    evaluate_doubts,
-    find_doubtful_windows,
-)
 from compasslib.deviation.model import DeviationFit
 from compasslib.deviation.shrinkage import average_with_none
-from compasslib.inference import product as products
 from compasslib.inference import wording
 from compasslib.inference.comparison import Comparison, Options
 from compasslib.inference.current import SEPARATED_BY, CurrentStatement
@@ -35,29 +18,20 @@ from compasslib.inference.finding import (
     SURE,
     UNTESTED,
     BinnedResidual,
-    CovariateRange,
     Finding,
-    Parameter,
     RankedEffect,
     Unexplained,
     curve_json,
 )
 from compasslib.inference.joint_compass import RecordInformation
 from compasslib.inference.posterior import FindingPosterior, Posterior
-from compasslib.inference.product import Product, Series, WeightedCompass
-from compasslib.records import EarthField, Pairs, Record
+from compasslib.inference.product import Product, WeightedCompass
 from compasslib.types import Floats
 
 VERDICTS = ("consistent", "explained", "ambiguous", "unexplained", "insufficient")
 
 LISTED_SHARE = 0.1  # smallest size that is listed as negligible, as a share of ``min_effect_deg``
 
-UNSETTLED = (
-    "headings are flagged doubtful and the angle is included in their uncertainty until the configuration is "
-    "corrected, or confirmed: {constant: true} states that the constant is real"
-)
-SURE_CONSTANT = 0.95  # probability from which no alternative cause is listed
-MOST_OUTLIERS = 0.03  # outlier share that flags a record; of 19 valid moorings up to 0.006, of a refuted one 0.02
 SIDES = ("none", "compass", "clock", "reference", "water")
 MOST_FACTOR = 1e12  # largest Bayes factor that is reported
 UNEXPLAINED_FACTOR = 15.0  # Bayes factor of an established, unexplained mismatch against the side "none"
@@ -156,9 +130,7 @@ def overall_verdict(
     contested = any(item.probability < SURE for item in current)
     if not findings:
         return "ambiguous" if contested else "explained" if current else "consistent"
-    settled = [item.level == "effect" and not item.alternatives and item.held_out.confirmed for item in findings]
-    sure = not contested and all(settled)
-    return "explained" if sure else "ambiguous"
+    return "explained" if not contested and all(item.settled for item in findings) else "ambiguous"
 
 
 @dataclass(frozen=True)
@@ -327,160 +299,3 @@ def product_of_diagnosis(fit: DeviationFit, diagnosis: Diagnosis) -> Product:
     effects = tuple(finding.effect for finding in diagnosis.findings if finding.applied)
     accounted = tuple(finding.effect for finding in diagnosis.findings if finding.outside_compass)
     return Product(fit, effects, diagnosis.applied, accounted, left_deg, no_deviation=no_deviation)
-
-
-@dataclass(frozen=True)
-class Conclusion:
-    """Diagnosis of a mooring, its correction, and the assessment of the correction."""
-
-    diagnosis: Diagnosis
-    product: Product
-    assessment: dict[str, Any]
-
-
-def diagnose_constant(constant: ConstantOffset, pairs: Pairs) -> Diagnosis:
-    """Diagnose a mooring whose constant offset matches a configuration error.
-
-    No other effect is attributed until the offset is resolved.
-    """
-    span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
-    p = constant.probability
-    others = {"mounting_offset": 1.0 - p} if p < SURE_CONSTANT else {}
-    finding = Finding(
-        effect=constant.effect,
-        side="compass",
-        alternatives=tuple(others),
-        where=CovariateRange("time", *span, "throughout the record"),
-        when_s=span,
-        parameters={"constant_deg": Parameter(constant.angle_deg, constant.sigma_deg, "°")},
-        rms_effect_deg=abs(constant.angle_deg),
-        held_out=UNTESTED,
-        text=f"{constant.text[0].upper()}{constant.text[1:]}. {UNSETTLED[0].upper()}{UNSETTLED[1:]}.",
-        probability=p,
-        alternatives_probability=others,
-    )
-    return Diagnosis(
-        "ambiguous",
-        findings=(finding,),
-        separated_by="the configuration checked against the deployment's log, or the mount's angle measured",
-        why=constant.text,
-        sides=dict.fromkeys(SIDES, 0.0) | {"compass": p, "none": 1.0 - p},
-        warnings=(f"{constant.text}; {UNSETTLED}",),
-    )
-
-
-def conclude(
-    search: Callable[[Pairs], Diagnosis],
-    pairs: Pairs,
-    record: Record,
-    field: EarthField,
-    series: Series,
-    *,
-    fit: DeviationFit,
-    find_constant: Callable[[DeviationFit], ConstantOffset | None],
-    calibration: str = "",
-    with_effects: Callable[[Product, bool], Product] = lambda made, searched: made,
-) -> Conclusion:
-    """Diagnose a mooring as a whole: search, constant offset, doubtful periods and agreement on held-out pairs.
-
-    Args:
-        search: searches pairs for unmodelled effects.
-        series: other series that the instrument logged, at the record's samples.
-        fit: the configured fit.
-        find_constant: estimates the constant offset of a fit; gives None if there is none or it is confirmed.
-        calibration: name of the calibration that corrects the mooring; empty if none does.
-        with_effects: adds effects known from other records of the compass to a product; the second argument is whether
-            the product comes from a search.
-    """
-    diagnosis, constant = _search_or_question(search, pairs, fit, find_constant)
-    questioned = constant is not None and bool(constant.effect)
-    made = with_effects(product_of_diagnosis(fit, diagnosis), diagnosis.fit is not None)
-    plain = products.equivalent_pairs(made, pairs, record, field, series)
-    doubts = find_doubtful_windows(plain, made.fit)
-    agreement = assess_correction(pairs, made.fit, plain)
-    refuted = agreement["refuted"] or (diagnosis.why if diagnosis.refutes_fit else "")
-    denied = refuted or find_implausibility(made.fit, record) or find_implausibility(fit, record)
-    if calibration and (denied := denied or at_mooring.contradiction(fit, pairs)):
-        denied = f"calibration {calibration}: {denied}"
-    suspected = () if fit.known_beforehand else pairs.doubts  # errors of the pairs do not affect a given fit
-    nothing_known = (why for sigma_deg, why in suspected if sigma_deg >= angles.UNIFORM_SIGMA_DEG)
-    if why := next(nothing_known, denied):
-        diagnosis = replace(insufficient(why, diagnosis.not_testable), warnings=diagnosis.warnings)
-        made = replace(made, doubts=(doubt_whole_record(angles.UNIFORM_SIGMA_DEG, why),))
-    elif constant is not None and questioned:
-        made = replace(made, doubts=(doubt_whole_record(abs(constant.angle_deg), constant.text), *doubts))
-    elif doubts := (
-        *(() if made.effects else _doubt_outliers(fit)),  # corrected effects explain the outliers
-        *(doubt_whole_record(sigma_deg, why) for sigma_deg, why in suspected),
-        *doubts,
-    ):
-        diagnosis = _with_doubts(diagnosis, doubts, pairs)
-        made = replace(made, doubts=doubts)
-    elif diagnosis.unexplained is not None and diagnosis.unexplained.rms_effect_deg >= LEAST_DOUBT_DEG:
-        size = f"a mismatch of {diagnosis.unexplained.rms_effect_deg:.0f}° rms is unexplained and not corrected"
-        # The uncertainty already includes the mismatch: only the flag is added, with a standard deviation of 0.
-        made = replace(made, doubts=(doubt_whole_record(0.0, f"{size}: all headings are flagged doubtful"),))
-    said = [constant.text] if constant is not None and not questioned and constant.text else []
-    said += [why for _, why in pairs.doubts if fit.known_beforehand]
-    if said:
-        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *said))
-    return Conclusion(diagnosis, made, agreement)
-
-
-def _search_or_question(
-    search: Callable[[Pairs], Diagnosis],
-    pairs: Pairs,
-    fit: DeviationFit,
-    find_constant: Callable[[DeviationFit], ConstantOffset | None],
-) -> tuple[Diagnosis, ConstantOffset | None]:
-    """Search a mooring, unless its constant offset matches a configuration error.
-
-    In rotating (e.g. inertial) currents a clock error resembles a constant angle. A search that finds a clock error and
-    whose fit then has no offset that matches a configuration error is therefore used.
-    """
-    constant = find_constant(fit)
-    if constant is None or not constant.effect:
-        return search(pairs), constant
-    if constant.between_instruments:
-        found = search(pairs)
-        if any(each.side == "clock" and each.probability > 0.5 for each in found.findings):
-            rest = find_constant(product_of_diagnosis(fit, found).fit)
-            if rest is None or not rest.effect:
-                return found, rest
-    return diagnose_constant(constant, pairs), constant
-
-
-def _doubt_outliers(fit: DeviationFit) -> tuple[Doubt, ...]:
-    """Flag a record in which an unusual share of the directions fits no heading of the fitted compass."""
-    share = fit.noise.outliers
-    if fit.method != "exact" or share < MOST_OUTLIERS:
-        return ()
-    why = (
-        f"{share:.0%} of the directions disagree with the fitted compass altogether (usually under 1 %): part of the "
-        "headings, or of the reference, is of something else"
-    )
-    return (doubt_whole_record(angles.UNIFORM_SIGMA_DEG * float(np.sqrt(share)), why),)
-
-
-def _with_doubts(diagnosis: Diagnosis, doubts: tuple[Doubt, ...], pairs: Pairs) -> Diagnosis:
-    """Report periods that disagree with the other pairs as an unexplained mismatch."""
-    worst = max(doubts, key=lambda doubt: doubt.sigma_deg)
-    first, last = float(pairs.time_s[0]), float(pairs.time_s[-1])
-    span = (max(worst.from_s, first), min(worst.to_s, last))
-    inside, _ = evaluate_doubts(doubts, pairs.time_s)
-    size = float(np.sqrt(np.mean(np.where(inside, worst.sigma_deg**2, 0.0))))
-    text = f"{worst.why[0].upper()}{worst.why[1:]}. The headings there are flagged doubtful."
-    place = "throughout the record" if np.isinf([worst.from_s, worst.to_s]).all() else worst.why.partition(" direc")[0]
-    left = Unexplained(("time",), CovariateRange("time", *span, place), span, size, (), text)
-    sides = spread_unexplained(diagnosis.sides, ())
-    warnings = tuple(doubt.why for doubt in doubts)
-    if diagnosis.verdict == "insufficient":
-        return replace(diagnosis, warnings=(*warnings, *diagnosis.warnings))
-    return replace(
-        diagnosis,
-        verdict="unexplained",
-        unexplained=left,
-        why=text,
-        sides=sides,
-        warnings=(*warnings, *diagnosis.warnings),
-    )

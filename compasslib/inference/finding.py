@@ -218,6 +218,11 @@ class Finding:
         """Name of the effect; a composed one is written composed:ACTS_ON/DRIVER/FORM."""
         return self.effect if self.composition is None else f"{self.effect}:{'/'.join(self.composition.values())}"
 
+    @property
+    def settled(self) -> bool:
+        """Whether the effect itself is established, without alternatives, and confirmed on held-out days."""
+        return self.level == "effect" and not self.alternatives and self.held_out.confirmed
+
     @cached_property
     def statement(self) -> Statement:
         """The most specific statement that the probabilities of the effect and its alternatives establish."""

@@ -64,7 +64,9 @@ def diagnose(case: LongComparison, options: Options, fit: DeviationFit | None = 
     try:
         return _diagnose(case, options, fit)
     except design.TooFewSamples as lost:  # initially, or after a refit
-        return diagnosis.insufficient(f"{lost}; there is nothing to compare the compass with", case.not_testable)
+        why = f"{lost}; there is nothing to compare the compass with"
+        refutes_fit = len(case) >= 4 * design.FEWEST_SAMPLES
+        return replace(diagnosis.insufficient(why, case.not_testable), refutes_fit=refutes_fit)
 
 
 def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) -> Diagnosis:

@@ -13,7 +13,7 @@ from compasslib.records import iso_time
 VERDICTS = {
     "consistent": "no compass error beyond the fitted deviation was detected",
     "explained": "the mismatch is attributed",
-    "ambiguous": "a mismatch is established, several causes fit it",
+    "ambiguous": "a mismatch is established, its cause is not settled",
     "unexplained": "a mismatch is established, nothing in the catalogue fits it",
     "insufficient": "too little data to judge",
 }
@@ -210,6 +210,14 @@ def verdict_reason(effects: Iterable[str], left: str, compared: Sequence[str]) -
     if causes := [PHYSICS.get(effect, display_name(effect)) for effect in effects]:
         return f"Found in the residual: {'; '.join(causes)}."
     return f"The residual of {join_names(compared, ' and ')} is noise."
+
+
+def unsettled_reason(effect: str, alternatives: Sequence[str], level: str | None, probability: float) -> str:
+    """State why the attribution of a mismatch to an effect is not settled."""
+    named = f"{display_name(effect)} is the likeliest cause ({100.0 * probability:.0f} %)"
+    if alternatives:
+        return f"{named}, but {join_names(alternatives)} would fit as well"
+    return f"{named}, but {'held-out days do not confirm it' if level == 'effect' else 'it is not established'}"
 
 
 def displayed_residuals(diagnosis: Mapping[str, Any]) -> list[Mapping[str, Any]]:

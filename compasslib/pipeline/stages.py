@@ -58,7 +58,7 @@ def of_moorings(plan: Any) -> dict[str, Stage]:
         "field": field_,
         "observatory": of.observatory,
     }
-    judged = {name: f"{name}.json" for name in JUDGED}
+    judged = {name: f"{name}.json" for name in JUDGED} | {"assessment": "work/assessment.json"}
     tables = {"table": "table.csv", "histograms": "histograms.csv"}
     options = {"options": of.diagnose, "sphere_distance_m": of.sphere_distance_m}
     checked = provenance.installed("compliance-checker")
@@ -120,8 +120,8 @@ def of_moorings(plan: Any) -> dict[str, Stage]:
         "correct": stage(
             *("correct", "correct.correct"),
             reads={name: judging[name] for name in ("record", "pairs", "field", "observatory")}
-            | {name: judged[name] for name in ("deviation", "assessment")},
-            writes={"corrected": "corrected.nc"} | tables,
+            | {"deviation": judged["deviation"], "diagnosis": judged["diagnosis"], "agreement": judged["assessment"]},
+            writes={"corrected": "corrected.nc", "assessment": "assessment.json"} | tables,
             settings=archived,
         ),
         "grid": stage(
@@ -146,7 +146,7 @@ def of_moorings(plan: Any) -> dict[str, Stage]:
         ),
         "figures": stage(
             *("figures", "figures.figures"),
-            reads=judged
+            reads={name: f"{name}.json" for name in JUDGED}
             | {"pairs": pairs, "histograms": "histograms.csv", "product": "corrected.nc", "gridded": of.gridded},
             writes={"figures": of.figures, "pictures": "work/pictures.json"},
         ),

@@ -15,6 +15,7 @@ from compasslib import angles
 from compasslib.archive import attributes as archive_attributes
 from compasslib.archive import files, netcdf, summary
 from compasslib.archive.files import open_netcdf, read_json, read_variable
+from compasslib.product.cells import compare_at_seam, describe_seam
 from compasslib.records import PROBABLY_BAD
 from compasslib.report import words
 from compasslib.types import Floats
@@ -60,6 +61,7 @@ class ReportSection:
     verdict: str  # one of ``inference.wording.VERDICTS``, ``stopped``, or empty
     summary: tuple[str, ...]  # sentences; the first is the conclusion, which the top of the page repeats
     facts: tuple[tuple[str, str], ...]
+    question: str = ""  # that the first sentence of the summary answers
     to_do: tuple[str, ...] = ()  # sentences: actions left to the user
     first: tuple[Figure, ...] = ()  # figures shown first, such as currents before and after
     finding_figures: tuple[Figure, ...] = ()  # figures shown with the findings
@@ -72,6 +74,9 @@ class ReportSection:
     cells: tuple[str, ...] = ()  # its row in the overview
 
 
+QUESTION = "Can it be used?"
+
+
 def table(template: str, block: str, **given: Any) -> tuple[ReportTable, ...]:
     """Render a table of a template as caption, header and rows; the result is empty if it has no rows."""
     filled = words.cells(template, block, **given)
@@ -80,13 +85,14 @@ def table(template: str, block: str, **given: Any) -> tuple[ReportTable, ...]:
 
 def stopped_section(part: str, name: str, why: str, header: Sequence[str]) -> ReportSection:
     """Compose the section of a mooring or calibration that has no results."""
-    known = {"Verdict": "stopped", "Warnings": "1"}
+    known = {"Verdict": "stopped", "Usable": "no", "Warnings": "1"}
     answer, to_do = words.paragraphs("mooring", "stopped", why=why)
     return ReportSection(
         name=name,
         anchor=f"{part}-{name}",
         verdict="stopped",
         summary=(answer,),
+        question=QUESTION * (part == "mooring"),
         facts=(),
         to_do=(to_do,),
         links=(("logs", f"{'calibrations/' * (part == 'calibration')}{name}/logs"),),
@@ -133,6 +139,7 @@ class MooringResults:
     headings: Mapping[str, Any]  # statistics of the corrected record
     currents: summary.BinCurrents  # of the bin shown in figures
     inputs: Mapping[str, Mapping[str, int]]  # counts of the samples of each instrument, by kind
+    seam: str  # affected minus reference velocities, in a sentence
 
     @property
     def other_compass(self) -> bool:
@@ -173,7 +180,9 @@ def read_mooring(name: str, root: Path, row: Mapping[str, str], roles: Iterable[
     inputs = {path.stem: netcdf.read_notes(path, "counts") for path in summary.record_paths(folder, roles)}
     product = folder / "corrected.nc"
     shown = summary.read_bin_currents(product)
-    return MooringResults(name, folder, row, fit, diagnosis, assessment, _summarize_headings(product), shown, inputs)
+    seam = describe_seam(compare_at_seam(netcdf.read_pairs(folder / "overlap.nc"), assessment))
+    headings = _summarize_headings(product)
+    return MooringResults(name, folder, row, fit, diagnosis, assessment, headings, shown, inputs, seam)
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from compasslib.effects.composed import effect_formula
 from compasslib.inference import wording
 from compasslib.report import words
 from compasslib.report.results import (
+    QUESTION,
     CalibrationResults,
     MooringResults,
     ReportedFinding,
@@ -163,6 +164,7 @@ def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any]
         anchor=f"mooring-{results.name}",
         verdict=results.diagnosis["verdict"],
         summary=summary_sentences(results),
+        question=QUESTION,
         to_do=words.paragraphs("mooring", "actions", r=results),
         facts=(
             *words.facts("mooring", "place", r=results, site=site),

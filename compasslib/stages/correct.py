@@ -10,7 +10,7 @@ from compasslib import earthfield
 from compasslib.archive import netcdf, provenance, summary
 from compasslib.archive.attributes import Site
 from compasslib.archive.files import read_json, write_json
-from compasslib.deviation.assessment import compare_forms, describe_forms
+from compasslib.deviation.assessment import answer_use, compare_forms, describe_forms
 from compasslib.deviation.correction import correct_in_pieces, describe_correction, tabulate_deviation
 from compasslib.deviation.histograms import build_histograms
 from compasslib.inference import covariates, product
@@ -23,10 +23,12 @@ def correct(
     record: str,
     pairs: str,
     deviation: str,
-    assessment: str,
+    diagnosis: str,
+    agreement: str,
     field: str,
     observatory: Sequence[str],
     corrected: str,
+    assessment: str,
     table: str,
     histograms: str,
     site: Mapping[str, Any],
@@ -35,9 +37,10 @@ def correct(
     superseded: Mapping[str, Any] | None,
     say: Callable[[str], None],
 ) -> None:
-    """Write the corrected record, the lookup table of its compass, and histograms before and after correction.
+    """Write the corrected record, whether it can be used, the table of its compass, and histograms before and after.
 
     Args:
+        agreement: agreement with the reference, to which the answer is added in ``assessment``.
         attributes: global attributes from the YAML files.
         sources: raw files, relative to the cruise folder.
         superseded: the earlier deposit, as returned by ``deposit.describe_superseded``.
@@ -56,8 +59,10 @@ def correct(
     processing = provenance.processing(made_by, along, sources, superseded)
     netcdf.write_corrected(corrected, made, site=Site(**site), attributes=attributes, processing=processing)
     summary.write_lookup(table, tabulate_deviation(made_by.fit, made_by.left_deg, made_by.doubts))
-    differences = read_json(assessment)["difference_counts"]
-    counted = build_histograms(made.record, made.decision.heading_deg, near, differences)
+    judged, written = read_json(agreement), netcdf.read_corrected(corrected, velocities=False)
+    use = answer_use(read_json(diagnosis), written.heading_corrected_quality, written.heading_uncertainty_deg)
+    write_json(assessment, {**judged, "use": use})
+    counted = build_histograms(made.record, made.decision.heading_deg, near, judged["difference_counts"])
     summary.write_histograms(histograms, counted)
     say(describe_correction(mooring, made))
 

@@ -13,17 +13,13 @@ from compasslib.archive import netcdf
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import at_mooring
 from compasslib.deviation import deviation_json, fit_deviation
-from compasslib.deviation.assessment import (
-    ConstantOffset,
-    describe_assessment,
-    find_constant_offset,
-    find_declination_error,
-)
+from compasslib.deviation.assessment import describe_assessment
+from compasslib.deviation.constant import ConstantOffset, find_constant_offset, find_declination_error
 from compasslib.deviation.exact import start_from_prior
 from compasslib.deviation.model import MIN_PAIRS, DeviationFit, estimate_safe_distance, fit_from_json
 from compasslib.inference import covariates, joint, joint_compass, joint_effects, kinds
 from compasslib.inference import diagnosis as diagnoses
-from compasslib.inference.diagnosis import Conclusion
+from compasslib.inference.conclusion import Conclusion, conclude
 from compasslib.inference.joint import SiblingInformation
 from compasslib.inference.product import Product
 from compasslib.preparation.references import combine_references
@@ -149,7 +145,7 @@ def _search(
         far = combine_references(netcdf.read_pairs(wide))
         return diagnose(subset, logged, fitted, along, chosen, wide=far, units=dict(upper.channel_units), shared=shared)
 
-    return diagnoses.conclude(
+    return conclude(
         search,
         near,
         upper,

@@ -1,4 +1,4 @@
-"""Correct one instrument: record, pairs, deviation, assessment, field -> results/MOORING/corrected.nc."""
+"""Correct one instrument: record, pairs, diagnosis, field -> results/MOORING/{corrected.nc,assessment.json}."""
 
 from compasslib.pipeline.job import job
 from compasslib.stages.correct import correct

@@ -1,0 +1,159 @@
+"""The constant between two instruments, and the configuration errors and turned axes that it may come from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from compasslib import angles, earthfield
+from compasslib.deviation.exact import constant_sigmas, fit_exact
+from compasslib.deviation.model import MIN_PAIRS, DeviationFit, heading_residual
+from compasslib.records import EarthField, Pairs
+from compasslib.statistics.noise import effective_sample_size
+from compasslib.types import Floats
+
+LEAST_DEG, LEAST_SIGMAS = 5.0, 4.0  # smaller constants are not told
+NEAR_SIGMAS = 2.0  # largest difference from the angle of a mistake
+MOUNTING_DEG, REFERENCE_DEG = 4.0, 2.0  # standard deviations of constants of sound moorings (physics page)
+# A constant that is larger by twice its standard error, three standard deviations of mountings, is questioned: 0.8 % of
+# sound moorings have one where the reference's errors follow Student's t. Smaller angles of mistakes are only told:
+# within 2° of ±6° lie the constants of 27 % of sound moorings, of ±12° those of 4 %.
+LARGE_DEG = 12.0
+CRUST_DEG = 5.0  # possible effect of the crustal field on declination at sea, with a margin (IGRF: 0.4 to 2°)
+DECLINATION = {
+    1: "equal to the declination ({:+.1f}°): the directions of the reference hold it twice, being true already "
+    "(direction_reference, declination_applied), or it was subtracted from affected headings that never held it "
+    "(declination_applied)",
+    -1: "equal to minus the declination ({:+.1f}°): the directions of the reference lack it, being magnetic "
+    "(direction_reference, declination_applied), or the affected headings hold it already (declination_applied)",
+    2: "equal to twice the declination ({:+.1f}°): it was applied with the wrong sign (declination_applied, longitude)",
+    -2: "equal to minus twice the declination ({:+.1f}°): it was applied with the wrong sign (declination_applied, "
+    "longitude)",
+}
+BIAS = (
+    "equal to the heading bias EB of {:+.1f}° that was subtracted from the directions of {}, which may not hold it "
+    "(declination_applied: 0 keeps them)"
+)
+BACKWARDS = "half a turn: the instrument is mounted backwards, or both components of one instrument have the other sign"
+TURNED = (
+    "more than mountings and iron explain: the axes of a processed file may be rotated, or the mount turned; check the "
+    "directions of both instruments, declination, longitude, direction_reference and declination_applied"
+)
+
+
+@dataclass(frozen=True)
+class ConstantOffset:
+    """Constant direction offset of a fit, and the configuration error that explains it, if any."""
+
+    angle_deg: float
+    sigma_deg: float
+    effect: str = ""  # declination_error or mounting_offset; empty if no mistake explains it
+    cause: str = ""
+    probability: float = 0.0  # posterior of the effect, against an ordinary constant and one of any other cause
+    between_instruments: bool = True  # else common to both, relative to the model of the earth's field
+
+    @property
+    def text(self) -> str:
+        """Description for the report; empty if the constant is small or not significant."""
+        if not self.between_instruments:
+            return self.cause
+        size = f"the two instruments differ by a constant of {self.angle_deg:+.1f}° (1σ {self.sigma_deg:.1f}°)"
+        if self.effect:
+            return f"{size}, {self.cause}"
+        if abs(self.angle_deg) <= max(LEAST_DEG, LEAST_SIGMAS * self.sigma_deg):
+            return ""
+        return (
+            f"{size}{self.cause and ', '}{self.cause}: a mounting offset or a mistake; check declination, longitude, "
+            "direction_reference and declination_applied"
+        )
+
+
+def find_declination_error(field: EarthField) -> ConstantOffset | None:
+    """Compare the declination of the metadata with IGRF; None if no known mistake explains the difference.
+
+    A wrong declination rotates the directions of both instruments equally, so their agreement does not reveal it.
+    """
+    stated, model = float(np.mean(field.declination_deg)), float(np.mean(field.model_declination_deg))
+    size, mistake = float(angles.difference(stated, model)), earthfield.recognize_mistake(stated, model)
+    if min(abs(size), abs(stated)) <= CRUST_DEG or not mistake:  # near 0 may be intended: magnetic north throughout
+        return None
+    cause = (
+        f"the declination of the metadata is {size:+.1f}° off IGRF ({model:+.1f}°){mistake}: it is probably wrong, and "
+        "so are all corrected directions"
+    )
+    return ConstantOffset(size, 1.0, "declination_error", cause, 0.99, between_instruments=False)
+
+
+def find_constant_offset(
+    fit: DeviationFit, pairs: Pairs, declination_deg: float, heading_bias_deg: Mapping[str, float] | None = None
+) -> ConstantOffset | None:
+    """Compare the constant between the instruments with the angles that configuration errors cause.
+
+    Args:
+        fit: the fitted compass; for a calibration made elsewhere the constant is the mean residual of the pairs.
+        declination_deg: mean declination of the deployment, east positive.
+        heading_bias_deg: by instrument, the heading bias EB that was subtracted from its directions.
+
+    Returns:
+        The constant; None if the fit has none.
+    """
+    measured = _measured(fit, pairs)
+    if measured is None:
+        return None
+    angle, sigma = measured
+    if abs(angle) > max(LEAST_DEG, LEAST_SIGMAS * sigma) and not fit.known_beforehand:
+        shown = constant_sigmas(pairs, fit if fit.method == "exact" else fit_exact(pairs))
+        sigma = max(sigma, abs(angle) / max(shown, 0.1))
+    return question_constant(angle, sigma, declination_deg, heading_bias_deg or {})
+
+
+def question_constant(
+    angle_deg: float, sigma_deg: float, declination_deg: float, heading_bias_deg: Mapping[str, float]
+) -> ConstantOffset:
+    """Question a large constant, and compare any with the angles of mistakes."""
+    mistakes = [
+        ("declination_error", cause.format(declination_deg), n * declination_deg) for n, cause in DECLINATION.items()
+    ]
+    for name, bias in heading_bias_deg.items():
+        mistakes += [("declination_error", BIAS.format(bias, name), angle) for angle in (bias, -bias) if bias]
+    mistakes.append(("mounting_offset", BACKWARDS, 180.0))
+    off = np.array([float(angles.wrap180(angle_deg - mistake)) for _, _, mistake in mistakes])
+    density = _normal_density(off, sigma_deg) / len(mistakes)
+    near = [k for k in np.argsort(-density) if abs(off[k]) <= NEAR_SIGMAS * sigma_deg]
+    causes = "; or ".join(dict.fromkeys(mistakes[k][1] for k in near))
+    if abs(angle_deg) - NEAR_SIGMAS * sigma_deg <= LARGE_DEG:
+        return ConstantOffset(angle_deg, sigma_deg, cause=causes)
+    # Equal prior odds of a mistake (all kinds equally likely), a sound constant and a uniformly distributed angle.
+    effect, uniform = mistakes[near[0]][0] if near else "mounting_offset", 1.0 / 360.0
+    sound = float(
+        _normal_density(np.array(angle_deg), float(np.hypot.reduce([sigma_deg, MOUNTING_DEG, REFERENCE_DEG])))
+    )
+    named = sum(density[k] for k in range(len(mistakes)) if mistakes[k][0] == effect) if near else uniform
+    probability = float(named / (density.sum() + sound + uniform))
+    return ConstantOffset(angle_deg, sigma_deg, effect, causes or TURNED, probability)
+
+
+def _measured(fit: DeviationFit, pairs: Pairs) -> tuple[float, float] | None:
+    """Estimate the constant and its standard error, degrees."""
+    if not fit.fitted or (fit.method == "von_appen" and fit.folded):  # the series' constant has no meaning then
+        return None
+    if fit.known_beforehand:
+        residual = heading_residual(fit, pairs)
+        known = np.isfinite(residual)
+        if known.sum() < MIN_PAIRS:
+            return None
+        n = effective_sample_size(residual[known], pairs.time_s[known])
+        current = float(np.sqrt(fit.covariance[0, 0])) / angles.DEGREE
+        mean = float(angles.wrap180(angles.mean(residual[known])))
+        return mean, float(np.hypot(current, angles.rms(residual[known]) / np.sqrt(n)))
+    a, sigma = float(fit.coefficients[0]), float(np.sqrt(fit.covariance[0, 0]))
+    if fit.method == "von_appen":
+        return float(angles.wrap180(a)), sigma
+    return float(angles.wrap180(angles.direction(a, 1.0))), sigma / (1.0 + a**2) / angles.DEGREE
+
+
+def _normal_density(off_deg: Floats, sigma_deg: float) -> Floats:
+    """Compute a normal density, per degree."""
+    return np.asarray(np.exp(-0.5 * (off_deg / sigma_deg) ** 2) / (np.sqrt(2.0 * np.pi) * sigma_deg))
