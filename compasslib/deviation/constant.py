@@ -10,13 +10,13 @@ import numpy as np
 from compasslib import angles, earthfield
 from compasslib.deviation.exact import constant_sigmas, fit_exact
 from compasslib.deviation.model import MIN_PAIRS, DeviationFit, heading_residual
+from compasslib.deviation.reference import ALIGNMENT_SIGMA_DEG, CONSTANT_SIGMA_DEG
 from compasslib.records import EarthField, Pairs
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Floats
 
 LEAST_DEG, LEAST_SIGMAS = 5.0, 4.0  # smaller constants are not told
 NEAR_SIGMAS = 2.0  # largest difference from the angle of a mistake
-MOUNTING_DEG, REFERENCE_DEG = 4.0, 2.0  # standard deviations of constants of sound moorings (physics page)
 # A constant that is larger by twice its standard error, three standard deviations of mountings, is questioned: 0.8 % of
 # sound moorings have one where the reference's errors follow Student's t. Smaller angles of mistakes are only told:
 # within 2° of ±6° lie the constants of 27 % of sound moorings, of ±12° those of 4 %.
@@ -127,9 +127,8 @@ def question_constant(
         return ConstantOffset(angle_deg, sigma_deg, cause=causes)
     # Equal prior odds of a mistake (all kinds equally likely), a sound constant and a uniformly distributed angle.
     effect, uniform = mistakes[near[0]][0] if near else "mounting_offset", 1.0 / 360.0
-    sound = float(
-        _normal_density(np.array(angle_deg), float(np.hypot.reduce([sigma_deg, MOUNTING_DEG, REFERENCE_DEG])))
-    )
+    ordinary = float(np.hypot.reduce([sigma_deg, ALIGNMENT_SIGMA_DEG, CONSTANT_SIGMA_DEG]))
+    sound = float(_normal_density(np.array(angle_deg), ordinary))
     named = sum(density[k] for k in range(len(mistakes)) if mistakes[k][0] == effect) if near else uniform
     probability = float(named / (density.sum() + sound + uniform))
     return ConstantOffset(angle_deg, sigma_deg, effect, causes or TURNED, probability)

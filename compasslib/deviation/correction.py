@@ -254,7 +254,7 @@ def reference_modes(fit: DeviationFit, readings: Readings, heading_deg: Floats) 
         by: Floats = series_design(heading_deg) / slope[:, None]
     else:
         by = compass_series(fit, readings).sensitivity(heading_deg)
-        constant, sigma = float(angles.direction(constant, 1.0)), sigma / angles.DEGREE
+        constant, sigma = float(angles.direction(constant, 1.0)), sigma / (1.0 + constant**2) / angles.DEGREE
     if reference.veer_included:
         sigma = float(np.sqrt(max(sigma**2 - reference.veer_deg**2, 0.0)))
     further = reference.further_deg(float(angles.wrap180(constant)), sigma)
