@@ -58,7 +58,7 @@ def of_moorings(plan: Any) -> dict[str, Stage]:
         "field": field_,
         "observatory": of.observatory,
     }
-    judged = {name: f"{name}.json" for name in JUDGED} | {"assessment": "work/assessment.json"}
+    judged = {name: f"{name}.json" for name in JUDGED} | {"assessment": "work/agreement.json"}
     tables = {"table": "table.csv", "histograms": "histograms.csv"}
     options = {"options": of.diagnose, "sphere_distance_m": of.sphere_distance_m}
     checked = provenance.installed("compliance-checker")
