@@ -192,10 +192,16 @@ def run_transfer(
             hard = hard / np.hypot(1.0, ratio)
             induced = ratio * hard
         parts = np.array([0.01, *hard, *induced / BREST.vertical_nT, *rng.normal(0.0, 0.02, 2)])
-        known = []
-        for place in places:
-            made = platform.calibrate_readings("platform", read(PLATFORM, model.iron_design(place) @ parts, rng))
-            known.append(model.PlacedCoefficients(made.exact, made.exact_covariance, place))
+        made = [
+            platform.calibrate_readings("platform", read(PLATFORM, model.iron_design(place) @ parts, rng))
+            for place in places
+        ]
+        if not all(each.exact.size for each in made):
+            continue  # such a calibration corrects no mooring
+        known = [
+            model.PlacedCoefficients(each.exact, each.exact_covariance, place)
+            for each, place in zip(made, places, strict=True)
+        ]
         moored = model.transfer_coefficients(known, MOORED, prior_nT)
         half = 1.96 * np.sqrt(np.diag(moored.covariance))
         shares.append(float(np.mean((np.abs(moored.coefficients - model.iron_design(MOORED) @ parts) <= half)[1:3])))
