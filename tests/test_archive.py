@@ -142,7 +142,16 @@ def product_of(record: Record, deviation: np.ndarray) -> CorrectedRecord:
 
 def make_pairs(n: int = 50) -> Pairs:
     rng = np.random.default_rng(2)
-    others = ("warnings", "expected_m_s", "veer_deg", "doubts", "reference_index", "reference_names", "time_s")
+    others = (
+        "warnings",
+        "expected_m_s",
+        "veer_deg",
+        "doubts",
+        "slowed",
+        "reference_index",
+        "reference_names",
+        "time_s",
+    )
     arrays = [field.name for field in dataclasses.fields(Pairs) if field.name not in others]
     values: dict = {name: rng.normal(10, 1, n) for name in arrays}
     values |= {"reference_index": np.arange(n, dtype=np.int8) % 2, "reference_names": ("deep", "mid")}
@@ -155,6 +164,7 @@ def make_pairs(n: int = 50) -> Pairs:
         expected_m_s=(0.046, 0.031),
         veer_deg=1.5,
         doubts=((12.0, "the references differ"),),
+        slowed=((1, 1.189e9, 1.19e9, 0.4),),
     )
 
 
