@@ -149,17 +149,11 @@ def make_pairs(n: int = 50) -> Pairs:
         "expected_m_s",
         "veer_deg",
         "doubts",
-<<<<<<< HEAD
         "reference_index",
         "reference_names",
         "time_s",
         "compass",
-=======
         "slowed",
-        "reference_index",
-        "reference_names",
-        "time_s",
->>>>>>> checks
     )
     arrays = [field.name for field in dataclasses.fields(Pairs) if field.name not in others]
     values: dict = {name: rng.normal(10, 1, n) for name in arrays}
@@ -173,11 +167,8 @@ def make_pairs(n: int = 50) -> Pairs:
         expected_m_s=(0.046, 0.031),
         veer_deg=1.5,
         doubts=((12.0, "the references differ"),),
-<<<<<<< HEAD
         compass=ReferenceCompass("deep", 2.0, 2.9, 0.5),
-=======
         slowed=((1, 1.189e9, 1.19e9, 0.4),),
->>>>>>> checks
     )
 
 
