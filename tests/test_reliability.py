@@ -435,7 +435,7 @@ def test_unwritable_results_folder_is_reported_in_one_line(sound, tmp_path, opti
     assert chain.run(folder)["error"] is None
 
 
-@pytest.mark.parametrize(("room", "file"), [("200k", "work/deep.nc"), ("280k", "overlap.nc"), ("450k", "corrected.nc")])
+@pytest.mark.parametrize(("room", "file"), [("200k", "work/deep.nc"), ("380k", "overlap.nc"), ("600k", "corrected.nc")])
 def test_full_disk_is_reported_and_the_run_can_be_resumed(sound, tmp_path, room, file):
     """The raw files are on a read-only file system."""
     folder, undisturbed = (spoilt(sound, tmp_path / name, lambda there: None) for name in "ab")
