@@ -26,10 +26,11 @@ from gridding import in_plain_water
 from compasslib import angles
 from compasslib.demo import adcp, sealed, water
 from compasslib.deviation import fit_deviation
-from compasslib.deviation.assessment import find_constant_offset
+from compasslib.deviation.constant import find_constant_offset
 from compasslib.deviation.correction import correct, record_readings, reference_modes
 from compasslib.inference.comparison import Options
-from compasslib.inference.diagnosis import conclude, insufficient
+from compasslib.inference.conclusion import conclude
+from compasslib.inference.diagnosis import insufficient
 from compasslib.inference.kinds.mooring import diagnose
 from compasslib.inference.product import compass_along_record
 from compasslib.preparation.pairs import PairRules, find_pairs

@@ -131,7 +131,7 @@ def heading_error(case: Case) -> list[tuple[str, float, float, float, float]]:
     """
     record = profile(case.record)
     trusted = as_trusted(record, case.depth)
-    field = EarthField(record.time_s[[0, -1]], *(np.zeros((4, 2))))
+    field = EarthField(record.time_s[[0, -1]], np.zeros(2), *np.full((2, 2), 12000.0), np.zeros(2))
     result = []
     for name, coefficients in IRON.items():
         top = seen_by(bins_of(record, slice(case.depth + case.gap, None)), coefficients)

@@ -256,7 +256,7 @@ class CorrectedRecord(Labelled):
     record: Record  #: as recorded, including flags
     heading_corrected_deg: Floats  #: (n,) magnetic, clockwise; NaN where it cannot be corrected
     heading_uncertainty_deg: Floats  #: (n,) degrees, one standard deviation
-    heading_common_deg: Floats  #: (n,) part of it that is common to the record: coefficients, reference, effects
+    heading_common_deg: Floats  #: (n,) part of it that is common to the record
     heading_corrected_quality: Flags  #: (n,) OceanSITES flag of each corrected heading
     deviation_deg: Floats  #: (n,) corrected minus recorded heading, degrees
     branch_probability: Floats  #: (n,) probability of the corrected heading among those with the same reading

@@ -17,7 +17,8 @@ from compasslib.errors import InputError
 
 # CF has no standard names for these: its orientation is relative to north; deviation and declination have none.
 WITHOUT_STANDARD_NAME = {
-    *("HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY", "DEVIATION", "BRANCH_PROBABILITY"),
+    *("HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY", "HEADING_COMMON_UNCERTAINTY"),
+    *("DEVIATION", "BRANCH_PROBABILITY"),
     *(
         "DECLINATION",
         "UCUR_RECORDED",

@@ -153,7 +153,7 @@ def exact_fit(coefficients, pairs: Pairs) -> DeviationFit:
 
 
 def corrected(recorded: Record, fit: DeviationFit, pairs: Pairs) -> CorrectedRecord:
-    field = EarthField(np.array([START_S, START_S + 1e8]), *(np.zeros(2) for _ in range(4)))
+    field = EarthField(np.array([START_S, START_S + 1e8]), np.zeros(2), *np.full((2, 2), 12000.0), np.zeros(2))
     return correct(recorded, fit, field, pairs)
 
 

@@ -274,7 +274,7 @@ def _data(nc: netCDF4.Dataset, name: str) -> Remarks:
         yield from (f"{name}:{key} names {other}, which is not in the file" for other in absent)
     if _attribute(variable, "sensor_orientation") not in ("", *ORIENTATIONS):
         yield f"{name}:sensor_orientation is {_attribute(variable, 'sensor_orientation')!r}, not of table 8"
-    if name.endswith("_UNCERTAINTY"):
+    if name.endswith("_UNCERTAINTY") and name != "HEADING_COMMON_UNCERTAINTY":  # a part of that of HEADING_CORRECTED
         yield from _uncertainty(nc, name)
 
 

@@ -255,7 +255,7 @@ _TABLE = (
     Variable(
         "HEADING_CORRECTED_UNCERTAINTY", "uncertainty of HEADING_CORRECTED", "degree", valid=(0.0, 180.0),
         comment=f"{_STANDARD_DEVIATION} Whole: reading, coefficients, uncorrected effects, the reference's compass and "
-        "the mean veer between the depths; the declination only where the reference's north is true.",
+        "the mean directional shear; the declination only where the reference's north is true.",
         content="qualityInformation",
     ),
     Variable(

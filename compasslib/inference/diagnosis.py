@@ -77,7 +77,7 @@ class Diagnosis:
 
     @property
     def bayes_factor(self) -> float | None:
-        """Bayes factor for a fault of compass or clock: posterior odds over prior odds; None if not computed."""
+        """Posterior odds over prior odds of a fault of compass or clock; None if not computed."""
         if self.prior_odds is None or not self.sides:
             return None
         fault = self.sides["compass"] + self.sides["clock"]
