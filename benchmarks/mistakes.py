@@ -28,7 +28,7 @@ from runs import DATA, PROJECT, environment
 
 from compasslib import angles
 
-CRUISE, DECLINATION_DEG = DATA / "cruise_eh2", 17.97
+CRUISE, DECLINATION_DEG, REFERENCE_M = DATA / "cruise_eh2", 17.97, 16.2
 PROCESS = "import sys; from compasslib.pipeline.process import process_mooring; process_mooring(*sys.argv[1:])"
 Change = Callable[[np.ndarray], np.ndarray]  # of the reference's east + i north
 
@@ -96,8 +96,8 @@ def measure(mistake: str, library: Path) -> list[object]:
             good = np.mean(nc["HEADING_CORRECTED_QC"][:] == 1)
             time_s = np.rint(np.ma.filled(nc["TIME"][:], np.nan) * 86400.0)
         with netCDF4.Dataset(made / "gridded.nc") as nc:
-            late, deepest = slice(-len(nc["TIME"]) // 8, None), np.hypot(nc["UCUR"][:], nc["VCUR"][:])[:, -1]
-            speed = float(np.ma.mean(deepest[late]))
+            late, deep = slice(-len(nc["TIME"]) // 8, None), int(np.argmin(np.abs(nc["DEPTH"][:] - REFERENCE_M)))
+            speed = float(np.ma.mean(np.hypot(nc["UCUR"][late, deep], nc["VCUR"][late, deep])))
     truth = recorded
     if name != "E0":
         with (CRUISE / f"truth_{name}.csv").open() as stream:

@@ -155,7 +155,7 @@ def _describe(residual_deg: Floats, speed: Floats, heading_deg: Floats) -> tuple
 def _far_windows(flow: Floats, rms_deg: Floats, systematic_deg: Floats) -> Bools:
     """Find the windows that are far outside the others and differ by a relevant angle, (k,)."""
     beyond = np.sqrt(np.maximum(rms_deg**2 - np.median(rms_deg) ** 2, 0.0))
-    times, turned = (flow * angle / np.median(flow * angle) for angle in (rms_deg, systematic_deg))
+    times, turned = (flow * angle / max(float(np.median(flow * angle)), 1e-12) for angle in (rms_deg, systematic_deg))
     least = max(TURN_DEG, TURN_DEG_TIMES * float(np.median(systematic_deg)))
     (far, large), (near, nearly) = (
         ((times > factor * FAR_TIMES) & (beyond > factor * FAR_DEG),
