@@ -28,7 +28,7 @@ from runs import DATA, PROJECT, environment
 
 from compasslib import angles
 
-CRUISE, DECLINATION_DEG, REFERENCE_M = DATA / "cruise_eh2", 17.97, 16.2
+CRUISE, DECLINATION_DEG, REFERENCE_M = DATA / "cruise_eh2", 17.97, 19.2
 PROCESS = "import sys; from compasslib.pipeline.process import process_mooring; process_mooring(*sys.argv[1:])"
 Change = Callable[[np.ndarray], np.ndarray]  # of the reference's east + i north
 
