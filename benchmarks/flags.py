@@ -16,7 +16,6 @@ import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import chdir
 from itertools import product
 from pathlib import Path
 
@@ -28,15 +27,29 @@ from gridding import in_plain_water, with_iron
 from runs import DATA, PROJECT, environment
 
 from benchmarks.proof.world import draw
-from compasslib.config import cruise as config
 from compasslib.demo import demonstration, sealed
 from compasslib.demo.sealed import Export, Wish
-from compasslib.errors import InputError
-from compasslib.pipeline import process
 from tests.world import draw as paper
 
 MOST, MOST_OF_ONE = 0.005, 0.02  # shares that may be lost
 STRENGTHS = (0.2, 0.5, 0.75, 1.3)  # of the iron's field over the earth's horizontal field; above 1 two-valued
+# Correct a mooring by the library that is imported; nothing is written if it is refused.
+CORRECT = """
+import sys
+from contextlib import chdir
+from pathlib import Path
+from compasslib.config.cruise import load_cruise
+from compasslib.errors import InputError
+from compasslib.pipeline.process import run_stages
+
+cruise, name, into = sys.argv[1], sys.argv[2], Path(sys.argv[3])
+into.mkdir(parents=True, exist_ok=True)
+try:
+    with chdir(cruise):
+        run_stages(load_cruise(Path()), name, into, last=("corrected.nc",))
+except InputError as error:
+    (into / "refused").write_text(str(error))
+"""
 COUNT, HOURS, PROFILER = 48, 2160, 12  # simulated moorings; step of the samples of a reference seen twice a day
 
 
@@ -75,16 +88,6 @@ def write_simulated(cruise: Path, seed: int, wide: bool, every: int, plain: bool
     (cruise / "config/moorings/M.yaml").write_text(yaml.safe_dump(paper._described(drawn, ground)))
 
 
-def correct(cruise: Path, name: str, into: Path) -> None:
-    """Correct a mooring by the library that is imported; nothing is written if it is refused."""
-    into.mkdir(parents=True, exist_ok=True)
-    try:
-        with chdir(cruise):
-            process.run_stages(config.load_cruise(Path()), name, into, last=("corrected.nc",))
-    except InputError as error:
-        (into / "refused").write_text(str(error))
-
-
 def good(folder: Path) -> np.ndarray:
     """Read the times of the headings flagged 1, seconds; none without a product."""
     if not (folder / "corrected.nc").exists():
@@ -99,11 +102,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", default=[""], help="beginnings of names of moorings or cruises")
     parser.add_argument("--into", type=Path, default=PROJECT / "results/flags")
     parser.add_argument("--cores", type=int, default=2)
-    parser.add_argument("--mooring", nargs=3, type=Path, metavar=("CRUISE", "NAME", "INTO"), help=argparse.SUPPRESS)
     asked = parser.parse_args()
-    if asked.mooring:
-        correct(asked.mooring[0], str(asked.mooring[1]), asked.mooring[2])
-        return
     os.environ |= environment()
     into = asked.into.resolve()
     moorings = [(c, n) for c, n in write(into) if c.name.startswith(tuple(asked.only)) or n in asked.only]
@@ -116,7 +115,7 @@ def main() -> None:
         (library, kept), (cruise, name) = job
         made = kept / f"{cruise.name}-{name}"
         if not {"corrected.nc", "refused"} & set(os.listdir(made) if made.exists() else ()):
-            command = [sys.executable, __file__, str(library), "--mooring", str(cruise), name, str(made)]
+            command = [sys.executable, "-c", CORRECT, str(cruise), name, str(made)]
             subprocess.run(command, check=True, env=environment(library), cwd=library)
 
     with ThreadPoolExecutor(asked.cores) as pool:
