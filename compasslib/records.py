@@ -188,7 +188,7 @@ class Readings:
 class ReferenceCompass:
     """Source of a reference's directions, with the standard deviations of its errors."""
 
-    name: str
+    name: str  #: of the instrument
     sigma_deg: float  #: of a constant error of its directions
     iron_deg: float = 0.0  #: of B and of C, the coefficients of sine and cosine of its own heading
     declination_deg: float = 0.0  #: of the declination between its north and magnetic north; 0 if it is magnetic
