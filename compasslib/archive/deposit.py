@@ -147,7 +147,7 @@ def pack_wheel(rules: Mapping[str, Path]) -> bytes:
     Args:
         rules: files of the workflow by their paths in the deposit, which the wheel also contains.
     """
-    outside = {name: provenance.RELEASE_FILES / name for name in ("CHANGELOG.md", "docs/glossary.md", crate.LOCK)}
+    outside = {name: provenance.RELEASE_FILES / name for name in ("LICENSE", "docs/glossary.md", crate.LOCK)}
     named = {f"compasslib/{name}": path for name, path in rules.items() if name.startswith("workflow/")}
     named |= {f"compasslib/workflow/{name}": path for name, path in outside.items()}
     for path in provenance.PACKAGE.rglob("*"):
