@@ -9,7 +9,7 @@ from sea import field_of, pairs, record_of
 from compasslib import angles
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.correction import correct, readings_at_pairs, reference_modes
-from compasslib.deviation.reference import ALIGNMENT_SIGMA_DEG, constant_sigma, reference_compass
+from compasslib.deviation.reference import ALIGNMENT_SIGMA_DEG, STUDENT_68, constant_sigma, reference_compass
 from compasslib.records import ReferenceCompass
 
 STATED = ReferenceCompass("deep", 2.0, 2.0)
@@ -24,7 +24,7 @@ def by_reference(seen, off_deg, **others):
 @pytest.mark.parametrize("apart_deg", [0.0, 4.0, 9.0])
 def test_share_of_the_reference_in_a_constant_is_that_of_draws(apart_deg):
     rng = np.random.default_rng(5)
-    own, error = rng.normal(0.0, ALIGNMENT_SIGMA_DEG, 4_000_000), 2.0 * rng.standard_t(4.0, 4_000_000)
+    own, error = rng.normal(0.0, ALIGNMENT_SIGMA_DEG, 4_000_000), 2.0 / STUDENT_68 * rng.standard_t(4.0, 4_000_000)
     near = np.abs(own + error - apart_deg) < 0.1
     # With n near the sum, the rms of the draws has a relative error of a percent.
     assert constant_sigma(apart_deg, 0.0, 2.0) == pytest.approx(angles.rms(error[near]), rel=0.03)

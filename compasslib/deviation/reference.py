@@ -23,6 +23,7 @@ MODEL_CONSTANT_DEG, MODEL_BY_FIELD_NT = 0.26, 5417.0
 # affected compasses, by their mounting and alignment.
 CONSTANT_SIGMA_DEG, IRON_SIGMA_NT, TILT_OFFSET_DEG, ALIGNMENT_SIGMA_DEG = 2.0, 525.0, 0.4, 4.0
 STUDENT_DOF = 4.0  # of the errors of references (physics page, fourth round)
+STUDENT_68 = 1.1416  # 68.27 % of Student's t with four degrees of freedom lie within this, as of a normal within 1
 
 
 def declination_sigma(field: EarthField) -> float:
@@ -119,13 +120,13 @@ def constant_sigma(constant_deg: float, sigma_deg: float, error_deg: float) -> f
 
     Args:
         sigma_deg: standard error of the fitted constant.
-        error_deg: scale of the error.
+        error_deg: standard deviation of the error, in the sense that 68 % lie within.
     """
     if error_deg == 0.0:
         return 0.0
-    width = float(np.hypot(ALIGNMENT_SIGMA_DEG, sigma_deg))
+    width, scale = float(np.hypot(ALIGNMENT_SIGMA_DEG, sigma_deg)), error_deg / STUDENT_68
     error = np.linspace(-1.0, 1.0, 2001) * (abs(constant_deg) + 8.0 * error_deg + 4.0 * width)
-    log_density = -0.5 * (STUDENT_DOF + 1.0) * np.log1p((error / error_deg) ** 2 / STUDENT_DOF)
+    log_density = -0.5 * (STUDENT_DOF + 1.0) * np.log1p((error / scale) ** 2 / STUDENT_DOF)
     log_density = log_density - 0.5 * ((constant_deg - error) / width) ** 2
     weight = np.exp(log_density - log_density.max())
     return float(np.sqrt(np.average(error**2, weights=weight)))
