@@ -335,7 +335,7 @@ def vector_correlation(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> 
 
 MOST_UNSURE, MOST_BAD = 0.05, 0.5  # shares of headings of flags 2 and 3, and of flags 3 and 4
 USUAL_SIGMA_DEG = 5.0  # a larger median uncertainty needs care; like the shares chosen, not measured
-COVERED_SIGMAS = 3.0
+COVERED_SIGMAS = 3.0  # a mismatch beyond this many standard deviations is not covered by the uncertainty; chosen
 
 
 def answer_use(

@@ -19,10 +19,10 @@ from compasslib.types import Floats
 # Error of a field model's declination, including crust and daily variation: sqrt(0.26^2 + (5417 nT / H)^2) degrees
 # (Chulliat et al. 2025, The US/UK World Magnetic Model for 2025-2030, technical report; WMM2020: 5625), used for IGRF.
 MODEL_CONSTANT_DEG, MODEL_BY_FIELD_NT = 0.26, 5417.0
-# Physics page, fourth round: of a moored magnetic compass that was not calibrated in place, and of the constants of
-# affected compasses, by their mounting and alignment.
+# Assumed for a moored magnetic compass that was not calibrated in place (docs/background/limits.md; keys of the
+# instrument give others), and for constants of affected compasses, by their mounting and alignment.
 CONSTANT_SIGMA_DEG, IRON_SIGMA_NT, TILT_OFFSET_DEG, ALIGNMENT_SIGMA_DEG = 2.0, 525.0, 0.4, 4.0
-STUDENT_DOF = 4.0  # of the errors of references (physics page, fourth round)
+STUDENT_DOF = 4.0  # of the errors of references, whose tails are heavier than those of a normal distribution
 STUDENT_68 = 1.1416  # 68.27 % of Student's t with four degrees of freedom lie within this, as of a normal within 1
 
 
@@ -116,7 +116,7 @@ def constant_sigma(constant_deg: float, sigma_deg: float, error_deg: float) -> f
 
     The constant is the sum of the compass's own, normal with ``ALIGNMENT_SIGMA_DEG``, and of the error of the
     reference, Student's t; given their sum, the error has a mean and a standard deviation, and their root sum of
-    squares is returned (physics page, fourth round).
+    squares is returned.
 
     Args:
         sigma_deg: standard error of the fitted constant.
