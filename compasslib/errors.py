@@ -28,6 +28,15 @@ class TransientError(InputError):
     """Failure of the disk, or of a file that the next run rebuilds, which does not imply invalid input."""
 
 
+class Unusable(InputError):
+    """Result that an earlier stage wrote for a file that cannot be used, with the reason in place of data."""
+
+    def __init__(self, reason: Mapping[str, Any]):
+        Exception.__init__(self, reason["why"])
+        self.where, self.advice, self.others = str(reason["file"]), str(reason["advice"]), ()
+        self.reason = dict(reason)
+
+
 class Stopped(Exception):
     """Moorings or calibrations that were stopped in a run, one line each."""
 

@@ -1,7 +1,6 @@
 """The manifest results/ro-crate-metadata.json: provenance of all results as a Process Run Crate (RO-Crate 1.1).
 
-Each job of the workflow writes a record (``pipeline.records``). Traced back from the products by the hashes of the
-files read and written, these records become the crate's actions. The clock is read only for ``datePublished``, which
+Each job of the workflow writes a record (``pipeline.job``), which becomes an action of the crate. The clock is read only for ``datePublished``, which
 SOURCE_DATE_EPOCH can fix. Profile: https://w3id.org/ro/wfrun/process/0.5
 """
 
@@ -12,6 +11,7 @@ import json
 import platform
 import posixpath
 import re
+import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -44,46 +44,32 @@ MAKERS: tuple[Entity, ...] = (
 )
 OWN: Entity = {role: {"@id": entity["@id"]} for role, entity in zip(("author", "license"), MAKERS, strict=True)}
 CONCEALED = "concealed/"  # truth of the demonstration, which no manifest lists
-Record = Mapping[str, Any]  # of a job; see ``pipeline.records.of_job``
+Record = Mapping[str, Any]  # of a job; see ``pipeline.job``
 
 
-def record_files(root: Path) -> dict[str, Path]:
-    """List the records of all jobs of a cruise, by the names of their actions."""
-    entries = sorted((root / FOLDER).glob("**/logs/*.json"))
-    parts = {path: path.relative_to(root / FOLDER).with_suffix("").parts for path in entries}
-    return {"/".join(part for part in parts[path] if part != "logs"): path for path in entries}
+def job_name(record: Path) -> str:
+    """Return the name of a job's action, by the path of its record from the cruise folder."""
+    return "/".join(part for part in record.with_suffix("").parts[1:] if part != "logs")
 
 
-def records() -> dict[str, Record]:
-    """Read the records of all jobs of this cruise, without concealed files, by the names of their actions."""
-    known = {name: read_json(path) for name, path in record_files(Path()).items()}
-    for record in known.values():
-        record["wrote"] = {file: hash_ for file, hash_ in record["wrote"].items() if not file.startswith(CONCEALED)}
-    return known
-
-
-def lineage(known: Mapping[str, Record], products: Iterable[str]) -> dict[str, Record]:
-    """Trace the jobs that led to the present products, and return their records sorted by name.
-
-    Args:
-        known: records by name; those of files that have since been replaced are not reached.
+def read_jobs(paths: Iterable[str | Path]) -> dict[str, Record]:
+    """Read the records of jobs, without concealed files, by the names of their actions.
 
     Raises:
-        InputError: a product, or a result that it was made from, is not as a job wrote it.
+        InputError: a record cannot be read, or a job read another file than the one that its job wrote.
     """
-    made_by = {made: name for name, record in known.items() for made in record["wrote"].items()}
-    waiting = list((wanted := provenance.hashes(products)).items())
-    traced: set[str] = set()
-    while waiting:
-        file = waiting.pop()
-        name = made_by.get(file)
-        if name is None and (file[0] in wanted or file[0].startswith(f"{FOLDER}/")):
-            expected, advice = "the file that its job wrote", "move it away, and the next run recreates it"
-            raise InputError(file[0], expected=expected, found="another, or no record of it", advice=advice)
-        if name is not None and name not in traced:
-            traced.add(name)
-            waiting += known[name]["read"].items()
-    return {name: known[name] for name in sorted(traced)}
+    jobs: dict[str, Record] = {}
+    for path in sorted(map(Path, paths)):
+        record = read_json(path)
+        wrote = {file: known for file, known in record["wrote"].items() if not file.startswith(CONCEALED)}
+        jobs[job_name(path)] = record | {"wrote": wrote}
+    written = {file: known for record in jobs.values() for file, known in record["wrote"].items()}
+    for record in jobs.values():
+        for file, known in record["read"].items():
+            if written.get(file, known) != known:
+                advice = f"make it again: compass run -- --forcerun {shlex.quote(file)}"
+                raise InputError(file, expected="the file that its job wrote", found="another", advice=advice)
+    return jobs
 
 
 def crate(
@@ -247,7 +233,7 @@ def _job(name: str, record: Record, configuration: Mapping[str, Sequence[str]], 
         "@id": f"#{quote(name)}",
         "@type": "CreateAction",
         "name": f"{record['rule']} {about}".strip(),
-        "description": f"rule {record['rule']}, modules sha256 {record['code']}, parameters {parameters}",
+        "description": f"rule {record['rule']}, library {record['library']}, parameters {parameters}",
         "instrument": _ref(software["@id"]),
         "actionStatus": "http://schema.org/CompletedActionStatus",  # only completed jobs lead to products
         "object": _refs(read),

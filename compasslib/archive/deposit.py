@@ -101,7 +101,7 @@ def deposit(cruise: Cruise, to: str | Path) -> int:
     listed = crate.listed(page)
     rules = _workflow_files()
     wheel = pack_wheel(rules)
-    rules |= {path.relative_to(root).as_posix(): path for path in crate.record_files(root).values()}
+    rules |= {path.relative_to(root).as_posix(): path for path in (root / crate.FOLDER).glob("**/logs/*.json")}
     hashed = {name: provenance.sha256(path) for name, path in rules.items()}
     described = compose(page, attributes, hashed | {WHEEL: hashlib.sha256(wheel).hexdigest()}, root)
     whole = next(x for x in described["@graph"] if x["@id"] == "./")
@@ -275,8 +275,8 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], packed: Mapp
 def _describe_run(actions: Sequence[Entity], author: str, root: Path) -> Entity:
     """Describe the run of the workflow; add agent and end, by the time of its record, to the action of each job."""
     ends = {
-        quote(name): datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat(timespec="seconds")
-        for name, path in crate.record_files(root).items()
+        quote(crate.job_name(path.relative_to(root))): _ended(path)
+        for path in (root / crate.FOLDER).glob("**/logs/*.json")
     }
     last = max(ends.values(), default=provenance.date_created())
     for action in actions:
@@ -289,6 +289,10 @@ def _describe_run(actions: Sequence[Entity], author: str, root: Path) -> Entity:
         "description": "All jobs of the workflow; each has an action of its own", "agent": {"@id": author},
         "endTime": last, "object": _references(read), "result": _references(made),
     }  # fmt: skip
+
+
+def _ended(record: Path) -> str:
+    return datetime.fromtimestamp(record.stat().st_mtime, UTC).isoformat(timespec="seconds")
 
 
 def _references(identifiers: Iterable[str]) -> list[Entity]:

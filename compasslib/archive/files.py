@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from compasslib.archive.variables import BEAM, BIN, FILL, Variable
-from compasslib.errors import InputError, TransientError
+from compasslib.errors import InputError, TransientError, Unusable
 
 RERUN = "run the cruise again, or restore it from a copy"  # advice on a result that cannot be read
 HALF_WRITTEN = ".compasslib-part"  # suffix of a file being written, which no other program uses
+STOPPED = "stopped"  # attribute or key of a file that holds a reason in place of data
 SIGNIFICANT_DIGITS = 10  # of floats in JSON
 CHUNK = 4096  # samples per chunk of a netCDF variable
 CACHE_BYTES = 4 * 2**20  # chunk cache of each variable; the library's default of 64 MB adds up over variables
@@ -150,10 +151,13 @@ def open_netcdf(path: str | Path) -> Iterator[netCDF4.Dataset]:
 
     Raises:
         InputError: the file is missing or damaged, or lacks a variable or an attribute that the block reads.
+        Unusable: the file has the reason why it has no data.
     """
     try:
         with netCDF4.Dataset(path) as nc:
             nc.set_auto_mask(False)
+            if STOPPED in nc.ncattrs():
+                raise Unusable(json.loads(nc.getncattr(STOPPED)))
             yield nc
     except (OSError, RuntimeError, LookupError, AttributeError, ValueError) as error:
         if not _from_netcdf(error):
@@ -168,6 +172,18 @@ def _from_netcdf(error: Exception) -> bool:
     if isinstance(error, AttributeError):  # raised for a missing attribute
         return str(error).startswith("NetCDF: ")
     return isinstance(error, (OSError, RuntimeError, UnicodeDecodeError, json.JSONDecodeError))
+
+
+def write_reason(path: str | Path, reason: Mapping[str, Any]) -> None:
+    """Write the reason why there are no data, in place of them: to netCDF or JSON; another file stays empty."""
+    if str(path).endswith(".nc"):
+        with create_netcdf(path) as nc:
+            nc.setncattr(STOPPED, json.dumps(dict(reason)))
+    elif str(path).endswith(".json"):
+        write_json(path, {STOPPED: dict(reason)})
+    else:
+        with atomic_write(path) as temporary:
+            temporary.touch()
 
 
 def write_variable(
@@ -283,7 +299,7 @@ def read_attribute(path: str | Path, name: str) -> str:
 
 # Figures as data URIs with a palette, for HTML pages; written by the job that draws the figures.
 
-PICTURES = "work/pictures.json"  # in the folder of a mooring's results
+PICTURES = ("work/pictures.json", "work/sections.json")  # in the folder of a mooring's results
 COLOURS = 256  # size of the palette: a third of the bytes, without a visible difference
 SMALL_PIXELS, SMALL_COLOURS = 350, 16  # width and palette size of thumbnails
 SMALL_FIGURES = ("sticks", "progressive", "roses")  # figures that have a thumbnail
@@ -326,6 +342,5 @@ def write_pictures(path: str | Path, figures: Iterable[str]) -> None:
 
 def read_pictures(folder: Path, *, small: bool = False) -> dict[str, Picture]:
     """Read the data URIs of a mooring's figures, or of their thumbnails, by name; empty where none were written."""
-    path = folder / PICTURES
-    made = read_json(path)["small" if small else "whole"] if path.exists() else {}
-    return {name: (uri, (width, height)) for name, (uri, (width, height)) in made.items()}
+    made = [read_json(path)["small" if small else "whole"] for name in PICTURES if (path := folder / name).exists()]
+    return {name: (uri, (width, height)) for each in made for name, (uri, (width, height)) in each.items()}

@@ -138,6 +138,15 @@ def read_notes(path: str | Path, name: str) -> Any:
     return json.loads(read_attribute(path, name))
 
 
+def read_sources(paths: Iterable[str | Path]) -> dict[str, str]:
+    """Read the SHA-256 of the raw files behind records and ready-made pairs, by path relative to the cruise folder."""
+    sources: dict[str, str] = {}
+    for path in paths:
+        with open_netcdf(path) as nc:
+            sources |= json.loads(getattr(nc, SOURCES, "{}"))
+    return sources
+
+
 def read_applied_declinations(paths: Iterable[str | Path]) -> dict[str, float]:
     """Read the declination removed from each record, separately for headings and velocities where they differ.
 
@@ -214,6 +223,7 @@ def read_pairs(path: str | Path) -> Pairs:
 # corrected.nc (CF, ACDD and OceanSITES): written in pieces along time, to bound the memory that a decade takes.
 
 DAYS_1950_TO_1970 = 7305.0
+SOURCES = "sources"  # attribute of records and pairs: SHA-256 of the raw files by path, as JSON
 TIME_DECIMALS = 5  # of seconds; days since 1950 in float64 resolve 0.3 microseconds
 Column = tuple[NDArray[Any], Flags | None]  # values, and their flags if they have any
 Columns = dict[str, Column]

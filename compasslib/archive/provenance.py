@@ -1,4 +1,4 @@
-"""Provenance of results: input files and their hashes, the modules behind a script, and the time of processing."""
+"""Provenance of results: input files and their hashes, this software, and the time of processing."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import hashlib
 import importlib.metadata
 import json
 import os
-import re
 import subprocess
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
@@ -27,53 +26,19 @@ CHECKOUT = (PROJECT / "workflow/Snakefile").is_file()
 WORKFLOW: Path = PROJECT / "workflow" if CHECKOUT else PACKAGE / "workflow"  # in a wheel it also has lock and glossary
 RELEASE_FILES: Path = PROJECT if CHECKOUT else WORKFLOW
 TIMES = ("start_s", "end_s", "exclude")  # settings of a job that are in seconds since 1970
-_IMPORT = re.compile(r"^ *(?:from (compasslib\S*) import (\([^)]*\)|.*)|import (compasslib[\w.]*))", re.MULTILINE)
-_FOR_TYPES = re.compile(r"^if TYPE_CHECKING:.*(?:\n(?: .*)?)*", re.MULTILINE)
 _OF_A_REPOSITORY = ("GIT_DIR", "GIT_WORK_TREE", "GIT_COMMON_DIR", "GIT_INDEX_FILE", "GIT_OBJECT_DIRECTORY")
-_ALIAS_OR_COMMENT = re.compile(r" as \w+|#.*")
 
 
-@cache  # called for each job of a cruise
-def sources(script: str | Path, *others: str) -> tuple[str, ...]:
-    """List the files of compasslib that a script imports, directly or indirectly.
-
-    Snakemake re-runs a job whose script changed, but not one whose library changed. A hash of these files is therefore
-    a parameter of each rule, so that an edit re-runs only the jobs that it affects. As inputs, some 45 per job, they
-    would cost half of the time to plan a large cruise.
-
-    Args:
-        others: modules that the script imports by name at run time, such as ``compasslib.readers.table``.
-    """
-    visited = {file for other in others for file in _files(other)}
-    waiting = [Path(script), *visited]
-    while waiting:
-        new = _imported(waiting.pop()) - visited
-        visited |= new
-        waiting.extend(new)
-    return tuple(sorted(str(path) for path in visited))
-
-
-@cache
-def _imported(path: Path) -> frozenset[Path]:
-    """List the files of compasslib that one file imports at run time, including those of parent packages.
-
-    The file is searched by regular expression, as parsing all modules would take a second at each start of Snakemake.
-    Text that looks like an import causes a needless re-run at worst; no import is missed.
-    """
-    names: set[str] = set()
-    for module, members, whole in _IMPORT.findall(_FOR_TYPES.sub("", path.read_text(encoding="utf-8"))):
-        member_names = re.findall(r"\w+", _ALIAS_OR_COMMENT.sub("", members))
-        names |= {module or whole, *(f"{module}.{name}" for name in member_names)}
-    return frozenset(file for name in names for file in _files(name))
-
-
-@cache
-def _files(name: str) -> tuple[Path, ...]:
-    """Find the file of a module and those of its parent packages."""
-    parts = name.split(".")
-    stems = [PROJECT.joinpath(*parts[:k]) for k in range(1, len(parts) + 1)]
-    candidates = [stem / "__init__.py" for stem in stems] + [stems[-1].with_suffix(".py")]
-    return tuple(path for path in candidates if path.is_file())
+@cache  # once per process: later edits are ignored
+def library() -> str:
+    """Hash this library, its workflow, and the packages that add readers or effects, wherever they are installed."""
+    inside = [path for path in PACKAGE.rglob("*") if path.is_file() and path.suffix not in (".pyc", ".pyo")]
+    files = {path.relative_to(PACKAGE): path for path in inside if "workflow" not in path.relative_to(PACKAGE).parts}
+    rules = [*WORKFLOW.glob("Snakefile"), *WORKFLOW.glob("rules/*.smk"), *WORKFLOW.glob("scripts/*.py")]
+    files |= {Path("workflow", path.relative_to(WORKFLOW)): path for path in rules}
+    lines = [f"{sha256(path)}  {name.as_posix()}" for name, path in sorted(files.items())]
+    others = (plugins.code_identity(each) for group in (plugins.READERS, plugins.EFFECTS) for each in plugins.declared_plugins(group))
+    return hashlib.sha256("\n".join([*lines, *others]).encode()).hexdigest()[:16]
 
 
 @cache  # outside a checkout it hashes all modules
@@ -88,8 +53,7 @@ def software() -> str:
     unknown = "no checkout" if status is None else "commit unknown"
     edited = "" if all(line.startswith("#") for line in lines) else ", edited since"
     if not commit:
-        modules = (path for path in PACKAGE.rglob("*.py") if not path.is_relative_to(PACKAGE / "workflow"))
-        commit, edited = f"{unknown}, modules sha256 {digest(modules)[:12]}", ""
+        commit, edited = f"{unknown}, modules sha256 {library()[:12]}", ""
     state = f"{commit}{edited}"
     others = ", ".join(plugins.plugin_packages())
     return f"compasslib {__version__} ({state})" + (f" with {others}" if others else "")
@@ -129,40 +93,25 @@ def hashes(paths: Iterable[str]) -> dict[str, str]:
     return {str(path): sha256(path) for path in paths}
 
 
-def digest(modules: Iterable[str | Path]) -> str:
-    """Compute one SHA-256 over the contents of several files and their paths in the project."""
-    lines = sorted(f"{sha256(path)}  {Path(path).relative_to(PROJECT).as_posix()}\n" for path in modules)
-    return hashlib.sha256("".join(lines).encode()).hexdigest()
-
-
-@cache
-def code(modules: tuple[str, ...]) -> str:
-    """Hash the modules behind a script, as returned by ``sources``, once per process: later edits are ignored."""
-    return digest(modules)
-
-
 def origin(
-    what: str, files: Sequence[str], within: Path | None = None, superseded: Mapping[str, Any] | None = None
+    what: str, sources: Mapping[str, str], superseded: Mapping[str, Any] | None = None
 ) -> dict[str, str]:
     """Compose the attributes that state the provenance of a netCDF file.
 
     Args:
         what: description of the processing step for ``history``.
-        files: files that it was made from, relative to the cruise folder.
-        within: folder relative to which the attributes name them; None for the cruise folder.
+        sources: SHA-256 of the files that it was made from, by the names to be stated.
         superseded: the earlier deposit, as returned by ``deposit.describe_superseded``.
     """
     made, by = date_created(), software()
-    known = hashes(files)
-    names = {file: file if within is None else Path(file).relative_to(within).as_posix() for file in files}
-    listed = ", ".join(f"{names[file]} (sha256 {known[file]})" for file in files)
+    listed = ", ".join(f"{name} (sha256 {known})" for name, known in sources.items())
     history, changes = f"{made}: {what} by {by} from {listed}", {}
     if superseded:
         earlier = superseded["files"]
         changed = [
-            f"{file} {'changed' if earlier.get(file) else 'is new'}"
-            for file in files
-            if known[file] != earlier.get(file)
+            f"{name} {'changed' if earlier.get(name) else 'is new'}"
+            for name, known in sources.items()
+            if known != earlier.get(name)
         ]
         changed += [f"software was {superseded['software']}"] if superseded["software"] != by else []
         since = f"since {superseded['name']}: {'; '.join([*superseded['keys'], *changed]) or 'nothing changed'}"
@@ -170,25 +119,25 @@ def origin(
         changes = {"product_version": f"{by}; {since}"}
     return changes | {
         "software_version": by,
-        "source_files": ", ".join(names.values()),
+        "source_files": ", ".join(sources),
         "history": history,
         "date_created": made,
     }
 
 
 def processing(
-    product: Product, field: EarthField, raw_files: Sequence[str], superseded: Mapping[str, Any] | None = None
+    product: Product, field: EarthField, sources: Mapping[str, str], superseded: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
     """Compose the attributes that describe how and when a record was corrected.
 
     Args:
         field: the earth's field, for the source of its declination.
-        raw_files: raw files that were read, relative to the cruise folder.
+        sources: SHA-256 of the raw files, by path relative to the cruise folder.
         superseded: the earlier deposit, as for ``origin``.
     """
     suffix = f" with {', '.join(product.effects)}" if product.effects else ""
     suffix += f" fitted jointly with {', '.join(product.accounted)}" if product.accounted else ""
-    made = origin(f"headings corrected, method {product.fit.method}{suffix},", raw_files, superseded=superseded)
+    made = origin(f"headings corrected, method {product.fit.method}{suffix},", sources, superseded)
     return made | {
         "method": product.fit.method,
         "effects": ", ".join(product.effects),

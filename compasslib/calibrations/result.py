@@ -57,13 +57,8 @@ class Calibration:
     warnings: tuple[str, ...] = ()  #: sentences for the report
 
 
-def to_json(
-    name: str, made: Calibration, settings: Mapping[str, Any], earlier: Mapping[str, Mapping[str, Any]]
-) -> dict[str, Any]:
-    """Convert a calibration to the content of calibration.json: keys common to all kinds, then those of its kind.
-
-    ``earlier`` are the contents of the calibrations to compare it with, by name.
-    """
+def to_json(name: str, made: Calibration, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Convert a calibration to the content of calibration.json: keys common to all kinds, then those of its kind."""
     place = _place(settings, made.details)
     weak = weak_field_warnings(place["field"]["horizontal_nT"]) if place["field"] else ()
     standard = budget.combined(made.sources) if made.sources and not made.why else None
@@ -85,16 +80,32 @@ def to_json(
         "exact": {"coefficients": _named(made.exact), "covariance": made.exact_covariance} if made.exact.size else None,
         "place": place,
         "parts": list(settings.get("parts") or ()),
-        "comparison": next((compare(made, page, name, place["field"]) for name, page in earlier.items()), None),
-        "compared": _compared(name, made, earlier),
+        "comparison": None,
+        "compared": [],
         "why": made.why,
         "warnings": [*made.warnings, *weak],
     }
-    near = _object(common | {"object": settings.get("object")}, earlier)
+    near = {"object": settings["object"]} if settings.get("object") else {}
     taken = [key for key in made.details if key in common and made.details[key] != common[key]]
     if taken:
         raise ValueError(f"details of kind {made.kind} use the names {taken}, which every calibration has")
     return {**common, **made.details, **near}
+
+
+def compare_all(
+    name: str, content: Mapping[str, Any], earlier: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Compare a calibration with others, as the keys of calibration.json that need them.
+
+    Args:
+        content: of the calibration's file.
+        earlier: contents of the calibrations to compare it with, by name.
+    """
+    made, field = from_json(content), content["place"]["field"]
+    return {
+        "comparison": next((compare(made, page, other, field) for other, page in earlier.items()), None),
+        "compared": _compared(name, made, earlier),
+    } | _object(content, earlier)
 
 
 def from_json(content: Mapping[str, Any]) -> Calibration:
@@ -153,7 +164,7 @@ def _place(settings: Mapping[str, Any], details: Mapping[str, Any]) -> dict[str,
 
 def _object(content: Mapping[str, Any], earlier: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Describe the effect of an object relative to the first of the earlier calibrations, the one without it."""
-    if not content["object"]:
+    if not content.get("object"):
         return {}
     without, *others = [*earlier.values(), content]
     if not earlier or without.get("object"):

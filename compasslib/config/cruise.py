@@ -57,24 +57,22 @@ def _raise(mistake: InputError) -> None:
 
 
 def load_cruise(
-    cruise: Path, only: Collection[str] | None = None, *, refuse: Callable[[InputError], None] = _raise
+    cruise: Path, *, in_storage: bool = False, refuse: Callable[[InputError], None] = _raise
 ) -> Cruise:
     """Load and validate the configuration of a cruise, with raw files located and globs expanded.
 
     Args:
-        only: names of the moorings to load; all are loaded if a file is not NAME.yaml or an instrument has ``compass``.
+        in_storage: whether raw files are fetched later by a storage plug-in of Snakemake, so that they need not exist.
         refuse: called with each mistake in the file of a mooring or calibration, which is then left out.
 
     Raises:
         InputError: at the first mistake, naming file, key, what is allowed and what was found.
     """
     options = validate(CruiseOptions, read(cruise, CONFIG, "moorings: config/moorings"), CONFIG)
-    place = RawFolder(cruise, made_later=options.demonstration)
+    place = RawFolder(cruise, made_later=options.demonstration or in_storage)
     moorings: dict[str, Mooring] = {}
     files: dict[str, str] = {}
     listed = _mooring_files(cruise, options.moorings)
-    if only is not None:
-        listed = [file for file in listed if Path(file).stem in only]
     for file in listed:
         try:
             mooring = _mooring(file, options, place)
@@ -83,9 +81,6 @@ def load_cruise(
             files |= dict.fromkeys(split, file)
         except InputError as mistake:
             refuse(mistake)
-    shared = any(each.compass for mooring in moorings.values() for each in mooring.instruments.values())
-    if only is not None and (shared or {*only} != {name.partition("/")[0] for name in moorings}):
-        return load_cruise(cruise, refuse=refuse)
     calibrations = _calibrations(cruise, place, refuse)
     stays = compasses.calibration_dates(calibrations)
     for file in dict.fromkeys(files.values()):

@@ -368,7 +368,7 @@ class RawFolder:
     """Folder in which raw files are searched, passed to the models as their validation context."""
 
     root: Path
-    made_later: bool  # demonstration: the raw files are made by rules of the workflow and may be absent
+    made_later: bool  # the raw files are made by rules (demonstration) or fetched from a storage, and may be absent
 
 
 def paths(value: Any) -> tuple[str, ...]:
@@ -416,7 +416,7 @@ def _expand_glob(path: str, place: RawFolder) -> list[str]:
     if os.path.isfile(place.root / path) or (place.made_later and not is_glob):
         return [path]
     if place.made_later:
-        expected = "plain paths, as the files of a demonstration are made later"
+        expected = "plain paths, as these files are made or fetched later"
         raise problem(None, expected, shown(path), "list the files")
     if os.path.isdir(place.root / path):
         raise problem(None, "a file", f"the folder {path}", f"write {path}/* for all files in it")

@@ -1,12 +1,11 @@
-"""Planning and execution of runs and jobs, with their records and the reasons why moorings were stopped.
+"""Settings of the stages, execution of a stage as a job of Snakemake, and processing of one mooring without Snakemake.
 
-The inputs and settings of each rule come from ``plan``, which selects the keys of the cruise that the rule needs:
+Inputs and outputs stand in the rules (``workflow/rules``). What a stage uses of the YAML files is in ``settings``:
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory
->>> from types import SimpleNamespace
 >>> from compasslib.config import cruise
->>> from compasslib.pipeline import plan
+>>> from compasslib.pipeline import settings
 >>> with TemporaryDirectory() as folder:
 ...     Path(folder, "config").mkdir()
 ...     _ = Path(folder, "config/config.yaml").write_text("moorings: [config/M1.yaml]\\n")
@@ -14,9 +13,9 @@ The inputs and settings of each rule come from ``plan``, which selects the keys 
 ...     _ = Path(folder, "config/M1.yaml").write_text(
 ...         "{name: M1, latitude: 66.5, longitude: 0.4, water_depth: 517, start: 2014-07-16, end: 2014-10-09,"
 ...         " compromised: top, instruments: {top: {format: pd0, files: a.000}}}")
-...     planned = plan.plan(cruise.load_cruise(Path(folder)), Path())
->>> planned.moorings.raw_files(SimpleNamespace(mooring="M1", role="top"))
+...     moorings = settings.Moorings(cruise.load_cruise(Path(folder)))
+>>> moorings.raw_files("M1", "top")
 ['a.000']
->>> planned.products()[0]
-'results/M1/corrected.nc'
+>>> settings.flatten(moorings.fit("M1"))["method"]
+'method="exact"'
 """

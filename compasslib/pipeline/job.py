@@ -1,151 +1,178 @@
-"""Run a stage as a job of the workflow: with its log, its record, and errors of one line.
+"""Run a stage as a job of the workflow: with its log, errors of one line, and a record for provenance.
 
-The record is the file that Snakemake waits for. It states what the job read and wrote or, where a raw file cannot be
-used, why the mooring or calibration is stopped. Subsequent jobs inherit that reason.
+The record, ``logs/STAGE.json``, states settings, software and the hashes of the files read and written; no decision of
+the workflow reads it. If the content of a file cannot be used, the stages before the checkpoint ``usable`` end all the
+same: they write the reason into their outputs, which ``usable`` reads.
 """
 
 from __future__ import annotations
 
 import gc
+import json
 import os
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from inspect import signature
 from pathlib import Path
 from typing import Any, TextIO
 
 from compasslib.archive import provenance
-from compasslib.errors import InputError, Stopped
-from compasslib.pipeline import records
-from compasslib.pipeline.records import Record
+from compasslib.archive.files import write_json, write_reason
+from compasslib.errors import InputError, Stopped, TransientError, Unusable
+from compasslib.pipeline.settings import unflatten
 from compasslib.statistics import single_threaded
 
 OUT_OF_MEMORY = "ran out of memory; run again with fewer --cores, so that fewer jobs share it, or on a larger machine"
 INTERRUPTED = "was interrupted; run again to take it up"
-STOPPING = ("mooring", "calibration")  # subjects that an unusable file stops; jobs of others fail
-Say = Callable[[str], None]
+Paths = str | list[str]
 
 
-def job(snakemake: Any, stage: Callable[..., None]) -> None:
-    """Run one stage as the only one of this process; see ``run_job``.
-
-    Raises:
-        SystemExit: the job failed.
-    """
-    try:
-        run_job(snakemake, stage)
-    finally:
-        gc.freeze()  # the garbage collection at exit would take a twentieth of a small job's time
-
-
-def run_job(snakemake: Any, stage: Callable[..., None]) -> None:
+def run_job(snakemake: Any, stage: Callable[..., None], *, always_ends: bool = False) -> None:
     """Run one stage with its wildcards in order, and the files and settings of its rule by name of argument.
 
-    The argument ``say`` writes a line to the job's log. A job is not run again if its inputs, settings, code and
-    results all agree with its record. If the content of a file cannot be used, or the program fails on it, the mooring
-    or calibration is stopped: the job succeeds, its record states the reason, and its files are deleted. A full disk,
-    lack of memory or an interruption makes the job fail, so that it is tried again.
+    The argument ``say`` writes a line to the job's log.
 
     Args:
-        snakemake: object of the script; ``params.files`` holds the files read and written, by name of argument.
+        snakemake: object of the script; of its outputs, ``job`` is the record.
+        always_ends: whether the job ends without an error if the content of a file cannot be used, with the reason in
+            its outputs.
 
     Raises:
         SystemExit: the job failed.
     """
-    log = Path(snakemake.log[0])
-    begins = "".join(f"{kind} {name}: " for kind, name in snakemake.wildcards.items() if kind in STOPPING)
-    earlier, said = records.read_any(log.with_suffix(".json")), list[str]()
+    log, label = Path(snakemake.log[0]).absolute(), Path(snakemake.log[0]).stem
+    subject = "".join(f"{kind} {name}: " for kind, name in snakemake.wildcards.items() if kind != "role")
     with _opened(log) as stream, single_threaded():
 
         def say(line: str) -> None:
-            said.append(line)
             try:
                 print(line, file=stream, flush=True)
             except OSError:  # a full disk must not suppress the message
                 _on_screen(line)
 
-        try:
-            made = _run(snakemake, stage, log, say, earlier)
-            records.write(log.with_suffix(".json"), made | {"said": said})
-        except Stopped as error:
-            lines = [str(line) for line in error.args]
-        except InputError as error:
-            lines = [f"{begins}{error}"]
-        except (MemoryError, KeyboardInterrupt) as error:
-            lines = [f"{begins}{log.stem} {OUT_OF_MEMORY if isinstance(error, MemoryError) else INTERRUPTED}"]
-        except (Exception, SystemExit) as error:
-            say(traceback.format_exc().rstrip())
-            lines = [f"{begins}{records.reason(log.stem, error)['why']}"]
-        else:
-            return
-        for line in lines:
+        def end(line: str) -> None:
             say(f"error: {line}")
             _on_screen(f"error: {line}")
-        sys.exit(1)
 
-
-def _run(snakemake: Any, stage: Callable[..., None], log: Path, say: Say, earlier: Record) -> Record:
-    """Run the stage unless a preceding job was stopped or nothing changed, and return the record of the job."""
-    files: Mapping[str, Any] = snakemake.params.get("files", {"reads": {}, "writes": {}})
-    kind, name = next(iter(snakemake.wildcards.items()), ("", ""))
-    before = [records.load(path) for path in snakemake.input if records.is_record(path)]
-    known = {path: digest for each in before if not each["stopped"] for path, digest in each["wrote"].items()}
-    partial = kind not in STOPPING or records.joins_parts(before, name)
-    reads = records.made(files["reads"], known) if partial else files["reads"]
-    settings = {name: value for name, value in snakemake.params.items() if name not in ("code", "files")}
-    made = records.of_job(snakemake, settings)
-    if inherited := records.inherited(before, kind, name):
-        _clear(files["writes"])
-        say(f"{name}: stopped in {inherited['stage']}")
-        return records.stopped(made, inherited)
-    paths = records.flat(reads)
-    made["read"] = dict.fromkeys(paths, "")  # stays so if an input cannot be read
-    looked_at: records.Signatures = {}
-    try:
-        looked_at = records.sign(paths)
-        made["read"] = {path: digest for path, (_, digest) in looked_at.items()}
-        records.check_inputs(made["read"], known)
-        if kind in records.FOLDERS and records.holds(earlier, made, records.flat(files["writes"])):
-            for line in earlier["said"]:
-                say(line)
-            return earlier
-        _clear(files["writes"])
-        named = {"say": say, "stopped": records.reasons(before), **reads, **files["writes"], **settings}
-        taken = {name: named[name] for name in signature(stage).parameters if name in named}
-        stage(*(value for _, value in snakemake.wildcards.items()), **taken)
-        records.check_unchanged(looked_at)
-    except (Exception, SystemExit) as error:
-        records.check_unchanged(looked_at)  # a file still being copied is not damaged
-        if kind not in STOPPING or snakemake.rule.endswith("conventions") or records.is_transient(error):
-            raise
-        if not isinstance(error, InputError):
+        try:
+            _run(snakemake, stage, say, subject if always_ends else None)
+        except Stopped as error:
+            for line in error.args:
+                end(line)
+        except InputError as error:
+            end(f"{subject}{error}")
+        except (MemoryError, KeyboardInterrupt) as error:
+            end(f"{subject}{label} {OUT_OF_MEMORY if isinstance(error, MemoryError) else INTERRUPTED}")
+        except (Exception, SystemExit) as error:
             say(traceback.format_exc().rstrip())
-        reason = records.reason(log.stem, error)
-        say(f"error: {kind} {name}: {reason['why']}")
-        _on_screen(f"stopped: {kind} {name}: {reason['why']}")
-        _clear(files["writes"])
-        return records.stopped(made, reason)
-    made["wrote"] = provenance.hashes(records.flat(files["writes"]))
-    records.write_hashes(looked_at | {path: (records.sign_file(path), known) for path, known in made["wrote"].items()})
-    return made
+            what = f"an error of this program in {label}, {type(error).__name__}: {error}; report it"
+            end(subject + " ".join(what.split()) + _without(snakemake))
+        else:
+            gc.freeze()  # the garbage collection at exit would take a twentieth of a small job's time
+            return
+    sys.exit(1)
 
 
-def _clear(files: Mapping[str, str | Sequence[str]]) -> None:
-    """Delete earlier files of a job, as Snakemake does with outputs; a folder in their place makes the job fail."""
-    for path in records.flat(files):
-        with suppress(OSError):
-            os.unlink(path)
+def _without(snakemake: Any) -> str:
+    """Advise how to make the pages of the cruise without a mooring or calibration whose job failed."""
+    names = [name for kind, name in snakemake.wildcards.items() if kind in ("mooring", "calibration")]
+    return f", and make the pages of the cruise without it: --config without={names[0]}" if names else ""
+
+
+def _run(snakemake: Any, stage: Callable[..., None], say: Callable[[str], None], subject: str | None) -> None:
+    """Run the stage and write its record; where ``subject`` is given, an unusable file is a reason, not an error."""
+    root = _storage_root(snakemake)
+    reads, writes = (_relative(files, root) for files in (snakemake.input, snakemake.output))
+    os.chdir(root)
+    record = str(writes.pop("job"))
+    texts = [value for value in snakemake.params if isinstance(value, str)]
+    settings = unflatten(text for text in texts if not text.startswith("library="))
+    made = {
+        "rule": snakemake.rule,
+        "of": dict(snakemake.wildcards.items()),
+        "software": provenance.software(),
+        "library": next((text.partition("=")[2] for text in texts if text.startswith("library=")), ""),
+        "parameters": settings,
+    }
+    signatures = {path: _sign(path) for path in _flat(reads.values())}
+    try:
+        made["read"] = _hashes(signatures)
+        taken = signature(stage).parameters
+        named = {"say": say, **reads, **writes, **settings}
+        stage(*snakemake.wildcards, **{name: value for name, value in named.items() if name in taken})
+    except InputError as error:
+        _refuse_changed(signatures)  # a file still being copied is not damaged
+        if subject is None or isinstance(error, TransientError):
+            raise
+        reason = error.reason if isinstance(error, Unusable) else _reason(Path(record).stem, error)
+        for path in _flat(writes.values()):
+            write_reason(path, reason)
+        say(f"error: {subject}{reason['why']}")
+        _on_screen(f"stopped: {subject}{reason['why']}")
+    _refuse_changed(signatures)
+    made["wrote"] = provenance.hashes(_flat(writes.values()))
+    write_json(record, json.loads(json.dumps(made, default=str)))
+
+
+def _reason(stage: str, error: InputError) -> dict[str, str]:
+    """Explain why a mooring or calibration is stopped, as the content of ``stopped.json``."""
+    return {"stage": stage, "why": str(error), "file": error.where.split(": ")[0], "advice": error.advice}
+
+
+def _storage_root(snakemake: Any) -> str:
+    """Return the folder to which paths are relative: ``.``, or where a storage plug-in of Snakemake keeps its copies."""
+    record, log = str(snakemake.output.job), str(snakemake.log[0])
+    return record.removesuffix(f"{log.removesuffix('.log')}.json") or "."
+
+
+def _relative(files: Any, root: str) -> dict[str, Paths]:
+    """Return named files of a job relative to the root; inputs without a name are only waited for."""
+    return {
+        name: os.path.relpath(given, root) if isinstance(given, str) else [os.path.relpath(path, root) for path in given]
+        for name, given in files.items()
+    }
+
+
+def _flat(files: Any) -> list[str]:
+    return list(dict.fromkeys(path for given in files for path in ([given] if isinstance(given, str) else given)))
+
+
+def _sign(path: str) -> tuple[int, int]:
+    status = os.stat(path)
+    return status.st_size, status.st_mtime_ns
+
+
+def _hashes(signatures: Sequence[str] | dict[str, tuple[int, int]]) -> dict[str, str]:
+    """Hash the inputs of a job.
+
+    Raises:
+        InputError: a raw file cannot be read.
+    """
+    known = {}
+    for path in signatures:
+        try:
+            known[path] = provenance.sha256(path)
+        except OSError as error:
+            expected, advice = "a file that can be read", "correct its permissions or repair the disk"
+            raise InputError(path, expected=expected, found=error.strerror, advice=advice) from error
+    return known
+
+
+def _refuse_changed(before: dict[str, tuple[int, int]]) -> None:
+    """Raise TransientError if an input changed while the job read it."""
+    for path, known in before.items():
+        if _sign(path) != known:
+            advice = "start the run again when it is whole"
+            raise TransientError(path, expected="a file that stays as it is", found="one that changed", advice=advice)
 
 
 @contextmanager
 def _opened(log: Path) -> Iterator[TextIO]:
     """Open a new log, or standard error where that fails, as on a full disk."""
     try:
-        # Removed first, because it may be a symbolic link, or a hard link to an older copy.
-        for left in (log, log.with_suffix(".json")):
-            left.unlink(missing_ok=True)
+        log.unlink(missing_ok=True)  # it may be a link, or a hard link to an older copy
         stream = log.open("w", encoding="utf-8")
     except OSError:
         stream = os.fdopen(os.dup(sys.stderr.fileno()), "w", encoding="utf-8")

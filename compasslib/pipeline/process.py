@@ -1,7 +1,7 @@
-"""Process one mooring without Snakemake, from its YAML file to its product, by running the stages in sequence.
+"""Process one mooring without Snakemake, from its YAML file to its product: the method as a straight function.
 
-Stages and intermediate files are those of the workflow, and the product is identical to the last bit. Figures, summary
-and report are made by the workflow only.
+The stages are those of the workflow, and the product is identical in every value. Figures, summary and report are made
+by the workflow only.
 """
 
 from __future__ import annotations
@@ -9,28 +9,23 @@ from __future__ import annotations
 import fcntl
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import chdir, contextmanager, suppress
 from inspect import signature
-from itertools import product
 from pathlib import Path
 from typing import Any
 
-from compasslib.config import cruise as config
-from compasslib.config.cruise import Cruise
+from compasslib.config.cruise import Cruise, load_cruise
 from compasslib.errors import InputError
-from compasslib.pipeline import plan, records
-from compasslib.pipeline.records import RESULTS
-from compasslib.pipeline.settings import Wildcards
-from compasslib.pipeline.whole import load_stage
+from compasslib.pipeline.settings import Calibrations, Compasses, Moorings, check_cruise
+from compasslib.stages import calibrate, correct, diagnose, fit, grid, overlap, read
 from compasslib.statistics import single_threaded
 
 TEMPORARY, MARK = ".compass-correct.", "compass-correct.lock"  # in the name of an incomplete results folder; its lock
+Say = Callable[[str], None]
 
 
-def process_mooring(
-    cruise: str | Path, mooring: str, folder: str | Path, say: Callable[[str], None] = lambda line: None
-) -> Path:
+def process_mooring(cruise: str | Path, mooring: str, folder: str | Path, say: Say = lambda line: None) -> Path:
     """Correct one mooring of a cruise and return the folder of its results, which appears complete or not at all.
 
     Meanwhile the cruise folder is the working folder, as in the workflow; the function is not thread-safe.
@@ -42,87 +37,117 @@ def process_mooring(
     Raises:
         InputError: a mistake in the cruise, a raw file that cannot be read, or a folder that already exists.
     """
-    loaded, there = config.load_cruise(Path(cruise)), Path(folder).absolute()
+    loaded, there = load_cruise(Path(cruise)), Path(folder).absolute()
+    check_cruise(loaded)
     if mooring not in (*loaded.moorings, *loaded.whole):
         expected = f"a mooring of {cruise} ({', '.join(loaded.moorings) or 'it has none'})"
         raise InputError(mooring, expected=expected, found="another name", advice="write one of these names")
     _refuse_taken(there, loaded.root.absolute() / "results")
     with _whole(there) as inside, chdir(loaded.root):
-        run_stages(loaded, mooring, inside, say)
+        process(loaded, mooring, inside, say)
     return there
 
 
-LAST = ("corrected.nc", "forms.json", "gridded.nc")  # final files of a mooring, which need all others except figures
-
-
-def run_stages(
-    cruise: Cruise,
-    mooring: str,
-    folder: Path,
-    say: Callable[[str], None] = lambda line: None,
-    last: Sequence[str] = LAST,
+@single_threaded()
+def process(
+    cruise: Cruise, mooring: str, folder: Path, say: Say = lambda line: None, *, compared_and_gridded: bool = True
 ) -> None:
-    """Run the stages of one mooring into a folder, overwriting files there; the cruise is the working folder.
+    """Read, find pairs, fit, search for effects and correct, for each affected instrument of a mooring; then grid.
 
-    Calibrations and other moorings of its compass, where needed, are processed below ``work`` in that folder.
+    The cruise is the working folder. Calibrations and other moorings of the compass are processed below ``work``.
 
     Args:
-        folder: folder of the mooring's results, absolute.
-        last: files to be made, together with all that they need.
+        folder: folder of the mooring's results, in which files are overwritten.
+        compared_and_gridded: whether forms of the curve are compared, and velocities gridded if configured.
     """
-    planned, done = plan.plan(cruise), set[str]()
-    parts = cruise.whole.get(mooring, [])
-
-    def make(record: str) -> None:
-        """Run the stages that precede a job, then its own; a compass is joined without unusable records."""
-        done.add(record)
-        rule, job = planned.jobs[record]
-        files, unusable = planned.files(rule, job), set[str]()
-        for path in records.flat(files["reads"]):
-            try:
-                if (before := planned.writers.get(path, record)) not in done:
-                    make(before)
-            except InputError:
-                if rule != "join":
-                    raise
-                unusable.add(path)
-        reads = {
-            name: (given if isinstance(given, str) else [path for path in given if path not in unusable])
-            for name, given in files["reads"].items()
-        }
-        named = {name: _moved(given, mooring, folder) for name, given in (reads | files["writes"]).items()}
-        speak = say if job.mooring in ("", mooring, *parts) else lambda line: None
-        run_stage(planned.stages[rule], job, named | {"say": speak})
-
-    for name, file in product(dict.fromkeys((*parts, mooring)), last):
-        record = planned.writers.get(f"{RESULTS}/{name}/{file}")
-        if record is not None and record not in done:
-            make(record)
+    of, compasses = Moorings(cruise), Compasses(cruise).moorings
+    parts = {part: _files(of, part, folder / part.removeprefix(mooring).strip("/")) for part in of.parts(mooring)}
+    for part, files in parts.items():
+        _fit(cruise, part, files, folder, say)
+        if part in compasses:
+            joined = {"joined": _combine_records(cruise, compasses[part], part, files, folder, say)}
+            _call(diagnose.diagnose_jointly, part, say, files | joined, of.diagnose_jointly(part))
+        else:
+            _call(diagnose.diagnose, part, say, files, of.diagnose(part))
+        _call(correct.correct, part, say, files, of.correct(part))
+        if compared_and_gridded:
+            _call(correct.compare, part, say, files)
+    if compared_and_gridded and mooring in of.gridded:
+        first, each = next(iter(parts.values())), list(parts.values())
+        lists = {f"{name}s": [files[name] for files in each] for name in ("record", "deviation", "assessment", "field")}
+        lists |= {"corrected": [files["corrected"] for files in each], "pairs": [files["overlap"] for files in each]}
+        gridded = {"gridded": [str(folder / file) for file in of.gridded[mooring]]}
+        _call(grid.grid, mooring, say, first | lists | gridded, of.grid(mooring))
 
 
-def run_stage(stage: plan.Stage, job: Wildcards, named: dict[str, Any]) -> None:
-    """Import the function of a stage and run it with those files and settings that are among its arguments."""
-    function = load_stage(stage.function)
-    taken = signature(function).parameters
-    settings = {name: given(job) for name, given in stage.settings.items()}
-    with single_threaded():
-        function(*filter(None, job), **{name: value for name, value in (settings | named).items() if name in taken})
+def _files(of: Moorings, name: str, folder: Path) -> dict[str, Any]:
+    """Name the files of the stages of one affected instrument, as the rules of the workflow do."""
+    record, *references = (str(folder / f"work/{role}.nc") for role in of.roles(name))
+    names = {
+        **{stem: f"work/{stem}.json" for stem in ("field", "fit", "agreement")},
+        **{stem: f"{stem}.json" for stem in ("diagnosis", "deviation", "assessment", "forms")},
+        **{stem: f"{stem}.csv" for stem in ("table", "histograms")},
+        **{stem: f"{stem}.nc" for stem in ("corrected", "overlap")},
+        "pairs": "work/pairs/overlap.nc",
+        "wide": "work/pairs/wide.nc",
+    }
+    alone = [str(folder / f"work/alone/{stem}.json") for stem in ("diagnosis", "deviation", "agreement", "summary")]
+    inputs = {"observatory": of.observatory(name), "ready": of.ready_pairs(name), "alone": alone[:3]}
+    shared = {"record": record, "upper": record, "references": references, "lower": references}
+    return {key: str(folder / file) for key, file in names.items()} | inputs | shared | {"summary_alone": alone[3]}
 
 
-def _moved(given: Any, mooring: str, folder: Path) -> Any:
-    """Map result files of the workflow to the folder of a mooring that is processed alone."""
-    if not isinstance(given, str):
-        return [_moved(path, mooring, folder) for path in given]
-    parts = Path(given).parts
-    if parts[0] != RESULTS:
-        return given
-    if Path(given).is_relative_to(f"{RESULTS}/{mooring}"):
-        path = folder / Path(given).relative_to(f"{RESULTS}/{mooring}")
+def _fit(cruise: Cruise, name: str, files: dict[str, Any], folder: Path, say: Say) -> None:
+    """Read the instruments, find pairs, and fit the compass or convert its calibration."""
+    of = Moorings(cruise)
+    for role, record in zip(of.roles(name), (files["record"], *files["references"]), strict=True):
+        raw = {"raw": of.raw_files(name, role), "companions": of.companion_files(name, role), "record": record}
+        read.read(name, role, **raw, **of.read(name, role), say=say)
+    _call(overlap.overlap, name, say, files, of.overlap(name))
+    if names := of.calibrations(name):
+        made = {"calibrations": [_calibrate(cruise, each, folder) for each in names]}
+        _call(fit.transfer_calibration, name, say, files | made, of.transfer_calibration(name))
     else:
-        inside = {"calibrations": parts[1:], "compasses": ("compasses", *parts[3:])}
-        path = folder.joinpath("work", *inside.get(parts[1], ("compasses", *parts[1:])))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return str(path)
+        _call(fit.fit, name, say, files, of.fit(name))
+
+
+def _calibrate(cruise: Cruise, name: str, folder: Path) -> str:
+    """Calibrate a compass and return its calibration.json, without comparison, in the work folder of a mooring."""
+    of, there = Calibrations(cruise), folder / "work/calibrations" / name
+    files = {part: str(there / file) for part, file in calibrate.FILES.items()}
+    _call(calibrate.calibrate, name, lambda line: None, files | {"raw": of.raw_files(name)}, of.calibrate(name))
+    return files["calibration"]
+
+
+def _combine_records(
+    cruise: Cruise, compass: str, mooring: str, files: dict[str, Any], folder: Path, say: Say
+) -> str:
+    """Diagnose each record of a compass alone, combine those that can be used, and return compass.json."""
+    of, there = Compasses(cruise), folder / "work/compasses"
+    moorings, calibrations = of.members[compass]
+    summaries = []
+    for name in moorings:
+        quiet = say if name == mooring else lambda line: None
+        own = files if name == mooring else _files(Moorings(cruise), name, there / name)
+        try:
+            if name != mooring:
+                _fit(cruise, name, own, there / name, quiet)
+        except InputError:
+            continue
+        alone = dict(zip(("diagnosis", "deviation", "agreement"), own["alone"], strict=True))
+        alone["summary"] = own["summary_alone"]
+        _call(diagnose.diagnose, name, quiet, own | alone, Moorings(cruise).diagnose(name))
+        summaries.append(alone["summary"])
+    made = {"summaries": summaries, "calibrations": [_calibrate(cruise, name, folder) for name in calibrations]}
+    joined = {"joined": str(there / "compass.json"), "diagnosis": str(there / "diagnosis.json")}
+    _call(diagnose.combine_records, compass, lambda line: None, made | joined, of.combine_records(compass))
+    return joined["joined"]
+
+
+def _call(stage: Callable[..., None], name: str, say: Say, files: dict[str, Any], settings: Any = None) -> None:
+    """Run a stage with those files and settings that are among its arguments, as a job of the workflow does."""
+    named = files | (settings or {}) | {"say": say}
+    stage(name, **{key: value for key, value in named.items() if key in signature(stage).parameters})
 
 
 def _refuse_taken(folder: Path, results: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -21,6 +22,7 @@ def correct(
     mooring: str,
     *,
     record: str,
+    references: Sequence[str],
     pairs: str,
     deviation: str,
     diagnosis: str,
@@ -28,12 +30,12 @@ def correct(
     field: str,
     observatory: Sequence[str],
     corrected: str,
+    overlap: str,
     assessment: str,
     table: str,
     histograms: str,
     site: Mapping[str, Any],
     attributes: Mapping[str, Any],
-    sources: Sequence[str],
     superseded: Mapping[str, Any] | None,
     say: Callable[[str], None],
 ) -> None:
@@ -42,7 +44,8 @@ def correct(
     Args:
         agreement: agreement with the reference, to which the answer is added in ``assessment``.
         attributes: global attributes from the YAML files.
-        sources: raw files, relative to the cruise folder.
+        references: record files of the reference instruments, possibly none.
+        overlap: file to write the pairs to.
         superseded: the earlier deposit, as returned by ``deposit.describe_superseded``.
 
     Raises:
@@ -56,8 +59,10 @@ def correct(
     made = correct_in_pieces(
         whole, made_by.fit, along, near, at, unmodelled_deg=made_by.left_deg, doubts=made_by.doubts
     )
+    sources = netcdf.read_sources([record, *references, pairs])
     processing = provenance.processing(made_by, along, sources, superseded)
     netcdf.write_corrected(corrected, made, site=Site(**site), attributes=attributes, processing=processing)
+    shutil.copyfile(pairs, overlap)
     summary.write_lookup(table, tabulate_deviation(made_by.fit, made_by.left_deg, made_by.doubts))
     judged, written = read_json(agreement), netcdf.read_corrected(corrected, velocities=False)
     use = answer_use(read_json(diagnosis), written.heading_corrected_quality, written.heading_uncertainty_deg)

@@ -1,36 +1,97 @@
-"""Stages of the whole cruise: summary, manifest, and checks of the archive."""
+"""Stages of the whole cruise: what can go on, summary, manifest, and checks of the archive."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from compasslib.archive import conventions as rules
-from compasslib.archive import crate, verification
+from compasslib.archive import crate
 from compasslib.archive import summary as table
-from compasslib.archive.files import write_json
+from compasslib.archive.files import STOPPED, read_json, write_json
 from compasslib.errors import Stopped
-from compasslib.pipeline.records import FOLLOWS
+
+CALIBRATIONS = "results/calibrations"
+FOLLOWS = "it needs calibration"
+Reason = dict[str, Any]  # stage, why, file, advice
+
+
+def usable(
+    *,
+    moorings: Sequence[str],
+    calibrations: Sequence[str],
+    needed: Mapping[str, Sequence[str]],
+    shared: Mapping[str, Sequence[str]],
+    without: Sequence[str],
+    usable: str,
+    say: Callable[[str], None],
+) -> None:
+    """Write which moorings, calibrations and compasses can go on, and ``stopped.json`` in place of others' products.
+
+    Args:
+        moorings: work/field.json of each mooring, possibly with a reason in place of the field.
+        calibrations: work/calibration.json of each calibration, likewise.
+        needed: calibrations that each mooring needs.
+        shared: moorings and calibrations of each compass.
+        without: moorings and calibrations that were left out by request.
+        usable: file to write: the reason by kind and name, null for what can go on.
+    """
+    left_out = {name: _left_out(name) for name in without}
+    known = {Path(path).parents[1].name: read_json(path).get(STOPPED) for path in calibrations}
+    known |= {name: left_out[name] for name in known.keys() & left_out.keys()}
+    reasons: dict[str, Reason | None] = {}
+    for path in moorings:
+        name = Path(path).parents[1].relative_to("results").as_posix()
+        stops = [(other, why) for other in needed[name] if (why := known[other])]
+        follows = [why | {"why": f"{FOLLOWS} {other}, which was stopped: {why['why']}"} for other, why in stops]
+        reasons[name] = left_out.get(name) or read_json(path).get(STOPPED) or next(iter(follows), None)
+    gone = {name for name, why in (reasons | known).items() if why}
+    compasses = {name: None if set(each) - gone else _left_out(name) for name, each in shared.items()}
+    of_folder = {f"results/{name}": why for name, why in reasons.items()}
+    wholes = {name.partition("/")[0] for name in reasons if "/" in name}
+    parts = {whole: [why for name, why in reasons.items() if name.startswith(f"{whole}/")] for whole in wholes}
+    of_folder |= {f"results/{whole}": whys[0] if all(whys) else None for whole, whys in parts.items()}
+    of_folder |= {f"{CALIBRATIONS}/{name}": why for name, why in known.items()}
+    of_folder |= {f"results/compasses/{name}": why for name, why in compasses.items() if why}
+    for folder, why in of_folder.items():
+        _clear(Path(folder), why)
+    write_json(usable, {"moorings": reasons, "calibrations": known, "compasses": compasses})
+    say(f"{len(of_folder)} moorings and calibrations, {len(gone)} stopped")
+
+
+def _left_out(name: str) -> Reason:
+    why = f"{name} was left out of this run (--config without={name})"
+    return {"stage": "usable", "why": why, "file": None, "advice": "run again without that option"}
+
+
+def _clear(folder: Path, why: Reason | None) -> None:
+    """Replace the products in a folder by ``stopped.json``, or delete that file where nothing is stopped."""
+    if why is None:
+        (folder / "stopped.json").unlink(missing_ok=True)
+        return
+    for path in (*folder.glob("*"), *folder.glob("figures/*")):
+        if path.is_file() or path.is_symlink():
+            path.unlink()
+    write_json(folder / "stopped.json", why)
+
+
+def read_stopped(usable: str) -> dict[str, dict[str, str]]:
+    """Read the reasons of what cannot go on, by kind and name."""
+    return {kind: {name: why["why"] for name, why in each.items() if why} for kind, each in read_json(usable).items()}
 
 
 def summary(
-    *,
-    summary: str,
-    roles: Mapping[str, Sequence[str]],
-    stopped: Mapping[str, Mapping[str, str]],
-    say: Callable[[str], None],
+    *, summary: str, usable: str, roles: Mapping[str, Sequence[str]], say: Callable[[str], None]
 ) -> None:
     """Write summary.csv, one row for each mooring, processed or stopped.
 
     Args:
         summary: path of summary.csv, in the folder that contains the moorings' result folders.
+        usable: what can go on, see ``usable``.
         roles: instruments that each mooring uses, in the order of the rows.
-        stopped: reasons for missing results by name, under ``moorings`` and ``calibrations``.
     """
-    results = Path(summary).parent
-    why = stopped["moorings"]
+    results, why = Path(summary).parent, read_stopped(usable)["moorings"]
     rows = [
         table.stopped_row(name, why[name]) if name in why else table.summary_row(name, results / name, used)
         for name, used in roles.items()
@@ -42,41 +103,34 @@ def summary(
 
 def provenance(
     *,
-    products: Sequence[str],
+    jobs: Sequence[str],
+    usable: str,
     manifest: str,
     configuration: Mapping[str, Sequence[str]],
     attributes: Mapping[str, Any],
-    stopped: Mapping[str, Mapping[str, str]],
     say: Callable[[str], None],
 ) -> None:
-    """Write the manifest, a crate of the jobs that led to the products; arguments as for ``crate.crate``.
+    """Write the manifest, a crate of all ``jobs``, given by their records; the rest are arguments of ``crate.crate``.
 
     Raises:
-        InputError: a product, or a result that it was made from, is not as a job wrote it.
+        InputError: a job read a result that is not as its job wrote it.
     """
-    jobs = crate.lineage(crate.records(), products)
-    page = crate.crate(jobs, configuration=configuration, attributes=attributes, stopped=_named(stopped))
+    stopped = _named(read_stopped(usable))
+    page = crate.crate(crate.read_jobs(jobs), configuration=configuration, attributes=attributes, stopped=stopped)
     write_json(manifest, page)
     say(f"{manifest}: {len(crate.listed(page))} files, {len(jobs)} jobs")
 
 
-def complete(*, folders: Sequence[str], stopped: Mapping[str, Mapping[str, str]], say: Callable[[str], None]) -> None:
-    """End the run: report what was stopped, and delete outdated ``stopped.json`` from the folders of results.
+def complete(*, usable: str, say: Callable[[str], None]) -> None:
+    """End the run: report what was stopped.
 
     Raises:
         Stopped: a mooring or calibration was stopped and has no results.
     """
-    left = {f"results/{name}" for name in stopped["moorings"]}
-    left |= {f"results/calibrations/{name}" for name in stopped["calibrations"]}
-    for folder in folders:
-        if folder not in left:
-            Path(folder, "stopped.json").unlink(missing_ok=True)
-    lines = [f"{of}: {why}" for of, why in _named(stopped).items()]
-    for line in lines:
-        say(line)
+    lines = [f"{of}: {why}" for of, why in _named(read_stopped(usable)).items()]
     if lines:
         raise Stopped(*(line for line in lines if FOLLOWS not in line))
-    say(f"{len(folders)} folders of results, none was stopped")
+    say("nothing was stopped")
 
 
 def _named(stopped: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
@@ -85,26 +139,10 @@ def _named(stopped: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
     return {f"{kind} {name}": why for kind in kinds for name, why in stopped[f"{kind}s"].items()}
 
 
-def verify(*, configured: Sequence[str], say: Callable[[str], None]) -> None:
-    """Report differences of the working folder, with the files that the rules can make, from its manifest.
-
-    Raises:
-        InputError: there are differences, or there is no manifest.
-    """
-
-    def shown(line: str) -> None:
-        say(line)
-        print(line, file=sys.stderr)  # these lines are the requested output
-
-    verification.verify(".", configured, shown)
-
-
 def conventions(
     mooring: str,
     *,
     products: Sequence[str],
-    gridded: Sequence[str],
-    records: Sequence[str],
     conventions: str,
     say: Callable[[str], None],
 ) -> None:
@@ -113,4 +151,4 @@ def conventions(
     Raises:
         InputError: there are remarks on a file.
     """
-    write_json(conventions, rules.report_remarks([*products, *gridded, *records], say))
+    write_json(conventions, rules.report_remarks(products, say))

@@ -45,7 +45,7 @@ def diagnose(
     observatory: Sequence[str],
     diagnosis: str,
     deviation: str,
-    assessment: str,
+    agreement: str,
     options: Mapping[str, Any],
     sphere_distance_m: tuple[float, float] | None,
     say: Callable[[str], None],
@@ -70,7 +70,7 @@ def diagnose(
     made = _search(
         near, along, configured, fitted, record, references, observatory, wide, {**options, "share": bool(summary)}
     )
-    _write(made, configured, record, None, sphere_distance_m, (diagnosis, deviation, assessment))
+    _write(made, configured, record, None, sphere_distance_m, (diagnosis, deviation, agreement))
     if summary:
         information = made.diagnosis.information or joint_effects.fit_information(fitted)
         place = float(np.mean(along.horizontal_nT)), float(np.mean(along.vertical_nT))
@@ -88,7 +88,7 @@ def _write(
     files: tuple[str, str, str],
 ) -> None:
     """Write diagnosis, the compass that corrects, the configured fit and the distances of the iron, and assessment."""
-    diagnosis, deviation, assessment = files
+    diagnosis, deviation, agreement = files
     upper, product = netcdf.read_record(record, velocities=False), made.product
     corrected, fitted = (deviation_json(fit, upper) for fit in (product.fit, fit_from_json(configured)))
     content = {name: value for name, value in configured.items() if name not in fitted}  # the origin of a calibration
@@ -102,7 +102,7 @@ def _write(
     }
     write_json(diagnosis, made.diagnosis.to_json())
     write_json(deviation, content)
-    write_json(assessment, made.assessment)
+    write_json(agreement, made.assessment)
 
 
 def _search(
@@ -158,7 +158,7 @@ def _search(
     )
 
 
-def share(
+def diagnose_jointly(
     mooring: str,
     *,
     joined: str,
@@ -172,7 +172,7 @@ def share(
     observatory: Sequence[str],
     diagnosis: str,
     deviation: str,
-    assessment: str,
+    agreement: str,
     options: Mapping[str, Any],
     sphere_distance_m: tuple[float, float] | None,
     tilt: bool,
@@ -184,18 +184,18 @@ def share(
 
     Args:
         joined: compass.json.
-        alone: diagnosis.json, deviation.json and assessment.json of the record by itself.
+        alone: diagnosis.json, deviation.json and agreement.json of the record by itself.
         tilt: whether pitch and roll enter the fit.
 
     Raises:
         InputError: an observatory's file cannot be read.
     """
-    files = diagnosis, deviation, assessment
+    files = diagnosis, deviation, agreement
     siblings, configured = joint.read_returned(read_json(joined), mooring), read_json(fit)
     if siblings is None:
         for file, same in zip(files, alone, strict=True):
             write_json(file, read_json(same))
-        say(f"{mooring}: no other record of its compass belongs to it; as it is alone")
+        say(f"{mooring}: no other record is consistent with this one; its own diagnosis is used")
         return
     near, along = combine_references(netcdf.read_pairs(pairs)), earthfield.field_from_json(read_json(field))
     before = fit_from_json(configured)
@@ -215,8 +215,8 @@ def share(
     made = _search(near, along, configured, fitted, *evidence, options, siblings.effects, with_effects)
     text = describe_siblings(siblings, before, fitted)
     _write(made, configured, record, siblings.block(text), sphere_distance_m, files)
-    agreement = describe_assessment(mooring, made.assessment)
-    say(f"{mooring}: {text}\n{made.diagnosis.log_line(mooring)}\n{agreement}")
+    assessed = describe_assessment(mooring, made.assessment)
+    say(f"{mooring}: {text}\n{made.diagnosis.log_line(mooring)}\n{assessed}")
 
 
 def fit_with_siblings(
@@ -246,7 +246,7 @@ def describe_siblings(siblings: SiblingInformation, alone: DeviationFit, fitted:
     return f"{known}, to {alone_s:.3f} by this record alone"
 
 
-def join(
+def combine_records(
     name: str,
     /,
     *,

@@ -28,7 +28,6 @@ def figures(
     assessment: str,
     histograms: str,
     product: str,
-    gridded: Sequence[str],
     figures: Sequence[str],
     pictures: str,
     say: Callable[[str], None],
@@ -39,7 +38,6 @@ def figures(
     averaged, coarser = (water.average_currents(shown, reference, n) for n in (summary.MAX_MEANS, summary.MAX_STICKS))
     headings = {"recorded": page.usable_headings(corrected), "corrected": corrected.heading_corrected_deg}
     counts = summary.read_histograms(histograms)
-    section = read_section(gridded[0], water.COLUMNS) if gridded else None
     for ending in dict.fromkeys(Path(figure).suffix for figure in figures):
         to = {Path(figure).stem: figure for figure in figures if figure.endswith(ending)}
         water.draw_sticks(to["sticks"], coarser)
@@ -50,18 +48,15 @@ def figures(
         curve.draw_histograms(to["histograms"], counts, read_json(assessment))
         curve.draw_scatter(to["scatter"], both, corrected)
         water.draw_timeline(to["timeline"], corrected, both)
-        if section is not None:
-            water.draw_section(to["section"], section)
-            water.draw_profile(to["profile"], section)
     write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])
     say(f"{mooring}: {len(figures)} figures")
 
 
 def sections(
-    mooring: str, *, gridded: Sequence[str], figures: Sequence[str], pictures: str, say: Callable[[str], None]
+    mooring: str, *, gridded: str, figures: Sequence[str], pictures: str, say: Callable[[str], None]
 ) -> None:
-    """Draw section and mean profile of a mooring with several affected instruments."""
-    section = read_section(gridded[0], water.COLUMNS)
+    """Draw the section and the mean profile of the gridded velocities."""
+    section = read_section(gridded, water.COLUMNS)
     for figure in figures:
         (water.draw_section if Path(figure).stem == "section" else water.draw_profile)(figure, section)
     write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])

@@ -1,4 +1,4 @@
-"""Fit the deviation model to the pairs, or carry a calibration made elsewhere to the mooring."""
+"""Fit the deviation model to the pairs, or convert a calibration to the field of the mooring."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def fit(
     say(describe_fit(mooring, made))
 
 
-def carry(
+def transfer_calibration(
     mooring: str,
     *,
     calibrations: Sequence[str],

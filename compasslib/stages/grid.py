@@ -61,7 +61,6 @@ def grid(
     rotors: Sequence[bool],
     site: Mapping[str, Any],
     attributes: Mapping[str, Any],
-    sources: Sequence[str],
     superseded: Mapping[str, Any] | None,
     say: Callable[[str], None],
 ) -> None:
@@ -75,7 +74,6 @@ def grid(
         compasses: arguments of ``reference_compass`` for each reference.
         rotors: whether each reference counts its speed by a mechanical rotor.
         attributes: global attributes from the YAML files.
-        sources: raw files, relative to the cruise folder.
         superseded: the earlier deposit, as returned by ``deposit.describe_superseded``.
 
     Raises:
@@ -109,7 +107,7 @@ def grid(
     before = sum(int(np.isfinite(part.corrected.record.heading_deg).sum()) for part in affected)
     after = sum(int(np.isfinite(part.corrected.heading_corrected_deg).sum()) for part in affected)
     described = archive.FileDescription(
-        Site(**site), along, attributes, _describe_processing(affected, along, sources, superseded),
+        Site(**site), along, attributes, _describe_processing(affected, along, netcdf.read_sources([*records, *references, *pairs]), superseded),
         (before, after), also=_seam_attributes(affected, seams),
     )  # fmt: skip
     means = DailyMeans(axes, errors) if gridded[1:] else None
@@ -167,7 +165,7 @@ def _read_affected(
 
 
 def _describe_processing(
-    affected: Sequence[_Affected], along: EarthField, sources: Sequence[str], superseded: Mapping[str, Any] | None
+    affected: Sequence[_Affected], along: EarthField, sources: Mapping[str, str], superseded: Mapping[str, Any] | None
 ) -> dict[str, Any]:
     """Describe how the headings were corrected; several instruments are listed by name."""
     each = {part.source.name: provenance.processing(part.made_by, along, sources, superseded) for part in affected}

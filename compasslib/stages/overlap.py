@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -61,12 +62,14 @@ def overlap(
     say(earthfield.describe_field(mooring, along))
     above, below = netcdf.read_record(upper), [netcdf.read_record(file) for file in lower]
     # Named relative to the mooring's folder, so that the bytes of the file do not depend on its location.
-    made = provenance.origin("pairs found", [upper, *lower], within=Path(pairs).parent)
+    sources = {f"work/{Path(file).name}": known for file, known in provenance.hashes([upper, *lower]).items()}
+    made = provenance.origin("pairs found", sources)
     if ready and columns is not None:
         rows = read_ready_pairs(Path(ready[0]), {role: columns[role] for role in ROLES})
         matched = match_ready_pairs(rows, columns["scale"], above, along)
         matched = replace(matched, compass=reference_compass("reference", along, magnetic=True))
-        made = provenance.origin("ready-made pairs read", ready)
+        known = provenance.hashes(ready)
+        made = provenance.origin("ready-made pairs read", known) | {netcdf.SOURCES: json.dumps(known)}
         for file in (wide, pairs):
             netcdf.write_pairs(file, matched, attributes=made)
         say(describe_pairs(mooring, matched))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ def read(
     role: str,
     *,
     raw: Sequence[str],
+    companions: Sequence[str],
     record: str,
     form: str,
     reader: Mapping[str, Any],
@@ -28,6 +30,7 @@ def read(
 
     Args:
         raw: raw files of the instrument, in order.
+        companions: other files that the settings name.
         form: a format of ``readers.FORMATS``.
         reader: keys of the mooring's YAML file that are arguments of the reader.
         deployment: arguments of ``deployment.apply_deployment``.
@@ -37,8 +40,9 @@ def read(
         InputError: a raw file cannot be read.
     """
     settled = record_of(raw, form, reader, deployment, series)
-    sources = [*raw, *(file for group in series.values() for file in group["files"])]
-    netcdf.write_record(record, settled, attributes=provenance.origin("record read", sources))
+    sources = provenance.hashes([*raw, *companions])
+    made = provenance.origin("record read", sources) | {netcdf.SOURCES: json.dumps(sources)}
+    netcdf.write_record(record, settled, attributes=made)
     say(describe_record(mooring, role, settled))
 
 

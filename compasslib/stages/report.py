@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from compasslib import report as html
+from compasslib.stages.cruise import read_stopped
 
 
 def report(
@@ -16,7 +17,7 @@ def report(
     moorings: Mapping[str, Mapping[str, Any]],
     calibrations: Sequence[str],
     compasses: Sequence[str],
-    stopped: Mapping[str, Mapping[str, str]],
+    usable: str,
     say: Callable[[str], None],
 ) -> None:
     """Write the page into the folder of the results; arguments as for ``report.gather``.
@@ -24,6 +25,7 @@ def report(
     Raises:
         InputError: a file of the results is missing or damaged.
     """
+    stopped = read_stopped(usable)
     content = html.gather(
         Path(page).parent,
         attributes=attributes,

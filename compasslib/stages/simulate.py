@@ -12,7 +12,7 @@ from compasslib.archive import provenance
 from compasslib.archive.files import HALF_WRITTEN, write_json
 from compasslib.demo import concealed, demonstration
 from compasslib.errors import InputError
-from compasslib.pipeline import records
+from compasslib.pipeline.guard import PLANNED
 
 
 def simulate(*, raw: Sequence[str], truth: str, name: str, seed: int, say: Callable[[str], None]) -> None:
@@ -43,7 +43,7 @@ def put(name: str, files: Sequence[str]) -> Iterator[Path]:
                 found = "one that it does not write"
                 raise InputError(file, expected=f"a raw file of the simulation of {name}", found=found, advice=advice)
         made = {file: provenance.sha256(folder / file) for file in files}
-        write_json(f"{records.SIMULATED}/{name}.json", {"read": {}, "wrote": made})
+        write_json(PLANNED / f"{name}.json", {"wrote": made})
         for file in files:
             Path(file).parent.mkdir(parents=True, exist_ok=True)
             os.replace(folder / file, file)

@@ -1,29 +1,48 @@
 """Records that share a compass: each is diagnosed alone, all are joined, and each is diagnosed given the others."""
 
 
-rule join:
-    """Join the records of a compass: its iron and effects, rejected records, and the prior for each record."""
+def members(wildcards):
+    """List the moorings and the calibrations of a compass that can go on."""
+    return [[name for name in names if name in usable(kind)] for kind, names in zip(
+        ("moorings", "calibrations"), COMPASSES.members[wildcards.compass]
+    )]
+
+
+rule combine_records:
+    """Combine the records of a compass: its iron and effects, rejected records, and the prior for each record."""
     input:
-        PLAN.inputs("join"),
+        summaries=lambda wildcards: [f"results/{name}/work/alone/summary.json" for name in members(wildcards)[0]],
+        calibrations=lambda wildcards: calibration_files(members(wildcards)[1]),
     output:
-        update("results/compasses/{compass}/logs/join.json"),
+        joined="results/compasses/{compass}/compass.json",
+        diagnosis="results/compasses/{compass}/diagnosis.json",
+        job="results/compasses/{compass}/logs/combine_records.json",
     log:
-        "results/compasses/{compass}/logs/join.log",
+        "results/compasses/{compass}/logs/combine_records.log",
+    benchmark:
+        "results/compasses/{compass}/benchmarks/combine_records.tsv"
     params:
-        **PLAN.params("join"),
+        **keys(COMPASSES.combine_records, [(name,) for name in COMPASSES.members]),
     script:
-        "../scripts/join.py"
+        "../scripts/combine_records.py"
 
 
 rule joined_figures:
     """Draw the iron by each record of a compass, and the deviation curve that they share."""
     input:
-        PLAN.inputs("joined_figures"),
+        joined="results/compasses/{compass}/compass.json",
     output:
-        update("results/compasses/{compass}/logs/figures.json"),
+        figures=report(
+            expand(
+                "results/compasses/{{compass}}/figures/{name}.{form}", name=["coefficients", "curve"], form=FORMATS
+            ),
+            category="Compasses",
+            subcategory="{compass}",
+        ),
+        job="results/compasses/{compass}/logs/figures.json",
     log:
         "results/compasses/{compass}/logs/figures.log",
     params:
-        **PLAN.params("joined_figures"),
+        library=LIBRARY,
     script:
         "../scripts/joined_figures.py"

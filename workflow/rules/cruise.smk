@@ -1,8 +1,9 @@
-"""The whole cruise: summary, report, manifest with provenance, and verification."""
+"""The whole cruise: what can go on, summary, report, and manifest with provenance."""
 
 
-# On a cluster these run where Snakemake was started: they take seconds each, and wait for all other jobs.
+# On a cluster these run where Snakemake was started: they take seconds each, and wait for other jobs.
 localrules:
+    usable,
     summary,
     cruise_figures,
     report,
@@ -10,17 +11,43 @@ localrules:
     complete,
 
 
+checkpoint usable:
+    """List what can go on; for all others write stopped.json in place of their products."""
+    input:
+        moorings=[f"results/{name}/work/field.json" for name in CRUISE.moorings],
+        calibrations=[f"results/calibrations/{name}/work/calibration.json" for name in CRUISE.calibrations],
+    output:
+        usable="results/usable.json",
+        job="results/logs/usable.json",
+    log:
+        "results/logs/usable.log",
+    params:
+        **keys(guard.needs(CRUISE, config), [()]),
+    script:
+        "../scripts/usable.py"
+
+
+def of_moorings(*files):
+    """Return a function that lists files of the moorings that can go on."""
+    return lambda wildcards: [f"results/{name}/{file}" for name in usable("moorings") for file in files]
+
+
 rule summary:
     """Summarize the cruise, one row per mooring."""
     input:
-        PLAN.inputs("summary"),
+        usable="results/usable.json",
+        files=of_moorings("deviation.json", "diagnosis.json", "assessment.json", "corrected.nc", "overlap.nc"),
+        fields=of_moorings("work/field.json"),
+        records=lambda wildcards: [
+            f"results/{name}/work/{role}.nc" for name in usable("moorings") for role in MOORINGS.roles(name)
+        ],
     output:
-        report("results/summary.csv", caption="../report/summary.rst", category="Cruise"),
-        "results/logs/summary.json",
+        summary=report("results/summary.csv", caption="../report/summary.rst", category="Cruise"),
+        job="results/logs/summary.json",
     log:
         "results/logs/summary.log",
     params:
-        **PLAN.params("summary"),
+        **keys(lambda: {"roles": {name: MOORINGS.roles(name) for name in CRUISE.moorings}}, [()]),
     script:
         "../scripts/summary.py"
 
@@ -28,13 +55,20 @@ rule summary:
 rule cruise_figures:
     """Draw figures of all moorings: array, deviations, differences from the reference, currents."""
     input:
-        PLAN.inputs("cruise_figures"),
+        deviations=of_moorings("deviation.json"),
+        assessments=of_moorings("assessment.json"),
     output:
-        "results/logs/cruise_figures.json",
+        figures=report(
+            expand(
+                "results/figures/{name}.{form}", name=["array", "curves", "differences", "currents"], form=FORMATS
+            ),
+            category="Cruise",
+        ),
+        job="results/logs/cruise_figures.json",
     log:
         "results/logs/cruise_figures.log",
     params:
-        **PLAN.params("cruise_figures"),
+        **keys(lambda: {"array": settings.array(CRUISE)}, [()]),
     script:
         "../scripts/cruise_figures.py"
 
@@ -42,14 +76,15 @@ rule cruise_figures:
 rule report:
     """Write all results to one page that needs no network."""
     input:
-        PLAN.inputs("report"),
+        records,
+        usable="results/usable.json",
     output:
-        report("results/report.html", caption="../report/page.rst", category="Cruise"),
-        "results/logs/report.json",
+        page=report("results/report.html", caption="../report/page.rst", category="Cruise"),
+        job="results/logs/report.json",
     log:
         "results/logs/report.log",
     params:
-        **PLAN.params("report"),
+        **keys(lambda: settings.report(CRUISE), [()]),
     script:
         "../scripts/report.py"
 
@@ -57,14 +92,16 @@ rule report:
 rule provenance:
     """Write the manifest from all job records: a Process Run Crate with the hash of every file read or written."""
     input:
-        PLAN.inputs("provenance"),
+        jobs=lambda wildcards: [*records(), "results/logs/usable.json", "results/logs/report.json"],
+        settings=sorted({file for files in settings.configuration(CRUISE).values() for file in files}),
+        usable="results/usable.json",
     output:
-        "results/ro-crate-metadata.json",
-        "results/logs/provenance.json",
+        manifest="results/ro-crate-metadata.json",
+        job="results/logs/provenance.json",
     log:
         "results/logs/provenance.log",
     params:
-        **PLAN.params("provenance"),
+        **keys(lambda: {"attributes": CRUISE.options.attributes, "configuration": settings.configuration(CRUISE)}, [()]),
     script:
         "../scripts/provenance.py"
 
@@ -72,42 +109,13 @@ rule provenance:
 rule complete:
     """End the run after all other jobs, with status 1 if a mooring or calibration was stopped."""
     input:
-        PLAN.inputs("complete"),
+        "results/logs/provenance.json",
+        usable="results/usable.json",
     output:
-        "results/logs/complete.json",
+        job="results/logs/complete.json",
     log:
         "results/logs/complete.log",
     params:
-        **PLAN.params("complete"),
+        library=LIBRARY,
     script:
         "../scripts/complete.py"
-
-
-rule check_conventions:
-    """Check one mooring's netCDF files against CF, ACDD and OceanSITES, in each run if configured."""
-    input:
-        PLAN.inputs("check_conventions"),
-    output:
-        "results/{mooring}/logs/conventions.json",
-    log:
-        "results/{mooring}/logs/conventions.log",
-    params:
-        **PLAN.params("check_conventions"),
-    script:
-        "../scripts/conventions.py"
-
-
-rule conventions:
-    """Check the netCDF files of all moorings against CF, ACDD and OceanSITES."""
-    input:
-        PLAN.conventions,
-
-
-rule verify:
-    """Verify the files against the manifest; without inputs, so that nothing is remade before."""
-    log:
-        "results/logs/verify.log",
-    params:
-        configured=PLAN.configured,
-    script:
-        "../scripts/verify.py"

@@ -7,20 +7,18 @@ for NAME in SIMULATED:
             f"simulate_{NAME}"
         output:
             raw=SIMULATED[NAME],
-            truth=records.truth_file(NAME),
+            truth=guard.truth_file(NAME),
+            job=f"results/{NAME}/logs/simulate.json",
         log:
             f"results/{NAME}/logs/simulate.log",
         priority: 1  # before all other jobs: a mooring simulated last would end on one core
         params:
-            files={"reads": {}, "writes": {"raw": SIMULATED[NAME], "truth": records.truth_file(NAME)}},
-            name=NAME,
-            seed=CRUISE.options.seed,
-            code=PLAN.code("simulate"),
+            **keys(lambda name=NAME: {"name": name, "seed": CRUISE.options.seed}, [()]),
         script:
             "../scripts/simulate.py"
 
 
-if PLAN.concealed:
+if CONCEALED:
 
     localrules:
         concealed,
@@ -28,13 +26,22 @@ if PLAN.concealed:
     rule concealed:
         """Compare the diagnoses of the moorings C1, C2, ... with the truth, which no other rule reads."""
         input:
-            PLAN.inputs("concealed"),
+            truths=[guard.truth_file(name) for name in CONCEALED],
+            corrected=lambda wildcards: [
+                f"results/{name}/corrected.nc" for name in CONCEALED if name in usable("moorings")
+            ],
+            others=lambda wildcards: [
+                f"results/{name}/{file}"
+                for name in CONCEALED
+                if name in usable("moorings")
+                for file in ("deviation.json", "diagnosis.json", "overlap.nc", "work/pictures.json")
+            ],
         output:
-            report("results/concealed.html", caption="../report/page.rst", category="Cruise"),
-            "results/logs/concealed.json",
+            page=report("results/concealed.html", caption="../report/page.rst", category="Cruise"),
+            job="results/logs/concealed.json",
         log:
             "results/logs/concealed.log",
         params:
-            **PLAN.params("concealed"),
+            library=LIBRARY,
         script:
             "../scripts/concealed.py"

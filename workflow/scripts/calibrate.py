@@ -1,6 +1,6 @@
 """Calibrate a compass without a mooring: raw readings -> results/calibrations/NAME/calibration.json and tables."""
 
-from compasslib.pipeline.job import job
+from compasslib.pipeline.job import run_job
 from compasslib.stages.calibrate import calibrate
 
-job(snakemake, calibrate)
+run_job(snakemake, calibrate, always_ends=True)

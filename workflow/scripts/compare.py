@@ -1,6 +1,6 @@
 """Compare forms of the deviation curve on held-out pairs: pairs, deviation -> results/MOORING/forms.json."""
 
-from compasslib.pipeline.job import job
+from compasslib.pipeline.job import run_job
 from compasslib.stages.correct import compare
 
-job(snakemake, compare)
+run_job(snakemake, compare)

@@ -1,6 +1,6 @@
 """Draw one mooring: pairs, deviation, product -> results/MOORING/figures/*.png."""
 
-from compasslib.pipeline.job import job
+from compasslib.pipeline.job import run_job
 from compasslib.stages.figures import figures
 
-job(snakemake, figures)
+run_job(snakemake, figures)

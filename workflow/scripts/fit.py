@@ -1,6 +1,6 @@
 """Fit the deviation: pairs and the recorded headings -> results/MOORING/work/fit.json."""
 
-from compasslib.pipeline.job import job
+from compasslib.pipeline.job import run_job
 from compasslib.stages.fit import fit
 
-job(snakemake, fit)
+run_job(snakemake, fit)

@@ -1,6 +1,6 @@
 """Grid the velocities of one mooring: corrected, records, pairs, deviation, field -> results/MOORING/gridded.nc."""
 
-from compasslib.pipeline.job import job
+from compasslib.pipeline.job import run_job
 from compasslib.stages.grid import grid
 
-job(snakemake, grid)
+run_job(snakemake, grid)

@@ -1,6 +1,6 @@
 """Find overlapping measurements: records, position -> results/MOORING/{overlap,wide/overlap}.nc, work/field.json."""
 
-from compasslib.pipeline.job import job
+from compasslib.pipeline.job import run_job
 from compasslib.stages.overlap import overlap
 
-job(snakemake, overlap)
+run_job(snakemake, overlap, always_ends=True)

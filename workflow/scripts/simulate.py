@@ -1,6 +1,6 @@
 """Simulate one demonstration mooring: seed -> raw/MOORING/, and truth/MOORING.csv or concealed/MOORING.json."""
 
-from compasslib.pipeline.job import job
+from compasslib.pipeline.job import run_job
 from compasslib.stages.simulate import simulate
 
-job(snakemake, simulate)
+run_job(snakemake, simulate)
