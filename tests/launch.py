@@ -36,15 +36,13 @@ def environment(*beside: Path) -> dict[str, str]:
 def snakemake(
     folder: Path, *options: str, project: Path = PROJECT, beside: tuple[Path, ...] = (), anew: bool = False
 ) -> subprocess.CompletedProcess:
-    """Run ``compass run`` with options of Snakemake, including target files; each stage is a job.
+    """Run ``compass run`` with options of Snakemake, including target files.
 
     Args:
         project: root of the project, possibly a copy.
         beside: further folders from which jobs import packages.
         anew: start new Python processes, with their own hash seeds, for the command and its jobs, as for a copy.
     """
-    if "--config" not in options:
-        options = ("--config", "mooring_cores=0", *(["--"] if options and options[0][:1] != "-" else []), *options)
     words, into = ["run", f"{folder}", "--cores", "2", "--", *options], environment(project, *beside)
     if anew or beside or project != PROJECT:
         code = "import sys; from compasslib.cli import main; sys.exit(main())"

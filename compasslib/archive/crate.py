@@ -1,7 +1,7 @@
 """The manifest results/ro-crate-metadata.json: provenance of all results as a Process Run Crate (RO-Crate 1.1).
 
-Each job of the workflow writes a record (``pipeline.job``), which becomes an action of the crate. The clock is read only for ``datePublished``, which
-SOURCE_DATE_EPOCH can fix. Profile: https://w3id.org/ro/wfrun/process/0.5
+Each job of the workflow writes a record (``pipeline.job``), which becomes an action of the crate. Of the clock only
+``datePublished`` is read, which SOURCE_DATE_EPOCH can fix. Profile: https://w3id.org/ro/wfrun/process/0.5
 """
 
 from __future__ import annotations
@@ -61,8 +61,9 @@ def read_jobs(paths: Iterable[str | Path]) -> dict[str, Record]:
     jobs: dict[str, Record] = {}
     for path in sorted(map(Path, paths)):
         record = read_json(path)
-        wrote = {file: known for file, known in record["wrote"].items() if not file.startswith(CONCEALED)}
-        jobs[job_name(path)] = record | {"wrote": wrote}
+        for part in ("read", "wrote"):
+            record[part] = {file: known for file, known in record[part].items() if not file.startswith(CONCEALED)}
+        jobs[job_name(path)] = record
     written = {file: known for record in jobs.values() for file, known in record["wrote"].items()}
     for record in jobs.values():
         for file, known in record["read"].items():

@@ -37,7 +37,11 @@ def library() -> str:
     rules = [*WORKFLOW.glob("Snakefile"), *WORKFLOW.glob("rules/*.smk"), *WORKFLOW.glob("scripts/*.py")]
     files |= {Path("workflow", path.relative_to(WORKFLOW)): path for path in rules}
     lines = [f"{sha256(path)}  {name.as_posix()}" for name, path in sorted(files.items())]
-    others = (plugins.code_identity(each) for group in (plugins.READERS, plugins.EFFECTS) for each in plugins.declared_plugins(group))
+    others = (
+        plugins.code_identity(each)
+        for group in (plugins.READERS, plugins.EFFECTS)
+        for each in plugins.declared_plugins(group)
+    )
     return hashlib.sha256("\n".join([*lines, *others]).encode()).hexdigest()[:16]
 
 
@@ -93,9 +97,7 @@ def hashes(paths: Iterable[str]) -> dict[str, str]:
     return {str(path): sha256(path) for path in paths}
 
 
-def origin(
-    what: str, sources: Mapping[str, str], superseded: Mapping[str, Any] | None = None
-) -> dict[str, str]:
+def origin(what: str, sources: Mapping[str, str], superseded: Mapping[str, Any] | None = None) -> dict[str, str]:
     """Compose the attributes that state the provenance of a netCDF file.
 
     Args:

@@ -6,7 +6,7 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,15 +20,11 @@ from compasslib.errors import InputError
 FORMER = "no longer configured: "
 CONVENTIONS = "conventions.json"  # may be made by request, after the manifest
 PROJECT_FOLDERS = ("bench", "proof")  # the project's own benchmarks, in the results folder of its demonstration cruise
-# Files of a job that no manifest lists: log, record, reason for which it was stopped, and benchmark (processor time).
-JOB_FILE = re.compile(
-    r"(?P<owner>results(?:/[^/]+){0,2})/"
-    r"(?:logs/(?P<log>[^/]+)\.(?:log|json|stopped)|benchmarks/(?P<benchmark>[^/]+)\.tsv)"
-)
-STAGE = re.compile(
-    r"read_.+|overlap|fit|diagnose|diagnose_alone|correct|grid|compare|figures|sections|conventions|simulate|calibrate"
-    r"|diagnosis_figure|join|concealed|summary|cruise_figures|report|provenance|complete|verify"
-)
+OF_CRUISE = f"{crate.FOLDER}/figures/"
+# Files of a job that no manifest lists: log, record, and benchmark (processor time).
+JOB_FILE = re.compile(r"results(?:/[^/]+){0,2}/(?:logs/[^/]+\.(?:log|json)|benchmarks/[^/]+\.tsv|stopped\.json)")
+# Products that are made according to options, so that those of earlier options may be left.
+OPTIONAL = re.compile(r"results/.+/(?:gridded(?:_daily)?\.nc|conventions\.json|figures/[a-z_]+\.(?:png|pdf))")
 
 
 @dataclass(frozen=True)
@@ -36,7 +32,7 @@ class Results:
     """The files below results/ of a cruise and the jobs that wrote them; links are not followed."""
 
     root: Path
-    configured: Collection[str] | None  # files that the rules make under the present configuration; None: unknown
+    configured: Collection[str] | None  # folders of the configured moorings, calibrations and compasses; None: unknown
 
     @cached_property
     def files(self) -> list[str]:
@@ -51,38 +47,35 @@ class Results:
         return sorted({*entries} - {crate.FILE})
 
     @cached_property
-    def records(self) -> dict[str, Mapping[str, str]]:
-        """SHA-256 of the files that each job wrote, by the path of its record; damaged records are left out."""
-        entries: dict[str, Mapping[str, str]] = {}
+    def wrote(self) -> set[tuple[str, str]]:
+        """Path and SHA-256 of each file that a job wrote, by the records of the jobs; damaged records are left out."""
+        entries: set[tuple[str, str]] = set()
         for file in self.files:
-            if JOB_FILE.fullmatch(file) and file.endswith(".json"):
+            if self.of_job(file) and file.endswith(".json"):
                 with suppress(OSError, ValueError, TypeError, KeyError):
-                    entries[file] = dict(json.loads((self.root / file).read_bytes())["wrote"])
+                    entries |= set(dict(json.loads((self.root / file).read_bytes())["wrote"]).items())
         return entries
 
     @cached_property
     def former(self) -> list[str]:
-        """Unmodified results of jobs that are no longer configured, and the logs and records of those jobs."""
+        """Unmodified results of what is no longer configured, with its logs, and of options that are switched off."""
         if self.configured is None:
             return []
-        configured = frozenset(self.configured)
-        return [file for file in self.files if file not in configured and self._is_former(file, configured)]
+        listed: set[str] = set()
+        with suppress(InputError):
+            listed = set(crate.listed(read_manifest(self.root)))
+        return [file for file in self.files if file not in listed and self._is_former(file, self.configured)]
 
     def of_job(self, file: str) -> bool:
-        """Return whether a file is the log, record, stop reason or benchmark of a job."""
-        job = JOB_FILE.fullmatch(file)
-        if job is None or (self.root / file).is_symlink():
-            return False
-        named = STAGE.fullmatch(job["log"] or job["benchmark"]) and not file.endswith(".json")
-        return bool(named) or _record(job) in self.records
+        """Return whether a file is the log, record or benchmark of a job."""
+        return JOB_FILE.fullmatch(file) is not None and not (self.root / file).is_symlink()
 
     def as_written(self, file: str) -> bool:
         """Return whether a file is as a job wrote it."""
         path = self.root / file
-        known = {wrote[file] for wrote in self.records.values() if file in wrote}
-        return bool(known) and not path.is_symlink() and path.is_file() and provenance.sha256(path) in known
+        return not path.is_symlink() and path.is_file() and (file, provenance.sha256(path)) in self.wrote
 
-    def foreign(self, apart: Collection[str]) -> list[str]:
+    def foreign(self, apart: Collection[str] = ()) -> list[str]:
         """List the files except ``apart`` that no job wrote, or that were modified since."""
         left = (file for file in self.files if file not in apart and not self.of_job(file))
         return [file for file in left if not self.as_written(file)]
@@ -96,13 +89,11 @@ class Results:
             with suppress(OSError):  # the folder is not empty
                 (self.root / folder).rmdir()
 
-    def _is_former(self, file: str, configured: frozenset[str]) -> bool:
-        job = JOB_FILE.fullmatch(file)
-        if job is None or not self.of_job(file):
-            return job is None and self.as_written(file)
-        if made := [path for path in self.records.get(_record(job), ()) if path.startswith(f"{crate.FOLDER}/")]:
-            return configured.isdisjoint(made)
-        return not any(path.startswith(f"{job['owner']}/") for path in configured)
+    def _is_former(self, file: str, configured: Collection[str]) -> bool:
+        if any(file.startswith(f"{folder}/") for folder in configured):
+            return OPTIONAL.fullmatch(file) is not None and not self.as_written(file)
+        below = len(PurePosixPath(file).parts) > 2 and not file.startswith((f"{crate.FOLDER}/logs/", OF_CRUISE))
+        return below and (self.of_job(file) or self.as_written(file))
 
 
 def differences(cruise: str | Path, configured: Collection[str] | None) -> list[str]:
@@ -110,7 +101,7 @@ def differences(cruise: str | Path, configured: Collection[str] | None) -> list[
 
     Args:
         cruise: folder of the cruise, which is only read.
-        configured: files that the rules make under the present configuration; None where unknown.
+        configured: folders of the configured moorings, calibrations and compasses; None where unknown.
 
     Raises:
         InputError: there is no valid manifest.
@@ -191,10 +182,6 @@ def _difference(root: Path, path: str, listed: str) -> str:
         return f"changed: {path} (a link, or in a folder that is one)"
     entries = provenance.sha256(place)
     return "" if entries == listed else f"changed: {path} (sha256 {entries[:12]}, listed {listed[:12]})"
-
-
-def _record(job: re.Match[str]) -> str:
-    return f"{job['owner']}/logs/{job['log'] or job['benchmark']}.json"
 
 
 def _owner(file: str) -> str:

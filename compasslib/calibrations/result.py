@@ -92,9 +92,7 @@ def to_json(name: str, made: Calibration, settings: Mapping[str, Any]) -> dict[s
     return {**common, **made.details, **near}
 
 
-def compare_all(
-    name: str, content: Mapping[str, Any], earlier: Mapping[str, Mapping[str, Any]]
-) -> dict[str, Any]:
+def compare_all(name: str, content: Mapping[str, Any], earlier: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Compare a calibration with others, as the keys of calibration.json that need them.
 
     Args:

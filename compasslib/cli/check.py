@@ -23,9 +23,8 @@ from compasslib.config.cruise import CALIBRATIONS, Cruise
 from compasslib.config.schema import Covariate, Instrument
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
-from compasslib.pipeline import plan
 from compasslib.pipeline.process import process_mooring
-from compasslib.pipeline.settings import Moorings, Wildcards, used_instruments
+from compasslib.pipeline.settings import Calibrations, Moorings, check_cruise, used_instruments
 from compasslib.preparation.pairs import PairRules, find_pairs, match_ready_pairs
 from compasslib.readers import iaga2002, table
 from compasslib.readers.pd0.checks import match_serial_number
@@ -62,9 +61,9 @@ def check(asked: Namespace) -> int:
     """
     refused: list[InputError] = []
     cruise = config.load_cruise(Path(asked.cruise), refuse=refused.append)
-    planned = plan.plan(cruise)
+    check_cruise(cruise)
     problems = [str(each) for first in refused for each in (first, *first.others)]
-    jobs: list[tuple[Callable[[str, plan.Plan], Inspection], str]] = [
+    jobs: list[tuple[Callable[[str, Cruise], Inspection], str]] = [
         *((_inspect_mooring, name) for name in cruise.moorings),
         *((_inspect_parts, file) for file in cruise.refused_files),
         *((_inspect_calibration, name) for name in cruise.calibrations),
@@ -74,7 +73,7 @@ def check(asked: Namespace) -> int:
         jobs = []
     inspections, warnings = dict[str, Inspection](), list[str]()
     with ProcessPoolExecutor(max(min(os.cpu_count() or 1, len(jobs)), 1)) as pool:
-        opened = pool.map(_inspect, *zip(*((job, name, planned) for job, name in jobs), strict=True)) if jobs else ()
+        opened = pool.map(_inspect, *zip(*((job, name, cruise) for job, name in jobs), strict=True)) if jobs else ()
         for (_, name), inspection in zip(jobs, opened, strict=False):
             print("\n".join(inspection.lines), flush=True)
             inspections[name] = inspection
@@ -105,24 +104,25 @@ def _summary(cruise: Cruise, refused: bool, inspections: Mapping[str, Inspection
     return f"{everything}: can run, {problems}" + (f" (stopped: {', '.join(stopped)})" if stopped else "")
 
 
-def _inspect(job: Callable[[str, plan.Plan], Inspection], name: str, planned: plan.Plan) -> Inspection:
-    with chdir(planned.cruise.root):
-        return job(name, planned)
+def _inspect(job: Callable[[str, Cruise], Inspection], name: str, cruise: Cruise) -> Inspection:
+    with chdir(cruise.root):
+        return job(name, cruise)
 
 
-def _inspect_mooring(name: str, planned: plan.Plan) -> Inspection:
-    rules = planned.moorings
-    mooring = planned.cruise.moorings[name]
+def _inspect_mooring(name: str, cruise: Cruise) -> Inspection:
+    rules, mooring = Moorings(cruise), cruise.moorings[name]
     fit, used = mooring.fit, used_instruments(mooring)
     records: dict[str, Record] = {}
     problems, warnings, rows = list[str](), list[str](), [HEAD]
     for role in (*used, *(other for other in mooring.instruments if other not in used)):
         try:
-            record = records[role] = read.record_of(**rules.reading(Wildcards(name, role)) | {"series": {}})
+            record = records[role] = read.record_of(
+                rules.raw_files(name, role), **rules.read(name, role) | {"series": {}}
+            )
             part = "reference" if role in mooring.reference else "not used"
             part = "affected" if role == mooring.compromised else part
             rows.append(_row(role, part, mooring.instruments[role], record))
-            match_serial_number(f"{name}: {role}", record.serial_number, rules.serial_number(Wildcards(name, role)))
+            match_serial_number(f"{name}: {role}", record.serial_number, rules.serial_number(name, role))
         except InputError as error:
             problems.append(f"{name}: {role}: {error}")
     series, unusable = _inspect_covariates(name, mooring.covariates, (mooring.start_s, mooring.end_s))
@@ -143,7 +143,7 @@ def _inspect_mooring(name: str, planned: plan.Plan) -> Inspection:
     return Inspection(tuple(lines), tuple(problems), (*of_records, *warnings), usable, serials)
 
 
-def _inspect_parts(file: str, planned: plan.Plan) -> Inspection:
+def _inspect_parts(file: str, cruise: Cruise) -> Inspection:
     """Open the files of those instruments and series that are valid in an otherwise invalid mooring file."""
     instruments, series = config.valid_parts(Path(), file)
     problems, rows = list[str](), [HEAD]
@@ -180,15 +180,15 @@ def _inspect_covariates(
     return lines, problems
 
 
-def _inspect_calibration(name: str, planned: plan.Plan) -> Inspection:
-    rules, job = planned.calibrations, Wildcards(calibration=name)
+def _inspect_calibration(name: str, cruise: Cruise) -> Inspection:
+    rules = Calibrations(cruise)
+    settings, raw = rules.calibrate(name), rules.raw_files(name)
     try:
-        settings = calibrations.resolve_settings(rules.settings(job))
-        made = calibrations.calibrate(rules.kind(job), rules.raw_files(job), settings)
+        made = calibrations.calibrate(settings["kind"], raw, calibrations.resolve_settings(settings["settings"]))
     except InputError as error:
         return Inspection((), (f"{CALIBRATIONS}/{name}.yaml: {error}",), usable=False)
     unusable = [f"{CALIBRATIONS}/{name}.yaml: no coefficients: {made.why}"] if made.why else []
-    line = f"{name}: {rules.kind(job)}, {_plural(len(rules.raw_files(job)), 'file')}, {made.n} points"
+    line = f"{name}: {settings['kind']}, {_plural(len(raw), 'file')}, {made.n} points"
     return Inspection((line,), tuple(unusable))
 
 
@@ -236,16 +236,16 @@ def _directions(record: Record, inside: AppliedDeclination | None) -> str:
 
 
 def _inspect_pairs(name: str, rules: Moorings, records: Sequence[Record]) -> Inspection:
-    job, problems = Wildcards(name), []
+    settings, problems = rules.overlap(name), list[str]()
     try:
-        along = earthfield.field_along(**rules.place_and_declination(job))
+        along = earthfield.field_along(**settings["place"])
     except InputError as error:
         return Inspection((), (f"{name}: {error}",))
     east = np.quantile(along.declination_deg, [0.0, 1.0])
     lines = [f"  declination {east[0]:+.2f} to {east[1]:+.2f} degrees ({along.source})"]
     warnings = [f"{name}: {text}" for text in along.warnings]
-    asked, columns = PairRules(**rules.pairing_rules(job) | {"predict": False}), rules.pair_columns(job)
-    if (ready := rules.ready_pairs(job)) and columns is not None:
+    asked, columns = PairRules(**settings["rules"] | {"predict": False}), settings["columns"]
+    if (ready := rules.ready_pairs(name)) and columns is not None:
         try:
             rows = read_ready_pairs(Path(ready[0]), {role: columns[role] for role in ROLES})
         except InputError as error:

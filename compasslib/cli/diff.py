@@ -12,11 +12,11 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.archive import calibrations as archive
+from compasslib.archive import provenance
 from compasslib.archive.attributes import DATES
-from compasslib.archive.files import open_netcdf, read_variable
+from compasslib.archive.files import open_netcdf, read_json, read_variable
 from compasslib.calibrations.result import DeviationTable
 from compasslib.cli import results
-from compasslib.pipeline import records
 from compasslib.readers.netcdf.variables import refuse_size
 from compasslib.report import words
 from compasslib.types import Floats
@@ -72,7 +72,7 @@ def _print_differences(old: results.ResultFolders, new: results.ResultFolders) -
     both = {
         name: old.moorings.get(name) or next(iter(old.moorings.values())) for name, row in moorings.items() if row[1:]
     }
-    differ = [f"  {k}: {text}" for k, side in both.items() for text in records.compare(side, new.moorings[k])]
+    differ = [f"  {k}: {text}" for k, side in both.items() for text in _compare_jobs(side, new.moorings[k])]
     sections += ["\n".join(["Settings and raw files that differ:", *differ])] if differ else []
     made_by = {(_software(side), _software(new.moorings[k])) for k, side in both.items()}
     sections += [f"OLD by {a}\nNEW by {b}" for a, b in sorted(made_by) if a != b]
@@ -99,6 +99,21 @@ def _rows(
             cells = compare(old[name], new[name])
         rows[name] = cells if any(cell != SAME for cell in cells) else ()
     return rows
+
+
+def _compare_jobs(old: Path, new: Path) -> list[str]:
+    """List the settings and raw files in which two folders of results differ, by the records of their jobs."""
+    differ: dict[str, None] = {}
+    for path in sorted((new / "logs").glob("*.json")):
+        if not (before := old / "logs" / path.name).is_file():
+            continue
+        was, now = read_json(before), read_json(path)
+        role = f"{now['of']['role']}: " if "role" in now["of"] else ""
+        texts = provenance.changed_settings(was["parameters"], now["parameters"])
+        raw = (file for file in sorted(was["read"].keys() & now["read"].keys()) if not file.startswith("results/"))
+        texts += [f"{file} changed" for file in raw if was["read"][file] != now["read"][file]]
+        differ |= dict.fromkeys(f"{role}{text}" for text in texts)
+    return list(differ)
 
 
 def _software(folder: Path) -> str:

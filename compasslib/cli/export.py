@@ -27,8 +27,7 @@ from compasslib.cli import results
 from compasslib.config import cruise as config
 from compasslib.earthfield import parse_applied_declination
 from compasslib.errors import InputError
-from compasslib.pipeline import plan
-from compasslib.pipeline.settings import Moorings, Wildcards
+from compasslib.pipeline.settings import Moorings
 from compasslib.preparation.deployment import to_utc
 from compasslib.readers.pd0.fields import Leaders, Rewritten, rewrite
 from compasslib.records import PROBABLY_BAD
@@ -126,7 +125,7 @@ def _note_path(file: Path) -> Path:
 def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
     """Write each raw file with corrected headings, and a note on its origin and the changes made."""
     loaded = config.load_cruise(Path(asked.cruise))
-    product = _Product(asked.mooring, source, plan.plan(loaded).moorings)
+    product = _Product(asked.mooring, source, Moorings(loaded))
     paths = [Path(file) for file in product.files]
     alike = len({path.name for path in paths}) < len(paths)  # numbered where two raw files have the same name
     numbered = [(f"{k}_" if alike else "", path) for k, path in enumerate(paths, 1)]
@@ -157,12 +156,13 @@ class _Product:
         if mooring not in rules.cruise.moorings:
             expected = f"a mooring of the cruise ({', '.join(rules.cruise.moorings) or 'it has none'})"
             raise InputError(mooring, expected=expected, found="another name", advice="write its name, and --cruise")
-        job = Wildcards(mooring, rules.cruise.moorings[mooring].compromised)
-        if (form := rules.form(job)) != "pd0":
-            where, advice = f"{mooring}: {job.role}", "export it to csv, mat or oceansites"
+        role = rules.mooring(mooring).compromised
+        settings = rules.read(mooring, role)
+        if (form := settings["form"]) != "pd0":
+            where, advice = f"{mooring}: {role}", "export it to csv, mat or oceansites"
             raise InputError(where, expected="raw files in PD0", found=form, advice=advice)
-        self.mooring, self.source, self.files = mooring, source, rules.raw_files(job)
-        self._reader, self._deployment = rules.reader_settings(job), rules.deployment(job)
+        self.mooring, self.source, self.files = mooring, source, rules.raw_files(mooring, role)
+        self._reader, self._deployment = settings["reader"], settings["deployment"]
         names = ("TIME", "HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_QC")
         time, self._recorded, self._corrected, self._flag = read_series(source, *names)
         self._time_s = np.round((time - DAYS_1950_TO_1970) * 86400.0, TIME_DECIMALS)

@@ -13,12 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
-from compasslib.archive import deposit, summary, verification
+from compasslib.archive import crate, deposit, summary, verification
 from compasslib.archive.files import RERUN, read_json
-from compasslib.config import cruise
+from compasslib.config import compasses, cruise
 from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
-from compasslib.pipeline import guard, plan, records
 from compasslib.readers.files import refuse_large_arrays
 from compasslib.report import sections
 from compasslib.report.results import QUESTION, ReportSection, read_calibration, read_mooring
@@ -76,7 +75,7 @@ def unpack_deposit(place: str) -> Iterator[str]:
     with tempfile.TemporaryDirectory() as temporary:
         folder = f"{temporary}/{Path(place).name}"  # so that messages name it
         with deposit.open_deposit(place, "fetch the deposit again") as packed:
-            results = [x for x in packed.infolist() if x.filename.startswith(f"{records.RESULTS}/")]
+            results = [x for x in packed.infolist() if x.filename.startswith(f"{crate.FOLDER}/")]
             compared = [x for x in results if x.filename.endswith(COMPARED)]
             for entry in compared:
                 if not entry.filename.endswith(".nc") and entry.file_size > deposit.LARGEST_JSON:
@@ -295,7 +294,7 @@ def verify(asked: Namespace) -> int:
             return _clear(asked.yes)
         configured = None
         try:
-            configured = _configured_files()
+            configured = _configured_folders()
         except InputError as error:  # an archive may lack its raw files
             print(f"cannot list results that are no longer configured: {error}", file=sys.stderr)
         verification.verify(Path(), configured, print)
@@ -303,14 +302,11 @@ def verify(asked: Namespace) -> int:
 
 
 def _clear(confirmed: bool) -> int:
-    guard.refuse_links([])
-    if confirmed:
-        guard.lock()
-    configured = _configured_files()
-    results = verification.Results(Path(), configured)
+    results = verification.Results(Path(), _configured_folders())
     word = "removed" if confirmed else "would be removed"
     lines = [f"{word}: {file}" for file in results.former]
-    lines += [f"kept: {file}, which no job wrote as it is" for file in results.foreign(configured)]
+    apart = {*crate.listed(verification.read_manifest(Path())), *results.former}
+    lines += [f"kept: {file}, which no job wrote as it is" for file in results.foreign(apart)]
     if confirmed:
         results.clear()
     more = "; add --yes to remove them" if results.former and not confirmed else ""
@@ -322,5 +318,8 @@ def _clear(confirmed: bool) -> int:
     return 0
 
 
-def _configured_files() -> list[str]:
-    return plan.plan(cruise.load_cruise(Path())).configured()
+def _configured_folders() -> list[str]:
+    loaded = cruise.load_cruise(Path())
+    joined = compasses.members(loaded.moorings, loaded.calibrations)
+    names = [*loaded.whole, *(f"calibrations/{name}" for name in loaded.calibrations)]
+    return [f"{crate.FOLDER}/{name}" for name in (*names, *(f"compasses/{name}" for name in joined))]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -56,9 +56,7 @@ def _raise(mistake: InputError) -> None:
     raise mistake
 
 
-def load_cruise(
-    cruise: Path, *, in_storage: bool = False, refuse: Callable[[InputError], None] = _raise
-) -> Cruise:
+def load_cruise(cruise: Path, *, in_storage: bool = False, refuse: Callable[[InputError], None] = _raise) -> Cruise:
     """Load and validate the configuration of a cruise, with raw files located and globs expanded.
 
     Args:

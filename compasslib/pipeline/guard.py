@@ -74,7 +74,7 @@ def group(stage: str, mooring: str) -> str:
 
 
 def needs(cruise: Cruise, config: Mapping[str, object]) -> Callable[[], Arguments]:
-    """Return the settings of the checkpoint: what moorings need, members of compasses, and what is left out by request."""
+    """Return the settings of the checkpoint: calibrations needed, members of compasses, and what to leave out."""
     moorings = Moorings(cruise)
     asked = str(config.get(WITHOUT) or "")
     shared = {name: [*each, *others] for name, (each, others) in Compasses(cruise).members.items()}

@@ -122,7 +122,7 @@ def _reason(stage: str, error: InputError) -> dict[str, str]:
 
 
 def _storage_root(snakemake: Any) -> str:
-    """Return the folder to which paths are relative: ``.``, or where a storage plug-in of Snakemake keeps its copies."""
+    """Return the folder to which paths are relative: ``.``, or where a storage plug-in keeps its copies."""
     record, log = str(snakemake.output.job), str(snakemake.log[0])
     return record.removesuffix(f"{log.removesuffix('.log')}.json") or "."
 
@@ -130,7 +130,9 @@ def _storage_root(snakemake: Any) -> str:
 def _relative(files: Any, root: str) -> dict[str, Paths]:
     """Return named files of a job relative to the root; inputs without a name are only waited for."""
     return {
-        name: os.path.relpath(given, root) if isinstance(given, str) else [os.path.relpath(path, root) for path in given]
+        name: os.path.relpath(given, root)
+        if isinstance(given, str)
+        else [os.path.relpath(path, root) for path in given]
         for name, given in files.items()
     }
 

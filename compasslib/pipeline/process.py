@@ -119,9 +119,7 @@ def _calibrate(cruise: Cruise, name: str, folder: Path) -> str:
     return files["calibration"]
 
 
-def _combine_records(
-    cruise: Cruise, compass: str, mooring: str, files: dict[str, Any], folder: Path, say: Say
-) -> str:
+def _combine_records(cruise: Cruise, compass: str, mooring: str, files: dict[str, Any], folder: Path, say: Say) -> str:
     """Diagnose each record of a compass alone, combine those that can be used, and return compass.json."""
     of, there = Compasses(cruise), folder / "work/compasses"
     moorings, calibrations = of.members[compass]

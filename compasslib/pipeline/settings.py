@@ -126,9 +126,7 @@ class Moorings:
     def gridded(self) -> dict[str, list[str]]:
         """File names of the gridded product, with daily means if configured, by mooring that is gridded."""
         wanted = {name: self.mooring(name).product for name in self.cruise.whole}
-        return {
-            name: ["gridded.nc", *["gridded_daily.nc"] * each.daily] for name, each in wanted.items() if each.grid
-        }
+        return {name: ["gridded.nc", *["gridded_daily.nc"] * each.daily] for name, each in wanted.items() if each.grid}
 
     def read(self, name: str, role: str) -> Arguments:
         return {

@@ -13,7 +13,6 @@ from compasslib.archive import provenance
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import result
 
-
 FILES = {"calibration": "calibration.json", "table": "table.csv", "points": "points.csv"}
 
 

@@ -81,9 +81,7 @@ def read_stopped(usable: str) -> dict[str, dict[str, str]]:
     return {kind: {name: why["why"] for name, why in each.items() if why} for kind, each in read_json(usable).items()}
 
 
-def summary(
-    *, summary: str, usable: str, roles: Mapping[str, Sequence[str]], say: Callable[[str], None]
-) -> None:
+def summary(*, summary: str, usable: str, roles: Mapping[str, Sequence[str]], say: Callable[[str], None]) -> None:
     """Write summary.csv, one row for each mooring, processed or stopped.
 
     Args:

@@ -52,9 +52,7 @@ def figures(
     say(f"{mooring}: {len(figures)} figures")
 
 
-def sections(
-    mooring: str, *, gridded: str, figures: Sequence[str], pictures: str, say: Callable[[str], None]
-) -> None:
+def sections(mooring: str, *, gridded: str, figures: Sequence[str], pictures: str, say: Callable[[str], None]) -> None:
     """Draw the section and the mean profile of the gridded velocities."""
     section = read_section(gridded, water.COLUMNS)
     for figure in figures:

@@ -106,8 +106,9 @@ def grid(
     seams = [compare_at_seam(part.pairs, read_json(file)) for part, file in zip(affected, assessments, strict=True)]
     before = sum(int(np.isfinite(part.corrected.record.heading_deg).sum()) for part in affected)
     after = sum(int(np.isfinite(part.corrected.heading_corrected_deg).sum()) for part in affected)
+    sources = netcdf.read_sources([*records, *references, *pairs])
     described = archive.FileDescription(
-        Site(**site), along, attributes, _describe_processing(affected, along, netcdf.read_sources([*records, *references, *pairs]), superseded),
+        Site(**site), along, attributes, _describe_processing(affected, along, sources, superseded),
         (before, after), also=_seam_attributes(affected, seams),
     )  # fmt: skip
     means = DailyMeans(axes, errors) if gridded[1:] else None
