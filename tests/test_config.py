@@ -327,8 +327,8 @@ def test_demonstration_may_name_files_simulated_later(cruise: Path) -> None:
     assert loaded.moorings["M1"].instruments["top"].files == ("raw/EG4/later.000",)
     write(cruise, MOORING_FILE, SHORTEST.replace("top.000", "*.000"))
     assert message(cruise) == (
-        "config/moorings/EG4.yaml: instruments.top.files: expected plain paths, as the files of a demonstration are "
-        "made later, found 'raw/EG4/*.000'; list the files"
+        "config/moorings/EG4.yaml: instruments.top.files: expected plain paths, as these files are "
+        "made or fetched later, found 'raw/EG4/*.000'; list the files"
     )
 
 
