@@ -4,8 +4,8 @@
     python benchmarks/frozen.py e368bdf --kept FOLDER    keeps cruises and results, and resumes from existing ones
 
 Headings and velocities may differ by 1e-9, other numbers by ``DIGITS`` significant digits; verdicts and names must be
-equal. Changed sentences, figures, flags and sets of intermediate files are counted and listed. The exit status is 1 if a number, a verdict, a name
-or the set of files differs.
+equal. Changed sentences, figures, flags and sets of intermediate files are counted and listed. The exit status is 1 if
+a number, a verdict, a name or the set of products differs.
 """
 
 from __future__ import annotations

@@ -119,7 +119,7 @@ def differences(cruise: str | Path, configured: Collection[str] | None) -> list[
     """
     root = Path(cruise)
     page = read_manifest(root)
-    listed, misplaced, results = crate.listed(page), crate.misplaced(page), Results(root, configured)
+    listed, results = crate.listed(page), Results(root, configured)
     # Files that the manifest does not list, in folders outside results/ that a simulation wrote into.
     wrote = (path for path in crate.written(page) if path in listed and not path.startswith(f"{crate.FOLDER}/"))
     folders = {(root / path).parent for path in wrote}
@@ -133,11 +133,7 @@ def differences(cruise: str | Path, configured: Collection[str] | None) -> list[
     unlisted = [file for file in left if not (crate.has_failures(page) or file.endswith(f"/{CONVENTIONS}"))]
     former = Counter(_owner(file) for file in results.former)
     return [
-        *(
-            f"elsewhere: {identifier}, which is no file of the cruise that a job read or wrote"
-            for identifier in misplaced.values()
-        ),
-        *(line for path, known in listed.items() if path not in misplaced and (line := _difference(root, path, known))),
+        *(line for path, known in listed.items() if (line := _difference(root, path, known))),
         *(f"new: {path}" for path in sorted(foreign)),
         *(f"unlisted: {path}" for path in unlisted),
         *(f"{FORMER}{folder}, {n} files" for folder, n in sorted(former.items())),
@@ -177,7 +173,7 @@ def read_manifest(root: Path) -> dict[str, Any]:
     page: dict[str, Any] = read_json(root / crate.FILE)
     expected, advice = "a manifest that lists the files of a run", "make run writes it"
     try:
-        crate.written(page), crate.misplaced(page), crate.has_failures(page)
+        crate.written(page), crate.has_failures(page)
         entries = "" if crate.listed(page) else "no file listed"
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         entries = repr(error)
@@ -190,12 +186,8 @@ def _difference(root: Path, path: str, listed: str) -> str:
     place = root / path
     if not place.is_file():
         return f"missing: {path}"
-    if path.startswith(f"{crate.FOLDER}/") and any(
-        (root / part).is_symlink() for part in (path, *map(str, PurePosixPath(path).parents[:-2]))
-    ):
-        return f"changed: {path} (a link, or in a folder that is one)"
-    entries = provenance.sha256(place)
-    return "" if entries == listed else f"changed: {path} (sha256 {entries[:12]}, listed {listed[:12]})"
+    now = provenance.sha256(place)
+    return "" if now == listed else f"changed: {path} (sha256 {now[:12]}, listed {listed[:12]})"
 
 
 def _owner(file: str) -> str:
