@@ -46,7 +46,8 @@ def run(source: Path, folder: Path, method: str) -> None:
     settings = yaml.safe_load((folder / "config/config.yaml").read_text())
     settings |= {"diagnose": {"enabled": False}, "demonstration": False}
     (folder / "config/config.yaml").write_text(yaml.safe_dump(settings))  # the methods without the diagnosis
-    cost(snakemake(folder, "--quiet", "all", "--until", "correct"))
+    names = [path.stem for path in (folder / "config/moorings").glob("*.yaml")]
+    cost(snakemake(folder, "--quiet", "all", "--", *(f"results/{name}/corrected.nc" for name in names)))
 
 
 def truth(source: Path, name: str, time_s: np.ndarray, recorded: np.ndarray) -> np.ndarray:

@@ -4,8 +4,8 @@
     python benchmarks/frozen.py e368bdf --kept FOLDER    keeps cruises and results, and resumes from existing ones
 
 Headings and velocities may differ by 1e-9, other numbers by ``DIGITS`` significant digits; verdicts and names must be
-equal. Changed sentences, figures and flags are counted and listed. The exit status is 1 if a number, a verdict, a name
-or the set of files differs.
+equal. Changed sentences, figures, flags and sets of intermediate files are counted and listed. The exit status is 1 if
+a number, a verdict, a name or the set of products differs.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ import numpy as np
 import pandas as pd
 import yaml
 from matplotlib import image
-from runs import DATA, PROJECT, cost, snakemake
+from runs import DATA, PROJECT, cost
 
 from benchmarks.proof.world import draw
 from compasslib import earthfield, readers
@@ -46,7 +46,13 @@ NEAR = 1e-9
 DIGITS = 6  # significant digits of numbers other than headings and velocities
 EXACT = re.compile(r"HEADING|DEVIATION|[UV]CUR|BRANCH|corrected_deg")
 NAMES = re.compile(r"(^|/)(verdict|effect|side|alternatives|method|kind|model|name|folded|effects)(/|$)")
-OF_THE_RUN = re.compile(r"(^|/)(software.*|history|date_.*|source_files|metadata_link|.*sha256.*|conventions)(/|$)")
+OF_THE_RUN = re.compile(
+    r"(^|/)(software.*|product_version|history|date_.*|source_files|metadata_link|.*sha256.*|conventions)(/|$)"
+)
+COMPASS = "import sys; from compasslib.cli import main; sys.exit(main())"
+# Paths that earlier versions had, and files that a version may lack, as no user reads them.
+RENAMED = {"wide/overlap.nc": "work/pairs/wide.nc", "work/alone/assessment.json": "work/alone/agreement.json"}
+INTERNAL = re.compile(r"(^|/)work/|^usable\.json$")
 SKIPPED = ("ro-crate-metadata.json", "report.html", "pictures.json")
 
 
@@ -160,7 +166,7 @@ def _write_calibrations(cruise: Path) -> None:
 
 
 def process(project: Path, raw: Path, into: Path) -> None:
-    """Run the pipeline of one project on a copy of a cruise that links to its raw files."""
+    """Run ``compass run`` of one project on a copy of a cruise that links to its raw files."""
     if (into / "done").exists():
         return
     shutil.copytree(raw / "config", into / "config", dirs_exist_ok=True)
@@ -171,7 +177,7 @@ def process(project: Path, raw: Path, into: Path) -> None:
             there.unlink(missing_ok=True)
             os.link(file, there)
     try:
-        cost(snakemake(into, "--quiet", cores=os.cpu_count() or 1, project=project), project)
+        cost([sys.executable, "-P", "-c", COMPASS, "run", str(into), "--", "--quiet"], project)
     except SystemExit:  # a mooring stopped
         if not (into / "results/summary.csv").exists():
             raise
@@ -239,15 +245,14 @@ def compare(old: Path, new: Path) -> tuple[Counter[str], dict[str, list[str]]]:
     """Count equal and different values by kind of difference, and list the places where they differ."""
     counted: Counter[str] = Counter()
     where: dict[str, list[str]] = defaultdict(list)
-    files = {p.relative_to(old) for p in old.rglob("*")} | {p.relative_to(new) for p in new.rglob("*")}
-    for file in sorted(files):
-        if file.suffix not in (".json", ".csv", ".nc", ".png") or {"logs", "benchmarks", *SKIPPED} & set(file.parts):
+    earlier, later = _files(old), _files(new)
+    for file in sorted(earlier.keys() | later.keys()):
+        if file not in earlier or file not in later:
+            kind = "internal file" if INTERNAL.search(file) else "file"
+            where[kind].append(f"{file}: only in the {'earlier' if file in earlier else 'later'}")
+            counted[kind] += 1
             continue
-        if not ((old / file).is_file() and (new / file).is_file()):
-            where["file"].append(f"{file}: only in the {'earlier' if (old / file).is_file() else 'later'}")
-            counted["file"] += 1
-            continue
-        before, after = content(old / file), content(new / file)
+        before, after = content(earlier[file]), content(later[file])
         for key in before.keys() | after.keys():
             one_sided = key not in before or key not in after
             kind = "key" if one_sided else differs(key, before[key], after[key])
@@ -255,6 +260,16 @@ def compare(old: Path, new: Path) -> tuple[Counter[str], dict[str, list[str]]]:
             if kind:
                 where[kind].append(f"{file}{key}{'' if one_sided else _shown(before[key], after[key])}")
     return counted, where
+
+
+def _files(results: Path) -> dict[str, Path]:
+    """Find the files that are compared, by their paths in this version."""
+    paths = {path.relative_to(results).as_posix(): path for path in results.rglob("*")}
+    for old, new in RENAMED.items():
+        paths = {name.removesuffix(old) + new if name.endswith(old) else name: path for name, path in paths.items()}
+    apart = {"logs", "benchmarks", *SKIPPED}
+    compared = (".json", ".csv", ".nc", ".png")
+    return {name: path for name, path in paths.items() if path.suffix in compared and not apart & set(path.parts)}
 
 
 def flags_changed(old: Path, new: Path) -> Iterator[str]:

@@ -122,7 +122,7 @@ def measure(kind: str, seed: int, folder: Path) -> dict[str, float]:
     try:
         with chdir(folder):
             results.mkdir(parents=True)
-            process.run_stages(config.load_cruise(Path()), "M", results.absolute(), last=("gridded.nc",))
+            process.process(config.load_cruise(Path()), "M", results.absolute())
     finally:
         stage.grid = make
     field = field_from_json(yaml.safe_load((results / "work/field.json").read_text()))

@@ -55,13 +55,12 @@ def cpu_of(code: str) -> float:
 
 
 def of_cruise(temporary: Path) -> tuple[str, list[Measured]]:
-    """Time the whole cruise, one job per mooring, no diagnosis and figures, an edit, and an up-to-date cruise."""
-    whole, joined, bare = (temporary / name for name in ("whole", "joined", "bare"))
-    for folder in (whole, joined, bare):
+    """Time the whole cruise, no diagnosis and figures, an edit, and an up-to-date cruise."""
+    whole, bare = temporary / "whole", temporary / "bare"
+    for folder in (whole, bare):
         shutil.copytree(PROJECT / "config", folder / "config")
     change(bare / "config/config.yaml", diagnose={"enabled": False})
     rows = [("whole cruise, diagnosis and figures", *took(whole), LIMITS["whole"])]
-    rows.append(("a job a mooring", *took(joined, "--config", "mooring_cores=1"), LIMITS["whole"]))
     rows.append(("without: to summary.csv", *took(bare, "--", "results/summary.csv"), LIMITS["without"]))
     change(whole / f"config/moorings/{EDITED}.yaml", declination=-20.5)
     rows.append((f"{EDITED}'s declination edited", *took(whole), LIMITS["edit"]))

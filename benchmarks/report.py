@@ -24,7 +24,7 @@ import browser  # noqa: E402
 
 from compasslib import report  # noqa: E402
 from compasslib.config.cruise import load_cruise  # noqa: E402
-from compasslib.pipeline.settings import Moorings  # noqa: E402
+from compasslib.pipeline import settings  # noqa: E402
 from compasslib.report import chart  # noqa: E402
 
 COUNTS, OPENINGS = (7, 50, 200), 5
@@ -62,7 +62,7 @@ def measured(chromium: browser.Page, path: Path, count: int) -> str:
     """Measure the report of a number of moorings and format the line of the table."""
     report.MAX_SECTIONS, most = (0 if count > report.MAX_SECTIONS else report.MAX_SECTIONS), report.MAX_SECTIONS
     begin = time.perf_counter()
-    described = Moorings(load_cruise(PROJECT)).described()
+    described = settings.report(load_cruise(PROJECT))["moorings"]
     made = report.gather(PROJECT / "results", attributes={}, moorings=described, calibrations=[])
     report.MAX_SECTIONS = most
     report.write(path, repeated(made, count))

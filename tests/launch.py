@@ -72,7 +72,7 @@ def planned(folder: Path, project: Path = PROJECT) -> set[tuple[str, str]]:
 
 
 def jobs_in(said: str) -> set[tuple[str, str]]:
-    jobs = re.findall(r"rule (\w+):\n((?:    .*\n)+)", said)
+    jobs = re.findall(r"rule (\w+):\n((?: +\w+: .*\n)+)", said)
     named = {(rule, (re.search(r"(?:mooring|calibration)=(\w+)", text) or ["", ""])[1]) for rule, text in jobs}
     return {job for job in named if job[0] not in ("all", "complete")}
 

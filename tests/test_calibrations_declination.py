@@ -93,7 +93,7 @@ def test_position_far_from_the_header_gives_a_warning(tmp_path):
 
 def test_calibration_round_trips_through_json_and_is_drawn(tmp_path):
     made = declination.calibrate([write(tmp_path / "a.hor", series(40))], {})
-    page = result.to_json("quiet", made, PLACE, {})
+    page = result.to_json("quiet", made, PLACE)
     write_json(tmp_path / "calibration.json", page)
     again = read_json(tmp_path / "calibration.json")
     assert again["coefficients"]["A"] == pytest.approx(made.coefficients[0]) and again["coefficients"]["B"] is None

@@ -48,7 +48,7 @@ def test_both_axes_are_recovered_for_any_sign_of_the_reference(tmp_path, sign):
         assert fit["form"] == "cubic" and np.all(np.abs(np.subtract(found, (a, b, 0.0, 0.0))) < 3.5 * sigma)
         assert abs(fit["max_error_deg"]) == pytest.approx(abs(a) + 20.0 * abs(b), abs=0.25)
         assert fit["expanded_deg"] == pytest.approx(np.hypot(0.384, 2.0 * 0.1), abs=0.08)
-    page = result.to_json("tilts", made, calibrations.resolve_settings(BREST), {})
+    page = result.to_json("tilts", made, calibrations.resolve_settings(BREST))
     assert set(page["uncertainty"]["rows"]) == {"slope_deg", "ruggedness_deg", "protractor_deg", budget.FIT_RESIDUAL}
     assert made.details["heading_error"]["expanded_deg"] > 1.5 * page["uncertainty"]["expanded_deg"]
     assert any("sign" in text for text in made.warnings) != np.array_equal(sign, 1.0)
@@ -61,7 +61,7 @@ def test_rotated_oblique_and_short_runs_are_reported(tmp_path):
     assert any("of kind platform are not part of this budget" in text for text in turned.warnings)
     skew = calibrated(tmp_path, [STEPS, 0.7 * STEPS, 0.7 * STEPS])
     assert "no reading leans this axis alone" in skew.why and any("tilt one axis at a time" in x for x in skew.warnings)
-    assert result.to_json("x", skew, {}, {})["uncertainty"]["expanded_deg"] is None
+    assert result.to_json("x", skew, {})["uncertainty"]["expanded_deg"] is None
     few = calibrated(tmp_path, [[0.0, 10.0], [0.5, 10.4], [0.0, 0.0]])
     assert "2 coefficients need at least 3" in few.why
 
@@ -84,7 +84,7 @@ def test_stated_intervals_cover_the_truth():
 def test_figure_page_and_diagnosis_of_a_tilt(tmp_path, whole):
     rows = bench(np.random.default_rng(4))
     made = calibrated(tmp_path, rows if whole else rows[:, :2], budget="le_menn")
-    page = result.to_json("tilts", made, {}, {})
+    page = result.to_json("tilts", made, {})
     path = tmp_path / "tilt.png"
     plots.draw_figure("tilt", path, StoredCalibration(page, DeviationTable(*np.zeros((3, 0))), made.points))
     assert np.ptp(np.asarray(Image.open(path))) > 0

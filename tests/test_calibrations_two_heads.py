@@ -301,6 +301,6 @@ def test_steady_still_or_identical_heads_raise_no_error(tmp_path, n, turning):
         assert (made.model == "none") == few
         assert few or any("leaves no residual" in said for said in made.warnings)
         files = {file: tmp_path / f"{file}.x" for file in ("calibration", "table", "points")}
-        calibration_files.write(page=result.to_json("h", made, {}, {}), made=made, **files)
+        calibration_files.write(page=result.to_json("h", made, {}), made=made, **files)
         for figure in calibrations.figure_names("two_heads"):
             figures.draw_figure(figure, tmp_path / f"{figure}.png", calibration_files.read(**files))

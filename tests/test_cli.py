@@ -28,7 +28,7 @@ from compasslib.archive.files import write_json
 from compasslib.calibrations import result
 from compasslib.calibrations.platform import BenchReadings
 from compasslib.cli import _parser, main, results
-from compasslib.pipeline import records
+from compasslib.cli.diff import compare_jobs
 
 DIAGNOSED = {
     **{"verdict": "consistent", "findings": [], "unexplained": None},
@@ -449,19 +449,19 @@ def test_diff_lists_changed_settings_and_raw_files(tmp_path):
     read = {"rule": "read", "of": {"mooring": "M1", "role": "deep"}, "read": {"raw/M1/deep.csv": "a", "results/x": "1"}}
     settings = {"fit": {"method": "exact"}}
     fit = {"rule": "fit", "of": {"mooring": "M1"}, "parameters": settings, "read": {"results/y": "1"}}
-    for side, depth, digest, more in (("old", 20.0, "a", {}), ("new", 16.2, "b", {"carry": fit})):
+    for side, depth, digest, more in (("old", 20.0, "a", {}), ("new", 16.2, "b", {"transfer": fit})):
         spans = {"end_s": 1188864000.0 + 10 * depth, "exclude": [[None, 10 * depth]]}
         now = read | {"parameters": {"deployment": {"nominal_depth": depth} | spans}}
         now |= {"read": read["read"] | {"raw/M1/deep.csv": digest, "results/x": digest}}
         for name, record in ({"read_deep": now, "fit": fit} | more).items():
             write_json(tmp_path / side / f"logs/{name}.json", record)
-    assert records.compare(tmp_path / "old", tmp_path / "new") == [
+    assert compare_jobs(tmp_path / "old", tmp_path / "new") == [
         "deep: nominal_depth was 20.0, is 16.2",
         'deep: end was "2007-09-04T00:03:20Z", is "2007-09-04T00:02:42Z"',
         'deep: exclude was [[null, "1970-01-01T00:03:20Z"]], is [[null, "1970-01-01T00:02:42Z"]]',
         "deep: raw/M1/deep.csv changed",
     ]
-    assert records.compare(tmp_path / "new", tmp_path / "new") == []
+    assert compare_jobs(tmp_path / "new", tmp_path / "new") == []
 
 
 def _software(folder: Path) -> str:
@@ -505,7 +505,7 @@ def _calibrate(folder: Path, run: str, name: str, seen: BenchReadings) -> None:
     settings = calibrations.resolve_settings({"uncertainty": {}, "budget": None, "table_step_deg": 10.0})
     made = calibrations.calibrate("platform", [write_table(folder / "raw.csv", seen)], settings)
     files = {"calibration": there / "calibration.json", "table": there / "table.csv", "points": there / "points.csv"}
-    calibration_files.write(page=result.to_json(name, made, settings, {}), made=made, **files)
+    calibration_files.write(page=result.to_json(name, made, settings), made=made, **files)
 
 
 def test_diff_compares_calibrations(calibrated, capsys):

@@ -19,8 +19,7 @@ from compasslib import readers
 from compasslib.config import calibrations, json_schema, schema, section, values
 from compasslib.config import cruise as config
 from compasslib.errors import InputError
-from compasslib.pipeline import plan
-from compasslib.pipeline.process import Wildcards
+from compasslib.pipeline.settings import Moorings
 
 ROOT = Path(__file__).resolve().parents[1]
 MOORING_FILE = "config/moorings/EG4.yaml"
@@ -328,8 +327,8 @@ def test_demonstration_may_name_files_simulated_later(cruise: Path) -> None:
     assert loaded.moorings["M1"].instruments["top"].files == ("raw/EG4/later.000",)
     write(cruise, MOORING_FILE, SHORTEST.replace("top.000", "*.000"))
     assert message(cruise) == (
-        "config/moorings/EG4.yaml: instruments.top.files: expected plain paths, as the files of a demonstration are "
-        "made later, found 'raw/EG4/*.000'; list the files"
+        "config/moorings/EG4.yaml: instruments.top.files: expected plain paths, as these files are "
+        "made or fetched later, found 'raw/EG4/*.000'; list the files"
     )
 
 
@@ -606,18 +605,18 @@ def test_invalid_keys_of_a_format_are_reported(cruise: Path, keys: str, expected
                                                (" sphere_distance_m: 0.5,", True)])  # fmt: skip
 def test_iron_is_declared_by_a_sphere_or_its_distance(cruise: Path, keys: str, declared: bool) -> None:
     write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: pd0,{keys}"))
-    assert plan.plan(config.load_cruise(cruise), Path()).moorings.sphere(Wildcards("M1")) is declared
+    assert Moorings(config.load_cruise(cruise)).fit("M1")["sphere"] is declared
 
 
 def test_declination_applied_may_differ_for_heading_and_velocity(cruise: Path) -> None:
     both = "declination_applied: {heading: 0, velocity: -17.4}"
     for form, taken in (("pd0", True), ("rdi_text", False)):
         write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: {form}, {both},"))
-        rules, job = plan.plan(config.load_cruise(cruise), Path()).moorings, Wildcards("M1", "top")
-        assert rules.place_and_declination(job)["applied"] == {"top (velocity)": -17.4}
-        inside = {"heading": 0.0, "velocity": -17.4}
-        assert rules.deployment(job)["declination_applied"] == (0.0 if taken else inside)
-        assert rules.reader_settings(job).get("declination_applied") == (inside if taken else None)
+        of = Moorings(config.load_cruise(cruise))
+        given, inside = of.read("M1", "top"), {"heading": 0.0, "velocity": -17.4}
+        assert of.overlap("M1")["place"]["applied"] == {"top (velocity)": -17.4}
+        assert given["deployment"]["declination_applied"] == (0.0 if taken else inside)
+        assert given["reader"].get("declination_applied") == (inside if taken else None)
     columns = "depth: 10, columns: {time: t, x: u, y: v, heading: h}"
     write(cruise, MOORING_FILE, SHORTEST.replace("format: pd0,", f"format: acm_table, {columns}, {both},"))
     assert "declination_applied: expected one number, as these velocities are turned by the headings" in message(cruise)

@@ -12,7 +12,7 @@ from compasslib.calibrations import KINDS, budget
 from compasslib.config import calibrations
 from compasslib.config import cruise as config
 from compasslib.errors import InputError
-from compasslib.pipeline import plan
+from compasslib.pipeline.settings import check_cruise
 
 FILE = "config/calibrations/aqd.yaml"
 # A calibration file with comments, as a user may write it.
@@ -44,7 +44,7 @@ def write(root: Path, name: str, text: str) -> None:
 
 def message(root: Path) -> str:
     with pytest.raises(InputError) as caught:
-        plan.plan(config.load_cruise(root), Path("workflow/scripts"))
+        check_cruise(config.load_cruise(root))
     assert "\n" not in str(caught.value)
     return str(caught.value)
 

@@ -166,7 +166,7 @@ def test_a_sound_record_has_no_doubtful_period(iron, seed):
 
 @pytest.mark.parametrize("name", ["E0", "E2"])
 def test_real_water_without_a_fault_is_not_doubted(tmp_path, name):
-    made = chain.make(real("cruise_eh2"), name, tmp_path, "overlap.nc")
+    made = chain.make(real("cruise_eh2"), name, tmp_path)
     seen = netcdf.read_pairs(made / "overlap.nc")
     assert find_doubtful_windows(seen, fit_exact(seen)) == () and seen.slowed == ()
 

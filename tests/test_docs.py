@@ -337,10 +337,7 @@ def test_tutorial_commands_print_what_the_page_shows(installed, tmp_path):
     ):
         (tmp_path / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" -P {code}"$@"\n')
         (tmp_path / name).chmod(0o755)
-    (tmp_path / "profile").mkdir()  # one job per mooring gives the same results by fewer processes
-    (tmp_path / "profile/config.yaml").write_text("config: [mooring_cores=1]\n")
     place = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": f"{installed}", "PYTHONUNBUFFERED": "1"}
-    place |= {"SNAKEMAKE_PROFILE": f"{tmp_path / 'profile'}"}
     steps = re.findall(r"^\$ (.*\n(?:> .*\n)*)((?:(?!\$ ).*\n)*)", "".join(blocks(TUTORIAL, "console")), re.MULTILINE)
     assert len(steps) > 12
     for command, shown in steps:

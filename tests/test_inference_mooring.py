@@ -496,5 +496,5 @@ def test_aliased_tides_of_a_profiler_do_not_replace_a_constant(tmp_path):
     # Two of the five aliased waves are nearly constant, and coefficient A was confounded with them.
     shutil.copytree(ROOT / "config", tmp_path / "config")
     demonstration.write_mooring("EG5", tmp_path / "raw", tmp_path / "truth.csv", 2007)
-    made = chain.make(tmp_path, "EG5", tmp_path / "EG5", "diagnosis.json")
+    made = chain.make(tmp_path, "EG5", tmp_path / "EG5")
     assert read_json(made / "diagnosis.json")["verdict"] == "consistent"

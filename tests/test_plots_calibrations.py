@@ -38,7 +38,7 @@ CASES = {
 
 def shown(made: Calibration) -> StoredCalibration:
     """Return a calibration as read back from its files."""
-    said = result.to_json("aqd $2", made, PLACE, {})
+    said = result.to_json("aqd $2", made, PLACE)
     return StoredCalibration(said, made.table or DeviationTable(*np.zeros((3, 0))), made.points)
 
 

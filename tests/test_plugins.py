@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from launch import PROJECT, change, snakemake
+from launch import PROJECT, change, jobs_in, snakemake
 from sea import cruise
 
 from compasslib import plugins, readers
@@ -75,9 +75,7 @@ def test_documented_package_is_installed_and_runs_a_mooring(tmp_path):
     with (there / "tiltmeter.py").open("a") as module:
         module.write("# another way of reading\n")
     said = snakemake(folder, "--dry-run", "--quiet", "progress", beside=(there,)).stdout
-    jobs = re.findall(r"rule (\w+):\n(?:    .*\n)*?    wildcards: (.*)", said)
-    assert [of for rule, of in jobs if rule == "read"] == ["mooring=M1, role=deep"]
-    assert "diagnose" in dict(jobs)
+    assert ("read", "M1") in jobs_in(said) and "now: 'library=" in said
 
 
 def declare(folder: Path, monkeypatch, group: str, name: str, value: str, package: str = "tiltmeter") -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 from dataclasses import replace
-from pathlib import Path
 
 import chain
 import numpy as np
@@ -17,7 +16,7 @@ from test_preparation_overlap import record as one_record
 from compasslib import angles, report
 from compasslib.archive import netcdf, summary
 from compasslib.config import cruise as config
-from compasslib.pipeline import plan
+from compasslib.pipeline import settings
 from compasslib.preparation import headings
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.preparation.pairs import PairRules, find_pairs
@@ -242,7 +241,7 @@ def test_counts_and_warnings_reach_summary_and_report(tmp_path):
         netcdf.write_record(results / f"M1/work/{fault}.nc", record)
     row = summary.summary_row("M1", results / "M1")
     summary.write_summary(results / "summary.csv", [row])
-    described = plan.plan(config.load_cruise(folder), Path()).moorings.described()
+    described = settings.report(config.load_cruise(folder))["moorings"]
     described["M1"]["roles"] = [*described["M1"]["roles"], *FAULTS]
     made = report.gather(results, attributes={}, moorings=described, calibrations=[])
     report.write(results / "report.html", made)

@@ -179,7 +179,7 @@ def test_a_fouled_rotor_yields_to_the_affected_instrument(tmp_path, kind, flag, 
     content = yaml.safe_load(settings.read_text()) | {"diagnose": {"enabled": False}}
     content["instruments"]["deep"] |= {"depth": depth_m} | ({"kind": kind} if kind else {})
     settings.write_text(yaml.safe_dump(content))
-    made = chain.make(folder, "M1", tmp_path / "out", "gridded.nc")
+    made = chain.make(folder, "M1", tmp_path / "out", gridded=True)
     with netCDF4.Dataset(made / "gridded.nc") as nc:
         level = int(np.argmin(np.abs(nc["DEPTH"][:] - depth_m)))
         u, v, quality, number = (nc[name][:, level] for name in ("UCUR", "VCUR", "UCUR_QC", "SOURCE"))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from compasslib.config.cruise import load_cruise
 from compasslib.demo import demonstration, profiler, water
 from compasslib.demo.demonstration import DEPLOYED_S
 from compasslib.errors import InputError
-from compasslib.pipeline import plan as plans
+from compasslib.pipeline.settings import Moorings
 from compasslib.readers import mmp as acm
 from compasslib.readers.mmp import rows as mmp_rows
 from compasslib.readers.mmp import scans as mmp_scans
@@ -759,10 +758,7 @@ def test_workflow_separates_companion_files_from_raw_files(tmp_path):
         "compromised: top, reference: deep, instruments: {top: {format: pd0, files: top.000, depth: 100}, "
         "deep: {format: mmp_acm, files: A*.TXT, depth: 102, pressure_files: E*.TXT, start_offset_seconds: 7}}}\n"
     )
-    plan = plans.plan(load_cruise(tmp_path), Path(readers.__file__).parents[2] / "workflow" / "scripts").moorings
-    deep, top = (SimpleNamespace(mooring="M", role=role) for role in ("deep", "top"))
-    assert plan.raw_files(deep) == ["A1.TXT", "A2.TXT"]
-    assert plan.companion_files(deep) == ["E1.TXT"]
-    assert plan.reader_settings(deep) == {"pressure_files": ["E1.TXT"], "start_offset_seconds": 7.0}
-    assert plan.companion_files(top) == []
-    assert plan.reader_code(deep) != plan.reader_code(top)
+    of = Moorings(load_cruise(tmp_path))
+    assert of.raw_files("M", "deep") == ["A1.TXT", "A2.TXT"]
+    assert of.companion_files("M", "deep") == ["E1.TXT"] and of.companion_files("M", "top") == []
+    assert of.read("M", "deep")["reader"] == {"pressure_files": ["E1.TXT"], "start_offset_seconds": 7.0}

@@ -382,7 +382,7 @@ def made_of(kind: str, folder: Path, tilt_deg=np.r_[-20.0:20.1:1.0]) -> result.C
 def section_of(kind: str, made: result.Calibration, folder: Path, diagnosed: dict | None = None) -> ReportSection:
     there = folder / f"calibrations/{kind}"
     files = {"calibration": there / "calibration.json", "table": there / "table.csv", "points": there / "points.csv"}
-    calibrations.write(page=result.to_json(kind, made, {}, {}), made=made, **files)
+    calibrations.write(page=result.to_json(kind, made, {}), made=made, **files)
     write_json(there / "diagnosis.json", diagnosed or diagnosis("consistent"))
     (section,) = report.gather(folder, attributes={}, moorings={}, calibrations=[kind]).calibrations.sections
     return section

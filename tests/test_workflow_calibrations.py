@@ -11,16 +11,12 @@ import numpy as np
 import pytest
 from bench import readings, ring, write_calibration
 from iaga_files import ROCKS_DEG, series, write
-from launch import PROJECT, change, keeps_contract, planned, snakemake
+from launch import change, jobs_in, keeps_contract, planned, snakemake
 from sea import cruise, pairs
 
 from compasslib import angles, earthfield
-from compasslib.archive import provenance
 from compasslib.archive.files import read_json
-from compasslib.config import cruise as config
-from compasslib.pipeline import plan
 from compasslib.pipeline.process import process_mooring
-from compasslib.pipeline.settings import Wildcards
 
 AT_SEA = (0.02, 0.3, 0.1, 0.03, -0.02)
 SAMPLES = 600
@@ -108,34 +104,12 @@ def test_pairs_assess_the_calibration_without_changing_it(done, alone):
 
 
 def test_changed_calibration_reruns_only_its_dependents(done):
-    file = done / "config/calibrations/bench.yaml"
-    change(file, uncertainty={"graduation_deg": 0.5})
-    jobs = planned(done)
-    assert {("calibrate", "bench"), ("calibration_figures", "bench"), ("carry", "M1")} <= jobs
-    assert ("diagnose_calibration", "bench") in jobs
-    assert ("calibrate", "later") in jobs  # it is compared with this one
+    change(done / "config/calibrations/bench.yaml", uncertainty={"graduation_deg": 0.5})
+    jobs = jobs_in(snakemake(done).stderr)
+    assert {("calibrate", "bench"), ("diagnose_calibration", "bench"), ("transfer_calibration", "M1")} <= jobs
+    assert ("compare_calibrations", "later") in jobs and ("calibrate", "later") not in jobs
     assert "few" not in {name for _, name in jobs}
-    assert not {rule for rule, _ in jobs} & {"read", "overlap", "fit"}
-    change(file, uncertainty=None)
-    assert planned(done) == set()
-
-
-def _module(path):
-    return ".".join(Path(path).relative_to(PROJECT / "compasslib").with_suffix("").parts).removesuffix(".__init__")
-
-
-def test_calibration_depends_on_the_modules_of_its_kind(done):
-    scripts, rules = PROJECT / "workflow/scripts", plan.plan(config.load_cruise(done)).calibrations
-    bench = Wildcards(calibration="bench")
-    modules = {_module(path) for path in provenance.sources(scripts / "calibrate.py", *rules.module(bench))}
-    assert {f"calibrations.{name}" for name in ("platform", "curves", "budget")} <= modules
-    assert {"earthfield", "readers.delimited"} <= modules
-    others = {f"calibrations.{name}" for name in ("swing", "magnetometer", "two_heads", "at_mooring")}
-    assert not modules & others and not {name for name in modules if name.startswith(("inference", "plots"))}
-    script = scripts / "diagnose_calibration.py"
-    modules = {_module(path) for path in provenance.sources(script, *rules.diagnosis_module(bench))}
-    assert {"inference.kinds.platform", "inference.short_fit", "inference.short_search"} <= modules
-    assert not modules & {"inference.kinds.two_heads", "calibrations.magnetometer", "plots.timeline"}
+    assert not {rule for rule, _ in jobs} & {"read", "overlap", "fit"} and not planned(done)
 
 
 def test_calibrations_are_diagnosed_and_the_contract_holds(done):

@@ -9,7 +9,6 @@ from __future__ import annotations
 import importlib.metadata
 import json
 import platform
-import posixpath
 import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -122,22 +121,6 @@ def listed(page: Mapping[str, Any]) -> dict[str, str]:
     """Return the SHA-256 of the files listed in a crate, by path from the cruise folder."""
     files = [entity for entity in page["@graph"] if entity["@type"] == "File"]
     return {entity["name"]: entity["sha256"] for entity in files}
-
-
-def misplaced(page: Mapping[str, Any]) -> dict[str, str]:
-    """Return the identifiers of entities that match no file of the cruise read or written by a job, by file name.
-
-    The identifier of a file must be exactly that derived from its path, so that no other leads to the same file.
-    """
-    files = {entity["@id"]: entity["name"] for entity in page["@graph"] if entity["@type"] == "File"}
-    used = {item for action in _actions(page) for part in ("object", "result") for item in identifiers(action, part)}
-    wrong = {}
-    for known, name in files.items():
-        # The path must be normalized, printable and inside the cruise folder.
-        plain = name.isprintable() and posixpath.normpath(name) == name and not name.startswith(("/", ".."))
-        if known not in used or not plain or known != _id(name):
-            wrong[name] = known
-    return wrong | {known: known for known in sorted(used - files.keys())}
 
 
 def has_failures(page: Mapping[str, Any]) -> bool:

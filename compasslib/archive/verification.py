@@ -20,11 +20,13 @@ from compasslib.errors import InputError
 FORMER = "no longer configured: "
 CONVENTIONS = "conventions.json"  # may be made by request, after the manifest
 PROJECT_FOLDERS = ("bench", "proof")  # the project's own benchmarks, in the results folder of its demonstration cruise
-OF_CRUISE = f"{crate.FOLDER}/figures/"
+OF_CRUISE = (f"{crate.FOLDER}/figures", f"{crate.FOLDER}/logs")
 # Files of a job that no manifest lists: log, record, and benchmark (processor time).
 JOB_FILE = re.compile(r"results(?:/[^/]+){0,2}/(?:logs/[^/]+\.(?:log|json)|benchmarks/[^/]+\.tsv|stopped\.json)")
-# Products that are made according to options, so that those of earlier options may be left.
-OPTIONAL = re.compile(r"results/.+/(?:gridded(?:_daily)?\.nc|conventions\.json|figures/[a-z_]+\.(?:png|pdf))")
+# Files that options or instruments add, so that those of earlier ones may be left.
+OPTIONAL = re.compile(
+    r"results/(?:.+/)?(?:gridded(?:_daily)?\.nc|figures/[a-z_]+\.(?:png|pdf)|work/[^/]+\.(?:nc|json))"
+)
 
 
 @dataclass(frozen=True)
@@ -58,13 +60,16 @@ class Results:
 
     @cached_property
     def former(self) -> list[str]:
-        """Unmodified results of what is no longer configured, with its logs, and of options that are switched off."""
+        """Unmodified results of what is no longer configured, with its logs, and of options that are switched off.
+
+        Raises:
+            InputError: there is no valid manifest.
+        """
         if self.configured is None:
             return []
-        listed: set[str] = set()
-        with suppress(InputError):
-            listed = set(crate.listed(read_manifest(self.root)))
-        return [file for file in self.files if file not in listed and self._is_former(file, self.configured)]
+        listed, folders = crate.listed(read_manifest(self.root)), (*self.configured, *OF_CRUISE)
+        left = (file for file in self.files if file not in listed)
+        return [file for file in left if self._is_former(file, tuple(f"{folder}/" for folder in folders))]
 
     def of_job(self, file: str) -> bool:
         """Return whether a file is the log, record or benchmark of a job."""
@@ -89,11 +94,17 @@ class Results:
             with suppress(OSError):  # the folder is not empty
                 (self.root / folder).rmdir()
 
-    def _is_former(self, file: str, configured: Collection[str]) -> bool:
-        if any(file.startswith(f"{folder}/") for folder in configured):
-            return OPTIONAL.fullmatch(file) is not None and not self.as_written(file)
-        below = len(PurePosixPath(file).parts) > 2 and not file.startswith((f"{crate.FOLDER}/logs/", OF_CRUISE))
-        return below and (self.of_job(file) or self.as_written(file))
+    def _is_former(self, file: str, configured: tuple[str, ...]) -> bool:
+        if not file.startswith(configured):
+            return len(PurePosixPath(file).parts) > 2 and (self.of_job(file) or self.as_written(file))
+        path, names = self.root / file, {name for name, _ in self.wrote}
+        unfinished = path.lstat().st_mtime > (self.root / crate.FILE).stat().st_mtime
+        stopped = any((folder / "stopped.json").exists() for folder in path.parents)
+        if unfinished or stopped or not OPTIONAL.fullmatch(file):
+            return False
+        # The record of a later job, of gridded.nc or figures/curves.png, does not name gridded_daily.nc or curves.pdf.
+        replaced = file not in names and file.startswith(tuple(name.rpartition(".")[0] for name in names))
+        return replaced or self.as_written(file)
 
 
 def differences(cruise: str | Path, configured: Collection[str] | None) -> list[str]:
@@ -108,22 +119,21 @@ def differences(cruise: str | Path, configured: Collection[str] | None) -> list[
     """
     root = Path(cruise)
     page = read_manifest(root)
-    listed, misplaced, results = crate.listed(page), crate.misplaced(page), Results(root, configured)
+    listed, results = crate.listed(page), Results(root, configured)
     # Files that the manifest does not list, in folders outside results/ that a simulation wrote into.
     wrote = (path for path in crate.written(page) if path in listed and not path.startswith(f"{crate.FOLDER}/"))
     folders = {(root / path).parent for path in wrote}
     raw = (file for folder in folders if folder.is_dir() for file in folder.iterdir() if file.is_file())
-    foreign = [*results.foreign(listed), *(p for f in raw if (p := f.relative_to(root).as_posix()) not in listed)]
+    foreign = [
+        *results.foreign({*listed, *results.former}),
+        *(p for f in raw if (p := f.relative_to(root).as_posix()) not in listed),
+    ]
     apart = {*listed, *results.former, *foreign}
     left = (file for file in results.files if file not in apart and not results.of_job(file))
     unlisted = [file for file in left if not (crate.has_failures(page) or file.endswith(f"/{CONVENTIONS}"))]
     former = Counter(_owner(file) for file in results.former)
     return [
-        *(
-            f"elsewhere: {identifier}, which is no file of the cruise that a job read or wrote"
-            for identifier in misplaced.values()
-        ),
-        *(line for path, known in listed.items() if path not in misplaced and (line := _difference(root, path, known))),
+        *(line for path, known in listed.items() if (line := _difference(root, path, known))),
         *(f"new: {path}" for path in sorted(foreign)),
         *(f"unlisted: {path}" for path in unlisted),
         *(f"{FORMER}{folder}, {n} files" for folder, n in sorted(former.items())),
@@ -163,7 +173,7 @@ def read_manifest(root: Path) -> dict[str, Any]:
     page: dict[str, Any] = read_json(root / crate.FILE)
     expected, advice = "a manifest that lists the files of a run", "make run writes it"
     try:
-        crate.written(page), crate.misplaced(page), crate.has_failures(page)
+        crate.written(page), crate.has_failures(page)
         entries = "" if crate.listed(page) else "no file listed"
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         entries = repr(error)
@@ -176,12 +186,8 @@ def _difference(root: Path, path: str, listed: str) -> str:
     place = root / path
     if not place.is_file():
         return f"missing: {path}"
-    if path.startswith(f"{crate.FOLDER}/") and any(
-        (root / part).is_symlink() for part in (path, *map(str, PurePosixPath(path).parents[:-2]))
-    ):
-        return f"changed: {path} (a link, or in a folder that is one)"
-    entries = provenance.sha256(place)
-    return "" if entries == listed else f"changed: {path} (sha256 {entries[:12]}, listed {listed[:12]})"
+    now = provenance.sha256(place)
+    return "" if now == listed else f"changed: {path} (sha256 {now[:12]}, listed {listed[:12]})"
 
 
 def _owner(file: str) -> str:

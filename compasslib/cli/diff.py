@@ -72,7 +72,7 @@ def _print_differences(old: results.ResultFolders, new: results.ResultFolders) -
     both = {
         name: old.moorings.get(name) or next(iter(old.moorings.values())) for name, row in moorings.items() if row[1:]
     }
-    differ = [f"  {k}: {text}" for k, side in both.items() for text in _compare_jobs(side, new.moorings[k])]
+    differ = [f"  {k}: {text}" for k, side in both.items() for text in compare_jobs(side, new.moorings[k])]
     sections += ["\n".join(["Settings and raw files that differ:", *differ])] if differ else []
     made_by = {(_software(side), _software(new.moorings[k])) for k, side in both.items()}
     sections += [f"OLD by {a}\nNEW by {b}" for a, b in sorted(made_by) if a != b]
@@ -101,7 +101,7 @@ def _rows(
     return rows
 
 
-def _compare_jobs(old: Path, new: Path) -> list[str]:
+def compare_jobs(old: Path, new: Path) -> list[str]:
     """List the settings and raw files in which two folders of results differ, by the records of their jobs."""
     differ: dict[str, None] = {}
     for path in sorted((new / "logs").glob("*.json")):

@@ -73,9 +73,9 @@ KNOWN_SERIES = (
 # Other entries of results/, in lower case as some file systems ignore case.
 RESERVED = (
     *("calibrations", "compasses", "proof", "logs", "benchmarks", "figures"),
-    *("summary.csv", "report.html", "ro-crate-metadata.json"),
+    *("summary.csv", "report.html", "usable.json", "ro-crate-metadata.json"),
 )
-FOLDERS = ("work", "wide", "figures", "logs", "benchmarks")  # subfolders of results/NAME
+FOLDERS = ("work", "figures", "logs", "benchmarks")  # subfolders of results/NAME
 COVARIATE_ADVICE = "add for example columns: {time: time_utc, value: current_mA}"
 DEPTH_SLACK = 1.05  # a charted water depth is rarely better than 5 %
 

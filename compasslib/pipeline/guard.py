@@ -13,13 +13,12 @@ from typing import Any
 
 from compasslib import __version__
 from compasslib.archive import provenance
-from compasslib.archive.files import HALF_WRITTEN
+from compasslib.archive.files import HALF_WRITTEN, PLANNED
 from compasslib.config.cruise import Cruise
 from compasslib.errors import InputError
 from compasslib.pipeline.settings import CONCEALED, Arguments, Compasses, Moorings
 
 RESULTS = Path("results")
-PLANNED = Path(".snakemake/compasslib.simulated")  # files that simulations are about to move into place, by mooring
 PROFILES = ("default", "profiles/default")  # where Snakemake looks in the folder that it is started in
 # glibc releases large arrays and maps each new one page by page, which takes a quarter of a simulated mooring's time, a
 # twentieth of an assessment's. With these settings it reuses arrays below 32 MB, for some 10 MB more memory.

@@ -9,10 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from compasslib.archive import provenance
-from compasslib.archive.files import HALF_WRITTEN, write_json
+from compasslib.archive.files import HALF_WRITTEN, PLANNED, write_json
 from compasslib.demo import concealed, demonstration
 from compasslib.errors import InputError
-from compasslib.pipeline.guard import PLANNED
 
 
 def simulate(*, raw: Sequence[str], truth: str, name: str, seed: int, say: Callable[[str], None]) -> None:
