@@ -42,7 +42,7 @@ def test_rules_of_another_version_are_refused():
 def test_settings_on_the_command_line_are_refused():
     enter({"without": "M1"})
     enter({"samples": "of the workflow that uses this one"}, is_module=True)
-    with pytest.raises(InputError, match="--config: expected without, and other settings in .* found fit"):
+    with pytest.raises(InputError, match=r"--config: expected without, and other settings in .* found fit"):
         enter({"fit": "exact"})
 
 

@@ -95,27 +95,27 @@ def test_reason_is_handed_on_in_place_of_data(capsys):
 
 
 def test_reason_names_a_file_only_if_there_is_one():
-    several = InputError(
-        "affected instrument", expected="velocities as the file has them", found="others", advice="check"
-    )
-    run(failing(several), always_ends=True)
+    run(failing(InputError("both instruments", expected="two", found="one", advice="check")), always_ends=True)
     assert files.read_reason(MADE["field"])["file"] is None
 
 
+PROGRAM = "an error of this program in read, ZeroDivisionError: 1 by 0; report it, and make the pages of the cruise"
+MEMORY = "read ran out of memory; run again with fewer --cores, so that fewer jobs share it, or on a larger machine"
+
+
 @pytest.mark.parametrize(("error", "said"), [
-    (DAMAGED, "mooring M1: raw/a: line 2: expected a number, found two; mend it"),
-    (ZeroDivisionError("1\nby 0"), "mooring M1: an error of this program in read, ZeroDivisionError: 1 by 0; report it,"
-     " and make the pages of the cruise without it: --config without=M1"),
-    (MemoryError(), "mooring M1: read ran out of memory; run again with fewer --cores, so that fewer jobs share it, or on"
-     " a larger machine"),
-    (KeyboardInterrupt(), "mooring M1: read was interrupted; run again to take it up"),
-    (Stopped("mooring M1: why"), "mooring M1: why"),
+    (DAMAGED, "raw/a: line 2: expected a number, found two; mend it"),
+    (ZeroDivisionError("1\nby 0"), f"{PROGRAM} without it: --config without=M1"),
+    (MemoryError(), MEMORY),
+    (KeyboardInterrupt(), "read was interrupted; run again to take it up"),
+    (Stopped("mooring M1: why"), "why"),
 ])  # fmt: skip
 def test_failed_job_says_why_in_one_line(capsys, error, said):
     with pytest.raises(SystemExit) as caught:
         run(failing(error))
     assert caught.value.code == 1 and not RECORD.exists()
-    assert capsys.readouterr().err == f"error: {said}\n" and LOG.read_text().splitlines()[-1] == f"error: {said}"
+    line = f"error: mooring M1: {said}"
+    assert capsys.readouterr().err == f"{line}\n" and LOG.read_text().splitlines()[-1] == line
     assert ("Traceback" in LOG.read_text()) is isinstance(error, ZeroDivisionError)
 
 
@@ -135,13 +135,7 @@ def test_raw_file_that_cannot_be_read_stops_its_mooring(raw):
     assert files.read_reason(MADE["field"])["why"].startswith("raw/a: expected a file that can be read")
 
 
-SETTINGS = {
-    "method": "exact",
-    "place": {"latitude": 66.5, "dates": [1, None]},
-    "empty": {},
-    "given": None,
-    "text": "a=b",
-}
+SETTINGS = {"method": "a=b", "place": {"latitude": 66.5, "dates": [1, None]}, "empty": {}, "given": None}
 
 
 def test_settings_are_the_same_after_their_way_through_texts():
