@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -48,9 +47,11 @@ def run(act: Callable[[], object] = lambda: None, *, always_ends: bool = False, 
     run_job(SimpleNamespace(rule="read", log=[str(LOG)], **given), stage, always_ends=always_ends)
 
 
-def failing(error: BaseException) -> Callable[[], object]:
+def failing(error: BaseException | None, before: Callable[[], object] = lambda: None) -> Callable[[], object]:
     def act() -> None:
-        raise error
+        before()
+        if error:
+            raise error
 
     return act
 
@@ -67,14 +68,8 @@ def test_the_record_states_settings_and_hashes():
 @pytest.mark.parametrize("error", [None, DAMAGED])
 def test_file_that_changes_while_it_is_read_is_no_damaged_file(raw, capsys, error):
     """As one that is still being copied."""
-
-    def act() -> None:
-        raw.write_text("measured, and more")
-        if error:
-            raise error
-
     with pytest.raises(SystemExit):
-        run(act, always_ends=True)
+        run(failing(error, lambda: raw.write_text("measured, and more")), always_ends=True)
     assert not RECORD.exists() and Path(MADE["table"]).read_text() == "M1 "
     assert "raw/a: expected a file that stays as it is, found one that changed" in capsys.readouterr().err
 
@@ -94,11 +89,6 @@ def test_reason_is_handed_on_in_place_of_data(capsys):
     assert files.read_reason(MADE["field"]) == reason
 
 
-def test_reason_names_a_file_only_if_there_is_one():
-    run(failing(InputError("both instruments", expected="two", found="one", advice="check")), always_ends=True)
-    assert files.read_reason(MADE["field"])["file"] is None
-
-
 PROGRAM = "an error of this program in read, ZeroDivisionError: 1 by 0; report it, and make the pages of the cruise"
 MEMORY = "read ran out of memory; run again with fewer --cores, so that fewer jobs share it, or on a larger machine"
 
@@ -107,32 +97,19 @@ MEMORY = "read ran out of memory; run again with fewer --cores, so that fewer jo
     (DAMAGED, "raw/a: line 2: expected a number, found two; mend it"),
     (ZeroDivisionError("1\nby 0"), f"{PROGRAM} without it: --config without=M1"),
     (MemoryError(), MEMORY),
+    (TransientError("results/x", expected="room", found="none", advice="free some"),
+     "results/x: expected room, found none; free some"),
     (KeyboardInterrupt(), "read was interrupted; run again to take it up"),
     (Stopped("mooring M1: why"), "why"),
 ])  # fmt: skip
 def test_failed_job_says_why_in_one_line(capsys, error, said):
+    """Only content that cannot be used is a reason to go on without it."""
     with pytest.raises(SystemExit) as caught:
-        run(failing(error))
-    assert caught.value.code == 1 and not RECORD.exists()
+        run(failing(error), always_ends=error is not DAMAGED)
+    assert caught.value.code == 1 and not RECORD.exists() and Path(MADE["table"]).read_text() == "M1 "
     line = f"error: mooring M1: {said}"
     assert capsys.readouterr().err == f"{line}\n" and LOG.read_text().splitlines()[-1] == line
     assert ("Traceback" in LOG.read_text()) is isinstance(error, ZeroDivisionError)
-
-
-@pytest.mark.parametrize("error", [
-    TransientError("results/x", expected="room", found="none", advice="free some"), ValueError("x"),
-])  # fmt: skip
-def test_error_of_machine_or_program_is_no_reason_to_stop_a_mooring(error):
-    with pytest.raises(SystemExit):
-        run(failing(error), always_ends=True)
-    assert not RECORD.exists() and Path(MADE["table"]).read_text() == "M1 "
-
-
-def test_raw_file_that_cannot_be_read_stops_its_mooring(raw):
-    os.remove(raw)
-    raw.mkdir()
-    run(always_ends=True)
-    assert files.read_reason(MADE["field"])["why"].startswith("raw/a: expected a file that can be read")
 
 
 SETTINGS = {"method": "a=b", "place": {"latitude": 66.5, "dates": [1, None]}, "empty": {}, "given": None}

@@ -118,7 +118,7 @@ def _run(snakemake: Any, stage: Callable[..., None], say: Callable[[str], None],
 
 def _reason(stage: str, error: InputError) -> dict[str, str | None]:
     """Explain why a mooring or calibration is stopped, as the content of ``stopped.json``."""
-    place = error.where.split(": ")[0]  # a file, or what several files together cannot be
+    place = error.where.split(": ")[0]  # a file, or words such as "affected instrument"
     return {"stage": stage, "why": str(error), "file": place if os.path.exists(place) else None, "advice": error.advice}
 
 
