@@ -72,9 +72,10 @@ def planned(folder: Path, project: Path = PROJECT) -> set[tuple[str, str]]:
 
 
 def jobs_in(said: str) -> set[tuple[str, str]]:
-    jobs = re.findall(r"rule (\w+):\n((?: +\w+: .*\n)+)", said)
-    named = {(rule, (re.search(r"(?:mooring|calibration)=(\w+)", text) or ["", ""])[1]) for rule, text in jobs}
-    return {job for job in named if job[0] not in ("all", "complete")}
+    """List (rule, mooring, calibration or compass) of the jobs in Snakemake's messages, except the end of the run."""
+    jobs = re.findall(r"^( *)(?:local)?(?:rule|checkpoint) (\w+):\n((?:\1    .*\n)+)", said, re.MULTILINE)
+    of = {(rule, (re.search(r"(?:mooring|calibration|compass)=(\w+)", text) or ["", ""])[1]) for _, rule, text in jobs}
+    return {job for job in of if job[0] not in ("all", "complete")}
 
 
 def keeps_contract(folder: Path, *options: str) -> None:

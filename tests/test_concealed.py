@@ -4,47 +4,34 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from launch import PROJECT
+from launch import PROJECT, snakemake
 from sea import cruise
 
 from compasslib.archive import crate, netcdf
 from compasslib.archive.files import write_json
-from compasslib.config.cruise import load_cruise
 from compasslib.demo import concealed
-from compasslib.pipeline import plan, records
-from compasslib.pipeline.process import run_stages
 from compasslib.report.concealed import HeadingErrors
 from compasslib.stages.concealed import concealed as set_beside
 
 
-def test_only_the_page_reads_the_truth_and_no_manifest_lists_it(tmp_path, monkeypatch):
-    planned = plan.plan(load_cruise(PROJECT))
-    readers = [
-        rule
-        for rule, job in planned.jobs.values()
-        if any(
-            Path(path).parts[0] in ("concealed", "truth") for path in records.flat(planned.files(rule, job)["reads"])
-        )
-    ]
-    assert readers == ["concealed"] and planned.concealed == list(records.CONCEALED)
-    given = {
-        rule: str([setting(job) for setting in planned.stages[rule].settings.values()])
-        for rule, job in planned.jobs.values()
-    }
-    assert not [rule for rule, text in given.items() if "concealed/" in text or "truth/" in text]
-    assert not any("concealed" in path for path in planned.products())
-    assert "results/logs/concealed.json" in planned.everything()
-    monkeypatch.chdir(tmp_path)
-    write_json(
-        "results/C1/logs/simulate.json", {"read": {}, "wrote": {"raw/C1/top.000": "0", "concealed/C1.json": "1"}}
-    )
-    assert crate.records()["C1/simulate"]["wrote"] == {"raw/C1/top.000": "0"}
+def test_only_the_page_reads_the_truth_and_no_manifest_lists_it(tmp_path):
+    """By the inputs of all jobs for a corrected record, of either kind of simulation, and for the page."""
+    shutil.copytree(PROJECT / "config", tmp_path / "config")
+    targets = ("results/C1/corrected.nc", "results/EG1/corrected.nc", "results/concealed.html")
+    inputs = re.findall(r"rule (\w+):\n +input: (.*)", snakemake(tmp_path, "--dry-run", *targets).stdout)
+    assert {"read", "overlap", "fit", "diagnose", "correct"} < {rule for rule, _ in inputs}
+    assert {rule for rule, files in inputs if re.search(r"\b(concealed|truth)/", files)} == {"concealed"}
+    record = tmp_path / "results/C1/logs/simulate.json"
+    write_json(record, {"read": {}, "wrote": {"raw/C1/top.000": "0", "concealed/C1.json": "1"}})
+    (made,) = crate.read_jobs([record]).values()
+    assert made["wrote"] == {"raw/C1/top.000": "0"}
 
 
 def told(folder: Path, name: str) -> dict:
@@ -78,9 +65,8 @@ def processed(tmp_path_factory):
     """Results of a mooring, and a truth from which its corrected headings differ by 2, later by -2 degrees."""
     folder = cruise(tmp_path_factory.mktemp("cruise"), ("C1",), n=400)
     made = folder / "results/C1"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        run_stages(load_cruise(Path()), "C1", made.absolute(), last=("corrected.nc", "work/pictures.json"))
+    ran = snakemake(folder, "results/C1/work/pictures.json")
+    assert ran.returncode == 0, ran.stderr
     product = netcdf.read_corrected(made / "corrected.nc", velocities=False)
     off = np.where(np.arange(400) < 200, 2.0, -2.0)
     planted = {"what": "a <planted> change", "driver": "time", "date": "2007-09-10T00:00:00", "size_deg": 2.0}

@@ -1,4 +1,4 @@
-"""Processing of one mooring without Snakemake: the same bytes as the workflow, complete or none."""
+"""Processing of one mooring without Snakemake: values unlike the workflow's, or incomplete results."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from datetime import timedelta
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,21 +15,17 @@ import netCDF4
 import numpy as np
 import pytest
 import yaml
-from launch import change, environment, snakemake
-from sea import cruise
+from launch import change, environment, jobs_in, snakemake
+from sea import START, cruise
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from compasslib.archive.files import read_json
-from compasslib.config.cruise import load_cruise
+from compasslib.archive import crate, verification
+from compasslib.archive.files import read_json, write_json, write_reason
 from compasslib.deviation import METHODS, fit_deviation
 from compasslib.errors import InputError
-from compasslib.pipeline import plan, records
 from compasslib.pipeline import process as processing
-from compasslib.pipeline.plan import Stage
-from compasslib.pipeline.settings import Wildcards
-from compasslib.stages import correct
+from compasslib.stages.cruise import usable
 
-OF_THE_RUN = ("logs",)  # differ between runs
 BENCH = {"kind": "platform", "file": "raw/bench.csv", "latitude": 65.0, "longitude": -33.0, "date": "2007-08-01"}
 
 
@@ -45,47 +42,37 @@ def processed(tmp_path_factory) -> Path:
     cells = (row.split(",") for row in rows)
     rows = [f"{time},{depth},{-float(east)},{-float(north)}" for time, depth, east, north in cells]
     (folder / "raw/M2/deep.csv").write_text("\n".join([head, *rows]))
-    ran = snakemake(folder, "--until", "grid", "compare")
+    ran = snakemake(folder, *(f"results/M{k}/{file}" for k in (1, 2) for file in ("gridded.nc", "forms.json")))
     assert ran.returncode == 0, ran.stderr
     return folder
 
 
 @pytest.mark.parametrize(("mooring", "refuted"), [("M1", False), ("M2", True)])
-def test_products_are_identical_to_those_of_the_workflow(processed, tmp_path, mooring, refuted):
+def test_products_are_identical_to_those_of_the_workflow(processed, tmp_path, monkeypatch, mooring, refuted):
     said: list[str] = []
-    there = processing.process_mooring(processed, mooring, tmp_path / "new/here", say=said.append)
+    monkeypatch.chdir(processed.parent)
+    there = processing.process_mooring(processed.name, mooring, tmp_path / "new/here", say=said.append)
     assert there == tmp_path / "new/here" and any("headings corrected" in line for line in said)
-    assert bool(read_json(there / "assessment.json")["refuted"]) is refuted
-    files = {path.relative_to(there) for path in there.rglob("*") if path.is_file()}
-    elsewhere = {Path(f"work/calibrations/bench/{file}") for file in ("calibration.json", "table.csv", "points.csv")}
-    results = processed / "results"
-    theirs = {path.relative_to(results / mooring) for path in (results / mooring).rglob("*") if path.is_file()}
-    theirs = {file for file in theirs if file.parts[0] not in OF_THE_RUN}
-    assert files == theirs | (elsewhere if mooring == "M2" else set())
-    for file in files:
-        of = results if file in elsewhere else results / mooring
-        other = of / file.relative_to("work") if file in elsewhere else of / file
-        assert (there / file).read_bytes() == other.read_bytes(), file
+    assert Path.cwd() == processed.parent and bool(read_json(there / "assessment.json")["refuted"]) is refuted
+    results = processed / "results" / mooring
+    theirs = {path.relative_to(results) for path in results.rglob("*") if path.is_file()}
+    theirs = {file for file in theirs if file.parts[0] not in ("logs", "benchmarks")}
+    own = {path.relative_to(there) for path in there.rglob("*") if path.is_file()}
+    calibration = {Path(f"work/calibrations/bench/{file}") for file in ("calibration.json", "table.csv", "points.csv")}
+    assert own == theirs | (calibration if mooring == "M2" else set())
+    for file in theirs:
+        assert (there / file).read_bytes() == (results / file).read_bytes(), file
 
 
-def threads_of_linear_algebra() -> set[int]:
-    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+def test_the_library_uses_one_thread_and_restores_the_limit(monkeypatch):
+    def threads() -> set[int]:
+        return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
 
-
-def test_stages_and_library_use_one_thread_and_restore_the_limit(processed, tmp_path, monkeypatch):
-    seen: dict[str, set[int]] = {}
-
-    def fit(*_):
-        seen["library"] = threads_of_linear_algebra()
-        return SimpleNamespace(fitted=False)
-
-    monkeypatch.setitem(METHODS, "exact", fit)
-    monkeypatch.setattr(correct, "compare", lambda *_, **__: seen.update(stage=threads_of_linear_algebra()))
+    seen: list[set[int]] = []
+    monkeypatch.setitem(METHODS, "exact", lambda *_: seen.append(threads()) or SimpleNamespace(fitted=False))
     with threadpool_limits(2, user_api="blas"):
-        processing.run_stage(Stage("correct.compare", "", "", str), Wildcards("M1"), {})
         fit_deviation("exact", None)
-        assert threads_of_linear_algebra() == {2}
-    assert seen == {"stage": {1}, "library": {1}}
+        assert threads() == {2} and seen == [{1}]
 
 
 def test_a_library_loaded_inside_the_limit_uses_one_thread():
@@ -101,13 +88,6 @@ def test_a_library_loaded_inside_the_limit_uses_one_thread():
     free = {name: value for name, value in environment().items() if not name.endswith("_NUM_THREADS")}
     ran = subprocess.run([sys.executable, "-c", code], env=free, capture_output=True, text=True, check=True)
     assert ran.stdout == "True {1} False\n"
-
-
-def test_the_working_directory_is_not_changed(processed, tmp_path, monkeypatch):
-    monkeypatch.chdir(processed.parent)
-    change(processed / "config/config.yaml", diagnose={"enabled": False})
-    processing.process_mooring(processed.name, "M1", tmp_path / "here")
-    assert Path.cwd() == processed.parent and (tmp_path / "here/corrected.nc").is_file()
 
 
 def test_a_damaged_raw_file_leaves_no_output(tmp_path):
@@ -154,30 +134,47 @@ def test_affected_instruments_have_separate_folders_and_one_grid(tmp_path):
         sigma = np.deg2rad(nc["HEADING_CORRECTED_UNCERTAINTY"][:])
         assert np.all(nc["HEADING_COMMON_UNCERTAINTY"][:] < nc["HEADING_CORRECTED_UNCERTAINTY"][:])
     np.testing.assert_allclose(whole[: len(sigma)], sigma, rtol=1e-4)  # single precision in the file
-    jobs = plan.plan(load_cruise(folder)).jobs
-    assert {"results/M1/logs/grid.json", "results/M1/top/logs/correct.json"} <= jobs.keys()
 
 
-def test_a_shared_compass_splits_the_jobs_of_its_moorings(tmp_path):
-    folder = cruise(tmp_path / "c", ("M1", "M2"), n=5)
-    assert [*load_cruise(folder, plan.moorings_of(["--target-jobs", "mooring_M2:", "--cores", "1"])).moorings] == ["M2"]
-    for name, start, end in (("M1", "2007-09-04", "2007-10-04"), ("M2", "2008-09-04", "2008-10-04")):
-        path = folder / f"config/moorings/{name}.yaml"
-        instruments = yaml.safe_load(path.read_text())["instruments"]
+def test_a_mooring_is_stopped_only_if_all_of_its_instruments_are(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names, fields = ["M1/top", "M1/mid"], ["results/M1/top/work/field.json", "results/M1/mid/work/field.json"]
+    why = {"stage": "read_top", "why": "damaged", "file": "raw/a", "advice": "mend it"}
+    alone = {"needed": {name: [] for name in names}, "without": dict.fromkeys(("moorings", "calibrations"), ())}
+    write_json(fields[1], {})
+    for field, reason in zip(fields, (None, why), strict=True):
+        write_reason(field, why)
+        Path("results/M1/gridded.nc").touch()
+        usable(**alone, moorings=fields, calibrations=[], shared={"c": names}, usable="results/usable.json", say=print)
+        found, there = read_json("results/usable.json"), {path.name for path in Path("results/M1").glob("*.*")}
+        assert found["moorings"]["M1/top"] == why and found["compasses"] == {"c": reason}
+        assert there == {"stopped.json" if reason else "gridded.nc"}
+
+
+def test_a_shared_compass_is_combined_from_the_members_present(tmp_path, monkeypatch):
+    """Of three deployments of one compass, the recording of one is damaged."""
+    folder = tmp_path / "c"
+    for k, name in enumerate(("M1", "M2", "M3")):
+        begin = START + timedelta(days=10 * k)
+        monkeypatch.setattr("sea.START", begin)
+        one = cruise(tmp_path / name, (name,), n=60)
+        file = one / f"config/moorings/{name}.yaml"
+        instruments = yaml.safe_load(file.read_text())["instruments"]
         instruments["top"]["compass"] = "wh1"
-        change(path, instruments=instruments, start=start, end=end)
-    loaded = load_cruise(folder, ["M2"])
-    groups = plan.plan(loaded).mooring_jobs()
-    assert [*groups] == ["alone_M1", "mooring_M1", "alone_M2", "mooring_M2"] and [*loaded.moorings] == ["M1", "M2"]
-    assert groups["alone_M1"][-1].endswith("diagnose_alone.json") and groups["mooring_M1"][0].endswith("diagnose.json")
-    assert plan.moorings_of(["--target-jobs", "alone_M1:", "mooring_M1:"]) is None
-
-
-@pytest.mark.parametrize(("stops", "expected"), [(("top",), None), (("top", "mid"), "why")])
-def test_a_grid_is_stopped_only_if_all_instruments_are(stops, expected):
-    before = [{"of": {"mooring": f"M1/{r}"}, "stopped": {"why": "why"} if r in stops else None} for r in ("top", "mid")]
-    inherited = records.inherited(before, "mooring", "M1")
-    assert (inherited and inherited["why"]) == expected
+        change(file, start=begin.isoformat(), instruments=instruments)
+        shutil.copytree(one, folder, dirs_exist_ok=True)
+    (folder / "config/config.yaml").write_text("{diagnose: {enabled: false}, product: {grid: false}}\n")
+    (folder / "raw/M2/top.000").write_text("damaged")
+    ran = snakemake(folder)
+    assert ran.returncode == 1 and "error: mooring M2: raw/M2/top.000" in ran.stderr
+    made, joined = jobs_in(ran.stderr), read_json(folder / "results/compasses/wh1/compass.json")
+    assert {name for rule, name in made if rule == "diagnose_alone"} == {"M1", "M3"}
+    assert {name for rule, name in made if rule == "diagnose_jointly"} == {"M1", "M3"}
+    there = processing.process_mooring(folder, "M1", tmp_path / "M1 again")
+    assert read_json(there / "work/compasses/compass.json") == joined
+    for file in ("deviation.json", "corrected.nc", "work/alone/summary.json"):
+        assert (there / file).read_bytes() == (folder / "results/M1" / file).read_bytes()
+    assert "results/M1/work/alone/summary.json" in crate.listed(verification.read_manifest(folder))
 
 
 def half_done(folder: Path) -> list[Path]:

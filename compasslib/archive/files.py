@@ -76,11 +76,15 @@ def read_json(path: str | Path) -> Any:
 
     Raises:
         InputError: the file is missing or is not JSON.
+        Unusable: the file has the reason why it has no data.
     """
     try:
-        return json.loads(Path(path).read_text(encoding="utf-8"))
+        page = json.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise _damaged(path, "a JSON file", error) from error
+    if isinstance(page, dict) and STOPPED in page:
+        raise Unusable(page[STOPPED])
+    return page
 
 
 def _jsonable(value: Any) -> Any:
@@ -185,6 +189,15 @@ def write_reason(path: str | Path, reason: Mapping[str, Any]) -> None:
     else:
         with atomic_write(path) as temporary:
             temporary.touch()
+
+
+def read_reason(path: str | Path) -> dict[str, Any] | None:
+    """Read the reason why a JSON file has no data, None where it has them; raises InputError as ``read_json``."""
+    try:
+        read_json(path)
+    except Unusable as error:
+        return error.reason
+    return None
 
 
 def write_variable(

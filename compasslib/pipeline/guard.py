@@ -72,16 +72,27 @@ def group(stage: str, mooring: str) -> str:
     return f"{stage}_{mooring.partition('/')[0]}"
 
 
-def needs(cruise: Cruise, config: Mapping[str, object]) -> Callable[[], Arguments]:
-    """Return the settings of the checkpoint: calibrations needed, members of compasses, and what to leave out."""
+def left_out(cruise: Cruise, config: Mapping[str, object]) -> dict[str, list[str]]:
+    """List the moorings, with all of their affected instruments, and the calibrations that a run leaves out.
+
+    Raises:
+        InputError: the cruise has no mooring or calibration of that name.
+    """
+    asked = [name for name in str(config.get(WITHOUT) or "").split(",") if name]
+    parts = {name: [name] for name in cruise.moorings} | cruise.whole
+    if unknown := [name for name in asked if name not in parts and name not in cruise.calibrations]:
+        expected = ", ".join((*parts, *cruise.calibrations))
+        advice = "write names of moorings or calibrations, separated by commas"
+        raise InputError(f"--config {WITHOUT}", expected=expected, found=", ".join(unknown), advice=advice)
+    moorings = [part for name in asked for part in parts.get(name, [])]
+    return {"moorings": moorings, "calibrations": [name for name in asked if name in cruise.calibrations]}
+
+
+def needs(cruise: Cruise) -> Arguments:
+    """Return the calibrations that each mooring needs, and the moorings and calibrations of each compass."""
     moorings = Moorings(cruise)
-    asked = str(config.get(WITHOUT) or "")
     shared = {name: [*each, *others] for name, (each, others) in Compasses(cruise).members.items()}
-    return lambda: {
-        "needed": {name: moorings.calibrations(name) for name in cruise.moorings},
-        "shared": shared,
-        "without": [name for name in asked.split(",") if name],
-    }
+    return {"needed": {name: moorings.calibrations(name) for name in cruise.moorings}, "shared": shared}
 
 
 def begin(refuse: Callable[[str], object]) -> float:

@@ -116,9 +116,10 @@ def _run(snakemake: Any, stage: Callable[..., None], say: Callable[[str], None],
     write_json(record, json.loads(json.dumps(made, default=str)))
 
 
-def _reason(stage: str, error: InputError) -> dict[str, str]:
+def _reason(stage: str, error: InputError) -> dict[str, str | None]:
     """Explain why a mooring or calibration is stopped, as the content of ``stopped.json``."""
-    return {"stage": stage, "why": str(error), "file": error.where.split(": ")[0], "advice": error.advice}
+    place = error.where.split(": ")[0]  # a file, or words such as "affected instrument"
+    return {"stage": stage, "why": str(error), "file": place if os.path.exists(place) else None, "advice": error.advice}
 
 
 def _storage_root(snakemake: Any) -> str:
@@ -151,6 +152,7 @@ def _hashes(signatures: Sequence[str] | dict[str, tuple[int, int]]) -> dict[str,
 
     Raises:
         InputError: a raw file cannot be read.
+        TransientError: a result cannot be read.
     """
     known = {}
     for path in signatures:
@@ -158,7 +160,8 @@ def _hashes(signatures: Sequence[str] | dict[str, tuple[int, int]]) -> dict[str,
             known[path] = provenance.sha256(path)
         except OSError as error:
             expected, advice = "a file that can be read", "correct its permissions or repair the disk"
-            raise InputError(path, expected=expected, found=error.strerror, advice=advice) from error
+            kind = TransientError if path.startswith("results/") else InputError
+            raise kind(path, expected=expected, found=error.strerror, advice=advice) from error
     return known
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from compasslib.archive import conventions as rules
 from compasslib.archive import crate
 from compasslib.archive import summary as table
-from compasslib.archive.files import STOPPED, read_json, write_json
+from compasslib.archive.files import read_json, read_reason, write_json
 from compasslib.errors import Stopped
 
 CALIBRATIONS = "results/calibrations"
@@ -23,31 +25,30 @@ def usable(
     calibrations: Sequence[str],
     needed: Mapping[str, Sequence[str]],
     shared: Mapping[str, Sequence[str]],
-    without: Sequence[str],
+    without: Mapping[str, Sequence[str]],
     usable: str,
     say: Callable[[str], None],
 ) -> None:
     """Write which moorings, calibrations and compasses can go on, and ``stopped.json`` in place of others' products.
 
     Args:
-        moorings: work/field.json of each mooring, possibly with a reason in place of the field.
-        calibrations: work/calibration.json of each calibration, likewise.
+        moorings: work/field.json of each mooring that is not left out, possibly with a reason in place of the field.
+        calibrations: work/calibration.json of each such calibration, likewise.
         needed: calibrations that each mooring needs.
         shared: moorings and calibrations of each compass.
-        without: moorings and calibrations that were left out by request.
+        without: moorings and calibrations that were left out by request, by kind.
         usable: file to write: the reason by kind and name, null for what can go on.
     """
-    left_out = {name: _left_out(name) for name in without}
-    known = {Path(path).parents[1].name: read_json(path).get(STOPPED) for path in calibrations}
-    known |= {name: left_out[name] for name in known.keys() & left_out.keys()}
-    reasons: dict[str, Reason | None] = {}
-    for path in moorings:
-        name = Path(path).parents[1].relative_to("results").as_posix()
-        stops = [(other, why) for other in needed[name] if (why := known[other])]
+    known = {Path(path).parents[1].name: read_reason(path) for path in calibrations}
+    known |= {name: _left_out(name) for name in without["calibrations"]}
+    reasons = {Path(path).parents[1].relative_to("results").as_posix(): read_reason(path) for path in moorings}
+    reasons |= {name: _left_out(name) for name in without["moorings"]}
+    for name, others in needed.items():
+        stops = [(other, why) for other in others if (why := known[other])]
         follows = [why | {"why": f"{FOLLOWS} {other}, which was stopped: {why['why']}"} for other, why in stops]
-        reasons[name] = left_out.get(name) or read_json(path).get(STOPPED) or next(iter(follows), None)
-    gone = {name for name, why in (reasons | known).items() if why}
-    compasses = {name: None if set(each) - gone else _left_out(name) for name, each in shared.items()}
+        reasons[name] = reasons[name] or next(iter(follows), None)
+    gone = {name: why for name, why in (reasons | known).items() if why}
+    compasses = {name: None if set(each) - set(gone) else gone[each[0]] for name, each in shared.items()}
     of_folder = {f"results/{name}": why for name, why in reasons.items()}
     wholes = {name.partition("/")[0] for name in reasons if "/" in name}
     parts = {whole: [why for name, why in reasons.items() if name.startswith(f"{whole}/")] for whole in wholes}
@@ -122,10 +123,19 @@ def provenance(
 def complete(*, usable: str, say: Callable[[str], None]) -> None:
     """End the run: report what was stopped.
 
+    Intermediate files of what was stopped are dated 1970: the next run then compares raw files with those that were
+    read by content, and finds a mended file whatever its date, which is an old one if it comes from a copy.
+
     Raises:
         Stopped: a mooring or calibration was stopped and has no results.
     """
-    lines = [f"{of}: {why}" for of, why in _named(read_stopped(usable)).items()]
+    stopped = read_stopped(usable)
+    folders = [f"results/{name}" for name in stopped["moorings"]]
+    folders += [f"{CALIBRATIONS}/{name}" for name in stopped["calibrations"]]
+    for path in (path for folder in folders for path in Path(folder).glob("work/**/*.*")):
+        with suppress(OSError):  # another user's file
+            os.utime(path, (1, 1))  # for Snakemake 0 is no date
+    lines = [f"{of}: {why}" for of, why in _named(stopped).items()]
     if lines:
         raise Stopped(*(line for line in lines if FOLLOWS not in line))
     say("nothing was stopped")

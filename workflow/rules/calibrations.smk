@@ -1,5 +1,7 @@
 """Calibrations independent of any mooring, by the same rules for all kinds."""
 
+CALIBRATION = ["calibration.json", "table.csv", "points.csv"]
+
 
 def calibration_files(names):
     """List the files of calibrations that others use, by their names."""
@@ -71,7 +73,7 @@ rule diagnosis_figure:
         diagnosis="results/calibrations/{calibration}/diagnosis.json",
     output:
         figures=report(
-            expand("results/calibrations/{{calibration}}/figures/diagnosis.{form}", form=FORMATS),
+            expand("results/calibrations/{{calibration}}/{file}", file=drawn(["diagnosis"])),
             category="Calibrations",
             subcategory="{calibration}",
         ),
@@ -84,18 +86,18 @@ rule diagnosis_figure:
         "../scripts/diagnosis_figure.py"
 
 
-for FIGURES, OF_THESE in CALIBRATIONS.figures.items():
+for DRAWN, OF_THESE in CALIBRATIONS.figures.items():
 
     rule:
         name:
-            f"calibration_figures_{'_'.join(FIGURES)}"
+            f"calibration_figures_{'_'.join(DRAWN)}"
         input:
             calibration="results/calibrations/{calibration}/calibration.json",
             table="results/calibrations/{calibration}/table.csv",
             points="results/calibrations/{calibration}/points.csv",
         output:
             figures=report(
-                expand("results/calibrations/{{calibration}}/figures/{name}.{form}", name=FIGURES, form=FORMATS),
+                expand("results/calibrations/{{calibration}}/{file}", file=drawn(DRAWN)),
                 category="Calibrations",
                 subcategory="{calibration}",
             ),

@@ -1,5 +1,7 @@
 """Records that share a compass: each is diagnosed alone, all are joined, and each is diagnosed given the others."""
 
+COMPASS_FIGURES = ["coefficients", "curve"]
+
 
 def members(wildcards):
     """List the moorings and the calibrations of a compass that can go on."""
@@ -33,9 +35,7 @@ rule joined_figures:
         joined="results/compasses/{compass}/compass.json",
     output:
         figures=report(
-            expand(
-                "results/compasses/{{compass}}/figures/{name}.{form}", name=["coefficients", "curve"], form=FORMATS
-            ),
+            expand("results/compasses/{{compass}}/{file}", file=drawn(COMPASS_FIGURES)),
             category="Compasses",
             subcategory="{compass}",
         ),

@@ -1,5 +1,7 @@
 """The whole cruise: what can go on, summary, report, and manifest with provenance."""
 
+CRUISE_FIGURES = ["array", "curves", "differences", "currents"]
+
 
 # On a cluster these run where Snakemake was started: they take seconds each, and wait for other jobs.
 localrules:
@@ -14,15 +16,19 @@ localrules:
 checkpoint usable:
     """List what can go on; for all others write stopped.json in place of their products."""
     input:
-        moorings=[f"results/{name}/work/field.json" for name in CRUISE.moorings],
-        calibrations=[f"results/calibrations/{name}/work/calibration.json" for name in CRUISE.calibrations],
+        moorings=[f"results/{name}/work/field.json" for name in CRUISE.moorings if name not in WITHOUT["moorings"]],
+        calibrations=[
+            f"results/calibrations/{name}/work/calibration.json"
+            for name in CRUISE.calibrations
+            if name not in WITHOUT["calibrations"]
+        ],
     output:
         usable="results/usable.json",
         job="results/logs/usable.json",
     log:
         "results/logs/usable.log",
     params:
-        **keys(guard.needs(CRUISE, config), [()]),
+        **keys(lambda: guard.needs(CRUISE) | {"without": WITHOUT}, [()]),
     script:
         "../scripts/usable.py"
 
@@ -59,9 +65,7 @@ rule cruise_figures:
         assessments=of_moorings("assessment.json"),
     output:
         figures=report(
-            expand(
-                "results/figures/{name}.{form}", name=["array", "curves", "differences", "currents"], form=FORMATS
-            ),
+            expand("results/{file}", file=drawn(CRUISE_FIGURES)),
             category="Cruise",
         ),
         job="results/logs/cruise_figures.json",

@@ -1,5 +1,17 @@
 """One mooring, from raw files to figures."""
 
+FIGURES = ["deviation", "diagnosis", "histograms", "progressive", "roses", "scatter", "sticks", "timeline"]
+SECTIONS = ["section", "profile"]
+STAGES = {
+    "overlap": ["work/field.json", "work/pairs/overlap.nc", "work/pairs/wide.nc"],
+    "fit": ["work/fit.json"],
+    "diagnose": ["diagnosis.json", "deviation.json", "work/agreement.json"],
+    "correct": ["corrected.nc", "overlap.nc", "assessment.json", "table.csv", "histograms.csv"],
+    "compare": ["forms.json"],
+    "figures": [*drawn(FIGURES), "work/pictures.json"],
+}
+ALONE = ["work/alone/diagnosis.json", "work/alone/deviation.json", "work/alone/agreement.json", "work/alone/summary.json"]
+
 
 rule read:
     """Read a raw export into the instrument's record inside the deployment, or state why it cannot be read."""
@@ -285,11 +297,7 @@ rule figures:
         product="results/{mooring}/corrected.nc",
     output:
         figures=report(
-            expand(
-                "results/{{mooring}}/figures/{name}.{form}",
-                name=["deviation", "diagnosis", "histograms", "progressive", "roses", "scatter", "sticks", "timeline"],
-                form=FORMATS,
-            ),
+            expand("results/{{mooring}}/{file}", file=drawn(FIGURES)),
             category="Moorings",
             subcategory="{mooring}",
         ),
@@ -311,7 +319,7 @@ rule sections:
         gridded="results/{mooring}/gridded.nc",
     output:
         figures=report(
-            expand("results/{{mooring}}/figures/{name}.{form}", name=["section", "profile"], form=FORMATS),
+            expand("results/{{mooring}}/{file}", file=drawn(SECTIONS)),
             category="Moorings",
             subcategory="{mooring}",
         ),
