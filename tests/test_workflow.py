@@ -5,15 +5,13 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import netCDF4
 import numpy as np
 import pytest
 import yaml
-from launch import PROJECT, change, copied_project, hashes, jobs_in, keeps_contract, planned, snakemake
+from launch import change, copied_project, hashes, jobs_in, keeps_contract, planned, snakemake
 from sea import cruise, real
 
 from compasslib.archive import verification
@@ -121,52 +119,6 @@ def test_edited_module_reruns_only_dependent_jobs(done, tmp_path):
     with (project / "compasslib/preparation/pairs.py").open("a") as stream:
         stream.write("# a comment\n")
     assert {rule for rule, _ in planned(done, project=project)} == {*EACH, *OF_ALL}
-
-
-MODULE = """
-if exists("parent.yaml"):
-    configfile: "parent.yaml"
-
-module compass:
-    snakefile: "{project}/Snakefile"
-    {keys}
-
-use rule * from compass as compass_*
-
-rule rows:
-    default_target: True
-    input: "results/summary.csv"
-    output: "rows.txt"
-    shell: "wc -l < {{input}} > {{output}}"
-"""
-
-
-def as_module(folder: Path, keys: str = "", *options: str) -> subprocess.CompletedProcess:
-    (folder / "Snakefile").write_text(MODULE.format(project=PROJECT, keys=keys))
-    command = [sys.executable, "-m", "snakemake", "--cores", "2", *options]
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
-
-
-def test_workflow_can_be_used_as_a_module(done, tmp_path):
-    """Run in the cruise folder: existing results remain, missing ones are made, and the outer rule follows."""
-    folder = shutil.copytree(done, tmp_path / "c")
-    before = (folder / "results/M1/assessment.json").read_bytes()
-    corrected = (folder / "results/M1/corrected.nc").stat()
-    (folder / "results/M1/logs/diagnose.json").unlink()
-    (folder / "parent.yaml").write_text("samples: [a, b]\n")
-    ran = as_module(folder, "config: config")
-    assert ran.returncode == 0, ran.stderr
-    assert (folder / "rows.txt").read_text().strip() == "3"
-    assert (folder / "results/M1/assessment.json").read_bytes() == before
-    assert (folder / "results/M1/corrected.nc").stat() == corrected  # its remade inputs are identical
-    ends = {f"compass_{rule}" for rule in ("diagnose", "compare", "correct", "grid", "figures", *OF_ALL)}
-    assert {*re.findall(r"^rule (\w+):", ran.stderr, re.MULTILINE)} <= {*ends, "rows"} and "rule rows:" in ran.stderr
-
-
-def test_module_with_a_prefix_is_refused(tmp_path):
-    ran = as_module(cruise(tmp_path / "c", n=5), 'prefix: "there"', "--dry-run")
-    expected = "error: module: expected results in the folder of the run, found a prefix"
-    assert ran.returncode != 0 and expected in ran.stderr + ran.stdout and "Traceback" not in ran.stderr
 
 
 def test_results_are_identical_with_one_job_per_mooring(done, tmp_path):

@@ -1,11 +1,6 @@
 """Calibrations independent of any mooring, by the same rules for all kinds."""
 
 
-def calibration_files(names):
-    """List the files of calibrations that others use, by their names."""
-    return [f"results/calibrations/{name}/calibration.json" for name in names]
-
-
 rule calibrate:
     """Calibrate a compass by raw readings, or state why they cannot be used."""
     input:

@@ -1,13 +1,6 @@
 """Records that share a compass: each is diagnosed alone, all are joined, and each is diagnosed given the others."""
 
 
-def members(wildcards):
-    """List the moorings and the calibrations of a compass that can go on."""
-    return [[name for name in names if name in usable(kind)] for kind, names in zip(
-        ("moorings", "calibrations"), COMPASSES.members[wildcards.compass]
-    )]
-
-
 rule combine_records:
     """Combine the records of a compass: its iron and effects, rejected records, and the prior for each record."""
     input:
