@@ -1,31 +1,23 @@
-"""Would catch a workflow that cannot be used as a module from Git, with the library installed from a wheel."""
+"""Would catch a workflow that cannot be used as a module from Git, as docs/howto/install.md says, with a wheel."""
 
 from __future__ import annotations
 
 import io
 import os
+import re
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
 
 import pytest
-from launch import copied_project, environment, jobs_in
+from launch import PROJECT, copied_project, environment, jobs_in
 from sea import cruise
 
 from compasslib import __version__
 from compasslib.archive import deposit
 
 OTHER = "1.0.0"  # a version of the rules that another library belongs to
-FROM_GIT = """
-configfile: "config/config.yaml"
-
-module compass:
-    snakefile: gitfile("../repository", path="workflow/Snakefile", tag="v{tag}")
-    config: config
-
-use rule * from compass
-"""
 EXTENDED = """ as compass_*
 
 rule rows:
@@ -48,22 +40,20 @@ def there(tmp_path_factory):
         (repository / "workflow/Snakefile").write_text(text)
         for command in ("init --quiet", "add .", "commit --quiet --message rules", f"tag v{version}"):
             subprocess.run(["git", "-C", repository, *command.split()], check=True, env=os.environ | who)
-    wheel = deposit.pack_wheel(deposit._workflow_files())
-    zipfile.ZipFile(io.BytesIO(wheel)).extractall(folder / "installed")
-    cruise(folder / "cruise", n=60)
+    zipfile.ZipFile(io.BytesIO(deposit.pack_wheel())).extractall(folder / "installed")
+    copied_project(cruise(folder / "cruise", n=60), "workflow/profiles/default")
     options = "moorings: config/moorings\ndiagnose: {enabled: false}\n"
     (folder / "cruise/config/config.yaml").write_text(options)
     return folder
 
 
 def use(there: Path, *options: str, more: str = "", tag: str = __version__) -> subprocess.CompletedProcess:
-    """Run the Snakefile of a cruise that takes the rules from Git."""
-    folder = there / "cruise"
-    (folder / "Snakefile").write_text(FROM_GIT.format(tag=tag).rstrip() + more)
-    triggers = ("--rerun-triggers", "mtime", "params", "input")
-    command = [sys.executable, "-m", "snakemake", *triggers, "--cores", "2", *options]
-    into = environment(there / "installed")
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder, env=into)
+    """Run the Snakefile of the page, with the rules of a tag."""
+    (text,) = re.findall(r"```python\n(.*?)\n```", (PROJECT / "docs/howto/install.md").read_text(), re.DOTALL)
+    text = text.replace("/path/to/clone", "../repository").replace(f'tag="v{__version__}"', f'tag="v{tag}"')
+    (there / "cruise/workflow/Snakefile").write_text(text + more)
+    command, into = [sys.executable, "-m", "snakemake", "--cores", "2", *options], environment(there / "installed")
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=there / "cruise", env=into)
 
 
 def test_rules_scripts_and_captions_come_from_git(there):

@@ -36,20 +36,15 @@ def of_moorings(*files):
     return lambda wildcards: [f"results/{name}/{file}" for name in usable("moorings") for file in files]
 
 
+def parts(wildcards):
+    """List the affected instruments of a mooring that can go on."""
+    can_go_on = usable("moorings")
+    return [part for part in MOORINGS.parts(wildcards.mooring) if part in can_go_on]
+
+
 def of_parts(file):
     """Return a function that lists one file of each affected instrument of a mooring that can go on."""
-
-    def listed(wildcards):
-        can_go_on = usable("moorings")
-        return [f"results/{part}/{file}" for part in MOORINGS.parts(wildcards.mooring) if part in can_go_on]
-
-    return listed
-
-
-def records_of_parts(wildcards):
-    """List the record files of the affected instruments of a mooring that can go on."""
-    can_go_on = usable("moorings")
-    return [MOORINGS.affected(part) for part in MOORINGS.parts(wildcards.mooring) if part in can_go_on]
+    return lambda wildcards: [f"results/{part}/{file}" for part in parts(wildcards)]
 
 
 def archived(name):

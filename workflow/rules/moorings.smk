@@ -202,7 +202,7 @@ rule grid:
     """Grid corrected and reference velocities to fixed depths and times, with uncertainties of sections and means."""
     input:
         corrected=of_parts("corrected.nc"),
-        records=records_of_parts,
+        records=lambda wildcards: [MOORINGS.affected(part) for part in parts(wildcards)],
         references=lambda wildcards: MOORINGS.references(*wildcards),
         pairs=of_parts("overlap.nc"),
         deviations=of_parts("deviation.json"),
