@@ -9,6 +9,7 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from textwrap import dedent
 
 import pytest
 from launch import PROJECT, copied_project, environment, jobs_in
@@ -49,8 +50,9 @@ def there(tmp_path_factory):
 
 def use(there: Path, *options: str, more: str = "", tag: str = __version__) -> subprocess.CompletedProcess:
     """Run the Snakefile of the page, with the rules of a tag."""
-    (text,) = re.findall(r"```python\n(.*?)\n```", (PROJECT / "docs/howto/install.md").read_text(), re.DOTALL)
-    text = text.replace("/path/to/clone", "../repository").replace(f'tag="v{__version__}"', f'tag="v{tag}"')
+    page = (PROJECT / "docs/howto/install.md").read_text()
+    (text,) = re.findall(r"^    configfile:.*from compasslib$", page, re.MULTILINE | re.DOTALL)
+    text = dedent(text).replace("/path/to/clone", "../repository").replace(f'tag="v{__version__}"', f'tag="v{tag}"')
     (there / "cruise/workflow/Snakefile").write_text(text + more)
     command, into = [sys.executable, "-m", "snakemake", "--cores", "2", *options], environment(there / "installed")
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=there / "cruise", env=into)
