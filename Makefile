@@ -48,7 +48,7 @@ test: .venv/test  ## the tests
 check: .venv/test  ## style, types, workflow
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/python tests/lint.py
+	$(BIN)/snakemake --lint
 
 bench: .venv/test  ## speed and memory, each with its ratio in the same run, on one page: results/bench/README.md
 	$(BIN)/python benchmarks/page.py

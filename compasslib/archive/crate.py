@@ -6,13 +6,11 @@ Each job of the workflow writes a record (``pipeline.job``), which becomes an ac
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import platform
 import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
@@ -186,16 +184,10 @@ def _surroundings() -> Iterator[Entity]:
     yield _software(f"python {python}", "https://www.python.org/")
     for package in plugins.plugin_packages():
         yield _software(package)
-    lock, packages = provenance.RELEASE_FILES / LOCK, list[str]()
-    if lock.is_file():
-        known = provenance.sha256(lock)
-        yield {"@id": f"#{LOCK}", "@type": "SoftwareSourceCode", "name": LOCK, "sha256": known, "version": known[:12]}
-        packages = re.findall(r"^([\w.-]+)==", lock.read_text(), re.MULTILINE)
-    else:
-        with suppress(importlib.metadata.PackageNotFoundError):
-            asked = importlib.metadata.requires("compasslib") or []
-            packages = sorted(re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in asked if "extra ==" not in line)
-    for package in packages:
+    lock = provenance.RELEASE_FILES / LOCK
+    known = provenance.sha256(lock)
+    yield {"@id": f"#{LOCK}", "@type": "SoftwareSourceCode", "name": LOCK, "sha256": known, "version": known[:12]}
+    for package in re.findall(r"^([\w.-]+)==", lock.read_text(), re.MULTILINE):
         if version := provenance.installed(package):  # the lock also lists build tools and packages of other platforms
             yield _software(f"{package} {version}", f"https://pypi.org/project/{package}/")
 

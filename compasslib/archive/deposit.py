@@ -71,13 +71,13 @@ and `raw/` the files they were made from, `ro-crate-metadata.json` the descripti
 metadata for registering a DOI. The license of the data is {license}. The software (rules and profiles in `workflow/`,
 the library `{wheel}`) has its own, `workflow/LICENSE`.
 
-To run it again in this folder, with Python 3.11 or later, and compare with the results of this deposit:
+In this folder, with Python 3.11 or later: install the software, compare all files with the manifest, run again, and
+compare the results with those of this deposit:
 
     python3 -m venv .venv && .venv/bin/pip install -r requirements/run.txt && .venv/bin/pip install --no-deps {wheel}
+    .venv/bin/compass verify .
     mv results deposited && .venv/bin/compass run .
     .venv/bin/compass diff deposited results
-
-`compass verify .` compares the unpacked folder with its manifest.
 """
 WHEEL = f"compasslib-{__version__}-py3-none-any.whl"
 VON_APPEN = "10.1175/JTECH-D-14-00043.1"  # DOI of the method
@@ -99,8 +99,8 @@ def deposit(cruise: Cruise, to: str | Path) -> int:
         raise InputError("config/config.yaml: attributes", expected=expected, found=f"no {missing[0]}", advice=advice)
     page = read_manifest(root)
     listed = crate.listed(page)
-    rules = _workflow_files()
-    wheel = pack_wheel(rules)
+    wheel = pack_wheel()
+    rules = workflow_files() | {crate.LOCK: provenance.RELEASE_FILES / crate.LOCK}
     rules |= {path.relative_to(root).as_posix(): path for path in (root / crate.FOLDER).glob("**/logs/*.json")}
     hashed = {name: provenance.sha256(path) for name, path in rules.items()}
     described = compose(page, attributes, hashed | {WHEEL: hashlib.sha256(wheel).hexdigest()}, root)
@@ -132,27 +132,21 @@ def missing_attributes(attributes: Mapping[str, Any]) -> list[str]:
     return [key for key in OWNERS if not str(attributes.get(key, "")).strip()]
 
 
-def _workflow_files() -> dict[str, Path]:
-    """List the files of workflow, license and lock by their paths in the deposit."""
+def workflow_files() -> dict[str, Path]:
+    """List the files of the workflow and its license by their paths in a deposit."""
     parts = ("Snakefile", "rules/*.smk", "scripts/*.py", "report/*.rst", "profiles/*/*.yaml")
     found = [path for part in parts for path in provenance.WORKFLOW.glob(part)]
     named = {f"workflow/{path.relative_to(provenance.WORKFLOW).as_posix()}": path for path in found}
-    named |= {"workflow/LICENSE": provenance.RELEASE_FILES / "LICENSE"}
-    return named | {crate.LOCK: provenance.RELEASE_FILES / crate.LOCK}
+    return named | {"workflow/LICENSE": provenance.RELEASE_FILES / "LICENSE"}
 
 
-def pack_wheel(rules: Mapping[str, Path]) -> bytes:
-    """Pack the running library as a wheel; the dependencies are those of the lock file.
-
-    Args:
-        rules: files of the workflow by their paths in the deposit, which the wheel also contains.
-    """
-    outside = {name: provenance.RELEASE_FILES / name for name in ("LICENSE", "docs/glossary.md", crate.LOCK)}
-    named = {f"compasslib/{name}": path for name, path in rules.items() if name.startswith("workflow/")}
-    named |= {f"compasslib/workflow/{name}": path for name, path in outside.items()}
-    for path in provenance.PACKAGE.rglob("*"):
-        if path.is_file() and "__pycache__" not in path.parts:
-            named[path.relative_to(provenance.PACKAGE.parent).as_posix()] = path
+def pack_wheel() -> bytes:
+    """Pack the running library, with its workflow, as a wheel; the dependencies are those of the lock file."""
+    packed = [path for path in provenance.PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+    named = {path.relative_to(provenance.PACKAGE.parent).as_posix(): path for path in packed}
+    named |= {f"compasslib/{name}": path for name, path in workflow_files().items()}
+    for name in ("docs/glossary.md", crate.LOCK):
+        named[f"compasslib/workflow/{name}"] = provenance.RELEASE_FILES / name
     contents = {name: path.read_bytes() for name, path in sorted(named.items())}
     info = f"compasslib-{__version__}.dist-info"
     contents |= {

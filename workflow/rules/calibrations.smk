@@ -1,12 +1,5 @@
 """Calibrations independent of any mooring, by the same rules for all kinds."""
 
-CALIBRATION = ["calibration.json", "table.csv", "points.csv"]
-
-
-def calibration_files(names):
-    """List the files of calibrations that others use, by their names."""
-    return [f"results/calibrations/{name}/calibration.json" for name in names]
-
 
 rule calibrate:
     """Calibrate a compass by raw readings, or state why they cannot be used."""
@@ -73,7 +66,7 @@ rule diagnosis_figure:
         diagnosis="results/calibrations/{calibration}/diagnosis.json",
     output:
         figures=report(
-            expand("results/calibrations/{{calibration}}/{file}", file=drawn(["diagnosis"])),
+            expand("results/calibrations/{{calibration}}/figures/diagnosis.{form}", form=FORMATS),
             category="Calibrations",
             subcategory="{calibration}",
         ),
@@ -86,18 +79,18 @@ rule diagnosis_figure:
         "../scripts/diagnosis_figure.py"
 
 
-for DRAWN, OF_THESE in CALIBRATIONS.figures.items():
+for FIGURES, OF_THESE in CALIBRATIONS.figures.items():
 
     rule:
         name:
-            f"calibration_figures_{'_'.join(DRAWN)}"
+            figures_rule(FIGURES)
         input:
             calibration="results/calibrations/{calibration}/calibration.json",
             table="results/calibrations/{calibration}/table.csv",
             points="results/calibrations/{calibration}/points.csv",
         output:
             figures=report(
-                expand("results/calibrations/{{calibration}}/{file}", file=drawn(DRAWN)),
+                expand("results/calibrations/{{calibration}}/figures/{name}.{form}", name=FIGURES, form=FORMATS),
                 category="Calibrations",
                 subcategory="{calibration}",
             ),

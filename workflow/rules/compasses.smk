@@ -1,14 +1,5 @@
 """Records that share a compass: each is diagnosed alone, all are joined, and each is diagnosed given the others."""
 
-COMPASS_FIGURES = ["coefficients", "curve"]
-
-
-def members(wildcards):
-    """List the moorings and the calibrations of a compass that can go on."""
-    return [[name for name in names if name in usable(kind)] for kind, names in zip(
-        ("moorings", "calibrations"), COMPASSES.members[wildcards.compass]
-    )]
-
 
 rule combine_records:
     """Combine the records of a compass: its iron and effects, rejected records, and the prior for each record."""
@@ -35,7 +26,9 @@ rule joined_figures:
         joined="results/compasses/{compass}/compass.json",
     output:
         figures=report(
-            expand("results/compasses/{{compass}}/{file}", file=drawn(COMPASS_FIGURES)),
+            expand(
+                "results/compasses/{{compass}}/figures/{name}.{form}", name=["coefficients", "curve"], form=FORMATS
+            ),
             category="Compasses",
             subcategory="{compass}",
         ),

@@ -1,16 +1,7 @@
-"""The whole cruise: what can go on, summary, report, and manifest with provenance."""
+"""The whole cruise: what can go on, summary, report, and manifest with provenance.
 
-CRUISE_FIGURES = ["array", "curves", "differences", "currents"]
-
-
-# On a cluster these run where Snakemake was started: they take seconds each, and wait for other jobs.
-localrules:
-    usable,
-    summary,
-    cruise_figures,
-    report,
-    provenance,
-    complete,
+On a cluster these rules run where Snakemake was started: they take seconds each, and wait for other jobs.
+"""
 
 
 checkpoint usable:
@@ -27,15 +18,11 @@ checkpoint usable:
         job="results/logs/usable.json",
     log:
         "results/logs/usable.log",
+    localrule: True
     params:
         **keys(lambda: guard.needs(CRUISE) | {"without": WITHOUT}, [()]),
     script:
         "../scripts/usable.py"
-
-
-def of_moorings(*files):
-    """Return a function that lists files of the moorings that can go on."""
-    return lambda wildcards: [f"results/{name}/{file}" for name in usable("moorings") for file in files]
 
 
 rule summary:
@@ -52,6 +39,7 @@ rule summary:
         job="results/logs/summary.json",
     log:
         "results/logs/summary.log",
+    localrule: True
     params:
         **keys(lambda: {"roles": {name: MOORINGS.roles(name) for name in CRUISE.moorings}}, [()]),
     script:
@@ -65,12 +53,13 @@ rule cruise_figures:
         assessments=of_moorings("assessment.json"),
     output:
         figures=report(
-            expand("results/{file}", file=drawn(CRUISE_FIGURES)),
+            expand("results/figures/{name}.{form}", name=["array", "curves", "differences", "currents"], form=FORMATS),
             category="Cruise",
         ),
         job="results/logs/cruise_figures.json",
     log:
         "results/logs/cruise_figures.log",
+    localrule: True
     params:
         **keys(lambda: {"array": settings.array(CRUISE)}, [()]),
     script:
@@ -87,6 +76,7 @@ rule report:
         job="results/logs/report.json",
     log:
         "results/logs/report.log",
+    localrule: True
     params:
         **keys(lambda: settings.report(CRUISE), [()]),
     script:
@@ -104,6 +94,7 @@ rule provenance:
         job="results/logs/provenance.json",
     log:
         "results/logs/provenance.log",
+    localrule: True
     params:
         **keys(lambda: {"attributes": CRUISE.options.attributes, "configuration": settings.configuration(CRUISE)}, [()]),
     script:
@@ -119,6 +110,7 @@ rule complete:
         job="results/logs/complete.json",
     log:
         "results/logs/complete.log",
+    localrule: True
     params:
         library=LIBRARY,
     script:

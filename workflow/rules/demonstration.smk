@@ -20,9 +20,6 @@ for NAME in SIMULATED:
 
 if CONCEALED:
 
-    localrules:
-        concealed,
-
     rule concealed:
         """Compare the diagnoses of the moorings C1, C2, ... with the truth, which no other rule reads."""
         input:
@@ -41,6 +38,7 @@ if CONCEALED:
             job="results/logs/concealed.json",
         log:
             "results/logs/concealed.log",
+        localrule: True
         params:
             library=LIBRARY,
         script:

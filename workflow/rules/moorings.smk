@@ -1,17 +1,5 @@
 """One mooring, from raw files to figures."""
 
-FIGURES = ["deviation", "diagnosis", "histograms", "progressive", "roses", "scatter", "sticks", "timeline"]
-SECTIONS = ["section", "profile"]
-STAGES = {
-    "overlap": ["work/field.json", "work/pairs/overlap.nc", "work/pairs/wide.nc"],
-    "fit": ["work/fit.json"],
-    "diagnose": ["diagnosis.json", "deviation.json", "work/agreement.json"],
-    "correct": ["corrected.nc", "overlap.nc", "assessment.json", "table.csv", "histograms.csv"],
-    "compare": ["forms.json"],
-    "figures": [*drawn(FIGURES), "work/pictures.json"],
-}
-ALONE = ["work/alone/diagnosis.json", "work/alone/deviation.json", "work/alone/agreement.json", "work/alone/summary.json"]
-
 
 rule read:
     """Read a raw export into the instrument's record inside the deployment, or state why it cannot be read."""
@@ -70,10 +58,10 @@ rule fit:
         "results/{mooring}/logs/fit.log",
     benchmark:
         "results/{mooring}/benchmarks/fit.tsv"
-    group:
-        group_of_mooring
     wildcard_constraints:
         mooring=guard.only(name for name in CRUISE.moorings if name not in CALIBRATED),
+    group:
+        group_of_mooring
     params:
         **keys(MOORINGS.fit, NAMES),
     script:
@@ -94,10 +82,10 @@ rule transfer_calibration:
         "results/{mooring}/logs/fit.log",
     benchmark:
         "results/{mooring}/benchmarks/fit.tsv"
-    group:
-        group_of_mooring
     wildcard_constraints:
         mooring=guard.only(CALIBRATED),
+    group:
+        group_of_mooring
     params:
         **keys(MOORINGS.transfer_calibration, NAMES),
     script:
@@ -123,10 +111,10 @@ rule diagnose:
         "results/{mooring}/logs/diagnose.log",
     benchmark:
         "results/{mooring}/benchmarks/diagnose.tsv"
-    group:
-        group_of_mooring
     wildcard_constraints:
         mooring=guard.only(name for name in CRUISE.moorings if name not in COMPASSES.moorings),
+    group:
+        group_of_mooring
     params:
         **keys(MOORINGS.diagnose, NAMES),
     script:
@@ -153,9 +141,7 @@ rule diagnose_jointly:
     """Diagnose a record of a shared compass, with prior information from the other records."""
     input:
         joined=lambda wildcards: f"results/compasses/{COMPASSES.moorings[wildcards.mooring]}/compass.json",
-        alone=expand(
-            "results/{{mooring}}/work/alone/{name}.json", name=["diagnosis", "deviation", "agreement"]
-        ),
+        alone=expand("results/{{mooring}}/work/alone/{name}.json", name=["diagnosis", "deviation", "agreement"]),
         record=lambda wildcards: MOORINGS.affected(*wildcards),
         references=lambda wildcards: MOORINGS.references(*wildcards),
         pairs="results/{mooring}/work/pairs/overlap.nc",
@@ -172,10 +158,10 @@ rule diagnose_jointly:
         "results/{mooring}/logs/diagnose.log",
     benchmark:
         "results/{mooring}/benchmarks/diagnose.tsv"
-    group:
-        lambda wildcards: guard.group("mooring", wildcards.mooring)
     wildcard_constraints:
         mooring=guard.only(COMPASSES.moorings),
+    group:
+        lambda wildcards: guard.group("mooring", wildcards.mooring)
     params:
         **keys(MOORINGS.diagnose_jointly, NAMES),
     script:
@@ -212,27 +198,11 @@ rule correct:
         "../scripts/correct.py"
 
 
-def of_parts(file):
-    """Return a function that lists one file of each affected instrument of a mooring that can go on."""
-
-    def listed(wildcards):
-        can_go_on = usable("moorings")
-        return [f"results/{part}/{file}" for part in MOORINGS.parts(wildcards.mooring) if part in can_go_on]
-
-    return listed
-
-
-def records_of_parts(wildcards):
-    """List the record files of the affected instruments of a mooring that can go on."""
-    can_go_on = usable("moorings")
-    return [MOORINGS.affected(part) for part in MOORINGS.parts(wildcards.mooring) if part in can_go_on]
-
-
 rule grid:
     """Grid corrected and reference velocities to fixed depths and times, with uncertainties of sections and means."""
     input:
         corrected=of_parts("corrected.nc"),
-        records=records_of_parts,
+        records=lambda wildcards: [MOORINGS.affected(part) for part in parts(wildcards)],
         references=lambda wildcards: MOORINGS.references(*wildcards),
         pairs=of_parts("overlap.nc"),
         deviations=of_parts("deviation.json"),
@@ -246,10 +216,10 @@ rule grid:
         "results/{mooring}/logs/grid.log",
     benchmark:
         "results/{mooring}/benchmarks/grid.tsv"
-    group:
-        lambda wildcards: guard.group("mooring", wildcards.mooring)
     wildcard_constraints:
         mooring=guard.only(name for name, files in MOORINGS.gridded.items() if not files[1:]),
+    group:
+        lambda wildcards: guard.group("mooring", wildcards.mooring)
     params:
         **keys(MOORINGS.grid, [(name,) for name in CRUISE.whole]),
     script:
@@ -277,9 +247,9 @@ rule compare:
         "results/{mooring}/logs/compare.log",
     benchmark:
         "results/{mooring}/benchmarks/compare.tsv"
+    priority: -1  # runs on cores that are idle otherwise
     group:
         lambda wildcards: guard.group("mooring", wildcards.mooring)
-    priority: -1  # runs on cores that are idle otherwise
     params:
         library=LIBRARY,
     script:
@@ -297,7 +267,11 @@ rule figures:
         product="results/{mooring}/corrected.nc",
     output:
         figures=report(
-            expand("results/{{mooring}}/{file}", file=drawn(FIGURES)),
+            expand(
+                "results/{{mooring}}/figures/{name}.{form}",
+                name=["deviation", "diagnosis", "histograms", "progressive", "roses", "scatter", "sticks", "timeline"],
+                form=FORMATS,
+            ),
             category="Moorings",
             subcategory="{mooring}",
         ),
@@ -319,7 +293,7 @@ rule sections:
         gridded="results/{mooring}/gridded.nc",
     output:
         figures=report(
-            expand("results/{{mooring}}/{file}", file=drawn(SECTIONS)),
+            expand("results/{{mooring}}/figures/{name}.{form}", name=["section", "profile"], form=FORMATS),
             category="Moorings",
             subcategory="{mooring}",
         ),
@@ -346,17 +320,9 @@ rule check_conventions:
         "results/{mooring}/logs/conventions.log",
     params:
         library=LIBRARY,
-        checker="checker=" + json.dumps(provenance.installed("compliance-checker")),
+        checker=f"checker={json.dumps(provenance.installed('compliance-checker'))}",
     script:
         "../scripts/check_conventions.py"
-
-
-def archived(name):
-    """List the netCDF files of a mooring: products, gridded ones if configured, and records of its instruments."""
-    products = [f"results/{name}/{file}" for file in ("corrected.nc", "overlap.nc") if name in CRUISE.moorings]
-    gridded = [f"results/{name}/{file}" for file in MOORINGS.gridded.get(name, [])]
-    roles = MOORINGS.roles(name) if name in CRUISE.moorings else []
-    return [*products, *gridded, *(f"results/{name}/work/{role}.nc" for role in roles)]
 
 
 rule conventions:
