@@ -57,7 +57,7 @@ def enter(config: Mapping[str, object], version: str, *, is_module: bool) -> Non
         raise InputError("--config", expected=expected, found=", ".join(others), advice=advice)
     for place in (RESULTS, Path(".snakemake")):
         if not os.access(place if place.exists() else ".", os.W_OK):
-            advice = "give yourself that right (chmod -R u+w), or copy the cruise to where you have it"
+            advice = f"give yourself that right (chmod -R u+w {place}), or copy the cruise to where you have it"
             raise InputError(str(place), expected="the right to write here", found="no such right", advice=advice)
     for name, value in MEMORY.items():
         os.environ.setdefault(name, value)  # for the jobs, which are separate processes
