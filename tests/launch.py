@@ -34,7 +34,12 @@ def environment(*beside: Path) -> dict[str, str]:
 
 
 def snakemake(
-    folder: Path, *options: str, project: Path = PROJECT, beside: tuple[Path, ...] = (), anew: bool = False
+    folder: Path,
+    *options: str,
+    project: Path = PROJECT,
+    beside: tuple[Path, ...] = (),
+    anew: bool = False,
+    first: str = "",
 ) -> subprocess.CompletedProcess:
     """Run ``compass run`` with options of Snakemake, including target files.
 
@@ -42,6 +47,7 @@ def snakemake(
         project: root of the project, possibly a copy.
         beside: further folders from which jobs import packages.
         anew: start new Python processes, with their own hash seeds, for the command and its jobs, as for a copy.
+        first: code to execute first, in the process of the command, of which those of its jobs are forks.
     """
     words, into = ["run", f"{folder}", "--cores", "2", "--", *options], environment(project, *beside)
     if anew or beside or project != PROJECT:
@@ -50,7 +56,7 @@ def snakemake(
         return subprocess.run(whole, capture_output=True, text=True, check=False, env=into, cwd=folder)
     with tempfile.TemporaryDirectory() as there:
         files = [f"{there}/{name}" for name in ("out", "err")]
-        asked = {"words": words, "folder": f"{folder}", "environment": into, "files": files}
+        asked = {"words": words, "folder": f"{folder}", "environment": into, "files": files, "first": first}
         server = _server()
         print(json.dumps(asked), file=server.stdin, flush=True)
         status = int(server.stdout.readline())

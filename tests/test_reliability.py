@@ -1,35 +1,29 @@
-"""The whole chain under damage: mistakes in valid files, killed runs, hostile cruise folders."""
+"""The whole chain under damage: mistakes in valid files, hostile cruise folders."""
 
 from __future__ import annotations
 
 import os
 import re
 import shutil
-import signal
 import struct
 import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import nullcontext
 from datetime import datetime, timedelta
 from pathlib import Path
-from types import SimpleNamespace
 
 import chain
 import numpy as np
 import pytest
 import yaml
-from launch import PROJECT, command, copied_project, environment, hashes, snakemake
+from launch import PROJECT, environment, snakemake
 from pd0_encoder import assemble
 from sea import START, cruise
-from snakemake.iocontainers import Namedlist
 
 from compasslib import angles
-from compasslib.archive.files import HALF_WRITTEN
 from compasslib.config.cruise import load_cruise
 from compasslib.errors import InputError
-from compasslib.pipeline.job import job
 
 HOURS = 400
 YAML, TOP, DEEP = Path("config/moorings/M1.yaml"), Path("raw/M1/top.000"), Path("raw/M1/deep.csv")
@@ -391,141 +385,6 @@ def test_a_profile_in_a_cruise_folder_is_refused(sound, tmp_path, name):
     ran = snakemake(folder, "--dry-run")
     assert ran.returncode != 0 and not (folder / "results").exists()
     assert f"{name}: expected no profile of Snakemake in a cruise folder" in ran.stdout + ran.stderr
-
-
-def test_killed_run_resumes_to_identical_results(sound, tmp_path):
-    """Except benchmarks and logs, which contain times."""
-    killed, whole = (spoilt(sound, tmp_path / name, lambda there: None) for name in "ab")
-    raw = hashes(killed / "raw")
-    wanted = "results/M1/overlap.nc"
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
-    record = "results/M1/logs/overlap.json"  # the output that Snakemake tracks
-    running = subprocess.Popen([*command(killed), "--cores", "1", record], env=environment(), cwd=killed, **quiet)
-    while not list((killed / "results/M1/work").glob("*.nc")) and running.poll() is None:
-        time.sleep(0.02)
-    os.killpg(running.pid, signal.SIGKILL)
-    running.wait()
-    (killed / f"results/M1/.overlap.nc.12345{HALF_WRITTEN}").write_bytes(b"half")
-    assert not (killed / wanted).exists()
-    assert snakemake(killed, wanted).returncode == 0 and snakemake(whole, wanted).returncode == 0
-    kept, undisturbed = (hashes(folder / "results", "logs", "benchmarks") for folder in (killed, whole))
-    assert {"M1/overlap.nc", "M1/work/top.nc", "M1/work/deep.nc"} < set(kept)
-    assert kept == {name: undisturbed[name] for name in kept} and hashes(killed / "raw") == raw
-
-
-def mounted(folder: Path, *options: str) -> bool:
-    """Mount a file system if permitted, and return whether that succeeded."""
-    if not (hasattr(os, "geteuid") and os.geteuid() == 0 and shutil.which("mount")):
-        return False
-    folder.mkdir(parents=True, exist_ok=True)
-    return subprocess.run(["mount", *options, str(folder)], capture_output=True, check=False).returncode == 0
-
-
-@pytest.mark.parametrize("option", ["size=16k", "ro"])
-def test_unwritable_results_folder_is_reported_in_one_line(sound, tmp_path, option):
-    folder = spoilt(sound, tmp_path, lambda there: None)
-    if not mounted(folder / "results/M1/work", "-t", "tmpfs", "-o", option, "tmpfs"):
-        pytest.skip("no right to mount a tmpfs")
-    try:
-        found = chain.run(folder)
-        assert "work/top.nc: expected room and the right to write it" in found["error"]
-        assert not list((folder / "results/M1/work").iterdir())
-    finally:
-        subprocess.run(["umount", "--lazy", str(folder / "results/M1/work")], check=True)
-    assert chain.run(folder)["error"] is None
-
-
-@pytest.mark.parametrize(("room", "file"), [("200k", "work/deep.nc"), ("380k", "overlap.nc"), ("600k", "corrected.nc")])
-def test_full_disk_is_reported_and_the_run_can_be_resumed(sound, tmp_path, room, file):
-    """The raw files are on a read-only file system."""
-    folder, undisturbed = (spoilt(sound, tmp_path / name, lambda there: None) for name in "ab")
-    results, raw = folder / "results/M1", folder / "raw"
-    if not mounted(results, "-t", "tmpfs", "-o", f"size={room}", "tmpfs"):
-        pytest.skip("no right to mount a tmpfs")
-    try:
-        subprocess.run(["mount", "--bind", "-o", "ro", str(raw), str(raw)], check=True)
-        assert f"{file}: expected room and the right to write it" in chain.run(folder)["error"]
-        assert not list(results.rglob(".*"))
-        subprocess.run(["mount", "-o", "remount,size=8m", str(results)], check=True)
-        assert chain.run(folder)["error"] is None and chain.run(undisturbed)["error"] is None
-        assert hashes(results) == hashes(undisturbed / "results/M1")
-    finally:
-        subprocess.run(["umount", "--lazy", str(results)], check=True)
-        subprocess.run(["umount", "--lazy", str(raw)], check=False)
-
-
-def test_read_only_results_are_refused_before_processing(sound, tmp_path):
-    folder = spoilt(sound, tmp_path, lambda there: None)
-    if not mounted(folder / "results", "-t", "tmpfs", "-o", "ro", "tmpfs"):
-        pytest.skip("no right to mount a tmpfs")
-    try:
-        ran = snakemake(folder, "results/M1/work/top.nc")
-    finally:
-        subprocess.run(["umount", "--lazy", str(folder / "results")], check=True)
-    line = "error: results: expected the right to write here, found a read-only file system; give yourself that right"
-    assert ran.returncode != 0 and line in ran.stderr
-    assert "Traceback" not in ran.stderr and not list((folder / ".snakemake/scripts").glob("*"))
-
-
-def test_results_dated_in_the_future_are_redated_raw_files_refused(sound, tmp_path):
-    folder = spoilt(sound, tmp_path, lambda there: None)
-    wanted, future = ("results/M1/overlap.nc",), time.time() + 1e6
-    assert snakemake(folder, *wanted).returncode == 0
-    for path in (folder / "results").rglob("*"):
-        os.utime(path, (future, future))
-    (folder / wanted[0]).unlink()
-    ran = snakemake(folder, *wanted)
-    assert ran.returncode == 0 and "M1 overlap:" in ran.stderr, ran.stderr
-    assert "dated in the future and as recorded: redated" in ran.stderr
-    assert not [p for p in (folder / "results/M1/work").glob("*.nc") if p.stat().st_mtime > time.time()]
-    assert "Nothing to be done" in snakemake(folder, *wanted).stderr
-
-    os.utime(folder / TOP, (future, future))
-    ran = snakemake(folder, *wanted)
-    said = [line for line in ran.stderr.splitlines() if "error" in line.lower()]
-    assert ran.returncode != 0 and len(said) == 1
-    assert said[0].startswith(f"error: {TOP}: expected a date of change before")
-    assert (folder / TOP).stat().st_mtime > time.time()
-
-
-def test_killed_job_is_reported_with_likely_cause_and_advice(sound, tmp_path):
-    project = copied_project(tmp_path / "project", "compasslib", "workflow", "Snakefile")
-    stage = project / "compasslib/stages/read.py"
-    # The replaced stage kills its own process, as the kernel does when memory runs out.
-    stage.write_text(stage.read_text() + "\n\ndef read(*_, **__):\n    import os\n\n    os.kill(os.getpid(), 9)\n")
-    ran = snakemake(spoilt(sound, tmp_path, lambda there: None), "results/M1/work/top.nc", project=project)
-    said = ran.stderr.splitlines()
-    assert ran.returncode != 0 and "Killed: 1" in said
-    line = said[said.index("Killed: 1") + 1]
-    assert line.startswith("  M1 read top: killed") and "memory ran out; run again with fewer --cores" in line
-    assert not list((tmp_path / "c/results").rglob("stopped.json"))
-
-
-ENDINGS = [
-    (MemoryError(), "ran out of memory; run again with fewer --cores", False),
-    (KeyboardInterrupt(), "was interrupted; run again", False),
-    (SystemExit(0), "an error of this program in fit, SystemExit: 0; report it", True),
-]
-
-
-@pytest.mark.parametrize(("error", "words", "stops"), ENDINGS)
-def test_job_ended_by_memory_interrupt_or_exit_fails_in_one_line(tmp_path, monkeypatch, capsys, error, words, stops):
-    parts = {part: Namedlist() for part in ("input", "output", "params")}
-    log = [str(tmp_path / "logs/fit.log")]
-    here = SimpleNamespace(rule="fit", log=log, wildcards=Namedlist(fromdict={"mooring": "M1"}), **parts)
-    (tmp_path / "logs").mkdir()
-
-    def stage(mooring, *, say):
-        raise error
-
-    monkeypatch.chdir(tmp_path)
-    with nullcontext() if stops else pytest.raises(SystemExit, match="1"):
-        job(here, stage)
-    said = capsys.readouterr().err
-    begins = "stopped: mooring M1: " if stops else "error: mooring M1: "
-    assert said.startswith(begins) and words in said and said.count("\n") == 1
-    assert said.replace("stopped: ", "error: ") in (tmp_path / "logs/fit.log").read_text()
-    assert Path("results/M1/stopped.json").exists() == Path("logs/fit.json").exists() == stops
 
 
 @pytest.mark.parametrize(("path", "expected"), [(TOP, "PD0"), (DEEP, "CSV")])

@@ -56,13 +56,14 @@ def _ended(act: Callable[[], object]) -> NoReturn:
     os._exit(status if isinstance(status, int) else int(status is not None))
 
 
-def _compass(words: list[str], folder: str, environment: dict[str, str], files: list[str]) -> None:
+def _compass(words: list[str], folder: str, environment: dict[str, str], files: list[str], first: str) -> None:
     for descriptor, file in enumerate((os.devnull, *files)):
         os.dup2(os.open(file, os.O_RDWR | os.O_CREAT), descriptor)
     os.environ.clear()
     os.environ.update(environment)
     os.chdir(folder)
     os.execv = _snakemake
+    exec(first, {})
     snakemake.script.PythonScript.execute_script = _script
     sys.exit(cli.main(words))
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import sys
+import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +19,7 @@ from compasslib.archive import provenance
 from compasslib.archive.files import HALF_WRITTEN, PLANNED
 from compasslib.config.cruise import Cruise
 from compasslib.errors import InputError
-from compasslib.pipeline.settings import CONCEALED, Arguments, Compasses, Moorings
+from compasslib.pipeline.settings import CONCEALED, Arguments, Compasses, Moorings, configuration
 
 RESULTS = Path("results")
 PROFILES = ("default", "profiles/default")  # where Snakemake looks in the folder that it is started in
@@ -26,8 +29,8 @@ MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(2**25), "MALLOC_TRIM_THRESHOLD_": str(2*
 WITHOUT = "without"  # key of Snakemake's configuration: moorings and calibrations to leave out, separated by commas
 WARNING = "warning: "
 KILLED = (
-    "killed before it could say why, most often because memory ran out; run again with fewer --cores, on a cluster "
-    "with more memory for each job (--default-resources mem_mb=N)"
+    "killed before it could say why, if no error stands above, most often because memory ran out; run again with fewer "
+    "--cores, on a cluster with more memory for each job (--default-resources mem_mb=N)"
 )
 TEMPORARY = re.compile(rf"\..+\.\d+{re.escape(HALF_WRITTEN)}")  # names made by ``files.atomic_write``
 
@@ -42,7 +45,7 @@ def enter(config: Mapping[str, object], version: str, *, is_module: bool) -> Non
 
     Raises:
         InputError: the library has another version, a setting is given on the command line, as no archive would record
-            it, or the cruise folder contains a profile that Snakemake may have used.
+            it, the results cannot be written, or the cruise folder contains a profile that Snakemake may have used.
     """
     if version != __version__:
         advice = f"install compasslib {version}, or take the rules of {__version__}"
@@ -51,6 +54,10 @@ def enter(config: Mapping[str, object], version: str, *, is_module: bool) -> Non
         advice = "write it into config/config.yaml, or into the mooring's file, and run again"
         expected = f"{WITHOUT}, and other settings in the cruise's YAML files alone"
         raise InputError("--config", expected=expected, found=", ".join(others), advice=advice)
+    for place in (RESULTS, Path(".snakemake")):
+        if not os.access(place if place.exists() else ".", os.W_OK):
+            advice = f"give yourself that right (chmod -R u+w {place}), or copy the cruise to where you have it"
+            raise InputError(str(place), expected="the right to write here", found="no such right", advice=advice)
     for name, value in MEMORY.items():
         os.environ.setdefault(name, value)  # for the jobs, which are separate processes
     os.environ["PYTHONSAFEPATH"] = "1"  # for the jobs too: modules are not imported from their working folder
@@ -93,6 +100,35 @@ def needs(cruise: Cruise) -> Arguments:
     moorings = Moorings(cruise)
     shared = {name: [*each, *others] for name, (each, others) in Compasses(cruise).members.items()}
     return {"needed": {name: moorings.calibrations(name) for name in cruise.moorings}, "shared": shared}
+
+
+def refuse_future(cruise: Cruise) -> None:
+    """Refuse files dated in the future: Snakemake fails on such raw files, and takes such results for newer than them.
+
+    Raises:
+        InputError: a file is dated in the future.
+    """
+    given = {file for files in configuration(cruise).values() for file in files}
+    given |= {file for name in cruise.moorings for file in Moorings(cruise).given_files(name)}
+    given |= {file for each in cruise.calibrations.values() for file in each.raw_files}
+    folders = sorted({shlex.quote(os.path.dirname(file) or ".") for file in given})
+    # Results older than all raw files are made again where the content of a raw file has changed.
+    made = "find results/ -newermt now -exec touch -t 200001010000 {} +"
+    commands = dict.fromkeys(map(str, RESULTS.rglob("*")), made)
+    commands |= dict.fromkeys(sorted(given), f"touch {' '.join(f'{folder}/*' for folder in folders)}")
+    now = time.time()
+    for file, command in commands.items():
+        if (when := _modified(file)) > now:
+            expected, found = (f"{datetime.fromtimestamp(second):%Y-%m-%d %H:%M:%S}" for second in (now, when))
+            advice = f"correct the clock of this computer, or in the cruise folder: {command}"
+            raise InputError(file, expected=f"a date of change before now, {expected}", found=found, advice=advice)
+
+
+def _modified(file: str) -> float:
+    """Return the time of the last change of a file, 0 where there is none."""
+    with suppress(OSError):
+        return os.stat(file).st_mtime
+    return 0.0
 
 
 def begin(refuse: Callable[[str], object]) -> float:

@@ -13,7 +13,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from inspect import signature
 from pathlib import Path
 from typing import Any, TextIO
@@ -47,10 +47,8 @@ def run_job(snakemake: Any, stage: Callable[..., None], *, always_ends: bool = F
     with _opened(log) as stream, single_threaded():
 
         def say(line: str) -> None:
-            try:
+            with suppress(OSError):  # on a full disk, errors are on the screen alone
                 print(line, file=stream, flush=True)
-            except OSError:  # a full disk must not suppress the message
-                _on_screen(line)
 
         def end(line: str) -> None:
             say(f"error: {line}")
@@ -175,14 +173,17 @@ def _refuse_changed(before: dict[str, tuple[int, int]]) -> None:
 
 @contextmanager
 def _opened(log: Path) -> Iterator[TextIO]:
-    """Open a new log, or standard error where that fails, as on a full disk."""
+    """Open a new log, or none where that fails, as on a full disk."""
     try:
         log.unlink(missing_ok=True)  # it may be a link, or a hard link to an older copy
         stream = log.open("w", encoding="utf-8")
     except OSError:
-        stream = os.fdopen(os.dup(sys.stderr.fileno()), "w", encoding="utf-8")
-    with stream:
+        stream = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
+    try:
         yield stream
+    finally:
+        with suppress(OSError):  # raised by lines that did not fit on the disk
+            stream.close()
 
 
 def _on_screen(line: str) -> None:

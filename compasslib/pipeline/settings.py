@@ -202,11 +202,14 @@ class Moorings:
         described = deposit.describe_superseded(
             deposited, configuration(self.cruise)[f"mooring {name}"], self.cruise.root
         )
+        return described | {"files": {file: described["files"].get(file) for file in self.given_files(name)}}
+
+    def given_files(self, name: str) -> list[str]:
+        """List all files that a mooring is made from."""
         used = [self._instrument(each, role) for each in self.parts(name) for role in self.roles(each)]
-        raw = [file for each in used for file in (*each.files, *each.pressure_files)]
-        raw += [file for each in self.mooring(name).covariates.values() for file in each.files]
-        raw += [file for part in self.parts(name) for file in self.ready_pairs(part)]
-        return described | {"files": {file: described["files"].get(file) for file in raw}}
+        given = [file for each in used for file in (*each.files, *each.pressure_files)]
+        given += [file for each in self.mooring(name).covariates.values() for file in each.files]
+        return given + [file for part in self.parts(name) for file in self.ready_pairs(part)]
 
     def serial_number(self, name: str, role: str) -> str | None:
         """Look up an instrument's serial number in its attributes, for the affected one in the mooring's too."""
