@@ -41,7 +41,7 @@ rule compare_calibrations:
     log:
         "results/calibrations/{calibration}/logs/compare.log",
     params:
-        library=LIBRARY,
+        **keys(CALIBRATIONS.compare_calibrations, [(name,) for name in CRUISE.calibrations]),
     script:
         "../scripts/compare_calibrations.py"
 
