@@ -74,7 +74,7 @@ def group(stage: str, mooring: str) -> str:
 
 
 def needs(cruise: Cruise, config: Mapping[str, object]) -> Callable[[], Arguments]:
-    """Return the settings of the checkpoint: calibrations needed, members of compasses, and what to leave out."""
+    """Return the settings of the checkpoint: calibrations needed, members of compasses, names left out, order."""
     moorings = Moorings(cruise)
     asked = str(config.get(WITHOUT) or "")
     shared = {name: [*each, *others] for name, (each, others) in Compasses(cruise).members.items()}
@@ -82,6 +82,7 @@ def needs(cruise: Cruise, config: Mapping[str, object]) -> Callable[[], Argument
         "needed": {name: moorings.calibrations(name) for name in cruise.moorings},
         "shared": shared,
         "without": [name for name in asked.split(",") if name],
+        "order": list(cruise.moorings),  # of the rows on the pages, for Snakemake alone: it compares sets of files
     }
 
 

@@ -28,6 +28,8 @@ from compasslib.inference import kinds
 CONCEALED = tuple(f"C{k}" for k in range(1, 5))  # demonstration moorings whose truth is read for one page only
 SIMULATED = (*(f"EG{k}" for k in range(1, 8)), *CONCEALED)  # the moorings of the demonstration cruise
 DEPLOYMENT_KEYS = ("pressure_offset", "clock_offset_seconds", "clock_drift_seconds", "direction_reference")
+# Settings of a calibration that its result states, and on which the search for effects does not depend.
+NOT_SEARCHED = ("table_step_deg", "parts", "object", "budget", "uncertainty")
 Arguments = dict[str, Any]
 
 
@@ -49,7 +51,7 @@ def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     elif isinstance(value, list | tuple) and value:
         for k, each in enumerate(value):
             yield from _leaves(each, f"{path}[{k}]")
-    else:
+    elif path:
         yield path, value
 
 
@@ -333,7 +335,9 @@ class Calibrations:
         return {"names": self.compared_with(name)}
 
     def diagnose(self, name: str) -> Arguments:
-        return self.calibrate(name) | {"options": dict(self.cruise.options.diagnose.model_dump())}
+        used = self.calibrate(name)
+        used["settings"] = {key: value for key, value in used["settings"].items() if key not in NOT_SEARCHED}
+        return used | {"options": dict(self.cruise.options.diagnose.model_dump())}
 
     @property
     def diagnosed(self) -> list[str]:
@@ -421,7 +425,7 @@ def array(cruise: Cruise) -> list[dict[str, Any]]:
                     "orientation": each.orientation,
                     "role": roles.get((name, role), "other"),
                 }
-                for role, each in mooring.instruments.items()
+                for role, each in sorted(mooring.instruments.items())
             ],
         }
         for name, mooring in moorings.items()

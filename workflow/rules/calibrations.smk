@@ -79,16 +79,21 @@ rule diagnosis_figure:
     log:
         "results/calibrations/{calibration}/logs/diagnosis_figure.log",
     params:
-        library=LIBRARY,
+        **DRAWN,
     script:
         "../scripts/diagnosis_figure.py"
+
+
+def calibration_figures(name):
+    """Name the rule that draws the figures of a calibration."""
+    return next(f"calibration_figures_{'_'.join(each)}" for each, of in CALIBRATIONS.figures.items() if name in of)
 
 
 for FIGURES, OF_THESE in CALIBRATIONS.figures.items():
 
     rule:
         name:
-            f"calibration_figures_{'_'.join(FIGURES)}"
+            calibration_figures(OF_THESE[0])
         input:
             calibration="results/calibrations/{calibration}/calibration.json",
             table="results/calibrations/{calibration}/table.csv",
@@ -105,6 +110,6 @@ for FIGURES, OF_THESE in CALIBRATIONS.figures.items():
         wildcard_constraints:
             calibration=guard.only(OF_THESE),
         params:
-            library=LIBRARY,
+            **DRAWN,
         script:
             "../scripts/calibration_figures.py"

@@ -55,6 +55,7 @@ rule summary:
 rule cruise_figures:
     """Draw figures of all moorings: array, deviations, differences from the reference, currents."""
     input:
+        usable="results/usable.json",
         deviations=of_moorings("deviation.json"),
         assessments=of_moorings("assessment.json"),
     output:
@@ -68,7 +69,7 @@ rule cruise_figures:
     log:
         "results/logs/cruise_figures.log",
     params:
-        **keys(lambda: {"array": settings.array(CRUISE)}, [()]),
+        **keys(lambda: {"array": settings.array(CRUISE), "formats": FORMATS}, [()]),
     script:
         "../scripts/cruise_figures.py"
 
@@ -109,7 +110,9 @@ rule provenance:
 rule complete:
     """End the run after all other jobs, with status 1 if a mooring or calibration was stopped."""
     input:
-        "results/logs/provenance.json",
+        products,
+        rules.report.output,
+        rules.provenance.output,
         usable="results/usable.json",
     output:
         job="results/logs/complete.json",
