@@ -7,7 +7,9 @@ jobs ``snakemake -n`` makes again.
 from __future__ import annotations
 
 import json
+import os
 import re
+import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,11 +20,12 @@ import numpy as np
 import pytest
 import yaml
 from bench import BREST, readings, write_calibration
-from launch import snakemake
+from launch import hashes, snakemake
 from sea import cruise, mooring
 from two_heads_files import cast
 
 from compasslib.archive.files import read_json
+from compasslib.cli import main
 from compasslib.config.cruise import load_cruise
 from compasslib.pipeline import guard, settings
 
@@ -430,12 +433,53 @@ def test_snakemake_reruns_what_the_table_says(done, file, line):
 
 def test_comment_reruns_the_manifest_only(done):
     """It lists the hash of the YAML file."""
+    file = done / "config/moorings/M1.yaml"
+    before = file.read_text()
     assert planned(done) == {}
-    with (done / "config/moorings/M1.yaml").open("a") as stream:
-        stream.write(" # a comment")
+    file.write_text(f"{before} # a comment")
     assert planned(done).keys() == {("provenance",)}
-    with edited(done, "config/moorings/M1.yaml"):
-        pass
+    file.write_text(before)
+    assert planned(done) == {}
+
+
+def replaced(path: Path, old: str, new: str) -> None:
+    """Replace a text in a file once, under its old date."""
+    status, text = path.stat(), path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
+
+
+def mend(folder: Path, capsys) -> list[str]:
+    """Run the command that ``compass verify`` prints and return the other lines; none where nothing differs."""
+    status = main(["verify", str(folder)])
+    *said, command = capsys.readouterr().out.splitlines()
+    if status == 0:
+        return []
+    named, _, options = command.partition(" -- ")
+    assert named == f"mend: compass run {folder}"
+    ran = snakemake(folder, *shlex.split(options))
+    assert ran.returncode == 0, ran.stderr
+    return said
+
+
+def test_verify_prints_the_command_that_mends(done, capsys):
+    before = hashes(done / "results", "logs", "benchmarks")
+    raw = done / "raw/M1/deep.csv"
+    value = raw.read_text().split(",")[-1].strip()
+    replaced(raw, f",{value}", f",1{value}")
+    replaced(done / "results/M2/mid/deviation.json", "0", "1")
+    assert planned(done) == {}
+    (done / "results/M3/table.csv").unlink()
+    assert {("correct", "M3"), ("figures", "M3")} < planned(done).keys()
+    said = mend(done, capsys)
+    assert [line.partition(" (")[0] for line in said] == [
+        "changed: raw/M1/deep.csv", "changed: results/M2/mid/deviation.json", "missing: results/M3/table.csv",
+    ]  # fmt: skip
+    assert mend(done, capsys) == [] and hashes(done / "results", "logs", "benchmarks") != before
+    replaced(raw, f",1{value}", f",{value}")
+    assert len(mend(done, capsys)) == 1 and mend(done, capsys) == []
+    assert hashes(done / "results", "logs", "benchmarks") == before
 
 
 def sweep(folder: Path) -> None:
