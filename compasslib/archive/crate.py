@@ -128,8 +128,19 @@ def has_failures(page: Mapping[str, Any]) -> bool:
 
 def written(page: Mapping[str, Any]) -> set[str]:
     """List the files that jobs wrote, as paths from the cruise folder."""
-    wrote = [unquote(identifier) for action in _actions(page) for identifier in identifiers(action, "result")]
-    return {path.removeprefix("../") if path.startswith("../") else f"{FOLDER}/{path}" for path in wrote}
+    return {path for action in _actions(page) for path in _paths(action, "result")}
+
+
+def made_from(page: Mapping[str, Any], file: str) -> list[str]:
+    """List one file of each job that read a file, as paths from the cruise folder."""
+    jobs = [action for action in _actions(page) if file in _paths(action, "object")]
+    return [made[0] for action in jobs if (made := _paths(action, "result"))]
+
+
+def _paths(action: Mapping[str, Any], part: str) -> list[str]:
+    """List the files in an action's ``object`` or ``result``, as paths from the cruise folder."""
+    names = map(unquote, identifiers(action, part))
+    return [name.removeprefix("../") if name.startswith("../") else f"{FOLDER}/{name}" for name in names]
 
 
 def _actions(page: Mapping[str, Any]) -> list[Entity]:

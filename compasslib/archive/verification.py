@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 from collections import Counter
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -140,22 +141,49 @@ def differences(cruise: str | Path, configured: Collection[str] | None) -> list[
     ]
 
 
-def verify(cruise: str | Path, configured: Collection[str] | None, say: Callable[[str], None]) -> None:
-    """Report the differences from the manifest, or that there are none.
+def verify(
+    cruise: str | Path, configured: Collection[str] | None, say: Callable[[str], None], *, name: str = "."
+) -> None:
+    """Report the differences from the manifest, and the command that mends them, or that there are none.
+
+    Args:
+        cruise: folder of the cruise, which is only read; the user's name for it is ``name``.
+        configured: as for ``differences``.
 
     Raises:
         InputError: there are differences, or there is no valid manifest.
     """
-    entries = differences(cruise, configured)
+    entries, page = differences(cruise, configured), read_manifest(Path(cruise))
     for line in entries:
         say(escaped(line))
-    files = f"{len(crate.listed(read_manifest(Path(cruise))))} files as listed"
+    if outputs := to_make_again(page, entries):
+        say(escaped(f"mend: compass run {shlex.quote(name)} -- --forcerun {shlex.join(outputs)}"))
+    files = f"{len(crate.listed(page))} files as listed"
     if entries:
         advice = "restore them, or make run again if the change was meant"
         if any(line.startswith(FORMER) for line in entries):
             advice += "; compass verify --clear shows and removes what is no longer configured"
         raise InputError(crate.FILE, expected=files, found=f"{len(entries)} that differ", advice=advice)
     say(f"{crate.FILE}: {files}")
+
+
+def to_make_again(page: Mapping[str, Any], entries: Iterable[str]) -> list[str]:
+    """List results that differ, and one file of each job that read a changed raw file; none for a missing raw file.
+
+    Args:
+        page: the manifest.
+        entries: lines of ``differences``.
+    """
+    outputs: dict[str, None] = {}
+    for what, _, told in (line.partition(": ") for line in entries):
+        path = told.rpartition(" (")[0] if what == "changed" else told
+        if what in ("changed", "missing") and path.startswith(f"{crate.FOLDER}/"):
+            outputs[path] = None
+        elif what == "changed" and path.endswith((".yaml", ".yml")):  # its keys decide what else runs
+            outputs[crate.FILE] = None
+        elif what == "changed":
+            outputs |= dict.fromkeys(crate.made_from(page, path))
+    return list(outputs)
 
 
 def escaped(path: str) -> str:

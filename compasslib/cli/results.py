@@ -297,7 +297,7 @@ def verify(asked: Namespace) -> int:
             configured = _configured_folders()
         except InputError as error:  # an archive may lack its raw files
             print(f"cannot list results that are no longer configured: {error}", file=sys.stderr)
-        verification.verify(Path(), configured, print)
+        verification.verify(Path(), configured, print, name=asked.cruise)
     return 0
 
 

@@ -1,16 +1,18 @@
 """Settings of each stage, from the configuration of a cruise, and the files that the YAML files name.
 
 A stage is given only the keys that it uses. Each becomes one parameter ``key=value`` of its rule, so that a changed key
-re-runs only the stages that use it, and Snakemake prints that key as the reason.
+re-runs only the stages that use it, and Snakemake prints that key as the reason. Snakemake compares the set of a job's
+input files: where their order matters, it is a parameter too (``names``, ``parts``, ``heads``).
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
+from urllib.parse import quote, unquote
 
 from compasslib import calibrations, plugins, readers
 from compasslib.archive import deposit
@@ -26,37 +28,57 @@ from compasslib.inference import kinds
 CONCEALED = tuple(f"C{k}" for k in range(1, 5))  # demonstration moorings whose truth is read for one page only
 SIMULATED = (*(f"EG{k}" for k in range(1, 8)), *CONCEALED)  # the moorings of the demonstration cruise
 DEPLOYMENT_KEYS = ("pressure_offset", "clock_offset_seconds", "clock_drift_seconds", "direction_reference")
+# Settings of a calibration that its result states, and on which the search for effects does not depend.
+NOT_SEARCHED = ("table_step_deg", "parts", "object", "budget", "uncertainty")
 Arguments = dict[str, Any]
 
 
 def flatten(arguments: Mapping[str, Any]) -> dict[str, str]:
-    """Convert arguments of a stage to texts ``key=value`` with values as JSON; keys of mappings follow a dot.
+    """Convert arguments of a stage to texts ``key=value``, one for each number, text or switch, with values as JSON.
 
-    >>> flatten({"method": "exact", "place": {"latitude": 66.5}})
-    {'method': 'method="exact"', 'place.latitude': 'place.latitude=66.5'}
+    >>> flatten({"method": "exact", "place": {"latitude": 66.5}, "exclude": [[0.0, 1.5]]}).values()
+    dict_values(['method="exact"', 'place.latitude=66.5', 'exclude[0][0]=0.0', 'exclude[0][1]=1.5'])
     """
-    leaves: dict[str, Any] = {}
-    for name, value in arguments.items():
-        inner = isinstance(value, Mapping) and value
-        leaves |= {f"{name}.{key}": each for key, each in value.items()} if inner else {name: value}
-    return {name: f"{name}={json.dumps(value, ensure_ascii=False)}" for name, value in leaves.items()}
+    return {path: f"{path}={json.dumps(value, ensure_ascii=False)}" for path, value in _leaves(arguments)}
+
+
+def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the values in mappings and lists, with their paths; other signs in a name than letters are escaped."""
+    if isinstance(value, Mapping) and value:
+        for name, each in value.items():
+            escaped = quote(name, safe="/ ").replace(".", "%2E")
+            yield from _leaves(each, f"{path}.{escaped}" if path else escaped)
+    elif isinstance(value, list | tuple) and value:
+        for k, each in enumerate(value):
+            yield from _leaves(each, f"{path}[{k}]")
+    elif path:
+        yield path, value
 
 
 def unflatten(texts: Iterable[str]) -> Arguments:
-    """Return the arguments that ``flatten`` converted.
+    """Return the arguments that ``flatten`` converted, with lists in place of tuples.
 
-    >>> unflatten(['method="exact"', "place.latitude=66.5"])
-    {'method': 'exact', 'place': {'latitude': 66.5}}
+    >>> unflatten(['method="exact"', "place.latitude=66.5", "exclude[0][0]=0.0", "exclude[0][1]=1.5"])
+    {'method': 'exact', 'place': {'latitude': 66.5}, 'exclude': [[0.0, 1.5]]}
     """
-    arguments: Arguments = {}
+    tree: Arguments = {}
     for text in texts:
-        name, value = text.split("=", 1)
-        outer, dot, inner = name.partition(".")
-        if dot:
-            arguments.setdefault(outer, {})[inner] = json.loads(value)
-        else:
-            arguments[name] = json.loads(value)
+        path, value = text.split("=", 1)
+        *outer, last = path.replace("[", ".[").split(".")
+        inner = tree
+        for name in outer:
+            inner = inner.setdefault(name, {})
+        inner[last] = json.loads(value)
+    arguments: Arguments = _with_lists(tree)
     return arguments
+
+
+def _with_lists(tree: Any) -> Any:
+    if not isinstance(tree, dict):
+        return tree
+    if "[0]" in tree:
+        return [_with_lists(tree[f"[{k}]"]) for k in range(len(tree))]
+    return {unquote(name): _with_lists(value) for name, value in tree.items()}
 
 
 def parameters(settings: Callable[..., Arguments], subjects: Iterable[tuple[str, ...]]) -> dict[str, Any]:
@@ -157,7 +179,7 @@ class Moorings:
 
     def transfer_calibration(self, name: str) -> Arguments:
         parts = list(self._instrument(name, self.mooring(name).compromised).parts)
-        return {"parts": parts, "sphere": self._sphere(name)}
+        return {"parts": parts, "sphere": self._sphere(name), "names": self.calibrations(name)}
 
     def diagnose(self, name: str) -> Arguments:
         mooring = self.mooring(name)
@@ -188,6 +210,7 @@ class Moorings:
             "options": dict(mooring.product.model_dump(mode="json")),
             "compasses": self._reference_compasses(name),
             "rotors": [mooring.instruments[role].kind == "rotor" for role in mooring.reference],
+            "parts": self.parts(name),
         }
 
     def superseded(self, name: str) -> dict[str, Any] | None:
@@ -307,10 +330,17 @@ class Calibrations:
         return list(self.cruise.calibrations[name].compare_with)
 
     def calibrate(self, name: str) -> Arguments:
-        return {"kind": self._kind(name), "settings": configured.settings(self.cruise.calibrations[name])}
+        file = self.cruise.calibrations[name]
+        heads = list(file.files) if file.kind == "two_heads" else []
+        return {"kind": file.kind, "settings": configured.settings(file), "heads": heads}
+
+    def compare_calibrations(self, name: str) -> Arguments:
+        return {"names": self.compared_with(name)}
 
     def diagnose(self, name: str) -> Arguments:
-        return self.calibrate(name) | {"options": dict(self.cruise.options.diagnose.model_dump())}
+        used = self.calibrate(name)
+        used["settings"] = {key: value for key, value in used["settings"].items() if key not in NOT_SEARCHED}
+        return used | {"options": dict(self.cruise.options.diagnose.model_dump())}
 
     @property
     def diagnosed(self) -> list[str]:
@@ -398,7 +428,7 @@ def array(cruise: Cruise) -> list[dict[str, Any]]:
                     "orientation": each.orientation,
                     "role": roles.get((name, role), "other"),
                 }
-                for role, each in mooring.instruments.items()
+                for role, each in sorted(mooring.instruments.items())
             ],
         }
         for name, mooring in moorings.items()

@@ -36,7 +36,7 @@ rule compare_calibrations:
     log:
         "results/calibrations/{calibration}/logs/compare.log",
     params:
-        library=LIBRARY,
+        **keys(CALIBRATIONS.compare_calibrations, [(name,) for name in CRUISE.calibrations]),
     script:
         "../scripts/compare_calibrations.py"
 
@@ -74,7 +74,7 @@ rule diagnosis_figure:
     log:
         "results/calibrations/{calibration}/logs/diagnosis_figure.log",
     params:
-        library=LIBRARY,
+        **DRAWN,
     script:
         "../scripts/diagnosis_figure.py"
 
@@ -83,7 +83,7 @@ for FIGURES, OF_THESE in CALIBRATIONS.figures.items():
 
     rule:
         name:
-            figures_rule(FIGURES)
+            calibration_figures(OF_THESE[0])
         input:
             calibration="results/calibrations/{calibration}/calibration.json",
             table="results/calibrations/{calibration}/table.csv",
@@ -100,6 +100,6 @@ for FIGURES, OF_THESE in CALIBRATIONS.figures.items():
         wildcard_constraints:
             calibration=guard.only(OF_THESE),
         params:
-            library=LIBRARY,
+            **DRAWN,
         script:
             "../scripts/calibration_figures.py"

@@ -7,7 +7,12 @@ def keys(arguments, subjects):
 
 
 def usable(kind):
-    """List the moorings, calibrations or compasses that can go on, by the checkpoint."""
+    """List the moorings, calibrations or compasses that can go on, by the checkpoint; in a dry run by the last one."""
+    if workflow.dryrun:  # so that it lists all jobs, not only those before the checkpoint
+        last = Path("results/usable.json")
+        reasons = json.loads(last.read_text())[kind] if last.is_file() else {}
+        configured = {"moorings": CRUISE.moorings, "calibrations": CRUISE.calibrations, "compasses": COMPASSES.members}
+        return [name for name in configured[kind] if reasons.get(name) is None]
     with checkpoints.usable.get().output.usable.open() as stream:
         return [name for name, reason in json.load(stream)[kind].items() if reason is None]
 
@@ -55,39 +60,41 @@ def archived(name):
     return [*products, *gridded, *(f"results/{name}/work/{role}.nc" for role in roles)]
 
 
-def results(wildcards=None):
-    """List all results of what can go on: Snakemake makes a deleted file again only if it is asked for."""
+def calibration_figures(name):
+    """Name the rule that draws the figures of a calibration."""
+    return next(f"calibration_figures_{'_'.join(each)}" for each, of in CALIBRATIONS.figures.items() if name in of)
+
+
+def jobs():
+    """List rule and wildcards of all jobs of the moorings, calibrations and compasses that can go on, but the pages."""
     moorings, calibrations = usable("moorings"), usable("calibrations")
-    gridded = [name for name in MOORINGS.gridded if set(MOORINGS.parts(name)) & set(moorings)]
-    daily = [name for name in gridded if MOORINGS.gridded[name][1:]]
-    checked = list(dict.fromkeys([*moorings, *gridded])) if CRUISE.options.conventions.check else []
-    each = [rules.overlap, rules.fit, rules.diagnose, rules.correct, rules.compare, rules.figures]
-    made = [(rule, "mooring", moorings) for rule in each]
-    made += [(rules.diagnose_alone, "mooring", [name for name in moorings if name in COMPASSES.moorings])]
-    made += [(rules.grid, "mooring", gridded), (rules.grid_with_daily_means, "mooring", daily)]
-    made += [(rules.sections, "mooring", gridded), (rules.check_conventions, "mooring", checked)]
-    made += [(rule, "calibration", calibrations) for rule in (rules.calibrate, rules.compare_calibrations)]
-    searched = [name for name in calibrations if name in CALIBRATIONS.diagnosed]
-    made += [(rule, "calibration", searched) for rule in (rules.diagnose_calibration, rules.diagnosis_figure)]
-    made += [(drawn_by(name), "calibration", [name]) for name in calibrations]
-    made += [(rule, "compass", usable("compasses")) for rule in (rules.combine_records, rules.joined_figures)]
-    files = [file for rule, kind, names in made for file in expand(rule.output, **{kind: names})]
-    files += [file for name in moorings for file in expand(rules.read.output, mooring=name, role=MOORINGS.roles(name))]
-    files += [file for rule in (rules.summary, rules.cruise_figures) if CRUISE.moorings for file in rule.output]
-    files += [f"results/{name}/logs/simulate.json" for name in moorings if name in SIMULATED]
-    return list(dict.fromkeys([*files, *(["results/logs/concealed.json"] if CONCEALED else [])]))
-
-
-def drawn_by(name):
-    """Return the rule that draws the figures of a calibration."""
-    return next(getattr(rules, figures_rule(figures)) for figures, of in CALIBRATIONS.figures.items() if name in of)
-
-
-def figures_rule(figures):
-    """Name the rule that draws these figures of calibrations."""
-    return f"calibration_figures_{'_'.join(figures)}"
+    gridded = {name: files for name, files in MOORINGS.gridded.items() if set(MOORINGS.parts(name)) & set(moorings)}
+    checked = dict.fromkeys([*moorings, *gridded]) if CRUISE.options.conventions.check else ()
+    diagnosed = [name for name in calibrations if name in CALIBRATIONS.diagnosed]
+    of_moorings = ("overlap", "fit", "diagnose", "correct", "compare", "figures")
+    return [
+        *((f"simulate_{name}", {}) for name in moorings if name in SIMULATED),
+        *(("read", {"mooring": name, "role": role}) for name in moorings for role in MOORINGS.roles(name)),
+        *((rule, {"mooring": name}) for name in moorings for rule in of_moorings),
+        *(("diagnose_alone", {"mooring": name}) for name in moorings if name in COMPASSES.moorings),
+        *(("grid_with_daily_means" if files[1:] else "grid", {"mooring": name}) for name, files in gridded.items()),
+        *(("sections", {"mooring": name}) for name in gridded),
+        *(("check_conventions", {"mooring": name}) for name in checked),
+        *((rule, {"calibration": name}) for name in calibrations for rule in ("calibrate", "compare_calibrations")),
+        *((calibration_figures(name), {"calibration": name}) for name in calibrations),
+        *((rule, {"calibration": name}) for name in diagnosed for rule in ("diagnose_calibration", "diagnosis_figure")),
+        *((rule, {"compass": name}) for name in usable("compasses") for rule in ("combine_records", "joined_figures")),
+        *((rule, {}) for rule in ("summary", "cruise_figures") if CRUISE.moorings),
+        *(("concealed", {}) for _ in CONCEALED[:1]),
+    ]
 
 
 def records(wildcards=None):
-    """List the records of the jobs behind all results."""
-    return [file for file in results() if "/logs/" in file]
+    """List the records of these jobs."""
+    return [getattr(rules, rule).output.job.format(**of) for rule, of in jobs()]
+
+
+def products(wildcards):
+    """List all files, which Snakemake looks for as inputs of the target only: one that was deleted is made again."""
+    pages = [*rules.report.output, *rules.provenance.output, *rules.complete.output]
+    return [*(file.format(**of) for rule, of in jobs() for file in getattr(rules, rule).output), *pages]

@@ -36,6 +36,6 @@ rule joined_figures:
     log:
         "results/compasses/{compass}/logs/figures.log",
     params:
-        library=LIBRARY,
+        **DRAWN,
     script:
         "../scripts/joined_figures.py"

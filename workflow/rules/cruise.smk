@@ -20,7 +20,7 @@ checkpoint usable:
         "results/logs/usable.log",
     localrule: True
     params:
-        **keys(lambda: guard.needs(CRUISE) | {"without": WITHOUT}, [()]),
+        **keys(lambda: guard.needs(CRUISE) | {"without": WITHOUT, "order": list(CRUISE.moorings)}, [()]),
     script:
         "../scripts/usable.py"
 
@@ -49,6 +49,7 @@ rule summary:
 rule cruise_figures:
     """Draw figures of all moorings: array, deviations, differences from the reference, currents."""
     input:
+        usable="results/usable.json",
         deviations=of_moorings("deviation.json"),
         assessments=of_moorings("assessment.json"),
     output:
@@ -61,7 +62,7 @@ rule cruise_figures:
         "results/logs/cruise_figures.log",
     localrule: True
     params:
-        **keys(lambda: {"array": settings.array(CRUISE)}, [()]),
+        **keys(lambda: {"array": settings.array(CRUISE), "formats": FORMATS}, [()]),
     script:
         "../scripts/cruise_figures.py"
 

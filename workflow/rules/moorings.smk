@@ -282,7 +282,7 @@ rule figures:
     benchmark:
         "results/{mooring}/benchmarks/figures.tsv"
     params:
-        library=LIBRARY,
+        **DRAWN,
     script:
         "../scripts/figures.py"
 
@@ -304,7 +304,7 @@ rule sections:
     benchmark:
         "results/{mooring}/benchmarks/sections.tsv"
     params:
-        library=LIBRARY,
+        **DRAWN,
     script:
         "../scripts/sections.py"
 
