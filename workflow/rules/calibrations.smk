@@ -84,18 +84,18 @@ rule diagnosis_figure:
         "../scripts/diagnosis_figure.py"
 
 
-for FIGURES, OF_THESE in CALIBRATIONS.figures.items():
+for DRAWN, OF_THESE in CALIBRATIONS.figures.items():
 
     rule:
         name:
-            f"calibration_figures_{'_'.join(FIGURES)}"
+            f"calibration_figures_{'_'.join(DRAWN)}"
         input:
             calibration="results/calibrations/{calibration}/calibration.json",
             table="results/calibrations/{calibration}/table.csv",
             points="results/calibrations/{calibration}/points.csv",
         output:
             figures=report(
-                expand("results/calibrations/{{calibration}}/figures/{name}.{form}", name=FIGURES, form=FORMATS),
+                expand("results/calibrations/{{calibration}}/figures/{name}.{form}", name=DRAWN, form=FORMATS),
                 category="Calibrations",
                 subcategory="{calibration}",
             ),

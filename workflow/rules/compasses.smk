@@ -33,9 +33,7 @@ rule joined_figures:
         joined="results/compasses/{compass}/compass.json",
     output:
         figures=report(
-            expand(
-                "results/compasses/{{compass}}/figures/{name}.{form}", name=["coefficients", "curve"], form=FORMATS
-            ),
+            expand("results/compasses/{{compass}}/figures/{name}.{form}", name=FIGURES["compass"], form=FORMATS),
             category="Compasses",
             subcategory="{compass}",
         ),

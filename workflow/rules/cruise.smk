@@ -32,15 +32,18 @@ def of_moorings(*files):
     return lambda wildcards: [f"results/{name}/{file}" for name in usable("moorings") for file in files]
 
 
+def of_instruments(wildcards):
+    """List the records of the instruments of the moorings that can go on."""
+    return [f"results/{name}/work/{role}.nc" for name in usable("moorings") for role in MOORINGS.roles(name)]
+
+
 rule summary:
     """Summarize the cruise, one row per mooring."""
     input:
         usable="results/usable.json",
         files=of_moorings("deviation.json", "diagnosis.json", "assessment.json", "corrected.nc", "overlap.nc"),
         fields=of_moorings("work/field.json"),
-        records=lambda wildcards: [
-            f"results/{name}/work/{role}.nc" for name in usable("moorings") for role in MOORINGS.roles(name)
-        ],
+        records=of_instruments,
     output:
         summary=report("results/summary.csv", caption="../report/summary.rst", category="Cruise"),
         job="results/logs/summary.json",
@@ -59,9 +62,7 @@ rule cruise_figures:
         assessments=of_moorings("assessment.json"),
     output:
         figures=report(
-            expand(
-                "results/figures/{name}.{form}", name=["array", "curves", "differences", "currents"], form=FORMATS
-            ),
+            expand("results/figures/{name}.{form}", name=FIGURES["cruise"], form=FORMATS),
             category="Cruise",
         ),
         job="results/logs/cruise_figures.json",
@@ -73,10 +74,34 @@ rule cruise_figures:
         "../scripts/cruise_figures.py"
 
 
+def shown(wildcards):
+    """List the files of what can go on that the report reads or links to."""
+    calibrations = usable("calibrations")
+    diagnosed = [name for name in calibrations if name in CALIBRATIONS.diagnosed]
+    mooring = ["deviation.json", "diagnosis.json", "assessment.json", "corrected.nc", "overlap.nc"]
+    mooring += ["table.csv", "histograms.csv", "work/pictures.json"]
+    calibration = ["calibration.json", "table.csv", "points.csv"]
+    return [
+        *of_instruments(wildcards),
+        *files("results/", usable("moorings"), *mooring, figures=FIGURES["mooring"]),
+        *files("results/", gridded(), "gridded.nc", "work/sections.json", figures=FIGURES["gridded"]),
+        *files("results/calibrations/", calibrations, *calibration),
+        *files("results/calibrations/", diagnosed, "diagnosis.json", figures=["diagnosis"]),
+        *files("results/compasses/", usable("compasses"), "compass.json", "diagnosis.json", figures=FIGURES["compass"]),
+        *files("", ["results"] if CRUISE.moorings else [], "summary.csv", figures=FIGURES["cruise"]),
+        *(
+            file
+            for figures, names in CALIBRATIONS.figures.items()
+            for file in files("results/calibrations/", [each for each in names if each in calibrations], figures=figures)
+        ),
+    ]
+
+
 rule report:
     """Write all results to one page that needs no network."""
     input:
         records,
+        shown=shown,
         usable="results/usable.json",
     output:
         page=report("results/report.html", caption="../report/page.rst", category="Cruise"),
@@ -93,7 +118,9 @@ rule provenance:
     """Write the manifest from all job records: a Process Run Crate with the hash of every file read or written."""
     input:
         jobs=lambda wildcards: [*records(), "results/logs/usable.json", "results/logs/report.json"],
-        settings=sorted({file for files in settings.configuration(CRUISE).values() for file in files}),
+        settings=[
+            local(file) for file in sorted({file for each in settings.configuration(CRUISE).values() for file in each})
+        ],
         usable="results/usable.json",
     output:
         manifest="results/ro-crate-metadata.json",

@@ -285,11 +285,7 @@ rule figures:
         product="results/{mooring}/corrected.nc",
     output:
         figures=report(
-            expand(
-                "results/{{mooring}}/figures/{name}.{form}",
-                name=["deviation", "diagnosis", "histograms", "progressive", "roses", "scatter", "sticks", "timeline"],
-                form=FORMATS,
-            ),
+            expand("results/{{mooring}}/figures/{name}.{form}", name=FIGURES["mooring"], form=FORMATS),
             category="Moorings",
             subcategory="{mooring}",
         ),
@@ -311,7 +307,7 @@ rule sections:
         gridded="results/{mooring}/gridded.nc",
     output:
         figures=report(
-            expand("results/{{mooring}}/figures/{name}.{form}", name=["section", "profile"], form=FORMATS),
+            expand("results/{{mooring}}/figures/{name}.{form}", name=FIGURES["gridded"], form=FORMATS),
             category="Moorings",
             subcategory="{mooring}",
         ),
