@@ -19,6 +19,7 @@ from compasslib.archive import provenance
 from compasslib.archive.files import HALF_WRITTEN, PLANNED
 from compasslib.config.cruise import Cruise
 from compasslib.errors import InputError
+from compasslib.pipeline.job import ROOT
 from compasslib.pipeline.settings import CONCEALED, Arguments, Compasses, Moorings, configuration
 
 RESULTS = Path("results")
@@ -236,6 +237,7 @@ def _is_foreign(file: str, made: set[tuple[str, str]]) -> bool:
     return any(place.name.casefold() in map(str.casefold, os.listdir(place.parent)) for place in absent)
 
 
-def in_storage(workflow: Any) -> bool:
-    """Return whether files are fetched by a storage plug-in of Snakemake, so that raw files are not in the folder."""
-    return bool(workflow.storage_settings and workflow.storage_settings.default_storage_provider)
+def storage_root(workflow: Any) -> str:
+    """Return where a storage plug-in of Snakemake keeps copies of the cruise's files, for jobs too; "." without one."""
+    os.environ[ROOT] = str(Path(workflow.inputfile(str(RESULTS))).parent)
+    return os.environ[ROOT]

@@ -25,6 +25,7 @@ from compasslib.pipeline.settings import unflatten
 from compasslib.statistics import single_threaded
 
 OUT_OF_MEMORY = "ran out of memory; run again with fewer --cores, so that fewer jobs share it, or on a larger machine"
+ROOT = "COMPASSLIB_ROOT"  # environment variable: folder to which the paths of a job are relative
 INTERRUPTED = "was interrupted; run again to take it up"
 Paths = str | list[str]
 
@@ -81,9 +82,9 @@ def _without(snakemake: Any) -> str:
 
 def _run(snakemake: Any, stage: Callable[..., None], say: Callable[[str], None], subject: str | None) -> None:
     """Run the stage and write its record; where ``subject`` is given, an unusable file is a reason, not an error."""
-    root = _storage_root(snakemake)
+    root = os.environ.get(ROOT, ".")
     reads, writes = (_relative(files, root) for files in (snakemake.input, snakemake.output))
-    os.chdir(root)
+    _enter(root)
     record = str(writes.pop("job"))
     texts = [value for value in snakemake.params if isinstance(value, str)]
     settings = unflatten(text for text in texts if not text.startswith("library="))
@@ -120,20 +121,22 @@ def _reason(stage: str, error: InputError) -> dict[str, str | None]:
     return {"stage": stage, "why": str(error), "file": place if os.path.exists(place) else None, "advice": error.advice}
 
 
-def _storage_root(snakemake: Any) -> str:
-    """Return the folder to which paths are relative: ``.``, or where a storage plug-in keeps its copies."""
-    record, log = str(snakemake.output.job), str(snakemake.log[0])
-    return record.removesuffix(f"{log.removesuffix('.log')}.json") or "."
-
-
 def _relative(files: Any, root: str) -> dict[str, Paths]:
     """Return named files of a job relative to the root; inputs without a name are only waited for."""
     return {
-        name: os.path.relpath(given, root)
+        name: given.removeprefix(f"{root}/")
         if isinstance(given, str)
-        else [os.path.relpath(path, root) for path in given]
+        else [path.removeprefix(f"{root}/") for path in given]
         for name, given in files.items()
     }
+
+
+def _enter(root: str) -> None:
+    """Change to the folder of a storage plug-in's copies, with a link to the YAML files, which are not in storage."""
+    if root != ".":
+        with suppress(FileExistsError):
+            Path(root, "config").symlink_to(Path("config").absolute())
+        os.chdir(root)
 
 
 def _flat(files: Any) -> list[str]:

@@ -89,12 +89,16 @@ def jobs():
     ]
 
 
-def records(wildcards=None):
+def results(wildcards=None):
+    """List all files of these jobs."""
+    return [file.format(**of) for rule, of in jobs() for file in getattr(rules, rule).output]
+
+
+def records():
     """List the records of these jobs."""
-    return [getattr(rules, rule).output.job.format(**of) for rule, of in jobs()]
+    return [file for file in results() if "/logs/" in file]
 
 
-def products(wildcards):
-    """List all files, which Snakemake looks for as inputs of the target only: one that was deleted is made again."""
-    pages = [*rules.report.output, *rules.provenance.output, *rules.complete.output]
-    return [*(file.format(**of) for rule, of in jobs() for file in getattr(rules, rule).output), *pages]
+def everything(wildcards):
+    """List all files: Snakemake makes a deleted one again only if it is an input of the target."""
+    return [*results(), *rules.report.output, *rules.provenance.output, *rules.complete.output]

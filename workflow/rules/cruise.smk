@@ -70,7 +70,7 @@ rule cruise_figures:
 rule report:
     """Write all results to one page that needs no network."""
     input:
-        records,
+        results,
         usable="results/usable.json",
     output:
         page=report("results/report.html", caption="../report/page.rst", category="Cruise"),
@@ -88,7 +88,7 @@ rule provenance:
     """Write the manifest from all job records: a Process Run Crate with the hash of every file read or written."""
     input:
         jobs=lambda wildcards: [*records(), "results/logs/usable.json", "results/logs/report.json"],
-        settings=sorted({file for files in settings.configuration(CRUISE).values() for file in files}),
+        settings=local(sorted({file for files in settings.configuration(CRUISE).values() for file in files})),
         usable="results/usable.json",
     output:
         manifest="results/ro-crate-metadata.json",
