@@ -24,8 +24,8 @@ import browser  # noqa: E402
 
 from compasslib import report  # noqa: E402
 from compasslib.config.cruise import load_cruise  # noqa: E402
-from compasslib.pipeline import settings  # noqa: E402
 from compasslib.report import chart  # noqa: E402
+from compasslib.stages import settings  # noqa: E402
 
 COUNTS, OPENINGS = (7, 50, 200), 5
 PAINTED = "performance.getEntriesByName('first-contentful-paint')[0].startTime"

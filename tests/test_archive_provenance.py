@@ -30,8 +30,8 @@ from compasslib.cli import main
 from compasslib.config import cruise as config
 from compasslib.config import schema, values
 from compasslib.errors import InputError
-from compasslib.pipeline import settings
 from compasslib.pipeline.process import process_mooring
+from compasslib.stages import settings
 
 SAMPLES = 120
 INPUTS = {"config/config.yaml", "config/moorings/M1.yaml", "raw/M1/top.000", "raw/M1/deep.csv"}

@@ -19,7 +19,7 @@ from compasslib import readers
 from compasslib.config import calibrations, json_schema, schema, section, values
 from compasslib.config import cruise as config
 from compasslib.errors import InputError
-from compasslib.pipeline.settings import Moorings
+from compasslib.stages.settings import Moorings
 
 ROOT = Path(__file__).resolve().parents[1]
 MOORING_FILE = "config/moorings/EG4.yaml"

@@ -12,7 +12,7 @@ from compasslib.calibrations import KINDS, budget
 from compasslib.config import calibrations
 from compasslib.config import cruise as config
 from compasslib.errors import InputError
-from compasslib.pipeline.settings import check_cruise
+from compasslib.stages.settings import check_cruise
 
 FILE = "config/calibrations/aqd.yaml"
 # A calibration file with comments, as a user may write it.

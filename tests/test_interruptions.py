@@ -20,7 +20,7 @@ from launch import command, environment, hashes, planned, snakemake
 from sea import FOLDED, cruise
 from snakemake.iocontainers import Namedlist
 
-from compasslib.pipeline.job import run_job
+from compasslib.pipeline.job import run_stage
 
 # A file of each stage, most often the last of its results.
 STAGES = {
@@ -237,7 +237,7 @@ def test_job_ended_by_memory_interrupt_or_exit_fails_in_one_line(tmp_path, monke
         raise error
 
     with pytest.raises(SystemExit, match="1"):
-        run_job(SimpleNamespace(rule="fit", log=["logs/fit.log"], **parts), stage, always_ends=True)
+        run_stage(SimpleNamespace(rule="fit", log=["logs/fit.log"], **parts), stage, always_ends=True)
     said = capsys.readouterr().err
     assert said.startswith(f"error: mooring M1: {words}") and said.count("\n") == 1
     assert said in Path("logs/fit.log").read_text() and not Path("logs/fit.json").exists()

@@ -51,7 +51,7 @@ def test_only_own_incomplete_files_are_deleted(there):
         put(f"results/M1/{name}")
         put(f"other/{name}")
     (there / "results/linked").symlink_to(there / "other")
-    guard.begin(pytest.fail)
+    guard.begin()
     assert sorted(path.name for path in (there / "results/M1").iterdir()) == sorted(kept)
     assert (there / "other" / half).exists() and not list((there / "results").glob(f".begun*{HALF_WRITTEN}"))
 
@@ -84,12 +84,11 @@ def demonstration(files: dict[str, list[str]], *, on: bool = True) -> SimpleName
         name: SimpleNamespace(instruments={"top": SimpleNamespace(files=listed, pressure_files=[])})
         for name, listed in files.items()
     }
-    there = {name: f"config/moorings/{name}.yaml" for name in files}
-    return SimpleNamespace(options=SimpleNamespace(demonstration=on), moorings=made, mooring_files=there)
+    return SimpleNamespace(options=SimpleNamespace(demonstration=on), moorings=made)
 
 
 def may_write() -> bool:
-    return "EG1" in guard.to_simulate(demonstration({"EG1": RAW}))
+    return "EG1" in stage.to_simulate(demonstration({"EG1": RAW}))
 
 
 def simulate(content: str = "simulated", stop_after: int = 3) -> None:
@@ -108,7 +107,7 @@ def put(file: str, content: str = "measured") -> None:
 
 
 def test_nothing_is_simulated_outside_a_demonstration():
-    assert guard.to_simulate(demonstration({"EG1": RAW}, on=False)) == {}
+    assert stage.to_simulate(demonstration({"EG1": RAW}, on=False)) == {}
 
 
 def test_simulation_may_write_new_files_and_its_own():
@@ -134,21 +133,8 @@ def test_complete_measured_files_are_only_read_unless_a_record_says_that_they_ar
     assert not may_write()
 
 
-@pytest.mark.parametrize("taken", [*RAW, TRUTH, "raw/EG1/TOP.000"])
+@pytest.mark.parametrize("taken", [*RAW, TRUTH])
 def test_measured_file_is_never_overwritten(taken):
     put(taken)
-    with pytest.raises(InputError, match=f"(?i){taken}: expected what the simulation wrote, or nothing"):
+    with pytest.raises(InputError, match=f"{taken}: expected what the simulation wrote, or nothing"):
         may_write()
-
-
-@pytest.mark.parametrize("link", ["raw", "raw/EG1", RAW[0], "truth"])
-def test_nothing_is_simulated_through_a_link(link):
-    Path(link).parent.mkdir(parents=True, exist_ok=True)
-    Path(link).symlink_to("nowhere")
-    with pytest.raises(InputError, match="expected what the simulation wrote, or nothing, found a file or link"):
-        may_write()
-
-
-def test_file_shared_by_two_moorings_is_refused():
-    with pytest.raises(InputError, match=r"EG2.yaml: raw/EG1/top.000: expected a file of one simulated mooring"):
-        guard.to_simulate(demonstration({"EG1": RAW, "EG2": RAW[:1]}))

@@ -11,8 +11,8 @@ from snakemake.iocontainers import Namedlist
 
 from compasslib.archive import files, netcdf, provenance
 from compasslib.errors import InputError, Stopped, TransientError, Unusable
-from compasslib.pipeline.job import run_job
-from compasslib.pipeline.settings import flatten, parameters, unflatten
+from compasslib.pipeline.job import run_stage
+from compasslib.pipeline.keys import flatten, parameters, unflatten
 
 LOG, RECORD = Path("results/M1/logs/read.log"), Path("results/M1/logs/read.json")
 MADE = {"record": "results/M1/work/top.nc", "field": "results/M1/work/field.json", "table": "results/M1/work/table.csv"}
@@ -42,9 +42,9 @@ def run(act: Callable[[], object] = lambda: None, *, always_ends: bool = False, 
         "input": Namedlist(fromdict={"raw": ["raw/a"]}),
         "output": Namedlist(fromdict={**MADE, "job": str(RECORD)}),
         "wildcards": Namedlist(fromdict={"mooring": "M1"}),
-        "params": [None, *flatten(settings).values(), "library=abc"],
+        "params": [None, *flatten(settings).values(), 'library="abc"'],
     }
-    run_job(SimpleNamespace(rule="read", log=[str(LOG)], **given), stage, always_ends=always_ends)
+    run_stage(SimpleNamespace(rule="read", log=[str(LOG)], **given), stage, always_ends=always_ends)
 
 
 def failing(error: BaseException | None, before: Callable[[], object] = lambda: None) -> Callable[[], object]:

@@ -16,7 +16,6 @@ from test_preparation_overlap import record as one_record
 from compasslib import angles, report
 from compasslib.archive import netcdf, summary
 from compasslib.config import cruise as config
-from compasslib.pipeline import settings
 from compasslib.preparation import headings
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.preparation.pairs import PairRules, find_pairs
@@ -24,6 +23,7 @@ from compasslib.preparation.quality import flag_quality, heading_outlier_flags
 from compasslib.readers import pd0
 from compasslib.records import BAD, GOOD, PROBABLY_BAD, EarthField
 from compasslib.report import words
+from compasslib.stages import settings
 
 N = 60
 

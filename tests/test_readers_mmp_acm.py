@@ -17,11 +17,11 @@ from compasslib.config.cruise import load_cruise
 from compasslib.demo import demonstration, profiler, water
 from compasslib.demo.demonstration import DEPLOYED_S
 from compasslib.errors import InputError
-from compasslib.pipeline.settings import Moorings
 from compasslib.readers import mmp as acm
 from compasslib.readers.mmp import rows as mmp_rows
 from compasslib.readers.mmp import scans as mmp_scans
 from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
+from compasslib.stages.settings import Moorings
 
 TEXT, BINARY = "acm/mmp_global_A0000001.TXT", "acm/mmp_global_A0000001.DAT"
 METER = profiler.Acm(1405, "ML1405-01D", 65.27, -32.88, rate_hz=2.0)

@@ -27,7 +27,8 @@ from two_heads_files import cast
 from compasslib.archive.files import read_json
 from compasslib.cli import main
 from compasslib.config.cruise import load_cruise
-from compasslib.pipeline import guard, settings
+from compasslib.pipeline import guard, keys
+from compasslib.stages import settings
 
 HOURS = 60
 FIGURES = re.compile("(?<=calibration_figures)_.*")  # names of figures in the name of a rule
@@ -123,7 +124,7 @@ def stated(folder: Path) -> dict[Job, set[str]]:
     ]
     return {
         (rule, *subject): {
-            *settings.flatten(arguments(*subject)).values(),
+            *keys.flatten(arguments(*subject)).values(),
             *(x for each in files for x in each(*subject)),
         }
         for rule, arguments, subjects, *files in rules
@@ -407,7 +408,7 @@ def test_jobs_are_given_the_parameters_and_files_of_the_table(done):
     records = [read_json(path) for path in (done / "results").glob("**/logs/*.json")]
     for record in records:
         texts = given.get((FIGURES.sub("", record["rule"]), *record["of"].values()), set())
-        assert {text for text in texts if "=" in text} == {*settings.flatten(record["parameters"]).values()}
+        assert {text for text in texts if "=" in text} == {*keys.flatten(record["parameters"]).values()}
         assert {text for text in texts if text.startswith(("raw/", "results/"))} <= record["read"].keys()
     assert given.keys() <= {(FIGURES.sub("", record["rule"]), *record["of"].values()) for record in records}
 

@@ -24,7 +24,6 @@ from compasslib.errors import InputError, TransientError, Unusable
 
 RERUN = "run the cruise again, or restore it from a copy"  # advice on a result that cannot be read
 HALF_WRITTEN = ".compasslib-part"  # suffix of a file being written, which no other program uses
-PLANNED = Path(".snakemake/compasslib.simulated")  # files that simulations are about to move into place, by mooring
 STOPPED = "stopped"  # attribute or key of a file that holds a reason in place of data
 SIGNIFICANT_DIGITS = 10  # of floats in JSON
 CHUNK = 4096  # samples per chunk of a netCDF variable

@@ -24,7 +24,6 @@ from compasslib.config.schema import Covariate, Instrument
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.pipeline.process import process_mooring
-from compasslib.pipeline.settings import Calibrations, Moorings, check_cruise, used_instruments
 from compasslib.preparation.pairs import PairRules, find_pairs, match_ready_pairs
 from compasslib.readers import iaga2002, table
 from compasslib.readers.pd0.checks import match_serial_number
@@ -32,6 +31,7 @@ from compasslib.readers.ready_pairs import ROLES, read_ready_pairs
 from compasslib.records import BAD, Record
 from compasslib.report.words import position
 from compasslib.stages import read
+from compasslib.stages.settings import Calibrations, Moorings, check_cruise, used_instruments
 from compasslib.types import DAY_S, Floats
 
 SECTOR_DEG, SECTORS = 10.0, 36

@@ -27,10 +27,10 @@ from compasslib.cli import results
 from compasslib.config import cruise as config
 from compasslib.earthfield import parse_applied_declination
 from compasslib.errors import InputError
-from compasslib.pipeline.settings import Moorings
 from compasslib.preparation.deployment import to_utc
 from compasslib.readers.pd0.fields import Leaders, Rewritten, rewrite
 from compasslib.records import PROBABLY_BAD
+from compasslib.stages.settings import Moorings
 from compasslib.types import Floats
 
 SAME_TIME_S, SAME_HEADING_DEG = 0.001, 0.006  # tolerances for rounding, ensemble minus sample

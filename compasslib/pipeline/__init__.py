@@ -1,11 +1,12 @@
-"""Settings of the stages, execution of a stage as a job of Snakemake, and processing of one mooring without Snakemake.
+"""Execution of a stage as a job of Snakemake, and processing of one mooring without Snakemake.
 
-Inputs and outputs stand in the rules (``workflow/rules``). What a stage uses of the YAML files is in ``settings``:
+Inputs and outputs stand in the rules (``workflow/rules``). Each setting of a stage is a parameter of its rule:
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory
 >>> from compasslib.config import cruise
->>> from compasslib.pipeline import settings
+>>> from compasslib.pipeline import keys
+>>> from compasslib.stages import settings
 >>> with TemporaryDirectory() as folder:
 ...     Path(folder, "config").mkdir()
 ...     _ = Path(folder, "config/config.yaml").write_text("moorings: [config/M1.yaml]\\n")
@@ -16,6 +17,6 @@ Inputs and outputs stand in the rules (``workflow/rules``). What a stage uses of
 ...     moorings = settings.Moorings(cruise.load_cruise(Path(folder)))
 >>> moorings.raw_files("M1", "top")
 ['a.000']
->>> settings.flatten(moorings.fit("M1"))["method"]
+>>> keys.flatten(moorings.fit("M1"))["method"]
 'method="exact"'
 """

@@ -8,12 +8,12 @@ same: they write the reason into their outputs, which ``usable`` reads.
 from __future__ import annotations
 
 import gc
-import json
 import os
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from inspect import signature
 from pathlib import Path
 from typing import Any, TextIO
@@ -21,16 +21,28 @@ from typing import Any, TextIO
 from compasslib.archive import provenance
 from compasslib.archive.files import write_json, write_reason
 from compasslib.errors import InputError, Stopped, TransientError, Unusable
-from compasslib.pipeline.settings import unflatten
+from compasslib.pipeline.keys import unflatten
 from compasslib.statistics import single_threaded
 
 OUT_OF_MEMORY = "ran out of memory; run again with fewer --cores, so that fewer jobs share it, or on a larger machine"
 ROOT = "COMPASSLIB_ROOT"  # environment variable: folder to which the paths of a job are relative
+ALWAYS_END = ("read.read", "overlap.overlap", "calibrate.calibrate")  # stages before the checkpoint ``usable``
 INTERRUPTED = "was interrupted; run again to take it up"
 Paths = str | list[str]
 
 
-def run_job(snakemake: Any, stage: Callable[..., None], *, always_ends: bool = False) -> None:
+def run_job(snakemake: Any) -> None:
+    """Run the stage that the parameter ``stage`` names as MODULE.FUNCTION of ``compasslib.stages``; see ``run_stage``.
+
+    Raises:
+        SystemExit: the job failed.
+    """
+    module, _, function = snakemake.params.stage.partition(".")
+    stage = getattr(import_module(f"compasslib.stages.{module}"), function)
+    run_stage(snakemake, stage, always_ends=snakemake.params.stage in ALWAYS_END)
+
+
+def run_stage(snakemake: Any, stage: Callable[..., None], *, always_ends: bool = False) -> None:
     """Run one stage with its wildcards in order, and the files and settings of its rule by name of argument.
 
     The argument ``say`` writes a line to the job's log.
@@ -86,13 +98,12 @@ def _run(snakemake: Any, stage: Callable[..., None], say: Callable[[str], None],
     reads, writes = (_relative(files, root) for files in (snakemake.input, snakemake.output))
     _enter(root)
     record = str(writes.pop("job"))
-    texts = [value for value in snakemake.params if isinstance(value, str)]
-    settings = unflatten(text for text in texts if not text.startswith("library="))
+    settings = unflatten(value for value in snakemake.params if isinstance(value, str) and "=" in value)
     made = {
         "rule": snakemake.rule,
         "of": dict(snakemake.wildcards.items()),
         "software": provenance.software(),
-        "library": next((text.partition("=")[2] for text in texts if text.startswith("library=")), ""),
+        "library": settings.pop("library"),
         "parameters": settings,
     }
     signatures = {path: _sign(path) for path in _flat(reads.values())}
@@ -112,7 +123,7 @@ def _run(snakemake: Any, stage: Callable[..., None], say: Callable[[str], None],
         _on_screen(f"stopped: {subject}{reason['why']}")
     _refuse_changed(signatures)
     made["wrote"] = provenance.hashes(_flat(writes.values()))
-    write_json(record, json.loads(json.dumps(made, default=str)))
+    write_json(record, made)
 
 
 def _reason(stage: str, error: InputError) -> dict[str, str | None]:

@@ -6,22 +6,19 @@ by the workflow only.
 
 from __future__ import annotations
 
-import fcntl
-import shutil
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import chdir, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import chdir
 from inspect import signature
 from pathlib import Path
 from typing import Any
 
 from compasslib.config.cruise import Cruise, load_cruise
 from compasslib.errors import InputError
-from compasslib.pipeline.settings import Calibrations, Compasses, Moorings, check_cruise
 from compasslib.stages import calibrate, correct, diagnose, fit, grid, overlap, read
+from compasslib.stages.settings import Calibrations, Compasses, Moorings, check_cruise
 from compasslib.statistics import single_threaded
 
-TEMPORARY, MARK = ".compass-correct.", "compass-correct.lock"  # in the name of an incomplete results folder; its lock
 Say = Callable[[str], None]
 
 
@@ -43,8 +40,10 @@ def process_mooring(cruise: str | Path, mooring: str, folder: str | Path, say: S
         expected = f"a mooring of {cruise} ({', '.join(loaded.moorings) or 'it has none'})"
         raise InputError(mooring, expected=expected, found="another name", advice="write one of these names")
     _refuse_taken(there, loaded.root.absolute() / "results")
-    with _whole(there) as inside, chdir(loaded.root):
-        process(loaded, mooring, inside, say)
+    there.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{there.name}.", dir=there.parent) as temporary, chdir(loaded.root):
+        process(loaded, mooring, Path(temporary, "whole"), say)
+        Path(temporary, "whole").rename(there)
     return there
 
 
@@ -155,26 +154,3 @@ def _refuse_taken(folder: Path, results: Path) -> None:
     if folder.exists():
         advice = "name another folder, or move that one away"
         raise InputError(str(folder), expected="a folder that is not there yet", found="it there", advice=advice)
-
-
-@contextmanager
-def _whole(folder: Path) -> Iterator[Path]:
-    """Yield a temporary folder that is renamed to the requested one once the block has succeeded."""
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    for left in folder.parent.iterdir():  # leftovers of killed runs for the same results
-        ours = left.name.startswith(f".{folder.name}{TEMPORARY}") and not left.is_symlink()
-        if ours and (left / MARK).is_file() and not (left / MARK).is_symlink():
-            with (left / MARK).open("r+") as stream, suppress(OSError):
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)  # BlockingIOError while a run holds it
-                shutil.rmtree(left, ignore_errors=True)
-    temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}{TEMPORARY}", dir=folder.parent))
-    try:
-        with (temporary / MARK).open("w") as mark:
-            with suppress(OSError):  # on a file system without locks, leftovers of killed runs remain
-                fcntl.flock(mark, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            yield temporary
-            temporary.chmod(0o755)  # mkdtemp grants access to the owner only
-            (temporary / MARK).unlink()
-            temporary.rename(folder)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)

@@ -1,7 +1,7 @@
 """Stages of the workflow: functions that read files, write files and report their result.
 
 The arguments of a stage are the named inputs and outputs of its rule (``workflow/rules``), and its settings
-(``pipeline.settings``). The rule ``read`` makes the record of one instrument:
+(``settings``). The rule ``read`` makes the record of one instrument:
 
 >>> import tempfile
 >>> from pathlib import Path

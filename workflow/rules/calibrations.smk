@@ -15,9 +15,10 @@ rule calibrate:
     benchmark:
         "results/calibrations/{calibration}/benchmarks/calibrate.tsv"
     params:
-        **keys(CALIBRATIONS.calibrate, [(name,) for name in CRUISE.calibrations]),
+        stage="calibrate.calibrate",
+        **parameters(CALIBRATIONS.calibrate, [(name,) for name in CRUISE.calibrations]),
     script:
-        "../scripts/calibrate.py"
+        "../scripts/stage.py"
 
 
 rule compare_calibrations:
@@ -36,9 +37,10 @@ rule compare_calibrations:
     log:
         "results/calibrations/{calibration}/logs/compare.log",
     params:
-        **keys(CALIBRATIONS.compare_calibrations, [(name,) for name in CRUISE.calibrations]),
+        stage="calibrate.compare_calibrations",
+        **parameters(CALIBRATIONS.compare_calibrations, [(name,) for name in CRUISE.calibrations]),
     script:
-        "../scripts/compare_calibrations.py"
+        "../scripts/stage.py"
 
 
 rule diagnose_calibration:
@@ -55,9 +57,10 @@ rule diagnose_calibration:
     wildcard_constraints:
         calibration=guard.only(CALIBRATIONS.diagnosed),
     params:
-        **keys(CALIBRATIONS.diagnose, [(name,) for name in CRUISE.calibrations]),
+        stage="diagnose.diagnose_calibration",
+        **parameters(CALIBRATIONS.diagnose, [(name,) for name in CRUISE.calibrations]),
     script:
-        "../scripts/diagnose_calibration.py"
+        "../scripts/stage.py"
 
 
 rule diagnosis_figure:
@@ -74,9 +77,10 @@ rule diagnosis_figure:
     log:
         "results/calibrations/{calibration}/logs/diagnosis_figure.log",
     params:
+        stage="figures.diagnosis_figure",
         **DRAWN,
     script:
-        "../scripts/diagnosis_figure.py"
+        "../scripts/stage.py"
 
 
 for FIGURES, OF_THESE in CALIBRATIONS.figures.items():
@@ -100,6 +104,7 @@ for FIGURES, OF_THESE in CALIBRATIONS.figures.items():
         wildcard_constraints:
             calibration=guard.only(OF_THESE),
         params:
+            stage="figures.calibration_figures",
             **DRAWN,
         script:
-            "../scripts/calibration_figures.py"
+            "../scripts/stage.py"

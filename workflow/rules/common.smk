@@ -1,9 +1,9 @@
 """Functions of the rules: their parameters, and files that depend on the configuration or on the checkpoint."""
 
 
-def keys(arguments, subjects):
+def parameters(arguments, subjects):
     """Compose the parameters of a rule: one "key=value" for each key that it uses, and the hash of the library."""
-    return settings.parameters(arguments, subjects) | {"library": LIBRARY}
+    return keys.parameters(arguments, subjects) | {"library": LIBRARY}
 
 
 def usable(kind):
@@ -99,6 +99,12 @@ def records():
     return [file for file in results() if "/logs/" in file]
 
 
+def before_checkpoint(wildcards):
+    """List the files up to the checkpoint, which a failed job may have left without those after it."""
+    read = [f"results/{name}/work/{role}.nc" for name, role in INSTRUMENTS if name not in WITHOUT["moorings"]]
+    return [*read, *rules.usable.input]
+
+
 def everything(wildcards):
     """List all files: Snakemake makes a deleted one again only if it is an input of the target."""
-    return [*results(), *rules.report.output, *rules.provenance.output, *rules.complete.output]
+    return [*results(), *rules.usable.output, *rules.report.output, *rules.provenance.output, *rules.complete.output]

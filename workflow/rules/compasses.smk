@@ -15,9 +15,10 @@ rule combine_records:
     benchmark:
         "results/compasses/{compass}/benchmarks/combine_records.tsv"
     params:
-        **keys(COMPASSES.combine_records, [(name,) for name in COMPASSES.members]),
+        stage="diagnose.combine_records",
+        **parameters(COMPASSES.combine_records, [(name,) for name in COMPASSES.members]),
     script:
-        "../scripts/combine_records.py"
+        "../scripts/stage.py"
 
 
 rule joined_figures:
@@ -36,6 +37,7 @@ rule joined_figures:
     log:
         "results/compasses/{compass}/logs/figures.log",
     params:
+        stage="figures.joined_figures",
         **DRAWN,
     script:
-        "../scripts/joined_figures.py"
+        "../scripts/stage.py"

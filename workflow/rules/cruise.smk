@@ -20,9 +20,10 @@ checkpoint usable:
         "results/logs/usable.log",
     localrule: True
     params:
-        **keys(lambda: guard.needs(CRUISE) | {"without": WITHOUT, "order": list(CRUISE.moorings)}, [()]),
+        stage="cruise.usable",
+        **parameters(lambda: settings.needs(CRUISE) | {"without": WITHOUT, "order": list(CRUISE.moorings)}, [()]),
     script:
-        "../scripts/usable.py"
+        "../scripts/stage.py"
 
 
 rule summary:
@@ -41,9 +42,10 @@ rule summary:
         "results/logs/summary.log",
     localrule: True
     params:
-        **keys(lambda: {"roles": {name: MOORINGS.roles(name) for name in CRUISE.moorings}}, [()]),
+        stage="cruise.summary",
+        **parameters(lambda: {"roles": {name: MOORINGS.roles(name) for name in CRUISE.moorings}}, [()]),
     script:
-        "../scripts/summary.py"
+        "../scripts/stage.py"
 
 
 rule cruise_figures:
@@ -62,9 +64,10 @@ rule cruise_figures:
         "results/logs/cruise_figures.log",
     localrule: True
     params:
-        **keys(lambda: {"array": settings.array(CRUISE), "formats": FORMATS}, [()]),
+        stage="figures.cruise_figures",
+        **parameters(lambda: {"array": settings.array(CRUISE), "formats": FORMATS}, [()]),
     script:
-        "../scripts/cruise_figures.py"
+        "../scripts/stage.py"
 
 
 rule report:
@@ -79,9 +82,10 @@ rule report:
         "results/logs/report.log",
     localrule: True
     params:
-        **keys(lambda: settings.report(CRUISE), [()]),
+        stage="report.report",
+        **parameters(lambda: settings.report(CRUISE), [()]),
     script:
-        "../scripts/report.py"
+        "../scripts/stage.py"
 
 
 rule provenance:
@@ -97,9 +101,10 @@ rule provenance:
         "results/logs/provenance.log",
     localrule: True
     params:
-        **keys(lambda: {"attributes": CRUISE.options.attributes, "configuration": settings.configuration(CRUISE)}, [()]),
+        stage="cruise.provenance",
+        **parameters(lambda: {"attributes": CRUISE.options.attributes, "configuration": settings.configuration(CRUISE)}, [()]),
     script:
-        "../scripts/provenance.py"
+        "../scripts/stage.py"
 
 
 rule complete:
@@ -113,6 +118,7 @@ rule complete:
         "results/logs/complete.log",
     localrule: True
     params:
+        stage="cruise.complete",
         library=LIBRARY,
     script:
-        "../scripts/complete.py"
+        "../scripts/stage.py"

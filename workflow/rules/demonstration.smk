@@ -7,15 +7,16 @@ for NAME in SIMULATED:
             f"simulate_{NAME}"
         output:
             raw=SIMULATED[NAME],
-            truth=guard.truth_file(NAME),
+            truth=simulate.truth_file(NAME),
             job=f"results/{NAME}/logs/simulate.json",
         log:
             f"results/{NAME}/logs/simulate.log",
         priority: 1  # before all other jobs: a mooring simulated last would end on one core
         params:
-            **keys(lambda name=NAME: {"name": name, "seed": CRUISE.options.seed}, [()]),
+            stage="simulate.simulate",
+            **parameters(lambda name=NAME: {"name": name, "seed": CRUISE.options.seed}, [()]),
         script:
-            "../scripts/simulate.py"
+            "../scripts/stage.py"
 
 
 if CONCEALED:
@@ -23,7 +24,7 @@ if CONCEALED:
     rule concealed:
         """Compare the diagnoses of the moorings C1, C2, ... with the truth, which no other rule reads."""
         input:
-            truths=[guard.truth_file(name) for name in CONCEALED],
+            truths=[simulate.truth_file(name) for name in CONCEALED],
             corrected=lambda wildcards: [
                 f"results/{name}/corrected.nc" for name in CONCEALED if name in usable("moorings")
             ],
@@ -40,6 +41,7 @@ if CONCEALED:
             "results/logs/concealed.log",
         localrule: True
         params:
+            stage="concealed.concealed",
             library=LIBRARY,
         script:
-            "../scripts/concealed.py"
+            "../scripts/stage.py"

@@ -16,9 +16,10 @@ rule read:
     group:
         lambda wildcards: guard.group("read", wildcards.mooring)
     params:
-        **keys(MOORINGS.read, INSTRUMENTS),
+        stage="read.read",
+        **parameters(MOORINGS.read, INSTRUMENTS),
     script:
-        "../scripts/read.py"
+        "../scripts/stage.py"
 
 
 rule overlap:
@@ -40,9 +41,10 @@ rule overlap:
     group:
         lambda wildcards: guard.group("read", wildcards.mooring)
     params:
-        **keys(MOORINGS.overlap, NAMES),
+        stage="overlap.overlap",
+        **parameters(MOORINGS.overlap, NAMES),
     script:
-        "../scripts/overlap.py"
+        "../scripts/stage.py"
 
 
 rule fit:
@@ -63,9 +65,10 @@ rule fit:
     group:
         group_of_mooring
     params:
-        **keys(MOORINGS.fit, NAMES),
+        stage="fit.fit",
+        **parameters(MOORINGS.fit, NAMES),
     script:
-        "../scripts/fit.py"
+        "../scripts/stage.py"
 
 
 rule transfer_calibration:
@@ -87,9 +90,10 @@ rule transfer_calibration:
     group:
         group_of_mooring
     params:
-        **keys(MOORINGS.transfer_calibration, NAMES),
+        stage="fit.transfer_calibration",
+        **parameters(MOORINGS.transfer_calibration, NAMES),
     script:
-        "../scripts/transfer_calibration.py"
+        "../scripts/stage.py"
 
 
 rule diagnose:
@@ -116,9 +120,10 @@ rule diagnose:
     group:
         group_of_mooring
     params:
-        **keys(MOORINGS.diagnose, NAMES),
+        stage="diagnose.diagnose",
+        **parameters(MOORINGS.diagnose, NAMES),
     script:
-        "../scripts/diagnose.py"
+        "../scripts/stage.py"
 
 
 use rule diagnose as diagnose_alone with:
@@ -163,9 +168,10 @@ rule diagnose_jointly:
     group:
         lambda wildcards: guard.group("mooring", wildcards.mooring)
     params:
-        **keys(MOORINGS.diagnose_jointly, NAMES),
+        stage="diagnose.diagnose_jointly",
+        **parameters(MOORINGS.diagnose_jointly, NAMES),
     script:
-        "../scripts/diagnose_jointly.py"
+        "../scripts/stage.py"
 
 
 rule correct:
@@ -193,9 +199,10 @@ rule correct:
     group:
         lambda wildcards: guard.group("mooring", wildcards.mooring)
     params:
-        **keys(MOORINGS.correct, NAMES),
+        stage="correct.correct",
+        **parameters(MOORINGS.correct, NAMES),
     script:
-        "../scripts/correct.py"
+        "../scripts/stage.py"
 
 
 rule grid:
@@ -221,9 +228,10 @@ rule grid:
     group:
         lambda wildcards: guard.group("mooring", wildcards.mooring)
     params:
-        **keys(MOORINGS.grid, [(name,) for name in CRUISE.whole]),
+        stage="grid.grid",
+        **parameters(MOORINGS.grid, [(name,) for name in CRUISE.whole]),
     script:
-        "../scripts/grid.py"
+        "../scripts/stage.py"
 
 
 use rule grid as grid_with_daily_means with:
@@ -251,9 +259,10 @@ rule compare:
     group:
         lambda wildcards: guard.group("mooring", wildcards.mooring)
     params:
+        stage="correct.compare",
         library=LIBRARY,
     script:
-        "../scripts/compare.py"
+        "../scripts/stage.py"
 
 
 rule figures:
@@ -282,9 +291,10 @@ rule figures:
     benchmark:
         "results/{mooring}/benchmarks/figures.tsv"
     params:
+        stage="figures.figures",
         **DRAWN,
     script:
-        "../scripts/figures.py"
+        "../scripts/stage.py"
 
 
 rule sections:
@@ -304,9 +314,10 @@ rule sections:
     benchmark:
         "results/{mooring}/benchmarks/sections.tsv"
     params:
+        stage="figures.sections",
         **DRAWN,
     script:
-        "../scripts/sections.py"
+        "../scripts/stage.py"
 
 
 rule check_conventions:
@@ -319,10 +330,11 @@ rule check_conventions:
     log:
         "results/{mooring}/logs/conventions.log",
     params:
+        stage="cruise.conventions",
         library=LIBRARY,
         checker=f"checker={json.dumps(provenance.installed('compliance-checker'))}",
     script:
-        "../scripts/check_conventions.py"
+        "../scripts/stage.py"
 
 
 rule conventions:

@@ -1,18 +1,16 @@
 """Settings of each stage, from the configuration of a cruise, and the files that the YAML files name.
 
-A stage is given only the keys that it uses. Each becomes one parameter ``key=value`` of its rule, so that a changed key
-re-runs only the stages that use it, and Snakemake prints that key as the reason. Snakemake compares the set of a job's
-input files: where their order matters, it is a parameter too (``names``, ``parts``, ``heads``).
+A stage is given only the keys that it uses, which are parameters of its rule (``pipeline.keys``): a changed key re-runs
+only the stages that use it. Snakemake compares the set of a job's input files: where their order matters, it is a
+parameter too (``names``, ``parts``, ``heads``).
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
-from urllib.parse import quote, unquote
 
 from compasslib import calibrations, plugins, readers
 from compasslib.archive import deposit
@@ -31,70 +29,6 @@ DEPLOYMENT_KEYS = ("pressure_offset", "clock_offset_seconds", "clock_drift_secon
 # Settings of a calibration that its result states, and on which the search for effects does not depend.
 NOT_SEARCHED = ("table_step_deg", "parts", "object", "budget", "uncertainty")
 Arguments = dict[str, Any]
-
-
-def flatten(arguments: Mapping[str, Any]) -> dict[str, str]:
-    """Convert arguments of a stage to texts ``key=value``, one for each number, text or switch, with values as JSON.
-
-    >>> flatten({"method": "exact", "place": {"latitude": 66.5}, "exclude": [[0.0, 1.5]]}).values()
-    dict_values(['method="exact"', 'place.latitude=66.5', 'exclude[0][0]=0.0', 'exclude[0][1]=1.5'])
-    """
-    return {path: f"{path}={json.dumps(value, ensure_ascii=False)}" for path, value in _leaves(arguments)}
-
-
-def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the values in mappings and lists, with their paths; other signs in a name than letters are escaped."""
-    if isinstance(value, Mapping) and value:
-        for name, each in value.items():
-            escaped = quote(name, safe="/ ").replace(".", "%2E")
-            yield from _leaves(each, f"{path}.{escaped}" if path else escaped)
-    elif isinstance(value, list | tuple) and value:
-        for k, each in enumerate(value):
-            yield from _leaves(each, f"{path}[{k}]")
-    elif path:
-        yield path, value
-
-
-def unflatten(texts: Iterable[str]) -> Arguments:
-    """Return the arguments that ``flatten`` converted, with lists in place of tuples.
-
-    >>> unflatten(['method="exact"', "place.latitude=66.5", "exclude[0][0]=0.0", "exclude[0][1]=1.5"])
-    {'method': 'exact', 'place': {'latitude': 66.5}, 'exclude': [[0.0, 1.5]]}
-    """
-    tree: Arguments = {}
-    for text in texts:
-        path, value = text.split("=", 1)
-        *outer, last = path.replace("[", ".[").split(".")
-        inner = tree
-        for name in outer:
-            inner = inner.setdefault(name, {})
-        inner[last] = json.loads(value)
-    arguments: Arguments = _with_lists(tree)
-    return arguments
-
-
-def _with_lists(tree: Any) -> Any:
-    if not isinstance(tree, dict):
-        return tree
-    if "[0]" in tree:
-        return [_with_lists(tree[f"[{k}]"]) for k in range(len(tree))]
-    return {unquote(name): _with_lists(value) for name, value in tree.items()}
-
-
-def parameters(settings: Callable[..., Arguments], subjects: Iterable[tuple[str, ...]]) -> dict[str, Any]:
-    """Compose the parameters of a rule, one function for each key; it returns None where a job does not have the key.
-
-    Args:
-        settings: returns the arguments of the stage for one of the ``subjects``, the values of the rule's wildcards.
-    """
-    known = {subject: flatten(settings(*subject)) for subject in subjects}
-    names = dict.fromkeys(name for texts in known.values() for name in texts)
-
-    def of(name: str) -> Callable[[Any], str | None]:
-        return lambda wildcards: known[tuple(wildcards)].get(name)
-
-    # Snakemake compares the sets of values: None is in all of them, so that a key of one job does not concern others.
-    return {"none": None} | {f"key{k}": of(name) for k, name in enumerate(names)}
 
 
 @dataclass(frozen=True)
@@ -396,6 +330,20 @@ def configuration(cruise: Cruise) -> dict[str, list[str]]:
         each = [*(cruise.mooring_files[mooring] for mooring in moorings), *(f"{CALIBRATIONS}/{c}.yaml" for c in given)]
         files[f"compass {name}"] = [CONFIG, *each]
     return {"": [CONFIG]} | files
+
+
+def given_files(cruise: Cruise) -> set[str]:
+    """List all YAML and raw files that results are made from."""
+    given = {file for files in configuration(cruise).values() for file in files}
+    given |= {file for name in cruise.moorings for file in Moorings(cruise).given_files(name)}
+    return given | {file for each in cruise.calibrations.values() for file in each.raw_files}
+
+
+def needs(cruise: Cruise) -> Arguments:
+    """Return the calibrations that each mooring needs, and the moorings and calibrations of each compass."""
+    moorings = Moorings(cruise)
+    shared = {name: [*each, *others] for name, (each, others) in Compasses(cruise).members.items()}
+    return {"needed": {name: moorings.calibrations(name) for name in cruise.moorings}, "shared": shared}
 
 
 def used_instruments(mooring: Mooring) -> list[str]:
