@@ -14,7 +14,6 @@ import netCDF4
 import numpy as np
 import pytest
 import yaml
-from compasslib.pipeline.plan import Stage
 from launch import change, environment, snakemake
 from sea import cruise
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -25,6 +24,7 @@ from compasslib.deviation import METHODS, fit_deviation
 from compasslib.errors import InputError
 from compasslib.pipeline import plan, records
 from compasslib.pipeline import process as processing
+from compasslib.pipeline.plan import Stage
 from compasslib.pipeline.settings import Wildcards
 from compasslib.stages import correct
 
