@@ -445,9 +445,9 @@ def test_comment_reruns_the_manifest_only(done):
 
 def replaced(path: Path, old: str, new: str) -> None:
     """Replace a text in a file once, under its old date."""
-    status, text = path.stat(), path.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new, 1))
+    status, content = path.stat(), path.read_bytes()
+    assert old.encode() in content
+    path.write_bytes(content.replace(old.encode(), new.encode(), 1))
     os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
 
 

@@ -12,7 +12,8 @@ def usable(kind):
         last = Path("results/usable.json")
         reasons = json.loads(last.read_text())[kind] if last.is_file() else {}
         configured = {"moorings": CRUISE.moorings, "calibrations": CRUISE.calibrations, "compasses": COMPASSES.members}
-        return [name for name in configured[kind] if reasons.get(name) is None]
+        left_out = WITHOUT.get(kind, [])
+        return [name for name in configured[kind] if reasons.get(name) is None and name not in left_out]
     with checkpoints.usable.get().output.usable.open() as stream:
         return [name for name, reason in json.load(stream)[kind].items() if reason is None]
 
@@ -90,8 +91,9 @@ def jobs():
 
 
 def results(wildcards=None):
-    """List all files of these jobs."""
-    return [file.format(**of) for rule, of in jobs() for file in getattr(rules, rule).output]
+    """List all files of these jobs below results/, which does not hold the truth of simulations."""
+    files = [file.format(**of) for rule, of in jobs() for file in getattr(rules, rule).output]
+    return [file for file in files if file.startswith("results/")]
 
 
 def records():
