@@ -19,7 +19,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 # Longest first: if started last, one of them would occupy one core while others idle.
 LONGEST = [
-    "inference_mooring", "workflow", "pipeline_cruise", "archive_provenance", "docs", "example", "reliability", "fuzz",
+    "cluster", "inference_mooring", "workflow", "pipeline_cruise", "archive_provenance", "docs", "example", "reliability", "fuzz",
     "report", "inference", "stages", "proof", "plugins",
 ]  # fmt: skip
 
