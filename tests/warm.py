@@ -19,6 +19,7 @@ from typing import NoReturn
 
 import snakemake.cli
 import snakemake.script
+from snakemake.benchmark import benchmarked
 
 import compasslib.stages
 from compasslib import cli
@@ -72,7 +73,9 @@ def _snakemake(python: str, command: list[str]) -> NoReturn:
 
 
 def _script(self: snakemake.script.PythonScript, name: str, edit: bool = False) -> None:
-    if status := _forked(lambda: runpy.run_path(name, run_name="__main__")):
+    with benchmarked(benchmark_record=self.bench_record):
+        status = _forked(lambda: runpy.run_path(name, run_name="__main__"))
+    if status:
         raise subprocess.CalledProcessError(status, [sys.executable, name])
 
 
