@@ -14,13 +14,11 @@ from importlib.util import find_spec
 from pathlib import Path
 
 PROFILE = Path(__file__).resolve().parents[1] / "workflow/profiles/slurm"
-# Options in addition to the profile: without accounting, job status comes from the queue and may be polled often; one
-# core per mooring lets two cores run two moorings.
+# Options in addition to the profile: without accounting, job status comes from the queue and may be polled often.
 OPTIONS = (
     *("--workflow-profile", str(PROFILE)),
     *("--slurm-status-command", "squeue"),
     *("--slurm-init-seconds-before-status-checks", "1"),
-    *("--config", "mooring_cores=1"),
 )
 DAEMONS = ("munged", "slurmctld", "slurmd")
 # Default path of every client; the plugin removes SLURM_CONF from the environment of its jobs.

@@ -18,10 +18,9 @@ from urllib.parse import unquote
 
 import netCDF4
 import pytest
-import slurm
 import yaml
 from bench import readings, write_calibration
-from launch import PROJECT, change, command, copied_project, environment, hashes, snakemake
+from launch import PROJECT, change, copied_project, snakemake
 from sea import cruise
 
 from compasslib import __version__, plugins
@@ -396,23 +395,6 @@ def test_missing_or_invalid_manifest_is_reported(archive, content):
         (archive / crate.FILE).write_text(content)
     code, said = verify(archive)
     assert code == 1 and len(said) == 1 and said[0].startswith("error: ") and "ro-crate-metadata.json" in said[0]
-
-
-@pytest.mark.skipif(bool(slurm.missing()), reason=slurm.missing() or "Slurm can be started")
-def test_cluster_run_gives_identical_results(processed, tmp_path):
-    """By Slurm with its profile alone."""
-    there = tmp_path / "there"
-    for part in ("config", "raw"):
-        shutil.copytree(processed / part, there / part)
-    with slurm.cluster(tmp_path / "slurm"):
-        queued = [*command(there), *slurm.OPTIONS, "--slurm-keep-successful-logs"]
-        ran = subprocess.run(queued, capture_output=True, text=True, check=False, env=environment(), cwd=there)
-        assert ran.returncode == 0, ran.stderr[-4000:]
-        logs = sorted(log.name for log in (there / ".snakemake/slurm_logs").iterdir())
-    assert [name.split("_")[1] for name in logs] == ["mooring"]  # jobs of the cruise as a whole run locally
-    first, second = (hashes(folder / "results", "logs", "benchmarks") for folder in (processed, there))
-    assert {"M1/corrected.nc", "report.html", "ro-crate-metadata.json"} < first.keys()
-    assert first == second
 
 
 PLANTED = {

@@ -150,16 +150,12 @@ def test_touched_raw_file_causes_no_run(copied):
 def test_changed_raw_file_reruns_its_mooring(copied):
     with (copied / "raw/GOOD/deep.csv").open("a") as stream:
         stream.write("\n")
-    assert planned(copied) == {("read", "GOOD"), ("overlap", "GOOD"), ("usable", ""), ("provenance", "")}
-    assert snakemake(copied, "results/usable.json").returncode == 0
-    stages = {"fit", "diagnose", "correct", "compare", "figures"}
-    assert planned(copied) == {*((stage, "GOOD") for stage in stages), *PAGES}
+    stages = {"read", "overlap", "fit", "diagnose", "correct", "compare", "figures"}
+    assert planned(copied) == {*((stage, "GOOD") for stage in stages), ("usable", ""), *PAGES}
 
 
 def test_changed_calibration_reruns_only_its_own_mooring(copied):
     change(copied / "config/calibrations/bench.yaml", uncertainty={"graduation_deg": 0.5})
-    assert planned(copied) == {("calibrate", "bench"), ("usable", ""), ("provenance", "")}
-    assert snakemake(copied, "results/usable.json").returncode == 0
     assert {name for _, name in planned(copied)} == {"bench", "CARRIED", ""}
 
 

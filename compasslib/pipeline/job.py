@@ -103,7 +103,7 @@ def _run(snakemake: Any, stage: Callable[..., None], say: Callable[[str], None],
         "rule": snakemake.rule,
         "of": dict(snakemake.wildcards.items()),
         "software": provenance.software(),
-        "library": settings.pop("library"),
+        "library": settings.pop("library", ""),
         "parameters": settings,
     }
     signatures = {path: _sign(path) for path in _flat(reads.values())}
