@@ -23,7 +23,7 @@ import netCDF4
 import pytest
 import yaml
 from bench import readings, write_calibration
-from launch import PROJECT, change, command, copied_project, environment, hashes, snakemake
+from launch import PROJECT, change, copied_project, snakemake
 from sea import cruise
 from snakemake.iocontainers import Namedlist
 
