@@ -19,8 +19,8 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 # Longest first: if started last, one of them would occupy one core while others idle.
 LONGEST = [
-    "cluster", "inference_mooring", "workflow", "pipeline_cruise", "archive_provenance", "docs", "example", "reliability",
-    "fuzz", "report", "inference", "stages", "proof", "plugins",
+    "cluster", "inference_mooring", "workflow", "pipeline_cruise", "archive_provenance", "docs", "example",
+    "reliability", "fuzz", "report", "inference", "stages", "proof", "plugins",
 ]  # fmt: skip
 
 
