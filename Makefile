@@ -11,7 +11,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install
 
 RUN := $(BIN)/compass run "$(CRUISE)" --cores $(CORES)
 
-.PHONY: concealed install slurm run verify check-archive test check bench accuracy proof schema docs clean lock
+.PHONY: concealed install cluster run verify check-archive test check bench accuracy proof schema docs clean lock
 
 install: .venv/run  ## the pinned environment
 .venv/run: requirements/run.txt pyproject.toml
@@ -25,8 +25,8 @@ install: .venv/run  ## the pinned environment
 	-$(BIN)/python -m compileall -q -j 0 .venv/lib compasslib
 	touch $@ .venv/run
 
-slurm: install  ## what a cluster under Slurm needs besides; then: snakemake --workflow-profile workflow/profiles/slurm
-	$(PIP) --no-deps --requirement requirements/slurm.txt
+cluster: install  ## what runs through Slurm and with files in a storage need besides, see docs/howto/cluster.md
+	$(PIP) --no-deps --requirement requirements/cluster.txt
 
 run: install  ## process a cruise: make run, or make run CRUISE=/data/my_cruise
 	$(RUN)

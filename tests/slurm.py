@@ -57,7 +57,7 @@ def missing() -> str:
     if absent:
         return f"no {absent[0]}: apt-get install slurm-wlm munge"
     if find_spec("snakemake_executor_plugin_slurm") is None:
-        return "no snakemake-executor-plugin-slurm: make slurm"
+        return "no snakemake-executor-plugin-slurm: make cluster"
     if os.geteuid() != 0:
         return "the daemons are started as root"
     # A configuration left by an interrupted test is overwritten.

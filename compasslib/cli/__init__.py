@@ -98,7 +98,9 @@ def _parser() -> argparse.ArgumentParser:
     run = _command(commands, "run", "process a cruise: missing, changed or damaged results", "my_cruise --cores 4")
     run.add_argument("cruise", metavar="CRUISE", nargs="?", default=".", help="cruise folder (default: this one)")
     run.add_argument("--cores", metavar="N", help="number of parallel jobs (default: all cores)")
-    run.add_argument("--profile", default="default", metavar="NAME", help="of workflow/profiles: default or slurm")
+    run.add_argument(
+        "--profile", default="default", metavar="NAME", help="of workflow/profiles: default, slurm or storage"
+    )
     run.epilog = f"{run.epilog}\n  compass run my_cruise -- --dry-run      after --, options of Snakemake, or files"
 
     what = "print the diagnosis of a mooring, calibration or shared compass"
