@@ -380,7 +380,9 @@ def test_changed_files_are_reported_one_per_line(archive):
     (archive / "results/M1/notes.txt").write_text("mine")
     code, said = verify(archive)
     untold = "cannot list results that are no longer configured"  # because a raw file is missing
-    assert code == 1 and sorted(line.split(":")[0] for line in said) == [untold, "changed", "error", "missing", "new"]
+    assert code == 1 and sorted(line.split(":")[0] for line in said) == [
+        *(untold, "changed", "error", "mend", "missing", "new")
+    ]
     assert {"missing: raw/M1/deep.csv", "new: results/M1/notes.txt"} < set(said)
     assert any(line.startswith("changed: results/M1/corrected.nc (sha256 ") for line in said)
     assert f"expected {len(crate.listed(page_of(archive)))} files as listed, found 3 that differ" in said[-1]

@@ -17,7 +17,10 @@ from launch import PROJECT, change, command, environment, hashes, snakemake
 from sea import START, cruise
 
 # Jobs that stop without a word, as one that a node kills, if their script is that of the rule figures.
-KILLED = "import os, sys\nif sys.orig_argv[-1].endswith('.figures.py'):\n    os._exit(1)\n"
+KILLED = """import os, sys
+if sys.orig_argv[-1].endswith(".stage.py") and "figures.figures" in open(sys.orig_argv[-1]).read():
+    os._exit(1)
+"""
 NO_STORAGE = "" if find_spec("snakemake_storage_plugin_fs") else "no snakemake-storage-plugin-fs: make cluster"
 NO_STORAGE = NO_STORAGE or ("" if shutil.which("rsync") else "no rsync: apt-get install rsync")
 

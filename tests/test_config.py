@@ -418,7 +418,7 @@ BAD_LINES = [
     ("name: Ö1", "name: expected 1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit, found 'Ö1'; write for example EG4"),
     (f"name: {'EG' * 20}", f"name: expected a name that does not end in 20 repeats of one piece (EG), found '{'EG' * 20}'; shorten it"),
     (f"name: M{'0' * 20}", f"name: expected a name that does not end in 20 repeats of one piece (0), found 'M{'0' * 20}'; shorten it"),
-    ("name: proof", "name: expected a name other than calibrations, compasses, proof, logs, benchmarks, figures, summary.csv, report.html, ro-crate-metadata.json, which results/ holds for other things, found 'proof'; rename the mooring"),
+    ("name: proof", "name: expected a name other than calibrations, compasses, proof, logs, benchmarks, figures, summary.csv, report.html, usable.json, ro-crate-metadata.json, which results/ holds for other things, found 'proof'; rename the mooring"),
     ("compromised: tpo", "compromised: expected an instrument of this mooring (top, deep), found 'tpo'; write one of these names"),
     ("reference: bottom", "reference: expected an instrument of this mooring (top, deep), found 'bottom'; write one of these names"),
     ("reference: top", "reference: expected another instrument than compromised, found 'top'; name the reference instrument, or delete reference where there is none"),

@@ -6,7 +6,6 @@ import shutil
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from datetime import timedelta
 from pathlib import Path
 from types import SimpleNamespace
@@ -194,7 +193,7 @@ def running(long, tmp_path):
     code = "import sys; from compasslib.cli import main; sys.exit(main())"
     command = [sys.executable, "-c", code, "correct", "M1", "--cruise", str(folder)]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    while process.poll() is None and not any((left / "work/top.nc").exists() for left in half_done(folder)):
+    while process.poll() is None and not any((left / "whole/work/top.nc").exists() for left in half_done(folder)):
         time.sleep(0.01)
     yield folder, process
     process.kill()
@@ -207,25 +206,3 @@ def test_a_terminated_run_leaves_no_output(running):
     process.terminate()
     assert process.wait() == 130 and "interrupted; no file is left half written" in process.stderr.read()
     assert list((folder / "corrected").iterdir()) == []
-
-
-def begin_and_end(folder: Path) -> None:
-    with suppress(KeyboardInterrupt), processing._whole(folder):
-        raise KeyboardInterrupt
-
-
-def test_leftovers_of_a_killed_run_are_removed_by_the_next(running):
-    folder, process = running
-    (living,) = half_done(folder)
-    begin_and_end(folder / "corrected/M1")
-    assert living.is_dir(), "another run is at work there"
-    process.kill()
-    process.wait()
-    theirs = [folder / f"corrected/{name}" for name in (".M1.old", ".M1.compass-correct.mine", ".M2.compass-correct.x")]
-    for other in theirs:
-        other.mkdir()
-    (theirs[2] / processing.MARK).touch()
-    link = folder / "corrected/.M1.compass-correct.link"
-    link.symlink_to(theirs[2])
-    begin_and_end(folder / "corrected/M1")
-    assert sorted(half_done(folder)) == sorted([*theirs, link]) and (theirs[2] / processing.MARK).exists()

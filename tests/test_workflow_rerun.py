@@ -27,7 +27,7 @@ from two_heads_files import cast
 from compasslib.archive.files import read_json
 from compasslib.cli import main
 from compasslib.config.cruise import load_cruise
-from compasslib.pipeline import guard, keys
+from compasslib.pipeline import keys
 from compasslib.stages import settings
 
 HOURS = 60
@@ -95,6 +95,10 @@ def stated(folder: Path) -> dict[Job, set[str]]:
     def described() -> dict:
         return {"attributes": cruise.options.attributes, "configuration": settings.configuration(cruise)}
 
+    def needed() -> dict:
+        without = {"moorings": [], "calibrations": []}
+        return settings.needs(cruise) | {"without": without, "order": list(cruise.moorings)}
+
     rules = [
         ("read", of.read, instruments, of.raw_files, of.companion_files),
         ("overlap", of.overlap, moorings, records, of.ready_pairs),
@@ -116,7 +120,7 @@ def stated(folder: Path) -> dict[Job, set[str]]:
         ("diagnosis_figure", drawn, diagnosed),
         ("combine_records", shared.combine_records, of_compasses, lambda name: map(str, shared.members[name])),
         ("joined_figures", drawn, of_compasses),
-        ("usable", guard.needs(cruise, {}), [()], lambda: [*cruise.moorings, *cruise.calibrations]),
+        ("usable", needed, [()], lambda: [*cruise.moorings, *cruise.calibrations]),
         ("summary", lambda: {"roles": {name: of.roles(name) for name in cruise.moorings}}, [()]),
         ("cruise_figures", lambda: {"array": settings.array(cruise)} | drawn(), [()]),
         ("report", lambda: settings.report(cruise), [()]),

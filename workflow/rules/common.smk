@@ -90,10 +90,14 @@ def jobs():
     ]
 
 
+def made_by(rule, **of):
+    """List the outputs of a job by their names in the cruise, wherever a storage plug-in keeps them."""
+    return [str(file).removeprefix(f"{STORED}/").format(**of) for file in getattr(rules, rule).output]
+
+
 def results(wildcards=None):
     """List all files of these jobs below results/, which does not hold the truth of simulations."""
-    files = [file.format(**of) for rule, of in jobs() for file in getattr(rules, rule).output]
-    return [file for file in files if file.startswith("results/")]
+    return [file for rule, of in jobs() for file in made_by(rule, **of) if file.startswith("results/")]
 
 
 def records():
@@ -104,9 +108,9 @@ def records():
 def before_checkpoint(wildcards):
     """List the files up to the checkpoint, which a failed job may have left without those after it."""
     read = [f"results/{name}/work/{role}.nc" for name, role in INSTRUMENTS if name not in WITHOUT["moorings"]]
-    return [*read, *rules.usable.input]
+    return [*read, *FIELDS, *CURVES]
 
 
 def everything(wildcards):
     """List all files: Snakemake makes a deleted one again only if it is an input of the target."""
-    return [*results(), *rules.usable.output, *rules.report.output, *rules.provenance.output, *rules.complete.output]
+    return [*results(), *(file for rule in ("usable", "report", "provenance", "complete") for file in made_by(rule))]

@@ -7,12 +7,8 @@ On a cluster these rules run where Snakemake was started: they take seconds each
 checkpoint usable:
     """List what can go on; for all others write stopped.json in place of their products."""
     input:
-        moorings=[f"results/{name}/work/field.json" for name in CRUISE.moorings if name not in WITHOUT["moorings"]],
-        calibrations=[
-            f"results/calibrations/{name}/work/calibration.json"
-            for name in CRUISE.calibrations
-            if name not in WITHOUT["calibrations"]
-        ],
+        moorings=FIELDS,
+        calibrations=CURVES,
     output:
         usable="results/usable.json",
         job="results/logs/usable.json",
