@@ -269,7 +269,9 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], packed: Mapp
 def _describe_run(actions: Sequence[Entity], author: str, root: Path) -> Entity:
     """Describe the run of the workflow; add agent and end, by the time of its record, to the action of each job."""
     ends = {
-        quote(crate.job_name(path.relative_to(root))): _ended(path)
+        quote(crate.job_name(path.relative_to(root))): datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat(
+            timespec="seconds"
+        )
         for path in (root / crate.FOLDER).glob("**/logs/*.json")
     }
     last = max(ends.values(), default=provenance.date_created())
@@ -283,10 +285,6 @@ def _describe_run(actions: Sequence[Entity], author: str, root: Path) -> Entity:
         "description": "All jobs of the workflow; each has an action of its own", "agent": {"@id": author},
         "endTime": last, "object": _references(read), "result": _references(made),
     }  # fmt: skip
-
-
-def _ended(record: Path) -> str:
-    return datetime.fromtimestamp(record.stat().st_mtime, UTC).isoformat(timespec="seconds")
 
 
 def _references(identifiers: Iterable[str]) -> list[Entity]:

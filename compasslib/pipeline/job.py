@@ -79,24 +79,18 @@ def run_stage(snakemake: Any, stage: Callable[..., None], *, always_ends: bool =
         except (Exception, SystemExit) as error:
             say(traceback.format_exc().rstrip())
             what = f"an error of this program in {label}, {type(error).__name__}: {error}; report it"
-            end(subject + " ".join(what.split()) + _without(snakemake))
+            names = [name for kind, name in snakemake.wildcards.items() if kind in ("mooring", "calibration")]
+            advice = ", and make the pages of the cruise without it: --config without=" if names else ""
+            end(f"{subject}{' '.join(what.split())}{advice}{''.join(names)}")
         else:
             gc.freeze()  # the garbage collection at exit would take a twentieth of a small job's time
             return
     sys.exit(1)
 
 
-def _without(snakemake: Any) -> str:
-    """Advise how to make the pages of the cruise without a mooring or calibration whose job failed."""
-    names = [name for kind, name in snakemake.wildcards.items() if kind in ("mooring", "calibration")]
-    return f", and make the pages of the cruise without it: --config without={names[0]}" if names else ""
-
-
 def _run(snakemake: Any, stage: Callable[..., None], say: Callable[[str], None], subject: str | None) -> None:
     """Run the stage and write its record; where ``subject`` is given, an unusable file is a reason, not an error."""
-    root = os.environ.get(ROOT, ".")
-    reads, writes = (_relative(files, root) for files in (snakemake.input, snakemake.output))
-    _enter(root)
+    reads, writes = _enter_cruise(snakemake)
     record = str(writes.pop("job"))
     settings = unflatten(value for value in snakemake.params if isinstance(value, str) and "=" in value)
     made = {
@@ -116,7 +110,10 @@ def _run(snakemake: Any, stage: Callable[..., None], say: Callable[[str], None],
         _refuse_changed(signatures)  # a file still being copied is not damaged
         if subject is None or isinstance(error, TransientError):
             raise
-        reason = error.reason if isinstance(error, Unusable) else _reason(Path(record).stem, error)
+        place = error.where.split(": ")[0]  # a file, or words such as "affected instrument"
+        file = place if os.path.exists(place) else None
+        reason = {"stage": Path(record).stem, "why": str(error), "file": file, "advice": error.advice}
+        reason = error.reason if isinstance(error, Unusable) else reason
         for path in _flat(writes.values()):
             write_reason(path, reason)
         say(f"error: {subject}{reason['why']}")
@@ -126,28 +123,26 @@ def _run(snakemake: Any, stage: Callable[..., None], say: Callable[[str], None],
     write_json(record, made)
 
 
-def _reason(stage: str, error: InputError) -> dict[str, str | None]:
-    """Explain why a mooring or calibration is stopped, as the content of ``stopped.json``."""
-    place = error.where.split(": ")[0]  # a file, or words such as "affected instrument"
-    return {"stage": stage, "why": str(error), "file": place if os.path.exists(place) else None, "advice": error.advice}
+def _enter_cruise(snakemake: Any) -> tuple[dict[str, Paths], dict[str, Paths]]:
+    """Change to the cruise folder, or to a storage plug-in's copies; return inputs and outputs relative to it, by name.
 
-
-def _relative(files: Any, root: str) -> dict[str, Paths]:
-    """Return named files of a job relative to the root; inputs without a name are only waited for."""
-    return {
-        name: given.removeprefix(f"{root}/")
-        if isinstance(given, str)
-        else [path.removeprefix(f"{root}/") for path in given]
-        for name, given in files.items()
-    }
-
-
-def _enter(root: str) -> None:
-    """Change to the folder of a storage plug-in's copies, with a link to the YAML files, which are not in storage."""
+    Inputs without a name are only waited for. The YAML files, which are not in a storage, are linked beside the copies.
+    """
+    root = os.environ.get(ROOT, ".")
+    reads, writes = (
+        {
+            name: given.removeprefix(f"{root}/")
+            if isinstance(given, str)
+            else [path.removeprefix(f"{root}/") for path in given]
+            for name, given in files.items()
+        }
+        for files in (snakemake.input, snakemake.output)
+    )
     if root != ".":
         with suppress(FileExistsError):
             Path(root, "config").symlink_to(Path("config").absolute())
         os.chdir(root)
+    return reads, writes
 
 
 def _flat(files: Any) -> list[str]:

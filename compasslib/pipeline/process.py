@@ -39,7 +39,12 @@ def process_mooring(cruise: str | Path, mooring: str, folder: str | Path, say: S
     if mooring not in (*loaded.moorings, *loaded.whole):
         expected = f"a mooring of {cruise} ({', '.join(loaded.moorings) or 'it has none'})"
         raise InputError(mooring, expected=expected, found="another name", advice="write one of these names")
-    _refuse_taken(there, loaded.root.absolute() / "results")
+    if there.resolve().is_relative_to((loaded.root / "results").resolve()):
+        expected, advice = "a folder outside the workflow's results", "name another folder"
+        raise InputError(str(there), expected=expected, found="one inside", advice=advice)
+    if there.exists():
+        advice = "name another folder, or move that one away"
+        raise InputError(str(there), expected="a folder that is not there yet", found="it there", advice=advice)
     there.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{there.name}.", dir=there.parent) as temporary, chdir(loaded.root):
         process(loaded, mooring, Path(temporary, "whole"), say)
@@ -145,12 +150,3 @@ def _call(stage: Callable[..., None], name: str, say: Say, files: dict[str, Any]
     """Run a stage with those files and settings that are among its arguments, as a job of the workflow does."""
     named = files | (settings or {}) | {"say": say}
     stage(name, **{key: value for key, value in named.items() if key in signature(stage).parameters})
-
-
-def _refuse_taken(folder: Path, results: Path) -> None:
-    if folder.resolve().is_relative_to(results.resolve()):
-        expected, advice = "a folder outside the workflow's results", "name another folder"
-        raise InputError(str(folder), expected=expected, found="one inside", advice=advice)
-    if folder.exists():
-        advice = "name another folder, or move that one away"
-        raise InputError(str(folder), expected="a folder that is not there yet", found="it there", advice=advice)

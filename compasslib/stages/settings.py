@@ -352,7 +352,7 @@ def used_instruments(mooring: Mooring) -> list[str]:
 
 
 def report(cruise: Cruise) -> Arguments:
-    """Return what the report states of the configuration."""
+    """Describe the configuration for the report."""
     return {
         "attributes": cruise.options.attributes,
         "moorings": {name: _described(mooring) for name, mooring in cruise.moorings.items()},
