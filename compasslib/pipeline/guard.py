@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
 import sys
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -92,6 +93,24 @@ def left_out(cruise: Cruise, config: Mapping[str, object]) -> dict[str, list[str
         raise InputError(f"--config {WITHOUT}", expected=expected, found=", ".join(unknown), advice=advice)
     moorings = [part for name in asked for part in parts.get(name, [])]
     return {"moorings": moorings, "calibrations": [name for name in asked if name in cruise.calibrations]}
+
+
+def check_results(warn: Callable[[str], object]) -> None:
+    """Warn of results of which Snakemake has no metadata, so that it cannot notice changed settings.
+
+    Raises:
+        InputError: there are results of a version whose rules made other files.
+    """
+    for record in RESULTS.glob("**/logs/read_*.json"):
+        with suppress(OSError, ValueError):
+            if "library" not in json.loads(record.read_bytes()):
+                advice = "move them away, mv results results_before, and run again"
+                raise InputError("results", expected="none, or those of this version", found="others", advice=advice)
+    if any(RESULTS.glob("*/logs")) and not any(Path(".snakemake").glob("metadata/*")):
+        warn(
+            "results without .snakemake/metadata: settings changed since they were made are not noticed; "
+            "-- --forceall makes everything again"
+        )
 
 
 def refuse_future(given: Iterable[str]) -> None:
