@@ -366,6 +366,7 @@ def array(cruise: Cruise) -> list[dict[str, Any]]:
     moorings = {name.split("/")[0]: mooring for name, mooring in cruise.moorings.items()}
     roles = {(name, role): "reference" for name, mooring in moorings.items() for role in mooring.reference}
     roles |= {(name.split("/")[0], each.compromised): "affected" for name, each in cruise.moorings.items()}
+    order = ("other", "affected", "reference")  # in which their symbols are drawn, the smallest last
     return [
         {"name": name}
         | _place(mooring)
@@ -376,7 +377,10 @@ def array(cruise: Cruise) -> list[dict[str, Any]]:
                     "orientation": each.orientation,
                     "role": roles.get((name, role), "other"),
                 }
-                for role, each in sorted(mooring.instruments.items())
+                for role, each in sorted(
+                    mooring.instruments.items(),
+                    key=lambda item: (order.index(roles.get((name, item[0]), "other")), item[0]),
+                )
             ],
         }
         for name, mooring in moorings.items()
