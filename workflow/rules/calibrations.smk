@@ -15,8 +15,8 @@ rule calibrate:
     benchmark:
         "results/calibrations/{calibration}/benchmarks/calibrate.tsv"
     params:
-        stage="calibrate.calibrate",
         **parameters(CALIBRATIONS.calibrate, [(name,) for name in CRUISE.calibrations]),
+        stage="calibrate.calibrate",
     script:
         "../scripts/stage.py"
 
@@ -37,8 +37,8 @@ rule compare_calibrations:
     log:
         "results/calibrations/{calibration}/logs/compare.log",
     params:
-        stage="calibrate.compare_calibrations",
         **parameters(CALIBRATIONS.compare_calibrations, [(name,) for name in CRUISE.calibrations]),
+        stage="calibrate.compare_calibrations",
     script:
         "../scripts/stage.py"
 
@@ -57,8 +57,8 @@ rule diagnose_calibration:
     wildcard_constraints:
         calibration=guard.only(CALIBRATIONS.diagnosed),
     params:
-        stage="diagnose.diagnose_calibration",
         **parameters(CALIBRATIONS.diagnose, [(name,) for name in CRUISE.calibrations]),
+        stage="diagnose.diagnose_calibration",
     script:
         "../scripts/stage.py"
 
@@ -77,8 +77,8 @@ rule diagnosis_figure:
     log:
         "results/calibrations/{calibration}/logs/diagnosis_figure.log",
     params:
-        stage="figures.diagnosis_figure",
         **DRAWN,
+        stage="figures.diagnosis_figure",
     script:
         "../scripts/stage.py"
 
@@ -104,7 +104,7 @@ for FIGURES, OF_THESE in CALIBRATIONS.figures.items():
         wildcard_constraints:
             calibration=guard.only(OF_THESE),
         params:
-            stage="figures.calibration_figures",
             **DRAWN,
+            stage="figures.calibration_figures",
         script:
             "../scripts/stage.py"

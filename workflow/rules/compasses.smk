@@ -15,8 +15,8 @@ rule combine_records:
     benchmark:
         "results/compasses/{compass}/benchmarks/combine_records.tsv"
     params:
-        stage="diagnose.combine_records",
         **parameters(COMPASSES.combine_records, [(name,) for name in COMPASSES.members]),
+        stage="diagnose.combine_records",
     script:
         "../scripts/stage.py"
 
@@ -37,7 +37,7 @@ rule joined_figures:
     log:
         "results/compasses/{compass}/logs/figures.log",
     params:
-        stage="figures.joined_figures",
         **DRAWN,
+        stage="figures.joined_figures",
     script:
         "../scripts/stage.py"

@@ -16,8 +16,8 @@ checkpoint usable:
         "results/logs/usable.log",
     localrule: True
     params:
-        stage="cruise.usable",
         **parameters(lambda: settings.needs(CRUISE) | {"without": WITHOUT, "order": list(CRUISE.moorings)}, [()]),
+        stage="cruise.usable",
     script:
         "../scripts/stage.py"
 
@@ -38,8 +38,8 @@ rule summary:
         "results/logs/summary.log",
     localrule: True
     params:
-        stage="cruise.summary",
         **parameters(lambda: {"roles": {name: MOORINGS.roles(name) for name in CRUISE.moorings}}, [()]),
+        stage="cruise.summary",
     script:
         "../scripts/stage.py"
 
@@ -60,8 +60,8 @@ rule cruise_figures:
         "results/logs/cruise_figures.log",
     localrule: True
     params:
-        stage="figures.cruise_figures",
         **parameters(lambda: {"array": settings.array(CRUISE), "formats": FORMATS}, [()]),
+        stage="figures.cruise_figures",
     script:
         "../scripts/stage.py"
 
@@ -78,8 +78,8 @@ rule report:
         "results/logs/report.log",
     localrule: True
     params:
-        stage="report.report",
         **parameters(lambda: settings.report(CRUISE), [()]),
+        stage="report.report",
     script:
         "../scripts/stage.py"
 
@@ -97,8 +97,10 @@ rule provenance:
         "results/logs/provenance.log",
     localrule: True
     params:
+        **parameters(
+            lambda: {"attributes": CRUISE.options.attributes, "configuration": settings.configuration(CRUISE)}, [()]
+        ),
         stage="cruise.provenance",
-        **parameters(lambda: {"attributes": CRUISE.options.attributes, "configuration": settings.configuration(CRUISE)}, [()]),
     script:
         "../scripts/stage.py"
 

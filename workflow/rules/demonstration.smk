@@ -13,8 +13,8 @@ for NAME in SIMULATED:
             f"results/{NAME}/logs/simulate.log",
         priority: 1  # before all other jobs: a mooring simulated last would end on one core
         params:
-            stage="simulate.simulate",
             **parameters(lambda name=NAME: {"name": name, "seed": CRUISE.options.seed}, [()]),
+            stage="simulate.simulate",
         script:
             "../scripts/stage.py"
 

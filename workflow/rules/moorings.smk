@@ -16,8 +16,8 @@ rule read:
     group:
         lambda wildcards: guard.group("read", wildcards.mooring)
     params:
-        stage="read.read",
         **parameters(MOORINGS.read, INSTRUMENTS),
+        stage="read.read",
     script:
         "../scripts/stage.py"
 
@@ -41,8 +41,8 @@ rule overlap:
     group:
         lambda wildcards: guard.group("read", wildcards.mooring)
     params:
-        stage="overlap.overlap",
         **parameters(MOORINGS.overlap, NAMES),
+        stage="overlap.overlap",
     script:
         "../scripts/stage.py"
 
@@ -65,8 +65,8 @@ rule fit:
     group:
         group_of_mooring
     params:
-        stage="fit.fit",
         **parameters(MOORINGS.fit, NAMES),
+        stage="fit.fit",
     script:
         "../scripts/stage.py"
 
@@ -90,8 +90,8 @@ rule transfer_calibration:
     group:
         group_of_mooring
     params:
-        stage="fit.transfer_calibration",
         **parameters(MOORINGS.transfer_calibration, NAMES),
+        stage="fit.transfer_calibration",
     script:
         "../scripts/stage.py"
 
@@ -120,8 +120,8 @@ rule diagnose:
     group:
         group_of_mooring
     params:
-        stage="diagnose.diagnose",
         **parameters(MOORINGS.diagnose, NAMES),
+        stage="diagnose.diagnose",
     script:
         "../scripts/stage.py"
 
@@ -168,8 +168,8 @@ rule diagnose_jointly:
     group:
         lambda wildcards: guard.group("mooring", wildcards.mooring)
     params:
-        stage="diagnose.diagnose_jointly",
         **parameters(MOORINGS.diagnose_jointly, NAMES),
+        stage="diagnose.diagnose_jointly",
     script:
         "../scripts/stage.py"
 
@@ -199,8 +199,8 @@ rule correct:
     group:
         lambda wildcards: guard.group("mooring", wildcards.mooring)
     params:
-        stage="correct.correct",
         **parameters(MOORINGS.correct, NAMES),
+        stage="correct.correct",
     script:
         "../scripts/stage.py"
 
@@ -228,8 +228,8 @@ rule grid:
     group:
         lambda wildcards: guard.group("mooring", wildcards.mooring)
     params:
-        stage="grid.grid",
         **parameters(MOORINGS.grid, [(name,) for name in CRUISE.whole]),
+        stage="grid.grid",
     script:
         "../scripts/stage.py"
 
@@ -291,8 +291,8 @@ rule figures:
     benchmark:
         "results/{mooring}/benchmarks/figures.tsv"
     params:
-        stage="figures.figures",
         **DRAWN,
+        stage="figures.figures",
     script:
         "../scripts/stage.py"
 
@@ -314,8 +314,8 @@ rule sections:
     benchmark:
         "results/{mooring}/benchmarks/sections.tsv"
     params:
-        stage="figures.sections",
         **DRAWN,
+        stage="figures.sections",
     script:
         "../scripts/stage.py"
 
