@@ -117,7 +117,8 @@ def _run(snakemake: Any, stage: Callable[..., None], say: Callable[[str], None],
         for path in _flat(writes.values()):
             write_reason(path, reason)
         say(f"error: {subject}{reason['why']}")
-        _on_screen(f"stopped: {subject}{reason['why']}")
+        if not isinstance(error, Unusable):  # else the stage that met the reason has told it
+            _on_screen(f"stopped: {subject}{reason['why']}")
     _refuse_changed(signatures)
     made["wrote"] = provenance.hashes(_flat(writes.values()))
     write_json(record, made)
