@@ -117,7 +117,6 @@ def stated(folder: Path) -> dict[Job, set[str]]:
         ("compare_calibrations", curves.compare_calibrations, calibrations, curves.compared_with),
         ("calibration_figures", drawn, calibrations, figures),
         ("diagnose_calibration", curves.diagnose, diagnosed, curves.raw_files),
-        ("diagnosis_figure", drawn, diagnosed),
         ("combine_records", shared.combine_records, of_compasses, lambda name: map(str, shared.members[name])),
         ("joined_figures", drawn, of_compasses),
         ("usable", needed, [()], lambda: [*cruise.moorings, *cruise.calibrations]),
@@ -161,7 +160,7 @@ product.grid.max_gap_m: 9 | grid
 product.grid.max_gap_minutes: 60 | grid
 product.flags: [1] | grid
 product.daily: true | grid_with_daily_means
-figures.formats: [png, pdf] | figures sections calibration_figures diagnosis_figure joined_figures cruise_figures
+figures.formats: [png, pdf] | figures sections calibration_figures joined_figures cruise_figures
 quality.percent_good: 50 | read
 quality.correlation: 64 | read
 quality.error_velocity: 0.2 | read

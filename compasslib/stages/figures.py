@@ -62,20 +62,24 @@ def sections(mooring: str, *, gridded: str, figures: Sequence[str], pictures: st
 
 
 def calibration_figures(
-    name: str, /, *, calibration: str, table: str, points: str, figures: Sequence[str], say: Callable[[str], None]
+    name: str,
+    /,
+    *,
+    calibration: str,
+    table: str,
+    points: str,
+    diagnosis: Sequence[str],
+    figures: Sequence[str],
+    say: Callable[[str], None],
 ) -> None:
-    """Draw the figures of a calibration, each selected by its file name."""
+    """Draw the figures of a calibration, each selected by its file name; ``diagnosis``: its file, if it has one."""
     made = stored.read(calibration=calibration, table=table, points=points)
     for figure in figures:
-        calibrations.draw_figure(Path(figure).stem, figure, made)
+        if Path(figure).stem == "diagnosis":
+            hypotheses.draw_calibration(figure, read_json(diagnosis[0]))
+        else:
+            calibrations.draw_figure(Path(figure).stem, figure, made)
     say(f"{name}: {len(figures)} figures")
-
-
-def diagnosis_figure(name: str, /, *, diagnosis: str, figures: Sequence[str], say: Callable[[str], None]) -> None:
-    """Draw a calibration's residuals before and after, and the ranked hypotheses, in each format."""
-    for figure in figures:
-        hypotheses.draw_calibration(figure, read_json(diagnosis))
-    say(f"{name}: figure of the diagnosis")
 
 
 def joined_figures(name: str, /, *, joined: str, figures: Sequence[str], say: Callable[[str], None]) -> None:

@@ -287,7 +287,12 @@ class Calibrations:
         groups: dict[tuple[str, ...], list[str]] = {}
         for name in self.cruise.calibrations:
             compared = bool(self.compared_with(name)) and KINDS[self._kind(name)].by_heading
-            figures = (*calibrations.figure_names(self._kind(name)), *["compared"] * compared)
+            searched = name in self.diagnosed
+            figures = (
+                *calibrations.figure_names(self._kind(name)),
+                *["compared"] * compared,
+                *["diagnosis"] * searched,
+            )
             groups.setdefault(figures, []).append(name)
         return groups
 

@@ -63,26 +63,6 @@ rule diagnose_calibration:
         "../scripts/stage.py"
 
 
-rule diagnosis_figure:
-    """Draw the residuals of a calibration before and after, and the ranked hypotheses."""
-    input:
-        diagnosis="results/calibrations/{calibration}/diagnosis.json",
-    output:
-        figures=report(
-            expand("results/calibrations/{{calibration}}/figures/diagnosis.{form}", form=FORMATS),
-            category="Calibrations",
-            subcategory="{calibration}",
-        ),
-        job="results/calibrations/{calibration}/logs/diagnosis_figure.json",
-    log:
-        "results/calibrations/{calibration}/logs/diagnosis_figure.log",
-    params:
-        **DRAWN,
-        stage="figures.diagnosis_figure",
-    script:
-        "../scripts/stage.py"
-
-
 for FIGURES, OF_THESE in CALIBRATIONS.figures.items():
 
     rule:
@@ -92,6 +72,7 @@ for FIGURES, OF_THESE in CALIBRATIONS.figures.items():
             calibration="results/calibrations/{calibration}/calibration.json",
             table="results/calibrations/{calibration}/table.csv",
             points="results/calibrations/{calibration}/points.csv",
+            diagnosis=["results/calibrations/{calibration}/diagnosis.json"] if "diagnosis" in FIGURES else [],
         output:
             figures=report(
                 expand("results/calibrations/{{calibration}}/figures/{name}.{form}", name=FIGURES, form=FORMATS),

@@ -83,7 +83,7 @@ def jobs():
         *(("check_conventions", {"mooring": name}) for name in checked),
         *((rule, {"calibration": name}) for name in calibrations for rule in ("calibrate", "compare_calibrations")),
         *((calibration_figures(name), {"calibration": name}) for name in calibrations),
-        *((rule, {"calibration": name}) for name in diagnosed for rule in ("diagnose_calibration", "diagnosis_figure")),
+        *(("diagnose_calibration", {"calibration": name}) for name in diagnosed),
         *((rule, {"compass": name}) for name in usable("compasses") for rule in ("combine_records", "joined_figures")),
         *((rule, {}) for rule in ("summary", "cruise_figures") if CRUISE.moorings),
         *(("concealed", {}) for _ in CONCEALED[:1]),
