@@ -126,8 +126,8 @@ rule diagnose:
         "../scripts/stage.py"
 
 
+# Diagnose a record of a shared compass by itself, and summarize it for the other records.
 use rule diagnose as diagnose_alone with:
-    """Diagnose a record of a shared compass by itself, and summarize it for the other records."""
     output:
         diagnosis="results/{mooring}/work/alone/diagnosis.json",
         deviation="results/{mooring}/work/alone/deviation.json",
@@ -234,8 +234,8 @@ rule grid:
         "../scripts/stage.py"
 
 
+# Grid velocities as well as their daily means.
 use rule grid as grid_with_daily_means with:
-    """Grid velocities as well as their daily means."""
     output:
         gridded=["results/{mooring}/gridded.nc", "results/{mooring}/gridded_daily.nc"],
         job="results/{mooring}/logs/grid.json",
