@@ -74,6 +74,11 @@ def test_file_that_changes_while_it_is_read_is_no_damaged_file(raw, capsys, erro
     assert "raw/a: expected a file that stays as it is, found one that changed" in capsys.readouterr().err
 
 
+def test_record_of_an_earlier_version_is_read(tmp_path):
+    files.write_json(tmp_path / "field.json", {"stage": "fit", "stopped": None})
+    assert files.read_json(tmp_path / "field.json") == {"stage": "fit", "stopped": None}
+
+
 def test_reason_is_handed_on_in_place_of_data(capsys):
     run(failing(DAMAGED), always_ends=True)
     reason = {"stage": "read", "why": str(DAMAGED), "file": "raw/a", "advice": "mend it"}

@@ -139,12 +139,13 @@ def test_a_mooring_is_stopped_only_if_all_of_its_instruments_are(tmp_path, monke
     monkeypatch.chdir(tmp_path)
     names, fields = ["M1/top", "M1/mid"], ["results/M1/top/work/field.json", "results/M1/mid/work/field.json"]
     why = {"stage": "read_top", "why": "damaged", "file": "raw/a", "advice": "mend it"}
-    alone = {"needed": {name: [] for name in names}, "without": dict.fromkeys(("moorings", "calibrations"), ())}
+    without = dict.fromkeys(("moorings", "calibrations"), ())
+    alone = {"needed": {name: [] for name in names}, "shared": {"c": (names, [])}, "without": without}
     write_json(fields[1], {})
     for field, reason in zip(fields, (None, why), strict=True):
         write_reason(field, why)
         Path("results/M1/gridded.nc").touch()
-        usable(**alone, moorings=fields, calibrations=[], shared={"c": names}, usable="results/usable.json", say=print)
+        usable(**alone, moorings=fields, calibrations=[], usable="results/usable.json", say=print)
         found, there = read_json("results/usable.json"), {path.name for path in Path("results/M1").glob("*.*")}
         assert found["moorings"]["M1/top"] == why and found["compasses"] == {"c": reason}
         assert there == {"stopped.json" if reason else "gridded.nc"}

@@ -81,7 +81,7 @@ def read_json(path: str | Path) -> Any:
         page = json.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise _damaged(path, "a JSON file", error) from error
-    if isinstance(page, dict) and STOPPED in page:
+    if isinstance(page, dict) and page.get(STOPPED):  # null in the job records of earlier versions
         raise Unusable(page[STOPPED])
     return page
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
-from contextlib import chdir
+from contextlib import chdir, suppress
 from inspect import signature
 from pathlib import Path
 from typing import Any
@@ -140,7 +140,11 @@ def _combine_records(cruise: Cruise, compass: str, mooring: str, files: dict[str
         alone["summary"] = own["summary_alone"]
         _call(diagnose.diagnose, name, quiet, own | alone, Moorings(cruise).diagnose(name))
         summaries.append(alone["summary"])
-    made = {"summaries": summaries, "calibrations": [_calibrate(cruise, name, folder) for name in calibrations]}
+    calibrated = []
+    for name in calibrations:
+        with suppress(InputError):
+            calibrated.append(_calibrate(cruise, name, folder))
+    made = {"summaries": summaries, "calibrations": calibrated}
     joined = {"joined": str(there / "compass.json"), "diagnosis": str(there / "diagnosis.json")}
     _call(diagnose.combine_records, compass, lambda line: None, made | joined, of.combine_records(compass))
     return joined["joined"]

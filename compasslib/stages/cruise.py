@@ -24,7 +24,7 @@ def usable(
     moorings: Sequence[str],
     calibrations: Sequence[str],
     needed: Mapping[str, Sequence[str]],
-    shared: Mapping[str, Sequence[str]],
+    shared: Mapping[str, tuple[Sequence[str], Sequence[str]]],
     without: Mapping[str, Sequence[str]],
     usable: str,
     say: Callable[[str], None],
@@ -47,8 +47,11 @@ def usable(
         stops = [(other, why) for other in others if (why := known[other])]
         follows = [why | {"why": f"{FOLLOWS} {other}, which was stopped: {why['why']}"} for other, why in stops]
         reasons[name] = reasons[name] or next(iter(follows), None)
-    gone = {name: why for name, why in (reasons | known).items() if why}
-    compasses = {name: None if set(each) - set(gone) else gone[each[0]] for name, each in shared.items()}
+    members = {
+        name: [*(reasons[each] for each in deployments), *(known[each] for each in checks)]
+        for name, (deployments, checks) in shared.items()
+    }
+    compasses = {name: whys[0] if all(whys) else None for name, whys in members.items()}
     of_folder = {f"results/{name}": why for name, why in reasons.items()}
     wholes = {name.partition("/")[0] for name in reasons if "/" in name}
     parts = {whole: [why for name, why in reasons.items() if name.startswith(f"{whole}/")] for whole in wholes}
@@ -58,7 +61,8 @@ def usable(
     for folder, why in of_folder.items():
         _clear(Path(folder), why)
     write_json(usable, {"moorings": reasons, "calibrations": known, "compasses": compasses})
-    say(f"{len(of_folder)} moorings and calibrations, {len(gone)} stopped")
+    every = [*reasons.values(), *known.values()]
+    say(f"{len(every)} moorings and calibrations, {sum(map(bool, every))} stopped")
 
 
 def _left_out(name: str) -> Reason:

@@ -347,8 +347,8 @@ def given_files(cruise: Cruise) -> set[str]:
 def needs(cruise: Cruise) -> Arguments:
     """Return the calibrations that each mooring needs, and the moorings and calibrations of each compass."""
     moorings = Moorings(cruise)
-    shared = {name: [*each, *others] for name, (each, others) in Compasses(cruise).members.items()}
-    return {"needed": {name: moorings.calibrations(name) for name in cruise.moorings}, "shared": shared}
+    needed = {name: moorings.calibrations(name) for name in cruise.moorings}
+    return {"needed": needed, "shared": Compasses(cruise).members}
 
 
 def used_instruments(mooring: Mooring) -> list[str]:

@@ -31,9 +31,10 @@ def calibration_files(names):
 
 def members(wildcards):
     """List the moorings and the calibrations of a compass that can go on."""
+    both = [usable(kind) for kind in ("moorings", "calibrations")]
     return [
-        [name for name in names if name in usable(kind)]
-        for kind, names in zip(("moorings", "calibrations"), COMPASSES.members[wildcards.compass])
+        [name for name in names if name in can_go_on]
+        for can_go_on, names in zip(both, COMPASSES.members[wildcards.compass])
     ]
 
 
