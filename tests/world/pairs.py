@@ -480,10 +480,11 @@ def refer(drawn: Drawn, errors: Floats, rng: np.random.Generator, *, logged: boo
         errors: constant, sine and cosine by its heading, degrees, (3,).
         logged: whether it is an instrument that logs its heading, or a vane along the flow, whose heading is not known.
     """
-    pairs = drawn.pairs
+    pairs, water = drawn.pairs, None if drawn.world is None else drawn.world.water
     flow = pairs.lower_east + 1j * pairs.lower_north
     spread, offset = (WAKE_DEG, rng.uniform(0.0, 360.0)) if logged else (VANE_DEG, 0.0)
-    heading = towards(flow) + offset + red(rng, len(flow), 12, spread)
+    # An instrument aligns with the water, not with the noise of its own measurement of it.
+    heading = towards(flow if water is None else water) + offset + red(rng, len(flow), 12, spread)
     wrong = errors @ np.array([np.ones(len(flow)), np.sin(heading * RAD), np.cos(heading * RAD)])
     flow, recorded = turned(flow, wrong), (heading + wrong) % 360.0 if logged else None
     constant_deg, iron_deg, _ = reference_sizes((drawn.horizontal, drawn.vertical))
