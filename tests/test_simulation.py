@@ -292,6 +292,6 @@ def test_reference_errs_by_constant_and_iron_of_its_own_heading(logged):
     np.testing.assert_allclose(wrong, made.reference_deg, atol=1e-9)
     own = made.pairs.lower_heading_deg
     assert (own is not None) == logged
-    heading = own - wrong if logged else before
+    heading = own - wrong if logged else pairs.towards(bare.world.water)
     # A vane lies along the flow within 10 degrees, of whose sine the tenth part of 3 degrees is 0.5.
     assert np.std(wrong - 5.0 - 3.0 * np.sin(np.deg2rad(heading))) < (1e-9 if logged else 0.6)
