@@ -25,8 +25,8 @@ rule read:
 rule overlap:
     """Compute the earth's field, and find pairs of measurements of nearly the same water in the records."""
     input:
-        upper=lambda wildcards: MOORINGS.affected(*wildcards),
-        lower=lambda wildcards: MOORINGS.references(*wildcards),
+        record=lambda wildcards: MOORINGS.affected(*wildcards),
+        references=lambda wildcards: MOORINGS.references(*wildcards),
         observatory=lambda wildcards: MOORINGS.observatory(*wildcards),
         ready=lambda wildcards: MOORINGS.ready_pairs(*wildcards),
     output:
