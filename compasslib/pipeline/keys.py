@@ -44,8 +44,7 @@ def unflatten(texts: Iterable[str]) -> dict[str, Any]:
         for name in outer:
             inner = inner.setdefault(name, {})
         inner[last] = json.loads(value)
-    arguments: dict[str, Any] = _with_lists(tree)
-    return arguments
+    return _with_lists(tree)
 
 
 def _with_lists(tree: Any) -> Any:
@@ -60,13 +59,14 @@ def parameters(settings: Callable[..., dict[str, Any]], subjects: Iterable[tuple
     """Compose the parameters of a rule, one function for each key; it returns None where a job does not have the key.
 
     Args:
-        settings: returns the arguments of the stage for one of the ``subjects``, the values of the rule's wildcards.
+        settings: returns the arguments of the stage for one of the ``subjects``, the values of the rule's wildcards;
+            those of the subject () are for all jobs.
     """
     known = {subject: flatten(settings(*subject)) for subject in subjects}
     names = dict.fromkeys(name for texts in known.values() for name in texts)
 
     def of(name: str) -> Callable[[Any], str | None]:
-        return lambda wildcards: known[tuple(wildcards)].get(name)
+        return lambda wildcards: known.get(tuple(wildcards), known.get((), {})).get(name)
 
     # Snakemake compares the sets of values: None is in all of them, so that a key of one job does not concern others.
     return {"none": None} | {f"key{k}": of(name) for k, name in enumerate(names)}
