@@ -19,11 +19,7 @@ RESULTS = Path("results")
 # Variables of the environment of jobs, which import no modules from their working folder, the cruise.
 # glibc releases large arrays and maps each new one page by page, which takes a quarter of a simulated mooring's time, a
 # twentieth of an assessment's. With these settings it reuses arrays below 32 MB, for some 10 MB more memory.
-ENVIRONMENT = {
-    "PYTHONSAFEPATH": "1",
-    "MALLOC_MMAP_THRESHOLD_": str(2**25),
-    "MALLOC_TRIM_THRESHOLD_": str(2**26),
-}
+ENVIRONMENT = {"PYTHONSAFEPATH": "1", "MALLOC_MMAP_THRESHOLD_": str(2**25), "MALLOC_TRIM_THRESHOLD_": str(2**26)}
 WITHOUT = "without"  # key of Snakemake's configuration: moorings and calibrations to leave out, separated by commas
 WARNING = "warning: "
 CLOCK_S = 2.0  # by which the clock of a file server may be late

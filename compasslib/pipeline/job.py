@@ -51,7 +51,7 @@ def run_stage(snakemake: Any, stage: Callable[..., None], *, always_ends: bool =
         with suppress(OSError), log.open("a", encoding="utf-8") as stream:  # on a full disk, errors are on the screen
             print(line, file=stream)
 
-    def tell(line: str, title: str = "error") -> None:
+    def show(line: str, title: str = "error") -> None:
         say(f"error: {line}")
         # Text and newline in one write, so that parallel jobs do not break each other's lines.
         print(f"{title}: {line}\n", end="", file=sys.stderr, flush=True)
@@ -65,21 +65,21 @@ def run_stage(snakemake: Any, stage: Callable[..., None], *, always_ends: bool =
         if isinstance(unusable, Unusable):  # the stage that met the reason has told it on the screen
             say(f"error: {subject}{unusable}")
         elif unusable:
-            tell(f"{subject}{unusable}", "stopped")
+            show(f"{subject}{unusable}", "stopped")
         return
     except Stopped as error:
         for line in error.args:
-            tell(line)
+            show(line)
     except InputError as error:
-        tell(f"{subject}{error}")
+        show(f"{subject}{error}")
     except (MemoryError, KeyboardInterrupt) as error:
-        tell(f"{subject}{log.stem} {OUT_OF_MEMORY if isinstance(error, MemoryError) else INTERRUPTED}")
+        show(f"{subject}{log.stem} {OUT_OF_MEMORY if isinstance(error, MemoryError) else INTERRUPTED}")
     except (Exception, SystemExit) as error:
         say(traceback.format_exc().rstrip())
         what = f"an error of this program in {log.stem}, {type(error).__name__}: {error}; report it"
         names = [name for kind, name in wildcards.items() if kind in ("mooring", "calibration")]
         advice = ", and make the pages of the cruise without it: --config without=" if names else ""
-        tell(f"{subject}{' '.join(what.split())}{advice}{''.join(names)}")
+        show(f"{subject}{' '.join(what.split())}{advice}{''.join(names)}")
     sys.exit(1)
 
 
@@ -99,7 +99,7 @@ def _run(
     }
     before = {path: _size_and_date(path) for path in _flat(reads)}
     try:
-        made["read"] = {path: _hash(path) for path in before}
+        made["read"] = {path: hash_input(path) for path in before}
         named = {"say": say, **reads, **writes, **settings}
         stage(*snakemake.wildcards, **{name: named[name] for name in signature(stage).parameters if name in named})
     except InputError as error:
@@ -113,9 +113,9 @@ def _run(
     if unusable:
         place = unusable.where.split(": ")[0]  # a file, or words such as "affected instrument"
         file = place if os.path.exists(place) else None
-        found = {"stage": Path(record).stem, "why": str(unusable), "file": file, "advice": unusable.advice}
+        reason = {"stage": Path(record).stem, "why": str(unusable), "file": file, "advice": unusable.advice}
         for path in _flat(writes):
-            write_reason(path, unusable.reason if isinstance(unusable, Unusable) else found)
+            write_reason(path, unusable.reason if isinstance(unusable, Unusable) else reason)
     made["wrote"] = provenance.hashes(_flat(writes))
     write_json(record, made)
     return unusable
@@ -148,7 +148,8 @@ def _size_and_date(path: str) -> tuple[int, int]:
     return status.st_size, status.st_mtime_ns
 
 
-def _hash(path: str) -> str:
+def hash_input(path: str) -> str:
+    """Hash an input of a job; if it cannot be read, a raw file is unusable, and a result can be made again."""
     try:
         return provenance.sha256(path)
     except OSError as error:

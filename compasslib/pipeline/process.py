@@ -60,76 +60,78 @@ def process(
     """Read, find pairs, fit, search for effects and correct, for each affected instrument of a mooring; then grid.
 
     The cruise is the working folder; files in ``folder`` are overwritten. Calibrations and other moorings of the
-    compass are processed below ``work``. Forms of the curve are compared, and velocities gridded, only if asked.
+    compass are processed below ``work``. Forms of the curve are compared, and velocities gridded if configured, unless
+    ``compared_and_gridded`` is false.
     """
-    of, parts = Moorings(cruise), []
-    for part in of.parts(mooring):
+    settings, parts = Moorings(cruise), []
+    for part in settings.parts(mooring):
         files = _fit(cruise, part, folder / part.removeprefix(mooring).strip("/"), say)
         if part in Compasses(cruise).moorings:
             files["joined"] = _combine_records(cruise, part, files)
-            _call(diagnose.diagnose_jointly, part, files, of.diagnose_jointly(part))
+            _call(diagnose.diagnose_jointly, part, files, settings.diagnose_jointly(part))
         else:
-            _call(diagnose.diagnose, part, files, of.diagnose(part))
-        _call(correct.correct, part, files, of.correct(part))
+            _call(diagnose.diagnose, part, files, settings.diagnose(part))
+        _call(correct.correct, part, files, settings.correct(part))
         if compared_and_gridded:
             _call(correct.compare, part, files, {})
         parts.append(files)
-    if compared_and_gridded and mooring in of.gridded:
+    if compared_and_gridded and mooring in settings.gridded:
         stems = {f"{stem}s": stem for stem in ("record", "deviation", "assessment", "field")}
         stems |= {"corrected": "corrected", "pairs": "overlap"}
         lists = {name: [files[stem] for files in parts] for name, stem in stems.items()}
-        lists["gridded"] = [f"{folder}/{file}" for file in of.gridded[mooring]]
-        _call(grid.grid, mooring, parts[0] | lists, of.grid(mooring))
+        lists["gridded"] = [f"{folder}/{file}" for file in settings.gridded[mooring]]
+        _call(grid.grid, mooring, parts[0] | lists, settings.grid(mooring))
 
 
 def _fit(cruise: Cruise, name: str, folder: Path, say: Say) -> Arguments:
     """Read the instruments, find pairs, and fit the compass or convert its calibration; return the files by name."""
-    of = Moorings(cruise)
-    record, *references = records = [f"{folder}/work/{role}.nc" for role in of.roles(name)]
+    settings = Moorings(cruise)
+    record, *references = records = [f"{folder}/work/{role}.nc" for role in settings.roles(name)]
     files: Arguments = {Path(file).stem: f"{folder}/{file}" for file in FILES}
     files |= {"folder": folder, "say": say, "record": record, "references": references}
-    files |= {"observatory": of.observatory(name), "ready": of.ready_pairs(name)}
+    files |= {"observatory": settings.observatory(name), "ready": settings.ready_pairs(name)}
     files["pairs"] = f"{folder}/work/pairs/overlap.nc"
     files["alone"] = [f"{folder}/work/alone/{stem}.json" for stem in ALONE]
-    for role, path in zip(of.roles(name), records, strict=True):
-        raw, companions = of.raw_files(name, role), of.companion_files(name, role)
-        read.read(name, role, raw=raw, companions=companions, record=path, **of.read(name, role), say=say)
-    _call(overlap.overlap, name, files, of.overlap(name))
-    if calibrations := [_calibrate(cruise, each, folder) for each in of.calibrations(name)]:
+    for role, path in zip(settings.roles(name), records, strict=True):
+        raw, companions = settings.raw_files(name, role), settings.companion_files(name, role)
+        read.read(name, role, raw=raw, companions=companions, record=path, **settings.read(name, role), say=say)
+    _call(overlap.overlap, name, files, settings.overlap(name))
+    if calibrations := [_calibrate(cruise, each, folder) for each in settings.calibrations(name)]:
         made = files | {"calibrations": calibrations}
-        _call(fit.transfer_calibration, name, made, of.transfer_calibration(name))
+        _call(fit.transfer_calibration, name, made, settings.transfer_calibration(name))
     else:
-        _call(fit.fit, name, files, of.fit(name))
+        _call(fit.fit, name, files, settings.fit(name))
     return files
 
 
 def _calibrate(cruise: Cruise, name: str, folder: Path) -> str:
     """Calibrate a compass and return its calibration.json, without comparison, in the work folder of a mooring."""
-    of = Calibrations(cruise)
+    settings = Calibrations(cruise)
     files: Arguments = {key: f"{folder}/work/calibrations/{name}/{file}" for key, file in calibrate.FILES.items()}
-    _call(calibrate.calibrate, name, files | {"raw": of.raw_files(name), "say": lambda line: None}, of.calibrate(name))
+    files |= {"raw": settings.raw_files(name), "say": lambda line: None}
+    _call(calibrate.calibrate, name, files, settings.calibrate(name))
     return str(files["calibration"])
 
 
 def _combine_records(cruise: Cruise, mooring: str, files: Arguments) -> str:
     """Diagnose each record of a mooring's compass alone, combine those that can be used, and return compass.json."""
-    of, folder = Compasses(cruise), files["folder"] / "work/compasses"
-    compass = of.moorings[mooring]
+    settings, folder = Compasses(cruise), files["folder"] / "work/compasses"
+    compass = settings.moorings[mooring]
     summaries, calibrations = list[str](), list[str]()
-    for name in of.members[compass][0]:
+    for name in settings.members[compass][0]:
         try:
-            own = files if name == mooring else _fit(cruise, name, folder / name, lambda line: None)
+            member = files if name == mooring else _fit(cruise, name, folder / name, lambda line: None)
         except InputError:
             continue
-        summaries.append(f"{own['folder']}/work/alone/summary.json")
-        alone = dict(zip(ALONE, own["alone"], strict=True)) | {"summary": summaries[-1]}
-        _call(diagnose.diagnose, name, own | alone, Moorings(cruise).diagnose(name))
-    for name in of.members[compass][1]:
+        summaries.append(f"{member['folder']}/work/alone/summary.json")
+        alone = dict(zip(ALONE, member["alone"], strict=True)) | {"summary": summaries[-1]}
+        _call(diagnose.diagnose, name, member | alone, Moorings(cruise).diagnose(name))
+    for name in settings.members[compass][1]:
         with suppress(InputError):
             calibrations.append(_calibrate(cruise, name, files["folder"]))
     inputs: Arguments = {"summaries": summaries, "calibrations": calibrations, "say": lambda line: None}
     outputs = {"joined": f"{folder}/compass.json", "diagnosis": f"{folder}/diagnosis.json"}
-    _call(diagnose.combine_records, compass, inputs | outputs, of.combine_records(compass))
+    _call(diagnose.combine_records, compass, inputs | outputs, settings.combine_records(compass))
     return outputs["joined"]
 
 
