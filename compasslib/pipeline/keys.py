@@ -9,11 +9,7 @@ from urllib.parse import quote, unquote
 
 
 def flatten(arguments: Mapping[str, Any]) -> dict[str, str]:
-    """Convert arguments of a stage to texts ``key=value``, one for each number, text or switch, with values as JSON.
-
-    >>> flatten({"method": "exact", "place": {"latitude": 66.5}, "exclude": [[0.0, 1.5]]}).values()
-    dict_values(['method="exact"', 'place.latitude=66.5', 'exclude[0][0]=0.0', 'exclude[0][1]=1.5'])
-    """
+    """Convert arguments of a stage to texts ``key=value``, one for each number, text or switch, with values as JSON."""
     return {path: f"{path}={json.dumps(value, ensure_ascii=False)}" for path, value in _leaves(arguments)}
 
 
@@ -31,11 +27,7 @@ def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def unflatten(texts: Iterable[str]) -> dict[str, Any]:
-    """Return the arguments that ``flatten`` converted, with lists in place of tuples.
-
-    >>> unflatten(['method="exact"', "place.latitude=66.5", "exclude[0][0]=0.0", "exclude[0][1]=1.5"])
-    {'method': 'exact', 'place': {'latitude': 66.5}, 'exclude': [[0.0, 1.5]]}
-    """
+    """Return the arguments that ``flatten`` converted, with lists in place of tuples."""
     tree: dict[str, Any] = {}
     for text in texts:
         path, value = text.split("=", 1)
