@@ -38,20 +38,13 @@ def test_another_version_and_settings_of_the_command_line_are_refused(config, ve
         guard.enter(config, version, is_module=False)
 
 
-@pytest.mark.parametrize("profile", ["default", "default/config.yaml", "profiles/default/config.v9+.yaml"])
-def test_profile_in_a_cruise_folder_is_refused(profile):
-    put(profile, "forceall: true")
-    with pytest.raises(InputError, match="default: expected no profile of Snakemake in a cruise folder"):
-        guard.enter({}, __version__, is_module=False)
-
-
 def test_only_own_incomplete_files_are_deleted(there):
     kept, half = [".DS_Store.1", ".corrected.nc.99", "notes.txt"], f".corrected.nc.99{HALF_WRITTEN}"
     for name in (*kept, half):
         put(f"results/M1/{name}")
         put(f"other/{name}")
     (there / "results/linked").symlink_to(there / "other")
-    guard.begin()
+    guard.delete_incomplete()
     assert sorted(path.name for path in (there / "results/M1").iterdir()) == sorted(kept)
     assert (there / "other" / half).exists() and not list((there / "results").glob(f".begun*{HALF_WRITTEN}"))
 
@@ -60,10 +53,10 @@ def test_messages_at_the_end_name_warnings_and_killed_jobs():
     for name, said in (("read_top", "M1 top: warning: no tilts"), ("fit", "error: mooring M1: no"), ("diagnose", "")):
         put(f"results/M1/logs/{name}.log", said)
     put("results/M1/logs/read_top.json", "{}")
-    lines = guard.closing_lines()
+    lines = guard.closing_text().splitlines()
     assert lines[:3] == ["Warnings: 1", "  M1 top: warning: no tilts", "Killed: 1"] and len(lines) == 4
     assert lines[3].startswith("  results/M1/logs/diagnose.log: killed before it could say why")
-    assert guard.closing_lines(begun=2e10) == []
+    assert guard.closing_text(started_s=2e10) == ""
 
 
 def test_results_of_another_version_are_refused_and_those_without_metadata_are_told():

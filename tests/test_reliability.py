@@ -378,15 +378,6 @@ def test_no_code_of_a_cruise_folder_is_executed(sound, tmp_path):
     assert ran.returncode == 0 and not (tmp_path / "pwned").exists(), ran.stderr
 
 
-@pytest.mark.parametrize("name", ["default", "profiles/default"])
-def test_a_profile_in_a_cruise_folder_is_refused(sound, tmp_path, name):
-    folder = spoilt(sound, tmp_path, lambda there: (there / name).mkdir(parents=True))
-    (folder / name / "config.yaml").write_text("default-resources: {mem_mb: 1}\n")
-    ran = snakemake(folder, "--dry-run")
-    assert ran.returncode != 0 and not (folder / "results").exists()
-    assert f"{name}: expected no profile of Snakemake in a cruise folder" in ran.stdout + ran.stderr
-
-
 @pytest.mark.parametrize(("path", "expected"), [(TOP, "PD0"), (DEEP, "CSV")])
 def test_unreadable_raw_file_is_reported_in_one_line(sound, tmp_path, path, expected):
     folder = spoilt(sound, tmp_path, lambda there: (there / path).chmod(0))

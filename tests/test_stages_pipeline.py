@@ -101,8 +101,8 @@ def test_a_damaged_raw_file_leaves_no_output(tmp_path):
     ("mooring", "into", "line"),
     [
         ("M9", "new", r"M9: expected a mooring of \S+ \(M1\), found another name; write one of these names"),
-        ("M1", ".", "expected a folder that is not there yet, found it there; name another folder, or move"),
-        ("M1", "c/results/M1", "expected a folder outside the workflow's results, found one inside; name another"),
+        ("M1", ".", "expected a folder that is not there yet, outside the workflow's results, found another; name"),
+        ("M1", "c/results/M1", "expected a folder that is not there yet, outside the workflow's results, found"),
     ],
 )
 def test_invalid_requests_are_refused(tmp_path, mooring, into, line):

@@ -12,7 +12,6 @@ from pathlib import Path
 from compasslib.archive import provenance
 from compasslib.errors import InputError
 
-LOCKS = ".snakemake/locks"
 WITHOUT_LOCK = re.compile(r"--unlock|--nolock|--dry-?run|-[a-zA-Z]*n[a-zA-Z]*")
 
 
@@ -29,12 +28,11 @@ def run(asked: Namespace) -> int:
     if not cruise.is_dir():
         advice = "name the folder of a cruise"
         raise InputError(asked.cruise, expected="a cruise folder", found="no such folder", advice=advice)
-    if not any(map(WITHOUT_LOCK.fullmatch, options)) and any((cruise / LOCKS).glob("*.lock")):
+    if not any(map(WITHOUT_LOCK.fullmatch, options)) and any(cruise.glob(".snakemake/locks/*.lock")):
         advice = f"wait until it has ended; if it was killed: compass run {asked.cruise} -- --unlock"
         raise InputError(asked.cruise, expected="one run at a time", found="the lock of another", advice=advice)
     profile, snakefile = provenance.WORKFLOW / "profiles" / asked.profile, provenance.WORKFLOW / "Snakefile"
     cores = asked.cores or ("all" if asked.profile == "default" else None)
     command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(snakefile), "--directory", asked.cruise]
     command += ["--workflow-profile", str(profile), *(["--cores", cores] if cores else [])]
-    sys.stdout.flush()
     os.execv(sys.executable, [*command, *(["--", *options] if options and options[0][:1] != "-" else options)])

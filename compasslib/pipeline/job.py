@@ -7,16 +7,15 @@ same: they write the reason into their outputs, which ``usable`` reads.
 
 from __future__ import annotations
 
-import gc
 import os
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from importlib import import_module
 from inspect import signature
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from compasslib.archive import provenance
 from compasslib.archive.files import write_json, write_reason
@@ -32,66 +31,64 @@ Paths = str | list[str]
 
 
 def run_job(snakemake: Any) -> None:
-    """Run the stage that the parameter ``stage`` names as MODULE.FUNCTION of ``compasslib.stages``; see ``run_stage``.
-
-    Raises:
-        SystemExit: the job failed.
-    """
-    module, _, function = snakemake.params.stage.partition(".")
+    """Run the stage that the parameter ``stage`` names as MODULE.FUNCTION of ``compasslib.stages``."""
+    name = snakemake.params.stage
+    module, _, function = name.partition(".")
     stage = getattr(import_module(f"compasslib.stages.{module}"), function)
-    run_stage(snakemake, stage, always_ends=snakemake.params.stage in ALWAYS_END)
+    run_stage(snakemake, stage, always_ends=name in ALWAYS_END)
 
 
 def run_stage(snakemake: Any, stage: Callable[..., None], *, always_ends: bool = False) -> None:
     """Run one stage with its wildcards in order, and the files and settings of its rule by name of argument.
 
-    The argument ``say`` writes a line to the job's log.
-
-    Args:
-        snakemake: object of the script; of its outputs, ``job`` is the record.
-        always_ends: whether the job ends without an error if the content of a file cannot be used, with the reason in
-            its outputs.
-
-    Raises:
-        SystemExit: the job failed.
+    The argument ``say`` writes a line to the job's log. If the content of a file cannot be used, a job that
+    ``always_ends`` writes the reason into its outputs; any other ends with exit status 1.
     """
-    log, label = Path(snakemake.log[0]).absolute(), Path(snakemake.log[0]).stem
-    subject = "".join(f"{kind} {name}: " for kind, name in snakemake.wildcards.items() if kind != "role")
-    with _opened(log) as stream, single_threaded():
+    log, wildcards = Path(snakemake.log[0]).absolute(), dict(snakemake.wildcards.items())
+    subject = "".join(f"{kind} {name}: " for kind, name in wildcards.items() if kind != "role")
 
-        def say(line: str) -> None:
-            with suppress(OSError):  # on a full disk, errors are on the screen alone
-                print(line, file=stream, flush=True)
+    def say(line: str) -> None:
+        with suppress(OSError), log.open("a", encoding="utf-8") as stream:  # on a full disk, errors are on the screen
+            print(line, file=stream)
 
-        def end(line: str) -> None:
-            say(f"error: {line}")
-            _on_screen(f"error: {line}")
+    def show(line: str, title: str = "error") -> None:
+        say(f"error: {line}")
+        # Text and newline in one write, so that parallel jobs do not break each other's lines.
+        print(f"{title}: {line}\n", end="", file=sys.stderr, flush=True)
 
-        try:
-            _run(snakemake, stage, say, subject if always_ends else None)
-        except Stopped as error:
-            for line in error.args:
-                end(line)
-        except InputError as error:
-            end(f"{subject}{error}")
-        except (MemoryError, KeyboardInterrupt) as error:
-            end(f"{subject}{label} {OUT_OF_MEMORY if isinstance(error, MemoryError) else INTERRUPTED}")
-        except (Exception, SystemExit) as error:
-            say(traceback.format_exc().rstrip())
-            what = f"an error of this program in {label}, {type(error).__name__}: {error}; report it"
-            names = [name for kind, name in snakemake.wildcards.items() if kind in ("mooring", "calibration")]
-            advice = ", and make the pages of the cruise without it: --config without=" if names else ""
-            end(f"{subject}{' '.join(what.split())}{advice}{''.join(names)}")
-        else:
-            gc.freeze()  # the garbage collection at exit would take a twentieth of a small job's time
-            return
+    try:
+        with suppress(OSError):
+            log.unlink(missing_ok=True)  # it may be a link, or a hard link to an older copy
+            log.touch()
+        with single_threaded():
+            unusable = _run(snakemake, stage, say, always_ends=always_ends)
+        if isinstance(unusable, Unusable):  # the stage that met the reason has told it on the screen
+            say(f"error: {subject}{unusable}")
+        elif unusable:
+            show(f"{subject}{unusable}", "stopped")
+        return
+    except Stopped as error:
+        for line in error.args:
+            show(line)
+    except InputError as error:
+        show(f"{subject}{error}")
+    except (MemoryError, KeyboardInterrupt) as error:
+        show(f"{subject}{log.stem} {OUT_OF_MEMORY if isinstance(error, MemoryError) else INTERRUPTED}")
+    except (Exception, SystemExit) as error:
+        say(traceback.format_exc().rstrip())
+        what = f"an error of this program in {log.stem}, {type(error).__name__}: {error}; report it"
+        names = [name for kind, name in wildcards.items() if kind in ("mooring", "calibration")]
+        advice = ", and make the pages of the cruise without it: --config without=" if names else ""
+        show(f"{subject}{' '.join(what.split())}{advice}{''.join(names)}")
     sys.exit(1)
 
 
-def _run(snakemake: Any, stage: Callable[..., None], say: Callable[[str], None], subject: str | None) -> None:
-    """Run the stage and write its record; where ``subject`` is given, an unusable file is a reason, not an error."""
+def _run(
+    snakemake: Any, stage: Callable[..., None], say: Callable[[str], None], *, always_ends: bool
+) -> InputError | None:
+    """Run the stage and write its record; return why a file is unusable where the job ends all the same."""
     reads, writes = _enter_cruise(snakemake)
-    record = str(writes.pop("job"))
+    record, unusable = str(writes.pop("job")), None
     settings = unflatten(value for value in snakemake.params if isinstance(value, str) and "=" in value)
     made = {
         "rule": snakemake.rule,
@@ -100,28 +97,28 @@ def _run(snakemake: Any, stage: Callable[..., None], say: Callable[[str], None],
         "library": settings.pop("library", ""),
         "parameters": settings,
     }
-    signatures = {path: _sign(path) for path in _flat(reads.values())}
+    before = {path: _size_and_date(path) for path in _flat(reads)}
     try:
-        made["read"] = _hashes(signatures)
-        taken = signature(stage).parameters
+        made["read"] = {path: hash_input(path) for path in before}
         named = {"say": say, **reads, **writes, **settings}
-        stage(*snakemake.wildcards, **{name: value for name, value in named.items() if name in taken})
+        stage(*snakemake.wildcards, **{name: named[name] for name in signature(stage).parameters if name in named})
     except InputError as error:
-        _refuse_changed(signatures)  # a file still being copied is not damaged
-        if subject is None or isinstance(error, TransientError):
-            raise
-        place = error.where.split(": ")[0]  # a file, or words such as "affected instrument"
+        unusable = error
+    for path, known in before.items():
+        if _size_and_date(path) != known:  # as of a file that is still being copied, which is not damaged
+            advice = "start the run again when it is whole"
+            raise TransientError(path, expected="a file that stays as it is", found="one that changed", advice=advice)
+    if unusable and (not always_ends or isinstance(unusable, TransientError)):
+        raise unusable
+    if unusable:
+        place = unusable.where.split(": ")[0]  # a file, or words such as "affected instrument"
         file = place if os.path.exists(place) else None
-        reason = {"stage": Path(record).stem, "why": str(error), "file": file, "advice": error.advice}
-        reason = error.reason if isinstance(error, Unusable) else reason
-        for path in _flat(writes.values()):
-            write_reason(path, reason)
-        say(f"error: {subject}{reason['why']}")
-        if not isinstance(error, Unusable):  # else the stage that met the reason has told it
-            _on_screen(f"stopped: {subject}{reason['why']}")
-    _refuse_changed(signatures)
-    made["wrote"] = provenance.hashes(_flat(writes.values()))
+        reason = {"stage": Path(record).stem, "why": str(unusable), "file": file, "advice": unusable.advice}
+        for path in _flat(writes):
+            write_reason(path, unusable.reason if isinstance(unusable, Unusable) else reason)
+    made["wrote"] = provenance.hashes(_flat(writes))
     write_json(record, made)
+    return unusable
 
 
 def _enter_cruise(snakemake: Any) -> tuple[dict[str, Paths], dict[str, Paths]]:
@@ -130,72 +127,32 @@ def _enter_cruise(snakemake: Any) -> tuple[dict[str, Paths], dict[str, Paths]]:
     Inputs without a name are only waited for. The YAML files, which are not in a storage, are linked beside the copies.
     """
     root = os.environ.get(ROOT, ".")
-    reads, writes = (
-        {
-            name: given.removeprefix(f"{root}/")
-            if isinstance(given, str)
-            else [path.removeprefix(f"{root}/") for path in given]
-            for name, given in files.items()
-        }
-        for files in (snakemake.input, snakemake.output)
-    )
+
+    def inside(given: Any) -> Paths:
+        return given.removeprefix(f"{root}/") if isinstance(given, str) else [str(inside(path)) for path in given]
+
+    named = [{name: inside(given) for name, given in files.items()} for files in (snakemake.input, snakemake.output)]
     if root != ".":
         with suppress(FileExistsError):
             Path(root, "config").symlink_to(Path("config").absolute())
         os.chdir(root)
-    return reads, writes
+    return named[0], named[1]
 
 
-def _flat(files: Any) -> list[str]:
-    return list(dict.fromkeys(path for given in files for path in ([given] if isinstance(given, str) else given)))
+def _flat(files: dict[str, Paths]) -> list[str]:
+    return [path for given in files.values() for path in ([given] if isinstance(given, str) else given)]
 
 
-def _sign(path: str) -> tuple[int, int]:
+def _size_and_date(path: str) -> tuple[int, int]:
     status = os.stat(path)
     return status.st_size, status.st_mtime_ns
 
 
-def _hashes(signatures: Sequence[str] | dict[str, tuple[int, int]]) -> dict[str, str]:
-    """Hash the inputs of a job.
-
-    Raises:
-        InputError: a raw file cannot be read.
-        TransientError: a result cannot be read.
-    """
-    known = {}
-    for path in signatures:
-        try:
-            known[path] = provenance.sha256(path)
-        except OSError as error:
-            expected, advice = "a file that can be read", "correct its permissions or repair the disk"
-            kind = TransientError if path.startswith("results/") else InputError
-            raise kind(path, expected=expected, found=error.strerror, advice=advice) from error
-    return known
-
-
-def _refuse_changed(before: dict[str, tuple[int, int]]) -> None:
-    """Raise TransientError if an input changed while the job read it."""
-    for path, known in before.items():
-        if _sign(path) != known:
-            advice = "start the run again when it is whole"
-            raise TransientError(path, expected="a file that stays as it is", found="one that changed", advice=advice)
-
-
-@contextmanager
-def _opened(log: Path) -> Iterator[TextIO]:
-    """Open a new log, or none where that fails, as on a full disk."""
+def hash_input(path: str) -> str:
+    """Hash an input of a job; if it cannot be read, a raw file is unusable, and a result can be made again."""
     try:
-        log.unlink(missing_ok=True)  # it may be a link, or a hard link to an older copy
-        stream = log.open("w", encoding="utf-8")
-    except OSError:
-        stream = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
-    try:
-        yield stream
-    finally:
-        with suppress(OSError):  # raised by lines that did not fit on the disk
-            stream.close()
-
-
-def _on_screen(line: str) -> None:
-    # Text and newline in one write, so that parallel jobs do not break each other's lines.
-    print(f"{line}\n", end="", file=sys.stderr, flush=True)
+        return provenance.sha256(path)
+    except OSError as error:
+        expected, advice = "a file that can be read", "correct its permissions or repair the disk"
+        kind = TransientError if path.startswith("results/") else InputError
+        raise kind(path, expected=expected, found=error.strerror, advice=advice) from error

@@ -9,11 +9,7 @@ from urllib.parse import quote, unquote
 
 
 def flatten(arguments: Mapping[str, Any]) -> dict[str, str]:
-    """Convert arguments of a stage to texts ``key=value``, one for each number, text or switch, with values as JSON.
-
-    >>> flatten({"method": "exact", "place": {"latitude": 66.5}, "exclude": [[0.0, 1.5]]}).values()
-    dict_values(['method="exact"', 'place.latitude=66.5', 'exclude[0][0]=0.0', 'exclude[0][1]=1.5'])
-    """
+    """Convert arguments of a stage to texts ``key=value``, one for each number, text or switch, with values as JSON."""
     return {path: f"{path}={json.dumps(value, ensure_ascii=False)}" for path, value in _leaves(arguments)}
 
 
@@ -31,11 +27,7 @@ def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def unflatten(texts: Iterable[str]) -> dict[str, Any]:
-    """Return the arguments that ``flatten`` converted, with lists in place of tuples.
-
-    >>> unflatten(['method="exact"', "place.latitude=66.5", "exclude[0][0]=0.0", "exclude[0][1]=1.5"])
-    {'method': 'exact', 'place': {'latitude': 66.5}, 'exclude': [[0.0, 1.5]]}
-    """
+    """Return the arguments that ``flatten`` converted, with lists in place of tuples."""
     tree: dict[str, Any] = {}
     for text in texts:
         path, value = text.split("=", 1)
@@ -44,8 +36,7 @@ def unflatten(texts: Iterable[str]) -> dict[str, Any]:
         for name in outer:
             inner = inner.setdefault(name, {})
         inner[last] = json.loads(value)
-    arguments: dict[str, Any] = _with_lists(tree)
-    return arguments
+    return _with_lists(tree)
 
 
 def _with_lists(tree: Any) -> Any:
@@ -60,13 +51,14 @@ def parameters(settings: Callable[..., dict[str, Any]], subjects: Iterable[tuple
     """Compose the parameters of a rule, one function for each key; it returns None where a job does not have the key.
 
     Args:
-        settings: returns the arguments of the stage for one of the ``subjects``, the values of the rule's wildcards.
+        settings: returns the arguments of the stage for one of the ``subjects``, the values of the rule's wildcards;
+            those of the subject () are for all jobs.
     """
     known = {subject: flatten(settings(*subject)) for subject in subjects}
     names = dict.fromkeys(name for texts in known.values() for name in texts)
 
     def of(name: str) -> Callable[[Any], str | None]:
-        return lambda wildcards: known[tuple(wildcards)].get(name)
+        return lambda wildcards: known.get(tuple(wildcards), known.get((), {})).get(name)
 
     # Snakemake compares the sets of values: None is in all of them, so that a key of one job does not concern others.
     return {"none": None} | {f"key{k}": of(name) for k, name in enumerate(names)}

@@ -11,14 +11,18 @@ from collections.abc import Callable
 from contextlib import chdir, suppress
 from inspect import signature
 from pathlib import Path
-from typing import Any
 
 from compasslib.config.cruise import Cruise, load_cruise
 from compasslib.errors import InputError
 from compasslib.stages import calibrate, correct, diagnose, fit, grid, overlap, read
-from compasslib.stages.settings import Calibrations, Compasses, Moorings, check_cruise
+from compasslib.stages.settings import Arguments, Calibrations, Compasses, Moorings, check_cruise
 from compasslib.statistics import single_threaded
 
+FILES = (
+    *("work/field.json", "work/pairs/wide.nc", "work/fit.json", "work/agreement.json", "diagnosis.json"),
+    *("deviation.json", "corrected.nc", "overlap.nc", "assessment.json", "table.csv", "histograms.csv", "forms.json"),
+)
+ALONE = ("diagnosis", "deviation", "agreement")  # of a record of a shared compass by itself
 Say = Callable[[str], None]
 
 
@@ -39,12 +43,9 @@ def process_mooring(cruise: str | Path, mooring: str, folder: str | Path, say: S
     if mooring not in (*loaded.moorings, *loaded.whole):
         expected = f"a mooring of {cruise} ({', '.join(loaded.moorings) or 'it has none'})"
         raise InputError(mooring, expected=expected, found="another name", advice="write one of these names")
-    if there.resolve().is_relative_to((loaded.root / "results").resolve()):
-        expected, advice = "a folder outside the workflow's results", "name another folder"
-        raise InputError(str(there), expected=expected, found="one inside", advice=advice)
-    if there.exists():
-        advice = "name another folder, or move that one away"
-        raise InputError(str(there), expected="a folder that is not there yet", found="it there", advice=advice)
+    if there.exists() or there.resolve().is_relative_to((loaded.root / "results").resolve()):
+        expected = "a folder that is not there yet, outside the workflow's results"
+        raise InputError(str(there), expected=expected, found="another", advice="name another folder")
     there.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{there.name}.", dir=there.parent) as temporary, chdir(loaded.root):
         process(loaded, mooring, Path(temporary, "whole"), say)
@@ -58,99 +59,83 @@ def process(
 ) -> None:
     """Read, find pairs, fit, search for effects and correct, for each affected instrument of a mooring; then grid.
 
-    The cruise is the working folder. Calibrations and other moorings of the compass are processed below ``work``.
-
-    Args:
-        folder: folder of the mooring's results, in which files are overwritten.
-        compared_and_gridded: whether forms of the curve are compared, and velocities gridded if configured.
+    The cruise is the working folder; files in ``folder`` are overwritten. Calibrations and other moorings of the
+    compass are processed below ``work``. Forms of the curve are compared, and velocities gridded if configured, unless
+    ``compared_and_gridded`` is false.
     """
-    of, compasses = Moorings(cruise), Compasses(cruise).moorings
-    parts = {part: _files(of, part, folder / part.removeprefix(mooring).strip("/")) for part in of.parts(mooring)}
-    for part, files in parts.items():
-        _fit(cruise, part, files, folder, say)
-        if part in compasses:
-            joined = {"joined": _combine_records(cruise, compasses[part], part, files, folder, say)}
-            _call(diagnose.diagnose_jointly, part, say, files | joined, of.diagnose_jointly(part))
+    settings, parts = Moorings(cruise), []
+    for part in settings.parts(mooring):
+        files = _fit(cruise, part, folder / part.removeprefix(mooring).strip("/"), say)
+        if part in Compasses(cruise).moorings:
+            files["joined"] = _combine_records(cruise, part, files)
+            _call(diagnose.diagnose_jointly, part, files, settings.diagnose_jointly(part))
         else:
-            _call(diagnose.diagnose, part, say, files, of.diagnose(part))
-        _call(correct.correct, part, say, files, of.correct(part))
+            _call(diagnose.diagnose, part, files, settings.diagnose(part))
+        _call(correct.correct, part, files, settings.correct(part))
         if compared_and_gridded:
-            _call(correct.compare, part, say, files)
-    if compared_and_gridded and mooring in of.gridded:
-        first, each = next(iter(parts.values())), list(parts.values())
-        lists = {f"{name}s": [files[name] for files in each] for name in ("record", "deviation", "assessment", "field")}
-        lists |= {"corrected": [files["corrected"] for files in each], "pairs": [files["overlap"] for files in each]}
-        gridded = {"gridded": [str(folder / file) for file in of.gridded[mooring]]}
-        _call(grid.grid, mooring, say, first | lists | gridded, of.grid(mooring))
+            _call(correct.compare, part, files, {})
+        parts.append(files)
+    if compared_and_gridded and mooring in settings.gridded:
+        stems = {f"{stem}s": stem for stem in ("record", "deviation", "assessment", "field")}
+        stems |= {"corrected": "corrected", "pairs": "overlap"}
+        lists = {name: [files[stem] for files in parts] for name, stem in stems.items()}
+        lists["gridded"] = [f"{folder}/{file}" for file in settings.gridded[mooring]]
+        _call(grid.grid, mooring, parts[0] | lists, settings.grid(mooring))
 
 
-def _files(of: Moorings, name: str, folder: Path) -> dict[str, Any]:
-    """Name the files of the stages of one affected instrument, as the rules of the workflow do."""
-    record, *references = (str(folder / f"work/{role}.nc") for role in of.roles(name))
-    names = {
-        **{stem: f"work/{stem}.json" for stem in ("field", "fit", "agreement")},
-        **{stem: f"{stem}.json" for stem in ("diagnosis", "deviation", "assessment", "forms")},
-        **{stem: f"{stem}.csv" for stem in ("table", "histograms")},
-        **{stem: f"{stem}.nc" for stem in ("corrected", "overlap")},
-        "pairs": "work/pairs/overlap.nc",
-        "wide": "work/pairs/wide.nc",
-    }
-    alone = [str(folder / f"work/alone/{stem}.json") for stem in ("diagnosis", "deviation", "agreement", "summary")]
-    inputs = {"observatory": of.observatory(name), "ready": of.ready_pairs(name), "alone": alone[:3]}
-    shared = {"record": record, "upper": record, "references": references, "lower": references}
-    return {key: str(folder / file) for key, file in names.items()} | inputs | shared | {"summary_alone": alone[3]}
-
-
-def _fit(cruise: Cruise, name: str, files: dict[str, Any], folder: Path, say: Say) -> None:
-    """Read the instruments, find pairs, and fit the compass or convert its calibration."""
-    of = Moorings(cruise)
-    for role, record in zip(of.roles(name), (files["record"], *files["references"]), strict=True):
-        raw = {"raw": of.raw_files(name, role), "companions": of.companion_files(name, role), "record": record}
-        read.read(name, role, **raw, **of.read(name, role), say=say)
-    _call(overlap.overlap, name, say, files, of.overlap(name))
-    if names := of.calibrations(name):
-        made = {"calibrations": [_calibrate(cruise, each, folder) for each in names]}
-        _call(fit.transfer_calibration, name, say, files | made, of.transfer_calibration(name))
+def _fit(cruise: Cruise, name: str, folder: Path, say: Say) -> Arguments:
+    """Read the instruments, find pairs, and fit the compass or convert its calibration; return the files by name."""
+    settings = Moorings(cruise)
+    record, *references = records = [f"{folder}/work/{role}.nc" for role in settings.roles(name)]
+    files: Arguments = {Path(file).stem: f"{folder}/{file}" for file in FILES}
+    files |= {"folder": folder, "say": say, "record": record, "references": references}
+    files |= {"observatory": settings.observatory(name), "ready": settings.ready_pairs(name)}
+    files["pairs"] = f"{folder}/work/pairs/overlap.nc"
+    files["alone"] = [f"{folder}/work/alone/{stem}.json" for stem in ALONE]
+    for role, path in zip(settings.roles(name), records, strict=True):
+        raw, companions = settings.raw_files(name, role), settings.companion_files(name, role)
+        read.read(name, role, raw=raw, companions=companions, record=path, **settings.read(name, role), say=say)
+    _call(overlap.overlap, name, files, settings.overlap(name))
+    if calibrations := [_calibrate(cruise, each, folder) for each in settings.calibrations(name)]:
+        made = files | {"calibrations": calibrations}
+        _call(fit.transfer_calibration, name, made, settings.transfer_calibration(name))
     else:
-        _call(fit.fit, name, say, files, of.fit(name))
+        _call(fit.fit, name, files, settings.fit(name))
+    return files
 
 
 def _calibrate(cruise: Cruise, name: str, folder: Path) -> str:
     """Calibrate a compass and return its calibration.json, without comparison, in the work folder of a mooring."""
-    of, there = Calibrations(cruise), folder / "work/calibrations" / name
-    files = {part: str(there / file) for part, file in calibrate.FILES.items()}
-    _call(calibrate.calibrate, name, lambda line: None, files | {"raw": of.raw_files(name)}, of.calibrate(name))
-    return files["calibration"]
+    settings = Calibrations(cruise)
+    files: Arguments = {key: f"{folder}/work/calibrations/{name}/{file}" for key, file in calibrate.FILES.items()}
+    files |= {"raw": settings.raw_files(name), "say": lambda line: None}
+    _call(calibrate.calibrate, name, files, settings.calibrate(name))
+    return str(files["calibration"])
 
 
-def _combine_records(cruise: Cruise, compass: str, mooring: str, files: dict[str, Any], folder: Path, say: Say) -> str:
-    """Diagnose each record of a compass alone, combine those that can be used, and return compass.json."""
-    of, there = Compasses(cruise), folder / "work/compasses"
-    moorings, calibrations = of.members[compass]
-    summaries = []
-    for name in moorings:
-        quiet = say if name == mooring else lambda line: None
-        own = files if name == mooring else _files(Moorings(cruise), name, there / name)
+def _combine_records(cruise: Cruise, mooring: str, files: Arguments) -> str:
+    """Diagnose each record of a mooring's compass alone, combine those that can be used, and return compass.json."""
+    settings, folder = Compasses(cruise), files["folder"] / "work/compasses"
+    compass = settings.moorings[mooring]
+    summaries, calibrations = list[str](), list[str]()
+    for name in settings.members[compass][0]:
         try:
-            if name != mooring:
-                _fit(cruise, name, own, there / name, quiet)
+            member = files if name == mooring else _fit(cruise, name, folder / name, lambda line: None)
         except InputError:
             continue
-        alone = dict(zip(("diagnosis", "deviation", "agreement"), own["alone"], strict=True))
-        alone["summary"] = own["summary_alone"]
-        _call(diagnose.diagnose, name, quiet, own | alone, Moorings(cruise).diagnose(name))
-        summaries.append(alone["summary"])
-    calibrated = []
-    for name in calibrations:
+        summaries.append(f"{member['folder']}/work/alone/summary.json")
+        alone = dict(zip(ALONE, member["alone"], strict=True)) | {"summary": summaries[-1]}
+        _call(diagnose.diagnose, name, member | alone, Moorings(cruise).diagnose(name))
+    for name in settings.members[compass][1]:
         with suppress(InputError):
-            calibrated.append(_calibrate(cruise, name, folder))
-    made = {"summaries": summaries, "calibrations": calibrated}
-    joined = {"joined": str(there / "compass.json"), "diagnosis": str(there / "diagnosis.json")}
-    _call(diagnose.combine_records, compass, lambda line: None, made | joined, of.combine_records(compass))
-    return joined["joined"]
+            calibrations.append(_calibrate(cruise, name, files["folder"]))
+    inputs: Arguments = {"summaries": summaries, "calibrations": calibrations, "say": lambda line: None}
+    outputs = {"joined": f"{folder}/compass.json", "diagnosis": f"{folder}/diagnosis.json"}
+    _call(diagnose.combine_records, compass, inputs | outputs, settings.combine_records(compass))
+    return outputs["joined"]
 
 
-def _call(stage: Callable[..., None], name: str, say: Say, files: dict[str, Any], settings: Any = None) -> None:
+def _call(stage: Callable[..., None], name: str, files: Arguments, settings: Arguments) -> None:
     """Run a stage with those files and settings that are among its arguments, as a job of the workflow does."""
-    named = files | (settings or {}) | {"say": say}
+    named = files | settings
     stage(name, **{key: value for key, value in named.items() if key in signature(stage).parameters})

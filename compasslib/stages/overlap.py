@@ -29,8 +29,8 @@ from compasslib.records import ReferenceCompass
 def overlap(
     mooring: str,
     *,
-    upper: str,
-    lower: Sequence[str],
+    record: str,
+    references: Sequence[str],
     observatory: Sequence[str],
     ready: Sequence[str],
     field: str,
@@ -45,8 +45,8 @@ def overlap(
     """Write the field along the deployment, the pairs by the rules, and pairs by rules for larger separations.
 
     Args:
-        upper: record file of the affected instrument.
-        lower: record files of the references, possibly none.
+        record: record file of the affected instrument.
+        references: record files of the references, possibly none.
         observatory: IAGA-2002 files of one observatory, possibly none.
         ready: file of ready-made pairs, which replace those of the records; empty if there is none.
         place: arguments of ``earthfield.field_along``.
@@ -60,9 +60,9 @@ def overlap(
     write_json(field, vars(along))
     along = earthfield.field_from_json(read_json(field))  # as every later stage reads it
     say(earthfield.describe_field(mooring, along))
-    above, below = netcdf.read_record(upper), [netcdf.read_record(file) for file in lower]
+    above, below = netcdf.read_record(record), [netcdf.read_record(file) for file in references]
     # Named relative to the mooring's folder, so that the bytes of the file do not depend on its location.
-    sources = {f"work/{Path(file).name}": known for file, known in provenance.hashes([upper, *lower]).items()}
+    sources = {f"work/{Path(file).name}": known for file, known in provenance.hashes([record, *references]).items()}
     made = provenance.origin("pairs found", sources)
     if ready and columns is not None:
         rows = read_ready_pairs(Path(ready[0]), {role: columns[role] for role in ROLES})
@@ -83,6 +83,6 @@ def overlap(
             replace(find_pairs(above, r, along, by, clock), compass=compass)
             for r, clock, compass in zip(each, clocks, trusted or [None], strict=True)
         ]
-        joined = join_references(by_reference, [Path(reference).stem for reference in lower])
+        joined = join_references(by_reference, [Path(file).stem for file in references])
         netcdf.write_pairs(file, joined, attributes=made)
     say(describe_pairs(mooring, joined))

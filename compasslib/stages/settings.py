@@ -337,13 +337,6 @@ def configuration(cruise: Cruise) -> dict[str, list[str]]:
     return {"": [CONFIG]} | files
 
 
-def given_files(cruise: Cruise) -> set[str]:
-    """List all YAML and raw files that results are made from."""
-    given = {file for files in configuration(cruise).values() for file in files}
-    given |= {file for name in cruise.moorings for file in Moorings(cruise).given_files(name)}
-    return given | {file for each in cruise.calibrations.values() for file in each.raw_files}
-
-
 def needs(cruise: Cruise) -> Arguments:
     """Return the calibrations that each mooring needs, and the moorings and calibrations of each compass."""
     moorings = Moorings(cruise)

@@ -15,8 +15,7 @@ rule calibrate:
     benchmark:
         "results/calibrations/{calibration}/benchmarks/calibrate.tsv"
     params:
-        **parameters(CALIBRATIONS.calibrate, [(name,) for name in CRUISE.calibrations]),
-        stage="calibrate.calibrate",
+        **parameters("calibrate.calibrate", CALIBRATIONS.calibrate, zip(CRUISE.calibrations)),
     script:
         "../scripts/stage.py"
 
@@ -27,9 +26,7 @@ rule compare_calibrations:
         calibration="results/calibrations/{calibration}/work/calibration.json",
         table="results/calibrations/{calibration}/work/table.csv",
         points="results/calibrations/{calibration}/work/points.csv",
-        others=lambda wildcards: calibration_files(
-            name for name in CALIBRATIONS.compared_with(*wildcards) if name in usable("calibrations")
-        ),
+        others=of_usable("calibrations", "calibration.json", among=CALIBRATIONS.compared_with),
     output:
         compared="results/calibrations/{calibration}/calibration.json",
         made=["results/calibrations/{calibration}/table.csv", "results/calibrations/{calibration}/points.csv"],
@@ -37,8 +34,7 @@ rule compare_calibrations:
     log:
         "results/calibrations/{calibration}/logs/compare.log",
     params:
-        **parameters(CALIBRATIONS.compare_calibrations, [(name,) for name in CRUISE.calibrations]),
-        stage="calibrate.compare_calibrations",
+        **parameters("calibrate.compare_calibrations", CALIBRATIONS.compare_calibrations, zip(CRUISE.calibrations)),
     script:
         "../scripts/stage.py"
 
@@ -57,8 +53,7 @@ rule diagnose_calibration:
     wildcard_constraints:
         calibration=guard.only(CALIBRATIONS.diagnosed),
     params:
-        **parameters(CALIBRATIONS.diagnose, [(name,) for name in CRUISE.calibrations]),
-        stage="diagnose.diagnose_calibration",
+        **parameters("diagnose.diagnose_calibration", CALIBRATIONS.diagnose, zip(CRUISE.calibrations)),
     script:
         "../scripts/stage.py"
 
@@ -67,17 +62,15 @@ for FIGURES, OF_THESE in CALIBRATIONS.figures.items():
 
     rule:
         name:
-            calibration_figures(OF_THESE[0])
+            f"calibration_figures_{'_'.join(FIGURES)}"
         input:
             calibration="results/calibrations/{calibration}/calibration.json",
             table="results/calibrations/{calibration}/table.csv",
             points="results/calibrations/{calibration}/points.csv",
             diagnosis=["results/calibrations/{calibration}/diagnosis.json"] if "diagnosis" in FIGURES else [],
         output:
-            figures=report(
-                expand("results/calibrations/{{calibration}}/figures/{name}.{form}", name=FIGURES, form=FORMATS),
-                category="Calibrations",
-                subcategory="{calibration}",
+            figures=reported(
+                "results/calibrations/{calibration}/figures/{name}.{form}", FIGURES, "Calibrations", "{calibration}"
             ),
             job="results/calibrations/{calibration}/logs/figures.json",
         log:
@@ -85,7 +78,6 @@ for FIGURES, OF_THESE in CALIBRATIONS.figures.items():
         wildcard_constraints:
             calibration=guard.only(OF_THESE),
         params:
-            **DRAWN,
-            stage="figures.calibration_figures",
+            **parameters("figures.calibration_figures", lambda: {"formats": FORMATS}),
         script:
             "../scripts/stage.py"

@@ -4,8 +4,8 @@
 rule combine_records:
     """Combine the records of a compass: its iron and effects, rejected records, and the prior for each record."""
     input:
-        summaries=lambda wildcards: [f"results/{name}/work/alone/summary.json" for name in members(wildcards)[0]],
-        calibrations=lambda wildcards: calibration_files(members(wildcards)[1]),
+        summaries=of_usable("moorings", "work/alone/summary.json", among=lambda compass: COMPASSES.members[compass][0]),
+        calibrations=of_usable("calibrations", "calibration.json", among=lambda compass: COMPASSES.members[compass][1]),
     output:
         joined="results/compasses/{compass}/compass.json",
         diagnosis="results/compasses/{compass}/diagnosis.json",
@@ -15,8 +15,7 @@ rule combine_records:
     benchmark:
         "results/compasses/{compass}/benchmarks/combine_records.tsv"
     params:
-        **parameters(COMPASSES.combine_records, [(name,) for name in COMPASSES.members]),
-        stage="diagnose.combine_records",
+        **parameters("diagnose.combine_records", COMPASSES.combine_records, zip(COMPASSES.members)),
     script:
         "../scripts/stage.py"
 
@@ -26,18 +25,13 @@ rule joined_figures:
     input:
         joined="results/compasses/{compass}/compass.json",
     output:
-        figures=report(
-            expand(
-                "results/compasses/{{compass}}/figures/{name}.{form}", name=["coefficients", "curve"], form=FORMATS
-            ),
-            category="Compasses",
-            subcategory="{compass}",
+        figures=reported(
+            "results/compasses/{compass}/figures/{name}.{form}", ["coefficients", "curve"], "Compasses", "{compass}"
         ),
         job="results/compasses/{compass}/logs/figures.json",
     log:
         "results/compasses/{compass}/logs/figures.log",
     params:
-        **DRAWN,
-        stage="figures.joined_figures",
+        **parameters("figures.joined_figures", lambda: {"formats": FORMATS}),
     script:
         "../scripts/stage.py"

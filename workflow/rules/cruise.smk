@@ -7,8 +7,8 @@ On a cluster these rules run where Snakemake was started: they take seconds each
 checkpoint usable:
     """List what can go on; for all others write stopped.json in place of their products."""
     input:
-        moorings=FIELDS,
-        calibrations=CURVES,
+        moorings=FIELD_FILES,
+        calibrations=CALIBRATION_FILES,
     output:
         usable="results/usable.json",
         job="results/logs/usable.json",
@@ -16,8 +16,9 @@ checkpoint usable:
         "results/logs/usable.log",
     localrule: True
     params:
-        **parameters(lambda: settings.needs(CRUISE) | {"without": WITHOUT, "order": list(CRUISE.moorings)}, [()]),
-        stage="cruise.usable",
+        **parameters(
+            "cruise.usable", lambda: settings.needs(CRUISE) | {"without": WITHOUT, "order": list(CRUISE.moorings)}
+        ),
     script:
         "../scripts/stage.py"
 
@@ -26,8 +27,8 @@ rule summary:
     """Summarize the cruise, one row per mooring."""
     input:
         usable="results/usable.json",
-        files=of_moorings("deviation.json", "diagnosis.json", "assessment.json", "corrected.nc", "overlap.nc"),
-        fields=of_moorings("work/field.json"),
+        files=of_usable("moorings", "deviation.json", "diagnosis.json", "assessment.json", "corrected.nc", "overlap.nc"),
+        fields=of_usable("moorings", "work/field.json"),
         records=lambda wildcards: [
             f"results/{name}/work/{role}.nc" for name in usable("moorings") for role in MOORINGS.roles(name)
         ],
@@ -38,8 +39,7 @@ rule summary:
         "results/logs/summary.log",
     localrule: True
     params:
-        **parameters(lambda: {"roles": {name: MOORINGS.roles(name) for name in CRUISE.moorings}}, [()]),
-        stage="cruise.summary",
+        **parameters("cruise.summary", lambda: {"roles": {name: MOORINGS.roles(name) for name in CRUISE.moorings}}),
     script:
         "../scripts/stage.py"
 
@@ -48,20 +48,16 @@ rule cruise_figures:
     """Draw figures of all moorings: array, deviations, differences from the reference, currents."""
     input:
         usable="results/usable.json",
-        deviations=of_moorings("deviation.json"),
-        assessments=of_moorings("assessment.json"),
+        deviations=of_usable("moorings", "deviation.json"),
+        assessments=of_usable("moorings", "assessment.json"),
     output:
-        figures=report(
-            expand("results/figures/{name}.{form}", name=["array", "curves", "differences", "currents"], form=FORMATS),
-            category="Cruise",
-        ),
+        figures=reported("results/figures/{name}.{form}", ["array", "curves", "differences", "currents"], "Cruise"),
         job="results/logs/cruise_figures.json",
     log:
         "results/logs/cruise_figures.log",
     localrule: True
     params:
-        **parameters(lambda: {"array": settings.array(CRUISE), "formats": FORMATS}, [()]),
-        stage="figures.cruise_figures",
+        **parameters("figures.cruise_figures", lambda: {"array": settings.array(CRUISE), "formats": FORMATS}),
     script:
         "../scripts/stage.py"
 
@@ -78,8 +74,7 @@ rule report:
         "results/logs/report.log",
     localrule: True
     params:
-        **parameters(lambda: settings.report(CRUISE), [()]),
-        stage="report.report",
+        **parameters("report.report", lambda: settings.report(CRUISE)),
     script:
         "../scripts/stage.py"
 
@@ -87,7 +82,9 @@ rule report:
 rule provenance:
     """Write the manifest from all job records: a Process Run Crate with the hash of every file read or written."""
     input:
-        jobs=lambda wildcards: [*records(), "results/logs/usable.json", "results/logs/report.json"],
+        jobs=lambda wildcards: [
+            file for file in (*results(), *made_by("usable"), *made_by("report")) if "/logs/" in file
+        ],
         settings=local(sorted({file for files in settings.configuration(CRUISE).values() for file in files})),
         usable="results/usable.json",
     output:
@@ -98,9 +95,9 @@ rule provenance:
     localrule: True
     params:
         **parameters(
-            lambda: {"attributes": CRUISE.options.attributes, "configuration": settings.configuration(CRUISE)}, [()]
+            "cruise.provenance",
+            lambda: {"attributes": CRUISE.options.attributes, "configuration": settings.configuration(CRUISE)},
         ),
-        stage="cruise.provenance",
     script:
         "../scripts/stage.py"
 
@@ -116,7 +113,6 @@ rule complete:
         "results/logs/complete.log",
     localrule: True
     params:
-        stage="cruise.complete",
-        library=LIBRARY,
+        **parameters("cruise.complete"),
     script:
         "../scripts/stage.py"

@@ -13,8 +13,7 @@ for NAME in SIMULATED:
             f"results/{NAME}/logs/simulate.log",
         priority: 1  # before all other jobs: a mooring simulated last would end on one core
         params:
-            **parameters(lambda name=NAME: {"name": name, "seed": CRUISE.options.seed}, [()]),
-            stage="simulate.simulate",
+            **parameters("simulate.simulate", lambda name=NAME: {"name": name, "seed": CRUISE.options.seed}),
         script:
             "../scripts/stage.py"
 
@@ -25,15 +24,9 @@ if CONCEALED:
         """Compare the diagnoses of the moorings C1, C2, ... with the truth, which no other rule reads."""
         input:
             truths=[simulate.truth_file(name) for name in CONCEALED],
-            corrected=lambda wildcards: [
-                f"results/{name}/corrected.nc" for name in CONCEALED if name in usable("moorings")
-            ],
-            others=lambda wildcards: [
-                f"results/{name}/{file}"
-                for name in CONCEALED
-                if name in usable("moorings")
-                for file in ("deviation.json", "diagnosis.json", "overlap.nc", "work/pictures.json")
-            ],
+            corrected=of_usable("moorings", "corrected.nc", among=lambda: CONCEALED),
+            diagnoses=of_usable("moorings", "deviation.json", "diagnosis.json", among=lambda: CONCEALED),
+            shown=of_usable("moorings", "overlap.nc", "work/pictures.json", among=lambda: CONCEALED),
         output:
             page=report("results/concealed.html", caption="../report/page.rst", category="Cruise"),
             job="results/logs/concealed.json",
@@ -41,7 +34,6 @@ if CONCEALED:
             "results/logs/concealed.log",
         localrule: True
         params:
-            stage="concealed.concealed",
-            library=LIBRARY,
+            **parameters("concealed.concealed"),
         script:
             "../scripts/stage.py"

@@ -14,10 +14,9 @@ rule read:
     benchmark:
         "results/{mooring}/benchmarks/read_{role}.tsv"
     group:
-        lambda wildcards: guard.group("read", wildcards.mooring)
+        lambda wildcards: group_of_mooring(wildcards, "read")
     params:
-        **parameters(MOORINGS.read, INSTRUMENTS),
-        stage="read.read",
+        **parameters("read.read", MOORINGS.read, INSTRUMENTS),
     script:
         "../scripts/stage.py"
 
@@ -25,8 +24,8 @@ rule read:
 rule overlap:
     """Compute the earth's field, and find pairs of measurements of nearly the same water in the records."""
     input:
-        upper=lambda wildcards: MOORINGS.affected(*wildcards),
-        lower=lambda wildcards: MOORINGS.references(*wildcards),
+        record=lambda wildcards: MOORINGS.affected(*wildcards),
+        references=lambda wildcards: MOORINGS.references(*wildcards),
         observatory=lambda wildcards: MOORINGS.observatory(*wildcards),
         ready=lambda wildcards: MOORINGS.ready_pairs(*wildcards),
     output:
@@ -39,10 +38,9 @@ rule overlap:
     benchmark:
         "results/{mooring}/benchmarks/overlap.tsv"
     group:
-        lambda wildcards: guard.group("read", wildcards.mooring)
+        lambda wildcards: group_of_mooring(wildcards, "read")
     params:
-        **parameters(MOORINGS.overlap, NAMES),
-        stage="overlap.overlap",
+        **parameters("overlap.overlap", MOORINGS.overlap, zip(CRUISE.moorings)),
     script:
         "../scripts/stage.py"
 
@@ -61,39 +59,28 @@ rule fit:
     benchmark:
         "results/{mooring}/benchmarks/fit.tsv"
     wildcard_constraints:
-        mooring=guard.only(name for name in CRUISE.moorings if name not in CALIBRATED),
+        mooring=guard.only(FITTED),
     group:
         group_of_mooring
     params:
-        **parameters(MOORINGS.fit, NAMES),
-        stage="fit.fit",
+        **parameters("fit.fit", MOORINGS.fit, zip(FITTED)),
     script:
         "../scripts/stage.py"
 
 
-rule transfer_calibration:
-    """Convert the compass of a calibration to the mooring's field."""
+# Convert the compass of a calibration to the mooring's field.
+use rule fit as transfer_calibration with:
     input:
-        calibrations=lambda wildcards: calibration_files(MOORINGS.calibrations(*wildcards)),
+        calibrations=lambda wildcards: expand(
+            "results/calibrations/{name}/calibration.json", name=MOORINGS.calibrations(*wildcards)
+        ),
         record=lambda wildcards: MOORINGS.affected(*wildcards),
         pairs="results/{mooring}/work/pairs/overlap.nc",
         field="results/{mooring}/work/field.json",
-    output:
-        fit="results/{mooring}/work/fit.json",
-        job="results/{mooring}/logs/fit.json",
-    log:
-        "results/{mooring}/logs/fit.log",
-    benchmark:
-        "results/{mooring}/benchmarks/fit.tsv"
     wildcard_constraints:
         mooring=guard.only(CALIBRATED),
-    group:
-        group_of_mooring
     params:
-        **parameters(MOORINGS.transfer_calibration, NAMES),
-        stage="fit.transfer_calibration",
-    script:
-        "../scripts/stage.py"
+        **parameters("fit.transfer_calibration", MOORINGS.transfer_calibration, zip(CALIBRATED)),
 
 
 rule diagnose:
@@ -120,8 +107,7 @@ rule diagnose:
     group:
         group_of_mooring
     params:
-        **parameters(MOORINGS.diagnose, NAMES),
-        stage="diagnose.diagnose",
+        **parameters("diagnose.diagnose", MOORINGS.diagnose, zip(CRUISE.moorings)),
     script:
         "../scripts/stage.py"
 
@@ -142,8 +128,8 @@ use rule diagnose as diagnose_alone with:
         mooring=guard.only(COMPASSES.moorings),
 
 
-rule diagnose_jointly:
-    """Diagnose a record of a shared compass, with prior information from the other records."""
+# Diagnose a record of a shared compass, with prior information from the other records.
+use rule diagnose as diagnose_jointly with:
     input:
         joined=lambda wildcards: f"results/compasses/{COMPASSES.moorings[wildcards.mooring]}/compass.json",
         alone=expand("results/{{mooring}}/work/alone/{name}.json", name=["diagnosis", "deviation", "agreement"]),
@@ -154,24 +140,12 @@ rule diagnose_jointly:
         fit="results/{mooring}/work/fit.json",
         field="results/{mooring}/work/field.json",
         observatory=lambda wildcards: MOORINGS.observatory(*wildcards),
-    output:
-        diagnosis="results/{mooring}/diagnosis.json",
-        deviation="results/{mooring}/deviation.json",
-        agreement="results/{mooring}/work/agreement.json",
-        job="results/{mooring}/logs/diagnose.json",
-    log:
-        "results/{mooring}/logs/diagnose.log",
-    benchmark:
-        "results/{mooring}/benchmarks/diagnose.tsv"
     wildcard_constraints:
         mooring=guard.only(COMPASSES.moorings),
     group:
-        lambda wildcards: guard.group("mooring", wildcards.mooring)
+        lambda wildcards: group_of_mooring(wildcards, "mooring")
     params:
-        **parameters(MOORINGS.diagnose_jointly, NAMES),
-        stage="diagnose.diagnose_jointly",
-    script:
-        "../scripts/stage.py"
+        **parameters("diagnose.diagnose_jointly", MOORINGS.diagnose_jointly, zip(CRUISE.moorings)),
 
 
 rule correct:
@@ -197,10 +171,9 @@ rule correct:
     benchmark:
         "results/{mooring}/benchmarks/correct.tsv"
     group:
-        lambda wildcards: guard.group("mooring", wildcards.mooring)
+        lambda wildcards: group_of_mooring(wildcards, "mooring")
     params:
-        **parameters(MOORINGS.correct, NAMES),
-        stage="correct.correct",
+        **parameters("correct.correct", MOORINGS.correct, zip(CRUISE.moorings)),
     script:
         "../scripts/stage.py"
 
@@ -208,13 +181,15 @@ rule correct:
 rule grid:
     """Grid corrected and reference velocities to fixed depths and times, with uncertainties of sections and means."""
     input:
-        corrected=of_parts("corrected.nc"),
-        records=lambda wildcards: [MOORINGS.affected(part) for part in parts(wildcards)],
+        corrected=of_usable("moorings", "corrected.nc", among=MOORINGS.parts),
+        records=lambda wildcards: [
+            MOORINGS.affected(part) for part in MOORINGS.parts(*wildcards) if part in usable("moorings")
+        ],
         references=lambda wildcards: MOORINGS.references(*wildcards),
-        pairs=of_parts("overlap.nc"),
-        deviations=of_parts("deviation.json"),
-        assessments=of_parts("assessment.json"),
-        fields=of_parts("work/field.json"),
+        pairs=of_usable("moorings", "overlap.nc", among=MOORINGS.parts),
+        deviations=of_usable("moorings", "deviation.json", among=MOORINGS.parts),
+        assessments=of_usable("moorings", "assessment.json", among=MOORINGS.parts),
+        fields=of_usable("moorings", "work/field.json", among=MOORINGS.parts),
         observatory=lambda wildcards: MOORINGS.observatory(*wildcards),
     output:
         gridded=["results/{mooring}/gridded.nc"],
@@ -226,10 +201,9 @@ rule grid:
     wildcard_constraints:
         mooring=guard.only(name for name, files in MOORINGS.gridded.items() if not files[1:]),
     group:
-        lambda wildcards: guard.group("mooring", wildcards.mooring)
+        lambda wildcards: group_of_mooring(wildcards, "mooring")
     params:
-        **parameters(MOORINGS.grid, [(name,) for name in CRUISE.whole]),
-        stage="grid.grid",
+        **parameters("grid.grid", MOORINGS.grid, zip(CRUISE.whole)),
     script:
         "../scripts/stage.py"
 
@@ -257,10 +231,9 @@ rule compare:
         "results/{mooring}/benchmarks/compare.tsv"
     priority: -1  # runs on cores that are idle otherwise
     group:
-        lambda wildcards: guard.group("mooring", wildcards.mooring)
+        lambda wildcards: group_of_mooring(wildcards, "mooring")
     params:
-        stage="correct.compare",
-        library=LIBRARY,
+        **parameters("correct.compare"),
     script:
         "../scripts/stage.py"
 
@@ -275,14 +248,11 @@ rule figures:
         histograms="results/{mooring}/histograms.csv",
         product="results/{mooring}/corrected.nc",
     output:
-        figures=report(
-            expand(
-                "results/{{mooring}}/figures/{name}.{form}",
-                name=["deviation", "diagnosis", "histograms", "progressive", "roses", "scatter", "sticks", "timeline"],
-                form=FORMATS,
-            ),
-            category="Moorings",
-            subcategory="{mooring}",
+        figures=reported(
+            "results/{mooring}/figures/{name}.{form}",
+            ["deviation", "diagnosis", "histograms", "progressive", "roses", "scatter", "sticks", "timeline"],
+            "Moorings",
+            "{mooring}",
         ),
         pictures="results/{mooring}/work/pictures.json",
         job="results/{mooring}/logs/figures.json",
@@ -291,22 +261,17 @@ rule figures:
     benchmark:
         "results/{mooring}/benchmarks/figures.tsv"
     params:
-        **DRAWN,
-        stage="figures.figures",
+        **parameters("figures.figures", lambda: {"formats": FORMATS}),
     script:
         "../scripts/stage.py"
 
 
-rule sections:
-    """Draw the section and the mean profile of the gridded velocities."""
+# Draw the section and the mean profile of the gridded velocities.
+use rule figures as sections with:
     input:
         gridded="results/{mooring}/gridded.nc",
     output:
-        figures=report(
-            expand("results/{{mooring}}/figures/{name}.{form}", name=["section", "profile"], form=FORMATS),
-            category="Moorings",
-            subcategory="{mooring}",
-        ),
+        figures=reported("results/{mooring}/figures/{name}.{form}", ["section", "profile"], "Moorings", "{mooring}"),
         pictures="results/{mooring}/work/sections.json",
         job="results/{mooring}/logs/sections.json",
     log:
@@ -314,10 +279,7 @@ rule sections:
     benchmark:
         "results/{mooring}/benchmarks/sections.tsv"
     params:
-        **DRAWN,
-        stage="figures.sections",
-    script:
-        "../scripts/stage.py"
+        **parameters("figures.sections", lambda: {"formats": FORMATS}),
 
 
 rule check_conventions:
@@ -330,9 +292,7 @@ rule check_conventions:
     log:
         "results/{mooring}/logs/conventions.log",
     params:
-        stage="cruise.conventions",
-        library=LIBRARY,
-        checker=f"checker={json.dumps(provenance.installed('compliance-checker'))}",
+        **parameters("cruise.conventions", lambda: {"checker": provenance.installed("compliance-checker")}),
     script:
         "../scripts/stage.py"
 
@@ -340,6 +300,4 @@ rule check_conventions:
 rule conventions:
     """Check the netCDF files of all moorings against CF, ACDD and OceanSITES."""
     input:
-        lambda wildcards: [
-            f"results/{name}/conventions.json" for name in dict.fromkeys([*CRUISE.moorings, *MOORINGS.gridded])
-        ],
+        expand("results/{name}/conventions.json", name=dict.fromkeys([*CRUISE.moorings, *MOORINGS.gridded])),
