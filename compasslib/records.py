@@ -185,6 +185,16 @@ class Readings:
 
 
 @dataclass(frozen=True)
+class SlowShear:
+    """Slow part of the difference between predicted and actual velocities across the flow, known from a profile."""
+
+    size_m_s: float  #: rms
+    memory_days: float  #: time in which its autocorrelation falls to 1/e
+    log_sigma: float  #: standard deviation of the natural logarithm of ``size_m_s``
+    memory_log_sigma: float  #: standard deviation of the natural logarithm of ``memory_days``
+
+
+@dataclass(frozen=True)
 class ReferenceCompass:
     """Source of a reference's directions, with the standard deviations of its errors."""
 
@@ -223,6 +233,7 @@ class Pairs(Labelled):
     expected_m_s: tuple[float, float] | None = None
     #: uncertainty (1 sigma, degrees) of the mean veer between upper velocities and the reference over the record
     veer_deg: float = 0.0
+    slow_shear: SlowShear | None = None  #: between upper velocities and the reference; None if no profile shows it
     #: suspected errors of all headings, as indicated by the pairs, (1 sigma in degrees, reason) each
     doubts: tuple[tuple[float, str], ...] = ()
     compass: ReferenceCompass | None = None  #: of the reference; None if its errors are not considered

@@ -35,6 +35,7 @@ from compasslib.records import (
     Pairs,
     Record,
     ReferenceCompass,
+    SlowShear,
     join_records,
     take,
 )
@@ -154,6 +155,7 @@ def make_pairs(n: int = 50) -> Pairs:
         "time_s",
         "compass",
         "slowed",
+        "slow_shear",
     )
     arrays = [field.name for field in dataclasses.fields(Pairs) if field.name not in others]
     values: dict = {name: rng.normal(10, 1, n) for name in arrays}
@@ -169,6 +171,7 @@ def make_pairs(n: int = 50) -> Pairs:
         doubts=((12.0, "the references differ"),),
         compass=ReferenceCompass("deep", 2.0, 2.9, 0.5),
         slowed=((1, 1.189e9, 1.19e9, 0.4),),
+        slow_shear=SlowShear(0.012, 14.0, 0.5, 1.3),
     )
 
 

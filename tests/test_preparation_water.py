@@ -15,12 +15,13 @@ from compasslib.preparation.water import (
     VEER_S,
     _predict_veer,
     fails_speed_check,
+    fit_slow_shear,
     fit_structure,
-    mean_shear_sigma,
     predict_water,
+    veer_of_nearest_bins,
 )
 from compasslib.records import BAD, EarthField, Pairs, Record
-from tests.world.pairs import red_from_rest
+from tests.world.pairs import red, red_from_rest
 
 HOURS, CELL_M, BINS = 3000, 4.0, 12
 FIELD = EarthField(np.array([0.0, 2e9]), np.zeros(2), *(np.ones((3, 2)) * 12000.0))
@@ -131,7 +132,7 @@ def test_persistent_veer_is_predicted_and_its_residual_stated():
             found = predict_water(top, trusted.bin_depth_m()[:, 0], 2)
             turned = angles.argument(np.sum(found.velocity * np.conj(flow[:, 0] / np.abs(flow[:, 0]))))
             left.append(float(angles.wrap180(turned)))
-            stated.append(found.veer_deg)
+            stated.append(found.veer.mean_deg)
     assert np.sqrt(np.mean(np.square(left))) < 1.0  # out of 6 degrees
     assert 0.5 < np.sqrt(np.mean(np.square(left)) / np.mean(np.square(stated))) < 2.0
 
@@ -141,7 +142,7 @@ def test_short_profile_states_its_possible_veer(bins):
     flow = layers(3, bins=bins + 2) * angles.phasor(4.0 * np.arange(bins + 2))
     top, trusted, _ = seen((0.0,) * 5, np.delete(np.column_stack([flow, flow[:, -1:]]), 1, axis=1))
     found = predict_water(top, trusted.bin_depth_m()[:, 0], 2)
-    assert 2.0 < found.veer_deg < 20.0
+    assert 2.0 < found.veer.mean_deg < 20.0
 
 
 @pytest.mark.parametrize(("bins", "apart"), [(2, 1.0), (3, 1.0), (8, 1.0), (8, 2.0), (8, 0.5)])
@@ -151,7 +152,7 @@ def test_mean_of_bins_states_its_possible_veer(bins, apart):
     for by_cell in (0.0, 4.0):
         top, trusted, _ = seen((0.0,) * 5, layers(3, bins=bins + 2) * angles.phasor(by_cell * np.arange(bins + 2)))
         away = (trusted.bin_depth_m() - top.bin_depth_m()[:, :1]) * apart / 2.0  # the reference is two bins away
-        stated.append(mean_shear_sigma(top, top.bin_depth_m()[:, 0] + away[:, 0], 2))
+        stated.append(veer_of_nearest_bins(top, top.bin_depth_m()[:, 0] + away[:, 0], 2).mean_deg)
     still, turning = stated
     assert still < 2.5 and 0.5 < turning / (4.0 * max(apart, 1.0)) < 3.0
 
@@ -169,7 +170,7 @@ def test_veer_is_continuous_across_180_degrees():
 def test_single_bin_gives_no_veer_estimate():
     top, trusted, _ = seen((0.0,) * 5, layers(3, bins=3))
     few = replace(top, **{name: getattr(top, name)[:, :1] for name in ("east", "north", "bin_range_m", "quality")})
-    assert mean_shear_sigma(few, trusted.bin_depth_m()[:, 0], 2) == 0.0
+    assert veer_of_nearest_bins(few, trusted.bin_depth_m()[:, 0], 2).mean_deg == 0.0
 
 
 def test_bad_bins_are_excluded_and_short_profiles_averaged():
@@ -228,3 +229,27 @@ def test_wrong_reference_depth_is_reported_with_the_best_one():
         trusted = instrument(flow[:, 5:6], 0.0, heading_deg=heading, depth=depth)
         warnings = find_pairs(top, [trusted], FIELD, replace(ALL_NEAR, predict=True)).warnings
         assert any(expected in one for one in warnings) if expected else not warnings
+
+
+def test_size_and_memory_of_slow_shear_are_estimated_within_their_errors():
+    """Of 12 records of four windows, each with slow shear of 2 cm/s and 15 days beside tides and noise."""
+    hours, off = np.arange(24 * 300.0), []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        common = red(rng, len(hours), 15 * 24, 0.02)
+        own = np.array([red(rng, len(hours), 15 * 24, 0.005) for _ in range(4)])
+        fast = 0.05 * np.sin(2.0 * np.pi * hours / 12.4206) + rng.normal(0.0, 0.03, own.shape)
+        known = rng.random(own.shape) > 0.1
+        found = fit_slow_shear(1.2e9 + 3600.0 * hours, common + own + fast, known)
+        off.append(
+            (
+                np.log(found.size_m_s / np.hypot(0.02, 0.005)) / found.log_sigma,
+                np.log(found.memory_days / 15.0) / found.memory_log_sigma,
+            )
+        )
+    assert np.all(np.sqrt(np.mean(np.square(off), axis=0)) < 1.5) and found.log_sigma < 0.6
+
+
+def test_a_short_record_shows_no_slow_shear():
+    time_s = 1.2e9 + 3600.0 * np.arange(24 * 20)
+    assert fit_slow_shear(time_s, np.ones((3, len(time_s))), np.ones((3, len(time_s)), dtype=bool)) is None

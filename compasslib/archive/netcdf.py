@@ -47,6 +47,7 @@ from compasslib.records import (
     Record,
     ReferenceCompass,
     Rows,
+    SlowShear,
 )
 from compasslib.types import Bools, Floats
 
@@ -174,6 +175,8 @@ def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, obje
         nc.setncattr("water_turned_for_good_deg", pairs.veer_deg)
         if pairs.compass is not None:
             nc.setncattr("reference_compass", json.dumps(vars(pairs.compass)))
+        if pairs.slow_shear is not None:
+            nc.setncattr("slow_shear", json.dumps(vars(pairs.slow_shear)))
         if pairs.doubts:
             nc.setncattr("doubts", json.dumps(pairs.doubts))
         if pairs.slowed:
@@ -213,10 +216,12 @@ def read_pairs(path: str | Path) -> Pairs:
             (k, begin, end, ratio) for k, begin, end, ratio in json.loads(getattr(nc, "slowed", "[]"))
         )
         compass = json.loads(getattr(nc, "reference_compass", "null"))
+        slow_shear = json.loads(getattr(nc, "slow_shear", "null"))
         return Pairs(
             **values,
             doubts=tuple((sigma_deg, why) for sigma_deg, why in doubts),
             compass=None if compass is None else ReferenceCompass(**compass),
+            slow_shear=None if slow_shear is None else SlowShear(**slow_shear),
         )
 
 

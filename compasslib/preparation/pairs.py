@@ -23,9 +23,9 @@ from compasslib.preparation.references import find_same_recording, find_speed_ch
 from compasslib.preparation.water import (
     depth_shift_by_speed,
     fails_speed_check,
-    mean_shear_sigma,
     predict_water,
     usable_velocities,
+    veer_of_nearest_bins,
 )
 from compasslib.records import BAD, PROBABLY_GOOD, EarthField, Pairs, Record, take
 from compasslib.statistics import single_threaded
@@ -131,7 +131,8 @@ def find_pairs(
     pairs = find_speed_changes(pairs, paired)
     if rules.predict and (predicted := _predicted(pairs, paired, at_m, rules.bins)) is not None:
         return predicted
-    return replace(pairs, veer_deg=mean_shear_sigma(paired, at_m, rules.bins))
+    veer = veer_of_nearest_bins(paired, at_m, rules.bins)
+    return replace(pairs, veer_deg=veer.mean_deg, slow_shear=veer.slow)
 
 
 def describe_pairs(name: str, pairs: Pairs) -> str:
@@ -229,7 +230,8 @@ def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs
         upper_east=velocity.real,
         upper_north=velocity.imag,
         expected_m_s=(prediction.published_m_s, prediction.expected_m_s),
-        veer_deg=prediction.veer_deg,
+        veer_deg=prediction.veer.mean_deg,
+        slow_shear=prediction.veer.slow,
         warnings=(*pairs.warnings, *notes),
     )
 

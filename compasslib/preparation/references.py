@@ -68,6 +68,7 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
         warnings=(*said, *notes),
         expected_m_s=_expected([each[k] for k in there]),
         veer_deg=float(np.average([each[k].veer_deg for k in there], weights=[max(len(each[k]), 1) for k in there])),
+        slow_shear=max((each[k] for k in there), key=len).slow_shear,
         compass=_combined_compass([each[k].compass for k in there], [len(each[k]) for k in there]),
         doubts=(
             *(((differ_deg, CONTRADICTING.format(differ_deg)),) if differ_deg else ()),

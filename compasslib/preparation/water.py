@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, Record
+from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, Record, SlowShear
 from compasslib.types import DAY_S, Bools, Complexes, Floats
 
 NEAREST = 4  # bins used for a prediction
@@ -34,6 +34,9 @@ CLEARLY = 0.5  # ratio of mean squares below which a fit is clearly better
 BLOCK_S, SURE = 2 * DAY_S, 2.0  # longer than speeds are correlated; standard errors of a significant difference
 VEER_S = 2 * DAY_S  # time scale from which veer is corrected
 MOST_WINDOWS = 8  # positions in the profile from which veer is learnt, those next to the reference
+LEAST_DAY, FEWEST_DAYS = 0.5, 30  # share of a day's samples for its mean; fewest days
+SLOW_DAYS = np.geomspace(2.0, 200.0, 9)  # memories that are tried
+SLOW_SHARES = np.geomspace(0.1, 2.0, 12)  # sizes that are tried, of the slow part and of noise, over the rms
 HALF_A_CELL, LEAST_M_S = 0.51, 1e-6
 OUTWARD = 0.05  # cells added outward, so that ties at half a cell select the farther bin
 LEAST_NOISE = 0.02  # least noise, as a share of half the mean squared difference of adjacent bins
@@ -74,7 +77,15 @@ class WaterPrediction:
     velocity: Complexes  # (n,) m/s, NaN where no bin is good
     expected_m_s: float  # expected rms error of one component, median over the samples
     published_m_s: float  # the same for the mean of the nearest bins
-    veer_deg: float  # uncertainty of the mean direction over the record, 1 sigma; 0 if the profile cannot show it
+    veer: Veer
+
+
+@dataclass(frozen=True)
+class Veer:
+    """Difference in direction between predicted and actual velocities that remains, by the profile's own bins."""
+
+    mean_deg: float = 0.0  # uncertainty of the mean over the record, 1 sigma; 0 if the profile cannot show it
+    slow: SlowShear | None = None  # its slow part across the flow
 
 
 def usable_velocities(record: Record) -> Bools:
@@ -165,8 +176,8 @@ def predict_water(
     if not known.any():
         return None
     expected, published = np.sqrt(np.median(errors[inverse.ravel()], axis=0) / 2.0).tolist()
-    turned, veer_deg = _predict_veer(record, np.nanmedian(away[known], axis=0), learnt.cell_m, learnt.weights, NEAREST)
-    return WaterPrediction(velocity * angles.phasor(-turned), expected, published, veer_deg)
+    turned, veer = _predict_veer(record, np.nanmedian(away[known], axis=0), learnt.cell_m, learnt.weights, NEAREST)
+    return WaterPrediction(velocity * angles.phasor(-turned), expected, published, veer)
 
 
 def depth_shift_by_speed(record: Record, depth_m: Floats, speed_m_s: Floats) -> float:
@@ -195,23 +206,24 @@ def fails_speed_check(time_s: Floats, mean: Complexes, predicted: Complexes, tru
     return bool(worse.sum() > SURE * np.sqrt(np.sum(worse**2)))
 
 
-def mean_shear_sigma(record: Record, depth_m: Floats, bins: int) -> float:
-    """Estimate the mean veer between the nearest bins and the reference's cell, 1 sigma, degrees.
+def veer_of_nearest_bins(record: Record, depth_m: Floats, bins: int) -> Veer:
+    """Estimate the veer between the mean of the nearest bins and the reference's cell.
 
-    It is the same quantity as ``WaterPrediction.veer_deg``; ``depth_m`` is the depth of that cell at each sample, (n,).
+    Args:
+        depth_m: depth of that cell at each sample, (n,).
     """
     away_m = np.median(record.bin_depth_m() - depth_m[:, None], axis=0)
     cells_m = np.diff(np.sort(away_m[np.isfinite(away_m)]))
     if not np.any(cells_m > 0.0):
-        return 0.0
+        return Veer()
     cell_m = float(np.median(cells_m[cells_m > 0.0]))
     return _predict_veer(record, away_m, cell_m, lambda bins_m: np.full(len(bins_m), 1.0 / len(bins_m)), bins)[1]
 
 
 def _predict_veer(
     record: Record, away_m: Floats, cell_m: float, weights: Callable[[Floats], Floats], bins: int
-) -> tuple[Floats, float]:
-    """Estimate the veer of a prediction at each sample, (n,), and its remaining mean over the record, 1 sigma, degrees.
+) -> tuple[Floats, Veer]:
+    """Estimate the veer of a prediction at each sample, (n,) degrees, and what remains of it.
 
     If the profile is too short for the whole distance, the mean is scaled up from a shorter one; if it is too short for
     the number of bins, fewer are used. In both cases the veer of the samples is 0.
@@ -229,13 +241,15 @@ def _predict_veer(
         if len(off):
             break
     else:
-        return nothing, 0.0
+        return nothing, Veer()
     block = np.unique(np.floor(record.time_s / VEER_S), return_inverse=True)[1]
     sums = np.array([np.bincount(block, series.real) + 1j * np.bincount(block, series.imag) for series in off])
     slow, weight = angles.wrap180(angles.argument(sums)), np.abs(sums)
     lasting = np.average(slow, axis=1, weights=np.maximum(weight, LEAST_M_S))
     if nearer or count < bins or len(off) == 1:
-        return nothing, float(np.sqrt(np.mean(lasting**2))) * beyond / (beyond - nearer)
+        farther = beyond / (beyond - nearer)
+        slow_part = fit_slow_shear(record.time_s, off.imag * farther, off != 0.0)
+        return nothing, Veer(float(np.sqrt(np.mean(lasting**2))) * farther, slow_part)
     apart = min(beyond, len(off) - 1)
     near, far = slice(None, -apart), slice(apart, None)
     both = np.minimum(weight[near], weight[far])
@@ -246,7 +260,56 @@ def _predict_veer(
     between = angles.wrap180(angles.argument(np.interp(record.time_s, middle, angles.phasor(slow[0]))))
     # Few windows constrain the remainder poorly, so the veer without any correction is included once.
     left = np.append(lasting[near] - like * lasting[far], np.sqrt(np.mean(lasting**2)))
-    return share * between, float(np.sqrt(np.mean(left**2)))
+    across, known = off[near].imag - like * off[far].imag, (off[near] != 0.0) & (off[far] != 0.0)
+    return share * between, Veer(float(np.sqrt(np.mean(left**2))), fit_slow_shear(record.time_s, across, known))
+
+
+def fit_slow_shear(time_s: Floats, across_m_s: Floats, known: Bools) -> SlowShear | None:
+    """Estimate size and memory of the slow part of velocity differences; None if the record is too short.
+
+    Daily means are modelled as a process with exponential autocorrelation and independent noise. The likelihood is the
+    mean of all windows, since neighbouring bins hardly differ; the spread between windows is part of the uncertainty.
+
+    Args:
+        across_m_s: component across the flow at each of several windows of the profile, (k, n).
+        known: (k, n) whether it was measured.
+    """
+    day = np.floor((time_s - time_s[0]) / DAY_S).astype(np.intp)
+    count = np.array([np.bincount(day, each, day[-1] + 1) for each in known])
+    usual = float(np.median(np.bincount(day)))
+    kept = np.flatnonzero((count >= LEAST_DAY * usual).all(axis=0))
+    if len(kept) < FEWEST_DAYS:
+        return None
+    sums = np.array(
+        [np.bincount(day, each * there, day[-1] + 1) for each, there in zip(across_m_s, known, strict=True)]
+    )
+    means = (sums / np.maximum(count, 1.0))[:, kept]
+    means = means - means.mean(axis=1, keepdims=True)
+    scale = float(np.sqrt(np.mean(means**2)))
+    if scale <= 0.0:
+        return None
+    apart, centred = np.abs(np.subtract.outer(kept, kept)), np.eye(len(kept)) - 1.0 / len(kept)
+    log = np.empty((len(means), len(SLOW_DAYS), len(SLOW_SHARES), len(SLOW_SHARES)))
+    for m, memory in enumerate(SLOW_DAYS):
+        values, vectors = np.linalg.eigh(centred @ np.exp(-apart / memory) @ centred)
+        squares = (means @ vectors[:, 1:]) ** 2  # the first vector is the mean, whose value is 0
+        for s, size in enumerate(SLOW_SHARES):
+            for w, noise in enumerate(SLOW_SHARES):
+                variance = scale**2 * (size**2 * np.maximum(values[1:], 0.0) + noise**2)
+                log[:, m, s, w] = -0.5 * np.sum(np.log(variance) + squares / variance, axis=1)
+    together = np.exp(log.mean(axis=0) - log.mean(axis=0).max())
+    of_size, of_memory = together.sum(axis=(0, 2)), together.sum(axis=(1, 2))
+    size, size_sigma = _moments(np.log(SLOW_SHARES), of_size)
+    memory_log, memory_sigma = _moments(np.log(SLOW_DAYS), of_memory)
+    each = [_moments(np.log(SLOW_SHARES), np.exp(x - x.max()).sum(axis=(0, 2)))[0] for x in log]
+    return SlowShear(
+        scale * float(np.exp(size)), float(np.exp(memory_log)), float(np.hypot(size_sigma, np.std(each))), memory_sigma
+    )
+
+
+def _moments(values: Floats, weights: Floats) -> tuple[float, float]:
+    mean = float(np.average(values, weights=weights))
+    return mean, float(np.sqrt(np.average((values - mean) ** 2, weights=weights)))
 
 
 def _windows(
