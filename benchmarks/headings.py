@@ -80,7 +80,7 @@ def draw(kind: str, index: int, seed: int) -> tuple[sea.Drawn, str]:
         cases = [each for each in injected.cases(kind) if each.logged == injected.LOGGED[0]]
         own = injected.seen(case := cases[index % len(cases)])
         drawn, window = sea.planted(injected.world(own, 100_000 * seed + index), {}), case.water
-        drawn = replace(drawn, pairs=replace(drawn.pairs, veer_deg=own.pairs.veer_deg))
+        drawn = replace(drawn, pairs=replace(drawn.pairs, veer_deg=own.pairs.veer_deg, slow_shear=own.pairs.slow_shear))
     elif kind in SEARCHED:
         drawn, _ = bench.draw(kind, index, seed)
     else:

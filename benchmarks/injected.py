@@ -187,7 +187,7 @@ def draw(case: Case, own: Seen, kind: str, turn: int, seed: int) -> tuple[sea.Dr
     elif kind == "unknown":
         wanted = {unknown[turn % len(unknown)]: size}
     drawn = sea.planted(here, wanted)
-    pairs = replace(drawn.pairs, veer_deg=own.pairs.veer_deg)
+    pairs = replace(drawn.pairs, veer_deg=own.pairs.veer_deg, slow_shear=own.pairs.slow_shear)
     return replace(drawn, pairs=pairs, covariates=own.logged), max(wanted.values(), default=0.0)
 
 

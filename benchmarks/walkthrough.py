@@ -240,7 +240,7 @@ def _missed(moorings: dict[str, Any]) -> str:
                 )
                 lines.append(f"* **{name}: dated** {abs(hours):.0f} hours too {'late' if hours > 0 else 'early'}.")
         if m["verdict"] == "ambiguous":
-            lines += [f"* **{name}: not proven.** {_doubt(finding)}" for finding in m["findings"]]
+            lines += [f"* **{name}: {_doubt(finding)}" for finding in m["findings"]]
         wrong = [
             finding for driver, finding in found.items() if driver not in {cause["driver"] for cause in m["planted"]}
         ]
@@ -256,13 +256,23 @@ def _missed(moorings: dict[str, Any]) -> str:
 def _limits(cause: dict[str, Any], mooring: dict[str, Any]) -> dict[str, float]:
     """Select the detection limits of effects in the catalogue with the same driver, degrees."""
     same = {term.name for term in CATALOGUE if term.driver == cause["driver"]}
-    return {name: limit for name, limit in mooring["detectable_deg"].items() if name in same}
+    return {name: limit for name, limit in mooring["detectable_deg"].items() if name in same and limit}
 
 
 def _doubt(finding: dict[str, Any]) -> str:
     size, placebo = finding["heldout"]["amplitude_deg"], finding["heldout"]["placebo"]
+    if finding["level"] == "driver" and finding["alternatives"]:
+        own = finding.get("composition")
+        first = f"composed:{'/'.join(own.values())}" if own else finding["effect"]
+        names = " or ".join(words.plain(effect) for effect in (first, *finding["alternatives"]))
+        return (
+            f"driver only.** That the compass follows {words.plain(finding['driver'])} has probability "
+            f"{words.chance(finding['level_probability'])}; whether in the form of {names}, this record cannot tell. On held-out days "
+            f"the size is {size['held_out']:.1f}° ({words.number(size['low'])} to {size['high']:.1f}°) where the others predict "
+            f"{size['fitted_elsewhere']:.1f}°."
+        )
     return (
-        f"{words.plain(finding['effect']).capitalize()} has probability {words.chance(finding['probability'])}, but on held-out days its size is "
+        f"not proven.** {words.plain(finding['effect']).capitalize()} has probability {words.chance(finding['probability'])}, but on held-out days its size is "
         f"{size['held_out']:.1f}° ({words.number(size['low'])} to {size['high']:.1f}°) where the others predict {size['fitted_elsewhere']:.1f}°, and "
         f"{round(placebo['rank_p'] * (placebo['n'] + 1)) - 1} of {placebo['n']} records simulated without it improve as much."
     )

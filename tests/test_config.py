@@ -146,7 +146,7 @@ def test_example_configuration_is_read(cruise: Path) -> None:
     assert mooring.covariates["declination_observatory"].files == ("raw/obs/lrv1.min", "raw/obs/lrv2.min")
 
 
-DIAGNOSE = {"enabled": True, "apply": True, "min_effect_deg": 0.5, "prior_odds": 1.0, "surrogates": 19}
+DIAGNOSE = {"enabled": True, "apply": True, "min_effect_deg": 0.5, "prior_odds": 1.0, "surrogates": 199}
 QUALITY = {
     "percent_good": 25.0, "correlation": None, "error_velocity": None, "echo": None, "tilt_deg": 45.0, "speed": 5.0,
     "side_lobe": True,
@@ -542,7 +542,7 @@ BAD_OPTIONS = [
     ("overlap: {grid_minutes: 0}", "overlap.grid_minutes: expected minutes above 0, at most 1440, found 0; write for example grid_minutes: 60"),
     ("fit: {method: calibration, name: aqd}", "fit.method: expected exact or von_appen for a whole cruise, found 'calibration'; write it in the mooring's own file"),
     ("diagnose: {prior_odds: 0}", "diagnose.prior_odds: expected odds above 0, to 1000, found 0; write for example prior_odds: 1"),
-    ("diagnose: {surrogates: -1}", "diagnose.surrogates: expected a whole number from 0 to 9999, found -1; write for example surrogates: 19"),
+    ("diagnose: {surrogates: -1}", "diagnose.surrogates: expected a whole number from 0 to 9999, found -1; write for example surrogates: 199"),
     ("diagnose: {min_effect_deg: -1}", "diagnose.min_effect_deg: expected degrees from 0 to 180, found -1; write for example min_effect_deg: 0.5"),
     ("moorings: config/mooring", "moorings: expected a folder with files NAME.yaml, found no folder config/mooring; put the mooring files there, or write moorings: [] where the cruise has none"),
     ("moorings: raw", "moorings: expected a folder with files NAME.yaml, found none in raw; put the mooring files there, or write moorings: [] where the cruise has none"),

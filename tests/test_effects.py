@@ -114,15 +114,17 @@ def test_jacobian_equals_the_numeric_derivative_of_the_inverse(kind):
 
 
 NOBODY_LISTED = [
-    place_effect(compose_effect("field_horizontal", "depth", "quadratic")),
-    place_effect(compose_effect("field_down", "temperature", "lagged"), 5 * 86400.0),
-    place_effect(compose_effect("reading", "heading", "bump"), 200.0, 40.0),
+    place_effect(compose_effect("field_horizontal", "depth", "smooth"), 0.0, 20.0),
+    place_effect(compose_effect("field_down", "temperature", "bands")),
+    place_effect(compose_effect("reading", "heading", "harmonics")),
+    place_effect(compose_effect("reading", "hour", "daily")),
+    place_effect(compose_effect("field_horizontal", "time", "free"), TIME_S[0], TIME_S[-1]),
     place_effect(compose_effect("reading", "pitch", "memory"), 1.5),
     place_effect(compose_effect("lobe3", "temperature", "linear")),
-    place_effect(compose_effect("lobe4", "voltage", "saturating"), 0.2, 0.5),
+    place_effect(compose_effect("lobe4", "voltage", "linear")),
     place_effect(compose_effect("field_horizontal", "time", "box"), TIME_S[50], TIME_S[150]),
-    place_effect(compose_effect("flow_gain", "speed", "threshold"), 0.3),
-    place_effect(compose_effect("flow_offset", "time", "decay"), TIME_S[0], 40 * 86400.0),
+    place_effect(compose_effect("flow_gain", "speed", "linear")),
+    place_effect(compose_effect("flow_offset", "time", "slow"), TIME_S[0], TIME_S[-1]),
     place_effect(compose_effect("reading", "temperature*time", "linear")),
 ]
 

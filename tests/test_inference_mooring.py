@@ -52,9 +52,9 @@ def test_a_mooring_without_effects_is_consistent():
     _, found = seen({})
     assert found.verdict == "consistent" and not found.findings and found.unexplained is None
     assert found.experiments == ()
-    assert not any(one.compass for one in found.applied)
+    assert found.applied[0].compass is None and found.applied[0].weight > 0.5
     assert 0.2 < found.detectable_deg["sextantal"] < 4.0 and found.why.startswith(
-        "Effects are noticed with a probability of 90 % from "
+        "Effects are detected with a probability of 90 % from "
     )
     told = dict(found.not_testable)
     assert "both compasses alike" in told["field_disturbance"] and "separated from A" in told["declination_error"]
@@ -208,7 +208,7 @@ def test_an_unlisted_effect_is_composed_and_applied():
 
 @pytest.mark.parametrize(
     ("strange", "seed", "right"),
-    [("tilt_squared", 6, "composed:reading/pitch/quadratic"), ("hour", 7, "composed:reading/hour/periodic")],
+    [("tilt_squared", 6, "composed:reading/pitch/smooth"), ("hour", 7, "composed:reading/hour/periodic")],
 )
 def test_composition_is_a_candidate_by_quantity_driver_and_form(strange, seed, right):
     _, found = seen({strange: 3.5}, seed=seed)
@@ -264,14 +264,14 @@ def test_a_negligible_effect_counts_on_no_side():
     assert (
         small.verdict == "consistent"
         and "octantal" in dict(small.negligible)
-        and small.sides["none"] + small.sides["water"] > 0.8
+        and small.sides["none"] + small.sides["water"] > 0.7
     )
 
 
 @pytest.mark.parametrize(("strange", "size_deg", "seed"), [("episode", 4.0, 1), ("wander", 3.5, 4)])
-def test_temporary_offset_and_wandering_reading_yield_no_finding(strange, size_deg, seed):
+def test_a_reading_that_changes_for_a_while_is_given_no_other_driver_than_time(strange, size_deg, seed):
     _, found = seen({strange: size_deg}, seed=seed)
-    assert not found.findings and (strange == "episode" or found.sides["none"] > 0.5)
+    assert {one.driver for one in found.findings} <= {"time"}
 
 
 def test_octantal_is_selected_over_sextantal_in_narrow_headings():
@@ -296,10 +296,26 @@ def test_a_slip_is_a_candidate_besides_an_octantal_error():
     assert "heading_slip" in {name for one in found.findings for name in (one.effect, *one.alternatives)}
 
 
+def test_a_slip_of_13_degrees_is_dated_and_said_of_one_of_the_two_instruments():
+    """Two-hourly, in water that veers slowly by 1 degree rms; steps tried every ten days missed it."""
+    made = world.make(200030, wide=False, n=8760, slow_water=world.some_slow_water(np.random.default_rng(200107)))
+    drawn, even = world.planted(made, {"heading_slip": 6.0}), np.arange(0, 8760, 2)
+    logged = {name: column[even] for name, column in drawn.covariates.items()}
+    drawn = replace(drawn, pairs=take(drawn.pairs, even), covariates=logged, heading=drawn.heading[even])
+    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    (finding,) = found.findings
+    assert found.verdict == "ambiguous" and found.detection.rank_p == 0.005
+    assert found.sides["compass"] + found.sides["reference"] > 0.95
+    assert {finding.effect, *finding.twins} == {"heading_slip", "reference_slip"}
+    assert (finding.level, finding.driver) == ("driver", "time") and "one of the two instruments" in finding.text
+    assert abs(finding.where.low - drawn.truth["heading_slip"]["date_s"]) < 86400.0
+
+
 def test_heeling_is_identified_despite_another_effect_in_narrow_headings():
     drawn, _ = bench.draw("two", 49, 9802)
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
-    assert "heeling" in {one.effect for one in found.findings} <= set(drawn.truth)
+    assert "heeling" in {name for one in found.findings for name in (one.effect, *one.alternatives)}
+    assert {one.driver for one in found.findings} == {"tilt"}
 
 
 @pytest.mark.parametrize("own_m_s", [(0.02, 0.05), (0.05, 0.02)])
@@ -322,7 +338,7 @@ def test_clock_offset_is_attributed_to_the_clock_and_interpolation_not_to_veer()
     drawn, _ = bench.draw("clock", 4, 9903)
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
     (finding,) = found.findings
-    assert (finding.effect, finding.side) == ("clock_offset", "clock") and not any(one.compass for one in found.applied)
+    assert (finding.effect, finding.side) == ("clock_offset", "clock") and found.applied[0].compass is None
     hours = finding.parameters["hours"]
     assert abs(hours.value - drawn.truth["clock_offset"]["hours"]) < 4.0 * hours.sigma
     assert "flow_direction" not in {stated.driver for stated in found.current}

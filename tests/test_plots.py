@@ -272,7 +272,7 @@ def test_diagnosis_figure_shows_each_effect_and_held_out_days(tmp_path):
     turns = [residuals("turn_by_composed", -3.0, 3.0), residuals("turn_by_composed", -1.0, 1.0)]
     size = {"fitted_elsewhere": 2.6, "held_out": 2.4, "low": 1.5, "high": 3.3}
     proof = {"rms_before_deg": 4.0, "rms_after_deg": 3.0, "p_value": 0.001, "amplitude_deg": size}
-    made_of = [{"acts_on": "reading", "driver": driver, "form": "quadratic"} for driver in ("depth", "tilt")]
+    made_of = [{"acts_on": "reading", "driver": driver, "form": "smooth"} for driver in ("depth", "tilt")]
     found = [
         {
             "effect": "composed",
@@ -296,7 +296,7 @@ def test_diagnosis_figure_shows_each_effect_and_held_out_days(tmp_path):
     assert [text.get_text() for text in held_out.get_yticklabels()] == ["composed, by\ndepth", "composed, by tilt"]
     assert held_out.get_xlabel() == "Size (° rms)"
     said = diagnosis_caption(content)
-    assert "p_linear·x + p_square·x² (x: depth minus its mean)" in said and "on held-out days" in said
+    assert "z = (x − middle)/range" in said and "on held-out days" in said
 
 
 def test_diagnosis_figure_shows_the_held_out_slope(tmp_path):

@@ -114,7 +114,7 @@ class Diagnose(Section):
     apply: Switch = key("true or false", "true", True)
     min_effect_deg: Number = key("degrees from 0 to 180", "0.5", 0.5, ge=0, le=180)
     prior_odds: Number = key("odds above 0, to 1000", "1", 1.0, gt=0, le=1000)
-    surrogates: Count = key("a whole number from 0 to 9999", "19", 19, ge=0, le=9999)
+    surrogates: Count = key("a whole number from 0 to 9999", "199", 199, ge=0, le=9999)
 
 
 class Quality(Section):

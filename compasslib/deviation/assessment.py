@@ -375,5 +375,5 @@ def answer_use(
         answer = "with care" if verdict in ("ambiguous", "unexplained") or any(care.values()) else "yes"
         reasons = care
     said = "; ".join([*(reason for reason, holds in reasons.items() if holds), *([why] if why else [])])
-    unseen = max(diagnosis["detectable_deg"].values(), default=None)
+    unseen = max((limit for limit in diagnosis["detectable_deg"].values() if limit is not None), default=None)
     return {"answer": answer, "why": said, "sigma_deg": sigma, "unseen_deg": unseen}

@@ -7,6 +7,7 @@ not fitted.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, make_dataclass
 from functools import cache
@@ -29,6 +30,7 @@ DRIVERS: Mapping[str, tuple[str, str]] = {
     "hour": ("", "1"),
     "tide": ("", "1"),
     "heading": ("", "1"),
+    "recorded_heading": ("recorded_heading", "1"),
     "temperature": ("temperature", "K"),
     "depth": ("depth", "m"),
     "speed": ("speed", "m/s"),
@@ -105,36 +107,74 @@ def _play(x: Floats, width: float) -> Floats:
     return result
 
 
-THRESHOLD = (("threshold", "of the driver"),)
+SMOOTH, WIDE = 6, 4.0  # functions of a smooth curve, and standard deviations from its middle that it reaches
+SMOOTHNESS = 1.2  # length scale of a smooth curve, standard deviations
+BANDS_H = (2.0, 6.0, 18.0, 54.0, 168.0)  # time constants between the bands of a driver's history
+LATE_H = (12.0, 48.0, 192.0)  # time constants of magnetization that follows the heading
+SLOW_WAVES, FREE_WAVES, FREE_FROM = 8, 24, 8.0  # cosines of time, and number from which those of a free curve decrease
+LOBES_TRIED, TEETH_TRIED = range(3, 11), range(3, 20)  # cycles per turn
+DAILY_H, TIDAL_H = (24.0, 12.0, 8.0), (12.4206, 25.8193, 12.6583)  # periods
+
+
+def _smooth(term: Any, x: Floats, t: Floats) -> Floats:
+    """Evaluate the basis of a Gaussian process along a driver, 0 in its middle: a constant part of it belongs to A.
+
+    See Solin and Sarkka, Stat. Comput. 30, 419, 2020.
+    """
+    reach = WIDE + 1.0
+    frequency = np.pi * np.arange(1, SMOOTH + 1) / (2.0 * reach)
+    standard = np.clip((x - term.middle) / max(abs(term.range), 1e-12), -WIDE, WIDE)
+    waves = np.sin((standard[:, None] + reach) * frequency) - np.sin(reach * frequency)
+    return np.asarray(waves * np.exp(-((SMOOTHNESS * frequency) ** 2) / 4.0))
+
+
+def _bands(term: Any, x: Floats, t: Floats) -> Floats:
+    """Divide a driver into causal bands of its history, from its fastest changes to its slowest, (n, 6)."""
+    passed = [x, *(_lagged(x, t, HOUR_S * hours) for hours in BANDS_H)]
+    return _columns(*(fast - slow for fast, slow in itertools.pairwise(passed)), passed[-1])
+
+
+def _late(term: Any, x: Floats, t: Floats) -> Floats:
+    """Low-pass the direction of the recorded heading, (n, 6)."""
+    return _columns(*(_lagged(wave, t, HOUR_S * hours) for hours in LATE_H for wave in angles.sin_cos(x)))
+
+
+def _cosines(term: Any, t: Floats, count: int) -> Floats:
+    share = (t - term.begin_s) / max(term.end_s - term.begin_s, 1.0)
+    return np.asarray(np.cos(np.pi * share[:, None] * np.arange(1, count + 1)))
+
+
+def _waves(angle_deg: Floats, weights: Floats) -> Floats:
+    """Compute sine and cosine columns of several angles, (n, k) degrees, times a weight of each angle, (n, 2 k)."""
+    return np.concatenate([wave * weights for wave in angles.sin_cos(angle_deg)], axis=1)
+
+
+def _periods(t: Floats, periods_h: tuple[float, ...]) -> Floats:
+    return _waves(360.0 * t[:, None] / HOUR_S / np.array(periods_h), np.ones(len(periods_h)))
+
+
+def _numbered(count: int) -> tuple[tuple[str, ...], tuple[float, ...]]:
+    return tuple(f"_{k}" for k in range(1, count + 1)), (0.0,) * count
+
+
+SPAN = (("begin_s", "s"), ("end_s", "s"))
 FORMS: Mapping[str, Form] = {
     "always": Form(lambda term, x, t: _columns(np.ones(len(t))), words="always", formula="p"),
     "linear": Form(lambda term, x, t: _columns(x), powers=(1.0,), words="in proportion to {}", formula="p·x"),
-    "quadratic": Form(
-        lambda term, x, t: _columns(x, x**2), ("_linear", "_square"), (1.0, 2.0), words="with the square of {}",
-        formula="p_linear·x + p_square·x²"
+    "smooth": Form(
+        _smooth, *_numbered(SMOOTH), (("middle", "of the driver"), ("range", "of the driver")),
+        words="along a smooth curve of {}",
+        formula=f"Σ p_k·exp(−({SMOOTHNESS}·ω)²/4)·(sin(ω·(z + {WIDE + 1:g})) − sin({WIDE + 1:g}·ω)), "
+        f"ω = kπ/{2 * WIDE + 2:g}, z = (x − middle)/range within ±{WIDE:g}",
     ),
-    "threshold": Form(
-        lambda term, x, t: _columns((x > term.threshold).astype(float)), places=THRESHOLD,
-        words="beyond a threshold of {}", formula="p where {} > threshold, else 0",
-    ),
-    "saturating": Form(
-        lambda term, x, t: _columns(np.tanh((x - term.middle) / max(abs(term.range), 1e-12))),
-        places=(("middle", "of the driver"), ("range", "of the driver")),
-        words="with {}, up to a limit", formula="p·tanh(({} − middle) / range)",
-    ),
-    "lagged": Form(
-        lambda term, x, t: _columns(_lagged(x, t, term.constant_s)), powers=(1.0,), places=(("constant_s", "s"),),
-        words="with {} of some time before", formula="p·x, x followed with the time constant",
+    "bands": Form(
+        _bands, _numbered(len(BANDS_H) + 1)[0], (1.0,) * (len(BANDS_H) + 1), words="with {} and its history",
+        formula="Σ p_k·(difference of x between low-pass filters of " + ", ".join(f"{h:g}" for h in BANDS_H) + " h)",
     ),
     "memory": Form(
         lambda term, x, t: _columns(_play(x, term.width)), powers=(1.0,), places=(("width", "of the driver"),),
-        words="with {} and its history (hysteresis)", formula="p·x, x followed with a play of the width",
-    ),
-    "latch": Form(
-        lambda term, x, t: _columns(np.maximum.accumulate((x > term.threshold).astype(float)) if len(x) else x),
-        places=THRESHOLD,
-        words="from the first time on that {} exceeded a threshold",
-        formula="p once {} has exceeded the threshold, before 0",
+        words="with {} and the side that it comes from (hysteresis)",
+        formula="p·x, x followed with a play of the width",
     ),
     "sign": Form(lambda term, x, t: _columns(np.sign(x)), words="with the sign of {}", formula="p·sign(x)"),
     "periodic": Form(
@@ -142,10 +182,42 @@ FORMS: Mapping[str, Form] = {
         (("period_s", "s"),), words="once every period of {}",
         formula="p_sine·sin(2πt / period) + p_cosine·cos(2πt / period)",
     ),
+    "daily": Form(
+        lambda term, x, t: _periods(t, DAILY_H), *_numbered(2 * len(DAILY_H)), words="with the time of day",
+        formula="Σ sines, then cosines, of periods of 24, 12 and 8 h",
+    ),
+    "tidal": Form(
+        lambda term, x, t: _periods(t, TIDAL_H), *_numbered(2 * len(TIDAL_H)), words="with the tide",
+        formula="Σ sines, then cosines, of the periods of M2, O1 and N2",
+    ),
+    "harmonics": Form(
+        lambda term, x, t: _waves(x[:, None] * np.array(LOBES_TRIED), 1.0 / (np.array(LOBES_TRIED) - 2.0)),
+        *_numbered(2 * len(LOBES_TRIED)), words="with higher harmonics of {}",
+        formula="Σ sines, then cosines, of 3 to 10 times the reading, over the number of times less 2",
+    ),
+    "teeth": Form(
+        lambda term, x, t: _waves(x[:, None] * np.array(TEETH_TRIED), np.ones(len(TEETH_TRIED))),
+        *_numbered(2 * len(TEETH_TRIED)), words="in many lobes of {}",
+        formula="Σ sines, then cosines, of 3 to 19 times the reading",
+    ),
     "bump": Form(
         lambda term, x, t: _columns(bump(x, term.centre_deg, term.reach_deg)),
         places=(("centre_deg", "degrees"), ("reach_deg", "degrees")), words="around one {} only",
         formula="p·(1 + cos(π·(reading − centre) / reach)) / 2 within reach of centre, else 0",
+    ),
+    "late": Form(
+        _late, *_numbered(2 * len(LATE_H)), words="with {} of hours to days before (hysteresis)",
+        formula="Σ sine, cosine of the recorded heading, low-passed by " + ", ".join(f"{h:g}" for h in LATE_H) + " h",
+    ),
+    "slow": Form(
+        lambda term, x, t: _cosines(term, t, SLOW_WAVES) / np.arange(1, SLOW_WAVES + 1) ** 2.0,
+        *_numbered(SLOW_WAVES), SPAN, words="slowly with {}",
+        formula="Σ p_k·cos(kπ·(t − begin) / (end − begin)) / k²",
+    ),
+    "free": Form(
+        lambda term, x, t: _cosines(term, t, FREE_WAVES) / np.hypot(1.0, np.arange(1, FREE_WAVES + 1) / FREE_FROM),
+        *_numbered(FREE_WAVES), SPAN, words="as a free function of {}",
+        formula=f"Σ p_k·cos(kπ·(t − begin) / (end − begin)) / √(1 + (k/{FREE_FROM:g})²)",
     ),
     "step": Form(
         lambda term, x, t: _columns((t >= term.begin_s).astype(float)), places=(("begin_s", "s"),),
@@ -153,21 +225,7 @@ FORMS: Mapping[str, Form] = {
     ),
     "box": Form(
         lambda term, x, t: _columns(((t >= term.begin_s) & (t < term.end_s)).astype(float)),
-        places=(("begin_s", "s"), ("end_s", "s")), words="for a while", formula="p from begin to end, else 0",
-    ),
-    "ramp": Form(
-        lambda term, x, t: _columns(np.clip((t - term.begin_s) / max(term.end_s - term.begin_s, 1.0), 0.0, 1.0)),
-        places=(("begin_s", "s"), ("end_s", "s")), words="growing between two dates",
-        formula="p·(t − begin) / (end − begin), 0 before and p after",
-    ),
-    "decay": Form(
-        lambda term, x, t: _columns(np.exp(-np.maximum(t - term.begin_s, 0.0) / term.constant_s) * (t >= term.begin_s)),
-        places=(("begin_s", "s"), ("constant_s", "s")), words="fading away", formula="p·exp(−(t − begin) / constant)",
-    ),
-    "growth": Form(
-        lambda term, x, t: _columns(np.exp(np.minimum(t - term.end_s, 0.0) / term.constant_s)),
-        places=(("end_s", "s"), ("constant_s", "s")), words="growing ever faster",
-        formula="p·exp((t − end) / constant)",
+        places=SPAN, words="for a while", formula="p from begin to end, else 0",
     ),
 }  # fmt: skip
 
@@ -211,11 +269,6 @@ class ComposedEffect(Effect):
             return FORMS[form].series(self, driver_series(scene, driver), scene.time_s)
         assert reading_deg is not None
         return FORMS[form].series(self, reading_deg, scene.time_s)
-
-    @property
-    def placed(self) -> bool:
-        """Whether it has places to be searched for."""
-        return bool(FORMS[self.composition[2]].places) and self.composition[2] != "periodic"
 
     def said(self) -> tuple[str, str, str]:
         """Return target, driver and form as reported by a diagnosis; for a horizontal field its larger component."""
@@ -267,22 +320,26 @@ class ComposedEffect(Effect):
             x = x - (self.apply(x, scene) - reading_deg) / np.maximum(slope, MIN_SLOPE / 2.0)
         return x
 
-    @property
-    def possible(self) -> bool:
-        """Whether a reading with a bump around one heading still increases with the angle of the field."""
-        reach = float(getattr(self, "reach_deg", np.inf))
-        return 1.0 - np.pi / 2.0 * float(np.abs(self.values).max()) / max(reach, 1e-9) > MIN_SLOPE
-
     def single(self, scene: Scene) -> bool:
         """Check whether every reading has a unique inverse, i.e. increases with the angle of the field."""
-        acted = self.composition[0]
+        acted, driver, form = self.composition
         if acted in LOBES:
             size = np.hypot(*self.amplitudes(scene).T)
             return bool(1.0 - LOBES[acted] * angles.DEGREE * size.max(initial=0.0) > 0.0)
-        return self.possible
+        if driver != "heading":
+            return True
+        turn = np.arange(0.0, 361.0)
+        return bool(np.diff(turn + FORMS[form].series(self, turn, turn) @ self.values).min() > MIN_SLOPE)
+
+    @property
+    def possible(self) -> bool:
+        """Whether readings increase with the angle of the field, where the effect depends on the heading alone."""
+        acted, driver, _ = self.composition
+        return acted in LOBES or driver != "heading" or self.single(NOWHERE)
 
 
 NEWTON, PROBE_DEG = 8, 1e-3
+NOWHERE = Scene(*(np.zeros(0),) * 5, 0.0)
 
 
 def driver_series(scene: Scene, driver: str) -> Floats:

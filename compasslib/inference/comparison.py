@@ -23,7 +23,7 @@ from compasslib.inference import covariates as covariate_series
 from compasslib.inference import finding as findings
 from compasslib.inference import wording
 from compasslib.inference.finding import BinnedResidual, CovariateRange, Finding, HeldOut, Parameter, Unexplained
-from compasslib.records import EarthField, Pairs
+from compasslib.records import EarthField, Pairs, SlowShear
 from compasslib.statistics.whitening import LowRankNoise
 from compasslib.types import Floats
 
@@ -75,7 +75,7 @@ class Options:
     apply: bool = True  # whether findings on the compass side are corrected
     alarm: float = 0.006  # false alarm probability of an unexplained mismatch, and of a finding in a short record
     prior_odds: float = 1.0  # of a fault of compass or clock in a long record
-    surrogates: int = 19  # simulated records without the effect, against which the gain of a finding is ranked
+    surrogates: int = 199  # simulated records without an effect, against which its evidence and its gain are ranked
     reference_magnetic: bool = True  # whether the reference has a magnetic compass too
     share: bool = False  # whether to collect information for other records of the compass
 
@@ -183,6 +183,7 @@ class LongComparison(Comparison):
     nuisance: Floats  # (n, k) columns that are fitted and never reported
     has_slow_noise: bool = True  # whether directional shear between two depths adds slow noise
     low_rank: LowRankNoise | None = None  # the slow noise, once estimated
+    slow_shear: SlowShear | None = None  # as a profile shows it; None if none does
     usual: Mapping[type[Effect], Floats] = field(default_factory=dict)  # prior standard deviation of each parameter
     prior: CoefficientPrior | None = None  # of A..E, from other records of the compass
     shared: SharedInformation = field(default_factory=dict)  # on effects, from other records of the compass
@@ -226,6 +227,7 @@ def compare_pairs(
         terms=terms,
         not_testable=missing,
         prior=fit.prior,
+        slow_shear=pairs.slow_shear,
         units={
             name: (units or {}).get(name, "1")
             for name in logged

@@ -26,6 +26,7 @@ from compasslib.deviation.doubts import (
     find_doubtful_windows,
 )
 from compasslib.deviation.model import DeviationFit
+from compasslib.effects import CATALOGUE
 from compasslib.inference import product as products
 from compasslib.inference import wording
 from compasslib.inference.diagnosis import (
@@ -231,7 +232,9 @@ def _with_doubts(diagnosis: Diagnosis, doubts: tuple[Doubt, ...], pairs: Pairs) 
     left = Unexplained(("time",), CovariateRange("time", *span, place), span, size, (), text)
     sides = spread_unexplained(diagnosis.sides, ())
     warnings = tuple(doubt.why for doubt in doubts)
-    if diagnosis.verdict == "insufficient":
+    steps = {kind.name for kind in CATALOGUE if kind.dated()}
+    explained = any({item.effect, *item.alternatives} & steps for item in diagnosis.findings)
+    if diagnosis.verdict == "insufficient" or explained:
         return replace(diagnosis, warnings=(*warnings, *diagnosis.warnings))
     return replace(
         diagnosis,

@@ -27,7 +27,7 @@ from compasslib.effects.forward import (
     water_veer,
 )
 from compasslib.inference.comparison import LongComparison
-from compasslib.statistics.least_squares import HUBER_CLIP, gauss_newton
+from compasslib.statistics.least_squares import gauss_newton
 from compasslib.statistics.whitening import (
     Whitener,
     clip_response,
@@ -36,8 +36,6 @@ from compasslib.statistics.whitening import (
     orthonormal_basis,
     project_out,
     robust_widths,
-    scaled_inverse,
-    trend_spacing_s,
 )
 from compasslib.types import Floats
 
@@ -46,14 +44,12 @@ FEWEST_SAMPLES = 50  # usable samples below which the residual is not tested
 TINY = 1e-12  # least prior standard deviation, in any unit
 BASE_RIDGE = 1e-4  # ridge of the base, relative to the mean square of its columns, for columns that hardly vary
 
-DATE_STEP_S, DATE_MARGIN = 10 * 86400.0, 0.04  # least spacing of step dates, and share without them at each end
 
 REFIT_ROUNDS = 4  # maximum number of Gauss-Newton steps
 MOST_HALVINGS = 4  # maximum number of times that the sizes of the initial terms are halved
 CONVERGED_DEG = 0.02  # step length at convergence, approximately degrees
 MISFIT_GROWTH = 1.5  # growth of the misfit at which a step is rejected
 DAMPING = 1e-4  # ridge of unit-length whitened columns: tides sampled twice a day are nearly collinear with a constant
-DATE_REACH_S, DATE_SPACING_S = 12 * 86400.0, 86400.0  # half-width and spacing of the refined date grid
 
 
 class TooFewSamples(ArithmeticError):
@@ -197,12 +193,6 @@ def _residual(case: LongComparison, simulation: ForwardModel, nuisance: Floats) 
     return heading, angles.difference(shown, heading), case.precision_deg / slope
 
 
-def slow_hats(time_s: Floats) -> Floats:
-    """Build piecewise linear hat functions of time that resolve changes over weeks, (n, k)."""
-    knots = np.linspace(time_s[0], time_s[-1], max(int(np.ptp(time_s) / trend_spacing_s(time_s)), 1) + 1)
-    return np.column_stack([np.interp(time_s, knots, row) for row in np.eye(len(knots))])
-
-
 @dataclass(frozen=True)
 class ColumnGroup:
     """Columns that are tested together, (n, k) degrees per unit."""
@@ -225,19 +215,6 @@ class Products:
 def term_columns(state: FittedModel, term: Effect) -> ColumnGroup:
     """Build the columns of one term added to a simulation."""
     return ColumnGroup(term.name, _term_derivative(state, term), term)
-
-
-def step_columns(state: FittedModel, kind: type[Effect], dates_s: Floats) -> list[ColumnGroup]:
-    """Build the columns of a step term for each of several dates."""
-    always = _term_derivative(state, kind())
-    since = state.case.scene.since
-    return [ColumnGroup(kind.name, always * since(d)[:, None], replace(kind(), date_s=float(d))) for d in dates_s]  # type: ignore[call-arg]
-
-
-def step_dates(time_s: Floats) -> Floats:
-    """List the dates at which steps are tried, (m,)."""
-    first, last = np.quantile(time_s, [DATE_MARGIN, 1.0 - DATE_MARGIN])
-    return np.arange(first, last, max(DATE_STEP_S, (last - first) / 60.0))
 
 
 def _term_derivative(state: FittedModel, term: Effect) -> Floats:
@@ -307,32 +284,6 @@ def _median_misfit(state: FittedModel, common: FittedModel) -> float:
     return float(np.nanmedian(np.abs(angles.wrap180(state.residual_deg)) / common.whitener.width_deg))
 
 
-def refine_dates(state: FittedModel) -> FittedModel:
-    """Refine the dates of the terms on a finer grid and refit."""
-    terms = list(state.simulation.terms)
-    if not any(term.dated() for term in terms):
-        return state
-    for k, term in enumerate(terms):
-        if not term.dated():
-            continue
-        others = [t for j, t in enumerate(terms) if j != k]
-        free = refit(state, others)
-        near = np.arange(term.date - DATE_REACH_S, term.date + DATE_REACH_S, DATE_SPACING_S)
-        candidates = step_columns(free, type(term), near)
-        best = candidates[int(np.argmax(score_gains(free, candidates)))].term
-        assert best is not None
-        terms[k] = best.at(term.values)
-    return refit(state, terms)
-
-
-def score_gains(state: FittedModel, groups: Sequence[ColumnGroup]) -> Floats:
-    """Compute the decrease of the sum of squares of the whitened residual by each group of columns, (g,)."""
-    white = state.whiten_and_project(np.concatenate([group.columns for group in groups], axis=1))
-    parts = np.split(white, np.cumsum([group.columns.shape[1] for group in groups])[:-1], axis=1)
-    pulls = [part.T @ state.innovation for part in parts]
-    return np.array([x @ scaled_inverse(part.T @ part) @ x for part, x in zip(parts, pulls, strict=True)])
-
-
 def visible_columns(state: FittedModel, k: int) -> Floats:
     """Project compass and nuisances out of a fitted term's columns, (n, k) degrees per unit."""
     columns = state.base[:, parameter_slices(state.simulation.terms, 5)[k]]
@@ -347,29 +298,6 @@ def visible_size_deg(state: FittedModel, k: int, covariance: Floats) -> float:
     values, columns = state.simulation.terms[k].values, visible_columns(state, k)[np.isfinite(state.whitener.width_deg)]
     product = columns.T @ columns / len(columns)
     return float(np.sqrt(max(float(values @ product @ values) - float(np.sum(product * covariance)), 0.0)))
-
-
-def log_likelihood_gain(before: FittedModel, after: FittedModel) -> float:
-    """Compute the log likelihood gained by one fitted model over another.
-
-    The score is integrated along the straight line between them, as the mean of the clipped, whitened residuals at both
-    ends: squares of clipped residuals do not show by how much a clipped direction moves. The base of each is projected
-    out of its residual. A sample that loses its root gets the largest residual.
-
-    Args:
-        before: the model that gives widths and filter.
-    """
-    whitener = before.whitener
-    lost, width = ~np.isfinite(after.residual_deg), whitener.width_deg
-    first, second = (clip_standardized(np.nan_to_num(x.residual_deg), width) for x in (before, after))
-    second = np.where(lost, np.minimum(HUBER_CLIP, 90.0 / width), second)
-    moved = angles.difference(np.nan_to_num(before.residual_deg), np.nan_to_num(after.residual_deg)) / width
-    ends = []
-    for state, standard in ((before, first), (after, second)):
-        white, basis = whitener.filtered(standard[:, None])[:, 0], orthonormal_basis(whitener(state.base))
-        ends.append(np.asarray(white - basis @ (basis.T @ white)))
-    way = whitener.filtered(np.where(lost, first - second, moved)[:, None])[:, 0]
-    return float(sum(ends) @ way) * before.response / before.sigma**2 / 2.0
 
 
 def _least_squares_step(state: FittedModel) -> Floats:

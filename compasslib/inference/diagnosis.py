@@ -18,11 +18,13 @@ from compasslib.inference.finding import (
     SURE,
     UNTESTED,
     BinnedResidual,
+    Detection,
     Finding,
     RankedEffect,
     Unexplained,
     curve_json,
 )
+from compasslib.inference.inference import Inference
 from compasslib.inference.joint_compass import RecordInformation
 from compasslib.inference.posterior import FindingPosterior, Posterior
 from compasslib.inference.product import Product, WeightedCompass
@@ -59,7 +61,8 @@ class Diagnosis:
     sides: Mapping[str, float] = field(default_factory=dict)  #: probability of each side; empty if not computed
     noise: Mapping[str, tuple[float, float]] = field(default_factory=dict)  #: (value, standard error) by parameter
     #: detection limit of each effect, visible size, degrees rms
-    detectable_deg: Mapping[str, float] = field(default_factory=dict)
+    detectable_deg: Mapping[str, float | None] = field(default_factory=dict)
+    detection: Detection | None = None  #: evidence of any effect, ranked among surrogates; None if not computed
     hypotheses: tuple[RankedEffect, ...] = ()  #: effects that were tested alone, highest score first
     threshold: Mapping[str, float] = field(default_factory=dict)  #: test statistics that noise alone rarely exceeds
     warnings: tuple[str, ...] = ()  #: sentences for the summary
@@ -101,6 +104,7 @@ class Diagnosis:
             "noise": {name: {"value": value, "sigma": sigma} for name, (value, sigma) in self.noise.items()},
             "experiments": [{"what": what, "probability": chance} for what, chance in self.experiments],
             "fit": None if self.fit is None else self.fit.to_json(),
+            "detection": None if self.detection is None else self.detection.to_json(),
             "detectable_deg": dict(self.detectable_deg),
             "hypotheses": [vars(ranked) for ranked in self.hypotheses],
             "threshold": dict(self.threshold),
@@ -138,7 +142,7 @@ class Outcome:
     """Result of the search of one comparison, in the same form for long and short recordings."""
 
     comparison: Comparison
-    posterior: Posterior
+    posterior: Posterior | Inference
     findings: tuple[Finding, ...]  # of the most probable hypothesis, in the order of its terms
     finding_posteriors: tuple[FindingPosterior, ...]  # of each finding and its alternatives
     left: Unexplained | None  # mismatch that the most probable hypothesis does not explain

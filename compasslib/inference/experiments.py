@@ -26,12 +26,11 @@ from compasslib.effects.forward import (
 )
 from compasslib.inference import design
 from compasslib.inference.design import FittedModel
-from compasslib.inference.evidence import ANYTHING, TEMPERATURE
 from compasslib.inference.finding import SURE
-from compasslib.inference.posterior import MOST_TERMS, Hypothesis
-from compasslib.inference.weighing import Inference
+from compasslib.inference.inference import MOST_EFFECTS, Inference
 from compasslib.types import Floats
 
+ANYTHING = 1e6  # prior variance of free coefficients, in units of one sample's noise
 LEAST, MOST = 0.002, 40  # least probability of the hypotheses that are considered, and their maximum number
 DRAWS, SEED = 400, 7  # standard error 2.5 % of a probability of one half
 COURSES, SWUNG_DEG = 24, 1.0  # headings of a swing, and the error of each
@@ -126,19 +125,16 @@ def rank_observations(inferred: Inference) -> tuple[tuple[str, float], ...]:
 
 def prospects(inferred: Inference) -> Prospects | None:
     """Build the linear model of possible observations; None if there is nothing to separate."""
-    posterior = inferred.posterior
-    order = np.argsort(-posterior.probability)[:MOST]
-    likely = [int(i) for i in order if posterior.probability[i] >= LEAST]
-    hypotheses = [posterior.hypotheses[i] for i in likely]
-    numbers = sorted({k for hypothesis in hypotheses for k in hypothesis})
-    if posterior.candidates.slow is None or not numbers:
+    combined = [(p, each) for p, each in inferred.combinations if p >= LEAST][:MOST]
+    numbers = sorted({k for _, each in combined for k in each})
+    if inferred.slow is None or not numbers:
         return None
     model = _model(inferred, numbers)
-    water = inferred.posterior.water_of(inferred.chosen)
-    variance = np.zeros(model.slow) if water is None else posterior.candidates.slow.variances(water)
-    weighed = _Weighed(model, variance, [tuple(numbers.index(k) for k in hypothesis) for hypothesis in hypotheses])
-    probability = posterior.probability[likely] / posterior.probability[likely].sum()
-    names = [posterior.names[i] for i in likely]
+    variance = np.zeros(model.slow) if inferred.water is None else inferred.slow.variances(inferred.water)
+    weighed = _Weighed(model, variance, [tuple(numbers.index(k) for k in each) for _, each in combined])
+    probability = np.array([p for p, _ in combined])
+    probability /= probability.sum()
+    names = [tuple(sorted(inferred.model.options[k].name for k in each)) for _, each in combined]
     time_s = model.state.case.scene.time_s
     observations = {
         f"another {float(np.ptp(time_s)) / DAY_S:.0f} days of the same mooring": _longer(model, variance),
@@ -152,25 +148,28 @@ def prospects(inferred: Inference) -> Prospects | None:
 
 
 def _model(inferred: Inference, numbers: Sequence[int]) -> Model:
-    candidates = inferred.posterior.candidates
     view, half = design.freed_model(inferred.state)
-    groups = [candidates.groups[k] for k in numbers]
-    usual = np.concatenate([candidates.usual[candidates.parts[k]] for k in numbers])
-    assert candidates.slow is not None
-    candidate_columns = np.concatenate([group.columns for group in groups], axis=1) * usual
-    even = np.sqrt(candidates.scatter * max((candidates.uneven[k] for k in inferred.chosen), default=1.0))
-    scale = np.sqrt(TEMPERATURE) / view.sigma / even
-    columns = np.nan_to_num(np.concatenate([candidate_columns, candidates.slow.columns, view.base], axis=1))
+    options = [inferred.model.options[k] for k in numbers]
+    amplitudes = [
+        dict(inferred.entered).get(k) or inferred.model.likeliest_amplitude(k, inferred.water) for k in numbers
+    ]
+    usual = np.concatenate([size * option.usual for size, option in zip(amplitudes, options, strict=True)])
+    assert inferred.slow is not None
+    candidate_columns = np.concatenate(
+        [size * option.columns for size, option in zip(amplitudes, options, strict=True)], axis=1
+    )
+    scale = 1.0 / view.sigma / np.sqrt(inferred.model.scatter)
+    columns = np.nan_to_num(np.concatenate([candidate_columns, inferred.slow.columns, view.base], axis=1))
     rows = view.whitener(columns) * view.response * scale
     return Model(
         state=half,
         view=view,
         scale=view.response * scale,
-        terms=[group.term for group in groups if group.term is not None],
-        ends=np.cumsum([0, *(group.columns.shape[1] for group in groups)]),
+        terms=[option.term for option in options],
+        ends=np.cumsum([0, *(option.columns.shape[1] for option in options)]),
         usual=usual,
         rows=rows,
-        slow=candidates.slow.columns.shape[1],
+        slow=inferred.slow.columns.shape[1],
         score=rows.T @ (view.innovation * scale),
     )
 
@@ -283,7 +282,7 @@ def strength_unit(time_s: Floats) -> float:
 class _Weighed:
     """Hypotheses with the posterior of their unknowns from the recording."""
 
-    def __init__(self, model: Model, variance: Floats, hypotheses: Sequence[Hypothesis]):
+    def __init__(self, model: Model, variance: Floats, hypotheses: Sequence[tuple[int, ...]]):
         present = np.flatnonzero(variance > 0.0)
         information = model.rows.T @ model.rows
         nuisances = np.concatenate(
@@ -347,7 +346,7 @@ def _single_name_share(names: Sequence[tuple[str, ...]], probability: Floats) ->
         probability: of each hypothesis in each draw, (h, d).
     """
     count = np.array([len(names_left) for names_left in names])
-    most = sum((probability[count >= k].sum(axis=0) > 0.5).astype(int) for k in range(1, MOST_TERMS + 1))
+    most = sum((probability[count >= k].sum(axis=0) > 0.5).astype(int) for k in range(1, MOST_EFFECTS + 1))
     sets = list(dict.fromkeys(names))
     each = np.array([probability[[other == names_left for other in names]].sum(axis=0) for names_left in sets])
     chosen = np.argmax(

@@ -27,6 +27,7 @@ BOOTSTRAP_DRAWS = 1000  # draws of blocks, which limit the smallest p-value
 CONFIRMED_P = 0.05  # largest rank probability of the gain among surrogates at which a finding is confirmed
 REFUTED_P = 0.05  # p-value on held-out days from which a finding is refuted if the rms grows
 REFUTED_GROWTH = 1.1  # growth of the rms needed for that: the gain itself is weighted and clipped, the rms is not
+DETECTED_P = 0.01  # rank among surrogates up to which an effect is detected: in one of a hundred records without any
 SURE = 0.95  # probability from which something is stated as established
 TILTS = {"pitch": "tilt", "roll": "tilt"}  # two axes of one driver
 CURVE_BINS = 18  # of a plotted curve
@@ -86,6 +87,24 @@ def is_confirmed(low_deg: float, rank_p: float | None) -> bool:
         rank_p: rank of its gain among surrogates, as a p-value; None without surrogates.
     """
     return low_deg > 0.0 and rank_p is not None and rank_p <= CONFIRMED_P
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Evidence of a further effect, ranked among surrogates without it."""
+
+    statistic: float  #: log Bayes factor of any effect
+    n_surrogates: int  #: of each kind
+    rank_p: float | None  #: rank as a p-value, the larger one of both kinds of surrogates; None without surrogates
+    threshold: float | None = None  #: statistic from which an effect is detected; None without surrogates
+
+    @property
+    def significant(self) -> bool:
+        """Whether an effect is detected; never without surrogates."""
+        return self.rank_p is not None and self.rank_p <= DETECTED_P
+
+    def to_json(self) -> dict[str, float | int | None]:
+        return {"rank_p": self.rank_p, "n_surrogates": self.n_surrogates, "statistic": self.statistic}
 
 
 @dataclass(frozen=True)
@@ -240,10 +259,21 @@ class Finding:
         (side, driver), probability = max(drivers.items(), key=lambda item: item[1])
         if probability >= SURE:
             return Statement("driver", min(probability, 1.0), side, driver)
+        alike = sum(p for (_, name), p in drivers.items() if name == driver and name)
+        if alike >= SURE:  # one of the two instruments
+            return Statement("driver", min(alike, 1.0), "", driver)
         side, probability = max(sides.items(), key=lambda item: item[1])
         if probability >= SURE:
             return Statement("side", min(probability, 1.0), side, "")
         return Statement(None, None, self.side, self.driver)
+
+    @property
+    def twins(self) -> tuple[str, ...]:
+        """Names of the same driver that this record cannot separate from the effect."""
+        from compasslib.effects import driver_of  # deferred, as below
+
+        likely = (name for name, probability in self.alternatives_probability.items() if probability > 1.0 - SURE)
+        return tuple(name for name in likely if driver_of(name) == self.driver)
 
     @property
     def level(self) -> str | None:
@@ -269,6 +299,7 @@ class Finding:
             "alternatives": list(self.alternatives),
             "probability": self.probability,
             "alternatives_probability": dict(self.alternatives_probability),
+            "twins": list(self.twins),
             "level": self.level,
             "level_probability": self.statement.probability,
             "driver": self.driver or None,

@@ -1,242 +1,365 @@
-"""The posterior of a recording, linearized at its most probable hypothesis, which is refitted in the forward model.
+"""The search: effects enter the model one after the other, and the noise is fitted again under each.
 
-The posterior of all hypotheses, none or up to three effects, is computed with slow noise marginalized. The columns of
-effects are derivatives, and widths, filter and slow noise are estimated from the residual: both are recomputed after
-the most probable hypothesis has been refitted, until it no longer changes.
+An effect is detected if its evidence ranks among the highest of surrogates, records simulated without it. Which effect
+it is, is a matter of probability: every option is weighed in the place of each effect that entered, beside the others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+import itertools
+import zlib
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from compasslib.effects import COMPOSED, SLOW_WATER, Effect
-from compasslib.effects.composed import DRIVERS, ComposedEffect
+from compasslib.effects import SLOW_WATER, Effect
+from compasslib.effects.composed import COMPOSED, ComposedEffect
 from compasslib.effects.effect import HOUR_S
-from compasslib.inference import design, evidence, grammar, noise
-from compasslib.inference.current import coupled_drivers
-from compasslib.inference.design import FittedModel
-from compasslib.inference.evidence import TEMPERATURE, Candidates
-from compasslib.inference.grammar import Composition
+from compasslib.inference import design, noise
+from compasslib.inference.design import Estimate, FittedModel
+from compasslib.inference.finding import DETECTED_P, SURE, Detection
+from compasslib.inference.limits import detection_limits
 from compasslib.inference.noise import SlowNoiseBasis, SlowNoiseParams
-from compasslib.inference.posterior import Hypothesis
-from compasslib.inference.weighing import (
-    Inference,
-    average_posteriors,
-    compute_posterior,
-    likeliest_water,
-    with_slow_noise,
+from compasslib.inference.places import (
+    UNLIKELY,
+    Place,
+    fit_terms,
+    learn_current,
+    likeliest_option,
+    marginalize,
+    probabilities,
+    settle,
+    with_likeliest_noise,
 )
-from compasslib.statistics.whitening import correlation_time, sampling_interval_s
+from compasslib.inference.posterior import FindingPosterior
+from compasslib.inference.rivals import Rival, find_rivals
+from compasslib.inference.search import Entered, Evidence, LinearModel
+from compasslib.statistics.whitening import correlation_time, sampling_interval_s, scaled_inverse
 from compasslib.types import Floats
 
-SLOW: Mapping[str, Callable[[SlowNoiseParams], float]] = {
-    "slow_rms_deg": lambda water: water.veer.size,
-    "slow_memory_days": lambda water: water.veer.memory_days,
-    "slow_shear_m_s": lambda water: water.shear.size,
-}
-MUCH_VEER_DEG, PLAIN = 1.4, 50.0  # veer that may hide effects; their log evidence without slow noise, which mimics half
-MOST_BEGINNINGS, CHARGE = 4, 5.0  # number of effects tried as starting point, and log likelihood cost of each parameter
-MOST_SURE = 1.4  # largest log odds between two conflicting linearizations: the weight of each is at least a fifth
-MOST_ROUNDS = 5  # maximum number of relinearizations, limited for speed
+MOST_EFFECTS = 3  # in a record; limits the run time
+SIDES_IN_ORDER = ("compass", "clock", "reference", "water")
+LEAST_WEIGHT = 0.05  # probability below which a combination of effects does not enter the correction
+SUGGESTED_P = 0.1  # rank up to which an effect that is not detected enters it, by its probability
+STEADY = 1e-8  # ridge relative to a column's information, which stabilizes the inverse
 
 
-def infer(empty: FittedModel, odds: float) -> Inference:
-    """Infer which effects act in addition to the fitted compass.
+@dataclass(frozen=True)
+class Inference:
+    """The effects that were detected, refitted, with the probability of every option in the place of each."""
+
+    state: FittedModel  # fitted with its terms, slow noise in the whitener
+    model: LinearModel  # linearized at this model
+    chosen: tuple[int, ...]  # option of each term, in order
+    amplitudes: tuple[float, ...]  # prior rms of each, degrees
+    places: tuple[Place, ...]  # of each term
+    further: Place  # of one more effect, which was not detected
+    detections: tuple[Detection, ...]  # of each term, and of one more
+    odds: float  # prior odds of a fault of compass or clock
+    seed: int  # of the surrogates
+    withdrawn: frozenset[str] = field(default_factory=frozenset)  # names that the correction must not contain
+
+    @property
+    def entered(self) -> Entered:
+        """The chosen options with their amplitudes."""
+        return tuple(zip(self.chosen, self.amplitudes, strict=True))
+
+    @cached_property
+    def slow(self) -> SlowNoiseBasis | None:
+        """Slow noise, with the estimated variances of the current."""
+        return learn_current(self.model, self.entered, self.water)
+
+    @cached_property
+    def water(self) -> SlowNoiseParams | None:
+        """The likeliest slow noise beside the chosen effects."""
+        return self.further.evidence.likeliest_water()
+
+    def sides(self, dropped: Collection[str] = ()) -> dict[str, float]:
+        """Compute the probability of each side; if several act, it counts for the first in SIDES_IN_ORDER.
+
+        Args:
+            dropped: names of effects to ignore.
+        """
+        options = self.model.options
+        counted = np.array([option.name not in dropped for option in options])
+        side = np.array([option.block[0] for option in options])
+        result, before = {}, 1.0
+        left = np.ones(len(options), dtype=bool)
+        for name in SIDES_IN_ORDER:
+            left &= side != name
+            without = float(np.prod([1.0 - place.probability[~left & counted].sum() for place in self._all_places]))
+            result[name], before = max(before - without, 0.0), without
+        instead = before * (1.0 - float(np.prod([1.0 - rival.probability for rival in self.rivals.values()])))
+        return {"none": before - instead} | result | {"compass": result["compass"] + instead}
+
+    @cached_property
+    def rivals(self) -> dict[frozenset[str], Rival]:
+        """Readings that may follow the drivers of the current in its place, by groups of drivers that vary together."""
+        return find_rivals(self.model, self.entered, self.water, self.further.evidence.likely_waters)
+
+    @property
+    def lacks_effect(self) -> bool:
+        """Whether a further effect is detected beside as many as are searched for."""
+        return len(self.chosen) == MOST_EFFECTS and _stands_out(self.detections[-1], self.further)
+
+    @cached_property
+    def limits(self) -> dict[str, float | None]:
+        """Detection limit of each listed effect that was not found, visible rms degrees; None if there is none."""
+        last = self.detections[-1]
+        if last.threshold is None:
+            return {}
+        drawn = self.model.draw(self.further.evidence, last.n_surrogates, self.seed + len(self.chosen), self.entered)
+        return detection_limits(self.model, self.further.evidence, self.entered, drawn, last.threshold)
+
+    @cached_property
+    def current_visible(self) -> Floats:
+        """Mean products of the columns of the current with the compass projected out, square degrees."""
+        slow = self.model.slow
+        count = 0 if slow is None else len(slow.drivers)
+        columns = (
+            np.zeros((len(self.state.case), 0)) if slow is None else slow.columns[:, slow.columns.shape[1] - count :]
+        )
+        turned = self.model.view.visible(columns)
+        return turned.T @ turned / len(turned)
+
+    def further_size_deg(self, k: int) -> float:
+        """Compute the visible size of an option beside the chosen effects, rms degrees."""
+        entered = (*self.entered, (k, self.model.likeliest_amplitude(k, self.water, self.entered)))
+        values = self.model.fit(entered, self.water)[-1]
+        usual = self.model.options[k].usual
+        turn = self.model.options[k].columns @ (values / np.where(usual > 0.0, usual, 1.0))
+        return float(np.sqrt(np.mean(self.model.view.visible(turn[:, None]) ** 2)))
+
+    @property
+    def _all_places(self) -> tuple[Place, ...]:
+        return (*self.places, self.further)
+
+    @cached_property
+    def acting(self) -> dict[str, float]:
+        """Probability of each effect in any place, by name."""
+        absent = dict.fromkeys((option.name for option in self.model.options), 1.0)
+        for place in self._all_places:
+            for name, probability in self._by_name(place).items():
+                absent[name] *= 1.0 - probability
+        return {name: 1.0 - left for name, left in absent.items()}
+
+    def _by_name(self, place: Place) -> dict[str, float]:
+        sums: dict[str, float] = {}
+        for option, probability in zip(self.model.options, place.probability.tolist(), strict=True):
+            sums[option.name] = sums.get(option.name, 0.0) + probability
+        return sums
+
+    @cached_property
+    def finding_posteriors(self) -> tuple[FindingPosterior, ...]:
+        """Probability of each term's effect and of its alternatives, slow water among them."""
+        result = []
+        for k, place in zip(self.chosen, self.places, strict=True):
+            names = self._by_name(place) | {SLOW_WATER: place.none}
+            effect, others = self.model.options[k].name, dict[str, float]()
+            held = names[effect]
+            for name, probability in sorted(names.items(), key=lambda item: -item[1]):
+                if name != effect and held < SURE:
+                    others[name] = probability
+                    held += probability
+            result.append(FindingPosterior(effect, names[effect], others))
+        return tuple(result)
+
+    def display_name(self, effect: str, place: Place) -> str:
+        """Name an effect as in a diagnosis: a composed one as composed:ACTS_ON/DRIVER/FORM, by its larger component."""
+        if not effect.startswith(COMPOSED):
+            return effect
+        alike = [k for k, option in enumerate(self.model.options) if option.name == effect]
+        k = max(alike, key=lambda k: float(place.probability[k]))
+        water = place.evidence.likeliest_water(k)
+        (values,) = self.model.fit([(k, self.model.likeliest_amplitude(k, water))], water)
+        term = self.model.options[k].term.at(values)
+        assert isinstance(term, ComposedEffect)
+        return COMPOSED + "/".join(term.said())
+
+    def only(self, selection: Sequence[bool]) -> Inference:
+        """Refit with a subset of the terms.
+
+        Args:
+            selection: whether each term is retained.
+        """
+        if all(selection):
+            return self
+        gone = (self.model.options[k].name for k in itertools.compress(self.chosen, (not stays for stays in selection)))
+        return replace(
+            self,
+            state=design.refit(self.state, list(itertools.compress(self.state.simulation.terms, selection))),
+            chosen=tuple(itertools.compress(self.chosen, selection)),
+            amplitudes=tuple(itertools.compress(self.amplitudes, selection)),
+            places=tuple(itertools.compress(self.places, selection)),
+            withdrawn=self.withdrawn.union(gone),
+        )
+
+    def estimate(self, state: FittedModel) -> Estimate:
+        """Compute the covariance of all parameters of a refitted model, averaged over slow noise.
+
+        Args:
+            state: model of this recording, with any terms.
+        """
+        quiet = design.evaluate_model(replace(state.case, low_rank=None), state.simulation, state.nuisance)
+        columns = quiet.base if self.slow is None else np.concatenate([quiet.base, self.slow.columns], axis=1)
+        scale = np.linalg.norm(quiet.base, axis=0)
+        scale = np.where(scale > 0.0, scale, 1.0)
+        unit = 1.0 / quiet.sigma / np.sqrt(self.model.scatter)
+        white = quiet.whitener(columns) * quiet.response * unit
+        white[:, : len(scale)] /= scale
+        information, score = white.T @ white, white.T @ quiet.innovation * unit
+        known = STEADY * np.diag(information)[: len(scale)]
+        ridge = np.diag(quiet.base_ridge * (quiet.response / quiet.sigma / scale) ** 2 + known)
+        ridge += quiet.external_information()[0] / np.outer(scale, scale)
+        evidence = self.further.evidence
+        weight = evidence.water_probability()
+        likely = np.flatnonzero(weight > LEAST_WATER * weight.max())
+        weight = weight[likely] / weight[likely].sum()
+        steps, covariances = [], []
+        for w in likely:
+            water = evidence.waters[w]
+            variance = np.zeros(0) if self.slow is None or water is None else self.slow.variances(water)
+            left, score_left, _ = marginalize(information, score, len(scale), variance)
+            covariances.append(scaled_inverse(left + ridge))
+            steps.append(covariances[-1] @ score_left)
+        step = np.array(steps) - weight @ np.array(steps)
+        covariance = np.einsum("w,wij->ij", weight, np.array(covariances)) + (weight[:, None] * step).T @ step
+        return Estimate(state, covariance / np.outer(scale, scale))
+
+    @cached_property
+    def combinations(self) -> list[tuple[float, tuple[int, ...]]]:
+        """Combinations of options that may act, with their probabilities; dates and places of one form are one.
+
+        In each place, the alternatives are combined with the chosen effects of all other places.
+        """
+        each = [self._alternatives(place, k) for place, k in zip(self._all_places, (*self.chosen, None), strict=True)]
+        taken = [options[k] for options, k in zip(each, (*self.chosen, None), strict=True)]
+        # Where a further effect is likely but not in the model, the chosen effects still are the first approximation.
+        taken[-1] = max(taken[-1], 0.5)
+        main = float(np.prod(taken))
+        result = [(main, self.chosen)]
+        for place, options in enumerate(each):
+            for k, probability in options.items():
+                others = [*self.chosen[:place], *self.chosen[place + 1 :]]
+                if k != (*self.chosen, None)[place] and k not in others:
+                    combination = tuple(sorted([*others, *([] if k is None else [k])]))
+                    result.append((main * probability / max(taken[place], 1e-12), combination))
+        for rival in self.rivals.values():
+            result.append((result[0][0] * rival.probability, tuple(sorted([*self.chosen, rival.option]))))
+            result[0] = result[0][0] * (1.0 - rival.probability), self.chosen
+        sums: dict[tuple[int, ...], float] = {}
+        for probability, combination in result:
+            sums[combination] = sums.get(combination, 0.0) + probability
+        merged = [(probability, combination) for combination, probability in sums.items()]
+        return sorted(merged, key=lambda item: (item[1] != self.chosen, -item[0]))
+
+    def _alternatives(self, place: Place, chosen: int | None) -> dict[int | None, float]:
+        """Sum the probability of each form at its likeliest date, the chosen option representing its own form."""
+        sums: dict[int | None, float] = {None: place.none}
+        options = self.model.options
+        best: dict[type[Effect], int] = {} if chosen is None else {type(options[chosen].term): chosen}
+        for k in np.argsort(-place.probability).tolist():
+            if options[k].name not in self.withdrawn:
+                first = best.setdefault(type(options[k].term), k)
+                sums[first] = sums.get(first, 0.0) + float(place.probability[k])
+        return {chosen: 0.0} | sums
+
+    @cached_property
+    def weighted(self) -> list[tuple[float, FittedModel]]:
+        """Fitted models that correct the record, with their probabilities, which sum to at most 1; the chosen first."""
+        suggested = self.detections[-1].rank_p is not None and self.detections[-1].rank_p <= SUGGESTED_P
+        likely = {
+            each: p
+            for p, each in self.combinations
+            if each == self.chosen
+            or (p >= LEAST_WEIGHT and (suggested or len(each) <= len(self.chosen) or self._is_rival(each)))
+        }
+        for (
+            p,
+            each,
+        ) in self.combinations:  # the chosen effects and an unlikely further one: the chosen ones represent it
+            if each not in likely and set(self.chosen) < set(each):
+                likely[self.chosen] += p
+        return [(p, self.state if each == self.chosen else self._refitted(each)) for each, p in likely.items()]
+
+    def _is_rival(self, combination: tuple[int, ...]) -> bool:
+        return any(rival.option in combination for rival in self.rivals.values())
+
+    def _refitted(self, combination: tuple[int, ...]) -> FittedModel:
+        known = dict(self.entered)
+        amplitudes = [known[k] if k in known else self.model.likeliest_amplitude(k, self.water) for k in combination]
+        model, slow = self.model, self.model.slow
+        instead = [group for group, rival in self.rivals.items() if rival.option in combination]
+        if instead and slow is not None:
+            model = replace(model, slow=slow.without_current(frozenset[str]().union(*instead)))
+        return fit_terms(self.state, model, list(zip(combination, amplitudes, strict=True)), self.water)
+
+
+LEAST_WATER = 1e-3  # relative probability below which a kind of slow noise is ignored in a covariance
+
+
+def infer(empty: FittedModel, odds: float, surrogates: int) -> Inference:
+    """Detect the effects that act in addition to the fitted compass, and weigh all options in their places.
 
     Args:
         empty: the fitted simulation without terms.
         odds: prior odds of a fault of compass or clock.
+        surrogates: number of records simulated without a further effect, of each kind; without any, none is detected.
     """
     slow = noise.slow_noise_basis(empty.case)
     waters: Sequence[SlowNoiseParams | None] = [None] if slow is None else slow.waters()
-    listed = evidence.enumerate_candidates(empty, [])
-    state = replace(empty, case=replace(empty.case, usual=listed.by_kind))
-    whole = evidence.build_candidates(state, slow, listed, np.ones(len(listed.groups)))
-    state, learnt, water = _initialize(state, whole, waters)
-    composed = _screen(state, learnt, water)
-    state = _with_priors(state, composed)
-    stood = {_kinds(state.simulation.terms): state}
-    for _ in range(MOST_ROUNDS):
-        candidates, view = _candidates_at(state, slow, composed)
-        posterior = compute_posterior(candidates, odds, waters)
-        best = posterior.best
-        kinds = _kinds([candidates.groups[k].term for k in best])
-        if _same_terms(state, candidates, best):
+    seed = zlib.crc32(np.ascontiguousarray(empty.case.recorded_deg).tobytes())
+    state, amplitudes, detections = with_likeliest_noise(empty, slow, waters), list[float](), list[Detection]()
+    visited = set[frozenset[type[Effect]]]()
+    while True:
+        settled = settle(state, slow, waters, amplitudes, odds)
+        model, entered = settled.model, list(settled.entered)
+        evidence, kinds = model.weigh(waters, entered), frozenset(type(model.options[k].term) for k, _ in entered)
+        detections = [*detections[: len(entered)], detect(model, evidence, entered, surrogates, seed + len(entered))]
+        further = Place(probabilities(model.options, evidence, odds, [k for k, _ in entered]), evidence)
+        if len(entered) == MOST_EFFECTS or kinds in visited or not _stands_out(detections[-1], further):
             break
-        if kinds in stood and kinds and kinds != _kinds(state.simulation.terms):
-            # Each is more probable when linearized at the other: average both, weighted by their likelihoods.
-            other, state = state, stood[kinds]
-            candidates, _ = _candidates_at(state, slow, composed)
-            likelier = (
-                (design.log_likelihood_gain(other, state) - design.log_likelihood_gain(state, other))
-                / 2.0
-                / candidates.scatter
-                * TEMPERATURE
-            )
-            share = 1.0 / (1.0 + np.exp(-np.clip(likelier, -MOST_SURE, MOST_SURE)))
-            posterior = average_posteriors(compute_posterior(candidates, odds, waters), posterior, share)
-            best = posterior.best
-            if not _same_terms(state, candidates, best):
-                state = design.refit(state, posterior.terms_of(best))
-            break
-        water = posterior.water_of(best)
-        learnt = _learn_current(candidates, best, water)
-        state = with_slow_noise(state, view, learnt, water)
-        state = design.refit(state, posterior.terms_of(best))
-        state, composed = _refine_places(state, composed)
-        stood[kinds] = state
-        if best:
-            composed = grammar.merge_compositions(composed, _screen(state, learnt, water))
-            state = _with_priors(state, composed)
-    learnt = _learn_current(posterior.candidates, best, posterior.water_of(best))
-    return _retitle(Inference(design.refine_dates(state), posterior, best, tuple(posterior.findings_of(best)), learnt))
+        visited.add(kinds)
+        k = likeliest_option(model, evidence, kinds)
+        water = evidence.likeliest_water(k)
+        entered = sorted([*entered, (k, model.likeliest_amplitude(k, water, entered))])
+        state, amplitudes = fit_terms(settled.state, model, entered, water), [size for _, size in entered]
+    chosen = tuple(k for k, _ in entered)
+    sizes = tuple(size for _, size in entered)
+    return Inference(settled.state, model, chosen, sizes, settled.places, further, tuple(detections), odds, seed)
 
 
-def _learn_current(
-    candidates: Candidates, hypothesis: Hypothesis, water: SlowNoiseParams | None
-) -> SlowNoiseBasis | None:
-    """Set the variances of the current in the slow noise to their estimate under a hypothesis."""
-    current = candidates.current(hypothesis, water)
-    if current is None or candidates.slow is None:
-        return candidates.slow
-    return replace(candidates.slow, current=current.variances).without_current(candidates.rivals(hypothesis))
+def _stands_out(detection: Detection, place: Place) -> bool:
+    """Return whether a further effect is detected, and likelier than none."""
+    return detection.significant and place.none <= UNLIKELY
 
 
-def _screen(state: FittedModel, learnt: SlowNoiseBasis | None, water: SlowNoiseParams | None) -> list[Composition]:
-    """Screen compositions; readings that depend on a driver of the current are screened without that current too."""
-    composed = grammar.screen(state)
-    drivers = [] if learnt is None else [driver for driver in DRIVERS if coupled_drivers(driver) & learnt.acting]
-    if learnt is None or not drivers:
-        return composed
-    quiet = design.evaluate_model(replace(state.case, low_rank=None), state.simulation, state.nuisance)
-    without_current = with_slow_noise(
-        state, quiet, learnt.without_current(set().union(*map(coupled_drivers, drivers))), water
-    )
-    return grammar.merge_compositions(composed, grammar.screen(without_current, drivers))
+def detect(model: LinearModel, evidence: Evidence, entered: Entered, surrogates: int, seed: int) -> Detection:
+    """Rank the evidence of a further effect among surrogates without it.
 
-
-def _retitle(inferred: Inference) -> Inference:
-    """Replace each selected effect by its most probable alternative, if that is more probable, and refit."""
-    posterior, chosen = inferred.posterior, list(inferred.chosen)
-    for place, finding in enumerate(inferred.finding_posteriors):
-        names = {finding.effect: finding.probability, **finding.alternatives}
-        title = max((name for name in names if name != SLOW_WATER), key=lambda name: names[name])
-        others = {posterior.effects[k] for k in chosen[:place] + chosen[place + 1 :]}
-        if title != finding.effect and title not in others:
-            acting = [
-                sum(posterior.probability[[k in each for each in posterior.hypotheses]])
-                for k in range(len(posterior.effects))
-            ]
-            alike = [k for k, name in enumerate(posterior.effects) if name == title]
-            chosen[place] = max(alike, key=lambda k: float(acting[k]))
-    if tuple(chosen) == inferred.chosen:
-        return inferred
-    best = tuple(sorted(chosen))
-    terms = posterior.terms_of(best)
-    state = design.refine_dates(design.refit(inferred.state, terms))
-    return replace(inferred, state=state, chosen=best, finding_posteriors=tuple(posterior.findings_of(best)))
-
-
-def _refine_places(state: FittedModel, composed: Sequence[Composition]) -> tuple[FittedModel, list[Composition]]:
-    """Refine the places of compositions between those of the screening, and refit.
-
-    Alternatives with the same driver are refined too, otherwise the selected one would appear too probable.
+    Two kinds are drawn: white noise beside slow noise, and resampled blocks of the residual beside slow noise, for
+    records whose noise the model does not describe. The larger p-value counts.
     """
-    compositions, terms = list(composed), list(state.simulation.terms)
-    for k, term in enumerate(terms):
-        if not isinstance(term, ComposedEffect) or not term.name.startswith(COMPOSED):
-            continue
-        free = design.refit(state, [other for j, other in enumerate(terms) if j != k])
-        for rival in grammar.rivals(term, compositions):
-            around = grammar.near(rival.term, state.case.scene)
-            gains = design.score_gains(free, [design.term_columns(free, place) for place in around])
-            best = around[int(np.argmax(gains))]
-            compositions = grammar.merge_compositions(compositions, [replace(rival, term=best, moved=True)])
-            terms[k] = best.at(term.values) if type(best) is type(term) else terms[k]
-    return (
-        (state, compositions) if terms == list(state.simulation.terms) else (design.refit(state, terms), compositions)
-    )
+    statistic = float(evidence.statistic[0])
+    chances, thresholds = [], []
+    for resampled in (False, True) if surrogates else ():
+        score = model.scores(model.draw(evidence, surrogates, seed, entered, resampled=resampled))
+        drawn = model.weigh(evidence.likely_waters, entered, score).statistic
+        chances.append((1 + int(np.sum(drawn >= statistic))) / (1 + surrogates))
+        if (rank := int(DETECTED_P * (1 + surrogates))) >= 1:  # else no rank is high enough
+            thresholds.append(float(np.sort(drawn)[-rank]))
+    return Detection(statistic, surrogates, max(chances, default=None), max(thresholds, default=None))
 
 
-def _with_priors(state: FittedModel, composed: Sequence[Composition]) -> FittedModel:
-    """Add the prior standard deviations of compositions to a model."""
-    usual: dict[type[Effect], Floats] = {type(each.term): each.usual for each in composed}
-    return replace(state, case=replace(state.case, usual={**usual, **state.case.usual}))
-
-
-def _kinds(terms: Sequence[Effect | None]) -> frozenset[type]:
-    return frozenset(map(type, terms))
-
-
-def _same_terms(state: FittedModel, candidates: Candidates, hypothesis: Hypothesis) -> bool:
-    zero_terms = [term.at(0.0 * term.values) for term in state.simulation.terms]
-    return [candidates.groups[k].term for k in hypothesis] == zero_terms  # both in the order of the catalogue
-
-
-def _initialize(
-    state: FittedModel, whole: Candidates, waters: Sequence[SlowNoiseParams | None]
-) -> tuple[FittedModel, SlowNoiseBasis | None, SlowNoiseParams | None]:
-    """Select the model from which the search starts: without terms, or with a large effect that inflates the noise.
-
-    A step of many degrees widens the scatter against which it is tested, and resembles strong slow noise. Effects that
-    would be evident without slow noise are therefore refitted, with width, filter and slow noise estimated again, and
-    the search starts from the most likely model.
-    """
-    slow, quiet = whole.slow, whole.marginalize(None)
-    water = likeliest_water(whole, waters)
-    if slow is not None and (water is None or water.veer.size < MUCH_VEER_DEG):
-        learnt = _learn_current(whole, (), water)
-        return with_slow_noise(state, state, learnt, water), learnt, water
-    alone = whole.log_evidence(quiet, whole.index([(k,) for k in range(len(whole.groups))]))
-    best: dict[str, int] = {}
-    for k in np.argsort(-alone):
-        best.setdefault(whole.groups[int(k)].name, int(k))
-    beginnings: list[tuple[float, FittedModel, SlowNoiseParams | None]] = [
-        (_log_likelihood(state, slow, water), state, water)
-    ]
-    for k in [k for k in best.values() if alone[k] > PLAIN][:MOST_BEGINNINGS]:
-        grown = design.refit(state, whole.terms(quiet, (k,)))
-        other = None if slow is None else likeliest_water(_noise_only(grown, slow), waters)
-        charge = CHARGE * len(whole.parts[k]) + np.log(
-            sum(group.name == whole.groups[k].name for group in whole.groups)
-        )
-        beginnings.append((_log_likelihood(grown, slow, other) - charge, grown, other))
-    _, begun, water = max(beginnings, key=lambda each: each[0])
-    learnt = None if slow is None else _learn_current(_noise_only(begun, slow), (), water)
-    return with_slow_noise(begun, begun, learnt, water), learnt, water
-
-
-def _noise_only(state: FittedModel, slow: SlowNoiseBasis) -> Candidates:
-    """Build the linear model of slow noise alone, without candidates."""
-    return evidence.build_candidates(state, slow, evidence.CandidateColumns([], np.zeros(0), []), np.ones(1))
-
-
-def _log_likelihood(state: FittedModel, slow: SlowNoiseBasis | None, water: SlowNoiseParams | None) -> float:
-    """Compute the log likelihood of a model with slow noise, up to a constant of the recording."""
-    width = state.whitener.width_deg
-    known = np.isfinite(width)
-    gain = 0.0
-    if slow is not None and water is not None:
-        gain = _noise_only(state, slow).marginalize(water).log_likelihood + water.log_prior
-    return gain - float(np.sum(np.log(width[known]))) - int(known.sum()) * float(np.log(state.sigma))
-
-
-def _candidates_at(
-    state: FittedModel, slow: SlowNoiseBasis | None, composed: Sequence[Composition]
-) -> tuple[Candidates, FittedModel]:
-    """Build all candidates, linearized at a model, and that model with its terms freed, without slow noise."""
-    view, half = design.freed_model(state)
-    groups = evidence.enumerate_candidates(half, composed)
-    return evidence.build_candidates(view, slow, groups, evidence.score_inflation(state, groups.groups)), view
+SLOW = {"slow_rms_deg": "veer.size", "slow_memory_days": "veer.memory_days", "slow_shear_m_s": "shear.size"}
 
 
 def summarize_noise(inferred: Inference) -> dict[str, tuple[float, float]]:
     """Estimate the parameters of the noise, each with its standard error."""
-    state, weight = inferred.state, inferred.posterior.water_probability
-    time_s = state.case.scene.time_s
+    state, evidence = inferred.state, inferred.further.evidence
+    time_s, weight = state.case.scene.time_s, evidence.water_probability()
     hours, step = float(np.ptp(time_s)) / HOUR_S, sampling_interval_s(time_s) / HOUR_S
     short = correlation_time(state.whitener) * step
     width = state.whitener.width_deg
@@ -245,8 +368,11 @@ def summarize_noise(inferred: Inference) -> dict[str, tuple[float, float]]:
         "white_deg": (white, white * float(np.sqrt((step + 2.0 * short) / (2.0 * hours)))),
         "short_hours": (short, short * float(np.sqrt(2.0 * (step + short) / hours))),
     }
-    for name, value_of in SLOW.items():
-        each = np.array([0.0 if water is None else value_of(water) for water in inferred.posterior.waters])
+    for name, path in SLOW.items():
+        process, value = path.split(".")
+        each = np.array(
+            [0.0 if water is None else getattr(getattr(water, process), value) for water in evidence.waters]
+        )
         mean = float(weight @ each)
         result[name] = (mean, float(np.sqrt(weight @ (each - mean) ** 2)))
     return result

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,19 +20,21 @@ from compasslib import angles
 from compasslib.deviation.exact import positive_part
 from compasslib.deviation.model import DeviationFit
 from compasslib.effects import SLOW_WATER, Effect
-from compasslib.effects.effect import YEAR_S, parameter_slices
+from compasslib.effects.effect import USUAL_DEG, YEAR_S, parameter_slices
 from compasslib.effects.forward import heading_jacobian
 from compasslib.inference import design, joint_compass, posterior
-from compasslib.inference import evidence as evidences
 from compasslib.inference import noise as noise_models
+from compasslib.inference.blocks import scaled_option
 from compasslib.inference.comparison import LongComparison
 from compasslib.inference.design import Products
+from compasslib.inference.inference import Inference
 from compasslib.inference.joint_compass import EffectInformation, Member, RecordInformation, log_sum
+from compasslib.inference.places import marginalize
 from compasslib.inference.posterior import Hypothesis, Posterior
-from compasslib.inference.weighing import Inference
 from compasslib.statistics.least_squares import robust_width
 from compasslib.types import Floats
 
+ANYTHING = 1e6  # prior variance of free coefficients, in units of one sample's noise
 MOST_SHARED_NOISE, LEAST_NOISE_PROBABILITY = 8, 1e-3  # kinds of slow water that are stored, their least probability
 SEASON_HARMONICS = (1, 2, 3, 4)  # harmonics of the year in the season of the water; its shear has half as many
 SHEAR_M_S_DEG = 0.007  # shear in m/s per degree of veer
@@ -73,40 +75,40 @@ def _coefficients(inferred: Inference, state: Any) -> tuple[Floats, Floats]:
 
 
 def _effect_information(inferred: Inference) -> EffectInformation:
-    state, candidates = inferred.state, inferred.posterior.candidates
+    state, model = inferred.state, inferred.model
     view, half = design.freed_model(state)
     kinds = tuple(kind for kind in state.case.terms if kind.instrument)
-    groups = evidences.enumerate_candidates(replace(half, case=replace(half.case, terms=kinds)), [])
-    listed = [group.columns for group in groups.groups]
+    options = [scaled_option(half, kind()) for kind in kinds]
+    listed = [option.columns * USUAL_DEG for option in options]
+    usual = np.concatenate([np.zeros(0), *(option.usual * USUAL_DEG for option in options)])
     shared = np.concatenate([np.zeros((len(state.case), 0)), *listed], axis=1)
     slopes = np.nan_to_num(heading_jacobian(half.simulation, half.case.scene, half.heading_deg, first=5))
     chosen = [np.full(len(term.fitted()), not term.instrument) for term in half.simulation.terms]
-    season, slow = season_columns(view.case), candidates.slow
+    season = season_columns(view.case)
     record_only = slopes[:, np.concatenate([np.zeros(0, dtype=bool), *chosen])]
-    waves = np.zeros((len(state.case), 0)) if slow is None else slow.columns
-    sigma = view.sigma * np.sqrt(candidates.scatter)
-    all_columns = np.concatenate([shared * groups.usual, season, waves, record_only], axis=1, dtype=np.float32)
+    waves = np.zeros((len(state.case), 0)) if model.slow is None else model.slow.columns
+    sigma = view.sigma * np.sqrt(model.scatter)
+    all_columns = np.concatenate([shared, season, waves, record_only], axis=1, dtype=np.float32)
     white = view.whiten_and_project(all_columns) * np.float32(view.response / sigma)
     information = (white.T @ white).astype(float)
     score = (white.T @ (view.innovation / sigma).astype(np.float32)).astype(float)
     shared_count = shared.shape[1] + season.shape[1]
-    weight = inferred.posterior.water_probability
+    evidence = inferred.further.evidence
+    weight = evidence.water_probability()
     likely = [int(i) for i in np.argsort(-weight)[:MOST_SHARED_NOISE] if weight[i] >= LEAST_NOISE_PROBABILITY]
     conditional = []
-    unit = np.append(1.0 / np.maximum(groups.usual, 1e-12), np.ones(season.shape[1]))
-    for water in (inferred.posterior.waters[i] for i in likely):
-        variance = np.append(evidences.noise_variances(slow, water), np.full(record_only.shape[1], evidences.ANYTHING))
-        products = evidences.marginalize_slow_noise(information, score, shared_count, variance)
-        beforehand = products.log_likelihood + (0.0 if water is None else water.log_prior)
-        conditional.append(Products(products.information * np.outer(unit, unit), products.score * unit, beforehand))
-    visible = view.visible(shared)
-    uneven = {type(group.term): value for group, value in zip(candidates.groups, candidates.uneven, strict=True)}
-    each = [np.full(columns.shape[1], uneven[kind]) for kind, columns in zip(kinds, listed, strict=True)]
+    unit = np.append(1.0 / np.maximum(usual, 1e-12), np.ones(season.shape[1]))
+    for water in (evidence.waters[i] for i in likely):
+        variance = np.append(model.noise_variances(water), np.full(record_only.shape[1], ANYTHING))
+        left, score_left, log_likelihood = marginalize(information, score, shared_count, variance)
+        beforehand = log_likelihood + (0.0 if water is None else water.log_prior)
+        conditional.append(Products(left * np.outer(unit, unit), score_left * unit, beforehand))
+    visible = view.visible(shared / np.maximum(usual, 1e-12))
     return EffectInformation(
         forms=tuple(kind.__name__ for kind in kinds),
         parts=tuple(columns.shape[1] for columns in listed),
-        usual=groups.usual,
-        uneven=np.concatenate([np.zeros(0), *each]),
+        usual=usual,
+        uneven=np.ones(shared.shape[1]),
         visible=visible.T @ visible / max(len(visible), 1),
         conditional=tuple(conditional),
         residual_deg=robust_width(state.residual_deg[np.isfinite(state.residual_deg)]),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,29 +23,27 @@ from compasslib.inference import (
     diagnosis,
     experiments,
     finding,
-    grammar,
     heldout,
     inference,
     joint_effects,
     omnibus,
-    weighing,
 )
 from compasslib.inference import noise as noise_models
 from compasslib.inference.comparison import FEWEST_PAIRS, LongComparison, Options
 from compasslib.inference.current import CurrentStatement
-from compasslib.inference.design import ColumnGroup, FittedModel
+from compasslib.inference.design import FittedModel
 from compasslib.inference.diagnosis import Diagnosis, Outcome
 from compasslib.inference.finding import BinnedResidual, Finding, Parameter, Unexplained
-from compasslib.inference.omnibus import HeadingCluster, OmnibusResult
+from compasslib.inference.inference import Inference
+from compasslib.inference.limits import limits_text
+from compasslib.inference.omnibus import HeadingCluster
 from compasslib.inference.product import AppliedCompass, WeightedCompass
-from compasslib.inference.weighing import Inference
 from compasslib.inference.wording import SIZE_PREFIX, TURN_PREFIX, tilt_zero_text
-from compasslib.statistics.whitening import orthonormal_basis
 from compasslib.types import Floats
 
-OMNIBUS_SHARE = 1.0 / 3.0  # of the alarm: splines and products give more false alarms than the noise draws suggest
 FEWEST_IN_BIN = 10  # fewest samples per bin of a plotted residual curve
 LIKE_TIME = 0.9  # correlation with time from which a covariate's curve repeats that of time
+FIXED_PLACES = ("middle", "range", "period_s")  # that are not searched for
 NO_SIGMA = 1e-6  # standard error, in any unit, up to which a parameter of value 0 is not listed
 
 
@@ -77,27 +74,16 @@ def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) 
     if cluster is not None and design.count_usable(outside, case.simulation, none) >= FEWEST_PAIRS:
         empty = design.evaluate_model(outside, case.simulation, none)  # sticking readings mimic terms
     empty = design.refit(empty, [])  # compass and nuisances, accounting for autocorrelation
-    inferred = inference.infer(empty, options.prior_odds)
-    remainder, before = _omnibus_remainder(inferred.state, options), inferred.finding_posteriors
-    if remainder.above_min_effect and inferred.chosen:
-        inferred = _drop_absorbed_effects(empty, inferred, remainder.curve, options)
-        remainder = _omnibus_remainder(inferred.state, options)
-    back = {
-        name
-        for place in before
-        if place not in inferred.finding_posteriors
-        for name in (place.effect, *place.alternatives)
-    }
+    inferred = inference.infer(empty, options.prior_odds, options.surrogates)
     stormy = noise_models.storm_finding(inferred.state, options.alarm)
     null_model = design.refit(inferred.state, []) if inferred.state.simulation.terms else inferred.state
-    outcome = _outcome(inferred, null_model, remainder, cluster, options)
     diagnosed = diagnosis.combine_outcomes(
-        [replace(outcome, taken_back=frozenset(back))],
+        [_outcome(inferred, null_model, cluster, options)],
         options,
         extra=[] if stormy is None else [stormy],
         not_testable=case.not_testable,
     )
-    detectable = weighing.detection_limits(inferred.posterior)
+    detectable = inferred.limits
     covariance = inferred.estimate(null_model).covariance[:5, :5]
     if inferred.slow is not None and inferred.slow.acting:  # effect of the current on the fit
         shift = null_model.simulation.coefficients - null_model.case.simulation.coefficients
@@ -117,7 +103,8 @@ def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) 
         covariance=covariance,
         why=_detection_limits(detectable, options.min_effect_deg),
         detectable_deg=detectable,
-        threshold={"omnibus": remainder.threshold},
+        detection=inferred.detections[0],
+        threshold={} if inferred.detections[0].threshold is None else {"detection": inferred.detections[0].threshold},
         experiments=experiments.rank_observations(inferred) if diagnosed.verdict == "ambiguous" else (),
         information=joint_effects.record_information(inferred, fit) if options.share and fit is not None else None,
     )
@@ -126,7 +113,6 @@ def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) 
 def _outcome(
     inferred: Inference,
     null_model: FittedModel,
-    remainder: OmnibusResult,
     cluster: HeadingCluster | None,
     options: Options,
 ) -> Outcome:
@@ -138,7 +124,7 @@ def _outcome(
     named = [
         item.named
         for item in sorted(findings, key=lambda x: -x.rms_effect_deg)
-        if item.rms_effect_deg >= remainder.min_effect_deg
+        if item.rms_effect_deg >= options.min_effect_deg
     ]
 
     def curves(shown: Sequence[Finding], left: Unexplained | None) -> list[BinnedResidual]:
@@ -165,11 +151,11 @@ def _outcome(
 
     return Outcome(
         comparison=case,
-        posterior=inferred.posterior,
+        posterior=inferred,
         findings=findings,
         finding_posteriors=inferred.finding_posteriors,
-        left=_unexplained(state, remainder, cluster, named),
-        small=remainder.small,
+        left=_unexplained(inferred, cluster, named, options),
+        small=(),
         curves=curves,
         noise=inference.summarize_noise(inferred),
         current=stated,
@@ -180,57 +166,45 @@ def _outcome(
 
 def _current(inferred: Inference, min_effect_deg: float) -> tuple[float, tuple[CurrentStatement, ...]]:
     """Describe the current under the chosen hypothesis, and compute the probability that it matters without effects."""
-    posterior, candidates = inferred.posterior, inferred.posterior.candidates
-    alone, beside = (candidates.current(chosen, posterior.water_of(chosen)) for chosen in ((), inferred.chosen))
+    model, visible = inferred.model, inferred.current_visible
+    alone = model.current((), model.weigh(inferred.further.evidence.likely_waters).likeliest_water())
+    beside = model.current(inferred.entered, inferred.water)
     if alone is None or beside is None:
         return 0.0, ()
-    exceeded, _ = alone.state(candidates.current_visible, min_effect_deg)
-    _, stated = beside.state(candidates.current_visible, min_effect_deg)
-    return exceeded, tuple(item.contested(*posterior.rival_compass(item.driver, min_effect_deg)) for item in stated)
-
-
-def _drop_absorbed_effects(empty: FittedModel, inferred: Inference, curve: ColumnGroup, options: Options) -> Inference:
-    """Drop effects that merely absorb an unexplained mismatch.
-
-    Args:
-        curve: columns of the mismatch; fitted freely, they replace effects that merely absorbed it.
-    """
-    free = replace(empty.case, nuisance=np.column_stack([empty.case.nuisance, orthonormal_basis(curve.columns)]))
-    zero = np.zeros(free.nuisance.shape[1])
-    with_curve = inference.infer(
-        design.refit(design.evaluate_model(free, empty.simulation, zero), []), options.prior_odds
-    )
-    standing = {type(term) for term in with_curve.state.simulation.terms}
-    return inferred.only([type(term) in standing or term.always_present for term in inferred.state.simulation.terms])
-
-
-def _omnibus_remainder(state: FittedModel, options: Options) -> OmnibusResult:
-    tested = omnibus.score_tests(state, omnibus.omnibus_groups(state), seed=99)
-    return omnibus.omnibus_test(
-        tested, options.alarm * OMNIBUS_SHARE, partial(omnibus.group_size_deg, state), options.min_effect_deg
-    )
+    exceeded, _ = alone.state(visible, min_effect_deg)
+    stated = []
+    for item in beside.state(visible, min_effect_deg)[1]:
+        groups = [group for group in inferred.rivals if item.driver is None or item.driver in group]
+        rival = max((inferred.rivals[group] for group in groups), key=lambda each: each.probability, default=None)
+        driver = "" if rival is None else model.options[rival.option].term.driver
+        stated.append(item if rival is None else item.contested(rival.probability, driver))
+    return exceeded, tuple(stated)
 
 
 def _unexplained(
-    state: FittedModel, remainder: OmnibusResult, cluster: HeadingCluster | None, named: Sequence[str]
+    inferred: Inference, cluster: HeadingCluster | None, named: Sequence[str], options: Options
 ) -> Unexplained | None:
-    """Describe the unexplained mismatch: a mean residual, or a sector in which the compass sticks."""
-    group, size = remainder.above_min_effect[0] if remainder.above_min_effect else (None, 0.0)
-    if cluster is not None and cluster.rms_deg > max(size, remainder.min_effect_deg):
+    """Describe a mismatch beyond the effects that are searched for, or a sector in which the compass sticks."""
+    state = inferred.state
+    if cluster is not None and cluster.rms_deg > options.min_effect_deg:
         low, high = (cluster.recorded_deg + side * cluster.width_deg / 2.0 for side in (-1.0, 1.0))
         place = state.case.where("heading", (low, high))
         sticks = f", where the compass sticks: its readings accumulate at {cluster.recorded_deg:.0f}°"
         place = replace(place, text=place.text + sticks)
         return state.case.unexplained([residual_curve(state, state, "heading")], cluster.rms_deg, named, place)
-    if group is None:
+    if not inferred.lacks_effect:
         return None
-    return state.case.unexplained([residual_curve(state, state, name) for name in group.covariates], size, named)
+    k = int(np.argmax(inferred.further.probability))
+    option, size = inferred.model.options[k], inferred.further_size_deg(k)
+    if size < options.min_effect_deg:
+        return None
+    along = state.case.main_covariate(option.term)
+    return state.case.unexplained([residual_curve(state, state, along)], size, named)
 
 
 def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -> Finding:
     state, posterior = inferred.state, inferred.finding_posteriors[k]
     without = design.refit(state, [term for j, term in enumerate(state.simulation.terms) if j != k])
-    sure = posterior.probability >= finding.SURE
     term, case = state.simulation.terms[k], state.case
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     parameters = {
@@ -239,17 +213,17 @@ def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -
         if value or s > NO_SIGMA  # e.g. a third battery that was never installed
     }
     if isinstance(term, ComposedEffect):
-        parameters |= _place_parameters(inferred, term)
+        parameters |= _place_parameters(inferred, k, term)
     span = _active_span(state, term)
     off = angles.difference(state.heading_deg, without.heading_deg)
     built = comparisons.build_finding(
         case,
         term,
         {posterior.effect: posterior.probability}
-        | {inferred.display_name(name): p for name, p in posterior.alternatives.items()},
+        | {inferred.display_name(name, inferred.places[k]): p for name, p in posterior.alternatives.items()},
         parameters,
         size_deg=design.visible_size_deg(state, k, covariance),
-        proof=heldout.cross_validate(inferred, k, without, surrogates if sure else 0),
+        proof=heldout.cross_validate(inferred, k, surrogates),
         place=case.where(case.main_covariate(term)) if span == case.span_s else case.where("time", span),
         span_s=span,
         heading_error_deg=angles.rms(off[np.isfinite(off)]),
@@ -261,24 +235,22 @@ def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -
     return replace(built, text=text, applied=term.side == "compass")
 
 
-def _place_parameters(inferred: Inference, term: ComposedEffect) -> dict[str, Parameter]:
+def _place_parameters(inferred: Inference, k: int, term: ComposedEffect) -> dict[str, Parameter]:
     """Collect the place parameters of a composition: dates, and values of its driver, with the mean added back.
 
-    Their standard errors follow from the probabilities of the other candidate places and from the spacing of places.
+    Their standard errors follow from the probabilities of the places that were tried.
     """
-    case = inferred.state.case
-    groups, means = inferred.posterior.candidates.groups, covariate_series.reference_values(case.covariates)
-    each = list(zip(inferred.posterior.hypotheses, inferred.posterior.probability.tolist(), strict=True))
-    alike = [(k, group.term) for k, group in enumerate(groups) if type(group.term) is type(term)]
-    candidates = [(other, sum(p for entry, p in each if k in entry)) for k, other in alike]
-    weight = np.array([p for _, p in candidates])
+    case, place = inferred.state.case, inferred.places[k]
+    means = covariate_series.reference_values(case.covariates)
+    alike = [j for j, option in enumerate(inferred.model.options) if type(option.term) is type(term)]
+    weight = place.probability[alike] / max(float(place.probability[alike].sum()), 1e-12)
     result = {}
-    for name, spacing in grammar.spacings(term, case.scene).items():
+    for name in (f.name for f in fields(term) if not f.metadata["step"] and f.name not in FIXED_PLACES):
         value = float(getattr(term, name))
-        off = np.array([float(getattr(other, name)) for other, _ in candidates]) - value
-        sigma = float(np.sqrt(weight @ off**2 / max(float(weight.sum()), 1e-12) + spacing**2 / 12.0))
+        off = np.array([float(getattr(inferred.model.options[j].term, name)) for j in alike]) - value
+        sigma = float(np.sqrt(weight @ off**2))
         unit = case.driven(term, next(f.metadata["unit"] for f in fields(term) if f.name == name))
-        if name in ("threshold", "middle"):
+        if name == "middle":
             value += sum(means.get(entry, 0.0) for entry in term.needs[:1])
         in_days = unit == "s"
         result[name.replace("_s", "_days") if in_days else name] = (
@@ -301,17 +273,10 @@ def _active_span(state: FittedModel, term: Effect) -> tuple[float, float]:
     return always
 
 
-def _detection_limits(detectable: Mapping[str, float], min_effect_deg: float) -> str:
+def _detection_limits(detectable: Mapping[str, float | None], min_effect_deg: float) -> str:
     """State the detection limits in a sentence."""
-    sizes = sorted((max(size, min_effect_deg), name) for name, size in detectable.items())
-    if not sizes:
-        return ""
-    (best, first), (worst, last) = (
-        (f"{size:.1f}° rms", name.replace("_", " ")) for size, name in (sizes[0], sizes[-1])
-    )
-    if best == worst:
-        return f"Any effect that was tried is noticed with a probability of 90 % from {best} on."
-    return f"Effects are noticed with a probability of 90 % from {best} ({first}) to {worst} ({last}) on."
+    sizes = sorted((max(size, min_effect_deg), name) for name, size in detectable.items() if size is not None)
+    return limits_text(sizes) if sizes else ""
 
 
 def _compass_of_model(inferred: Inference, state: FittedModel) -> AppliedCompass | None:
@@ -328,7 +293,7 @@ def _compass_of_model(inferred: Inference, state: FittedModel) -> AppliedCompass
     return AppliedCompass(
         simulation=simulation,
         covariance=estimate.covariance[np.ix_(index, index)],
-        references={name: means[name] for name in {*needed & means.keys(), "time"}},
+        references={name: means[name] for name in sorted({*needed & means.keys(), "time"})},
         logged=tuple(sorted(needed & means.keys())),
     )
 

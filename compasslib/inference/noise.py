@@ -24,17 +24,22 @@ from compasslib.inference import covariates, current, finding
 from compasslib.inference.comparison import CANCELS, LongComparison, tide_waves
 from compasslib.inference.design import FittedModel
 from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter
-from compasslib.records import iso_time
+from compasslib.records import SlowShear, iso_time
 from compasslib.statistics.whitening import LowRankNoise
 from compasslib.types import Floats
 
 SHORTEST_DAYS = 8.0  # shortest period; faster variability is whitened by the filter
 MOST_WAVES = 120  # of a process, enough for sixteen months; in longer records the fastest are omitted
 SPEED_SPAN_S = 12 * 3600.0  # averaging time of the speed, for the turn by shear
-VEER_DEG, VEER_DAYS = (0.7, 1.4, 2.8, 5.6, 11.0), (5.0, 15.0, 45.0, 135.0)  # grid of sizes and memories
-SHEAR_M_S, SHEAR_DAYS = (0.003, 0.007, 0.017, 0.04, 0.1), (3.0, 15.0, 75.0)  # the same
+VEER_DEG, VEER_DAYS = (1.0, 2.5, 6.0), (6.0, 25.0, 100.0)  # grid of sizes and memories
+SHEAR_M_S, SHEAR_DAYS = (0.006, 0.02, 0.06), (5.0, 40.0)  # the same
 LEAST_LOUD_VARIANCE = 0.05  # relative excess of variance over white noise below which a direction is ignored
 USUAL_VEER_DEG, USUAL_SHEAR_M_S = 3.0, 0.02  # scales of half-Cauchy priors, from two depths of real water
+# Of known slow water: widening of the logarithms of size and memory, from bins of two real profiles against the others;
+# grid in standard deviations, shares of veer in the variance, range of memories, degrees of freedom of the prior.
+SIZE_WIDENED, MEMORY_WIDENED = 0.3, 0.5
+STEPS, VEER_SHARES, MEMORIES_DAYS, FREEDOM = (-1.6, -0.8, 0.0, 0.8, 1.6), (0.0, 0.5, 1.0), (2.0, 300.0), 4.0
+LARGE_CURRENT = 2.0  # times its usual size: what the current can explain is not attributed to the compass
 TIDE_SPAN_S = 3600.0  # averaging time of the speed, for the turn by tidal shear of USUAL_SHEAR_M_S per wave
 
 STORM_SIZES_NT = np.geomspace(0.3, 100.0, 24)  # perpendicular to magnetic north, per unit of ap
@@ -70,12 +75,34 @@ class SlowNoiseParams:
 
     veer: Process
     shear: Process
+    log_prior: float  # up to a constant
 
-    @property
-    def log_prior(self) -> float:
-        """Log prior of the sizes, up to a constant."""
-        sizes = self.veer.size / USUAL_VEER_DEG, self.shear.size / USUAL_SHEAR_M_S
-        return -float(np.sum(np.log1p(np.square(sizes))))
+
+def _usual_log_prior(veer: Process, shear: Process) -> float:
+    """Compute the log prior of sizes of which nothing is known."""
+    return -float(np.sum(np.log1p(np.square([veer.size / USUAL_VEER_DEG, shear.size / USUAL_SHEAR_M_S]))))
+
+
+def known_waters(known: SlowShear, speed_m_s: float) -> list[SlowNoiseParams]:
+    """List parameters of slow water around those that a profile shows, with their priors.
+
+    Its size across the flow is divided between veer and shear in several ways. The errors of size and memory are
+    widened, since water outside the profile may differ, and have long tails.
+
+    Args:
+        speed_m_s: median speed of the flow.
+    """
+    size_sigma, memory_sigma = np.hypot(known.log_sigma, SIZE_WIDENED), np.hypot(known.memory_log_sigma, MEMORY_WIDENED)
+    waters = []
+    for a, b in itertools.product(STEPS, STEPS):
+        memory = float(np.clip(known.memory_days * np.exp(b * memory_sigma), *MEMORIES_DAYS))
+        prior = sum(-(FREEDOM + 1.0) / 2.0 * np.log1p(step**2 / FREEDOM) for step in (a, b))
+        for share in VEER_SHARES:
+            size = known.size_m_s * float(np.exp(a * size_sigma))
+            veer = size * float(np.sqrt(share)) / max(speed_m_s, covariates.SLOWEST_M_S) / angles.DEGREE
+            shear = size * float(np.sqrt(1.0 - share))
+            waters.append(SlowNoiseParams(Process(veer, memory), Process(shear, memory), prior))
+    return waters
 
 
 @dataclass(frozen=True)
@@ -87,6 +114,7 @@ class SlowNoiseBasis:
     kinds: int  # number of processes: 1, or 3 with shear
     drivers: tuple[str, ...] = ()  # of the last columns, those of the current in units of prior sizes
     current: Floats | None = None  # variance of each of these, once estimated
+    known: tuple[SlowShear, float] | None = None  # slow shear that a profile shows, and the median speed in m/s
 
     def variances(self, water: SlowNoiseParams) -> Floats:
         """Compute the variance of each column's coefficient."""
@@ -94,7 +122,7 @@ class SlowNoiseBasis:
         each = [process.variances(self.frequency, step) for process in (water.veer, water.shear, water.shear)]
         slow = np.concatenate(each[: self.kinds])
         tides = self.columns.shape[1] - len(slow) - len(self.drivers)
-        current = np.ones(len(self.drivers)) if self.current is None else self.current
+        current = np.full(len(self.drivers), LARGE_CURRENT**2) if self.current is None else self.current
         return np.concatenate([slow, np.full(tides, USUAL_SHEAR_M_S**2), current])
 
     @property
@@ -105,15 +133,18 @@ class SlowNoiseBasis:
 
     def without_current(self, drivers: Collection[str]) -> SlowNoiseBasis:
         """Remove the current of some drivers from the noise."""
-        current = np.ones(len(self.drivers)) if self.current is None else self.current
+        current = np.full(len(self.drivers), LARGE_CURRENT**2) if self.current is None else self.current
         return replace(self, current=np.where(np.isin(self.drivers, list(drivers)), 0.0, current))
 
     def waters(self) -> list[SlowNoiseParams]:
         """List the grid of parameters of slow water."""
+        if self.known is not None and self.kinds > 1:
+            return known_waters(*self.known)
         none = Process(0.0, VEER_DAYS[0])
         veers = [none, *(Process(*process) for process in itertools.product(VEER_DEG, VEER_DAYS))]
         shears = [none, *(Process(*process) for process in itertools.product(SHEAR_M_S, SHEAR_DAYS))]
-        return [SlowNoiseParams(*both) for both in itertools.product(veers, shears if self.kinds > 1 else [none])]
+        both = itertools.product(veers, shears if self.kinds > 1 else [none])
+        return [SlowNoiseParams(veer, shear, _usual_log_prior(veer, shear)) for veer, shear in both]
 
 
 def slow_noise_basis(case: LongComparison) -> SlowNoiseBasis | None:
@@ -131,7 +162,10 @@ def slow_noise_basis(case: LongComparison) -> SlowNoiseBasis | None:
     if "flow_east" in case.scene.departures and "speed" in case.covariates:
         shears = ((waves, SPEED_SPAN_S), (tide_waves(time_s), TIDE_SPAN_S))
         each, kinds = [*(shear_columns(case, *shear) for shear in shears), *each], 3
-    return SlowNoiseBasis(np.concatenate([waves, *each], axis=1), frequency, kinds, drivers)
+    known = None
+    if case.slow_shear is not None and "speed" in case.covariates:
+        known = case.slow_shear, float(np.median(case.covariates["speed"]))
+    return SlowNoiseBasis(np.concatenate([waves, *each], axis=1), frequency, kinds, drivers, known=known)
 
 
 def shear_columns(case: LongComparison, waves: Floats, span_s: float) -> Floats:

@@ -7,11 +7,10 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import factorial
 
 import numpy as np
 
-from compasslib.effects import COMPOSED, Effect, side_of
+from compasslib.effects import Effect, side_of
 from compasslib.inference.finding import SURE
 from compasslib.types import Floats
 
@@ -22,8 +21,6 @@ MOST_TERMS = 3  # in a hypothesis; limits the run time
 SIDES_IN_ORDER = ("compass", "clock", "reference", "water")
 # Short records: prior odds of one effect over the alarm probability, and factor for each further effect.
 ODDS, FURTHER = 2.0, 0.5
-UNLISTED = 1.0 / 3.0  # share of the odds of a fault for effects outside the catalogue
-AGAIN = 0.25  # probability of a further fault, given one
 LOG_EVIDENCE_CUTOFF = 8.0  # log evidence below the best at which a hypothesis, or a kind of slow water, is dropped
 
 
@@ -151,38 +148,6 @@ def log_prior_odds(kinds: Sequence[type[Effect]], alarm: float) -> list[float]:
         alarm: probability of a false finding from noise alone.
     """
     return [0.0 if kind.always_present else float(np.log(alarm * ODDS)) for kind in kinds]
-
-
-def log_shares(kinds: Sequence[type[Effect]]) -> list[float]:
-    """Divide the odds of a fault among the effects that a record can test: the log share of each candidate's effect.
-
-    Faults of compass and clock in the catalogue have equal shares of what composed effects leave; a fault of the
-    reference is as likely as one of them. Effects that are always present have odds of one.
-    """
-    listed = {kind.name for kind in kinds if not (kind.always_present or kind.name.startswith(COMPOSED))}
-    faults = [name for name in listed if side_of(name) in ("compass", "clock")]
-    unlisted = any(kind.name.startswith(COMPOSED) for kind in kinds)
-    each = (1.0 - UNLISTED * unlisted) / max(len(faults), 1)
-    composed, other = (float(np.log(share)) for share in (UNLISTED, each))
-    return [0.0 if kind.always_present else composed if kind.name.startswith(COMPOSED) else other for kind in kinds]
-
-
-def log_prior(hypotheses: Sequence[Hypothesis], always: Sequence[bool], shares: Sequence[float], odds: float) -> Floats:
-    """Compute the log prior odds of hypotheses against none, (h,).
-
-    The odds of a fault are divided among single effects by their shares; each further one has probability ``AGAIN``.
-
-    Args:
-        always: whether each candidate is always present.
-        shares: log share of each candidate.
-        odds: prior odds of any fault of compass or clock.
-    """
-    result = []
-    for hypothesis in hypotheses:
-        n = sum(not always[k] for k in hypothesis)
-        several = np.log(odds * (1.0 - AGAIN) * factorial(n)) + (n - 1) * np.log(AGAIN) if n else 0.0
-        result.append(float(several) + sum(shares[k] for k in hypothesis))
-    return np.array(result)
 
 
 def joint_odds(each: Sequence[float]) -> float:

@@ -102,6 +102,12 @@ def level_text(level: str | None, probability: float | None, side: str, driver: 
         return ""
     if level is None or probability is None:
         return " Not even the side on which it acts is established."
+    if level == "driver" and not side:
+        what = driver.replace("_", " ")
+        return (
+            f" Established (P = {probability:.2f}): one of the two instruments changed with {what}; which of them this "
+            "record cannot tell."
+        )
     how = f", driven by {driver.replace('_', ' ')}" if level == "driver" and driver else ""
     return f" Established (P = {probability:.2f}): it acts on the {side}{how}."
 
