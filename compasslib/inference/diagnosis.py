@@ -152,7 +152,6 @@ class Outcome:
     current: tuple[CurrentStatement, ...] = ()
     current_probability: float = 0.0  # that the effect of the current exceeds ``min_effect_deg``
     prior_odds: float | None = None  # of a fault of compass or clock
-    taken_back: frozenset[str] = frozenset()  # effects that the search selected and then withdrew as imitations
     ranked: tuple[RankedEffect, ...] = ()  # effects tested alone
     deniable: bool = False  # whether a finding is withdrawn if held-out readings refute it
 
@@ -188,7 +187,7 @@ def combine_outcomes(
     small += [item for part in parts for item in part.small]
     by_part = []  # probability of each side; effects that are negligible or withdrawn count as none
     for part in parts:
-        standing, fallen = set[str](), set(part.taken_back)
+        standing, fallen = set[str](), set[str]()
         for item, slot in zip(part.findings, part.finding_posteriors, strict=True):
             (standing if item in stands else fallen).update((slot.effect, *slot.alternatives))
         by_part.append(part.posterior.sides(fallen - standing))

@@ -6,10 +6,9 @@ it is, is a matter of probability: every option is weighed in the place of each 
 
 from __future__ import annotations
 
-import itertools
 import zlib
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -59,7 +58,6 @@ class Inference:
     detections: tuple[Detection, ...]  # of each term, and of one more
     odds: float  # prior odds of a fault of compass or clock
     seed: int  # of the surrogates
-    withdrawn: frozenset[str] = field(default_factory=frozenset)  # names that the correction must not contain
 
     @property
     def entered(self) -> Entered:
@@ -136,15 +134,6 @@ class Inference:
     def _all_places(self) -> tuple[Place, ...]:
         return (*self.places, self.further)
 
-    @cached_property
-    def acting(self) -> dict[str, float]:
-        """Probability of each effect in any place, by name."""
-        absent = dict.fromkeys((option.name for option in self.model.options), 1.0)
-        for place in self._all_places:
-            for name, probability in self._by_name(place).items():
-                absent[name] *= 1.0 - probability
-        return {name: 1.0 - left for name, left in absent.items()}
-
     def _by_name(self, place: Place) -> dict[str, float]:
         sums: dict[str, float] = {}
         for option, probability in zip(self.model.options, place.probability.tolist(), strict=True):
@@ -177,24 +166,6 @@ class Inference:
         term = self.model.options[k].term.at(values)
         assert isinstance(term, ComposedEffect)
         return COMPOSED + "/".join(term.said())
-
-    def only(self, selection: Sequence[bool]) -> Inference:
-        """Refit with a subset of the terms.
-
-        Args:
-            selection: whether each term is retained.
-        """
-        if all(selection):
-            return self
-        gone = (self.model.options[k].name for k in itertools.compress(self.chosen, (not stays for stays in selection)))
-        return replace(
-            self,
-            state=design.refit(self.state, list(itertools.compress(self.state.simulation.terms, selection))),
-            chosen=tuple(itertools.compress(self.chosen, selection)),
-            amplitudes=tuple(itertools.compress(self.amplitudes, selection)),
-            places=tuple(itertools.compress(self.places, selection)),
-            withdrawn=self.withdrawn.union(gone),
-        )
 
     def estimate(self, state: FittedModel) -> Estimate:
         """Compute the covariance of all parameters of a refitted model, averaged over slow noise.
@@ -261,9 +232,8 @@ class Inference:
         options = self.model.options
         best: dict[type[Effect], int] = {} if chosen is None else {type(options[chosen].term): chosen}
         for k in np.argsort(-place.probability).tolist():
-            if options[k].name not in self.withdrawn:
-                first = best.setdefault(type(options[k].term), k)
-                sums[first] = sums.get(first, 0.0) + float(place.probability[k])
+            first = best.setdefault(type(options[k].term), k)
+            sums[first] = sums.get(first, 0.0) + float(place.probability[k])
         return {chosen: 0.0} | sums
 
     @cached_property
