@@ -30,7 +30,6 @@ DRIVERS: Mapping[str, tuple[str, str]] = {
     "hour": ("", "1"),
     "tide": ("", "1"),
     "heading": ("", "1"),
-    "recorded_heading": ("recorded_heading", "1"),
     "temperature": ("temperature", "K"),
     "depth": ("depth", "m"),
     "speed": ("speed", "m/s"),
@@ -110,7 +109,6 @@ def _play(x: Floats, width: float) -> Floats:
 SMOOTH, WIDE = 6, 4.0  # functions of a smooth curve, and standard deviations from its middle that it reaches
 SMOOTHNESS = 1.2  # length scale of a smooth curve, standard deviations
 BANDS_H = (2.0, 6.0, 18.0, 54.0, 168.0)  # time constants between the bands of a driver's history
-LATE_H = (12.0, 48.0, 192.0)  # time constants of magnetization that follows the heading
 SLOW_WAVES, FREE_WAVES, FREE_FROM = 8, 24, 8.0  # cosines of time, and number from which those of a free curve decrease
 LOBES_TRIED, TEETH_TRIED = range(3, 11), range(3, 20)  # cycles per turn
 DAILY_H, TIDAL_H = (24.0, 12.0, 8.0), (12.4206, 25.8193, 12.6583)  # periods
@@ -132,11 +130,6 @@ def _bands(term: Any, x: Floats, t: Floats) -> Floats:
     """Divide a driver into causal bands of its history, from its fastest changes to its slowest, (n, 6)."""
     passed = [x, *(_lagged(x, t, HOUR_S * hours) for hours in BANDS_H)]
     return _columns(*(fast - slow for fast, slow in itertools.pairwise(passed)), passed[-1])
-
-
-def _late(term: Any, x: Floats, t: Floats) -> Floats:
-    """Low-pass the direction of the recorded heading, (n, 6)."""
-    return _columns(*(_lagged(wave, t, HOUR_S * hours) for hours in LATE_H for wave in angles.sin_cos(x)))
 
 
 def _cosines(term: Any, t: Floats, count: int) -> Floats:
@@ -204,10 +197,6 @@ FORMS: Mapping[str, Form] = {
         lambda term, x, t: _columns(bump(x, term.centre_deg, term.reach_deg)),
         places=(("centre_deg", "degrees"), ("reach_deg", "degrees")), words="around one {} only",
         formula="p·(1 + cos(π·(reading − centre) / reach)) / 2 within reach of centre, else 0",
-    ),
-    "late": Form(
-        _late, *_numbered(2 * len(LATE_H)), words="with {} of hours to days before (hysteresis)",
-        formula="Σ sine, cosine of the recorded heading, low-passed by " + ", ".join(f"{h:g}" for h in LATE_H) + " h",
     ),
     "slow": Form(
         lambda term, x, t: _cosines(term, t, SLOW_WAVES) / np.arange(1, SLOW_WAVES + 1) ** 2.0,

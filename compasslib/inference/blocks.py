@@ -32,7 +32,7 @@ from compasslib.statistics.whitening import sampling_interval_s
 from compasslib.types import Floats
 
 VALUES = ("temperature", "depth", "speed", "pitch", "roll", "tilt", "voltage")
-WITH_HISTORY = ("temperature", "depth", "speed", "voltage")  # whose effects may lag behind them
+WITH_HISTORY = ("temperature", "depth", "voltage")  # whose effects may lag behind them; so does the current by speed
 OF_FIELD = ("time", "temperature", "depth", "speed", "pitch", "roll", "voltage")  # may magnetize iron, or move it
 OF_LOBES = ("time", "temperature", "depth", "speed")  # may bend a sensor's axes
 PLAYS = (1.0, 2.5)  # widths of hysteresis, standard deviations of the driver
@@ -115,7 +115,6 @@ def _composed(half: FittedModel) -> Iterator[Option]:
             series = term.made(scene, half.case.recorded_deg)
             columns = (acted[target][:, :, None] * series[:, None, :]).reshape(len(series), -1)
             block = "compass", GROUPS.get(target, target), TILTS.get(driver, driver)
-            block = (*block[:2], "heading") if driver == "recorded_heading" else block
             yield _scaled(term, block, columns, 1.0 / max(len(places), 1))
 
 
@@ -159,7 +158,6 @@ def _compositions(scene: Scene, channels: Mapping[str, str]) -> Iterator[tuple]:
     yield "reading", "time", "box", *((first + (last - first) * a, first + (last - first) * b) for a, b in spans)
     yield "reading", "heading", "harmonics"
     yield "reading", "heading", "teeth"
-    yield "field_horizontal", "recorded_heading", "late"
     joined = sorted([*(driver for driver in there if driver in VALUES and driver != "tilt"), "time"])
     yield from (("reading", f"{a}*{b}", "linear") for a, b in itertools.combinations(joined, 2))
 

@@ -204,7 +204,6 @@ def departures(
         heading_deg: magnetic headings corrected by the fit, (n,), degrees; NaN where there is none.
     """
     result = {name: column - references.get(name, 0.0) for name, column in covariates.items()}
-    result["recorded_heading"] = pairs.heading_deg
     if np.any(rate := turn_rate(pairs.heading_deg, pairs.time_s)):
         result["turn_rate"] = rate
     result |= _flow_departures(pairs, np.nan_to_num(angles.difference(heading_deg, pairs.heading_deg)))

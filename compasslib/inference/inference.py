@@ -289,6 +289,8 @@ def infer(empty: FittedModel, odds: float, surrogates: int) -> Inference:
         evidence, kinds = model.weigh(waters, entered), frozenset(type(model.options[k].term) for k, _ in entered)
         detections = [*detections[: len(entered)], detect(model, evidence, entered, surrogates, seed + len(entered))]
         further = Place(probabilities(model.options, evidence, odds, [k for k, _ in entered]), evidence)
+        if not detections[-1].significant:
+            further = further.not_favoured(odds)
         if len(entered) == MOST_EFFECTS or kinds in visited or not _stands_out(detections[-1], further):
             break
         visited.add(kinds)

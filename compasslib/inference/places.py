@@ -32,6 +32,11 @@ class Place:
         """Probability that no effect is there."""
         return float(max(1.0 - self.probability.sum(), 0.0))
 
+    def not_favoured(self, odds: float) -> Place:
+        """Limit the odds of an effect that is not detected to those beforehand: surrogates have evidence like it."""
+        most = odds / (1.0 + odds)
+        return replace(self, probability=self.probability * min(most / max(float(self.probability.sum()), 1e-12), 1.0))
+
 
 @dataclass(frozen=True)
 class Settled:

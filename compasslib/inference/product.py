@@ -71,7 +71,6 @@ class AppliedCompass:
         tilts = dict(zip(("pitch", "roll"), (np.nan_to_num(x) for x in tilt_deg), strict=True))
         tilts["tilt"] = np.hypot(tilts["pitch"], tilts["roll"])
         series_used |= {name: lean - self.references[name] for name, lean in tilts.items() if name in self.references}
-        series_used["recorded_heading"] = np.nan_to_num(recorded_deg)
         series_used["turn_rate"] = np.nan_to_num(covariates.turn_rate(recorded_deg, time_s))
         h, z = (np.interp(time_s, field.time_s, x) for x in (field.horizontal_nT, field.vertical_nT))
         pitch, roll = (np.nan_to_num(x) for x in tilt_deg)

@@ -16,6 +16,7 @@ from compasslib.inference.search import Entered, Evidence, LinearModel
 from compasslib.types import Floats
 
 READING = ("compass", "reading")
+CURRENT_ODDS = 3.0  # of the current: in three of three real records directions differ by its speed (docs/sea.md)
 MOST_LOG = 700.0  # logarithm of a ratio that can still be represented
 
 
@@ -63,10 +64,7 @@ def _compare(
     group: frozenset[str],
     readings: Sequence[int],
 ) -> Rival:
-    """Compare the compass with the current, which follows the drivers in the same forms or as in the noise.
-
-    Each is as probable beforehand as the other, so that only what distinguishes the two counts.
-    """
+    """Compare the compass with the current, which follows the drivers in the same forms or as in the noise."""
     assert model.slow is not None
     without = replace(model, slow=model.slow.without_current(group))
     alike = _as_current(without, entered, readings)
@@ -77,7 +75,7 @@ def _compare(
     in_same_form = _log_evidence(alike.weigh(waters, place), range(len(entered), len(alike.options))) + shares
     noise = model.weigh(waters, entered)
     as_noise = np.logaddexp.reduce(noise.log_prior[:, 0] + noise.none[:, 0])
-    of_current = np.logaddexp(np.logaddexp.reduce(in_same_form), as_noise)
+    of_current = np.log(CURRENT_ODDS) + np.logaddexp(np.logaddexp.reduce(in_same_form), as_noise)
     ratio = float(np.clip(of_current - np.logaddexp.reduce(of_compass), -MOST_LOG, MOST_LOG))
     return Rival(1.0 / (1.0 + float(np.exp(ratio))), readings[int(np.argmax(of_compass))])
 
