@@ -2,8 +2,8 @@
 
 For each fold that is left out, the effect, its driver, its date and its size are selected from the other folds, among
 all options; compass, nuisances, slow noise, the current and the other effects are free. The gain is what the fold then
-adds to the log score; the amplitude is the size of the held-out residual along the predicted turn. The surrogates are
-those of the detection, processed alike: records of the fitted noise with the real covariates, without the effect.
+adds to the log score; the amplitude is the size of the held-out residual along the predicted turn. Surrogates are drawn
+as for the detection and processed alike: records of the fitted noise with the real covariates, without the effect.
 Folds of blocks of days are interleaved, so that each contains the whole range of a driver; effects that are functions
 of time are tested on fifths of the record. Every fold is predicted by the others and predicts them: a regression on the
 predictions as if they were given would have a slope of 1 - 1.25/z^2 for five equal folds whatever the noise. Slope and

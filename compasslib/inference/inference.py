@@ -34,7 +34,7 @@ from compasslib.inference.places import (
 )
 from compasslib.inference.posterior import FindingPosterior
 from compasslib.inference.rivals import Rival, find_rivals
-from compasslib.inference.search import Entered, Evidence, LinearModel
+from compasslib.inference.search import LEAST_WATER, Entered, Evidence, LinearModel
 from compasslib.statistics.whitening import correlation_time, sampling_interval_s, scaled_inverse
 from compasslib.types import Floats
 
@@ -265,9 +265,6 @@ class Inference:
         if instead and slow is not None:
             model = replace(model, slow=slow.without_current(frozenset[str]().union(*instead)))
         return fit_terms(self.state, model, list(zip(combination, amplitudes, strict=True)), self.water)
-
-
-LEAST_WATER = 1e-3  # relative probability below which a kind of slow noise is ignored in a covariance
 
 
 def infer(empty: FittedModel, odds: float, surrogates: int) -> Inference:

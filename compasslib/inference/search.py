@@ -1,4 +1,4 @@
-"""Linear Gaussian model of a recording: all options beside slow noise, their evidence, surrogates and limits.
+"""Linear Gaussian model of a recording: all options beside slow noise, their evidence, and surrogates.
 
     y = base b + slow noise c + options w + white noise,   w ~ N(0, a^2) in units of each option, c ~ N(0, variances)
 
@@ -34,7 +34,7 @@ from compasslib.types import DAY_S, Floats
 AMPLITUDES_DEG = np.array([0.5, 1.0, 2.0, 4.0, 8.0])  # rms of an effect, equally probable
 BLOCK_S = 3 * DAY_S  # longer than the autocorrelation that the filter leaves
 FAINT = 1e-3  # variance over that of white noise below which a column of slow noise is left out
-FEWEST_WATERS, LEAST_WATER = 8, 1e-3  # kinds of slow noise for surrogates: fewest, and least probability
+FEWEST_WATERS, LEAST_WATER = 8, 1e-3  # kinds of slow noise for surrogates and covariances: fewest, least probability
 
 Entered = Sequence[tuple[int, float]]  # index and amplitude, degrees, of options that are part of the noise
 

@@ -35,6 +35,7 @@ BLOCK_S, SURE = 2 * DAY_S, 2.0  # longer than speeds are correlated; standard er
 VEER_S = 2 * DAY_S  # time scale from which veer is corrected
 MOST_WINDOWS = 8  # positions in the profile from which veer is learnt, those next to the reference
 LEAST_DAY, FEWEST_DAYS = 0.5, 30  # share of a day's samples for its mean; fewest days
+MOST_DAYS = 1000  # means in one record; their covariance matrix limits the run time
 SLOW_DAYS = np.geomspace(2.0, 200.0, 9)  # memories that are tried
 SLOW_SHARES = np.geomspace(0.1, 2.0, 12)  # sizes that are tried, of the slow part and of noise, over the rms
 HALF_A_CELL, LEAST_M_S = 0.51, 1e-6
@@ -267,14 +268,16 @@ def _predict_veer(
 def fit_slow_shear(time_s: Floats, across_m_s: Floats, known: Bools) -> SlowShear | None:
     """Estimate size and memory of the slow part of velocity differences; None if the record is too short.
 
-    Daily means are modelled as a process with exponential autocorrelation and independent noise. The likelihood is the
+    Daily means, in records of more than ``MOST_DAYS`` means of several days, are modelled as a process with exponential
+    autocorrelation and independent noise. The likelihood is the
     mean of all windows, since neighbouring bins hardly differ; the spread between windows is part of the uncertainty.
 
     Args:
         across_m_s: component across the flow at each of several windows of the profile, (k, n).
         known: (k, n) whether it was measured.
     """
-    day = np.floor((time_s - time_s[0]) / DAY_S).astype(np.intp)
+    days_each = int(np.ptp(time_s) / DAY_S / MOST_DAYS) + 1
+    day = np.floor((time_s - time_s[0]) / DAY_S / days_each).astype(np.intp)
     count = np.array([np.bincount(day, each, day[-1] + 1) for each in known])
     usual = float(np.median(np.bincount(day)))
     kept = np.flatnonzero((count >= LEAST_DAY * usual).all(axis=0))
@@ -288,7 +291,7 @@ def fit_slow_shear(time_s: Floats, across_m_s: Floats, known: Bools) -> SlowShea
     scale = float(np.sqrt(np.mean(means**2)))
     if scale <= 0.0:
         return None
-    apart, centred = np.abs(np.subtract.outer(kept, kept)), np.eye(len(kept)) - 1.0 / len(kept)
+    apart, centred = days_each * np.abs(np.subtract.outer(kept, kept)), np.eye(len(kept)) - 1.0 / len(kept)
     log = np.empty((len(means), len(SLOW_DAYS), len(SLOW_SHARES), len(SLOW_SHARES)))
     for m, memory in enumerate(SLOW_DAYS):
         values, vectors = np.linalg.eigh(centred @ np.exp(-apart / memory) @ centred)
