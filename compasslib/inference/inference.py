@@ -89,7 +89,9 @@ class Inference:
             left &= side != name
             without = float(np.prod([1.0 - place.probability[~left & counted].sum() for place in self._all_places]))
             result[name], before = max(before - without, 0.0), without
-        instead = before * (1.0 - float(np.prod([1.0 - rival.probability for rival in self.rivals.values()])))
+        rivals = 1.0 - float(np.prod([1.0 - rival.probability for rival in self.rivals.values()]))
+        # What is not detected is not more probable than beforehand.
+        instead = min(before * rivals, max(self.odds / (1.0 + self.odds) - (1.0 - before), 0.0))
         return {"none": before - instead} | result | {"compass": result["compass"] + instead}
 
     @cached_property
@@ -308,13 +310,15 @@ def _stands_out(detection: Detection, place: Place) -> bool:
 def detect(model: LinearModel, evidence: Evidence, entered: Entered, surrogates: int, seed: int) -> Detection:
     """Rank the evidence of a further effect among surrogates without it.
 
-    Two kinds are drawn: white noise beside slow noise, and resampled blocks of the residual beside slow noise, for
-    records whose noise the model does not describe. The larger p-value counts.
+    Two kinds are drawn: simulated noise, and, for records whose noise the model does not describe, the residual beside
+    the likeliest further effect, with random signs of its blocks. The larger p-value counts.
     """
-    statistic = float(evidence.statistic[0])
-    chances, thresholds = [], []
-    for resampled in (False, True) if surrogates else ():
-        score = model.scores(model.draw(evidence, surrogates, seed, entered, resampled=resampled))
+    statistic, chances, thresholds = float(evidence.statistic[0]), list[float](), list[float]()
+    further = int(np.argmax(evidence.log_bayes_factors[:, 0]))
+    water = evidence.likeliest_water(further)
+    chosen = [*entered, (further, model.likeliest_amplitude(further, water, entered))]
+    for residual in (None, model.without(chosen, water)) if surrogates else ():
+        score = model.scores(model.draw(evidence, surrogates, seed, entered, residual))
         drawn = model.weigh(evidence.likely_waters, entered, score).statistic
         chances.append((1 + int(np.sum(drawn >= statistic))) / (1 + surrogates))
         if (rank := int(DETECTED_P * (1 + surrogates))) >= 1:  # else no rank is high enough

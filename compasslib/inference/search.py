@@ -26,9 +26,8 @@ from compasslib.statistics.resampling import (
     EVEN_BLOCKS,
     blocks_by_span,
     cluster_variance_inflation,
-    resample_blocks,
 )
-from compasslib.statistics.whitening import sampling_interval_s, whitened_basis
+from compasslib.statistics.whitening import whitened_basis
 from compasslib.types import DAY_S, Floats
 
 AMPLITUDES_DEG = np.array([0.5, 1.0, 2.0, 4.0, 8.0])  # rms of an effect, equally probable
@@ -80,6 +79,12 @@ class Marginal:
     def taken(self) -> Floats:
         """The part of the products with the residuals, (a, r)."""
         return self.half(self.products.score)
+
+    @property
+    def mean(self) -> Floats:
+        """Posterior means of the coefficients of the marginalized columns for the first residual, (a,)."""
+        unit = solve_triangular(self.lower, self.taken[:, 0], lower=True, trans="T", check_finite=False)
+        return np.asarray(self.root * unit)
 
     def left(self, at: NDArray[np.intp]) -> tuple[Floats, Floats]:
         """Compute the products of some columns with each other, (k, k), and with the residuals, (k, r)."""
@@ -181,33 +186,38 @@ class LinearModel:
         return Evidence(tuple(waters), shares, np.array(none), np.array(options))
 
     def draw(
-        self, evidence: Evidence, count: int, seed: int, entered: Entered = (), *, resampled: bool = False
+        self, evidence: Evidence, count: int, seed: int, entered: Entered = (), residual: Floats | None = None
     ) -> Floats:
         """Draw whitened residuals of the recording without further effects, (n, count) float32.
 
         Args:
             evidence: of the recording, by whose probabilities slow noise is drawn.
-            resampled: whether blocks of the residual without slow noise are resampled, in place of white noise.
+            residual: the recording's own without any effect, (n,), whose blocks get random signs, in place of simulated
+                noise: the wild cluster bootstrap (Cameron, Gelbach and Miller, Rev. Econ. Stat. 90, 414, 2008).
         """
-        rng, first = np.random.default_rng(seed), self.products.ends[-1]
-        probability = evidence.water_probability()
-        chosen = rng.choice(len(evidence.waters), count, p=probability)
-        deviations = np.sqrt([self.noise_variances(water) for water in evidence.waters]).T
-        slow = rng.normal(size=(len(deviations), count)) * deviations[:, chosen]
-        residual: Floats = self.white[:, first:] @ slow.astype(np.float32)
-        if resampled:
-            length = max(int(BLOCK_S / sampling_interval_s(self.view.case.scene.time_s)), 1)
-            marginal = self.marginalized(evidence.likeliest_water(), entered)
-            slow_mean = marginal.root * solve_triangular(marginal.lower, marginal.taken[:, 0], lower=True, trans="T")
-            fast = self.residual - self.white[:, marginal.at] @ slow_mean.astype(np.float32)
-            residual += resample_blocks(fast, length, count, seed).T
+        rng = np.random.default_rng(seed)
+        if residual is not None:
+            block = blocks_by_span(self.view.case.scene.time_s, BLOCK_S)
+            sign = rng.choice(np.array([-1.0, 1.0], dtype=np.float32), (block[-1] + 1, count))
+            drawn: Floats = residual[:, None] * sign[block]
         else:
-            residual += rng.normal(size=residual.shape).astype(np.float32)
-        residual[~np.isfinite(self.view.whitener.width_deg)] = 0.0
+            chosen = rng.choice(len(evidence.waters), count, p=evidence.water_probability())
+            deviations = np.sqrt([self.noise_variances(water) for water in evidence.waters]).T
+            slow = rng.normal(size=(len(deviations), count)) * deviations[:, chosen]
+            drawn = self.white[:, self.products.ends[-1] :] @ slow.astype(np.float32)
+            drawn += rng.normal(size=drawn.shape).astype(np.float32)
+        drawn[~np.isfinite(self.view.whitener.width_deg)] = 0.0
         for k, size in entered:
             at = self.products.columns(k)
-            residual += self.white[:, at] @ (size * rng.normal(size=(len(at), count))).astype(np.float32)
-        return self.view.project_out_nuisance(residual)
+            drawn += self.white[:, at] @ (size * rng.normal(size=(len(at), count))).astype(np.float32)
+        return self.view.project_out_nuisance(drawn)
+
+    def without(self, chosen: Entered, water: SlowNoiseParams | None) -> Floats:
+        """Subtract some options and the current, fitted together, from the whitened residual, (n,) float32."""
+        marginal = self.marginalized(water, chosen)
+        slow = self.white.shape[1] - (0 if self.slow is None else len(self.slow.drivers))
+        taken = (marginal.at < self.products.ends[-1]) | (marginal.at >= slow)
+        return self.residual - self.white[:, marginal.at[taken]] @ marginal.mean[taken].astype(np.float32)
 
     def scores(self, residuals: Floats) -> Floats:
         """Compute the products of the columns with whitened residuals, (n, r)."""

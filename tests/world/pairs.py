@@ -460,7 +460,15 @@ def planted(world: World, wanted: dict[str, float], made: Mapping[str, Effect] |
 
 # A compass that was not calibrated in place: its constant, iron along either axis, and offset of its tilt sensor.
 CONSTANT_DEG, IRON_NT, LEVEL_DEG = 2.0, 525.0, 0.4
+ALIGNED_S = 13 * 3600.0
 WAKE_DEG, VANE_DEG = 40.0, 10.0  # spread of the reference's heading about the flow, of an instrument and of a vane
+
+
+def averaged(time_s: Floats, flow: Complexes, span_s: float) -> Complexes:
+    """Compute the running mean of a flow over a span of time, (n,)."""
+    ends = np.searchsorted(time_s, [time_s - span_s / 2.0, time_s + span_s / 2.0], side="right")
+    sums = np.append(0.0, np.cumsum(flow))
+    return (sums[ends[1]] - sums[ends[0]]) / (ends[1] - ends[0])
 
 
 def reference_sizes(earth: tuple[float, float]) -> Floats:
@@ -483,8 +491,10 @@ def refer(drawn: Drawn, errors: Floats, rng: np.random.Generator, *, logged: boo
     pairs, water = drawn.pairs, None if drawn.world is None else drawn.world.water
     flow = pairs.lower_east + 1j * pairs.lower_north
     spread, offset = (WAKE_DEG, rng.uniform(0.0, 360.0)) if logged else (VANE_DEG, 0.0)
-    # An instrument aligns with the water, not with the noise of its own measurement of it.
-    heading = towards(flow if water is None else water) + offset + red(rng, len(flow), 12, spread)
+    # An instrument aligns with the water, not with the noise of its own measurement of it; of real water only the
+    # measurement is known, and its mean over ALIGNED_S shares little of that noise.
+    aligned = averaged(pairs.time_s, flow, ALIGNED_S) if water is None else water
+    heading = towards(aligned) + offset + red(rng, len(flow), 12, spread)
     wrong = errors @ np.array([np.ones(len(flow)), np.sin(heading * RAD), np.cos(heading * RAD)])
     flow, recorded = turned(flow, wrong), (heading + wrong) % 360.0 if logged else None
     constant_deg, iron_deg, _ = reference_sizes((drawn.horizontal, drawn.vertical))
