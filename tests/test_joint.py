@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,6 @@ from compasslib.deviation import fit_deviation
 from compasslib.deviation.exact import start_from_prior
 from compasslib.deviation.model import CoefficientPrior, fit_from_json
 from compasslib.inference import joint, joint_compass, joint_effects
-from compasslib.inference.design import Products
 from compasslib.inference.joint_compass import EffectInformation, Member
 from compasslib.records import take
 from tests.world import pairs as sea
@@ -84,10 +84,7 @@ def told(z: float, *, season: float = 0.0, forms: tuple[str, ...] = ("Temperatur
     information = np.eye(size) * 100.0
     information[0, len(forms)] = information[len(forms), 0] = 100.0 * season
     score = 10.0 * z * information[:, 0] / 100.0
-    ones = np.ones(len(forms))
-    return EffectInformation(
-        forms, tuple([1] * len(forms)), ones, ones, np.eye(len(forms)), (Products(information, score, 0.0),), 9.0, 900
-    )
+    return EffectInformation(forms, np.ones(len(forms)), np.eye(len(forms)), information, score, 9.0, 900)
 
 
 @pytest.mark.parametrize(
@@ -101,7 +98,7 @@ def told(z: float, *, season: float = 0.0, forms: tuple[str, ...] = ("Temperatur
 )
 def test_a_shared_effect_requires_joint_evidence_beyond_season(scores, season, named):
     members = [member(f"M{k}", FIELDS[k], effects=told(z, season=season)) for k, z in enumerate(scores)]
-    found = joint_effects.infer_shared(members, joint.ALARM)
+    found = joint_effects.infer_shared(members)
     assert [one.kind.name for one in found.amplitudes] == ["temperature"] * named
     if named:
         assert found.amplitudes[0].values == pytest.approx([0.35], abs=0.01)
@@ -111,8 +108,25 @@ def test_a_shared_effect_requires_joint_evidence_beyond_season(scores, season, n
 
 def test_effect_information_is_restored_from_json():
     first = told(2.0)
-    again = joint_compass.effects_from_json(first.to_json())
-    assert again.forms == first.forms and np.array_equal(again.conditional[0].score, first.conditional[0].score)
+    again = joint_compass.effects_from_json(json.loads(json.dumps(first.to_json())))
+    assert again.to_json() == first.to_json() and np.array_equal(again.score, first.score)
+
+
+def test_a_second_shared_effect_is_found_beside_the_first():
+    both = [told(4.0, forms=("TemperatureOfReading", "Heeling")) for _ in range(3)]
+    both = [replace(one, score=one.score + 40.0 * np.eye(len(one.score))[1]) for one in both]
+    members = [member(f"M{k}", field, effects=one) for k, (field, one) in enumerate(zip(FIELDS, both, strict=True))]
+    found = joint_effects.infer_shared(members)
+    assert sorted(one.kind.name for one in found.amplitudes) == ["heeling", "temperature"]
+    assert found.sides["compass"] > 0.99 and all(one.gain > 10.0 for one in found.amplitudes)
+
+
+def test_amplitudes_by_each_record_alone_are_told():
+    members = [member(f"M{k}", FIELDS[k], effects=told(z)) for k, z in enumerate((3.0, 4.0, 5.0))]
+    (found,) = joint_effects.infer_shared(members).amplitudes
+    assert [x[0] for x, _ in found.each.values()] == pytest.approx([0.3, 0.4, 0.5], abs=0.03)
+    assert [sigma[0] for _, sigma in found.each.values()] == pytest.approx([0.1] * 3, abs=0.01)
+    assert found.covariance[0, 0] ** 0.5 == pytest.approx(0.1 / 3**0.5, abs=0.005)
 
 
 TRUE = (0.02, 0.25, -0.1, 0.02, -0.01)
@@ -145,5 +159,5 @@ def test_a_vague_prior_does_not_change_a_long_record(few_headings):
 
 def test_no_size_of_a_shared_effect_is_excluded_a_priori():
     members = [member(f"M{k}", FIELDS[k], effects=told(3.5, forms=("TiltUncompensated",))) for k in range(3)]
-    (found,) = joint_effects.infer_shared(members, joint.ALARM).amplitudes
+    (found,) = joint_effects.infer_shared(members).amplitudes
     assert found.kind.name == "tilt_uncompensated" and found.values[0] == pytest.approx(0.35, abs=0.05)

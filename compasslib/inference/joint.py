@@ -21,8 +21,6 @@ from compasslib.inference.product import AppliedCompass, Product
 from compasslib.records import EarthField
 from compasslib.types import Floats
 
-ALARM = 0.006  # as for a single record
-
 
 @dataclass(frozen=True)
 class SiblingInformation:
@@ -91,7 +89,7 @@ def join_compass(name: str, members: Sequence[Member], min_effect_deg: float) ->
     """Join the records of a compass into compass.json and its diagnosis."""
     joined = joint_compass.join_records(members)
     fitting = [member for member in members if member.name in joined.consistent]
-    shared = joint_effects.infer_shared(fitting, ALARM)
+    shared = joint_effects.infer_shared(fitting)
     diagnosis = _diagnosis(joined, shared, min_effect_deg)
     named = {finding.effect for finding in diagnosis.findings}
     content = {
