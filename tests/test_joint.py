@@ -99,17 +99,19 @@ def told(z: float, *, season: float = 0.0, forms: tuple[str, ...] = ("Temperatur
 def test_a_shared_effect_requires_joint_evidence_beyond_season(scores, season, named):
     members = [member(f"M{k}", FIELDS[k], effects=told(z, season=season)) for k, z in enumerate(scores)]
     found = joint_effects.infer_shared(members)
-    assert [one.kind.name for one in found.amplitudes] == ["temperature"] * named
+    assert [one.kind.name for one in found.effects] == ["temperature"] * named
     if named:
-        assert found.amplitudes[0].values == pytest.approx([0.35], abs=0.01)
+        assert found.effects[0].finding.parameters["deg_K"].value == pytest.approx(0.35, abs=0.01)
         alone = joint_effects.information_from_others(members[1:], found)["TemperatureOfReading"]
         assert alone[1] / alone[0][0] == pytest.approx([0.35], abs=0.01)
 
 
 def test_effect_information_is_restored_from_json():
     first = told(2.0)
-    again = joint_compass.effects_from_json(json.loads(json.dumps(first.to_json())))
-    assert again.to_json() == first.to_json() and np.array_equal(again.score, first.score)
+    written = member("M0", FIELDS[0], effects=first)
+    again = joint_compass.mooring_member(json.loads(json.dumps(written.to_json())), "red")
+    assert again.sphere == "red" and again.effects.forms == first.forms
+    assert np.array_equal(again.effects.score, first.score) and np.array_equal(again.covariance, written.covariance)
 
 
 def test_a_second_shared_effect_is_found_beside_the_first():
@@ -117,16 +119,16 @@ def test_a_second_shared_effect_is_found_beside_the_first():
     both = [replace(one, score=one.score + 40.0 * np.eye(len(one.score))[1]) for one in both]
     members = [member(f"M{k}", field, effects=one) for k, (field, one) in enumerate(zip(FIELDS, both, strict=True))]
     found = joint_effects.infer_shared(members)
-    assert sorted(one.kind.name for one in found.amplitudes) == ["heeling", "temperature"]
-    assert found.sides["compass"] > 0.99 and all(one.gain > 10.0 for one in found.amplitudes)
+    assert sorted(one.kind.name for one in found.effects) == ["heeling", "temperature"]
+    assert found.sides["compass"] > 0.99 and all(one.finding.held_out.gain > 10.0 for one in found.effects)
 
 
 def test_amplitudes_by_each_record_alone_are_told():
     members = [member(f"M{k}", FIELDS[k], effects=told(z)) for k, z in enumerate((3.0, 4.0, 5.0))]
-    (found,) = joint_effects.infer_shared(members).amplitudes
+    (found,) = joint_effects.infer_shared(members).effects
     assert [x[0] for x, _ in found.each.values()] == pytest.approx([0.3, 0.4, 0.5], abs=0.03)
     assert [sigma[0] for _, sigma in found.each.values()] == pytest.approx([0.1] * 3, abs=0.01)
-    assert found.covariance[0, 0] ** 0.5 == pytest.approx(0.1 / 3**0.5, abs=0.005)
+    assert found.finding.parameters["deg_K"].sigma == pytest.approx(0.1 / 3**0.5, abs=0.005)
 
 
 TRUE = (0.02, 0.25, -0.1, 0.02, -0.01)
@@ -159,5 +161,7 @@ def test_a_vague_prior_does_not_change_a_long_record(few_headings):
 
 def test_no_size_of_a_shared_effect_is_excluded_a_priori():
     members = [member(f"M{k}", FIELDS[k], effects=told(3.5, forms=("TiltUncompensated",))) for k in range(3)]
-    (found,) = joint_effects.infer_shared(members).amplitudes
-    assert found.kind.name == "tilt_uncompensated" and found.values[0] == pytest.approx(0.35, abs=0.05)
+    (found,) = joint_effects.infer_shared(members).effects
+    assert found.kind.name == "tilt_uncompensated" and found.finding.parameters["share"].value == pytest.approx(
+        0.35, abs=0.05
+    )

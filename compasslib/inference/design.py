@@ -203,15 +203,6 @@ class ColumnGroup:
     covariates: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Products:
-    """Products of the candidates' columns with slow noise marginalized."""
-
-    information: Floats  #: (p, p) of the columns with each other
-    score: Floats  #: (p,) of the columns with the residual
-    log_likelihood: float  #: of slow noise without candidates, relative to white noise
-
-
 def term_columns(state: FittedModel, term: Effect) -> ColumnGroup:
     """Build the columns of one term added to a simulation."""
     return ColumnGroup(term.name, _term_derivative(state, term), term)

@@ -54,15 +54,21 @@ class Member:
         """Whether its own data determine the coefficients."""
         return bool(self.coefficients.size)
 
+    def to_json(self) -> dict[str, Any]:
+        """Encode the record as ``mooring_member`` reads it."""
+        told = None if self.effects is None else {k: np.asarray(x).tolist() for k, x in vars(self.effects).items()}
+        arrays = {"coefficients": self.coefficients.tolist(), "covariance": self.covariance.tolist()}
+        return {**vars(self), **arrays, "effects": told}
+
 
 def mooring_member(content: Mapping[str, Any], sphere: str | None) -> Member:
-    """Read a mooring's record from its summary."""
-    information, place = content["told"], (content["horizontal_nT"], content["vertical_nT"])
-    if information is None:
-        return Member(content["name"], "mooring", sphere, *place, np.zeros(0), np.zeros(0), why=content["why"])
-    effects = None if information["effects"] is None else effects_from_json(information["effects"])
-    fitted = np.array(information["coefficients"]), np.array(information["covariance"])
-    return Member(content["name"], "mooring", sphere, *place, *fitted, effects)
+    """Read a mooring's record from its summary, see ``Member.to_json``."""
+    arrays = {name: np.array(content[name]) for name in ("coefficients", "covariance")}
+    told = content["effects"]
+    if told is not None:
+        fixed = {"forms": tuple(told["forms"]), "residual_deg": told["residual_deg"], "n": told["n"]}
+        told = EffectInformation(**{name: np.array(value) for name, value in told.items()} | fixed)
+    return Member(**{**content, **arrays, "effects": told, "sphere": sphere})
 
 
 def calibration_member(content: Mapping[str, Any], sphere: str | None) -> Member:
@@ -85,27 +91,6 @@ def calibration_member(content: Mapping[str, Any], sphere: str | None) -> Member
     return replace(unknown, coefficients=coefficients, covariance=covariance, why="")
 
 
-def summarize_record(
-    name: str, field: tuple[float, float], information: Any, *, span_s: Sequence[float], why: str
-) -> dict[str, Any]:
-    """Encode the information of a mooring's record on its compass, as ``mooring_member`` reads it.
-
-    Args:
-        field: mean horizontal and vertical field of the deployment, nT.
-        information: ``joint_compass.RecordInformation``, None where there is none.
-        span_s: first and last pair, UTC seconds; empty without any.
-        why: why there is no information.
-    """
-    return {
-        "name": name,
-        "horizontal_nT": field[0],
-        "vertical_nT": field[1],
-        "span_s": list(span_s),
-        "told": None if information is None else information.to_json(),
-        "why": why,
-    }
-
-
 @dataclass(frozen=True)
 class EffectInformation:
     """Information of one record on instrument effects; p columns of their parameters, then s of the season.
@@ -121,15 +106,6 @@ class EffectInformation:
     residual_deg: float  #: robust standard deviation, degrees
     n: int  #: number of pairs
 
-    def to_json(self) -> dict[str, Any]:
-        return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
-
-
-def effects_from_json(content: Mapping[str, Any]) -> EffectInformation:
-    """Read the information of one record on the effects of its compass."""
-    arrays = {name: np.array(content[name]) for name in ("usual", "visible", "information", "score")}
-    return EffectInformation(tuple(content["forms"]), **arrays, residual_deg=content["residual_deg"], n=content["n"])
-
 
 @dataclass(frozen=True)
 class RecordInformation:
@@ -138,13 +114,6 @@ class RecordInformation:
     coefficients: Floats  #: (5,) A..E of the exact compass, dimensionless
     covariance: Floats  #: (5, 5)
     effects: EffectInformation | None  #: None without a search
-
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "coefficients": self.coefficients.tolist(),
-            "covariance": self.covariance.tolist(),
-            "effects": None if self.effects is None else self.effects.to_json(),
-        }
 
 
 def effect_class(form: str) -> type[Effect]:

@@ -20,8 +20,9 @@ from compasslib.deviation.model import DeviationFit
 from compasslib.effects import SLOW_WATER, Effect
 from compasslib.effects.effect import YEAR_S, parameter_slices
 from compasslib.inference import noise as noise_models
+from compasslib.inference import wording
 from compasslib.inference.comparison import LongComparison
-from compasslib.inference.finding import SURE
+from compasslib.inference.finding import SURE, CovariateRange, Finding, HeldOut, Parameter
 from compasslib.inference.inference import Inference
 from compasslib.inference.joint_compass import EffectInformation, Member, RecordInformation, effect_class
 from compasslib.inference.places import UNLIKELY
@@ -116,17 +117,12 @@ def season_columns(case: LongComparison) -> Floats:
 
 
 @dataclass(frozen=True)
-class SharedAmplitude:
+class SharedEffect:
     """An effect with one amplitude in all records."""
 
     kind: type[Effect]
-    values: Floats  # (k,) of the fitted parameters
-    covariance: Floats  # (k, k)
-    rms_effect_deg: float
-    probability: float
-    alternatives: dict[str, float]
-    each: dict[str, tuple[Floats, Floats]]  # values and standard errors by each record alone
-    gain: float  # log score of predicting each record from the others, relative to no effect
+    finding: Finding
+    each: dict[str, tuple[Floats, Floats]]  # values and standard errors of its parameters by each record alone
 
 
 @dataclass(frozen=True)
@@ -134,7 +130,7 @@ class SharedEffects:
     """Effects inferred jointly from the records of one compass."""
 
     records: tuple[str, ...]
-    amplitudes: tuple[SharedAmplitude, ...]
+    effects: tuple[SharedEffect, ...]
     sides: dict[str, float]
     season_deg: tuple[float, float]  # size of the season of the water, with its standard error
 
@@ -163,11 +159,8 @@ class SharedModel:
     information: Floats  # (m, p + s, p + s)
     score: Floats  # (m, p + s)
     visible: Floats  # (p, p) mean products of the visible columns, square degrees
-
-    @cached_property
-    def parts(self) -> list[slice]:
-        """Columns of each effect."""
-        return parameter_slices(self.kinds)
+    residual_deg: float  # rms
+    n: int  # number of pairs
 
     @cached_property
     def log_prior(self) -> Floats:
@@ -244,6 +237,8 @@ def align_records(members: Sequence[Member]) -> SharedModel:
         information=information * np.outer(unit, unit),
         score=score * unit,
         visible=np.nanmean(visible, axis=0),
+        residual_deg=float(np.sqrt(np.mean([told.residual_deg**2 for _, told in searched]))),
+        n=sum(told.n for _, told in searched),
     )
 
 
@@ -252,9 +247,9 @@ def infer_shared(members: Sequence[Member]) -> SharedEffects | None:
 
     Effects enter one after the other, while one is likely; each is then selected again beside the other.
     """
-    model = align_records(members)
-    if len(model.records) < 2 or not model.kinds:
+    if sum(member.effects is not None and bool(member.effects.forms) for member in members) < 2:
         return None
+    model = align_records(members)
     entered: list[tuple[int, float]] = []
     while len(entered) < MOST_SHARED and 1.0 - model.weigh(entered).shared.sum() <= UNLIKELY:
         entered.append(model.likeliest(entered))
@@ -265,21 +260,20 @@ def infer_shared(members: Sequence[Member]) -> SharedEffects | None:
     middle = float(further.season @ SEASONS_DEG)
     return SharedEffects(
         records=model.records,
-        amplitudes=tuple(
-            _amplitude(model, entered, number, place, further.season_deg) for number, place in enumerate(places)
-        ),
+        effects=tuple(_describe(model, entered, k, place, further.season_deg) for k, place in enumerate(places)),
         sides={"none": none, "compass": 1.0 - none, "clock": 0.0, "reference": 0.0, "water": 0.0},
         season_deg=(middle, float(np.sqrt(further.season @ (SEASONS_DEG - middle) ** 2))),
     )
 
 
-def _amplitude(
+def _describe(
     model: SharedModel, entered: Entered, number: int, place: SharedEvidence, season_deg: float
-) -> SharedAmplitude:
+) -> SharedEffect:
     """Describe an entered effect, with its probability given that no effect of the place acts in some records only."""
     (k, size), others = entered[number], [*entered[:number], *entered[number + 1 :]]
     kind, everyone = model.kinds[k], range(len(model.records))
-    values, covariance = model.fit(k, size, model.marginalized(season_deg, others))
+    marginal = model.marginalized(season_deg, others)
+    values, covariance = model.fit(k, size, marginal)
     alone = [model.fit(k, size, model.marginalized(season_deg, others, [j])) for j in everyone]
     names = Counter({SLOW_WATER: max(1.0 - float(place.shared.sum()) - place.apart, 0.0)})
     for other, weight in zip(model.kinds, place.shared.tolist(), strict=True):
@@ -290,21 +284,38 @@ def _amplitude(
         if held < SURE:
             alternatives[name] = weight / total
             held += weight / total
-    by_all = model.marginalized(season_deg, others).evidence[k, 0]
-    by_others = [
-        model.marginalized(season_deg, others, [i for i in everyone if i != j]).evidence[k, 0] for j in everyone
-    ]
-    visible = model.visible[model.parts[k], model.parts[k]]
-    return SharedAmplitude(
-        kind=kind,
-        values=values,
-        covariance=covariance,
-        rms_effect_deg=float(np.sqrt(values @ visible @ values)),
+    # Log score of predicting each record from the others, relative to no effect.
+    without = [model.marginalized(season_deg, others, [i for i in everyone if i != j]) for j in everyone]
+    gain = float(np.sum([marginal.evidence[k, 0] - other.evidence[k, 0] for other in without]))
+    after_deg = model.residual_deg * float(np.sqrt(max(1.0 - 2.0 * gain / model.n, 0.0)))
+    columns = marginal.products.columns(k)
+    rms_deg = float(np.sqrt(values @ model.visible[np.ix_(columns, columns)] @ values))
+    rows = zip(kind.fitted(), values.tolist(), np.sqrt(np.diag(covariance)).tolist(), kind.units(), strict=True)
+    parameters = {name: Parameter(value, sigma, unit) for name, value, sigma, unit in rows}
+    where = f"in all of {', '.join(model.records)}"
+    finding = Finding(
+        effect=kind.name,
+        side=kind.side,
+        alternatives=tuple(alternatives),
+        where=CovariateRange(wording.SHOWN_ALONG.get(kind.name, ("heading",))[0], 0.0, 0.0, where),
+        when_s=None,
+        parameters=parameters,
+        rms_effect_deg=rms_deg,
+        held_out=HeldOut(model.residual_deg, after_deg, gain, (np.nan, np.nan), np.nan, method="records"),
+        text=wording.shared_finding_text(
+            kind.name,
+            tuple(alternatives),
+            where=where.capitalize(),
+            parameters={name: (p.value, p.sigma, p.unit) for name, p in parameters.items()},
+            size_deg=rms_deg,
+            gain=gain,
+        ),
+        applied=True,
         probability=probability,
-        alternatives=alternatives,
-        each={name: (x, np.sqrt(np.diag(spread))) for name, (x, spread) in zip(model.records, alone, strict=True)},
-        gain=float(np.sum(by_all - np.array(by_others))),
+        alternatives_probability=alternatives,
     )
+    each = {name: (x, np.sqrt(np.diag(spread))) for name, (x, spread) in zip(model.records, alone, strict=True)}
+    return SharedEffect(kind, finding, each)
 
 
 def information_from_others(members: Sequence[Member], shared: SharedEffects) -> dict[str, tuple[Floats, Floats]]:
@@ -315,7 +326,7 @@ def information_from_others(members: Sequence[Member], shared: SharedEffects) ->
     """
     model = align_records(members)
     marginal, result = model.marginalized(shared.season_deg[0]), dict[str, tuple[Floats, Floats]]()
-    for kind in (amplitude.kind for amplitude in shared.amplitudes if amplitude.kind in model.kinds):
+    for kind in (effect.kind for effect in shared.effects if effect.kind in model.kinds):
         columns = marginal.products.columns(model.kinds.index(kind))
         (information, score), usual = marginal.left(columns), model.usual[columns]
         result[kind.__name__] = information / np.outer(usual, usual), score[:, 0] / usual
