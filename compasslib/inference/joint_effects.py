@@ -293,6 +293,17 @@ def _describe(
     rows = zip(kind.fitted(), values.tolist(), np.sqrt(np.diag(covariance)).tolist(), kind.units(), strict=True)
     parameters = {name: Parameter(value, sigma, unit) for name, value, sigma, unit in rows}
     where = f"in all of {', '.join(model.records)}"
+    text = wording.finding_text(
+        kind.name,
+        (),
+        where=where,
+        parameters={name: (p.value, p.sigma, p.unit) for name, p in parameters.items()},
+        size_deg=rms_deg,
+        proof=None,
+    )
+    text += f" Each record predicted by the others gains {gain:.1f} in log score, all together."
+    if alternatives:
+        text += f" These records cannot separate it from {wording.join_names(tuple(alternatives))}."
     finding = Finding(
         effect=kind.name,
         side=kind.side,
@@ -302,14 +313,7 @@ def _describe(
         parameters=parameters,
         rms_effect_deg=rms_deg,
         held_out=HeldOut(model.residual_deg, after_deg, gain, (np.nan, np.nan), np.nan, method="records"),
-        text=wording.shared_finding_text(
-            kind.name,
-            tuple(alternatives),
-            where=where.capitalize(),
-            parameters={name: (p.value, p.sigma, p.unit) for name, p in parameters.items()},
-            size_deg=rms_deg,
-            gain=gain,
-        ),
+        text=text,
         applied=True,
         probability=probability,
         alternatives_probability=alternatives,
