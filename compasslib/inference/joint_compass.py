@@ -56,19 +56,19 @@ class Member:
 
     def to_json(self) -> dict[str, Any]:
         """Encode the record as ``mooring_member`` reads it."""
-        told = None if self.effects is None else {k: np.asarray(x).tolist() for k, x in vars(self.effects).items()}
+        effects = None if self.effects is None else {k: np.asarray(x).tolist() for k, x in vars(self.effects).items()}
         arrays = {"coefficients": self.coefficients.tolist(), "covariance": self.covariance.tolist()}
-        return {**vars(self), **arrays, "effects": told}
+        return {**vars(self), **arrays, "effects": effects}
 
 
 def mooring_member(content: Mapping[str, Any], sphere: str | None) -> Member:
     """Read a mooring's record from its summary, see ``Member.to_json``."""
     arrays = {name: np.array(content[name]) for name in ("coefficients", "covariance")}
-    told = content["effects"]
-    if told is not None:
-        fixed = {"forms": tuple(told["forms"]), "residual_deg": told["residual_deg"], "n": told["n"]}
-        told = EffectInformation(**{name: np.array(value) for name, value in told.items()} | fixed)
-    return Member(**{**content, **arrays, "effects": told, "sphere": sphere})
+    effects = content["effects"]
+    if effects is not None:
+        plain = {"forms": tuple(effects["forms"]), "residual_deg": effects["residual_deg"], "n": effects["n"]}
+        effects = EffectInformation(**{name: np.array(value) for name, value in effects.items()} | plain)
+    return Member(**{**content, **arrays, "effects": effects, "sphere": sphere})
 
 
 def calibration_member(content: Mapping[str, Any], sphere: str | None) -> Member:

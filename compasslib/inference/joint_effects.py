@@ -216,29 +216,31 @@ class SharedModel:
 
 def align_records(members: Sequence[Member]) -> SharedModel:
     """Express what the searched records tell of their effects in common columns."""
-    searched = [(member.name, member.effects) for member in members if member.effects is not None]
-    kinds = tuple(effect_class(form) for form in dict.fromkeys(form for _, told in searched for form in told.forms))
+    searched = {member.name: member.effects for member in members if member.effects is not None}
+    kinds = tuple(
+        effect_class(form) for form in dict.fromkeys(form for effects in searched.values() for form in effects.forms)
+    )
     parts = dict(zip(kinds, parameter_slices(kinds), strict=True))
     count = sum(len(kind.fitted()) for kind in kinds)
     size = count + SEASON_COLUMNS
     usual, visible = np.full((len(searched), count), np.nan), np.full((len(searched), count, count), np.nan)
     information, score = np.zeros((len(searched), size, size)), np.zeros((len(searched), size))
-    for j, (_, told) in enumerate(searched):
-        of_effects = np.r_[tuple(parts[effect_class(form)] for form in told.forms)].astype(int)
+    for j, effects in enumerate(searched.values()):
+        of_effects = np.r_[tuple(parts[effect_class(form)] for form in effects.forms)].astype(int)
         at = np.append(of_effects, count + np.arange(SEASON_COLUMNS))
-        usual[j, of_effects], visible[j][np.ix_(of_effects, of_effects)] = told.usual, told.visible
-        information[j][np.ix_(at, at)], score[j, at] = told.information, told.score
+        usual[j, of_effects], visible[j][np.ix_(of_effects, of_effects)] = effects.usual, effects.visible
+        information[j][np.ix_(at, at)], score[j, at] = effects.information, effects.score
     middle = np.nanmedian(usual, axis=0)
     unit = np.append(middle, np.ones(SEASON_COLUMNS))
     return SharedModel(
-        records=tuple(name for name, _ in searched),
+        records=tuple(searched),
         kinds=kinds,
         usual=middle,
         information=information * np.outer(unit, unit),
         score=score * unit,
         visible=np.nanmean(visible, axis=0),
-        residual_deg=float(np.sqrt(np.mean([told.residual_deg**2 for _, told in searched]))),
-        n=sum(told.n for _, told in searched),
+        residual_deg=float(np.sqrt(np.mean([effects.residual_deg**2 for effects in searched.values()]))),
+        n=sum(effects.n for effects in searched.values()),
     )
 
 
