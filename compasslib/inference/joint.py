@@ -14,7 +14,7 @@ from compasslib.effects.forward import ForwardModel
 from compasslib.inference import joint_compass, joint_effects, product, wording
 from compasslib.inference.comparison import SharedInformation
 from compasslib.inference.diagnosis import Diagnosis, insufficient
-from compasslib.inference.joint_compass import IRON_NAMES, JointCompass, Member
+from compasslib.inference.joint_compass import IRON_NAMES, SIZE_PAIRS_NT, JointCompass, Member
 from compasslib.inference.joint_effects import SharedEffect, SharedEffects
 from compasslib.inference.product import AppliedCompass, Product
 from compasslib.records import EarthField
@@ -133,13 +133,15 @@ def _deployment_json(member: Member, joined: JointCompass) -> dict[str, Any]:
 def _iron_json(joined: JointCompass) -> dict[str, Any]:
     if not joined.consistent:
         return dict.fromkeys(("coefficients", "covariance", "sigma_between", "sigma_between_nT"))
-    law, (sphere, battery) = joined.shared, joined.between_nT
-    sizes = {"sphere": sphere, "battery": battery}
+    law = joined.shared
+    mean = law.weight @ SIZE_PAIRS_NT
+    sigma = np.sqrt(law.weight @ (SIZE_PAIRS_NT - mean) ** 2)
+    sizes = zip(("sphere", "battery"), mean.tolist(), sigma.tolist(), strict=True)
     return {
         "coefficients": dict(zip(IRON_NAMES, law.mean.tolist(), strict=True)),
         "covariance": law.covariance.tolist(),
-        "sigma_between": joined.sigma_between_nT,
-        "sigma_between_nT": {name: {"value": value, "sigma": sigma} for name, (value, sigma) in sizes.items()},
+        "sigma_between": float(np.hypot(*mean)),  # of the hard iron between deployments, in each horizontal direction
+        "sigma_between_nT": {name: {"value": value, "sigma": s} for name, value, s in sizes},
     }
 
 

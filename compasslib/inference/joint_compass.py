@@ -166,19 +166,6 @@ class JointCompass:
         """Posterior of the iron, in the order of IRON_NAMES."""
         return _infer(self._those(self.consistent), np.eye(len(IRON_NAMES)), self._those(self.consistent))
 
-    @property
-    def between_nT(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Standard deviations of sphere and battery iron between deployments, each with its standard error."""
-        mean = self.shared.weight @ SIZE_PAIRS_NT
-        sigma = np.sqrt(self.shared.weight @ (SIZE_PAIRS_NT - mean) ** 2)
-        return (float(mean[0]), float(sigma[0])), (float(mean[1]), float(sigma[1]))
-
-    @property
-    def sigma_between_nT(self) -> float:
-        """Standard deviation of a deployment's hard iron about the compass's own, in each horizontal direction."""
-        sphere, battery = self.between_nT
-        return float(np.hypot(sphere[0], battery[0]))
-
     def others(self, name: str) -> tuple[str, ...]:
         """List the other records that inform a record; none if it was rejected."""
         if any(record.name == name for record in self.rejected):
@@ -187,16 +174,12 @@ class JointCompass:
 
     def prior(self, name: str) -> CoefficientPrior | None:
         """Compute the prior of a record's A..E from the other records; None if there are none."""
-        this_member = next(member for member in self.members if member.name == name)
-        others = self._those(self.others(name))
+        (this_member,), others = self._those([name]), self._those(self.others(name))
         if not others:
             return None
         law = predict_compass(this_member, others)
-        mean, precision = np.zeros(5), np.zeros((5, 5))
-        mean[SHARED_COEFFICIENTS], precision[np.ix_(SHARED_COEFFICIENTS, SHARED_COEFFICIENTS)] = (
-            law.mean,
-            np.linalg.inv(law.covariance),
-        )
+        mean, precision = np.append(0.0, law.mean), np.zeros((5, 5))
+        precision[1:, 1:] = np.linalg.inv(law.covariance)
         if not this_member.tells:
             # A record that does not determine its own A takes it from the others.
             values = np.array([member.coefficients[0] for member in others])
@@ -226,13 +209,12 @@ def join_records(members: Sequence[Member]) -> JointCompass:
             break
         wrong = [worst] if len(siblings) > 2 else list(tested)  # of two, neither can be singled out
         for name in wrong:
-            against = ", ".join(record.name for record in siblings if record.name != name)
-            probability, sigmas = tested[name]
+            against = ", ".join(other for other in tested if other != name)
             why = (
-                f"B to E are {sigmas:.1f} standard deviations from what {against} tell of this compass, iron that "
-                "varies between deployments counted: another compass, or iron that changed; it is not averaged"
+                f"B to E are {tested[name][1]:.1f} standard deviations from what {against} tell of this compass, iron "
+                "that varies between deployments counted: another compass, or iron that changed; it is not averaged"
             )
-            rejected.append(RejectedRecord(name, probability, sigmas, why))
+            rejected.append(RejectedRecord(name, *tested[name], why))
         siblings = [record for record in siblings if record.name not in wrong]
     return JointCompass(tuple(members), tuple(record.name for record in siblings), tuple(rejected), same)
 
