@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,6 @@ from compasslib.deviation import fit_deviation
 from compasslib.deviation.exact import start_from_prior
 from compasslib.deviation.model import CoefficientPrior, fit_from_json
 from compasslib.inference import joint, joint_compass, joint_effects
-from compasslib.inference.design import Products
 from compasslib.inference.joint_compass import EffectInformation, Member
 from compasslib.records import take
 from tests.world import pairs as sea
@@ -84,10 +84,7 @@ def told(z: float, *, season: float = 0.0, forms: tuple[str, ...] = ("Temperatur
     information = np.eye(size) * 100.0
     information[0, len(forms)] = information[len(forms), 0] = 100.0 * season
     score = 10.0 * z * information[:, 0] / 100.0
-    ones = np.ones(len(forms))
-    return EffectInformation(
-        forms, tuple([1] * len(forms)), ones, ones, np.eye(len(forms)), (Products(information, score, 0.0),), 9.0, 900
-    )
+    return EffectInformation(forms, np.ones(len(forms)), np.eye(len(forms)), information, score, 9.0, 900)
 
 
 @pytest.mark.parametrize(
@@ -101,18 +98,37 @@ def told(z: float, *, season: float = 0.0, forms: tuple[str, ...] = ("Temperatur
 )
 def test_a_shared_effect_requires_joint_evidence_beyond_season(scores, season, named):
     members = [member(f"M{k}", FIELDS[k], effects=told(z, season=season)) for k, z in enumerate(scores)]
-    found = joint_effects.infer_shared(members, joint.ALARM)
-    assert [one.kind.name for one in found.amplitudes] == ["temperature"] * named
+    found = joint_effects.infer_shared(members)
+    assert [one.kind.name for one in found.effects] == ["temperature"] * named
     if named:
-        assert found.amplitudes[0].values == pytest.approx([0.35], abs=0.01)
+        assert found.effects[0].finding.parameters["deg_K"].value == pytest.approx(0.35, abs=0.01)
         alone = joint_effects.information_from_others(members[1:], found)["TemperatureOfReading"]
         assert alone[1] / alone[0][0] == pytest.approx([0.35], abs=0.01)
 
 
 def test_effect_information_is_restored_from_json():
     first = told(2.0)
-    again = joint_compass.effects_from_json(first.to_json())
-    assert again.forms == first.forms and np.array_equal(again.conditional[0].score, first.conditional[0].score)
+    written = member("M0", FIELDS[0], effects=first)
+    again = joint_compass.mooring_member(json.loads(json.dumps(written.to_json())), "red")
+    assert again.sphere == "red" and again.effects.forms == first.forms
+    assert np.array_equal(again.effects.score, first.score) and np.array_equal(again.covariance, written.covariance)
+
+
+def test_a_second_shared_effect_is_found_beside_the_first():
+    both = [told(4.0, forms=("TemperatureOfReading", "Heeling")) for _ in range(3)]
+    both = [replace(one, score=one.score + 40.0 * np.eye(len(one.score))[1]) for one in both]
+    members = [member(f"M{k}", field, effects=one) for k, (field, one) in enumerate(zip(FIELDS, both, strict=True))]
+    found = joint_effects.infer_shared(members)
+    assert sorted(one.kind.name for one in found.effects) == ["heeling", "temperature"]
+    assert found.sides["compass"] > 0.99 and all(one.finding.held_out.gain > 10.0 for one in found.effects)
+
+
+def test_amplitudes_by_each_record_alone_are_told():
+    members = [member(f"M{k}", FIELDS[k], effects=told(z)) for k, z in enumerate((3.0, 4.0, 5.0))]
+    (found,) = joint_effects.infer_shared(members).effects
+    assert [x[0] for x, _ in found.each.values()] == pytest.approx([0.3, 0.4, 0.5], abs=0.03)
+    assert [sigma[0] for _, sigma in found.each.values()] == pytest.approx([0.1] * 3, abs=0.01)
+    assert found.finding.parameters["deg_K"].sigma == pytest.approx(0.1 / 3**0.5, abs=0.005)
 
 
 TRUE = (0.02, 0.25, -0.1, 0.02, -0.01)
@@ -145,5 +161,7 @@ def test_a_vague_prior_does_not_change_a_long_record(few_headings):
 
 def test_no_size_of_a_shared_effect_is_excluded_a_priori():
     members = [member(f"M{k}", FIELDS[k], effects=told(3.5, forms=("TiltUncompensated",))) for k in range(3)]
-    (found,) = joint_effects.infer_shared(members, joint.ALARM).amplitudes
-    assert found.kind.name == "tilt_uncompensated" and found.values[0] == pytest.approx(0.35, abs=0.05)
+    (found,) = joint_effects.infer_shared(members).effects
+    assert found.kind.name == "tilt_uncompensated" and found.finding.parameters["share"].value == pytest.approx(
+        0.35, abs=0.05
+    )

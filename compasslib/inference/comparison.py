@@ -363,7 +363,11 @@ def build_finding(
             the right form, and only the driver is established.
     """
     probability, alternatives = next(iter(chances.values())), dict(list(chances.items())[1:])
-    effect, composition = _name_and_composition(term)
+    composition = _composition(term)
+    driver = findings.TILTS.get(term.driver, term.driver)
+    alike = [
+        other for other in others if (other.side, findings.TILTS.get(other.driver, other.driver)) == (term.side, driver)
+    ]
     begin, end = span_s or comparison.span_s
     if term.dated():
         begin, place = term.date, comparison.since(term.date)
@@ -379,7 +383,7 @@ def build_finding(
         what=comparison.what,
     )
     made = Finding(
-        effect=effect,
+        effect="composed" if composition else term.name,
         side=term.side,
         driver=term.driver,
         alternatives=tuple(alternatives),
@@ -393,7 +397,7 @@ def build_finding(
         alternatives_probability=alternatives,
         composition=composition,
         heading_error_deg=heading_error_deg,
-        shares_driver=any(_share_driver(term, other) for other in others),
+        shares_driver=any(_composition(each) for other in alike for each in (term, other)),
     )
     stated = made.statement
     text += held_out_text(proof, heading_error_deg)
@@ -403,21 +407,16 @@ def build_finding(
     return replace(made, text=text)
 
 
+def _composition(term: Effect) -> dict[str, str] | None:
+    """Split a composed effect into target, driver and form; None for those that the catalogue lists."""
+    if not isinstance(term, ComposedEffect) or not term.name.startswith(COMPOSED):
+        return None
+    return dict(zip(("acts_on", "driver", "form"), term.said(), strict=True))
+
+
 def large_deviation_finding(size_deg: float, proof: HeldOut, *, what: str = "") -> Finding:
     """Build the finding that the exact compass fits better than the five-term series."""
     effect, place = "large_deviation", CovariateRange("heading", 0.0, 360.0, "along the recorded heading")
     shown = (proof.rms_before_deg, proof.rms_after_deg, proof.p_value)
     text = wording.finding_text(effect, (), where=place.text, parameters={}, size_deg=size_deg, proof=shown, what=what)
     return Finding(effect, "compass", (), place, None, {"share": Parameter(1.0, 0.0, "1")}, size_deg, proof, text)
-
-
-def _share_driver(term: Effect, other: Effect) -> bool:
-    drivers = {findings.TILTS.get(each.driver, each.driver) for each in (term, other)}
-    composed = [_name_and_composition(each)[1] for each in (term, other)]
-    return term.side == other.side and len(drivers) == 1 and any(composed)
-
-
-def _name_and_composition(term: Effect) -> tuple[str, dict[str, str] | None]:
-    if not isinstance(term, ComposedEffect) or not term.name.startswith(COMPOSED):
-        return term.name, None
-    return "composed", dict(zip(("acts_on", "driver", "form"), term.said(), strict=True))

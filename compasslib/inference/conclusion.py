@@ -45,7 +45,6 @@ UNSETTLED = (
     "headings are flagged doubtful and the angle is included in their uncertainty until the configuration is "
     "corrected, or confirmed: {constant: true} states that the constant is real"
 )
-SURE_CONSTANT = 0.95  # probability from which no alternative cause is listed
 MOST_OUTLIERS = 0.03  # outlier share that flags a record; of 19 valid moorings up to 0.006, of a refuted one 0.02
 
 
@@ -66,7 +65,7 @@ def diagnose_constant(constant: ConstantOffset, pairs: Pairs) -> Diagnosis:
     span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
     p = constant.probability
     other = "mounting_offset" if constant.effect == "declination_error" else "declination_error"
-    others = {other: 1.0 - p} if p < SURE_CONSTANT else {}
+    others = {other: 1.0 - p} if p < SURE else {}
     finding = Finding(
         effect=constant.effect,
         side="compass",
@@ -140,7 +139,18 @@ def conclude(
     else:
         made = replace(made, doubts=_doubt_mismatch(diagnosis))
     if diagnosis.verdict == "ambiguous" and not questioned:
-        diagnosis = replace(diagnosis, why=f"{_unsettled(diagnosis)}. {diagnosis.why}")
+        reasons = [
+            wording.unsettled_reason(item.named, item.alternatives, item.level, item.probability)
+            + ("; it is corrected all the same" if item.applied else "")
+            for item in diagnosis.findings
+            if not item.settled
+        ]
+        reasons += [
+            f"the current, or a compass that follows the same, turns directions by {item.size_deg:.1f}° rms"
+            for item in diagnosis.current
+            if item.probability < SURE
+        ]
+        diagnosis = replace(diagnosis, why=f"{'; '.join(dict.fromkeys(reasons))}. {diagnosis.why}")
     said = [constant.text] if constant is not None and not questioned and constant.text else []
     said += [why for _, why in pairs.doubts if fit.known_beforehand]
     if said:
@@ -177,22 +187,6 @@ def _search_or_question(
             if rest is None or not rest.effect:
                 return found, rest
     return diagnose_constant(constant, pairs), constant
-
-
-def _unsettled(diagnosis: Diagnosis) -> str:
-    """State why the verdict is ambiguous, in one sentence."""
-    said = [
-        wording.unsettled_reason(item.named, item.alternatives, item.level, item.probability)
-        + ("; it is corrected all the same" if item.applied else "")
-        for item in diagnosis.findings
-        if not item.settled
-    ]
-    said += [
-        f"the current, or a compass that follows the same, turns directions by {item.size_deg:.1f}° rms"
-        for item in diagnosis.current
-        if item.probability < SURE
-    ]
-    return "; ".join(dict.fromkeys(said))
 
 
 def _doubt_mismatch(diagnosis: Diagnosis) -> tuple[Doubt, ...]:

@@ -7,7 +7,7 @@ remains of an effect is its visible size.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,7 +44,6 @@ FEWEST_SAMPLES = 50  # usable samples below which the residual is not tested
 TINY = 1e-12  # least prior standard deviation, in any unit
 BASE_RIDGE = 1e-4  # ridge of the base, relative to the mean square of its columns, for columns that hardly vary
 
-
 REFIT_ROUNDS = 4  # maximum number of Gauss-Newton steps
 MOST_HALVINGS = 4  # maximum number of times that the sizes of the initial terms are halved
 CONVERGED_DEG = 0.02  # step length at convergence, approximately degrees
@@ -74,22 +73,14 @@ class FittedModel:
     sigma: float  # standard deviation of ``innovation``
     response: float  # share of a small shift that remains after clipping
 
-    def ridge(self, terms: Iterable[type[Effect] | Effect]) -> Floats:
-        """Compute the prior precision of the terms' parameters, scaled as the products of whitened columns, (k,)."""
-        usual = self.case.usual
-        each: list[Floats] = [np.zeros(0)]
-        for term in terms:
-            kind = term if isinstance(term, type) else type(term)
-            each.append(np.maximum(usual[kind], TINY) ** -2.0 if kind in usual else term.expected())
-        return np.concatenate(each) * (self.sigma / self.response) ** 2
-
     @property
     def base_ridge(self) -> Floats:
-        """Prior precision of the columns of the base, scaled as in ``ridge``, (b,)."""
-        ridge = np.zeros(self.base.shape[1])
-        terms = self.ridge(self.simulation.terms)
-        ridge[5 : 5 + len(terms)] = terms
-        return ridge
+        """Prior precision of the columns of the base, scaled as the products of whitened columns, (b,)."""
+        ridge, usual = np.zeros(self.base.shape[1]), self.case.usual
+        for term, columns in zip(self.simulation.terms, parameter_slices(self.simulation.terms, 5), strict=True):
+            kind = type(term)
+            ridge[columns] = np.maximum(usual[kind], TINY) ** -2.0 if kind in usual else term.expected()
+        return ridge * (self.sigma / self.response) ** 2
 
     def external_information(self) -> tuple[Floats, Floats]:
         """Collect the information (b, b) and score (b,) on the base's coefficients from other records."""
@@ -165,18 +156,6 @@ def evaluate_model(
     )  # fmt: skip
 
 
-def midpoint_linearization(state: FittedModel) -> FittedModel:
-    """Halve the terms of a model as the linearization point of columns, without refitting.
-
-    At the midpoint the slopes approximate the chord from no effect to the full effect. At the full effect they do not,
-    which would put alternatives to it at a disadvantage.
-    """
-    terms = tuple(term.at(term.values / 2.0) for term in state.simulation.terms)
-    simulation = replace(state.simulation, terms=terms)
-    roots = invert_heading(simulation, state.case.scene, state.case.recorded_deg)
-    return replace(state, simulation=simulation, heading_deg=nearest_root(roots, state.heading_deg))
-
-
 def count_usable(case: LongComparison, simulation: ForwardModel, nuisance: Floats) -> int:
     """Count the samples for which the branch of the simulated compass is known."""
     return int(np.isfinite(_residual(case, simulation, nuisance)[1]).sum())
@@ -203,23 +182,10 @@ class ColumnGroup:
     covariates: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Products:
-    """Products of the candidates' columns with slow noise marginalized."""
-
-    information: Floats  #: (p, p) of the columns with each other
-    score: Floats  #: (p,) of the columns with the residual
-    log_likelihood: float  #: of slow noise without candidates, relative to white noise
-
-
 def term_columns(state: FittedModel, term: Effect) -> ColumnGroup:
     """Build the columns of one term added to a simulation."""
-    return ColumnGroup(term.name, _term_derivative(state, term), term)
-
-
-def _term_derivative(state: FittedModel, term: Effect) -> Floats:
     columns = added_term_jacobian(state.simulation, state.case.scene, state.heading_deg, term)
-    return np.where(np.isfinite(columns), columns, 0.0)
+    return ColumnGroup(term.name, np.where(np.isfinite(columns), columns, 0.0), term)
 
 
 @dataclass(frozen=True)
@@ -263,7 +229,9 @@ class _RefitState:
 
     def misfit(self, other: _RefitState) -> float:
         """Compute the ratio of another model's median absolute residual to this one's, both in widths of this one."""
-        return _median_misfit(other.state, self.state) / max(_median_misfit(self.state, self.state), TINY)
+        left = (np.abs(angles.wrap180(each.residual_deg)) for each in (other.state, self.state))
+        theirs, own = (float(np.nanmedian(each / self.state.whitener.width_deg)) for each in left)
+        return theirs / max(own, TINY)
 
 
 def _initialize(state: FittedModel, terms: Sequence[Effect]) -> FittedModel:
@@ -280,23 +248,17 @@ def _initialize(state: FittedModel, terms: Sequence[Effect]) -> FittedModel:
     return evaluate_model(state.case, replace(state.simulation, terms=tuple(terms)), state.nuisance)
 
 
-def _median_misfit(state: FittedModel, common: FittedModel) -> float:
-    return float(np.nanmedian(np.abs(angles.wrap180(state.residual_deg)) / common.whitener.width_deg))
-
-
-def visible_columns(state: FittedModel, k: int) -> Floats:
-    """Project compass and nuisances out of a fitted term's columns, (n, k) degrees per unit."""
+def visible_size_deg(state: FittedModel, k: int, covariance: Floats) -> float:
+    """Compute the visible size of a fitted term, rms degrees, with the bias by its uncertainty subtracted."""
     columns = state.base[:, parameter_slices(state.simulation.terms, 5)[k]]
     others = np.column_stack([state.base[:, :5], state.base[:, len(state.simulation.parameters) :]])
     weight = 1.0 / state.whitener.width_deg
     taken, *_ = np.linalg.lstsq(others * weight[:, None], columns * weight[:, None], rcond=1e-9)
-    return np.asarray(columns - others @ taken)
-
-
-def visible_size_deg(state: FittedModel, k: int, covariance: Floats) -> float:
-    """Compute the visible size of a fitted term, rms degrees, with the bias by its uncertainty subtracted."""
-    values, columns = state.simulation.terms[k].values, visible_columns(state, k)[np.isfinite(state.whitener.width_deg)]
-    product = columns.T @ columns / len(columns)
+    visible, values = (
+        (columns - others @ taken)[np.isfinite(state.whitener.width_deg)],
+        state.simulation.terms[k].values,
+    )
+    product = visible.T @ visible / len(visible)
     return float(np.sqrt(max(float(values @ product @ values) - float(np.sum(product * covariance)), 0.0)))
 
 
@@ -323,7 +285,12 @@ def _least_squares_step(state: FittedModel) -> Floats:
 
 def freed_model(state: FittedModel) -> tuple[FittedModel, FittedModel]:
     """Add the terms' effect back to the residual, without slow noise, and build the midpoint model for slopes."""
-    quiet, half = replace(state.case, low_rank=None), midpoint_linearization(state)
+    quiet, terms = replace(state.case, low_rank=None), state.simulation.terms
+    # At the midpoint the slopes approximate the chord from no effect to the full effect; those at the full effect
+    # would put alternatives to it at a disadvantage.
+    simulation = replace(state.simulation, terms=tuple(term.at(term.values / 2.0) for term in terms))
+    roots = invert_heading(simulation, quiet.scene, quiet.recorded_deg)
+    half = replace(state, simulation=simulation, heading_deg=nearest_root(roots, state.heading_deg))
     slopes = heading_jacobian(half.simulation, quiet.scene, half.heading_deg, first=5)
     effect = np.nan_to_num(slopes) @ state.simulation.parameters[5:]
     return evaluate_model(quiet, state.simulation, state.nuisance, freed_deg=effect), half

@@ -205,6 +205,9 @@ def combine_outcomes(
     if separated_by and any(item.side == "compass" for item in merged):
         phrases.append(separated_by)
     compared = [part.comparison.what for part in parts]
+    ranked = dict[str, RankedEffect]()  # each effect once
+    for effect in sorted((effect for part in parts for effect in part.ranked), key=lambda effect: -effect.score):
+        ranked.setdefault(effect.effect, effect)
     return Diagnosis(
         verdict=overall_verdict(merged, left, current),
         findings=merged,
@@ -214,7 +217,7 @@ def combine_outcomes(
         negligible=tuple({name: size for name, size in small if size > LISTED_SHARE * options.min_effect_deg}.items()),
         why=wording.verdict_reason([item.effect for item in merged], left.text if left else "", compared),
         curves=tuple(curve for part in parts for curve in part.curves(merged, left)),
-        hypotheses=_rank_effects(parts),
+        hypotheses=tuple(ranked.values()),
         sides=sides,
         noise=parts[0].noise if parts else {},
         current=current,
@@ -253,15 +256,6 @@ def prepend_findings(first: Sequence[Finding], diagnosis: Diagnosis) -> Diagnosi
     sides = exclude_nothing(first[0].side, diagnosis.sides)
     verdict = overall_verdict(findings, diagnosis.unexplained, diagnosis.current)
     return replace(diagnosis, findings=findings, verdict=verdict, sides=sides)
-
-
-def _rank_effects(parts: Sequence[Outcome]) -> tuple[RankedEffect, ...]:
-    """Rank the effects that were tested alone by their highest score, each effect once."""
-    best: dict[str, RankedEffect] = {}
-    for effect in (effect for part in parts for effect in part.ranked):
-        if effect.effect not in best or best[effect.effect].score < effect.score:
-            best[effect.effect] = effect
-    return tuple(sorted(best.values(), key=lambda effect: -effect.score))
 
 
 def _merge_findings(groups: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:

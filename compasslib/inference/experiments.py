@@ -86,65 +86,29 @@ class Model:
         return np.repeat(np.asarray(chosen, dtype=bool), np.diff(self.ends))
 
 
-@dataclass(frozen=True)
-class Prospects:
-    """Possible observations, and the likely hypotheses with their posterior from the recording."""
-
-    model: Model
-    weighed: _Weighed
-    names: list[tuple[str, ...]]  # effects of each hypothesis
-    probability: Floats  # (h,) of each hypothesis before the observation
-    observations: dict[str, Rows]
-
-    def chance(self, what: str) -> float:
-        """Estimate the probability that an observation leaves a single explanation."""
-        return self.weighed.decided(self.observations[what], self.names, self.probability)
-
-    def after(self, what: str, observed: Floats) -> float:
-        """Give 1 if an actual observation leaves a single explanation, else 0.
-
-        Args:
-            observed: observed minus predicted by the compass refitted without terms, in units of its noise, (m,).
-        """
-        rows = self.observations[what]
-        free_information = rows.free.T @ rows.free + np.diag(rows.precision)
-        pulled = rows.known.T @ observed - (rows.free.T @ rows.known).T @ np.linalg.solve(
-            free_information, rows.free.T @ observed
-        )
-        return _single_name_share(self.names, self.weighed.updated(rows.information, pulled[:, None], self.probability))
-
-
 def rank_observations(inferred: Inference) -> tuple[tuple[str, float], ...]:
-    """Rank observations by the probability that each leaves a single explanation."""
-    if (ahead := prospects(inferred)) is None:
-        return ()
-    return tuple(
-        sorted(((what, ahead.chance(what)) for what in ahead.observations), key=lambda experiment: -experiment[1])
-    )
-
-
-def prospects(inferred: Inference) -> Prospects | None:
-    """Build the linear model of possible observations; None if there is nothing to separate."""
+    """Rank observations by the probability that each leaves a single explanation; none without alternatives."""
     combined = [(p, each) for p, each in inferred.combinations if p >= LEAST][:MOST]
     numbers = sorted({k for _, each in combined for k in each})
     if inferred.slow is None or not numbers:
-        return None
+        return ()
     model = _model(inferred, numbers)
     variance = np.zeros(model.slow) if inferred.water is None else inferred.slow.variances(inferred.water)
     weighed = _Weighed(model, variance, [tuple(numbers.index(k) for k in each) for _, each in combined])
     probability = np.array([p for p, _ in combined])
     probability /= probability.sum()
     names = [tuple(sorted(inferred.model.options[k].name for k in each)) for _, each in combined]
-    time_s = model.state.case.scene.time_s
+    days = float(np.ptp(model.state.case.scene.time_s)) / DAY_S
     observations = {
-        f"another {float(np.ptp(time_s)) / DAY_S:.0f} days of the same mooring": _longer(model, variance),
+        f"another {days:.0f} days of the same mooring": _longer(model, variance),
         "a second reference instrument at another depth, throughout": _second(model, variance),
         f"a swing of {COURSES} headings after recovery, each to {SWUNG_DEG:.0f} degree": _swing(model),
     }
     if any(term.acts_on == "field" for term in model.terms):
         logged = f"the strength of the field logged beside the compass, to {STRENGTH_NT:.0f} nT"
         observations[logged] = _strength(model)
-    return Prospects(model, weighed, names, probability, observations)
+    ranked = [(what, weighed.decided(rows, names, probability)) for what, rows in observations.items()]
+    return tuple(sorted(ranked, key=lambda item: -item[1]))
 
 
 def _model(inferred: Inference, numbers: Sequence[int]) -> Model:
@@ -153,21 +117,18 @@ def _model(inferred: Inference, numbers: Sequence[int]) -> Model:
     amplitudes = [
         dict(inferred.entered).get(k) or inferred.model.likeliest_amplitude(k, inferred.water) for k in numbers
     ]
-    usual = np.concatenate([size * option.usual for size, option in zip(amplitudes, options, strict=True)])
+    sized = [(size * option.usual, size * option.columns) for size, option in zip(amplitudes, options, strict=True)]
     assert inferred.slow is not None
-    candidate_columns = np.concatenate(
-        [size * option.columns for size, option in zip(amplitudes, options, strict=True)], axis=1
-    )
     scale = 1.0 / view.sigma / np.sqrt(inferred.model.scatter)
-    columns = np.nan_to_num(np.concatenate([candidate_columns, inferred.slow.columns, view.base], axis=1))
-    rows = view.whitener(columns) * view.response * scale
+    columns = [*(part for _, part in sized), inferred.slow.columns, view.base]
+    rows = view.whitener(np.nan_to_num(np.concatenate(columns, axis=1))) * view.response * scale
     return Model(
         state=half,
         view=view,
         scale=view.response * scale,
         terms=[option.term for option in options],
         ends=np.cumsum([0, *(option.columns.shape[1] for option in options)]),
-        usual=usual,
+        usual=np.concatenate([usual for usual, _ in sized]),
         rows=rows,
         slow=inferred.slow.columns.shape[1],
         score=rows.T @ (view.innovation * scale),
@@ -244,7 +205,8 @@ def _swing(model: Model) -> Rows:
 def _strength(model: Model) -> Rows:
     """Build the rows of a logged total field strength; constant iron on all three axes is free."""
     scene, simulation = model.state.case.scene, model.state.simulation
-    heading = known_heading(model.state)
+    fitted = model.state.heading_deg
+    heading = np.where(np.isfinite(fitted), fitted, model.state.case.recorded_deg)
     earth = earth_field_in_body(scene, heading - north_shift(simulation, scene))
 
     def sensed(*terms: Effect) -> Floats:
@@ -259,24 +221,14 @@ def _strength(model: Model) -> Rows:
             (np.linalg.norm(sensed(term.at(values)), axis=1) - length) / step if on_field else 0.0 * length
             for values, step in zip(moved, term.steps(), strict=True)
         ]
-    unit = strength_unit(scene.time_s)
+    independent = min(float(np.median(np.diff(scene.time_s))) / (2.0 * STRENGTH_S), 1.0)  # share of the samples
+    unit = float(np.sqrt(independent)) / STRENGTH_NT
     no_noise = np.zeros((len(heading), model.rows.shape[1] - model.n_candidates))
     hard = body / length[:, None]
     soft = [body[:, i] * hard[:, j] / SOFT_NT for i, j in itertools.combinations_with_replacement(range(3), 2)]
     free = np.column_stack([hard, *soft]) * unit
     known = np.concatenate([np.column_stack(columns) * model.usual * unit, no_noise], axis=1)
     return Rows(known, free, np.full(free.shape[1], 1.0 / ANYTHING))
-
-
-def known_heading(state: FittedModel) -> Floats:
-    """Get the fitted headings, or the recorded ones where the fit has none, (n,) degrees."""
-    return np.where(np.isfinite(state.heading_deg), state.heading_deg, state.case.recorded_deg)
-
-
-def strength_unit(time_s: Floats) -> float:
-    """Compute the factor that scales a logged field strength to independent noise of unit variance, 1/nT."""
-    spacing = float(np.median(np.diff(time_s)))
-    return float(np.sqrt(min(spacing / (2.0 * STRENGTH_S), 1.0))) / STRENGTH_NT
 
 
 class _Weighed:

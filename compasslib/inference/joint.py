@@ -14,14 +14,11 @@ from compasslib.effects.forward import ForwardModel
 from compasslib.inference import joint_compass, joint_effects, product, wording
 from compasslib.inference.comparison import SharedInformation
 from compasslib.inference.diagnosis import Diagnosis, insufficient
-from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter
-from compasslib.inference.joint_compass import IRON_NAMES, JointCompass, Member
-from compasslib.inference.joint_effects import SharedAmplitude, SharedEffects
+from compasslib.inference.joint_compass import IRON_NAMES, SIZE_PAIRS_NT, JointCompass, Member
+from compasslib.inference.joint_effects import SharedEffect, SharedEffects
 from compasslib.inference.product import AppliedCompass, Product
 from compasslib.records import EarthField
 from compasslib.types import Floats
-
-ALARM = 0.006  # as for a single record
 
 
 @dataclass(frozen=True)
@@ -91,7 +88,7 @@ def join_compass(name: str, members: Sequence[Member], min_effect_deg: float) ->
     """Join the records of a compass into compass.json and its diagnosis."""
     joined = joint_compass.join_records(members)
     fitting = [member for member in members if member.name in joined.consistent]
-    shared = joint_effects.infer_shared(fitting, ALARM)
+    shared = joint_effects.infer_shared(fitting)
     diagnosis = _diagnosis(joined, shared, min_effect_deg)
     named = {finding.effect for finding in diagnosis.findings}
     content = {
@@ -99,7 +96,7 @@ def join_compass(name: str, members: Sequence[Member], min_effect_deg: float) ->
         "deployments": [_deployment_json(member, joined) for member in members],
         **_iron_json(joined),
         "rejected": [vars(entry) for entry in joined.rejected],
-        "effects": [_effect_json(entry) for entry in (shared.amplitudes if shared else ()) if entry.kind.name in named],
+        "effects": [_effect_json(entry) for entry in (shared.effects if shared else ()) if entry.kind.name in named],
         "returned": {
             member.name: _returned_json(member, joined, shared, named) for member in members if member.kind == "mooring"
         },
@@ -136,28 +133,28 @@ def _deployment_json(member: Member, joined: JointCompass) -> dict[str, Any]:
 def _iron_json(joined: JointCompass) -> dict[str, Any]:
     if not joined.consistent:
         return dict.fromkeys(("coefficients", "covariance", "sigma_between", "sigma_between_nT"))
-    law, (sphere, battery) = joined.shared, joined.between_nT
-    sizes = {"sphere": sphere, "battery": battery}
+    law = joined.shared
+    mean = law.weight @ SIZE_PAIRS_NT
+    sigma = np.sqrt(law.weight @ (SIZE_PAIRS_NT - mean) ** 2)
+    sizes = zip(("sphere", "battery"), mean.tolist(), sigma.tolist(), strict=True)
     return {
         "coefficients": dict(zip(IRON_NAMES, law.mean.tolist(), strict=True)),
         "covariance": law.covariance.tolist(),
-        "sigma_between": joined.sigma_between_nT,
-        "sigma_between_nT": {name: {"value": value, "sigma": sigma} for name, (value, sigma) in sizes.items()},
+        "sigma_between": float(np.hypot(*mean)),  # of the hard iron between deployments, in each horizontal direction
+        "sigma_between_nT": {name: {"value": value, "sigma": s} for name, value, s in sizes},
     }
 
 
-def _effect_json(amplitude: SharedAmplitude) -> dict[str, Any]:
-    each = {
-        name: {"values": values.tolist(), "sigma": sigma.tolist()} for name, (values, sigma) in amplitude.each.items()
-    }
-    sigma = np.sqrt(np.diag(amplitude.covariance))
+def _effect_json(effect: SharedEffect) -> dict[str, Any]:
+    parameters = effect.finding.parameters
+    each = {name: {"values": values.tolist(), "sigma": sigma.tolist()} for name, (values, sigma) in effect.each.items()}
     return {
-        "effect": amplitude.kind.name,
-        "form": amplitude.kind.__name__,
-        "parameters": list(amplitude.kind.fitted()),
-        "units": list(amplitude.kind.units()),
-        "values": amplitude.values.tolist(),
-        "sigma": sigma.tolist(),
+        "effect": effect.kind.name,
+        "form": effect.kind.__name__,
+        "parameters": list(parameters),
+        "units": [parameter.unit for parameter in parameters.values()],
+        "values": [parameter.value for parameter in parameters.values()],
+        "sigma": [parameter.sigma for parameter in parameters.values()],
         "each": each,
     }
 
@@ -188,61 +185,17 @@ def _diagnosis(joined: JointCompass, shared: SharedEffects | None, min_effect_de
     if shared is None:
         count = sum(member.effects is not None for member in joined.members if member.name in joined.consistent)
         return insufficient(f"{count} of its records fit each other and were searched; 2 are needed to share an effect")
-    findings = [_finding(entry, shared, joined) for entry in shared.amplitudes]
-    stands = tuple(
-        sorted(
-            (entry for entry in findings if entry.rms_effect_deg >= min_effect_deg),
-            key=lambda entry: -entry.rms_effect_deg,
-        )
-    )
-    small = tuple((entry.effect, entry.rms_effect_deg) for entry in findings if entry.rms_effect_deg < min_effect_deg)
-    verdict = (
-        "consistent" if not stands else "ambiguous" if any(entry.alternatives for entry in stands) else "explained"
-    )
-    doubted = tuple(f"{entry.name}: {entry.why}" for entry in joined.rejected)
+    findings = sorted((effect.finding for effect in shared.effects), key=lambda item: -item.rms_effect_deg)
+    stands = tuple(item for item in findings if item.rms_effect_deg >= min_effect_deg)
+    contested = [item for item in stands if item.alternatives]
+    separated = [wording.separating_observations(item.named, item.alternatives) for item in contested]
     return Diagnosis(
-        verdict=verdict,
+        verdict="ambiguous" if contested else "explained" if stands else "consistent",
         findings=stands,
-        separated_by="; ".join(
-            wording.separating_observations(f.named, f.alternatives) for f in stands if f.alternatives
-        )
-        or None,
-        negligible=small,
+        separated_by="; ".join(separated) or None,
+        negligible=tuple((item.effect, item.rms_effect_deg) for item in findings if item not in stands),
         why=f"The records {', '.join(shared.records)} were judged together, one amplitude of each effect for all.",
         sides=shared.sides,
         noise={"season_deg": shared.season_deg},
-        warnings=doubted,
-    )
-
-
-def _finding(amplitude: SharedAmplitude, shared: SharedEffects, joined: JointCompass) -> Finding:
-    sigma = np.sqrt(np.diag(amplitude.covariance))
-    names = zip(amplitude.kind.fitted(), amplitude.values.tolist(), sigma.tolist(), amplitude.kind.units(), strict=True)
-    parameters = {name: Parameter(value, s, unit) for name, value, s, unit in names}
-    searched = [m.effects for m in joined.members if m.name in shared.records and m.effects is not None]
-    before = float(np.sqrt(np.mean([each.residual_deg**2 for each in searched])))
-    samples = sum(each.n for each in searched)
-    after = before * float(np.sqrt(max(1.0 - 2.0 * amplitude.gain / samples, 0.0)))
-    known = wording.SHOWN_ALONG.get(amplitude.kind.name, ("heading",))
-    place = CovariateRange(known[0], 0.0, 0.0, f"in all of {', '.join(shared.records)}")
-    return Finding(
-        effect=amplitude.kind.name,
-        side=amplitude.kind.side,
-        alternatives=tuple(amplitude.alternatives),
-        where=place,
-        when_s=None,
-        parameters=parameters,
-        rms_effect_deg=amplitude.rms_effect_deg,
-        held_out=HeldOut(before, after, amplitude.gain, (np.nan, np.nan), np.nan, method="records"),
-        text=wording.shared_finding_text(
-            amplitude.kind.name,
-            tuple(amplitude.alternatives),
-            where=f"In all of {', '.join(shared.records)}",
-            parameters={name: (p.value, p.sigma, p.unit) for name, p in parameters.items()},
-            size_deg=amplitude.rms_effect_deg,
-            gain=amplitude.gain,
-        ),
-        applied=True,
-        probability=amplitude.probability,
-        alternatives_probability=amplitude.alternatives,
+        warnings=tuple(f"{entry.name}: {entry.why}" for entry in joined.rejected),
     )

@@ -15,27 +15,24 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from compasslib import angles
 from compasslib.deviation.model import LETTERS, CoefficientPrior, FieldAtPlace, iron_design
 from compasslib.effects import Effect, all_effects
-from compasslib.inference.design import Products
 from compasslib.types import Floats
 
 IRON_NAMES = ("P_nT", "Q_nT", "c", "f", "D", "E")
 SHARED_COEFFICIENTS = np.arange(1, 5)  # B, C, D, E of A..E
 PRIOR_SIGMA = np.array([6000.0, 6000.0, 0.05, 0.05, 0.1, 0.1])  # of IRON_NAMES, prior standard deviations
-SIZES_NT = np.array([10.0, 30.0, 60.0, 120.0, 240.0, 480.0, 960.0, 2000.0])  # standard deviations of p, q
+SIZES_NT = (10.0, 30.0, 60.0, 120.0, 240.0, 480.0, 960.0, 2000.0)  # standard deviations of p, q
+SIZE_PAIRS_NT = np.array(list(itertools.product(SIZES_NT, SIZES_NT)))  # of sphere and battery
 BETWEEN_PRIOR_NT = 150.0  # scale of the half-Cauchy prior of either size, sphere and battery
 SOFT_SIGMA = 0.002  # standard deviation of D and E between deployments: induction in batteries and spheres
 CLAMP_DEG = 2.0  # least standard deviation of A between records, for a record without a reference
 PRIOR_SAME = 0.5  # prior probability that a record is of the declared compass
 STRANGER_SIGMAS = (2.0, 4.0, 8.0)  # distances of another compass in standard deviations, equally likely
 LEAST_SAME = 0.5  # probability of the same compass below which a record is excluded
-
-
-def _unknown() -> Floats:
-    return np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -57,15 +54,21 @@ class Member:
         """Whether its own data determine the coefficients."""
         return bool(self.coefficients.size)
 
+    def to_json(self) -> dict[str, Any]:
+        """Encode the record as ``mooring_member`` reads it."""
+        effects = None if self.effects is None else {k: np.asarray(x).tolist() for k, x in vars(self.effects).items()}
+        arrays = {"coefficients": self.coefficients.tolist(), "covariance": self.covariance.tolist()}
+        return {**vars(self), **arrays, "effects": effects}
+
 
 def mooring_member(content: Mapping[str, Any], sphere: str | None) -> Member:
-    """Read a mooring's record from its summary."""
-    information, place = content["told"], (content["horizontal_nT"], content["vertical_nT"])
-    if information is None:
-        return Member(content["name"], "mooring", sphere, *place, _unknown(), _unknown(), why=content["why"])
-    effects = None if information["effects"] is None else effects_from_json(information["effects"])
-    fitted = np.array(information["coefficients"]), np.array(information["covariance"])
-    return Member(content["name"], "mooring", sphere, *place, *fitted, effects)
+    """Read a mooring's record from its summary, see ``Member.to_json``."""
+    arrays = {name: np.array(content[name]) for name in ("coefficients", "covariance")}
+    effects = content["effects"]
+    if effects is not None:
+        plain = {"forms": tuple(effects["forms"]), "residual_deg": effects["residual_deg"], "n": effects["n"]}
+        effects = EffectInformation(**{name: np.array(value) for name, value in effects.items()} | plain)
+    return Member(**{**content, **arrays, "effects": effects, "sphere": sphere})
 
 
 def calibration_member(content: Mapping[str, Any], sphere: str | None) -> Member:
@@ -77,8 +80,8 @@ def calibration_member(content: Mapping[str, Any], sphere: str | None) -> Member
         sphere,
         field.get("horizontal_nT", np.nan),
         field.get("vertical_nT", np.nan),
-        _unknown(),
-        _unknown(),
+        np.zeros(0),
+        np.zeros(0),
         why=content["why"] or "its headings, or its place, do not determine the exact compass",
     )
     covariance = np.array([[np.nan]]) if exact is None else np.array(exact["covariance"], dtype=float)
@@ -88,70 +91,20 @@ def calibration_member(content: Mapping[str, Any], sphere: str | None) -> Member
     return replace(unknown, coefficients=coefficients, covariance=covariance, why="")
 
 
-def summarize_record(
-    name: str, field: tuple[float, float], information: Any, *, span_s: Sequence[float], why: str
-) -> dict[str, Any]:
-    """Encode the information of a mooring's record on its compass, as ``mooring_member`` reads it.
-
-    Args:
-        field: mean horizontal and vertical field of the deployment, nT.
-        information: ``joint_compass.RecordInformation``, None where there is none.
-        span_s: first and last pair, UTC seconds; empty without any.
-        why: why there is no information.
-    """
-    return {
-        "name": name,
-        "horizontal_nT": field[0],
-        "vertical_nT": field[1],
-        "span_s": list(span_s),
-        "told": None if information is None else information.to_json(),
-        "why": why,
-    }
-
-
 @dataclass(frozen=True)
 class EffectInformation:
-    """Information of one record on instrument effects; p columns in physical units, then s columns of the season."""
+    """Information of one record on instrument effects; p columns of their parameters, then s of the season.
+
+    In the units of the parameters, with slow noise and the effects of the record alone marginalized.
+    """
 
     forms: tuple[str, ...]  #: class name of each effect
-    parts: tuple[int, ...]  #: number of columns of each effect
-    usual: Floats  #: (p,) prior standard deviation of each parameter
-    uneven: Floats  #: (p,) inflation of the score variance of each parameter, at least 1
+    usual: Floats  #: (p,) prior standard deviation of each parameter, at an amplitude of one
     visible: Floats  #: (p, p) mean products of the visible columns, square degrees
-    conditional: tuple[Products, ...]  #: (p + s) columns, given each kind of slow water
+    information: Floats  #: (p + s, p + s)
+    score: Floats  #: (p + s,)
     residual_deg: float  #: robust standard deviation, degrees
     n: int  #: number of pairs
-
-    def to_json(self) -> dict[str, Any]:
-        products = [
-            {
-                "information": conditional.information.tolist(),
-                "score": conditional.score.tolist(),
-                "log_likelihood": conditional.log_likelihood,
-            }
-            for conditional in self.conditional
-        ]
-        arrays = {name: getattr(self, name).tolist() for name in ("usual", "uneven", "visible")}
-        plain = {"forms": self.forms, "parts": self.parts, "residual_deg": self.residual_deg, "n": self.n}
-        return {**plain, **arrays, "beside": products}
-
-
-def effects_from_json(content: Mapping[str, Any]) -> EffectInformation:
-    """Read the information of one record on the effects of its compass."""
-    products = tuple(
-        Products(np.array(entry["information"]), np.array(entry["score"]), entry["log_likelihood"])
-        for entry in content["beside"]
-    )
-    return EffectInformation(
-        forms=tuple(content["forms"]),
-        parts=tuple(content["parts"]),
-        usual=np.array(content["usual"]),
-        uneven=np.array(content["uneven"]),
-        visible=np.array(content["visible"]),
-        conditional=products,
-        residual_deg=content["residual_deg"],
-        n=content["n"],
-    )
 
 
 @dataclass(frozen=True)
@@ -161,13 +114,6 @@ class RecordInformation:
     coefficients: Floats  #: (5,) A..E of the exact compass, dimensionless
     covariance: Floats  #: (5, 5)
     effects: EffectInformation | None  #: None without a search
-
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "coefficients": self.coefficients.tolist(),
-            "covariance": self.covariance.tolist(),
-            "effects": None if self.effects is None else self.effects.to_json(),
-        }
 
 
 def effect_class(form: str) -> type[Effect]:
@@ -218,22 +164,7 @@ class JointCompass:
     @cached_property
     def shared(self) -> Mixture:
         """Posterior of the iron, in the order of IRON_NAMES."""
-        return _infer_iron(self._those(self.consistent))
-
-    @cached_property
-    def between_nT(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Standard deviations of sphere and battery iron between deployments, each with its standard error."""
-        sizes = np.array(_sizes())
-        weight = _weights(self._those(self.consistent))
-        mean = weight @ sizes
-        sigma = np.sqrt(weight @ (sizes - mean) ** 2)
-        return (float(mean[0]), float(sigma[0])), (float(mean[1]), float(sigma[1]))
-
-    @property
-    def sigma_between_nT(self) -> float:
-        """Standard deviation of a deployment's hard iron about the compass's own, in each horizontal direction."""
-        sphere, battery = self.between_nT
-        return float(np.hypot(sphere[0], battery[0]))
+        return _infer(self._those(self.consistent), np.eye(len(IRON_NAMES)), self._those(self.consistent))
 
     def others(self, name: str) -> tuple[str, ...]:
         """List the other records that inform a record; none if it was rejected."""
@@ -243,16 +174,12 @@ class JointCompass:
 
     def prior(self, name: str) -> CoefficientPrior | None:
         """Compute the prior of a record's A..E from the other records; None if there are none."""
-        this_member = next(member for member in self.members if member.name == name)
-        others = self._those(self.others(name))
+        (this_member,), others = self._those([name]), self._those(self.others(name))
         if not others:
             return None
         law = predict_compass(this_member, others)
-        mean, precision = np.zeros(5), np.zeros((5, 5))
-        mean[SHARED_COEFFICIENTS], precision[np.ix_(SHARED_COEFFICIENTS, SHARED_COEFFICIENTS)] = (
-            law.mean,
-            np.linalg.inv(law.covariance),
-        )
+        mean, precision = np.append(0.0, law.mean), np.zeros((5, 5))
+        precision[1:, 1:] = np.linalg.inv(law.covariance)
         if not this_member.tells:
             # A record that does not determine its own A takes it from the others.
             values = np.array([member.coefficients[0] for member in others])
@@ -282,13 +209,12 @@ def join_records(members: Sequence[Member]) -> JointCompass:
             break
         wrong = [worst] if len(siblings) > 2 else list(tested)  # of two, neither can be singled out
         for name in wrong:
-            against = ", ".join(record.name for record in siblings if record.name != name)
-            probability, sigmas = tested[name]
+            against = ", ".join(other for other in tested if other != name)
             why = (
-                f"B to E are {sigmas:.1f} standard deviations from what {against} tell of this compass, iron that "
-                "varies between deployments counted: another compass, or iron that changed; it is not averaged"
+                f"B to E are {tested[name][1]:.1f} standard deviations from what {against} tell of this compass, iron "
+                "that varies between deployments counted: another compass, or iron that changed; it is not averaged"
             )
-            rejected.append(RejectedRecord(name, probability, sigmas, why))
+            rejected.append(RejectedRecord(name, *tested[name], why))
         siblings = [record for record in siblings if record.name not in wrong]
     return JointCompass(tuple(members), tuple(record.name for record in siblings), tuple(rejected), same)
 
@@ -299,63 +225,44 @@ def probability_same(member: Member, others: Sequence[Member]) -> tuple[float, f
     Another compass is modelled as some standard deviations away in any direction: for records precise enough to be
     distinguished, this matters more than the distribution of compasses.
     """
-    law = predict_compass(member, others)
-    spread = law.covariances + member.covariance[np.ix_(SHARED_COEFFICIENTS, SHARED_COEFFICIENTS)]
-    off = member.coefficients[SHARED_COEFFICIENTS] - law.means
-    same = log_sum(np.log(law.weight) + np.array([_log_normal(*pair) for pair in zip(off, spread, strict=True)]))
-    other = log_sum(
-        np.array(
-            [
-                np.log(weight / len(STRANGER_SIGMAS)) + _log_normal(x, s * (1.0 + far**2))
-                for weight, x, s in zip(law.weight, off, spread, strict=True)
-                for far in STRANGER_SIGMAS
-            ]
-        )
-    )
-    odds = np.log(PRIOR_SAME / (1.0 - PRIOR_SAME)) + same - other
-    middle = law.covariance + member.covariance[np.ix_(SHARED_COEFFICIENTS, SHARED_COEFFICIENTS)]
+    law, known = predict_compass(member, others), member.covariance[SHARED_COEFFICIENTS][:, SHARED_COEFFICIENTS]
+    off, spread = member.coefficients[SHARED_COEFFICIENTS] - law.means, law.covariances + known
+    each = zip(np.log(law.weight), off, spread, strict=True)
+    logs = np.array([[w + _log_normal(x, s * (1.0 + far**2)) for far in (0.0, *STRANGER_SIGMAS)] for w, x, s in each])
+    same, other = np.logaddexp.reduce(logs[:, 0]), np.logaddexp.reduce(logs[:, 1:], axis=None)
+    odds = np.log(PRIOR_SAME / (1.0 - PRIOR_SAME)) + same - other + np.log(len(STRANGER_SIGMAS))
     away = member.coefficients[SHARED_COEFFICIENTS] - law.mean
-    return float(1.0 / (1.0 + np.exp(-np.clip(odds, -700.0, 700.0)))), float(
-        np.sqrt(away @ np.linalg.solve(middle, away))
-    )
+    sigmas = float(np.sqrt(away @ np.linalg.solve(law.covariance + known, away)))
+    return float(1.0 / (1.0 + np.exp(-np.clip(odds, -700.0, 700.0)))), sigmas
 
 
 def predict_compass(member: Member, others: Sequence[Member]) -> Mixture:
     """Predict B..E of one record from others, including the variation between deployments."""
-    observed, noise = _stacked(others)
-    design, here = np.concatenate([_design(other) for other in others]), _design(member)
-    prior = np.diag(PRIOR_SIGMA**2)
+    return _infer(others, _design(member), [*others, member])
+
+
+def _infer(observed: Sequence[Member], target: Floats, varying: Sequence[Member]) -> Mixture:
+    """Infer linear combinations of the iron from B..E of some records.
+
+    Args:
+        target: derivative of each combination by IRON_NAMES, (k, 6).
+        varying: the records, and that of the target if it is one.
+    """
+    values = np.concatenate([member.coefficients[SHARED_COEFFICIENTS] for member in observed])
+    noise = block_diag(*(member.covariance[SHARED_COEFFICIENTS][:, SHARED_COEFFICIENTS] for member in observed))
+    design = np.concatenate([*(_design(member) for member in observed), target])
+    fixed, n = (design * PRIOR_SIGMA**2) @ design.T, len(values)
     means, covariances, logs = [], [], []
-    for sizes in _sizes():
-        between = _between([*others, member], sizes)
-        whole = np.concatenate([design, here]) @ prior @ np.concatenate([design, here]).T + between
-        k = len(observed)
-        inner, cross = whole[:k, :k] + noise, whole[k:, :k]
+    for sizes in SIZE_PAIRS_NT:
+        whole, between = fixed.copy(), _between(varying, sizes)
+        whole[: len(between), : len(between)] += between
+        inner, cross = whole[:n, :n] + noise, whole[n:, :n]
         gain = np.linalg.solve(inner, cross.T).T
-        means.append(gain @ observed)
-        covariances.append(whole[k:, k:] - gain @ cross.T)
-        logs.append(_log_normal(observed, inner) + _log_prior(sizes))
-    return Mixture(_normed(np.array(logs)), np.array(means), np.array(covariances))
-
-
-def _infer_iron(members: Sequence[Member]) -> Mixture:
-    """Compute the posterior of IRON_NAMES from some records."""
-    observed, noise = _stacked(members)
-    design = np.concatenate([np.zeros((0, len(IRON_NAMES))), *(_design(member) for member in members)])
-    means, covariances, logs = [], [], []
-    for sizes in _sizes():
-        inner = noise + _between(members, sizes)
-        whole = inner + design @ np.diag(PRIOR_SIGMA**2) @ design.T
-        weighted = np.linalg.solve(inner, design).T
-        covariance = np.linalg.inv(weighted @ design + np.diag(PRIOR_SIGMA**-2.0))
-        covariances.append(covariance)
-        means.append(covariance @ weighted @ observed)
-        logs.append(_log_normal(observed, whole) + _log_prior(sizes))
-    return Mixture(_normed(np.array(logs)), np.array(means), np.array(covariances))
-
-
-def _weights(members: Sequence[Member]) -> Floats:
-    return _infer_iron(members).weight
+        means.append(gain @ values)
+        covariances.append(whole[n:, n:] - gain @ cross.T)
+        relative = sizes / BETWEEN_PRIOR_NT  # half-Cauchy, on a grid of logarithms
+        logs.append(_log_normal(values, inner) + float(np.sum(np.log(relative) - np.log1p(relative**2))))
+    return Mixture(np.exp(logs - np.logaddexp.reduce(logs)), np.array(means), np.array(covariances))
 
 
 def _design(member: Member) -> Floats:
@@ -363,48 +270,17 @@ def _design(member: Member) -> Floats:
     return iron_design(FieldAtPlace(member.horizontal_nT, member.vertical_nT))[1:, 1:]
 
 
-def _between(members: Sequence[Member], sizes: tuple[float, float]) -> Floats:
+def _between(members: Sequence[Member], sizes: Floats) -> Floats:
     """Build the covariance of B..E between deployments, (4 m, 4 m); deployments of one sphere share its iron."""
-    of_sphere, of_battery = sizes
     level = np.array([1.0 / member.horizontal_nT for member in members])
     alike = np.array(
         [[a is b or (a.sphere is not None and a.sphere == b.sphere) for b in members] for a in members], dtype=float
     )
-    iron = (of_sphere**2 * alike + of_battery**2 * np.eye(len(members))) * np.outer(level, level)
-    return np.kron(iron, np.diag([1.0, 1.0, 0.0, 0.0])) + np.kron(
-        np.eye(len(members)), np.diag([0.0, 0.0, SOFT_SIGMA**2, SOFT_SIGMA**2])
-    )
-
-
-def _stacked(members: Sequence[Member]) -> tuple[Floats, Floats]:
-    observed = np.concatenate([np.zeros(0), *(member.coefficients[SHARED_COEFFICIENTS] for member in members)])
-    noise = np.zeros((len(observed), len(observed)))
-    for k, member in enumerate(members):
-        noise[4 * k : 4 * k + 4, 4 * k : 4 * k + 4] = member.covariance[
-            np.ix_(SHARED_COEFFICIENTS, SHARED_COEFFICIENTS)
-        ]
-    return observed, noise
-
-
-def _sizes() -> list[tuple[float, float]]:
-    return [(float(a), float(b)) for a, b in itertools.product(SIZES_NT, SIZES_NT)]
-
-
-def _log_prior(sizes: tuple[float, float]) -> float:
-    """Compute the log prior of two sizes on a logarithmically spaced grid."""
-    return float(sum(np.log(size / BETWEEN_PRIOR_NT) - np.log1p((size / BETWEEN_PRIOR_NT) ** 2) for size in sizes))
+    iron = (sizes[0] ** 2 * alike + sizes[1] ** 2 * np.eye(len(members))) * np.outer(level, level)
+    soft = SOFT_SIGMA**2 * np.eye(len(members))
+    return np.kron(iron, np.diag([1.0, 1.0, 0.0, 0.0])) + np.kron(soft, np.diag([0.0, 0.0, 1.0, 1.0]))
 
 
 def _log_normal(off: Floats, covariance: Floats) -> float:
     sign_log = np.linalg.slogdet(2.0 * np.pi * covariance)[1]
     return float(-0.5 * (off @ np.linalg.solve(covariance, off) + sign_log))
-
-
-def log_sum(logs: Floats) -> float:
-    """Compute the logarithm of a sum of exponentials."""
-    return float(logs.max() + np.log(np.exp(logs - logs.max()).sum()))
-
-
-def _normed(logs: Floats) -> Floats:
-    weight = np.exp(logs - logs.max())
-    return np.asarray(weight / weight.sum())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, replace
 
 import numpy as np
@@ -84,6 +84,7 @@ def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) 
         not_testable=case.not_testable,
     )
     detectable = inferred.limits
+    limits = [(max(size, options.min_effect_deg), name) for name, size in detectable.items() if size is not None]
     covariance = inferred.estimate(null_model).covariance[:5, :5]
     if inferred.slow is not None and inferred.slow.acting:  # effect of the current on the fit
         shift = null_model.simulation.coefficients - null_model.case.simulation.coefficients
@@ -101,7 +102,7 @@ def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) 
         if options.apply
         else (),
         covariance=covariance,
-        why=_detection_limits(detectable, options.min_effect_deg),
+        why=limits_text(sorted(limits)) if limits else "",
         detectable_deg=detectable,
         detection=inferred.detections[0],
         threshold={} if inferred.detections[0].threshold is None else {"detection": inferred.detections[0].threshold},
@@ -271,12 +272,6 @@ def _active_span(state: FittedModel, term: Effect) -> tuple[float, float]:
         leaning = np.flatnonzero(scene.departures[covariate_series.TILT_CORRECTIONS[0]])
         return float(scene.time_s[leaning[0]]), float(scene.time_s[leaning[-1]])
     return always
-
-
-def _detection_limits(detectable: Mapping[str, float | None], min_effect_deg: float) -> str:
-    """State the detection limits in a sentence."""
-    sizes = sorted((max(size, min_effect_deg), name) for name, size in detectable.items() if size is not None)
-    return limits_text(sizes) if sizes else ""
 
 
 def _compass_of_model(inferred: Inference, state: FittedModel) -> AppliedCompass | None:

@@ -85,15 +85,21 @@ def finding_text(
         physics: in words; by default that of the effect.
         what: what is compared, if a recording has more than one comparison.
     """
-    begin = _effect_text(effect, f"{what}, {where}" if what else where, parameters, size_deg, physics)
-    shown = ""
+    where, known, numbers = f"{what}, {where}" if what else where, meanings(effect), ""
+    for name, (value, sigma, unit) in parameters.items():
+        if sigma > 0.0:
+            interval = (
+                f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}{'' if unit == '1' else f' {unit}'}"
+            )
+            numbers += f"; {known.get(name, name)} {interval} (95 %)"
+    size = f"{size_deg:.1f}" if size_deg >= 1.0 else f"{size_deg:.2g}"
+    text = f"{where[0].upper()}{where[1:]}: {physics or PHYSICS.get(effect, effect)}. Size {size}° rms{numbers}."
     if proof is not None:
         before, after, p = proof
         chance = f"p = {p:.2g}" if p > SMALLEST_P else f"p < {SMALLEST_P:g}"
         stretches = "stretches" if what else "days"
-        shown = f" On held-out {stretches} the residual goes from {before:.2f}° to {after:.2f}° rms ({chance})."
-    others = f" This record cannot separate it from {join_names(alternatives)}." if alternatives else ""
-    return begin + shown + others
+        text += f" On held-out {stretches} the residual goes from {before:.2f}° to {after:.2f}° rms ({chance})."
+    return f"{text} This record cannot separate it from {join_names(alternatives)}." if alternatives else text
 
 
 def level_text(level: str | None, probability: float | None, side: str, driver: str) -> str:
@@ -122,43 +128,6 @@ def tilt_zero_text(field_nt_k: float, vertical_nt: float) -> str:
     """State the drift of the tilt zero that is equivalent to a horizontal field growing with temperature."""
     zero = math.degrees(field_nt_k / abs(vertical_nt))
     return f" A tilt zero that drifts by {zero:.2g}°/K turns headings alike: this record cannot separate the two."
-
-
-def shared_finding_text(
-    effect: str,
-    alternatives: Sequence[str],
-    *,
-    where: str,
-    parameters: Mapping[str, tuple[float, float, str]],
-    size_deg: float,
-    gain: float,
-) -> str:
-    """Describe one finding shared by several records of a compass.
-
-    Args:
-        parameters: value, standard error and unit by name.
-        size_deg: visible size, rms degrees.
-        gain: log score of predicting each record from the others, relative to no effect.
-    """
-    begin = _effect_text(effect, where, parameters, size_deg)
-    shown = f" Each record predicted by the others gains {gain:.1f} in log score, all together."
-    others = f" These records cannot separate it from {join_names(alternatives)}." if alternatives else ""
-    return begin + shown + others
-
-
-def _effect_text(
-    effect: str, where: str, parameters: Mapping[str, tuple[float, float, str]], size_deg: float, physics: str = ""
-) -> str:
-    """Describe where an effect acts, its physics, its size, and its parameters with 95 % intervals."""
-    fitted = {name: parameter for name, parameter in parameters.items() if parameter[1] > 0.0}
-    known = meanings(effect)
-    numbers = ""
-    for name, (value, sigma, unit) in fitted.items():
-        interval = f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}{'' if unit == '1' else f' {unit}'}"
-        numbers += f"; {known.get(name, name)} {interval} (95 %)"
-    physics = physics or PHYSICS.get(effect, effect)
-    size = f"{size_deg:.1f}" if size_deg >= 1.0 else f"{size_deg:.2g}"
-    return f"{where[0].upper()}{where[1:]}: {physics}. Size {size}° rms{numbers}."
 
 
 ACTED_ON = {

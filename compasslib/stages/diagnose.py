@@ -21,6 +21,7 @@ from compasslib.inference import covariates, joint, joint_compass, joint_effects
 from compasslib.inference import diagnosis as diagnoses
 from compasslib.inference.conclusion import Conclusion, conclude
 from compasslib.inference.joint import SiblingInformation
+from compasslib.inference.joint_compass import Member
 from compasslib.inference.product import Product
 from compasslib.preparation.references import combine_references
 from compasslib.records import EarthField, Pairs, Record
@@ -74,8 +75,9 @@ def diagnose(
     if summary:
         information = made.diagnosis.information or joint_effects.fit_information(fitted)
         place = float(np.mean(along.horizontal_nT)), float(np.mean(along.vertical_nT))
-        span_s = near.time_s[[0, -1]].tolist() if len(near) else []
-        write_json(summary, joint_compass.summarize_record(mooring, place, information, span_s=span_s, why=fitted.why))
+        bare = Member(mooring, "mooring", None, *place, np.zeros(0), np.zeros(0), why=fitted.why)
+        known = bare if information is None else replace(bare, **vars(information), why="")
+        write_json(summary, known.to_json())
     say(f"{made.diagnosis.log_line(mooring)}\n{describe_assessment(mooring, made.assessment)}")
 
 
@@ -261,7 +263,7 @@ def combine_records(
     """Write compass.json and the diagnosis of the compass.
 
     Args:
-        summaries: summary of each mooring's record, see ``joint_compass.summarize_record``.
+        summaries: summary of each mooring's record, see ``Member.to_json``.
         calibrations: calibration.json of each calibration.
         spheres: sphere or frame by name of mooring or calibration, None where not stated.
         min_effect_deg: visible size below which a shared effect is irrelevant.

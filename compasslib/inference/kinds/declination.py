@@ -30,7 +30,6 @@ from compasslib.inference.kinds.declination_slow import (
     LEAST_COVERED,
     SlowFindings,
     compare_series,
-    covered_share,
     date_jump,
     large_jumps,
     remove_jumps,
@@ -57,75 +56,13 @@ LEFT_OUT_S = 600.0  # length of the stretches of a storm that are held out alter
 FEWEST_DAYS = 5  # fewest quiet days for a finding on the quiet-day curve
 
 
-def separating_text(findings: Sequence[Finding]) -> str | None:
-    """List the observations that would separate alternatives; None if there are none."""
-    pairs = [(finding.effect, other) for finding in findings for other in finding.alternatives]
-    texts = [f"{a} or {b}: {SEPARATED_BY.get(b, 'a second observatory near by')}" for a, b in pairs]
-    return "; ".join(dict.fromkeys(texts)) or None
-
-
-def reason_text(compared: FieldComparison, source: str, findings: Sequence[Finding]) -> str:
-    """Describe what an observatory's series was compared with."""
-    model = "IGRF" if source == "IGRF" else "the given declination"
-    begin = (
-        f"{len(compared.time_s)} means over {compared.days} days against {model} plus "
-        f"{compared.constant_deg:+.3f} ± {1.96 * compared.constant_sigma_deg:.3f} degrees (95 %)"
-    )
-    quiet = f", quiet day from {compared.quiet_days} days" if compared.quiet_days else ", no quiet day known"
-    agree = "" if findings else "; the residual is negligible"
-    return begin + quiet + agree
-
-
-def storm_text(storm: Storm, compared: FieldComparison, proof: HeldOut, more: int) -> str:
-    """Describe one storm, with the number of smaller storms that have no finding."""
-    quiet = "" if compared.quiet_days else " No quiet day is known: daily variation is part of it."
-    others = f" {more} smaller storms are not listed." if more else ""
-    return (
-        f"From {iso_time(storm.begin_s)} to {iso_time(storm.end_s)} a disturbance of the earth's field moves "
-        f"magnetic north by {storm.rms_deg:.2f}° rms in its disturbed hours, {storm.worst_deg:.2f}° in its worst "
-        f"three; highest minus lowest declination is {storm.range_deg:.1f}°.{quiet} The model of it is the "
-        f"recorded course itself: on held-out stretches the residual goes from {proof.rms_before_deg:.2f}° to "
-        f"{proof.rms_after_deg:.2f}° rms (p = {proof.p_value:.3g}); it predicts no other day or place.{others}"
-    )
-
-
-def daily_text(amplitude_deg: float, size_deg: float, days: int) -> str:
-    """Describe a daily variation; its amplitude is half of its range."""
-    return (
-        f"Every day magnetic north swings by {amplitude_deg:.2f}° to either side, {size_deg:.2f}° rms: "
-        f"the daily variation, by the median of {days} quiet days."
-    )
-
-
-def constant_text(compared: FieldComparison, most_deg: float, source: str, alternatives: Sequence[str]) -> str:
-    """Describe a constant that is too large for the crustal field."""
-    model = "IGRF" if source == "IGRF" else "the given declination"
-    begin = (
-        f"The declination differs from {model} by {compared.constant_deg:+.2f} ± "
-        f"{1.96 * compared.constant_sigma_deg:.2f} degrees (95 %) at all times; "
-        f"rocks make up to {most_deg:.1f}."
-    )
-    if not alternatives:
-        return f"{begin} IGRF agrees with the recording: the given number is wrong."
-    return f"{begin} A wrong declination or place, strong rocks and a turned azimuth mark look the same here."
-
-
-def restless_text(size_deg: float) -> str:
-    """Describe a series that is disturbed at all times."""
-    return (
-        f"The declination is restless at all times, by {size_deg:.2f}° rms over three hours in the middle of "
-        "the record: the ordinary weather of a station in the auroral zone, or noise of the recording. No storm stands "
-        "out."
-    )
-
-
 def slow_findings(compared: FieldComparison, series: FieldSeries, model: EarthField, options: Options) -> SlowFindings:
     """Find the trend and the jumps of a series."""
     if why := why_too_short(compared):
         jump = short_jump(compared, options.min_effect_deg) if compared.storms else None
         missing = [("secular_variation", why)] + ([] if jump else [("heading_slip", why)])
         return SlowFindings((jump[0],) if jump else (), (jump[1],) if jump else (), not_testable=tuple(missing))
-    if covered_share(compared) < LEAST_COVERED:
+    if compared.days / (float(np.ptp(compared.time_s)) / observatory.DAY_S + 1.0) < LEAST_COVERED:
         return trend_of_pieces(compared, series, model, options.min_effect_deg)
     limit = options.min_effect_deg
     large = large_jumps(compared, limit)
@@ -189,59 +126,72 @@ def diagnose_series(series: FieldSeries, field: EarthField, options: Options) ->
             findings.append(finding)
         elif size > 0.0:
             small[name] = max(size, small.get(name, 0.0))
-    unexplained = slow.unexplained
+    unexplained, span = slow.unexplained, _span(compared)
     if compared.ordinary_deg >= limit:  # disturbed at all times: then no storm stands out
-        span = _span(compared)
         place = CovariateRange("time", *span, f"from {iso_time(span[0])} to {iso_time(span[1])}")
-        text = restless_text(compared.ordinary_deg)
+        text = (
+            f"The declination is restless at all times, by {compared.ordinary_deg:.2f}° rms over three hours in the "
+            "middle of the record: the ordinary weather of a station in the auroral zone, or noise of the recording. "
+            "No storm stands out."
+        )
         unexplained = Unexplained(("time",), place, span, compared.ordinary_deg, (), text)
     ordered = tuple(sorted(findings, key=lambda item: -item.rms_effect_deg))
+    pairs = [(item.effect, other) for item in ordered for other in item.alternatives]
+    separated = [f"{a} or {b}: {SEPARATED_BY.get(b, 'a second observatory near by')}" for a, b in pairs]
+    quiet = f"quiet day from {compared.quiet_days} days" if compared.quiet_days else "no quiet day known"
     return Diagnosis(
         verdict=diagnosis.overall_verdict(ordered, unexplained),
         findings=ordered,
         unexplained=unexplained,
-        separated_by=separating_text(ordered),
+        separated_by="; ".join(dict.fromkeys(separated)) or None,
         not_testable=slow.not_testable,
         negligible=tuple(small.items()),
-        why=reason_text(compared, field.source, ordered),
+        why=f"{len(compared.time_s)} means over {compared.days} days against {_model_name(field)} plus "
+        f"{compared.constant_deg:+.3f} ± {1.96 * compared.constant_sigma_deg:.3f} degrees (95 %), {quiet}"
+        + ("" if ordered else "; the residual is negligible"),
         curves=slow.curves,
         threshold=slow.threshold,
     )
 
 
-def plausible_deg(series: FieldSeries, field: EarthField) -> float:
-    """Compute the largest plausible declination by the crustal field at a place, degrees."""
-    strength = np.nanmedian(np.append(series.horizontal_nT, field.horizontal_nT))
-    return float(np.arctan2(field_check.CRUST_NT, strength)) / angles.DEGREE
+def _model_name(field: EarthField) -> str:
+    return "IGRF" if field.source == "IGRF" else "the given declination"
 
 
 def _constant_finding(
     compared: FieldComparison, series: FieldSeries, field: EarthField
 ) -> tuple[Finding | None, str, float]:
-    size, most = abs(compared.constant_deg), plausible_deg(series, field)
-    if size - 1.96 * compared.constant_sigma_deg <= most:
+    """Find a constant that is larger than the crustal field explains."""
+    size, sigma = abs(compared.constant_deg), compared.constant_sigma_deg
+    strength = np.nanmedian(np.append(series.horizontal_nT, field.horizontal_nT))
+    most = float(np.arctan2(field_check.CRUST_NT, strength)) / angles.DEGREE
+    if size - 1.96 * sigma <= most:
         return None, "declination_error", size
     by_model = np.interp(compared.time_s, field.time_s, field.model_declination_deg)
     off = abs(float(np.median(angles.difference(compared.observed_deg, by_model))))
     wrong_number = field.source != "IGRF" and off <= most
-    alternatives = () if wrong_number else ("hard_iron", "mounting_offset")
-    off_deg = compared.residual_deg
-    text = constant_text(compared, most, field.source, alternatives)
-    return (
-        _finding(
-            "declination_error",
-            alternatives,
-            span=_span(compared),
-            parameters={"error_deg": Parameter(compared.constant_deg, compared.constant_sigma_deg, "degrees")},
-            size=(size, _fold_gain(off_deg, compared.time_s)),
-            text=text,
-        ),
-        "declination_error",
-        size,
+    text = (
+        f"The declination differs from {_model_name(field)} by {compared.constant_deg:+.2f} ± {1.96 * sigma:.2f} "
+        f"degrees (95 %) at all times; rocks make up to {most:.1f}. "
     )
+    text += (
+        "IGRF agrees with the recording: the given number is wrong."
+        if wrong_number
+        else "A wrong declination or place, strong rocks and a turned azimuth mark look the same here."
+    )
+    finding = _finding(
+        "declination_error",
+        () if wrong_number else ("hard_iron", "mounting_offset"),
+        span=_span(compared),
+        parameters={"error_deg": Parameter(compared.constant_deg, sigma, "degrees")},
+        size=(size, _fold_gain(compared.residual_deg, compared.time_s)),
+        text=text,
+    )
+    return finding, "declination_error", size
 
 
 def _daily_finding(compared: FieldComparison, limit_deg: float) -> tuple[Finding | None, str, float]:
+    """Find a daily variation; its amplitude is half of its range."""
     size = float(np.std(np.nan_to_num(compared.curve_deg)))
     if size < limit_deg or compared.quiet_days < FEWEST_DAYS:
         return None, "field_disturbance", size
@@ -254,49 +204,40 @@ def _daily_finding(compared: FieldComparison, limit_deg: float) -> tuple[Finding
         span=_span(compared),
         parameters={"amplitude_deg": Parameter(amplitude, sigma, "degrees")},
         size=(size, _fold_gain(off, compared.time_s, daily=True)),
-        text=daily_text(amplitude, size, compared.quiet_days),
+        text=f"Every day magnetic north swings by {amplitude:.2f}° to either side, {size:.2f}° rms: the daily "
+        f"variation, by the median of {compared.quiet_days} quiet days.",
     )
-    return (
-        replace(finding, where=CovariateRange("hour_of_day", 0.0, 24.0, "daily variation, at every hour of the day")),
-        "",
-        size,
-    )
+    place = CovariateRange("hour_of_day", 0.0, 24.0, "daily variation, at every hour of the day")
+    return replace(finding, where=place), "", size
 
 
 def _storm_findings(compared: FieldComparison, series: FieldSeries) -> list[tuple[Finding | None, str, float]]:
-    ordered = sorted(compared.storms, key=lambda storm: -storm.rms_deg)
-    calm = compared.disturbed_deg[~compared.stormy]
-    noise = angles.rms(calm) if calm.size else float("nan")
-    if not ordered:
+    """Describe the largest storms; the last sentence of each gives the number of smaller ones."""
+    if not compared.storms:
         largest = float(observatory.three_hour_rms(compared.time_s, compared.disturbed_deg)[0].max())
         return [(None, "field_disturbance", largest)]
-    return [
-        (
-            _storm_finding(compared, series, storm, noise, more=max(len(ordered) - MOST_STORMS, 0)),
-            "field_disturbance",
-            storm.rms_deg,
+    calm, more = compared.disturbed_deg[~compared.stormy], max(len(compared.storms) - MOST_STORMS, 0)
+    noise_deg = angles.rms(calm) if calm.size else float("nan")
+    quiet = "" if compared.quiet_days else " No quiet day is known: daily variation is part of it."
+    others = f" {more} smaller storms are not listed." if more else ""
+    result: list[tuple[Finding | None, str, float]] = []
+    for storm in sorted(compared.storms, key=lambda item: -item.rms_deg)[:MOST_STORMS]:
+        proof = _interpolation_gain(compared, series, storm)
+        text = (
+            f"From {iso_time(storm.begin_s)} to {iso_time(storm.end_s)} a disturbance of the earth's field moves "
+            f"magnetic north by {storm.rms_deg:.2f}° rms in its disturbed hours, {storm.worst_deg:.2f}° in its worst "
+            f"three; highest minus lowest declination is {storm.range_deg:.1f}°.{quiet} The model of it is the "
+            f"recorded course itself: on held-out stretches the residual goes from {proof.rms_before_deg:.2f}° to "
+            f"{proof.rms_after_deg:.2f}° rms (p = {proof.p_value:.3g}); it predicts no other day or place.{others}"
         )
-        for storm in ordered[:MOST_STORMS]
-    ]
-
-
-def _storm_finding(
-    compared: FieldComparison, series: FieldSeries, storm: Storm, noise_deg: float, *, more: int
-) -> Finding:
-    proof = _interpolation_gain(compared, series, storm)
-    numbers = {
-        "range_deg": Parameter(storm.range_deg, np.sqrt(2.0) * noise_deg, "degrees"),
-        "worst_three_hours_deg": Parameter(storm.worst_deg, noise_deg, "degrees"),
-    }
-    text = storm_text(storm, compared, proof, more)
-    return _finding(
-        "field_disturbance",
-        (),
-        span=(storm.begin_s, storm.end_s),
-        parameters=numbers,
-        size=(storm.rms_deg, proof),
-        text=text,
-    )
+        numbers = {
+            "range_deg": Parameter(storm.range_deg, np.sqrt(2.0) * noise_deg, "degrees"),
+            "worst_three_hours_deg": Parameter(storm.worst_deg, noise_deg, "degrees"),
+        }
+        span, size = (storm.begin_s, storm.end_s), (storm.rms_deg, proof)
+        finding = _finding("field_disturbance", (), span=span, parameters=numbers, size=size, text=text)
+        result.append((finding, "field_disturbance", storm.rms_deg))
+    return result
 
 
 def _finding(

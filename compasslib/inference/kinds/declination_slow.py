@@ -101,7 +101,9 @@ def compare_series(compared: FieldComparison, model: EarthField) -> LongComparis
     """Build the comparison for the general search: a compass at rest while magnetic north moves."""
     years = float(np.ptp(compared.time_s)) / YEAR_S
     step = observatory.HOUR_S if years < HOURS_OF_YEARS else observatory.DAY_S
-    time_s, off = _averaged(compared.time_s, compared.residual_deg - compared.constant_deg - compared.quiet_deg, step)
+    number, which = np.unique(np.floor(compared.time_s / step), return_inverse=True)
+    off = np.bincount(which, compared.residual_deg - compared.constant_deg - compared.quiet_deg) / np.bincount(which)
+    time_s = (number + 0.5) * step
     n = len(time_s)
     still = np.zeros(n)
     # A constant field: C is scaled by 1/H, and a column that drifts with H would absorb the trend.
@@ -136,11 +138,6 @@ def why_too_short(compared: FieldComparison) -> str:
     )
 
 
-def covered_share(compared: FieldComparison) -> float:
-    """Compute the share of the days of a series that have data."""
-    return compared.days / (float(np.ptp(compared.time_s)) / observatory.DAY_S + 1.0)
-
-
 def trend_of_pieces(
     compared: FieldComparison, series: FieldSeries, model: EarthField, limit_deg: float
 ) -> SlowFindings:
@@ -173,11 +170,6 @@ def trend_of_pieces(
     return SlowFindings(
         (reword_finding(made, series, model, None),), not_testable=(*missing, ("declination_error", DRIFTS))
     )
-
-
-def _averaged(time_s: Floats, off: Floats, step_s: float) -> tuple[Floats, Floats]:
-    number, which = np.unique(np.floor(time_s / step_s), return_inverse=True)
-    return (number + 0.5) * step_s, np.bincount(which, off) / np.bincount(which)
 
 
 def reword_finding(
