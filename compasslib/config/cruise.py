@@ -315,23 +315,6 @@ LARGEST_BYTES = 1_000_000
 DEEPEST = 20  # levels of nesting; a mooring needs five
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
-# Message of the parser, its usual cause, and advice.
-_SYNTAX = (
-    ("mapping values are not allowed", "a colon where none can stand", "write a space after each colon"),
-    ("could not find expected ':'", "a line without a colon", "write it as key: value"),
-    ("<block end>", "a line that does not stand below its neighbours", "indent the keys of one mapping equally"),
-    ("end of stream", "the end of the file within quotes", "close the quotes"),
-    ("expected ',' or", "a bracket or brace that is not closed before this", "close it or add the comma"),
-    (
-        "<document start>",
-        "something that does not stand below the lines above",
-        "indent the keys of one mapping equally",
-    ),
-    ("entries are not allowed", "a list where none can stand", "write it as [a, b]"),
-    ("keys are not allowed", "a question mark where none can stand", "put the value in quotes"),
-    ("another document", "a second document", "delete the line ---"),
-    ("cannot start any token", "a character that cannot begin a value", "put the value in quotes"),
-)
 
 
 class _Refused(Exception):
@@ -343,7 +326,7 @@ class _Refused(Exception):
 
 
 class _Strict(Composer, SafeConstructor):
-    """Safe loader without dates, octal and sexagesimal numbers, anchors, tags and repeated keys."""
+    """Safe loading without dates, octal and sexagesimal numbers, anchors, tags and repeated keys."""
 
     # Not the inherited table: only null, bool, int and float, added below, are resolved; all else is a string.
     yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012
@@ -385,15 +368,11 @@ class _Strict(Composer, SafeConstructor):
         return {key.value: self.construct_object(value, deep=True) for key, value in node.value}
 
 
-class _Loader(_Strict, yaml.SafeLoader):
-    """The pure-Python parser of PyYAML, to whose messages ``_SYNTAX`` refers."""
-
-
 _Libyaml: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # absent if PyYAML was built without libyaml
 
 
-class _FastLoader(_Strict, _Libyaml):
-    """The faster parser of libyaml, which returns the same values."""
+class _Loader(_Strict, _Libyaml):
+    """The strict loader with the parser of libyaml."""
 
     def __init__(self, text: str):
         _Libyaml.__init__(self, text)
@@ -409,16 +388,15 @@ def _number(loader: Any, node: Any) -> int | float | str:
 
 _DIGITS = list("-+.0123456789")
 _INT, _FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
-for _loader in (_Loader, _FastLoader):
-    for _tag, _pattern, _first in (
-        ("tag:yaml.org,2002:null", r"^(?:~|null|Null|NULL|)$", ["~", "n", "N", ""]),
-        ("tag:yaml.org,2002:bool", r"^(?:true|True|TRUE|false|False|FALSE)$", list("tTfF")),
-        (_INT, r"^[-+]?(?:0|[1-9][0-9]*)$", _DIGITS),
-        (_FLOAT, r"^[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?$", _DIGITS),
-    ):
-        _loader.add_implicit_resolver(_tag, re.compile(_pattern), _first)
-    for _tag in (_INT, _FLOAT):
-        _loader.add_constructor(_tag, _number)
+for _tag, _pattern, _first in (
+    ("tag:yaml.org,2002:null", r"^(?:~|null|Null|NULL|)$", ["~", "n", "N", ""]),
+    ("tag:yaml.org,2002:bool", r"^(?:true|True|TRUE|false|False|FALSE)$", list("tTfF")),
+    (_INT, r"^[-+]?(?:0|[1-9][0-9]*)$", _DIGITS),
+    (_FLOAT, r"^[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?$", _DIGITS),
+):
+    _Loader.add_implicit_resolver(_tag, re.compile(_pattern), _first)
+for _tag in (_INT, _FLOAT):
+    _Loader.add_constructor(_tag, _number)
 
 
 def read(root: Path, name: str, example: str = "key: value") -> dict[str, Any]:
@@ -459,26 +437,15 @@ def parse(data: bytes, name: str, example: str = "key: value") -> dict[str, Any]
 
 
 def _parsed(text: str, name: str) -> Any:
-    if text.isascii() and not {*"\t?|>"} & {*text}:  # the two parsers may interpret these characters differently
-        with suppress(_Refused, yaml.YAMLError):
-            return yaml.load(text, Loader=_FastLoader)
     try:
         return yaml.load(text, Loader=_Loader)
     except _Refused as error:
-        raise InputError(_place(name, error.mark), **error.words) from None
+        mark, words = error.mark, error.words
     except yaml.MarkedYAMLError as error:
-        mark: Any = error.problem_mark or error.context_mark
-        expected, what = "YAML", str(error.problem)
-        unknown = what, "check indentation and quotes"
-        actual, advice = next((words for sign, *words in _SYNTAX if sign in what), unknown)
-        if text[mark.index : mark.index + 1] == "\t":
-            expected, actual, advice = "spaces", "a tab", "replace the tab by spaces"
-        raise InputError(_place(name, mark), expected=expected, found=actual, advice=advice) from None
+        mark, advice = error.problem_mark or error.context_mark, "check indentation, colons, quotes and brackets"
+        words = {"expected": "YAML", "found": f"a mistake of form ({error.problem})", "advice": advice}
     except yaml.reader.ReaderError as error:
         where = f"{name}: line {text.count(chr(10), 0, error.position) + 1}"
-        actual, advice = f"the control character {error.character:#04x}", "delete it"
-        raise InputError(where, expected="printable text", found=actual, advice=advice) from None
-
-
-def _place(name: str, mark: Any) -> str:
-    return f"{name}: line {mark.line + 1}, column {mark.column + 1}"
+        raise InputError(where, expected="printable text", found="a control character", advice="delete it") from None
+    where = f"{name}: line {mark.line + 1}, column {mark.column + 1}"
+    raise InputError(where, **words)
