@@ -187,14 +187,6 @@ def _outline_currents(currents: Mapping[str, Any]) -> dict[str, Complexes]:
     return outlines
 
 
-FIGURES = {"curves": draw_curves, "differences": draw_differences, "currents": draw_currents}
-
-
-def draw_figure(name: str, path: str | Path, moorings: list[AssessedMooring]) -> None:
-    """Draw one of ``FIGURES``."""
-    FIGURES[name](path, moorings)
-
-
 DEGREE_KM = 111.2
 NAMED_IN_ARRAY = 28  # number of moorings above which the figure shows no names
 APART_KM, MOST_ARRAYS = 30.0, 6  # gap between arrays; number of arrays above which all share one panel

@@ -15,7 +15,7 @@ from compasslib.archive.files import embed_png, read_json, read_pictures
 from compasslib.plots.timeseries import draw_errors
 from compasslib.records import BAD
 from compasslib.report import sections, words
-from compasslib.report.results import Figure, ReportedFinding
+from compasslib.report.results import ReportedFinding, ReportFigure
 from compasslib.statistics.resampling import NORMAL_95, block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
 
@@ -97,11 +97,11 @@ def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingError
         series = errors.time_s, errors.fit_deg, errors.corrected_deg, errors.sigma_deg
         draw_errors(file := Path(folder) / "errors.png", *series, [x["date"] for x in truth["planted"]], reach_deg)
         drawn = embed_png(file)
-    caption = words.caption("concealed", "errors", planted=truth["planted"], reach=reach_deg)
-    figures = [Figure("Heading errors along time", caption, "", drawn[0], *drawn[1])]
+    caption = " ".join(words.paragraphs("concealed", "figure", planted=truth["planted"], reach=reach_deg))
+    figures = [ReportFigure("Heading errors along time", caption, "", drawn[0], *drawn[1])]
     picture, size = read_pictures(root / name)["diagnosis"]
     caption = sections.diagnosis_caption(diagnosis)
-    figures.append(Figure("Diagnosis", caption, f"{name}/figures/diagnosis.png", picture, *size))
+    figures.append(ReportFigure("Diagnosis", caption, f"{name}/figures/diagnosis.png", picture, *size))
     drivers = [entry.get("driver") or "" for entry in diagnosis["findings"]]
     fields = {cause["driver"]: cause.get("field") or {} for cause in truth["planted"]}
     findings = sections.report_findings(diagnosis, product=True)
