@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib import calibrations, earthfield, readers
+from compasslib import angles, calibrations, earthfield, readers
 from compasslib.archive.deposit import missing_attributes
 from compasslib.cli.results import print_warnings, split_warnings
 from compasslib.config import compasses
@@ -32,11 +32,10 @@ from compasslib.records import BAD, Record
 from compasslib.report.words import position
 from compasslib.stages import read
 from compasslib.stages.settings import Calibrations, Moorings, check_cruise, used_instruments
-from compasslib.types import DAY_S, Floats
+from compasslib.types import DAY_S, HOUR_S, Floats
 
-SECTOR_DEG, SECTORS = 10.0, 36
 GAP = 3.0  # in median time steps: a longer step between two samples is a gap
-STEPS = ((DAY_S, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"))
+STEPS = ((DAY_S, "d"), (HOUR_S, "h"), (60.0, "min"), (1.0, "s"))
 HEAD: tuple[str, ...] = (
     *("", "", "format", "samples", "every", "gaps", "from", "to", "depth", "bins", "headings", "directions"),
 )
@@ -219,7 +218,7 @@ def _span(seconds: float) -> str:
 
 def _sectors(heading_deg: Floats) -> str:
     known = heading_deg[np.isfinite(heading_deg)]
-    return f"{len(np.unique(known // SECTOR_DEG))} of {SECTORS} sectors" if len(known) else "none"
+    return f"{len(np.unique(known // angles.SECTOR_DEG))} of {angles.SECTORS} sectors" if len(known) else "none"
 
 
 def _directions(record: Record, inside: AppliedDeclination | None) -> str:

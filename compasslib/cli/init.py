@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib import readers
+from compasslib import angles, readers
 from compasslib.calibrations.swing import observations
 from compasslib.cli.results import print_warnings
 from compasslib.config import draft, json_schema
@@ -36,7 +36,6 @@ IN_WATER = 0.5  # of the median depth, below which an instrument is in the water
 SHALLOWEST_M = 2.0  # least median, and range, of depths that show when an instrument was in the water
 SAME_DEPLOYMENT = 0.1  # of the shorter record: least overlap of two records of one deployment
 DEEPEST_M = 12000.0  # assumed where the water depth is unknown, as it rejects no instrument
-SECTOR_DEG = 10.0
 PIECE = re.compile(r"\.\d{3}$")  # suffix of a PD0 file that was split by its recorder
 SCANS, COMPANION = re.compile(r"A(\d{7})\.\w+$"), re.compile(r"[CE](\d{7})\.\w+$")  # moored profiler
 # Keys of a format that the user must decide; for the draft, the files are read with these values.
@@ -301,7 +300,7 @@ def _of_record(
         form, files, keys, "", start, end, surfaced,
         step_s=float(np.median(np.diff(record.time_s))) if len(record.time_s) > 1 else np.nan,
         bins=record.east.shape[1],
-        sectors=len(np.unique(headings // SECTOR_DEG)),
+        sectors=len(np.unique(headings // angles.SECTOR_DEG)),
         depth_m=depth if depth > 0.0 else np.nan,
         depth_range_m=float(np.ptp(np.quantile(level[inside], [0.01, 0.99]))) if inside.any() else np.nan,
         looks_up=record.looks_up if form in TOLD_UP and "orientation" not in record.unstated else None,

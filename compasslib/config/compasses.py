@@ -13,6 +13,7 @@ from compasslib.config.calibrations import CalibrationFile
 from compasslib.config.schema import Instrument, Mooring
 from compasslib.config.values import iso, shown
 from compasslib.errors import InputError
+from compasslib.readers.detect import HEAD_BYTES
 
 SERIAL_KEYS = ("serial_number", "sensor_serial_number")
 
@@ -103,7 +104,6 @@ def suggest_shared(moorings: Mapping[str, Mooring]) -> list[str]:
 
 # Duplicate records, and several compasses under one name.
 
-HEAD_BYTES = 65536
 Identity = frozenset[tuple[object, ...]]
 
 

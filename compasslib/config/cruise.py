@@ -74,7 +74,12 @@ def load_cruise(cruise: Path, *, in_storage: bool = False, refuse: Callable[[Inp
     for file in listed:
         try:
             mooring = _mooring(file, options, place)
-            _refuse_taken(mooring.name, file, files)
+            for other in files:  # M1 and m1 are one folder on some file systems
+                if mooring.name.lower() == other.partition("/")[0].lower():
+                    alike = " in other letters" * (mooring.name != other)
+                    taken = f"{shown(mooring.name)}, which {files[other]} has already{alike}"
+                    where, expected, advice = f"{file}: name", "a name of its own", "rename one of the two"
+                    raise InputError(where, expected=expected, found=taken, advice=advice)
             moorings |= (split := mooring.split())
             files |= dict.fromkeys(split, file)
         except InputError as mistake:
@@ -242,14 +247,6 @@ def _with_options(raw: dict[str, Any], options: CruiseOptions) -> dict[str, Any]
     if isinstance(quality := raw.get("quality"), dict | None):
         filled = filled | {"quality": options.quality.model_dump() | (quality or {})}
     return filled
-
-
-def _refuse_taken(name: str, file: str, files: dict[str, str]) -> None:
-    for other in files:
-        if name.lower() == other.partition("/")[0].lower():  # M1 and m1 are one folder on some file systems
-            actual = f"{shown(name)}, which {files[other]} has already{' in other letters' * (name != other)}"
-            advice = "rename one of the two"
-            raise InputError(f"{file}: name", expected="a name of its own", found=actual, advice=advice)
 
 
 def _mistake(model: type[BaseModel], first: Any, file: str) -> InputError:

@@ -20,6 +20,8 @@ import numpy as np
 from pydantic import ValidationInfo
 from pydantic_core import PydanticCustomError
 
+from compasslib.readers.times import FARTHEST_ZONE_H
+
 DECIDE = "DECIDE"  # placeholder in a draft for a value that the user must decide
 NAME_WORDS = "1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit"
 VELOCITY_SETS = (("east", "north"), ("speed", "direction"), ("x", "y", "heading"))
@@ -41,7 +43,6 @@ STATED = (
 )
 
 TIME_SCALES = ("epoch", "epoch_ms", "datenum", "decimal_year", "excel")  # numeric time scales
-FARTHEST_ZONE_H = 14  # the largest offset from UTC in use, hours
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _STATED = {name.lower() for name in STATED}

@@ -14,7 +14,7 @@ from compasslib import angles
 from compasslib.preparation.headings import flag_column, flag_headings
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Flags, Record, iso_time
 from compasslib.statistics.resampling import angle_resolution
-from compasslib.types import Bools, Floats
+from compasslib.types import HOUR_S, Bools, Floats
 
 # Velocity tests by the key of their count, one bit each in this order; flag meanings follow QARTOD and IMOS.
 TESTS = {
@@ -44,7 +44,7 @@ NEAR_LIMIT = 0.3  # range of values compared with the extreme one, as a fraction
 # Values equal to the extreme one, ratio to the median count of the next values, and the number of those values.
 AT_LIMIT, CROWDED, COMPARED_VALUES = 10, 10.0, 9
 COARSE_DEG = 2.0  # heading resolution from which on a note is made
-FROZEN_SAMPLES, FROZEN_S = 12, 6 * 3600.0  # real currents never repeat to the last digit for this long
+FROZEN_SAMPLES, FROZEN_S = 12, 6 * HOUR_S  # real currents never repeat to the last digit for this long
 STILL_DEG = 0.1  # change between samples below which a compass counts as stuck: its noise
 BLOCK = 50_000  # samples compared at once, to limit memory
 BY_CHANCE = 1e-3  # expected number of equally long runs, given how often the rest of the series repeats
@@ -103,7 +103,14 @@ def flag_quality(
     if len(record.time_s) > FROZEN_SAMPLES:
         frozen = _stuck_velocity(record)[:, None]
         sentence = "the same to the last digit for hours"
-        record = _stuck_heading(flag_velocities(record, frozen, BAD, "frozen_velocity", sentence))
+        record = flag_velocities(record, frozen, BAD, "frozen_velocity", sentence)
+        with np.errstate(invalid="ignore"):
+            same = np.abs(angles.difference(record.heading_deg[1:], record.heading_deg[:-1])) <= STILL_DEG
+        still = _stuck(same, record.time_s) & (record.heading_quality < PROBABLY_BAD)
+        number = int(still.sum())
+        note = f"{number} headings flagged: the compass stood still within {STILL_DEG:g} degrees for hours"
+        record = replace(record, counts={**record.counts, "heading_stuck": number})
+        record = flag_headings(record, still, *[note] * (number > 0))
     return _constant_sensors(flag_column(record) if affected else record)
 
 
@@ -245,7 +252,13 @@ def heading_outlier_flags(record: Record, heading_deg: Floats) -> Flags:
     """
     known = np.isfinite(heading_deg) & (record.heading_quality < PROBABLY_BAD)
     flags = np.full(known.shape, GOOD, dtype=np.int8)
-    flags[known] = _outliers(heading_deg[known], _fast_water(record)[known])
+    good = record.quality[:, :NEAR_BINS] <= PROBABLY_GOOD
+    count = good.sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = [np.where(good, of[:, :NEAR_BINS], 0.0).sum(axis=1) / count for of in (record.east, record.north)]
+    speed = np.hypot(*mean)
+    fast = np.nan_to_num(speed) > (np.median(speed[count > 0]) if count.any() else np.inf)
+    flags[known] = _outliers(heading_deg[known], fast[known])
     return flags
 
 
@@ -374,17 +387,6 @@ def _limit(off_both_deg: Floats, wrong: float) -> float:
     return max(LEAST_OFF_DEG, OFF_STEPS * float(np.quantile(off_both_deg, middle)))
 
 
-def _fast_water(record: Record) -> Bools:
-    """Find samples with a mean speed of the first bins above its median, (n,)."""
-    good = record.quality[:, :NEAR_BINS] <= PROBABLY_GOOD
-    count = good.sum(axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = [np.where(good, of[:, :NEAR_BINS], 0.0).sum(axis=1) / count for of in (record.east, record.north)]
-    speed = np.hypot(*mean)
-    known = speed[count > 0]
-    return np.asarray(np.nan_to_num(speed) > (np.median(known) if known.size else np.inf))
-
-
 def _stuck_velocity(record: Record) -> Bools:
     """Find runs of samples whose velocities repeat the previous ones in all bins; all-zero samples are not tested.
 
@@ -421,17 +423,6 @@ def _stuck(same: Bools, time_s: Floats) -> Bools:
     share = float(others.mean()) if others.size else 1.0
     likely = [end - begin for begin, end in runs if len(time_s) * share ** (end - begin) > BY_CHANCE]
     return stuck & (not likely)
-
-
-def _stuck_heading(record: Record) -> Record:
-    """Flag headings that remain constant for hours in a record where they otherwise vary."""
-    with np.errstate(invalid="ignore"):
-        same = np.abs(angles.difference(record.heading_deg[1:], record.heading_deg[:-1])) <= STILL_DEG
-    frozen = _stuck(same, record.time_s) & (record.heading_quality < PROBABLY_BAD)
-    number = int(frozen.sum())
-    note = f"{number} headings flagged: the compass stood still within {STILL_DEG:g} degrees for hours"
-    record = replace(record, counts={**record.counts, "heading_stuck": number})
-    return flag_headings(record, frozen, *[note] * (number > 0))
 
 
 def _constant_sensors(record: Record) -> Record:

@@ -47,7 +47,7 @@ from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 PIECE, CELLS = 4096, 1 << 21  # times gridded at once, and cells, of some 300 bytes each
 MOST_DEPTHS = 6000  # 1 m over the depth of most of the ocean; a year of daily means of so many has CELLS
 INTERPOLATED = 8  # OceanSITES reference table 2
-POINT_STEP_M, SLOWEST_STEP_S, FASTEST_STEP_S = 10.0, 3600.0, 60.0
+POINT_STEP_M, SLOWEST_STEP_S, FASTEST_STEP_S = 10.0, HOUR_S, 60.0
 RARE = 0.01  # fraction of the samples at the best-sampled depth; depths with fewer do not extend the grid
 DIVES = 0.1  # fraction of the step: the grid follows the bins of an instrument whose depth varies less
 MAX_DEPTH_M = 12000
@@ -351,7 +351,7 @@ def _ends(survey: Survey, step_m: float, phase_m: float) -> tuple[float, float]:
 
 # Daily means of the gridded product.
 
-TIDE_S = 6 * 3600.0  # lag at which velocities differ as much as those of missing hours from the rest of the day
+TIDE_S = 6 * HOUR_S  # lag at which velocities differ as much as those of missing hours from the rest of the day
 LEAST_SHARE = 0.5  # fraction of a day's times that a mean needs, except for profilers
 
 

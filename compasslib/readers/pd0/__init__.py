@@ -25,7 +25,7 @@ from compasslib.readers.files import refuse_mostly_damaged
 from compasslib.readers.pd0 import checks, currents, fields
 from compasslib.readers.pd0.checks import FileReport
 from compasslib.readers.pd0.currents import Settings
-from compasslib.readers.pd0.fields import BEAM, COUNTS, EARTH, Ensembles, GrowableArrays
+from compasslib.readers.pd0.fields import BEAM, BEAMS, COUNTS, EARTH, Ensembles, GrowableArrays
 from compasslib.readers.pd0.frames import CHUNK_BYTES, Skipped, is_escaped, iter_chunks
 from compasslib.readers.pd0.sound import correct_sound_speed
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Record
@@ -33,7 +33,6 @@ from compasslib.types import Floats
 
 BOUNDARY_COUNTS = 50  # echo of a boundary above the minimum at shorter range; 0.45 dB per count
 HEARD_COUNTS = 15  # echo of water above the minimum of the ensemble, which is at least the receiver noise
-BEAMS = 4
 NEAR_CELLS = 2
 
 
