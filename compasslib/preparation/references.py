@@ -7,11 +7,6 @@ between the measured and the predicted speeds, which do not depend on a compass.
 A reference may turn out to be the affected record itself, with bins rounded, rescaled, averaged or shifted. Two
 instruments never agree to a millimetre per second, as their pings and the water between them differ. A deeper cell of
 the same profiler, given at its own depth, is accepted.
-
-A reference may also have been averaged, filtered, interpolated or held. The structure function of speed, the mean
-square of its changes over a lag, requires neither a compass nor a gapless series. At one site its ratio between two
-instruments is nearly the same at the shortest lag and at two days, apart from noise: the two ratios differ by a factor
-of 0.8 to 1.9 on eleven simulated hourly moorings and between bins of one real record.
 """
 
 from __future__ import annotations
