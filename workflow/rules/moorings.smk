@@ -40,7 +40,7 @@ rule overlap:
     group:
         lambda wildcards: group_of_mooring(wildcards, "read")
     params:
-        **parameters("overlap.overlap", MOORINGS.overlap, zip(CRUISE.moorings)),
+        **parameters("read.overlap", MOORINGS.overlap, zip(CRUISE.moorings)),
     script:
         "../scripts/stage.py"
 
