@@ -522,7 +522,7 @@ BAD_FILES = [
 BAD_OPTIONS = [
     ("demonstration: 1", "demonstration: expected true or false, found 1; write for example demonstration: false"),
     ("figures: {formats: [[png]]}", "figures.formats: expected a list of png and pdf, found a list; write for example formats: [png, pdf]"),
-    ("supersedes: [a.zip, b.zip]", "supersedes: expected one ZIP, relative to the cruise folder, found a list; write for example supersedes: deposits/v1.zip"),
+    ("supersedes: [a.zip, b.zip]", "supersedes: expected one ZIP, relative to the cruise folder, found 2; write for example supersedes: deposits/v1.zip"),
     ("seed: 1.5", "seed: expected a whole number from 0 to 4294967295, found 1.5; write for example seed: 2007"),
     ("overlap: {bins: 0}", "overlap.bins: expected a whole number from 1 to 255, found 0; write for example bins: 2"),
     ("overlap: {max_minuts: 20}", "overlap.max_minuts: expected a key out of max_minutes, max_metres, bins, predict, grid_minutes, grid_tolerance_minutes, found the unknown 'max_minuts'; write max_minutes"),

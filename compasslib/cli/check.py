@@ -88,19 +88,15 @@ def check(asked: Namespace) -> int:
     print_warnings(warnings, sys.stdout)
     for line in problems:
         print(f"error: {line}", file=sys.stderr)
-    print(_summary(cruise, bool(refused), inspections, len(problems)))
-    return int(bool(problems))
-
-
-def _summary(cruise: Cruise, refused: bool, inspections: Mapping[str, Inspection], n: int) -> str:
-    """Summarize what a run would process: nothing if the configuration has errors, else all with readable files."""
-    problems = _plural(n, "problem")
-    names = ((cruise.moorings, "mooring"), (cruise.calibrations, "calibration"))
     if refused:
-        return f"cannot run, {problems}"
-    everything = " and ".join(_plural(len(each), noun) for each, noun in names if each) or "nothing to run"
+        print(f"cannot run, {_plural(len(problems), 'problem')}")
+        return int(bool(problems))
+    parts = ((cruise.moorings, "mooring"), (cruise.calibrations, "calibration"))
+    everything = " and ".join(_plural(len(each), noun) for each, noun in parts if each) or "nothing to run"
     stopped = [name for name, inspection in inspections.items() if not inspection.usable]
-    return f"{everything}: can run, {problems}" + (f" (stopped: {', '.join(stopped)})" if stopped else "")
+    left_out = f" (stopped: {', '.join(stopped)})" if stopped else ""
+    print(f"{everything}: can run, {_plural(len(problems), 'problem')}{left_out}")
+    return int(bool(problems))
 
 
 def _inspect(job: Callable[[str, Cruise], Inspection], name: str, cruise: Cruise) -> Inspection:

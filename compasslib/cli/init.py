@@ -183,7 +183,12 @@ def _add_aside(
         keys = {"format": form, "files": [file]}
         contents.series["declination_observatory"] = Series(keys, None, -math.inf, math.inf)
         place, comments = _place(contents.place, "of the observatory", draft.DECIDE)
-        place, comments = ({}, {}) if _tells_place(path) else (place, comments)
+        try:
+            series = iaga2002.read([path])
+            placed = bool(np.isfinite(series.latitude + series.longitude))
+        except InputError:
+            placed = True  # compass check will report the error
+        place, comments = ({}, {}) if placed else (place, comments)
         contents.calibrations[name] = draft.calibration("declination", {"file": file, **place}, comments)
     elif form == "nmea0183":
         _add_log(path, file, name, contents)
@@ -237,14 +242,6 @@ def _place(said: Position, why: str, unknown: str | None) -> tuple[dict[str, obj
         words_of = {"latitude": f"degrees north, {why}", "longitude": "degrees east, west negative"}
         return {"latitude": unknown, "longitude": unknown}, words_of
     return {"latitude": said.latitude, "longitude": said.longitude}, {}
-
-
-def _tells_place(path: Path) -> bool:
-    try:
-        series = iaga2002.read([path])
-    except InputError:
-        return True  # compass check will report the error
-    return bool(np.isfinite(series.latitude + series.longitude))
 
 
 def _drafted(

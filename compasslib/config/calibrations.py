@@ -265,6 +265,9 @@ class TwoHeads(CalibrationFile):
     """Two profilers on one frame."""
 
     format: Literal["pd0"] = key("pd0", "pd0", "pd0")
+    files: Files = key(
+        "two files, of head a and of head b", "[a.000, b.000]", alias="file", min_length=HEADS, max_length=HEADS
+    )
     start_s: Time | None = key("a date or UTC time from 1980 to 2100", "2022-09-29T06:00:00Z", None, alias="start")
     end_s: Time | None = key("a date or UTC time from 1980 to 2100", "2022-09-29T18:00:00Z", None, alias="end")
     orientation: Orientations | None = key("up or down, or a list of two of these", "[up, down]", None)
@@ -272,13 +275,6 @@ class TwoHeads(CalibrationFile):
     heading_alignment: Pair | None = key("degrees, or a list of two", "[0, 45]", None)
     max_clock_seconds: Number | None = key("seconds from 0 to 86400", "600", None, ge=0, le=86400)
     clock_offset_seconds: Number | None = key("seconds, less than a century", "0", None, ge=-3.2e9, le=3.2e9)
-
-    @model_validator(mode="after")
-    def _two_files(self) -> Self:
-        if len(self.files) != HEADS:
-            advice = "write file: [a.000, b.000]"
-            raise problem("file", "two files, of head a and of head b", str(len(self.files)), advice)
-        return self
 
 
 MODELS: dict[str, type[CalibrationFile]] = {

@@ -269,7 +269,8 @@ def _words(error: Any, field: Any, inner: type[BaseModel] | None, last: str) -> 
     kind, value = error["type"], error["input"]
     example = f"for example {last.partition('[')[0]}: {field.examples[0]}" if field else ""
     advice = field.json_schema_extra["advice"] if field else None
-    expected, found = field.description if field else "", shown(value)
+    expected = field.description if field else ""
+    found = str(error.get("ctx", {}).get("actual_length", shown(value)))  # of a list that is too long or short
     sentence = {"expected": expected, "found": found, "advice": advice or f"write {example}"}
     if kind == "missing":
         sentence |= {"found": "nothing", "advice": f"add {example}"}

@@ -56,12 +56,19 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
     rows = {name: np.concatenate([getattr(each[k], name) for k in there]) for name in columns}
     index = np.concatenate([np.full(len(each[k]), k, dtype=np.int8) for k in there])
     order = np.lexsort((index, rows["time_s"]))
+    # Errors of the published mean and of the prediction, rms over all pairs that have them.
+    known = [(len(each[k]), each[k].expected_m_s) for k in there if each[k].expected_m_s is not None]
+    expected = None
+    if known:
+        counts, errors = zip(*known, strict=True)
+        mean, predicted = np.sqrt(np.average(np.square(errors), weights=counts, axis=0)).tolist()
+        expected = mean, predicted
     return Pairs(
         **{name: column[order] for name, column in rows.items()},
         reference_index=index[order],
         reference_names=tuple(names),
         warnings=(*said, *notes),
-        expected_m_s=_expected([each[k] for k in there]),
+        expected_m_s=expected,
         veer_deg=float(np.average([each[k].veer_deg for k in there], weights=[max(len(each[k]), 1) for k in there])),
         slow_shear=max((each[k] for k in there), key=len).slow_shear,
         compass=_combined_compass([each[k].compass for k in there], [len(each[k]) for k in there]),
@@ -105,16 +112,6 @@ def combine_references(pairs: Pairs) -> Pairs:
     means: dict[str, Any] = {name: np.bincount(row, share * getattr(pairs, name), len(times)) for name in AVERAGED}
     whole = replace(pairs, reference_index=None, reference_names=(), lower_heading_deg=None)
     return replace(take(whole, first), **means)
-
-
-def _expected(each: Sequence[Pairs]) -> tuple[float, float] | None:
-    """Pool the expected errors of the published mean and of the prediction, rms over all pairs that have them."""
-    known = [(len(pairs), pairs.expected_m_s) for pairs in each if pairs.expected_m_s is not None]
-    if not known:
-        return None
-    counts, errors = zip(*known, strict=True)
-    mean, predicted = np.sqrt(np.average(np.square(errors), weights=counts, axis=0)).tolist()
-    return mean, predicted
 
 
 def _weights(missed: Floats) -> Floats:
