@@ -26,7 +26,7 @@ from compasslib.preparation.affected import ExplainedShare, compare_headings, is
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.readers import detect, iaga2002, nmea
 from compasslib.readers.table import read_series
-from compasslib.records import Record
+from compasslib.records import DEEPEST_M, Record
 from compasslib.types import Floats
 
 LEFT_OUT = ("config", "results")  # folders of a cruise that hold no exports
@@ -35,7 +35,6 @@ MOORED_STEP_S = 60.0  # moored profilers average over longer intervals; two fast
 IN_WATER = 0.5  # of the median depth, below which an instrument is in the water
 SHALLOWEST_M = 2.0  # least median, and range, of depths that show when an instrument was in the water
 SAME_DEPLOYMENT = 0.1  # of the shorter record: least overlap of two records of one deployment
-DEEPEST_M = 12000.0  # assumed where the water depth is unknown, as it rejects no instrument
 PIECE = re.compile(r"\.\d{3}$")  # suffix of a PD0 file that was split by its recorder
 SCANS, COMPANION = re.compile(r"A(\d{7})\.\w+$"), re.compile(r"[CE](\d{7})\.\w+$")  # moored profiler
 # Keys of a format that the user must decide; for the draft, the files are read with these values.
@@ -415,7 +414,7 @@ def _by_directions(
                 records[instruments[name].files[0]],
                 start_s=instruments[name].start_s,
                 end_s=instruments[name].end_s,
-                water_depth=DEEPEST_M,
+                water_depth=DEEPEST_M,  # unknown: no instrument is rejected
                 latitude=45.0,  # depth by pressure differs by 0.5 % between pole and equator
                 nominal_depth=None if math.isnan(instruments[name].depth_m) else instruments[name].depth_m,
             )

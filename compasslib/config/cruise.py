@@ -21,14 +21,13 @@ from yaml.constructor import SafeConstructor
 from compasslib.config import compasses
 from compasslib.config.calibrations import MODELS, CalibrationFile, KindKey, check_comparisons
 from compasslib.config.schema import Covariate, CruiseOptions, Instrument, Mooring, allowed_keys
-from compasslib.config.values import DECIDE, NAME_WORDS, RawFolder, nearest, shown
+from compasslib.config.values import DECIDE, NAME_WORDS, SHOWN, RawFolder, nearest, shown
 from compasslib.config.values import name as checked_name
 from compasslib.errors import InputError
 
 CONFIG = "config/config.yaml"
 CALIBRATIONS = "config/calibrations"
 Model = TypeVar("Model", bound=BaseModel)
-_LONGEST = 60  # characters of a user-defined name shown in a message
 _QUOTED = re.compile(r"'([^']*)'")  # allowed values in pydantic's message of a literal_error
 
 
@@ -302,7 +301,7 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
 
 
 def _dotted(place: Sequence[Any]) -> str:
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part[:_LONGEST]}" for part in place).lstrip(".")
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part[:SHOWN]}" for part in place).lstrip(".")
 
 
 # Strict YAML: plain mappings, lists, strings, booleans and numbers; constructs that are mostly mistakes are refused.

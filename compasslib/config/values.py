@@ -50,7 +50,7 @@ _ATTRIBUTE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 _EXPONENT = re.compile(r"[-+]?\d+[eE][-+]?\d+")
 _TIME = re.compile(r"\d{4}-\d\d-\d\d([Tt ]\d\d:\d\d(:\d\d(\.\d{1,6})?)?( ?(Z|z|UTC)|[+-]\d\d(:?\d\d)?)?)?", re.ASCII)
 _EARLIEST, _LATEST = datetime(1980, 1, 1, tzinfo=UTC), datetime(2101, 1, 1, tzinfo=UTC)
-_SHOWN = 60  # characters of a value shown in a message
+SHOWN = 60  # characters of a value or name shown in a message
 
 
 def problem(
@@ -68,7 +68,7 @@ def shown(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
-        return repr(value) if len(value) <= _SHOWN else repr(value[:_SHOWN]) + " and more"
+        return repr(value) if len(value) <= SHOWN else repr(value[:SHOWN]) + " and more"
     if isinstance(value, dict | list | tuple):
         return "a mapping" if isinstance(value, dict) else "a list"
     return f"{value:.15g}" if isinstance(value, float) else str(value)

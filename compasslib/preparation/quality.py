@@ -11,7 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Flags, Record, iso_time
+from compasslib.records import (
+    BAD,
+    GOOD,
+    LEAST_PERCENT_GOOD,
+    MISSING,
+    PROBABLY_BAD,
+    PROBABLY_GOOD,
+    Flags,
+    Record,
+    iso_time,
+)
 from compasslib.statistics.resampling import angle_resolution
 from compasslib.types import HOUR_S, Bools, Floats
 
@@ -34,7 +44,6 @@ TESTS = {
     "heading": "heading",
 }
 MASKS = {name: np.int16(1 << k) for k, name in enumerate(TESTS)}
-READ_PERCENT_GOOD = 25.0  # threshold that the readers apply
 ABOVE_SURFACE_M = 10.0  # larger than the offset of a pressure sensor that was not zeroed in air
 BELOW_BOTTOM = 1.2  # times the water depth; charted depths are rarely wrong by more
 # Fractions of the 90th percentile of depth: shallower is on deck; up to the second a moored instrument passes in hours.
@@ -73,7 +82,7 @@ FILL_OFF_DEG = (5.0, 45.0)  # a jump to a fill value exceeds twice the typical s
 class Thresholds:
     """Thresholds of the tests; None disables a test."""
 
-    percent_good: float = READ_PERCENT_GOOD  # minimum, %
+    percent_good: float = LEAST_PERCENT_GOOD  # minimum, %
     correlation: float | None = None  # minimum over the beams, counts
     error_velocity: float | None = None  # maximum, m/s
     echo: float | None = None  # minimum over the beams, counts
@@ -159,9 +168,9 @@ def _flag_read(record: Record, thresholds: Thresholds) -> Record:
     name = "low_percent_good" if "percent_good" in record.profiles else "flagged_in_file"
     flagged = (record.quality > PROBABLY_GOOD) & (record.quality != MISSING)
     least, percent = thresholds.percent_good, None
-    if name == "low_percent_good" and least != READ_PERCENT_GOOD:
+    if name == "low_percent_good" and least != LEAST_PERCENT_GOOD:
         percent = _percent_good(record)
-        allowed = flagged & (percent >= least) & (percent < READ_PERCENT_GOOD)
+        allowed = flagged & (percent >= least) & (percent < LEAST_PERCENT_GOOD)
         record = replace(record, quality=np.where(allowed, GOOD, record.quality).astype(np.int8))
         flagged &= ~allowed
     record = replace(record, tests=np.where(flagged, MASKS[name], np.int16(0)).astype(np.int16))

@@ -26,10 +26,9 @@ from compasslib.readers.pd0.fields import (
     Ensembles,
     select,
 )
-from compasslib.records import BAD, GOOD, MISSING, Flags
+from compasslib.records import BAD, GOOD, LEAST_PERCENT_GOOD, MISSING, Flags
 from compasslib.types import Bools, Floats
 
-LEAST_PERCENT_GOOD = 25
 ALL_PINGS, PINGS_ROUNDED, TWO_BEAMS = 100, 4, 50  # percent
 MOST_TURNED = 0.4  # relative change of a beam's vertical reach below which bins are mapped: some 30 degrees of tilt
 SAMPLED = 200  # approximate number of ensembles per chunk in which coordinates are checked by percent good
