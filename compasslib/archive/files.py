@@ -164,18 +164,13 @@ def open_netcdf(path: str | Path) -> Iterator[netCDF4.Dataset]:
                 raise Unusable(json.loads(nc.getncattr(STOPPED)))
             yield nc
     except (OSError, RuntimeError, LookupError, AttributeError, ValueError) as error:
-        if not _from_netcdf(error):
+        # An error of the file, not of the code that reads it; a missing variable or attribute is known by its words.
+        of_file = isinstance(error, (OSError, RuntimeError, UnicodeDecodeError, json.JSONDecodeError))
+        of_file |= isinstance(error, IndexError) and " not found in " in str(error)
+        of_file |= isinstance(error, AttributeError) and str(error).startswith("NetCDF: ")
+        if not of_file:
             raise
         raise _damaged(path, "a whole netCDF file that this program wrote", error) from error
-
-
-def _from_netcdf(error: Exception) -> bool:
-    """Return whether an error comes from the file, not from the code that reads it."""
-    if isinstance(error, IndexError):  # raised for a missing variable
-        return " not found in " in str(error)
-    if isinstance(error, AttributeError):  # raised for a missing attribute
-        return str(error).startswith("NetCDF: ")
-    return isinstance(error, (OSError, RuntimeError, UnicodeDecodeError, json.JSONDecodeError))
 
 
 def write_reason(path: str | Path, reason: Mapping[str, Any]) -> None:

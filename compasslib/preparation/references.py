@@ -254,6 +254,7 @@ def find_same_recording(upper: Record, lower: Record, bins: int) -> str:
     """Explain that the reference repeats the affected record, given on the pairs' time grid; empty if it does not."""
     if len(upper.time_s) < MIN_COMPARED or len(lower.time_s) < MIN_COMPARED:
         return ""
+    near = np.flatnonzero(np.abs(LAGS_H) <= SHIFTED_H)
     for trusted in _near(upper, lower, bins):
         sample = np.flatnonzero(np.isfinite(trusted.velocity))
         sample = sample[:: 1 + len(sample) // MAX_COMPARED]
@@ -272,7 +273,11 @@ def find_same_recording(upper: Record, lower: Record, bins: int) -> str:
         averages = (CellSeries(velocity[:, r].mean(axis=1), float(np.nanmedian(depth[:, r])), r) for r in runs)
         for cells in averages:
             shared, off_m = cells.bins.start < bins, abs(cells.depth_m - trusted.depth_m)
-            if (shared or off_m > OFF_M) and (_same(cells, met) or (cells.bins.start == 0 and _averaged(cells, met))):
+            if not (shared or off_m > OFF_M):
+                continue
+            speed = np.where(met.there[:, near], np.abs(cells.velocity)[met.place[:, near]], np.nan)
+            same = any(_equal(column, np.abs(met.velocity), met.least_m_s) for column in speed.T)  # at any one lag
+            if same or (cells.bins.start == 0 and _averaged(cells, met)):
                 first, last = cells.bins.start + 1, cells.bins.stop
                 which = f"bin {first}" if first == last else f"bins {first} to {last}"
                 why = "whose water every pair already holds" if shared else f"given {off_m:.0f} m from their depth"
@@ -289,14 +294,6 @@ def _near(upper: Record, lower: Record, bins: int) -> Iterator[CellSeries]:
     order = sorted(np.argsort(away, kind="stable")[:bins].tolist())
     for run in [order, *([k] for k in order if len(order) > 1)]:
         yield CellSeries(velocity[:, run].mean(axis=1), float(np.nanmedian(depth[:, run])), range(run[0], run[-1] + 1))
-
-
-def _same(cells: CellSeries, met: MatchedVelocities) -> bool:
-    """Check whether two series have the same speeds, up to a factor, at any one lag."""
-    speed, wanted = np.abs(cells.velocity), np.abs(met.velocity)
-    near = np.flatnonzero(np.abs(LAGS_H) <= SHIFTED_H)
-    columns = np.where(met.there[:, near], speed[met.place[:, near]], np.nan)
-    return any(_equal(column, wanted, met.least_m_s) for column in columns.T)
 
 
 def _equal(first: NDArray, second: NDArray, least: float) -> bool:

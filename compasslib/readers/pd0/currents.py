@@ -335,8 +335,13 @@ def correct_sound_speed(ensembles: Ensembles, choice: str | Mapping[str, float] 
         said += f"{_span(factor[corrected], '.3f')} and ranges by {range_factor:.3f}, those of water of salinity "
         said += f"{_span(es[corrected], 'g')} ({source})"
     if doubtful.any():
-        said += f"; velocities of {doubtful.sum()} of {len(ec)} ensembles were kept and flagged 2: "
-        said += _describe_doubtful(select(ensembles, doubtful))
+        part = select(ensembles, doubtful)
+        off = [100.0 * (1.0 / np.median(_true_over_used(part, salinity)) - 1.0) for salinity in reversed(ES)]
+        why = "EC cannot be compared with the water, as some have no measured temperature or no possible EC"
+        if np.isfinite(off).all():
+            why = f"their speeds are {off[0]:+.1f} to {off[1]:+.1f} % off for salinities of {ES[1]:g} to {ES[0]:g}"
+            why += " (the salinity alone: up to 3 %); sound_speed: {salinity: S} corrects them"
+        said += f"; velocities of {doubtful.sum()} of {len(ec)} ensembles were kept and flagged 2: {why}"
     return SoundCorrection(factor, range_factor, doubtful, f"{said}.")
 
 
@@ -353,14 +358,6 @@ def _true_over_used(ensembles: Ensembles, salinity: ArrayLike) -> Floats:
     absolute = gsw.SR_from_SP(salinity)
     with np.errstate(invalid="ignore"):
         return np.asarray(gsw.sound_speed(absolute, gsw.CT_from_t(absolute, temperature, pressure), pressure) / used)
-
-
-def _describe_doubtful(ensembles: Ensembles) -> str:
-    off = [100.0 * (1.0 / np.median(_true_over_used(ensembles, salinity)) - 1.0) for salinity in reversed(ES)]
-    if not np.isfinite(off).all():
-        return "EC cannot be compared with the water, as some have no measured temperature or no possible EC"
-    shown = f"their speeds are {off[0]:+.1f} to {off[1]:+.1f} % off for salinities of {ES[1]:g} to {ES[0]:g}"
-    return f"{shown} (the salinity alone: up to 3 %); sound_speed: {{salinity: S}} corrects them"
 
 
 def _span(values: Floats, form: str) -> str:
