@@ -50,11 +50,12 @@ check: .venv/test  ## style, types, workflow
 	$(BIN)/mypy
 	$(BIN)/snakemake --lint
 
-bench: .venv/test  ## speed and memory, each with its ratio in the same run, on one page: results/bench/README.md
-	$(BIN)/python benchmarks/page.py
+bench: .venv/test  ## speed of the readers against others, and memory of a long record
+	$(BIN)/python benchmarks/throughput.py
+	$(BIN)/python benchmarks/memory.py 1
 
 accuracy: run .venv/test  ## the long measurements of how right the results are
-	for name in accuracy headings calibrations recordings discrepancy injected; do \
+	for name in accuracy calibrations recordings discrepancy injected; do \
 	  echo "== $$name"; $(BIN)/python benchmarks/$$name.py || missed="$$missed $$name"; \
 	done; test -z "$$missed" || { echo "a target is missed, or a run failed:$$missed"; exit 1; }
 

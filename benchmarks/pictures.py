@@ -73,11 +73,18 @@ def report(cruise: Path) -> None:
 
 
 def concealed(cruise: Path) -> None:
-    """Take the diagnosis of C1 and draw its heading errors, with the page that explains them."""
-    import walkthrough
+    """Take the diagnosis of C1 and draw its heading errors, on the axis that all concealed moorings share."""
+    from compasslib.archive.files import read_json
+    from compasslib.plots.timeseries import draw_errors, error_reach
+    from compasslib.stages.concealed import heading_errors, read_headings
 
     shutil.copyfile(cruise / "results/C1/figures/diagnosis.png", DOCS / "diagnosis.png")
-    walkthrough.collect(cruise, DOCS / "concealed_errors.png")
+    truths = {path.stem: read_json(path) for path in sorted((cruise / "concealed").glob("*.json"))}
+    errors = {name: heading_errors(truth, read_headings(cruise / "results" / name)) for name, truth in truths.items()}
+    reach = error_reach([error for each in errors.values() for error in (each.fit_deg, each.corrected_deg)])
+    dates, c1 = [cause["date"] for cause in truths["C1"]["planted"]], errors["C1"]
+    picture = DOCS / "concealed_errors.png"
+    draw_errors(picture, c1.time_s, c1.fit_deg, c1.corrected_deg, c1.sigma_deg, dates, reach)
 
 
 def sea(folder: Path) -> None:
@@ -117,7 +124,7 @@ MAKERS = {
         {"redeployed.png": "compasses/wh8104/figures/coefficients.png"}, cruise="examples/redeployed",
     ),
     "concealed": Maker(
-        "The diagnosis of C1 and its heading errors, with the page that explains them",
+        "The diagnosis of C1 and its heading errors",
         (PAGE, "compasslib/plots/diagnosis.py", TIMESERIES, "compasslib/demo/concealed.py"),
         drawn=("diagnosis.png", "concealed_errors.png"), draw=concealed, cruise=".",
     ),

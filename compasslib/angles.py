@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from compasslib.types import Floats
 
 DEGREE = np.pi / 180.0  # one degree in radians
+SECTOR_DEG, SECTORS = 10.0, 36  # of the circle, by which the coverage of headings is counted
 UNIFORM_SIGMA_DEG = 360.0 / np.sqrt(12.0)  # standard deviation of a uniformly distributed direction
 
 

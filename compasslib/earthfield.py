@@ -25,6 +25,7 @@ NODE_SPACING_S = 30 * DAY_S  # the field is linear in time within an epoch of fi
 DISAGREEMENT_DEG, APPLIED_DISAGREEMENT_DEG = 1.0, 2.0  # an instrument may be set up with a chart some years old
 RECOGNISED_DEG, RECOGNISED_SHARE = 0.5, 0.05  # tolerance, absolute and relative, in recognizing a mistake
 RADIUS_KM = 6371.2  # reference radius of the coefficients
+DEGREE_KM = 111.2  # of latitude
 EQUATOR_KM, FLATTENING = 6378.137, 1.0 / 298.257223563  # WGS84
 BEYOND = f"IGRF ends with {LAST_YEAR - 1}: later H, Z and what the declination is held against are its last"
 NEAREST_POLE = 1e-9  # least sine of the colatitude: east is undefined at the pole itself

@@ -111,6 +111,8 @@ _BY_NAME = ("channels", "profiles")  # fields of a record that hold arrays by na
 
 # Quality flags of OceanSITES reference table 2 that are used.
 NOT_CHECKED, GOOD, PROBABLY_GOOD, PROBABLY_BAD, BAD, MISSING = 0, 1, 2, 3, 4, 9
+LEAST_PERCENT_GOOD = 25  # of the pings, that readers require
+DEEPEST_M = 12000  # metres or dbar; no sea is deeper
 # Upward and error velocity, and for each beam echo intensity, correlation and percent good.
 PROFILES = ("up", "error_velocity", "echo", "correlation", "percent_good")
 

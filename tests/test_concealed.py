@@ -17,7 +17,7 @@ from sea import cruise
 from compasslib.archive import crate, netcdf
 from compasslib.archive.files import write_json
 from compasslib.demo import concealed
-from compasslib.report.concealed import HeadingErrors
+from compasslib.stages.concealed import HeadingErrors
 from compasslib.stages.concealed import concealed as set_beside
 
 

@@ -97,9 +97,9 @@ def test_swing_and_two_heads_keys_reach_the_settings(cruise: Path) -> None:
 
 
 BAD = [
-    ("kind: two_heads\nfile: raw/cal/aqd.csv\n", "file: expected two files, of head a and of head b, found 1; write file: [a.000, b.000]"),
-    ("kind: two_heads\nfile: [raw/cal/a.csv, raw/cal/b.csv]\norientation: [up, left]\n", "orientation: expected up or down, or a list of two of these, found a list; write for example orientation: [up, down]"),
-    ("kind: two_heads\nfile: [raw/cal/a.csv, raw/cal/b.csv]\nheading_alignment: [1, 2, 3]\n", "heading_alignment: expected degrees, or a list of two, found a list; write for example heading_alignment: [0, 45]"),
+    ("kind: two_heads\nfile: raw/cal/aqd.csv\n", "file: expected two files, of head a and of head b, found 1; write for example file: [a.000, b.000]"),
+    ("kind: two_heads\nfile: [raw/cal/a.csv, raw/cal/b.csv]\norientation: [up, left]\n", "orientation[1]: expected up or down, or a list of two of these, found 'left'; write for example orientation: [up, down]"),
+    ("kind: two_heads\nfile: [raw/cal/a.csv, raw/cal/b.csv]\nheading_alignment: [1, 2, 3]\n", "heading_alignment: expected degrees, or a list of two, found 3; write for example heading_alignment: [0, 45]"),
     ("kind: swing\nfile: raw/cal/aqd.csv\nvisual: [{compass_deg: 40}]\n", "visual[0].true_deg: expected degrees from 0 to 360, found nothing; add for example true_deg: 42"),
     ("kind: platfrom\nfile: raw/cal/aqd.csv\n", "kind: expected platform, tilt, swing, magnetometer, declination or two_heads, found 'platfrom'; write platform"),
     ("file: raw/cal/aqd.csv\n", "kind: expected platform, tilt, swing, magnetometer, declination or two_heads, found nothing; add for example kind: platform"),

@@ -24,7 +24,6 @@ import numbers_of_pages
 import numpy as np
 import pictures
 import pytest
-import walkthrough
 import yaml
 from launch import copied_project
 from sea import cruise
@@ -365,12 +364,6 @@ def test_wheel_declares_the_command_and_the_licence(installed):
     assert "compass = compasslib.cli:main" in (described / "entry_points.txt").read_text()
     assert "License-Expression: MIT" in (described / "METADATA").read_text()
     assert (described / "licenses/LICENSE").read_text() == (PROJECT / "LICENSE").read_text()
-
-
-def test_page_on_the_concealed_moorings_is_up_to_date():
-    assert walkthrough.PAGE.read_text() == walkthrough.page(json.loads(walkthrough.FIGURES.read_text())), (
-        "make it anew: .venv/bin/python benchmarks/walkthrough.py"
-    )
 
 
 @pytest.fixture(scope="module")

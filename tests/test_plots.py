@@ -441,12 +441,12 @@ def test_no_curve_crosses_the_cut_of_an_axis(kind, show):
 
 
 @pytest.mark.parametrize("copies", [0, 2, 9])
-@pytest.mark.parametrize("figure", moorings_together.FIGURES)
+@pytest.mark.parametrize("figure", ["curves", "differences", "currents"])
 def test_cruise_figures_name_moorings_only_if_few(figure, copies, tmp_path):
     """With no mooring, with a few, and with more than can be named."""
     kinds = ("unfolded", "folded", "published and folded", "too few pairs", "no fit and no pairs")
     cruise = [assessed(f"{kind} {k}", *KINDS[kind][:2]) for k in range(copies) for kind in kinds]
-    page = saved(lambda: moorings_together.draw_figure(figure, tmp_path / "a.png", cruise))
+    page = saved(lambda: getattr(moorings_together, f"draw_{figure}")(tmp_path / "a.png", cruise))
     shown = {mooring.name for mooring in cruise if mooring.fit.fitted or figure != "curves"}
     shown -= {name for name in shown if name.startswith("no fit")}
     named = {name for name in shown if name in words(page)}

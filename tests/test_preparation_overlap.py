@@ -270,34 +270,3 @@ def test_reference_speeds_in_a_wrong_unit_are_reported(factor, doubted):
     lower = replace(lower, east=factor * lower.east, north=factor * lower.north)
     found = find_pairs(upper, [lower], NORTH_FIELD, PairRules())
     assert bool(found.doubts) == doubted and ("unit and scale" in " ".join(found.warnings)) == (factor == 0.1)
-
-
-# -------------------------------------------------------------------------------------------------- variability
-def smoothed(velocity: np.ndarray, hours: int) -> np.ndarray:
-    return np.convolve(velocity, np.ones(hours) / hours, "same")
-
-
-def every_other(velocity: np.ndarray, hours: int) -> np.ndarray:
-    at = np.arange(velocity.size)
-    return np.interp(at, at[::hours], velocity[::hours])
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda flow: smoothed(flow, 12), "averaged, filtered or interpolated"),
-        (lambda flow: every_other(flow, 6), "averaged, filtered or interpolated"),
-        (lambda flow: flow - smoothed(flow, 25), "high-pass filtered"),
-        (lambda flow: flow[np.arange(flow.size) // 2 * 2], "repeat the one before"),
-        (lambda flow: flow[np.arange(flow.size) // 6 * 6], "repeat the one before"),
-        (lambda flow: flow, ""),
-    ],
-    ids=["running mean", "interpolated", "high-passed", "held for two", "held for six", "as measured"],
-)
-def test_filtered_or_repeated_reference_is_recognized(change, words):
-    upper, lower = instruments(seed=5)
-    flow = change(lower.east[:, 0] + 1j * lower.north[:, 0])
-    east, north = (np.repeat(part[:, None], lower.east.shape[1], axis=1) for part in (flow.real, flow.imag))
-    pairs = find_pairs(upper, [replace(lower, east=east, north=north)], NORTH_FIELD, PairRules())
-    said = [warning for warning in pairs.warnings if "reference's" in warning]
-    assert (len(said) == 1 and words in said[0]) if words else not said

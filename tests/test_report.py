@@ -36,11 +36,12 @@ from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import CovariateRange, HeldOut, Parameter, Unexplained
 from compasslib.inference.finding import Finding as Found
 from compasslib.plots import instruments
+from compasslib.plots.figures import MOORING
 from compasslib.report import chart, sections, words
 from compasslib.report.results import (
-    Figure,
     Overview,
     ReportedFinding,
+    ReportFigure,
     ReportSection,
     ReportTable,
     collect_figures,
@@ -85,14 +86,14 @@ def filled(kind, text: str):
         "tuple[tuple[str, str], ...]": ((text, text), (text, "x")),
         "tuple[tuple[str, ...], ...]": ((text, text), ("", text)),
     }
-    several = [f"tuple[{part}, ...]" for part in ("ReportedFinding", "ReportTable", "Figure")]
+    several = [f"tuple[{part}, ...]" for part in ("ReportedFinding", "ReportTable", "ReportFigure")]
     parts = ("int", "ReportTable | None", *several)
     return kind(**{one.name: by_type[one.type] for one in fields(kind) if one.type not in parts})
 
 
 def hostile(name: str = "M") -> ReportSection:
     parameters = filled(ReportTable, HOSTILE)
-    figure = replace(filled(Figure, HOSTILE), data="", href="M/figures/x.png")
+    figure = replace(filled(ReportFigure, HOSTILE), data="", href="M/figures/x.png")
     return replace(
         filled(ReportSection, HOSTILE),
         name=name,
@@ -176,8 +177,8 @@ def test_every_figure_has_an_alternative_text_and_a_caption(done, document):
     """All but the certificates are embedded, with distinct alternative texts; at most two captions agree."""
     pictures, captions = document.all("img"), [one.text for one in document.all("figcaption")]
     drawn = [path for path in (done / "results").rglob("figures/*.png") if path.stem != "certificate"]
-    assert len(drawn) == 2 * 10 + 4 + 2 * 3 and len(pictures) == len(drawn) - len(
-        sections.OF_PAIRS
+    assert len(drawn) == 2 * 10 + 4 + 2 * 3 and len(pictures) == len(drawn) - sum(
+        row.of_pairs for row in MOORING
     )  # ALONE has no pairs
     assert len({one.attributes["alt"] for one in pictures}) == len(pictures)
     assert all(len(caption) > 50 for caption in captions) and len(set(captions)) >= len(captions) - 1
@@ -441,7 +442,7 @@ def test_damaged_figure_is_reported_in_one_line(done, tmp_path):
     whole = (done / "results/M1/figures/scatter.png").read_bytes()
     (folder / "scatter.png").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match=r"scatter.png: expected a whole PNG, found .*; run the cruise again"):
-        collect_figures(folder.parent, tmp_path, str, small=False)
+        collect_figures(folder.parent, tmp_path, ["mooring"], small=False)
 
 
 @given(

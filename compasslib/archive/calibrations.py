@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.archive.files import read_csv, read_json, write_csv, write_json
+from compasslib.archive.files import SIGNIFICANT_DIGITS, read_csv, read_json, write_csv, write_json
 from compasslib.calibrations import result
 from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.types import Floats
 
 TABLE_COLUMNS = ("recorded_deg", "deviation_deg", "standard_uncertainty_deg")
-DIGITS = 10  # significant digits of the points
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,9 @@ def write(
     deviations = made.table or DeviationTable(*np.zeros((3, 0)))
     rows = (deviations.heading_deg, deviations.deviation_deg, deviations.sigma_deg)
     write_csv(table, TABLE_COLUMNS, rows, ("{:.4g}", "{:.3f}", "{:.3f}"))
-    write_csv(points, tuple(made.points), tuple(made.points.values()), (f"{{:.{DIGITS}g}}",) * len(made.points))
+    write_csv(
+        points, tuple(made.points), tuple(made.points.values()), (f"{{:.{SIGNIFICANT_DIGITS}g}}",) * len(made.points)
+    )
     write_json(calibration, page)
 
 

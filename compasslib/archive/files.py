@@ -9,7 +9,7 @@ import io
 import json
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -164,18 +164,13 @@ def open_netcdf(path: str | Path) -> Iterator[netCDF4.Dataset]:
                 raise Unusable(json.loads(nc.getncattr(STOPPED)))
             yield nc
     except (OSError, RuntimeError, LookupError, AttributeError, ValueError) as error:
-        if not _from_netcdf(error):
+        # An error of the file, not of the code that reads it; a missing variable or attribute is known by its words.
+        of_file = isinstance(error, (OSError, RuntimeError, UnicodeDecodeError, json.JSONDecodeError))
+        of_file |= isinstance(error, IndexError) and " not found in " in str(error)
+        of_file |= isinstance(error, AttributeError) and str(error).startswith("NetCDF: ")
+        if not of_file:
             raise
         raise _damaged(path, "a whole netCDF file that this program wrote", error) from error
-
-
-def _from_netcdf(error: Exception) -> bool:
-    """Return whether an error comes from the file, not from the code that reads it."""
-    if isinstance(error, IndexError):  # raised for a missing variable
-        return " not found in " in str(error)
-    if isinstance(error, AttributeError):  # raised for a missing attribute
-        return str(error).startswith("NetCDF: ")
-    return isinstance(error, (OSError, RuntimeError, UnicodeDecodeError, json.JSONDecodeError))
 
 
 def write_reason(path: str | Path, reason: Mapping[str, Any]) -> None:
@@ -315,7 +310,6 @@ def read_attribute(path: str | Path, name: str) -> str:
 PICTURES = ("work/pictures.json", "work/sections.json")  # in the folder of a mooring's results
 COLOURS = 256  # size of the palette: a third of the bytes, without a visible difference
 SMALL_PIXELS, SMALL_COLOURS = 350, 16  # width and palette size of thumbnails
-SMALL_FIGURES = ("sticks", "progressive", "roses")  # figures that have a thumbnail
 Picture = tuple[str, tuple[int, int]]  # data URI; width and height, pixels
 
 
@@ -341,15 +335,15 @@ def embed_png(path: str | Path, *, small: bool = False) -> Picture:
     return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}", reduced.size
 
 
-def write_pictures(path: str | Path, figures: Iterable[str]) -> None:
-    """Write the data URIs of figures and of thumbnails by the stems of the figures' file names.
+def write_pictures(path: str | Path, figures: Iterable[str], thumbnails: Collection[str] = ()) -> None:
+    """Write the data URIs of figures, and of the thumbnails of some, by the stems of the figures' file names.
 
     Raises:
         InputError: a figure is not a complete PNG.
     """
     named = {Path(figure).stem: figure for figure in figures}
     made = {"whole": {name: embed_png(figure) for name, figure in named.items()}}
-    made["small"] = {name: embed_png(named[name], small=True) for name in SMALL_FIGURES if name in named}
+    made["small"] = {name: embed_png(named[name], small=True) for name in thumbnails if name in named}
     write_json(path, made)
 
 

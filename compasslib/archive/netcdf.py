@@ -49,7 +49,7 @@ from compasslib.records import (
     Rows,
     SlowShear,
 )
-from compasslib.types import Bools, Floats
+from compasslib.types import DAY_S, Bools, Floats
 
 
 def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, object] | None = None) -> None:
@@ -382,7 +382,7 @@ def open_product(path: str | Path) -> CorrectedRecord:
 
 
 def _record_of(nc: netCDF4.Dataset, bins: int | None) -> Record:
-    time_s = np.round((read_variable(nc, "TIME") - DAYS_1950_TO_1970) * 86400.0, TIME_DECIMALS)
+    time_s = np.round((read_variable(nc, "TIME") - DAYS_1950_TO_1970) * DAY_S, TIME_DECIMALS)
     unknown = np.full(time_s.shape, np.nan)
     looks_up = nc["HEADING"].getncattr("sensor_orientation") == "upward"
     depth = read_variable(nc, "INSTRUMENT_DEPTH")
@@ -465,7 +465,7 @@ def _put_coordinates(nc: netCDF4.Dataset, whole: _Whole, site: Site) -> None:
     bins = max(whole.bins, 1)  # in the classic model only the unlimited dimension, TIME, may have length 0
     for dimension, size in (("TIME", len(whole.time_s)), ("BIN", bins), ("NAME_LENGTH", len(name))):
         nc.createDimension(dimension, size)
-    write_variable(nc, variables.TIME, whole.time_s / 86400.0 + DAYS_1950_TO_1970)
+    write_variable(nc, variables.TIME, whole.time_s / DAY_S + DAYS_1950_TO_1970)
     write_bins(nc, bins, whole.looks_up)
     write_beams(nc, whole.beams)
     write_variable(nc, variables.LATITUDE, site.latitude)

@@ -132,9 +132,18 @@ def differences(cruise: str | Path, configured: Collection[str] | None) -> list[
     apart = {*listed, *results.former, *foreign}
     left = (file for file in results.files if file not in apart and not results.of_job(file))
     unlisted = [file for file in left if not (crate.has_failures(page) or file.endswith(f"/{CONVENTIONS}"))]
-    former = Counter(_owner(file) for file in results.former)
+    former = Counter[str]()
+    for file in results.former:  # by the folder of the mooring, calibration, compass or cruise
+        parts = PurePosixPath(file).parts[:-1]
+        former["/".join(parts[: 3 if parts[1:2] and parts[1] in ("calibrations", "compasses") else 2])] += 1
+    differ = []
+    for path, known in listed.items():
+        if not (root / path).is_file():
+            differ.append(f"missing: {path}")
+        elif (now := provenance.sha256(root / path)) != known:
+            differ.append(f"changed: {path} (sha256 {now[:12]}, listed {known[:12]})")
     return [
-        *(line for path, known in listed.items() if (line := _difference(root, path, known))),
+        *differ,
         *(f"new: {path}" for path in sorted(foreign)),
         *(f"unlisted: {path}" for path in unlisted),
         *(f"{FORMER}{folder}, {n} files" for folder, n in sorted(former.items())),
@@ -208,17 +217,3 @@ def read_manifest(root: Path) -> dict[str, Any]:
     if entries:
         raise InputError(str(root / crate.FILE), expected=expected, found=entries, advice=advice)
     return page
-
-
-def _difference(root: Path, path: str, listed: str) -> str:
-    place = root / path
-    if not place.is_file():
-        return f"missing: {path}"
-    now = provenance.sha256(place)
-    return "" if now == listed else f"changed: {path} (sha256 {now[:12]}, listed {listed[:12]})"
-
-
-def _owner(file: str) -> str:
-    """Return the folder of the mooring, calibration, compass or cruise that a file belongs to."""
-    parts = PurePosixPath(file).parts[:-1]
-    return "/".join(parts[: 3 if parts[1:2] and parts[1] in ("calibrations", "compasses") else 2])

@@ -19,7 +19,6 @@ from compasslib import angles, compass
 from compasslib.deviation.series import series_design
 from compasslib.types import Floats
 
-SECTOR_DEG = 10.0
 CIRCLE_DEG = np.arange(0.0, 360.0, 5.0)
 # Largest standard error of a determined curve anywhere on the circle, in units of the scatter of one reading.
 MAX_VAGUENESS = 3.0
@@ -108,7 +107,7 @@ def deviation_points(recorded_deg: ArrayLike, reference_deg: ArrayLike, weight: 
 
 def count_sectors(recorded_deg: ArrayLike) -> int:
     """Count the sectors of ten degrees, of 36, that contain a recorded heading."""
-    return len(np.unique(np.floor(angles.wrap360(recorded_deg) / SECTOR_DEG)))
+    return len(np.unique(np.floor(angles.wrap360(recorded_deg) / angles.SECTOR_DEG)))
 
 
 def least_squares(columns: Floats, observed: Floats, weight: Floats) -> LeastSquares:

@@ -36,7 +36,6 @@ EXPLAINED, SUSPECTED = 3.0, 6.0  # factors by which undoing a mistake must reduc
 MOST_LIKELY = 3
 BLOCK_S, YEAR_S = 27 * DAY_S, 365.25 * DAY_S
 FARTHEST_KM = 2000.0  # beyond which storms are hardly similar
-DEGREE_KM = 111.2
 COVERED = 0.5  # fraction of a deployment that a series should cover
 NO_BASELINE_DEG, NO_BASELINE_SHARE = 0.3, 0.1  # largest declination and relative horizontal field without a baseline
 ADVICE = "correct the file's columns, units or place, or take the observatory's own file"
@@ -194,7 +193,7 @@ def with_observatory_warnings(field: EarthField, files: Sequence[str | Path], pl
         (sine, cosine), (east, north) = (angles.sin_cos(x) for x in np.transpose([there, here]))
         station, other = np.stack([cosine * north, cosine * east, sine], axis=-1)
         across = float(np.linalg.norm(np.cross(station, other)))
-        apart = DEGREE_KM * float(angles.argument(complex(station @ other, across)))
+        apart = earthfield.DEGREE_KM * float(angles.argument(complex(station @ other, across)))
         if apart > FARTHEST_KM:
             warnings.append(
                 f"the observatory {series.station} is {apart:.0f} km from the mooring; disturbances are similar within "

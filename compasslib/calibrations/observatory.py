@@ -33,7 +33,6 @@ from compasslib.records import EarthField, FieldSeries
 from compasslib.types import DAY_S, HOUR_S, Bools, Floats
 
 MIN_SHARE = 0.5  # fraction of the samples required for a mean
-MONTH_DAYS = 27  # a rotation of the sun
 WINDOW_S = 3 * HOUR_S
 APART_S = 24 * HOUR_S  # windows farther apart belong to separate storms
 MIN_WITHOUT_LARGEST = 0.5  # fraction of the limit required of a window without its largest value, lest that be a spike
@@ -100,7 +99,7 @@ def _departure(series_s: Floats, values: Floats, time_s: Floats) -> Floats:
     mean = np.where(enough, (total[last] - total[first]) / np.maximum(last - first, 1), np.nan)
     days, begins = np.unique(np.floor(known_s / DAY_S), return_index=True)
     levels = np.array([np.median(part) for part in np.split(off, begins[1:])])  # daily, then running medians
-    course = _running_median(days, levels, MONTH_DAYS // 2)
+    course = _running_median(days, levels, BLOCK_DAYS // 2)
     return np.asarray(mean - np.interp(time_s, (days + 0.5) * DAY_S, course))
 
 

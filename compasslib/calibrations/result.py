@@ -15,11 +15,11 @@ from compasslib.calibrations.bench import changes_by_object, describe_object
 from compasslib.calibrations.budget import COVERAGE_FACTOR, Source
 from compasslib.calibrations.settings import resolve_settings
 from compasslib.deviation.model import FieldAtPlace, separate_iron, weak_field_warnings
-from compasslib.types import Floats
+from compasslib.types import DAY_S, Floats
 
 LETTERS = "ABCDE"
 # Largest difference of a calibration's date from its file's, in which declination changes by less than 0.2 degrees.
-MAX_DATE_ERROR_S = 180 * 86400.0
+MAX_DATE_ERROR_S = 180 * DAY_S
 POSITION = ("latitude", "longitude")
 SIGNIFICANCE = 0.05  # p-value below which two calibrations differ significantly
 MIN_P_VALUE = 0.001  # smaller ones are not printed

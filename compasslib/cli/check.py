@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib import calibrations, earthfield, readers
+from compasslib import angles, calibrations, earthfield, readers
 from compasslib.archive.deposit import missing_attributes
 from compasslib.cli.results import print_warnings, split_warnings
 from compasslib.config import compasses
@@ -32,11 +32,10 @@ from compasslib.records import BAD, Record
 from compasslib.report.words import position
 from compasslib.stages import read
 from compasslib.stages.settings import Calibrations, Moorings, check_cruise, used_instruments
-from compasslib.types import DAY_S, Floats
+from compasslib.types import DAY_S, HOUR_S, Floats
 
-SECTOR_DEG, SECTORS = 10.0, 36
 GAP = 3.0  # in median time steps: a longer step between two samples is a gap
-STEPS = ((DAY_S, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"))
+STEPS = ((DAY_S, "d"), (HOUR_S, "h"), (60.0, "min"), (1.0, "s"))
 HEAD: tuple[str, ...] = (
     *("", "", "format", "samples", "every", "gaps", "from", "to", "depth", "bins", "headings", "directions"),
 )
@@ -89,19 +88,15 @@ def check(asked: Namespace) -> int:
     print_warnings(warnings, sys.stdout)
     for line in problems:
         print(f"error: {line}", file=sys.stderr)
-    print(_summary(cruise, bool(refused), inspections, len(problems)))
-    return int(bool(problems))
-
-
-def _summary(cruise: Cruise, refused: bool, inspections: Mapping[str, Inspection], n: int) -> str:
-    """Summarize what a run would process: nothing if the configuration has errors, else all with readable files."""
-    problems = _plural(n, "problem")
-    names = ((cruise.moorings, "mooring"), (cruise.calibrations, "calibration"))
     if refused:
-        return f"cannot run, {problems}"
-    everything = " and ".join(_plural(len(each), noun) for each, noun in names if each) or "nothing to run"
+        print(f"cannot run, {_plural(len(problems), 'problem')}")
+        return int(bool(problems))
+    parts = ((cruise.moorings, "mooring"), (cruise.calibrations, "calibration"))
+    everything = " and ".join(_plural(len(each), noun) for each, noun in parts if each) or "nothing to run"
     stopped = [name for name, inspection in inspections.items() if not inspection.usable]
-    return f"{everything}: can run, {problems}" + (f" (stopped: {', '.join(stopped)})" if stopped else "")
+    left_out = f" (stopped: {', '.join(stopped)})" if stopped else ""
+    print(f"{everything}: can run, {_plural(len(problems), 'problem')}{left_out}")
+    return int(bool(problems))
 
 
 def _inspect(job: Callable[[str, Cruise], Inspection], name: str, cruise: Cruise) -> Inspection:
@@ -219,7 +214,7 @@ def _span(seconds: float) -> str:
 
 def _sectors(heading_deg: Floats) -> str:
     known = heading_deg[np.isfinite(heading_deg)]
-    return f"{len(np.unique(known // SECTOR_DEG))} of {SECTORS} sectors" if len(known) else "none"
+    return f"{len(np.unique(known // angles.SECTOR_DEG))} of {angles.SECTORS} sectors" if len(known) else "none"
 
 
 def _directions(record: Record, inside: AppliedDeclination | None) -> str:

@@ -31,7 +31,7 @@ from compasslib.preparation.deployment import to_utc
 from compasslib.readers.pd0.fields import Leaders, Rewritten, rewrite
 from compasslib.records import PROBABLY_BAD
 from compasslib.stages.settings import Moorings
-from compasslib.types import Floats
+from compasslib.types import DAY_S, Floats
 
 SAME_TIME_S, SAME_HEADING_DEG = 0.001, 0.006  # tolerances for rounding, ensemble minus sample
 HEADINGS = (
@@ -165,7 +165,7 @@ class _Product:
         self._reader, self._deployment = settings["reader"], settings["deployment"]
         names = ("TIME", "HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_QC")
         time, self._recorded, self._corrected, self._flag = read_series(source, *names)
-        self._time_s = np.round((time - DAYS_1950_TO_1970) * 86400.0, TIME_DECIMALS)
+        self._time_s = np.round((time - DAYS_1950_TO_1970) * DAY_S, TIME_DECIMALS)
         self._found = np.zeros(len(time), dtype=bool)
         self._hashes = {file: provenance.sha256(rules.cruise.root / file) for file in self.files}
         history = read_attribute(source, "history")

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib import readers
+from compasslib import angles, readers
 from compasslib.calibrations.swing import observations
 from compasslib.cli.results import print_warnings
 from compasslib.config import draft, json_schema
@@ -26,7 +26,7 @@ from compasslib.preparation.affected import ExplainedShare, compare_headings, is
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.readers import detect, iaga2002, nmea
 from compasslib.readers.table import read_series
-from compasslib.records import Record
+from compasslib.records import DEEPEST_M, Record
 from compasslib.types import Floats
 
 LEFT_OUT = ("config", "results")  # folders of a cruise that hold no exports
@@ -35,8 +35,6 @@ MOORED_STEP_S = 60.0  # moored profilers average over longer intervals; two fast
 IN_WATER = 0.5  # of the median depth, below which an instrument is in the water
 SHALLOWEST_M = 2.0  # least median, and range, of depths that show when an instrument was in the water
 SAME_DEPLOYMENT = 0.1  # of the shorter record: least overlap of two records of one deployment
-DEEPEST_M = 12000.0  # assumed where the water depth is unknown, as it rejects no instrument
-SECTOR_DEG = 10.0
 PIECE = re.compile(r"\.\d{3}$")  # suffix of a PD0 file that was split by its recorder
 SCANS, COMPANION = re.compile(r"A(\d{7})\.\w+$"), re.compile(r"[CE](\d{7})\.\w+$")  # moored profiler
 # Keys of a format that the user must decide; for the draft, the files are read with these values.
@@ -184,7 +182,12 @@ def _add_aside(
         keys = {"format": form, "files": [file]}
         contents.series["declination_observatory"] = Series(keys, None, -math.inf, math.inf)
         place, comments = _place(contents.place, "of the observatory", draft.DECIDE)
-        place, comments = ({}, {}) if _tells_place(path) else (place, comments)
+        try:
+            series = iaga2002.read([path])
+            placed = bool(np.isfinite(series.latitude + series.longitude))
+        except InputError:
+            placed = True  # compass check will report the error
+        place, comments = ({}, {}) if placed else (place, comments)
         contents.calibrations[name] = draft.calibration("declination", {"file": file, **place}, comments)
     elif form == "nmea0183":
         _add_log(path, file, name, contents)
@@ -240,14 +243,6 @@ def _place(said: Position, why: str, unknown: str | None) -> tuple[dict[str, obj
     return {"latitude": said.latitude, "longitude": said.longitude}, {}
 
 
-def _tells_place(path: Path) -> bool:
-    try:
-        series = iaga2002.read([path])
-    except InputError:
-        return True  # compass check will report the error
-    return bool(np.isfinite(series.latitude + series.longitude))
-
-
 def _drafted(
     form: str,
     files: Sequence[Path],
@@ -301,7 +296,7 @@ def _of_record(
         form, files, keys, "", start, end, surfaced,
         step_s=float(np.median(np.diff(record.time_s))) if len(record.time_s) > 1 else np.nan,
         bins=record.east.shape[1],
-        sectors=len(np.unique(headings // SECTOR_DEG)),
+        sectors=len(np.unique(headings // angles.SECTOR_DEG)),
         depth_m=depth if depth > 0.0 else np.nan,
         depth_range_m=float(np.ptp(np.quantile(level[inside], [0.01, 0.99]))) if inside.any() else np.nan,
         looks_up=record.looks_up if form in TOLD_UP and "orientation" not in record.unstated else None,
@@ -419,7 +414,7 @@ def _by_directions(
                 records[instruments[name].files[0]],
                 start_s=instruments[name].start_s,
                 end_s=instruments[name].end_s,
-                water_depth=DEEPEST_M,
+                water_depth=DEEPEST_M,  # unknown: no instrument is rejected
                 latitude=45.0,  # depth by pressure differs by 0.5 % between pole and equator
                 nominal_depth=None if math.isnan(instruments[name].depth_m) else instruments[name].depth_m,
             )

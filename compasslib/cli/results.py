@@ -212,9 +212,16 @@ def explain(asked: Namespace) -> int:
         InputError: there are no results, or they are incomplete.
     """
     folder = mooring_folder(asked.cruise, asked.mooring, EXPLAINED, "mooring, calibration or compass").resolve()
+    root = folder.parents[1]
     parts: dict[str, tuple[Sequence[str], Callable[[Path], ReportSection]]] = {
-        "calibration": (CALIBRATION_FILES, _calibration_section),
-        "compass": (("compass.json", "diagnosis.json"), _compass_section),
+        "calibration": (
+            CALIBRATION_FILES,
+            lambda path: sections.calibration_section(read_calibration(path.name, root), root, small=True),
+        ),
+        "compass": (
+            ("compass.json", "diagnosis.json"),
+            lambda path: sections.compass_section(path.name, root, small=True),
+        ),
         "mooring": (MOORING_FILES, _mooring_section),
     }
     what = next((part for part in parts if (folder / f"{part}.json").is_file()), "mooring")
@@ -242,15 +249,6 @@ def _mooring_section(folder: Path) -> ReportSection:
         limits=sections.describe_limits(read.diagnosis),
         warnings=read.warnings,
     )
-
-
-def _calibration_section(folder: Path) -> ReportSection:
-    root = folder.parents[1]
-    return sections.calibration_section(read_calibration(folder.name, root), root, small=True)
-
-
-def _compass_section(folder: Path) -> ReportSection:
-    return sections.compass_section(folder.name, folder.parents[1], small=True)
 
 
 def explanation_lines(section: ReportSection, folder: Path) -> list[str]:

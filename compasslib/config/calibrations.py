@@ -5,10 +5,9 @@ A new kind needs a class with its keys and an entry in ``MODELS``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from compasslib.config import values
 from compasslib.config.schema import (
@@ -45,33 +44,17 @@ def _row(what: str) -> Any:
     return key(f"{what}, degrees from 0 to 180", "0.26", None, ge=0, le=180)
 
 
-def _of_both(first: Callable[[Any], Any]) -> Callable[[Any], tuple[Any, ...]]:
-    """Create a validator that accepts one value for both heads, or a list of two."""
-
-    def read(value: Any) -> tuple[Any, ...]:
-        listed = value if isinstance(value, list | tuple) else [value] * HEADS
-        if len(listed) != HEADS:
-            raise problem()
-        return tuple(first(each) for each in listed)
-
-    return read
+def _of_both(value: Any) -> Any:
+    """Let one value stand for both heads."""
+    return value if isinstance(value, list) else [value] * HEADS
 
 
-def _angle(value: Any) -> float:
-    degrees = values.number(value)
-    if abs(degrees) > 360.0:
-        raise problem()
-    return degrees
-
-
-def _orientation(value: Any) -> str:
-    if value not in ("up", "down"):
-        raise problem()
-    return str(value)
-
-
-Pair = Annotated[tuple[float, ...], BeforeValidator(_of_both(_angle))]
-Orientations = Annotated[tuple[str, ...], BeforeValidator(_of_both(_orientation))]
+Angle = Annotated[Number, Field(ge=-360, le=360)]
+Pair = Annotated[tuple[Angle, Angle], BeforeValidator(_of_both, json_schema_input_type=float | list[float])]
+Direction = Literal["up", "down"]
+Orientations = Annotated[
+    tuple[Direction, Direction], BeforeValidator(_of_both, json_schema_input_type=Direction | list[Direction])
+]
 
 
 class KindKey(Section):
@@ -282,6 +265,9 @@ class TwoHeads(CalibrationFile):
     """Two profilers on one frame."""
 
     format: Literal["pd0"] = key("pd0", "pd0", "pd0")
+    files: Files = key(
+        "two files, of head a and of head b", "[a.000, b.000]", alias="file", min_length=HEADS, max_length=HEADS
+    )
     start_s: Time | None = key("a date or UTC time from 1980 to 2100", "2022-09-29T06:00:00Z", None, alias="start")
     end_s: Time | None = key("a date or UTC time from 1980 to 2100", "2022-09-29T18:00:00Z", None, alias="end")
     orientation: Orientations | None = key("up or down, or a list of two of these", "[up, down]", None)
@@ -289,13 +275,6 @@ class TwoHeads(CalibrationFile):
     heading_alignment: Pair | None = key("degrees, or a list of two", "[0, 45]", None)
     max_clock_seconds: Number | None = key("seconds from 0 to 86400", "600", None, ge=0, le=86400)
     clock_offset_seconds: Number | None = key("seconds, less than a century", "0", None, ge=-3.2e9, le=3.2e9)
-
-    @model_validator(mode="after")
-    def _two_files(self) -> Self:
-        if len(self.files) != HEADS:
-            advice = "write file: [a.000, b.000]"
-            raise problem("file", "two files, of head a and of head b", str(len(self.files)), advice)
-        return self
 
 
 MODELS: dict[str, type[CalibrationFile]] = {

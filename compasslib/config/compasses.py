@@ -10,9 +10,10 @@ from itertools import combinations
 from pathlib import Path
 
 from compasslib.config.calibrations import CalibrationFile
-from compasslib.config.schema import Instrument, Mooring
+from compasslib.config.schema import Mooring
 from compasslib.config.values import iso, shown
 from compasslib.errors import InputError
+from compasslib.readers.detect import HEAD_BYTES
 
 SERIAL_KEYS = ("serial_number", "sensor_serial_number")
 
@@ -103,7 +104,6 @@ def suggest_shared(moorings: Mapping[str, Mooring]) -> list[str]:
 
 # Duplicate records, and several compasses under one name.
 
-HEAD_BYTES = 65536
 Identity = frozenset[tuple[object, ...]]
 
 
@@ -111,22 +111,16 @@ def find_contradictions(
     root: Path, moorings: Mapping[str, Mooring], serials: Mapping[str, Mapping[str, str]]
 ) -> list[str]:
     """Find contradictions between names in the YAML files and the content and serial numbers of the raw files."""
-    identities = {
-        (name, role): _identity(instrument, root)
-        for name, mooring in moorings.items()
-        for role, instrument in mooring.instruments.items()
-    }
+    identities: dict[tuple[str, str], Identity] = {}  # columns read, size, and hash of the first bytes of each file
+    for name, mooring in moorings.items():
+        for role, instrument in mooring.instruments.items():
+            columns = tuple(sorted(instrument.columns.headers().items())) if instrument.columns else ()
+            files = set()
+            for path in (root / file for file in instrument.files):
+                with path.open("rb") as raw:
+                    files.add((columns, path.stat().st_size, hashlib.sha256(raw.read(HEAD_BYTES)).digest()))
+            identities[name, role] = frozenset(files)
     return [*_repeated_records(moorings, identities), *_mixed_serials(moorings, serials)]
-
-
-def _identity(instrument: Instrument, root: Path) -> Identity:
-    """Identify the files of an instrument by columns read, size, and hash of the first ``HEAD_BYTES`` bytes."""
-    columns = tuple(sorted(instrument.columns.headers().items())) if instrument.columns else ()
-    actual = []
-    for file in instrument.files:
-        with (root / file).open("rb") as raw:
-            actual.append((columns, (root / file).stat().st_size, hashlib.sha256(raw.read(HEAD_BYTES)).digest()))
-    return frozenset(actual)
 
 
 def _repeated_records(moorings: Mapping[str, Mooring], identities: Mapping[tuple[str, str], Identity]) -> Iterator[str]:

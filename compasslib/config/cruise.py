@@ -21,14 +21,13 @@ from yaml.constructor import SafeConstructor
 from compasslib.config import compasses
 from compasslib.config.calibrations import MODELS, CalibrationFile, KindKey, check_comparisons
 from compasslib.config.schema import Covariate, CruiseOptions, Instrument, Mooring, allowed_keys
-from compasslib.config.values import DECIDE, NAME_WORDS, RawFolder, nearest, shown
+from compasslib.config.values import DECIDE, NAME_WORDS, SHOWN, RawFolder, nearest, shown
 from compasslib.config.values import name as checked_name
 from compasslib.errors import InputError
 
 CONFIG = "config/config.yaml"
 CALIBRATIONS = "config/calibrations"
 Model = TypeVar("Model", bound=BaseModel)
-_LONGEST = 60  # characters of a user-defined name shown in a message
 _QUOTED = re.compile(r"'([^']*)'")  # allowed values in pydantic's message of a literal_error
 
 
@@ -74,7 +73,12 @@ def load_cruise(cruise: Path, *, in_storage: bool = False, refuse: Callable[[Inp
     for file in listed:
         try:
             mooring = _mooring(file, options, place)
-            _refuse_taken(mooring.name, file, files)
+            for other in files:  # M1 and m1 are one folder on some file systems
+                if mooring.name.lower() == other.partition("/")[0].lower():
+                    alike = " in other letters" * (mooring.name != other)
+                    taken = f"{shown(mooring.name)}, which {files[other]} has already{alike}"
+                    where, expected, advice = f"{file}: name", "a name of its own", "rename one of the two"
+                    raise InputError(where, expected=expected, found=taken, advice=advice)
             moorings |= (split := mooring.split())
             files |= dict.fromkeys(split, file)
         except InputError as mistake:
@@ -244,14 +248,6 @@ def _with_options(raw: dict[str, Any], options: CruiseOptions) -> dict[str, Any]
     return filled
 
 
-def _refuse_taken(name: str, file: str, files: dict[str, str]) -> None:
-    for other in files:
-        if name.lower() == other.partition("/")[0].lower():  # M1 and m1 are one folder on some file systems
-            actual = f"{shown(name)}, which {files[other]} has already{' in other letters' * (name != other)}"
-            advice = "rename one of the two"
-            raise InputError(f"{file}: name", expected="a name of its own", found=actual, advice=advice)
-
-
 def _mistake(model: type[BaseModel], first: Any, file: str) -> InputError:
     place = [part for part in first["loc"] if part != "[key]"]
     if first["type"] == "extra_forbidden":
@@ -272,7 +268,8 @@ def _words(error: Any, field: Any, inner: type[BaseModel] | None, last: str) -> 
     kind, value = error["type"], error["input"]
     example = f"for example {last.partition('[')[0]}: {field.examples[0]}" if field else ""
     advice = field.json_schema_extra["advice"] if field else None
-    expected, found = field.description if field else "", shown(value)
+    expected = field.description if field else ""
+    found = str(error.get("ctx", {}).get("actual_length", shown(value)))  # of a list that is too long or short
     sentence = {"expected": expected, "found": found, "advice": advice or f"write {example}"}
     if kind == "missing":
         sentence |= {"found": "nothing", "advice": f"add {example}"}
@@ -304,7 +301,7 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
 
 
 def _dotted(place: Sequence[Any]) -> str:
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part[:_LONGEST]}" for part in place).lstrip(".")
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part[:SHOWN]}" for part in place).lstrip(".")
 
 
 # Strict YAML: plain mappings, lists, strings, booleans and numbers; constructs that are mostly mistakes are refused.
@@ -315,23 +312,6 @@ LARGEST_BYTES = 1_000_000
 DEEPEST = 20  # levels of nesting; a mooring needs five
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
-# Message of the parser, its usual cause, and advice.
-_SYNTAX = (
-    ("mapping values are not allowed", "a colon where none can stand", "write a space after each colon"),
-    ("could not find expected ':'", "a line without a colon", "write it as key: value"),
-    ("<block end>", "a line that does not stand below its neighbours", "indent the keys of one mapping equally"),
-    ("end of stream", "the end of the file within quotes", "close the quotes"),
-    ("expected ',' or", "a bracket or brace that is not closed before this", "close it or add the comma"),
-    (
-        "<document start>",
-        "something that does not stand below the lines above",
-        "indent the keys of one mapping equally",
-    ),
-    ("entries are not allowed", "a list where none can stand", "write it as [a, b]"),
-    ("keys are not allowed", "a question mark where none can stand", "put the value in quotes"),
-    ("another document", "a second document", "delete the line ---"),
-    ("cannot start any token", "a character that cannot begin a value", "put the value in quotes"),
-)
 
 
 class _Refused(Exception):
@@ -343,7 +323,7 @@ class _Refused(Exception):
 
 
 class _Strict(Composer, SafeConstructor):
-    """Safe loader without dates, octal and sexagesimal numbers, anchors, tags and repeated keys."""
+    """Safe loading without dates, octal and sexagesimal numbers, anchors, tags and repeated keys."""
 
     # Not the inherited table: only null, bool, int and float, added below, are resolved; all else is a string.
     yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012
@@ -385,15 +365,11 @@ class _Strict(Composer, SafeConstructor):
         return {key.value: self.construct_object(value, deep=True) for key, value in node.value}
 
 
-class _Loader(_Strict, yaml.SafeLoader):
-    """The pure-Python parser of PyYAML, to whose messages ``_SYNTAX`` refers."""
-
-
 _Libyaml: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # absent if PyYAML was built without libyaml
 
 
-class _FastLoader(_Strict, _Libyaml):
-    """The faster parser of libyaml, which returns the same values."""
+class _Loader(_Strict, _Libyaml):
+    """The strict loader with the parser of libyaml."""
 
     def __init__(self, text: str):
         _Libyaml.__init__(self, text)
@@ -409,16 +385,15 @@ def _number(loader: Any, node: Any) -> int | float | str:
 
 _DIGITS = list("-+.0123456789")
 _INT, _FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
-for _loader in (_Loader, _FastLoader):
-    for _tag, _pattern, _first in (
-        ("tag:yaml.org,2002:null", r"^(?:~|null|Null|NULL|)$", ["~", "n", "N", ""]),
-        ("tag:yaml.org,2002:bool", r"^(?:true|True|TRUE|false|False|FALSE)$", list("tTfF")),
-        (_INT, r"^[-+]?(?:0|[1-9][0-9]*)$", _DIGITS),
-        (_FLOAT, r"^[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?$", _DIGITS),
-    ):
-        _loader.add_implicit_resolver(_tag, re.compile(_pattern), _first)
-    for _tag in (_INT, _FLOAT):
-        _loader.add_constructor(_tag, _number)
+for _tag, _pattern, _first in (
+    ("tag:yaml.org,2002:null", r"^(?:~|null|Null|NULL|)$", ["~", "n", "N", ""]),
+    ("tag:yaml.org,2002:bool", r"^(?:true|True|TRUE|false|False|FALSE)$", list("tTfF")),
+    (_INT, r"^[-+]?(?:0|[1-9][0-9]*)$", _DIGITS),
+    (_FLOAT, r"^[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?$", _DIGITS),
+):
+    _Loader.add_implicit_resolver(_tag, re.compile(_pattern), _first)
+for _tag in (_INT, _FLOAT):
+    _Loader.add_constructor(_tag, _number)
 
 
 def read(root: Path, name: str, example: str = "key: value") -> dict[str, Any]:
@@ -459,26 +434,15 @@ def parse(data: bytes, name: str, example: str = "key: value") -> dict[str, Any]
 
 
 def _parsed(text: str, name: str) -> Any:
-    if text.isascii() and not {*"\t?|>"} & {*text}:  # the two parsers may interpret these characters differently
-        with suppress(_Refused, yaml.YAMLError):
-            return yaml.load(text, Loader=_FastLoader)
     try:
         return yaml.load(text, Loader=_Loader)
     except _Refused as error:
-        raise InputError(_place(name, error.mark), **error.words) from None
+        mark, words = error.mark, error.words
     except yaml.MarkedYAMLError as error:
-        mark: Any = error.problem_mark or error.context_mark
-        expected, what = "YAML", str(error.problem)
-        unknown = what, "check indentation and quotes"
-        actual, advice = next((words for sign, *words in _SYNTAX if sign in what), unknown)
-        if text[mark.index : mark.index + 1] == "\t":
-            expected, actual, advice = "spaces", "a tab", "replace the tab by spaces"
-        raise InputError(_place(name, mark), expected=expected, found=actual, advice=advice) from None
+        mark, advice = error.problem_mark or error.context_mark, "check indentation, colons, quotes and brackets"
+        words = {"expected": "YAML", "found": f"a mistake of form ({error.problem})", "advice": advice}
     except yaml.reader.ReaderError as error:
         where = f"{name}: line {text.count(chr(10), 0, error.position) + 1}"
-        actual, advice = f"the control character {error.character:#04x}", "delete it"
-        raise InputError(where, expected="printable text", found=actual, advice=advice) from None
-
-
-def _place(name: str, mark: Any) -> str:
-    return f"{name}: line {mark.line + 1}, column {mark.column + 1}"
+        raise InputError(where, expected="printable text", found="a control character", advice="delete it") from None
+    where = f"{name}: line {mark.line + 1}, column {mark.column + 1}"
+    raise InputError(where, **words)

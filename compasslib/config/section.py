@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
@@ -78,12 +78,14 @@ class Section(BaseModel):
     """Base class of a mapping that refuses unknown keys and treats an empty value as absent."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+    absent: ClassVar[tuple[str | None, ...]] = (None,)  # values that stand for an absent key
 
     @model_validator(mode="before")
     @classmethod
     def _empty_is_absent(cls, data: Any) -> Any:
         known = allowed_keys(cls)
-        return {k: v for k, v in data.items() if v is not None or k not in known} if isinstance(data, dict) else data
+        given = isinstance(data, dict)
+        return {k: v for k, v in data.items() if v not in cls.absent or k not in known} if given else data
 
 
 FlagValues = Annotated[tuple[int, ...], BeforeValidator(values.quality_flags, json_schema_input_type=int | list[int])]
@@ -96,17 +98,14 @@ def _auto(expected: str, example: str, **limits: Any) -> Any:
 class Grid(Section):
     """Fixed depths and times of the gridded product; ``auto``: those of the affected instrument."""
 
+    absent = (None, "auto")
+
     step_m: Number | None = _auto("metres from 0.1 to 1000", "8", ge=0.1, le=1000)  # depths are known to 0.5 m at best
     from_m: Number | None = _auto("metres from 0 to 12000", "20", ge=0, le=12000)
     to_m: Number | None = _auto("metres from 0 to 12000", "500", ge=0, le=12000)
     minutes: Number | None = _auto("minutes from 1 to 1440", "60", ge=1, le=1440)
     max_gap_m: Number | None = _auto("metres from 0 to 1000", "16", ge=0, le=1000)
     max_gap_minutes: Number = key("minutes from 0 to 1440", "180", 180.0, ge=0, le=1440)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _auto_is_absent(cls, data: Any) -> Any:
-        return {k: v for k, v in data.items() if v != "auto"} if isinstance(data, dict) else data
 
     @model_validator(mode="after")
     def _from_above_to(self) -> Self:

@@ -25,7 +25,7 @@ from compasslib.statistics import single_threaded
 
 OUT_OF_MEMORY = "ran out of memory; run again with fewer --cores, so that fewer jobs share it, or on a larger machine"
 ROOT = "COMPASSLIB_ROOT"  # environment variable: folder to which the paths of a job are relative
-ALWAYS_END = ("read.read", "overlap.overlap", "calibrate.calibrate")  # stages before the checkpoint ``usable``
+ALWAYS_END = ("read.read", "read.overlap", "calibrate.calibrate")  # stages before the checkpoint ``usable``
 INTERRUPTED = "was interrupted; run again to take it up"
 Paths = str | list[str]
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from compasslib.config.cruise import Cruise, load_cruise
 from compasslib.errors import InputError
-from compasslib.stages import calibrate, correct, diagnose, fit, grid, overlap, read
+from compasslib.stages import calibrate, correct, diagnose, fit, grid, read
 from compasslib.stages.settings import Arguments, Calibrations, Compasses, Moorings, check_cruise
 from compasslib.statistics import single_threaded
 
@@ -95,7 +95,7 @@ def _fit(cruise: Cruise, name: str, folder: Path, say: Say) -> Arguments:
     for role, path in zip(settings.roles(name), records, strict=True):
         raw, companions = settings.raw_files(name, role), settings.companion_files(name, role)
         read.read(name, role, raw=raw, companions=companions, record=path, **settings.read(name, role), say=say)
-    _call(overlap.overlap, name, files, settings.overlap(name))
+    _call(read.overlap, name, files, settings.overlap(name))
     if calibrations := [_calibrate(cruise, each, folder) for each in settings.calibrations(name)]:
         made = files | {"calibrations": calibrations}
         _call(fit.transfer_calibration, name, made, settings.transfer_calibration(name))

@@ -14,3 +14,13 @@ Files are written atomically, and the same data give the same bytes.
 ...     [path.name for path in Path(folder).iterdir()]
 ['heading.png']
 """
+
+from importlib import import_module
+from types import ModuleType
+
+
+def __getattr__(name: str) -> ModuleType:
+    """Import a module of figures, and with it matplotlib, when it is first used."""
+    if name.startswith("_"):
+        raise AttributeError(name)
+    return import_module(f"{__name__}.{name}")

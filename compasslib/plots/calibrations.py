@@ -44,6 +44,7 @@ from compasslib.plots.page import (
     page,
     signed,
 )
+from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Floats
 
 COLOURS = {"smith": GREEN, "exact": SKY, "polynomial": ORANGE, "one_cycle": PURPLE, "empirical": BLUE}
@@ -345,7 +346,7 @@ def draw_swing(path: str | Path, result: Calibration) -> None:
             columns = series_design(TURN_DEG)
             curve = columns @ result.coefficients
             variance = np.einsum("ij,jk,ik->i", columns, result.covariance, columns)
-            half = adjustment.TWO_SIGMA * np.sqrt(variance)
+            half = NORMAL_95 * np.sqrt(variance)
             few = slice(None, None, 1 + len(shown) // MOST_SAMPLES)
             size = 2.0 if len(shown) > 100 else 4.0
             axes.fill_between(TURN_DEG, curve - half, curve + half, **SWING_BAND)

@@ -34,6 +34,7 @@ from compasslib.plots.page import (
     REFERENCE,
     TRUE,
     VERMILION,
+    WITHIN,
     Limits,
     Rows,
     degrees,
@@ -270,7 +271,6 @@ def _hexagons(axes: Axes, title: str, xy: tuple[Floats, Floats], begin: float) -
 
 # A compass that several records share.
 
-WITHIN = 1.96
 SHARED_COLUMNS = 2
 NAMES_IN, LEAST_IN = 0.8, 0.4  # width of the names of records, and minimum height of a panel
 

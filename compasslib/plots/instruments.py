@@ -27,6 +27,7 @@ from compasslib.plots.page import (
     RECORDED,
     SKY,
     VERMILION,
+    WITHIN,
     Limits,
     dates,
     degrees,
@@ -42,7 +43,6 @@ TURN_DEG = np.arange(0.0, 361.0, 1.0)
 DOT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.6, "markeredgewidth": 0}
 POINT: dict[str, Any] = DOT | {"markersize": 3.5, "color": BLACK}
 BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
-WITHIN = 1.96  # standard deviations of a 95 % interval
 
 # A tilt sensor.
 
@@ -78,7 +78,7 @@ def draw_tilt(path: str | Path, calibration: Calibration) -> None:
 
 # A magnetometer.
 
-SECTOR_DEG, MIN_IN_SECTOR = 10.0, 3
+MIN_IN_SECTOR = 3
 SERIES: dict[str, Any] = {"color": BLACK, "linestyle": (0, (2.5, 1.5)), "linewidth": 1.0}
 
 
@@ -170,10 +170,10 @@ def _draw_modulus(axes: Axes, calibration: Calibration) -> None:
         along = points.get(heading, np.arange(len(off), dtype=float))
         axes.plot(along, off, **DOT, color=colour, alpha=_alpha(len(off)))
         if heading in points:
-            sector = (along // SECTOR_DEG).astype(int)
+            sector = (along // angles.SECTOR_DEG).astype(int)
             count = np.bincount(sector, minlength=36)
             mean = np.bincount(sector, off, minlength=36) / np.maximum(count, 1)
-            middle = SECTOR_DEG * (np.arange(36) + 0.5)
+            middle = angles.SECTOR_DEG * (np.arange(36) + 0.5)
             axes.plot(middle, np.where(count >= MIN_IN_SECTOR, mean, np.nan), color=colour)
     if "recorded_deg" in points:
         degrees(axes.xaxis, (0.0, 360.0))

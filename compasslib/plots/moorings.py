@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Arc, Patch
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
-from compasslib import angles
+from compasslib import angles, earthfield
 from compasslib.deviation.histograms import BIN_DEG, BINS
 from compasslib.deviation.model import DeviationFit
 from compasslib.deviation.series import inverse_table, series_deviation, series_slope
@@ -23,6 +23,7 @@ from compasslib.plots.deviation import GIVEN_UP, deviation_curve
 from compasslib.plots.page import (
     BLACK,
     BLUE,
+    CM,
     CORRECTED,
     GREEN,
     GREY,
@@ -45,7 +46,6 @@ from compasslib.types import Complexes, Floats
 NAMED = 20  # number of moorings above which a figure shows no names
 PANEL_IN = 5.0  # height of a panel without names
 SERIES = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE}
-CM = 100.0
 
 
 @dataclass(frozen=True)
@@ -187,15 +187,6 @@ def _outline_currents(currents: Mapping[str, Any]) -> dict[str, Complexes]:
     return outlines
 
 
-FIGURES = {"curves": draw_curves, "differences": draw_differences, "currents": draw_currents}
-
-
-def draw_figure(name: str, path: str | Path, moorings: list[AssessedMooring]) -> None:
-    """Draw one of ``FIGURES``."""
-    FIGURES[name](path, moorings)
-
-
-DEGREE_KM = 111.2
 NAMED_IN_ARRAY = 28  # number of moorings above which the figure shows no names
 APART_KM, MOST_ARRAYS = 30.0, 6  # gap between arrays; number of arrays above which all share one panel
 ROLES = {"affected": VERMILION, "reference": BLUE, "other": GREY}
@@ -261,7 +252,7 @@ def _along_array(moorings: Sequence[Mapping[str, Any]]) -> Floats:
     north = np.array([mooring["latitude"] for mooring in moorings], dtype=float)
     longitude = np.array([mooring["longitude"] for mooring in moorings], dtype=float)
     east = angles.difference(longitude, longitude[0]) * angles.sin_cos(float(np.mean(north)))[1]
-    place = DEGREE_KM * np.stack([east - np.mean(east), north - np.mean(north)])
+    place = earthfield.DEGREE_KM * np.stack([east - np.mean(east), north - np.mean(north)])
     along = np.linalg.svd(place, full_matrices=False)[0][:, 0] @ place
     along = along if along[0] <= along[-1] else -along
     return np.asarray(along - along.min())

@@ -38,6 +38,8 @@ from compasslib.types import DAY_S, Floats
 Limits = tuple[float, float]
 
 WIDTH_IN, WIDE_IN, DPI = 3.5, 7.0, 200  # one column of print, and two
+CM = 100.0  # in a metre
+WITHIN = 1.96  # standard deviations of a 95 % interval
 LINE_IN = 0.16  # line height of the names of rows
 WORD_IN = 1.8  # maximum width of a word in a title; longer ones are broken
 LETTERS = FontProperties(family="DejaVu Sans", size=8.0)
@@ -210,7 +212,6 @@ def legend(figure: Figure, handles: Sequence[Artist], *, columns: int = 2) -> No
         figure.legend(handles=handles, loc="outside lower center", ncols=min(columns, len(handles)))
 
 
-SECTOR_DEG = 10.0  # width of the sectors of a histogram
 GAP_WIDTH_DEG = 25.0  # standard deviation of the smoothing of a histogram of angles before its gap is sought
 
 
@@ -219,8 +220,8 @@ def emptiest(angle_deg: ArrayLike) -> float:
     occupied = sectors(angle_deg, 0.0)
     if not occupied.any():
         return -180.0
-    cuts = SECTOR_DEG * np.arange(len(occupied))
-    away = angles.difference(cuts[:, None], cuts + SECTOR_DEG / 2.0)
+    cuts = angles.SECTOR_DEG * np.arange(len(occupied))
+    away = angles.difference(cuts[:, None], cuts + angles.SECTOR_DEG / 2.0)
     around = np.exp(-0.5 * (away / GAP_WIDTH_DEG) ** 2) @ occupied
     return float(angles.wrap180(cuts[np.argmin(around)]))
 
@@ -240,7 +241,7 @@ def sectors(angle_deg: ArrayLike, begin_deg: float) -> Floats:
     """Compute the share of the finite angles in each sector clockwise from ``begin_deg``, (36,), percent."""
     angle = np.asarray(angle_deg, dtype=float)
     turn = placed(angle[np.isfinite(angle)], begin_deg) - begin_deg
-    count = np.histogram(turn, bins=round(360.0 / SECTOR_DEG), range=(0.0, 360.0))[0]
+    count = np.histogram(turn, bins=round(360.0 / angles.SECTOR_DEG), range=(0.0, 360.0))[0]
     return 100.0 * count / max(int(count.sum()), 1)
 
 

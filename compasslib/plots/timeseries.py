@@ -24,6 +24,7 @@ from compasslib.archive.gridded import MeanProfile, SectionMeans
 from compasslib.archive.summary import MAX_MEANS, BinCurrents, CurrentSeries, average, averaging_hours
 from compasslib.plots.page import (
     BLACK,
+    CM,
     CORRECTED,
     GREEN,
     LETTERS,
@@ -171,7 +172,7 @@ def _draw_depth(axes: Axes, product: CorrectedRecord) -> None:
 COLOURS = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE}
 LINES: dict[str, dict[str, Any]] = {name: {"color": colour} for name, colour in COLOURS.items()}
 LINES["reference"] |= {"linewidth": 3.0, "alpha": 0.6, "zorder": 1.5}  # the corrected one often lies on it
-CM, KM = 100.0, 1e-3
+KM = 1e-3
 STICK: dict[str, Any] = {
     "angles": "uv", "scale_units": "y", "scale": 1.0, "units": "inches", "width": 0.007,
     "headwidth": 0.0, "headlength": 0.0, "headaxislength": 0.0,

@@ -12,13 +12,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.preparation.clocks import check_coverage, find_valid_times, same_samples
-from compasslib.preparation.quality import Thresholds, flag_quality, flag_velocities
+from compasslib.preparation.quality import ENOUGH, Thresholds, flag_quality, flag_velocities
 from compasslib.readers import table
 from compasslib.records import BAD, MAGNETOMETER, MISSING, Record, take
 from compasslib.types import Bools, Floats
@@ -27,7 +26,6 @@ MOVING_M = 0.2  # a depth that varies less than this (5th to 95th percentile) is
 BEYOND = 1.05  # factor on the distance: uncertainty of tilt, depth and speed of sound
 CLEARLY = 1.2  # factor on the distance; an echo of water from farther away implies that the boundary is absent
 MOST, FEW = 0.5, 0.05  # shares of the samples whose echo decides on a boundary
-ENOUGH = 24  # fewest samples for a decision
 RANGE_ROWS = 100  # number of rows from which the cell length is taken
 
 
@@ -135,8 +133,12 @@ def _inside(record: Record, start_s: float, end_s: float) -> Record:
     """Cut to the deployment: valid times only, in order, one sample per time."""
     valid, invalid_counts, notes = find_valid_times(record)
     inside = valid & (record.time_s >= start_s) & (record.time_s <= end_s)
-    there = np.flatnonzero(inside)
-    place = _deduplicated(record, there)
+    there = place = np.flatnonzero(inside)
+    order = there[np.argsort(record.time_s[there], kind="stable")]
+    again = np.flatnonzero(np.diff(record.time_s[order]) == 0.0)
+    if again.size:  # samples with the same time and values as another, as where two downloads overlap
+        later, before = order[again + 1], order[again]
+        place = there[~np.isin(there, later[same_samples(record, later, before)])]
     backwards = int(np.sum(np.diff(record.time_s[place]) < 0))
     place = place[np.argsort(record.time_s[place], kind="stable")]
     first = np.append(True, np.diff(record.time_s[place]) > 0)[: len(place)]
@@ -153,17 +155,6 @@ def _inside(record: Record, start_s: float, end_s: float) -> Record:
     unbroken = len(place) > 0 and place[-1] - place[0] == len(place) - 1
     which = slice(int(place[0]), int(place[-1]) + 1) if unbroken and (np.diff(place) == 1).all() else place
     return _noted(replace(take(record, which), counts=counts), notes)  # a slice avoids copying years of samples
-
-
-def _deduplicated(record: Record, place: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Drop samples with the same time and values as another, as where two downloads overlap."""
-    order = place[np.argsort(record.time_s[place], kind="stable")]
-    later, before = order[1:], order[:-1]
-    again = record.time_s[later] == record.time_s[before]
-    if not again.any():
-        return place
-    later, before = later[again], before[again]
-    return place[~np.isin(place, later[same_samples(record, later, before)])]
 
 
 def _noted(record: Record, notes: Sequence[str]) -> Record:

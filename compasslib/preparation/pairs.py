@@ -19,7 +19,7 @@ from compasslib.errors import InputError
 from compasslib.preparation.clocks import ClockOffset, SpeedSeries, compare_speeds
 from compasslib.preparation.gridding import grid_indices, interpolate_series, nearest_index
 from compasslib.preparation.quality import apply_heading_flags, heading_outlier_flags
-from compasslib.preparation.references import find_same_recording, find_speed_changes, warn_of_filtering
+from compasslib.preparation.references import find_same_recording, find_speed_changes
 from compasslib.preparation.water import (
     depth_shift_by_speed,
     fails_speed_check,
@@ -192,8 +192,7 @@ def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs
     elif slow:
         why = f"half of the pairs are slower than {min(speeds):.2g} m/s: their directions are noise"
         pairs = replace(pairs, warnings=(*pairs.warnings, why))
-    filtered = warn_of_filtering(pairs, trusted[0]) if trusted else ()
-    return replace(pairs, warnings=(*pairs.warnings, *filtered))
+    return pairs
 
 
 def find_identical_velocities(pairs: Pairs) -> str:

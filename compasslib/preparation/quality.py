@@ -11,10 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.preparation.headings import flag_column, flag_headings
-from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Flags, Record, iso_time
+from compasslib.records import (
+    BAD,
+    GOOD,
+    LEAST_PERCENT_GOOD,
+    MISSING,
+    PROBABLY_BAD,
+    PROBABLY_GOOD,
+    Flags,
+    Record,
+    iso_time,
+)
 from compasslib.statistics.resampling import angle_resolution
-from compasslib.types import Bools, Floats
+from compasslib.types import HOUR_S, Bools, Floats
 
 # Velocity tests by the key of their count, one bit each in this order; flag meanings follow QARTOD and IMOS.
 TESTS = {
@@ -35,16 +44,12 @@ TESTS = {
     "heading": "heading",
 }
 MASKS = {name: np.int16(1 << k) for k, name in enumerate(TESTS)}
-READ_PERCENT_GOOD = 25.0  # threshold that the readers apply
 ABOVE_SURFACE_M = 10.0  # larger than the offset of a pressure sensor that was not zeroed in air
 BELOW_BOTTOM = 1.2  # times the water depth; charted depths are rarely wrong by more
 # Fractions of the 90th percentile of depth: shallower is on deck; up to the second a moored instrument passes in hours.
 ON_DECK, BETWEEN, RARELY, LEAST_DEPTH_M = 0.2, 0.5, 0.01, 15.0
-NEAR_LIMIT = 0.3  # range of values compared with the extreme one, as a fraction of it
-# Values equal to the extreme one, ratio to the median count of the next values, and the number of those values.
-AT_LIMIT, CROWDED, COMPARED_VALUES = 10, 10.0, 9
 COARSE_DEG = 2.0  # heading resolution from which on a note is made
-FROZEN_SAMPLES, FROZEN_S = 12, 6 * 3600.0  # real currents never repeat to the last digit for this long
+FROZEN_SAMPLES, FROZEN_S = 12, 6 * HOUR_S  # real currents never repeat to the last digit for this long
 STILL_DEG = 0.1  # change between samples below which a compass counts as stuck: its noise
 BLOCK = 50_000  # samples compared at once, to limit memory
 BY_CHANCE = 1e-3  # expected number of equally long runs, given how often the rest of the series repeats
@@ -64,6 +69,12 @@ NEAR_BINS = 5  # bins whose mean distinguishes fast from slow water
 FILLS, FILLS_MORE, FILLERS = 6, 3, 8  # least count of a fill value, its ratio to neighbouring values, candidates
 NEIGHBOURS = 5  # distinct values on either side
 INTEGER_LIMITS, LIMIT_NEAR_DEG = (327.67, 327.68), 0.5  # limits of 16-bit integers, in hundredths of a degree
+# Ranges of headings other than the circle, from 0: width of their ends as a share of the range, fewest headings there.
+RANGE_END, RANGE_END_COUNT = 1 / 90, 5
+RANGES = {
+    180.0: "half of the circle was folded on the other (modulo 180, halved, or without a sign)",
+    6.29: "they are radians",
+}
 FILL_OFF_DEG = (5.0, 45.0)  # a jump to a fill value exceeds twice the typical step, clipped to these bounds
 
 
@@ -71,7 +82,7 @@ FILL_OFF_DEG = (5.0, 45.0)  # a jump to a fill value exceeds twice the typical s
 class Thresholds:
     """Thresholds of the tests; None disables a test."""
 
-    percent_good: float = READ_PERCENT_GOOD  # minimum, %
+    percent_good: float = LEAST_PERCENT_GOOD  # minimum, %
     correlation: float | None = None  # minimum over the beams, counts
     error_velocity: float | None = None  # maximum, m/s
     echo: float | None = None  # minimum over the beams, counts
@@ -103,8 +114,15 @@ def flag_quality(
     if len(record.time_s) > FROZEN_SAMPLES:
         frozen = _stuck_velocity(record)[:, None]
         sentence = "the same to the last digit for hours"
-        record = _stuck_heading(flag_velocities(record, frozen, BAD, "frozen_velocity", sentence))
-    return _constant_sensors(flag_column(record) if affected else record)
+        record = flag_velocities(record, frozen, BAD, "frozen_velocity", sentence)
+        with np.errstate(invalid="ignore"):
+            same = np.abs(angles.difference(record.heading_deg[1:], record.heading_deg[:-1])) <= STILL_DEG
+        still = _stuck(same, record.time_s) & (record.heading_quality < PROBABLY_BAD)
+        number = int(still.sum())
+        note = f"{number} headings flagged: the compass stood still within {STILL_DEG:g} degrees for hours"
+        record = replace(record, counts={**record.counts, "heading_stuck": number})
+        record = flag_headings(record, still, *[note] * (number > 0))
+    return _constant_sensors(flag_unit(record) if affected else record)
 
 
 def flag_velocities(record: Record, where: Bools, flag: int, count: str, sentence: str | None) -> Record:
@@ -123,6 +141,24 @@ def flag_velocities(record: Record, where: Bools, flag: int, count: str, sentenc
     return replace(record, quality=quality, counts=counts, warnings=record.warnings + notes, tests=tests)
 
 
+def flag_headings(record: Record, which: Bools, *notes: str) -> Record:
+    """Flag the selected headings as doubtful unless already worse, and add notes to the warnings."""
+    flags = np.where(which & (record.heading_quality < PROBABLY_BAD), PROBABLY_BAD, record.heading_quality)
+    return replace(record, heading_quality=flags.astype(np.int8), warnings=record.warnings + notes)
+
+
+def flag_unit(record: Record) -> Record:
+    """Flag all headings as doubtful where they fill half of a circle, or are radians."""
+    known = np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD)
+    heading = record.heading_deg[known]
+    for full, cause in RANGES.items():
+        ends = [np.count_nonzero(np.abs(heading - end) <= RANGE_END * full) for end in (0.0, full)]
+        if min(ends) >= RANGE_END_COUNT and heading.max() <= full:
+            note = f"all recorded headings lie between 0 and {full:.4g}, up to both limits: {cause}, all are doubtful"
+            return flag_headings(record, known, f"{note}; check the column of headings")
+    return record
+
+
 def _tests(record: Record) -> NDArray[np.int16]:
     return np.zeros(record.quality.shape, dtype=np.int16) if record.tests is None else record.tests
 
@@ -132,9 +168,9 @@ def _flag_read(record: Record, thresholds: Thresholds) -> Record:
     name = "low_percent_good" if "percent_good" in record.profiles else "flagged_in_file"
     flagged = (record.quality > PROBABLY_GOOD) & (record.quality != MISSING)
     least, percent = thresholds.percent_good, None
-    if name == "low_percent_good" and least != READ_PERCENT_GOOD:
+    if name == "low_percent_good" and least != LEAST_PERCENT_GOOD:
         percent = _percent_good(record)
-        allowed = flagged & (percent >= least) & (percent < READ_PERCENT_GOOD)
+        allowed = flagged & (percent >= least) & (percent < LEAST_PERCENT_GOOD)
         record = replace(record, quality=np.where(allowed, GOOD, record.quality).astype(np.int8))
         flagged &= ~allowed
     record = replace(record, tests=np.where(flagged, MASKS[name], np.int16(0)).astype(np.int16))
@@ -180,38 +216,17 @@ def _flag_profiles(record: Record, thresholds: Thresholds) -> Record:
 
 
 def _impossible(record: Record, water_depth: float, thresholds: Thresholds) -> Record:
-    """Flag impossible speeds, values at a limit, excessive tilt, and depths outside the water."""
+    """Flag impossible speeds, excessive tilt, and depths outside the water."""
     too_fast = np.hypot(record.east, record.north) > thresholds.speed
-    cut = _at_limit(record.east) | _at_limit(record.north)
     with np.errstate(invalid="ignore"):
         fallen = (np.abs(record.pitch_deg) > thresholds.tilt_deg) | (np.abs(record.roll_deg) > thresholds.tilt_deg)
         outside = (record.depth_m < -ABOVE_SURFACE_M) | (record.depth_m > BELOW_BOTTOM * water_depth)
     sentence = f"faster than {thresholds.speed:g} m/s"
-    if cut.any():
-        sentence = f"a component is exactly its limit, at which values were cut ({int(cut.sum())}), or {sentence}"
-    record = flag_velocities(record, too_fast | cut, BAD, "impossible_speed", sentence)
+    record = flag_velocities(record, too_fast, BAD, "impossible_speed", sentence)
     record = flag_velocities(record, fallen[:, None], BAD, "steep_tilt", "tilted too far")
     record = flag_headings(record, fallen)
     sentence = "the instrument's depth lies above the surface or below the bottom"
     return _out_of_water(flag_velocities(record, outside[:, None], BAD, "impossible_depth", sentence))
-
-
-def _at_limit(component: Floats) -> Bools:
-    """Find values that equal the minimum or maximum, where these occur far more often than adjacent values."""
-    cut = np.zeros(component.shape, dtype=bool)
-    if not np.isfinite(component).any():
-        return cut
-    for limit in (np.nanmin(component), np.nanmax(component)):
-        with np.errstate(invalid="ignore"):
-            near = component[np.abs(component - limit) < NEAR_LIMIT * abs(limit)]
-        values, counts = np.unique(near, return_counts=True)
-        order = np.argsort(np.abs(values - limit))
-        next_to_it = counts[order[1 : 1 + COMPARED_VALUES]]
-        at = component == limit
-        times = np.count_nonzero(at[1:] & ~at[:-1])  # number of arrivals: a meter frozen at the limit arrives once
-        if len(next_to_it) and times > max(AT_LIMIT, CROWDED * np.median(next_to_it)):
-            cut |= at
-    return cut
 
 
 def _out_of_water(record: Record) -> Record:
@@ -245,7 +260,13 @@ def heading_outlier_flags(record: Record, heading_deg: Floats) -> Flags:
     """
     known = np.isfinite(heading_deg) & (record.heading_quality < PROBABLY_BAD)
     flags = np.full(known.shape, GOOD, dtype=np.int8)
-    flags[known] = _outliers(heading_deg[known], _fast_water(record)[known])
+    good = record.quality[:, :NEAR_BINS] <= PROBABLY_GOOD
+    count = good.sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = [np.where(good, of[:, :NEAR_BINS], 0.0).sum(axis=1) / count for of in (record.east, record.north)]
+    speed = np.hypot(*mean)
+    fast = np.nan_to_num(speed) > (np.median(speed[count > 0]) if count.any() else np.inf)
+    flags[known] = _outliers(heading_deg[known], fast[known])
     return flags
 
 
@@ -374,17 +395,6 @@ def _limit(off_both_deg: Floats, wrong: float) -> float:
     return max(LEAST_OFF_DEG, OFF_STEPS * float(np.quantile(off_both_deg, middle)))
 
 
-def _fast_water(record: Record) -> Bools:
-    """Find samples with a mean speed of the first bins above its median, (n,)."""
-    good = record.quality[:, :NEAR_BINS] <= PROBABLY_GOOD
-    count = good.sum(axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = [np.where(good, of[:, :NEAR_BINS], 0.0).sum(axis=1) / count for of in (record.east, record.north)]
-    speed = np.hypot(*mean)
-    known = speed[count > 0]
-    return np.asarray(np.nan_to_num(speed) > (np.median(known) if known.size else np.inf))
-
-
 def _stuck_velocity(record: Record) -> Bools:
     """Find runs of samples whose velocities repeat the previous ones in all bins; all-zero samples are not tested.
 
@@ -421,17 +431,6 @@ def _stuck(same: Bools, time_s: Floats) -> Bools:
     share = float(others.mean()) if others.size else 1.0
     likely = [end - begin for begin, end in runs if len(time_s) * share ** (end - begin) > BY_CHANCE]
     return stuck & (not likely)
-
-
-def _stuck_heading(record: Record) -> Record:
-    """Flag headings that remain constant for hours in a record where they otherwise vary."""
-    with np.errstate(invalid="ignore"):
-        same = np.abs(angles.difference(record.heading_deg[1:], record.heading_deg[:-1])) <= STILL_DEG
-    frozen = _stuck(same, record.time_s) & (record.heading_quality < PROBABLY_BAD)
-    number = int(frozen.sum())
-    note = f"{number} headings flagged: the compass stood still within {STILL_DEG:g} degrees for hours"
-    record = replace(record, counts={**record.counts, "heading_stuck": number})
-    return flag_headings(record, frozen, *[note] * (number > 0))
 
 
 def _constant_sensors(record: Record) -> Record:

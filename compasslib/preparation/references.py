@@ -7,11 +7,6 @@ between the measured and the predicted speeds, which do not depend on a compass.
 A reference may turn out to be the affected record itself, with bins rounded, rescaled, averaged or shifted. Two
 instruments never agree to a millimetre per second, as their pings and the water between them differ. A deeper cell of
 the same profiler, given at its own depth, is accepted.
-
-A reference may also have been averaged, filtered, interpolated or held. The structure function of speed, the mean
-square of its changes over a lag, requires neither a compass nor a gapless series. At one site its ratio between two
-instruments is nearly the same at the shortest lag and at two days, apart from noise: the two ratios differ by a factor
-of 0.8 to 1.9 on eleven simulated hourly moorings and between bins of one real record.
 """
 
 from __future__ import annotations
@@ -61,12 +56,19 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
     rows = {name: np.concatenate([getattr(each[k], name) for k in there]) for name in columns}
     index = np.concatenate([np.full(len(each[k]), k, dtype=np.int8) for k in there])
     order = np.lexsort((index, rows["time_s"]))
+    # Errors of the published mean and of the prediction, rms over all pairs that have them.
+    known = [(len(each[k]), each[k].expected_m_s) for k in there if each[k].expected_m_s is not None]
+    expected = None
+    if known:
+        counts, errors = zip(*known, strict=True)
+        mean, predicted = np.sqrt(np.average(np.square(errors), weights=counts, axis=0)).tolist()
+        expected = mean, predicted
     return Pairs(
         **{name: column[order] for name, column in rows.items()},
         reference_index=index[order],
         reference_names=tuple(names),
         warnings=(*said, *notes),
-        expected_m_s=_expected([each[k] for k in there]),
+        expected_m_s=expected,
         veer_deg=float(np.average([each[k].veer_deg for k in there], weights=[max(len(each[k]), 1) for k in there])),
         slow_shear=max((each[k] for k in there), key=len).slow_shear,
         compass=_combined_compass([each[k].compass for k in there], [len(each[k]) for k in there]),
@@ -110,16 +112,6 @@ def combine_references(pairs: Pairs) -> Pairs:
     means: dict[str, Any] = {name: np.bincount(row, share * getattr(pairs, name), len(times)) for name in AVERAGED}
     whole = replace(pairs, reference_index=None, reference_names=(), lower_heading_deg=None)
     return replace(take(whole, first), **means)
-
-
-def _expected(each: Sequence[Pairs]) -> tuple[float, float] | None:
-    """Pool the expected errors of the published mean and of the prediction, rms over all pairs that have them."""
-    known = [(len(pairs), pairs.expected_m_s) for pairs in each if pairs.expected_m_s is not None]
-    if not known:
-        return None
-    counts, errors = zip(*known, strict=True)
-    mean, predicted = np.sqrt(np.average(np.square(errors), weights=counts, axis=0)).tolist()
-    return mean, predicted
 
 
 def _weights(missed: Floats) -> Floats:
@@ -262,6 +254,7 @@ def find_same_recording(upper: Record, lower: Record, bins: int) -> str:
     """Explain that the reference repeats the affected record, given on the pairs' time grid; empty if it does not."""
     if len(upper.time_s) < MIN_COMPARED or len(lower.time_s) < MIN_COMPARED:
         return ""
+    near = np.flatnonzero(np.abs(LAGS_H) <= SHIFTED_H)
     for trusted in _near(upper, lower, bins):
         sample = np.flatnonzero(np.isfinite(trusted.velocity))
         sample = sample[:: 1 + len(sample) // MAX_COMPARED]
@@ -275,11 +268,16 @@ def find_same_recording(upper: Record, lower: Record, bins: int) -> str:
         there = np.abs(upper.time_s[place] - wanted) <= HOUR_S / 2.0
         met = MatchedVelocities(velocity, place, there, ROUNDED * max(steps))
         velocity, depth = upper.east + 1j * upper.north, upper.bin_depth_m()
-        runs = [range(k, k + n) for n in range(1, WIDEST + 1) for k in range(velocity.shape[1] - n + 1)]
+        bins_there = velocity.shape[1]
+        runs = [range(k, k + n) for n in (*range(1, WIDEST + 1), bins_there) for k in range(bins_there - n + 1)]
         averages = (CellSeries(velocity[:, r].mean(axis=1), float(np.nanmedian(depth[:, r])), r) for r in runs)
-        for cells in (*averages, *_combinations(velocity, np.nanmedian(depth, axis=0), met)):
+        for cells in averages:
             shared, off_m = cells.bins.start < bins, abs(cells.depth_m - trusted.depth_m)
-            if (shared or off_m > OFF_M) and (_same(cells, met) or (cells.bins.start == 0 and _averaged(cells, met))):
+            if not (shared or off_m > OFF_M):
+                continue
+            speed = np.where(met.there[:, near], np.abs(cells.velocity)[met.place[:, near]], np.nan)
+            same = any(_equal(column, np.abs(met.velocity), met.least_m_s) for column in speed.T)  # at any one lag
+            if same or (cells.bins.start == 0 and _averaged(cells, met)):
                 first, last = cells.bins.start + 1, cells.bins.stop
                 which = f"bin {first}" if first == last else f"bins {first} to {last}"
                 why = "whose water every pair already holds" if shared else f"given {off_m:.0f} m from their depth"
@@ -296,30 +294,6 @@ def _near(upper: Record, lower: Record, bins: int) -> Iterator[CellSeries]:
     order = sorted(np.argsort(away, kind="stable")[:bins].tolist())
     for run in [order, *([k] for k in order if len(order) > 1)]:
         yield CellSeries(velocity[:, run].mean(axis=1), float(np.nanmedian(depth[:, run])), range(run[0], run[-1] + 1))
-
-
-def _combinations(velocity: Complexes, depth_m: Floats, met: MatchedVelocities) -> Iterator[CellSeries]:
-    """Fit the reference by a linear combination of the mostly complete bins, at each shift of the time stamps."""
-    for lag in np.flatnonzero(np.abs(LAGS_H) <= SHIFTED_H):
-        at = velocity[met.place[met.there[:, lag], lag]]
-        bins = np.flatnonzero(np.isfinite(at).mean(axis=0) > 0.5) if len(at) else np.zeros(0, dtype=np.intp)
-        whole = np.isfinite(at[:, bins]).all(axis=1)
-        if whole.sum() < MIN_COMPARED + len(bins) or len(bins) < 2:
-            continue
-        weight, *_ = np.linalg.lstsq(at[whole][:, bins], met.velocity[met.there[:, lag]][whole], rcond=None)
-        size = np.abs(weight)
-        if size.any():
-            used = bins[size > 0.1 * size.max()]
-            depth = float(size @ depth_m[bins] / size.sum())
-            yield CellSeries(velocity[:, bins] @ weight, depth, range(used[0], used[-1] + 1))
-
-
-def _same(cells: CellSeries, met: MatchedVelocities) -> bool:
-    """Check whether two series have the same speeds, up to a factor, at any one lag."""
-    speed, wanted = np.abs(cells.velocity), np.abs(met.velocity)
-    near = np.flatnonzero(np.abs(LAGS_H) <= SHIFTED_H)
-    columns = np.where(met.there[:, near], speed[met.place[:, near]], np.nan)
-    return any(_equal(column, wanted, met.least_m_s) for column in columns.T)
 
 
 def _equal(first: NDArray, second: NDArray, least: float) -> bool:
@@ -404,58 +378,3 @@ def _changes(speed: Floats, other: Floats, windows: Sequence[NDArray[np.intp]]) 
     first = max(len(windows) // 4, LASTS)
     ratio = ratio[:, np.isfinite(ratio[:first]).any(axis=0)]
     return ratio - np.nanmedian(ratio[:first], axis=0)
-
-
-SLOW_S = 2 * DAY_S  # lag with which the shortest is compared
-MIN_CHANGES = 50  # fewest changes for a mean square
-MOST_REPEATED, EQUAL_M_S = 0.3, 1e-5  # share of values that repeat the previous one, and tolerance
-# Ratio of the structure functions at the shortest lag over that at two days, and ratio of the series' curvatures.
-SMOOTHED, SMOOTHED_CURVATURE = 0.6, 0.6
-ROUGHENED = 3.0
-
-
-def warn_of_filtering(pairs: Pairs, reference: Record) -> tuple[str, ...]:
-    """Warn of a filtered or held reference by comparing both instruments' structure functions of speed."""
-    change = np.maximum(np.abs(np.diff(reference.east, axis=0)), np.abs(np.diff(reference.north, axis=0)))
-    known = np.isfinite(change)
-    compared = known.any(axis=1)
-    repeated = np.where(known, change, 0.0).max(axis=1, initial=0.0) < EQUAL_M_S  # in all cells
-    share = float(repeated[compared].mean()) if compared.sum() >= MIN_CHANGES else 0.0
-    if share > MOST_REPEATED:
-        return (f"{share:.0%} of the reference's velocities repeat the one before: it was sampled less often, or held",)
-    if len(pairs) < MIN_CHANGES:
-        return ()
-    step_s = float(np.median(np.diff(pairs.time_s)))
-    slot = np.rint((pairs.time_s - pairs.time_s[0]) / max(step_s, 1.0)).astype(int)
-    speeds = (np.full(slot[-1] + 1, np.nan), np.full(slot[-1] + 1, np.nan))
-    speeds[0][slot] = np.hypot(pairs.upper_east, pairs.upper_north)
-    speeds[1][slot] = np.hypot(pairs.lower_east, pairs.lower_north)
-    slow = max(round(SLOW_S / step_s), 4)
-    squares = []  # structure functions, of the changes that both have
-    for lag in (1, slow):
-        changes = [speed[lag:] - speed[:-lag] for speed in speeds]
-        known = np.isfinite(changes[0] + changes[1])
-        if known.sum() < MIN_CHANGES:
-            return ()
-        squares.append([float(np.mean(change[known] ** 2)) for change in changes])
-    fast, days = squares
-    if min(fast[0], days[0], days[1]) <= 0.0:
-        return ()
-    contrast = (fast[1] / fast[0]) / (days[1] / days[0])
-    smooth = _curvature(speeds[1]) < SMOOTHED_CURVATURE * _curvature(speeds[0])
-    if not (contrast > ROUGHENED or (contrast < SMOOTHED and smooth)):
-        return ()
-    what = "averaged, filtered or interpolated" if contrast < 1.0 else "high-pass filtered, noisy or merged"
-    return (
-        f"relative to changes over {slow * step_s / HOUR_S:.0f} h, the reference's speed changes from one pair to the "
-        f"next {np.sqrt(contrast):.2g} times as much as the affected instrument's: it may have been {what}; use the "
-        "reference as it was measured",
-    )
-
-
-def _curvature(speed: Floats) -> float:
-    """Compute the median second over the median first absolute difference: 0 for straight lines, 1.7 for noise."""
-    first, second = (np.abs(np.diff(speed, k)) for k in (1, 2))
-    if np.isfinite(second).sum() < MIN_CHANGES:
-        return np.nan
-    return float(np.nanmedian(second) / max(float(np.nanmedian(first)), 1e-9))

@@ -22,7 +22,7 @@ from compasslib.deviation.tilt import CompassSeries, compass_series
 from compasslib.preparation.water import fit_structure_function
 from compasslib.product.cells import Axes, Differences, average_slots
 from compasslib.records import Readings, ReferenceCompass
-from compasslib.types import Bools, Complexes, Floats
+from compasslib.types import HOUR_S, Bools, Complexes, Floats
 
 MAX_MODES = 8
 MAX_REFERENCES = 3  # number of modes for the references' compasses; further references share the last
@@ -30,8 +30,8 @@ PRESSURE_SIGMA_M, NOMINAL_SIGMA_M = 0.5, 5.0  # of a measured depth (0.25 % of 2
 GROWTH_IN_CELL = 1.5  # exponent of the structure function at distances within a cell
 UNMEASURED_MOTION_M_S = 0.005  # of a sphere without a pressure record: a bound, not an estimate
 STILL_M = 0.5  # least dive that is analysed, added to dives so that the slope of their square root stays finite
-MOTION_S = 3 * 3600.0  # window over which the sphere's position is averaged before differentiation
-MIN_MEMORY_S = 3600.0
+MOTION_S = 3 * HOUR_S  # window over which the sphere's position is averaged before differentiation
+MIN_MEMORY_S = HOUR_S
 NOTHING = [np.zeros(0, dtype=complex)]
 MAX_LAGS, FEWEST = 400, 100
 REACH_M, RESOLUTION = 200.0, 0.02  # of the tabulated structure function; its step in cells

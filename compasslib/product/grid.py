@@ -41,16 +41,15 @@ from compasslib.product.errors import (
     mean_factor,
     sphere_motion,
 )
-from compasslib.records import MISSING, PROBABLY_BAD, Flags
+from compasslib.records import DEEPEST_M, MISSING, PROBABLY_BAD, Flags
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
 PIECE, CELLS = 4096, 1 << 21  # times gridded at once, and cells, of some 300 bytes each
 MOST_DEPTHS = 6000  # 1 m over the depth of most of the ocean; a year of daily means of so many has CELLS
 INTERPOLATED = 8  # OceanSITES reference table 2
-POINT_STEP_M, SLOWEST_STEP_S, FASTEST_STEP_S = 10.0, 3600.0, 60.0
+POINT_STEP_M, SLOWEST_STEP_S, FASTEST_STEP_S = 10.0, HOUR_S, 60.0
 RARE = 0.01  # fraction of the samples at the best-sampled depth; depths with fewer do not extend the grid
 DIVES = 0.1  # fraction of the step: the grid follows the bins of an instrument whose depth varies less
-MAX_DEPTH_M = 12000
 PROFILER_M_S = 0.02  # least vertical speed of an instrument that climbs along the line; spheres dive at some mm/s
 BLOCKS, BLOCK = 8, 1500  # approximate number and largest length of the blocks that structure functions are fitted to
 WIDEST_GAP_CELLS = 2.0  # one missing bin
@@ -220,7 +219,7 @@ def empty_piece(depths: int, rising: bool) -> Piece:
 def survey(source: Source) -> Survey:
     """Summarize an instrument's velocities in one pass."""
     n = len(source.time_s)
-    count, flow = np.zeros(MAX_DEPTH_M, dtype=int), np.full(n, complex(np.nan, np.nan))
+    count, flow = np.zeros(DEEPEST_M, dtype=int), np.full(n, complex(np.nan, np.nan))
     blocks, ranges, steps = [], [], []
     stride = max(1, -(-n // PIECE) // BLOCKS)
     for number, begin in enumerate(range(0, n, PIECE)):
@@ -228,8 +227,8 @@ def survey(source: Source) -> Survey:
         here = source.rows(rows)
         usable = np.isfinite(here.velocity.real) & np.isfinite(here.depth_m)
         metre = here.depth_m[usable]
-        metre = np.rint(metre[(metre >= 0.0) & (metre < MAX_DEPTH_M - 0.5)]).astype(int)
-        count += np.bincount(metre, minlength=MAX_DEPTH_M)
+        metre = np.rint(metre[(metre >= 0.0) & (metre < DEEPEST_M - 0.5)]).astype(int)
+        count += np.bincount(metre, minlength=DEEPEST_M)
         total = np.where(usable, here.velocity, 0.0).sum(axis=1)
         number_of = usable.sum(axis=1)
         flow[rows] = np.where(number_of > 0, total / np.maximum(number_of, 1), np.nan)
@@ -351,7 +350,7 @@ def _ends(survey: Survey, step_m: float, phase_m: float) -> tuple[float, float]:
 
 # Daily means of the gridded product.
 
-TIDE_S = 6 * 3600.0  # lag at which velocities differ as much as those of missing hours from the rest of the day
+TIDE_S = 6 * HOUR_S  # lag at which velocities differ as much as those of missing hours from the rest of the day
 LEAST_SHARE = 0.5  # fraction of a day's times that a mean needs, except for profilers
 
 

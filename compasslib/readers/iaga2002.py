@@ -33,8 +33,7 @@ MOST_MISSING = 10  # largest number of distinct values that may stand for missin
 MOST_WRONG = 0.02  # share of rows up to which invalid values are taken for damage
 LEAST_MINUTES, LARGEST_MINUTES = -10800.0, 21600.0  # minutes of arc: -180 to 360 degrees
 FILLERS = (0.0, 99.0, 99.99, 999.0, 999.9, 999.99, 9999.0, 9999.9, 9999.99, 32767.0, 32768.0)  # of either sign
-FEWEST_FILLED, ALONE_NT, ALONE_MINUTES = 3, 200.0, 35.0  # least count, and distance to other values beyond any storm's
-STEPS_OFF = 8.0  # least distance of a fill value from its surroundings, in median steps between neighbours
+ALONE_NT, ALONE_MINUTES = 200.0, 35.0  # distance to other values beyond any storm's
 STUCK_S, FEWEST_STUCK = DAY_S, 24  # duration and rows: no declination is constant for a day at any resolution
 CONTRADICTION = 0.01  # relative to F; differences between pillars of one observatory are a tenth of this
 LEAST_F_NT = 10000.0  # a smaller F is a difference between two instruments
@@ -159,22 +158,12 @@ def _read_file(path: Path) -> _File:
 
 
 def _fillers(letter: str, column: Floats) -> Bools:
-    """Flag fill values: common or repeated values isolated from all others, or far from their neighbours in time."""
+    """Flag common fill values that are isolated from all others."""
     alone = ALONE_MINUTES if letter in "DI" else ALONE_NT
-    value, count = np.unique(column[np.isfinite(column)], return_counts=True)
+    value = np.unique(column[np.isfinite(column)])
     apart = np.diff(value, prepend=-np.inf, append=np.inf)
     isolated = (np.minimum(apart[:-1], apart[1:]) > alone) & (len(value) > 1)
-    usual = np.isin(np.abs(value), FILLERS)
-    sure = isolated & (usual | ((count >= FEWEST_FILLED) & (count < np.sum(count) / 2)))
-    doubtful = []  # common fill values far from the values before and after
-    for each in value[usual & ~sure & (count >= FEWEST_FILLED)]:
-        others = np.flatnonzero(np.isfinite(column) & (column != each))
-        if len(others) >= FEWEST_FILLED:
-            around = np.interp(np.flatnonzero(column == each), others, column[others])
-            step = float(np.median(np.abs(np.diff(column[others]))))
-            if float(np.median(np.abs(around - each))) > STEPS_OFF * max(step, 1e-9):
-                doubtful.append(each)
-    return np.isin(column, [*value[sure], *doubtful])
+    return np.isin(column, value[isolated & np.isin(np.abs(value), FILLERS)])
 
 
 def _stuck(column: Floats, time_s: Floats) -> Bools:

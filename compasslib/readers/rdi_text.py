@@ -19,6 +19,7 @@ from compasslib.errors import InputError
 from compasslib.readers.files import count_unprintable, read_text_bytes
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.pd0.fields import LAST_YEAR
+from compasslib.readers.pd12 import BEAM_ANGLE_DEG
 from compasslib.readers.times import civil_seconds, describe_averages
 from compasslib.records import GOOD, MISSING, Record, join_records
 from compasslib.types import Floats
@@ -29,7 +30,6 @@ SPEEDS = {"mm/s": 0.001, "cm/s": 0.01, "m/s": 1.0}
 MISSING_TEXT = ("", "-32768", "32768")
 NO_BIAS = "A text export does not hold the heading bias EB: none was taken out but for declination_applied."
 SINCE_1980 = 80  # WinADCP's two-digit years are 1980 to 2079
-BEAM_ANGLE_DEG = 20.0  # of every WorkHorse and Long Ranger
 NUMBER = re.compile(r"[-+]?(\d{1,9}(\.\d*)?|\.\d+)", re.ASCII)
 FIRST_BIN = re.compile(r"1st Bin Range \(m\)[\s=\",]*(\d{1,4}(?:\.\d*)?)(?![\d.])")
 BIN_SIZE = re.compile(r"Bin Size \(m\)[\s=\",]*(\d{1,4}(?:\.\d*)?)(?![\d.])")

@@ -29,8 +29,8 @@ from compasslib.inference.wording import VERDICTS
 from compasslib.report import chart, words
 from compasslib.report.results import (
     MAX_SECTIONS,
-    Figure,
     Overview,
+    ReportFigure,
     collect_figures,
     read_calibration,
     read_mooring,
@@ -56,7 +56,7 @@ class Report:
     software: str
     date: str
     map: chart.Chart | None = None
-    figures: tuple[Figure, ...] = ()  # figures of all moorings together
+    figures: tuple[ReportFigure, ...] = ()  # figures of all moorings together
     small: bool = False  # whether there are too many sections for figures of full size
     compasses: Overview = NO_COMPASSES
     missing: tuple[str, ...] = ()  # global attributes that the YAML files do not give for some mooring
@@ -116,7 +116,7 @@ def gather(
     for part, entries in (("mooring", sections), ("calibration", others)):
         reasons = stopped[f"{part}s"].items()
         entries[:0] = [stopped_section(part, name, why, headers[part]) for name, why in reasons]
-    together = collect_figures(root, root, lambda figure: words.caption("cruise", figure), small=False)
+    together = collect_figures(root, root, ["cruise"], small=False)
     named = [str(attributes[key]) for key in ("project",) if key in attributes]
     return Report(
         title=": ".join(["Compass deviations corrected", *named]),

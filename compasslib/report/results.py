@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from compasslib import angles
 from compasslib.archive import attributes as archive_attributes
 from compasslib.archive import files, netcdf, summary
 from compasslib.archive.files import open_netcdf, read_json, read_variable
+from compasslib.plots.figures import FIGURES
 from compasslib.product.cells import compare_at_seam, describe_seam
 from compasslib.records import PROBABLY_BAD
 from compasslib.report import words
@@ -31,7 +32,7 @@ class ReportTable:
 
 
 @dataclass(frozen=True)
-class Figure:
+class ReportFigure:
     """A figure of the results."""
 
     title: str
@@ -63,12 +64,12 @@ class ReportSection:
     facts: tuple[tuple[str, str], ...]
     question: str = ""  # that the first sentence of the summary answers
     to_do: tuple[str, ...] = ()  # sentences: actions left to the user
-    first: tuple[Figure, ...] = ()  # figures shown first, such as currents before and after
-    finding_figures: tuple[Figure, ...] = ()  # figures shown with the findings
+    first: tuple[ReportFigure, ...] = ()  # figures shown first, such as currents before and after
+    finding_figures: tuple[ReportFigure, ...] = ()  # figures shown with the findings
     findings: tuple[ReportedFinding, ...] = ()
     limits: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
-    figures: tuple[Figure, ...] = ()  # all others
+    figures: tuple[ReportFigure, ...] = ()  # all others
     tables: tuple[ReportTable, ...] = ()
     links: tuple[tuple[str, str], ...] = ()  # text, URL relative to the page
     cells: tuple[str, ...] = ()  # its row in the overview
@@ -252,54 +253,29 @@ def _percentiles(values: Floats, at: tuple[float, float]) -> tuple[float, float]
 # Figures embedded in the page: with a colour palette; on a page of many sections small and few.
 
 MAX_SECTIONS = 50  # above which figures are not embedded at full size; a thousand moorings would need 400 MB
-TITLES = {
-    "sticks": "Currents along time",
-    "progressive": "Progressive vector diagram",
-    "roses": "Direction frequencies before and after",
-    "section": "Sections before and after",
-    "profile": "Mean profiles",
-    "diagnosis": "Residual of the fit",
-    "deviation": "Deviation of the compass",
-    "histograms": "Histograms before and after",
-    "scatter": "Direction compared with the reference",
-    "timeline": "Headings along time",
-    "residuals": "Residuals of the curve",
-    "certificate": "Certificate",
-    "magnetometer": "Magnetometer readings before and after",
-    "swing": "The swing",
-    "difference": "Difference of the two compasses",
-    "tilt_check": "Tilts of the two instruments",
-    "along_time": "Both compasses along time",
-    "series": "Declination of the observatory",
-    "disturbance": "Disturbances of the field",
-    "array": "The array",
-    "curves": "Deviations",
-    "differences": "Differences from the reference",
-    "currents": "Mean currents and variance ellipses",
-}
-LINKED = ("certificate",)  # not embedded, as the tables contain the same numbers
 
 
-def collect_figures(folder: Path, root: Path, caption: Callable[[str], str], *, small: bool) -> dict[str, Figure]:
-    """Collect the figures of one mooring or calibration by name, in the order of ``TITLES``, then all others.
+def collect_figures(
+    folder: Path, root: Path, subjects: Sequence[str], *, small: bool, **given: Any
+) -> dict[str, ReportFigure]:
+    """Collect the figures of one mooring or calibration that were drawn, by name, in the order of the table.
 
     Args:
         folder: folder of its results, with the PNG files in ``figures``.
-        caption: composes the caption of a figure from its name.
+        subjects: in ``plots.figures.FIGURES``.
         small: whether the page has too many sections for figures of full size, here and below.
+        **given: results that the captions describe.
     """
-    order = {name: k for k, name in enumerate(TITLES)}
-    paths = sorted(folder.glob("figures/*.png"), key=lambda p: (order.get(p.stem, len(order)), p.stem))
-    made = files.read_pictures(folder, small=small)
-    figures = {}
-    for path in paths:
-        name = path.stem
-        picture, size = made.get(name, ("", (0, 0)))
-        if name not in made and name not in LINKED and not small:
+    made, collected = files.read_pictures(folder, small=small), dict[str, ReportFigure]()
+    for row in (row for subject in subjects for row in FIGURES[subject]):
+        if not (path := folder / f"figures/{row.name}.png").exists():
+            continue
+        picture, size = made.get(row.name, ("", (0, 0)))
+        if row.name not in made and row.place != "linked" and not small:
             picture, size = files.embed_png(path)
-        title = TITLES.get(name, name.replace("_", " ").capitalize())
-        figures[name] = Figure(title, caption(name), relative_link(path, root), picture, *size)
-    return figures
+        caption = words.caption(row.caption, **given)
+        collected[row.name] = ReportFigure(row.title, caption, relative_link(path, root), picture, *size)
+    return collected
 
 
 def relative_link(path: Path, root: Path) -> str:

@@ -14,6 +14,7 @@ from compasslib.archive.files import read_json
 from compasslib.effects import COMPOSED, meanings
 from compasslib.effects.composed import effect_formula
 from compasslib.inference import wording
+from compasslib.plots.figures import MOORING, names
 from compasslib.report import words
 from compasslib.report.results import (
     QUESTION,
@@ -119,19 +120,17 @@ def diagnosis_caption(diagnosis: Mapping[str, Any]) -> str:
     parts = [entry["composition"] for entry in diagnosis["findings"] if entry.get("composition")]
     shown = {"heading", "time", *((entry.get("where") or {}).get("covariate") for entry in diagnosis["findings"])}
     others = [] if diagnosis["unexplained"] else [name for name in curves[-1:] if name not in shown]
-    return words.caption(
-        "diagnosis", "diagnosis", d=diagnosis, outside=count_outside(diagnosis) if curves else (),
+    return " ".join(words.paragraphs(
+        "diagnosis", "figure", d=diagnosis, outside=count_outside(diagnosis) if curves else (),
         turns=[name for name in curves if name.startswith(wording.TURN_PREFIX)],
         slopes=[entry for entry in diagnosis["findings"] if (entry.get("heldout") or {}).get("slope")],
         candidate="".join(name for name in others if not name.startswith((wording.TURN_PREFIX, wording.SIZE_PREFIX))),
         composed=[(entry["acts_on"], effect_formula(**entry)) for entry in parts],
-    )  # fmt: skip
+    ))  # fmt: skip
 
 
 # Sections of moorings, calibrations and compasses.
 
-CURRENTS = ("sticks", "progressive", "roses")
-OF_PAIRS = ("diagnosis", "deviation", "histograms", "scatter")  # left out if there are neither pairs nor a curve
 FILES = (
     *("corrected.nc", "gridded.nc", "overlap.nc", "deviation.json", "diagnosis.json", "assessment.json"),
     *("table.csv", "histograms.csv", "figures", "logs"),
@@ -144,17 +143,13 @@ def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any]
     Args:
         site: latitude, longitude, water_depth_m, instruments (role and description).
     """
-
-    def caption(figure: str) -> str:
-        if figure == "diagnosis":
-            return diagnosis_caption(results.diagnosis)
-        return words.caption("mooring", figure, r=results)
-
     folders = [results.folder, *([results.folder.parent] if "/" in results.name else [])]  # also of the whole mooring
-    collected = [collect_figures(folder, root, caption, small=small) for folder in folders]
+    given = {"r": results, "about": diagnosis_caption}
+    collected = [collect_figures(folder, root, ("sections", "mooring"), small=small, **given) for folder in folders]
     pictures = {name: figure for figures in collected for name, figure in figures.items()}
     if not (results.fit["n_pairs"] or results.fit["coefficients"]):
-        pictures = {name: entry for name, entry in pictures.items() if name not in OF_PAIRS}
+        of_pairs = {row.name for row in MOORING if row.of_pairs}
+        pictures = {name: figure for name, figure in pictures.items() if name not in of_pairs}
     findings = report_findings(results.diagnosis, product=True)
     counts = dict.fromkeys(name for of_role in results.inputs.values() for name in of_role)
     nonzero = [name for name in counts if any(of_role.get(name) for of_role in results.inputs.values())]
@@ -171,7 +166,7 @@ def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any]
             *measures(results),
             *words.facts("mooring", "more", r=results),
         ),
-        first=tuple(pictures.pop(name) for name in CURRENTS if name in pictures),
+        first=tuple(pictures.pop(name) for name in names("mooring", "currents") if name in pictures),
         finding_figures=(pictures.pop("diagnosis"),) if findings and "diagnosis" in pictures else (),
         findings=findings,
         limits=describe_limits(results.diagnosis),
@@ -212,13 +207,8 @@ COMPASS_FILES = ("compass.json", "diagnosis.json", "figures", "logs")
 def calibration_section(results: CalibrationResults, root: Path, *, small: bool) -> ReportSection:
     """Compose one calibration's section."""
     content, diagnosis = results.content, results.diagnosis
-
-    def caption(figure: str) -> str:
-        if figure == "diagnosis" and diagnosis:
-            return diagnosis_caption(diagnosis)
-        return words.caption("calibration", figure, c=content)
-
-    figures = collect_figures(results.folder, root, caption, small=small)
+    given = {"c": content, "d": diagnosis, "about": diagnosis_caption}
+    figures = collect_figures(results.folder, root, ["calibration"], small=small, **given)
     findings = report_findings(diagnosis, product=False) if diagnosis else ()
     said, texts = describe_findings(diagnosis) if diagnosis else "", list(_nested_texts(content))
     return ReportSection(
@@ -262,7 +252,7 @@ def compass_section(name: str, root: Path, *, small: bool) -> ReportSection:
     """
     folder = root / "compasses" / name
     content, diagnosis = read_json(folder / "compass.json"), read_json(folder / "diagnosis.json")
-    figures = collect_figures(folder, root, lambda figure: words.caption("compass", figure, c=content), small=small)
+    figures = collect_figures(folder, root, ["compass"], small=small, c=content)
     said = describe_findings(diagnosis)
     return ReportSection(
         name=name,

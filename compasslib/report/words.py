@@ -167,12 +167,12 @@ def environment(**options: Any) -> jinja2.Environment:
 
 
 @cache
-def _template(name: str) -> Any:
+def _environment() -> jinja2.Environment:
     made = environment(finalize=lambda value: re.sub(r"[\n|]+", " ", value) if isinstance(value, str) else value)
     made.filters |= {each.__name__: each for each in FILTERS}
     made.globals |= {"unknown": UNKNOWN, "models": MODELS, "position": position, "sigma": standard_error}
     made.globals["wrap360"] = angles.wrap360
-    return made.get_template(f"{name}.txt").module
+    return made
 
 
 def _filled(template: str, block: str, given: dict[str, Any]) -> str:
@@ -184,7 +184,7 @@ def _filled(template: str, block: str, given: dict[str, Any]) -> str:
     import jinja2
 
     try:
-        return str(getattr(_template(template), block)(**given))
+        return str(getattr(_environment().get_template(f"{template}.txt").module, block)(**given))
     except jinja2.UndefinedError as error:
         raise LookupError(str(error)) from error
 
@@ -201,10 +201,12 @@ def paragraphs(template: str, block: str, **given: Any) -> tuple[str, ...]:
     return tuple(text for part in filled if (text := re.sub(r"[ \n]+", " ", part).strip(" ")))
 
 
-def caption(template: str, figure: str, **given: Any) -> str:
-    """Render the caption of a figure, the block ``figure_NAME`` of a template; empty if there is none."""
-    block = f"figure_{figure}"
-    return " ".join(paragraphs(template, block, **given)) if hasattr(_template(template), block) else ""
+HELPERS = '{% from "mooring.txt" import methods, span %}{% from "calibration.txt" import offset %}'
+
+
+def caption(text: str, **given: Any) -> str:
+    """Render the caption of a figure from its template."""
+    return re.sub(r"[ \n]+", " ", _environment().from_string(HELPERS + text).render(**given)).strip(" ")
 
 
 def facts(template: str, block: str, **given: Any) -> tuple[tuple[str, str], ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from compasslib.archive import calibrations as stored
@@ -11,11 +12,10 @@ from compasslib.archive import netcdf, summary
 from compasslib.archive.files import read_json, write_pictures
 from compasslib.archive.gridded import read_section
 from compasslib.inference import product as products
-from compasslib.plots import calibrations, page
-from compasslib.plots import deviation as curve
-from compasslib.plots import diagnosis as hypotheses
-from compasslib.plots import moorings as together
+from compasslib.plots import page
 from compasslib.plots import timeseries as water
+from compasslib.plots.figures import FIGURES, names
+from compasslib.plots.moorings import AssessedMooring
 from compasslib.preparation.references import combine_references
 
 
@@ -36,27 +36,34 @@ def figures(
     both, corrected = combine_references(netcdf.read_pairs(pairs)), netcdf.read_corrected(product, velocities=False)
     shown, reference = summary.read_bin_currents(product), summary.reference_current(both)
     averaged, coarser = (water.average_currents(shown, reference, n) for n in (summary.MAX_MEANS, summary.MAX_STICKS))
-    headings = {"recorded": page.usable_headings(corrected), "corrected": corrected.heading_corrected_deg}
-    counts = summary.read_histograms(histograms)
-    for ending in dict.fromkeys(Path(figure).suffix for figure in figures):
-        to = {Path(figure).stem: figure for figure in figures if figure.endswith(ending)}
-        water.draw_sticks(to["sticks"], coarser)
-        water.draw_progressive(to["progressive"], averaged)
-        water.draw_roses(to["roses"], shown, reference, headings)
-        hypotheses.draw_mooring(to["diagnosis"], read_json(diagnosis))
-        curve.draw_deviation(to["deviation"], both, products.from_json(read_json(deviation)).fit)
-        curve.draw_histograms(to["histograms"], counts, read_json(assessment))
-        curve.draw_scatter(to["scatter"], both, corrected)
-        water.draw_timeline(to["timeline"], corrected, both)
-    write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])
+    data = SimpleNamespace(
+        shown=shown,
+        reference=reference,
+        averaged=averaged,
+        coarser=coarser,
+        headings={"recorded": page.usable_headings(corrected), "corrected": corrected.heading_corrected_deg},
+        pairs=both,
+        product=corrected,
+        fit=products.from_json(read_json(deviation)).fit,
+        diagnosis=read_json(diagnosis),
+        assessment=read_json(assessment),
+        histograms=summary.read_histograms(histograms),
+    )
+    _draw("mooring", figures, data)
+    write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")], names("mooring", "currents"))
     say(f"{mooring}: {len(figures)} figures")
+
+
+def _draw(subject: str, figures: Sequence[str], data: Any) -> None:
+    """Draw the figures of a subject, each by its row of the table, from the data of the subject."""
+    rows = {row.name: row for row in FIGURES[subject]}
+    for figure in figures:
+        rows[Path(figure).stem].draw(figure, data)
 
 
 def sections(mooring: str, *, gridded: str, figures: Sequence[str], pictures: str, say: Callable[[str], None]) -> None:
     """Draw the section and the mean profile of the gridded velocities."""
-    section = read_section(gridded, water.COLUMNS)
-    for figure in figures:
-        (water.draw_section if Path(figure).stem == "section" else water.draw_profile)(figure, section)
+    _draw("sections", figures, read_section(gridded, water.COLUMNS))
     write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])
     say(f"{mooring}: {len(figures)} figures")
 
@@ -74,19 +81,14 @@ def calibration_figures(
 ) -> None:
     """Draw the figures of a calibration, each selected by its file name; ``diagnosis``: its file, if it has one."""
     made = stored.read(calibration=calibration, table=table, points=points)
-    for figure in figures:
-        if Path(figure).stem == "diagnosis":
-            hypotheses.draw_calibration(figure, read_json(diagnosis[0]))
-        else:
-            calibrations.draw_figure(Path(figure).stem, figure, made)
+    content = read_json(diagnosis[0]) if diagnosis else None
+    _draw("calibration", figures, SimpleNamespace(stored=made, diagnosis=content))
     say(f"{name}: {len(figures)} figures")
 
 
 def joined_figures(name: str, /, *, joined: str, figures: Sequence[str], say: Callable[[str], None]) -> None:
     """Draw the figures of a shared compass (``joined``: compass.json), each selected by its file name."""
-    content = read_json(joined)
-    for figure in figures:
-        curve.draw_shared(Path(figure).stem, figure, content)
+    _draw("compass", figures, read_json(joined))
     say(f"{name}: {len(figures)} figures")
 
 
@@ -106,12 +108,8 @@ def cruise_figures(
         array: arguments of ``plots.moorings.draw_array``.
     """
     moorings = [
-        together.AssessedMooring(Path(file).parent.name, products.from_json(read_json(file)).fit, read_json(assessment))
+        AssessedMooring(Path(file).parent.name, products.from_json(read_json(file)).fit, read_json(assessment))
         for file, assessment in zip(deviations, assessments, strict=True)
     ]
-    for figure in figures:
-        if Path(figure).stem == "array":
-            together.draw_array(figure, array)
-        else:
-            together.draw_figure(Path(figure).stem, figure, moorings)
+    _draw("cruise", figures, SimpleNamespace(moorings=moorings, array=array))
     say(f"{len(figures)} figures of {len(moorings)} moorings")

@@ -25,9 +25,7 @@ rule joined_figures:
     input:
         joined="results/compasses/{compass}/compass.json",
     output:
-        figures=reported(
-            "results/compasses/{compass}/figures/{name}.{form}", ["coefficients", "curve"], "Compasses", "{compass}"
-        ),
+        figures=reported("results/compasses/{compass}/figures/{name}.{form}", names("compass"), "Compasses", "{compass}"),
         job="results/compasses/{compass}/logs/figures.json",
     log:
         "results/compasses/{compass}/logs/figures.log",

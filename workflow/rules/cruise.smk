@@ -51,7 +51,7 @@ rule cruise_figures:
         deviations=of_usable("moorings", "deviation.json"),
         assessments=of_usable("moorings", "assessment.json"),
     output:
-        figures=reported("results/figures/{name}.{form}", ["array", "curves", "differences", "currents"], "Cruise"),
+        figures=reported("results/figures/{name}.{form}", names("cruise"), "Cruise"),
         job="results/logs/cruise_figures.json",
     log:
         "results/logs/cruise_figures.log",

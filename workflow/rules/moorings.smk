@@ -40,7 +40,7 @@ rule overlap:
     group:
         lambda wildcards: group_of_mooring(wildcards, "read")
     params:
-        **parameters("overlap.overlap", MOORINGS.overlap, zip(CRUISE.moorings)),
+        **parameters("read.overlap", MOORINGS.overlap, zip(CRUISE.moorings)),
     script:
         "../scripts/stage.py"
 
@@ -248,12 +248,7 @@ rule figures:
         histograms="results/{mooring}/histograms.csv",
         product="results/{mooring}/corrected.nc",
     output:
-        figures=reported(
-            "results/{mooring}/figures/{name}.{form}",
-            ["deviation", "diagnosis", "histograms", "progressive", "roses", "scatter", "sticks", "timeline"],
-            "Moorings",
-            "{mooring}",
-        ),
+        figures=reported("results/{mooring}/figures/{name}.{form}", names("mooring"), "Moorings", "{mooring}"),
         pictures="results/{mooring}/work/pictures.json",
         job="results/{mooring}/logs/figures.json",
     log:
@@ -271,7 +266,7 @@ use rule figures as sections with:
     input:
         gridded="results/{mooring}/gridded.nc",
     output:
-        figures=reported("results/{mooring}/figures/{name}.{form}", ["section", "profile"], "Moorings", "{mooring}"),
+        figures=reported("results/{mooring}/figures/{name}.{form}", names("sections"), "Moorings", "{mooring}"),
         pictures="results/{mooring}/work/sections.json",
         job="results/{mooring}/logs/sections.json",
     log:

@@ -28,7 +28,6 @@ from compasslib.errors import applicable
 from compasslib.types import Floats
 
 KIND, NO_MODEL = "magnetometer", "none"
-SECTOR_DEG = 10.0
 NO_DIP = (
     "Hard and soft iron are determined, but their effect on the heading depends on the dip: log the tilts, or give "
     "latitude, longitude and date."
@@ -83,7 +82,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         kind=KIND,
         model=solved.fitted.model.name,
         n=len(solved.log.raw),
-        coverage=len(np.unique(solved.headings()[0] // SECTOR_DEG)),
+        coverage=len(np.unique(solved.headings()[0] // angles.SECTOR_DEG)),
         points=_points(solved),
         details={**_details(solved, field), "doubts": misfits},
         why=FOLDED if folded else "" if known else NO_DIP,

@@ -16,15 +16,15 @@ import numpy as np
 
 from compasslib import angles, earthfield
 from compasslib.calibrations.budget import Source
-from compasslib.calibrations.curves import SECTOR_DEG, count_sectors
-from compasslib.calibrations.platform import ALIKE_DEG, DECLINATION_DEG
+from compasslib.calibrations.curves import count_sectors
+from compasslib.calibrations.platform import ALIKE_DEG, DECLINATION_DEG, MIN_HEADINGS
 from compasslib.calibrations.result import Calibration
 from compasslib.calibrations.swing import adjustment, model, observations
 from compasslib.calibrations.swing.model import COURSE, LAG, SERIES, Swing, SwingFit, set_and_drift
 from compasslib.calibrations.swing.observations import Observations, SwingOptions
 from compasslib.deviation.series import series_design, series_deviation
 from compasslib.errors import InputError, applicable
-from compasslib.types import Floats
+from compasslib.types import DAY_S, Floats
 
 KIND, MODEL = "swing", "series"
 # Standard error of a world model's declination, including the crust: hypot(0.26, 5417 nT / H) degrees (WMM2025).
@@ -49,7 +49,6 @@ NOTHING = 1e-12
 UNIX_EPOCH_IN_EPHEM_DAYS = 25567.5  # days since PyEphem's epoch, noon of 31 December 1899
 TERMS = 5
 WIDE_GAP_DEG = 100.0
-MIN_HEADINGS = 16
 STRUCTURE_DEG = 2.0  # rms residual of a steady swing above which reading errors do not explain it
 SERIES_LIMIT_DEG = 20.0  # validity of Smith's series (Le Menn et al. 2023)
 REMEDY = "swing 16 to 24 headings round the full circle"
@@ -284,7 +283,7 @@ def azimuth(latitude: float, longitude: float, time_s: float) -> float:
 
     here = ephem.Observer()
     here.lat, here.lon, here.pressure = str(latitude), str(float(angles.wrap180(longitude))), 0.0
-    here.date = time_s / 86400.0 + UNIX_EPOCH_IN_EPHEM_DAYS
+    here.date = time_s / DAY_S + UNIX_EPOCH_IN_EPHEM_DAYS
     return float(angles.wrap360(ephem.Sun(here).az / angles.DEGREE))
 
 
@@ -324,7 +323,7 @@ def _warnings(swing: Swing, series: SwingFit, exact: SwingFit) -> tuple[str, ...
     stated = observed.variation_deg
     if np.isfinite(stated) and abs(float(angles.difference(stated, swing.declination_deg))) >= 0.5:
         warnings.append(f"the log states a declination of {stated:+.1f}°, {swing.declination_deg:+.1f}° is used")
-    columns = series_design(np.arange(0.0, 360.0, SECTOR_DEG))
+    columns = series_design(np.arange(0.0, 360.0, angles.SECTOR_DEG))
     largest = float(np.max(np.abs(columns @ series.parameters[SERIES])))
     if largest >= SERIES_LIMIT_DEG:
         left, by_exact = angles.rms(series.residuals[COURSE]), angles.rms(exact.residuals[COURSE])

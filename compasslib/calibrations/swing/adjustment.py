@@ -18,6 +18,7 @@ from compasslib import angles
 from compasslib.calibrations.result import LETTERS, DeviationTable
 from compasslib.deviation.series import series_design
 from compasslib.errors import InputError
+from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Floats
 
 POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
@@ -26,7 +27,6 @@ SIN_45 = 0.707  # as printed by MM, to reproduce their numbers to the last digit
 NARROWEST_DEG, WIDEST_DEG = 60.0, 120.0  # limits of the angle between two headings for B and C (MM section 6)
 NAN = float("nan")
 LIMIT_DEG, SHORT_M, MIN_SPEED_KN = 4.0, 82.5, 7.0  # ISO 25862:2019, Annex G.1; MM section 7.3
-TWO_SIGMA = 1.959964
 SPEED_SCATTER = 0.02  # relative, of the speed through the water at one engine setting, assumed
 LIE = {"B": "longitudinal", "C": "transversal"}  # orientation of the magnets
 NULLIFIED = {"none": "", "B": "B", "C": "C", "both": "BC"}
@@ -219,12 +219,12 @@ def plan_magnets(coefficients: Floats, step_deg: float) -> dict[str, Any]:
 def verdict(table: DeviationTable, length_m: float | None, speed_kn: float | None) -> dict[str, Any]:
     """Assess whether deviations stay within 4 degrees (ISO 25862:2019, Annex G.1), and list conditions not verified."""
     size = np.abs(table.deviation_deg)
-    surely, perhaps = size - TWO_SIGMA * table.sigma_deg > LIMIT_DEG, size + TWO_SIGMA * table.sigma_deg > LIMIT_DEG
+    surely, perhaps = size - NORMAL_95 * table.sigma_deg > LIMIT_DEG, size + NORMAL_95 * table.sigma_deg > LIMIT_DEG
     word = "exceeds" if surely.any() else "undecided" if perhaps.any() else "within"
     if length_m is not None and length_m >= SHORT_M:
         word = "not judged"
     worst = int(np.argmax(size))
-    largest = f"largest {table.deviation_deg[worst]:+.1f}° ± {TWO_SIGMA * table.sigma_deg[worst]:.1f}° (95 %)"
+    largest = f"largest {table.deviation_deg[worst]:+.1f}° ± {NORMAL_95 * table.sigma_deg[worst]:.1f}° (95 %)"
     text = {
         "exceeds": f"A deviation exceeds 4°: {largest} on {table.heading_deg[worst]:03.0f}°.",
         "undecided": f"Whether every deviation is within 4° is not decided: {largest}.",

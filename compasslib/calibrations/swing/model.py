@@ -27,7 +27,7 @@ from compasslib.statistics.noise import (
     span_basis,
 )
 from compasslib.statistics.resampling import student_factor
-from compasslib.types import Bools, Floats
+from compasslib.types import HOUR_S, Bools, Floats
 
 ROUNDS, STEPS = 4, 3
 MIN_INFORMATION = 2.0  # ratio of prior to data standard deviation above which the data determine a parameter
@@ -38,7 +38,7 @@ DRIFT, CHANGES = [EAST, NORTH], [EAST_CHANGE, NORTH_CHANGE]
 FIXED_SIGMA = 1e-9  # prior standard deviation of a parameter that cannot be determined
 MAX_PRIOR_SHARE = 0.5  # drift counts as separated from B and C if the swing halves its prior width
 LOG_SIGMA = 0.1  # prior standard deviation of the scale of a ship's log
-SPRING_S = 3 * 3600.0  # a tidal current rises from slack to full in three hours
+SPRING_S = 3 * HOUR_S  # a tidal current rises from slack to full in three hours
 MIN_WATER_KN = 0.5
 SMOOTHED_S = 60.0  # window over which speeds are averaged
 HARMONICS = (3, 4)  # of the heading, which compasses may have beyond the five terms

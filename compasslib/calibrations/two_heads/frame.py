@@ -19,15 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
+from compasslib.angles import SECTOR_DEG, SECTORS
 from compasslib.calibrations.result import DeviationTable
-from compasslib.calibrations.two_heads.motion import down, independent, tilt_angles
+from compasslib.calibrations.two_heads.motion import STRETCHES, down, independent, tilt_angles
 from compasslib.deviation.series import series_design
 from compasslib.statistics.least_squares import robust_width
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import block_jackknife, blocks_by_count
 from compasslib.types import Bools, Complexes, Floats
 
-STRETCHES = 30  # blocks in which the residual is tested
 RIGID_DEG = 0.5  # rms difference of two inclinometers according to their makers
 MAX_RMS_DEG = 1.5  # exceeds the rms difference of any two inclinometers on one frame
 MIN_VARIATION_DEG = 0.3  # least variation of tilts that determines a rotation
@@ -37,7 +37,6 @@ TERM_NAMES = {5: "A, B, C, D, E", 3: "A, B, C", 1: "A"}  # terms of the series b
 # Largest variance inflation of a coefficient, which is 1 at full coverage. With 10, three terms need about 160 degrees
 # and five about 230.
 MAX_INFLATION = 10.0
-SECTOR_DEG, SECTORS = 10.0, 36
 MIN_IN_SECTOR = 5
 CLIP_SIGMAS = 5.0  # limit beyond which a difference is a spike
 # Assumed standard deviations of refused B, C, D, E, typical of the difference of two compasses without strong iron. A

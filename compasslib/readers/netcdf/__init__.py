@@ -24,11 +24,10 @@ from compasslib.readers.netcdf import attributes, frames, variables
 from compasslib.readers.netcdf.variables import File, find, numbers, spans, values
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.units import SPEED
-from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Flags, Record, join_records
+from compasslib.records import DEEPEST_M, GOOD, MISSING, PROBABLY_BAD, Flags, Record, join_records
 from compasslib.types import Floats
 
 ATMOSPHERE_DBAR = 10.1325  # IMOS' PRES is absolute pressure
-DEEPEST_DBAR = 12000.0  # MHKiT writes a pressure below the atmosphere's as 2^32
 SIGNED = ("HEIGHT_ABOVE_SENSOR",)  # ranges that are positive upward
 NOMINAL = ("nominal_instrument_depth", "instrument_nominal_depth", "nominal_sensor_depth")
 COMPONENTS = "dir"  # dolfyn's dimension of velocity components
@@ -362,9 +361,9 @@ def _measured(file: File, role: str, n: int, variable: netCDF4.Variable | None =
 def _pressure(file: File, n: int) -> Floats:
     variable = find(file, "pressure", (file.time,))
     pressure = _measured(file, "pressure", n, variable)
-    if wrong := int(np.sum(np.abs(pressure) > DEEPEST_DBAR)):
-        file.notes.append(f"{wrong} pressures lie beyond {DEEPEST_DBAR:g} dbar and count as missing.")
-        pressure = np.where(np.abs(pressure) > DEEPEST_DBAR, np.nan, pressure)
+    if wrong := int(np.sum(np.abs(pressure) > DEEPEST_M)):  # MHKiT writes a pressure below the atmosphere\'s as 2^32
+        file.notes.append(f"{wrong} pressures lie beyond {DEEPEST_M} dbar and count as missing.")
+        pressure = np.where(np.abs(pressure) > DEEPEST_M, np.nan, pressure)
     if variable is None or variable.name != "PRES" or "IMOS" not in file.text("Conventions"):
         return pressure
     file.notes.append(f"PRES of IMOS is absolute: {ATMOSPHERE_DBAR} dbar of atmosphere were subtracted.")

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.errors import InputError
+from compasslib.readers.plain import LARGEST
 from compasslib.readers.times import Unreadable, parse_origin
 from compasslib.readers.units import ANGLE, FACTORS, KELVIN, SPEED, TEMPERATURE, ZERO_CELSIUS
 from compasslib.types import DAY_S, HOUR_S, Floats
 
-LARGEST = 1e30  # EPIC's fill value is 1e35
 EPIC_DAY, EPIC_MS = "true julian day", "msec since 0:00 gmt"
 DOLFYN = ("vel", "vel_avg")  # all components in one variable: of single pings, and of averages
 EPIC_1970 = 2440588.0  # EPIC's day number of 1970-01-01; 2440000 begins at 0 h on 23 May 1968

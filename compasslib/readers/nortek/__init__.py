@@ -19,7 +19,17 @@ from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.readers.files import ESCAPES_UNDONE, block_type
 from compasslib.readers.nortek import signature
-from compasslib.readers.nortek.packets import BEAM, EARTH, MISSING_COUNT, Bytes, Packets, Samples, by_beam, find_packets
+from compasslib.readers.nortek.packets import (
+    BEAM,
+    EARTH,
+    MISSING_COUNT,
+    SLANT_DEG,
+    Bytes,
+    Packets,
+    Samples,
+    by_beam,
+    find_packets,
+)
 from compasslib.readers.pd0.checks import ADVICE, FEW_DISAGREE, RANGES_SHOWN, match_serial_number, refuse_rotation
 from compasslib.readers.pd0.currents import map_cells
 from compasslib.readers.times import FIRST_YEAR, civil_seconds, describe_averages
@@ -32,7 +42,7 @@ POINT = (0x01, 0x81)
 AQUADOPP_MAGNETOMETER = {0x81: 34}
 DIAGNOSTIC = 0x80
 OTHERS = {0x11: "a Vector", 0x12: "a Vector", 0x2A: "an Aquadopp in its high-resolution mode"}
-BEAMS, SLANT_DEG = 3, 25.0
+BEAMS = 3
 CELL_M = {2000: 0.0239, 1000: 0.0478, 600: 0.0797, 400: 0.1195}  # kHz: bin size of 256 counts, along a beam
 BLANKING_M = {2000: 0.02228, 1000: 0.02266, 600: 0.02281, 400: 0.02289}  # kHz: blanking of one count, along a beam
 COMPASS_FAILED, SAMPLE_FAILED = 0x01, 0x06  # bits of the error code

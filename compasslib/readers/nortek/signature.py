@@ -17,9 +17,19 @@ import numpy as np
 from compasslib.errors import InputError
 from compasslib.readers.files import block_type
 from compasslib.readers.nortek import packets as records
-from compasslib.readers.nortek.packets import BEAM, EARTH, INSTRUMENT, MISSING_COUNT, Bytes, Packets, Places, Samples
+from compasslib.readers.nortek.packets import (
+    BEAM,
+    EARTH,
+    INSTRUMENT,
+    MISSING_COUNT,
+    SLANT_DEG,
+    Bytes,
+    Packets,
+    Places,
+    Samples,
+)
 from compasslib.readers.times import civil_seconds
-from compasslib.records import BAD, GOOD, MISSING
+from compasslib.records import BAD, GOOD, LEAST_PERCENT_GOOD, MISSING
 from compasslib.types import Floats
 
 BURST, AVERAGE, TEXT = 0x15, 0x16, 0xA0
@@ -33,8 +43,7 @@ BLOCKS = ((0x0100, 8), (0x0400, 20), (0x0200, None), (0x0800, None), (0x1000, 64
 PERCENT_GOOD = 0x2000
 CENTIMETRES = 0x02  # bit of the status: blanking is in centimetres, else in millimetres
 SIDEWAYS, DOWN = (0, 1, 2, 3), 5  # codes of the orientation: X up, X down, Y up, Y down; Z down
-LEAST_CORRELATION, LEAST_PERCENT_GOOD = 50, 25  # percent; recommended by Nortek, and as for PD0, respectively
-USUAL_SLANT_DEG = 25.0
+LEAST_CORRELATION = 50  # percent; recommended by Nortek
 _HEAD = block_type(
     format=(0, "u1"), offset=(1, "u1"), configuration=(2, "<u2"), serial=(4, "<u4"), clock=(8, "6u1"),
     fraction=(14, "<u2"), temperature=(18, "<i2"), pressure=(20, "<u4"), heading=(24, "<u2"), pitch=(26, "<i2"),
@@ -97,7 +106,7 @@ def decode(packets: Packets) -> Samples:
         quality=flags,
         bin_range_m=_ranges(head[0], layout.cells),
         recorded=layout.coordinates,
-        beam_angle_deg=_setting(text, "BEAMCFGLIST", "THETA", USUAL_SLANT_DEG),
+        beam_angle_deg=_setting(text, "BEAMCFGLIST", "THETA", SLANT_DEG),
         serial=str(head["serial"][0] or ""),
         model=next(iter(re.findall(r'^ID,.*?\bSTR="([^"]+)"', text, re.MULTILINE)), ""),
         declination_deg=_setting(text, "GETUSER", "DECL", 0.0),

@@ -25,15 +25,13 @@ from compasslib.readers.files import refuse_mostly_damaged
 from compasslib.readers.pd0 import checks, currents, fields
 from compasslib.readers.pd0.checks import FileReport
 from compasslib.readers.pd0.currents import Settings
-from compasslib.readers.pd0.fields import BEAM, COUNTS, EARTH, Ensembles, GrowableArrays
+from compasslib.readers.pd0.fields import BEAM, BEAMS, COUNTS, EARTH, Ensembles, GrowableArrays
 from compasslib.readers.pd0.frames import CHUNK_BYTES, Skipped, is_escaped, iter_chunks
-from compasslib.readers.pd0.sound import correct_sound_speed
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Record
 from compasslib.types import Floats
 
 BOUNDARY_COUNTS = 50  # echo of a boundary above the minimum at shorter range; 0.45 dB per count
 HEARD_COUNTS = 15  # echo of water above the minimum of the ensemble, which is at least the receiver noise
-BEAMS = 4
 NEAR_CELLS = 2
 
 
@@ -77,7 +75,7 @@ def read(
         declination_applied: declination contained in headings (and earth velocities), degrees; overrides EB.
         heading_alignment: degrees to add to the recorded heading to get that of beam 3; required if EA is not 0.
         serial_number: expected serial number, possibly with letters around its digits.
-        sound_speed: auto (as None), keep or {salinity: S}, see ``sound.correct_sound_speed``.
+        sound_speed: auto (as None), keep or {salinity: S}, see ``currents.correct_sound_speed``.
 
     Raises:
         InputError: a file is unreadable, holds no ensemble or other than four beams, the serial number differs, or EA
@@ -204,7 +202,7 @@ def _record(
     checks.refuse_mixed(where, leaders)
     serial = checks.serial_number(where, leaders, settings.serial_number)
     flags, strays, notes = checks.flag_strays(leaders)
-    sound = correct_sound_speed(leaders, settings.sound_speed)
+    sound = currents.correct_sound_speed(leaders, settings.sound_speed)
     notes += [sound.sentence] if sound.sentence else []
     velocity_flags = np.where(sound.doubtful, np.maximum(flags, PROBABLY_GOOD), flags)
     for name in ("east", "north", "up", "error_velocity"):

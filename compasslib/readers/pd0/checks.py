@@ -19,7 +19,7 @@ from compasslib.earthfield import AppliedDeclination
 from compasslib.errors import InputError
 from compasslib.readers import files
 from compasslib.readers.pd0.currents import Settings, looks_up
-from compasslib.readers.pd0.fields import BEAM, DROPPED, EARTH, INSTRUMENT, SHIP, Ensembles
+from compasslib.readers.pd0.fields import BEAM, BEAMS, DROPPED, EARTH, INSTRUMENT, SHIP, Ensembles
 from compasslib.readers.pd0.frames import Places, Skipped
 from compasslib.readers.times import describe_averages
 from compasslib.records import BAD, GOOD, PROBABLY_BAD, Flags
@@ -29,7 +29,6 @@ STRAY = 0.01  # largest share of foreign ensembles explained by damage with a va
 FEWEST_BACK = 10  # accepted number of decreases, as ensemble numbers restart with a new recording
 JUMP_S, JUMP_STEPS, MOST_JUMPS = DAY_S, 20.0, 3  # clock jumps are longer and rarer than pauses between bursts
 ADVICE = "give each recording as a file of its own"
-BEAMS = 4
 FEWEST_CELLS, MOST = 100, 0.5
 COORDINATES = {BEAM: "beam", INSTRUMENT: "instrument", SHIP: "ship", EARTH: "earth"}
 FOUR = "export its four slanted beams, or give the velocities as a table"
@@ -230,10 +229,13 @@ def summarize_counts(
     names = "ensembles damaged lost bytes_skipped bytes_total three_beam"
     summed = {name: sum(getattr(report, name) for report in reports) for name in names.split()}
     summed |= {reason: sum(report.dropped[reason] for report in reports) for reason in DROPPED}
+    # Without the distance of bin 1, which varies by centimetres with the speed of sound.
+    columns = leaders.cells, leaders.cell_m, leaders.blank_m, leaders.coordinates
+    setups = np.column_stack([*columns, leaders.beam_angle_deg, leaders.frequency_khz])
     return summed | {
         "orientation_disagrees": int(np.sum(leaders.looks_up != mostly_looks_up(leaders, settings))),
         "heading_missing": int(np.isnan(heading_deg).sum()),
-        "configurations": _count_configurations(leaders),
+        "configurations": len(np.unique(_number_rows(np.nan_to_num(setups, nan=-1.0)))),
     }
 
 
@@ -318,13 +320,6 @@ def _describe_configuration(leaders: Ensembles, counts: dict[str, int], settings
         shown = f"{leaders.angle_contradicted.sum()} of {len(leaders)} ensembles state another beam angle in byte 58"
         lines.append(f"{shown}; the {angle} degrees of the system configuration count.")
     return [*lines, *describe_averages(float(np.median(leaders.average_s)), leaders.time_s)]
-
-
-def _count_configurations(leaders: Ensembles) -> int:
-    """Count the configurations, ignoring the distance of bin 1, which varies by centimetres with the speed of sound."""
-    columns = leaders.cells, leaders.cell_m, leaders.blank_m, leaders.coordinates
-    table = np.column_stack([*columns, leaders.beam_angle_deg, leaders.frequency_khz])
-    return len(np.unique(_number_rows(np.nan_to_num(table, nan=-1.0))))
 
 
 def _join_numbers(values: Floats) -> str:

@@ -35,6 +35,7 @@ from compasslib.types import Bools, Floats
 T = TypeVar("T", bound=np.generic)
 
 BEAM, INSTRUMENT, SHIP, EARTH = 0, 1, 2, 3  # bits 4 and 3 of EX
+BEAMS = 4
 VELOCITY, CORRELATION, ECHO, PERCENT_GOOD = 0x0100, 0x0200, 0x0300, 0x0400
 DROPPED = ("without_velocity", "bad_dates", "not_of_four_beams")  # why intact ensembles are dropped
 COUNTS = {"echo": (ECHO, 1), "correlation": (CORRELATION, 2), "percent_good": (PERCENT_GOOD, 4)}  # identifier, bit

@@ -1,0 +1,318 @@
+"""The figures of the results, a row each, from which follow the files of the rules, the report and its thumbnails.
+
+A new figure is a function in this package and a row here. A row is read without matplotlib, which its function imports.
+"""
+
+# ruff: noqa: E501, RUF100 - captions are not wrapped
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from compasslib import plots
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of a mooring, of its gridded velocities, of a calibration, a shared compass or the cruise."""
+
+    name: str  # of the file
+    draw: Callable[[str, Any], None]  # draws the data of its subject into a file; see ``stages.figures``
+    title: str
+    caption: str = ""  # template of r, of a calibration or compass c: the results
+    place: str = ""  # in the report: "currents", first and with a thumbnail; "linked", not embedded
+    of_pairs: bool = False  # whether it is left out where there are neither pairs nor a curve
+
+
+def names(subject: str, place: str | None = None) -> list[str]:
+    """List the names of the figures of a subject, all or those of one place in the report."""
+    return [figure.name for figure in FIGURES[subject] if place in (None, figure.place)]
+
+
+def _calibration(name: str) -> Callable[[str, Any], None]:
+    return lambda path, m: plots.calibrations.draw_figure(name, path, m.stored)
+
+
+MOORING = (
+    Figure(
+        "sticks",
+        lambda path, m: plots.timeseries.draw_sticks(path, m.coarser),
+        "Currents along time",
+        """\
+{% set before, after = r.currents.mean[0] | current, r.currents.mean[1] | current %}
+{% if before == unknown %}
+No bin has a current to show.
+{% else %}
+Current at {{ r.depth }}: each stick is a mean of {{ r.averaging(sticks=true) }}, from its date towards the flow, north up. Mean current
+{{ before }} by the recorded heading{{ ", " ~ after ~ " by the corrected one" if after != unknown else "; none is corrected" }}.
+{% endif %}""",
+        place="currents",
+    ),
+    Figure(
+        "progressive",
+        lambda path, m: plots.timeseries.draw_progressive(path, m.averaged),
+        "Progressive vector diagram",
+        """\
+{% set daily = "daily means" if r.averaging() == 24 | plural("hour") else "means of " ~ r.averaging() %}
+Progressive vector diagram of the current at {{ r.depth }}, {{ daily }} (times common to all series; not a trajectory).""",
+        place="currents",
+    ),
+    Figure(
+        "roses",
+        lambda path, m: plots.timeseries.draw_roses(path, m.shown, m.reference, m.headings),
+        "Direction frequencies before and after",
+        """\
+Frequency of the current direction at {{ r.depth }} and of the instrument heading; the current of the reference at the pairs.
+The central 90 % of the recorded headings lie {{ span(r.headings.recorded_span_deg) }}
+{%- if r.headings.corrected %}, of the corrected ones {{ span(r.headings.corrected_span_deg) }}{% endif %}.""",
+        place="currents",
+    ),
+    Figure(
+        "diagnosis",
+        lambda path, m: plots.diagnosis.draw_mooring(path, m.diagnosis),
+        "Residual of the fit",
+        "{{ about(r.diagnosis) }}",
+        of_pairs=True,
+    ),
+    Figure(
+        "deviation",
+        lambda path, m: plots.deviation.draw_deviation(path, m.pairs, m.fit),
+        "Deviation of the compass",
+        """\
+{% set fit = r.fit %}
+{% if not fit.coefficients %}
+No curve was fitted. {{ r.fit.why | sentence }}
+{% else %}
+Top: deviation by correct heading β; bottom: recorded heading γ by correct heading and its inverse, with the
+{{ methods.get(fit.method, fit.method) }} and its 95 % band, and
+{{ fit.n_pairs | plural("pair") if fit.n_pairs else "no pair of this mooring" }}. Each recorded heading corresponds to
+{{ "two correct headings" if fit.folded else "one correct heading" }}.
+{% endif %}""",
+        of_pairs=True,
+    ),
+    Figure(
+        "histograms",
+        lambda path, m: plots.deviation.draw_histograms(path, m.histograms, m.assessment),
+        "Histograms before and after",
+        """\
+Frequency of the instrument heading, of the current direction at all pairs, and of its difference from the reference on pairs
+held out from the fit; bottom: mean, median size and rms of the difference with 95 % intervals.""",
+        of_pairs=True,
+    ),
+    Figure(
+        "scatter",
+        lambda path, m: plots.deviation.draw_scatter(path, m.pairs, m.product),
+        "Direction compared with the reference",
+        """\
+{% if r.assessment.before.n %}
+Direction of the current at the affected instrument against that of the reference, all pairs, by the recorded and by the
+corrected heading; the line is equality.
+{% else %}
+There are no pairs: no reference measured near enough to compare.
+{% endif %}""",
+        of_pairs=True,
+    ),
+    Figure(
+        "timeline",
+        lambda path, m: plots.timeseries.draw_timeline(path, m.product, m.pairs),
+        "Headings along time",
+        """\
+{% set h = r.headings %}
+{% if not h.n %}
+The record has no sample inside the deployment.
+{% else %}
+{% set span = {"from": h.attributes.time_coverage_start, "to": h.attributes.time_coverage_end} %}
+Recorded and corrected heading, share of samples and depth, {{ span | days }}: {{ (h.corrected / h.n) | percent }} corrected
+({{ (h.doubtful / h.n) | percent }} doubtful), {{ ((h.n - h.corrected) / h.n) | percent }} not corrected.
+{% if h.corrected %}The uncertainty is {{ h.sigma_deg[0] | degrees }} (1σ, median).{% endif %}
+{% endif %}""",
+    ),
+)
+SECTIONS = (
+    Figure(
+        "section",
+        lambda path, m: plots.timeseries.draw_section(path, m),
+        "Sections before and after",
+        """\
+Eastward (U) and northward (V) velocity at {{ r.name }} by time and depth, by recorded and by corrected headings, and their difference;
+grey where nothing was measured. At the right edge: depths of the affected instrument (blue) and of the reference (grey), which is not
+corrected. Bottom: stated uncertainty of the corrected directions.""",
+    ),
+    Figure(
+        "profile",
+        lambda path, m: plots.timeseries.draw_profile(path, m),
+        "Mean profiles",
+        """\
+(a), (b) Mean velocity at {{ r.name }} at the depths measured at least 90 % as often as any, with the 95 % range by the heading's uncertainty;
+grey: the reference, which is not corrected. (c) Major axes of the variance.""",
+    ),
+)
+CALIBRATION = (
+    Figure(
+        "diagnosis",
+        lambda path, m: plots.diagnosis.draw_calibration(path, m.diagnosis),
+        "Residual of the fit",
+        "{{ about(d) }}",
+    ),
+    Figure(
+        "deviation",
+        _calibration("deviation"),
+        "Deviation of the compass",
+        """\
+{% if c.coefficients %}
+Deviation against recorded heading: {{ c.n | plural("reading") }}, the curve ({{ models.get(c.model) or c.model | plain }}) with
+its 95 % band. Coefficients in degrees:
+{% for k, x in c.coefficients.items() %}{{ k }} {{ x | number(2) }}{{ "." if loop.last else ", " }}{% endfor %}
+{% else %}
+Deviation against recorded heading: {{ c.n }} readings, no curve.
+{% endif %}""",
+    ),
+    Figure(
+        "residuals",
+        _calibration("residuals"),
+        "Residuals of the curve",
+        """\
+Residuals of {{ c.n | plural("reading") }} against recorded heading:
+{{ "%s rms." | format(c.residual_rms_deg | degrees(2)) if c.residual_rms_deg is not none else "none, as there is no curve." }}""",
+    ),
+    Figure(
+        "certificate",
+        _calibration("certificate"),
+        "Certificate",
+        """\
+Certificate on one page: coefficients, table of deviations and budget;
+{{ "expanded uncertainty %s (k = 2)" | format(c.uncertainty.expanded_deg | degrees(2)) if c.uncertainty.expanded_deg else "no uncertainty could be stated" }}.
+All its numbers are in the tables here.""",
+        place="linked",
+    ),
+    Figure(
+        "magnetometer",
+        _calibration("magnetometer"),
+        "Magnetometer readings before and after",
+        """\
+{% set left = c.get("modulus_residual_percent") or {} %}
+Magnetometer readings before and after correction for hard and soft iron.
+{% if left.get("after") is none %}{{ c.why | sentence }}{% else %}
+The modulus of the field scatters by {{ left.before | number(2) }} % before and {{ left.after | number(2) }} % after.
+{% endif %}""",
+    ),
+    Figure(
+        "swing",
+        _calibration("swing"),
+        "The swing",
+        """\
+The swing: courses against compass headings, {{ c.n | plural("sample") }}.
+{{ (c.get("drift") or {}).get("text", "") }} {{ (c.get("iso_25862") or {}).get("text", "") }}""",
+    ),
+    Figure(
+        "difference",
+        _calibration("difference"),
+        "Difference of the two compasses",
+        "Heading of the first minus the second instrument against heading. {{ offset(c) }}",
+    ),
+    Figure(
+        "tilt_check",
+        _calibration("tilt_check"),
+        "Tilts of the two instruments",
+        """\
+Tilts of the two instruments, rotated onto each other. {{ (c.get("frame") or {}).get("text", "") }}""",
+    ),
+    Figure(
+        "along_time",
+        _calibration("along_time"),
+        "Both compasses along time",
+        "Headings of both instruments along time and their difference. {{ offset(c) }}",
+    ),
+    Figure(
+        "series",
+        _calibration("series"),
+        "Declination of the observatory",
+        """\
+Declination along time, observed and by the field model. The constant between them is
+{{ c.get("constant_deg") | with_sigma(c.get("constant_sigma_deg"), "°") }} (1σ).""",
+    ),
+    Figure(
+        "disturbance",
+        _calibration("disturbance"),
+        "Disturbances of the field",
+        """\
+{% set storms = c.get("storms") or [] %}
+Residual after level and quiet day along time: {{ storms | length | plural("storm") }}
+{%- if storms %}, the largest with a range of {{ storms | map(attribute="range_deg") | max | degrees(2) }}{% endif %}.""",
+    ),
+    Figure(
+        "compared",
+        _calibration("compared"),
+        "Compared",
+        """\
+Curves of {{ c.compared | length }} calibrations; shift and change of amplitude of each one's one-cycle part against the first
+({{ c.compared[0].name }}), ± k = 2.""",
+    ),
+    Figure(
+        "tilt",
+        _calibration("tilt"),
+        "Tilt",
+        """\
+Correction of recorded tilts with its 95 % interval, budget included.
+{% for axis, fit in c.get("axes", {}).items() %}
+{{ "%s: largest error %s." | format(axis | capitalize, fit.max_error_deg | degrees(2)) if fit.form is defined else "" }}
+{% endfor %}""",
+    ),
+)
+COMPASS = (
+    Figure(
+        "coefficients",
+        lambda path, m: plots.deviation.draw_shared_coefficients(path, m),
+        "Coefficients",
+        "Iron by each record alone, with its 95 % interval, and that of the compass.",
+    ),
+    Figure(
+        "curve",
+        lambda path, m: plots.deviation.draw_shared_curve(path, m),
+        "Curve",
+        "Deviation by correct heading: of each record, and of the compass in the mean field with its 95 % band.",
+    ),
+)
+CRUISE = (
+    Figure(
+        "array",
+        lambda path, m: plots.moorings.draw_array(path, m.array),
+        "The array",
+        """\
+The moorings along the line on which they stand, as configured: water depth, nominal depths, which way each instrument looks. Moorings
+further than 30 km from the next stand in a panel of their own.""",
+    ),
+    Figure(
+        "curves",
+        lambda path, m: plots.moorings.draw_curves(path, m.moorings),
+        "Deviations",
+        """\
+Deviation of the compass of each mooring by correct heading, from the fit of its product; a series is drawn where it can be
+inverted.""",
+    ),
+    Figure(
+        "differences",
+        lambda path, m: plots.moorings.draw_differences(path, m.moorings),
+        "Differences from the reference",
+        """\
+Direction of the current minus that of the reference, held-out pairs, before and after; each row is scaled to its highest bin.
+Right: rms with its 95 % interval.""",
+    ),
+    Figure(
+        "currents",
+        lambda path, m: plots.moorings.draw_currents(path, m.moorings),
+        "Mean currents and variance ellipses",
+        """\
+Mean current of each mooring at the pairs, from the cross, and the ellipse of one standard deviation along its principal axes:
+recorded, corrected (held-out pairs) and of the reference.""",
+    ),
+)
+FIGURES = {
+    "mooring": MOORING,
+    "sections": SECTIONS,
+    "calibration": CALIBRATION,
+    "compass": COMPASS,
+    "cruise": CRUISE,
+}
