@@ -1,6 +1,6 @@
 """Score of the search for unmodelled effects on new simulated moorings of one year, hourly (tests/world/pairs.py).
 
-    python benchmarks/discrepancy.py 300 1 --kind null     one kind: null, single, two, unknown, control, clock
+    python benchmarks/discrepancy.py 300 1 --kind null     one kind: null, single, two, unknown, control, clock, limit
     python benchmarks/discrepancy.py 100 1 --rows PATH     with one line of JSON per mooring; an interrupted run resumes
 
 Visible sizes are residuals after a fit of five coefficients. The reference's compass has errors of its own, and every
@@ -22,7 +22,7 @@ from compasslib import angles, compass
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.correction import correct_headings, readings_at_pairs
 from compasslib.deviation.model import DeviationFit, nearest_root, pair_speeds
-from compasslib.effects import CATALOGUE, SIDES
+from compasslib.effects import CATALOGUE, SIDES, side_of
 from compasslib.inference import design, diagnosis, product
 from compasslib.inference.comparison import Options, compare_pairs
 from compasslib.inference.kinds.mooring import diagnose
@@ -30,25 +30,32 @@ from compasslib.records import EarthField
 from tests.world import pairs as sea
 
 QUIET = ("current_shear_slow", "reference_deviation")  # correct findings if no effect was planted
-KINDS = ("null", "single", "two", "unknown", "control", "clock")
-SIZES = {"control": (3.0, 0.0), "clock": (0.0,), "null": (0.0,)}
+KINDS = ("null", "single", "two", "unknown", "control", "clock", "limit")
+SIZES = {"control": (3.0, 0.0), "clock": (0.0,), "null": (0.0,), "limit": (0.0,)}
 SIZES |= dict.fromkeys(("single", "two", "unknown"), (1.5, 3.0))
 SINGLES = tuple(x for x in sea.SINGLES if sea.FAMILIES[x] != "clock")
+LISTED = tuple(name for name in SINGLES if side_of(name) == "compass")
 PRODUCT = (
     *("heeling", "hard_iron_drift", "compass_drift", "hard_iron_step", "heading_slip", "supply_voltage", "temperature"),
     *("sextantal", "octantal", "compass_lag"),
 )
 
 
-def draw(kind: str, index: int, seed: int, *, red: bool = False) -> tuple[sea.Drawn, dict[str, float]]:
-    """Draw one mooring, in slowly veering water if ``red``, and its requested effects with their sizes, degrees."""
+def draw(
+    kind: str, index: int, seed: int, *, red: bool = False, given: dict[str, float] | None = None
+) -> tuple[sea.Drawn, dict[str, float]]:
+    """Draw one mooring, in slowly veering water if ``red``, and its requested effects with their sizes, degrees.
+
+    Args:
+        given: effects of a kind that plants none by itself.
+    """
     own = 100_000 * seed + 1000 * KINDS.index(kind) + index
     size = SIZES[kind][index % len(SIZES[kind])]
     turn, wide = index // len(SIZES[kind]), index % 3 == 2
     noise = 24.0 if kind == "control" and not size else 12.0
     slow = sea.some_slow_water(np.random.default_rng(own)) if red else None
     world = sea.make(own, wide=wide, noise_deg=noise, slow_water=slow)
-    wanted: dict[str, float] = {}
+    wanted = dict(given or {})
     if kind == "single":
         wanted = {SINGLES[turn % len(SINGLES)]: size}
     elif kind == "clock":
@@ -108,6 +115,14 @@ def measure(kind: str, index: int, seed: int, *, red: bool = False) -> dict:
     """Diagnose one mooring and return its row of the score."""
     drawn, wanted = draw(kind, index, seed, red=red)
     drawn = referred(drawn, index, seed)
+    if kind == "limit":  # an effect at the limit that the same mooring states without it
+        name = LISTED[index % len(LISTED)]
+        *_, before, row = diagnosed(drawn, 0.0)
+        limit = before.detectable_deg.get(name)
+        if limit is None:
+            return row | {"kind": kind, "index": index, "limit": None}
+        drawn, wanted = draw(kind, index, seed, red=red, given={name: limit})
+        drawn = referred(drawn, index, seed)
     fit, field, found, row = diagnosed(drawn, max(wanted.values(), default=0.0))
     if found.current and "current_veer" in drawn.truth:  # otherwise it describes the slow shear of the simulation
         row["sets"].append(["current_veer"])
@@ -239,6 +254,9 @@ def report(rows: list[dict]) -> bool:
     clock = kind["clock"]
     line("clocks: named", targets.share_of(covered(r) for r in clock))
     line("clocks: nothing else named", targets.share_of(len(r["sets"]) == 1 for r in clock if covered(r)))
+    at = [r for r in kind["limit"] if r.get("limit", 0.0) is not None]
+    good.append(held("at the stated limit: P of the side at least 1/2", map(detected, at), least=0.85, most=0.95))
+    good.append(held("moorings without a limit of an effect", (r not in at for r in kind["limit"]), most=0.2))
     for size in SIZES["two"]:
         some = [r for r in kind["two"] if r["size"] == size]
         good.append(held(f"two effects, {size} each: set covers both", map(covered, some), least=0.9 * (size == 3.0)))

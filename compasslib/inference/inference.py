@@ -42,6 +42,7 @@ MOST_EFFECTS = 3  # in a record; limits the run time
 SIDES_IN_ORDER = ("compass", "clock", "reference", "water")
 LEAST_WEIGHT = 0.05  # probability below which a combination of effects does not enter the correction
 SUGGESTED_P = 0.1  # rank up to which an effect that is not detected enters it, by its probability
+LIKELY = -float(np.log(UNLIKELY / (1.0 - UNLIKELY)))  # log Bayes factor from which an effect enters with even odds
 STEADY = 1e-8  # ridge relative to a column's information, which stabilizes the inverse
 
 
@@ -111,7 +112,8 @@ class Inference:
         if last.threshold is None:
             return {}
         drawn = self.model.draw(self.further.evidence, last.n_surrogates, self.seed + len(self.chosen), self.entered)
-        return detection_limits(self.model, self.further.evidence, self.entered, drawn, last.threshold)
+        least = max(last.threshold, LIKELY - float(np.log(self.odds)))  # from which an effect is found
+        return detection_limits(self.model, self.further.evidence, self.entered, drawn, least)
 
     @cached_property
     def current_visible(self) -> Floats:
@@ -311,19 +313,27 @@ def detect(model: LinearModel, evidence: Evidence, entered: Entered, surrogates:
     """Rank the evidence of a further effect among surrogates without it.
 
     Two kinds are drawn: simulated noise, and, for records whose noise the model does not describe, the residual beside
-    the likeliest further effect, with random signs of its blocks. The larger p-value counts.
+    all likely effects, with random signs of its blocks. The larger p-value counts.
     """
     statistic, chances, thresholds = float(evidence.statistic[0]), list[float](), list[float]()
-    further = int(np.argmax(evidence.log_bayes_factors[:, 0]))
-    water = evidence.likeliest_water(further)
-    chosen = [*entered, (further, model.likeliest_amplitude(further, water, entered))]
-    for residual in (None, model.without(chosen, water)) if surrogates else ():
+    for residual in (None, _residual(model, evidence, entered)) if surrogates else ():
         score = model.scores(model.draw(evidence, surrogates, seed, entered, residual))
         drawn = model.weigh(evidence.likely_waters, entered, score).statistic
         chances.append((1 + int(np.sum(drawn >= statistic))) / (1 + surrogates))
         if (rank := int(DETECTED_P * (1 + surrogates))) >= 1:  # else no rank is high enough
             thresholds.append(float(np.sort(drawn)[-rank]))
     return Detection(statistic, surrogates, max(chances, default=None), max(thresholds, default=None))
+
+
+def _residual(model: LinearModel, evidence: Evidence, entered: Entered) -> Floats:
+    """Compute the residual beside the entered options and all further ones that are likely, at least one."""
+    waters, beside = evidence.likely_waters, list(entered)
+    while len(beside) == len(entered) or (len(beside) < MOST_EFFECTS and evidence.statistic[0] > LIKELY):
+        k = int(np.argmax(evidence.log_bayes_factors[:, 0]))
+        water = evidence.likeliest_water(k)
+        beside.append((k, model.likeliest_amplitude(k, water, beside)))
+        evidence = model.weigh(waters, beside)
+    return model.without(beside, evidence.likeliest_water())
 
 
 SLOW = {"slow_rms_deg": "veer.size", "slow_memory_days": "veer.memory_days", "slow_shear_m_s": "shear.size"}
