@@ -86,7 +86,7 @@ class Comparison:
 
     time_s: Floats  # (n,) increasing: UTC seconds, or the number of the reading if there is no clock
     terms: tuple[type[Effect], ...]  # effects that can be tested
-    covariates: Mapping[str, Floats]  # (n,) each, along which the omnibus tests look for a mismatch
+    covariates: Mapping[str, Floats]  # (n,) each, along which a mismatch is searched and shown
     not_testable: tuple[tuple[str, str], ...] = ()  # (effect, reason)
     units: Mapping[str, str] = field(default_factory=dict)  # of instrument-specific covariates, by name
     what: str = ""  # description of the comparison, if the recording may contain several

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -24,9 +24,8 @@ from compasslib.inference.finding import (
     Unexplained,
     curve_json,
 )
-from compasslib.inference.inference import Inference
 from compasslib.inference.joint_compass import RecordInformation
-from compasslib.inference.posterior import FindingPosterior, Posterior
+from compasslib.inference.posterior import FindingPosterior
 from compasslib.inference.product import Product, WeightedCompass
 from compasslib.types import Floats
 
@@ -137,12 +136,20 @@ def overall_verdict(
     return "explained" if not contested and all(item.settled for item in findings) else "ambiguous"
 
 
+class WeighedEffects(Protocol):
+    """The effects of a comparison with their probabilities."""
+
+    def sides(self, dropped: Collection[str] = ()) -> dict[str, float]:
+        """Compute the probability of each side; effects ``dropped`` are ignored."""
+        ...
+
+
 @dataclass(frozen=True)
 class Outcome:
     """Result of the search of one comparison, in the same form for long and short recordings."""
 
     comparison: Comparison
-    posterior: Posterior | Inference
+    posterior: WeighedEffects
     findings: tuple[Finding, ...]  # of the most probable hypothesis, in the order of its terms
     finding_posteriors: tuple[FindingPosterior, ...]  # of each finding and its alternatives
     left: Unexplained | None  # mismatch that the most probable hypothesis does not explain

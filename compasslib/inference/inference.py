@@ -30,6 +30,7 @@ from compasslib.inference.places import (
     marginalize,
     probabilities,
     settle,
+    side_probabilities,
     with_likeliest_noise,
 )
 from compasslib.inference.posterior import FindingPosterior
@@ -39,7 +40,6 @@ from compasslib.statistics.whitening import correlation_time, sampling_interval_
 from compasslib.types import Floats
 
 MOST_EFFECTS = 3  # in a record; limits the run time
-SIDES_IN_ORDER = ("compass", "clock", "reference", "water")
 LEAST_WEIGHT = 0.05  # probability below which a combination of effects does not enter the correction
 SUGGESTED_P = 0.1  # rank up to which an effect that is not detected enters it, by its probability
 STEADY = 1e-8  # ridge relative to a column's information, which stabilizes the inverse
@@ -80,17 +80,11 @@ class Inference:
         Args:
             dropped: names of effects to ignore.
         """
-        options = self.model.options
-        counted = np.array([option.name not in dropped for option in options])
-        side = np.array([option.block[0] for option in options])
-        result, before = {}, 1.0
-        left = np.ones(len(options), dtype=bool)
-        for name in SIDES_IN_ORDER:
-            left &= side != name
-            without = float(np.prod([1.0 - place.probability[~left & counted].sum() for place in self._all_places]))
-            result[name], before = max(before - without, 0.0), without
+        everywhere = [self.model.options] * len(self._all_places)
+        result = side_probabilities(everywhere, self._all_places, dropped)
+        before = result["none"]
         instead = before * (1.0 - float(np.prod([1.0 - rival.probability for rival in self.rivals.values()])))
-        return {"none": before - instead} | result | {"compass": result["compass"] + instead}
+        return result | {"none": before - instead, "compass": result["compass"] + instead}
 
     @cached_property
     def rivals(self) -> dict[frozenset[str], Rival]:
@@ -291,7 +285,7 @@ def infer(empty: FittedModel, odds: float, surrogates: int) -> Inference:
         if len(entered) == MOST_EFFECTS or kinds in visited or not _stands_out(detections[-1], further):
             break
         visited.add(kinds)
-        k = likeliest_option(model, evidence, kinds)
+        k = likeliest_option(model.options, evidence, kinds)
         water = evidence.likeliest_water(k)
         entered = sorted([*entered, (k, model.likeliest_amplitude(k, water, entered))])
         state, amplitudes = fit_terms(settled.state, model, entered, water), [size for _, size in entered]

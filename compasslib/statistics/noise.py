@@ -118,6 +118,17 @@ def arma_innovations(columns: Floats, law: tuple[float, float]) -> Floats:
     return np.concatenate([columns[:1] / np.sqrt(first), begun])
 
 
+def arma_series(innovations: Floats, law: tuple[float, float]) -> Floats:
+    """Compute the series whose innovations under an ARMA(1, 1) model are given, (n, k), see ``arma_innovations``."""
+    from scipy.signal import lfilter
+
+    phi, theta = law
+    first = arma_variance_ratio(law)
+    begun = innovations[:1] * np.sqrt(first)
+    rest = lfilter([1.0, theta], [1.0, -phi], innovations[1:], axis=0, zi=(phi + theta / first) * begun)[0]
+    return np.concatenate([begun, rest])
+
+
 def arma_low_frequency_power(phi: float, theta: float) -> float:
     """Compute the spectrum of an ARMA(1, 1) series at frequency zero over its variance."""
     return 1.0 + 2.0 * _first_lag(phi, theta) / (1.0 - phi)
