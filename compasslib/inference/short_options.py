@@ -20,7 +20,8 @@ from compasslib.inference.blocks import Option, block_of, with_shares
 from compasslib.inference.search import log_bayes_factors
 from compasslib.inference.short_fit import FittedHypothesis, ShortComparison
 from compasslib.statistics.noise import PHI, THETA, arma_innovations, arma_variance_ratio
-from compasslib.statistics.whitening import project_out
+from compasslib.statistics.resampling import EVEN_BLOCKS, cluster_variance_inflation
+from compasslib.statistics.whitening import orthonormal_basis, project_out
 from compasslib.types import Floats
 
 Law = tuple[float, float]  # autoregressive and moving-average coefficient of the noise
@@ -176,7 +177,14 @@ def _option(state: FittedHypothesis, term: Effect, derivative: Floats, cell: flo
 
 
 def log_evidence(
-    law: Law, base: Floats, columns: Floats, ends: NDArray[np.intp], residuals: Floats, rule_deg: float = 0.0
+    law: Law,
+    base: Floats,
+    columns: Floats,
+    ends: NDArray[np.intp],
+    residuals: Floats,
+    *,
+    rule_deg: float = 0.0,
+    scatter: float = 1.0,
 ) -> tuple[Floats, Floats]:
     """Compute the log likelihood without options, (r,), and the log Bayes factor of each, (g, r), under one noise law.
 
@@ -188,13 +196,14 @@ def log_evidence(
         ends: boundaries between the options' columns, (g + 1,).
         residuals: (n, r) degrees.
         rule_deg: systematic error, the least standard deviation of the noise.
+        scatter: variance of scores between blocks over that of homogeneous noise.
     """
     n, ratio = len(base), arma_variance_ratio(law)
     left, size, _ = np.linalg.svd(arma_innovations(base, law), full_matrices=False)
     kept = size > SAME * size.max(initial=0.0)
     white, target = (project_out(arma_innovations(x, law), left[:, kept]) for x in (columns, residuals))
     square = np.sum(target**2, axis=0) + n * max(rule_deg, short_fit.FINEST_DEG) ** 2 / ratio
-    freedom = max(n - int(kept.sum()), 1)
+    freedom = max(n - int(kept.sum()), 1) / scatter
     none = -0.5 * freedom * np.log(square) - 0.5 * np.log(ratio) - np.sum(np.log(size[kept]))
     score, sizes = white.T @ target, np.diff(ends)
     factors = np.empty((len(sizes), residuals.shape[1]))
@@ -207,3 +216,22 @@ def log_evidence(
         each = [log_bayes_factors(np.maximum(values, 0.0), along, a, square, freedom) for a in AMPLITUDES]
         factors[options] = np.logaddexp.reduce(each, axis=0) - np.log(len(AMPLITUDES))
     return none, factors
+
+
+def score_scatter(fitted: FittedHypothesis, law: Law, columns: Sequence[Floats]) -> float:
+    """Estimate by how much scores vary more between blocks than homogeneous noise explains, at least 1.
+
+    Args:
+        law: of the noise.
+        columns: those of several effects, of which the median counts.
+    """
+    base = orthonormal_basis(arma_innovations(fitted.columns, law))
+    left = project_out(arma_innovations(fitted.evident[:, None], law), base)[:, 0]
+    variance = max(float(np.mean(left**2)), short_fit.FINEST_DEG**2)
+    ratios, block = [], short_fit.memory_blocks(fitted)
+    for each in columns:
+        white = orthonormal_basis(project_out(arma_innovations(each, law), base))
+        if white.shape[1]:
+            ratio, count = cluster_variance_inflation(white, left, block, variance)
+            ratios.append((count * ratio + EVEN_BLOCKS) / (count + EVEN_BLOCKS))
+    return max(float(np.median(ratios)), 1.0) if ratios else 1.0

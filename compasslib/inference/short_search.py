@@ -10,6 +10,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -25,15 +26,13 @@ from compasslib.inference.places import UNLIKELY, Place, likeliest_option, proba
 from compasslib.inference.posterior import FindingPosterior
 from compasslib.inference.search import Evidence
 from compasslib.inference.short_fit import FittedHypothesis, ShortComparison
-from compasslib.inference.short_options import laws, log_evidence, short_options
+from compasslib.inference.short_options import Law, laws, log_evidence, score_scatter, short_options
 from compasslib.statistics.noise import arma_innovations, arma_series
 from compasslib.statistics.resampling import resample_blocks
 from compasslib.statistics.whitening import orthonormal_basis
 from compasslib.types import Floats
 
 Terms = tuple[Effect, ...]  # at zero size
-
-NONLINEAR, NEGLIGIBLE = 0.5, 8.0  # share of the best log evidence, less a difference, below which forms are not fitted
 
 
 @dataclass(frozen=True)
@@ -42,8 +41,28 @@ class ShortPlace:
 
     beside: FittedHypothesis
     options: tuple[Option, ...]
-    place: Place
+    evidence: Evidence
+    likeliest: FittedHypothesis  # with the likeliest option
+    scatter: float = 1.0  # variance of scores between blocks over that of homogeneous noise
+    odds: float = 1.0  # prior odds of a fault of compass or clock
     detection: Detection | None = None  # of an effect in it; None without surrogates
+
+    @cached_property
+    def place(self) -> Place:
+        """The probability of each option; what is not detected is not more probable than beforehand."""
+        place = Place(probabilities(self.options, self.evidence, self.odds), self.evidence)
+        return place if self.detection is None or self.detection.significant else place.not_favoured(self.odds)
+
+    def law(self, option: int | None) -> Law:
+        """Select the likeliest law of the noise, given an option or none."""
+        return laws(self.beside.comparison)[int(np.argmax(self.evidence.water_probability(option)))]
+
+    def by_name(self) -> dict[str, float]:
+        """Sum the probability of each effect over its forms and places."""
+        sums: dict[str, float] = {}
+        for option, probability in zip(self.options, self.place.probability.tolist(), strict=True):
+            sums[option.name] = sums.get(option.name, 0.0) + probability
+        return sums
 
 
 @dataclass(frozen=True)
@@ -63,7 +82,7 @@ class ShortInference:
 
     def probabilities(self, k: int) -> FindingPosterior:
         """Compute the probability of each effect in the place of a term, given that one is there."""
-        names = _by_name(self.places[k])
+        names = self.places[k].by_name()
         total, effect, others = sum(names.values()), self.fitted.terms[k].name, dict[str, float]()
         held = names[effect] / total
         for name in sorted(names, key=names.__getitem__, reverse=True):
@@ -71,13 +90,6 @@ class ShortInference:
                 others[name] = names[name] / total
                 held += others[name]
         return FindingPosterior(effect, names[effect] / total, others)
-
-
-def _by_name(place: ShortPlace) -> dict[str, float]:
-    sums: dict[str, float] = {}
-    for option, probability in zip(place.options, place.place.probability.tolist(), strict=True):
-        sums[option.name] = sums.get(option.name, 0.0) + probability
-    return sums
 
 
 def search_effects(comparison: ShortComparison, options: Options) -> ShortInference:
@@ -92,55 +104,57 @@ def search_effects(comparison: ShortComparison, options: Options) -> ShortInfere
     return ShortInference(search.fit(()), search.fit(entered), tuple(places), further, search.alone())
 
 
-def weigh(state: FittedHypothesis, options: Sequence[Option], residuals: Floats) -> Evidence:
+def weigh(state: FittedHypothesis, options: Sequence[Option], residuals: Floats, scatter: float = 1.0) -> Evidence:
     """Compute the evidence of options under each law of the noise.
 
     Args:
         residuals: (n, r) degrees.
+        scatter: variance of scores between blocks over that of homogeneous noise.
     """
     ends = np.cumsum([0, *(option.columns.shape[1] for option in options)])
     columns = np.concatenate([np.zeros((len(residuals), 0)), *(option.columns for option in options)], axis=1)
-    rule_deg = state.comparison.rule_deg
-    each = [log_evidence(law, state.columns, columns, ends, residuals, rule_deg) for law in laws(state.comparison)]
+    known = {"rule_deg": state.comparison.rule_deg, "scatter": scatter}
+    each = [log_evidence(law, state.columns, columns, ends, residuals, **known) for law in laws(state.comparison)]
     none, factors = (np.array(part) for part in zip(*each, strict=True))
     return Evidence((None,) * len(each), np.array([option.share for option in options]), none, factors)
 
 
-def detect(state: FittedHypothesis, options: Sequence[Option], evidence: Evidence, surrogates: int) -> Detection:
-    """Rank the evidence of a further effect among surrogates without it, as for long records.
+def detect(place: ShortPlace, surrogates: int) -> Detection:
+    """Rank the evidence of an effect in a place among surrogates without it, as for long records.
 
     Args:
         surrogates: number of each kind; without any, no effect is detected.
     """
-    statistic, chances, thresholds = float(evidence.statistic[0]), [], []
-    kinds = (False,) if state.comparison.independent else (False, True)
+    statistic, chances, thresholds = float(place.evidence.statistic[0]), [], []
+    kinds = (False,) if place.beside.comparison.independent else (False, True)
     for resampled in kinds if surrogates else ():
-        drawn = weigh(state, options, _draw(state, evidence, surrogates, resampled)).statistic
+        drawn = weigh(place.beside, place.options, _draw(place, surrogates, resampled), place.scatter).statistic
         chances.append((1 + int(np.sum(drawn >= statistic))) / (1 + surrogates))
         if (rank := int(DETECTED_P * (1 + surrogates))) >= 1:  # else no rank is high enough
             thresholds.append(float(np.sort(drawn)[-rank]))
     return Detection(statistic, surrogates, max(chances, default=None), max(thresholds, default=None))
 
 
-def _draw(state: FittedHypothesis, evidence: Evidence, count: int, resampled: bool) -> Floats:
-    """Draw residuals without further effects, (n, count) degrees.
+def _draw(place: ShortPlace, count: int, resampled: bool) -> Floats:
+    """Draw residuals without an effect in a place, (n, count) degrees.
 
     Args:
-        evidence: of the recording, by whose probabilities laws of the noise are drawn.
-        resampled: whether blocks of the residual's innovations are resampled, in place of white noise.
+        resampled: whether blocks of the residual with the likeliest effect are resampled, in place of noise whose laws
+            are drawn by their probability without it.
     """
-    seed, chances = zlib.crc32(state.residual_deg.tobytes()), evidence.water_probability()
-    rng, known = np.random.default_rng(seed), laws(state.comparison)
+    noise, known = place.likeliest, laws(place.beside.comparison)
+    seed = zlib.crc32(place.beside.residual_deg.tobytes())
     if resampled:
-        white = arma_innovations(state.evident[:, None], known[int(np.argmax(chances))])[:, 0]
-        length = int(np.max(np.bincount(short_fit.memory_blocks(state))))
-        noise = resample_blocks(white - white.mean(), length, count, seed).T
-    else:
-        noise = state.scale_deg * rng.normal(size=(len(state.comparison), count))
-    drawn = rng.choice(len(known), count, p=chances)
-    for number in np.unique(drawn):
-        noise[:, drawn == number] = arma_series(noise[:, drawn == number], known[number])
-    return noise
+        law = place.law(int(np.argmax(place.evidence.log_bayes_factors[:, 0])))
+        white = arma_innovations(noise.evident[:, None], law)[:, 0]
+        length = int(np.max(np.bincount(short_fit.memory_blocks(noise))))
+        return arma_series(resample_blocks(white - white.mean(), length, count, seed).T, law)
+    rng = np.random.default_rng(seed)
+    drawn = rng.choice(len(known), count, p=place.evidence.water_probability())
+    innovations = noise.scale_deg * rng.normal(size=(len(noise.evident), count))
+    return np.stack(
+        [arma_series(x[:, None], known[k])[:, 0] for x, k in zip(innovations.T, drawn, strict=True)], axis=1
+    )
 
 
 @dataclass
@@ -192,7 +206,7 @@ class _Search:
         taken = {type(each.term) for each in place.options if listed and isinstance(each.term, ComposedEffect)}
         if place.place.none > UNLIKELY or len(taken) == len({type(each.term) for each in place.options}):
             return None
-        term = place.options[likeliest_option(place.options, place.place.evidence, taken)].term
+        term = place.options[likeliest_option(place.options, place.evidence, taken)].term
         fitted = self.fit((*_zeros(place.beside), term))
         size = short_fit.visible_size_deg(fitted, len(fitted.terms) - 1)
         return term if size >= LISTED_SHARE * self.options.min_effect_deg else None
@@ -220,42 +234,40 @@ class _Search:
         if key not in self.weighed:
             state = self.fit(others)
             options = short_options(state, {term.name for term in others})
-            weighed = weigh(state, options, state.evident[:, None])
-            weighed = self._refitted(state, options, weighed)
-            chances = probabilities(options, weighed, self.options.prior_odds)
-            self.weighed[key] = ShortPlace(state, options, Place(chances, weighed))
+            place = self._fitted(ShortPlace(state, options, weigh(state, options, state.evident[:, None]), state))
+            if not self.comparison.independent:  # weigh them again with the scatter once the likeliest effect is fitted
+                law = place.law(int(np.argmax(place.evidence.log_bayes_factors[:, 0])))
+                first = {type(option.term): option.columns for option in reversed(options)}
+                scatter = score_scatter(place.likeliest, law, list(first.values()))
+                again = weigh(state, options, state.evident[:, None], scatter)
+                place = self._fitted(replace(place, evidence=again, scatter=scatter))
+            self.weighed[key] = replace(place, odds=self.options.prior_odds)
         return self.weighed[key]
 
-    def _refitted(self, state: FittedHypothesis, options: Sequence[Option], linear: Evidence) -> Evidence:
-        """Replace the evidence of each form at its likeliest place by that of its fit in the forward model.
-
-        Forms that are far less likely than the best are left out: the larger an effect, the less exact is its line.
-        """
-        corrected, logs = linear.options.copy(), linear.log_bayes_factors[:, 0]
-        least = NONLINEAR * max(float(logs.max(initial=0.0)), 0.0) - NEGLIGIBLE
-        for form in dict.fromkeys(type(option.term) for option in options):
+    def _fitted(self, linear: ShortPlace) -> ShortPlace:
+        """Replace the evidence of each listed form, at its likeliest place, by that of its fit in the forward model."""
+        options, terms, logs = linear.options, _zeros(linear.beside), linear.evidence.log_bayes_factors[:, 0]
+        corrected = linear.evidence.options.copy()
+        for form in (form for form in self.comparison.terms if any(type(option.term) is form for option in options)):
             alike = [k for k, option in enumerate(options) if type(option.term) is form]
             k = max(alike, key=logs.__getitem__)
-            if logs[k] < least and form.name not in self.comparison.starts:
-                continue
-            fitted = self.fit((*_zeros(state), options[k].term))
+            fitted = self.fit((*terms, options[k].term))
             own = parameter_slices(fitted.terms, len(fitted.base))[-1]
             columns, others = fitted.columns[:, own], np.delete(fitted.columns, own, axis=1)
             pull = fitted.evident + columns @ fitted.terms[-1].values
             option = replace(options[k], columns=columns * options[k].usual)
-            again = weigh(replace(fitted, columns=others), [option], pull[:, None])
-            corrected[:, alike] += (again.none + again.options[:, 0] - linear.none - corrected[:, k])[:, None]
-            if not isinstance(fitted.terms[-1], ComposedEffect) and not fitted.terms[-1].possible:
+            again = weigh(replace(fitted, columns=others), [option], pull[:, None], linear.scatter)
+            corrected[:, alike] += (again.none + again.options[:, 0] - linear.evidence.none - corrected[:, k])[:, None]
+            if not fitted.terms[-1].possible:
                 corrected[:, alike] = -np.inf
-        return Evidence(linear.waters, linear.shares, linear.none, corrected)
+        evidence = replace(linear.evidence, options=corrected)
+        k = int(np.argmax(evidence.log_bayes_factors[:, 0]))
+        return replace(linear, evidence=evidence, likeliest=self.fit((*terms, options[k].term)))
 
     def further(self, entered: Terms) -> ShortPlace:
         """Weigh one more effect, and rank its evidence among surrogates without it."""
         weighed = self.beside(entered)
-        evidence = weighed.place.evidence
-        detection = detect(weighed.beside, weighed.options, evidence, self.options.surrogates)
-        place = weighed.place if detection.significant else weighed.place.not_favoured(self.options.prior_odds)
-        return ShortPlace(weighed.beside, weighed.options, place, detection)
+        return replace(weighed, detection=detect(weighed, self.options.surrogates))
 
     def gain(self, entered: Terms) -> float:
         """Sum the log evidence of terms, each beside those before it."""
@@ -263,14 +275,14 @@ class _Search:
         for k, term in enumerate(entered):
             place = self.beside(entered[:k])
             alike = [type(option.term) is type(term) for option in place.options]
-            total += float(np.logaddexp.reduce(place.place.evidence.log_bayes_factors[alike, 0]))
+            total += float(np.logaddexp.reduce(place.evidence.log_bayes_factors[alike, 0]))
         return total
 
     def alone(self) -> tuple[RankedEffect, ...]:
         """Rank the effects, each alone."""
         place, ranked = self.beside(()), []
-        logs = place.place.evidence.log_bayes_factors[:, 0]
-        for name, chance in _by_name(place).items():
+        logs = place.evidence.log_bayes_factors[:, 0]
+        for name, chance in place.by_name().items():
             alike = [k for k, option in enumerate(place.options) if option.name == name]
             share = np.logaddexp.reduce([place.options[k].share for k in alike])
             seen = orthonormal_basis(place.beside.projected(place.options[max(alike, key=logs.__getitem__)].columns))

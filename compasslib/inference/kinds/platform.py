@@ -26,6 +26,7 @@ from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import Finding
 from compasslib.inference.short_fit import FittedHypothesis, ShortComparison
+from compasslib.inference.short_search import ShortPlace
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Floats
 
@@ -178,9 +179,9 @@ def too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options: 
     apart = series.residual_deg - exact.residual_deg
     if angles.rms(apart) < options.min_effect_deg or exact.square >= series.square:
         return []
-    option = [Option(LargeDeviation(), block_of(LargeDeviation), apart[:, None], np.ones(1))]
+    option = (Option(LargeDeviation(), block_of(LargeDeviation), apart[:, None], np.ones(1)),)
     evidence = short_search.weigh(series, option, series.evident[:, None])
-    if not short_search.detect(series, option, evidence, options.surrogates).significant:
+    if not short_search.detect(ShortPlace(series, option, evidence, exact), options.surrogates).significant:
         return []
     block = short_fit.memory_blocks(exact)
     folds = min(finding.FOLDS, block.max() + 1)
