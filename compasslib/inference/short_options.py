@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from compasslib.effects.composed import bump, compose_effect, place_effect
 from compasslib.effects.effect import Effect
 from compasslib.inference import short_fit
-from compasslib.inference.blocks import Option, block_of, with_shares
+from compasslib.inference.blocks import DATE_MARGIN, Option, block_of, with_shares
 from compasslib.inference.search import log_bayes_factors
 from compasslib.inference.short_fit import FittedHypothesis, ShortComparison
 from compasslib.statistics.noise import PHI, THETA, arma_innovations, arma_variance_ratio
@@ -65,15 +65,16 @@ def short_options(state: FittedHypothesis, taken: Collection[str] = ()) -> tuple
 
 def _dated(state: FittedHypothesis, kind: type[Effect]) -> Iterator[Option]:
     n = len(state.comparison)
+    edge = max(int(DATE_MARGIN * n), FEWEST_AFFECTED)
 
     def term(k: float) -> Effect:
         return replace(kind(), date_s=_time_between(state, int(k)))  # type: ignore[call-arg]
 
     def acting(places: Places) -> Floats:
-        inside = (places[:, 0] >= FEWEST_AFFECTED) & (places[:, 0] <= n - FEWEST_AFFECTED)
+        inside = (places[:, 0] >= edge) & (places[:, 0] <= n - edge)
         return ((np.arange(n)[:, None] >= places[:, 0]) & inside).astype(float)
 
-    grid = np.unique(np.linspace(FEWEST_AFFECTED, n - FEWEST_AFFECTED, min(n, MOST_DATES)).astype(np.intp))[:, None]
+    grid = np.unique(np.linspace(edge, n - edge, min(n, MOST_DATES)).astype(np.intp))[:, None]
     always = _derivative(state, replace(kind(), date_s=-np.inf))  # type: ignore[call-arg]
     yield from _located(state, term, always, acting, grid, [n // MOST_DATES])
 

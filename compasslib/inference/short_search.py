@@ -125,14 +125,15 @@ def detect(place: ShortPlace, surrogates: int) -> Detection:
     Args:
         surrogates: number of each kind; without any, no effect is detected.
     """
-    statistic, chances, thresholds = float(place.evidence.statistic[0]), [], []
+    statistic = float(place.evidence.statistic[0])
+    if not surrogates or not place.options:
+        return Detection(statistic, surrogates, None)
     kinds = (False,) if place.beside.comparison.independent else (False, True)
-    for resampled in kinds if surrogates else ():
-        drawn = weigh(place.beside, place.options, _draw(place, surrogates, resampled), place.scatter).statistic
-        chances.append((1 + int(np.sum(drawn >= statistic))) / (1 + surrogates))
-        if (rank := int(DETECTED_P * (1 + surrogates))) >= 1:  # else no rank is high enough
-            thresholds.append(float(np.sort(drawn)[-rank]))
-    return Detection(statistic, surrogates, max(chances, default=None), max(thresholds, default=None))
+    drawn = np.concatenate([_draw(place, surrogates, resampled) for resampled in kinds], axis=1)
+    each = weigh(place.beside, place.options, drawn, place.scatter).statistic.reshape(len(kinds), surrogates)
+    chance = (1 + int(np.sum(each >= statistic, axis=1).max())) / (1 + surrogates)
+    rank = int(DETECTED_P * (1 + surrogates))
+    return Detection(statistic, surrogates, chance, float(np.sort(each)[:, -rank].max()) if rank else None)
 
 
 def _draw(place: ShortPlace, count: int, resampled: bool) -> Floats:
@@ -235,7 +236,9 @@ class _Search:
             state = self.fit(others)
             options = short_options(state, {term.name for term in others})
             place = self._fitted(ShortPlace(state, options, weigh(state, options, state.evident[:, None]), state))
-            if not self.comparison.independent:  # weigh them again with the scatter once the likeliest effect is fitted
+            if (
+                options and not self.comparison.independent
+            ):  # weigh them again with the scatter once the likeliest effect is fitted
                 law = place.law(int(np.argmax(place.evidence.log_bayes_factors[:, 0])))
                 first = {type(option.term): option.columns for option in reversed(options)}
                 scatter = score_scatter(place.likeliest, law, list(first.values()))
@@ -261,8 +264,8 @@ class _Search:
             if not fitted.terms[-1].possible:
                 corrected[:, alike] = -np.inf
         evidence = replace(linear.evidence, options=corrected)
-        k = int(np.argmax(evidence.log_bayes_factors[:, 0]))
-        return replace(linear, evidence=evidence, likeliest=self.fit((*terms, options[k].term)))
+        best = [options[int(np.argmax(evidence.log_bayes_factors[:, 0]))].term] if options else []
+        return replace(linear, evidence=evidence, likeliest=self.fit((*terms, *best)))
 
     def further(self, entered: Terms) -> ShortPlace:
         """Weigh one more effect, and rank its evidence among surrogates without it."""
