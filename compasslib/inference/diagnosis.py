@@ -160,6 +160,7 @@ class Outcome:
     current_probability: float = 0.0  # that the effect of the current exceeds ``min_effect_deg``
     prior_odds: float | None = None  # of a fault of compass or clock
     ranked: tuple[RankedEffect, ...] = ()  # effects tested alone
+    detection: Detection | None = None  # evidence of any effect
     deniable: bool = False  # whether a finding is withdrawn if held-out readings refute it
 
 
@@ -212,6 +213,7 @@ def combine_outcomes(
     if separated_by and any(item.side == "compass" for item in merged):
         phrases.append(separated_by)
     compared = [part.comparison.what for part in parts]
+    detected = [part.detection for part in parts if part.detection is not None]
     return Diagnosis(
         verdict=overall_verdict(merged, left, current),
         findings=merged,
@@ -222,6 +224,7 @@ def combine_outcomes(
         why=wording.verdict_reason([item.effect for item in merged], left.text if left else "", compared),
         curves=tuple(curve for part in parts for curve in part.curves(merged, left)),
         hypotheses=_rank_effects(parts),
+        detection=min(detected, key=lambda item: (item.rank_p or 1.0, -item.statistic), default=None),
         sides=sides,
         noise=parts[0].noise if parts else {},
         current=current,

@@ -47,6 +47,7 @@ def build_outcome(inferred: ShortInference, min_effect_deg: float) -> Outcome:
         curves=curves,
         noise={"white_deg": (fitted.scale_deg, scatter)},
         ranked=inferred.alone,
+        detection=inferred.detection,
         deniable=True,
     )
 

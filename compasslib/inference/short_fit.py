@@ -1,7 +1,7 @@
 """Compare a short recording with its simulation, refitting each hypothesis in the forward model.
 
-Base parameters and terms are fitted jointly by Gauss-Newton steps with Huber weights. Linearization, as of long
-records, fails here: 16 to 20,000 readings have noise of 0.01 to 5 degrees, and effects up to a thousand times that.
+Base parameters and terms are fitted jointly by Gauss-Newton steps with Huber weights: effects may be a thousand times
+the noise, which is 0.01 to 5 degrees.
 """
 
 from __future__ import annotations
@@ -173,12 +173,6 @@ class FittedHypothesis:
     @property
     def square(self) -> float:
         return float(self.clipped @ self.clipped)
-
-    def reordered(self, order: Sequence[int]) -> FittedHypothesis:
-        """Reorder the terms."""
-        places = parameter_slices(self.terms, len(self.base))
-        columns = self.columns[:, np.r_[: len(self.base), *(places[k] for k in order)]]
-        return replace(self, terms=tuple(self.terms[k] for k in order), columns=columns)
 
     def projected(self, columns: Floats) -> Floats:
         """Project the columns of all parameters out of other columns, (n, k)."""

@@ -73,6 +73,7 @@ class ShortInference:
     fitted: FittedHypothesis
     places: tuple[ShortPlace, ...]  # of each term
     further: ShortPlace  # of one more effect
+    detection: Detection | None  # of any effect
     alone: tuple[RankedEffect, ...]
 
     def sides(self, dropped: Collection[str] = ()) -> dict[str, float]:
@@ -101,7 +102,8 @@ def search_effects(comparison: ShortComparison, options: Options) -> ShortInfere
         if search.gain(again) > search.gain(entered):
             entered, further = again, instead
     places = [search.beside((*entered[:k], *entered[k + 1 :])) for k in range(len(entered))]
-    return ShortInference(search.fit(()), search.fit(entered), tuple(places), further, search.alone())
+    detection = search.further(()).detection
+    return ShortInference(search.fit(()), search.fit(entered), tuple(places), further, detection, search.alone())
 
 
 def weigh(state: FittedHypothesis, options: Sequence[Option], residuals: Floats, scatter: float = 1.0) -> Evidence:
@@ -269,8 +271,10 @@ class _Search:
 
     def further(self, entered: Terms) -> ShortPlace:
         """Weigh one more effect, and rank its evidence among surrogates without it."""
-        weighed = self.beside(entered)
-        return replace(weighed, detection=detect(weighed, self.options.surrogates))
+        place, key = self.beside(entered), frozenset(entered)
+        if place.detection is None:
+            self.weighed[key] = replace(place, detection=detect(place, self.options.surrogates))
+        return self.weighed[key]
 
     def gain(self, entered: Terms) -> float:
         """Sum the log evidence of terms, each beside those before it."""
