@@ -238,9 +238,8 @@ class _Search:
             state = self.fit(others)
             options = short_options(state, {term.name for term in others})
             place = self._fitted(ShortPlace(state, options, weigh(state, options, state.evident[:, None]), state))
-            if (
-                options and not self.comparison.independent
-            ):  # weigh them again with the scatter once the likeliest effect is fitted
+            if options and not self.comparison.independent:
+                # Weigh them again, with the scatter that is left once the likeliest effect is fitted.
                 law = place.law(int(np.argmax(place.evidence.log_bayes_factors[:, 0])))
                 first = {type(option.term): option.columns for option in reversed(options)}
                 scatter = score_scatter(place.likeliest, law, list(first.values()))
