@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from compasslib.effects import Effect, side_of
+from compasslib.effects import Effect
 from compasslib.inference.finding import SURE
 from compasslib.types import Floats
 
@@ -18,10 +18,8 @@ Hypothesis = tuple[int, ...]  # indices of candidates
 
 LIKELIER_THAN_NOT = 0.5  # probability of a number of effects above which as many are named
 MOST_TERMS = 3  # in a hypothesis; limits the run time
-SIDES_IN_ORDER = ("compass", "clock", "reference", "water")
-# Short records: prior odds of one effect over the alarm probability, and factor for each further effect.
+# Prior odds of one effect over the alarm probability, and factor for each further effect.
 ODDS, FURTHER = 2.0, 0.5
-LOG_EVIDENCE_CUTOFF = 8.0  # log evidence below the best at which a hypothesis, or a kind of slow water, is dropped
 
 
 @dataclass(frozen=True)
@@ -55,18 +53,6 @@ class Posterior:
         for names, probability in each:
             sums.update(dict.fromkeys(names, probability))
         return dict(sums)
-
-    def sides(self, dropped: Collection[str] = ()) -> dict[str, float]:
-        """Compute the probability of each side; a hypothesis with several counts for the first in SIDES_IN_ORDER.
-
-        Args:
-            dropped: names of effects to ignore.
-        """
-        sums = dict.fromkeys(("none", *SIDES_IN_ORDER), 0.0)
-        for names, probability in zip(self.names, self.probability.tolist(), strict=True):
-            present = {side_of(name) for name in names if name not in dropped}
-            sums[next((side for side in SIDES_IN_ORDER if side in present), "none")] += probability
-        return sums
 
     @property
     def counts(self) -> list[int]:
