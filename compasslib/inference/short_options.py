@@ -76,7 +76,7 @@ def _dated(state: FittedHypothesis, kind: type[Effect]) -> Iterator[Option]:
 
     grid = np.unique(np.linspace(edge, n - edge, min(n, MOST_DATES)).astype(np.intp))[:, None]
     always = _derivative(state, replace(kind(), date_s=-np.inf))  # type: ignore[call-arg]
-    yield from _located(state, term, always, acting, grid, [n // MOST_DATES])
+    yield from _located(state, term, always, acting, grid, [-(-n // MOST_DATES)])
 
 
 def _unlisted(state: FittedHypothesis) -> Iterator[Option]:
@@ -93,7 +93,7 @@ def _unlisted(state: FittedHypothesis) -> Iterator[Option]:
     edges = np.unique(np.linspace(1, n - 1, min(n - 1, SPELL_EDGES)).astype(np.intp))
     yield from _located(
         state, lambda *at: place_effect(spell, *(_time_between(state, int(k)) for k in at)), np.ones((n, 1)),
-        during, np.array(list(itertools.combinations(edges, 2))), [n // SPELL_EDGES] * 2,
+        during, np.array(list(itertools.combinations(edges, 2))), [-(-n // SPELL_EDGES)] * 2,
     )  # fmt: skip
     if "heading" in comparison.covariates:
         heading = comparison.covariates["heading"]
