@@ -34,6 +34,8 @@ from compasslib.types import Floats
 
 Terms = tuple[Effect, ...]  # at zero size
 
+NEARLY = 0.8  # share of the best log evidence from which composed effects, which are nearly linear, are fitted too
+
 
 @dataclass(frozen=True)
 class ShortPlace:
@@ -249,12 +251,14 @@ class _Search:
         return self.weighed[key]
 
     def _fitted(self, linear: ShortPlace) -> ShortPlace:
-        """Replace the evidence of each listed form, at its likeliest place, by that of its fit in the forward model."""
+        """Replace the evidence of listed and of likely forms, at their likeliest places, by that of their fits."""
         options, terms, logs = linear.options, _zeros(linear.beside), linear.evidence.log_bayes_factors[:, 0]
         corrected = linear.evidence.options.copy()
-        for form in (form for form in self.comparison.terms if any(type(option.term) is form for option in options)):
+        for form in dict.fromkeys(type(option.term) for option in options):
             alike = [k for k, option in enumerate(options) if type(option.term) is form]
             k = max(alike, key=logs.__getitem__)
+            if form not in self.comparison.terms and logs[k] < NEARLY * logs.max():
+                continue
             fitted = self.fit((*terms, options[k].term))
             own = parameter_slices(fitted.terms, len(fitted.base))[-1]
             columns, others = fitted.columns[:, own], np.delete(fitted.columns, own, axis=1)
@@ -262,7 +266,7 @@ class _Search:
             option = replace(options[k], columns=columns * options[k].usual)
             again = weigh(replace(fitted, columns=others), [option], pull[:, None], linear.scatter)
             corrected[:, alike] += (again.none + again.options[:, 0] - linear.evidence.none - corrected[:, k])[:, None]
-            if not fitted.terms[-1].possible:
+            if form in self.comparison.terms and not fitted.terms[-1].possible:
                 corrected[:, alike] = -np.inf
         evidence = replace(linear.evidence, options=corrected)
         best = [options[int(np.argmax(evidence.log_bayes_factors[:, 0]))].term] if options else []
