@@ -28,7 +28,7 @@ def build_outcome(inferred: ShortInference, min_effect_deg: float) -> Outcome:
     fitted, comparison = inferred.fitted, inferred.fitted.comparison
     listed = [k for k, term in enumerate(fitted.terms) if not isinstance(term, ComposedEffect)]
     covariance = short_fit.parameter_covariance(fitted) if listed else np.zeros((0, 0))
-    findings = tuple(_finding(inferred, k, covariance) for k in listed)
+    findings = tuple(_finding(inferred, k, covariance, min_effect_deg) for k in listed)
     left, small = _unlisted(inferred, [item.effect for item in findings], min_effect_deg)
 
     def curves(shown: Sequence[Finding], left: Unexplained | None) -> list[BinnedResidual]:
@@ -52,7 +52,7 @@ def build_outcome(inferred: ShortInference, min_effect_deg: float) -> Outcome:
     )
 
 
-def _finding(inferred: ShortInference, k: int, covariance: Floats) -> Finding:
+def _finding(inferred: ShortInference, k: int, covariance: Floats, min_effect_deg: float) -> Finding:
     fitted, comparison, slot = inferred.fitted, inferred.fitted.comparison, inferred.probabilities(k)
     term, columns = fitted.terms[k], parameter_slices(fitted.terms, len(fitted.base))[k]
     sigma, parameters = np.sqrt(np.maximum(np.diag(covariance), 0.0))[columns], {}
@@ -66,6 +66,7 @@ def _finding(inferred: ShortInference, k: int, covariance: Floats) -> Finding:
         for name in alike:
             shared[name] = shared.get(name, 0.0) + p / len(alike)
     before = inferred.before
+    others = [j for j in range(len(fitted.terms)) if j != k and short_fit.visible_size_deg(fitted, j) >= min_effect_deg]
     return comparisons.build_finding(
         comparison,
         term,
@@ -74,7 +75,7 @@ def _finding(inferred: ShortInference, k: int, covariance: Floats) -> Finding:
         size_deg=short_fit.visible_size_deg(fitted, k),
         proof=held_out(fitted, k),
         place=comparison.outside(residual_curve(before, before, comparison.main_covariate(term))),
-        others=[other for j, other in enumerate(fitted.terms) if j != k],
+        others=[fitted.terms[j] for j in others],
     )
 
 
