@@ -1,4 +1,4 @@
-"""Parts of the search: scores, clocks, nuisances, covariates, held-out gains, wording, suggested observations."""
+"""Parts of the search: clocks, nuisances, covariates, held-out gains, wording, suggested observations."""
 
 from dataclasses import replace
 
@@ -11,28 +11,12 @@ from compasslib.deviation.model import observed_deviation
 from compasslib.effects.composed import compose_effect, place_effect
 from compasslib.effects.effect import YEAR_S
 from compasslib.effects.iron import TemperatureOfField, TemperatureOfReading
-from compasslib.inference import comparison, covariates, experiments, finding, omnibus, wording
+from compasslib.inference import comparison, covariates, experiments, finding, wording
 from compasslib.inference.experiments import ANYTHING, Rows
 from compasslib.inference.kinds import mooring
 from compasslib.records import take
 
 TIME_S = 1.19e9 + 3600.0 * np.arange(4000)
-
-
-@pytest.mark.parametrize(
-    ("freedom", "statistic", "expected"), [(1, 10.828, 3.09), (5, 20.515, 3.09), (30, 50.892, 2.326)]
-)
-def test_normal_score_matches_quantiles_of_chi_squared(freedom, statistic, expected):
-    # Quantiles of chi squared at 0.999, 0.999 and 0.99; the approximation is accurate to 0.1.
-    assert omnibus.normal_score(np.array([statistic]), np.array([freedom]))[0] == pytest.approx(expected, abs=0.1)
-
-
-def test_threshold_is_a_quantile_of_the_highest_score():
-    highest = np.random.default_rng(5).normal(size=(300, 100)).max(axis=1)
-    none = np.zeros(0)
-    threshold = omnibus.ScoreTests([], none, none, none, highest).threshold(0.01)
-    # The highest of 100 normals exceeds 3.72 with probability 0.01; 300 draws determine their number within 6 %.
-    assert threshold == pytest.approx(3.72, abs=0.05)
 
 
 @pytest.mark.parametrize("ahead_h", [-0.8, 1.0, 2.3])

@@ -233,7 +233,7 @@ def test_every_effect_is_tested_in_the_recordings_it_lists(monkeypatch, tmp_path
     tried: dict[type, set[str]] = {}
     kind = ""
 
-    def noted(channel: ShortComparison, options: Options) -> short_search.SearchResult:
+    def noted(channel: ShortComparison, options: Options) -> short_search.ShortInference:
         for term in channel.terms:
             tried.setdefault(term, set()).add(kind)
         return searched(replace(channel, terms=()), options)  # the result is not needed

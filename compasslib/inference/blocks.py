@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,7 +76,7 @@ def enumerate_options(view: FittedModel, half: FittedModel) -> tuple[Option, ...
     standing = {type(term): term for term in half.simulation.terms}
     made = list(_listed(view, half, standing))
     made += _composed(half) if half.case.has_slow_noise else []
-    return tuple(_with_shares([option for option in made if option.columns.shape[1]]))
+    return tuple(with_shares([option for option in made if option.columns.shape[1]]))
 
 
 def _listed(view: FittedModel, half: FittedModel, standing: Mapping[type[Effect], Effect]) -> Iterator[Option]:
@@ -84,7 +84,7 @@ def _listed(view: FittedModel, half: FittedModel, standing: Mapping[type[Effect]
     for kind in half.case.terms:
         if kind.side == "water" and half.case.has_slow_noise:
             continue  # part of the noise
-        block = kind.side, _target(kind), TILTS.get(kind.driver, kind.driver)
+        block = block_of(kind)
         if not kind.dated():
             yield scaled_option(half, kind(), block)
             continue
@@ -170,6 +170,11 @@ def _varies(scene: Scene, driver: str) -> bool:
     return len(np.unique(sample)) >= covariates.FEWEST_VALUES
 
 
+def block_of(kind: type[Effect]) -> tuple[str, str, str]:
+    """Name the block of an effect: side, target and driver."""
+    return kind.side, _target(kind), TILTS.get(kind.driver, kind.driver)
+
+
 def _target(kind: type[Effect]) -> str:
     if issubclass(kind, ComposedEffect):
         return GROUPS.get(kind.composition[0], kind.composition[0])
@@ -197,7 +202,7 @@ def _scaled(term: Effect, block: tuple[str, str, str], derivative: Floats, cell:
     return Option(term, block, (derivative * usual).astype(np.float32), usual, cell=cell)
 
 
-def _with_shares(options: list[Option]) -> Iterator[Option]:
+def with_shares(options: Sequence[Option]) -> Iterator[Option]:
     """Divide the prior probability of one effect among blocks, forms and dates."""
     forms = Counter(block for block, _ in {(each.block, type(each.term)) for each in options})
     cells = Counter[type[Effect]]()

@@ -1,7 +1,7 @@
 """Comparison of a recording with its simulation, the input of every search, and the findings built from its terms.
 
-Hypotheses on a long record are evaluated in a linearized model with slow noise (``long_record``); those on a short
-one, whose effects may exceed the noise a thousandfold, are each refitted in the forward model (``short_fit``).
+Both kinds of recordings are searched with one linear Gaussian model (``search``): long ones have slow noise; in short
+ones effects may exceed the noise a thousandfold, and each form is refitted in the forward model (``short_fit``).
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ class Options:
 
     min_effect_deg: float = 0.5  # visible size, degrees rms, below which a mismatch is negligible
     apply: bool = True  # whether findings on the compass side are corrected
-    alarm: float = 0.006  # false alarm probability of an unexplained mismatch, and of a finding in a short record
-    prior_odds: float = 1.0  # of a fault of compass or clock in a long record
+    alarm: float = 0.006  # false alarm probability of scatter that follows a storm index, and of a shared effect
+    prior_odds: float = 1.0  # of a fault of compass or clock
     surrogates: int = 199  # simulated records without an effect, against which its evidence and its gain are ranked
     reference_magnetic: bool = True  # whether the reference has a magnetic compass too
     share: bool = False  # whether to collect information for other records of the compass
@@ -86,7 +86,7 @@ class Comparison:
 
     time_s: Floats  # (n,) increasing: UTC seconds, or the number of the reading if there is no clock
     terms: tuple[type[Effect], ...]  # effects that can be tested
-    covariates: Mapping[str, Floats]  # (n,) each, along which the omnibus tests look for a mismatch
+    covariates: Mapping[str, Floats]  # (n,) each, along which a mismatch is searched and shown
     not_testable: tuple[tuple[str, str], ...] = ()  # (effect, reason)
     units: Mapping[str, str] = field(default_factory=dict)  # of instrument-specific covariates, by name
     what: str = ""  # description of the comparison, if the recording may contain several

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -20,13 +20,12 @@ from compasslib.inference.finding import (
     BinnedResidual,
     Detection,
     Finding,
+    FindingPosterior,
     RankedEffect,
     Unexplained,
     curve_json,
 )
-from compasslib.inference.inference import Inference
 from compasslib.inference.joint_compass import RecordInformation
-from compasslib.inference.posterior import FindingPosterior, Posterior
 from compasslib.inference.product import Product, WeightedCompass
 from compasslib.types import Floats
 
@@ -137,12 +136,20 @@ def overall_verdict(
     return "explained" if not contested and all(item.settled for item in findings) else "ambiguous"
 
 
+class WeighedEffects(Protocol):
+    """The effects of a comparison with their probabilities."""
+
+    def sides(self, dropped: Collection[str] = ()) -> dict[str, float]:
+        """Compute the probability of each side; effects ``dropped`` are ignored."""
+        ...
+
+
 @dataclass(frozen=True)
 class Outcome:
     """Result of the search of one comparison, in the same form for long and short recordings."""
 
     comparison: Comparison
-    posterior: Posterior | Inference
+    posterior: WeighedEffects
     findings: tuple[Finding, ...]  # of the most probable hypothesis, in the order of its terms
     finding_posteriors: tuple[FindingPosterior, ...]  # of each finding and its alternatives
     left: Unexplained | None  # mismatch that the most probable hypothesis does not explain
@@ -153,6 +160,7 @@ class Outcome:
     current_probability: float = 0.0  # that the effect of the current exceeds ``min_effect_deg``
     prior_odds: float | None = None  # of a fault of compass or clock
     ranked: tuple[RankedEffect, ...] = ()  # effects tested alone
+    detection: Detection | None = None  # evidence of any effect
     deniable: bool = False  # whether a finding is withdrawn if held-out readings refute it
 
 
@@ -208,6 +216,7 @@ def combine_outcomes(
     ranked = dict[str, RankedEffect]()  # each effect once
     for effect in sorted((effect for part in parts for effect in part.ranked), key=lambda effect: -effect.score):
         ranked.setdefault(effect.effect, effect)
+    detected = [part.detection for part in parts if part.detection is not None]
     return Diagnosis(
         verdict=overall_verdict(merged, left, current),
         findings=merged,
@@ -218,6 +227,7 @@ def combine_outcomes(
         why=wording.verdict_reason([item.effect for item in merged], left.text if left else "", compared),
         curves=tuple(curve for part in parts for curve in part.curves(merged, left)),
         hypotheses=tuple(ranked.values()),
+        detection=min(detected, key=lambda item: (item.rank_p or 1.0, -item.statistic), default=None),
         sides=sides,
         noise=parts[0].noise if parts else {},
         current=current,

@@ -36,6 +36,30 @@ RESIDUAL_MEMORY_S = 2 * 86400.0  # autocorrelation of the residual, for the stan
 
 
 @dataclass(frozen=True)
+class FindingPosterior:
+    """The probabilities of one finding and of its alternatives."""
+
+    effect: str
+    probability: float
+    alternatives: Mapping[str, float]  # likeliest first, until they and the effect sum to ``SURE``
+
+
+def compare_names(effect: str, names: Mapping[str, float]) -> FindingPosterior:
+    """Divide a probability of 1 between an effect and its alternatives.
+
+    Args:
+        names: effects that may act in its place, itself among them, with their weights.
+    """
+    total, alternatives = sum(names.values()), dict[str, float]()
+    held = probability = names[effect] / total
+    for name, weight in sorted(names.items(), key=lambda item: -item[1]):
+        if name != effect and held < SURE:
+            alternatives[name] = weight / total
+            held += weight / total
+    return FindingPosterior(effect, probability, alternatives)
+
+
+@dataclass(frozen=True)
 class BinnedResidual:
     """Binned residual along one covariate, without and with the effects, after refitting the compass."""
 

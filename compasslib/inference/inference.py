@@ -18,7 +18,7 @@ from compasslib.effects.composed import COMPOSED, ComposedEffect
 from compasslib.effects.effect import HOUR_S
 from compasslib.inference import design, noise
 from compasslib.inference.design import Estimate, FittedModel
-from compasslib.inference.finding import DETECTED_P, SURE, Detection
+from compasslib.inference.finding import DETECTED_P, Detection, FindingPosterior, compare_names
 from compasslib.inference.limits import detection_limits
 from compasslib.inference.noise import SlowNoiseBasis, SlowNoiseParams
 from compasslib.inference.places import (
@@ -30,16 +30,15 @@ from compasslib.inference.places import (
     marginalize,
     probabilities,
     settle,
+    side_probabilities,
     with_likeliest_noise,
 )
-from compasslib.inference.posterior import FindingPosterior
 from compasslib.inference.rivals import Rival, find_rivals
 from compasslib.inference.search import LEAST_WATER, Entered, Evidence, LinearModel
 from compasslib.statistics.whitening import correlation_time, sampling_interval_s, scaled_inverse
 from compasslib.types import Floats
 
 MOST_EFFECTS = 3  # in a record; limits the run time
-SIDES_IN_ORDER = ("compass", "clock", "reference", "water")
 LEAST_WEIGHT = 0.05  # probability below which a combination of effects does not enter the correction
 SUGGESTED_P = 0.1  # rank up to which an effect that is not detected enters it, by its probability
 LIKELY = -float(np.log(UNLIKELY / (1.0 - UNLIKELY)))  # log Bayes factor from which an effect enters with even odds
@@ -81,19 +80,13 @@ class Inference:
         Args:
             dropped: names of effects to ignore.
         """
-        options = self.model.options
-        counted = np.array([option.name not in dropped for option in options])
-        side = np.array([option.block[0] for option in options])
-        result, before = {}, 1.0
-        left = np.ones(len(options), dtype=bool)
-        for name in SIDES_IN_ORDER:
-            left &= side != name
-            without = float(np.prod([1.0 - place.probability[~left & counted].sum() for place in self._all_places]))
-            result[name], before = max(before - without, 0.0), without
+        everywhere = [self.model.options] * len(self._all_places)
+        result = side_probabilities(everywhere, self._all_places, dropped)
+        before = result["none"]
         rivals = 1.0 - float(np.prod([1.0 - rival.probability for rival in self.rivals.values()]))
         # What is not detected is not more probable than beforehand.
         instead = min(before * rivals, max(self.odds / (1.0 + self.odds) - (1.0 - before), 0.0))
-        return {"none": before - instead} | result | {"compass": result["compass"] + instead}
+        return result | {"none": before - instead, "compass": result["compass"] + instead}
 
     @cached_property
     def rivals(self) -> dict[frozenset[str], Rival]:
@@ -150,13 +143,7 @@ class Inference:
         result = []
         for k, place in zip(self.chosen, self.places, strict=True):
             names = self._by_name(place) | {SLOW_WATER: place.none}
-            effect, others = self.model.options[k].name, dict[str, float]()
-            held = names[effect]
-            for name, probability in sorted(names.items(), key=lambda item: -item[1]):
-                if name != effect and held < SURE:
-                    others[name] = probability
-                    held += probability
-            result.append(FindingPosterior(effect, names[effect], others))
+            result.append(compare_names(self.model.options[k].name, names))
         return tuple(result)
 
     def display_name(self, effect: str, place: Place) -> str:
@@ -295,7 +282,7 @@ def infer(empty: FittedModel, odds: float, surrogates: int) -> Inference:
         if len(entered) == MOST_EFFECTS or kinds in visited or not _stands_out(detections[-1], further):
             break
         visited.add(kinds)
-        k = likeliest_option(model, evidence, kinds)
+        k = likeliest_option(model.options, evidence, kinds)
         water = evidence.likeliest_water(k)
         entered = sorted([*entered, (k, model.likeliest_amplitude(k, water, entered))])
         state, amplitudes = fit_terms(settled.state, model, entered, water), [size for _, size in entered]

@@ -22,7 +22,7 @@ from compasslib.effects.effect import YEAR_S, parameter_slices
 from compasslib.inference import noise as noise_models
 from compasslib.inference import wording
 from compasslib.inference.comparison import LongComparison
-from compasslib.inference.finding import SURE, CovariateRange, Finding, HeldOut, Parameter
+from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter, compare_names
 from compasslib.inference.inference import Inference
 from compasslib.inference.joint_compass import EffectInformation, Member, RecordInformation, effect_class
 from compasslib.inference.places import UNLIKELY
@@ -280,12 +280,7 @@ def _describe(
     names = Counter({SLOW_WATER: max(1.0 - float(place.shared.sum()) - place.apart, 0.0)})
     for other, weight in zip(model.kinds, place.shared.tolist(), strict=True):
         names[other.name] += weight
-    total, alternatives = sum(names.values()), dict[str, float]()
-    held = probability = names.pop(kind.name) / total
-    for name, weight in names.most_common():
-        if held < SURE:
-            alternatives[name] = weight / total
-            held += weight / total
+    posterior = compare_names(kind.name, names)
     # Log score of predicting each record from the others, relative to no effect.
     without = [model.marginalized(season_deg, others, [i for i in everyone if i != j]) for j in everyone]
     gain = float(np.sum([marginal.evidence[k, 0] - other.evidence[k, 0] for other in without]))
@@ -304,12 +299,12 @@ def _describe(
         proof=None,
     )
     text += f" Each record predicted by the others gains {gain:.1f} in log score, all together."
-    if alternatives:
-        text += f" These records cannot separate it from {wording.join_names(tuple(alternatives))}."
+    if posterior.alternatives:
+        text += f" These records cannot separate it from {wording.join_names(tuple(posterior.alternatives))}."
     finding = Finding(
         effect=kind.name,
         side=kind.side,
-        alternatives=tuple(alternatives),
+        alternatives=tuple(posterior.alternatives),
         where=CovariateRange(wording.SHOWN_ALONG.get(kind.name, ("heading",))[0], 0.0, 0.0, where),
         when_s=None,
         parameters=parameters,
@@ -317,8 +312,8 @@ def _describe(
         held_out=HeldOut(model.residual_deg, after_deg, gain, (np.nan, np.nan), np.nan, method="records"),
         text=text,
         applied=True,
-        probability=probability,
-        alternatives_probability=alternatives,
+        probability=posterior.probability,
+        alternatives_probability=posterior.alternatives,
     )
     each = {name: (x, np.sqrt(np.diag(spread))) for name, (x, spread) in zip(model.records, alone, strict=True)}
     return SharedEffect(kind, finding, each)

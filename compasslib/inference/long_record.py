@@ -26,7 +26,7 @@ from compasslib.inference import (
     heldout,
     inference,
     joint_effects,
-    omnibus,
+    sticking,
 )
 from compasslib.inference import noise as noise_models
 from compasslib.inference.comparison import FEWEST_PAIRS, LongComparison, Options
@@ -36,8 +36,8 @@ from compasslib.inference.diagnosis import Diagnosis, Outcome
 from compasslib.inference.finding import BinnedResidual, Finding, Parameter, Unexplained
 from compasslib.inference.inference import Inference
 from compasslib.inference.limits import limits_text
-from compasslib.inference.omnibus import HeadingCluster
 from compasslib.inference.product import AppliedCompass, WeightedCompass
+from compasslib.inference.sticking import HeadingCluster
 from compasslib.inference.wording import SIZE_PREFIX, TURN_PREFIX, tilt_zero_text
 from compasslib.types import Floats
 
@@ -69,8 +69,8 @@ def diagnose(case: LongComparison, options: Options, fit: DeviationFit | None = 
 def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) -> Diagnosis:
     none = np.zeros(case.nuisance.shape[1])
     empty = design.evaluate_model(case, case.simulation, none)
-    cluster = omnibus.sticking_sector(empty)
-    outside = case if cluster is None else replace(case, observed_deg=omnibus.observed_outside(case, cluster))
+    cluster = sticking.sticking_sector(empty)
+    outside = case if cluster is None else replace(case, observed_deg=sticking.observed_outside(case, cluster))
     if cluster is not None and design.count_usable(outside, case.simulation, none) >= FEWEST_PAIRS:
         empty = design.evaluate_model(outside, case.simulation, none)  # sticking readings mimic terms
     empty = design.refit(empty, [])  # compass and nuisances, accounting for autocorrelation

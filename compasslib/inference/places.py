@@ -18,6 +18,7 @@ from compasslib.types import Floats
 MOST_ROUNDS = 4  # exchanges of terms; limits the run time
 # Probability of no effect up to which one enters and stays: a Bayes factor of 3 (Kass and Raftery, JASA 90, 773, 1995).
 UNLIKELY = 0.25
+SIDES_IN_ORDER = ("compass", "clock", "reference", "water")
 
 
 @dataclass(frozen=True)
@@ -108,12 +109,31 @@ def _better(model: LinearModel, entered: Entered, places: Sequence[Place]) -> li
     for number, ((chosen, _), place) in enumerate(zip(entered, places, strict=True)):
         others = [*entered[:number], *entered[number + 1 :]]
         taken = {type(model.options[k].term) for k, _ in others}
-        k = likeliest_option(model, place.evidence, taken)
+        k = likeliest_option(model.options, place.evidence, taken)
         if place.none > UNLIKELY:
             return list(others)
         if type(model.options[k].term) is not type(model.options[chosen].term):
             return sorted([*others, (k, model.likeliest_amplitude(k, place.evidence.likeliest_water(k), others))])
     return list(entered)
+
+
+def side_probabilities(
+    options: Sequence[Sequence[Option]], places: Sequence[Place], dropped: Collection[str] = ()
+) -> dict[str, float]:
+    """Compute the probability that each side acts, the first of SIDES_IN_ORDER if several do, and of none.
+
+    Args:
+        options: those of each place.
+        dropped: names of effects to ignore.
+    """
+    result, before = dict[str, float](), 1.0
+    for number in range(1, len(SIDES_IN_ORDER) + 1):
+        without = 1.0
+        for each, place in zip(options, places, strict=True):
+            acts = [o.block[0] in SIDES_IN_ORDER[:number] and o.name not in dropped for o in each]
+            without *= 1.0 - float(place.probability[acts].sum())
+        result[SIDES_IN_ORDER[number - 1]], before = max(before - without, 0.0), without
+    return {"none": before} | result
 
 
 def probabilities(options: Sequence[Option], evidence: Evidence, odds: float, taken: Collection[int] = ()) -> Floats:
@@ -126,14 +146,14 @@ def probabilities(options: Sequence[Option], evidence: Evidence, odds: float, ta
     return np.asarray(weight / (weight.sum() + np.exp(-top)))
 
 
-def likeliest_option(model: LinearModel, evidence: Evidence, taken: Collection[type[Effect]]) -> int:
+def likeliest_option(options: Sequence[Option], evidence: Evidence, taken: Collection[type[Effect]]) -> int:
     """Select the likeliest form, dates together, that is not in the model yet, at its likeliest date."""
     sums, log = dict[type[Effect], float](), evidence.log_bayes_factors[:, 0]
-    for option, each in zip(model.options, log.tolist(), strict=True):
+    for option, each in zip(options, log.tolist(), strict=True):
         if type(option.term) not in taken:
             sums[type(option.term)] = float(np.logaddexp(sums.get(type(option.term), -np.inf), each))
     form = max(sums, key=lambda kind: sums[kind])
-    alike = [k for k, option in enumerate(model.options) if type(option.term) is form]
+    alike = [k for k, option in enumerate(options) if type(option.term) is form]
     return max(alike, key=lambda k: float(log[k]))
 
 

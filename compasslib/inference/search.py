@@ -123,9 +123,7 @@ class Marginal:
         result = np.empty((*self.products.amplitudes.shape, self.products.score.shape[1]))
         for options, values, along in self._options:
             for a, amplitude in enumerate(self.products.amplitudes[:, options, None]):
-                grown = amplitude**2 * values
-                gain = np.einsum("gi,gir->gr", 0.5 * amplitude**2 / (1.0 + grown), along)
-                result[a, options] = gain - 0.5 * np.log1p(grown).sum(axis=1)[:, None]
+                result[a, options] = log_bayes_factors(values, along, amplitude)
         return result
 
     @property
@@ -137,6 +135,26 @@ class Marginal:
     def none(self) -> Floats:
         """Log likelihood without options, relative to white noise, (r,)."""
         return np.asarray(0.5 * np.sum(self.taken**2, axis=0) - np.sum(np.log(np.diag(self.lower))))
+
+
+def log_bayes_factors(
+    values: Floats, along: Floats, amplitude: Floats | float, square: Floats | None = None, freedom: float = np.inf
+) -> Floats:
+    """Compute the log Bayes factor of options over none at a prior amplitude, (g, r).
+
+    If the variance of the noise is unknown, its Student's law of few residuals is used, and all are in its units.
+
+    Args:
+        values: eigenvalues of each option's information, (g, k).
+        along: squared scores along the eigenvectors, (g, k, r).
+        square: sum of squares of the residuals without options, (r,).
+        freedom: degrees of freedom of the noise's variance; infinite if it is known.
+    """
+    grown = amplitude**2 * values
+    gain = np.einsum("gi,gir->gr", 0.5 * amplitude**2 / (1.0 + grown), along)
+    if square is not None:
+        gain = -0.5 * freedom * np.log1p(-2.0 * gain / square)
+    return np.asarray(gain - 0.5 * np.log1p(grown).sum(axis=1)[:, None])
 
 
 @dataclass(frozen=True)

@@ -1,20 +1,23 @@
 """Compare a short recording with its simulation, refitting each hypothesis in the forward model.
 
-Base parameters and terms are fitted jointly by Gauss-Newton steps with Huber weights. Linearization, as of long
-records, fails here: 16 to 20,000 readings have noise of 0.01 to 5 degrees, and effects up to a thousand times that.
+Base parameters and terms are fitted jointly by Gauss-Newton steps with Huber weights: effects may be a thousand times
+the noise, which is 0.01 to 5 degrees.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from compasslib import angles
 from compasslib.deviation.series import series_design
+from compasslib.effects.composed import ComposedEffect
 from compasslib.effects.effect import Effect, Scene, parameter_slices
 from compasslib.effects.forward import ForwardModel, invert_readout, recorded_heading, water_veer
 from compasslib.inference import finding
@@ -31,6 +34,7 @@ PLACELESS_NT, PERCENT = 20000.0, (100.0 / 20000.0, "% of the horizontal field")
 REFIT_ROUNDS, CONVERGED_STEPS = 12, 1e-3  # Gauss-Newton rounds, at most; step at convergence, in about degrees
 FINEST_DEG = 1e-4  # least uncertainty of a heading
 MOST_BLOCKS, FEWEST_BLOCKS, SAMPLES_IN_BLOCK = 40, 10, 5.0  # number of blocks; effective samples in one
+NEIGHBOURS = 5  # samples whose median an outlier of a log is far from
 PROBE_STEP = 0.02  # finite difference, relative to a parameter's step
 
 
@@ -54,6 +58,23 @@ class ShortComparison(Comparison):
     independent: bool = False  # whether errors of the readings are independent
     arma_noise: bool = False  # whether the noise is modelled as ARMA instead of estimated from blocks
     reads: bool = True  # whether what is compared is a reading of a compass
+
+    @cached_property
+    def conditions(self) -> Scene:
+        """The covariates, as departures of a scene."""
+        departures = {name: x - x.mean() for name, x in self.covariates.items()}
+        none = np.zeros(len(self))
+        return Scene(self.time_s, none, none, none, none, self.span_s[0], departures)
+
+    def difference(self, base: Floats, terms: Sequence[Effect]) -> Floats:
+        """Compute observed minus simulated values, (n,) degrees; composed terms are added to the simulated ones."""
+        listed = tuple(term for term in terms if not isinstance(term, ComposedEffect))
+        unlisted = (term for term in terms if isinstance(term, ComposedEffect))
+        return self.residual(base, listed) - sum(self.series(term) @ term.values for term in unlisted)
+
+    def series(self, term: ComposedEffect) -> Floats:
+        """Compute the columns that a composed term adds, (n, p)."""
+        return term.series(self.conditions, self.covariates.get("heading"))
 
     def unit(self, term: Effect, k: int) -> tuple[float, str]:
         """Get the factor and the unit in which a parameter is displayed."""
@@ -125,7 +146,7 @@ def recording_scene(
 class FittedHypothesis:
     """A hypothesis at its best parameters."""
 
-    channel: ShortComparison
+    comparison: ShortComparison
     base: Floats  # (b,)
     terms: tuple[Effect, ...]
     residual_deg: Floats  # (n,)
@@ -135,19 +156,23 @@ class FittedHypothesis:
     @property
     def clipped(self) -> Floats:
         """The residual, clipped unless readings are independent, (n,)."""
-        if self.channel.independent:
+        if self.comparison.independent:
             return self.residual_deg
         return np.clip(self.residual_deg, -finding.MOST_WIDTHS * self.scale_deg, finding.MOST_WIDTHS * self.scale_deg)
+
+    @cached_property
+    def evident(self) -> Floats:
+        """The residual without the isolated outliers of a log, (n,)."""
+        if self.comparison.independent or self.comparison.arma_noise:
+            return self.residual_deg
+        middle = median_filter(self.residual_deg, NEIGHBOURS, mode="nearest")
+        away = self.residual_deg - middle
+        most = finding.MOST_WIDTHS * max(robust_width(away), FINEST_DEG)
+        return np.asarray(middle + np.clip(away, -most, most))
 
     @property
     def square(self) -> float:
         return float(self.clipped @ self.clipped)
-
-    def reordered(self, order: Sequence[int]) -> FittedHypothesis:
-        """Reorder the terms."""
-        places = parameter_slices(self.terms, len(self.base))
-        columns = self.columns[:, np.r_[: len(self.base), *(places[k] for k in order)]]
-        return replace(self, terms=tuple(self.terms[k] for k in order), columns=columns)
 
     def projected(self, columns: Floats) -> Floats:
         """Project the columns of all parameters out of other columns, (n, k)."""
@@ -155,7 +180,7 @@ class FittedHypothesis:
 
 
 def fit_hypothesis(
-    channel: ShortComparison,
+    comparison: ShortComparison,
     terms: Sequence[Effect],
     *,
     near: FittedHypothesis | None = None,
@@ -168,11 +193,11 @@ def fit_hypothesis(
         near: fit whose base parameters are the starting values.
         use: mask of the samples used, (n,).
     """
-    base = channel.start if near is None else near.base
+    base = comparison.start if near is None else near.base
     theta = np.concatenate([base, *(term.values for term in terms)])
-    steps = np.concatenate([channel.steps, *(term.steps() for term in terms)])
-    keep = np.ones(len(channel), dtype=bool) if use is None else use
-    begin = _FitState(_linearize(channel, theta, tuple(terms), steps), theta, steps, keep)
+    steps = np.concatenate([comparison.steps, *(term.steps() for term in terms)])
+    keep = np.ones(len(comparison), dtype=bool) if use is None else use
+    begin = _FitState(_linearize(comparison, theta, tuple(terms), steps), theta, steps, keep)
     if not len(steps):
         return begin.fitted
     return gauss_newton(begin, rounds=REFIT_ROUNDS, close=CONVERGED_STEPS, worse=1.0 + MISFIT_TOLERANCE).fitted
@@ -193,7 +218,9 @@ class _FitState:
 
     def moved(self, step: Floats) -> _FitState:
         theta = self.theta + step
-        return replace(self, fitted=_linearize(self.fitted.channel, theta, self.fitted.terms, self.steps), theta=theta)
+        return replace(
+            self, fitted=_linearize(self.fitted.comparison, theta, self.fitted.terms, self.steps), theta=theta
+        )
 
     def misfit(self, other: _FitState) -> float:
         """Compute the ratio of another state's sum of squares to this one's."""
@@ -206,35 +233,39 @@ def term_derivative(now: FittedHypothesis, term: Effect) -> Floats:
     made = []
     for j, step in enumerate(term.steps()):
         moved = term.at(term.values + 0.1 * step * (np.arange(len(term.values)) == j))
-        made.append((now.residual_deg - now.channel.residual(now.base, (*now.terms, moved))) / (0.1 * step))
+        made.append((now.residual_deg - now.comparison.difference(now.base, (*now.terms, moved))) / (0.1 * step))
     return np.stack(made, axis=1)
 
 
-def _linearize(channel: ShortComparison, theta: Floats, terms: tuple[Effect, ...], steps: Floats) -> FittedHypothesis:
-    base, placed = _split_parameters(channel, theta, terms)
-    residual = channel.residual(base, placed)
-    columns = np.zeros((len(channel), len(theta)))
+def _linearize(
+    comparison: ShortComparison, theta: Floats, terms: tuple[Effect, ...], steps: Floats
+) -> FittedHypothesis:
+    base, placed = _split_parameters(comparison, theta, terms)
+    residual = comparison.difference(base, placed)
+    columns = np.zeros((len(comparison), len(theta)))
     for j in np.flatnonzero(steps):  # a step of 0 holds a parameter fixed
         probe = PROBE_STEP * steps[j]
-        more = channel.residual(*_split_parameters(channel, theta + probe * (np.arange(len(theta)) == j), terms))
+        more = comparison.difference(
+            *_split_parameters(comparison, theta + probe * (np.arange(len(theta)) == j), terms)
+        )
         columns[:, j] = (residual - more) / probe
     scale = max(robust_width(residual - np.median(residual)), FINEST_DEG)
-    return FittedHypothesis(channel, base, placed, residual, columns, scale)
+    return FittedHypothesis(comparison, base, placed, residual, columns, scale)
 
 
 def _split_parameters(
-    channel: ShortComparison, theta: Floats, terms: tuple[Effect, ...]
+    comparison: ShortComparison, theta: Floats, terms: tuple[Effect, ...]
 ) -> tuple[Floats, tuple[Effect, ...]]:
-    places = parameter_slices(terms, len(channel.start))
+    places = parameter_slices(terms, len(comparison.start))
     placed = tuple(term.at(theta[part]) for term, part in zip(terms, places, strict=True))
-    return theta[: len(channel.start)], placed
+    return theta[: len(comparison.start)], placed
 
 
 def _least_squares_step(now: FittedHypothesis, steps: Floats, keep: NDArray[np.bool_]) -> Floats:
     """Solve for the weighted least-squares step in units of ``steps``; it is 0 in undetermined directions."""
     size = np.maximum(np.abs(now.residual_deg), 1e-300)
     weight = np.sqrt(np.minimum(1.0, finding.MOST_WIDTHS * now.scale_deg / size)) * keep
-    if now.channel.independent:
+    if now.comparison.independent:
         weight = keep.astype(float)
     columns = now.columns * steps
     step, *_ = np.linalg.lstsq(columns * weight[:, None], now.residual_deg * weight, rcond=1e-6)
@@ -243,20 +274,20 @@ def _least_squares_step(now: FittedHypothesis, steps: Floats, keep: NDArray[np.b
 
 def memory_blocks(fitted: FittedHypothesis) -> NDArray[np.intp]:
     """Number the block of each sample, (n,); a block has several effective samples, or one independent reading."""
-    channel = fitted.channel
-    if channel.independent:
-        return np.arange(len(channel))
-    order = np.arange(len(channel), dtype=float)
+    comparison = fitted.comparison
+    if comparison.independent:
+        return np.arange(len(comparison))
+    order = np.arange(len(comparison), dtype=float)
     count = int(np.clip(effective_samples(fitted) / SAMPLES_IN_BLOCK, FEWEST_BLOCKS, MOST_BLOCKS))
     return blocks_by_count(order, count)
 
 
 def effective_samples(fitted: FittedHypothesis) -> float:
     """Estimate the effective number of independent samples in the residual."""
-    n = len(fitted.channel)
-    if fitted.channel.independent:
+    n = len(fitted.comparison)
+    if fitted.comparison.independent:
         return float(n)
-    if fitted.channel.arma_noise:
+    if fitted.comparison.arma_noise:
         return arma_effective_size(fitted.clipped, fitted.columns)
     return effective_sample_size(fitted.clipped, np.arange(n, dtype=float), longest_s=n / 10.0)
 
@@ -266,19 +297,19 @@ def parameter_covariance(fitted: FittedHypothesis) -> Floats:
 
     The systematic error ``rule_deg`` is added as if it were entirely along each parameter's own column.
     """
-    if fitted.channel.arma_noise:
+    if fitted.comparison.arma_noise:
         return arma_covariance(fitted.clipped, fitted.columns)
     columns, residual, block = fitted.columns, fitted.clipped, memory_blocks(fitted)
     inverse = scaled_inverse(columns.T @ columns)
     free = max(len(residual) - columns.shape[1], 1)
     plain = inverse * fitted.square / free * student_factor(free) ** 2
-    if fitted.channel.independent:
+    if fitted.comparison.independent:
         return plain
     sums = block_sums(columns * residual[:, None], block)
     count = len(sums)
     robust = inverse @ (sums.T @ sums) @ inverse * count / (count - 1) * student_factor(count - 1) ** 2
     share = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(plain), 1e-300), 1.0))
-    rule = fitted.channel.rule_deg**2 * len(residual) * np.diag(np.diag(inverse))
+    rule = fitted.comparison.rule_deg**2 * len(residual) * np.diag(np.diag(inverse))
     return plain * np.outer(share, share) + rule
 
 
@@ -286,6 +317,6 @@ def visible_size_deg(fitted: FittedHypothesis, k: int) -> float:
     """Compute the visible size of a term, with all other parameters projected out, rms degrees."""
     columns = parameter_slices(fitted.terms, len(fitted.base))[k]
     other_terms = [term for j, term in enumerate(fitted.terms) if j != k]
-    without = fitted.channel.residual(fitted.base, tuple(other_terms)) - fitted.residual_deg
+    without = fitted.comparison.difference(fitted.base, other_terms) - fitted.residual_deg
     others = orthonormal_basis(np.delete(fitted.columns, columns, axis=1))
     return angles.rms(project_out(without, others))

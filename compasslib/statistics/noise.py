@@ -1,7 +1,7 @@
 """Correlated noise: effective sample size, ARMA(1, 1) models, and the noise of a swing.
 
-A record of a quarter of an hour contains only a dozen independent segments, too few for a bootstrap. Noise is therefore
-drawn from ARMA(1, 1) models, with the model of each draw sampled by its likelihood.
+A record of a quarter of an hour contains only a dozen independent segments, too few for a bootstrap. Covariances are
+therefore those of ARMA(1, 1) models, averaged by their likelihood.
 
 In a swing the helmsman's corrections, the swell and a receiver's filter correlate neighbouring residuals. Means over
 blocks of 20 s remove most of the oscillation about the course; the remaining correlation between blocks is modelled as
@@ -118,6 +118,17 @@ def arma_innovations(columns: Floats, law: tuple[float, float]) -> Floats:
     return np.concatenate([columns[:1] / np.sqrt(first), begun])
 
 
+def arma_series(innovations: Floats, law: tuple[float, float]) -> Floats:
+    """Compute the series whose innovations under an ARMA(1, 1) model are given, (n, k), see ``arma_innovations``."""
+    from scipy.signal import lfilter
+
+    phi, theta = law
+    first = arma_variance_ratio(law)
+    begun = innovations[:1] * np.sqrt(first)
+    rest = lfilter([1.0, theta], [1.0, -phi], innovations[1:], axis=0, zi=(phi + theta / first) * begun)[0]
+    return np.concatenate([begun, rest])
+
+
 def arma_low_frequency_power(phi: float, theta: float) -> float:
     """Compute the spectrum of an ARMA(1, 1) series at frequency zero over its variance."""
     return 1.0 + 2.0 * _first_lag(phi, theta) / (1.0 - phi)
@@ -136,25 +147,6 @@ def span_basis(columns: Floats, least: float = 0.0) -> Floats:
     """
     left, size, _ = np.linalg.svd(columns, full_matrices=False)
     return left[:, size > max(least, RANK_TOLERANCE * size.max(initial=0.0))]
-
-
-def arma_draws(residual: Floats, columns: Floats, seed: int, repeats: int) -> Floats:
-    """Draw samples of the noise, each from a model drawn by its likelihood, (repeats, n) of unit variance.
-
-    Args:
-        residual: residual of the hypothesis, one per time segment, (n,).
-        columns: columns that its fit absorbs, (n, k).
-    """
-    rng, n = np.random.default_rng(seed), len(residual)
-    models = arma_likelihoods(residual, columns)
-    made = rng.normal(size=(repeats, n))
-    if not len(models):
-        return made
-    which, lags = rng.choice(len(models), repeats, p=_weight(models)), lag_matrix(n)
-    for model in np.unique(which):
-        lower = np.linalg.cholesky(arma_correlation(float(models[model, 1]), float(models[model, 2]), lags))
-        made[which == model] = made[which == model] @ lower.T
-    return made
 
 
 def arma_covariance(residual: Floats, columns: Floats) -> Floats:
@@ -177,35 +169,16 @@ def arma_covariance(residual: Floats, columns: Floats) -> Floats:
     return np.asarray(middle * np.outer(share, share))
 
 
-def arma_whitening_matrix(residual: Floats, columns: Floats) -> Floats:
-    """Compute the whitening matrix of the mean covariance of the models, (n, n)."""
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(_noise_covariance(residual, columns))))
-
-
-def arma_standard_errors(residual: Floats, columns: Floats, weights: Floats) -> Floats:
-    """Estimate the standard errors of weighted sums over time segments, (k,).
-
-    Args:
-        weights: weights of the segments in each sum, (n, k).
-    """
-    return np.sqrt(np.einsum("nk,nm,mk->k", weights, _noise_covariance(residual, columns), weights))
-
-
 def arma_effective_size(residual: Floats, columns: Floats) -> float:
     """Compute the effective sample size of a mean."""
-    of_noise = _noise_covariance(residual, columns)
+    weight, each = _weighted_models(residual, columns)
+    of_noise = np.tensordot(weight, np.stack(each), 1)
     return float(len(residual) * np.trace(of_noise) / of_noise.sum())
 
 
 def _first_lag(phi: float, theta: float) -> float:
     """Compute the correlation of an ARMA(1, 1) series at lag one."""
     return (1.0 + phi * theta) * (phi + theta) / (1.0 + 2.0 * phi * theta + theta**2)
-
-
-def _noise_covariance(residual: Floats, columns: Floats) -> Floats:
-    """Estimate the covariance of the time segments, averaged over the models by their likelihood, (n, n)."""
-    weight, each = _weighted_models(residual, columns)
-    return np.asarray(np.tensordot(weight, np.stack(each), 1))
 
 
 def _weighted_models(residual: Floats, columns: Floats) -> tuple[Floats, list[Floats]]:

@@ -43,7 +43,7 @@ from compasslib.effects.readout import (
     Sextantal,
 )
 from compasslib.inference import covariates as covariate_series
-from compasslib.inference import diagnosis, short_fit, short_search
+from compasslib.inference import diagnosis, short_findings, short_fit, short_search
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.short_fit import ShortComparison, thin_indices
@@ -87,13 +87,13 @@ def diagnose_log(log: Log, *, field: Mapping[str, float] | None, options: Option
     missing += [("compass_lag", no_heading)] if no_heading else []
     if why_not and no_heading:
         return diagnosis.insufficient(f"{why_not.rstrip('.')}, and {no_heading}", tuple(missing))
-    parts = []
+    parts, limit = [], options.min_effect_deg
     if not why_not:
         parts.append(_of_modulus(log, axes, choice, field))
     if not no_heading:
         parts.append(_of_heading(log, axes, field))
     return diagnosis.combine_outcomes(
-        [short_search.build_outcome(short_search.search_effects(part, options)) for part in parts],
+        [short_findings.build_outcome(short_search.search_effects(part, options), limit) for part in parts],
         options,
         not_testable=missing,
     )

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib import angles, compass
 from compasslib.calibrations import curves, platform
@@ -20,12 +19,14 @@ from compasslib.deviation.series import series_design
 from compasslib.effects.effect import Effect
 from compasslib.effects.forward import COMPASS_STEPS
 from compasslib.effects.iron import HardIronStep, HardIronTrend
-from compasslib.effects.readout import CompassTrend, HeadingSlip, Octantal, Sextantal
-from compasslib.inference import comparison, diagnosis, finding, short_fit, short_search
+from compasslib.effects.readout import CompassTrend, HeadingSlip, LargeDeviation, Octantal, Sextantal
+from compasslib.inference import comparison, diagnosis, finding, short_findings, short_fit, short_search
+from compasslib.inference.blocks import Option, block_of
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
-from compasslib.inference.finding import Finding, HeldOut
-from compasslib.inference.short_fit import ShortComparison
+from compasslib.inference.finding import Finding
+from compasslib.inference.short_fit import FittedHypothesis, ShortComparison
+from compasslib.inference.short_search import ShortPlace
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Floats
 
@@ -74,11 +75,15 @@ def diagnose_readings(
     folds = isinstance(exact, FittedCurve) and isinstance(smith, str)
     if not isinstance(exact, FittedCurve) and not isinstance(smith, FittedCurve):
         return diagnosis.insufficient(why or f"no curve passes near the readings ({smith})", _untested())
-    first = too_large(points, options.min_effect_deg, options.alarm) if isinstance(exact, FittedCurve) else []
-    by_series = not folds and not first and series_fits_better(points)
-    channel = _channel(correct_deg, recorded_deg, field, exact if not by_series else None)
-    searched = short_search.build_outcome(short_search.search_effects(channel, options))
-    return diagnosis.combine_outcomes([searched], options, extra=first, not_testable=_untested())
+    chosen = series = short_fit.fit_hypothesis(_compare(correct_deg, recorded_deg, field, None), ())
+    first: list[Finding] = []
+    if isinstance(exact, FittedCurve):
+        by_exact = short_fit.fit_hypothesis(_compare(correct_deg, recorded_deg, field, exact), ())
+        first = too_large(series, by_exact, options)
+        chosen = series if not folds and not first and series_fits_better(series, by_exact) else by_exact
+    searched = short_search.search_effects(chosen.comparison, options)
+    outcome = short_findings.build_outcome(searched, options.min_effect_deg)
+    return diagnosis.combine_outcomes([outcome], options, extra=first, not_testable=_untested())
 
 
 def decorrelation_length(recorded_deg: Floats, correct_deg: Floats) -> int:
@@ -98,8 +103,8 @@ def decorrelation_length(recorded_deg: Floats, correct_deg: Floats) -> int:
     return round(n / effective_sample_size(left, order.astype(float), longest_s=n / 10))
 
 
-def _channel(
-    correct_deg: Floats, recorded_deg: Floats, field: Mapping[str, float] | None, exact: FittedCurve | str | None
+def _compare(
+    correct_deg: Floats, recorded_deg: Floats, field: Mapping[str, float] | None, exact: FittedCurve | None
 ) -> ShortComparison:
     number = np.arange(1.0, len(correct_deg) + 1.0)
     scene, unit = short_fit.recording_scene(number, field)
@@ -153,86 +158,34 @@ def _untested() -> tuple[tuple[str, str], ...]:
     return tuple((effect, NO_CLOCK) for effect in ("temperature", "supply_voltage", "heeling"))
 
 
-# Test of whether a deviation is too large for the five-term series, against the exact compass (five as well).
-
-LEAST_SQUARES = 1e-12  # lower bound of a sum of squares, squared degrees: of two perfect fits neither is preferred
 CLEARLY = 6.0  # twice the log-likelihood difference from which the series is preferred to the exact compass
 
 
-def too_large(points: Points, min_effect_deg: float, alarm: float) -> list[Finding]:
-    """Test whether the exact compass fits where the series does not.
-
-    The likelihood ratio is compared with those of benches simulated from the series.
-
-    Args:
-        min_effect_deg: size below which the difference is negligible, rms.
-        alarm: probability of a false finding if the series is correct.
-    """
-    left = _residuals(points)
-    if left is None:
-        return []
-    size = angles.rms(left[0] - left[1])
-    if size < min_effect_deg or _probability(points, _ratio(points, left)) > alarm:
-        return []
-    proof = _held_out(points, max(angles.rms(left[1]), 1e-3))
-    return [] if proof.refuted else [comparison.large_deviation_finding(size, proof, what="the five-term series")]
-
-
-def _held_out(points: Points, scale_deg: float) -> HeldOut:
-    """Score the exact compass against the series on held-out readings."""
-    fold, left = np.arange(len(points)) % finding.FOLDS, np.full((2, len(points)), np.nan)
-    for k in range(finding.FOLDS):
-        both = _residuals(points, fold != k)
-        if both is not None:
-            left[:, fold == k] = np.stack(both)[:, fold == k]
-    known = np.isfinite(left).all(axis=0)
-    left = left[:, known]
-    squares = np.minimum(left**2, (10.0 * scale_deg) ** 2)
-    gains = (squares[0] - squares[1]) / (2.0 * scale_deg**2)
-    return finding.bootstrap_gain(gains, np.flatnonzero(known), (angles.rms(left[0]), angles.rms(left[1])))
-
-
-def series_fits_better(points: Points) -> bool:
+def series_fits_better(series: FittedHypothesis, exact: FittedHypothesis) -> bool:
     """Return whether the series fits clearly better than the exact compass."""
-    left = _residuals(points)
-    return left is None or _ratio(points, left) < -CLEARLY
+    return bool(short_fit.effective_samples(series) * np.log(exact.square / series.square) > CLEARLY)
 
 
-def _residuals(points: Points, fitted: NDArray[np.bool_] | None = None) -> tuple[Floats, Floats] | None:
-    """Compute the residuals of the best series and the best exact compass, fitted to some readings, (n,) each."""
-    fitted_points = (
-        points
-        if fitted is None
-        else Points(points.recorded_deg[fitted], points.deviation_deg[fitted], points.weight[fitted])
-    )
-    solved, five = curves.fit_exact_compass(fitted_points), SMITH.solve(fitted_points)
-    if solved is None or five is None:
-        return None
-    by_series = angles.wrap180(points.deviation_deg - series_design(points.recorded_deg) @ five.coefficients)
-    roots = compass.inverse(solved.coefficients, points.recorded_deg)
-    off = angles.difference((points.recorded_deg + points.deviation_deg)[:, None], roots)
-    nearest = np.argmin(np.where(np.isfinite(off), np.abs(off), np.inf), axis=1)
-    by_exact = off[np.arange(len(off)), nearest]
-    slope = -1.0 / curves.recorded_slope(solved.coefficients, points)
-    lost = slope * solved.residual_deg if fitted is None else np.full(len(points), finding.NO_ROOT_DEG)
-    return by_series, np.where(np.isfinite(by_exact), by_exact, lost)
-
-
-def _ratio(points: Points, left: tuple[Floats, Floats]) -> float:
-    by_series, by_exact = (max(float(np.sum(each**2)), LEAST_SQUARES) for each in left)
-    return len(points) * float(np.log(by_series / by_exact))
-
-
-def _probability(points: Points, ratio: float) -> float:
-    """Estimate the probability of as large a ratio for a bench that follows the series."""
-    solution, rng = SMITH.solve(points), np.random.default_rng(7)
-    if solution is None:
-        return 1.0
-    scatter = float(np.sqrt(np.sum(solution.residual_deg**2) / (len(points) - 5)))
-    exceeded = 0
-    for _ in range(short_search.NOISE_DRAWS):
-        deviation = series_design(points.recorded_deg) @ solution.coefficients
-        again = Points(points.recorded_deg, deviation + rng.normal(0.0, scatter, len(points)), points.weight)
-        left = _residuals(again)
-        exceeded += left is not None and _ratio(again, left) >= ratio
-    return (exceeded + 1) / (short_search.NOISE_DRAWS + 1)
+def too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options: Options) -> list[Finding]:
+    """Test whether the deviation is too large for the series: the exact compass with the same terms must fit better."""
+    needs_it = any(term.acts_on == "field" for term in exact.terms)
+    correct = np.arange(0.0, 360.0, 5.0)
+    recorded = compass.recorded_heading(exact.base, correct)
+    columns, deviation = series_design(recorded), angles.difference(correct, recorded)
+    beyond_deg = angles.rms(deviation - columns @ np.linalg.lstsq(columns, deviation, rcond=None)[0])
+    if needs_it or beyond_deg < options.min_effect_deg:
+        return []
+    series = short_fit.fit_hypothesis(series_alone.comparison, exact.terms, near=series_alone)
+    apart = series.residual_deg - exact.residual_deg
+    if angles.rms(apart) < options.min_effect_deg or exact.square >= series.square:
+        return []
+    option = (Option(LargeDeviation(), block_of(LargeDeviation), apart[:, None], np.ones(1)),)
+    evidence = short_search.weigh(series, option, series.evident[:, None])
+    if not short_search.detect(ShortPlace(series, option, evidence, exact), options.surrogates).significant:
+        return []
+    block = short_fit.memory_blocks(exact)
+    folds = min(finding.FOLDS, block.max() + 1)
+    left = [short_findings.held_out_residual(fit, exact.terms, block, folds) for fit in (series, exact)]
+    proof = finding.compare_residuals(left[0], left[1], exact.scale_deg, block)
+    size, what = angles.rms(apart), series.comparison.what
+    return [] if proof.refuted else [comparison.large_deviation_finding(size, proof, what=what)]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, compass
+from compasslib import angles
 from compasslib.calibrations import swing
 from compasslib.calibrations.result import Calibration
 from compasslib.calibrations.swing import observations
@@ -26,14 +26,13 @@ from compasslib.effects.effect import Effect, Scene
 from compasslib.effects.forward import COMPASS_STEPS, ForwardModel, invert_readout, recorded_heading
 from compasslib.effects.iron import HardIronStep, HardIronTrend
 from compasslib.effects.ship import ClocksApart, FilteredCourse, LateCourse, LateReading, SetAndDrift, TidalSetAndDrift
-from compasslib.inference import comparison, diagnosis, finding, short_fit, short_search
+from compasslib.inference import comparison, diagnosis, short_findings, short_fit, short_search
 from compasslib.inference.comparison import Options
-from compasslib.inference.design import ColumnGroup
 from compasslib.inference.diagnosis import Diagnosis, Outcome
 from compasslib.inference.finding import Finding, Parameter
 from compasslib.inference.kinds import platform
 from compasslib.inference.short_fit import FittedHypothesis, ResidualModel, ShortComparison
-from compasslib.inference.short_search import SearchResult
+from compasslib.inference.short_search import ShortInference
 from compasslib.statistics.least_squares import robust_width
 from compasslib.types import Floats
 
@@ -269,20 +268,16 @@ def diagnose_log(
     if len(over) < FEWEST_STRETCHES:
         return diagnosis.insufficient(too_short(len(over), FEWEST_STRETCHES))
     by_speed = _by_speed(track, over, settings, options)
-    known = (
-        replace(by_speed, omnibus=replace(by_speed.omnibus, strong=()))
-        if by_speed is not None and by_speed.fitted.terms
-        else None
-    )
+    known = by_speed if by_speed is not None and by_speed.fitted.terms else None
     fits = _bases(track, over, settings, made, known)
-    before = _chosen(*fits)
+    before = fits[0] if platform.series_fits_better(*fits) else fits[1]
     terms = platform.READOUT + (FIELD if before is fits[1] else ()) + DELAYS
     terms += () if same_clock else (ClocksApart,)
     terms += WATER if track.has_speed and known is None else ()
-    channel = replace(before.channel, terms=terms)
-    named = short_search.search_effects(channel, options)
-    extra = too_large(fits[0], named.fitted, options) if before is fits[1] else []
-    outcomes = [short_search.build_outcome(searched) for searched in ((named,) if known is None else (named, known))]
+    named = short_search.search_effects(replace(before.comparison, terms=terms), options)
+    extra = platform.too_large(fits[0], named.fitted, options) if before is fits[1] else []
+    searched = (named,) if known is None else (named, known)
+    outcomes = [short_findings.build_outcome(each, options.min_effect_deg) for each in searched]
     diagnosed = diagnosis.combine_outcomes(
         [replace(each, findings=tuple(_with_water(item, each, made) for item in each.findings)) for each in outcomes],
         options,
@@ -292,7 +287,7 @@ def diagnose_log(
     return add_water_statement(diagnosed, made)
 
 
-def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], options: Options) -> SearchResult | None:
+def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], options: Options) -> ShortInference | None:
     """Search speeds over ground and through the water for a current; None without enough speeds through the water."""
     ground, logged = track.ground_m_s, track.logged_m_s
     if ground is None or logged is None:
@@ -304,13 +299,13 @@ def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], option
     by_speed = BySpeed(ground, np.nan_to_num(logged), scene, with_log)
     means = with_log.mean(np.nan_to_num(logged))
     zero = LOG_STEP if np.std(means) > VARIED * np.mean(means) else 0.0  # a step of 0 holds a parameter
-    channel = _channel(track, with_log, by_speed, start=np.array([1.0, 0.0]), steps=np.array([LOG_STEP, zero]))
-    channel = replace(channel, what=SPEED, terms=WATER, reads=False, field_unit=unit)
-    return short_search.search_effects(channel, options)
+    of_speed = _compare(track, with_log, by_speed, start=np.array([1.0, 0.0]), steps=np.array([LOG_STEP, zero]))
+    of_speed = replace(of_speed, what=SPEED, terms=WATER, reads=False, field_unit=unit)
+    return short_search.search_effects(of_speed, options)
 
 
 def _bases(
-    track: Track, over: Stretches, settings: Mapping[str, Any], made: Calibration, known: SearchResult | None
+    track: Track, over: Stretches, settings: Mapping[str, Any], made: Calibration, known: ShortInference | None
 ) -> tuple[FittedHypothesis, FittedHypothesis]:
     """Fit the deviation curve as the series and as the exact compass."""
     scene, unit = short_fit.recording_scene(track.observations.time_s, settings.get("field"))
@@ -319,14 +314,14 @@ def _bases(
     free = None if ground is None else ground - carried
     by_course = ByCourse(free, observed.course_deg, track.declination_deg, track.reading, scene, False, over)
     by_exact = replace(by_course, exact=True)
-    series = _channel(track, over, by_course, start=made.coefficients, steps=np.ones(len(made.coefficients)))
-    exact = _channel(track, over, by_exact, start=made.exact, steps=COMPASS_STEPS)
+    series = _compare(track, over, by_course, start=made.coefficients, steps=np.ones(len(made.coefficients)))
+    exact = _compare(track, over, by_exact, start=made.exact, steps=COMPASS_STEPS)
     return tuple(
         short_fit.fit_hypothesis(replace(comparison_form, field_unit=unit), ()) for comparison_form in (series, exact)
     )  # type: ignore[return-value]
 
 
-def _channel(
+def _compare(
     track: Track, over: Stretches, residual: ResidualModel, *, start: Floats, steps: Floats
 ) -> ShortComparison:
     observed = track.observations
@@ -345,12 +340,6 @@ def _channel(
         starts={"course_lag": (BEGIN_S,), "compass_lag": (BEGIN_S,), "clock_offset": (-BEGIN_S, BEGIN_S)},
         arma_noise=True,
     )
-
-
-def _chosen(series: FittedHypothesis, exact: FittedHypothesis) -> FittedHypothesis:
-    """Choose the exact compass, unless the series fits clearly better."""
-    gained = short_fit.effective_samples(series) * np.log(exact.square / series.square)
-    return series if gained > platform.CLEARLY else exact
 
 
 WATER_DRIFT = "water_drift"
@@ -390,33 +379,6 @@ def _water_unseparated(made: Calibration) -> str:
     if drift is None or drift["separable"]:
         return ""
     return NO_SPEED if drift["drift_kn"] is None else str(drift["text"])
-
-
-def too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options: Options) -> list[Finding]:
-    """Test whether the exact compass fits where the series with the same terms does not."""
-    needs_it = any(term.acts_on == "field" for term in exact.terms)
-    correct = np.arange(0.0, 360.0, 5.0)
-    recorded = compass.recorded_heading(exact.base, correct)
-    columns, deviation = series_design(recorded), angles.difference(correct, recorded)
-    beyond_deg = angles.rms(deviation - columns @ np.linalg.lstsq(columns, deviation, rcond=None)[0])
-    if needs_it or beyond_deg < options.min_effect_deg:
-        return []
-    series = short_fit.fit_hypothesis(series_alone.channel, exact.terms, near=series_alone)
-    apart = series.residual_deg - exact.residual_deg
-    if angles.rms(apart) < options.min_effect_deg or exact.square >= series.square:
-        return []
-    tested = short_search.score_tests(series, exact, [ColumnGroup("large_deviation", apart[:, None])])
-    if not tested.groups or tested.score[0] <= tested.threshold(options.alarm):
-        return []
-    block = short_fit.memory_blocks(exact)
-    folds = min(finding.FOLDS, block.max() + 1)
-    left = [short_search.held_out_residual(fit, exact.terms, block, folds) for fit in (series, exact)]
-    proof = finding.compare_residuals(left[0], left[1], exact.scale_deg, block)
-    return (
-        []
-        if proof.refuted
-        else [comparison.large_deviation_finding(angles.rms(apart), proof, what=series.channel.what)]
-    )
 
 
 def add_water_statement(diagnosed: Diagnosis, made: Calibration) -> Diagnosis:

@@ -24,12 +24,12 @@ from compasslib.effects.forward import COMPASS_STEPS
 from compasslib.effects.iron import HardIronStep, HardIronTrend, Heeling
 from compasslib.effects.readout import CompassDelay, CompassTrend, HeadingSlip, Octantal, Sextantal
 from compasslib.errors import InputError
-from compasslib.inference import diagnosis, finding, short_fit, short_search, wording
+from compasslib.inference import diagnosis, finding, short_findings, short_fit, short_search, wording
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter
 from compasslib.inference.short_fit import ShortComparison, thin_indices
-from compasslib.inference.short_search import SearchResult
+from compasslib.inference.short_search import ShortInference
 from compasslib.statistics.least_squares import robust_width
 from compasslib.statistics.resampling import blocks_by_count
 from compasslib.statistics.whitening import orthonormal_basis
@@ -112,14 +112,14 @@ def diagnose_motion(
             "up to a day makes them: the heads do not stand on one frame, or did not measure together"
         )
         return diagnosis.insufficient(why, UNTESTED)
-    channel = _channel(aligned, a, field)
-    named = short_search.search_effects(channel, options)
-    rigid = replace(channel, steps=channel.steps * (np.arange(5) == 0))
+    rotated = _compare(aligned, a, field)
+    named = short_search.search_effects(rotated, options)
+    rigid = replace(rotated, steps=rotated.steps * (np.arange(5) == 0))
     named = replace(named, before=short_fit.fit_hypothesis(rigid, ()))
     extra = [*_clock_findings(aligned, options.min_effect_deg), *_iron_findings(named, options.min_effect_deg)]
     clock = () if aligned.clock.determined else (("clock_offset", "headings and tilts hardly change together"),)
     return diagnosis.combine_outcomes(
-        [short_search.build_outcome(named)],
+        [short_findings.build_outcome(named, options.min_effect_deg)],
         options,
         extra=extra,
         not_testable=(*UNTESTED, *clock),
@@ -157,7 +157,7 @@ def _turned(pairs: PairedHeads) -> tuple[Floats, Frame]:
     return two_heads.simulated_heading(pairs, offset, frame), frame
 
 
-def _channel(aligned: AlignedHeads, a: Motion, field: Mapping[str, float] | None) -> ShortComparison:
+def _compare(aligned: AlignedHeads, a: Motion, field: Mapping[str, float] | None) -> ShortComparison:
     pairs = aligned.corrected
     correct, _ = _turned(pairs)
     samples = thin_indices(len(pairs), MOST_SAMPLES)
@@ -237,7 +237,7 @@ def _clock_gain(aligned: AlignedHeads) -> HeldOut:
     return finding.compare_residuals(before, after, width, block)
 
 
-def _iron_findings(named: SearchResult, min_effect_deg: float) -> list[Finding]:
+def _iron_findings(named: ShortInference, min_effect_deg: float) -> list[Finding]:
     """Build the findings of iron that affects one head only: one and two cycles of the heading."""
     covariance, fitted, findings = short_fit.parameter_covariance(named.fitted), named.fitted, []
     for effect, (part, letters) in IRON.items():
@@ -256,8 +256,8 @@ def _iron_findings(named: SearchResult, min_effect_deg: float) -> list[Finding]:
             f"{letter}_deg": Parameter(float(unit * v), float(s), "degrees")
             for letter, v, s in zip(letters, values, sigma, strict=True)
         }
-        place = fitted.channel.outside(short_search.residual_curve(fitted, fitted, "heading"))
-        proof, size = short_search.held_out_base(fitted, part), float(np.sqrt(square))
+        place = fitted.comparison.outside(short_findings.residual_curve(fitted, fitted, "heading"))
+        proof, size = short_findings.held_out_base(fitted, part), float(np.sqrt(square))
         printed = {name: (p.value, p.sigma, p.unit) for name, p in parameters.items()}
         text = wording.finding_text(
             effect,
@@ -266,8 +266,8 @@ def _iron_findings(named: SearchResult, min_effect_deg: float) -> list[Finding]:
             parameters=printed,
             size_deg=size,
             proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
-            what=fitted.channel.what,
+            what=fitted.comparison.what,
         )
-        span = (float(fitted.channel.time_s[0]), float(fitted.channel.time_s[-1]))
+        span = (float(fitted.comparison.time_s[0]), float(fitted.comparison.time_s[-1]))
         findings.append(Finding(effect, "compass", (), place, span, parameters, size, proof, text))
     return findings

@@ -1,0 +1,238 @@
+"""Candidate effects of a short recording, linearized at a fitted hypothesis, and their evidence.
+
+What no listed effect describes is a composed one: a curve of a covariate, or an offset in a sector of headings or for a
+while. Otherwise a card that is pulled in one sector is taken for a harmonic, and a temporary offset for a slip.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compasslib.effects.composed import bump, compose_effect, place_effect
+from compasslib.effects.effect import Effect
+from compasslib.inference import short_fit
+from compasslib.inference.blocks import DATE_MARGIN, Option, block_of, with_shares
+from compasslib.inference.search import log_bayes_factors
+from compasslib.inference.short_fit import FittedHypothesis, ShortComparison
+from compasslib.statistics.noise import PHI, THETA, arma_innovations, arma_variance_ratio
+from compasslib.statistics.resampling import EVEN_BLOCKS, cluster_variance_inflation
+from compasslib.statistics.whitening import orthonormal_basis, project_out
+from compasslib.types import Floats
+
+Law = tuple[float, float]  # autoregressive and moving-average coefficient of the noise
+Places = NDArray[np.intp]  # (g, d) candidate places of a term
+
+WHITE: Law = (0.0, 0.0)
+LAWS: tuple[Law, ...] = tuple((float(p), float(t)) for p in PHI[::2] for t in THETA[::2] if t >= -p)
+AMPLITUDES = 4.0 ** np.arange(-1, 6)  # rms of an effect over the noise, equally probable; logs have effects of 1000
+SAME = 1e-6  # singular value that is none, relative to the largest
+
+MOST_DATES = 60  # dates that are tried first
+SPELL_EDGES = 14  # edges of temporary offsets that are tried first
+FEWEST_AFFECTED = 3  # samples on either side of a date, or of an offset
+SECTOR_STEP_DEG, REACHES_DEG = 10, (15, 25, 40)  # distance of the sectors that are tried first, and their half widths
+UNLISTED_SHARE = 0.15  # of the prior odds, as of products of two drivers in long records
+FINER = 4  # ratio of the distances of candidate places and of finer ones around the best
+
+
+def laws(comparison: ShortComparison) -> tuple[Law, ...]:
+    """List the candidate laws of the noise of a recording."""
+    return (WHITE,) if comparison.independent else LAWS
+
+
+def short_options(state: FittedHypothesis, taken: Collection[str] = ()) -> tuple[Option, ...]:
+    """Enumerate the candidate effects beside a hypothesis, each at its candidate places.
+
+    Args:
+        taken: names of effects that are left out.
+    """
+    listed = []
+    for kind in (kind for kind in state.comparison.terms if kind.name not in taken):
+        listed += [*_dated(state, kind)] if kind.dated() else [_option(state, kind(), _derivative(state, kind()))]
+    unlisted = [option for option in _unlisted(state) if option.name not in taken] if state.comparison.reads else []
+    parts = (listed, 1.0 - UNLISTED_SHARE * bool(unlisted)), (unlisted, UNLISTED_SHARE)
+    return tuple(
+        replace(option, share=option.share + float(np.log(share)))
+        for made, share in parts
+        for option in with_shares([option for option in made if option.columns.shape[1]])
+    )
+
+
+def _dated(state: FittedHypothesis, kind: type[Effect]) -> Iterator[Option]:
+    n = len(state.comparison)
+    edge = max(int(DATE_MARGIN * n), FEWEST_AFFECTED)
+
+    def term(k: float) -> Effect:
+        return replace(kind(), date_s=_time_between(state, int(k)))  # type: ignore[call-arg]
+
+    def acting(places: Places) -> Floats:
+        inside = (places[:, 0] >= edge) & (places[:, 0] <= n - edge)
+        return ((np.arange(n)[:, None] >= places[:, 0]) & inside).astype(float)
+
+    grid = np.unique(np.linspace(edge, n - edge, min(n, MOST_DATES)).astype(np.intp))[:, None]
+    always = _derivative(state, replace(kind(), date_s=-np.inf))  # type: ignore[call-arg]
+    yield from _located(state, term, always, acting, grid, [-(-n // MOST_DATES)])
+
+
+def _unlisted(state: FittedHypothesis) -> Iterator[Option]:
+    """Yield curves along the covariates, and offsets in a sector of headings or for a while."""
+    comparison, n = state.comparison, len(state.comparison)
+    sector, spell = (compose_effect("reading", *each) for each in (("heading", "bump"), ("time", "box")))
+    curves: list[Effect] = [place_effect(compose_effect("reading", "time", "slow"), *comparison.span_s)]
+
+    def during(places: Places) -> Floats:
+        inside = (places[:, 0] > 0) & (places[:, 1] < n)
+        number = np.arange(n)[:, None]
+        return ((number >= places[:, 0]) & (number < places[:, 1]) & inside).astype(float)
+
+    edges = np.unique(np.linspace(1, n - 1, min(n - 1, SPELL_EDGES)).astype(np.intp))
+    yield from _located(
+        state, lambda *at: place_effect(spell, *(_time_between(state, int(k)) for k in at)), np.ones((n, 1)),
+        during, np.array(list(itertools.combinations(edges, 2))), [-(-n // SPELL_EDGES)] * 2,
+    )  # fmt: skip
+    if "heading" in comparison.covariates:
+        heading = comparison.covariates["heading"]
+        centres = np.array(list(itertools.product(range(0, 360, SECTOR_STEP_DEG), REACHES_DEG)))
+        yield from _located(
+            state, lambda *at: place_effect(sector, *at), np.ones((n, 1)),
+            lambda places: np.stack([bump(heading, *at) for at in places.tolist()], axis=1), centres,
+            [SECTOR_STEP_DEG, 0],
+        )  # fmt: skip
+        curves.append(compose_effect("reading", "heading", "harmonics")())
+    for name, x in comparison.covariates.items():
+        if name not in ("heading", "time", "reading") and np.ptp(x) > 0.0:
+            curves.append(place_effect(compose_effect("reading", name, "smooth"), 0.0, float(np.std(x))))
+    yield from (_option(state, term, _derivative(state, term)) for term in curves)
+
+
+def _located(
+    state: FittedHypothesis,
+    term: Callable[..., Effect],
+    always: Floats,
+    acting: Callable[[Places], Floats],
+    grid: Places,
+    step: Sequence[int],
+) -> Iterator[Option]:
+    """Yield a term at candidate places, and at finer ones around the likeliest.
+
+    Args:
+        term: function of a place that returns the term at zero size.
+        always: derivative by the term's parameters where it acts, (n, p) degrees a unit.
+        acting: function of places that returns the share that acts at each sample, (n, g).
+        step: distance between candidate places, (d,).
+    """
+
+    def tried(places: Places) -> tuple[Places, Floats]:
+        share = acting(places)
+        enough = np.count_nonzero(share, axis=0) >= FEWEST_AFFECTED
+        return places[enough], always[:, None, :] * share[:, enough, None]
+
+    places, columns = tried(grid)
+    cells, finer = np.ones(len(places)), np.array(step)
+    if (finer > 1).any() and len(places):
+        coarse, cell = (places, columns), 1.0
+        first = best = _likeliest(state, columns)
+        while (finer > 1).any():
+            closer = np.maximum(finer // FINER, np.minimum(finer, 1))
+            cell *= float(np.prod(closer[finer > 0] / finer[finer > 0]))
+            offsets = np.array(list(itertools.product(range(-FINER, FINER + 1), repeat=len(closer))))
+            around = np.unique(places[best] + closer * offsets, axis=0)
+            (places, columns), finer = tried(around), closer
+            best = _likeliest(state, columns)
+        kept = np.arange(len(coarse[0])) != first
+        cells = np.append(np.ones(np.count_nonzero(kept)), np.full(len(places), cell))
+        places = np.concatenate([coarse[0][kept], places])
+        columns = np.concatenate([coarse[1][:, kept], columns], axis=1)
+    for k, at in enumerate(places.tolist()):
+        yield _option(state, term(*at), columns[:, k], float(cells[k]))
+
+
+def _likeliest(state: FittedHypothesis, columns: Floats) -> int:
+    """Select the likeliest of several columns, (n, g, p), under white noise."""
+    n, places, parameters = columns.shape
+    ends = parameters * np.arange(places + 1)
+    return int(np.argmax(log_evidence(WHITE, state.columns, columns.reshape(n, -1), ends, state.evident[:, None])[1]))
+
+
+def _time_between(state: FittedHypothesis, k: int) -> float:
+    return float(np.mean(state.comparison.time_s[k - 1 : k + 1]))
+
+
+def _derivative(state: FittedHypothesis, term: Effect) -> Floats:
+    return short_fit.term_derivative(state, term)
+
+
+def _option(state: FittedHypothesis, term: Effect, derivative: Floats, cell: float = 1.0) -> Option:
+    """Scale columns, (n, p) degrees per unit, to equal sizes and a mean square of 1 together."""
+    turn = np.sqrt(np.mean(derivative**2, axis=0))
+    acting = turn > 0.0
+    if not acting.any():
+        return Option(term, block_of(type(term)), np.zeros((len(derivative), 0)), np.zeros(0))
+    usual = np.where(acting, 1.0 / np.where(acting, turn, 1.0), 0.0) / np.sqrt(acting.sum())
+    return Option(term, block_of(type(term)), derivative * usual, usual, cell=cell)
+
+
+def log_evidence(
+    law: Law,
+    base: Floats,
+    columns: Floats,
+    ends: NDArray[np.intp],
+    residuals: Floats,
+    *,
+    rule_deg: float = 0.0,
+    scatter: float = 1.0,
+) -> tuple[Floats, Floats]:
+    """Compute the log likelihood without options, (r,), and the log Bayes factor of each, (g, r), under one noise law.
+
+    Coefficients of the base have a flat prior, and the variance of the noise is unknown (Student's law).
+
+    Args:
+        base: columns of the hypothesis, (n, b).
+        columns: those of the options, (n, m).
+        ends: boundaries between the options' columns, (g + 1,).
+        residuals: (n, r) degrees.
+        rule_deg: systematic error, the least standard deviation of the noise.
+        scatter: variance of scores between blocks over that of homogeneous noise.
+    """
+    n, ratio = len(base), arma_variance_ratio(law)
+    left, size, _ = np.linalg.svd(arma_innovations(base, law), full_matrices=False)
+    kept = size > SAME * size.max(initial=0.0)
+    white, target = (project_out(arma_innovations(x, law), left[:, kept]) for x in (columns, residuals))
+    square = np.sum(target**2, axis=0) + n * max(rule_deg, short_fit.FINEST_DEG) ** 2 / ratio
+    freedom = max(n - int(kept.sum()), 1) / scatter
+    none = -0.5 * freedom * np.log(square) - 0.5 * np.log(ratio) - np.sum(np.log(size[kept]))
+    score, sizes = white.T @ target, np.diff(ends)
+    factors = np.empty((len(sizes), residuals.shape[1]))
+    for count in np.unique(sizes):
+        options = np.flatnonzero(sizes == count)
+        index = ends[options][:, None] + np.arange(count)
+        part = white[:, index].transpose(1, 2, 0)
+        values, vectors = np.linalg.eigh(part @ part.transpose(0, 2, 1))
+        along = (vectors.transpose(0, 2, 1) @ score[index]) ** 2
+        each = [log_bayes_factors(np.maximum(values, 0.0), along, a, square, freedom) for a in AMPLITUDES]
+        factors[options] = np.logaddexp.reduce(each, axis=0) - np.log(len(AMPLITUDES))
+    return none, factors
+
+
+def score_scatter(fitted: FittedHypothesis, law: Law, columns: Sequence[Floats]) -> float:
+    """Estimate by how much scores vary more between blocks than homogeneous noise explains, at least 1.
+
+    Args:
+        law: of the noise.
+        columns: those of several effects, of which the median counts.
+    """
+    base = orthonormal_basis(arma_innovations(fitted.columns, law))
+    left = project_out(arma_innovations(fitted.evident[:, None], law), base)[:, 0]
+    variance = max(float(np.mean(left**2)), short_fit.FINEST_DEG**2)
+    ratios, block = [], short_fit.memory_blocks(fitted)
+    for each in columns:
+        white = orthonormal_basis(project_out(arma_innovations(each, law), base))
+        if white.shape[1]:
+            ratio, count = cluster_variance_inflation(white, left, block, variance)
+            ratios.append((count * ratio + EVEN_BLOCKS) / (count + EVEN_BLOCKS))
+    return max(float(np.median(ratios)), 1.0) if ratios else 1.0

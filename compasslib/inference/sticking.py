@@ -1,0 +1,77 @@
+"""Find sectors in which a compass sticks.
+
+Its readings accumulate at one heading and are missing on both sides of it: the histogram shows this, the mean residual
+hardly does. Corrected headings are counted, since readings of a two-valued compass accumulate where they turn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from compasslib import angles
+from compasslib.inference.comparison import LongComparison
+from compasslib.inference.design import FittedModel
+from compasslib.types import Floats
+
+CELL_DEG = 2.0  # width of the cells of the heading histogram
+NEAREST_CELL, FARTHEST_CELL = 2, 8  # cells on either side that predict the one in the middle
+SECTOR_BLOCK_S = 5 * 86400.0  # a sphere keeps its heading for days: counts within a block are correlated
+CLUSTER_SIGMAS = 5.0  # excess of a cluster over its standard error from the scatter between blocks
+CLUSTER_RATIO = 2.5  # count of a cluster over what its neighbours predict
+FEWEST_IN_CLUSTER = 30  # readings in a cluster
+# Most cells from the cluster to the sector's edge; cells averaged for the density outside; its share at the edge.
+WIDEST_SECTOR, RIM_CELLS, EMPTIED_SHARE = 30, 4, 0.4
+
+
+@dataclass(frozen=True)
+class HeadingCluster:
+    """Readings that cluster at one heading."""
+
+    recorded_deg: float  # heading of the cluster
+    width_deg: float  # of the sector whose readings are drawn to it
+    rms_deg: float  # rms heading error that it causes in the whole record
+
+
+def sticking_sector(state: FittedModel) -> HeadingCluster | None:
+    """Find the largest cluster of readings at one heading, None where there is none."""
+    known = np.isfinite(state.heading_deg)
+    recorded = state.case.recorded_deg[known]
+    values = np.unique(recorded)
+    if len(values) < 2 or np.median(np.diff(values)) > CELL_DEG / 4.0:
+        return None
+    time_s = state.case.scene.time_s[known]
+    block = np.floor((time_s - time_s[0]) / SECTOR_BLOCK_S).astype(np.intp)
+    cells = int(360.0 / CELL_DEG)
+    cell = (angles.wrap360(state.heading_deg[known]) / CELL_DEG).astype(np.intp) % cells
+    counts = np.bincount(block * cells + cell, minlength=(block[-1] + 1) * cells).reshape(-1, cells).astype(float)
+    # Predict each cell's count by a parabola through its neighbours, (blocks, cells).
+    away = np.arange(NEAREST_CELL, FARTHEST_CELL + 1.0)
+    design = np.column_stack([np.ones(len(away)), away**2])
+    weights = np.linalg.pinv(design)[0] / 2.0
+    expected_by_cell = sum(
+        w * (np.roll(counts, int(k), axis=1) + np.roll(counts, -int(k), axis=1))
+        for w, k in zip(weights, away, strict=True)
+    )
+    excess = counts - expected_by_cell
+    score = excess.sum(axis=0) / np.maximum(np.linalg.norm(excess, axis=0), 1.0)
+    held, expected = counts.sum(axis=0), np.maximum(expected_by_cell.sum(axis=0), 1.0)
+    clustered = (score > CLUSTER_SIGMAS) & (held > CLUSTER_RATIO * expected) & (held >= FEWEST_IN_CLUSTER)
+    if not clustered.any():
+        return None
+    k = int(np.argmax(np.where(clustered, held, 0.0)))
+    around, middle = np.roll(held, cells // 2 - k), len(held) // 2
+    both_sides = np.array([around[middle - j] + around[middle + j] for j in range(1, WIDEST_SECTOR + 1)])
+    dense = np.convolve(both_sides, np.full(RIM_CELLS, 1.0 / RIM_CELLS), "valid").max()
+    reach = int(np.argmax(both_sides >= EMPTIED_SHARE * dense))
+    inside = float(around[middle - reach : middle + reach + 1].sum())
+    width = CELL_DEG * (2 * reach + 1)
+    share = inside / len(state.case)
+    return HeadingCluster(float(angles.mean(recorded[cell == k])), width, width / float(np.sqrt(12.0 / share)))
+
+
+def observed_outside(case: LongComparison, cluster: HeadingCluster) -> Floats:
+    """Mask the observed headings, (n,) degrees, with NaN where the reading sticks."""
+    away = np.abs(angles.difference(case.recorded_deg, cluster.recorded_deg))
+    return np.where(away > cluster.width_deg / 2.0, case.observed_deg, np.nan)
