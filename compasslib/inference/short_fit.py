@@ -172,7 +172,8 @@ class FittedHypothesis:
 
     @property
     def square(self) -> float:
-        return float(self.clipped @ self.clipped)
+        """Sum of squares of the clipped residual, at least that of the finest headings."""
+        return max(float(self.clipped @ self.clipped), len(self.clipped) * FINEST_DEG**2)
 
     def projected(self, columns: Floats) -> Floats:
         """Project the columns of all parameters out of other columns, (n, k)."""
