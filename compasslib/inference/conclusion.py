@@ -171,21 +171,21 @@ def _search_or_question(
     """
     constant = find_constant(fit)
     if constant is None:
-        found = search(pairs)  # its exact compass has a constant where a folded series has none
-        rest = None if found.fit is None else find_constant(found.fit)
-        if rest is None or not rest.effect:
-            return found, rest
-        said = diagnose_constant(rest, pairs)
-        made = replace(prepend_findings(said.findings, found), verdict=said.verdict, why=said.why)
-        return replace(made, separated_by=said.separated_by, warnings=(*said.warnings, *found.warnings)), rest
+        searched = search(pairs)  # its exact compass has a constant where a folded series has none
+        remaining = None if searched.fit is None else find_constant(searched.fit)
+        if remaining is None or not remaining.effect:
+            return searched, remaining
+        said = diagnose_constant(remaining, pairs)
+        made = replace(prepend_findings(said.findings, searched), verdict=said.verdict, why=said.why)
+        return replace(made, separated_by=said.separated_by, warnings=(*said.warnings, *searched.warnings)), remaining
     if not constant.effect:
         return search(pairs), constant
     if constant.between_instruments:
-        found = search(pairs)
-        if any(each.side == "clock" and each.probability > 0.5 for each in found.findings):
-            rest = find_constant(product_of_diagnosis(fit, found).fit)
-            if rest is None or not rest.effect:
-                return found, rest
+        searched = search(pairs)
+        if any(each.side == "clock" and each.probability > 0.5 for each in searched.findings):
+            remaining = find_constant(product_of_diagnosis(fit, searched).fit)
+            if remaining is None or not remaining.effect:
+                return searched, remaining
     return diagnose_constant(constant, pairs), constant
 
 

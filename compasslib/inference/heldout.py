@@ -58,8 +58,8 @@ def _select_anew(inferred: Inference, k: int, fold: NDArray[np.intp], scored: He
     model, place = inferred.model, inferred.places[k]
     others = (*inferred.entered[:k], *inferred.entered[k + 1 :])
     record = _PartitionedRecord(model, inferred, k, [fold == f for f in np.unique(fold)])
-    drawn = model.draw(place.evidence, surrogates, inferred.seed, others) if surrogates else np.zeros((len(fold), 0))
-    prediction = record.predict(np.column_stack([model.residual, drawn]).astype(np.float32))
+    drawings = model.draw(place.evidence, surrogates, inferred.seed, others) if surrogates else np.zeros((len(fold), 0))
+    prediction = record.predict(np.column_stack([model.residual, drawings]).astype(np.float32))
     turns = record.turns(prediction)
     size_deg = float(np.mean([angles.rms(turn) for turn in model.view.visible(turns).T]))
     points, expected = record.bin_left_out(turns), np.ones(3)
@@ -181,9 +181,9 @@ class _PartitionedRecord:
         """
         view = self.model.view
         part, known = np.argmax(self.folds, axis=0), np.isfinite(view.whitener.width_deg)
-        seen = np.zeros(turns.shape)
-        seen[known] = view.visible(turns)
-        left_out = seen[np.arange(len(part)), part]
+        visible = np.zeros(turns.shape)
+        visible[known] = view.visible(turns)
+        left_out = visible[np.arange(len(part)), part]
         below, above = left_out[known & (left_out < 0)], left_out[known & (left_out > 0)]
         edges = np.concatenate([_quarters(below), [0.0], _quarters(above)])
         information, score = np.zeros((len(edges) + 1,) * 2), np.zeros(len(edges) + 1)
@@ -191,7 +191,7 @@ class _PartitionedRecord:
         noise, at = self.rows[:, self.model.products.ends[-1] :], np.arange(len(score))
         ends, size = np.array([0, len(score)]), np.ones((1, 1))
         for f, inside in enumerate(self.folds):
-            here = np.searchsorted(edges, seen[:, f])
+            here = np.searchsorted(edges, visible[:, f])
             bins = (turns[:, [f]] * (here[:, None] == np.arange(len(score)))).astype(np.float32)
             rows = np.concatenate([view.whiten_and_project(bins) * unit, noise], axis=1)
             both = []

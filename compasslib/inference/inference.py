@@ -104,9 +104,9 @@ class Inference:
         last = self.detections[-1]
         if last.threshold is None:
             return {}
-        drawn = self.model.draw(self.further.evidence, last.n_surrogates, self.seed + len(self.chosen), self.entered)
+        drawings = self.model.draw(self.further.evidence, last.n_surrogates, self.seed + len(self.chosen), self.entered)
         least = max(last.threshold, LIKELY - float(np.log(self.odds)))  # from which an effect is found
-        return detection_limits(self.model, self.further.evidence, self.entered, drawn, least)
+        return detection_limits(self.model, self.further.evidence, self.entered, drawings, least)
 
     @cached_property
     def current_visible(self) -> Floats:
@@ -305,22 +305,22 @@ def detect(model: LinearModel, evidence: Evidence, entered: Entered, surrogates:
     statistic, chances, thresholds = float(evidence.statistic[0]), list[float](), list[float]()
     for residual in (None, _residual(model, evidence, entered)) if surrogates else ():
         score = model.scores(model.draw(evidence, surrogates, seed, entered, residual))
-        drawn = model.weigh(evidence.likely_waters, entered, score).statistic
-        chances.append((1 + int(np.sum(drawn >= statistic))) / (1 + surrogates))
+        without = model.weigh(evidence.likely_waters, entered, score).statistic
+        chances.append((1 + int(np.sum(without >= statistic))) / (1 + surrogates))
         if (rank := int(DETECTED_P * (1 + surrogates))) >= 1:  # else no rank is high enough
-            thresholds.append(float(np.sort(drawn)[-rank]))
+            thresholds.append(float(np.sort(without)[-rank]))
     return Detection(statistic, surrogates, max(chances, default=None), max(thresholds, default=None))
 
 
 def _residual(model: LinearModel, evidence: Evidence, entered: Entered) -> Floats:
     """Compute the residual beside the entered options and all further ones that are likely, at least one."""
-    waters, beside = evidence.likely_waters, list(entered)
-    while len(beside) == len(entered) or (len(beside) < MOST_EFFECTS and evidence.statistic[0] > LIKELY):
+    waters, effects = evidence.likely_waters, list(entered)
+    while len(effects) == len(entered) or (len(effects) < MOST_EFFECTS and evidence.statistic[0] > LIKELY):
         k = int(np.argmax(evidence.log_bayes_factors[:, 0]))
         water = evidence.likeliest_water(k)
-        beside.append((k, model.likeliest_amplitude(k, water, beside)))
-        evidence = model.weigh(waters, beside)
-    return model.without(beside, evidence.likeliest_water())
+        effects.append((k, model.likeliest_amplitude(k, water, effects)))
+        evidence = model.weigh(waters, effects)
+    return model.without(effects, evidence.likeliest_water())
 
 
 SLOW = {"slow_rms_deg": "veer.size", "slow_memory_days": "veer.memory_days", "slow_shear_m_s": "shear.size"}

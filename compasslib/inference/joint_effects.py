@@ -67,16 +67,16 @@ def _effect_information(inferred: Inference) -> EffectInformation:
     """
     state, model, evidence = inferred.state, inferred.model, inferred.further.evidence
     shared = [k for k, option in enumerate(model.options) if option.term.instrument]
-    own = [(k, size) for k, size in inferred.entered if k not in shared]
-    kept = [*shared, *(k for k, _ in own)]
+    specific = [(k, size) for k, size in inferred.entered if k not in shared]
+    retained = [*shared, *(k for k, _ in specific)]
     season = model.view.whiten_and_project(season_columns(state.case))
     season *= model.view.response / model.view.sigma / np.sqrt(model.scatter)
-    of_options = np.concatenate([np.zeros(0, dtype=np.intp), *(model.products.columns(k) for k in kept)])
+    of_options = np.concatenate([np.zeros(0, dtype=np.intp), *(model.products.columns(k) for k in retained)])
     white = np.concatenate(
         [model.white[:, of_options], model.white[:, model.products.ends[-1] :], season], axis=1, dtype=np.float32
     )
-    products = replace(model, options=tuple(model.options[k] for k in kept), white=white).products
-    entered = [(len(shared) + k, size) for k, (_, size) in enumerate(own)]
+    products = replace(model, options=tuple(model.options[k] for k in retained), white=white).products
+    entered = [(len(shared) + k, size) for k, (_, size) in enumerate(specific)]
     at = np.append(np.arange(products.ends[len(shared)]), white.shape[1] - SEASON_COLUMNS + np.arange(SEASON_COLUMNS))
     information, score = np.zeros((len(at), len(at))), np.zeros(len(at))
     probability = evidence.water_probability()
@@ -188,8 +188,8 @@ class SharedModel:
             none.append(marginal.none[0])
             shared.append(self.log_prior + marginal.evidence[:, 0])
             alone = [self.marginalized(size, entered, [j]).evidence[:, 0] for j in range(len(self.records))]
-            some = np.logaddexp(0.0, self.log_prior + np.array(alone)).sum(axis=0)
-            apart.append(some + np.log(-np.expm1(-some)))
+            acting = np.logaddexp(0.0, self.log_prior + np.array(alone)).sum(axis=0)
+            apart.append(acting + np.log(-np.expm1(-acting)))
         season = SEASON_LOG_PRIOR + np.array(none)
         season -= np.logaddexp.reduce(season)
         log = np.logaddexp.reduce(season[:, None] + np.concatenate([shared, apart], axis=1), axis=0)

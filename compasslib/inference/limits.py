@@ -59,10 +59,10 @@ def detection_limits(
     ]
     result: dict[str, float | None] = {}
     for name, options in listed.items():
-        some = [options[i] for i in np.linspace(0, len(options) - 1, min(MOST_PLACES, len(options))).astype(int)]
-        parts = np.array_split(np.arange(score.shape[1]), len(some))
+        places = [options[i] for i in np.linspace(0, len(options) - 1, min(MOST_PLACES, len(options))).astype(int)]
+        parts = np.array_split(np.arange(score.shape[1]), len(places))
         power = np.zeros(len(SIZES_DEG))
-        for k, part in zip(some, parts, strict=True):
+        for k, part in zip(places, parts, strict=True):
             for s, statistic in enumerate(_statistics(model, marginals, k, part, rng)):
                 power[s] += np.sum(statistic >= threshold) / score.shape[1]
         result[name] = _crossing(power)

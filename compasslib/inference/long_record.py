@@ -169,12 +169,12 @@ def _current(inferred: Inference, min_effect_deg: float) -> tuple[float, tuple[C
     """Describe the current under the chosen hypothesis, and compute the probability that it matters without effects."""
     model, visible = inferred.model, inferred.current_visible
     alone = model.current((), model.weigh(inferred.further.evidence.likely_waters).likeliest_water())
-    beside = model.current(inferred.entered, inferred.water)
-    if alone is None or beside is None:
+    with_effects = model.current(inferred.entered, inferred.water)
+    if alone is None or with_effects is None:
         return 0.0, ()
     exceeded, _ = alone.state(visible, min_effect_deg)
     stated = []
-    for item in beside.state(visible, min_effect_deg)[1]:
+    for item in with_effects.state(visible, min_effect_deg)[1]:
         groups = [group for group in inferred.rivals if item.driver is None or item.driver in group]
         rival = max((inferred.rivals[group] for group in groups), key=lambda each: each.probability, default=None)
         driver = "" if rival is None else model.options[rival.option].term.driver

@@ -61,10 +61,10 @@ class Settled:
 
     def averaged(self, other: Settled) -> Settled:
         """Average the probabilities with those of another linearization, in the places beside the same terms."""
-        beside = {frozenset(other.kinds) - {kind}: place for kind, place in zip(other.kinds, other.places, strict=True)}
+        twins = {frozenset(other.kinds) - {kind}: place for kind, place in zip(other.kinds, other.places, strict=True)}
         places = []
         for kind, place in zip(self.kinds, self.places, strict=True):
-            if (twin := beside.get(frozenset(self.kinds) - {kind})) is not None:
+            if (twin := twins.get(frozenset(self.kinds) - {kind})) is not None:
                 terms = (option.term for option in other.model.options)
                 known = dict(zip(terms, twin.probability.tolist(), strict=True))
                 there = np.array([known.get(option.term, 0.0) for option in self.model.options])

@@ -217,18 +217,18 @@ class LinearModel:
         if residual is not None:
             block = blocks_by_span(self.view.case.scene.time_s, BLOCK_S)
             sign = rng.choice(np.array([-1.0, 1.0], dtype=np.float32), (block[-1] + 1, count))
-            drawn: Floats = residual[:, None] * sign[block]
+            surrogates: Floats = residual[:, None] * sign[block]
         else:
             chosen = rng.choice(len(evidence.waters), count, p=evidence.water_probability())
             deviations = np.sqrt([self.noise_variances(water) for water in evidence.waters]).T
             slow = rng.normal(size=(len(deviations), count)) * deviations[:, chosen]
-            drawn = self.white[:, self.products.ends[-1] :] @ slow.astype(np.float32)
-            drawn += rng.normal(size=drawn.shape).astype(np.float32)
-        drawn[~np.isfinite(self.view.whitener.width_deg)] = 0.0
+            surrogates = self.white[:, self.products.ends[-1] :] @ slow.astype(np.float32)
+            surrogates += rng.normal(size=surrogates.shape).astype(np.float32)
+        surrogates[~np.isfinite(self.view.whitener.width_deg)] = 0.0
         for k, size in entered:
             at = self.products.columns(k)
-            drawn += self.white[:, at] @ (size * rng.normal(size=(len(at), count))).astype(np.float32)
-        return self.view.project_out_nuisance(drawn)
+            surrogates += self.white[:, at] @ (size * rng.normal(size=(len(at), count))).astype(np.float32)
+        return self.view.project_out_nuisance(surrogates)
 
     def without(self, chosen: Entered, water: SlowNoiseParams | None) -> Floats:
         """Subtract some options and the current, fitted together, from the whitened residual, (n,) float32."""

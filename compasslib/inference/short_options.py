@@ -127,12 +127,12 @@ def _located(
         step: distance between candidate places, (d,).
     """
 
-    def tried(places: Places) -> tuple[Places, Floats]:
+    def columns_at(places: Places) -> tuple[Places, Floats]:
         share = acting(places)
         enough = np.count_nonzero(share, axis=0) >= FEWEST_AFFECTED
         return places[enough], always[:, None, :] * share[:, enough, None]
 
-    places, columns = tried(grid)
+    places, columns = columns_at(grid)
     cells, finer = np.ones(len(places)), np.array(step)
     if (finer > 1).any() and len(places):
         coarse, cell = (places, columns), 1.0
@@ -142,12 +142,12 @@ def _located(
             cell *= float(np.prod(closer[finer > 0] / finer[finer > 0]))
             offsets = np.array(list(itertools.product(range(-FINER, FINER + 1), repeat=len(closer))))
             around = np.unique(places[best] + closer * offsets, axis=0)
-            (places, columns), finer = tried(around), closer
+            (places, columns), finer = columns_at(around), closer
             best = _likeliest(state, columns)
-        kept = np.arange(len(coarse[0])) != first
-        cells = np.append(np.ones(np.count_nonzero(kept)), np.full(len(places), cell))
-        places = np.concatenate([coarse[0][kept], places])
-        columns = np.concatenate([coarse[1][:, kept], columns], axis=1)
+        retained = np.arange(len(coarse[0])) != first
+        cells = np.append(np.ones(np.count_nonzero(retained)), np.full(len(places), cell))
+        places = np.concatenate([coarse[0][retained], places])
+        columns = np.concatenate([coarse[1][:, retained], columns], axis=1)
     for k, at in enumerate(places.tolist()):
         yield _option(state, term(*at), columns[:, k], float(cells[k]))
 
@@ -201,11 +201,11 @@ def log_evidence(
     """
     n, ratio = len(base), arma_variance_ratio(law)
     left, size, _ = np.linalg.svd(arma_innovations(base, law), full_matrices=False)
-    kept = size > SAME * size.max(initial=0.0)
-    white, target = (project_out(arma_innovations(x, law), left[:, kept]) for x in (columns, residuals))
+    retained = size > SAME * size.max(initial=0.0)
+    white, target = (project_out(arma_innovations(x, law), left[:, retained]) for x in (columns, residuals))
     square = np.sum(target**2, axis=0) + n * max(rule_deg, short_fit.FINEST_DEG) ** 2 / ratio
-    freedom = max(n - int(kept.sum()), 1) / scatter
-    none = -0.5 * freedom * np.log(square) - 0.5 * np.log(ratio) - np.sum(np.log(size[kept]))
+    freedom = max(n - int(retained.sum()), 1) / scatter
+    none = -0.5 * freedom * np.log(square) - 0.5 * np.log(ratio) - np.sum(np.log(size[retained]))
     score, sizes = white.T @ target, np.diff(ends)
     factors = np.empty((len(sizes), residuals.shape[1]))
     for count in np.unique(sizes):

@@ -40,7 +40,7 @@ NEARLY = 0.8  # share of the best log evidence from which composed effects, whic
 class ShortPlace:
     """The place of one effect beside others, with the options in it."""
 
-    beside: FittedHypothesis
+    base: FittedHypothesis
     options: tuple[Option, ...]
     evidence: Evidence
     likeliest: FittedHypothesis  # with the likeliest option
@@ -56,7 +56,7 @@ class ShortPlace:
 
     def law(self, option: int | None) -> Law:
         """Select the likeliest law of the noise, given an option or none."""
-        return laws(self.beside.comparison)[int(np.argmax(self.evidence.water_probability(option)))]
+        return laws(self.base.comparison)[int(np.argmax(self.evidence.water_probability(option)))]
 
     def by_name(self) -> dict[str, float]:
         """Sum the probability of each effect over its forms and places."""
@@ -79,8 +79,8 @@ class ShortInference:
 
     def sides(self, dropped: Collection[str] = ()) -> dict[str, float]:
         """Compute the probability that each side acts, the first of SIDES_IN_ORDER if several do, and of none."""
-        every = (*self.places, self.further)
-        return side_probabilities([each.options for each in every], [each.place for each in every], dropped)
+        places = (*self.places, self.further)
+        return side_probabilities([each.options for each in places], [each.place for each in places], dropped)
 
     def probabilities(self, k: int) -> FindingPosterior:
         """Compute the probability of each effect in the place of a term, given that one is there."""
@@ -95,7 +95,7 @@ def search_effects(comparison: ShortComparison, options: Options) -> ShortInfere
         again, instead = search.run(listed=True)
         if search.gain(again) > search.gain(entered):
             entered, further = again, instead
-    places = [search.beside((*entered[:k], *entered[k + 1 :])) for k in range(len(entered))]
+    places = [search.weigh_in_place((*entered[:k], *entered[k + 1 :])) for k in range(len(entered))]
     detection = search.further(()).detection
     return ShortInference(search.fit(()), search.fit(entered), tuple(places), further, detection, search.alone())
 
@@ -124,9 +124,9 @@ def detect(place: ShortPlace, surrogates: int) -> Detection:
     statistic = float(place.evidence.statistic[0])
     if not surrogates or not place.options:
         return Detection(statistic, surrogates, None)
-    kinds = (False,) if place.beside.comparison.independent else (False, True)
-    drawn = np.concatenate([_draw(place, surrogates, resampled) for resampled in kinds], axis=1)
-    each = weigh(place.beside, place.options, drawn, place.scatter).statistic.reshape(len(kinds), surrogates)
+    kinds = (False,) if place.base.comparison.independent else (False, True)
+    residuals = np.concatenate([_draw(place, surrogates, resampled) for resampled in kinds], axis=1)
+    each = weigh(place.base, place.options, residuals, place.scatter).statistic.reshape(len(kinds), surrogates)
     chance = (1 + int(np.sum(each >= statistic, axis=1).max())) / (1 + surrogates)
     rank = int(DETECTED_P * (1 + surrogates))
     return Detection(statistic, surrogates, chance, float(np.sort(each)[:, -rank].max()) if rank else None)
@@ -139,18 +139,18 @@ def _draw(place: ShortPlace, count: int, resampled: bool) -> Floats:
         resampled: whether blocks of the residual with the likeliest effect are resampled, in place of noise whose laws
             are drawn by their probability without it.
     """
-    noise, known = place.likeliest, laws(place.beside.comparison)
-    seed = zlib.crc32(place.beside.residual_deg.tobytes())
+    noise, known = place.likeliest, laws(place.base.comparison)
+    seed = zlib.crc32(place.base.residual_deg.tobytes())
     if resampled:
         law = place.law(int(np.argmax(place.evidence.log_bayes_factors[:, 0])))
         white = arma_innovations(noise.evident[:, None], law)[:, 0]
         length = int(np.max(np.bincount(short_fit.memory_blocks(noise))))
         return arma_series(resample_blocks(white - white.mean(), length, count, seed).T, law)
     rng = np.random.default_rng(seed)
-    drawn = rng.choice(len(known), count, p=place.evidence.water_probability())
+    chosen = rng.choice(len(known), count, p=place.evidence.water_probability())
     innovations = noise.scale_deg * rng.normal(size=(len(noise.evident), count))
     return np.stack(
-        [arma_series(x[:, None], known[k])[:, 0] for x, k in zip(innovations.T, drawn, strict=True)], axis=1
+        [arma_series(x[:, None], known[k])[:, 0] for x, k in zip(innovations.T, chosen, strict=True)], axis=1
     )
 
 
@@ -189,7 +189,7 @@ class _Search:
         visited, k = {frozenset(entered)}, 0
         while k < len(entered):
             others = (*entered[:k], *entered[k + 1 :])
-            term = self._likeliest(self.beside(others), listed)
+            term = self._likeliest(self.weigh_in_place(others), listed)
             changed = others if term is None else (*entered[:k], term, *entered[k + 1 :])
             if frozenset(changed) in visited:
                 k += 1
@@ -204,7 +204,7 @@ class _Search:
         if place.place.none > UNLIKELY or len(taken) == len({type(each.term) for each in place.options}):
             return None
         term = place.options[likeliest_option(place.options, place.evidence, taken)].term
-        fitted = self.fit((*_zeros(place.beside), term))
+        fitted = self.fit((*_zeros(place.base), term))
         size = short_fit.visible_size_deg(fitted, len(fitted.terms) - 1)
         return term if size >= LISTED_SHARE * self.options.min_effect_deg else None
 
@@ -218,14 +218,14 @@ class _Search:
                 for term in terms[-1:]
                 for first in self.comparison.starts.get(term.name, ())
             ]
-            tried = [
+            fits = [
                 short_fit.fit_hypothesis(self.comparison, (*begun, *last), near=near)
                 for last in ([terms[-1:]] + [(term,) for term in starts] if terms else [()])
             ]
-            self.fits[terms] = min(tried, key=lambda fit: fit.square)
+            self.fits[terms] = min(fits, key=lambda fit: fit.square)
         return self.fits[terms]
 
-    def beside(self, others: Terms) -> ShortPlace:
+    def weigh_in_place(self, others: Terms) -> ShortPlace:
         """Weigh every option beside some terms."""
         key = frozenset(others)
         if key not in self.weighed:
@@ -244,7 +244,7 @@ class _Search:
 
     def _fitted(self, linear: ShortPlace) -> ShortPlace:
         """Replace the evidence of listed and of likely forms, at their likeliest places, by that of their fits."""
-        options, terms, logs = linear.options, _zeros(linear.beside), linear.evidence.log_bayes_factors[:, 0]
+        options, terms, logs = linear.options, _zeros(linear.base), linear.evidence.log_bayes_factors[:, 0]
         corrected = linear.evidence.options.copy()
         for form in dict.fromkeys(type(option.term) for option in options):
             alike = [k for k, option in enumerate(options) if type(option.term) is form]
@@ -252,8 +252,8 @@ class _Search:
             if form not in self.comparison.terms and logs[k] < NEARLY * logs.max():
                 continue
             fitted = self.fit((*terms, options[k].term))
-            own = parameter_slices(fitted.terms, len(fitted.base))[-1]
-            columns, others = fitted.columns[:, own], np.delete(fitted.columns, own, axis=1)
+            columns_of_term = parameter_slices(fitted.terms, len(fitted.base))[-1]
+            columns, others = fitted.columns[:, columns_of_term], np.delete(fitted.columns, columns_of_term, axis=1)
             pull = fitted.evident + columns @ fitted.terms[-1].values
             option = replace(options[k], columns=columns * options[k].usual)
             again = weigh(replace(fitted, columns=others), [option], pull[:, None], linear.scatter)
@@ -266,7 +266,7 @@ class _Search:
 
     def further(self, entered: Terms) -> ShortPlace:
         """Weigh one more effect, and rank its evidence among surrogates without it."""
-        place, key = self.beside(entered), frozenset(entered)
+        place, key = self.weigh_in_place(entered), frozenset(entered)
         if place.detection is None:
             self.weighed[key] = replace(place, detection=detect(place, self.options.surrogates))
         return self.weighed[key]
@@ -275,20 +275,20 @@ class _Search:
         """Sum the log evidence of terms, each beside those before it."""
         total = 0.0
         for k, term in enumerate(entered):
-            place = self.beside(entered[:k])
+            place = self.weigh_in_place(entered[:k])
             alike = [type(option.term) is type(term) for option in place.options]
             total += float(np.logaddexp.reduce(place.evidence.log_bayes_factors[alike, 0]))
         return total
 
     def alone(self) -> tuple[RankedEffect, ...]:
         """Rank the effects, each alone."""
-        place, ranked = self.beside(()), []
+        place, ranked = self.weigh_in_place(()), []
         logs = place.evidence.log_bayes_factors[:, 0]
         for name, chance in place.by_name().items():
             alike = [k for k, option in enumerate(place.options) if option.name == name]
             share = np.logaddexp.reduce([place.options[k].share for k in alike])
-            seen = orthonormal_basis(place.beside.projected(place.options[max(alike, key=logs.__getitem__)].columns))
-            size_deg = float(np.linalg.norm(seen.T @ place.beside.evident) / np.sqrt(len(seen)))
+            basis = orthonormal_basis(place.base.projected(place.options[max(alike, key=logs.__getitem__)].columns))
+            size_deg = float(np.linalg.norm(basis.T @ place.base.evident) / np.sqrt(len(basis)))
             ranked.append(RankedEffect(name, float(np.logaddexp.reduce(logs[alike]) - share), size_deg, chance))
         return tuple(sorted(ranked, key=lambda effect: -effect.score))
 
