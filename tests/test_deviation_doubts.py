@@ -373,6 +373,8 @@ def test_use_follows_from_verdict_flags_and_uncertainty(verdict, flag, share, si
     flags = np.where(np.arange(100) < 100 * share, flag, GOOD)
     use = answer_use(diagnosis, flags, np.where(flags < 4, sigma_deg, np.nan))
     assert (use["answer"], use["sigma_deg"], use["unseen_deg"]) == (answer, sigma_deg, 4.0) and use["why"]
+    without_limit = {**diagnosis, "detectable_deg": {"a": 3.0, "b": None}}
+    assert answer_use(without_limit, flags, np.full(100, sigma_deg))["unseen_deg"] is None
 
 
 @pytest.mark.parametrize(("sigma_deg", "verdict"), [(angles.UNIFORM_SIGMA_DEG, "insufficient"), (30.0, "unexplained")])

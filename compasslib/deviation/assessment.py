@@ -375,5 +375,6 @@ def answer_use(
         answer = "with care" if verdict in ("ambiguous", "unexplained") or any(care.values()) else "yes"
         reasons = care
     said = "; ".join([*(reason for reason, holds in reasons.items() if holds), *([why] if why else [])])
-    unseen = max((limit for limit in diagnosis["detectable_deg"].values() if limit is not None), default=None)
+    limits = diagnosis["detectable_deg"].values()
+    unseen = None if None in limits else max(limits, default=None)
     return {"answer": answer, "why": said, "sigma_deg": sigma, "unseen_deg": unseen}
