@@ -13,7 +13,8 @@ from compasslib.deviation.tilt import CompassSeries, average_compasses
 from compasslib.effects import SIDES, SLOW_WATER
 from compasslib.inference import blocks, design, heldout, inference, noise
 from compasslib.inference.current import infer_current
-from compasslib.inference.search import AMPLITUDES_DEG
+from compasslib.inference.finding import Detection
+from compasslib.inference.search import AMPLITUDES_DEG, linearize
 from tests.world import pairs as world
 
 
@@ -218,3 +219,18 @@ def test_equal_weights_average_headings_and_widen_sigma():
     assert np.all(made.agreed == 0.5)  # they are four standard errors apart
     sure = average_compasses(replace(at, weight=0.97, others=(compass_off_by(4.0, 0.03),)), np.zeros(12))
     assert np.all(sure.agreed > 0.9) and np.all(np.abs(angles.wrap180(sure.shift_deg)) < 0.2)
+
+
+def test_the_larger_p_value_of_both_kinds_of_surrogates_counts():
+    low, high = np.linspace(-2.0, 1.0, 199), np.linspace(-2.0, 4.0, 199)
+    detection = Detection.by_rank(2.0, [low, high])
+    assert detection.rank_p > 0.3 and not detection.significant and detection.threshold > 3.9
+    assert Detection.by_rank(2.0, [low]).significant and not Detection.by_rank(2.0, []).significant
+
+
+def test_surrogates_with_random_signs_keep_the_noise_of_each_time():
+    model = linearize(state_of(world.planted(world.make(8, wide=True, n=4000), {})), None)
+    calm = np.arange(4000) >= 1000
+    drawn = model.draw(model.weigh([None]), 50, 1, (), np.where(calm, 0.0, 1.0).astype(np.float32))
+    assert np.std(drawn[calm]) < 0.2 * np.std(drawn[~calm])
+    assert abs(np.mean(drawn[~calm])) < 0.2 * np.std(drawn[~calm])

@@ -6,7 +6,7 @@ The interval of a gain comes from resampled blocks of days, because neighbouring
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -126,6 +126,15 @@ class Detection:
     def significant(self) -> bool:
         """Whether an effect is detected; never without surrogates."""
         return self.rank_p is not None and self.rank_p <= DETECTED_P
+
+    @classmethod
+    def by_rank(cls, statistic: float, surrogates: Sequence[Floats]) -> Detection:
+        """Rank a statistic among those of each kind of surrogates, of equal number; the larger p-value counts."""
+        count = len(surrogates[0]) if surrogates else 0
+        chances = [(1 + int(np.sum(kind >= statistic))) / (1 + count) for kind in surrogates]
+        rank = int(DETECTED_P * (1 + count))  # 0 if too few are drawn for any rank to be high enough
+        thresholds = [float(np.sort(kind)[-rank]) for kind in surrogates if rank]
+        return cls(statistic, count, max(chances, default=None), max(thresholds, default=None))
 
     def to_json(self) -> dict[str, float | int | None]:
         return {"rank_p": self.rank_p, "n_surrogates": self.n_surrogates, "statistic": self.statistic}

@@ -18,7 +18,7 @@ from compasslib.effects.composed import COMPOSED, ComposedEffect
 from compasslib.effects.effect import HOUR_S
 from compasslib.inference import design, noise
 from compasslib.inference.design import Estimate, FittedModel
-from compasslib.inference.finding import DETECTED_P, Detection, FindingPosterior, compare_names
+from compasslib.inference.finding import Detection, FindingPosterior, compare_names
 from compasslib.inference.limits import detection_limits
 from compasslib.inference.noise import SlowNoiseBasis, SlowNoiseParams
 from compasslib.inference.places import (
@@ -28,6 +28,7 @@ from compasslib.inference.places import (
     learn_current,
     likeliest_option,
     marginalize,
+    name_probabilities,
     probabilities,
     settle,
     side_probabilities,
@@ -131,18 +132,12 @@ class Inference:
     def _all_places(self) -> tuple[Place, ...]:
         return (*self.places, self.further)
 
-    def _by_name(self, place: Place) -> dict[str, float]:
-        sums: dict[str, float] = {}
-        for option, probability in zip(self.model.options, place.probability.tolist(), strict=True):
-            sums[option.name] = sums.get(option.name, 0.0) + probability
-        return sums
-
     @cached_property
     def finding_posteriors(self) -> tuple[FindingPosterior, ...]:
         """Probability of each term's effect and of its alternatives, slow water among them."""
         result = []
         for k, place in zip(self.chosen, self.places, strict=True):
-            names = self._by_name(place) | {SLOW_WATER: place.none}
+            names = name_probabilities(self.model.options, place) | {SLOW_WATER: place.none}
             result.append(compare_names(self.model.options[k].name, names))
         return tuple(result)
 
@@ -299,21 +294,18 @@ def _stands_out(detection: Detection, place: Place) -> bool:
 def detect(model: LinearModel, evidence: Evidence, entered: Entered, surrogates: int, seed: int) -> Detection:
     """Rank the evidence of a further effect among surrogates without it.
 
-    Two kinds are drawn: simulated noise, and, for records whose noise the model does not describe, the residual beside
-    all likely effects, with random signs of its blocks. The larger p-value counts.
+    Two kinds are drawn: simulated noise, and, for records whose noise the model does not describe, the record's own
+    residual without any likely effect, with random signs of its blocks.
     """
-    statistic, chances, thresholds = float(evidence.statistic[0]), list[float](), list[float]()
+    statistics = []
     for residual in (None, _residual(model, evidence, entered)) if surrogates else ():
         score = model.scores(model.draw(evidence, surrogates, seed, entered, residual))
-        without = model.weigh(evidence.likely_waters, entered, score).statistic
-        chances.append((1 + int(np.sum(without >= statistic))) / (1 + surrogates))
-        if (rank := int(DETECTED_P * (1 + surrogates))) >= 1:  # else no rank is high enough
-            thresholds.append(float(np.sort(without)[-rank]))
-    return Detection(statistic, surrogates, max(chances, default=None), max(thresholds, default=None))
+        statistics.append(model.weigh(evidence.likely_waters, entered, score).statistic)
+    return Detection.by_rank(float(evidence.statistic[0]), statistics)
 
 
 def _residual(model: LinearModel, evidence: Evidence, entered: Entered) -> Floats:
-    """Compute the residual beside the entered options and all further ones that are likely, at least one."""
+    """Compute the residual without the entered options and all further ones that are likely, at least one."""
     waters, effects = evidence.likely_waters, list(entered)
     while len(effects) == len(entered) or (len(effects) < MOST_EFFECTS and evidence.statistic[0] > LIKELY):
         k = int(np.argmax(evidence.log_bayes_factors[:, 0]))

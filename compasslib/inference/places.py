@@ -136,6 +136,14 @@ def side_probabilities(
     return {"none": before} | result
 
 
+def name_probabilities(options: Sequence[Option], place: Place) -> dict[str, float]:
+    """Sum the probability of each effect in a place over its forms and dates."""
+    sums: dict[str, float] = {}
+    for option, probability in zip(options, place.probability.tolist(), strict=True):
+        sums[option.name] = sums.get(option.name, 0.0) + probability
+    return sums
+
+
 def probabilities(options: Sequence[Option], evidence: Evidence, odds: float, taken: Collection[int] = ()) -> Floats:
     """Compute the probability of each option in a place, (g,)."""
     fault = np.array([option.block[0] in ("compass", "clock") for option in options])

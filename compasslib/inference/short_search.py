@@ -20,9 +20,16 @@ from compasslib.inference import short_fit
 from compasslib.inference.blocks import Option
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import LISTED_SHARE
-from compasslib.inference.finding import DETECTED_P, Detection, FindingPosterior, RankedEffect, compare_names
+from compasslib.inference.finding import Detection, FindingPosterior, RankedEffect, compare_names
 from compasslib.inference.inference import MOST_EFFECTS
-from compasslib.inference.places import UNLIKELY, Place, likeliest_option, probabilities, side_probabilities
+from compasslib.inference.places import (
+    UNLIKELY,
+    Place,
+    likeliest_option,
+    name_probabilities,
+    probabilities,
+    side_probabilities,
+)
 from compasslib.inference.search import Evidence
 from compasslib.inference.short_fit import FittedHypothesis, ShortComparison
 from compasslib.inference.short_options import Law, laws, log_evidence, score_scatter, short_options
@@ -58,13 +65,6 @@ class ShortPlace:
         """Select the likeliest law of the noise, given an option or none."""
         return laws(self.base.comparison)[int(np.argmax(self.evidence.water_probability(option)))]
 
-    def by_name(self) -> dict[str, float]:
-        """Sum the probability of each effect over its forms and places."""
-        sums: dict[str, float] = {}
-        for option, probability in zip(self.options, self.place.probability.tolist(), strict=True):
-            sums[option.name] = sums.get(option.name, 0.0) + probability
-        return sums
-
 
 @dataclass(frozen=True)
 class ShortInference:
@@ -84,7 +84,9 @@ class ShortInference:
 
     def probabilities(self, k: int) -> FindingPosterior:
         """Compute the probability of each effect in the place of a term, given that one is there."""
-        return compare_names(self.fitted.terms[k].name, self.places[k].by_name())
+        return compare_names(
+            self.fitted.terms[k].name, name_probabilities(self.places[k].options, self.places[k].place)
+        )
 
 
 def search_effects(comparison: ShortComparison, options: Options) -> ShortInference:
@@ -121,15 +123,13 @@ def detect(place: ShortPlace, surrogates: int) -> Detection:
     Args:
         surrogates: number of each kind; without any, no effect is detected.
     """
-    statistic = float(place.evidence.statistic[0])
-    if not surrogates or not place.options:
-        return Detection(statistic, surrogates, None)
-    kinds = (False,) if place.base.comparison.independent else (False, True)
-    residuals = np.concatenate([_draw(place, surrogates, resampled) for resampled in kinds], axis=1)
-    each = weigh(place.base, place.options, residuals, place.scatter).statistic.reshape(len(kinds), surrogates)
-    chance = (1 + int(np.sum(each >= statistic, axis=1).max())) / (1 + surrogates)
-    rank = int(DETECTED_P * (1 + surrogates))
-    return Detection(statistic, surrogates, chance, float(np.sort(each)[:, -rank].max()) if rank else None)
+    statistics = []
+    if surrogates and place.options:
+        kinds = (False,) if place.base.comparison.independent else (False, True)
+        residuals = np.concatenate([_draw(place, surrogates, resampled) for resampled in kinds], axis=1)
+        each = weigh(place.base, place.options, residuals, place.scatter).statistic
+        statistics = np.split(each, len(kinds))
+    return Detection.by_rank(float(place.evidence.statistic[0]), statistics)
 
 
 def _draw(place: ShortPlace, count: int, resampled: bool) -> Floats:
@@ -284,7 +284,7 @@ class _Search:
         """Rank the effects, each alone."""
         place, ranked = self.weigh_in_place(()), []
         logs = place.evidence.log_bayes_factors[:, 0]
-        for name, chance in place.by_name().items():
+        for name, chance in name_probabilities(place.options, place.place).items():
             alike = [k for k, option in enumerate(place.options) if option.name == name]
             share = np.logaddexp.reduce([place.options[k].share for k in alike])
             basis = orthonormal_basis(place.base.projected(place.options[max(alike, key=logs.__getitem__)].columns))
