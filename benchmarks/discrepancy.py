@@ -23,18 +23,23 @@ from compasslib.deviation import fit_deviation
 from compasslib.deviation.correction import correct_headings, readings_at_pairs
 from compasslib.deviation.model import DeviationFit, nearest_root, pair_speeds
 from compasslib.effects import CATALOGUE, SIDES, side_of
-from compasslib.inference import design, diagnosis, product
+from compasslib.inference import design, diagnosis, noise, places, product
 from compasslib.inference.comparison import Options, compare_pairs
 from compasslib.inference.kinds.mooring import diagnose
-from compasslib.records import EarthField
+from compasslib.preparation import water
+from compasslib.records import EarthField, Pairs
 from tests.world import pairs as sea
 
 QUIET = ("current_shear_slow", "reference_deviation")  # correct findings if no effect was planted
-KINDS = ("null", "single", "two", "unknown", "control", "clock", "limit")
-SIZES = {"control": (3.0, 0.0), "clock": (0.0,), "null": (0.0,), "limit": (0.0,)}
+KINDS = ("null", "single", "two", "unknown", "control", "clock", "limit", "slip")
+SIZES = {"control": (3.0, 0.0), "clock": (0.0,), "null": (0.0,), "limit": (0.0,), "slip": (3.0,)}
 SIZES |= dict.fromkeys(("single", "two", "unknown"), (1.5, 3.0))
 SINGLES = tuple(x for x in sea.SINGLES if sea.FAMILIES[x] != "clock")
 LISTED = tuple(name for name in SINGLES if side_of(name) == "compass")
+SLIPS = ("heading_slip", "compass_drift")
+BINS, SPREAD = 6, 0.4  # bins of a profile, and spread of the logarithm of the shear between them (eh2, papa: 1.5 x)
+PROFILES = "slow_shear" in Pairs.__dataclass_fields__
+SURE_Z = 2.576  # of a test at 1 %, as that by rank
 PRODUCT = (
     *("heeling", "hard_iron_drift", "compass_drift", "hard_iron_step", "heading_slip", "supply_voltage", "temperature"),
     *("sextantal", "octantal", "compass_lag"),
@@ -58,6 +63,8 @@ def draw(
     wanted = dict(given or {})
     if kind == "single":
         wanted = {SINGLES[turn % len(SINGLES)]: size}
+    elif kind == "slip":
+        wanted = {SLIPS[index % 2]: size}
     elif kind == "clock":
         wanted = {("clock_offset", "clock_drift")[index % 2]: 1.0}
     elif kind == "two":
@@ -68,10 +75,20 @@ def draw(
         wanted = {"temperature": size}
     drawn = sea.planted(world, wanted)
     if slow:
-        drawn = replace(drawn, pairs=replace(drawn.pairs, veer_deg=mean_veer(slow, world.flow)))
+        shown = {"slow_shear": profile(slow, world)} if kind == "slip" and PROFILES else {}
+        drawn = replace(drawn, pairs=replace(drawn.pairs, veer_deg=mean_veer(slow, world.flow), **shown))
     if kind == "control" and size:  # the logged temperature is not the cause
         drawn.covariates["temperature"] = np.roll(drawn.covariates["temperature"], 24 * world.rng.integers(50, 110))
     return drawn, wanted
+
+
+def profile(slow: sea.SlowWater, world: sea.World) -> object:
+    """Estimate slow water from the bins of the affected instrument, whose shear is like that over the same distance."""
+    rng = np.random.default_rng([int(world.time_s[0]), 1])
+    between = np.array([rng.lognormal(0.0, SPREAD) * slow.beside(rng, world.flow) for _ in range(BINS)])
+    across = np.imag(between * np.conj(world.flow) / np.abs(world.flow))
+    across += rng.normal(0.0, world.noise[2], across.shape)
+    return water.fit_slow_shear(world.time_s, across, np.ones(across.shape, dtype=bool))
 
 
 def mean_veer(slow: sea.SlowWater, flow: np.ndarray) -> float:
@@ -127,6 +144,8 @@ def measure(kind: str, index: int, seed: int, *, red: bool = False) -> dict:
     if found.current and "current_veer" in drawn.truth:  # otherwise it describes the slow shear of the simulation
         row["sets"].append(["current_veer"])
     row |= {"kind": kind, "index": index, "applied": bool(found.applied)}
+    if kind == "slip" and PROFILES:
+        row["z_known"] = known_noise_z(drawn, fit, field)
     scored = kind in ("null", "single", "two") and set(drawn.truth) <= {*PRODUCT, "current_veer"}
     return row | against_oracle(drawn, fit, field, found) if scored and found.verdict != "insufficient" else row
 
@@ -161,6 +180,22 @@ def against_oracle(drawn, fit, field, found) -> dict:
         "covered": float(np.nanmean(np.abs(off) < 1.96 * made.sigma_deg)),
         "z": errors_over_sigma([one for one in found.findings if not one.alternatives], drawn.truth),
     }
+
+
+def known_noise_z(drawn: sea.Drawn, fit: DeviationFit, field: EarthField) -> float:
+    """Compute the signal-to-noise ratio of the planted effect, its date and the slow noise known."""
+    assert drawn.world is not None and drawn.world.slow_water is not None
+    case = compare_pairs(drawn.pairs, drawn.covariates, fit, field)
+    empty = design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1]))
+    slow, true = noise.slow_noise_basis(case), drawn.world.slow_water
+    assert slow is not None
+    known = noise.Process(true.veer_deg, true.veer_days), noise.Process(true.shear_m_s, true.shear_days)
+    of_water = slow.without_current(slow.drivers)
+    state = places.with_slow_noise(empty, empty, of_water, noise.SlowNoiseParams(*known, 0.0))
+    ((name, values),) = drawn.truth.items()
+    term = true_term(name, values)
+    column = state.whiten_and_project(design.term_columns(state, term.at(0.0 * term.values)).columns)
+    return float(column[:, 0] @ state.innovation / state.sigma / np.linalg.norm(column))
 
 
 def errors_over_sigma(findings, truth) -> list[float]:
@@ -251,6 +286,9 @@ def report(rows: list[dict]) -> bool:
         some = [r for r in kind["single"] if name in r["truth"]]
         each = [targets.share_of(detected(r) for r in some if r["size"] == size) for size in SIZES["single"]]
         line(f"- {name}: detected at {SIZES['single']}", ", ".join(each))
+    slips = kind["slip"]
+    line("slips and drifts of 3 degrees, with a profile: truth in the set", targets.share_of(map(covered, slips)))
+    line("known noise and date: detected", targets.share_of(abs(r["z_known"]) > SURE_Z for r in slips))
     clock = kind["clock"]
     line("clocks: named", targets.share_of(covered(r) for r in clock))
     line("clocks: nothing else named", targets.share_of(len(r["sets"]) == 1 for r in clock if covered(r)))
