@@ -253,6 +253,7 @@ class MagnetometerFile(TableFile):
 
     format: Annotated[Literal["csv", "mmp_acm"], BeforeValidator(_csv)] = key("csv or mmp_acm", "csv", "csv")
     columns: MagnetometerColumns = key("a mapping", "{x: mx, y: my}", MagnetometerColumns())
+    covariates: tuple[Text, ...] = key("a list of other columns that a mismatch may follow", "[pressure_dbar]", ())
 
 
 class DeclinationSeries(CalibrationFile):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +59,7 @@ class Log:
     warnings: tuple[str, ...] = ()
     temperature_c: Floats | None = None
     axis_by_axis: bool = False  # each tilt levels only its own axis, as the logger itself does
+    channels: Mapping[str, Floats] = field(default_factory=dict)  # (n,) each, others that a mismatch may follow
 
     @property
     def tilted(self) -> bool:
@@ -69,6 +70,7 @@ class Log:
         """Select readings by a mask (n,) and append warnings that state the reason."""
         each = {name: getattr(self, name) for name in COLUMNS}
         columns: dict[str, Any] = {name: None if x is None else x[index] for name, x in each.items()}
+        columns |= {"channels": {name: x[index] for name, x in self.channels.items()}}
         left_out = self.left_out + int((~index).sum())
         return replace(self, raw=self.raw[index], left_out=left_out, warnings=(*self.warnings, *warnings), **columns)
 
@@ -94,7 +96,7 @@ class Axes:
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
-    """Read the log from files, with the settings ``format``, ``columns`` by role, and ``withhold``, roles or headers.
+    """Read the log from files, with the settings ``format``, ``columns`` by role, ``withhold`` and ``covariates``.
 
     Raises:
         InputError: x or y is absent or withheld, or a cell is not a number.
@@ -104,12 +106,13 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     if reader := {"mmp_acm": read_acm}.get(str(settings.get("format"))):
         return reader(paths, withhold)
     names, layout = settings.get("columns") or {}, delimited.Layout.from_settings(settings)
-    wanted = _select_columns(paths, names, withhold, layout)
+    others = tuple(settings.get("covariates") or ())
+    wanted = _select_columns(paths, names, withhold, layout) | {header: header for header in others}
     read = [delimited.read_table(path, wanted, ABSENT, layout) for path in paths]
     columns = {role: np.concatenate([table.columns[role] for table in read]) for role in read[0].columns}
-    needed = ("x", "y", "time", "temperature")
+    needed = ("x", "y", "time", "temperature", *others)
     columns = {role: v for role, v in columns.items() if role in needed or np.isfinite(v).any()}
-    good = np.all([np.isfinite(columns[role]) for role in columns if role not in ("time", "temperature")], axis=0)
+    good = np.all([np.isfinite(columns[role]) for role in columns if role not in needed[2:]], axis=0)
     columns = {role: values[good] for role, values in columns.items()}
     warnings = list(delimited.table_notes(read))
     if not good.all():
@@ -129,7 +132,10 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
         pitch = roll = None
     raw = np.column_stack([columns["x"], columns["y"], np.zeros(len(columns["x"])) if z is None else z])
     heading, time_s, left_out = columns.get("heading"), columns.get("time"), int((~good).sum())
-    log = Log(raw, z is not None, pitch, roll, heading, time_s, left_out, tuple(warnings), columns.get("temperature"))
+    log = Log(
+        raw, z is not None, pitch, roll, heading, time_s, left_out, tuple(warnings), columns.get("temperature"),
+        channels={header: columns[header] for header in others},
+    )  # fmt: skip
     if not len(raw):
         return log
     low, high = np.percentile(raw, (1.0, 99.0), axis=0)  # range of the central 98 % of an axis

@@ -1,0 +1,90 @@
+"""Recordings of real compasses that come with the project, each with a correction that can be withheld.
+
+The numbers are in ``recordings/``, with their sources and licences. What a logger added to the raw axes is known from
+its log: without it the heading is wrong by the difference, and the logged heading is the truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compasslib.calibrations import resolve_settings
+from compasslib.calibrations.magnetometer import log as magnetometer_log
+from compasslib.calibrations.magnetometer.log import Log
+from compasslib.inference import kinds
+from compasslib.inference.comparison import Options
+from compasslib.inference.diagnosis import Diagnosis
+from compasslib.inference.kinds import magnetometer
+
+FOLDER = Path(__file__).parent / "recordings"
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording of a real compass, and what is known of it."""
+
+    name: str
+    title: str
+    concealed: str  # what is withheld, in words
+    truth: str  # how it is known
+    effects: tuple[str, ...]  # that should be named; none: the recording should be refused or leave it open
+    kind: str = "magnetometer"
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def file(self) -> Path:
+        """Its numbers."""
+        return FOLDER / f"{self.name}.csv"
+
+    def diagnose(self) -> dict[str, Diagnosis]:
+        """Diagnose the recording with a correction withheld, and its controls, by what was done to it."""
+        options, settings = Options(), resolve_settings({"kind": self.kind} | dict(self.settings))
+        if self.kind != "magnetometer":
+            return {"as recorded": kinds.diagnose(self.kind, [self.file], settings, options)}
+        log = magnetometer_log.repair_counts(magnetometer_log.read([self.file], settings))
+        log = replace(log, axis_by_axis=bool(self.settings.get("axis_by_axis")))
+        return {
+            what: magnetometer.diagnose_log(made(log), field=None, options=options) for what, made in VARIANTS.items()
+        }
+
+
+def _levelled(log: Log) -> Log:
+    """Level the axes as the logger does, so that nothing is withheld."""
+    axes, *_ = magnetometer_log.search_axes(log)
+    return replace(log, raw=np.einsum("nij,nj->ni", log.levelling(), log.raw @ axes.T))
+
+
+def _shifted(log: Log) -> Log:
+    """Shift the tilts by half the log, so that they are no longer those that turned the heading."""
+    assert log.pitch_deg is not None and log.roll_deg is not None
+    half = len(log.raw) // 2
+    return replace(log, pitch_deg=np.roll(log.pitch_deg, half), roll_deg=np.roll(log.roll_deg, half))
+
+
+WITHHELD = "tilt correction withheld"
+VARIANTS: Mapping[str, Callable[[Log], Log]] = {
+    WITHHELD: lambda log: log,
+    "nothing withheld": _levelled,
+    "withheld, and the tilts shifted in time": _shifted,
+}
+
+
+CELLS = ("path_ab", "path_cd", "path_ef", "path_gh")
+MODULUS = ("ax", "ay", "az", "pressure_dbar")
+RECORDINGS = (
+    Recording(
+        "acm_2018_06_10", "Falmouth 3D-ACM on a moored profiler, 10 June 2018",
+        "the levelling of the axes by the tilts", "the logged heading: the logger's rule gives it to 0.03°",
+        ("tilt_uncompensated",), settings={"axis_by_axis": True, "covariates": CELLS},
+    ),
+    Recording(
+        "signature500", "Nortek Signature500 turned by hand",
+        "the levelling of the axes by the tilts", "the logged heading: levelled axes give it to 0.01°",
+        ("tilt_uncompensated", "hard_iron"), settings={"covariates": MODULUS},
+    ),
+)  # fmt: skip
