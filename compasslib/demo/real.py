@@ -21,6 +21,7 @@ from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.kinds import magnetometer
 
+SURROGATES = 99  # the fewest for a rank of 0.01
 FOLDER = Path(__file__).parent / "recordings"
 
 
@@ -43,7 +44,7 @@ class Recording:
 
     def diagnose(self) -> dict[str, Diagnosis]:
         """Diagnose the recording with a correction withheld, and its controls, by what was done to it."""
-        options, settings = Options(), resolve_settings({"kind": self.kind} | dict(self.settings))
+        options, settings = Options(surrogates=SURROGATES), resolve_settings({"kind": self.kind} | dict(self.settings))
         if self.kind != "magnetometer":
             return {"as recorded": kinds.diagnose(self.kind, [self.file], settings, options)}
         log = magnetometer_log.repair_counts(magnetometer_log.read([self.file], settings))
@@ -76,15 +77,45 @@ VARIANTS: Mapping[str, Callable[[Log], Log]] = {
 
 CELLS = ("path_ab", "path_cd", "path_ef", "path_gh")
 MODULUS = ("ax", "ay", "az", "pressure_dbar")
+LOGGED = "the logged heading, which its levelled axes give to {}"
+LEVELLING = "the levelling of the axes by the tilts"
+
+
+def _acm(name: str, day: str, *, effects: tuple[str, ...] = ("tilt_uncompensated",)) -> Recording:
+    title = f"Falmouth 3D-ACM on a moored profiler, {day}"
+    settings = {"axis_by_axis": True, "covariates": CELLS}
+    return Recording(name, title, LEVELLING, LOGGED.format("0.04°"), effects, settings=settings)
+
+
 RECORDINGS = (
+    _acm("acm_2018_06_10", "10 June 2018"),
     Recording(
-        "acm_2018_06_10", "Falmouth 3D-ACM on a moored profiler, 10 June 2018",
-        "the levelling of the axes by the tilts", "the logged heading: the logger's rule gives it to 0.03°",
-        ("tilt_uncompensated",), settings={"axis_by_axis": True, "covariates": CELLS},
+        "signature500",
+        "Nortek Signature500 turned by hand",
+        LEVELLING,
+        LOGGED.format("0.01°"),
+        ("tilt_uncompensated", "hard_iron"),
+        settings={"covariates": MODULUS},
+    ),
+    _acm("acm_2013_07_24", "24 July 2013"),
+    _acm("acm_2018_06_11", "11 June 2018"),
+    _acm("acm_2014_06_06", "6 June 2014, tilts stuck", effects=()),
+    Recording(
+        "taiohae",
+        "Swing of a sailing boat under way (OlivierLD/ROB)",
+        "nothing",
+        "none: the course over ground is not the heading, and differs by the drift",
+        ("water_drift",),
+        "swing",
+        {"latitude": -8.92, "longitude": -140.1, "date": "2010-11-03"},
     ),
     Recording(
-        "signature500", "Nortek Signature500 turned by hand",
-        "the levelling of the axes by the tilts", "the logged heading: levelled axes give it to 0.01°",
-        ("tilt_uncompensated", "hard_iron"), settings={"covariates": MODULUS},
+        "eight_headings",
+        "Eight headings of a buoy (Moncunill Marimón 2023, section 5.3)",
+        "nothing",
+        "none: eight headings determine no more than the coefficients",
+        (),
+        "platform",
+        {"latitude": 41.4, "longitude": 2.2, "date": "2021-06-01"},
     ),
-)  # fmt: skip
+)

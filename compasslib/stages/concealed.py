@@ -26,10 +26,13 @@ from compasslib.types import DAY_S, Floats
 BLOCK_S, DRAWS = 5 * DAY_S, 1000  # block resampling of the errors
 
 
-def concealed(*, page: str, truths: Sequence[str], corrected: Sequence[str], say: Callable[[str], None]) -> None:
+def concealed(
+    *, page: str, truths: Sequence[str], corrected: Sequence[str], recordings: str, say: Callable[[str], None]
+) -> None:
     """Write the page of the comparison; this is the only stage that reads the truth.
 
     Args:
+        recordings: recordings.json.
         truths: file of the truth of each mooring; those without a corrected record are left out.
         corrected: corrected.nc of the moorings that were not stopped.
     """
@@ -39,7 +42,8 @@ def concealed(*, page: str, truths: Sequence[str], corrected: Sequence[str], say
     errors = {name: heading_errors(truth, read_headings(root / name)) for name, truth in known.items()}
     reach = error_reach([error for x in errors.values() for error in (x.fit_deg, x.corrected_deg)])
     moorings = [reveal(name, root, truth, errors[name], reach) for name, truth in known.items()]
-    write_page(page, "concealed.html", moorings=moorings, software=provenance.software())
+    real = read_json(recordings)["recordings"]
+    write_page(page, "concealed.html", real=real, moorings=moorings, software=provenance.software())
     say(f"{page}: {len(moorings)} moorings beside the truth")
 
 

@@ -71,7 +71,7 @@ def results(wildcards=None):
         *(("diagnose_calibration", {"calibration": name}) for name in CALIBRATIONS.diagnosed if name in calibrations),
         *((rule, {"compass": name}) for name in usable("compasses") for rule in ("combine_records", "joined_figures")),
         *((rule, {}) for rule in ("summary", "cruise_figures") if CRUISE.moorings),
-        *(("concealed", {}) for _ in CONCEALED[:1]),
+        *((rule, {}) for rule in ("recordings", "concealed") if CONCEALED),
     ]
     # Of rules that are named in a loop, which Snakemake 9.1 does not find by their names.
     files = [f"results/{name}/logs/simulate.json" for name in moorings if name in SIMULATED]

@@ -20,9 +20,23 @@ for NAME in SIMULATED:
 
 if CONCEALED:
 
+    rule recordings:
+        """Diagnose real recordings, one correction of which is withheld."""
+        output:
+            made="results/recordings.json",
+            job="results/logs/recordings.json",
+        log:
+            "results/logs/recordings.log",
+        params:
+            **parameters("recordings.recordings"),
+        script:
+            "../scripts/stage.py"
+
+
     rule concealed:
         """Compare the diagnoses of the moorings C1, C2, ... with the truth, which no other rule reads."""
         input:
+            recordings="results/recordings.json",
             truths=[simulate.truth_file(name) for name in CONCEALED],
             corrected=of_usable("moorings", "corrected.nc", among=lambda: CONCEALED),
             diagnoses=of_usable("moorings", "deviation.json", "diagnosis.json", among=lambda: CONCEALED),

@@ -1,0 +1,52 @@
+"""Diagnose the real recordings that come with the project, with a correction withheld and without."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from compasslib.archive.files import embed_png, write_json
+from compasslib.demo.real import RECORDINGS, Recording
+from compasslib.inference.diagnosis import Diagnosis
+from compasslib.plots.diagnosis import draw_calibration
+from compasslib.report import sections
+
+
+def recordings(*, made: str, say: Callable[[str], None]) -> None:
+    """Write what was found in each recording, as recorded or by what was withheld, beside what is known."""
+    content = [describe(recording) for recording in RECORDINGS]
+    write_json(Path(made), {"recordings": content})
+    say(f"{made}: {len(content)} real recordings")
+
+
+def describe(recording: Recording) -> dict[str, Any]:
+    """Diagnose a recording, and describe each case; the first one has a figure."""
+    diagnoses = recording.diagnose()
+    content = [diagnosis.to_json() for diagnosis in diagnoses.values()]
+    with tempfile.TemporaryDirectory() as folder:
+        draw_calibration(file := Path(folder) / "diagnosis.png", content[0])
+        picture, size = embed_png(file)
+    return {
+        "name": recording.name,
+        "title": recording.title,
+        "concealed": recording.concealed,
+        "truth": recording.truth,
+        "effects": recording.effects,
+        "cases": [_case(what, diagnosis) for what, diagnosis in diagnoses.items()],
+        "figure": [picture, *size] if content[0]["curves"] else None,
+        "caption": sections.diagnosis_caption(content[0]) if content[0]["curves"] else "",
+    }
+
+
+def _case(what: str, diagnosis: Diagnosis) -> dict[str, Any]:
+    content, first = diagnosis.to_json(), next(iter(diagnosis.findings), None)
+    return {
+        "what": what,
+        "verdict": diagnosis.verdict,
+        "conclusion": sections.describe_findings(content),
+        "why": diagnosis.why,
+        "named": [finding.named for finding in diagnosis.findings],
+        "heldout_deg": None if first is None else [first.held_out.rms_before_deg, first.held_out.rms_after_deg],
+    }
