@@ -19,6 +19,7 @@ from compasslib.effects.composed import TIDE_S, ComposedEffect
 from compasslib.effects.effect import HOUR_S
 from compasslib.effects.forward import ForwardModel, heading_jacobian, invert_heading
 from compasslib.effects.iron import Heeling
+from compasslib.effects.readout import LargeDeviation
 from compasslib.inference import covariates as covariate_series
 from compasslib.inference import finding as findings
 from compasslib.inference import wording
@@ -337,6 +338,11 @@ def held_out_text(proof: HeldOut, heading_error_deg: float | None) -> str:
     return "".join(texts)
 
 
+def equal_chances(*effects: str) -> dict[str, float]:
+    """Divide the probability of a finding that was made without a search equally between its effects."""
+    return dict.fromkeys(effects, 1.0 / len(effects))
+
+
 def build_finding(
     comparison: Comparison,
     term: Effect,
@@ -349,8 +355,9 @@ def build_finding(
     span_s: tuple[float, float] | None = None,
     heading_error_deg: float | None = None,
     others: Sequence[Effect] = (),
+    physics: str = "",
 ) -> Finding:
-    """Build the finding of one term of the most probable hypothesis.
+    """Build the finding of one term.
 
     Args:
         chances: probability of the effect, which comes first, and of each alternative.
@@ -361,6 +368,7 @@ def build_finding(
         heading_error_deg: rms error of the headings if it were not corrected.
         others: the other terms of the hypothesis. If a composed term shares its driver with another one, neither has
             the right form, and only the driver is established.
+        physics: in words; by default that of the effect.
     """
     probability, alternatives = next(iter(chances.values())), dict(list(chances.items())[1:])
     composition = _composition(term)
@@ -368,36 +376,39 @@ def build_finding(
     alike = [
         other for other in others if (other.side, findings.TILTS.get(other.driver, other.driver)) == (term.side, driver)
     ]
-    begin, end = span_s or comparison.span_s
+    when_s = (span_s or comparison.span_s) if comparison.clocked else None
     if term.dated():
-        begin, place = term.date, comparison.since(term.date)
-    physics = " changes ".join(wording.describe_composition(*composition.values())) if composition else term.words
-    text = wording.finding_text(
-        term.name,
-        tuple(alternatives),
-        where=place.text,
-        parameters={name: (parameter.value, parameter.sigma, parameter.unit) for name, parameter in parameters.items()},
-        size_deg=size_deg,
-        proof=None if proof.amplitude else (proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
-        physics=f"{physics}, which no listed effect does" if composition else physics,
-        what=comparison.what,
-    )
+        place = comparison.since(term.date)
+        when_s = when_s and (term.date, when_s[1])
+    if composition:
+        words = " changes ".join(wording.describe_composition(*composition.values()))
+        physics = f"{words}, which no listed effect does"
     made = Finding(
         effect="composed" if composition else term.name,
         side=term.side,
         driver=term.driver,
         alternatives=tuple(alternatives),
         where=place,
-        when_s=(begin, end) if comparison.clocked else None,
+        when_s=when_s,
         parameters=parameters,
         rms_effect_deg=size_deg,
         held_out=proof,
-        text=text,
+        text="",
         probability=probability,
         alternatives_probability=alternatives,
         composition=composition,
         heading_error_deg=heading_error_deg,
         shares_driver=any(_composition(each) for other in alike for each in (term, other)),
+    )
+    text = wording.finding_text(
+        term.name,
+        made.alternatives,
+        where=place.text,
+        parameters=parameters,
+        size_deg=size_deg,
+        proof=proof,
+        physics=physics or term.words,
+        what=comparison.what,
     )
     stated = made.statement
     text += held_out_text(proof, heading_error_deg)
@@ -414,9 +425,8 @@ def _composition(term: Effect) -> dict[str, str] | None:
     return dict(zip(("acts_on", "driver", "form"), term.said(), strict=True))
 
 
-def large_deviation_finding(size_deg: float, proof: HeldOut, *, what: str = "") -> Finding:
+def large_deviation(comparison: Comparison, size_deg: float, proof: HeldOut) -> Finding:
     """Build the finding that the exact compass fits better than the five-term series."""
-    effect, place = "large_deviation", CovariateRange("heading", 0.0, 360.0, "along the recorded heading")
-    shown = (proof.rms_before_deg, proof.rms_after_deg, proof.p_value)
-    text = wording.finding_text(effect, (), where=place.text, parameters={}, size_deg=size_deg, proof=shown, what=what)
-    return Finding(effect, "compass", (), place, None, {"share": Parameter(1.0, 0.0, "1")}, size_deg, proof, text)
+    term, share = LargeDeviation(), {"share": Parameter(1.0, 0.0, "1")}
+    chances, place = equal_chances(term.name), comparison.where("heading", (0.0, 360.0))
+    return build_finding(comparison, term, chances, share, size_deg=size_deg, proof=proof, place=place)

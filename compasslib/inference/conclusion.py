@@ -182,7 +182,7 @@ def _search_or_question(
         return search(pairs), constant
     if constant.between_instruments:
         searched = search(pairs)
-        if any(each.side == "clock" and each.probability > 0.5 for each in searched.findings):
+        if any(each.statement.side == "clock" and each.level for each in searched.findings):
             remaining = find_constant(product_of_diagnosis(fit, searched).fit)
             if remaining is None or not remaining.effect:
                 return searched, remaining

@@ -8,6 +8,7 @@ from typing import Any
 
 from compasslib.effects import CATALOGUE, COMPOSED, SLOW_WATER, all_effects, meanings, side_of
 from compasslib.effects.composed import FORMS
+from compasslib.inference.finding import UNTESTED, HeldOut, Parameter
 from compasslib.records import iso_time
 
 VERDICTS = {
@@ -70,32 +71,28 @@ def finding_text(
     alternatives: Sequence[str],
     *,
     where: str,
-    parameters: Mapping[str, tuple[float, float, str]],
+    parameters: Mapping[str, Parameter],
     size_deg: float,
-    proof: tuple[float, float, float] | None,
+    proof: HeldOut,
     physics: str = "",
     what: str = "",
 ) -> str:
     """Describe one finding in two or three sentences.
 
     Args:
-        parameters: value, standard error and unit by name.
         size_deg: visible size, rms degrees.
-        proof: residual rms before and after on held-out days, degrees, and the p-value; None to omit them.
         physics: in words; by default that of the effect.
         what: what is compared, if a recording has more than one comparison.
     """
     where, known, numbers = f"{what}, {where}" if what else where, meanings(effect), ""
-    for name, (value, sigma, unit) in parameters.items():
+    for name, (value, sigma, unit) in ((name, vars(parameter).values()) for name, parameter in parameters.items()):
         if sigma > 0.0:
-            interval = (
-                f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}{'' if unit == '1' else f' {unit}'}"
-            )
-            numbers += f"; {known.get(name, name)} {interval} (95 %)"
+            interval = f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}"
+            numbers += f"; {known.get(name, name)} {interval}{'' if unit == '1' else f' {unit}'} (95 %)"
     size = f"{size_deg:.1f}" if size_deg >= 1.0 else f"{size_deg:.2g}"
     text = f"{where[0].upper()}{where[1:]}: {physics or PHYSICS.get(effect, effect)}. Size {size}° rms{numbers}."
-    if proof is not None:
-        before, after, p = proof
+    if proof is not UNTESTED and proof.method is None:
+        before, after, p = proof.rms_before_deg, proof.rms_after_deg, proof.p_value
         chance = f"p = {p:.2g}" if p > SMALLEST_P else f"p < {SMALLEST_P:g}"
         stretches = "stretches" if what else "days"
         text += f" On held-out {stretches} the residual goes from {before:.2f}° to {after:.2f}° rms ({chance})."

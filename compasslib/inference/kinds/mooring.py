@@ -19,19 +19,21 @@ from compasslib.deviation.exact import held_out_scores
 from compasslib.deviation.likelihood import EXACT, SeriesInCorrect
 from compasslib.deviation.model import DeviationFit, nearest_root, observed_heading, pair_speeds
 from compasslib.deviation.series import invert_series
+from compasslib.effects import Effect
 from compasslib.effects.effect import HOUR_S, YEAR_S
-from compasslib.effects.water import VeerWithDirection
-from compasslib.inference import comparison, diagnosis, finding, long_record, wording
+from compasslib.effects.water import ClockDrift, ClockOffset, VeerWithDirection
+from compasslib.inference import comparison, diagnosis, finding, long_record
 from compasslib.inference import product as products
 from compasslib.inference.comparison import (
     FEWEST_PAIRS,
     SHORTEST_DAYS,
+    Comparison,
     Options,
     SharedInformation,
     compare_pairs,
 )
 from compasslib.inference.diagnosis import Diagnosis
-from compasslib.inference.finding import CovariateRange, Finding, Parameter
+from compasslib.inference.finding import Finding, Parameter
 from compasslib.records import EarthField, Pairs, take
 from compasslib.statistics import single_threaded
 from compasslib.statistics.least_squares import robust_width
@@ -312,27 +314,20 @@ def clock_findings(
     width = robust_widths(left[1], np.zeros(len(after)))
     proof = finding.compare_residuals(left[0], left[1], width, blocks_by_span(after.time_s, finding.HELD_OUT_BLOCK_S))
     size = robust_width(moved)  # robust: directions of slow water are arbitrary
-    numbers = {
-        "clock_offset": (clock.offset_named, "hours", clock.offset_h, clock.offset_sigma_h, "h"),
-        "clock_drift": (clock.drift_named, "hours_year", clock.drift_h_year, clock.drift_sigma_h_year, "h/year"),
+    compared = Comparison(time_s=after.time_s, terms=(), covariates={"time": after.time_s})
+    terms: dict[Effect, tuple[bool, float, float]] = {
+        ClockOffset(): (clock.offset_named, clock.offset_h, clock.offset_sigma_h),
+        ClockDrift(): (clock.drift_named, clock.drift_h_year, clock.drift_sigma_h_year),
     }
-    span = (float(after.time_s[0]), float(after.time_s[-1]))
-    place = CovariateRange("time", *span, wording.range_text("time", *span))
-    result = []
-    for effect, (is_named, name, value, sigma, unit) in numbers.items():
-        if not is_named:
-            continue
-        others = tuple(name for name in numbers if name != effect) if clock.ambiguous else ()
-        text = wording.finding_text(
-            effect,
-            others,
-            where=place.text,
-            parameters={name: (value, sigma, unit)},
-            size_deg=size,
-            proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
-        )
-        parameters = {name: Parameter(value, sigma, unit)}
-        result.append(Finding(effect, "clock", others, place, span, parameters, size, proof, text))
+    place, result = compared.where("time", compared.span_s), []
+    for term, (is_named, value, sigma) in terms.items():
+        if is_named:
+            others = [other.name for other in terms if other is not term and clock.ambiguous]
+            chances = comparison.equal_chances(term.name, *others)
+            parameters = {term.fitted()[0]: Parameter(value, sigma, term.units()[0])}
+            result.append(
+                comparison.build_finding(compared, term, chances, parameters, size_deg=size, proof=proof, place=place)
+            )
     return result
 
 
@@ -359,8 +354,8 @@ def exact_compass_findings(
     proof = finding.bootstrap_gain(scores[1] - scores[0], block, (angles.rms(left[0]), angles.rms(left[1])))
     if proof.p_value > LARGE_DEVIATION_P or proof.refuted:
         return []
-    span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
-    return [replace(comparison.large_deviation_finding(size, proof), when_s=span, applied=True)]
+    of_pairs = Comparison(time_s=pairs.time_s, terms=(), covariates={"heading": pairs.heading_deg})
+    return [replace(comparison.large_deviation(of_pairs, size, proof), applied=True)]
 
 
 def held_out_residual(pairs: Pairs, fit: DeviationFit) -> Floats:

@@ -187,5 +187,4 @@ def too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options: 
     folds = min(finding.FOLDS, block.max() + 1)
     left = [short_findings.held_out_residual(fit, exact.terms, block, folds) for fit in (series, exact)]
     proof = finding.compare_residuals(left[0], left[1], exact.scale_deg, block)
-    size, what = angles.rms(apart), series.comparison.what
-    return [] if proof.refuted else [comparison.large_deviation_finding(size, proof, what=what)]
+    return [] if proof.refuted else [comparison.large_deviation(series.comparison, angles.rms(apart), proof)]

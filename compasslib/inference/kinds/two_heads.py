@@ -21,18 +21,19 @@ from compasslib.calibrations.two_heads.frame import Frame
 from compasslib.calibrations.two_heads.motion import ClockDifference, Motion, PairedHeads
 from compasslib.effects.effect import Effect, turning_scene
 from compasslib.effects.forward import COMPASS_STEPS
-from compasslib.effects.iron import HardIronStep, HardIronTrend, Heeling
+from compasslib.effects.iron import HardIronStep, HardIronTrend, Heeling, LevelHardIron, LevelSoftIron
 from compasslib.effects.readout import CompassDelay, CompassTrend, HeadingSlip, Octantal, Sextantal
+from compasslib.effects.water import ClockDrift, ClockOffset
 from compasslib.errors import InputError
-from compasslib.inference import diagnosis, finding, short_findings, short_fit, short_search, wording
-from compasslib.inference.comparison import Options
+from compasslib.inference import diagnosis, finding, short_findings, short_fit, short_search
+from compasslib.inference.comparison import Options, build_finding, equal_chances
 from compasslib.inference.diagnosis import Diagnosis
-from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter
+from compasslib.inference.finding import Finding, HeldOut, Parameter
 from compasslib.inference.short_fit import ShortComparison, thin_indices
 from compasslib.inference.short_search import ShortInference
 from compasslib.statistics.least_squares import robust_width
 from compasslib.statistics.resampling import blocks_by_count
-from compasslib.statistics.whitening import orthonormal_basis
+from compasslib.statistics.whitening import orthonormal_basis, project_out
 from compasslib.types import Floats
 
 TERMS: tuple[type[Effect], ...] = (
@@ -42,7 +43,6 @@ LAGS_S = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0)  # starting values of a la
 MOST_SAMPLES = 2000  # limits the run time of a search
 SURE_SIGMAS = 4.0  # for a finding; noise alone exceeds it 1 time in 16,000
 FARTHER_S = 86400.0  # largest clock difference searched if the headings are unrelated
-IRON = {"hard_iron": (slice(1, 3), "BC"), "soft_iron": (slice(3, 5), "DE")}
 WHICH = "which of the two heads is wrong: a third compass, or a swing of either head"
 UNTESTED = (
     ("declination_error", "a constant of either compass cannot be separated from the mounting angle"),
@@ -116,7 +116,7 @@ def diagnose_motion(
     named = short_search.search_effects(rotated, options)
     rigid = replace(rotated, steps=rotated.steps * (np.arange(5) == 0))
     named = replace(named, before=short_fit.fit_hypothesis(rigid, ()))
-    extra = [*_clock_findings(aligned, options.min_effect_deg), *_iron_findings(named, options.min_effect_deg)]
+    extra = [*_clock_findings(aligned, rotated, options.min_effect_deg), *_iron_findings(named, options.min_effect_deg)]
     clock = () if aligned.clock.determined else (("clock_offset", "headings and tilts hardly change together"),)
     return diagnosis.combine_outcomes(
         [short_findings.build_outcome(named, options.min_effect_deg)],
@@ -184,34 +184,29 @@ def _compare(aligned: AlignedHeads, a: Motion, field: Mapping[str, float] | None
     )
 
 
-def _clock_findings(aligned: AlignedHeads, min_effect_deg: float) -> list[Finding]:
+def _clock_findings(aligned: AlignedHeads, heads: ShortComparison, min_effect_deg: float) -> list[Finding]:
     """Build the clock findings that are significant and change the simulated heading by the minimum size or more."""
     clock, pairs = aligned.clock, aligned.corrected
     if not clock.determined:
         return []
     grown = (pairs.time_s - clock.middle_s) / motion.DAY_S * clock.drift_s_per_day * clock.drift_applied
-    numbers = {
-        "clock_offset": ("offset_s", clock.offset_s, clock.sigma_s, "s", np.full(len(pairs), clock.offset_s)),
-        "clock_drift": ("drift_s_day", clock.drift_s_per_day, clock.drift_sigma_s_per_day, "s/day", grown),
-    }
+    offset = Parameter(clock.offset_s, clock.sigma_s, "s")
+    drift = Parameter(clock.drift_s_per_day, clock.drift_sigma_s_per_day, "s/day")
     proof = _clock_gain(aligned)
     alone = () if np.isfinite(clock.from_tilts_s[0]) else ("compass_lag",)
-    findings = []
-    for effect, (name, value, sigma, unit, error_s) in numbers.items():
+    compared, findings = replace(heads, what="the clock of b against that of a"), []
+    each: list[tuple[Effect, str, Parameter, Floats | float]] = [
+        (ClockOffset(), "offset_s", offset, clock.offset_s),
+        (ClockDrift(), "drift_s_day", drift, grown),
+    ]
+    for term, name, parameter, error_s in each:
         # Rate of turn times a large error overestimates the turn: limit it by the rms before the correction.
         size = min(angles.rms(pairs.rate_deg_s * error_s), max(proof.rms_before_deg, min_effect_deg))
-        if abs(value) <= SURE_SIGMAS * sigma or size < min_effect_deg:
-            continue
-        low, high = (float(x) for x in np.quantile(pairs.rate_deg_s, finding.SHOWN_QUANTILES))
-        place = CovariateRange("turn_rate", low, high, wording.range_text("turn_rate", low, high, on_land=True))
-        text = wording.finding_text(
-            effect, alone, where=place.text, parameters={name: (value, sigma, unit)}, size_deg=size,
-            proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
-            what="the clock of b against that of a",
-        )  # fmt: skip
-        span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
-        parameters = {name: Parameter(value, sigma, unit)}
-        findings.append(Finding(effect, "clock", alone, place, span, parameters, size, proof, text))
+        if abs(parameter.value) > SURE_SIGMAS * parameter.sigma and size >= min_effect_deg:
+            chances, place = equal_chances(term.name, *alone), compared.where("turn_rate")
+            findings.append(
+                build_finding(compared, term, chances, {name: parameter}, size_deg=size, proof=proof, place=place)
+            )
     return findings
 
 
@@ -240,34 +235,27 @@ def _clock_gain(aligned: AlignedHeads) -> HeldOut:
 def _iron_findings(named: ShortInference, min_effect_deg: float) -> list[Finding]:
     """Build the findings of iron that affects one head only: one and two cycles of the heading."""
     covariance, fitted, findings = short_fit.parameter_covariance(named.fitted), named.fitted, []
-    for effect, (part, letters) in IRON.items():
+    for term, part, letters in ((LevelHardIron(), slice(1, 3), "BC"), (LevelSoftIron(), slice(3, 5), "DE")):
         values, part_covariance = fitted.base[part], covariance[part, part]
-        other_columns = np.delete(fitted.columns, np.arange(part.start, part.stop), axis=1)
-        basis = orthonormal_basis(other_columns)
-        columns = fitted.columns[:, part] - basis @ (basis.T @ fitted.columns[:, part])
-        square = float(np.mean((columns @ values) ** 2)) - float(
-            np.sum((columns.T @ columns / len(columns)) * part_covariance)
-        )
+        others = np.delete(fitted.columns, np.arange(part.start, part.stop), axis=1)
+        columns = project_out(fitted.columns[:, part], orthonormal_basis(others))
+        square = float(np.mean((columns @ values) ** 2) - np.sum(columns.T @ columns / len(columns) * part_covariance))
         sure = float(values @ np.linalg.pinv(part_covariance) @ values) > SURE_SIGMAS**2
         if not sure or square < min_effect_deg**2:
             continue
-        unit, sigma = 1.0 / angles.DEGREE, np.sqrt(np.diag(part_covariance)) / angles.DEGREE
-        parameters = {
-            f"{letter}_deg": Parameter(float(unit * v), float(s), "degrees")
-            for letter, v, s in zip(letters, values, sigma, strict=True)
-        }
-        place = fitted.comparison.outside(short_findings.residual_curve(fitted, fitted, "heading"))
-        proof, size = short_findings.held_out_base(fitted, part), float(np.sqrt(square))
-        printed = {name: (p.value, p.sigma, p.unit) for name, p in parameters.items()}
-        text = wording.finding_text(
-            effect,
-            (),
-            where=place.text,
-            parameters=printed,
-            size_deg=size,
-            proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
-            what=fitted.comparison.what,
+        sigma = np.sqrt(np.diag(part_covariance))
+        findings.append(
+            build_finding(
+                fitted.comparison,
+                term,
+                equal_chances(term.name),
+                {
+                    f"{letter}_deg": Parameter(float(value / angles.DEGREE), float(s / angles.DEGREE), "degrees")
+                    for letter, value, s in zip(letters, values, sigma, strict=True)
+                },
+                size_deg=float(np.sqrt(square)),
+                proof=short_findings.held_out_base(fitted, part),
+                place=fitted.comparison.outside(short_findings.residual_curve(fitted, fitted, "heading")),
+            )
         )
-        span = (float(fitted.comparison.time_s[0]), float(fitted.comparison.time_s[-1]))
-        findings.append(Finding(effect, "compass", (), place, span, parameters, size, proof, text))
     return findings
