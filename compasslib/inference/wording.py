@@ -88,7 +88,8 @@ def finding_text(
     for name, (value, sigma, unit) in ((name, vars(parameter).values()) for name, parameter in parameters.items()):
         if sigma > 0.0:
             interval = f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}"
-            numbers += f"; {known.get(name, name)} {interval}{'' if unit == '1' else f' {unit}'} (95 %)"
+            meaning = known.get(name, name.removesuffix("_deg").replace("_", " "))
+            numbers += f"; {meaning} {interval}{'' if unit == '1' else f' {unit}'} (95 %)"
     size = f"{size_deg:.1f}" if size_deg >= 1.0 else f"{size_deg:.2g}"
     text = f"{where[0].upper()}{where[1:]}: {physics or PHYSICS.get(effect, effect)}. Size {size}° rms{numbers}."
     if proof is not UNTESTED and proof.method is None:
