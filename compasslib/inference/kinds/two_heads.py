@@ -212,24 +212,15 @@ def _clock_findings(aligned: AlignedHeads, heads: ShortComparison, min_effect_de
 
 def _clock_gain(aligned: AlignedHeads) -> HeldOut:
     """Score the estimated clock by the heading difference, which does not itself enter the estimate."""
-    left, rms_deg = {}, {}
-    for name, pairs in (("before", aligned.given), ("after", aligned.corrected)):
-        # Differences minus the mean of the other half of the blocks, degrees.
-        difference = angles.difference(pairs.recorded_b, pairs.recorded_a)
-        off = np.array(difference)
-        odd = blocks_by_count(pairs.time_s, short_fit.MOST_BLOCKS) % 2 == 1 if len(off) else None
-        for out in () if odd is None else (odd, ~odd):
-            others = difference[~out] if (~out).any() else difference
-            off[out] = angles.difference(difference[out], float(angles.mean(others)))
-        rms_deg[name] = angles.rms(off) if len(off) >= two_heads.MIN_SAMPLES else float("nan")
-        left[name] = dict(zip(pairs.time_s.tolist(), off, strict=True))
-    same = sorted(set(left["before"]) & set(left["after"]))
+    both = aligned.given, aligned.corrected
+    same, *at = np.intersect1d(*(pairs.time_s for pairs in both), return_indices=True)
     if len(same) < two_heads.MIN_SAMPLES:
-        return HeldOut(rms_deg["before"], rms_deg["after"], 0.0, (0.0, 0.0), 1.0)
-    before, after = (np.array([left[name][t] for t in same]) for name in ("before", "after"))
+        rms_deg = [_scatter(pairs) if len(pairs) >= two_heads.MIN_SAMPLES else float("nan") for pairs in both]
+        return HeldOut(rms_deg[0], rms_deg[1], 0.0, (0.0, 0.0), 1.0)
+    turned = [angles.difference(x.recorded_b, x.recorded_a)[k] for x, k in zip(both, at, strict=True)]
+    before, after = (angles.difference(off, float(angles.mean(off))) for off in turned)
     width = max(robust_width(before), short_fit.FINEST_DEG)
-    block = blocks_by_count(np.array(same), short_fit.MOST_BLOCKS)
-    return finding.compare_residuals(before, after, width, block)
+    return finding.compare_residuals(before, after, width, blocks_by_count(same, short_fit.MOST_BLOCKS))
 
 
 def _iron_findings(named: ShortInference, min_effect_deg: float) -> list[Finding]:
