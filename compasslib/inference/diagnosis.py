@@ -63,7 +63,6 @@ class Diagnosis:
     detectable_deg: Mapping[str, float | None] = field(default_factory=dict)
     detection: Detection | None = None  #: evidence of any effect, ranked among surrogates; None if not computed
     hypotheses: tuple[RankedEffect, ...] = ()  #: effects that were tested alone, highest score first
-    threshold: Mapping[str, float] = field(default_factory=dict)  #: test statistics that noise alone rarely exceeds
     warnings: tuple[str, ...] = ()  #: sentences for the summary
     information: RecordInformation | None = None  #: what this record contributes to others of the same compass
     experiments: tuple[tuple[str, float], ...] = ()  #: (observation, probability that it leaves a single explanation)
@@ -106,7 +105,6 @@ class Diagnosis:
             "detection": None if self.detection is None else self.detection.to_json(),
             "detectable_deg": dict(self.detectable_deg),
             "hypotheses": [vars(ranked) for ranked in self.hypotheses],
-            "threshold": dict(self.threshold),
             "warnings": list(self.warnings),
         }
 
@@ -304,5 +302,5 @@ def product_of_diagnosis(fit: DeviationFit, diagnosis: Diagnosis) -> Product:
     if diagnosis.fit is None:
         return Product(fit, left_deg=left_deg, no_deviation=no_deviation)
     effects = tuple(finding.effect for finding in diagnosis.findings if finding.applied)
-    accounted = tuple(finding.effect for finding in diagnosis.findings if finding.outside_compass)
+    accounted = tuple(finding.effect for finding in diagnosis.findings if not finding.of_compass)
     return Product(fit, effects, diagnosis.applied, accounted, left_deg, no_deviation=no_deviation)

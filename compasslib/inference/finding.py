@@ -320,11 +320,6 @@ class Finding:
 
         return "compass" in {self.side, *(side_of(name) for name in self.alternatives)}
 
-    @property
-    def outside_compass(self) -> bool:
-        """Whether neither the effect nor any of its alternatives acts on the affected compass."""
-        return not self.of_compass
-
     def to_json(self) -> dict[str, Any]:
         return {
             "effect": self.effect,

@@ -105,7 +105,6 @@ def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) 
         why=limits_text(sorted(limits)) if limits else "",
         detectable_deg=detectable,
         detection=inferred.detections[0],
-        threshold={} if inferred.detections[0].threshold is None else {"detection": inferred.detections[0].threshold},
         experiments=experiments.rank_observations(inferred) if diagnosed.verdict == "ambiguous" else (),
         information=joint_effects.record_information(inferred, fit) if options.share and fit is not None else None,
     )

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import savgol_filter
 
 from compasslib import angles, compass
@@ -290,21 +291,12 @@ def tilt_wobble(log: Log, field_nT: Floats, down: Floats, strength_nT: float) ->
 
     Waves and handling accelerate the tilt sensor, and its spurious tilt also enters the modulus.
     """
-    modulus, pairs = ellipsoid.modulus(field_nT, down), ((1.0, 0.0), (0.0, 1.0))
     assert log.pitch_deg is not None and log.roll_deg is not None
-    columns = []
-    for by_pitch, by_roll in pairs:
-        fast = by_pitch * _fast(log.pitch_deg) + by_roll * _fast(log.roll_deg)
-        moved = compass.levelling(log.pitch_deg + by_pitch * fast, log.roll_deg + by_roll * fast)[:, 2, :]
-        columns.append((ellipsoid.modulus(field_nT, moved) - modulus) / strength_nT / angles.DEGREE)
-    return np.stack(columns, axis=1)
-
-
-def _fast(x: Floats) -> Floats:
-    """Subtract the running mean from a series."""
-    span = min(WOBBLE_SAMPLES, len(x))
-    together = np.convolve(np.ones(len(x)), np.ones(span), "same")
-    return x - np.convolve(x, np.ones(span), "same") / together
+    tilts = np.array([log.pitch_deg, log.roll_deg])
+    fast = tilts - uniform_filter1d(tilts, WOBBLE_SAMPLES)
+    each = [compass.levelling(*(tilts + fast * axis[:, None]))[:, 2, :] for axis in np.eye(2)]
+    moved = np.stack([ellipsoid.modulus(field_nT, tilted) for tilted in each], axis=1)
+    return (moved - ellipsoid.modulus(field_nT, down)[:, None]) / strength_nT / angles.DEGREE
 
 
 def scene_of(log: Log, simulated_deg: Floats, body: Floats) -> tuple[Scene, dict[str, Floats], NDArray[np.intp], bool]:

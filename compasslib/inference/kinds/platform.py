@@ -20,7 +20,7 @@ from compasslib.effects.effect import Effect
 from compasslib.effects.forward import COMPASS_STEPS
 from compasslib.effects.iron import HardIronStep, HardIronTrend
 from compasslib.effects.readout import CompassTrend, HeadingSlip, LargeDeviation, Octantal, Sextantal
-from compasslib.inference import comparison, diagnosis, finding, short_findings, short_fit, short_search
+from compasslib.inference import comparison, diagnosis, short_findings, short_fit, short_search
 from compasslib.inference.blocks import Option, block_of
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
@@ -183,8 +183,5 @@ def too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options: 
     evidence = short_search.weigh(series, option, series.evident[:, None])
     if not short_search.detect(ShortPlace(series, option, evidence, exact), options.surrogates).significant:
         return []
-    block = short_fit.memory_blocks(exact)
-    folds = min(finding.FOLDS, block.max() + 1)
-    left = [short_findings.held_out_residual(fit, exact.terms, block, folds) for fit in (series, exact)]
-    proof = finding.compare_residuals(left[0], left[1], exact.scale_deg, block)
+    proof = short_findings.held_out_gain(series, exact, exact.terms)
     return [] if proof.refuted else [comparison.large_deviation(series.comparison, angles.rms(apart), proof)]

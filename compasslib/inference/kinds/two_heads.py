@@ -213,7 +213,7 @@ def _clock_findings(aligned: AlignedHeads, heads: ShortComparison, min_effect_de
 def _clock_gain(aligned: AlignedHeads) -> HeldOut:
     """Score the estimated clock by the heading difference, which does not itself enter the estimate."""
     both = aligned.given, aligned.corrected
-    same, *at = np.intersect1d(*(pairs.time_s for pairs in both), return_indices=True)
+    same, *at = np.intersect1d(aligned.given.time_s, aligned.corrected.time_s, return_indices=True)
     if len(same) < two_heads.MIN_SAMPLES:
         rms_deg = [_scatter(pairs) if len(pairs) >= two_heads.MIN_SAMPLES else float("nan") for pairs in both]
         return HeldOut(rms_deg[0], rms_deg[1], 0.0, (0.0, 0.0), 1.0)
