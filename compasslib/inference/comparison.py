@@ -74,7 +74,6 @@ class Options:
 
     min_effect_deg: float = 0.5  # visible size, degrees rms, below which a mismatch is negligible
     apply: bool = True  # whether findings on the compass side are corrected
-    alarm: float = 0.006  # false alarm probability of scatter that follows a storm index, and of a shared effect
     prior_odds: float = 1.0  # of a fault of compass or clock
     surrogates: int = 199  # simulated records without an effect, against which its evidence and its gain are ranked
     reference_magnetic: bool = True  # whether the reference has a magnetic compass too

@@ -29,8 +29,6 @@ from compasslib.inference.joint_compass import RecordInformation
 from compasslib.inference.product import Product, WeightedCompass
 from compasslib.types import Floats
 
-VERDICTS = ("consistent", "explained", "ambiguous", "unexplained", "insufficient")
-
 LISTED_SHARE = 0.1  # smallest size that is listed as negligible, as a share of ``min_effect_deg``
 
 SIDES = ("none", "compass", "clock", "reference", "water")
@@ -210,7 +208,7 @@ def combine_outcomes(
     phrases += [SEPARATED_BY] * any(item.probability < SURE for item in current)
     if separated_by and any(item.side == "compass" for item in merged):
         phrases.append(separated_by)
-    compared = [part.comparison.what for part in parts]
+    compared = [part.comparison.what for part in parts] if not merged and left is None else []
     ranked = dict[str, RankedEffect]()  # each effect once
     for effect in sorted((effect for part in parts for effect in part.ranked), key=lambda effect: -effect.score):
         ranked.setdefault(effect.effect, effect)
@@ -222,7 +220,7 @@ def combine_outcomes(
         separated_by="; ".join(dict.fromkeys(phrases)) or None,
         not_testable=tuple(not_testable),
         negligible=tuple({name: size for name, size in small if size > LISTED_SHARE * options.min_effect_deg}.items()),
-        why=wording.verdict_reason([item.effect for item in merged], left.text if left else "", compared),
+        why=f"The residual of {wording.join_names(compared, ' and ')} is noise." if compared else "",
         curves=tuple(curve for part in parts for curve in part.curves(merged, left)),
         hypotheses=tuple(ranked.values()),
         detection=min(detected, key=lambda item: (item.rank_p or 1.0, -item.statistic), default=None),

@@ -200,7 +200,7 @@ def low_rank_noise(view: FittedModel, slow: SlowNoiseBasis, water: SlowNoisePara
     return LowRankNoise(basis.astype(np.float32), 1.0 / np.sqrt(1.0 + values[loud]))
 
 
-def storm_finding(state: FittedModel, alarm: float) -> Finding | None:
+def storm_finding(state: FittedModel, alarm: float = 0.006) -> Finding | None:
     """Test whether directions scatter with the storm index; None if they do not, or without an index.
 
     Args:

@@ -19,8 +19,6 @@ from compasslib.inference.short_search import ShortInference
 from compasslib.statistics.least_squares import robust_width
 from compasslib.types import Floats
 
-FEWEST_IN_BIN = 5  # fewest samples per bin of a plotted residual curve, where samples are correlated
-
 
 def build_outcome(inferred: ShortInference, min_effect_deg: float) -> Outcome:
     """Collect the outcome of the search of one comparison."""
@@ -141,13 +139,9 @@ def residual_curve(before: FittedHypothesis, after: FittedHypothesis, name: str)
     """Bin the residual along a covariate, with and without terms, with the standard error of each bin."""
     comparison = before.comparison
     column = comparison.covariates[name]
-    count = int(np.clip(len(column) // 4, 4, finding.CURVE_BINS))
-    edges = np.unique(np.quantile(column, np.linspace(0.0, 1.0, count + 1)))
-    if name == "heading":
-        edges = np.linspace(0.0, 360.0, min(2 * finding.CURVE_BINS, 2 * count) + 1)
-    bins = np.clip(np.searchsorted(edges, column, side="right") - 1, 0, len(edges) - 2)
+    bins, edges = finding.bins_along(name, column)
     there = np.bincount(bins, minlength=len(edges) - 1)
-    held = np.flatnonzero(there >= (1 if comparison.independent or comparison.arma_noise else FEWEST_IN_BIN))
+    held = np.flatnonzero(there >= (1 if comparison.independent or comparison.arma_noise else finding.FEWEST_IN_BIN))
     centre, *means = (
         np.bincount(bins, x, len(edges) - 1)[held] / there[held] for x in (column, before.residual_deg, after.clipped)
     )

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from compasslib.effects import CATALOGUE, COMPOSED, SLOW_WATER, all_effects, meanings, side_of
 from compasslib.effects.composed import FORMS
-from compasslib.inference.finding import UNTESTED, HeldOut, Parameter
+from compasslib.inference.finding import BOOTSTRAP_DRAWS, UNTESTED, HeldOut, Parameter
 from compasslib.records import iso_time
 
 VERDICTS = {
@@ -43,7 +43,6 @@ SEPARATED_BY = {
     frozenset((term.name, other)): how for term in all_effects() for other, how in term.separated_by.items()
 }
 LONG_RECORD_S = 10 * 86400.0  # length of a record above which dates are given to the day
-SMALLEST_P = 0.001  # smallest p-value that the bootstrap resolves
 WATER_OR_COMPASS = "a second reference, or a swing of the compass on land: {} is in the water, {} is not"
 TRUSTED_OR_NOT = "a second reference (reference as a list), or a swing of either compass on land"
 OTHERWISE = "a record in which {} and {} vary independently"
@@ -94,7 +93,8 @@ def finding_text(
     text = f"{where[0].upper()}{where[1:]}: {physics or PHYSICS.get(effect, effect)}. Size {size}° rms{numbers}."
     if proof is not UNTESTED and proof.method is None:
         before, after, p = proof.rms_before_deg, proof.rms_after_deg, proof.p_value
-        chance = f"p = {p:.2g}" if p > SMALLEST_P else f"p < {SMALLEST_P:g}"
+        least = 1.0 / BOOTSTRAP_DRAWS
+        chance = f"p = {p:.2g}" if p > least else f"p < {least:g}"
         stretches = "stretches" if what else "days"
         text += f" On held-out {stretches} the residual goes from {before:.2f}° to {after:.2f}° rms ({chance})."
     return f"{text} This record cannot separate it from {join_names(alternatives)}." if alternatives else text
@@ -174,15 +174,6 @@ def range_text(covariate: str, low: float, high: float, *, on_land: bool = False
 def date_text(time_s: float, span_s: float) -> str:
     """Format a time: to the day in records of more than ten days, else to the second."""
     return iso_time(time_s)[:10] if span_s > LONG_RECORD_S else iso_time(time_s)
-
-
-def verdict_reason(effects: Iterable[str], left: str, compared: Sequence[str]) -> str:
-    """State the basis of the verdict in one sentence."""
-    if left:
-        return left
-    if causes := [PHYSICS.get(effect, display_name(effect)) for effect in effects]:
-        return f"Found in the residual: {'; '.join(causes)}."
-    return f"The residual of {join_names(compared, ' and ')} is noise."
 
 
 def unsettled_reason(effect: str, alternatives: Sequence[str], level: str | None, probability: float) -> str:

@@ -45,7 +45,6 @@ LEAST_CLOCK_H = 0.3  # least clock error that is named; delays by real water are
 WINDOWS, FEWEST_IN_WINDOW = 16, 100  # windows for comparing the clocks, and fewest samples in one
 LONGEST_HOURS = 12.0  # largest clock error searched: time zones; at longer lags tides repeat
 SLOW_HOURS = 12.0  # half width of the running mean that is subtracted
-CLOCK_SIGMAS = 4.0  # normal score from which a clock error is named
 NEARLY_AS_GOOD = 10.0  # difference of chi squared below which an offset and a drift are not distinguished
 # Delays that are not clock errors: water arriving later at one depth, time stamps at the start, middle or end of an
 # average. They are 0.2 h between depths of one real record (eh2), 0.3 h in years simulated from that record.
@@ -126,7 +125,7 @@ def _select_clock(years: Floats, ahead_h: Floats, span_years: float) -> ClockErr
         return estimate.is_significant and abs(estimate.value) * years >= LEAST_CLOCK_H
 
     both = proven(offset) and proven(slope, span_years)
-    if both and min(without_drift, without_offset) - least > CLOCK_SIGMAS**2:
+    if both and min(without_drift, without_offset) - least > finding.NAMED_SIGMAS**2:
         return ClockError(offset.value, slope.value, offset.sigma, slope.sigma, True, True)
     ambiguous = abs(without_drift - without_offset) < NEARLY_AS_GOOD
     if without_offset < without_drift:
@@ -144,7 +143,7 @@ class _Estimate:
     def is_significant(self) -> bool:
         """Whether it is significant by Student's t distribution, as a normal score (Wallace 1959)."""
         t, n = self.value / max(self.sigma, 1e-6), self.freedom
-        return bool((8.0 * n + 1.0) / (8.0 * n + 3.0) * np.sqrt(n * np.log1p(t**2 / n)) > CLOCK_SIGMAS)
+        return bool((8.0 * n + 1.0) / (8.0 * n + 3.0) * np.sqrt(n * np.log1p(t**2 / n)) > finding.NAMED_SIGMAS)
 
 
 def _fit(design: Floats, ahead_h: Floats, scatter_h: float) -> tuple[list[_Estimate], float]:

@@ -108,25 +108,15 @@ def _compare(
 ) -> ShortComparison:
     number = np.arange(1.0, len(correct_deg) + 1.0)
     scene, unit = short_fit.recording_scene(number, field)
-    form: short_fit.CompassResidual | short_fit.SeriesResidual
-    if isinstance(exact, FittedCurve):
-        form, start, steps, terms = (
-            short_fit.CompassResidual(correct_deg, recorded_deg, scene),
-            exact.coefficients,
-            COMPASS_STEPS,
-            TERMS,
-        )
-    else:
-        form, start, steps = short_fit.SeriesResidual(correct_deg, recorded_deg, scene), np.zeros(5), np.ones(5)
-        terms = READOUT
+    form = short_fit.SeriesResidual if exact is None else short_fit.CompassResidual
     return ShortComparison(
         what="the fitted curve against the bench",
-        residual=form,
-        start=start,
-        steps=steps,
+        residual=form(correct_deg, recorded_deg, scene),
+        start=np.zeros(5) if exact is None else exact.coefficients,
+        steps=np.ones(5) if exact is None else COMPASS_STEPS,
         time_s=number,
         clocked=False,
-        terms=terms,
+        terms=READOUT if exact is None else TERMS,
         covariates={"heading": recorded_deg, "reading": number},
         field_unit=unit,
         independent=True,

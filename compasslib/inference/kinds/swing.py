@@ -384,7 +384,7 @@ def add_water_statement(diagnosed: Diagnosis, made: Calibration) -> Diagnosis:
     if not why:
         most = drift["drift_kn"] + 1.96 * np.sqrt(np.linalg.eigvalsh(drift["covariance"])[-1])
         bound = f"Set and drift of the water do not show in the courses: less than {most:.2g} kn (95 %)."
-        return replace(diagnosed, why=f"{diagnosed.why} {bound}")
+        return replace(diagnosed, why=f"{diagnosed.why} {bound}".strip())
     if diagnosed.verdict == "consistent":
         return replace(diagnosed, verdict="insufficient", why=f"{diagnosed.why} {why}", separated_by=SEPARATED)
     return replace(diagnosed, separated_by="; ".join(filter(None, (diagnosed.separated_by, SEPARATED))))

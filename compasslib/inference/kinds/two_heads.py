@@ -22,13 +22,14 @@ from compasslib.calibrations.two_heads.motion import ClockDifference, Motion, Pa
 from compasslib.effects.effect import Effect, turning_scene
 from compasslib.effects.forward import COMPASS_STEPS
 from compasslib.effects.iron import HardIronStep, HardIronTrend, Heeling, LevelHardIron, LevelSoftIron
-from compasslib.effects.readout import CompassDelay, CompassTrend, HeadingSlip, Octantal, Sextantal
+from compasslib.effects.readout import CompassDelay
 from compasslib.effects.water import ClockDrift, ClockOffset
 from compasslib.errors import InputError
 from compasslib.inference import diagnosis, finding, short_findings, short_fit, short_search
 from compasslib.inference.comparison import Options, build_finding, equal_chances
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import Finding, HeldOut, Parameter
+from compasslib.inference.kinds.platform import READOUT
 from compasslib.inference.short_fit import ShortComparison, thin_indices
 from compasslib.inference.short_search import ShortInference
 from compasslib.statistics.least_squares import robust_width
@@ -36,13 +37,8 @@ from compasslib.statistics.resampling import blocks_by_count
 from compasslib.statistics.whitening import orthonormal_basis, project_out
 from compasslib.types import Floats
 
-TERMS: tuple[type[Effect], ...] = (
-    Sextantal, Octantal, HeadingSlip, CompassTrend, CompassDelay, HardIronStep, HardIronTrend, Heeling,
-)  # fmt: skip
+TERMS: tuple[type[Effect], ...] = (*READOUT, CompassDelay, HardIronStep, HardIronTrend, Heeling)
 LAGS_S = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0)  # starting values of a lag, since the misfit has several minima
-MOST_SAMPLES = 2000  # limits the run time of a search
-SURE_SIGMAS = 4.0  # for a finding; noise alone exceeds it 1 time in 16,000
-FARTHER_S = 86400.0  # largest clock difference searched if the headings are unrelated
 WHICH = "which of the two heads is wrong: a third compass, or a swing of either head"
 UNTESTED = (
     ("declination_error", "a constant of either compass cannot be separated from the mounting angle"),
@@ -78,7 +74,7 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
     start, end = settings.get("start_s"), settings.get("end_s")
     known = float(two_heads.setting(settings, "clock_offset_seconds", 0.0))
     first = motion.extract_motion(a, start, end)
-    reach = max(farthest, FARTHER_S)
+    reach = max(farthest, motion.DAY_S)
     window = [None if edge is None else edge + known + way * reach for edge, way in ((start, -1.0), (end, 1.0))]
     second = motion.extract_motion(b, *window)
     second = replace(second, time_s=second.time_s - known)
@@ -138,7 +134,7 @@ def _align(a: Motion, b: Motion, farthest_s: float) -> AlignedHeads:
     nearest = two_heads.pair_samples(a, b, clock)
     if len(nearest) >= two_heads.MIN_SAMPLES and _scatter(nearest) <= two_heads.UNRELATED_DEG:
         return AlignedHeads(given, nearest, clock)
-    farther = motion.estimate_clock_offset(a, b, FARTHER_S)
+    farther = motion.estimate_clock_offset(a, b, motion.DAY_S)
     again = two_heads.pair_samples(a, b, farther)
     better = len(again) >= two_heads.MIN_SAMPLES and _scatter(again) <= two_heads.UNRELATED_DEG
     return AlignedHeads(given, again, farther) if better else AlignedHeads(given, nearest, clock)
@@ -160,7 +156,7 @@ def _turned(pairs: PairedHeads) -> tuple[Floats, Frame]:
 def _compare(aligned: AlignedHeads, a: Motion, field: Mapping[str, float] | None) -> ShortComparison:
     pairs = aligned.corrected
     correct, _ = _turned(pairs)
-    samples = thin_indices(len(pairs), MOST_SAMPLES)
+    samples = thin_indices(len(pairs))
     pitch, roll = (tilt[samples] for tilt in motion.tilt_angles(pairs.lean_b))
     time_s, rate, recorded = pairs.time_s[samples], pairs.rate_deg_s[samples], pairs.recorded_b[samples]
     scene, unit = short_fit.recording_scene(time_s, field, tilt_deg=(pitch, roll), departures={"turn_rate": rate})
@@ -202,7 +198,7 @@ def _clock_findings(aligned: AlignedHeads, heads: ShortComparison, min_effect_de
     for term, name, parameter, error_s in each:
         # Rate of turn times a large error overestimates the turn: limit it by the rms before the correction.
         size = min(angles.rms(pairs.rate_deg_s * error_s), max(proof.rms_before_deg, min_effect_deg))
-        if abs(parameter.value) > SURE_SIGMAS * parameter.sigma and size >= min_effect_deg:
+        if abs(parameter.value) > finding.NAMED_SIGMAS * parameter.sigma and size >= min_effect_deg:
             chances, place = equal_chances(term.name, *alone), compared.where("turn_rate")
             findings.append(
                 build_finding(compared, term, chances, {name: parameter}, size_deg=size, proof=proof, place=place)
@@ -231,7 +227,7 @@ def _iron_findings(named: ShortInference, min_effect_deg: float) -> list[Finding
         others = np.delete(fitted.columns, np.arange(part.start, part.stop), axis=1)
         columns = project_out(fitted.columns[:, part], orthonormal_basis(others))
         square = float(np.mean((columns @ values) ** 2) - np.sum(columns.T @ columns / len(columns) * part_covariance))
-        sure = float(values @ np.linalg.pinv(part_covariance) @ values) > SURE_SIGMAS**2
+        sure = float(values @ np.linalg.pinv(part_covariance) @ values) > finding.NAMED_SIGMAS**2
         if not sure or square < min_effect_deg**2:
             continue
         sigma = np.sqrt(np.diag(part_covariance))
