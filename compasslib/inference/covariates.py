@@ -38,7 +38,6 @@ NAMED_SERIES = (
 )  # any other name is an instrument-specific channel
 ZERO_WHERE_MISSING = (*OBSERVATORY, *TILT_CORRECTIONS)  # missing values are set to 0
 WITHOUT_REFERENCE = TILT_CORRECTIONS  # series with a meaningful zero, from which no mean is subtracted
-BATTERY_JUMP = 0.3  # share of its range: a supply voltage that rises by more within a day indicates a new battery
 SHEAR_REACH = 6  # samples to either side over which shear persists while instrument noise averages out
 NEIGHBOURS = (2, 3, 4, 5, 6, 7)  # lags in samples, before and after; at lag 1 the residual's noise may be shared
 FAINTEST = 0.03  # relative cutoff of singular values: flow from a narrow arc hardly separates the harmonics
@@ -252,18 +251,17 @@ def turn_rate(angle_deg: Floats, time_s: Floats) -> Floats:
     return result
 
 
-def battery_count(voltage: Floats) -> Floats:
-    """Count the batteries replaced so far, (n,), detected as a lasting rise of the voltage."""
+def battery_count(voltage: Floats, least_rise: float = 0.3) -> Floats:
+    """Count the batteries replaced so far, (n,), by lasting rises of at least a share of the voltage's range."""
     window = min(24, len(voltage) // 8)
     if window == 0:
         return np.zeros(len(voltage))
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(voltage, window), axis=1)
     rise = smooth[window:] - smooth[:-window]
-    least = BATTERY_JUMP * np.ptp(voltage)
     number, last = np.zeros(len(voltage)), -len(voltage)
     padded = np.pad(rise, window, constant_values=-np.inf)
     highest = np.lib.stride_tricks.sliding_window_view(padded, 2 * window + 1).max(axis=1)
-    for at in np.flatnonzero((rise > least) & (rise >= highest)):
+    for at in np.flatnonzero((rise > least_rise * np.ptp(voltage)) & (rise >= highest)):
         if at - last > window:  # quantized voltages have equal maxima at several neighbours: count one battery
             number[at + window :] += 1.0
         last = int(at)
