@@ -14,7 +14,7 @@ import numpy as np
 from compasslib import angles, compass
 from compasslib.deviation.likelihood import scatter_widths
 from compasslib.deviation.model import CoefficientPrior, DeviationFit, nearest_root, observed_heading, pair_speeds
-from compasslib.effects import COMPOSED, Effect, Scene, all_effects
+from compasslib.effects import COMPOSED, Effect, Scene, all_effects, meanings
 from compasslib.effects.composed import TIDE_S, ComposedEffect
 from compasslib.effects.effect import HOUR_S
 from compasslib.effects.forward import ForwardModel, heading_jacobian, invert_heading
@@ -337,6 +337,43 @@ def held_out_text(proof: HeldOut, heading_error_deg: float | None) -> str:
     return "".join(texts)
 
 
+def finding_text(
+    effect: str,
+    alternatives: Sequence[str],
+    *,
+    where: str,
+    parameters: Mapping[str, Parameter],
+    size_deg: float,
+    proof: HeldOut,
+    physics: str = "",
+    what: str = "",
+) -> str:
+    """Describe one finding in two or three sentences.
+
+    Args:
+        size_deg: visible size, rms degrees.
+        physics: in words; by default that of the effect.
+        what: what is compared, if a recording has more than one comparison.
+    """
+    where, known, numbers = f"{what}, {where}" if what else where, meanings(effect), ""
+    for name, (value, sigma, unit) in ((name, vars(parameter).values()) for name, parameter in parameters.items()):
+        if sigma > 0.0:
+            interval = f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}"
+            meaning = known.get(name, name.removesuffix("_deg").replace("_", " "))
+            numbers += f"; {meaning} {interval}{'' if unit == '1' else f' {unit}'} (95 %)"
+    size = f"{size_deg:.1f}" if size_deg >= 1.0 else f"{size_deg:.2g}"
+    text = (
+        f"{where[0].upper()}{where[1:]}: {physics or wording.PHYSICS.get(effect, effect)}. Size {size}° rms{numbers}."
+    )
+    if proof is not findings.UNTESTED and proof.method is None:
+        before, after, p = proof.rms_before_deg, proof.rms_after_deg, proof.p_value
+        least = 1.0 / findings.BOOTSTRAP_DRAWS
+        chance = f"p = {p:.2g}" if p > least else f"p < {least:g}"
+        stretches = "stretches" if what else "days"
+        text += f" On held-out {stretches} the residual goes from {before:.2f}° to {after:.2f}° rms ({chance})."
+    return f"{text} This record cannot separate it from {wording.join_names(alternatives)}." if alternatives else text
+
+
 def equal_chances(*effects: str) -> dict[str, float]:
     """Divide the probability of a finding that was made without a search equally between its effects."""
     return dict.fromkeys(effects, 1.0 / len(effects))
@@ -399,7 +436,7 @@ def build_finding(
         heading_error_deg=heading_error_deg,
         shares_driver=any(_composition(each) for other in alike for each in (term, other)),
     )
-    text = wording.finding_text(
+    text = finding_text(
         term.name,
         made.alternatives,
         where=place.text,

@@ -6,9 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from compasslib.effects import CATALOGUE, COMPOSED, SLOW_WATER, all_effects, meanings, side_of
+from compasslib.effects import CATALOGUE, COMPOSED, SLOW_WATER, all_effects, side_of
 from compasslib.effects.composed import FORMS
-from compasslib.inference.finding import BOOTSTRAP_DRAWS, UNTESTED, HeldOut, Parameter
 from compasslib.records import iso_time
 
 VERDICTS = {
@@ -63,41 +62,6 @@ def separating_observations(effect: str, alternatives: Sequence[str]) -> str:
             text = OTHERWISE.format(first, second)
         phrases.append(f"{first} or {second}: {text}")
     return "; ".join(dict.fromkeys(phrases))
-
-
-def finding_text(
-    effect: str,
-    alternatives: Sequence[str],
-    *,
-    where: str,
-    parameters: Mapping[str, Parameter],
-    size_deg: float,
-    proof: HeldOut,
-    physics: str = "",
-    what: str = "",
-) -> str:
-    """Describe one finding in two or three sentences.
-
-    Args:
-        size_deg: visible size, rms degrees.
-        physics: in words; by default that of the effect.
-        what: what is compared, if a recording has more than one comparison.
-    """
-    where, known, numbers = f"{what}, {where}" if what else where, meanings(effect), ""
-    for name, (value, sigma, unit) in ((name, vars(parameter).values()) for name, parameter in parameters.items()):
-        if sigma > 0.0:
-            interval = f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}"
-            meaning = known.get(name, name.removesuffix("_deg").replace("_", " "))
-            numbers += f"; {meaning} {interval}{'' if unit == '1' else f' {unit}'} (95 %)"
-    size = f"{size_deg:.1f}" if size_deg >= 1.0 else f"{size_deg:.2g}"
-    text = f"{where[0].upper()}{where[1:]}: {physics or PHYSICS.get(effect, effect)}. Size {size}° rms{numbers}."
-    if proof is not UNTESTED and proof.method is None:
-        before, after, p = proof.rms_before_deg, proof.rms_after_deg, proof.p_value
-        least = 1.0 / BOOTSTRAP_DRAWS
-        chance = f"p = {p:.2g}" if p > least else f"p < {least:g}"
-        stretches = "stretches" if what else "days"
-        text += f" On held-out {stretches} the residual goes from {before:.2f}° to {after:.2f}° rms ({chance})."
-    return f"{text} This record cannot separate it from {join_names(alternatives)}." if alternatives else text
 
 
 def level_text(level: str | None, probability: float | None, side: str, driver: str) -> str:
