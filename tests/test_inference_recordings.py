@@ -19,10 +19,11 @@ from compasslib.effects import CATALOGUE
 from compasslib.errors import InputError
 from compasslib.inference import kinds, short_search
 from compasslib.inference.comparison import Options
-from compasslib.inference.diagnosis import VERDICTS, Diagnosis
+from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.kinds import magnetometer as magnetometer_kind
 from compasslib.inference.kinds import platform
 from compasslib.inference.short_fit import ShortComparison
+from compasslib.inference.wording import VERDICTS
 from tests.world import recordings as drawn
 from tests.world import swing
 

@@ -63,6 +63,11 @@ def test_two_effects_are_both_named():
     assert (found.verdict, {item.effect for item in found.findings}) == ("explained", {"sextantal", "heading_slip"})
 
 
+def test_two_harmonics_are_not_one_composed_effect():
+    found = bench(lambda g, t: 2.0 * angles.sin_cos(3.0 * g)[0] + 2.0 * angles.sin_cos(4.0 * g)[0], 1)
+    assert (found.verdict, {item.effect for item in found.findings}) == ("explained", {"sextantal", "octantal"})
+
+
 def test_what_only_a_composed_effect_describes_is_unexplained():
     found = bench(lambda g, t: 2.0 * angles.sin_cos(7.0 * g)[0], 5)
     assert found.verdict == "unexplained" and found.unexplained.covariates == ("heading",)

@@ -14,11 +14,12 @@ import numpy as np
 from compasslib import angles, compass
 from compasslib.deviation.likelihood import scatter_widths
 from compasslib.deviation.model import CoefficientPrior, DeviationFit, nearest_root, observed_heading, pair_speeds
-from compasslib.effects import COMPOSED, Effect, Scene, all_effects
+from compasslib.effects import COMPOSED, Effect, Scene, all_effects, meanings
 from compasslib.effects.composed import TIDE_S, ComposedEffect
 from compasslib.effects.effect import HOUR_S
 from compasslib.effects.forward import ForwardModel, heading_jacobian, invert_heading
 from compasslib.effects.iron import Heeling
+from compasslib.effects.readout import LargeDeviation
 from compasslib.inference import covariates as covariate_series
 from compasslib.inference import finding as findings
 from compasslib.inference import wording
@@ -73,7 +74,6 @@ class Options:
 
     min_effect_deg: float = 0.5  # visible size, degrees rms, below which a mismatch is negligible
     apply: bool = True  # whether findings on the compass side are corrected
-    alarm: float = 0.006  # false alarm probability of scatter that follows a storm index, and of a shared effect
     prior_odds: float = 1.0  # of a fault of compass or clock
     surrogates: int = 199  # simulated records without an effect, against which its evidence and its gain are ranked
     reference_magnetic: bool = True  # whether the reference has a magnetic compass too
@@ -337,6 +337,48 @@ def held_out_text(proof: HeldOut, heading_error_deg: float | None) -> str:
     return "".join(texts)
 
 
+def finding_text(
+    effect: str,
+    alternatives: Sequence[str],
+    *,
+    where: str,
+    parameters: Mapping[str, Parameter],
+    size_deg: float,
+    proof: HeldOut,
+    physics: str = "",
+    what: str = "",
+) -> str:
+    """Describe one finding in two or three sentences.
+
+    Args:
+        size_deg: visible size, rms degrees.
+        physics: in words; by default that of the effect.
+        what: what is compared, if a recording has more than one comparison.
+    """
+    where, known, numbers = f"{what}, {where}" if what else where, meanings(effect), ""
+    for name, (value, sigma, unit) in ((name, vars(parameter).values()) for name, parameter in parameters.items()):
+        if sigma > 0.0:
+            interval = f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}"
+            meaning = known.get(name, name.removesuffix("_deg").replace("_", " "))
+            numbers += f"; {meaning} {interval}{'' if unit == '1' else f' {unit}'} (95 %)"
+    size = f"{size_deg:.1f}" if size_deg >= 1.0 else f"{size_deg:.2g}"
+    text = (
+        f"{where[0].upper()}{where[1:]}: {physics or wording.PHYSICS.get(effect, effect)}. Size {size}° rms{numbers}."
+    )
+    if proof is not findings.UNTESTED and proof.method is None:
+        before, after, p = proof.rms_before_deg, proof.rms_after_deg, proof.p_value
+        least = 1.0 / findings.BOOTSTRAP_DRAWS
+        chance = f"p = {p:.2g}" if p > least else f"p < {least:g}"
+        stretches = "stretches" if what else "days"
+        text += f" On held-out {stretches} the residual goes from {before:.2f}° to {after:.2f}° rms ({chance})."
+    return f"{text} This record cannot separate it from {wording.join_names(alternatives)}." if alternatives else text
+
+
+def equal_chances(*effects: str) -> dict[str, float]:
+    """Divide the probability of a finding that was made without a search equally between its effects."""
+    return dict.fromkeys(effects, 1.0 / len(effects))
+
+
 def build_finding(
     comparison: Comparison,
     term: Effect,
@@ -349,8 +391,9 @@ def build_finding(
     span_s: tuple[float, float] | None = None,
     heading_error_deg: float | None = None,
     others: Sequence[Effect] = (),
+    physics: str = "",
 ) -> Finding:
-    """Build the finding of one term of the most probable hypothesis.
+    """Build the finding of one term.
 
     Args:
         chances: probability of the effect, which comes first, and of each alternative.
@@ -361,6 +404,7 @@ def build_finding(
         heading_error_deg: rms error of the headings if it were not corrected.
         others: the other terms of the hypothesis. If a composed term shares its driver with another one, neither has
             the right form, and only the driver is established.
+        physics: in words; by default that of the effect.
     """
     probability, alternatives = next(iter(chances.values())), dict(list(chances.items())[1:])
     composition = _composition(term)
@@ -368,36 +412,39 @@ def build_finding(
     alike = [
         other for other in others if (other.side, findings.TILTS.get(other.driver, other.driver)) == (term.side, driver)
     ]
-    begin, end = span_s or comparison.span_s
+    when_s = (span_s or comparison.span_s) if comparison.clocked else None
     if term.dated():
-        begin, place = term.date, comparison.since(term.date)
-    physics = " changes ".join(wording.describe_composition(*composition.values())) if composition else term.words
-    text = wording.finding_text(
-        term.name,
-        tuple(alternatives),
-        where=place.text,
-        parameters={name: (parameter.value, parameter.sigma, parameter.unit) for name, parameter in parameters.items()},
-        size_deg=size_deg,
-        proof=None if proof.amplitude else (proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
-        physics=f"{physics}, which no listed effect does" if composition else physics,
-        what=comparison.what,
-    )
+        place = comparison.since(term.date)
+        when_s = when_s and (term.date, when_s[1])
+    if composition:
+        words = " changes ".join(wording.describe_composition(*composition.values()))
+        physics = f"{words}, which no listed effect does"
     made = Finding(
         effect="composed" if composition else term.name,
         side=term.side,
         driver=term.driver,
         alternatives=tuple(alternatives),
         where=place,
-        when_s=(begin, end) if comparison.clocked else None,
+        when_s=when_s,
         parameters=parameters,
         rms_effect_deg=size_deg,
         held_out=proof,
-        text=text,
+        text="",
         probability=probability,
         alternatives_probability=alternatives,
         composition=composition,
         heading_error_deg=heading_error_deg,
         shares_driver=any(_composition(each) for other in alike for each in (term, other)),
+    )
+    text = finding_text(
+        term.name,
+        made.alternatives,
+        where=place.text,
+        parameters=parameters,
+        size_deg=size_deg,
+        proof=proof,
+        physics=physics or term.words,
+        what=comparison.what,
     )
     stated = made.statement
     text += held_out_text(proof, heading_error_deg)
@@ -414,9 +461,8 @@ def _composition(term: Effect) -> dict[str, str] | None:
     return dict(zip(("acts_on", "driver", "form"), term.said(), strict=True))
 
 
-def large_deviation_finding(size_deg: float, proof: HeldOut, *, what: str = "") -> Finding:
+def large_deviation(comparison: Comparison, size_deg: float, proof: HeldOut) -> Finding:
     """Build the finding that the exact compass fits better than the five-term series."""
-    effect, place = "large_deviation", CovariateRange("heading", 0.0, 360.0, "along the recorded heading")
-    shown = (proof.rms_before_deg, proof.rms_after_deg, proof.p_value)
-    text = wording.finding_text(effect, (), where=place.text, parameters={}, size_deg=size_deg, proof=shown, what=what)
-    return Finding(effect, "compass", (), place, None, {"share": Parameter(1.0, 0.0, "1")}, size_deg, proof, text)
+    term, share = LargeDeviation(), {"share": Parameter(1.0, 0.0, "1")}
+    chances, place = equal_chances(term.name), comparison.where("heading", (0.0, 360.0))
+    return build_finding(comparison, term, chances, share, size_deg=size_deg, proof=proof, place=place)

@@ -27,8 +27,11 @@ from compasslib.deviation.doubts import (
 )
 from compasslib.deviation.model import DeviationFit
 from compasslib.effects import CATALOGUE
+from compasslib.effects.earth import DeclinationError
+from compasslib.effects.readout import MountingOffset
 from compasslib.inference import product as products
 from compasslib.inference import wording
+from compasslib.inference.comparison import Comparison, build_finding
 from compasslib.inference.diagnosis import (
     SIDES,
     Diagnosis,
@@ -37,7 +40,7 @@ from compasslib.inference.diagnosis import (
     product_of_diagnosis,
     spread_unexplained,
 )
-from compasslib.inference.finding import SURE, UNTESTED, CovariateRange, Finding, Parameter, Unexplained
+from compasslib.inference.finding import SURE, UNTESTED, CovariateRange, Parameter, Unexplained
 from compasslib.inference.product import Product, Series
 from compasslib.records import EarthField, Pairs, Record
 
@@ -62,22 +65,17 @@ def diagnose_constant(constant: ConstantOffset, pairs: Pairs) -> Diagnosis:
 
     No other effect is attributed until the offset is resolved.
     """
-    span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
-    p = constant.probability
-    other = "mounting_offset" if constant.effect == "declination_error" else "declination_error"
-    others = {other: 1.0 - p} if p < SURE else {}
-    finding = Finding(
-        effect=constant.effect,
-        side="compass",
-        alternatives=tuple(others),
-        where=CovariateRange("time", *span, "throughout the record"),
-        when_s=span,
-        parameters={"constant_deg": Parameter(constant.angle_deg, constant.sigma_deg, "°")},
-        rms_effect_deg=abs(constant.angle_deg),
-        held_out=UNTESTED,
-        text=f"{constant.text[0].upper()}{constant.text[1:]}. {UNSETTLED[0].upper()}{UNSETTLED[1:]}.",
-        probability=p,
-        alternatives_probability=others,
+    of_pairs, p = Comparison(time_s=pairs.time_s, terms=(), covariates={}), constant.probability
+    term, other = sorted((DeclinationError(), MountingOffset()), key=lambda kind: kind.name != constant.effect)
+    finding = build_finding(
+        of_pairs,
+        term,
+        {term.name: p} | ({other.name: 1.0 - p} if p < SURE else {}),
+        {"constant_deg": Parameter(constant.angle_deg, constant.sigma_deg, "°")},
+        size_deg=abs(constant.angle_deg),
+        proof=UNTESTED,
+        place=CovariateRange("time", *of_pairs.span_s, "throughout the record"),
+        physics=f"{constant.text}; {UNSETTLED}",
     )
     return Diagnosis(
         "ambiguous",
@@ -182,7 +180,7 @@ def _search_or_question(
         return search(pairs), constant
     if constant.between_instruments:
         searched = search(pairs)
-        if any(each.side == "clock" and each.probability > 0.5 for each in searched.findings):
+        if any(each.statement.side == "clock" and each.level for each in searched.findings):
             remaining = find_constant(product_of_diagnosis(fit, searched).fit)
             if remaining is None or not remaining.effect:
                 return searched, remaining

@@ -19,7 +19,8 @@ from compasslib.types import Floats
 
 TILT_CORRECTIONS = ("lean_pitch", "lean_roll")  # true minus recorded tilt, degrees
 NEAR_CELLS = 2  # nearest bins, whose mean is taken as the velocity at the instrument
-SHORTEST_STUCK_S, FEWEST_MOVING = 10 * 86400.0, 100  # least duration of stuck tilts, and number of other tilts
+SHORTEST_STUCK_S = 10 * 86400.0  # least duration of stuck tilts
+FEWEST_FITTED = 100  # samples from which a regression is estimated
 HIGHEST = 0.01  # quantile of the depth at which the instrument is taken as upright
 LEAST_EXPLAINED = 0.25  # share of the variance of the tilts that the flow must explain to be used as their predictor
 
@@ -37,8 +38,6 @@ NAMED_SERIES = (
 )  # any other name is an instrument-specific channel
 ZERO_WHERE_MISSING = (*OBSERVATORY, *TILT_CORRECTIONS)  # missing values are set to 0
 WITHOUT_REFERENCE = TILT_CORRECTIONS  # series with a meaningful zero, from which no mean is subtracted
-BATTERY_JUMP = 0.3  # share of its range: a supply voltage that rises by more within a day indicates a new battery
-FEWEST_PREDICTED = 100  # samples needed to estimate the weights
 SHEAR_REACH = 6  # samples to either side over which shear persists while instrument noise averages out
 NEIGHBOURS = (2, 3, 4, 5, 6, 7)  # lags in samples, before and after; at lag 1 the residual's noise may be shared
 FAINTEST = 0.03  # relative cutoff of singular values: flow from a narrow arc hardly separates the harmonics
@@ -48,7 +47,6 @@ FLOW_NAMES = ("flow_east", "flow_north", "flow_sine2", "flow_cosine2")
 AP_OF_KP = np.array([
     0, 2, 3, 4, 5, 6, 7, 9, 12, 15, 18, 22, 27, 32, 39, 48, 56, 67, 80, 94, 111, 132, 154, 179, 207, 236, 300, 400.0
 ])  # fmt: skip
-HIGHEST_KP = 9.0  # end of the scale of Kp
 SPEED_SPAN_S, SLOWEST_M_S = 6 * 3600.0, 0.03  # averaging span, and least value, of a speed in a denominator
 NEIGHBOUR_S = 1.5 * HOUR_S  # largest interval between neighbours from which a rate is computed
 
@@ -65,7 +63,7 @@ def tilt_corrections(record: Record) -> dict[str, Floats]:
     stretch = longest_constant_tilt(record)
     moving = np.isfinite(record.pitch_deg + record.roll_deg)
     moving[stretch] = False
-    if stretch.stop == stretch.start or moving.sum() < FEWEST_MOVING:
+    if stretch.stop == stretch.start or moving.sum() < FEWEST_FITTED:
         return {}
     # Flow along and across the instrument, linear and quadratic, and its direction times the lean derived from depth.
     velocity, _ = mean_of_nearest_bins(record, np.zeros(len(record.time_s)), NEAR_CELLS)
@@ -78,7 +76,7 @@ def tilt_corrections(record: Record) -> dict[str, Floats]:
     columns = np.column_stack([np.ones(len(speed)), speed[:, None] * flow, flow, sunk[:, None] * flow])
     known = np.asarray(np.isfinite(columns).all(axis=1))
     columns = np.where(known[:, None], columns, 0.0)
-    if (moving & known).sum() < FEWEST_MOVING:
+    if (moving & known).sum() < FEWEST_FITTED:
         return {}
     tilts = np.column_stack([record.pitch_deg, record.roll_deg])
     learnt, *_ = np.linalg.lstsq(columns[moving & known], tilts[moving & known], rcond=None)
@@ -99,7 +97,7 @@ def longest_constant_tilt(record: Record) -> slice:
     begins, ends = edges[::2], edges[1::2]
     k = int(np.argmax(ends - begins))
     first, last = int(begins[k]), int(ends[k])
-    long = record.time_s[last] - record.time_s[first] >= SHORTEST_STUCK_S and last - first >= FEWEST_MOVING
+    long = record.time_s[last] - record.time_s[first] >= SHORTEST_STUCK_S and last - first >= FEWEST_FITTED
     return slice(first, last + 1) if long else slice(0, 0)
 
 
@@ -240,8 +238,9 @@ def storm_index(covariates: Mapping[str, Floats]) -> Floats | None:
         return np.maximum(covariates["ap"], 0.0)
     if "kp" not in covariates:
         return None
-    kp = covariates["kp"] / (10.0 if covariates["kp"].max() > HIGHEST_KP else 1.0)
-    return np.interp(3.0 * kp, np.arange(len(AP_OF_KP)), AP_OF_KP)
+    thirds = 3.0 * covariates["kp"]
+    thirds = thirds / 10.0 if thirds.max() >= len(AP_OF_KP) else thirds
+    return np.interp(thirds, np.arange(len(AP_OF_KP)), AP_OF_KP)
 
 
 def turn_rate(angle_deg: Floats, time_s: Floats) -> Floats:
@@ -252,18 +251,17 @@ def turn_rate(angle_deg: Floats, time_s: Floats) -> Floats:
     return result
 
 
-def battery_count(voltage: Floats) -> Floats:
-    """Count the batteries replaced so far, (n,), detected as a lasting rise of the voltage."""
+def battery_count(voltage: Floats, least_rise: float = 0.3) -> Floats:
+    """Count the batteries replaced so far, (n,), by lasting rises of at least a share of the voltage's range."""
     window = min(24, len(voltage) // 8)
     if window == 0:
         return np.zeros(len(voltage))
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(voltage, window), axis=1)
     rise = smooth[window:] - smooth[:-window]
-    least = BATTERY_JUMP * np.ptp(voltage)
     number, last = np.zeros(len(voltage)), -len(voltage)
     padded = np.pad(rise, window, constant_values=-np.inf)
     highest = np.lib.stride_tricks.sliding_window_view(padded, 2 * window + 1).max(axis=1)
-    for at in np.flatnonzero((rise > least) & (rise >= highest)):
+    for at in np.flatnonzero((rise > least_rise * np.ptp(voltage)) & (rise >= highest)):
         if at - last > window:  # quantized voltages have equal maxima at several neighbours: count one battery
             number[at + window :] += 1.0
         last = int(at)
@@ -360,7 +358,7 @@ def _predict_from_neighbours(flow: NDArray[np.complex128], time_s: Floats) -> ND
     result, most = np.zeros(len(flow), dtype=complex), NEIGHBOURS[-1]
     inside = np.arange(most, len(flow) - most)
     inside = inside[time_s[inside + most] - time_s[inside - most] <= (2 * most + 0.5) * HOUR_S]
-    if len(inside) > FEWEST_PREDICTED:
+    if len(inside) > FEWEST_FITTED:
         others = [flow[inside + side * apart] for apart in NEIGHBOURS for side in (-1, 1)]
         columns = np.column_stack([*others, np.ones(len(inside))])
         weights, *_ = np.linalg.lstsq(columns, flow[inside], rcond=None)

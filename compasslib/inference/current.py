@@ -28,7 +28,6 @@ LEAN_SHARE = 0.05  # of the scatter of directions, prior standard deviation by t
 # Drivers that vary together: by mooring knock-down, and by the lean of the instrument.
 COUPLED = (frozenset({"speed", "depth", "separation"}), frozenset({"tilt", "pitch", "roll"}))
 VELOCITY_ERRORS, MODULATORS = ("velocity_bias", "beam_gain"), ("speed", "depth")  # that may modulate the former
-DRAWS, SEED = 2000, 5  # of the current's size: standard error 0.5 % of a probability of 0.95
 LEAST_SPREAD = 1e-6  # standard deviation, degrees, below which a column is left out
 WORDS = {
     "speed": "with the speed of the flow",
@@ -152,18 +151,6 @@ class CurrentPosterior:
         present = np.mean(self.values != 0.0, axis=0) >= PRESENT
         return np.asarray(np.where(present, np.mean(self.values**2, axis=0), 0.0))
 
-    def exceeds(self, driver: str | None, visible: Floats, min_effect_deg: float) -> float:
-        """Compute the probability that the current by one driver, or by all if None, exceeds a size; see ``state``."""
-        sizes = self._sizes_by(driver, visible)
-        share = float(np.mean(sizes > min_effect_deg)) if len(sizes) else 0.0
-        return self.acting * share if driver is None else share
-
-    def _sizes_by(self, driver: str | None, visible: Floats) -> Floats:
-        """Compute drawn sizes, degrees rms: by one driver, (d,), or by all, only draws in which any acts."""
-        if driver is None:
-            return _sizes(self.values[np.any(self.values != 0.0, axis=1)], visible)
-        return _sizes(self.values * [driver == name for name in self.drivers], visible)
-
     def state(self, visible: Floats, min_effect_deg: float) -> tuple[float, tuple[CurrentStatement, ...]]:
         """Compute the probability that the current exceeds a size, and state by which drivers it does.
 
@@ -171,18 +158,19 @@ class CurrentPosterior:
             visible: mean products of the columns with the compass projected out, square degrees, (p, p).
             min_effect_deg: size, degrees rms, below which an effect is negligible.
         """
-        probability = self.exceeds(None, visible, min_effect_deg)
+        sizes = _sizes(self.values[np.any(self.values != 0.0, axis=1)], visible)
+        probability = self.acting * float(np.mean(sizes > min_effect_deg)) if len(sizes) else 0.0
         if probability < SURE:
             return probability, ()
         stated = []
         for name in dict.fromkeys(self.drivers):
-            if (established := self.exceeds(name, visible, min_effect_deg)) >= SURE:
-                sizes = self._sizes_by(name, visible)
-                stated.append(_statement(name, established, sizes[sizes > min_effect_deg]))
-        return probability, tuple(stated) or (_statement(None, probability, self._sizes_by(None, visible)),)
+            each = _sizes(self.values * [driver == name for driver in self.drivers], visible)
+            if (established := float(np.mean(each > min_effect_deg))) >= SURE:
+                stated.append(_statement(name, established, each[each > min_effect_deg]))
+        return probability, tuple(stated) or (_statement(None, probability, sizes),)
 
 
-def infer_current(drivers: Sequence[str], information: Floats, score: Floats) -> CurrentPosterior:
+def infer_current(drivers: Sequence[str], information: Floats, score: Floats, draws: int = 2000) -> CurrentPosterior:
     """Infer which drivers of the current act, each with even prior odds.
 
     With these odds it would be nearly certain a priori that some driver acts. For the probability that any acts, the
@@ -192,6 +180,7 @@ def infer_current(drivers: Sequence[str], information: Floats, score: Floats) ->
         drivers: driver of each column, (p,).
         information: products of the columns, all other unknowns marginalized, in units of the noise, (p, p).
         score: products of the columns with the residual, (p,).
+        draws: of the current's size; the standard error of a probability of 0.95 is 0.5 %.
     """
     names = list(dict.fromkeys(drivers))
     at = np.array([names.index(driver) for driver in drivers])
@@ -203,8 +192,8 @@ def infer_current(drivers: Sequence[str], information: Floats, score: Floats) ->
         fits.append((root @ half, root, float(0.5 * half @ half - np.sum(np.log(np.diag(lower))))))
     log = np.array([fit[2] for fit in fits])  # even prior odds of each driver
     weight = np.exp(log - log.max())
-    rng, values = np.random.default_rng(SEED), np.zeros((DRAWS, len(at)))
-    chosen = rng.choice(len(subsets), DRAWS, p=weight / weight.sum())
+    rng, values = np.random.default_rng(5), np.zeros((draws, len(at)))
+    chosen = rng.choice(len(subsets), draws, p=weight / weight.sum())
     for k in np.unique(chosen):
         mine, (mean, root, _) = np.flatnonzero(chosen == k), fits[k]
         values[np.ix_(mine, subsets[k])] = mean + rng.normal(size=(len(mine), len(mean))) @ root.T

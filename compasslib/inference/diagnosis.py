@@ -29,8 +29,6 @@ from compasslib.inference.joint_compass import RecordInformation
 from compasslib.inference.product import Product, WeightedCompass
 from compasslib.types import Floats
 
-VERDICTS = ("consistent", "explained", "ambiguous", "unexplained", "insufficient")
-
 LISTED_SHARE = 0.1  # smallest size that is listed as negligible, as a share of ``min_effect_deg``
 
 SIDES = ("none", "compass", "clock", "reference", "water")
@@ -63,7 +61,6 @@ class Diagnosis:
     detectable_deg: Mapping[str, float | None] = field(default_factory=dict)
     detection: Detection | None = None  #: evidence of any effect, ranked among surrogates; None if not computed
     hypotheses: tuple[RankedEffect, ...] = ()  #: effects that were tested alone, highest score first
-    threshold: Mapping[str, float] = field(default_factory=dict)  #: test statistics that noise alone rarely exceeds
     warnings: tuple[str, ...] = ()  #: sentences for the summary
     information: RecordInformation | None = None  #: what this record contributes to others of the same compass
     experiments: tuple[tuple[str, float], ...] = ()  #: (observation, probability that it leaves a single explanation)
@@ -106,7 +103,6 @@ class Diagnosis:
             "detection": None if self.detection is None else self.detection.to_json(),
             "detectable_deg": dict(self.detectable_deg),
             "hypotheses": [vars(ranked) for ranked in self.hypotheses],
-            "threshold": dict(self.threshold),
             "warnings": list(self.warnings),
         }
 
@@ -212,7 +208,7 @@ def combine_outcomes(
     phrases += [SEPARATED_BY] * any(item.probability < SURE for item in current)
     if separated_by and any(item.side == "compass" for item in merged):
         phrases.append(separated_by)
-    compared = [part.comparison.what for part in parts]
+    compared = [part.comparison.what for part in parts] if not merged and left is None else []
     ranked = dict[str, RankedEffect]()  # each effect once
     for effect in sorted((effect for part in parts for effect in part.ranked), key=lambda effect: -effect.score):
         ranked.setdefault(effect.effect, effect)
@@ -224,7 +220,7 @@ def combine_outcomes(
         separated_by="; ".join(dict.fromkeys(phrases)) or None,
         not_testable=tuple(not_testable),
         negligible=tuple({name: size for name, size in small if size > LISTED_SHARE * options.min_effect_deg}.items()),
-        why=wording.verdict_reason([item.effect for item in merged], left.text if left else "", compared),
+        why=f"The residual of {wording.join_names(compared, ' and ')} is noise." if compared else "",
         curves=tuple(curve for part in parts for curve in part.curves(merged, left)),
         hypotheses=tuple(ranked.values()),
         detection=min(detected, key=lambda item: (item.rank_p or 1.0, -item.statistic), default=None),
@@ -304,5 +300,5 @@ def product_of_diagnosis(fit: DeviationFit, diagnosis: Diagnosis) -> Product:
     if diagnosis.fit is None:
         return Product(fit, left_deg=left_deg, no_deviation=no_deviation)
     effects = tuple(finding.effect for finding in diagnosis.findings if finding.applied)
-    accounted = tuple(finding.effect for finding in diagnosis.findings if finding.outside_compass)
+    accounted = tuple(finding.effect for finding in diagnosis.findings if not finding.of_compass)
     return Product(fit, effects, diagnosis.applied, accounted, left_deg, no_deviation=no_deviation)

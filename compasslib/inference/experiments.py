@@ -32,11 +32,9 @@ from compasslib.types import Floats
 
 ANYTHING = 1e6  # prior variance of free coefficients, in units of one sample's noise
 LEAST, MOST = 0.002, 40  # least probability of the hypotheses that are considered, and their maximum number
-DRAWS, SEED = 400, 7  # standard error 2.5 % of a probability of one half
 COURSES, SWUNG_DEG = 24, 1.0  # headings of a swing, and the error of each
 STRENGTH_NT, STRENGTH_S = 50.0, DAY_S  # error of a field strength including geomagnetic variation, and its memory
 SOFT_NT = 100.0  # scales the columns of constant soft iron
-TREND = 0.9  # correlation with time from which a series is extrapolated
 SHARED = 0.5  # share of a pair's noise that is the affected instrument's own, and common to a second reference
 
 
@@ -155,13 +153,13 @@ def _longer(model: Model, variance: Floats) -> Rows:
     return Rows(np.concatenate([repeated, 0.0 * slow, base], axis=1), slow[:, free], 1.0 / variance[free])
 
 
-def _continued(column: Floats, time_s: Floats, span_s: float) -> Floats:
-    """Extrapolate a series by a time span, (n,): repeated, or continued along its trend if it is mostly that."""
+def _continued(column: Floats, time_s: Floats, span_s: float, least_correlation: float = 0.9) -> Floats:
+    """Extrapolate a series by a time span, (n,): repeated, or along its trend from a correlation with time on."""
     spread = float(np.std(column))
     if not spread:
         return column
     slope = float(np.cov(column, time_s, bias=True)[0, 1] / np.var(time_s))
-    return column + slope * span_s if abs(slope) * np.std(time_s) > TREND * spread else column
+    return column + slope * span_s if abs(slope) * np.std(time_s) > least_correlation * spread else column
 
 
 def _second(model: Model, variance: Floats) -> Rows:
@@ -253,13 +251,13 @@ class _Weighed:
             self.index.append(at)
             self.precision.append(information[np.ix_(at, at)] + np.diag(np.concatenate([np.ones(len(columns)), known])))
 
-    def decided(self, rows: Rows, names: Sequence[tuple[str, ...]], probability: Floats) -> float:
-        """Estimate the probability that an observation leaves a single explanation, by simulation."""
-        rng, information = np.random.default_rng(SEED), rows.information
+    def decided(self, rows: Rows, names: Sequence[tuple[str, ...]], probability: Floats, draws: int = 400) -> float:
+        """Estimate the probability that an observation leaves a single explanation, by simulation to 2.5 %."""
+        rng, information = np.random.default_rng(7), rows.information
         values, vectors = np.linalg.eigh((information + information.T) / 2.0)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        true = rng.choice(len(names), DRAWS, p=probability)
-        shown = root @ rng.normal(size=(len(information), DRAWS))
+        true = rng.choice(len(names), draws, p=probability)
+        shown = root @ rng.normal(size=(len(information), draws))
         for h in np.unique(true):
             at, mine = self.index[h], np.flatnonzero(true == h)
             lower = cholesky(self.precision[h], lower=True)

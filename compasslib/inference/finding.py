@@ -28,9 +28,10 @@ CONFIRMED_P = 0.05  # largest rank probability of the gain among surrogates at w
 REFUTED_P = 0.05  # p-value on held-out days from which a finding is refuted if the rms grows
 REFUTED_GROWTH = 1.1  # growth of the rms needed for that: the gain itself is weighted and clipped, the rms is not
 DETECTED_P = 0.01  # rank among surrogates up to which an effect is detected: in one of a hundred records without any
+NAMED_SIGMAS = 4.0  # normal score from which a clock error, or iron of one head, is named: 1 in 16,000 by noise alone
 SURE = 0.95  # probability from which something is stated as established
 TILTS = {"pitch": "tilt", "roll": "tilt"}  # two axes of one driver
-CURVE_BINS = 18  # of a plotted curve
+CURVE_BINS, FEWEST_IN_BIN = 18, 10  # of a plotted curve, and samples in one
 NO_ROOT_DEG = 90.0  # residual assigned to a recorded heading that the fit cannot give
 RESIDUAL_MEMORY_S = 2 * 86400.0  # autocorrelation of the residual, for the standard error of a bin
 
@@ -74,6 +75,15 @@ class BinnedResidual:
         """Scale the predicted turn by which the residual is binned; ``after_deg`` is the residual minus this turn."""
         centre = self.centre * factor
         return replace(self, centre=centre, after_deg=self.before_deg - centre)
+
+
+def bins_along(covariate: str, x: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """Assign samples to bins of equal count along a covariate, of equal width along headings; return also the edges."""
+    count = int(np.clip(len(x) // 4, 4, CURVE_BINS))
+    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count + 1)))
+    if covariate == "heading":
+        edges = np.linspace(0.0, 360.0, 2 * count + 1)
+    return np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2), edges
 
 
 @dataclass(frozen=True)
@@ -319,11 +329,6 @@ class Finding:
         from compasslib.effects import side_of  # deferred: it imports the whole catalogue
 
         return "compass" in {self.side, *(side_of(name) for name in self.alternatives)}
-
-    @property
-    def outside_compass(self) -> bool:
-        """Whether neither the effect nor any of its alternatives acts on the affected compass."""
-        return not self.of_compass
 
     def to_json(self) -> dict[str, Any]:
         return {

@@ -33,7 +33,6 @@ from compasslib.types import Floats
 FREE = 1e5  # prior variance of coefficients of compass and nuisances, in units of one sample's noise
 CLEAR_Z = 4.0  # signal-to-noise ratio of the predicted turn from which a slope is informative
 RECORDS = 200  # simulated with the effect to calibrate the slope
-FEWEST_IN_BIN = 10  # samples of a bin that is plotted
 
 
 def cross_validate(inferred: Inference, k: int, surrogates: int) -> HeldOut:
@@ -204,7 +203,7 @@ class _PartitionedRecord:
         inverse = np.linalg.pinv(information, hermitian=True)
         weight = np.where(known, view.whitener.width_deg, np.inf) ** -2.0
         here = np.searchsorted(edges, left_out)
-        filled = np.bincount(here[known], minlength=len(score)) >= FEWEST_IN_BIN
+        filled = np.bincount(here[known], minlength=len(score)) >= finding.FEWEST_IN_BIN
         total = np.maximum(np.bincount(here, weight, len(score)), 1e-300)
         middle = np.bincount(here, weight * left_out, len(score)) / total
         shown, sigma = middle * (inverse @ score), np.abs(middle) * np.sqrt(np.maximum(np.diag(inverse), 0.0))

@@ -11,9 +11,9 @@ from scipy.linalg import block_diag
 
 from compasslib.deviation.model import LETTERS, CoefficientPrior, prior_from_json
 from compasslib.effects.forward import ForwardModel
-from compasslib.inference import joint_compass, joint_effects, product, wording
-from compasslib.inference.comparison import SharedInformation
-from compasslib.inference.diagnosis import Diagnosis, insufficient
+from compasslib.inference import joint_compass, joint_effects, product
+from compasslib.inference.comparison import Options, SharedInformation
+from compasslib.inference.diagnosis import Diagnosis, combine_outcomes, insufficient
 from compasslib.inference.joint_compass import IRON_NAMES, SIZE_PAIRS_NT, JointCompass, Member
 from compasslib.inference.joint_effects import SharedEffect, SharedEffects
 from compasslib.inference.product import AppliedCompass, Product
@@ -185,15 +185,9 @@ def _diagnosis(joined: JointCompass, shared: SharedEffects | None, min_effect_de
     if shared is None:
         count = sum(member.effects is not None for member in joined.members if member.name in joined.consistent)
         return insufficient(f"{count} of its records fit each other and were searched; 2 are needed to share an effect")
-    findings = sorted((effect.finding for effect in shared.effects), key=lambda item: -item.rms_effect_deg)
-    stands = tuple(item for item in findings if item.rms_effect_deg >= min_effect_deg)
-    contested = [item for item in stands if item.alternatives]
-    separated = [wording.separating_observations(item.named, item.alternatives) for item in contested]
-    return Diagnosis(
-        verdict="ambiguous" if contested else "explained" if stands else "consistent",
-        findings=stands,
-        separated_by="; ".join(separated) or None,
-        negligible=tuple((item.effect, item.rms_effect_deg) for item in findings if item not in stands),
+    findings = [effect.finding for effect in shared.effects]
+    return replace(
+        combine_outcomes([], Options(min_effect_deg=min_effect_deg), extra=findings),
         why=f"The records {', '.join(shared.records)} were judged together, one amplitude of each effect for all.",
         sides=shared.sides,
         noise={"season_deg": shared.season_deg},

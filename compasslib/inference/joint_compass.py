@@ -30,7 +30,6 @@ SIZE_PAIRS_NT = np.array(list(itertools.product(SIZES_NT, SIZES_NT)))  # of sphe
 BETWEEN_PRIOR_NT = 150.0  # scale of the half-Cauchy prior of either size, sphere and battery
 SOFT_SIGMA = 0.002  # standard deviation of D and E between deployments: induction in batteries and spheres
 CLAMP_DEG = 2.0  # least standard deviation of A between records, for a record without a reference
-PRIOR_SAME = 0.5  # prior probability that a record is of the declared compass
 STRANGER_SIGMAS = (2.0, 4.0, 8.0)  # distances of another compass in standard deviations, equally likely
 LEAST_SAME = 0.5  # probability of the same compass below which a record is excluded
 
@@ -230,7 +229,7 @@ def probability_same(member: Member, others: Sequence[Member]) -> tuple[float, f
     each = zip(np.log(law.weight), off, spread, strict=True)
     logs = np.array([[w + _log_normal(x, s * (1.0 + far**2)) for far in (0.0, *STRANGER_SIGMAS)] for w, x, s in each])
     same, other = np.logaddexp.reduce(logs[:, 0]), np.logaddexp.reduce(logs[:, 1:], axis=None)
-    odds = np.log(PRIOR_SAME / (1.0 - PRIOR_SAME)) + same - other + np.log(len(STRANGER_SIGMAS))
+    odds = same - other + np.log(len(STRANGER_SIGMAS))  # even beforehand
     away = member.coefficients[SHARED_COEFFICIENTS] - law.mean
     sigmas = float(np.sqrt(away @ np.linalg.solve(law.covariance + known, away)))
     return float(1.0 / (1.0 + np.exp(-np.clip(odds, -700.0, 700.0)))), sigmas

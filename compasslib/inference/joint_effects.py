@@ -21,7 +21,7 @@ from compasslib.effects import SLOW_WATER, Effect
 from compasslib.effects.effect import YEAR_S, parameter_slices
 from compasslib.inference import noise as noise_models
 from compasslib.inference import wording
-from compasslib.inference.comparison import LongComparison
+from compasslib.inference.comparison import Comparison, LongComparison, build_finding
 from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter, compare_names
 from compasslib.inference.inference import Inference
 from compasslib.inference.joint_compass import EffectInformation, Member, RecordInformation, effect_class
@@ -286,35 +286,20 @@ def _describe(
     gain = float(np.sum([marginal.evidence[k, 0] - other.evidence[k, 0] for other in without]))
     after_deg = model.residual_deg * float(np.sqrt(max(1.0 - 2.0 * gain / model.n, 0.0)))
     columns = marginal.products.columns(k)
-    rms_deg = float(np.sqrt(values @ model.visible[np.ix_(columns, columns)] @ values))
     rows = zip(kind.fitted(), values.tolist(), np.sqrt(np.diag(covariance)).tolist(), kind.units(), strict=True)
     parameters = {name: Parameter(value, sigma, unit) for name, value, sigma, unit in rows}
     where = f"in all of {', '.join(model.records)}"
-    text = wording.finding_text(
-        kind.name,
-        (),
-        where=where,
-        parameters={name: (p.value, p.sigma, p.unit) for name, p in parameters.items()},
-        size_deg=rms_deg,
-        proof=None,
+    finding = build_finding(
+        Comparison(time_s=np.zeros(0), terms=(), covariates={}, clocked=False),
+        kind().at(values),
+        {posterior.effect: posterior.probability, **posterior.alternatives},
+        parameters,
+        size_deg=float(np.sqrt(values @ model.visible[np.ix_(columns, columns)] @ values)),
+        proof=HeldOut(model.residual_deg, after_deg, gain, (np.nan, np.nan), np.nan, method="records"),
+        place=CovariateRange(wording.SHOWN_ALONG.get(kind.name, ("heading",))[0], 0.0, 0.0, where),
     )
-    text += f" Each record predicted by the others gains {gain:.1f} in log score, all together."
-    if posterior.alternatives:
-        text += f" These records cannot separate it from {wording.join_names(tuple(posterior.alternatives))}."
-    finding = Finding(
-        effect=kind.name,
-        side=kind.side,
-        alternatives=tuple(posterior.alternatives),
-        where=CovariateRange(wording.SHOWN_ALONG.get(kind.name, ("heading",))[0], 0.0, 0.0, where),
-        when_s=None,
-        parameters=parameters,
-        rms_effect_deg=rms_deg,
-        held_out=HeldOut(model.residual_deg, after_deg, gain, (np.nan, np.nan), np.nan, method="records"),
-        text=text,
-        applied=True,
-        probability=posterior.probability,
-        alternatives_probability=posterior.alternatives,
-    )
+    text = f"{finding.text} Each record predicted by the others gains {gain:.1f} in log score, all together."
+    finding = replace(finding, text=text, applied=True)
     each = {name: (x, np.sqrt(np.diag(spread))) for name, (x, spread) in zip(model.records, alone, strict=True)}
     return SharedEffect(kind, finding, each)
 

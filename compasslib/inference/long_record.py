@@ -41,7 +41,6 @@ from compasslib.inference.sticking import HeadingCluster
 from compasslib.inference.wording import SIZE_PREFIX, TURN_PREFIX, tilt_zero_text
 from compasslib.types import Floats
 
-FEWEST_IN_BIN = 10  # fewest samples per bin of a plotted residual curve
 LIKE_TIME = 0.9  # correlation with time from which a covariate's curve repeats that of time
 FIXED_PLACES = ("middle", "range", "period_s")  # that are not searched for
 NO_SIGMA = 1e-6  # standard error, in any unit, up to which a parameter of value 0 is not listed
@@ -75,7 +74,7 @@ def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) 
         empty = design.evaluate_model(outside, case.simulation, none)  # sticking readings mimic terms
     empty = design.refit(empty, [])  # compass and nuisances, accounting for autocorrelation
     inferred = inference.infer(empty, options.prior_odds, options.surrogates)
-    stormy = noise_models.storm_finding(inferred.state, options.alarm)
+    stormy = noise_models.storm_finding(inferred.state)
     null_model = design.refit(inferred.state, []) if inferred.state.simulation.terms else inferred.state
     diagnosed = diagnosis.combine_outcomes(
         [_outcome(inferred, null_model, cluster, options)],
@@ -105,7 +104,6 @@ def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) 
         why=limits_text(sorted(limits)) if limits else "",
         detectable_deg=detectable,
         detection=inferred.detections[0],
-        threshold={} if inferred.detections[0].threshold is None else {"detection": inferred.detections[0].threshold},
         experiments=experiments.rank_observations(inferred) if diagnosed.verdict == "ambiguous" else (),
         information=joint_effects.record_information(inferred, fit) if options.share and fit is not None else None,
     )
@@ -306,12 +304,9 @@ def residual_curve(
     if step is not None:
         pattern = design.term_columns(before, type(step)()).columns @ step.values
         pattern = pattern / angles.rms(pattern)
-    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, finding.CURVE_BINS + 1)))
-    if covariate == "heading":
-        edges = np.arange(0.0, 361.0, 360.0 / (2 * finding.CURVE_BINS))
-    bins = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
+    bins, edges = finding.bins_along(covariate, x)
     finite = np.isfinite(before.whitener.width_deg) & np.isfinite(after.whitener.width_deg)
-    filled = np.flatnonzero(np.bincount(bins[finite], minlength=len(edges) - 1) >= FEWEST_IN_BIN)
+    filled = np.flatnonzero(np.bincount(bins[finite], minlength=len(edges) - 1) >= finding.FEWEST_IN_BIN)
     (first, _), (second, sigma) = (_binned(state, bins, len(edges) - 1, pattern) for state in (before, after))
     name, centre = f"{SIZE_PREFIX}{step.name}" if step else covariate, (edges[filled] + edges[filled + 1]) / 2.0
     return BinnedResidual(name, centre, first[filled], second[filled], sigma[filled])

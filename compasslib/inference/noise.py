@@ -21,10 +21,10 @@ from compasslib.calibrations import observatory
 from compasslib.effects.earth import IndexedDisturbance
 from compasslib.effects.effect import DAY_S
 from compasslib.inference import covariates, current, finding
-from compasslib.inference.comparison import CANCELS, LongComparison, tide_waves
+from compasslib.inference.comparison import CANCELS, LongComparison, build_finding, equal_chances, tide_waves
 from compasslib.inference.design import FittedModel
 from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter
-from compasslib.records import SlowShear, iso_time
+from compasslib.records import SlowShear
 from compasslib.statistics.whitening import LowRankNoise
 from compasslib.types import Floats
 
@@ -42,12 +42,13 @@ STEPS, VEER_SHARES, MEMORIES_DAYS, FREEDOM = (-1.6, -0.8, 0.0, 0.8, 1.6), (0.0, 
 LARGE_CURRENT = 2.0  # times its usual size: what the current can explain is not attributed to the compass
 TIDE_SPAN_S = 3600.0  # averaging time of the speed, for the turn by tidal shear of USUAL_SHEAR_M_S per wave
 
-STORM_SIZES_NT = np.geomspace(0.3, 100.0, 24)  # perpendicular to magnetic north, per unit of ap
+STORM_SIZES_NT = np.geomspace(0.3, 100.0, 8)  # perpendicular to magnetic north, per unit of ap
 STORM_SHIFTS, NEAREST_SHIFT_S = 400, 5 * 86400.0  # shifts of the index in time, and the least one; storms last for days
 STORM_BLOCKS = 12  # blocks of a record for the jackknife
 STORMY_QUANTILE = 0.9  # quantile of the index from which a time is stormy
 STORM_PHYSICS = (
-    "magnetic north is unsteady where the index of storms is high; its course only an observatory could tell"
+    "magnetic north is unsteady where the index of storms is high; its course only an observatory could tell. "
+    "Nothing is corrected by it"
 )
 
 
@@ -199,56 +200,7 @@ def low_rank_noise(view: FittedModel, slow: SlowNoiseBasis, water: SlowNoisePara
     return LowRankNoise(basis.astype(np.float32), 1.0 / np.sqrt(1.0 + values[loud]))
 
 
-@dataclass(frozen=True)
-class _StormScatter:
-    """Squared residuals of directions, and their variance as predicted by the index; n usable samples."""
-
-    squares: Floats  # (n,) squared ratio of residual to width, clipped
-    share: Floats  # (n,) variance for 1 nT per unit of ap, relative to the noise
-
-    def gains(self, sizes_nT: Floats, share: Floats) -> Floats:
-        """Compute the log-likelihood gain of each size over homogeneous noise, with free noise width, (k,)."""
-        return np.sum(self._each(sizes_nT, share), axis=1)
-
-    def _each(self, sizes_nT: Floats, share: Floats) -> Floats:
-        variance = 1.0 + np.square(sizes_nT)[:, None] * share
-        width, even = (self.squares / variance).mean(axis=1, keepdims=True), self.squares.mean()
-        return (self.squares / even - self.squares / variance / width - np.log(variance * width / even)) / 2.0
-
-    def best(self, samples: Floats | slice = slice(None)) -> float:
-        """Find the likeliest size from some of the samples, nT per unit of ap."""
-        from scipy.optimize import minimize_scalar
-
-        fitted = _StormScatter(self.squares[samples], self.share[samples])
-        first = float(np.log(STORM_SIZES_NT[int(np.argmax(fitted.gains(STORM_SIZES_NT, fitted.share)))]))
-        step = float(np.log(STORM_SIZES_NT[1] / STORM_SIZES_NT[0]))
-        optimum = minimize_scalar(
-            lambda log: -fitted.gains(np.exp([log]), fitted.share)[0],
-            bounds=(first - step, first + step),
-            method="bounded",
-        )
-        return float(np.exp(optimum.x))
-
-    def chance(self, time_s: Floats) -> float:
-        """Estimate the p-value from shifts of the index in time."""
-        step = max(float(np.median(np.diff(time_s))), 1.0)
-        nearest = int(NEAREST_SHIFT_S / step) + 1
-        count = min(STORM_SHIFTS, max(len(time_s) - 2 * nearest, 1))
-        shifts = np.linspace(nearest, len(time_s) - nearest, count).astype(int)
-        sizes = STORM_SIZES_NT[::3]
-        observed = self.gains(sizes, self.share).max()
-        others = [self.gains(sizes, np.roll(self.share, shift)).max() for shift in shifts]
-        return (1 + int(np.sum(np.array(others) >= observed))) / (1 + count)
-
-    def left_out(self, block: Floats) -> tuple[float, float, Floats]:
-        """Compute the size, its jackknife standard error, and the gain of each block at the size of the others."""
-        sizes = np.array([self.best(np.asarray(block != k)) for k in range(STORM_BLOCKS)])
-        whole, off = self.best(), sizes - sizes.mean()
-        gains = [self._each(sizes[k : k + 1], self.share)[0, block == k].sum() for k in range(STORM_BLOCKS)]
-        return whole, float(np.sqrt((STORM_BLOCKS - 1) / STORM_BLOCKS * off @ off)), np.array(gains)
-
-
-def storm_finding(state: FittedModel, alarm: float) -> Finding | None:
+def storm_finding(state: FittedModel, alarm: float = 0.006) -> Finding | None:
     """Test whether directions scatter with the storm index; None if they do not, or without an index.
 
     Args:
@@ -259,31 +211,59 @@ def storm_finding(state: FittedModel, alarm: float) -> Finding | None:
     if (IndexedDisturbance.name, CANCELS) in state.case.not_testable or "storm_index" not in scene.departures:
         return None
     known = np.isfinite(width) & np.isfinite(state.residual_deg)
-    index = scene.departures["storm_index"] / scene.horizontal_nT / angles.DEGREE
-    time_s, unit = scene.time_s[known], index[known]
-    standard = np.clip(state.residual_deg[known] / width[known], -finding.MOST_WIDTHS, finding.MOST_WIDTHS)
-    scatter = _StormScatter(standard**2, (unit / width[known]) ** 2)
-    if not unit.any() or (chance := scatter.chance(time_s)) > alarm:
+    index = scene.departures["storm_index"]
+    unit = index / scene.horizontal_nT / angles.DEGREE  # degrees for 1 nT per unit of ap
+    ratio = np.clip(state.residual_deg[known] / width[known], -finding.MOST_WIDTHS, finding.MOST_WIDTHS)
+    squares, share = ratio**2, (unit[known] / width[known]) ** 2
+    if not share.any() or (chance := _chance_of_shifts(scene.time_s[known], squares, share)) > alarm:
         return None
-    block = np.floor(np.arange(len(unit)) * STORM_BLOCKS / len(unit))
-    size, sigma, gains = scatter.left_out(block)
-    rms = angles.rms(np.clip(state.residual_deg[known], -90.0, 90.0))
-    spread = 1.96 * float(np.std(gains)) * np.sqrt(STORM_BLOCKS)
-    total = float(gains.sum())
-    proof = HeldOut(rms, rms, total, (total - spread, total + spread), chance)
-    return _storm_text_finding(state, Parameter(size, sigma, "nT"), size * angles.rms(index), proof)
-
-
-def _storm_text_finding(state: FittedModel, size: Parameter, rms_deg: float, proof: HeldOut) -> Finding:
-    index, time_s = state.case.scene.departures["storm_index"], state.case.scene.time_s
+    block = np.arange(len(share)) * STORM_BLOCKS // len(share)
+    size = _storm_size(squares, share)
+    sizes = np.array([_storm_size(squares[block != k], share[block != k]) for k in range(STORM_BLOCKS)])  # jackknife
+    gains = np.array([_storm_gains(x, squares, share)[block == k].sum() for k, x in enumerate(sizes.tolist())])
+    sigma = float(np.std(sizes) * np.sqrt(STORM_BLOCKS - 1))
+    spread, rms_deg = 1.96 * float(np.std(gains) * np.sqrt(STORM_BLOCKS)), angles.rms(state.residual_deg[known])
+    interval = float(gains.sum()) - spread, float(gains.sum()) + spread
     low, high = np.quantile(index, [STORMY_QUANTILE, 1.0]).tolist()
-    span = observatory.strongest_disturbance(time_s, index)
-    place = CovariateRange("storm_index", low, high, f"where ap is {low:.0f} to {high:.0f}")
-    first, last = (iso_time(date)[:10] for date in span)
-    text = (
-        f"W{place.text[1:]}, most of all from {first} to {last}: {STORM_PHYSICS}. Directions scatter with it by "
-        f"{rms_deg:.1f}° rms, {size.value:.2g} ± {1.96 * size.sigma:.1g} nT (95 %) for one unit of ap; "
-        f"the index at other dates does as well {proof.p_value:.1%} of the time. Nothing is corrected by it."
+    return build_finding(
+        state.case,
+        IndexedDisturbance(),
+        equal_chances(IndexedDisturbance.name),
+        {"nT_ap": Parameter(size, sigma, "nT")},
+        size_deg=size * angles.rms(unit),
+        proof=HeldOut(rms_deg, rms_deg, float(gains.sum()), interval, chance, method="shifts"),
+        place=CovariateRange("storm_index", low, high, f"where ap is {low:.0f} to {high:.0f}"),
+        span_s=observatory.strongest_disturbance(scene.time_s, index),
+        physics=f"{STORM_PHYSICS}; the index at other dates does as well {chance:.1%} of the time",
     )
-    name, side = IndexedDisturbance.name, IndexedDisturbance.side
-    return Finding(name, side, (), place, span, {"nT_ap": size}, rms_deg, proof, text)
+
+
+def _storm_gains(size_nT: float, squares: Floats, share: Floats) -> Floats:
+    """Compute the log-likelihood gain of each sample over homogeneous noise, with free noise width, (n,).
+
+    Args:
+        size_nT: per unit of ap.
+        squares: squared ratio of residual to width, clipped, (n,).
+        share: variance for 1 nT per unit of ap, relative to the noise, (n,).
+    """
+    variance = 1.0 + size_nT**2 * share
+    width, even = np.mean(squares / variance), np.mean(squares)
+    return np.asarray((squares / even - squares / variance / width - np.log(variance * width / even)) / 2.0)
+
+
+def _storm_size(squares: Floats, share: Floats) -> float:
+    """Find the likeliest size, nT per unit of ap."""
+    from scipy.optimize import minimize_scalar
+
+    limits = np.log(STORM_SIZES_NT[[0, -1]])
+    likeliest = minimize_scalar(lambda log: -np.sum(_storm_gains(np.exp(log), squares, share)), bounds=limits)
+    return float(np.exp(likeliest.x))
+
+
+def _chance_of_shifts(time_s: Floats, squares: Floats, share: Floats) -> float:
+    """Estimate the p-value of the gain from shifts of the index in time."""
+    nearest = int(NEAREST_SHIFT_S / max(float(np.median(np.diff(time_s))), 1.0)) + 1
+    count = min(STORM_SHIFTS, max(len(time_s) - 2 * nearest, 1))
+    shifts = [0, *np.linspace(nearest, len(time_s) - nearest, count).astype(int).tolist()]
+    gains = [max(np.sum(_storm_gains(x, squares, np.roll(share, k))) for x in STORM_SIZES_NT.tolist()) for k in shifts]
+    return (1 + int(np.sum(np.array(gains[1:]) >= gains[0]))) / (1 + count)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.effects.composed import ComposedEffect
@@ -19,8 +18,6 @@ from compasslib.inference.short_fit import FittedHypothesis
 from compasslib.inference.short_search import ShortInference
 from compasslib.statistics.least_squares import robust_width
 from compasslib.types import Floats
-
-FEWEST_IN_BIN = 5  # fewest samples per bin of a plotted residual curve, where samples are correlated
 
 
 def build_outcome(inferred: ShortInference, min_effect_deg: float) -> Outcome:
@@ -115,7 +112,7 @@ def _covered_range(fitted: FittedHypothesis, term: ComposedEffect) -> CovariateR
 
 def held_out(fitted: FittedHypothesis, k: int) -> HeldOut:
     """Score a term on held-out stretches, with the other terms refitted with and without it."""
-    return _held_out_gain(fitted, fitted, [term for j, term in enumerate(fitted.terms) if j != k])
+    return held_out_gain(fitted, fitted, [term for j, term in enumerate(fitted.terms) if j != k])
 
 
 def held_out_base(fitted: FittedHypothesis, part: slice) -> HeldOut:
@@ -123,44 +120,28 @@ def held_out_base(fitted: FittedHypothesis, part: slice) -> HeldOut:
     steps = fitted.comparison.steps.copy()
     steps[part] = 0.0
     without = replace(fitted, comparison=replace(fitted.comparison, steps=steps), base=fitted.base * (steps > 0.0))
-    return _held_out_gain(without, fitted, fitted.terms)
+    return held_out_gain(without, fitted, fitted.terms)
 
 
-def _held_out_gain(less: FittedHypothesis, fitted: FittedHypothesis, terms: Sequence[Effect]) -> HeldOut:
-    """Score a fit against one with fewer parameters on held-out stretches."""
-    block = short_fit.memory_blocks(fitted)
-    folds = min(finding.FOLDS, block.max() + 1) if not fitted.comparison.independent else block.max() + 1
-    before, after = held_out_residual(less, terms, block, folds), held_out_residual(fitted, fitted.terms, block, folds)
-    return finding.compare_residuals(before, after, max(robust_width(before), short_fit.FINEST_DEG), block)
-
-
-def held_out_residual(fitted: FittedHypothesis, terms: Sequence[Effect], block: NDArray[np.intp], folds: int) -> Floats:
-    """Compute the residual of each stretch from a fit to the other folds, (n,) degrees.
-
-    Args:
-        fitted: starting point of the fits.
-        terms: terms fitted jointly with the base.
-        block: number of the stretch of each sample, (n,).
-        folds: number of folds, to which stretches are assigned in turn.
-    """
-    left = np.empty(len(fitted.comparison))
-    for fold in range(folds):
-        out = block % folds == fold
-        left[out] = short_fit.fit_hypothesis(fitted.comparison, terms, near=fitted, use=~out).residual_deg[out]
-    return left
+def held_out_gain(less: FittedHypothesis, fitted: FittedHypothesis, terms: Sequence[Effect]) -> HeldOut:
+    """Score a fit on held-out stretches against one with other terms or fewer parameters."""
+    block, left = short_fit.memory_blocks(fitted), []
+    folds = block.max() + 1 if fitted.comparison.independent else min(finding.FOLDS, block.max() + 1)
+    for near, free in ((less, terms), (fitted, fitted.terms)):
+        residual = np.empty(len(block))
+        for out in (block % folds == fold for fold in range(folds)):
+            residual[out] = short_fit.fit_hypothesis(near.comparison, free, near=near, use=~out).residual_deg[out]
+        left.append(residual)
+    return finding.compare_residuals(left[0], left[1], max(robust_width(left[0]), short_fit.FINEST_DEG), block)
 
 
 def residual_curve(before: FittedHypothesis, after: FittedHypothesis, name: str) -> BinnedResidual:
     """Bin the residual along a covariate, with and without terms, with the standard error of each bin."""
     comparison = before.comparison
     column = comparison.covariates[name]
-    count = int(np.clip(len(column) // 4, 4, finding.CURVE_BINS))
-    edges = np.unique(np.quantile(column, np.linspace(0.0, 1.0, count + 1)))
-    if name == "heading":
-        edges = np.linspace(0.0, 360.0, min(2 * finding.CURVE_BINS, 2 * count) + 1)
-    bins = np.clip(np.searchsorted(edges, column, side="right") - 1, 0, len(edges) - 2)
+    bins, edges = finding.bins_along(name, column)
     there = np.bincount(bins, minlength=len(edges) - 1)
-    held = np.flatnonzero(there >= (1 if comparison.independent or comparison.arma_noise else FEWEST_IN_BIN))
+    held = np.flatnonzero(there >= (1 if comparison.independent or comparison.arma_noise else finding.FEWEST_IN_BIN))
     centre, *means = (
         np.bincount(bins, x, len(edges) - 1)[held] / there[held] for x in (column, before.residual_deg, after.clipped)
     )

@@ -84,8 +84,8 @@ class ShortComparison(Comparison):
         return self.field_unit[0], self.field_unit[1] + unit.removeprefix("nT")
 
 
-def thin_indices(length: int, most: int) -> NDArray[np.intp]:
-    """Select evenly spaced samples of a record."""
+def thin_indices(length: int, most: int = 2500) -> NDArray[np.intp]:
+    """Select evenly spaced samples of a record; ``most`` limits the run time of a search."""
     return np.arange(0, length, max(1, -(-length // most)))
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from compasslib.effects.composed import bump, compose_effect, place_effect
 from compasslib.effects.effect import Effect
 from compasslib.inference import short_fit
-from compasslib.inference.blocks import DATE_MARGIN, Option, block_of, with_shares
+from compasslib.inference.blocks import DATE_MARGIN, MOST_DATES, PAIRS_SHARE, Option, block_of, with_shares
 from compasslib.inference.search import log_bayes_factors
 from compasslib.inference.short_fit import FittedHypothesis, ShortComparison
 from compasslib.statistics.noise import PHI, THETA, arma_innovations, arma_variance_ratio
@@ -32,11 +32,9 @@ LAWS: tuple[Law, ...] = tuple((float(p), float(t)) for p in PHI[::2] for t in TH
 AMPLITUDES = 4.0 ** np.arange(-1, 6)  # rms of an effect over the noise, equally probable; logs have effects of 1000
 SAME = 1e-6  # singular value that is none, relative to the largest
 
-MOST_DATES = 60  # dates that are tried first
 SPELL_EDGES = 14  # edges of temporary offsets that are tried first
 FEWEST_AFFECTED = 3  # samples on either side of a date, or of an offset
 SECTOR_STEP_DEG, REACHES_DEG = 10, (15, 25, 40)  # distance of the sectors that are tried first, and their half widths
-UNLISTED_SHARE = 0.15  # of the prior odds, as of products of two drivers in long records
 FINER = 4  # ratio of the distances of candidate places and of finer ones around the best
 
 
@@ -55,7 +53,7 @@ def short_options(state: FittedHypothesis, taken: Collection[str] = ()) -> tuple
     for kind in (kind for kind in state.comparison.terms if kind.name not in taken):
         listed += [*_dated(state, kind)] if kind.dated() else [_option(state, kind(), _derivative(state, kind()))]
     unlisted = [option for option in _unlisted(state) if option.name not in taken] if state.comparison.reads else []
-    parts = (listed, 1.0 - UNLISTED_SHARE * bool(unlisted)), (unlisted, UNLISTED_SHARE)
+    parts = (listed, 1.0 - PAIRS_SHARE * bool(unlisted)), (unlisted, PAIRS_SHARE)
     return tuple(
         replace(option, share=option.share + float(np.log(share)))
         for made, share in parts

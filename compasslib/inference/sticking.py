@@ -20,7 +20,6 @@ NEAREST_CELL, FARTHEST_CELL = 2, 8  # cells on either side that predict the one 
 SECTOR_BLOCK_S = 5 * 86400.0  # a sphere keeps its heading for days: counts within a block are correlated
 CLUSTER_SIGMAS = 5.0  # excess of a cluster over its standard error from the scatter between blocks
 CLUSTER_RATIO = 2.5  # count of a cluster over what its neighbours predict
-FEWEST_IN_CLUSTER = 30  # readings in a cluster
 # Most cells from the cluster to the sector's edge; cells averaged for the density outside; its share at the edge.
 WIDEST_SECTOR, RIM_CELLS, EMPTIED_SHARE = 30, 4, 0.4
 
@@ -57,7 +56,7 @@ def sticking_sector(state: FittedModel) -> HeadingCluster | None:
     excess = counts - expected_by_cell
     score = excess.sum(axis=0) / np.maximum(np.linalg.norm(excess, axis=0), 1.0)
     held, expected = counts.sum(axis=0), np.maximum(expected_by_cell.sum(axis=0), 1.0)
-    clustered = (score > CLUSTER_SIGMAS) & (held > CLUSTER_RATIO * expected) & (held >= FEWEST_IN_CLUSTER)
+    clustered = (score > CLUSTER_SIGMAS) & (held > CLUSTER_RATIO * expected)
     if not clustered.any():
         return None
     k = int(np.argmax(np.where(clustered, held, 0.0)))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from compasslib.effects import CATALOGUE, COMPOSED, SLOW_WATER, all_effects, meanings, side_of
+from compasslib.effects import CATALOGUE, COMPOSED, SLOW_WATER, all_effects, side_of
 from compasslib.effects.composed import FORMS
 from compasslib.records import iso_time
 
@@ -42,7 +42,6 @@ SEPARATED_BY = {
     frozenset((term.name, other)): how for term in all_effects() for other, how in term.separated_by.items()
 }
 LONG_RECORD_S = 10 * 86400.0  # length of a record above which dates are given to the day
-SMALLEST_P = 0.001  # smallest p-value that the bootstrap resolves
 WATER_OR_COMPASS = "a second reference, or a swing of the compass on land: {} is in the water, {} is not"
 TRUSTED_OR_NOT = "a second reference (reference as a list), or a swing of either compass on land"
 OTHERWISE = "a record in which {} and {} vary independently"
@@ -63,43 +62,6 @@ def separating_observations(effect: str, alternatives: Sequence[str]) -> str:
             text = OTHERWISE.format(first, second)
         phrases.append(f"{first} or {second}: {text}")
     return "; ".join(dict.fromkeys(phrases))
-
-
-def finding_text(
-    effect: str,
-    alternatives: Sequence[str],
-    *,
-    where: str,
-    parameters: Mapping[str, tuple[float, float, str]],
-    size_deg: float,
-    proof: tuple[float, float, float] | None,
-    physics: str = "",
-    what: str = "",
-) -> str:
-    """Describe one finding in two or three sentences.
-
-    Args:
-        parameters: value, standard error and unit by name.
-        size_deg: visible size, rms degrees.
-        proof: residual rms before and after on held-out days, degrees, and the p-value; None to omit them.
-        physics: in words; by default that of the effect.
-        what: what is compared, if a recording has more than one comparison.
-    """
-    where, known, numbers = f"{what}, {where}" if what else where, meanings(effect), ""
-    for name, (value, sigma, unit) in parameters.items():
-        if sigma > 0.0:
-            interval = (
-                f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}{'' if unit == '1' else f' {unit}'}"
-            )
-            numbers += f"; {known.get(name, name)} {interval} (95 %)"
-    size = f"{size_deg:.1f}" if size_deg >= 1.0 else f"{size_deg:.2g}"
-    text = f"{where[0].upper()}{where[1:]}: {physics or PHYSICS.get(effect, effect)}. Size {size}° rms{numbers}."
-    if proof is not None:
-        before, after, p = proof
-        chance = f"p = {p:.2g}" if p > SMALLEST_P else f"p < {SMALLEST_P:g}"
-        stretches = "stretches" if what else "days"
-        text += f" On held-out {stretches} the residual goes from {before:.2f}° to {after:.2f}° rms ({chance})."
-    return f"{text} This record cannot separate it from {join_names(alternatives)}." if alternatives else text
 
 
 def level_text(level: str | None, probability: float | None, side: str, driver: str) -> str:
@@ -176,15 +138,6 @@ def range_text(covariate: str, low: float, high: float, *, on_land: bool = False
 def date_text(time_s: float, span_s: float) -> str:
     """Format a time: to the day in records of more than ten days, else to the second."""
     return iso_time(time_s)[:10] if span_s > LONG_RECORD_S else iso_time(time_s)
-
-
-def verdict_reason(effects: Iterable[str], left: str, compared: Sequence[str]) -> str:
-    """State the basis of the verdict in one sentence."""
-    if left:
-        return left
-    if causes := [PHYSICS.get(effect, display_name(effect)) for effect in effects]:
-        return f"Found in the residual: {'; '.join(causes)}."
-    return f"The residual of {join_names(compared, ' and ')} is noise."
 
 
 def unsettled_reason(effect: str, alternatives: Sequence[str], level: str | None, probability: float) -> str:

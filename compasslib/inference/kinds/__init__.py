@@ -13,15 +13,8 @@ if TYPE_CHECKING:  # the Snakefile needs only the table of kinds
     from compasslib.inference.comparison import Options
     from compasslib.inference.diagnosis import Diagnosis
 
-# Each module's diagnose(files, settings, options) returns the Diagnosis; a kind is imported only by its own job.
-KINDS: dict[str, str] = {
-    "platform": "compasslib.inference.kinds.platform",
-    "tilt": "compasslib.inference.kinds.tilt",
-    "magnetometer": "compasslib.inference.kinds.magnetometer",
-    "swing": "compasslib.inference.kinds.swing",
-    "two_heads": "compasslib.inference.kinds.two_heads",
-    "declination": "compasslib.inference.kinds.declination",
-}
+KINDS = ("platform", "tilt", "magnetometer", "swing", "two_heads", "declination")
+NO_HEADINGS = {"tilt": "a tilt sensor's calibration has no headings, on which the effects of the catalogue act"}
 DISABLED = "the search for unmodelled effects is switched off: diagnose: {enabled: false}"
 
 
@@ -42,9 +35,10 @@ def diagnose(
     from compasslib import calibrations
     from compasslib.inference import diagnosis
 
-    if options is None:
-        return diagnosis.insufficient(DISABLED)
-    made: Diagnosis = import_module(KINDS[kind]).diagnose(files, calibrations.resolve_settings(settings), options)
+    if options is None or kind in NO_HEADINGS:
+        return diagnosis.insufficient(DISABLED if options is None else NO_HEADINGS[kind])
+    resolved = calibrations.resolve_settings(settings)
+    made: Diagnosis = import_module(f"{__name__}.{kind}").diagnose(files, resolved, options)
     return made
 
 

@@ -1,14 +1,14 @@
 """Diagnose an observatory's declination against a model of the earth's field plus a constant.
 
-Trends and jumps are tested by the general search, on hourly means with daily harmonics as nuisance or on daily means.
-Storms and daily variation are detected in the declination itself, storms in three-hour windows of its residual from
-slow level and quiet-day curve. Up to a limit the constant is plausible as the crustal field.
+Jumps of the baseline are changes of the daily level, in records of some days a change of level whose residual contains
+no storm; a trend is that of medians over rotations of the sun. Storms are three-hour windows of the residual from slow
+level and quiet-day curve. Up to a limit the constant is plausible as the crustal field.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,28 +18,19 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.calibrations import declination as field_check
 from compasslib.calibrations import observatory
-from compasslib.calibrations.observatory import FieldComparison, Storm
-from compasslib.inference import diagnosis, long_record
-from compasslib.inference import finding as findings
-from compasslib.inference.comparison import Options
+from compasslib.calibrations.observatory import FieldComparison
+from compasslib.effects import Effect
+from compasslib.effects.earth import DeclinationError, FieldDisturbance, SecularVariation
+from compasslib.effects.effect import DAY_S, HOUR_S, YEAR_S
+from compasslib.effects.readout import HeadingSlip
+from compasslib.inference import diagnosis, finding
+from compasslib.inference.comparison import Comparison, Options, build_finding, equal_chances
 from compasslib.inference.diagnosis import Diagnosis
-from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter, Unexplained
-from compasslib.inference.kinds import declination_slow
-from compasslib.inference.kinds.declination_slow import (
-    DRIFTS,
-    LEAST_COVERED,
-    SlowFindings,
-    compare_series,
-    date_jump,
-    large_jumps,
-    remove_jumps,
-    reword_finding,
-    short_jump,
-    trend_of_pieces,
-    why_too_short,
-)
+from compasslib.inference.finding import BinnedResidual, CovariateRange, Finding, HeldOut, Parameter
 from compasslib.readers import iaga2002
 from compasslib.records import EarthField, FieldSeries, iso_time
+from compasslib.statistics.least_squares import robust_width
+from compasslib.statistics.resampling import blocks_by_count, blocks_by_span
 from compasslib.types import Floats
 
 SEPARATED_BY = {
@@ -47,45 +38,26 @@ SEPARATED_BY = {
     "field_disturbance": "a day more of the series: a storm's level does not stay",
     "hard_iron": "a survey of the field around the station",
     "mounting_offset": "the azimuth mark measured again",
-    "heading_slip": "more of the series around the date, or the observatory's log",
-    "secular_variation": "more years, or a second observatory near by",
 }
+DRIFTS = "the declination drifts beyond the simulation, and so its constant depends on the date"
+RESTLESS = "at all times (restless, as in the auroral zone or by noise of the recording, so that no storm stands out)"
+GAPS = "most of the record is gaps: a jump in one looks like a trend or like nothing"
+MOST_STORMS = 5  # most storm findings; the last sentence of each gives the number of smaller storms
+LEVELS = 5  # days on either side whose median shows a jump
+JUMP_WIDTHS = 8.0  # least change of the level at a jump, in robust widths of such changes
+FEWEST_PIECES = 6  # rotations of the sun, for a trend
+TREND_SIGMAS = 5.0  # least trend, in standard errors
+PRECISION_DEG = 0.01  # least width of a residual: resolution of a published declination
 
-MOST_STORMS = 5  # most storm findings; their texts give the number of smaller storms
-LEFT_OUT_S = 600.0  # length of the stretches of a storm that are held out alternately
-FEWEST_DAYS = 5  # fewest quiet days for a finding on the quiet-day curve
 
+@dataclass(frozen=True)
+class Jump:
+    """A jump of the declination, in degrees."""
 
-def slow_findings(compared: FieldComparison, series: FieldSeries, model: EarthField, options: Options) -> SlowFindings:
-    """Find the trend and the jumps of a series."""
-    if why := why_too_short(compared):
-        jump = short_jump(compared, options.min_effect_deg) if compared.storms else None
-        missing = [("secular_variation", why)] + ([] if jump else [("heading_slip", why)])
-        return SlowFindings((jump[0],) if jump else (), (jump[1],) if jump else (), not_testable=tuple(missing))
-    if compared.days / (float(np.ptp(compared.time_s)) / observatory.DAY_S + 1.0) < LEAST_COVERED:
-        return trend_of_pieces(compared, series, model, options.min_effect_deg)
-    limit = options.min_effect_deg
-    large = large_jumps(compared, limit)
-    level = observatory.compare(remove_jumps(series, tuple(finding[1] for finding in large)), model, limit_deg=limit)
-    searched = long_record.diagnose(compare_series(level, model), options)
-    dates = {
-        id(finding): date_jump(level, finding) for finding in searched.findings if finding.effect == "heading_slip"
-    }
-    drifts = any(finding.effect == "secular_variation" for finding in searched.findings)
-    matter = [finding[0] for finding in large if finding[0].rms_effect_deg >= limit]
-    small = [(finding[0].effect, finding[0].rms_effect_deg) for finding in large if finding[0].rms_effect_deg < limit]
-    return SlowFindings(
-        findings=(
-            *matter,
-            *(reword_finding(finding, series, model, dates.get(id(finding))) for finding in searched.findings),
-        ),
-        jumps=(*(finding[1] for finding in large), *dates.values()),
-        unexplained=searched.unexplained,
-        negligible=(*searched.negligible, *small),
-        not_testable=(("declination_error", DRIFTS),) if drifts else (),
-        curves=searched.curves,
-        threshold=searched.threshold,
-    )
+    date_s: float
+    rise_deg: float
+    sigma_deg: float
+    may_be_storm: bool = False  # whether either level lasts for less than a day
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options | None = None) -> Diagnosis:
@@ -115,42 +87,41 @@ def diagnose_series(series: FieldSeries, field: EarthField, options: Options) ->
         field: declination along time by the model, or a given constant.
     """
     limit = options.min_effect_deg
-    first = observatory.compare(series, field, limit_deg=limit)
-    slow = slow_findings(first, series, field, options)
-    compared = observatory.compare(declination_slow.remove_jumps(series, slow.jumps), field, limit_deg=limit)
-    findings, small = list(slow.findings), dict(slow.negligible)
-    open_constant = "declination_error" not in dict(slow.not_testable)
-    constant = [_constant_finding(compared, series, field)] if open_constant else []
-    for finding, name, size in (*constant, _daily_finding(compared, limit), *_storm_findings(compared, series)):
-        if finding is not None:
-            findings.append(finding)
-        elif size > 0.0:
-            small[name] = max(size, small.get(name, 0.0))
-    unexplained, span = slow.unexplained, _span(compared)
+    jumps, jump_untested = find_jumps(observatory.compare(series, field, limit_deg=limit), limit)
+    risen = sum((jump.rise_deg * (series.time_s >= jump.date_s) for jump in jumps), np.zeros(len(series)))
+    steady = replace(series, declination_deg=angles.wrap180(series.declination_deg - risen))
+    compared = observatory.compare(steady, field, limit_deg=limit)
+    trend, trend_untested = _trend_finding(compared, series, field)
+    drifts = trend is not None and trend.rms_effect_deg >= limit
+    constant = None if drifts else _constant_finding(compared, series, field)
+    several = [*(_jump_finding(compared, jump) for jump in jumps), *_storm_findings(compared, steady)]
+    found = [item for item in (*several, trend, constant, _daily_finding(compared)) if item is not None]
+    matter = [item for item in found if item.rms_effect_deg >= limit]
+    findings = tuple(sorted(matter, key=lambda item: -item.rms_effect_deg))
+    largest = float(observatory.three_hour_rms(compared.time_s, compared.disturbed_deg)[0].max())
+    sizes = {"field_disturbance": largest} | ({} if drifts else {"declination_error": abs(compared.constant_deg)})
+    sizes |= {item.effect: max(item.rms_effect_deg, sizes.get(item.effect, 0.0)) for item in found}
+    untested = {"secular_variation": trend_untested, "heading_slip": jump_untested}
+    untested |= {"declination_error": DRIFTS} if drifts else {}
+    unexplained = None
     if compared.ordinary_deg >= limit:  # disturbed at all times: then no storm stands out
-        place = CovariateRange("time", *span, f"from {iso_time(span[0])} to {iso_time(span[1])}")
-        text = (
-            f"The declination is restless at all times, by {compared.ordinary_deg:.2f}° rms over three hours in the "
-            "middle of the record: the ordinary weather of a station in the auroral zone, or noise of the recording. "
-            "No storm stands out."
-        )
-        unexplained = Unexplained(("time",), place, span, compared.ordinary_deg, (), text)
-    ordered = tuple(sorted(findings, key=lambda item: -item.rms_effect_deg))
-    pairs = [(item.effect, other) for item in ordered for other in item.alternatives]
+        place = CovariateRange("time", *_along_time(compared).span_s, RESTLESS)
+        named = [item.effect for item in findings]
+        unexplained = _along_time(compared).unexplained([], compared.ordinary_deg, named, place)
+    pairs = [(item.effect, other) for item in findings for other in item.alternatives]
     separated = [f"{a} or {b}: {SEPARATED_BY.get(b, 'a second observatory near by')}" for a, b in pairs]
     quiet = f"quiet day from {compared.quiet_days} days" if compared.quiet_days else "no quiet day known"
     return Diagnosis(
-        verdict=diagnosis.overall_verdict(ordered, unexplained),
-        findings=ordered,
+        verdict=diagnosis.overall_verdict(findings, unexplained),
+        findings=findings,
         unexplained=unexplained,
         separated_by="; ".join(dict.fromkeys(separated)) or None,
-        not_testable=slow.not_testable,
-        negligible=tuple(small.items()),
+        not_testable=tuple((effect, why) for effect, why in untested.items() if why),
+        negligible=tuple((name, size) for name, size in sizes.items() if name not in {x.effect for x in findings}),
         why=f"{len(compared.time_s)} means over {compared.days} days against {_model_name(field)} plus "
         f"{compared.constant_deg:+.3f} ± {1.96 * compared.constant_sigma_deg:.3f} degrees (95 %), {quiet}"
-        + ("" if ordered else "; the residual is negligible"),
-        curves=slow.curves,
-        threshold=slow.threshold,
+        + ("" if findings else "; the residual is negligible"),
+        curves=(_curve(compared, steady, series),) if compared.days > finding.CURVE_BINS else (),
     )
 
 
@@ -158,143 +129,245 @@ def _model_name(field: EarthField) -> str:
     return "IGRF" if field.source == "IGRF" else "the given declination"
 
 
-def _constant_finding(
-    compared: FieldComparison, series: FieldSeries, field: EarthField
-) -> tuple[Finding | None, str, float]:
+def _along_time(compared: FieldComparison) -> Comparison:
+    return Comparison(time_s=compared.time_s, terms=(), covariates={"time": compared.time_s})
+
+
+def _curve(compared: FieldComparison, steady: FieldSeries, series: FieldSeries) -> BinnedResidual:
+    """Average the residual along time, with and without the jumps."""
+    bins = blocks_by_count(compared.time_s, finding.CURVE_BINS)
+    off = compared.residual_deg - compared.quiet_deg
+    risen = angles.difference(series.declination_deg, steady.declination_deg)
+    with_jumps = off + np.interp(compared.time_s, series.time_s, risen)
+    each = [np.flatnonzero(bins == k) for k in np.unique(bins)]
+    centre, before, after = (np.array([np.mean(x[k]) for k in each]) for x in (compared.time_s, with_jumps, off))
+    days = np.array([len(np.unique(np.floor(compared.time_s[k] / DAY_S))) for k in each])
+    sigma = np.array([np.std(off[k]) for k in each]) / np.sqrt(days)
+    return BinnedResidual("time", centre, before, after, sigma)
+
+
+def find_jumps(compared: FieldComparison, limit_deg: float) -> tuple[list[Jump], str]:
+    """Find jumps of the baseline, and explain where they cannot be found.
+
+    The median change from five days to the next five is subtracted first: a trend is no jump. Neither is a change over
+    a gap. In shorter records the residual from two levels must be calm, lest the change be a storm.
+    """
+    off, time_s, step_s = compared.residual_deg - compared.quiet_deg, compared.time_s, compared.step_s
+    days, begins = np.unique(np.floor(time_s / DAY_S), return_index=True)
+    if len(days) < 4 * LEVELS:
+        least = int(observatory.WINDOW_S / step_s)
+        untested = f"the series has {len(days)} days; in fewer than {4 * LEVELS} only a jump between calm levels shows"
+        if len(off) < 2 * least + 2:
+            return [], untested
+        at, size, left = _best_split(off, least)
+        # The rms without the largest value, since the jump may fall into one mean.
+        if abs(size) < limit_deg or 2.0 * observatory.three_hour_rms(time_s, left)[1].max() >= limit_deg:
+            return [], untested
+        shorter_s = float(min(time_s[-1] - time_s[at], time_s[at] - time_s[0]))
+        sigma = angles.rms(left) / np.sqrt(max(shorter_s / observatory.WINDOW_S, 1.0))
+        return [Jump(float(time_s[at]) - step_s / 2.0, size, sigma, may_be_storm=shorter_s < DAY_S)], ""
+    levels = np.array([np.median(part) for part in np.split(off, begins[1:])])
+    middle = np.median(np.lib.stride_tricks.sliding_window_view(levels, LEVELS), axis=1)
+    change = middle[LEVELS:] - middle[:-LEVELS]
+    near = days[2 * LEVELS - 1 :] - days[: 1 - 2 * LEVELS] < 3 * LEVELS
+    change = np.where(near, change - np.median(change), 0.0)
+    least_deg, jumps = max(limit_deg, JUMP_WIDTHS * robust_width(change)), []
+    while np.max(np.abs(change)) > least_deg:
+        at = int(np.argmax(np.abs(change)))
+        around = slice(begins[at], begins[at + 2 * LEVELS] if at + 2 * LEVELS < len(begins) else len(off))
+        split, size, left = _best_split(off[around], 2)
+        date_s = float(time_s[around][split]) - step_s / 2.0
+        jumps.append(Jump(date_s, size, angles.rms(left) * float(np.sqrt(2.0 / LEVELS))))
+        change[max(at - 2 * LEVELS, 0) : at + 2 * LEVELS] = 0.0
+    return jumps, GAPS if _mostly_gaps(time_s) else ""
+
+
+def _mostly_gaps(time_s: Floats) -> bool:
+    return 2 * len(np.unique(np.floor(time_s / DAY_S))) < float(np.ptp(time_s)) / DAY_S
+
+
+def _best_split(off: Floats, least: int) -> tuple[int, float, Floats]:
+    """Find the best change of level of a series: its index, its size, and the residual from the two levels."""
+    splits = range(least, len(off) - least + 1, max(1, len(off) // 600))
+    spread = [np.sum(np.abs(part - np.median(part))) for k in splits for part in (off[:k], off[k:])]
+    at = splits[int(np.argmin(np.add(spread[::2], spread[1::2])))]
+    low, high = np.median(off[:at]), np.median(off[at:])
+    return at, float(high - low), np.concatenate([off[:at] - low, off[at:] - high])
+
+
+def _jump_finding(compared: FieldComparison, jump: Jump) -> Finding:
+    """Describe a jump, given the comparison without any."""
+    after = compared.time_s >= jump.date_s
+    off = compared.residual_deg - compared.quiet_deg + jump.rise_deg * after
+    off, share = off - np.median(off), float(np.mean(after))
+
+    def levels(use: NDArray[np.bool_]) -> Floats:
+        return np.where(after, np.median(off[use & after]), np.median(off[use & ~after]))
+
+    return _finding(
+        compared,
+        HeadingSlip(date_s=jump.date_s),
+        ("field_disturbance",) if jump.may_be_storm else (),
+        {"offset_deg": Parameter(-jump.rise_deg, jump.sigma_deg, "degrees")},
+        size_deg=float(abs(jump.rise_deg) * np.sqrt(share * (1.0 - share))),
+        proof=_held_out(compared.time_s, off, levels),
+        physics=f"the baseline of the declination jumped by {jump.rise_deg:+.2f}°, as where a sensor turned",
+    )
+
+
+def _trend_finding(compared: FieldComparison, series: FieldSeries, field: EarthField) -> tuple[Finding | None, str]:
+    """Find a trend beyond the model, or explain why the record is too short for one."""
+    time_s, years = compared.time_s, (compared.time_s - compared.time_s[0]) / YEAR_S
+    off = compared.residual_deg - np.median(compared.residual_deg)
+    pieces = len(np.unique(np.floor(time_s / DAY_S / observatory.BLOCK_DAYS)))
+    if pieces < FEWEST_PIECES:
+        return None, f"the series has {pieces} stretches of 27 days; {FEWEST_PIECES} are needed for a trend"
+    slope, sigma = _slope(time_s, off)
+    if abs(slope) <= TREND_SIGMAS * sigma:
+        return None, ""
+
+    def line(use: NDArray[np.bool_]) -> Floats:
+        drift = _slope(time_s[use], off[use])[0] * years
+        return np.asarray(drift + np.median((off - drift)[use]))
+
+    rise, span_s = (float(x[-1] - x[0]) for x in (field.model_declination_deg, field.time_s))
+    by_model = rise / span_s * YEAR_S
+    of_model = field.source != "IGRF" and abs(slope - by_model) <= abs(by_model) / 4.0
+    others = [*["heading_slip"] * _mostly_gaps(time_s), *["compass_drift"] * (not series.definitive)]
+    told = f", as IGRF does ({by_model:+.3f}° a year): the given declination is constant" if of_model else ""
+    made = _finding(
+        compared,
+        SecularVariation(),
+        () if of_model else tuple(others),
+        {"deg_year": Parameter(slope, sigma, "degrees/year")},
+        size_deg=float(abs(slope) * np.std(years)),
+        proof=_held_out(time_s, off, line, finding.HELD_OUT_BLOCK_S),
+        physics=f"the declination drifts beyond the simulation{told}",
+    )
+    return made, ""
+
+
+def _slope(time_s: Floats, off: Floats) -> tuple[float, float]:
+    """Fit a line to medians over rotations of the sun: slope and standard error, degrees a year."""
+    number = np.floor(time_s / DAY_S / observatory.BLOCK_DAYS)
+    each = np.array([(np.median(time_s[number == k]), np.median(off[number == k])) for k in np.unique(number)])
+    (slope, _), covariance = np.polyfit((each[:, 0] - each[:, 0].mean()) / YEAR_S, each[:, 1], 1, cov=True)
+    return float(slope), float(np.sqrt(covariance[0, 0]))
+
+
+def _constant_finding(compared: FieldComparison, series: FieldSeries, field: EarthField) -> Finding | None:
     """Find a constant that is larger than the crustal field explains."""
     size, sigma = abs(compared.constant_deg), compared.constant_sigma_deg
     strength = np.nanmedian(np.append(series.horizontal_nT, field.horizontal_nT))
     most = float(np.arctan2(field_check.CRUST_NT, strength)) / angles.DEGREE
     if size - 1.96 * sigma <= most:
-        return None, "declination_error", size
+        return None
     by_model = np.interp(compared.time_s, field.time_s, field.model_declination_deg)
     off = abs(float(np.median(angles.difference(compared.observed_deg, by_model))))
     wrong_number = field.source != "IGRF" and off <= most
-    text = (
-        f"The declination differs from {_model_name(field)} by {compared.constant_deg:+.2f} ± {1.96 * sigma:.2f} "
-        f"degrees (95 %) at all times; rocks make up to {most:.1f}. "
-    )
-    text += (
-        "IGRF agrees with the recording: the given number is wrong."
-        if wrong_number
-        else "A wrong declination or place, strong rocks and a turned azimuth mark look the same here."
-    )
-    finding = _finding(
-        "declination_error",
+    why = "and IGRF agrees with the recording: the given number is wrong" if wrong_number else f"rocks make {most:.1f}°"
+    return _finding(
+        compared,
+        DeclinationError(),
         () if wrong_number else ("hard_iron", "mounting_offset"),
-        span=_span(compared),
-        parameters={"error_deg": Parameter(compared.constant_deg, sigma, "degrees")},
-        size=(size, _fold_gain(compared.residual_deg, compared.time_s)),
-        text=text,
+        {"error_deg": Parameter(compared.constant_deg, sigma, "degrees")},
+        size_deg=size,
+        proof=_held_out(
+            compared.time_s, compared.residual_deg, lambda use: np.full(len(use), np.median(compared.residual_deg[use]))
+        ),
+        physics=f"the declination differs from {_model_name(field)} by a constant, {why}",
     )
-    return finding, "declination_error", size
 
 
-def _daily_finding(compared: FieldComparison, limit_deg: float) -> tuple[Finding | None, str, float]:
+def _daily_finding(compared: FieldComparison) -> Finding | None:
     """Find a daily variation; its amplitude is half of its range."""
-    size = float(np.std(np.nan_to_num(compared.curve_deg)))
-    if size < limit_deg or compared.quiet_days < FEWEST_DAYS:
-        return None, "field_disturbance", size
-    amplitude = float(np.ptp(compared.curve_deg)) / 2.0
-    off = compared.disturbed_deg + compared.quiet_deg
+    if compared.quiet_days < observatory.MIN_DAYS:
+        return None
+    time_s, off = compared.time_s, compared.disturbed_deg + compared.quiet_deg
     sigma = angles.rms(compared.disturbed_deg[~compared.stormy]) / np.sqrt(compared.quiet_days)
-    finding = _finding(
-        "field_disturbance",
+
+    def daily(use: NDArray[np.bool_]) -> Floats:
+        return observatory.interpolate_daily_curve(observatory.hourly_median(time_s, off, use), time_s)
+
+    return _finding(
+        compared,
+        FieldDisturbance(),
         (),
-        span=_span(compared),
-        parameters={"amplitude_deg": Parameter(amplitude, sigma, "degrees")},
-        size=(size, _fold_gain(off, compared.time_s, daily=True)),
-        text=f"Every day magnetic north swings by {amplitude:.2f}° to either side, {size:.2f}° rms: the daily "
-        f"variation, by the median of {compared.quiet_days} quiet days.",
+        {"amplitude_deg": Parameter(float(np.ptp(compared.curve_deg)) / 2.0, sigma, "degrees")},
+        size_deg=float(np.std(compared.curve_deg)),
+        proof=_held_out(time_s, off, daily),
+        physics=f"magnetic north swings every day, by the median of {compared.quiet_days} quiet days",
+        place=CovariateRange("hour_of_day", 0.0, 24.0, "at every hour of the day"),
     )
-    place = CovariateRange("hour_of_day", 0.0, 24.0, "daily variation, at every hour of the day")
-    return replace(finding, where=place), "", size
 
 
-def _storm_findings(compared: FieldComparison, series: FieldSeries) -> list[tuple[Finding | None, str, float]]:
-    """Describe the largest storms; the last sentence of each gives the number of smaller ones."""
-    if not compared.storms:
-        largest = float(observatory.three_hour_rms(compared.time_s, compared.disturbed_deg)[0].max())
-        return [(None, "field_disturbance", largest)]
+def _storm_findings(compared: FieldComparison, series: FieldSeries) -> list[Finding]:
+    """Describe the largest storms.
+
+    Each is scored by its own course on held-out stretches, interpolated between their neighbours: this predicts no
+    other day or place, but shows that the disturbance is continuous in time and not noise.
+    """
     calm, more = compared.disturbed_deg[~compared.stormy], max(len(compared.storms) - MOST_STORMS, 0)
     noise_deg = angles.rms(calm) if calm.size else float("nan")
-    quiet = "" if compared.quiet_days else " No quiet day is known: daily variation is part of it."
-    others = f" {more} smaller storms are not listed." if more else ""
-    result: list[tuple[Finding | None, str, float]] = []
+    result = []
     for storm in sorted(compared.storms, key=lambda item: -item.rms_deg)[:MOST_STORMS]:
-        proof = _interpolation_gain(compared, series, storm)
-        text = (
-            f"From {iso_time(storm.begin_s)} to {iso_time(storm.end_s)} a disturbance of the earth's field moves "
-            f"magnetic north by {storm.rms_deg:.2f}° rms in its disturbed hours, {storm.worst_deg:.2f}° in its worst "
-            f"three; highest minus lowest declination is {storm.range_deg:.1f}°.{quiet} The model of it is the "
-            f"recorded course itself: on held-out stretches the residual goes from {proof.rms_before_deg:.2f}° to "
-            f"{proof.rms_after_deg:.2f}° rms (p = {proof.p_value:.3g}); it predicts no other day or place.{others}"
+        inside = (series.time_s >= storm.begin_s) & (series.time_s <= storm.end_s) & np.isfinite(series.declination_deg)
+        time_s, span = series.time_s[inside], (storm.begin_s, storm.end_s)
+        base = np.interp(time_s, compared.time_s, compared.model_deg + compared.level_deg)
+        off = angles.difference(series.declination_deg[inside], base)
+        off -= observatory.interpolate_daily_curve(compared.curve_deg, time_s)
+
+        def course(use: NDArray[np.bool_], time_s: Floats = time_s, off: Floats = off) -> Floats:
+            return np.interp(time_s, time_s[use], off[use])
+
+        physics = f"a disturbance of the earth's field, {storm.worst_deg:.2f}° rms in its worst three hours"
+        physics += "" if compared.quiet_days else "; no quiet day is known: daily variation is part of it"
+        physics += f"; {more} smaller storms are not listed" if more else ""
+        made = _finding(
+            compared,
+            FieldDisturbance(),
+            (),
+            {
+                "range_deg": Parameter(storm.range_deg, float(np.sqrt(2.0)) * noise_deg, "degrees"),
+                "worst_three_hours_deg": Parameter(storm.worst_deg, noise_deg, "degrees"),
+            },
+            size_deg=storm.rms_deg,
+            proof=_held_out(time_s, off, course, max(observatory.BIN_S, float(np.median(np.diff(series.time_s))))),
+            physics=physics,
+            place=CovariateRange("time", *span, f"from {iso_time(span[0])} to {iso_time(span[1])}"),
+            span_s=span,
         )
-        numbers = {
-            "range_deg": Parameter(storm.range_deg, np.sqrt(2.0) * noise_deg, "degrees"),
-            "worst_three_hours_deg": Parameter(storm.worst_deg, noise_deg, "degrees"),
-        }
-        span, size = (storm.begin_s, storm.end_s), (storm.rms_deg, proof)
-        finding = _finding("field_disturbance", (), span=span, parameters=numbers, size=size, text=text)
-        result.append((finding, "field_disturbance", storm.rms_deg))
+        result.append(made)
     return result
 
 
 def _finding(
-    effect: str,
+    compared: FieldComparison,
+    term: Effect,
     alternatives: tuple[str, ...],
-    *,
-    span: tuple[float, float],
     parameters: Mapping[str, Parameter],
-    size: tuple[float, HeldOut],
-    text: str,
+    *,
+    place: CovariateRange | None = None,
+    **described: Any,
 ) -> Finding:
-    place = CovariateRange("time", *span, f"from {iso_time(span[0])} to {iso_time(span[1])}")
-    return Finding(effect, "compass", alternatives, place, span, parameters, size[0], size[1], text)
+    """Build a finding that shows along time unless a place is given."""
+    of_series, chances = _along_time(compared), equal_chances(term.name, *alternatives)
+    place = place or of_series.where("time", of_series.span_s)
+    return build_finding(of_series, term, chances, parameters, place=place, **described)
 
 
-def _span(compared: FieldComparison) -> tuple[float, float]:
-    return float(compared.time_s[0]), float(compared.time_s[-1])
+def _held_out(
+    time_s: Floats, off_deg: Floats, predict: Callable[[NDArray[np.bool_]], Floats], unit_s: float = 0.0
+) -> HeldOut:
+    """Score a prediction on held-out days, hours of a record of few days, or other units of time.
 
-
-def _interpolation_gain(compared: FieldComparison, series: FieldSeries, storm: Storm) -> HeldOut:
-    """Score the storm's own curve on held-out stretches, interpolated between their neighbours.
-
-    This predicts no other day or place; it shows that the disturbance is continuous in time and not noise.
+    Args:
+        predict: function of the samples that are known, which predicts all, (n,) degrees.
     """
-    inside = (series.time_s >= storm.begin_s) & (series.time_s <= storm.end_s) & np.isfinite(series.declination_deg)
-    time_s, observed = series.time_s[inside], series.declination_deg[inside]
-    base = np.interp(time_s, compared.time_s, compared.model_deg + compared.level_deg)
-    before = angles.difference(observed, base) - observatory.interpolate_daily_curve(compared.curve_deg, time_s)
-    stretch = np.floor((time_s - storm.begin_s) / max(LEFT_OUT_S, float(np.median(np.diff(series.time_s)))))
-    left = np.array(before)
-    for fold in (0, 1):
-        out = stretch % 2 == fold
+    unit_s = unit_s or (DAY_S if np.ptp(time_s) > finding.FOLDS * DAY_S else HOUR_S)
+    fold, left = blocks_by_span(time_s, unit_s) % finding.FOLDS, np.array(off_deg)
+    for out in (fold == k for k in range(finding.FOLDS)):
         if out.any() and not out.all():
-            left[out] = before[out] - np.interp(time_s[out], time_s[~out], before[~out])
-    block = np.floor((time_s - storm.begin_s) / observatory.WINDOW_S).astype(int)
-    return _residual_gain(before, left, block)
-
-
-def _fold_gain(off_deg: Floats, time_s: Floats, *, daily: bool = False) -> HeldOut:
-    """Score a constant, or a daily curve, on held-out days, or on held-out hours of a single day."""
-    day = np.floor(time_s / observatory.DAY_S).astype(int)
-    unit = day if day[-1] > day[0] else np.floor(time_s / observatory.HOUR_S).astype(int)
-    left = np.array(off_deg)
-    for fold in range(findings.FOLDS):
-        out = unit % findings.FOLDS == fold
-        if not out.any() or out.all():
-            continue
-        simulated = np.full(int(out.sum()), float(np.median(off_deg[~out])))
-        if daily:
-            simulated = observatory.interpolate_daily_curve(
-                observatory.hourly_median(time_s, off_deg, ~out), time_s[out]
-            )
-        left[out] = off_deg[out] - simulated
-    return _residual_gain(off_deg, left, unit - unit[0])
-
-
-def _residual_gain(before: Floats, after: Floats, block: NDArray[np.intp]) -> HeldOut:
-    width = max(angles.rms(after), 1e-6)
-    each = (before**2 - after**2) / (2.0 * width**2)
-    return findings.bootstrap_gain(each, block, (angles.rms(before), angles.rms(after)))
+            left[out] -= predict(~out)[out]
+    block = blocks_by_span(time_s, max(unit_s, observatory.WINDOW_S))
+    return finding.compare_residuals(off_deg, left, max(angles.rms(left), PRECISION_DEG), block)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import savgol_filter
 
 from compasslib import angles, compass
@@ -33,19 +34,12 @@ from compasslib.effects.iron import (
     TemperatureOfField,
     TemperatureOfReading,
 )
-from compasslib.effects.readout import (
-    CompassDelay,
-    CompassTrend,
-    HeadingSlip,
-    MountingOffset,
-    Octantal,
-    ReadingLevelled,
-    Sextantal,
-)
+from compasslib.effects.readout import CompassDelay, HeadingSlip, MountingOffset, ReadingLevelled
 from compasslib.inference import covariates as covariate_series
 from compasslib.inference import diagnosis, short_findings, short_fit, short_search
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
+from compasslib.inference.kinds.platform import READOUT
 from compasslib.inference.short_fit import ShortComparison, thin_indices
 from compasslib.types import Floats
 
@@ -78,8 +72,6 @@ def diagnose_log(log: Log, *, field: Mapping[str, float] | None, options: Option
     elif not (why_not := magnetometer_log.unusable_reason(log)):
         choice = ellipsoid.choose_model(log, log.raw)
         why_not = "" if choice.fitted is not None else choice.why
-    else:
-        choice = ModelChoice(why=why_not)
     axes, no_heading = _axes(log, choice)
     missing = [("hard_iron", why_not)] if why_not else []
     missing += [("tilt_uncompensated", "no tilts were logged")] if not log.tilted else []
@@ -123,19 +115,9 @@ def _of_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) -> Sh
     working, unit = _working(body, float(np.median(np.hypot(body[:, 0], body[:, 1]))), log, field)
     simulated = angles.argument(body[:, 0] - 1j * body[:, 1])
     scene, covariates, samples, clocked = scene_of(log, simulated, body)
-    terms: tuple[type[Effect], ...] = (
-        MountingOffset,
-        LevelHardIron,
-        LevelSoftIron,
-        Sextantal,
-        Octantal,
-        HeadingSlip,
-        CompassTrend,
-    )
-    if log.tilted:
-        terms = (ReadingLevelled, HardIron, *(term for term in terms if term is not LevelHardIron))
-    else:  # an unlogged tilt may have any form along the heading
-        terms = (MountingOffset, LevelHardIron, HeadingSlip)
+    terms: tuple[type[Effect], ...] = (MountingOffset, LevelHardIron, HeadingSlip)
+    if log.tilted:  # otherwise an unlogged tilt may have any form along the heading
+        terms = (ReadingLevelled, HardIron, MountingOffset, LevelSoftIron, *READOUT)
     terms += (CompassDelay,) if clocked else ()
     terms += (TemperatureOfReading,) if warmed(log) else ()
     unseen = {} if log.tilted else {term.name: ("tilt_uncompensated",) for term in terms if term is not CompassDelay}
@@ -226,7 +208,6 @@ def _working(
 
 # Forward models of a magnetometer's log: the heading of its axes, and their modulus.
 
-MOST_SAMPLES = 2500  # limits the run time of a search
 WOBBLE_SAMPLES = 31  # window of the running mean of tilts; faster changes are mostly accelerations
 
 
@@ -290,27 +271,18 @@ def tilt_wobble(log: Log, field_nT: Floats, down: Floats, strength_nT: float) ->
 
     Waves and handling accelerate the tilt sensor, and its spurious tilt also enters the modulus.
     """
-    modulus, pairs = ellipsoid.modulus(field_nT, down), ((1.0, 0.0), (0.0, 1.0))
     assert log.pitch_deg is not None and log.roll_deg is not None
-    columns = []
-    for by_pitch, by_roll in pairs:
-        fast = by_pitch * _fast(log.pitch_deg) + by_roll * _fast(log.roll_deg)
-        moved = compass.levelling(log.pitch_deg + by_pitch * fast, log.roll_deg + by_roll * fast)[:, 2, :]
-        columns.append((ellipsoid.modulus(field_nT, moved) - modulus) / strength_nT / angles.DEGREE)
-    return np.stack(columns, axis=1)
-
-
-def _fast(x: Floats) -> Floats:
-    """Subtract the running mean from a series."""
-    span = min(WOBBLE_SAMPLES, len(x))
-    together = np.convolve(np.ones(len(x)), np.ones(span), "same")
-    return x - np.convolve(x, np.ones(span), "same") / together
+    tilts = np.array([log.pitch_deg, log.roll_deg])
+    fast = tilts - uniform_filter1d(tilts, WOBBLE_SAMPLES)
+    each = [compass.levelling(*(tilts + fast * axis[:, None]))[:, 2, :] for axis in np.eye(2)]
+    moved = np.stack([ellipsoid.modulus(field_nT, tilted) for tilted in each], axis=1)
+    return (moved - ellipsoid.modulus(field_nT, down)[:, None]) / strength_nT / angles.DEGREE
 
 
 def scene_of(log: Log, simulated_deg: Floats, body: Floats) -> tuple[Scene, dict[str, Floats], NDArray[np.intp], bool]:
     """Build scene and covariates of the log, thinned, with the indices of its samples and whether it has a clock."""
     n = len(log.raw)
-    samples = thin_indices(n, MOST_SAMPLES)
+    samples = thin_indices(n)
     clocked = log.time_s is not None and bool(np.isfinite(log.time_s).all() and np.all(np.diff(log.time_s) > 0.0))
     time_s = log.time_s if clocked and log.time_s is not None else np.arange(1.0, n + 1.0)
     zero = np.zeros(n)

@@ -19,19 +19,21 @@ from compasslib.deviation.exact import held_out_scores
 from compasslib.deviation.likelihood import EXACT, SeriesInCorrect
 from compasslib.deviation.model import DeviationFit, nearest_root, observed_heading, pair_speeds
 from compasslib.deviation.series import invert_series
+from compasslib.effects import Effect
 from compasslib.effects.effect import HOUR_S, YEAR_S
-from compasslib.effects.water import VeerWithDirection
-from compasslib.inference import comparison, diagnosis, finding, long_record, wording
+from compasslib.effects.water import ClockDrift, ClockOffset, VeerWithDirection
+from compasslib.inference import comparison, diagnosis, finding, long_record
 from compasslib.inference import product as products
 from compasslib.inference.comparison import (
     FEWEST_PAIRS,
     SHORTEST_DAYS,
+    Comparison,
     Options,
     SharedInformation,
     compare_pairs,
 )
 from compasslib.inference.diagnosis import Diagnosis
-from compasslib.inference.finding import CovariateRange, Finding, Parameter
+from compasslib.inference.finding import Finding, Parameter
 from compasslib.records import EarthField, Pairs, take
 from compasslib.statistics import single_threaded
 from compasslib.statistics.least_squares import robust_width
@@ -43,7 +45,6 @@ LEAST_CLOCK_H = 0.3  # least clock error that is named; delays by real water are
 WINDOWS, FEWEST_IN_WINDOW = 16, 100  # windows for comparing the clocks, and fewest samples in one
 LONGEST_HOURS = 12.0  # largest clock error searched: time zones; at longer lags tides repeat
 SLOW_HOURS = 12.0  # half width of the running mean that is subtracted
-CLOCK_SIGMAS = 4.0  # normal score from which a clock error is named
 NEARLY_AS_GOOD = 10.0  # difference of chi squared below which an offset and a drift are not distinguished
 # Delays that are not clock errors: water arriving later at one depth, time stamps at the start, middle or end of an
 # average. They are 0.2 h between depths of one real record (eh2), 0.3 h in years simulated from that record.
@@ -124,7 +125,7 @@ def _select_clock(years: Floats, ahead_h: Floats, span_years: float) -> ClockErr
         return estimate.is_significant and abs(estimate.value) * years >= LEAST_CLOCK_H
 
     both = proven(offset) and proven(slope, span_years)
-    if both and min(without_drift, without_offset) - least > CLOCK_SIGMAS**2:
+    if both and min(without_drift, without_offset) - least > finding.NAMED_SIGMAS**2:
         return ClockError(offset.value, slope.value, offset.sigma, slope.sigma, True, True)
     ambiguous = abs(without_drift - without_offset) < NEARLY_AS_GOOD
     if without_offset < without_drift:
@@ -142,7 +143,7 @@ class _Estimate:
     def is_significant(self) -> bool:
         """Whether it is significant by Student's t distribution, as a normal score (Wallace 1959)."""
         t, n = self.value / max(self.sigma, 1e-6), self.freedom
-        return bool((8.0 * n + 1.0) / (8.0 * n + 3.0) * np.sqrt(n * np.log1p(t**2 / n)) > CLOCK_SIGMAS)
+        return bool((8.0 * n + 1.0) / (8.0 * n + 3.0) * np.sqrt(n * np.log1p(t**2 / n)) > finding.NAMED_SIGMAS)
 
 
 def _fit(design: Floats, ahead_h: Floats, scatter_h: float) -> tuple[list[_Estimate], float]:
@@ -312,27 +313,20 @@ def clock_findings(
     width = robust_widths(left[1], np.zeros(len(after)))
     proof = finding.compare_residuals(left[0], left[1], width, blocks_by_span(after.time_s, finding.HELD_OUT_BLOCK_S))
     size = robust_width(moved)  # robust: directions of slow water are arbitrary
-    numbers = {
-        "clock_offset": (clock.offset_named, "hours", clock.offset_h, clock.offset_sigma_h, "h"),
-        "clock_drift": (clock.drift_named, "hours_year", clock.drift_h_year, clock.drift_sigma_h_year, "h/year"),
+    compared = Comparison(time_s=after.time_s, terms=(), covariates={"time": after.time_s})
+    terms: dict[Effect, tuple[bool, float, float]] = {
+        ClockOffset(): (clock.offset_named, clock.offset_h, clock.offset_sigma_h),
+        ClockDrift(): (clock.drift_named, clock.drift_h_year, clock.drift_sigma_h_year),
     }
-    span = (float(after.time_s[0]), float(after.time_s[-1]))
-    place = CovariateRange("time", *span, wording.range_text("time", *span))
-    result = []
-    for effect, (is_named, name, value, sigma, unit) in numbers.items():
-        if not is_named:
-            continue
-        others = tuple(name for name in numbers if name != effect) if clock.ambiguous else ()
-        text = wording.finding_text(
-            effect,
-            others,
-            where=place.text,
-            parameters={name: (value, sigma, unit)},
-            size_deg=size,
-            proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
-        )
-        parameters = {name: Parameter(value, sigma, unit)}
-        result.append(Finding(effect, "clock", others, place, span, parameters, size, proof, text))
+    place, result = compared.where("time", compared.span_s), []
+    for term, (is_named, value, sigma) in terms.items():
+        if is_named:
+            others = [other.name for other in terms if other is not term and clock.ambiguous]
+            chances = comparison.equal_chances(term.name, *others)
+            parameters = {term.fitted()[0]: Parameter(value, sigma, term.units()[0])}
+            result.append(
+                comparison.build_finding(compared, term, chances, parameters, size_deg=size, proof=proof, place=place)
+            )
     return result
 
 
@@ -359,8 +353,8 @@ def exact_compass_findings(
     proof = finding.bootstrap_gain(scores[1] - scores[0], block, (angles.rms(left[0]), angles.rms(left[1])))
     if proof.p_value > LARGE_DEVIATION_P or proof.refuted:
         return []
-    span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
-    return [replace(comparison.large_deviation_finding(size, proof), when_s=span, applied=True)]
+    of_pairs = Comparison(time_s=pairs.time_s, terms=(), covariates={"heading": pairs.heading_deg})
+    return [replace(comparison.large_deviation(of_pairs, size, proof), applied=True)]
 
 
 def held_out_residual(pairs: Pairs, fit: DeviationFit) -> Floats:

@@ -20,7 +20,7 @@ from compasslib.effects.effect import Effect
 from compasslib.effects.forward import COMPASS_STEPS
 from compasslib.effects.iron import HardIronStep, HardIronTrend
 from compasslib.effects.readout import CompassTrend, HeadingSlip, LargeDeviation, Octantal, Sextantal
-from compasslib.inference import comparison, diagnosis, finding, short_findings, short_fit, short_search
+from compasslib.inference import comparison, diagnosis, short_findings, short_fit, short_search
 from compasslib.inference.blocks import Option, block_of
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
@@ -108,25 +108,15 @@ def _compare(
 ) -> ShortComparison:
     number = np.arange(1.0, len(correct_deg) + 1.0)
     scene, unit = short_fit.recording_scene(number, field)
-    form: short_fit.CompassResidual | short_fit.SeriesResidual
-    if isinstance(exact, FittedCurve):
-        form, start, steps, terms = (
-            short_fit.CompassResidual(correct_deg, recorded_deg, scene),
-            exact.coefficients,
-            COMPASS_STEPS,
-            TERMS,
-        )
-    else:
-        form, start, steps = short_fit.SeriesResidual(correct_deg, recorded_deg, scene), np.zeros(5), np.ones(5)
-        terms = READOUT
+    form = short_fit.SeriesResidual if exact is None else short_fit.CompassResidual
     return ShortComparison(
         what="the fitted curve against the bench",
-        residual=form,
-        start=start,
-        steps=steps,
+        residual=form(correct_deg, recorded_deg, scene),
+        start=np.zeros(5) if exact is None else exact.coefficients,
+        steps=np.ones(5) if exact is None else COMPASS_STEPS,
         time_s=number,
         clocked=False,
-        terms=terms,
+        terms=READOUT if exact is None else TERMS,
         covariates={"heading": recorded_deg, "reading": number},
         field_unit=unit,
         independent=True,
@@ -183,9 +173,5 @@ def too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options: 
     evidence = short_search.weigh(series, option, series.evident[:, None])
     if not short_search.detect(ShortPlace(series, option, evidence, exact), options.surrogates).significant:
         return []
-    block = short_fit.memory_blocks(exact)
-    folds = min(finding.FOLDS, block.max() + 1)
-    left = [short_findings.held_out_residual(fit, exact.terms, block, folds) for fit in (series, exact)]
-    proof = finding.compare_residuals(left[0], left[1], exact.scale_deg, block)
-    size, what = angles.rms(apart), series.comparison.what
-    return [] if proof.refuted else [comparison.large_deviation_finding(size, proof, what=what)]
+    proof = short_findings.held_out_gain(series, exact, exact.terms)
+    return [] if proof.refuted else [comparison.large_deviation(series.comparison, angles.rms(apart), proof)]

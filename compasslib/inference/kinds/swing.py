@@ -15,15 +15,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import knot
 
 from compasslib import angles
 from compasslib.calibrations import swing
 from compasslib.calibrations.result import Calibration
 from compasslib.calibrations.swing import observations
 from compasslib.calibrations.swing.observations import Observations
-from compasslib.deviation.series import series_design
 from compasslib.effects.effect import Effect, Scene
-from compasslib.effects.forward import COMPASS_STEPS, ForwardModel, invert_readout, recorded_heading
+from compasslib.effects.forward import COMPASS_STEPS
 from compasslib.effects.iron import HardIronStep, HardIronTrend
 from compasslib.effects.ship import ClocksApart, FilteredCourse, LateCourse, LateReading, SetAndDrift, TidalSetAndDrift
 from compasslib.inference import comparison, diagnosis, short_findings, short_fit, short_search
@@ -31,7 +31,13 @@ from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis, Outcome
 from compasslib.inference.finding import Finding, Parameter
 from compasslib.inference.kinds import platform
-from compasslib.inference.short_fit import FittedHypothesis, ResidualModel, ShortComparison
+from compasslib.inference.short_fit import (
+    CompassResidual,
+    FittedHypothesis,
+    ResidualModel,
+    SeriesResidual,
+    ShortComparison,
+)
 from compasslib.inference.short_search import ShortInference
 from compasslib.statistics.least_squares import robust_width
 from compasslib.types import Floats
@@ -50,22 +56,20 @@ class Stretches:
     """Assignment of n samples to k stretches of time."""
 
     number: NDArray[np.intp]  # (n,) index of each sample's stretch, -1 for none
-    count: NDArray[np.intp]  # (k,) number of samples
 
     def __len__(self) -> int:
-        return len(self.count)
+        return int(self.number.max(initial=-1)) + 1
 
     def without(self, lost: NDArray[np.bool_]) -> Stretches:
         """Remove the samples ``lost``, (n,), and stretches left without any."""
-        number = np.where(lost, -1, self.number)
-        count = np.bincount(number[number >= 0], minlength=len(self))
-        new = np.where(count > 0, np.cumsum(count > 0) - 1, -1)
-        return Stretches(np.where(number >= 0, new[number], -1), count[count > 0])
+        used, number = (self.number >= 0) & ~lost, np.full(len(lost), -1)
+        number[used] = np.unique(self.number[used], return_inverse=True)[1]
+        return Stretches(number)
 
     def mean(self, x: Floats) -> Floats:
         """Average a series, (n,), over each stretch, (k,)."""
-        used = self.number >= 0
-        return np.asarray(np.bincount(self.number[used], x[used], len(self.count)) / self.count)
+        number = self.number[self.number >= 0]
+        return np.asarray(np.bincount(number, x[self.number >= 0]) / np.bincount(number))
 
     def heading(self, x_deg: Floats) -> Floats:
         """Average directions, (n,) degrees, over each stretch, (k,) degrees."""
@@ -78,11 +82,9 @@ def stretches(time_s: Floats, good: NDArray[np.bool_]) -> Stretches:
     count = len(np.unique(np.floor((time_s - time_s[0]) / STRETCH_S)))
     length = STRETCH_S * max(1.0, count / MOST_STRETCHES)
     number = np.floor((time_s - time_s[0]) / length).astype(np.intp)
-    there = np.bincount(number[good])
+    there = np.bincount(number[good], minlength=number[-1] + 1)
     full = there >= FULL * np.median(there[there > 0])
-    new = np.where(full, np.cumsum(full) - 1, -1)
-    numbered = np.where(good, new[np.minimum(number, len(new) - 1)], -1)
-    return Stretches(numbered, there[full])
+    return Stretches(number).without(~(good & full[number]))
 
 
 def without_outliers(time_s: Floats, off_deg: Floats) -> Stretches:
@@ -117,13 +119,8 @@ class ByCourse:
             later = term.apply(later, self.scene)
         recorded = self.reading(later, [partial(term.apply, scene=self.scene) for term in terms if _of_course(term)])
         compass_terms = tuple(term for term in terms if term.acts_on in ("field", "reading") and not _of_course(term))
-        if self.exact:
-            simulation = ForwardModel(base, float(np.mean(self.scene.horizontal_nT)), compass_terms)
-            shown = recorded_heading(simulation, self.scene, correct)
-            return self.over.mean(angles.difference(shown, recorded))
-        no_iron = ForwardModel(np.zeros(5), float(np.mean(self.scene.horizontal_nT)), compass_terms)
-        undone = invert_readout(no_iron, self.scene, recorded)
-        return self.over.mean(angles.difference(correct, undone + series_design(undone) @ base))
+        form = CompassResidual if self.exact else SeriesResidual
+        return self.over.mean(form(correct, recorded, self.scene)(base, compass_terms))
 
     def by_course(self, terms: tuple[Effect, ...]) -> Floats:
         """Compute magnetic headings, (n,) degrees, from the courses with the velocity of the water subtracted."""
@@ -162,11 +159,8 @@ def water(terms: tuple[Effect, ...], scene: Scene) -> Floats:
     return moving
 
 
-KNOT_M_S = 1852.0 / 3600.0
 LEAST_WATER_KN = 0.5  # least speed at which the impeller of a ship's log turns
-SECOND = 1.0  # s, spacing of the grid on which readings are filtered
 SMOOTHED_S = 30.0  # averaging time of the speed over ground: longer than a swell, shorter than a turn
-MOSTLY = 0.5  # least share of samples with a speed by the ship's log
 
 
 @dataclass(frozen=True)
@@ -200,14 +194,14 @@ class Track:
         """Velocity over ground with smoothed speeds, (n, 2), true east and north; None without speeds."""
         if not self.has_speed:
             return None
-        speed = KNOT_M_S * observations.moving_average(self.observations.speed_kn, self.observations.time_s, SMOOTHED_S)
+        speed = knot * observations.moving_average(self.observations.speed_kn, self.observations.time_s, SMOOTHED_S)
         return np.stack(angles.components(speed, self.observations.course_deg), axis=-1)
 
     @property
-    def logged_m_s(self) -> Floats | None:
-        """Speed through the water, (n,), NaN where missing; None if mostly missing."""
+    def logged_m_s(self) -> Floats:
+        """Speed through the water, (n,), NaN where missing."""
         turns = np.nan_to_num(self.observations.water_speed_kn) > LEAST_WATER_KN
-        return np.where(turns, KNOT_M_S * self.observations.water_speed_kn, np.nan) if turns.mean() > MOSTLY else None
+        return np.where(turns, knot * self.observations.water_speed_kn, np.nan)
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any], declination_deg: float) -> Track:
@@ -222,7 +216,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any], declination_d
     time_s, first = np.unique(all_samples.time_s, return_index=True)
     heading = all_samples.recorded_deg[first]
     turned = np.cumsum(np.append(heading[:1], angles.difference(heading[1:], heading[:-1])))
-    seconds = np.arange(time_s[0], time_s[-1] + SECOND, SECOND)
+    seconds = np.arange(time_s[0], time_s[-1] + 1.0)
     return Track(observations.read(files, turning), declination_deg, seconds, np.interp(seconds, time_s, turned))
 
 
@@ -290,10 +284,8 @@ def diagnose_log(
 def _by_speed(track: Track, over: Stretches, settings: Mapping[str, Any], options: Options) -> ShortInference | None:
     """Search speeds over ground and through the water for a current; None without enough speeds through the water."""
     ground, logged = track.ground_m_s, track.logged_m_s
-    if ground is None or logged is None:
-        return None
     with_log = over.without(~np.isfinite(logged))
-    if len(with_log) < FEWEST_STRETCHES:
+    if ground is None or len(with_log) < FEWEST_STRETCHES:
         return None
     scene, unit = short_fit.recording_scene(track.observations.time_s, settings.get("field"))
     by_speed = BySpeed(ground, np.nan_to_num(logged), scene, with_log)
@@ -392,7 +384,7 @@ def add_water_statement(diagnosed: Diagnosis, made: Calibration) -> Diagnosis:
     if not why:
         most = drift["drift_kn"] + 1.96 * np.sqrt(np.linalg.eigvalsh(drift["covariance"])[-1])
         bound = f"Set and drift of the water do not show in the courses: less than {most:.2g} kn (95 %)."
-        return replace(diagnosed, why=f"{diagnosed.why} {bound}")
+        return replace(diagnosed, why=f"{diagnosed.why} {bound}".strip())
     if diagnosed.verdict == "consistent":
         return replace(diagnosed, verdict="insufficient", why=f"{diagnosed.why} {why}", separated_by=SEPARATED)
     return replace(diagnosed, separated_by="; ".join(filter(None, (diagnosed.separated_by, SEPARATED))))
@@ -409,10 +401,10 @@ def _with_water(item: Finding, outcome: Outcome, made: Calibration) -> Finding:
     drift = made.details["drift"]
     if item.effect != WATER_DRIFT or drift["drift_kn"] is None:
         return item
-    sigma = KNOT_M_S * np.sqrt(np.diag(drift["covariance"]))
+    sigma = knot * np.sqrt(np.diag(drift["covariance"]))
     names = {"east_m_s": "east", "north_m_s": "north"}
     components = {
-        name: Parameter(KNOT_M_S * drift[towards], float(sigma[k]), "m/s")
+        name: Parameter(knot * drift[towards], float(sigma[k]), "m/s")
         for k, (name, towards) in enumerate(names.items())
     }
     chances = {item.effect: item.probability, **item.alternatives_probability}

@@ -21,28 +21,24 @@ from compasslib.calibrations.two_heads.frame import Frame
 from compasslib.calibrations.two_heads.motion import ClockDifference, Motion, PairedHeads
 from compasslib.effects.effect import Effect, turning_scene
 from compasslib.effects.forward import COMPASS_STEPS
-from compasslib.effects.iron import HardIronStep, HardIronTrend, Heeling
-from compasslib.effects.readout import CompassDelay, CompassTrend, HeadingSlip, Octantal, Sextantal
+from compasslib.effects.iron import HardIronStep, HardIronTrend, Heeling, LevelHardIron, LevelSoftIron
+from compasslib.effects.readout import CompassDelay
+from compasslib.effects.water import ClockDrift, ClockOffset
 from compasslib.errors import InputError
-from compasslib.inference import diagnosis, finding, short_findings, short_fit, short_search, wording
-from compasslib.inference.comparison import Options
+from compasslib.inference import diagnosis, finding, short_findings, short_fit, short_search
+from compasslib.inference.comparison import Options, build_finding, equal_chances
 from compasslib.inference.diagnosis import Diagnosis
-from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter
+from compasslib.inference.finding import Finding, HeldOut, Parameter
+from compasslib.inference.kinds.platform import READOUT
 from compasslib.inference.short_fit import ShortComparison, thin_indices
 from compasslib.inference.short_search import ShortInference
 from compasslib.statistics.least_squares import robust_width
 from compasslib.statistics.resampling import blocks_by_count
-from compasslib.statistics.whitening import orthonormal_basis
+from compasslib.statistics.whitening import orthonormal_basis, project_out
 from compasslib.types import Floats
 
-TERMS: tuple[type[Effect], ...] = (
-    Sextantal, Octantal, HeadingSlip, CompassTrend, CompassDelay, HardIronStep, HardIronTrend, Heeling,
-)  # fmt: skip
+TERMS: tuple[type[Effect], ...] = (*READOUT, CompassDelay, HardIronStep, HardIronTrend, Heeling)
 LAGS_S = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0)  # starting values of a lag, since the misfit has several minima
-MOST_SAMPLES = 2000  # limits the run time of a search
-SURE_SIGMAS = 4.0  # for a finding; noise alone exceeds it 1 time in 16,000
-FARTHER_S = 86400.0  # largest clock difference searched if the headings are unrelated
-IRON = {"hard_iron": (slice(1, 3), "BC"), "soft_iron": (slice(3, 5), "DE")}
 WHICH = "which of the two heads is wrong: a third compass, or a swing of either head"
 UNTESTED = (
     ("declination_error", "a constant of either compass cannot be separated from the mounting angle"),
@@ -78,7 +74,7 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
     start, end = settings.get("start_s"), settings.get("end_s")
     known = float(two_heads.setting(settings, "clock_offset_seconds", 0.0))
     first = motion.extract_motion(a, start, end)
-    reach = max(farthest, FARTHER_S)
+    reach = max(farthest, motion.DAY_S)
     window = [None if edge is None else edge + known + way * reach for edge, way in ((start, -1.0), (end, 1.0))]
     second = motion.extract_motion(b, *window)
     second = replace(second, time_s=second.time_s - known)
@@ -116,7 +112,7 @@ def diagnose_motion(
     named = short_search.search_effects(rotated, options)
     rigid = replace(rotated, steps=rotated.steps * (np.arange(5) == 0))
     named = replace(named, before=short_fit.fit_hypothesis(rigid, ()))
-    extra = [*_clock_findings(aligned, options.min_effect_deg), *_iron_findings(named, options.min_effect_deg)]
+    extra = [*_clock_findings(aligned, rotated, options.min_effect_deg), *_iron_findings(named, options.min_effect_deg)]
     clock = () if aligned.clock.determined else (("clock_offset", "headings and tilts hardly change together"),)
     return diagnosis.combine_outcomes(
         [short_findings.build_outcome(named, options.min_effect_deg)],
@@ -138,7 +134,7 @@ def _align(a: Motion, b: Motion, farthest_s: float) -> AlignedHeads:
     nearest = two_heads.pair_samples(a, b, clock)
     if len(nearest) >= two_heads.MIN_SAMPLES and _scatter(nearest) <= two_heads.UNRELATED_DEG:
         return AlignedHeads(given, nearest, clock)
-    farther = motion.estimate_clock_offset(a, b, FARTHER_S)
+    farther = motion.estimate_clock_offset(a, b, motion.DAY_S)
     again = two_heads.pair_samples(a, b, farther)
     better = len(again) >= two_heads.MIN_SAMPLES and _scatter(again) <= two_heads.UNRELATED_DEG
     return AlignedHeads(given, again, farther) if better else AlignedHeads(given, nearest, clock)
@@ -160,7 +156,7 @@ def _turned(pairs: PairedHeads) -> tuple[Floats, Frame]:
 def _compare(aligned: AlignedHeads, a: Motion, field: Mapping[str, float] | None) -> ShortComparison:
     pairs = aligned.corrected
     correct, _ = _turned(pairs)
-    samples = thin_indices(len(pairs), MOST_SAMPLES)
+    samples = thin_indices(len(pairs))
     pitch, roll = (tilt[samples] for tilt in motion.tilt_angles(pairs.lean_b))
     time_s, rate, recorded = pairs.time_s[samples], pairs.rate_deg_s[samples], pairs.recorded_b[samples]
     scene, unit = short_fit.recording_scene(time_s, field, tilt_deg=(pitch, roll), departures={"turn_rate": rate})
@@ -184,90 +180,69 @@ def _compare(aligned: AlignedHeads, a: Motion, field: Mapping[str, float] | None
     )
 
 
-def _clock_findings(aligned: AlignedHeads, min_effect_deg: float) -> list[Finding]:
+def _clock_findings(aligned: AlignedHeads, heads: ShortComparison, min_effect_deg: float) -> list[Finding]:
     """Build the clock findings that are significant and change the simulated heading by the minimum size or more."""
     clock, pairs = aligned.clock, aligned.corrected
     if not clock.determined:
         return []
     grown = (pairs.time_s - clock.middle_s) / motion.DAY_S * clock.drift_s_per_day * clock.drift_applied
-    numbers = {
-        "clock_offset": ("offset_s", clock.offset_s, clock.sigma_s, "s", np.full(len(pairs), clock.offset_s)),
-        "clock_drift": ("drift_s_day", clock.drift_s_per_day, clock.drift_sigma_s_per_day, "s/day", grown),
-    }
+    offset = Parameter(clock.offset_s, clock.sigma_s, "s")
+    drift = Parameter(clock.drift_s_per_day, clock.drift_sigma_s_per_day, "s/day")
     proof = _clock_gain(aligned)
     alone = () if np.isfinite(clock.from_tilts_s[0]) else ("compass_lag",)
-    findings = []
-    for effect, (name, value, sigma, unit, error_s) in numbers.items():
+    compared, findings = replace(heads, what="the clock of b against that of a"), []
+    each: list[tuple[Effect, str, Parameter, Floats | float]] = [
+        (ClockOffset(), "offset_s", offset, clock.offset_s),
+        (ClockDrift(), "drift_s_day", drift, grown),
+    ]
+    for term, name, parameter, error_s in each:
         # Rate of turn times a large error overestimates the turn: limit it by the rms before the correction.
         size = min(angles.rms(pairs.rate_deg_s * error_s), max(proof.rms_before_deg, min_effect_deg))
-        if abs(value) <= SURE_SIGMAS * sigma or size < min_effect_deg:
-            continue
-        low, high = (float(x) for x in np.quantile(pairs.rate_deg_s, finding.SHOWN_QUANTILES))
-        place = CovariateRange("turn_rate", low, high, wording.range_text("turn_rate", low, high, on_land=True))
-        text = wording.finding_text(
-            effect, alone, where=place.text, parameters={name: (value, sigma, unit)}, size_deg=size,
-            proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
-            what="the clock of b against that of a",
-        )  # fmt: skip
-        span = (float(pairs.time_s[0]), float(pairs.time_s[-1]))
-        parameters = {name: Parameter(value, sigma, unit)}
-        findings.append(Finding(effect, "clock", alone, place, span, parameters, size, proof, text))
+        if abs(parameter.value) > finding.NAMED_SIGMAS * parameter.sigma and size >= min_effect_deg:
+            chances, place = equal_chances(term.name, *alone), compared.where("turn_rate")
+            findings.append(
+                build_finding(compared, term, chances, {name: parameter}, size_deg=size, proof=proof, place=place)
+            )
     return findings
 
 
 def _clock_gain(aligned: AlignedHeads) -> HeldOut:
     """Score the estimated clock by the heading difference, which does not itself enter the estimate."""
-    left, rms_deg = {}, {}
-    for name, pairs in (("before", aligned.given), ("after", aligned.corrected)):
-        # Differences minus the mean of the other half of the blocks, degrees.
-        difference = angles.difference(pairs.recorded_b, pairs.recorded_a)
-        off = np.array(difference)
-        odd = blocks_by_count(pairs.time_s, short_fit.MOST_BLOCKS) % 2 == 1 if len(off) else None
-        for out in () if odd is None else (odd, ~odd):
-            others = difference[~out] if (~out).any() else difference
-            off[out] = angles.difference(difference[out], float(angles.mean(others)))
-        rms_deg[name] = angles.rms(off) if len(off) >= two_heads.MIN_SAMPLES else float("nan")
-        left[name] = dict(zip(pairs.time_s.tolist(), off, strict=True))
-    same = sorted(set(left["before"]) & set(left["after"]))
+    both = aligned.given, aligned.corrected
+    same, *at = np.intersect1d(aligned.given.time_s, aligned.corrected.time_s, return_indices=True)
     if len(same) < two_heads.MIN_SAMPLES:
-        return HeldOut(rms_deg["before"], rms_deg["after"], 0.0, (0.0, 0.0), 1.0)
-    before, after = (np.array([left[name][t] for t in same]) for name in ("before", "after"))
+        rms_deg = [_scatter(pairs) if len(pairs) >= two_heads.MIN_SAMPLES else float("nan") for pairs in both]
+        return HeldOut(rms_deg[0], rms_deg[1], 0.0, (0.0, 0.0), 1.0)
+    turned = [angles.difference(x.recorded_b, x.recorded_a)[k] for x, k in zip(both, at, strict=True)]
+    before, after = (angles.difference(off, float(angles.mean(off))) for off in turned)
     width = max(robust_width(before), short_fit.FINEST_DEG)
-    block = blocks_by_count(np.array(same), short_fit.MOST_BLOCKS)
-    return finding.compare_residuals(before, after, width, block)
+    return finding.compare_residuals(before, after, width, blocks_by_count(same, short_fit.MOST_BLOCKS))
 
 
 def _iron_findings(named: ShortInference, min_effect_deg: float) -> list[Finding]:
     """Build the findings of iron that affects one head only: one and two cycles of the heading."""
     covariance, fitted, findings = short_fit.parameter_covariance(named.fitted), named.fitted, []
-    for effect, (part, letters) in IRON.items():
+    for term, part, letters in ((LevelHardIron(), slice(1, 3), "BC"), (LevelSoftIron(), slice(3, 5), "DE")):
         values, part_covariance = fitted.base[part], covariance[part, part]
-        other_columns = np.delete(fitted.columns, np.arange(part.start, part.stop), axis=1)
-        basis = orthonormal_basis(other_columns)
-        columns = fitted.columns[:, part] - basis @ (basis.T @ fitted.columns[:, part])
-        square = float(np.mean((columns @ values) ** 2)) - float(
-            np.sum((columns.T @ columns / len(columns)) * part_covariance)
-        )
-        sure = float(values @ np.linalg.pinv(part_covariance) @ values) > SURE_SIGMAS**2
+        others = np.delete(fitted.columns, np.arange(part.start, part.stop), axis=1)
+        columns = project_out(fitted.columns[:, part], orthonormal_basis(others))
+        square = float(np.mean((columns @ values) ** 2) - np.sum(columns.T @ columns / len(columns) * part_covariance))
+        sure = float(values @ np.linalg.pinv(part_covariance) @ values) > finding.NAMED_SIGMAS**2
         if not sure or square < min_effect_deg**2:
             continue
-        unit, sigma = 1.0 / angles.DEGREE, np.sqrt(np.diag(part_covariance)) / angles.DEGREE
-        parameters = {
-            f"{letter}_deg": Parameter(float(unit * v), float(s), "degrees")
-            for letter, v, s in zip(letters, values, sigma, strict=True)
-        }
-        place = fitted.comparison.outside(short_findings.residual_curve(fitted, fitted, "heading"))
-        proof, size = short_findings.held_out_base(fitted, part), float(np.sqrt(square))
-        printed = {name: (p.value, p.sigma, p.unit) for name, p in parameters.items()}
-        text = wording.finding_text(
-            effect,
-            (),
-            where=place.text,
-            parameters=printed,
-            size_deg=size,
-            proof=(proof.rms_before_deg, proof.rms_after_deg, proof.p_value),
-            what=fitted.comparison.what,
+        sigma = np.sqrt(np.diag(part_covariance))
+        findings.append(
+            build_finding(
+                fitted.comparison,
+                term,
+                equal_chances(term.name),
+                {
+                    f"{letter}_deg": Parameter(float(value / angles.DEGREE), float(s / angles.DEGREE), "degrees")
+                    for letter, value, s in zip(letters, values, sigma, strict=True)
+                },
+                size_deg=float(np.sqrt(square)),
+                proof=short_findings.held_out_base(fitted, part),
+                place=fitted.comparison.outside(short_findings.residual_curve(fitted, fitted, "heading")),
+            )
         )
-        span = (float(fitted.comparison.time_s[0]), float(fitted.comparison.time_s[-1]))
-        findings.append(Finding(effect, "compass", (), place, span, parameters, size, proof, text))
     return findings
