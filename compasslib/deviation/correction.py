@@ -18,7 +18,6 @@ from compasslib.deviation.model import UNKNOWN_COVARIANCE, DeviationFit, observe
 from compasslib.deviation.reference import declination_sigma
 from compasslib.deviation.series import invert_series, series_design, series_sigma, series_slope
 from compasslib.deviation.tilt import CompassAverage, CompassSeries, average_compasses, compass_series
-from compasslib.preparation.quality import apply_heading_flags, heading_outlier_flags
 from compasslib.records import (
     BAD,
     GOOD,
@@ -39,7 +38,6 @@ from compasslib.types import Complexes, Floats
 Flags = NDArray[np.int8]
 
 PIECE = 32_768  # samples whose velocities are rotated at once: 10 MB per array with forty bins
-FAST = 2.0  # largest |d recorded / d correct heading| at which recorded headings can be tested for outliers
 AGREED = 0.9  # total weight of agreeing compasses below which a heading is flagged
 MIN_PROBABILITY = 0.95  # a heading is flagged if its branch is less probable
 # Uncertainty per degree of tilt of a level model, degrees: at 5 degrees of tilt a vertical field of the iron of 4 % of
@@ -85,7 +83,7 @@ def correct(
         doubts: periods whose headings are flagged as doubtful, with increased uncertainty.
     """
     decided = _decided(record, fit, pairs, at, unmodelled_deg, doubts)
-    return _turned(*decided, field, _declination_sigma(fit, field))
+    return _turned(record, decided, field, _declination_sigma(fit, field))
 
 
 def correct_in_pieces(
@@ -100,7 +98,7 @@ def correct_in_pieces(
 ) -> CorrectedPieces:
     """Correct like ``correct``, in pieces along time, so that a decade of velocities fits in memory."""
     decided = _decided(record, fit, pairs, at, unmodelled_deg, doubts)
-    return CorrectedPieces(*decided, field, _declination_sigma(fit, field))
+    return CorrectedPieces(record, decided, field, _declination_sigma(fit, field))
 
 
 def _decided(
@@ -110,8 +108,8 @@ def _decided(
     at: CompassSeries | None,
     unmodelled_deg: float,
     doubts: Sequence[Doubt],
-) -> tuple[Record, HeadingDecision]:
-    record, decision = _without_outliers(record, correct_headings(record_readings(record), fit, pairs, at), fit)
+) -> HeadingDecision:
+    decision = correct_headings(record_readings(record), fit, pairs, at)
     if not fit.covariance_known:
         doubts = (*doubts, doubt_whole_record(angles.UNIFORM_SIGMA_DEG, UNKNOWN_COVARIANCE))
     if why := find_implausibility(fit, record):
@@ -124,27 +122,12 @@ def _decided(
         for known, further in ((decision.sigma_deg, rounded_deg**2), (decision.common_deg, 0.0))
     )
     probability = np.where(doubted, np.minimum(decision.probability, 0.0), decision.probability)
-    return record, replace(decision, sigma_deg=whole, common_deg=common, probability=probability)
+    return replace(decision, sigma_deg=whole, common_deg=common, probability=probability)
 
 
 def _declination_sigma(fit: DeviationFit, field: EarthField) -> float:
     """Return the declination's standard deviation; 0 where the fit's reference is true, and the headings hold it."""
     return declination_sigma(field) if fit.reference is None or fit.reference.magnetic else 0.0
-
-
-def _without_outliers(record: Record, decision: HeadingDecision, fit: DeviationFit) -> tuple[Record, HeadingDecision]:
-    """Flag outlying headings, and set the decision to NaN where they are certain.
-
-    If iron makes the compass turn much faster than the instrument, a valid recorded heading may look like an outlier:
-    then corrected headings are tested instead, except those with an uncertain branch, which are flagged anyway.
-    """
-    judged = record.heading_deg
-    if _slope(fit, np.arange(360.0)).max() > FAST:
-        with np.errstate(invalid="ignore"):
-            judged = np.where(decision.probability < MIN_PROBABILITY, np.nan, decision.heading_deg)
-    flags = heading_outlier_flags(record, judged)
-    columns = {name: np.where(flags == BAD, np.nan, column) for name, column in vars(decision).items()}
-    return apply_heading_flags(record, flags), HeadingDecision(**columns)
 
 
 def _slope(fit: DeviationFit, heading_deg: Floats) -> Floats:

@@ -18,8 +18,7 @@ from compasslib import angles, earthfield
 from compasslib.errors import InputError
 from compasslib.preparation.clocks import ClockOffset, SpeedSeries, compare_speeds
 from compasslib.preparation.gridding import grid_indices, interpolate_series, nearest_index
-from compasslib.preparation.quality import apply_heading_flags, heading_outlier_flags
-from compasslib.preparation.references import find_same_recording, find_speed_changes
+from compasslib.preparation.references import find_speed_changes
 from compasslib.preparation.water import (
     depth_shift_by_speed,
     fails_speed_check,
@@ -80,7 +79,7 @@ def widen_rules(rules: PairRules) -> PairRules:
 
 
 def estimate_clock_offset(upper: Record, trusted: Sequence[Record], rules: PairRules) -> ClockOffset:
-    """Estimate the clock offset from current speeds, and check whether both records are the same recording.
+    """Estimate the clock offset from current speeds.
 
     Both records must be cut to the deployment; ``trusted`` may be empty.
     """
@@ -90,8 +89,7 @@ def estimate_clock_offset(upper: Record, trusted: Sequence[Record], rules: PairR
     velocity, depth = mean_of_nearest_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
     cell = _trusted_cell(upper.time_s, depth, trusted[0], _sphere(upper, trusted[0]), widen_rules(rules))
     trusted_speeds = SpeedSeries(cell.time_s, np.abs(cell.velocity))
-    offset = compare_speeds(SpeedSeries(upper.time_s, np.abs(velocity)), trusted_speeds)
-    return replace(offset, same_recording=find_same_recording(upper, offset.align(trusted[0]), rules.bins))
+    return compare_speeds(SpeedSeries(upper.time_s, np.abs(velocity)), trusted_speeds)
 
 
 @single_threaded()
@@ -101,7 +99,6 @@ def find_pairs(
     """Find the overlapping measurements on the time grid, relative to true north; none without a reference."""
     clocks = clocks or ClockOffset()
     recorded = upper
-    upper = apply_heading_flags(upper, heading_outlier_flags(upper, upper.heading_deg))
     lower = clocks.align(trusted[0]) if trusted else take(upper, np.zeros(0, dtype=np.intp))
     tolerance_s = 60.0 * rules.grid_tolerance_minutes
     upper = _gridded(upper, rules)
@@ -120,7 +117,7 @@ def find_pairs(
     pairs = replace(pairs, warnings=clocks.warnings, lower_heading_deg=_heading(lower, pairs.time_s, tolerance_s))
     if clocks.uncorrelated:
         pairs = replace(pairs, doubts=((angles.UNIFORM_SIGMA_DEG, clocks.uncorrelated),))
-    if reason := clocks.same_recording or find_identical_velocities(pairs):
+    if reason := find_identical_velocities(pairs):
         nothing = np.zeros(0, dtype=np.intp)
         columns = tuple(column[nothing] for column in (velocity, other, depth, other_depth, minutes))
         return replace(_assemble(take(upper, nothing), lower, field, columns, nothing), warnings=(reason,))
