@@ -12,13 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from compasslib import angles
+from compasslib import angles, earthfield
 from compasslib.records import EarthField, Pairs, ReferenceCompass
 from compasslib.types import Floats
 
-# Error of a field model's declination, including crust and daily variation: sqrt(0.26^2 + (5417 nT / H)^2) degrees
-# (Chulliat et al. 2025, The US/UK World Magnetic Model for 2025-2030, technical report; WMM2020: 5625), used for IGRF.
-MODEL_CONSTANT_DEG, MODEL_BY_FIELD_NT = 0.26, 5417.0
 # Assumed for a moored magnetic compass that was not calibrated in place (docs/background/limits.md; keys of the
 # instrument give others), and for constants of affected compasses, by their mounting and alignment.
 CONSTANT_SIGMA_DEG, IRON_SIGMA_NT, TILT_OFFSET_DEG, ALIGNMENT_SIGMA_DEG = 2.0, 525.0, 0.4, 4.0
@@ -28,7 +25,7 @@ STUDENT_68 = 1.1416  # 68.27 % of Student's t with four degrees of freedom lie w
 
 def declination_sigma(field: EarthField) -> float:
     """Compute the standard deviation of the field model's declination, degrees."""
-    return float(np.hypot(MODEL_CONSTANT_DEG, MODEL_BY_FIELD_NT / float(np.mean(field.horizontal_nT))))
+    return earthfield.model_sigma(float(np.mean(field.horizontal_nT)))
 
 
 def reference_compass(
