@@ -126,13 +126,9 @@ def expanded(rows: tuple[Source, ...]) -> float:
     return COVERAGE_FACTOR * combined(rows)
 
 
-def too_exact(residual_rms_deg: float | None, *, too_exact_deg: float = 1e-4) -> tuple[str, ...]:
-    """Warn if a curve leaves no residual; the rms is None or NaN without a curve.
-
-    Args:
-        too_exact_deg: rms residual that is too small for readings of an instrument.
-    """
-    if residual_rms_deg is None or not residual_rms_deg < too_exact_deg:
+def too_exact(residual_rms_deg: float | None) -> tuple[str, ...]:
+    """Warn if a curve leaves no residual; the rms is None or NaN without a curve."""
+    if residual_rms_deg is None or not residual_rms_deg < 1e-4:
         return ()
     return (
         "the curve leaves no residual, which no instrument does: one column may have been computed from the other; "

@@ -115,17 +115,14 @@ def max_leakage(points: Points) -> float:
     return float(np.max(np.abs(np.linalg.pinv(columns[:, :3]) @ columns[:, 3:])))
 
 
-def student_widening(dof: int, *, expanded_share: float = 0.9545) -> float:
+def student_widening(dof: int) -> float:
     """Compute the factor that inflates a standard deviation estimated with few degrees of freedom.
 
     Two inflated standard deviations are Student's interval of 95.45 %, the nominal coverage of k = 2 (GUM, annex G).
-
-    Args:
-        expanded_share: probability within two standard deviations of a normal distribution.
     """
     from scipy.special import stdtrit  # imported late: only fits need it
 
-    return float(stdtrit(dof, (1.0 + expanded_share) / 2.0)) / 2.0
+    return float(stdtrit(dof, 0.97725)) / 2.0
 
 
 def fit_curve(
@@ -134,7 +131,7 @@ def fit_curve(
     """Fit a form to points at distinct headings; if it cannot be fitted, give the reason instead.
 
     Args:
-        max_vagueness: Largest standard error of a determined curve anywhere on the circle, in units of the scatter of
+        max_vagueness: largest standard error of a determined curve anywhere on the circle, in units of the scatter of
             one reading.
         max_residual_deg: rms residual beyond which a curve is rejected.
     """
@@ -220,13 +217,9 @@ POLYNOMIAL = series_form(
 )
 
 
-def harmonic_design(recorded_deg: Floats, *, harmonics: int = 6) -> Floats:
-    """Compute the columns 1, sin k, cos k up to the sixth harmonic, (n, 13).
-
-    Args:
-        harmonics: of an empirical curve.
-    """
-    columns = [np.stack(angles.sin_cos(k * np.asarray(recorded_deg)), axis=-1) for k in range(1, harmonics + 1)]
+def harmonic_design(recorded_deg: Floats) -> Floats:
+    """Compute the columns 1, sin k, cos k up to the sixth harmonic, (n, 13)."""
+    columns = [np.stack(angles.sin_cos(k * np.asarray(recorded_deg)), axis=-1) for k in range(1, 7)]
     return np.column_stack([np.ones(np.shape(recorded_deg)), *columns])
 
 
@@ -248,13 +241,10 @@ def curve_to_json(curve: FittedCurve) -> dict[str, Any]:
     }
 
 
-def fit_exact_compass(points: Points, *, exact_steps: int = 20, exact_tolerance: float = 1e-9) -> LeastSquares | None:
+def fit_exact_compass(points: Points) -> LeastSquares | None:
     """Fit A to E of the exact compass to the recorded heading by Gauss-Newton; None where it diverges.
 
     Le Menn et al. 2023, eq. (4), with the cosine in its denominator.
-
-    Args:
-        exact_steps: two suffice for readings of a real compass.
     """
     correct = points.recorded_deg + points.deviation_deg
     # sin D = A cos D + B sin g + C cos g + D sin(b + g) + E cos(b + g), which is Im(e^{-ig} q) = 0, gives the start.
@@ -263,12 +253,12 @@ def fit_exact_compass(points: Points, *, exact_steps: int = 20, exact_tolerance:
     sine_off, cosine_off = angles.sin_cos(points.deviation_deg)
     columns = np.stack([cosine_off, sine, cosine, sine_sum, cosine_sum], axis=-1)
     coefficients = least_squares(columns, sine_off, points.weight).coefficients
-    for _ in range(exact_steps):
+    for _ in range(20):  # two steps suffice for readings of a real compass
         off = angles.difference(points.recorded_deg, compass.recorded_heading(coefficients, correct))
         weight = points.weight * _exact_weight(coefficients, correct)
         step = least_squares(compass.gradient(coefficients, correct).T, off, weight)
         coefficients = coefficients + step.coefficients
-        if np.max(np.abs(step.coefficients)) < exact_tolerance:
+        if np.max(np.abs(step.coefficients)) < 1e-9:
             return replace(step, coefficients=coefficients, residual_deg=off)
         if not np.all(np.abs(coefficients) < 10.0):
             return None

@@ -227,18 +227,23 @@ def _medians(series: FieldSeries, place: tuple[float, float]) -> Iterator[FieldM
         yield FieldMedian(where, time_s, declination, horizontal, vertical, *place)
 
 
-def _field_warnings(median: FieldMedian, *, impossible_nT: float = 5000.0, no_baseline: float = 0.1) -> dict[str, str]:
+def _field_warnings(
+    median: FieldMedian, *, impossible_nT: float = 5000.0, no_baseline: float = 0.1, no_baseline_deg: float = 0.3
+) -> dict[str, str]:
     """Warn of one month's field if it is not the model's; raise an error if its declination cannot be right.
 
     Args:
         impossible_nT: more than any crustal field at an observatory.
-        no_baseline: share of the model's horizontal field below which a series is a variation about zero.
+        no_baseline, no_baseline_deg: share of the model's horizontal field, and declination, below which a series is a
+            variation about zero.
     """
     misfit = _misfit(median)
     across, worst = misfit.get("across", 0.0), max(misfit.values(), default=0.0)
     if worst <= CRUST_NT or not np.isfinite(median.declination_deg):
         return {}
-    variation = median.horizontal_nT < no_baseline * _model_field(median)[1]
+    declination, horizontal, _ = _model_field(median)
+    variation = abs(median.declination_deg) < no_baseline_deg < abs(declination)
+    variation |= median.horizontal_nT < no_baseline * horizontal
     why = (
         "a variation about zero: the baseline is missing"
         if variation

@@ -133,21 +133,15 @@ def hourly_median(time_s: Floats, off: Floats, chosen: Bools) -> Floats:
     return curve - np.median(curve)
 
 
-def strongest_disturbance(
-    time_s: Floats, off_deg: Floats, *, half: float = 0.5, quarter: float = 0.25
-) -> tuple[float, float]:
-    """Find start and end of the strongest disturbance, or of the record if that is disturbed throughout.
-
-    Args:
-        half, quarter: fractions of the maximum; with more stretches, all is disturbed.
-    """
+def strongest_disturbance(time_s: Floats, off_deg: Floats) -> tuple[float, float]:
+    """Find start and end of the strongest disturbance, or of the record if that is disturbed throughout."""
     size, _ = three_hour_rms(time_s, off_deg)
-    at = np.flatnonzero(size >= half * size.max())
+    at = np.flatnonzero(size >= 0.5 * size.max())
     groups = np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1)
     strongest = next(group for group in groups if np.argmax(size) in group)
     if len(groups) > MAX_STRETCHES or not size.max():
         return float(time_s[0]), float(time_s[-1])
-    clear = strongest[np.abs(off_deg[strongest]) >= quarter * np.abs(off_deg[strongest]).max()]
+    clear = strongest[np.abs(off_deg[strongest]) >= 0.25 * np.abs(off_deg[strongest]).max()]
     return float(time_s[clear[0]]), float(time_s[clear[-1]])
 
 
@@ -257,12 +251,12 @@ def station_place(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[flo
     return (series.latitude, series.longitude) if latitude is None or longitude is None else (latitude, longitude)
 
 
-def too_short_reason(series: FieldSeries, *, min_hours: int = 12) -> str:
+def too_short_reason(series: FieldSeries) -> str:
     """Explain why a series is too short to be compared with a model; empty if it is not."""
     hours = len(np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / HOUR_S)))
-    if hours >= min_hours:
+    if hours >= 12:
         return ""
-    return f"the series has a declination in {hours} hours; {min_hours} are needed"
+    return f"the series has a declination in {hours} hours; 12 are needed"
 
 
 def compare(
@@ -373,7 +367,7 @@ def _constant_sigma(
 
     Args:
         min_blocks: a rotation of the sun.
-        day_level_deg, disturbance_share, season_deg: Standard deviation of daily means about the annual mean, share of
+        day_level_deg, disturbance_share, season_deg: standard deviation of daily means about the annual mean, share of
             the disturbance added to it, and standard deviation of seasonal means. Tuned to Eskdalemuir 1980 and 2003,
             on which the benchmark measures coverage: no independent check.
     """

@@ -275,7 +275,7 @@ def check_date(time_s: Floats | None, date_s: float | None, *, max_date_error_s:
     """Warn if the date of a calibration, UTC seconds, is not that of its file; either may be None.
 
     Args:
-        max_date_error_s: Largest difference of a calibration's date from its file's, in which declination changes by
+        max_date_error_s: largest difference of a calibration's date from its file's, in which declination changes by
             less than 0.2 degrees.
     """
     if date_s is None or time_s is None or not np.isfinite(time_s).any():

@@ -97,7 +97,7 @@ def top_stance(world: World) -> Stance:
     return _stance(rng, time, depth, (heading, pitch, roll), iron=world.spec.iron, field=world.field)
 
 
-def deep_stance(world: World, instrument: Adcp, *, deep_below_sphere_m: float = 4.0) -> Stance:
+def deep_stance(world: World, instrument: Adcp) -> Stance:
     """Simulate depth and attitude of the lower ADCP, turning slowly on the bottom or hanging under the sphere."""
     motion, rng, time = world.motion, world.random("deep compass"), _hourly(instrument)
     sphere = np.interp(time, motion.time_s, motion.sphere_depth_m)
@@ -105,8 +105,8 @@ def deep_stance(world: World, instrument: Adcp, *, deep_below_sphere_m: float = 
         depth = world.spec.deep_depth_m + water.sea_level(time)
         heading = 180.0 + red_noise(rng, time.size, memory=100.0, deviation=150.0)
     else:
-        depth = sphere + deep_below_sphere_m
-        below = motion.sphere_depth_m + deep_below_sphere_m
+        depth = sphere + 4.0
+        below = motion.sphere_depth_m + 4.0
         flow = water.velocity(world.currents, motion.time_s, below)
         equilibrium = water.direction(flow) - world.field.at(motion.time_s)[0] + 75.0
         hanging = water.wake_heading(rng, equilibrium, np.abs(flow), wobble_deg=25.0)

@@ -60,7 +60,7 @@ class Scans:
     values: Floats  # (r, 10) HDNG TX TY HX HY HZ VPAB VPCD VPEF VPGH
 
 
-def write_text(path: Path, acm: Acm, scans: Scans, *, row_characters: int = 121, partial_characters: int = 64) -> None:
+def write_text(path: Path, acm: Acm, scans: Scans) -> None:
     """Write unpacked ASCII, space delimited, with header."""
     iso = np.datetime_as_string(scans.time_s.astype("datetime64[s]")).astype("U19")
     letters = iso.view("U1").reshape(iso.size, 19)
@@ -76,7 +76,7 @@ def write_text(path: Path, acm: Acm, scans: Scans, *, row_characters: int = 121,
             # One format for a whole profile, as one call per row would take most of the run time.
             rows = (ROW * (end - begin)) % tuple(cells.ravel())
             if number % PARTIAL_EVERY == 0:
-                rows = rows[: partial_characters - row_characters] + "\r\n"
+                rows = rows[:-57] + "\r\n"
             on, off = (np.datetime64(int(t), "s").item().strftime(STAMP) for t in (scans.on_s[k], scans.off_s[k]))
             listing = [("FILELEN", "I", header_size + _RECORD.itemsize * (end - begin)), *fields]
             shown = "".join(f"{name:<12}: {_shown(name, code, value)}\r\n" for name, code, value in listing if name)
@@ -216,14 +216,12 @@ def log(rng: np.random.Generator, schedule: Plan, water: Water, motion: Motion, 
     return Scans(schedule.number, schedule.scans, on.astype(int), off.astype(int), time.astype(int), reading)
 
 
-def write_engineering(
-    path: Path, schedule: Plan, motion: Motion, latitude_deg: float, *, engineering_s: int = 10
-) -> None:
+def write_engineering(path: Path, schedule: Plan, motion: Motion, latitude_deg: float) -> None:
     """Write the profiler's own table of time and pressure, around the logged part of each profile."""
-    steps = 5 + schedule.scans // engineering_s
+    steps = 5 + schedule.scans // 10
     profile = np.repeat(np.arange(steps.size), steps)
     position = np.arange(profile.size) - (np.cumsum(steps) - steps)[profile]
-    time = schedule.begin_s[profile] + engineering_s * (position - 2.0)
+    time = schedule.begin_s[profile] + 10 * (position - 2.0)
     depth = _position(schedule, profile, time, np.interp(time, motion.time_s, motion.sphere_depth_m))[0]
     stamps = np.datetime_as_string(time.astype("datetime64[s]")).tolist()
     pairs = zip(stamps, sea.pressure(depth, latitude_deg).tolist(), strict=True)

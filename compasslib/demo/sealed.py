@@ -228,7 +228,7 @@ def write(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) 
     return Written(ground.stamp_s[present], heading[present], recorded.heading_deg[present])
 
 
-def _deep_stance(ground: Ground, effects: Sequence[Effect], *, deep_below_m: float = 4.0) -> Stance:
+def _deep_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
     rng = ground.random("deep compass")
     time = ground.stamp_s + DEEP_SAMPLE_S
     sphere = np.interp(time, ground.motion.time_s, ground.motion.sphere_depth_m)
@@ -237,7 +237,7 @@ def _deep_stance(ground: Ground, effects: Sequence[Effect], *, deep_below_m: flo
     wrong = sum((effect.trusted(heading) for effect in effects if effect.trusted is not None), np.zeros(time.size))
     return Stance(
         time_s=time,
-        depth_m=sphere + deep_below_m,
+        depth_m=sphere + 4.0,
         heading_deg=heading,
         recorded_deg=circle(heading + wrong + rng.normal(0.0, 0.5, time.size)),
         tilt_deg=(tilts[0], tilts[1]),
@@ -249,17 +249,15 @@ def _deep_stance(ground: Ground, effects: Sequence[Effect], *, deep_below_m: flo
     )
 
 
-def _write_deep(
-    ground: Ground, effects: Sequence[Effect], raw: Path, export: Export, *, deep_noise_m_s: float = 0.02
-) -> None:
+def _write_deep(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) -> None:
     stance, rng = _deep_stance(ground, effects), ground.random("deep")
     if export.deep == "pd0":
-        instrument = Adcp(DEEP, noise_m_s=deep_noise_m_s, sample_s=DEEP_SAMPLE_S)
+        instrument = Adcp(DEEP, noise_m_s=0.02, sample_s=DEEP_SAMPLE_S)
         made = adcp.measure(rng, instrument, stance, ground.currents, latitude_deg=ground.latitude_deg)
         adcp.write(raw / "deep.000", DEEP, made)
         return
     flow = adcp.near_bins(DEEP, stance, ground.currents)
-    flow = flow + water.white_vector(rng, flow.size, deep_noise_m_s / np.sqrt(2.0))
+    flow = flow + water.white_vector(rng, flow.size, 0.02 / np.sqrt(2.0))
     flow = clockwise(flow, stance.recorded_deg - stance.heading_deg - stance.declination_deg)
     depth = stance.depth_m + adcp.ranges(DEEP)[:2].mean()
     texts = np.datetime_as_string(stance.time_s.astype("datetime64[s]")).tolist()

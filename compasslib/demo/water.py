@@ -154,7 +154,7 @@ def make_water(
     )
 
 
-def velocity(water: Water, time_s: Floats, depth_m: Floats, *, unturned_m: float = 100.0) -> Complexes:
+def velocity(water: Water, time_s: Floats, depth_m: Floats) -> Complexes:
     """Compute the current, true east + i north in m/s, with the shape of ``depth_m``, (n,) or (n, m, ...)."""
     lift = (slice(None), *(None,) * (depth_m.ndim - 1))
 
@@ -166,7 +166,7 @@ def velocity(water: Water, time_s: Floats, depth_m: Floats, *, unturned_m: float
     flow = flow + at(water.wave) * np.cos(np.pi * relative) + at(water.cyclone) * (0.75 + 0.5 * relative)
     for wavenumber, cosine, sine in zip(water.layers.wavenumber, water.layers.cosine, water.layers.sine, strict=True):
         flow += at(cosine) * np.cos(wavenumber * depth_m) + at(sine) * np.sin(wavenumber * depth_m)
-    return clockwise(flow, at(water.veer_deg_m) * (depth_m - unturned_m))
+    return clockwise(flow, at(water.veer_deg_m) * (depth_m - 100.0))
 
 
 def sea_level(time_s: ArrayLike) -> Floats:

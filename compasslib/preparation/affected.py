@@ -20,11 +20,8 @@ from compasslib.types import DAY_S, Floats
 
 HARMONICS = (1, 2)  # of the deviation
 BLOCK_S = 5 * DAY_S  # longer than the decorrelation time of eddies and tides
-FEWEST_BLOCKS = 12  # needed to estimate the scatter between blocks
 FOLDS = 8
-FASTEST = 2.0  # maximum weight; the weight of a direction is its speed over the median speed
 LEAST_SHARE, LEAST_SIGMAS = 0.02, 5.0  # least share of the misfit that a heading must explain, also in standard errors
-DISTINCT = 4.0  # least ratio to the share that the other heading explains
 
 
 @dataclass(frozen=True)
@@ -56,21 +53,32 @@ def compare_headings(record: Record, other: Record) -> tuple[ExplainedShare, Exp
     return None
 
 
-def is_affected(explained: ExplainedShare, other_explained: ExplainedShare) -> bool:
-    """Decide whether the first of two compasses is the affected one."""
-    return explained.significant and explained.share > DISTINCT * max(other_explained.share, 0.0)
+def is_affected(explained: ExplainedShare, other_explained: ExplainedShare, *, distinct: float = 4.0) -> bool:
+    """Decide whether the first of two compasses is the affected one.
+
+    Args:
+        distinct: least ratio to the share that the other heading explains.
+    """
+    return explained.significant and explained.share > distinct * max(other_explained.share, 0.0)
 
 
-def explained_share(pairs: Pairs, heading_deg: Floats) -> ExplainedShare:
-    """Compute the share of the misfit explained by harmonics of a recorded heading, (n,) degrees."""
+def explained_share(
+    pairs: Pairs, heading_deg: Floats, *, fewest_blocks: int = 12, fastest: float = 2.0
+) -> ExplainedShare:
+    """Compute the share of the misfit explained by harmonics of a recorded heading, (n,) degrees.
+
+    Args:
+        fewest_blocks: needed to estimate the scatter between blocks.
+        fastest: maximum weight; the weight of a direction is its speed over the median speed.
+    """
     upper, lower = pairs.upper_east + 1j * pairs.upper_north, pairs.lower_east + 1j * pairs.lower_north
     turned = angles.argument(upper * np.conj(lower))
     turned = angles.difference(turned, angles.mean(turned))
     slower = np.minimum(np.abs(upper), np.abs(lower))
-    weight = np.minimum(slower / np.median(slower), FASTEST)
+    weight = np.minimum(slower / np.median(slower), fastest)
     known = np.isfinite(turned) & np.isfinite(heading_deg) & (slower > 0.0)
     block = blocks_by_span(pairs.time_s[known], BLOCK_S)
-    if len(np.unique(block)) < FEWEST_BLOCKS:
+    if len(np.unique(block)) < fewest_blocks:
         return ExplainedShare()
     middle = angles.argument((upper / np.abs(upper) + lower / np.abs(lower))[known])
     current = np.column_stack([np.ones(known.sum()), _harmonics(middle)])

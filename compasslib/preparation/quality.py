@@ -93,7 +93,7 @@ def _without_length(record: Record, _: None, water_depth: float) -> Bools:
     return (np.diff(record.bin_range_m, axis=1) == 0.0).any(axis=1)[:, None]  # as where the cell length was lost
 
 
-def _frozen(record: Record, _: None, water_depth: float, fewest: int = 24) -> Bools:
+def _frozen(record: Record, _: None, water_depth: float) -> Bools:
     """Find runs of samples whose velocities repeat the previous ones in all bins; all-zero samples are not tested."""
     steps = max(len(record.time_s) - 1, 0)
     same, moving = np.ones(steps, dtype=bool), np.zeros(steps, dtype=bool)
@@ -101,7 +101,7 @@ def _frozen(record: Record, _: None, water_depth: float, fewest: int = 24) -> Bo
         known = np.nan_to_num(column)
         same &= known[1:] == known[:-1]
         moving |= known[1:] != 0.0
-    throughout = steps >= fewest and bool((same & moving).all())
+    throughout = steps >= 24 and bool((same & moving).all())
     return (_stuck(same & moving, record.time_s) | throughout)[:, None]
 
 
@@ -261,11 +261,11 @@ def _stuck(same: Bools, time_s: Floats, *, samples: int = 12, hours: float = 6.0
     return stuck & (not likely)
 
 
-def _constant_sensors(record: Record, fewest: int = 24) -> Record:
+def _constant_sensors(record: Record) -> Record:
     """Count samples of sensors that never vary, and warn."""
     counts, notes = {"tilt_frozen": 0, "heading_frozen": 0}, []
     known = [x[np.isfinite(x)] for x in (record.pitch_deg, record.roll_deg, record.heading_deg)]
-    no_pitch, no_roll, stuck = (len(x) >= fewest and np.ptp(x) == 0.0 for x in known)
+    no_pitch, no_roll, stuck = (len(x) >= 24 and np.ptp(x) == 0.0 for x in known)
     if no_pitch and no_roll:
         counts["tilt_frozen"] = len(known[0])
         notes.append("pitch and roll never change: the tilt sensor is stuck or was not fitted, its tilts tell nothing")

@@ -103,7 +103,7 @@ def combine_references(pairs: Pairs) -> Pairs:
     return replace(take(whole, first), **means)
 
 
-def _weights(missed: Floats, least_noise_m_s: float = 0.002) -> Floats:
+def _weights(missed: Floats) -> Floats:
     """Compute non-negative weights of the references at each time, (t, k), for minimum variance of their mean.
 
     Args:
@@ -112,7 +112,7 @@ def _weights(missed: Floats, least_noise_m_s: float = 0.002) -> Floats:
     there = np.isfinite(missed)
     off = np.where(there, missed - np.nanmedian(missed, axis=0), 0.0)
     both = np.maximum(there.T.astype(float) @ there, 1.0)
-    covariance = off.T @ off / both + least_noise_m_s**2 * np.eye(missed.shape[1])
+    covariance = off.T @ off / both + 0.002**2 * np.eye(missed.shape[1])
     result = np.zeros(missed.shape)
     for pattern in np.unique(there, axis=0):
         solution = np.linalg.solve(covariance[np.ix_(pattern, pattern)], np.ones(int(pattern.sum())))

@@ -346,7 +346,7 @@ def modulus_harmonics(modulus: Floats, heading_deg: Floats) -> tuple[float, floa
 
 
 def estimate_tilt_misalignment(
-    iron: Floats, readings: ScaledReadings, down: Floats, *, rounds: int = 3, max_dilution: float = 10.0
+    iron: Floats, readings: ScaledReadings, down: Floats, *, max_dilution: float = 10.0
 ) -> tuple[Floats, float, Floats]:
     """Estimate the small rotation from magnetometer to tilt sensor that makes the vertical field constant.
 
@@ -354,7 +354,6 @@ def estimate_tilt_misalignment(
     t . h = c - e . (h x t) is linear in the rotation e about forward, starboard and down.
 
     Args:
-        rounds: linearized steps for the misalignment.
         max_dilution: radians of misalignment per relative error of the field: 0.3 % then cause 1.7 degrees.
 
     Returns:
@@ -363,7 +362,7 @@ def estimate_tilt_misalignment(
     """
     field = ellipsoid.corrected(iron, readings)
     turn, wide = np.eye(3), np.zeros(3, dtype=bool)
-    for _ in range(rounds):
+    for _ in range(3):
         turned = field @ turn.T
         columns = np.column_stack([np.ones(len(field)), -np.cross(turned, down)])
         if not wide.any():

@@ -117,16 +117,7 @@ def modulus(field: Floats, down: Floats) -> Floats:
     return np.sqrt(np.maximum(np.sum(field**2, axis=1) - along**2, 0.0))
 
 
-def solve(
-    model: Model,
-    readings: ScaledReadings,
-    centre: Floats,
-    *,
-    adjusted: bool = True,
-    max_iterations: int = 60,
-    max_step: float = 0.3,
-    tolerance: float = 1e-11,
-) -> tuple[Floats, float]:
+def solve(model: Model, readings: ScaledReadings, centre: Floats, *, adjusted: bool = True) -> tuple[Floats, float]:
     """Minimise the adjusted loss over the parameters (p,) and estimate the noise variance of one axis.
 
     Args:
@@ -137,12 +128,12 @@ def solve(
     """
     wanted = np.concatenate([centre, np.eye(3).ravel()])
     parameters = np.linalg.lstsq(model.chain.T, wanted, rcond=None)[0]
-    for _ in range(max_iterations):
+    for _ in range(60):
         variance = _variance(model, parameters, readings) if adjusted else 0.0
         score, columns = _scores(model, parameters, readings, variance)
         step = -np.linalg.solve(columns.T @ columns, score.sum(axis=0))
-        parameters = parameters + step * min(1.0, max_step / max(float(np.linalg.norm(step)), 1e-300))
-        if np.max(np.abs(step)) < tolerance:
+        parameters = parameters + step * min(1.0, 0.3 / max(float(np.linalg.norm(step)), 1e-300))
+        if np.max(np.abs(step)) < 1e-11:
             return parameters, variance
     raise np.linalg.LinAlgError(f"the fit of the {model.name} does not settle")
 
@@ -440,10 +431,10 @@ def _fit_or_none(model: Model, readings: ScaledReadings, centre: Floats) -> Fitt
         return None
 
 
-def _score(model: Model, readings: ScaledReadings, centre: Floats, *, folds: int = 5) -> float:
+def _score(model: Model, readings: ScaledReadings, centre: Floats) -> float:
     """Compute the rms error of the modulus, which should be 1, on held-out blocks, percent."""
-    fold, off = blocks(len(readings)) % folds, np.full(len(readings), np.nan)
-    for k in range(folds):
+    fold, off = blocks(len(readings)) % 5, np.full(len(readings), np.nan)
+    for k in range(5):
         try:
             iron = solve(model, readings.take(fold != k), centre)[0] @ model.chain
         except np.linalg.LinAlgError:

@@ -92,23 +92,15 @@ def set_and_drift_terms(ratio: float, set_deg: float) -> dict[str, float]:
 
 
 def residual_from_two_headings(
-    known: Mapping[str, float],
-    first: tuple[float, float],
-    second: tuple[float, float],
-    *,
-    narrowest_deg: float = 60.0,
-    widest_deg: float = 120.0,
+    known: Mapping[str, float], first: tuple[float, float], second: tuple[float, float]
 ) -> tuple[float, float]:
     """Solve for residual B and C from known A, D, E and (course, deviation) on two headings (MM section 6), degrees.
-
-    Args:
-        narrowest_deg, widest_deg: limits of the angle between two headings for B and C (MM section 6).
 
     Raises:
         InputError: the headings are not 60 to 120 degrees apart.
     """
     apart = abs(float(angles.difference(first[0], second[0])))
-    if not narrowest_deg <= apart <= widest_deg:
+    if not 60.0 <= apart <= 120.0:
         expected, advice = "two headings 60 to 120 degrees apart", "steer for another mark"
         raise InputError("visual", expected=expected, found=f"{apart:.0f} degrees", advice=advice)
     eta1, eta2 = (_semicircular_part(known, *each) for each in (first, second))
@@ -228,23 +220,12 @@ def plan_magnets(coefficients: Floats, step_deg: float) -> dict[str, Any]:
     return {"magnets": magnets, "residual_table_deg": remains, "largest_deg": largest, "text": text}
 
 
-def verdict(
-    table: DeviationTable,
-    length_m: float | None,
-    speed_kn: float | None,
-    *,
-    short_m: float = 82.5,
-    min_speed_kn: float = 7.0,
-) -> dict[str, Any]:
-    """Assess whether deviations stay within 4 degrees (ISO 25862:2019, Annex G.1), and list conditions not verified.
-
-    Args:
-        short_m, min_speed_kn: ISO 25862:2019, Annex G.1; MM section 7.3.
-    """
+def verdict(table: DeviationTable, length_m: float | None, speed_kn: float | None) -> dict[str, Any]:
+    """Assess whether deviations stay within 4 degrees (ISO 25862:2019, Annex G.1), and list conditions not verified."""
     size = np.abs(table.deviation_deg)
     surely, perhaps = size - NORMAL_95 * table.sigma_deg > LIMIT_DEG, size + NORMAL_95 * table.sigma_deg > LIMIT_DEG
     word = "exceeds" if surely.any() else "undecided" if perhaps.any() else "within"
-    if length_m is not None and length_m >= short_m:
+    if length_m is not None and length_m >= 82.5:
         word = "not judged"
     worst = int(np.argmax(size))
     largest = f"largest {table.deviation_deg[worst]:+.1f}° ± {NORMAL_95 * table.sigma_deg[worst]:.1f}° (95 %)"
@@ -252,14 +233,14 @@ def verdict(
         "exceeds": f"A deviation exceeds 4°: {largest} on {table.heading_deg[worst]:03.0f}°.",
         "undecided": f"Whether every deviation is within 4° is not decided: {largest}.",
         "within": f"Every deviation is within 4°: {largest}.",
-        "not judged": f"The limit of 4° is for ships under {short_m} m; this one has {length_m} m. {largest}.",
+        "not judged": f"The limit of 4° is for ships under 82.5 m; this one has {length_m} m. {largest}.",
     }[word]
     conditions = []
     if length_m is None:
-        conditions.append(f"The length of the ship is not given; the limit of 4° is for ships under {short_m} m.")
+        conditions.append("The length of the ship is not given; the limit of 4° is for ships under 82.5 m.")
     if speed_kn is None:
         conditions.append("The speed is not known; the method asks for at least 7 kn.")
-    elif speed_kn < min_speed_kn:
+    elif speed_kn < 7.0:
         conditions.append(f"The swing was made at {speed_kn:.1f} kn; the method asks for at least 7 kn.")
     return {
         "verdict": word,

@@ -146,7 +146,6 @@ def _with_delay(
     options: SwingOptions,
     *,
     min_lasted_s: float = 480.0,
-    delay_step_s: float = 0.5,
     max_left: float = 0.7,
 ) -> Observations:
     """Pair each course of a log with a delayed reading, if that reduces the misfit enough (``max_left``).
@@ -178,7 +177,7 @@ def _with_delay(
         off -= columns @ np.linalg.lstsq(columns, off)[0]
         return float(np.mean(np.abs(moving_average(off, time_s, BLOCK_S))))
 
-    delays = np.arange(-most, most + delay_step_s / 2.0, delay_step_s).tolist()
+    delays = np.arange(-most, most + 0.25, 0.5).tolist()
     forms = [(delay, False) for delay in delays] + [(delay, True) for delay in delays if delay > 0.0]
     misfits = [misfit(*form) for form in forms]
     (delay, filtered), left, without = forms[int(np.argmin(misfits))], min(misfits), misfit(0.0, False)

@@ -73,14 +73,10 @@ def twist(rotation: Floats) -> float:
     return float(angles.wrap180(angles.direction(rotation[0, 1], rotation[0, 0])))
 
 
-def upright(offset_deg: float, lean_a: Complexes, lean_b: Complexes, *, iterations: int = 3) -> Floats:
-    """Build the rotation (3, 3) from a's body to b's with a given angle about the vertical and the least tilt.
-
-    Args:
-        iterations: remove the second-order rotation of the forward axis by a lean.
-    """
+def upright(offset_deg: float, lean_a: Complexes, lean_b: Complexes) -> Floats:
+    """Build the rotation (3, 3) from a's body to b's with a given angle about the vertical and the least tilt."""
     turn, down_a, down_b = offset_deg, down(lean_a).mean(axis=0), down(lean_b).mean(axis=0)
-    for _ in range(iterations):
+    for _ in range(3):  # removes the second-order rotation of the forward axis by a lean
         sine, cosine = (float(x) for x in angles.sin_cos(turn))
         turned = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
         vertical_a, vertical_b = (x / np.linalg.norm(x) for x in (turned @ down_a, down_b))

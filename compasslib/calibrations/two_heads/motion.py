@@ -261,15 +261,13 @@ def _lattice_peak(
     max_offset_s: float,
     *,
     min_gain_sigmas: float = 5.0,
-    memory: float = 20.0,
-    max_correlation: float = 0.999,
 ) -> tuple[float, dict[str, float]]:
     """Find the lag at which the rates of tilts and headings correlate best, and both correlations there.
 
     If the tilts alone correlate clearly better at another lag, that lag is used, because a compass may be delayed.
 
     Args:
-        min_gain_sigmas, memory, max_correlation: Gain in Fisher's z required of the tilts at a lag of their own, in
+        min_gain_sigmas, memory, max_correlation: gain in Fisher's z required of the tilts at a lag of their own, in
             standard errors; samples per independent one; and upper bound of the correlation in z.
     """
     lattice = min(step(a.time_s), step(b.time_s))
@@ -285,25 +283,21 @@ def _lattice_peak(
     reachable = np.abs(lags) <= max(max_offset_s, lattice / 2.0)
     best = int(np.argmax(np.where(reachable, squares, -1.0)))
     by_tilts = int(np.argmax(np.where(reachable, peaks[0], -1.0)))
-    clearer = np.arctanh(min(peaks[0][by_tilts], max_correlation)) - np.arctanh(min(peaks[0][best], max_correlation))
-    if abs(lags[by_tilts] - lags[best]) > 1.5 * lattice and clearer > min_gain_sigmas * np.sqrt(memory / len(b.time_s)):
+    clearer = np.arctanh(min(peaks[0][by_tilts], 0.999)) - np.arctanh(min(peaks[0][best], 0.999))
+    if abs(lags[by_tilts] - lags[best]) > 1.5 * lattice and clearer > min_gain_sigmas * np.sqrt(20.0 / len(b.time_s)):
         best = by_tilts
     return float(lags[best]), {"tilts": float(peaks[0][best]), "headings": float(peaks[1][best])}
 
 
-def _interpolate_rate(curve: GapSpline, grid: Floats, *, min_variation: float = 1e-6) -> Complexes:
-    """Interpolate a rate to a regular grid, remove its mean, and fill gaps with zero.
-
-    Args:
-        min_variation: relative variation of a rate below which it is constant.
-    """
+def _interpolate_rate(curve: GapSpline, grid: Floats) -> Complexes:
+    """Interpolate a rate to a regular grid, remove its mean, and fill gaps with zero."""
     value = np.asarray(np.interp(grid, curve.time_s, curve.values), dtype=complex)
     after = np.clip(np.searchsorted(curve.time_s, grid), 1, len(curve.time_s) - 1)
     there = (grid >= curve.time_s[0]) & (grid <= curve.time_s[-1])
     there &= curve.time_s[after] - curve.time_s[after - 1] <= 3.0 * step(curve.time_s)
     apart = np.where(there, value - value[there].mean() if there.any() else 0.0, 0.0)
     # A frame that turns steadily, or not at all, gives no signal to compare clocks by: only rounding errors remain.
-    steady = np.abs(apart).max(initial=0.0) <= min_variation * np.abs(value).max(initial=0.0)
+    steady = np.abs(apart).max(initial=0.0) <= 1e-6 * np.abs(value).max(initial=0.0)
     return np.zeros_like(apart) if steady else apart
 
 
@@ -326,16 +320,10 @@ def _weighted_mean(solutions: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, 
     return np.asarray(whole @ np.sum(parts, axis=0)), np.asarray(whole)
 
 
-def _solve_lag(
-    rates: _Rates, start: Floats, middle_s: float, *, floor_s: float = 1e-4, rounds: int = 20
-) -> tuple[Floats, Floats]:
-    """Solve for the offset (and drift, if ``start`` has two parameters) where the correlation's derivative vanishes.
-
-    Args:
-        floor_s: least standard deviation of an offset, even for two identical files.
-    """
+def _solve_lag(rates: _Rates, start: Floats, middle_s: float) -> tuple[Floats, Floats]:
+    """Solve for the offset (and drift, if ``start`` has two parameters) where the correlation's derivative vanishes."""
     solution, time_s = start, rates[1].time_s
-    for _ in range(rounds):
+    for _ in range(20):
         curvature, parts = _gradient_sums(rates, solution, middle_s)
         change = -np.linalg.solve(curvature, parts.sum(axis=0))
         solution = solution + change / max(1.0, 2.0 * abs(change[0]) / step(time_s))
@@ -344,7 +332,8 @@ def _solve_lag(
     curvature, parts = _gradient_sums(rates, solution, middle_s)
     inverse = np.linalg.inv(curvature)
     widened = student_factor(STRETCHES - len(start)) ** 2 * STRETCHES / (STRETCHES - len(start))
-    floor = np.diag([floor_s, floor_s / max(float(np.ptp(time_s)), 1.0)][: len(start)]) ** 2
+    # The least standard deviation of an offset, even for two identical files, is 1e-4 s.
+    floor = np.diag([1e-4, 1e-4 / max(float(np.ptp(time_s)), 1.0)][: len(start)]) ** 2
     return solution, inverse @ (parts.T @ parts) @ inverse * widened + floor
 
 
