@@ -343,33 +343,6 @@ def test_figure_is_reproducible(tmp_path, rng, kind):
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
 
 
-# The earth's field of place and date
-
-
-@pytest.mark.parametrize(
-    ("factor", "header", "said"),
-    [
-        (1.0, "x", ""),  # 0.1 µT
-        (100.0, "x_nT", ""),
-        (0.1, "x_uT", ""),
-        (1.6, "x", "No unit of a magnetic field (nT, µT, mG, G) makes the two agree"),
-        (32.768, "x", "No unit of a magnetic field (nT, µT, mG, G) makes the two agree"),
-        (100.0, "x_uT", "The unit in the header does not make the two agree"),
-        (300.0, "x_nT", "The unit in the header does not make the two agree"),
-    ],
-)
-def test_modulus_is_compared_with_igrf_in_any_or_the_stated_unit(tmp_path, rng, factor, header, said):
-    true = iron.some(rng)
-    values = factor * iron.readings(rng, true, iron.tumble(rng, 400))
-    names = {axis: header.replace("x", axis, 1) for axis in "xyz"}
-    path = iron.write(tmp_path / "log.csv", **dict(zip(names.values(), values.T, strict=True)))
-    level, down = true.level
-    field = {"horizontal_nT": 100.0 * level, "vertical_nT": 100.0 * down, "declination_deg": 0.0}
-    found = magnetometer.calibrate([path], {"field": field, "columns": names})
-    about = [warning for warning in found.warnings if "IGRF" in warning]
-    assert len(about) == bool(said) and all(said in warning and "50000 nT" in warning for warning in about)
-
-
 # --- counts ---------------------------------------------------------------------------------------------------------
 
 
@@ -408,14 +381,3 @@ def test_real_logs_raise_no_doubts(name):
     made = of_real_log(name)
     assert made.details["doubts"] == []
     assert not any("scale" in said or "stuck" in said for said in made.warnings)
-
-
-def test_date_that_contradicts_the_log_gives_a_warning(tmp_path, rng):
-    day = np.datetime64("2022-09-29T06:00:00", "s").astype(float)
-    path = iron.write(tmp_path / "log.csv", **{name: x[:300] for name, x in counts(rng, 1.5).items()})
-    head, *lines = path.read_text().splitlines()
-    rows = [f"{line},{np.datetime64(int(day) + k, 's')}Z" for k, line in enumerate(lines)]
-    path.write_text("\n".join([f"{head},time_utc", *rows]))
-    for date_s, said in ((day, False), (day + 100 * 86400.0, False), (day - 20 * 365 * 86400.0, True)):
-        found = magnetometer.calibrate([path], {"date_s": date_s})
-        assert any("IGRF is taken at the date" in text for text in found.warnings) == said

@@ -286,7 +286,6 @@ def test_steady_still_or_identical_heads_raise_no_error(tmp_path, n, turning):
         made = calibrations.calibrate("two_heads", [a, other], {})
         kinds.diagnose("two_heads", [a, other], {}, Options())
         assert (made.model == "none") == few
-        assert few or any("leaves no residual" in said for said in made.warnings)
         files = {file: tmp_path / f"{file}.x" for file in ("calibration", "table", "points")}
         calibration_files.write(page=result.to_json("h", made, {}), made=made, **files)
         for figure in calibrations.figure_names("two_heads"):

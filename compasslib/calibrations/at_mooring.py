@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.calibrations.budget import too_exact
 from compasslib.calibrations.curves import EMPIRICAL
 from compasslib.calibrations.result import LETTERS
 from compasslib.deviation.exact import fit_exact, smooth_density
@@ -61,8 +60,7 @@ def carry_to_mooring(
     names = " and ".join(content["name"] for content in contents)
     named = [f"calibration {names}: {transferred.warning}"] if transferred.warning else []
     for content in contents:
-        exact, others = too_exact(content["residual_rms_deg"]), other_parts(content.get("parts", ()), parts)
-        warnings = (*content.get("doubts", ()), *exact, others)
+        warnings = (*content.get("doubts", ()), other_parts(content.get("parts", ()), parts))
         named += [f"calibration {content['name']}: {warning}" for warning in warnings if warning]
     if len(contents) > 1:
         named.append(_change(contents, transferred.each)["text"])

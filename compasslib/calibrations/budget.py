@@ -124,13 +124,3 @@ def common(rows: tuple[Source, ...]) -> float:
 def expanded(rows: tuple[Source, ...]) -> float:
     """Compute the expanded uncertainty (k = 2) of independent rows, degrees."""
     return COVERAGE_FACTOR * combined(rows)
-
-
-def too_exact(residual_rms_deg: float | None) -> tuple[str, ...]:
-    """Warn if a curve leaves no residual; the rms is None or NaN without a curve."""
-    if residual_rms_deg is None or not residual_rms_deg < 1e-4:
-        return ()
-    return (
-        "the curve leaves no residual, which no instrument does: one column may have been computed from the other; "
-        "the stated uncertainty includes no reading error",
-    )

@@ -15,7 +15,7 @@ from compasslib.calibrations.bench import changes_by_object, describe_object
 from compasslib.calibrations.budget import COVERAGE_FACTOR, Source
 from compasslib.calibrations.settings import resolve_settings
 from compasslib.deviation.model import FieldAtPlace, separate_iron, weak_field_warnings
-from compasslib.types import DAY_S, Floats
+from compasslib.types import Floats
 
 LETTERS = "ABCDE"
 POSITION = ("latitude", "longitude")
@@ -269,19 +269,3 @@ def _polar(coefficients: Floats, covariance: Floats) -> tuple[float, float, floa
     across = np.array([along[1], -along[0]])
     sigmas = [max(float(np.sqrt(x @ spread @ x)), 1e-12) for x in (along, across)]
     return amplitude, sigmas[0], float(angles.direction(*pair)), sigmas[1] / amplitude / angles.DEGREE
-
-
-def check_date(time_s: Floats | None, date_s: float | None, *, max_date_error_s: float = 180 * DAY_S) -> list[str]:
-    """Warn if the date of a calibration, UTC seconds, is not that of its file; either may be None.
-
-    Args:
-        max_date_error_s: largest difference of a calibration's date from its file's, in which declination changes by
-            less than 0.2 degrees.
-    """
-    if date_s is None or time_s is None or not np.isfinite(time_s).any():
-        return []
-    first, last = float(np.nanmin(time_s)), float(np.nanmax(time_s))
-    if first - max_date_error_s <= date_s <= last + max_date_error_s:
-        return []
-    day, given = (str(np.datetime64(int(t), "s"))[:10] for t in (first, date_s))
-    return [f"the file begins on {day} and IGRF is taken at the date in the YAML file, {given}: correct one of the two"]

@@ -7,10 +7,8 @@ tilts and heading determine it. Parameters that the orientations do not determin
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import log10
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +20,7 @@ from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.calibrations.magnetometer import log as magnetometer_log
 from compasslib.calibrations.magnetometer.ellipsoid import FittedEllipsoid, ModelChoice, ScaledReadings
 from compasslib.calibrations.magnetometer.log import Axes, Log, about_down, level_heading, mean_and_scatter, rotation
-from compasslib.calibrations.result import Calibration, DeviationTable, check_date
+from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.deviation.series import series_design, series_deviation
 from compasslib.errors import applicable
 from compasslib.types import Floats
@@ -38,8 +36,6 @@ FOLDED = (
 )
 TURNS = ("forward", "starboard", "vertical")
 OPEN_TURN = "an ellipsoid does not depend on how the sensor is turned; only tilts and a logged heading determine it"
-NANOTESLA = {"nT": 1.0, "uT": 1e3, "µT": 1e3, "mT": 1e6, "mG": 100.0, "G": 1e5, "Gauss": 1e5}
-UNIT_SUFFIX = re.compile(rf"[_ .\[(]({'|'.join(NANOTESLA)})[\])]?$")
 TABLE_DEG = np.arange(0.0, 360.0, 10.0)
 GRID_DEG = np.arange(0.0, 360.0, 5.0)
 Field = Mapping[str, float] | None
@@ -70,7 +66,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     known = bool(np.isfinite(exact).all())
     folded = known and not compass.turns_full_circle(exact)
     misfits = _misfits(solved)
-    warnings = [*log.warnings, *warnings, *check_date(log.time_s, settings.get("date_s"))]
+    warnings = [*log.warnings, *warnings]
     return Calibration(
         kind=KIND,
         model=solved.fitted.model.name,
@@ -79,7 +75,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         points=_points(solved),
         details={**_details(solved, field), "doubts": misfits},
         why=FOLDED if folded else "" if known else NO_DIP,
-        warnings=(*warnings, *_warnings(solved, field, settings.get("columns") or {}), *misfits),
+        warnings=(*warnings, *_warnings(solved), *misfits),
         **(_correction(solved, exact, folded=folded) if known else {}),
     )
 
@@ -212,7 +208,7 @@ def _residuals(solved: SolvedIron) -> dict[str, float]:
     return {when: float(100.0 * modulus.std() / modulus.mean()) for when, modulus in moduli.items()}
 
 
-def _warnings(solved: SolvedIron, field: Field, columns: Mapping[str, str]) -> list[str]:
+def _warnings(solved: SolvedIron) -> list[str]:
     """List the conditions under which the correction holds, in sentences."""
     level, tilted = solved.choice.level, solved.log.tilted
     sentences_where = {
@@ -230,7 +226,7 @@ def _warnings(solved: SolvedIron, field: Field, columns: Mapping[str, str]) -> l
         ),
         "No tilts are logged: a misalignment of the magnetometer is not detected.": not (level or tilted),
     }
-    return applicable(sentences_where) + ([] if field is None else _unit_warnings(solved, field, columns))
+    return applicable(sentences_where)
 
 
 def _misfits(solved: SolvedIron, *, max_residual_percent: float = 5.0, max_axis_ratio: float = 1.4) -> list[str]:
@@ -286,34 +282,6 @@ def _sources(
         how = "tilt about its mean times a vertical iron as strong as the horizontal one; the tilts do not determine it"
         sources.append(Source("vertical iron", hard * tilt / angles.DEGREE, how))
     return tuple(sources)
-
-
-def _unit_warnings(
-    solved: SolvedIron, field: Mapping[str, float], columns: Mapping[str, str], *, max_unit_error: float = 0.12
-) -> list[str]:
-    """Warn if the modulus is not that of the earth's field in the stated unit, or in any unit if none is stated.
-
-    Units of magnetic fields differ by powers of ten. If the file does not state its unit, the corrected modulus must
-    match IGRF in one of them; headers such as ``mag_x_nT`` state the unit.
-
-    Args:
-        max_unit_error: exceeds errors by sensor, crust and daily variation; one in nine arbitrary scales passes.
-    """
-    modulus, strength_nT = solved.choice.scale * solved.gain(solved.iron), _strength(solved, field)
-    ends = {match[1] if (match := UNIT_SUFFIX.search(columns.get(role) or "")) else None for role in ("x", "y")}
-    unit = ends.pop() if len(ends) == 1 else None
-    ratio = modulus / strength_nT
-    agreement = 10.0 ** round(log10(ratio)) / ratio if unit is None else 1.0 / (modulus * NANOTESLA[unit] / strength_nT)
-    if abs(agreement - 1.0) < max_unit_error:
-        return []
-    what = "horizontal" if solved.choice.level else "total"
-    none = "No unit of a magnetic field (nT, µT, mG, G) makes"
-    by = "The unit in the header does not make" if unit else none
-    return [
-        f"The corrected {what} field is {modulus:.4g} {unit or 'in the unit of the file'}; IGRF has {strength_nT:.0f} "
-        f"nT at place and date. {by} the two agree: a wrong scale, unit, place or date, raw counts of the sensor, or "
-        "not the earth's field. Headings depend on ratios only and are not affected; hard_iron is in the file's unit."
-    ]
 
 
 # Iron in the frame of the instrument: the selected ellipsoid, rotated as far as tilts and logged heading determine.

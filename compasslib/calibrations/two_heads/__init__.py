@@ -15,7 +15,7 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.calibrations.budget import Source
-from compasslib.calibrations.result import Calibration, check_date
+from compasslib.calibrations.result import Calibration
 from compasslib.calibrations.two_heads import frame as frames
 from compasslib.calibrations.two_heads import motion
 from compasslib.calibrations.two_heads.frame import Frame, HeadingDifference
@@ -67,7 +67,7 @@ def compare(a: Record, b: Record, settings: Mapping[str, Any]) -> Calibration:
     first = motion.extract_motion(a, start, end)
     start, end = None if start is None else start - max_offset_s, None if end is None else end + max_offset_s
     second = motion.extract_motion(b, start, end)
-    warnings = (*a.warnings, *b.warnings, *check_date(first.time_s, settings.get("date_s")))
+    warnings = (*a.warnings, *b.warnings)
     n = min(len(first.time_s), len(second.time_s))
     if n < MIN_SAMPLES or not overlap_in_time(first, second, max_offset_s):
         why = f"the two heads share no time with {MIN_SAMPLES} usable samples of each ({n} usable)"
