@@ -35,7 +35,6 @@ from compasslib.types import DAY_S, HOUR_S, Bools, Floats
 MIN_SHARE = 0.5  # fraction of the samples required for a mean
 WINDOW_S = 3 * HOUR_S
 APART_S = 24 * HOUR_S  # windows farther apart belong to separate storms
-MAX_STRETCHES = 12  # fractions of the maximum; with more stretches, all is disturbed
 MIN_DAYS = 5  # least ratio of a storm to the median disturbance, in records of MIN_DAYS or more
 BLOCK_DAYS = 27  # a rotation of the sun
 
@@ -133,13 +132,17 @@ def hourly_median(time_s: Floats, off: Floats, chosen: Bools) -> Floats:
     return curve - np.median(curve)
 
 
-def strongest_disturbance(time_s: Floats, off_deg: Floats) -> tuple[float, float]:
-    """Find start and end of the strongest disturbance, or of the record if that is disturbed throughout."""
+def strongest_disturbance(time_s: Floats, off_deg: Floats, *, max_stretches: int = 12) -> tuple[float, float]:
+    """Find start and end of the strongest disturbance, or of the record if that is disturbed throughout.
+
+    Args:
+        max_stretches: fractions of the maximum; with more stretches, all is disturbed.
+    """
     size, _ = three_hour_rms(time_s, off_deg)
     at = np.flatnonzero(size >= 0.5 * size.max())
     groups = np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1)
     strongest = next(group for group in groups if np.argmax(size) in group)
-    if len(groups) > MAX_STRETCHES or not size.max():
+    if len(groups) > max_stretches or not size.max():
         return float(time_s[0]), float(time_s[-1])
     clear = strongest[np.abs(off_deg[strongest]) >= 0.25 * np.abs(off_deg[strongest]).max()]
     return float(time_s[clear[0]]), float(time_s[clear[-1]])

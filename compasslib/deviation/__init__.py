@@ -35,8 +35,6 @@ from compasslib.statistics import single_threaded
 
 __all__ = ["METHODS", "DeviationFit", "describe_fit", "deviation_json", "find_implausibility", "fit_deviation"]
 
-SURE_SIGMAS = 2.0
-
 
 def _keep_compass(pairs: Pairs, near: DeviationFit | None) -> DeviationFit:
     """Return a compass known beforehand, which pairs do not change."""
@@ -98,7 +96,7 @@ def find_implausibility(
         soft = fit.coefficients[3:5]
         size = float(np.hypot(*soft))
         sigma = float(np.sqrt(soft @ fit.covariance[3:5, 3:5] @ soft)) / max(size, 1e-12)
-        if size - SURE_SIGMAS * sigma >= MAX_SOFT_IRON:
+        if size - 2.0 * sigma >= MAX_SOFT_IRON:
             return (
                 f"the fit needs soft iron of {size:.0%} of the earth's field, more than any instrument has, so that "
                 "all headings are flagged doubtful; check columns, signs and directions of both instruments"

@@ -222,7 +222,8 @@ def _start(
     few = overlap.take(clear[:: max(1, len(clear) // start_pairs)])
     prior = smooth_density(np.histogram(few.observed_deg, bins=CELLS, range=(0.0, 360.0))[0].astype(float))
     data = few.sample(START_NOISE, COARSE, form)
-    starts = [_iron(strength, towards) for strength in STRENGTHS for towards in DIRECTIONS_DEG]
+    irons = [angles.components(strength, towards) for strength in STRENGTHS for towards in DIRECTIONS_DEG]
+    starts = [np.array([0.0, float(b), float(c), 0.0, 0.0, np.log(6.0)]) for c, b in irons]
     values = [-log_likelihood(start, data, prior, COARSE) for start in starts]
     states = [OptimizerState(starts[i], START_NOISE, prior) for i in np.argsort(values)[:start_count]]
     states = [_improve(state, few, COARSE, form, HARD_IRON_FIRST) for state in states]
@@ -279,11 +280,6 @@ def _described(
         noise=noise,
         heading_density=state.prior,
     )
-
-
-def _iron(strength: float, towards_deg: float) -> Floats:
-    starboard, forward = angles.components(strength, towards_deg)
-    return np.array([0.0, float(forward), float(starboard), 0.0, 0.0, np.log(6.0)])
 
 
 def _maximise(

@@ -19,8 +19,6 @@ from compasslib.statistics.resampling import blocks_by_span
 from compasslib.types import DAY_S, Floats
 
 HARMONICS = (1, 2)  # of the deviation
-BLOCK_S = 5 * DAY_S  # longer than the decorrelation time of eddies and tides
-FOLDS = 8
 LEAST_SHARE, LEAST_SIGMAS = 0.02, 5.0  # least share of the misfit that a heading must explain, also in standard errors
 
 
@@ -63,13 +61,14 @@ def is_affected(explained: ExplainedShare, other_explained: ExplainedShare, *, d
 
 
 def explained_share(
-    pairs: Pairs, heading_deg: Floats, *, fewest_blocks: int = 12, fastest: float = 2.0
+    pairs: Pairs, heading_deg: Floats, *, fewest_blocks: int = 12, fastest: float = 2.0, block_s: float = 5 * DAY_S
 ) -> ExplainedShare:
     """Compute the share of the misfit explained by harmonics of a recorded heading, (n,) degrees.
 
     Args:
         fewest_blocks: needed to estimate the scatter between blocks.
         fastest: maximum weight; the weight of a direction is its speed over the median speed.
+        block_s: longer than the decorrelation time of eddies and tides.
     """
     upper, lower = pairs.upper_east + 1j * pairs.upper_north, pairs.lower_east + 1j * pairs.lower_north
     turned = angles.argument(upper * np.conj(lower))
@@ -77,7 +76,7 @@ def explained_share(
     slower = np.minimum(np.abs(upper), np.abs(lower))
     weight = np.minimum(slower / np.median(slower), fastest)
     known = np.isfinite(turned) & np.isfinite(heading_deg) & (slower > 0.0)
-    block = blocks_by_span(pairs.time_s[known], BLOCK_S)
+    block = blocks_by_span(pairs.time_s[known], block_s)
     if len(np.unique(block)) < fewest_blocks:
         return ExplainedShare()
     middle = angles.argument((upper / np.abs(upper) + lower / np.abs(lower))[known])
@@ -92,11 +91,11 @@ def _harmonics(angle_deg: Floats) -> Floats:
     return np.column_stack([part for order in HARMONICS for part in angles.sin_cos(order * angle_deg)])
 
 
-def _misfit(columns: Floats, turned: Floats, weight: Floats, block: NDArray[np.intp]) -> Floats:
+def _misfit(columns: Floats, turned: Floats, weight: Floats, block: NDArray[np.intp], *, parts: int = 8) -> Floats:
     """Compute the weighted mean misfit of each block under a fit to the other folds, degrees."""
     left = np.empty(len(turned))
-    for fold in range(FOLDS):
-        out = block % FOLDS == fold
+    for fold in range(parts):
+        out = block % parts == fold
         rows = weight[~out, None]
         coefficients = np.linalg.lstsq(rows * columns[~out], weight[~out] * turned[~out], rcond=1e-6)[0]
         left[out] = weight[out] * np.abs(turned[out] - columns[out] @ coefficients)

@@ -117,22 +117,19 @@ def _multiply(
     return LaggedProducts(sums / scale, np.arange(-reach, reach + 1), np.add.reduceat(both, edges[:-1]) > 0, whole)
 
 
-def _hourly(series: SpeedSeries, first_s: float, hours: int) -> tuple[Floats, Floats, Floats]:
-    """Average speeds by the hour; return them high-passed in units of their rms, the hours that have one, and them."""
+def _hourly(series: SpeedSeries, first_s: float, hours: int, reach: int = 36) -> tuple[Floats, Floats, Floats]:
+    """Average speeds by the hour; return them high-passed in units of their rms, the hours that have one, and them.
+
+    The running mean of ``reach`` hours to both sides is removed, as slow changes of speed do not resolve hours.
+    """
     known = np.isfinite(series.speed)
     slot = np.rint((series.time_s[known] - first_s) / HOUR_S).astype(int)
     count = np.bincount(slot, minlength=hours)
     mean, present = np.bincount(slot, series.speed[known], hours) / np.maximum(count, 1), (count > 0).astype(float)
-    fast = (mean - _running_mean(mean, present)) * present
+    total, near = (np.convolve(x, np.ones(2 * reach + 1), "same") for x in (mean * present, present))
+    fast = (mean - total / np.maximum(near, 1.0)) * present
     rms = np.sqrt(np.sum(fast**2) / max(float(present.sum()), 1.0))
     return np.clip(fast / max(rms, 1e-12), -3.0, 3.0), present, mean  # clipped, as a storm would outweigh months
-
-
-def _running_mean(x: Floats, there: Floats, reach: int = 36) -> Floats:
-    """Compute the running mean of the existing values within ``reach`` hours of each hour, (n,)."""
-    window = np.ones(2 * reach + 1)
-    total, count = (np.convolve(series, window, "same") for series in (x * there, there))
-    return np.asarray(total / np.maximum(count, 1.0))
 
 
 def _lagged(x: Floats, y: Floats, span: tuple[int, int], reach: int) -> Floats:

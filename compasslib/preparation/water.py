@@ -26,7 +26,6 @@ from compasslib.types import DAY_S, Bools, Complexes, Floats
 LEAST_GOOD = 0.9  # of the best bin's share of good data: bins that are often bad, as near a boundary, are not trusted
 LENGTHS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # decorrelation lengths of the layers, in cells
 POWERS = (1.0, 2.0)  # exponents at short distance: rough layers, and uniform shear
-BLOCK_S = 2 * DAY_S  # longer than speeds are correlated; standard errors of a significant difference
 VEER_S = 2 * DAY_S  # time scale from which veer is corrected
 SLOW_DAYS = np.geomspace(2.0, 200.0, 9)  # memories that are tried
 SLOW_SHARES = np.geomspace(0.1, 2.0, 12)  # sizes that are tried, of the slow part and of noise, over the rms
@@ -216,7 +215,13 @@ def depth_shift_by_speed(record: Record, depth_m: Floats, speed_m_s: Floats, *, 
 
 
 def fails_speed_check(
-    time_s: Floats, mean: Complexes, predicted: Complexes, trusted: Complexes, *, sure: float = 2.0
+    time_s: Floats,
+    mean: Complexes,
+    predicted: Complexes,
+    trusted: Complexes,
+    *,
+    sure: float = 2.0,
+    block_s: float = 2 * DAY_S,
 ) -> bool:
     """Check whether the reference's speeds agree significantly less with the prediction than with the published mean.
 
@@ -224,9 +229,10 @@ def fails_speed_check(
 
     Args:
         sure: longer than speeds are correlated; standard errors of a significant difference.
+        block_s: longer than speeds are correlated; standard errors of a significant difference.
     """
     off = [(np.abs(series) - np.abs(trusted)) ** 2 for series in (mean, predicted)]
-    block = np.unique(np.floor(time_s / BLOCK_S), return_inverse=True)[1]
+    block = np.unique(np.floor(time_s / block_s), return_inverse=True)[1]
     worse = np.bincount(block, off[1] - off[0])
     return bool(worse.sum() > sure * np.sqrt(np.sum(worse**2)))
 

@@ -185,13 +185,8 @@ def _weighted_models(residual: Floats, columns: Floats) -> tuple[Floats, list[Fl
     if not len(models):
         return np.ones(1), [np.eye(n) * float(residual @ residual) / max(n - columns.shape[1], 1)]
     lags = lag_matrix(n)
-    return _weight(models), [model[3] * arma_correlation(model[1], model[2], lags) for model in models]
-
-
-def _weight(models: Floats) -> Floats:
-    """Compute the weights of models from their log likelihoods, of which larger differences are not distinguished."""
-    weight = np.exp(-np.minimum(models[:, 0] - models[:, 0].min(), 20.0))
-    return np.asarray(weight / weight.sum())
+    weight = np.exp(-np.minimum(models[:, 0] - models[:, 0].min(), 20.0))  # of likelihoods that are distinguished
+    return weight / weight.sum(), [model[3] * arma_correlation(model[1], model[2], lags) for model in models]
 
 
 MIN_ROBUST = 30  # residuals from which the median absolute deviation gives a width within a fifth
