@@ -35,7 +35,7 @@ from compasslib.types import DAY_S, HOUR_S, Bools, Floats
 MIN_SHARE = 0.5  # fraction of the samples required for a mean
 WINDOW_S = 3 * HOUR_S
 APART_S = 24 * HOUR_S  # windows farther apart belong to separate storms
-MIN_DAYS = 5  # least ratio of a storm to the median disturbance, in records of MIN_DAYS or more
+MIN_DAYS = 5  # of a record from which its usual day and disturbance are known
 BLOCK_DAYS = 27  # a rotation of the sun
 
 

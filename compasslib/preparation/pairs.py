@@ -30,7 +30,7 @@ from compasslib.records import BAD, PROBABLY_GOOD, EarthField, Pairs, Record, ta
 from compasslib.statistics import single_threaded
 from compasslib.types import Complexes, Floats
 
-ENOUGH = 30  # share of equal speeds above which both records are the same, and fewest pairs
+ENOUGH = 30  # fewest pairs that show one recording, or a wrong frame
 # By (sign, k): the frame of the upper velocities if lower + sign * upper + k * heading (directions) is constant.
 OTHER_FRAMES = {
     (-1, 1): "turned back by the heading",

@@ -29,7 +29,7 @@ POWERS = (1.0, 2.0)  # exponents at short distance: rough layers, and uniform sh
 VEER_S = 2 * DAY_S  # time scale from which veer is corrected
 SLOW_DAYS = np.geomspace(2.0, 200.0, 9)  # memories that are tried
 SLOW_SHARES = np.geomspace(0.1, 2.0, 12)  # sizes that are tried, of the slow part and of noise, over the rms
-LEAST_M_S = 1e-6
+LEAST_M_S = 1e-6  # lower bound of a denominator
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ def robust_width(deviation: Floats) -> float:
 
 Loss = Callable[[Floats], tuple[float, Floats]]
 
-GRADIENT_TOLERANCE = 1e-5  # convergence: gradient, and relative decrease of the loss
+GRADIENT_TOLERANCE = 1e-5  # largest gradient at convergence
 
 
 def minimize_bfgs(

@@ -17,7 +17,7 @@ from compasslib.statistics.least_squares import HUBER_CLIP, SIGMA_PER_MAD, robus
 from compasslib.statistics.noise import lagged_sums
 from compasslib.types import DAY_S, Floats
 
-ORDER = 24  # filter order: a day of hourly samples; fewest samples per lag
+ORDER = 24  # of the filter: a day of hourly samples
 NARROWEST = 0.25  # least width relative to the median one
 
 

@@ -32,7 +32,7 @@ PLACES = {"S11": (0, 0), "S22": (1, 1), "S33": (2, 2), "S12": (0, 1), "S13": (0,
 MAX_STANDARD_ERROR = 0.05  # relative to the field: parameters with a larger one are undetermined
 # Relative to the field: errors by nonlinearity, cross-axis sensitivity and gradients, which do not average out.
 SYSTEMATIC_ERROR = 0.003
-MAX_SCATTER = 0.25
+MAX_SCATTER = 0.25  # about the fitted circle or sphere, relative to the field
 DIAGONAL, OTHERS, LEVEL_SOFT = ("S11", "S22", "S33"), ("S12", "S13", "S23"), ("S11", "S22", "S12")
 UNSEEN_LEVEL = ("z offset", "S33", "S13", "S23")
 

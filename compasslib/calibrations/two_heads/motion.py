@@ -16,7 +16,7 @@ from compasslib.records import BAD, Record
 from compasslib.statistics.resampling import blocks_by_count, student_factor
 from compasslib.types import Complexes, Floats
 
-MIN_STRETCHES = 5
+MIN_STRETCHES = 5  # blocks of a record, from whose scatter uncertainties follow
 GAP_STEPS = 3.0  # longest gap that is interpolated, in sampling intervals
 
 
