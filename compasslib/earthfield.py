@@ -21,14 +21,10 @@ from compasslib.records import EarthField
 from compasslib.types import DAY_S, Floats
 
 FIRST_YEAR, LAST_YEAR = 1900, 2030  # IGRF-14
-NODE_SPACING_S = 30 * DAY_S  # the field is linear in time within an epoch of five years
-DISAGREEMENT_DEG, APPLIED_DISAGREEMENT_DEG = 1.0, 2.0  # an instrument may be set up with a chart some years old
-RECOGNISED_DEG, RECOGNISED_SHARE = 0.5, 0.05  # tolerance, absolute and relative, in recognizing a mistake
 RADIUS_KM = 6371.2  # reference radius of the coefficients
 DEGREE_KM = 111.2  # of latitude
 EQUATOR_KM, FLATTENING = 6378.137, 1.0 / 298.257223563  # WGS84
 BEYOND = f"IGRF ends with {LAST_YEAR - 1}: later H, Z and what the declination is held against are its last"
-NEAREST_POLE = 1e-9  # least sine of the colatitude: east is undefined at the pole itself
 
 
 def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, Floats, Floats]:
@@ -58,23 +54,29 @@ def field_along(
     end_s: float,
     declination: float | None = None,
     applied: Mapping[str, float] | None = None,
+    *,
+    node_spacing_s: float = 30 * DAY_S,
+    disagreement_deg: float = 1.0,
+    applied_disagreement_deg: float = 2.0,
 ) -> EarthField:
     """Compute the field over a deployment; a given declination overrides the model's and is compared with it.
 
     Args:
         declination: declination in the metadata, degrees east, or None for the model's.
         applied: by instrument, declination that its files already include according to the metadata, degrees.
+        node_spacing_s: the field is linear in time within an epoch of five years.
+        disagreement_deg, applied_disagreement_deg: an instrument may be set up with a chart some years old.
 
     Raises:
         InputError: a date is outside the model.
     """
-    nodes = np.linspace(start_s, end_s, 2 + int((end_s - start_s) // NODE_SPACING_S))
+    nodes = np.linspace(start_s, end_s, 2 + int((end_s - start_s) // node_spacing_s))
     covered = nodes if declination is None else covered_by_igrf(nodes)
     model, horizontal, vertical = igrf(latitude, longitude, covered)
     warnings = [
         text
         for name, degrees in (applied or {}).items()
-        for text in _disagreement(f"{name}: declination_applied", degrees, model, APPLIED_DISAGREEMENT_DEG)
+        for text in _disagreement(f"{name}: declination_applied", degrees, model, applied_disagreement_deg)
     ]
     if declination is None:
         return EarthField(nodes, model, horizontal, vertical, model, warnings=tuple(warnings))
@@ -86,7 +88,7 @@ def field_along(
         model_declination_deg=model,
         source="metadata",
         warnings=(
-            *_disagreement("declination", declination, model, DISAGREEMENT_DEG),
+            *_disagreement("declination", declination, model, disagreement_deg),
             *(() if np.array_equal(covered, nodes) else (BEYOND,)),
             *warnings,
         ),
@@ -102,6 +104,15 @@ def covered_by_igrf(time_s: ArrayLike) -> Floats:
 def declination_at(field: EarthField, time_s: ArrayLike) -> Floats:
     """Interpolate the declination to use to given times, degrees east."""
     return np.interp(np.asarray(time_s, dtype=float), field.time_s, field.declination_deg)
+
+
+def model_sigma(horizontal_nT: float, constant_deg: float = 0.26, by_field_nT: float = 5417.0) -> float:
+    """Compute the standard deviation of a field model's declination, with crust and daily variation, degrees.
+
+    That of WMM2025 (Chulliat et al. 2025, The US/UK World Magnetic Model for 2025-2030, technical report; WMM2020 has
+    5625 nT) is used for IGRF.
+    """
+    return float(np.hypot(constant_deg, by_field_nT / horizontal_nT))
 
 
 def dip_ratio(field: EarthField) -> float:
@@ -147,7 +158,7 @@ def igrf_vector(latitude: float, longitude: float, days: Floats) -> tuple[Floats
     sine, cosine = angles.sin_cos(np.abs(order) * longitude)
     wave, turned = (np.where(order < 0, a, b) for a, b in ((sine, cosine), (cosine, -sine)))
     fall = (RADIUS_KM / radius_km) ** (degree + 2)
-    across = max(float(angles.sin_cos(90.0 - latitude_there)[0]), NEAREST_POLE)
+    across = max(float(angles.sin_cos(90.0 - latitude_there)[0]), 1e-9)  # east is undefined at the pole
     outward = ((degree + 1) * fall * p * wave) @ g_and_h
     north = (fall * dp * wave) @ g_and_h
     east = -(fall * np.abs(order) * p * turned / across) @ g_and_h
@@ -167,8 +178,14 @@ def _disagreement(name: str, degrees: float, model: Floats, tolerance_deg: float
     ]
 
 
-def recognize_mistake(degrees: float, model: float) -> str:
-    """Describe the mistake that explains a declination other than the model's; empty if there is none."""
+def recognize_mistake(
+    degrees: float, model: float, *, recognised_deg: float = 0.5, recognised_share: float = 0.05
+) -> str:
+    """Describe the mistake that explains a declination other than the model's; empty if there is none.
+
+    Args:
+        recognised_deg, recognised_share: tolerance, absolute and relative, in recognizing a mistake.
+    """
     mistakes = {
         ", which has the other sign": -model,
         ", which it looks like in minutes of arc": 60.0 * model,
@@ -179,8 +196,8 @@ def recognize_mistake(degrees: float, model: float) -> str:
     near = {
         text: abs(degrees - value)
         for text, value in mistakes.items()
-        if abs(degrees - value) <= min(max(RECOGNISED_DEG, RECOGNISED_SHARE * abs(value)), abs(value) / 2.0)
-        and abs(model) > RECOGNISED_DEG
+        if abs(degrees - value) <= min(max(recognised_deg, recognised_share * abs(value)), abs(value) / 2.0)
+        and abs(model) > recognised_deg
     }
     return min(near, key=lambda text: near[text]) if near else ""
 

@@ -221,13 +221,6 @@ def test_folded_compass_has_exact_coefficients_and_no_table():
     assert made.details["models"]["one_cycle"]["why"].startswith("it misses the readings by 3")
 
 
-def test_gross_error_is_reported():
-    read = readings(ring(24), seed=2)
-    read.recorded_deg[5] += 9.0
-    warned = [text for text in calibrated(read).warnings if "far from the curve" in text]
-    assert len(warned) == 1 and f"{read.recorded_deg[5]:.0f} (" in warned[0]
-
-
 def test_offset_of_half_a_turn_does_not_split_the_deviations():
     read = smith_bench()
     made = calibrated(BenchReadings(angles.wrap360(read.reference_deg + 175.0), read.recorded_deg))

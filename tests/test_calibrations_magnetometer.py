@@ -11,7 +11,6 @@ from sea import real
 
 from compasslib.calibrations import magnetometer
 from compasslib.calibrations.magnetometer import ellipsoid
-from compasslib.calibrations.magnetometer import log as magnetometer_log
 from compasslib.calibrations.magnetometer.ellipsoid import ELLIPSE, ELLIPSOID, ScaledReadings
 from compasslib.calibrations.result import Calibration
 from compasslib.errors import InputError
@@ -270,9 +269,9 @@ def turning(n: int = 400, radius: float = 200.0) -> np.ndarray:
 @pytest.mark.parametrize(
     ("values", "why"),
     [
-        (turning(40), "40 readings, at least 50"),
+        (turning(40), "13 different readings in 40 rows, at least 50"),
         (turning() * [0.0, 1.0, 1.0], "Column x is 0 throughout: the sensor is stuck"),
-        (np.repeat(turning(10), 20, axis=0), "different readings in 200 rows: the record repeats itself"),
+        (np.repeat(turning(10), 20, axis=0), "3 different readings in 200 rows"),
         (turning() / np.linalg.norm(turning(), axis=1)[:, None], "this is gravity"),
         (turning() / np.linalg.norm(turning(), axis=1)[:, None] * 16384, "16384 throughout: this is gravity"),
         (np.tile([300.0, 50.0, 400.0], (400, 1)) + np.random.default_rng(3).normal(size=(400, 3)), "did not turn"),
@@ -289,12 +288,6 @@ def test_four_repeated_headings_are_refused(tmp_path, rng):
     towards = np.deg2rad(np.repeat([3.0, 93.0, 183.0, 273.0], 100))
     values = np.column_stack([200 * np.cos(towards), -200 * np.sin(towards)]) + 0.5 * rng.normal(size=(400, 2))
     assert "repeat 4 headings" in magnetometer.calibrate([log(tmp_path, values)], {}).why
-
-
-def test_gravity_of_any_scale_is_recognised_by_the_tilts(tmp_path, rng):
-    motion = iron.level_motion(rng, 500, tilt_deg=10.0)
-    values = 3333.0 * iron.turned(motion)[:, :, 2] + rng.normal(size=(500, 3))
-    assert "follow pitch and roll" in magnetometer.calibrate([log(tmp_path, values, motion)], {}).why
 
 
 def test_zero_tilts_stuck_axis_gaps_and_spikes_are_reported(tmp_path, rng):
@@ -350,33 +343,6 @@ def test_figure_is_reproducible(tmp_path, rng, kind):
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
 
 
-# The earth's field of place and date
-
-
-@pytest.mark.parametrize(
-    ("factor", "header", "said"),
-    [
-        (1.0, "x", ""),  # 0.1 µT
-        (100.0, "x_nT", ""),
-        (0.1, "x_uT", ""),
-        (1.6, "x", "No unit of a magnetic field (nT, µT, mG, G) makes the two agree"),
-        (32.768, "x", "No unit of a magnetic field (nT, µT, mG, G) makes the two agree"),
-        (100.0, "x_uT", "The unit in the header does not make the two agree"),
-        (300.0, "x_nT", "The unit in the header does not make the two agree"),
-    ],
-)
-def test_modulus_is_compared_with_igrf_in_any_or_the_stated_unit(tmp_path, rng, factor, header, said):
-    true = iron.some(rng)
-    values = factor * iron.readings(rng, true, iron.tumble(rng, 400))
-    names = {axis: header.replace("x", axis, 1) for axis in "xyz"}
-    path = iron.write(tmp_path / "log.csv", **dict(zip(names.values(), values.T, strict=True)))
-    level, down = true.level
-    field = {"horizontal_nT": 100.0 * level, "vertical_nT": 100.0 * down, "declination_deg": 0.0}
-    found = magnetometer.calibrate([path], {"field": field, "columns": names})
-    about = [warning for warning in found.warnings if "IGRF" in warning]
-    assert len(about) == bool(said) and all(said in warning and "50000 nT" in warning for warning in about)
-
-
 # --- counts ---------------------------------------------------------------------------------------------------------
 
 
@@ -390,43 +356,6 @@ def counts(rng, share: float) -> dict[str, np.ndarray]:
 
 def calibrated_log(tmp_path, columns):
     return magnetometer.calibrate([iron.write(tmp_path / "log.csv", **columns)], {})
-
-
-@pytest.mark.parametrize("share", [0.95, 0.8, 0.6])
-def test_overflowed_counts_are_unwrapped(tmp_path, rng, share):
-    whole = counts(rng, share)
-    wrapped = whole | {name: (whole[name] + 32768.0) % 65536.0 - 32768.0 for name in "xy"}
-    unsigned = whole | {name: whole[name] % 65536.0 for name in "xy"}
-    for columns in (wrapped, unsigned):
-        path = iron.write(tmp_path / "log.csv", **columns)
-        repaired = magnetometer_log.repair_counts(magnetometer_log.read([path], {}))
-        assert np.array_equal(repaired.raw[:, :2], np.column_stack([whole["x"], whole["y"]]))
-        assert "overflowed (16 bits) and are unwrapped" in " ".join(repaired.warnings)
-    if share > 0.6:
-        return  # at a share of 0.6 most of the log is left out
-    scaled = wrapped | {name: 0.137 * wrapped[name] for name in "xyz"}
-    found, truth = calibrated_log(tmp_path, scaled), calibrated_log(tmp_path, whole)
-    assert np.abs(found.coefficients - truth.coefficients).max() < 1.5  # from a tenth of the log
-    assert "a scale that is not one of whole counts, and are excluded" in " ".join(found.warnings)
-
-
-@pytest.mark.parametrize("share", [0.95, 0.8])
-def test_saturated_readings_are_left_out(tmp_path, rng, share):
-    whole = counts(rng, share)
-    clipped = whole | {name: np.clip(whole[name], -32768.0, 32767.0) for name in "xy"}
-    found, truth = calibrated_log(tmp_path, clipped), calibrated_log(tmp_path, whole)
-    assert np.abs(found.coefficients - truth.coefficients).max() < 0.4  # a fifth of the log is left out
-    assert "are saturated and excluded" in " ".join(found.warnings)
-    beyond = np.any([clipped[name] != whole[name] for name in "xy"], axis=0)
-    assert found.details["left_out"] >= beyond.sum() - 7  # fewer than eight at one end are not recognised
-
-
-def test_readings_of_a_temporarily_stuck_axis_are_left_out(tmp_path, rng):
-    whole = counts(rng, 1.5)
-    stuck = whole | {"x": np.where(np.arange(1500) > 1200, whole["x"][1200], whole["x"])}
-    found, truth = calibrated_log(tmp_path, stuck), calibrated_log(tmp_path, whole)
-    assert np.abs(found.coefficients - truth.coefficients).max() < 0.3
-    assert any(said.endswith("readings of x are stuck and excluded.") for said in found.warnings)
 
 
 @pytest.mark.parametrize(
@@ -452,14 +381,3 @@ def test_real_logs_raise_no_doubts(name):
     made = of_real_log(name)
     assert made.details["doubts"] == []
     assert not any("scale" in said or "stuck" in said for said in made.warnings)
-
-
-def test_date_that_contradicts_the_log_gives_a_warning(tmp_path, rng):
-    day = np.datetime64("2022-09-29T06:00:00", "s").astype(float)
-    path = iron.write(tmp_path / "log.csv", **{name: x[:300] for name, x in counts(rng, 1.5).items()})
-    head, *lines = path.read_text().splitlines()
-    rows = [f"{line},{np.datetime64(int(day) + k, 's')}Z" for k, line in enumerate(lines)]
-    path.write_text("\n".join([f"{head},time_utc", *rows]))
-    for date_s, said in ((day, False), (day + 100 * 86400.0, False), (day - 20 * 365 * 86400.0, True)):
-        found = magnetometer.calibrate([path], {"date_s": date_s})
-        assert any("IGRF is taken at the date" in text for text in found.warnings) == said

@@ -183,19 +183,6 @@ def test_mirrored_roll_is_detected(tmp_path):
     assert found.details["offset_deg"] == pytest.approx(47.0, abs=0.1)
 
 
-def test_slip_of_a_head_is_detected_and_dated(tmp_path):
-    rng, motion = lowered(3)
-    before, after = (package.stand(rng, motion, replace(TURNED, mount_deg=(m, 2.0, -1.5))) for m in (47.0, 52.0))
-    half = len(before.time_s) // 2
-    recorded = np.append(before.recorded_deg[:half], after.recorded_deg[half:])
-    a, b = package.stand(rng, motion, PLAIN), replace(before, recorded_deg=recorded)
-    found = of_files(tmp_path, package.encoded(a), package.encoded(b))
-    told = [warning for warning in found.warnings if "the offset changes by" in warning]
-    assert len(told) == 1 and 4.0 < float(told[0].split("by ")[1].split("°")[0]) < 6.0
-    # 1.2e9 s is 2008-01-10T21:20Z; the cast is 4000 s long.
-    assert "about 2008-01-10T21:53Z" in told[0]
-
-
 def test_heads_on_two_frames_are_refused(tmp_path):
     paths = cast(tmp_path)
     (tmp_path / "other").mkdir()
@@ -299,7 +286,6 @@ def test_steady_still_or_identical_heads_raise_no_error(tmp_path, n, turning):
         made = calibrations.calibrate("two_heads", [a, other], {})
         kinds.diagnose("two_heads", [a, other], {}, Options())
         assert (made.model == "none") == few
-        assert few or any("leaves no residual" in said for said in made.warnings)
         files = {file: tmp_path / f"{file}.x" for file in ("calibration", "table", "points")}
         calibration_files.write(page=result.to_json("h", made, {}), made=made, **files)
         for figure in calibrations.figure_names("two_heads"):

@@ -222,21 +222,6 @@ def test_a_reading_outside_the_recorded_range_is_flagged(folded):
     )
 
 
-@pytest.mark.parametrize("strength", [0.1, 0.75, 0.95])
-def test_spikes_are_flagged_and_good_headings_near_strong_iron_are_not(strength):
-    """About 3 % of the good headings may be flagged: they differ from both neighbours by half a spike."""
-    seen, _ = pairs((0.02, -0.86 * strength, 0.5 * strength, 0.02, -0.01), n=3000, seed=14)
-    rng = np.random.default_rng(6)
-    wild = rng.random(len(seen)) < 0.03
-    spikes = rng.choice([-1.0, 1.0], len(seen)) * rng.uniform(60.0, 180.0, len(seen))
-    record = record_of(replace(seen, heading_deg=angles.wrap360(seen.heading_deg + np.where(wild, spikes, 0.0))))
-    right = take(seen, ~wild)
-    product = correct(record, fit_exact(right), field_of(seen), right)
-    flagged = product.heading_corrected_quality > GOOD
-    assert flagged[wild].mean() > 0.8 and flagged[~wild].mean() < 0.045
-    assert np.isnan(product.heading_corrected_deg[product.record.heading_quality == BAD]).all()
-
-
 def test_both_roots_stay_possible_if_pairs_hardly_determine_the_branch(folded):
     seen, heading, fit = folded
     told = replace(fit, noise=replace(fit.noise, floor_deg=60.0))  # scatter that hides the difference of the branches

@@ -74,15 +74,6 @@ def test_opposite_boundary_is_reported_with_both_distances(tmp_path):
     ]
 
 
-def test_echo_from_beyond_the_surface_is_reported(tmp_path):
-    record = recorded(tmp_path, echo(), word="up")
-    assert record.counts["echo_without_boundary"] == 60
-    assert told(record) == [
-        "60 samples heard water from beyond the surface, 60 m away, and 0 its echo: check orientation, depth and "
-        "water_depth"
-    ]
-
-
 @pytest.mark.parametrize(
     ("blocks", "word"),
     [
@@ -95,10 +86,6 @@ def test_echo_from_beyond_the_surface_is_reported(tmp_path):
 )
 def test_uninformative_echo_gives_no_warning(tmp_path, blocks, word):
     assert told(recorded(tmp_path, *blocks, word=word)) == []
-
-
-def test_few_samples_give_no_warning(tmp_path):
-    assert told(recorded(tmp_path, echo(BOTTOM - DEPTH), n=20)) == []
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from sea import plain_record
 from test_archive import make_product, write
 
 from compasslib.archive import netcdf
-from compasslib.preparation.quality import MASKS, TESTS, Thresholds, flag_quality
+from compasslib.preparation.quality import CHECKS, MASKS, Thresholds, flag_quality
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Record
 
 N, M = 40, 5
@@ -77,7 +77,7 @@ def test_all_failed_tests_are_recorded_except_for_missing_velocities():
     quality = record().quality.copy()
     quality[3, 4] = MISSING
     flagged = flag_quality(record(east=east, pitch_deg=pitch, quality=quality), 500.0)
-    names = {name for name in TESTS if flagged.tests[3, 2] & MASKS[name]}
+    names = {name for name in MASKS if flagged.tests[3, 2] & MASKS[name]}
     assert names == {"low_percent_good", "impossible_speed", "steep_tilt"}
     assert flagged.tests[3, 4] == 0 and flagged.quality[3, 4] == MISSING
     assert flagged.counts["impossible_speed"] == 0 and flagged.counts["steep_tilt"] == 2  # of those good before
@@ -98,9 +98,11 @@ def test_archive_stores_tests_with_masks_and_meanings(tmp_path):
     write(tmp_path / "corrected.nc", product)
     with netCDF4.Dataset(tmp_path / "corrected.nc") as nc:
         stored = nc["UCUR_QC_TESTS"]
-        assert stored.dimensions == ("TIME", "BIN") and stored.flag_meanings.split() == list(TESTS.values())
+        assert stored.dimensions == ("TIME", "BIN") and stored.flag_meanings.split() == [
+            check.meaning for check in CHECKS
+        ]
         assert (
-            stored.flag_masks.tolist() == [1 << k for k in range(len(TESTS))]
+            stored.flag_masks.tolist() == [1 << k for k in range(len(CHECKS))]
             and stored.flag_masks.dtype == stored.dtype
         )
         doubtful = nc["HEADING_CORRECTED_QC"][:] >= PROBABLY_BAD

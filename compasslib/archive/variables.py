@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.preparation.quality import MASKS, TESTS
+from compasslib.preparation.quality import CHECKS, MASKS
 from compasslib.records import PROFILES as PROFILE_KEYS
 
 FILL = 99999.0
@@ -119,7 +119,7 @@ def channel_variable(name: str, unit: str) -> Variable:
 
 
 _ON_SCALE = {"units_metadata": "temperature: on_scale"}
-_TESTS = {"flag_masks": np.array(list(MASKS.values())), "flag_meanings": " ".join(TESTS.values())}
+_TESTS = {"flag_masks": np.array(list(MASKS.values())), "flag_meanings": " ".join(check.meaning for check in CHECKS)}
 
 RECORD = {
     "time_s": _SECONDS,

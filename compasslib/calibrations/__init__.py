@@ -19,7 +19,7 @@ A compass turned on a bench, with a deviation of one cycle:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -74,12 +74,10 @@ def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any
     Raises:
         InputError: a file cannot be read.
     """
-    from compasslib.calibrations.budget import too_exact
-
     offered, module = KINDS[kind].formats, import_module(f"compasslib.calibrations.{KINDS[kind].module}")
     form = settings.get("format") or offered[0]
     series = set(settings.get("observatory") or ())  # these have another format
     tables = [file for file in files if str(file) not in series]
     with detect.format_hints(form, tables, offered=offered, advice="correct file or kind in the calibration's file"):
         made: Calibration = module.calibrate(files, resolve_settings(settings))
-    return replace(made, warnings=(*made.warnings, *too_exact(made.residual_rms_deg)))
+    return made

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.calibrations.budget import too_exact
 from compasslib.calibrations.curves import EMPIRICAL
 from compasslib.calibrations.result import LETTERS
 from compasslib.deviation.exact import fit_exact, smooth_density
@@ -33,10 +32,6 @@ from compasslib.types import Floats
 
 METHOD, GIVEN = "calibration", "coefficients"
 HEADINGS_DEG = np.arange(0.0, 360.0, 5.0)
-MAX_CHI_SQUARE = 36.0  # chi-square of four coefficients: by chance once in four million
-MIN_CONTRADICTION_DEG = 5.0
-SAME_FIELD = 0.05  # relative change of the horizontal field within which an empirical curve remains valid
-MIN_NOISE_DEG, MAX_NOISE_DEG = 0.8, 8.0  # bounds of the compass noise for the decision between branches
 
 
 def carry_to_mooring(
@@ -47,6 +42,8 @@ def carry_to_mooring(
     *,
     parts: Sequence[str] = (),
     iron_nT: float = IRON_NT,
+    min_noise_deg: float = 0.8,
+    max_noise_deg: float = 8.0,
 ) -> DeviationFit:
     """Transfer the exact compass of calibrations to a mooring's field; no coefficients if that is impossible.
 
@@ -55,6 +52,7 @@ def carry_to_mooring(
     Args:
         parts: parts near the mooring's compass.
         iron_nT: prior standard deviation of hard and of induced iron, see ``transfer_coefficients``.
+        min_noise_deg, max_noise_deg: bounds of the compass noise for the decision between branches.
     """
     if missing := [f"calibration {each['name']}: {why}" for each in contents if (why := _missing_part(each, field))]:
         return DeviationFit(METHOD, len(pairs), why="; ".join(missing))
@@ -62,13 +60,12 @@ def carry_to_mooring(
     names = " and ".join(content["name"] for content in contents)
     named = [f"calibration {names}: {transferred.warning}"] if transferred.warning else []
     for content in contents:
-        exact, others = too_exact(content["residual_rms_deg"]), other_parts(content.get("parts", ()), parts)
-        warnings = (*content.get("doubts", ()), *exact, others)
+        warnings = (*content.get("doubts", ()), other_parts(content.get("parts", ()), parts))
         named += [f"calibration {content['name']}: {warning}" for warning in warnings if warning]
     if len(contents) > 1:
         named.append(_change(contents, transferred.each)["text"])
     scatter = max(content["residual_rms_deg"] or 0.0 for content in contents)
-    noise = ScatterNoise(compass_deg=float(np.clip(scatter, MIN_NOISE_DEG, MAX_NOISE_DEG)))
+    noise = ScatterNoise(compass_deg=float(np.clip(scatter, min_noise_deg, max_noise_deg)))
     known = transferred.coefficients, transferred.covariance
     fit = DeviationFit(METHOD, len(pairs), *known, noise=noise, warnings=tuple(named))
     return evaluate_on_record(fit, record, pairs)
@@ -145,10 +142,15 @@ def evaluate_on_record(fit: DeviationFit, record: Record, pairs: Pairs) -> Devia
     )
 
 
-def contradiction(fit: DeviationFit, pairs: Pairs) -> str:
+def contradiction(
+    fit: DeviationFit, pairs: Pairs, *, max_chi_square: float = 36.0, min_contradiction_deg: float = 5.0
+) -> str:
     """Explain why a calibration contradicts the compass fitted to the pairs; empty if it does not.
 
     A constant difference is ignored, as the mounting or a mean veer may cause it.
+
+    Args:
+        max_chi_square: chi-square of four coefficients: by chance once in four million.
     """
     fitted = fit_exact(pairs)
     if not (fit.fitted and fitted.fitted):
@@ -158,7 +160,7 @@ def contradiction(fit: DeviationFit, pairs: Pairs) -> str:
     chi_square = float(off @ np.linalg.solve(both[iron, iron], off))
     turned = [compass.recorded_heading(np.append(0.0, each.coefficients[iron]), HEADINGS_DEG) for each in (fitted, fit)]
     size = angles.rms(angles.difference(*turned))
-    if chi_square < MAX_CHI_SQUARE or size < MIN_CONTRADICTION_DEG:
+    if chi_square < max_chi_square or size < min_contradiction_deg:
         return ""
     return (
         f"it differs from the compass that the overlap with the reference shows by {size:.0f}° rms, more than the "
@@ -178,7 +180,12 @@ def origin(contents: Sequence[Mapping[str, Any]], field: EarthField, iron_nT: fl
     return {"calibration": sources[0]} | after | change
 
 
-def _missing_part(content: Mapping[str, Any], field: EarthField) -> str:
+def _missing_part(content: Mapping[str, Any], field: EarthField, *, same_field: float = 0.05) -> str:
+    """Explain why a calibration cannot be carried to a mooring; empty if it can.
+
+    Args:
+        same_field: relative change of the horizontal field within which an empirical curve remains valid.
+    """
     if content["exact"] is None:
         return content["why"] or "it has no coefficients of the exact compass, its headings do not determine them"
     if not np.isfinite(np.array(content["exact"]["covariance"], dtype=float)).all():
@@ -186,11 +193,11 @@ def _missing_part(content: Mapping[str, Any], field: EarthField) -> str:
     if content["place"]["field"] is None:
         return "its place or date is unknown, so that its coefficients cannot be carried to the mooring's field"
     ratio = float(np.mean(field.horizontal_nT)) / content["place"]["field"]["horizontal_nT"]
-    if content["model"] == EMPIRICAL.name and abs(ratio - 1.0) > SAME_FIELD:
+    if content["model"] == EMPIRICAL.name and abs(ratio - 1.0) > same_field:
         return (
             "its curve is empirical, and how much of it iron makes, which the field changes, is unknown: the level "
             f"field of the mooring is {ratio:.2f} of the calibration's; calibrate where it is the same within "
-            f"{100.0 * SAME_FIELD:.0f} %, correct the instrument's table and calibrate again, or fit a reference"
+            f"{100.0 * same_field:.0f} %, correct the instrument's table and calibrate again, or fit a reference"
         )
     return ""
 

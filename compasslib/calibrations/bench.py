@@ -21,14 +21,16 @@ from compasslib.calibrations.curves import FittedCurve
 from compasslib.readers import iaga2002
 from compasslib.types import Floats
 
-MAX_STEPS = 1.5  # largest distance of a reading from the nearest sample, in steps of the series
-MIN_DIRECTIONS = 4  # of a spun instrument
 
-
-def correct_field(reference_deg: Floats, time_s: Floats, files: Sequence[str]) -> tuple[Floats, dict[str, Any]]:
+def correct_field(
+    reference_deg: Floats, time_s: Floats, files: Sequence[str], *, max_steps: float = 1.5
+) -> tuple[Floats, dict[str, Any]]:
     """Correct reference directions, (n,), for changes of the declination about its mean over the readings.
 
     Readings at an unknown time or far from any sample are not corrected.
+
+    Args:
+        max_steps: largest distance of a reading from the nearest sample, in steps of the series.
 
     Raises:
         InputError: a file cannot be read.
@@ -40,7 +42,7 @@ def correct_field(reference_deg: Floats, time_s: Floats, files: Sequence[str]) -
         text = f"{series.station} has no declination at the times of the readings, which stay uncorrected"
         return reference_deg, {"station": series.station, "corrected": 0, "range_deg": None, "text": text}
     nearest = np.array([np.min(np.abs(at - t)) if np.isfinite(t) else np.inf for t in time_s])
-    near = nearest <= MAX_STEPS * np.median(np.diff(at))
+    near = nearest <= max_steps * np.median(np.diff(at))
     change = np.zeros(reference_deg.shape)
     change[near] = np.interp(time_s[near], at, declination)
     change[near] -= np.mean(change[near]) if near.any() else 0.0
@@ -54,16 +56,25 @@ def correct_field(reference_deg: Floats, time_s: Floats, files: Sequence[str]) -
 
 
 def measure_homogeneity(
-    reference_deg: Floats, recorded_deg: Floats, spun_reference_deg: Floats, spun_recorded_deg: Floats
+    reference_deg: Floats,
+    recorded_deg: Floats,
+    spun_reference_deg: Floats,
+    spun_recorded_deg: Floats,
+    *,
+    min_directions: int = 4,
 ) -> dict[str, Any]:
-    """Compare an instrument spun in place, (m,), with the curve fitted to the rotated platform, (n,), degrees."""
+    """Compare an instrument spun in place, (m,), with the curve fitted to the rotated platform, (n,), degrees.
+
+    Args:
+        min_directions: of a spun instrument.
+    """
     points = curves.deviation_points(recorded_deg, reference_deg)
     fits = [curves.fit_curve(form, points) for form in (curves.SMITH, curves.EXACT)]
     fitted = [fit for fit in fits if isinstance(fit, FittedCurve)]
     observed = angles.difference(spun_reference_deg, spun_recorded_deg)
     known, unknown = np.isfinite(observed), {"max_deg": None, "mean_deg": None}
-    if not fitted or known.sum() < MIN_DIRECTIONS:
-        few = f"{known.sum()} directions of the spun instrument, at least {MIN_DIRECTIONS} tell it"
+    if not fitted or known.sum() < min_directions:
+        few = f"{known.sum()} directions of the spun instrument, at least {min_directions} tell it"
         return {**unknown, "text": f"The homogeneity of the field is not determined: {few if fitted else fits[0]}"}
     off = angles.difference(observed[known], curves.select_curve(fitted).deviation(spun_recorded_deg[known]))
     largest, mean = float(off[np.argmax(np.abs(off))]), float(np.mean(off))
@@ -78,10 +89,7 @@ def measure_homogeneity(
 
 DIPOLE = 3.0  # exponent of the decrease with distance
 FAR_SIZES = 2.0  # distance, in sizes of the object, beyond which it may be a dipole
-MIN_DISTANCES = 4  # needed to fit an exponent
 EXPONENTS = np.arange(0.5, 8.001, 0.01)
-TWO_SIGMA_CHI2 = 4.0  # growth of chi-squared at the ends of an interval of 95 %, one parameter
-MIN_P_VALUE = 0.01  # below which changes are not those of a dipole
 SAFE_DEG = 0.5  # harmless change of the deviation
 
 
@@ -107,8 +115,12 @@ class ObjectChange:
         return float(np.sqrt(along @ (self.own + self.common) @ along))
 
 
-def describe_object(changes: Sequence[ObjectChange], size_m: float) -> dict[str, Any]:
-    """Describe the changes by an object, nearest first, their decrease with distance and the safe distance."""
+def describe_object(changes: Sequence[ObjectChange], size_m: float, *, min_distances: int = 4) -> dict[str, Any]:
+    """Describe the changes by an object, nearest first, their decrease with distance and the safe distance.
+
+    Args:
+        min_distances: needed to fit an exponent.
+    """
     near = [each for each in changes if each.distance_m <= FAR_SIZES * size_m]
     far = changes[len(near) :]
     rows = [
@@ -123,13 +135,25 @@ def describe_object(changes: Sequence[ObjectChange], size_m: float) -> dict[str,
         texts.append(f"At {where} it is nearer than twice its size and no dipole: nothing follows for other distances.")
     content: dict[str, Any] = {"changes": rows, "p_value": None, "exponent": None, "safe_distance_m": None}
     if far:
-        fall, sentences = _describe_fall(far, size_m, exponent=len(changes) >= MIN_DISTANCES and not near)
+        fall, sentences = _describe_fall(far, size_m, exponent=len(changes) >= min_distances and not near)
         content, texts = content | fall, texts + sentences
     return content | {"text": " ".join(texts)}
 
 
-def _describe_fall(far: Sequence[ObjectChange], size_m: float, *, exponent: bool) -> tuple[dict[str, Any], list[str]]:
-    """Describe the decrease of changes beyond twice an object's size: content for JSON, and sentences."""
+def _describe_fall(
+    far: Sequence[ObjectChange],
+    size_m: float,
+    *,
+    exponent: bool,
+    two_sigma_chi2: float = 4.0,
+    min_p_value: float = 0.01,
+) -> tuple[dict[str, Any], list[str]]:
+    """Describe the decrease of changes beyond twice an object's size: content for JSON, and sentences.
+
+    Args:
+        two_sigma_chi2: growth of chi-squared at the ends of an interval of 95 %, one parameter.
+        min_p_value: below which changes are not those of a dipole.
+    """
     from scipy.special import chdtrc  # imported late: only needed for objects
 
     strength, covariance, misfit = fit_fall(far, DIPOLE)
@@ -137,11 +161,11 @@ def _describe_fall(far: Sequence[ObjectChange], size_m: float, *, exponent: bool
     content, texts = dict[str, Any](p_value=p_value), list[str]()
     if exponent:
         misfits = fit_fall(far, EXPONENTS)[2]
-        within = EXPONENTS[misfits <= misfits.min() + TWO_SIGMA_CHI2]
+        within = EXPONENTS[misfits <= misfits.min() + two_sigma_chi2]
         best = float(EXPONENTS[np.argmin(misfits)])
         content["exponent"] = n = {"value": best, "low": float(within[0]), "high": float(within[-1])}
         texts.append(f"They fall with the power {n['value']:.1f} of the distance ({n['low']:.1f} to {n['high']:.1f}).")
-    if p_value is not None and p_value < MIN_P_VALUE:
+    if p_value is not None and p_value < min_p_value:
         return content, [*texts, "No dipole falls so: no safe distance follows."]
     content["safe_distance_m"] = safe = safe_distance(strength, covariance, FAR_SIZES * size_m)
     law = "By a dipole's fall, which " + ("one distance cannot test" if p_value is None else "they fit")

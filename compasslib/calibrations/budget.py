@@ -18,7 +18,6 @@ from compasslib import angles
 
 FIT_RESIDUAL, MAKER_ACCURACY = "fit_residual", "maker_accuracy_deg"
 LE_MENN = "le_menn"
-TOO_EXACT_DEG = 1e-4  # rms residual that is too small for readings of an instrument
 PAPER_NT, PAPER_FIELD_NT = (60.0, 75.0), 22000.0  # field changes without and with noise, and horizontal field
 COVERAGE_FACTOR = 2.0  # k of an expanded uncertainty (Le Menn et al. 2023, section 2)
 PLATFORM, TILT = "platform", "tilt"
@@ -125,13 +124,3 @@ def common(rows: tuple[Source, ...]) -> float:
 def expanded(rows: tuple[Source, ...]) -> float:
     """Compute the expanded uncertainty (k = 2) of independent rows, degrees."""
     return COVERAGE_FACTOR * combined(rows)
-
-
-def too_exact(residual_rms_deg: float | None) -> tuple[str, ...]:
-    """Warn if a curve leaves no residual; the rms is None or NaN without a curve."""
-    if residual_rms_deg is None or not residual_rms_deg < TOO_EXACT_DEG:
-        return ()
-    return (
-        "the curve leaves no residual, which no instrument does: one column may have been computed from the other; "
-        "the stated uncertainty includes no reading error",
-    )

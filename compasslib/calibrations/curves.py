@@ -20,17 +20,7 @@ from compasslib.deviation.series import series_design
 from compasslib.types import Floats
 
 CIRCLE_DEG = np.arange(0.0, 360.0, 5.0)
-# Largest standard error of a determined curve anywhere on the circle, in units of the scatter of one reading.
-MAX_VAGUENESS = 3.0
 POLYNOMIAL_DEGREE = 6
-HARMONICS = 6  # of an empirical curve
-MAX_RESIDUAL_DEG = 10.0  # rms residual beyond which a curve is rejected
-MIN_DOF_TO_SELECT = 3  # degrees of freedom; with fewer, a selection would be random
-EXPANDED_SHARE = 0.9545  # probability within two standard deviations of a normal distribution
-MIN_GAIN_SIGMAS = 2.0  # required gain of a form with more coefficients, in standard errors of the gain
-EXACT_STEPS = 20  # two suffice for readings of a real compass
-EXACT_TOLERANCE = 1e-9
-MIN_SLOPE = 0.3  # lower bound of the slope near a fold, where errors of the correct heading would diverge
 
 
 @dataclass(frozen=True)
@@ -132,11 +122,19 @@ def student_widening(dof: int) -> float:
     """
     from scipy.special import stdtrit  # imported late: only fits need it
 
-    return float(stdtrit(dof, (1.0 + EXPANDED_SHARE) / 2.0)) / 2.0
+    return float(stdtrit(dof, 0.97725)) / 2.0
 
 
-def fit_curve(form: CurveForm, points: Points) -> FittedCurve | str:
-    """Fit a form to points at distinct headings; if it cannot be fitted, give the reason instead."""
+def fit_curve(
+    form: CurveForm, points: Points, *, max_vagueness: float = 3.0, max_residual_deg: float = 10.0
+) -> FittedCurve | str:
+    """Fit a form to points at distinct headings; if it cannot be fitted, give the reason instead.
+
+    Args:
+        max_vagueness: largest standard error of a determined curve anywhere on the circle, in units of the scatter of
+            one reading.
+        max_residual_deg: rms residual beyond which a curve is rejected.
+    """
     if len(points) <= (needed := len(form.letters)):
         return f"{needed} coefficients need at least {needed + 1} headings, there are {len(points)}"
     solution = form.solve(points)
@@ -144,14 +142,14 @@ def fit_curve(form: CurveForm, points: Points) -> FittedCurve | str:
         return "no curve of this form passes near the points"
     by = form.around(solution.coefficients)
     vague = np.einsum("ni,ij,nj->n", by, solution.cofactor, by) * np.mean(points.weight)
-    if float(np.sqrt(np.max(vague))) > MAX_VAGUENESS or np.max(solution.leverage) > 1.0 - 1e-6:
+    if float(np.sqrt(np.max(vague))) > max_vagueness or np.max(solution.leverage) > 1.0 - 1e-6:
         return "the headings do not determine it: they leave too wide a gap in the circle"
     dof = len(points) - len(form.letters)
     variance = student_widening(dof) ** 2 * float(np.sum(solution.weight * solution.residual_deg**2)) / dof
     # Residuals of the recorded heading, divided by minus the slope, are those of the correct heading.
     slope = -1.0 / form.steepness(solution.coefficients, points) if form.steepness else np.ones(len(points))
     residual = slope * solution.residual_deg
-    if (off := angles.rms(residual)) > MAX_RESIDUAL_DEG:
+    if (off := angles.rms(residual)) > max_residual_deg:
         return f"it misses the readings by {off:.0f} degrees rms"
     mean_square = float(np.sum(points.weight * residual**2) / np.sum(points.weight))
     return FittedCurve(
@@ -165,18 +163,24 @@ def fit_curve(form: CurveForm, points: Points) -> FittedCurve | str:
     )
 
 
-def select_curve(curves: Sequence[FittedCurve]) -> FittedCurve:
+def select_curve(
+    curves: Sequence[FittedCurve], *, min_dof_to_select: int = 3, min_gain_sigmas: float = 2.0
+) -> FittedCurve:
     """Select the first curve, unless another one predicts left-out points better.
 
     A form with more coefficients must be better by twice the standard error of the difference, one with as many just
     better. Forms with fewer are not considered: they are contained in the first, and their uncertainty would neglect
     the omitted terms. With too few degrees of freedom the first curve is returned.
+
+    Args:
+        min_dof_to_select: degrees of freedom; with fewer, a selection would be random.
+        min_gain_sigmas: required gain of a form with more coefficients, in standard errors of the gain.
     """
     best = curves[0]
-    for other in (curve for curve in curves[1:] if curve.dof <= best.dof and best.dof >= MIN_DOF_TO_SELECT):
+    for other in (curve for curve in curves[1:] if curve.dof <= best.dof and best.dof >= min_dof_to_select):
         gain = best.left_out_deg**2 - other.left_out_deg**2
         same = len(other.form.letters) == len(best.form.letters)
-        needed = 0.0 if same else MIN_GAIN_SIGMAS * float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
+        needed = 0.0 if same else min_gain_sigmas * float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
         best = other if float(np.mean(gain)) > needed else best
     return best
 
@@ -215,7 +219,7 @@ POLYNOMIAL = series_form(
 
 def harmonic_design(recorded_deg: Floats) -> Floats:
     """Compute the columns 1, sin k, cos k up to the sixth harmonic, (n, 13)."""
-    columns = [np.stack(angles.sin_cos(k * np.asarray(recorded_deg)), axis=-1) for k in range(1, HARMONICS + 1)]
+    columns = [np.stack(angles.sin_cos(k * np.asarray(recorded_deg)), axis=-1) for k in range(1, 7)]
     return np.column_stack([np.ones(np.shape(recorded_deg)), *columns])
 
 
@@ -249,12 +253,12 @@ def fit_exact_compass(points: Points) -> LeastSquares | None:
     sine_off, cosine_off = angles.sin_cos(points.deviation_deg)
     columns = np.stack([cosine_off, sine, cosine, sine_sum, cosine_sum], axis=-1)
     coefficients = least_squares(columns, sine_off, points.weight).coefficients
-    for _ in range(EXACT_STEPS):
+    for _ in range(20):  # two steps suffice for readings of a real compass
         off = angles.difference(points.recorded_deg, compass.recorded_heading(coefficients, correct))
         weight = points.weight * _exact_weight(coefficients, correct)
         step = least_squares(compass.gradient(coefficients, correct).T, off, weight)
         coefficients = coefficients + step.coefficients
-        if np.max(np.abs(step.coefficients)) < EXACT_TOLERANCE:
+        if np.max(np.abs(step.coefficients)) < 1e-9:
             return replace(step, coefficients=coefficients, residual_deg=off)
         if not np.all(np.abs(coefficients) < 10.0):
             return None
@@ -273,10 +277,14 @@ def exact_gradient(coefficients: Floats, recorded_deg: Floats) -> Floats:
     return -(compass.gradient(coefficients, root) / compass.slope(coefficients, root)).T
 
 
-def recorded_slope(coefficients: Floats, points: Points) -> Floats:
-    """Compute d recorded / d correct heading at each point, bounded away from 0, (n,)."""
+def recorded_slope(coefficients: Floats, points: Points, *, min_slope: float = 0.3) -> Floats:
+    """Compute d recorded / d correct heading at each point, bounded away from 0, (n,).
+
+    Args:
+        min_slope: lower bound of the slope near a fold, where errors of the correct heading would diverge.
+    """
     slope = compass.slope(coefficients, points.recorded_deg + points.deviation_deg)
-    return np.where(slope < 0, -1.0, 1.0) * np.maximum(np.abs(slope), MIN_SLOPE)
+    return np.where(slope < 0, -1.0, 1.0) * np.maximum(np.abs(slope), min_slope)
 
 
 def exact_circle_design(coefficients: Floats) -> Floats:

@@ -22,26 +22,13 @@ from compasslib.records import EarthField, FieldSeries
 from compasslib.types import Floats
 
 KIND = "declination"
-STORM_DEG = 0.5  # rms over three hours from which a disturbance is listed as a storm
-FARTHEST_DEG = 0.5  # largest difference between the positions in header and YAML
 CONSTANT_HOW = "blocks of 27 days; under 135 days a middle latitude's spread of daily levels, assumed"
 AMBIGUITY = (
     "A includes the crustal field, the error of IGRF and an error of the observatory's azimuth mark; one series cannot "
     "separate them."
 )
-CRUST_NT = 600.0  # largest crustal field that is accepted, assumed; most stations have less than 300
-SUSPECT_NT = 200.0  # misfit from which a mistake that explains it several times better is reported
-IMPOSSIBLE_NT = 5000.0  # more than any crustal field at an observatory
-EXPLAINED, SUSPECTED = 3.0, 6.0  # factors by which undoing a mistake must reduce the misfit, above and below CRUST_NT
-MOST_LIKELY = 3
-BLOCK_S, YEAR_S = 27 * DAY_S, 365.25 * DAY_S
-FARTHEST_KM = 2000.0  # beyond which storms are hardly similar
-COVERED = 0.5  # fraction of a deployment that a series should cover
-NO_BASELINE_DEG, NO_BASELINE_SHARE = 0.3, 0.1  # largest declination and relative horizontal field without a baseline
+CRUST_NT = 600.0  # largest crustal field that is accepted; most stations have less than 300
 ADVICE = "correct the file's columns, units or place, or take the observatory's own file"
-EXCHANGES = {"X and Y": (1, 0, 2), "X and Z": (2, 1, 0), "Y and Z": (0, 2, 1)}
-TENS = {"ten times too small": 10.0, "ten times too large": 0.1, "a hundred times too small": 100.0,
-        "a hundred times too large": 0.01, "a thousand times too small": 1000.0}  # fmt: skip
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
@@ -59,13 +46,13 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     series = iaga2002.read(files)
     place, header = observatory.station_place(series, settings), (series.latitude, series.longitude)
     warnings = [*series.warnings]
-    if np.any(np.abs(angles.difference(place, header)) > FARTHEST_DEG):
+    if np.any(np.abs(angles.difference(place, header)) > 0.5):  # degrees
         warnings.append("the file has the station at {:g} N {:g} E; the YAML's place counts".format(*header))
     if why := observatory.too_short_reason(series):
         return Calibration(KIND, "none", 0, 0, details=_header(series, place), why=why, warnings=tuple(warnings))
     field = observatory.model_field(series, settings, str(files[0]))
     warnings += check_field(series, place)
-    compared = observatory.compare(series, field, limit_deg=STORM_DEG)
+    compared = observatory.compare(series, field)
     if compared.spikes:
         warnings.append(f"{compared.spikes} isolated outliers: spikes, or storms shorter than three hours")
     covariance = np.full((5, 5), np.nan)
@@ -177,8 +164,19 @@ def check_field(series: FieldSeries, place: tuple[float, float]) -> list[str]:
     return list(reversed(warnings.values()))
 
 
-def with_observatory_warnings(field: EarthField, files: Sequence[str | Path], place: Mapping[str, float]) -> EarthField:
+def with_observatory_warnings(
+    field: EarthField,
+    files: Sequence[str | Path],
+    place: Mapping[str, float],
+    *,
+    farthest_km: float = 2000.0,
+    covered_share: float = 0.5,
+) -> EarthField:
     """Add warnings about a mooring's observatory to the mooring's field: mistakes in its file, distance and coverage.
+
+    Args:
+        farthest_km: beyond which storms are hardly similar.
+        covered_share: of the deployment's days that the series should cover.
 
     Raises:
         InputError: a file cannot be read, or as for ``check_field``.
@@ -194,16 +192,16 @@ def with_observatory_warnings(field: EarthField, files: Sequence[str | Path], pl
         station, other = np.stack([cosine * north, cosine * east, sine], axis=-1)
         across = float(np.linalg.norm(np.cross(station, other)))
         apart = earthfield.DEGREE_KM * float(angles.argument(complex(station @ other, across)))
-        if apart > FARTHEST_KM:
+        if apart > farthest_km:
             warnings.append(
                 f"the observatory {series.station} is {apart:.0f} km from the mooring; disturbances are similar within "
-                f"some {FARTHEST_KM:.0f} km: use a nearer one, or check both positions"
+                f"some {farthest_km:.0f} km: use a nearer one, or check both positions"
             )
     # Where the series covers little of the deployment, most of the disturbance is taken as zero.
     days = np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / DAY_S))
     first, last = np.floor(field.time_s[[0, -1]] / DAY_S)
     covered = float(np.sum((days >= first) & (days <= last)) / (last - first + 1.0))
-    if covered < COVERED:
+    if covered < covered_share:
         warnings.append(
             f"the observatory {series.station} covers {100.0 * covered:.0f} % of the deployment's days; elsewhere the "
             "disturbance of the field is taken as zero"
@@ -214,7 +212,7 @@ def with_observatory_warnings(field: EarthField, files: Sequence[str | Path], pl
 def _medians(series: FieldSeries, place: tuple[float, float]) -> Iterator[FieldMedian]:
     """Yield the median field of each month of each file."""
     file = series.origin if len(series.origin) == len(series) else np.zeros(len(series), dtype=np.intp)
-    stretch = np.stack([file, np.floor(series.time_s / BLOCK_S).astype(np.intp)])
+    stretch = np.stack([file, np.floor(series.time_s / (observatory.BLOCK_DAYS * DAY_S)).astype(np.intp)])
     for number in np.unique(stretch, axis=1).T:
         part = np.all(stretch == number[:, None], axis=0)
         known = np.flatnonzero(part & np.isfinite(series.declination_deg))
@@ -229,22 +227,32 @@ def _medians(series: FieldSeries, place: tuple[float, float]) -> Iterator[FieldM
         yield FieldMedian(where, time_s, declination, horizontal, vertical, *place)
 
 
-def _field_warnings(median: FieldMedian) -> dict[tuple[str, ...], str]:
-    """Warn of likely mistakes in one month's field; raise an error if its declination cannot be right."""
+def _field_warnings(
+    median: FieldMedian, *, impossible_nT: float = 5000.0, no_baseline: float = 0.1, no_baseline_deg: float = 0.3
+) -> dict[str, str]:
+    """Warn of one month's field if it is not the model's; raise an error if its declination cannot be right.
+
+    Args:
+        impossible_nT: more than any crustal field at an observatory.
+        no_baseline, no_baseline_deg: share of the model's horizontal field, and declination, below which a series is a
+            variation about zero.
+    """
     misfit = _misfit(median)
     across, worst = misfit.get("across", 0.0), max(misfit.values(), default=0.0)
-    if worst <= SUSPECT_NT or not np.isfinite(median.declination_deg):
+    if worst <= CRUST_NT or not np.isfinite(median.declination_deg):
         return {}
-    named = _likely_mistakes(median, worst / (EXPLAINED if worst > CRUST_NT else SUSPECTED))
-    sure = named if worst > CRUST_NT else []
-    if across > IMPOSSIBLE_NT or (sure and across > min(CRUST_NT, worst / EXPLAINED)):
+    declination, horizontal, _ = _model_field(median)
+    variation = abs(median.declination_deg) < no_baseline_deg < abs(declination)
+    variation |= median.horizontal_nT < no_baseline * horizontal
+    why = (
+        "a variation about zero: the baseline is missing"
+        if variation
+        else (f"rocks rarely make more than {CRUST_NT:.0f} nT; check columns, units, place and dates")
+    )
+    if variation or across > impossible_nT:
         expected = f"about {_describe_model(median)}, as IGRF has"
-        raise InputError(median.where, expected=expected, found=_describe_field(median, named), advice=ADVICE)
-    if worst <= CRUST_NT and not (named and len(misfit) > 1):
-        return {}
-    unnamed = f"rocks rarely make more than {CRUST_NT:.0f} nT; check columns, units, place and dates"
-    text = f"{median.where}: {_describe_field(median, named or [unnamed])}, where IGRF has {_describe_model(median)}"
-    return {(median.where, *named): text}
+        raise InputError(median.where, expected=expected, found=_describe_field(median, why), advice=ADVICE)
+    return {median.where: f"{median.where}: {_describe_field(median, why)}, where IGRF has {_describe_model(median)}"}
 
 
 def _misfit(median: FieldMedian) -> dict[str, float]:
@@ -264,82 +272,6 @@ def _model_field(median: FieldMedian) -> tuple[float, float, float]:
     return float(declination[0]), float(horizontal[0]), float(vertical[0])
 
 
-def _likely_mistakes(median: FieldMedian, below: float) -> list[str]:
-    """List the mistakes whose correction makes the field agree with the model, likeliest first."""
-    known, fits = set(_misfit(median)), {text: _misfit(undone) for text, undone in _corrections(median).items()}
-    sizes = [(max(misfit.values()), text) for text, misfit in fits.items() if set(misfit) == known]
-    likely = sorted((size, text) for size, text in sizes if size < min(below, CRUST_NT))
-    if not likely and below >= CRUST_NT / EXPLAINED:
-        likely = _other_year(median, below)
-    declination, horizontal, _ = _model_field(median)
-    about_zero = abs(median.declination_deg) < NO_BASELINE_DEG < abs(declination)
-    if not likely and (about_zero or median.horizontal_nT < NO_BASELINE_SHARE * horizontal):
-        return ["a variation about zero: the baseline is missing"]
-    best = likely[0][0] if likely else 0.0
-    return [text for size, text in likely if size <= max(2.0 * best, SUSPECT_NT)][:MOST_LIKELY]
-
-
-def _corrections(median: FieldMedian) -> dict[str, FieldMedian]:
-    """Map the description of each mistake that a parser does not detect to the field without it."""
-    degrees = median.declination_deg
-    sine, cosine = (float(x) for x in angles.sin_cos(degrees))
-    xyz = np.array([median.horizontal_nT * cosine, median.horizontal_nT * sine, median.vertical_nT])
-
-    def with_declination(declination_deg: float) -> FieldMedian:
-        return replace(median, declination_deg=float(angles.wrap180(declination_deg)))
-
-    def with_vector(vector: Floats) -> FieldMedian:
-        north, east, down = (float(x) for x in vector)
-        declination, horizontal = float(angles.wrap180(angles.direction(east, north))), float(np.hypot(north, east))
-        return replace(median, declination_deg=declination, horizontal_nT=horizontal, vertical_nT=down)
-
-    def scaled(k: int, by: float) -> FieldMedian:
-        return with_vector(xyz * np.where(np.arange(3) == k, by, 1.0))
-
-    latitude, longitude = median.latitude, float(angles.wrap180(median.longitude))
-    places = {
-        "the longitude's sign looks exchanged, east is positive": (latitude, -longitude),
-        "the latitude's sign looks exchanged, north is positive": (-latitude, longitude),
-        "latitude and longitude look exchanged": (longitude, latitude),
-        "the latitude looks like a colatitude": (90.0 - latitude, longitude),
-    }
-    exchanged = replace(median, horizontal_nT=abs(median.vertical_nT), vertical_nT=median.horizontal_nT)
-    looks_like_degrees = f"D looks like degrees, {60.0 * degrees:+.2f}, where IAGA-2002 has minutes of arc"
-    corrections = {
-        f"{looks_like_degrees}: multiply it by 60": with_declination(60.0 * degrees),
-        "D looks like radians, where IAGA-2002 has minutes of arc": with_declination(60.0 / angles.DEGREE * degrees),
-        "D looks like tenths of a minute of arc": with_declination(0.1 * degrees),
-        "D looks like seconds of arc, where IAGA-2002 has minutes": with_declination(1.0 / 60.0 * degrees),
-        "the sign of D (or of Y) looks exchanged, IAGA-2002 counts east positive": with_declination(-degrees),
-        "the signs of X and Y look exchanged, or D counts from south": with_declination(degrees + 180.0),
-        "the sign of X looks exchanged": with_declination(180.0 - degrees),
-        "the columns H and Z look exchanged": exchanged,
-        "the sign of Z looks exchanged, it counts downward": scaled(2, -1.0),
-    }
-    for names, order in EXCHANGES.items():
-        corrections[f"the columns {names} look exchanged"] = with_vector(xyz[list(order)])
-    for text, by in TENS.items():
-        corrections |= {f"{name} looks {text}": scaled(k, by) for k, name in enumerate("XYZ")}
-        corrections[f"H looks {text}"] = replace(median, horizontal_nT=by * median.horizontal_nT)
-    for text, (north, east) in places.items():
-        if abs(north) <= 90.0:
-            corrections[text] = replace(median, latitude=north, longitude=east)
-    return corrections
-
-
-def _other_year(median: FieldMedian, below: float) -> list[tuple[float, str]]:
-    """Find the year whose model field agrees with the series, if all components are known and fit far better."""
-    if not np.isfinite(median.horizontal_nT + median.vertical_nT):
-        return []
-    years = np.arange(earthfield.FIRST_YEAR, earthfield.LAST_YEAR)
-    times = (years + 0.5 - 1970.0) * YEAR_S
-    off = [max(_misfit(replace(median, time_s=float(time_s))).values()) for time_s in times]
-    best = int(np.argmin(off))
-    if off[best] >= min(below, SUSPECT_NT):
-        return []
-    return [(off[best], f"the field is that of about {years[best]}: the dates look wrong")]
-
-
 def _describe_model(median: FieldMedian) -> str:
     declination, horizontal, vertical = _model_field(median)
     return (
@@ -348,10 +280,9 @@ def _describe_model(median: FieldMedian) -> str:
     )
 
 
-def _describe_field(median: FieldMedian, named: Sequence[str]) -> str:
+def _describe_field(median: FieldMedian, why: str) -> str:
     horizontal, vertical = (
         f", {name} {value:{form}} nT" if np.isfinite(value) else ""
         for name, value, form in (("H", median.horizontal_nT, ".0f"), ("Z", median.vertical_nT, "+.0f"))
     )
-    why = f" ({'; or '.join(named)})" if named else ""
-    return f"D {median.declination_deg:+.2f} degrees{horizontal}{vertical}{why}"
+    return f"D {median.declination_deg:+.2f} degrees{horizontal}{vertical} ({why})"

@@ -35,19 +35,8 @@ from compasslib.types import DAY_S, HOUR_S, Bools, Floats
 MIN_SHARE = 0.5  # fraction of the samples required for a mean
 WINDOW_S = 3 * HOUR_S
 APART_S = 24 * HOUR_S  # windows farther apart belong to separate storms
-MIN_WITHOUT_LARGEST = 0.5  # fraction of the limit required of a window without its largest value, lest that be a spike
-HALF, QUARTER, MAX_STRETCHES = 0.5, 0.25, 12  # fractions of the maximum; with more stretches, all is disturbed
-STORM_FACTOR, MIN_DAYS = 3.0, 5  # least ratio of a storm to the median disturbance, in records of MIN_DAYS or more
-BIN_S = 600.0  # averaging interval of denser samples; reduces the noise of one-minute values
-MIN_HOURS = 12
-NEAR_DAYS, MIN_NEAR = 4, 5  # slow level: half width of the running median, and least number of days in it
-QUIET_SHARE = 0.2  # fraction of the days that form the quiet-day curve
-WHOLE_DAY = 0.9  # fraction of its samples required of a quiet day
-BLOCK_DAYS, MIN_BLOCKS = 27, 5  # a rotation of the sun
-WHOLE_YEAR_DAYS = 330
-# Standard deviation of daily means about the annual mean, share of the disturbance added to it, and standard deviation
-# of seasonal means. Tuned to Eskdalemuir 1980 and 2003, on which the benchmark measures coverage: no independent check.
-DAY_LEVEL_DEG, DISTURBANCE_SHARE, SEASON_DEG = 0.016, 0.4, 0.006
+MIN_DAYS = 5  # of a record from which its usual day and disturbance are known
+BLOCK_DAYS = 27  # a rotation of the sun
 
 
 @dataclass(frozen=True)
@@ -143,15 +132,19 @@ def hourly_median(time_s: Floats, off: Floats, chosen: Bools) -> Floats:
     return curve - np.median(curve)
 
 
-def strongest_disturbance(time_s: Floats, off_deg: Floats) -> tuple[float, float]:
-    """Find start and end of the strongest disturbance, or of the record if that is disturbed throughout."""
+def strongest_disturbance(time_s: Floats, off_deg: Floats, *, max_stretches: int = 12) -> tuple[float, float]:
+    """Find start and end of the strongest disturbance, or of the record if that is disturbed throughout.
+
+    Args:
+        max_stretches: fractions of the maximum; with more stretches, all is disturbed.
+    """
     size, _ = three_hour_rms(time_s, off_deg)
-    at = np.flatnonzero(size >= HALF * size.max())
+    at = np.flatnonzero(size >= 0.5 * size.max())
     groups = np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1)
     strongest = next(group for group in groups if np.argmax(size) in group)
-    if len(groups) > MAX_STRETCHES or not size.max():
+    if len(groups) > max_stretches or not size.max():
         return float(time_s[0]), float(time_s[-1])
-    clear = strongest[np.abs(off_deg[strongest]) >= QUARTER * np.abs(off_deg[strongest]).max()]
+    clear = strongest[np.abs(off_deg[strongest]) >= 0.25 * np.abs(off_deg[strongest]).max()]
     return float(time_s[clear[0]]), float(time_s[clear[-1]])
 
 
@@ -171,23 +164,29 @@ def three_hour_rms(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
     return np.where(full, np.sqrt(total / count), 0.0), np.where(full, without_largest, 0.0)
 
 
-def storms(time_s: Floats, off: Floats, limit_deg: float) -> tuple[Bools, list[tuple[float, ...]], float, int]:
+def storms(
+    time_s: Floats, off: Floats, limit_deg: float, *, min_without_largest: float = 0.5, storm_factor: float = 3.0
+) -> tuple[Bools, list[tuple[float, ...]], float, int]:
     """Detect storms in the declination without level and quiet-day curve, (n,) degrees.
+
+    Args:
+        min_without_largest: fraction of the limit required of a window without its largest value, lest that be a spike.
+        storm_factor: least ratio of a storm to the median disturbance, in records of MIN_DAYS or more.
 
     Returns:
         Mask of disturbed values; begin, end, rms and worst three-hour rms of each storm; median disturbance; spikes.
     """
     size, without_largest = three_hour_rms(time_s, off)
     ordinary = float(np.median(size)) if np.ptp(time_s) >= MIN_DAYS * DAY_S else 0.0
-    limit = max(limit_deg, STORM_FACTOR * ordinary)
-    core = (size >= limit) & (without_largest >= MIN_WITHOUT_LARGEST * limit)
+    limit = max(limit_deg, storm_factor * ordinary)
+    core = (size >= limit) & (without_largest >= min_without_largest * limit)
     spikes = int(np.sum((size >= limit) & ~core & (np.abs(off) >= limit)))
     stormy, within = core, time_s[core]
     if len(within):
         near = np.clip(np.searchsorted(within, time_s), 1, len(within))
         before, after = within[near - 1], within[np.minimum(near, len(within) - 1)]
         stormy = np.minimum(np.abs(time_s - before), np.abs(after - time_s)) <= WINDOW_S / 2.0
-    at = np.flatnonzero(stormy & (np.abs(off) >= MIN_WITHOUT_LARGEST * limit))
+    at = np.flatnonzero(stormy & (np.abs(off) >= min_without_largest * limit))
     groups = np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1) if len(at) else []
     half = float(np.median(np.diff(time_s))) / 2.0
     spans = [slice(g[0], g[-1] + 1) for g in groups]
@@ -258,14 +257,28 @@ def station_place(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[flo
 def too_short_reason(series: FieldSeries) -> str:
     """Explain why a series is too short to be compared with a model; empty if it is not."""
     hours = len(np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / HOUR_S)))
-    if hours >= MIN_HOURS:
+    if hours >= 12:
         return ""
-    return f"the series has a declination in {hours} hours; {MIN_HOURS} are needed"
+    return f"the series has a declination in {hours} hours; 12 are needed"
 
 
-def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> FieldComparison:
-    """Separate observed minus model declination into level, quiet-day curve and storms above a three-hour rms."""
-    time_s, observed = average(series, BIN_S)
+def compare(
+    series: FieldSeries,
+    model: EarthField,
+    *,
+    limit_deg: float = 0.5,
+    bin_s: float = 600.0,
+    near_days: int = 4,
+    min_near: int = 5,
+) -> FieldComparison:
+    """Separate observed minus model declination into level, quiet-day curve and storms.
+
+    Args:
+        limit_deg: rms over three hours from which a disturbance is a storm.
+        bin_s: averaging interval of denser samples; reduces the noise of one-minute values.
+        near_days, min_near: slow level: half width of the running median, and least number of days in it.
+    """
+    time_s, observed = average(series, bin_s)
     by_model = earthfield.declination_at(model, time_s)
     off = angles.difference(observed, by_model)
     by_day, which_day = np.unique(np.floor(time_s / DAY_S), return_inverse=True)
@@ -275,7 +288,7 @@ def compare(series: FieldSeries, model: EarthField, *, limit_deg: float) -> Fiel
         middle = np.array([np.median(part) for part in np.split(off, begins[1:])])
         first = hourly_median(time_s, off - middle[which_day], np.ones(len(off), dtype=bool))
     levels, days = _levels(time_s, off - interpolate_daily_curve(first, time_s))
-    level = _running_median(days, levels, NEAR_DAYS, MIN_NEAR)[np.searchsorted(days, np.floor(time_s / DAY_S))]
+    level = _running_median(days, levels, near_days, min_near)[np.searchsorted(days, np.floor(time_s / DAY_S))]
     rough = off - level - interpolate_daily_curve(first, time_s)
     quiet = _quiet_days(time_s, rough, storms(time_s, rough, limit_deg)[0])
     curve = hourly_median(time_s, off - level, quiet) if quiet.any() else first
@@ -320,26 +333,51 @@ def _levels(time_s: Floats, off: Floats) -> tuple[Floats, Floats]:
     return np.array([np.median(x[r <= np.median(r)]) for x, r in parts]), days
 
 
-def _quiet_days(time_s: Floats, rough: Floats, stormy: Bools) -> Bools:
-    """Select the values of the quietest days, among complete ones without storms."""
+def _quiet_days(
+    time_s: Floats, rough: Floats, stormy: Bools, *, quiet_share: float = 0.2, whole_day: float = 0.9
+) -> Bools:
+    """Select the values of the quietest days, among complete ones without storms.
+
+    Args:
+        quiet_share: fraction of the days that form the quiet-day curve.
+        whole_day: fraction of its samples required of a quiet day.
+    """
     number = np.floor(time_s / DAY_S)
     days, which, count = np.unique(number, return_inverse=True, return_counts=True)
     step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else HOUR_S
-    whole = (count * step >= WHOLE_DAY * DAY_S) & (np.bincount(which, stormy) == 0)
+    whole = (count * step >= whole_day * DAY_S) & (np.bincount(which, stormy) == 0)
     if not whole.any():
         return np.zeros(len(time_s), dtype=bool)
     about = rough - (np.bincount(which, rough) / count)[which]
     size = np.where(whole, np.bincount(which, about**2) / count, np.inf)
-    quietest = np.argsort(size)[: max(int(QUIET_SHARE * len(days)), 1)]
+    quietest = np.argsort(size)[: max(int(quiet_share * len(days)), 1)]
     return np.isin(which, quietest[np.isfinite(size[quietest])])
 
 
-def _constant_sigma(each_day: Floats, days: Floats, disturbed: Floats, limit_deg: float) -> float:
-    """Estimate the standard error of the constant from blocks of days, or from an assumed spread if these are few."""
-    spread = np.hypot(DAY_LEVEL_DEG, DISTURBANCE_SHARE * min(angles.rms(disturbed), limit_deg))
+def _constant_sigma(
+    each_day: Floats,
+    days: Floats,
+    disturbed: Floats,
+    limit_deg: float,
+    *,
+    min_blocks: int = 5,
+    whole_year_days: int = 330,
+    day_level_deg: float = 0.016,
+    disturbance_share: float = 0.4,
+    season_deg: float = 0.006,
+) -> float:
+    """Estimate the standard error of the constant from blocks of days, or from an assumed spread if these are few.
+
+    Args:
+        min_blocks: a rotation of the sun.
+        day_level_deg, disturbance_share, season_deg: standard deviation of daily means about the annual mean, share of
+            the disturbance added to it, and standard deviation of seasonal means. Tuned to Eskdalemuir 1980 and 2003,
+            on which the benchmark measures coverage: no independent check.
+    """
+    spread = np.hypot(day_level_deg, disturbance_share * min(angles.rms(disturbed), limit_deg))
     blocks = np.unique(np.floor(days / BLOCK_DAYS), return_inverse=True)[1]
-    if blocks[-1] + 1 < MIN_BLOCKS:
-        return float(np.hypot(spread / np.sqrt(len(days)), SEASON_DEG))
+    if blocks[-1] + 1 < min_blocks:
+        return float(np.hypot(spread / np.sqrt(len(days)), season_deg))
     each = np.array([np.median(each_day[blocks == k]) for k in range(blocks[-1] + 1)])
-    season = SEASON_DEG if np.ptp(days) < WHOLE_YEAR_DAYS else 0.0
+    season = season_deg if np.ptp(days) < whole_year_days else 0.0
     return float(np.hypot(np.std(each, ddof=1) / np.sqrt(len(each)), season))

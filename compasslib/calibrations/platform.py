@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,20 +19,9 @@ from compasslib.readers import delimited
 from compasslib.types import Floats
 
 ROLES = ("reference_deg", "recorded_deg")
-QUARTER_DEG = 90.0  # a constant as large is more likely the mounting of the instrument than its compass
-LARGE_DEG = 5.0  # larger than the alignment errors of benches and mounts
-DECLINATION_DEG, ALIKE_DEG = 2.0, 0.5  # least declination compared with the constant, and tolerance of the comparison
-POOR_DEG, MIN_RATIO = 3.0, 3.0  # rms about the curve above which mistakes are tested, and factor of its reduction
-EVEN, MIN_EVEN = 0.02, 8  # range of the steps between set headings relative to their mean, and least number of headings
-UNITS = {"gon": 400.0, "radians": 360.0 * angles.DEGREE, "compass points": 32.0, "tens of degrees": 36.0}  # per turn
 FORMS = (SMITH, EXACT, POLYNOMIAL, ONE_CYCLE, EMPIRICAL)
 SAME_HEADING_DEG = 1.0  # reference directions that round to one multiple repeat a setting of the bench
-MIN_HEADINGS = 16  # needed to test third and fourth harmonics
-WIDE_GAP_DEG = 90.0
-MAX_LEAKAGE = 0.5  # fraction of an omitted quadrantal deviation that may appear in A, B or C
-OUTLYING, OUTLYING_DEG = 6.0, 1.0  # limit of outliers, in medians of the leave-one-out residuals and in degrees
 SWING = "swing 16 to 24 headings all round the circle"
-MAX_ANGLE_DEG = 720.0  # an angle beyond two turns is in another unit
 ADVICE = "correct columns in the calibration's file"
 
 
@@ -58,7 +47,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
             and the readings of the instrument spun in one place.
 
     Raises:
-        InputError: a file cannot be read, a column is absent or not in degrees, headings run in opposite senses, or a
+        InputError: a file cannot be read, a column is absent or not in degrees, or a
             constant of a quarter turn or more is not resolved by ``mounting_deg``.
     """
     spun, observatory = list(settings.get("spun") or ()), list(settings.get("observatory") or ())
@@ -83,10 +72,9 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     step = float(settings.get("table_step_deg", 10.0))
     fitted = calibrate_readings("platform", read, rows, table_step_deg=step)
     where = ", ".join(str(file) for file in files)
-    _refuse_mistaken(fitted, BenchReadings(*(columns[role][known] for role in ROLES)), where)
     shift = fitted.details.get("constant_shift", {"value_deg": 0.0})["value_deg"]
-    if mounting is None and abs(shift) >= QUARTER_DEG - POOR_DEG:
-        stood = float(angles.wrap360(-QUARTER_DEG * np.round(shift / QUARTER_DEG)))
+    if mounting is None and abs(shift) >= 87.0:  # a quarter turn, but for a compass's own constant
+        stood = float(angles.wrap360(-90.0 * np.round(shift / 90.0)))
         raise InputError(
             where,
             expected="a constant of less than a quarter turn, or mounting_deg in the calibration's file",
@@ -95,11 +83,6 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
             "was read from the other side; mounting_deg: 0 if the constant is the compass's own",
         )
     misfits = [] if mounting is not None else _constant_reasons(fitted, settings.get("declination_deg"))
-    if _even(read.recorded_deg) and not _even(read.reference_deg):
-        misfits.append(
-            "recorded_deg has even steps and reference_deg does not: if the columns are exchanged, every deviation has "
-            "the wrong sign"
-        )
     lost = [] if known.all() else [f"{int(np.sum(~known))} lines without both headings are excluded"]
     warnings = [*notes, *lost, *fitted.warnings, *misfits, *budget.notes(given, rows)]
     details: dict[str, Any] = {**fitted.details, **conditions, "doubts": misfits}
@@ -109,63 +92,43 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     return replace(fitted, details=details, warnings=tuple(warnings))
 
 
-def _refuse_mistaken(fitted: Calibration, read: BenchReadings, where: str) -> None:
-    """Raise an error if the curve fits poorly and one mistake explains it: another unit or sense of rotation."""
-    missed = np.inf if fitted.model == "none" else fitted.residual_rms_deg
-    if missed < POOR_DEG or len(read) < MIN_EVEN:
-        return
-    least, best = np.inf, ""
-    for text, reference, recorded in _corrections(read):
-        curve = curves.fit_curve(SMITH, curves.deviation_points(recorded, reference))
-        if not isinstance(curve, str) and angles.rms(curve.residual_deg) < least:
-            least, best = angles.rms(curve.residual_deg), text
-    if least < min(missed, 90.0) / MIN_RATIO:
-        advice = "correct the columns; headings are degrees, clockwise"
-        raise InputError(where, expected="headings that a deviation curve can join", found=best, advice=advice)
+def _constant_reasons(
+    fitted: Calibration, declination_deg: float | None, *, large_deg: float = 5.0, least_deg: float = 2.0
+) -> list[str]:
+    """Explain a constant that is large or equals the declination, and is thus unlikely to be the compass's own.
 
-
-def _corrections(read: BenchReadings) -> Iterator[tuple[str, Floats, Floats]]:
-    """Yield each possible mistake in the columns, and reference and recorded headings without it."""
-    reference, recorded = read.reference_deg, read.recorded_deg
-    yield "headings that run against each other: one column counts anticlockwise", -reference, recorded
-    for unit, turn in UNITS.items():
-        by = 360.0 / turn
-        yield f"reference_deg in {unit}, as it looks", by * reference, recorded
-        yield f"recorded_deg in {unit}, as it looks", reference, by * recorded
-        if np.nanmax(np.abs([reference, recorded])) <= turn:
-            yield f"both columns in {unit}, as they look", by * reference, by * recorded
-
-
-def _constant_reasons(fitted: Calibration, declination_deg: float | None) -> list[str]:
-    """Explain a constant that is large or equals the declination, and is thus unlikely to be the compass's own."""
+    Args:
+        large_deg: larger than the alignment errors of benches and mounts.
+        least_deg: smallest declination and constant that are compared.
+    """
     shift = fitted.details.get("constant_shift")
     if shift is None or abs(shift["value_deg"]) <= 2.0 * shift["sigma_deg"]:
         return []
-    value, near = float(shift["value_deg"]), max(2.0 * float(shift["sigma_deg"]), ALIKE_DEG)
+    value, near = float(shift["value_deg"]), max(2.0 * float(shift["sigma_deg"]), 0.5)
     reasons = []
-    if declination_deg is not None and min(abs(declination_deg), abs(value)) > DECLINATION_DEG:
+    if declination_deg is not None and min(abs(declination_deg), abs(value)) > least_deg:
         signs = {"": 1.0, " with the other sign": -1.0}
         alike = [text for text, sign in signs.items() if abs(value - sign * declination_deg) < near]
         reasons = [f"it is the declination, {declination_deg:+.1f}{text}: reference_deg may be true" for text in alike]
-    if abs(value) > LARGE_DEG:
+    if abs(value) > large_deg:
         reasons.append("the instrument may have stood turned (mounting_deg), or reference_deg is true")
     text = f"a constant of {value:+.1f} degrees, which turns all headings alike: {'; '.join(reasons)}"
     return [text] if reasons else []
 
 
-def _even(heading_deg: Floats) -> bool:
-    """Return whether headings were set in even steps around the full circle."""
-    at = np.unique(np.round(angles.wrap360(heading_deg), 2))
-    apart = angles.wrap360(np.roll(at, -1) - at)
-    return len(at) >= MIN_EVEN and bool(np.ptp(apart) <= EVEN * np.mean(apart))
-
-
 def calibrate_readings(
-    kind: str, readings: BenchReadings, sources: Sequence[Source] = (), *, table_step_deg: float = 10.0
+    kind: str,
+    readings: BenchReadings,
+    sources: Sequence[Source] = (),
+    *,
+    table_step_deg: float = 10.0,
+    max_leakage: float = 0.5,
 ) -> Calibration:
     """Fit the curves to bench readings and select one, if any is determined.
 
-    ``sources`` are the rows of the uncertainty budget besides the scatter about the curve.
+    Args:
+        sources: rows of the uncertainty budget besides the scatter about the curve.
+        max_leakage: fraction of an omitted quadrantal deviation that may appear in A, B or C.
     """
     # Repeats share the error of the bench's setting: they are averaged and count once.
     slots = np.round(angles.wrap360(readings.reference_deg) / SAME_HEADING_DEG)
@@ -177,7 +140,7 @@ def calibrate_readings(
     observed = curves.deviation_points(settings.recorded_deg, settings.reference_deg)
     fits = {form.name: curves.fit_curve(form, observed) for form in FORMS}
     reduced = isinstance(fits[SMITH.name], str) and isinstance(fits[ONE_CYCLE.name], FittedCurve)
-    if reduced and curves.max_leakage(observed) > MAX_LEAKAGE:
+    if reduced and curves.max_leakage(observed) > max_leakage:
         fits[ONE_CYCLE.name] = "an unobservable quadrantal deviation would look like one cycle"
     fitted = [curve for curve in fits.values() if isinstance(curve, FittedCurve)]
     empty = Calibration(
@@ -294,7 +257,7 @@ def _warnings(
     full_circle = chosen.form is not EXACT or compass.turns_full_circle(chosen.coefficients)
     if len(settings) < len(readings):
         warnings.append(f"{len(readings)} readings at {len(settings)} headings: repeats are averaged and count once")
-    if len(settings) < MIN_HEADINGS:
+    if len(settings) < 16:
         warnings.append(
             f"{len(settings)} headings leave {chosen.dof} degrees of freedom: the uncertainty includes Student's t, "
             f"and third and fourth harmonics cannot be tested; {SWING}"
@@ -302,15 +265,9 @@ def _warnings(
     recorded = np.sort(angles.wrap360(settings.recorded_deg))
     ahead = angles.wrap360(np.roll(recorded, -1) - recorded)
     widest = int(np.argmax(ahead))
-    if ahead[widest] > WIDE_GAP_DEG and full_circle:
+    if ahead[widest] > 90.0 and full_circle:
         ends = f"{recorded[widest]:.0f} and {recorded[(widest + 1) % len(recorded)]:.0f}"
         warnings.append(f"no reading between recorded {ends} degrees: there the curve is an extrapolation")
-    off = np.abs(chosen.left_out_deg)
-    far = off > max(OUTLYING * float(np.median(off)), OUTLYING_DEG)
-    if far.any():
-        outliers = zip(settings.recorded_deg[far], chosen.left_out_deg[far], strict=True)
-        places = ", ".join(f"{heading:.0f} ({residual:+.1f})" for heading, residual in outliers)
-        warnings.append(f"readings far from the curve through the others, at recorded degrees (off by): {places}")
     if chosen.form is ONE_CYCLE and isinstance(fits[SMITH.name], str):
         warnings.append(f"reduced to one cycle, A, B and C: five terms: {fits[SMITH.name]}; D and E stay unknown")
     if chosen.form is EMPIRICAL:
@@ -356,7 +313,7 @@ def read_columns(
     tables = [delimited.read_table(path, header, ADVICE, layout) for path in paths]
     columns = {role: np.concatenate([table.columns[role] for table in tables]) for role in roles}
     for role in (role for role in roles if role != "time_utc"):
-        if (largest := np.nanmax(np.abs(columns[role]), initial=0.0)) > MAX_ANGLE_DEG:
+        if (largest := np.nanmax(np.abs(columns[role]), initial=0.0)) > 720.0:  # two turns
             advice = "turn the column to degrees"
             raise InputError(f"{where}: {role}", expected="degrees", found=f"{largest:g}", advice=advice)
     return columns, delimited.table_notes(tables)

@@ -15,16 +15,11 @@ from compasslib.calibrations.bench import changes_by_object, describe_object
 from compasslib.calibrations.budget import COVERAGE_FACTOR, Source
 from compasslib.calibrations.settings import resolve_settings
 from compasslib.deviation.model import FieldAtPlace, separate_iron, weak_field_warnings
-from compasslib.types import DAY_S, Floats
+from compasslib.types import Floats
 
 LETTERS = "ABCDE"
-# Largest difference of a calibration's date from its file's, in which declination changes by less than 0.2 degrees.
-MAX_DATE_ERROR_S = 180 * DAY_S
 POSITION = ("latitude", "longitude")
-SIGNIFICANCE = 0.05  # p-value below which two calibrations differ significantly
-MIN_P_VALUE = 0.001  # smaller ones are not printed
 NO_BENCH = "compare_with names no bench without the object, so that its influence is not known"
-MIN_AMPLITUDE_SIGMAS = 3.0  # least amplitude, in standard deviations, that has a phase
 
 
 @dataclass(frozen=True)
@@ -186,7 +181,14 @@ def _compared(name: str, made: Calibration, earlier: Mapping[str, Mapping[str, A
 
 
 def compare(
-    after: Calibration, before: Mapping[str, Any], name: str, field: Mapping[str, float] | None = None
+    after: Calibration,
+    before: Mapping[str, Any],
+    name: str,
+    field: Mapping[str, float] | None = None,
+    *,
+    significance: float = 0.05,
+    min_p_value: float = 0.001,
+    min_amplitude_sigmas: float = 3.0,
 ) -> dict[str, Any]:
     """Compare a calibration with an earlier one of the same compass, such as before its batteries were demagnetised.
 
@@ -194,6 +196,11 @@ def compare(
     coefficient is given with its uncertainty, and with the p-value (chi square) of no difference. The budgets are
     not included, as errors common to both calibrations cancel. Calibrations at different dips separate hard iron from
     the iron induced by the vertical field, if the field at the later one is known.
+
+    Args:
+        significance: p-value below which two calibrations differ significantly.
+        min_p_value: smaller ones are not printed.
+        min_amplitude_sigmas: least amplitude, in standard deviations, that has a phase.
     """
     if not after.coefficients.size or before["coefficients"] is None:
         missing = name if before["coefficients"] is None else "this calibration"
@@ -214,19 +221,19 @@ def compare(
     sigma = float(np.hypot(here[1], there[1]))
     size = {"after": here[0], "before": there[0], "difference": here[0] - there[0], "sigma": sigma}
     phase, moved = None, "it is too small on one side to have a phase"
-    if not min(here[0] / here[1], there[0] / there[1]) < MIN_AMPLITUDE_SIGMAS:
+    if not min(here[0] / here[1], there[0] / there[1]) < min_amplitude_sigmas:
         shift, sigma = float(angles.difference(here[2], there[2])), float(np.hypot(here[3], there[3]))
         phase = {"after": here[2], "before": there[2], "shift": shift, "sigma": sigma}
         moved = f"its phase moves by {shift:+.0f} ± {2 * sigma:.0f} degrees"
-    chance = f"p = {p_value:.2g}" if p_value >= MIN_P_VALUE else f"p < {MIN_P_VALUE}"
+    chance = f"p = {p_value:.2g}" if p_value >= min_p_value else f"p < {min_p_value}"
     return {
         "with": name,
         "one_cycle": {"amplitude_deg": size, "phase_deg": phase},
         "difference": difference,
         "iron": _separate(after, before, field),
         "p_value": p_value,
-        "differ": p_value < SIGNIFICANCE,
-        "text": f"This calibration and {name} {'differ' if p_value < SIGNIFICANCE else 'do not differ significantly'} "
+        "differ": p_value < significance,
+        "text": f"This calibration and {name} {'differ' if p_value < significance else 'do not differ significantly'} "
         f"({chance}). The one-cycle part goes from {size['before']:.2f} to {size['after']:.2f} degrees, by "
         f"{size['difference']:+.2f} ± {2 * size['sigma']:.2f} (k = 2); {moved}.",
     }
@@ -262,14 +269,3 @@ def _polar(coefficients: Floats, covariance: Floats) -> tuple[float, float, floa
     across = np.array([along[1], -along[0]])
     sigmas = [max(float(np.sqrt(x @ spread @ x)), 1e-12) for x in (along, across)]
     return amplitude, sigmas[0], float(angles.direction(*pair)), sigmas[1] / amplitude / angles.DEGREE
-
-
-def check_date(time_s: Floats | None, date_s: float | None) -> list[str]:
-    """Warn if the date of a calibration, UTC seconds, is not that of its file; either may be None."""
-    if date_s is None or time_s is None or not np.isfinite(time_s).any():
-        return []
-    first, last = float(np.nanmin(time_s)), float(np.nanmax(time_s))
-    if first - MAX_DATE_ERROR_S <= date_s <= last + MAX_DATE_ERROR_S:
-        return []
-    day, given = (str(np.datetime64(int(t), "s"))[:10] for t in (first, date_s))
-    return [f"the file begins on {day} and IGRF is taken at the date in the YAML file, {given}: correct one of the two"]

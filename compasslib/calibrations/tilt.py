@@ -22,12 +22,7 @@ KIND = "tilt"
 ROLES = ("reference_tilt_deg", "recorded_pitch_deg", "recorded_roll_deg")
 AXES = ("pitch", "roll")
 FORMS = {"line": "AB", "quadratic": "ABC", "cubic": "ABCD"}  # in powers of the recorded tilt
-SAME_TILT_DEG = 0.2  # reference tilts that round to one multiple repeat a setting of the platform
-MIN_DOF = 4  # degrees of freedom required of a quadratic or cubic
 LEVEL_DEG = 0.5  # above the least reference tilt: both axes count as level
-SKEW_DEG, SKEW_SHARE = 1.0, 0.25  # tilt of the other axis, absolute and relative, above which both are tilted
-TURNED_DEG = 5.0  # rotation of the instrument on the platform that makes recorded tilts 0.4 % too small
-TABLE_STEP_DEG = 5.0
 
 
 @dataclass(frozen=True)
@@ -100,19 +95,24 @@ def calibrate_axes(
     )
 
 
-def split_axes(reference_deg: Floats, recorded_deg: Floats) -> tuple[dict[str, AxisReadings], int]:
+def split_axes(
+    reference_deg: Floats, recorded_deg: Floats, *, skew_deg: float = 1.0, skew_share: float = 0.25
+) -> tuple[dict[str, AxisReadings], int]:
     """Assign each reading to the tilted axis, level readings to both; count and omit those with both axes tilted.
 
     The tilts of the platform, (n,), are signed or absolute; pitch and roll are (2, n).
+
+    Args:
+        skew_deg, skew_share: tilt of the other axis, absolute and relative, above which both are tilted.
     """
     if not len(reference_deg):
         return dict.fromkeys(AXES, NOTHING), 0
     size = np.abs(reference_deg)
-    level = (size <= size.min() + LEVEL_DEG) & (size <= SKEW_DEG)
+    level = (size <= size.min() + LEVEL_DEG) & (size <= skew_deg)
     zero = np.median(recorded_deg[:, level], axis=1) if level.any() else np.zeros(2)
     lean = recorded_deg - zero[:, None]
     most, least = np.max(np.abs(lean), axis=0), np.min(np.abs(lean), axis=0)
-    skew = ~level & (least > np.maximum(SKEW_DEG, SKEW_SHARE * most))
+    skew = ~level & (least > np.maximum(skew_deg, skew_share * most))
     axis = np.argmax(np.abs(lean), axis=0)
     readings = {
         name: _axis_readings(name, reference_deg, lean, recorded_deg[k], level | (axis == k) & ~skew, level, k)
@@ -122,9 +122,23 @@ def split_axes(reference_deg: Floats, recorded_deg: Floats) -> tuple[dict[str, A
 
 
 def _axis_readings(
-    name: str, reference_deg: Floats, lean_deg: Floats, recorded_deg: Floats, chosen: Bools, level: Bools, k: int
+    name: str,
+    reference_deg: Floats,
+    lean_deg: Floats,
+    recorded_deg: Floats,
+    chosen: Bools,
+    level: Bools,
+    k: int,
+    *,
+    same_tilt_deg: float = 0.2,
+    turned_deg: float = 5.0,
 ) -> AxisReadings:
-    """Convert the readings of one axis to the instrument's sign convention and average repeats of a setting."""
+    """Convert the readings of one axis to the instrument's sign convention and average repeats of a setting.
+
+    Args:
+        same_tilt_deg: reference tilts that round to one multiple repeat a setting of the platform.
+        turned_deg: rotation of the instrument on the platform that makes recorded tilts 0.4 % too small.
+    """
     if not (chosen & ~level).any():
         return NOTHING
     reference, lean, other = reference_deg[chosen], lean_deg[k][chosen], lean_deg[1 - k][chosen]
@@ -137,33 +151,36 @@ def _axis_readings(
         notes = [f"{name}: the platform counts tilts in the other sense; reference tilts are taken with the other sign"]
     slope = float(np.sum(other * lean) / np.sum(lean**2))
     turned = float(angles.wrap180(angles.direction(slope, 1.0)))
-    if abs(turned) > TURNED_DEG:
+    if abs(turned) > turned_deg:
         notes.append(
             f"{name}: the other axis leans by {abs(slope):.0%} of it: the instrument stood turned by {turned:+.0f} "
             f"degrees on the platform, which makes the recorded tilt {1.0 - 1.0 / np.hypot(1.0, slope):.1%} too small"
         )
-    _, which = np.unique(np.round(reference / SAME_TILT_DEG), return_inverse=True)
+    _, which = np.unique(np.round(reference / same_tilt_deg), return_inverse=True)
     count = np.bincount(which)
     mean_reference, mean_recorded = (np.bincount(which, x) / count for x in (reference, recorded_deg[chosen]))
     return AxisReadings(mean_reference, mean_recorded, turned, tuple(notes))
 
 
-def _fit(read: AxisReadings) -> FittedCurve | str:
+def _fit(read: AxisReadings, *, min_dof: int = 4) -> FittedCurve | str:
+    """Fit a polynomial with at least ``min_dof`` degrees of freedom; if it cannot be fitted, give the reason."""
     if not len(read.recorded_deg):
         return "no reading leans this axis alone"
     points = Points(read.recorded_deg, read.reference_deg - read.recorded_deg, np.ones(len(read.recorded_deg)))
     span = np.linspace(read.recorded_deg.min(), read.recorded_deg.max(), 21)
     # The highest degree allowed, not the best fit: otherwise the uncertainty would neglect undetected curvature.
-    carried = [name for name, letters in FORMS.items() if len(points) - len(letters) >= MIN_DOF]
+    carried = [name for name, letters in FORMS.items() if len(points) - len(letters) >= min_dof]
     name = carried[-1] if carried else next(iter(FORMS))
     design = partial(np.vander, N=len(FORMS[name]), increasing=True)
     form = curves.series_form(name, FORMS[name], "Le Menn et al. 2023, section 2", design, around=span)
     return curves.fit_curve(form, points)
 
 
-def _describe(axis: str, read: AxisReadings, curve: FittedCurve, rows: tuple[Source, ...]) -> dict[str, Any]:
+def _describe(
+    axis: str, read: AxisReadings, curve: FittedCurve, rows: tuple[Source, ...], *, table_step_deg: float = 5.0
+) -> dict[str, Any]:
     low, high = float(read.recorded_deg.min()), float(read.recorded_deg.max())
-    steps = np.arange(np.ceil(low / TABLE_STEP_DEG), np.floor(high / TABLE_STEP_DEG) + 1) * TABLE_STEP_DEG
+    steps = np.arange(np.ceil(low / table_step_deg), np.floor(high / table_step_deg) + 1) * table_step_deg
     sigma = np.hypot(curve.sigma(steps), budget.common(rows))
     error = -curve.deviation(np.linspace(low, high, 101))
     largest = float(error[np.argmax(np.abs(error))])

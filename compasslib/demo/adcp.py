@@ -19,13 +19,8 @@ from compasslib.demo.water import DAY_S, Complexes, Floats, Water, circle, clock
 Counts = NDArray[np.uint8]
 
 BEAM_ANGLE_DEG = 20.0
-BAD_VELOCITY = -32768
 FREQUENCY_BITS = {75: 0b000, 150: 0b001, 300: 0b010, 600: 0b011}
-CONVEX, HEAD_ATTACHED, UP = 0b0000_1000, 0b0100_0000, 0b1000_0000
-JANUS_20_DEG = 0x41
 COORDINATE_BITS = {"beam": 0b00, "instrument": 0b01, "ship": 0b10, "earth": 0b11}
-TILTS_THREE_BEAM_MAPPING = 0b111
-FITTED = 0b0011_1101  # pressure, heading, pitch, roll, temperature; no conductivity
 BLOCKS = 6
 
 _FIXED = np.dtype(
@@ -116,13 +111,13 @@ def encode(setup: Setup, ensembles: Ensembles) -> Counts:
     for name, value in _fixed_leader(setup).items():
         rows["fixed"][name] = value
     # Bit 7 of the system configuration follows the orientation switch of the instrument in each ensemble.
-    rows["fixed"]["system"][:, 0] |= np.where(ensembles.upside, UP, 0).astype(np.uint8)
+    rows["fixed"]["system"][:, 0] |= np.where(ensembles.upside, 0b1000_0000, 0).astype(np.uint8)
     _fill_variable_leader(rows["variable"], ensembles)
     for k, block in enumerate(("velocity", "correlation", "echo", "percent_good"), 1):
         rows[block]["id"] = k << 8
     known = np.isfinite(ensembles.velocity_m_s)
     rounded = np.clip(np.rint(1000 * np.where(known, ensembles.velocity_m_s, 0.0)), -32767, 32767)
-    rows["velocity"]["cells"] = np.where(known, rounded, BAD_VELOCITY).astype(np.int16)
+    rows["velocity"]["cells"] = np.where(known, rounded, -32768).astype(np.int16)
     for block in ("correlation", "echo", "percent_good"):
         rows[block]["cells"] = getattr(ensembles, block)
     octets = rows.view(np.uint8).reshape(rows.size, layout.itemsize)
@@ -140,11 +135,12 @@ def _layout(cells: int) -> np.dtype:
 def _fixed_leader(setup: Setup) -> dict[str, Any]:
     return {
         "id": 0x0000, "firmware": (16, 28), "beams": 4, "cells": setup.cells, "pings": setup.pings, "mode": 1,
-        "system": (FREQUENCY_BITS[setup.kilohertz] | CONVEX | HEAD_ATTACHED, JANUS_20_DEG),
+        "system": (FREQUENCY_BITS[setup.kilohertz] | 0b0100_1000, 0x41),  # convex, head attached; four beams at 20°
         "cell_cm": round(100 * setup.cell_m), "blank_cm": round(100 * setup.blank_m), "low_correlation": 64,
         "code_repeats": 5, "error_limit_mm_s": 2000, "ping_time": (0, 1, 0),
-        "coordinates": COORDINATE_BITS[setup.coordinates] << 3 | TILTS_THREE_BEAM_MAPPING,
-        "source": 0x7F, "fitted": FITTED, "first_bin_cm": round(100 * setup.first_bin_m),
+        "coordinates": COORDINATE_BITS[setup.coordinates] << 3 | 0b111,  # tilts, three beams, mapped bins
+        "source": 0x7F, "fitted": 0b0011_1101,  # pressure, heading, pitch, roll, temperature; no conductivity
+        "first_bin_cm": round(100 * setup.first_bin_m),
         "pulse_cm": round(100 * setup.cell_m), "reference_layer": (1, 5), "false_target": 50, "lag_cm": 49,
         "power": 255, "serial": setup.serial, "beam_angle": round(BEAM_ANGLE_DEG),
     }  # fmt: skip
@@ -177,9 +173,7 @@ def _fill_variable_leader(leader: NDArray[np.void], ensembles: Ensembles) -> Non
 
 
 ABSORPTION_DB_M = {75: 0.025, 300: 0.065}
-DB_PER_COUNT = 0.45
 SPREAD = np.deg2rad(BEAM_ANGLE_DEG)
-FLIPPED_ON_DECK = 5
 
 
 @dataclass(frozen=True)
@@ -222,7 +216,7 @@ def measure(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water, 
     good = np.where(ranges(setup) > stance.depth_m[:, None], 0.1, good) if setup.looks_up else good
     pitch, roll = inclinometers(*stance.sensed_tilt_deg)
     deck_roll = np.where(stance.time_s < stance.time_s[n // 2], -52.0, 61.0) + rng.normal(0.0, 0.05, n)
-    flipped = ~wet & (np.arange(n) < FLIPPED_ON_DECK)
+    flipped = ~wet & (np.arange(n) < 5)  # the orientation switch, on deck
     depth = np.where(wet, np.maximum(stance.depth_m + rng.normal(0.0, 0.05, n), 0.0), 0.0)
     deck_pitch = 4.0 + rng.normal(0.0, 0.05, n)
     season = np.cos(2 * np.pi * (stance.time_s / DAY_S - 250.0) / 365.25)
@@ -336,7 +330,7 @@ def _echo(setup: Setup, stance: Stance) -> Floats:
     """Simulate the mean echo intensity in counts, (n, m), including the surface echo."""
     away = ranges(setup)
     loss_db = 20 * np.log10(away / away[0]) + 2 * ABSORPTION_DB_M[setup.kilohertz] * (away - away[0])
-    counts = np.maximum(190.0 - loss_db / DB_PER_COUNT, 42.0)
+    counts = np.maximum(190.0 - loss_db / 0.45, 42.0)
     if not setup.looks_up:
         return np.broadcast_to(counts, (stance.time_s.size, setup.cells))
     surface = 70.0 * np.exp(-(((away - stance.depth_m[:, None]) / setup.cell_m) ** 2))

@@ -86,10 +86,6 @@ def tilting(pitch_deg: ArrayLike, roll_deg: ArrayLike) -> Floats:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-NT_M3_PER_A_M2 = 100.0  # mu0 / 4 pi, for fields in nT
-FULL_SCALE_NT = 50_000.0
-
-
 @dataclass(frozen=True)
 class Magnet:
     """A point dipole fixed to the instrument's body: forward, starboard, down."""
@@ -155,7 +151,14 @@ def response(meter: Magnetometer) -> tuple[Floats, Floats]:
     return matrix, np.einsum("ij,ij->i", meter.axes, added) - np.array(meter.trim_nt)
 
 
-def felt(meter: Magnetometer, body_nt: Floats, nearby_nt: Floats | None = None, *, stepped: bool = True) -> Floats:
+def felt(
+    meter: Magnetometer,
+    body_nt: Floats,
+    nearby_nt: Floats | None = None,
+    *,
+    stepped: bool = True,
+    full_scale_nt: float = 50_000.0,
+) -> Floats:
     """Simulate the output of the sensors, (..., 3) nT.
 
     Args:
@@ -164,8 +167,8 @@ def felt(meter: Magnetometer, body_nt: Floats, nearby_nt: Floats | None = None, 
     """
     matrix, added = response(meter)
     raw = body_nt @ matrix.T + added + (0.0 if nearby_nt is None else nearby_nt)
-    scaled = raw / FULL_SCALE_NT
-    curved = raw + FULL_SCALE_NT * np.array(meter.even) * scaled**2
+    scaled = raw / full_scale_nt
+    curved = raw + full_scale_nt * np.array(meter.even) * scaled**2
     return np.asarray(meter.step_nt * np.rint(curved / meter.step_nt) if stepped else curved)
 
 
@@ -173,7 +176,8 @@ def dipole_nt(moment_a_m2: Floats, away_m: Floats) -> Floats:
     """Compute the field of a dipole, (3,) nT, at a position relative to it."""
     distance = float(np.linalg.norm(away_m))
     unit = away_m / distance
-    return np.asarray(NT_M3_PER_A_M2 * (3.0 * unit * (moment_a_m2 @ unit) - moment_a_m2) / distance**3)
+    field_t = 1e-7 * (3.0 * unit * (moment_a_m2 @ unit) - moment_a_m2) / distance**3  # mu0 / 4 pi = 1e-7
+    return np.asarray(1e9 * field_t)
 
 
 def _place(rng: np.random.Generator, nearest: float, farthest: float) -> tuple[float, float, float]:

@@ -18,7 +18,7 @@ from compasslib.demo import sealed
 from compasslib.demo.sealed import Effect, Ground, Wish
 from compasslib.demo.water import HOUR_S, Floats
 
-BEGIN_S, HOURS = 1406851200.0, 3000  # 1 August 2014, four months
+BEGIN_S = 1406851200.0  # 1 August 2014
 IRON_NT, SMALLEST_DEG, LARGEST_DEG = 250.0, 2.5, 4.0
 AXES = ("forward", "starboard", "down")
 SHEAR = 2.2  # shear of the currents at C4 relative to the other moorings
@@ -162,7 +162,7 @@ def _warmed(ground: Ground, rng: np.random.Generator) -> list[Cause]:
 
 
 def _wish(latitude: float, longitude: float, depth_m: float, *, wide: bool, strength: float) -> Wish:
-    return Wish(wide=wide, hours=HOURS, site=(latitude, longitude, depth_m), begin_s=BEGIN_S, strength=strength)
+    return Wish(wide=wide, hours=3000, site=(latitude, longitude, depth_m), begin_s=BEGIN_S, strength=strength)
 
 
 CASES = {

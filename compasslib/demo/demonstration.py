@@ -16,7 +16,6 @@ from compasslib.demo.water import DAY_S, HOUR_S, Climate, Floats, Rig, circle, r
 DEPLOYED_S, RECOVERED_S = 1188864000.0, 1223078400.0  # 4 September 2007 and 4 October 2008, 00:00 UTC
 ON_DECK_S = DAY_S
 SPAN_S = (DEPLOYED_S - ON_DECK_S, RECOVERED_S + ON_DECK_S + HOUR_S)
-DEEP_BELOW_SPHERE_M = 4.0
 
 
 @dataclass(frozen=True)
@@ -106,8 +105,8 @@ def deep_stance(world: World, instrument: Adcp) -> Stance:
         depth = world.spec.deep_depth_m + water.sea_level(time)
         heading = 180.0 + red_noise(rng, time.size, memory=100.0, deviation=150.0)
     else:
-        depth = sphere + DEEP_BELOW_SPHERE_M
-        below = motion.sphere_depth_m + DEEP_BELOW_SPHERE_M
+        depth = sphere + 4.0
+        below = motion.sphere_depth_m + 4.0
         flow = water.velocity(world.currents, motion.time_s, below)
         equilibrium = water.direction(flow) - world.field.at(motion.time_s)[0] + 75.0
         hanging = water.wake_heading(rng, equilibrium, np.abs(flow), wobble_deg=25.0)

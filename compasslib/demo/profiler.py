@@ -26,7 +26,6 @@ COLUMNS = (
 )
 STAMP = "%m/%d/%Y %H:%M:%S"
 PARTIAL_EVERY = 97  # one of this number of profiles ends in the middle of a row
-ROW_CHARACTERS, PARTIAL_CHARACTERS = 121, 64
 FLAGS = {
     "op_flag1": " TIME HDNG",
     "op_flag2": " TX   TY   HX   HY   HZ  ",
@@ -77,7 +76,7 @@ def write_text(path: Path, acm: Acm, scans: Scans) -> None:
             # One format for a whole profile, as one call per row would take most of the run time.
             rows = (ROW * (end - begin)) % tuple(cells.ravel())
             if number % PARTIAL_EVERY == 0:
-                rows = rows[: PARTIAL_CHARACTERS - ROW_CHARACTERS] + "\r\n"
+                rows = rows[:-57] + "\r\n"
             on, off = (np.datetime64(int(t), "s").item().strftime(STAMP) for t in (scans.on_s[k], scans.off_s[k]))
             listing = [("FILELEN", "I", header_size + _RECORD.itemsize * (end - begin)), *fields]
             shown = "".join(f"{name:<12}: {_shown(name, code, value)}\r\n" for name, code, value in listing if name)
@@ -147,10 +146,6 @@ def _header_fields(acm: Acm) -> list[tuple[str, str, float | int | bytes]]:
 
 SPEED_M_S = 0.25
 BUMPER_M = 2.0  # below the sphere
-LOGGED_S, DWELL_S, STUCK_S = 240, 10, 60
-STICKS_M, FREES_M = 100.0, 25.0  # blow-down at which it sticks, and below which it comes free
-LEVER_M = 0.43  # distance of the acoustic paths from the wire
-ENGINEERING_S = 10
 
 
 @dataclass(frozen=True)
@@ -175,7 +170,16 @@ class Plan:
     stuck_m: Floats  # depth at which it is stuck, NaN if it moves
 
 
-def plan(rng: np.random.Generator, profiler: Profiler, motion: Motion, span_s: tuple[float, float]) -> Plan:
+def plan(
+    rng: np.random.Generator,
+    profiler: Profiler,
+    motion: Motion,
+    span_s: tuple[float, float],
+    *,
+    logged_s: int = 240,
+    dwell_s: int = 10,
+    stuck_s: int = 60,
+) -> Plan:
     """Plan the profiles: odd numbers ascend, even ones descend, and none reaches the top while it is stuck."""
     start = np.arange(span_s[0] + profiler.first_s, span_s[1] - 4 * HOUR_S, 12 * HOUR_S)
     number = np.arange(start.size) + 1
@@ -185,9 +189,9 @@ def plan(rng: np.random.Generator, profiler: Profiler, motion: Motion, span_s: t
     blown = np.interp(top, motion.time_s, motion.sphere_depth_m) - NOMINAL_M
     stuck = _stuck_depths(rng, blown, profiler.bottom_m)
     running = np.isnan(stuck)
-    before = np.where(ascending, LOGGED_S - DWELL_S, DWELL_S)
+    before = np.where(ascending, logged_s - dwell_s, dwell_s)
     begin = np.where(running, top - before, np.rint(start + 120.0))
-    return Plan(number, ascending, begin, np.where(running, LOGGED_S, STUCK_S), top, stuck)
+    return Plan(number, ascending, begin, np.where(running, logged_s, stuck_s), top, stuck)
 
 
 def log(rng: np.random.Generator, schedule: Plan, water: Water, motion: Motion, *, field: Field) -> Scans:
@@ -214,24 +218,30 @@ def log(rng: np.random.Generator, schedule: Plan, water: Water, motion: Motion, 
 
 def write_engineering(path: Path, schedule: Plan, motion: Motion, latitude_deg: float) -> None:
     """Write the profiler's own table of time and pressure, around the logged part of each profile."""
-    steps = 5 + schedule.scans // ENGINEERING_S
+    steps = 5 + schedule.scans // 10
     profile = np.repeat(np.arange(steps.size), steps)
     position = np.arange(profile.size) - (np.cumsum(steps) - steps)[profile]
-    time = schedule.begin_s[profile] + ENGINEERING_S * (position - 2.0)
+    time = schedule.begin_s[profile] + 10 * (position - 2.0)
     depth = _position(schedule, profile, time, np.interp(time, motion.time_s, motion.sphere_depth_m))[0]
     stamps = np.datetime_as_string(time.astype("datetime64[s]")).tolist()
     pairs = zip(stamps, sea.pressure(depth, latitude_deg).tolist(), strict=True)
     path.write_text("time_utc,pressure_dbar\n" + "".join(f"{stamp}Z,{dbar:.2f}\n" for stamp, dbar in pairs))
 
 
-def _stuck_depths(rng: np.random.Generator, blown_m: Floats, bottom_m: float) -> Floats:
-    """Draw the depth at which the profiler is stuck in each profile, NaN if it is free."""
+def _stuck_depths(
+    rng: np.random.Generator, blown_m: Floats, bottom_m: float, *, sticks_m: float = 100.0, frees_m: float = 25.0
+) -> Floats:
+    """Draw the depth at which the profiler is stuck in each profile, NaN if it is free.
+
+    Args:
+        sticks_m, frees_m: blow-down at which it sticks, and below which it comes free.
+    """
     depths = rng.uniform(0.45, 0.85, blown_m.size) * bottom_m
     depth, stuck = nan, []
     for blown, here in zip(blown_m.tolist(), depths.tolist(), strict=True):
-        if isnan(depth) and blown > STICKS_M:
+        if isnan(depth) and blown > sticks_m:
             depth = here
-        elif blown < FREES_M:
+        elif blown < frees_m:
             depth = nan
         stuck.append(depth)
     return np.array(stuck)
@@ -289,11 +299,16 @@ def _paths(
     sinking: Floats,
     turning: Floats,
     ascending: NDArray[np.bool_],
+    lever_m: float = 0.43,
 ) -> tuple[Floats, ...]:
-    """Compute the velocities along the paths VPAB, VPCD, VPEF, VPGH, cm/s, including the motion of the meter."""
+    """Compute the velocities along the paths VPAB, VPCD, VPEF, VPGH, cm/s, including the motion of the meter.
+
+    Args:
+        lever_m: distance of the acoustic paths from the wire.
+    """
     frame = flow * np.exp(-1j * np.deg2rad(90.0 - heading_deg))
     noise = rng.normal(0.0, 0.6, (4, heading_deg.size))
-    x, y = 100 * frame.real, 100 * (frame.imag + LEVER_M * turning)
+    x, y = 100 * frame.real, 100 * (frame.imag + lever_m * turning)
     # Relative to a sinking meter the water rises.
     z = 100 * sinking
     upper, lower = (x + z) / np.sqrt(2), (x - z) / np.sqrt(2)

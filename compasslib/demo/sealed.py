@@ -13,10 +13,7 @@ from compasslib.demo.adcp import Adcp, Ensembles, Setup, Stance
 from compasslib.demo.compass import Field, Magnetometer, tilting
 from compasslib.demo.water import DAY_S, HOUR_S, Climate, Floats, Rig, circle, clockwise, red_noise
 
-PINGS, PING_S = 4, 90.0
-TILT_STEP_DEG = 180.0 / 4096.0  # resolution of twelve bits over 180 degrees
-TILT_LAG_S, TILT_PASSES = 20.0, 0.75  # lag of the tilt sensor, and share of a fast wobble that it records
-WOBBLE_DEG = 0.35
+PINGS = 4
 NOISE_DEG = 0.4  # of the heading of an ensemble
 
 
@@ -34,22 +31,35 @@ class Effect:
     size: float = 1.0
 
 
-def read(ground: Ground, effects: Sequence[Effect], time_s: Floats, rng: np.random.Generator | None = None) -> Stance:
+def read(
+    ground: Ground,
+    effects: Sequence[Effect],
+    time_s: Floats,
+    rng: np.random.Generator | None = None,
+    *,
+    ping_s: float = 90.0,
+    tilt_step_deg: float = 180.0 / 4096.0,
+    tilt_lag_s: float = 20.0,
+    tilt_passes: float = 0.75,
+    wobble_deg: float = 0.35,
+) -> Stance:
     """Simulate the affected compass: true attitude and readings.
 
     Args:
         effects: effects planted in it, at the same ensembles.
         rng: random generator; without one, a single ping without noise and quantization is simulated.
+        tilt_step_deg: resolution of twelve bits over 180 degrees.
+        tilt_lag_s, tilt_passes: lag of the tilt sensor, and share of a fast wobble that it records.
     """
     pings = 1 if rng is None else PINGS
-    times = time_s[:, None] + PING_S * (np.arange(pings) - 0.5 * (pings - 1))
-    wobble = np.zeros((2, *times.shape)) if rng is None else rng.normal(0.0, WOBBLE_DEG, (2, *times.shape))
+    times = time_s[:, None] + ping_s * (np.arange(pings) - 0.5 * (pings - 1))
+    wobble = np.zeros((2, *times.shape)) if rng is None else rng.normal(0.0, wobble_deg, (2, *times.shape))
     heading, pitch, roll = _attitude(ground, times)
     true = (pitch + wobble[0], roll + wobble[1])
-    _, *late = _attitude(ground, times if rng is None else times - TILT_LAG_S)
-    sensed = [slow + TILT_PASSES * fast for slow, fast in zip(late, wobble, strict=True)]
+    _, *late = _attitude(ground, times if rng is None else times - tilt_lag_s)
+    sensed = [slow + tilt_passes * fast for slow, fast in zip(late, wobble, strict=True)]
     if rng is not None:
-        sensed = [TILT_STEP_DEG * np.rint(tilt / TILT_STEP_DEG) for tilt in sensed]
+        sensed = [tilt_step_deg * np.rint(tilt / tilt_step_deg) for tilt in sensed]
     _, horizontal, vertical = ground.field.at(times)
     turn = np.deg2rad(heading)
     level = np.stack([horizontal * np.cos(turn), -horizontal * np.sin(turn), vertical], axis=-1)
@@ -85,8 +95,6 @@ def _middle(angle_deg: Floats) -> Floats:
     return circle(np.rad2deg(np.angle(np.exp(1j * np.deg2rad(angle_deg)).mean(axis=1))))
 
 
-FIRST_S = 1.1676e9  # January 2007
-MARGIN_S = 6 * HOUR_S
 STRENGTHS = (0.05, 0.1, 0.2, 0.35, 0.55)  # field of the iron relative to the earth's horizontal field
 WIDE = Climate(mean_m_s=0.12, tide_m_s=0.16, red_m_s=0.10, cyclone_m_s=0.15)
 NARROW = Climate(mean_m_s=0.30, tide_m_s=0.08, red_m_s=0.06, cyclone_m_s=0.30)
@@ -131,10 +139,10 @@ def make(seed: int, name: str, wish: Wish) -> Ground:
     latitude, longitude = float(rng.uniform(52.0, 68.0)), float(rng.uniform(-45.0, 5.0))
     depth = float(rng.uniform(250.0, 700.0))
     latitude, longitude, depth = wish.site or (latitude, longitude, depth)
-    begin = FIRST_S + DAY_S * int(rng.integers(0, 4000))
+    begin = 1.1676e9 + DAY_S * int(rng.integers(0, 4000))  # from January 2007 on
     begin = begin if wish.begin_s is None else wish.begin_s
     stamps = begin + HOUR_S * np.arange(wish.hours, dtype=float)
-    span = (begin - MARGIN_S, float(stamps[-1]) + MARGIN_S)
+    span = (begin - 6 * HOUR_S, float(stamps[-1]) + 6 * HOUR_S)
     field = compass.earth_field(latitude, longitude, span)
     climate = replace(WIDE if wish.wide else NARROW, along_deg=float(rng.uniform(0, 360)))
     currents = water.make_water(seed, name, climate, site=(latitude, depth), span_s=span)
@@ -165,10 +173,7 @@ def trusted_heading(ground: Ground) -> Floats:
     return circle(180.0 + red_noise(rng, ground.stamp_s.size, memory=30.0, deviation=120.0))
 
 
-DEEP_BELOW_M, DEEP_SAMPLE_S = 4.0, 180.0
-TOP_NOISE_M_S, DEEP_NOISE_M_S, SOURCE_NOISE_COUNTS, TEMPERATURE_NOISE_K = 0.014, 0.02, 0.5, 0.02
-GAPS, LONGEST_GAP_H = 4, 40
-STUCK_H = 9  # hours during which the compass repeated one value
+DEEP_SAMPLE_S = 180.0
 TOP = Setup(
     kilohertz=300, looks_up=True, cells=8, cell_m=2.0, blank_m=0.88, first_bin_m=3.1, pings=PINGS,
     coordinates="earth", serial=9001,
@@ -194,23 +199,26 @@ class Written:
 
 
 def write(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) -> Written:
-    """Write the raw files ``top.000``, ``deep.000`` or ``deep.csv``, and return the truth."""
+    """Write the raw files ``top.000``, ``deep.000`` or ``deep.csv``, and return the truth.
+
+    The compass repeats one value for nine hours, and the record has four gaps.
+    """
     raw.mkdir(parents=True, exist_ok=True)
     top, count = read(ground, effects, ground.stamp_s, ground.random("readings")), ground.stamp_s.size
-    begin = int(ground.random("stuck").integers(0, count - STUCK_H))
-    stuck = slice(begin, begin + STUCK_H)
+    begin = int(ground.random("stuck").integers(0, count - 9))
+    stuck = slice(begin, begin + 9)
     top.recorded_deg[stuck] = top.recorded_deg[begin]
     rng, present = ground.random("gaps"), np.ones(count, dtype=bool)
-    for gap, length in zip(rng.integers(0, count, GAPS), rng.integers(1, LONGEST_GAP_H, GAPS), strict=True):
+    for gap, length in zip(rng.integers(0, count, 4), rng.integers(1, 40, 4), strict=True):
         present[gap : gap + length] = False
     setup = replace(TOP, coordinates=export.coordinates)
-    instrument, rng, grid = Adcp(setup, noise_m_s=TOP_NOISE_M_S), ground.random("logged"), ground.currents.time_s
+    instrument, rng, grid = Adcp(setup, noise_m_s=0.014), ground.random("logged"), ground.currents.time_s
     warm = np.interp(top.time_s, grid, ground.temperature_c)
     volts = np.interp(top.time_s, grid, ground.supply_counts)
     recorded = replace(
         adcp.measure(ground.random("top"), instrument, top, ground.currents, latitude_deg=ground.latitude_deg),
-        temperature_c=warm + rng.normal(0.0, TEMPERATURE_NOISE_K, count),
-        supply_counts=np.rint(volts + rng.normal(0.0, SOURCE_NOISE_COUNTS, count)).astype(np.uint8),
+        temperature_c=warm + rng.normal(0.0, 0.02, count),
+        supply_counts=np.rint(volts + rng.normal(0.0, 0.5, count)).astype(np.uint8),
     )
     logged = Ensembles(**{name: column[present] for name, column in vars(recorded).items()})
     adcp.write(raw / "top.000", setup, logged)
@@ -229,7 +237,7 @@ def _deep_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
     wrong = sum((effect.trusted(heading) for effect in effects if effect.trusted is not None), np.zeros(time.size))
     return Stance(
         time_s=time,
-        depth_m=sphere + DEEP_BELOW_M,
+        depth_m=sphere + 4.0,
         heading_deg=heading,
         recorded_deg=circle(heading + wrong + rng.normal(0.0, 0.5, time.size)),
         tilt_deg=(tilts[0], tilts[1]),
@@ -244,12 +252,12 @@ def _deep_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
 def _write_deep(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) -> None:
     stance, rng = _deep_stance(ground, effects), ground.random("deep")
     if export.deep == "pd0":
-        instrument = Adcp(DEEP, noise_m_s=DEEP_NOISE_M_S, sample_s=DEEP_SAMPLE_S)
+        instrument = Adcp(DEEP, noise_m_s=0.02, sample_s=DEEP_SAMPLE_S)
         made = adcp.measure(rng, instrument, stance, ground.currents, latitude_deg=ground.latitude_deg)
         adcp.write(raw / "deep.000", DEEP, made)
         return
     flow = adcp.near_bins(DEEP, stance, ground.currents)
-    flow = flow + water.white_vector(rng, flow.size, DEEP_NOISE_M_S / np.sqrt(2.0))
+    flow = flow + water.white_vector(rng, flow.size, 0.02 / np.sqrt(2.0))
     flow = clockwise(flow, stance.recorded_deg - stance.heading_deg - stance.declination_deg)
     depth = stance.depth_m + adcp.ranges(DEEP)[:2].mean()
     texts = np.datetime_as_string(stance.time_s.astype("datetime64[s]")).tolist()

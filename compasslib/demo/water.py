@@ -70,14 +70,6 @@ def clockwise(velocity: ArrayLike, by_deg: ArrayLike) -> Complexes:
 
 STEP_S = 600.0
 TIDES = ((12.4206, 0.55), (12.0000, 0.20), (23.9345, 0.25))  # M2, S2, K1: period in hours, share of the speed
-SIDEREAL_DAY_S = 86164.1
-GAP_M = 14.0  # distance at which currents differ by ``Climate.shear_m_s``, about that across a sphere
-WAVES, SHORTEST_M, LONGEST_M = 8, 12.0, 160.0  # number and vertical wavelengths of the layers
-GROWTH = 1.5  # exponent of the wavelength in the variance of a layer: larger differences at larger distances
-# Shares of a layer's variance: hours (memory proportional to the wavelength), tides of drifting phase, slow changes.
-HOURS_SHARE, TIDE_SHARE, SLOW_SHARE = 0.65, 0.27, 0.08
-HOURS_AT_GAP, TIDE_MEMORY_S, SLOW_MEMORY_S = 6.0, 5 * DAY_S, 12 * DAY_S
-VEER_MEMORY_S, UNTURNED_M = 30 * DAY_S, 100.0
 
 
 @dataclass(frozen=True)
@@ -122,7 +114,12 @@ class Water:
 
 
 def make_water(
-    seed: int, name: str, climate: Climate, *, site: tuple[float, float], span_s: tuple[float, float]
+    seed: int,
+    name: str,
+    climate: Climate,
+    *,
+    site: tuple[float, float],
+    span_s: tuple[float, float],
 ) -> Water:
     """Simulate the currents of one mooring over a span of time; ``site``: latitude, and water depth in metres."""
     latitude_deg, water_depth_m = site
@@ -144,7 +141,7 @@ def make_water(
     # Clockwise rotation at the Coriolis frequency, with an amplitude that decorrelates in three days.
     rng = stream(seed, name, "inertial")
     amplitude = red_vector(rng, time_s.size, memory=3 * DAY_S / STEP_S, deviation=climate.inertial_m_s / np.sqrt(2.0))
-    turned_deg = 360.0 * 2.0 * np.sin(np.deg2rad(latitude_deg)) * (time_s - time_s[0]) / SIDEREAL_DAY_S
+    turned_deg = 360.0 * 2.0 * np.sin(np.deg2rad(latitude_deg)) * (time_s - time_s[0]) / 86164.1  # a sidereal day
     return Water(
         time_s=time_s,
         surface=along * climate.mean_m_s * season + clockwise(amplitude, turned_deg),
@@ -152,7 +149,7 @@ def make_water(
         wave=red_vector(baroclinic, time_s.size, memory=40 * HOUR_S / STEP_S, deviation=0.4 * climate.red_m_s),
         cyclone=along * _cyclones(stream(seed, name, "cyclone"), climate.cyclone_m_s, time_s),
         layers=_layers(stream(seed, name, "layers"), climate.shear_m_s, time_s),
-        veer_deg_m=red_noise(veer, time_s.size, memory=VEER_MEMORY_S / STEP_S, deviation=0.01 * climate.veer_deg_100m),
+        veer_deg_m=red_noise(veer, time_s.size, memory=30 * DAY_S / STEP_S, deviation=0.01 * climate.veer_deg_100m),
         water_depth_m=water_depth_m,
     )
 
@@ -169,7 +166,7 @@ def velocity(water: Water, time_s: Floats, depth_m: Floats) -> Complexes:
     flow = flow + at(water.wave) * np.cos(np.pi * relative) + at(water.cyclone) * (0.75 + 0.5 * relative)
     for wavenumber, cosine, sine in zip(water.layers.wavenumber, water.layers.cosine, water.layers.sine, strict=True):
         flow += at(cosine) * np.cos(wavenumber * depth_m) + at(sine) * np.sin(wavenumber * depth_m)
-    return clockwise(flow, at(water.veer_deg_m) * (depth_m - UNTURNED_M))
+    return clockwise(flow, at(water.veer_deg_m) * (depth_m - 100.0))
 
 
 def sea_level(time_s: ArrayLike) -> Floats:
@@ -178,23 +175,44 @@ def sea_level(time_s: ArrayLike) -> Floats:
     return np.asarray(0.7 * np.cos(turns / TIDES[0][0]) + 0.25 * np.cos(turns / TIDES[1][0]))
 
 
-def _layers(rng: np.random.Generator, shear_m_s: float, time_s: Floats) -> Layers:
-    """Draw layers with a given rms difference of one component, m/s, at the distance ``GAP_M``."""
-    edges = np.geomspace(SHORTEST_M, LONGEST_M, WAVES + 1)
+def _layers(
+    rng: np.random.Generator,
+    shear_m_s: float,
+    time_s: Floats,
+    *,
+    gap_m: float = 14.0,
+    waves: int = 8,
+    shortest_m: float = 12.0,
+    longest_m: float = 160.0,
+    growth: float = 1.5,
+    hours_at_gap: float = 6.0,
+) -> Layers:
+    """Draw layers with a given rms difference of one component, m/s, at the distance ``gap_m``.
+
+    Args:
+        gap_m: distance at which currents differ by ``Climate.shear_m_s``, about that across a sphere.
+        waves, shortest_m, longest_m: number and vertical wavelengths of the layers.
+        growth: exponent of the wavelength in the variance of a layer: larger differences at larger distances.
+    """
+    edges = np.geomspace(shortest_m, longest_m, waves + 1)
     lengths = np.exp(rng.uniform(np.log(edges[:-1]), np.log(edges[1:])))
     wavenumber = 2.0 * np.pi / lengths
-    variance = lengths**GROWTH
-    variance *= shear_m_s**2 / np.sum(2.0 * variance * (1.0 - np.cos(wavenumber * GAP_M)))
+    variance = lengths**growth
+    variance *= shear_m_s**2 / np.sum(2.0 * variance * (1.0 - np.cos(wavenumber * gap_m)))
     courses = [
-        [_course(rng, time_s, HOURS_AT_GAP * length / (2.0 * GAP_M)) * np.sqrt(size) for _ in range(2)]
+        [_course(rng, time_s, hours_at_gap * length / (2.0 * gap_m)) * np.sqrt(size) for _ in range(2)]
         for length, size in zip(lengths.tolist(), variance.tolist(), strict=True)
     ]
     return Layers(wavenumber, *(np.stack(each) for each in zip(*courses, strict=True)))
 
 
 def _course(rng: np.random.Generator, time_s: Floats, memory_h: float) -> Complexes:
-    """Draw the time series of a layer, with unit variance in each component."""
-    parts = ((HOURS_SHARE, memory_h * HOUR_S), (TIDE_SHARE, TIDE_MEMORY_S), (SLOW_SHARE, SLOW_MEMORY_S))
+    """Draw the time series of a layer, with unit variance in each component.
+
+    The shares of hours, tides of drifting phase and slow changes have a memory each; that of hours is proportional to
+    the wavelength.
+    """
+    parts = ((0.65, memory_h * HOUR_S), (0.27, 5 * DAY_S), (0.08, 12 * DAY_S))
     hours, tide, slow = (
         red_vector(rng, time_s.size, memory=memory_s / STEP_S, deviation=np.sqrt(share)) for share, memory_s in parts
     )
@@ -217,11 +235,7 @@ def _cyclones(rng: np.random.Generator, speed_m_s: float, time_s: Floats) -> Com
 
 SEAWATER_KG_M3 = 1027.0
 SPHERE_DRAG_M2 = 0.9  # drag coefficient times area of the sphere with its gear
-WIRE_DRAG_M = 1.7 * 0.008  # drag coefficient of a strumming wire times its diameter of 5/16 inch
-WIRE_WEIGHT_N_M = 1.2  # in water, including the glass floats along it
-SEGMENTS = 12
 ITERATIONS = 5
-STEEPEST_DEG = 9.9
 NOMINAL_M = 100.0
 
 
@@ -234,6 +248,8 @@ class Rig:
     wobble_deg: float  # standard deviation of the heading about its equilibrium at 25 cm/s
     rest_pitch_deg: float  # tilt in still water, due to the clamping of the instrument
     rest_roll_deg: float
+    wire_drag_m: float = 1.7 * 0.008  # drag coefficient of a strumming wire times its diameter of 5/16 inch
+    wire_weight_n_m: float = 1.2  # in water, including the glass floats along it
 
 
 @dataclass(frozen=True)
@@ -259,19 +275,19 @@ def make_motion(seed: int, name: str, rig: Rig, water: Water, *, declination_deg
     return Motion(water.time_s, depth + sea_level(water.time_s), heading, pitch, roll)
 
 
-def blow_down(rig: Rig, water: Water) -> Floats:
+def blow_down(rig: Rig, water: Water, segments: int = 12) -> Floats:
     """Compute the depth of the sphere along the water's time axis, metres below the mean surface, shape (g,)."""
     hours = water.time_s[::6]
-    length = (water.water_depth_m - NOMINAL_M) / SEGMENTS
-    along = length * (np.arange(SEGMENTS, dtype=float) + 0.5)
-    net_n = rig.buoyancy_n - WIRE_WEIGHT_N_M * along
+    length = (water.water_depth_m - NOMINAL_M) / segments
+    along = length * (np.arange(segments, dtype=float) + 0.5)
+    net_n = rig.buoyancy_n - rig.wire_weight_n_m * along
     depth = np.tile(NOMINAL_M + along, (hours.size, 1))
-    upright = np.ones((hours.size, SEGMENTS))
+    upright = np.ones((hours.size, segments))
     for _ in range(ITERATIONS):
         flow = velocity(water, hours, depth)
         # Only half of the step to the new slope, as the full step overshoots where the line leans most.
         sphere = 0.5 * SEAWATER_KG_M3 * SPHERE_DRAG_M2 * np.abs(flow[:, :1]) * flow[:, :1]
-        wire = 0.5 * SEAWATER_KG_M3 * WIRE_DRAG_M * length * np.abs(flow) * flow * upright**2
+        wire = 0.5 * SEAWATER_KG_M3 * rig.wire_drag_m * length * np.abs(flow) * flow * upright**2
         drag = sphere + np.cumsum(wire, axis=1) - 0.5 * wire  # of everything above
         upright = 0.5 * upright + 0.5 * (1.0 / np.hypot(1.0, np.abs(drag) / net_n))
         depth = water.water_depth_m - length * (np.cumsum(upright[:, ::-1], axis=1)[:, ::-1] - 0.5 * upright)
@@ -304,8 +320,10 @@ def pressure(depth_m: Floats, latitude_deg: float) -> Floats:
     return np.asarray((first - np.sqrt(first**2 - 8.84e-6 * depth_m)) / 4.42e-6)
 
 
-def _tilt(rng: np.random.Generator, rig: Rig, speed_m_s: Floats, relative_deg: Floats) -> tuple[Floats, Floats]:
-    """Simulate pitch and roll: tilt at rest, downstream lean of the sphere, and wobble, below ``STEEPEST_DEG``."""
+def _tilt(
+    rng: np.random.Generator, rig: Rig, speed_m_s: Floats, relative_deg: Floats, *, steepest_deg: float = 9.9
+) -> tuple[Floats, Floats]:
+    """Simulate pitch and roll: tilt at rest, downstream lean of the sphere, and wobble, below ``steepest_deg``."""
     drag_n = 0.5 * SEAWATER_KG_M3 * SPHERE_DRAG_M2 * speed_m_s**2
     lean_deg = np.rad2deg(np.arctan(drag_n / rig.buoyancy_n))
     relative = np.deg2rad(relative_deg)
@@ -314,5 +332,5 @@ def _tilt(rng: np.random.Generator, rig: Rig, speed_m_s: Floats, relative_deg: F
     pitch = rig.rest_pitch_deg - lean_deg * np.cos(relative) + wobble[0]
     roll = rig.rest_roll_deg + lean_deg * np.sin(relative) + wobble[1]
     # No instrument of the array tilted by ten degrees (von Appen 2015), which is therefore a smooth limit.
-    shrink = (1.0 + (np.hypot(pitch, roll) / STEEPEST_DEG) ** 8) ** -0.125
+    shrink = (1.0 + (np.hypot(pitch, roll) / steepest_deg) ** 8) ** -0.125
     return pitch * shrink, roll * shrink

@@ -35,10 +35,6 @@ from compasslib.statistics import single_threaded
 
 __all__ = ["METHODS", "DeviationFit", "describe_fit", "deviation_json", "find_implausibility", "fit_deviation"]
 
-BEYOND = 5.0  # distance beyond a fold, in compass noises, that noise cannot explain
-SURE_SIGMAS = 2.0
-MOST_IMPOSSIBLE = 0.25  # share of readings that a valid model cannot have recorded; outliers are fewer
-
 
 def _keep_compass(pairs: Pairs, near: DeviationFit | None) -> DeviationFit:
     """Return a compass known beforehand, which pairs do not change."""
@@ -84,17 +80,23 @@ def correctable_fraction(fit: DeviationFit, record: Record) -> float:
     return float(np.isfinite(compass.inverse(coefficients, recorded)).any(axis=1).mean())
 
 
-def find_implausibility(fit: DeviationFit, record: Record) -> str:
+def find_implausibility(
+    fit: DeviationFit, record: Record, *, beyond: float = 5.0, most_impossible: float = 0.25
+) -> str:
     """Explain why a fitted model is implausible for the instrument; empty if it is plausible.
 
     If the reference's components were exchanged, rotated by a right angle or wrongly signed, no compass fits the pairs:
     the fit then has excessive soft iron, or cannot have recorded many of the headings.
+
+    Args:
+        beyond: distance beyond a fold, in compass noises, that noise cannot explain.
+        most_impossible: share of readings that a valid model cannot have recorded; outliers are fewer.
     """
     if fit.fitted and fit.method == "exact":
         soft = fit.coefficients[3:5]
         size = float(np.hypot(*soft))
         sigma = float(np.sqrt(soft @ fit.covariance[3:5, 3:5] @ soft)) / max(size, 1e-12)
-        if size - SURE_SIGMAS * sigma >= MAX_SOFT_IRON:
+        if size - 2.0 * sigma >= MAX_SOFT_IRON:
             return (
                 f"the fit needs soft iron of {size:.0%} of the earth's field, more than any instrument has, so that "
                 "all headings are flagged doubtful; check columns, signs and directions of both instruments"
@@ -104,9 +106,9 @@ def find_implausibility(fit: DeviationFit, record: Record) -> str:
     if not (fit.fitted and recorded.size) or fit.method == "von_appen":
         return ""
     coefficients = coefficients_along(fit, record.pitch_deg[usable], record.roll_deg[usable])
-    near = [recorded + share * BEYOND * fit.noise.compass_deg for share in (0.0, -0.5, 0.5, -1.0, 1.0)]
+    near = [recorded + share * beyond * fit.noise.compass_deg for share in (0.0, -0.5, 0.5, -1.0, 1.0)]
     possible = np.any([np.isfinite(compass.inverse(coefficients, x)).any(axis=1) for x in near], axis=0)
-    if possible.mean() > 1.0 - MOST_IMPOSSIBLE:
+    if possible.mean() > 1.0 - most_impossible:
         return ""
     return (
         f"the fitted compass cannot have recorded {1.0 - possible.mean():.0%} of the headings in the file, so that "

@@ -7,8 +7,7 @@ than forty days is divided into four), and the model is fitted without some bloc
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -20,40 +19,22 @@ from compasslib.deviation.correction import correct_headings, readings_at_pairs
 from compasslib.deviation.exact import fit_exact, held_out_scores
 from compasslib.deviation.histograms import count_differences
 from compasslib.deviation.likelihood import EXACT, FORMS
-from compasslib.deviation.model import MIN_PAIRS, DeviationFit, heading_residual
+from compasslib.deviation.model import MIN_PAIRS, DeviationFit
 from compasslib.records import PROBABLY_BAD, PROBABLY_GOOD, Pairs, take
 from compasslib.statistics import single_threaded
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import NORMAL_95
-from compasslib.types import Complexes, Floats
+from compasslib.types import DAY_S, Complexes, Floats
 
-BLOCK_S = 10 * 86400.0
+BLOCK_S = 10 * DAY_S
 FOLDS = 2
-LEAST_BLOCKS = 2 * FOLDS
 FEWEST_FOR_FORMS = 4 * MIN_PAIRS
-REFUTED_DEG = 75.0  # of few pairs, rms after correction; unrelated directions scatter by 104, slow water by 42
-FEWEST_TO_REFUTE = 10
-DOUBTED_DEG = 46.0  # rms above which misread components of the reference are tested; slow water has less
-FAR_BETTER = 0.6  # ratio of medians that indicates misread components; a more flexible curve alone does not reach it
-READINGS: tuple[Callable[[Complexes], Complexes], ...] = (  # misread east + i north: signs, exchange, right angles
-    np.negative,
-    np.conj,
-    lambda z: -np.conj(z),
-    lambda z: 1j * np.conj(z),
-    lambda z: -1j * np.conj(z),
-    lambda z: 1j * z,
-    lambda z: -1j * z,
-)
-# Above this rms, directions of other days must agree less: about a mean flow even unrelated directions agree as well.
-SCATTERED_DEG, OTHER_DAYS, FEWEST_OF_OTHER_DAYS = 35.0, 12, 200
 SURE_SIGMAS = 2.0  # standard errors of a significant difference
-CONTRADICTED, LEAST_APART_DEG = 28.5, 3.0  # chi-squared, 4 degrees of freedom, p = 1e-5; and rms of the difference
 SERIES = {
     "series_in_correct": "the Fourier series in correct heading",
     "series_in_recorded": "that in recorded heading",
 }
 WATER = ("mean_of_bins", "predicted")  # expected rms error of one component at the reference's depth
-FORM_PAIRS = 1500  # evenly spaced pairs used to compare the forms; more only take longer
 
 
 def held_out_headings(pairs: Pairs, fit: DeviationFit) -> Floats:
@@ -76,17 +57,20 @@ def held_out_headings(pairs: Pairs, fit: DeviationFit) -> Floats:
 
 
 @single_threaded()
-def compare_forms(pairs: Pairs, fit: DeviationFit) -> dict[str, Any] | None:
+def compare_forms(pairs: Pairs, fit: DeviationFit, form_pairs: int = 1500) -> dict[str, Any] | None:
     """Cross-validate each form of the curve against the exact compass on held-out pairs.
 
     The result is None if another method was fitted or the pairs are too few.
 
     The score is the mean log-likelihood per pair, with contiguous blocks held out in turn; the standard error of its
     difference from the exact compass is based on block sums, because neighbouring hours are correlated.
+
+    Args:
+        form_pairs: number of evenly spaced pairs that are used; more only take longer.
     """
     if fit.method != EXACT.name or len(pairs) < FEWEST_FOR_FORMS:
         return None
-    pairs = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
+    pairs = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // form_pairs)))
     block = _blocks(pairs.time_s)
     near = {EXACT.name: fit}
     scores = {f.name: held_out_scores(f, pairs, block % FOLDS, near.get(f.name)) for f in FORMS}
@@ -102,7 +86,7 @@ def compare_forms(pairs: Pairs, fit: DeviationFit) -> dict[str, Any] | None:
 
 
 def _block_length(time_s: Floats) -> float:
-    return min(BLOCK_S, float(np.ptp(time_s)) / LEAST_BLOCKS) if len(time_s) > 1 else BLOCK_S
+    return min(BLOCK_S, float(np.ptp(time_s)) / (2 * FOLDS)) if len(time_s) > 1 else BLOCK_S
 
 
 def _blocks(time_s: Floats) -> NDArray[np.int_]:
@@ -112,12 +96,20 @@ def _blocks(time_s: Floats) -> NDArray[np.int_]:
 
 
 @single_threaded()
-def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = None) -> dict[str, Any]:
+def assess_correction(
+    pairs: Pairs,
+    fit: DeviationFit,
+    plain: Pairs | None = None,
+    *,
+    other_days: int = 12,
+    fewest_of_other_days: int = 200,
+) -> dict[str, Any]:
     """Compose assessment.json: direction differences, upper minus lower, before and after correction, and currents.
 
     Args:
         plain: the pairs as the compass of the fit alone would have recorded them, where further effects acted; these
             effects are estimated from the whole record, not held out.
+        other_days, fewest_of_other_days: shifts of the reference in time, and least number of pairs to compare them.
     """
     plain = pairs if plain is None else plain
     held_out = held_out_headings(plain, fit) if fit.fitted and len(pairs) else np.full(len(pairs), np.nan)
@@ -126,10 +118,10 @@ def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = Non
     after = _agreement(turned[0][known], turned[1][known], take(pairs, known))
     before = _agreement(pairs.upper_east[known], pairs.upper_north[known], take(pairs, known))
     others = None  # least rms against the reference's directions of other days, given enough pairs
-    if known.sum() >= FEWEST_OF_OTHER_DAYS:
+    if known.sum() >= fewest_of_other_days:
         upper = angles.direction(turned[0][known], turned[1][known])
         lower = angles.direction(pairs.lower_east[known], pairs.lower_north[known])
-        shifts = (np.arange(1, OTHER_DAYS + 1) * len(upper) // (OTHER_DAYS + 1)).tolist()
+        shifts = (np.arange(1, other_days + 1) * len(upper) // (other_days + 1)).tolist()
         others = min(angles.rms(angles.difference(upper, np.roll(lower, shift))) for shift in shifts)
     shown = take(pairs, known) if known.any() else pairs
     corrected = turned[0][known] + 1j * turned[1][known]
@@ -148,23 +140,32 @@ def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = Non
         },
         "rms_of_other_days_deg": others,
         "water_error_m_s": None if pairs.expected_m_s is None else dict(zip(WATER, pairs.expected_m_s, strict=True)),
-        "refuted": _refuted(after, others)
-        or _worse(before, after)
-        or _misread(pairs, fit, after)
-        or _contradicted(plain, fit),
-        "held_out": {"block_days": _block_length(pairs.time_s) / 86400.0, "folds": FOLDS, "n": int(known.sum())},
+        "refuted": _refuted(after, others) or _worse(before, after) or _contradicted(plain, fit),
+        "held_out": {"block_days": _block_length(pairs.time_s) / DAY_S, "folds": FOLDS, "n": int(known.sum())},
     }
 
 
-def _refuted(after: dict[str, Any], others_deg: float | None) -> str:
-    """Explain why held-out pairs refute the correction; empty if they do not."""
-    if after["n"] < FEWEST_TO_REFUTE:
+def _refuted(
+    after: dict[str, Any],
+    others_deg: float | None,
+    *,
+    refuted_deg: float = 75.0,
+    fewest_to_refute: int = 10,
+    scattered_deg: float = 35.0,
+) -> str:
+    """Explain why held-out pairs refute the correction; empty if they do not.
+
+    Args:
+        refuted_deg: of few pairs, rms after correction; unrelated directions scatter by 104, slow water by 42.
+        scattered_deg: rms above which directions of other days must agree less; about a mean flow even they agree.
+    """
+    if after["n"] < fewest_to_refute:
         return ""
     check = "so that all headings are flagged doubtful; check instruments, clocks, columns, signs and units"
     rms = f"held-out pairs refute the correction: directions still differ by {after['rms_deg']:.0f}° rms"
-    if others_deg is None and after["rms_deg"] > REFUTED_DEG:
+    if others_deg is None and after["rms_deg"] > refuted_deg:
         return f"{rms} (unrelated ones by 104°), {check}"
-    if others_deg is not None and SCATTERED_DEG < after["rms_deg"] >= others_deg:
+    if others_deg is not None and scattered_deg < after["rms_deg"] >= others_deg:
         return f"{rms}, and by {others_deg:.0f}° from those of other days, {check}"
     return ""
 
@@ -183,30 +184,12 @@ def _worse(before: dict[str, Any], after: dict[str, Any]) -> str:
     )
 
 
-def _misread(pairs: Pairs, fit: DeviationFit, after: dict[str, Any]) -> str:
-    """Report if exchanged, rotated or re-signed components of the reference agree far better; empty if none do."""
-    if fit.method != EXACT.name or after["n"] < FEWEST_FOR_FORMS or after["rms_deg"] <= DOUBTED_DEG:
-        return ""
-    subset = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // FORM_PAIRS)))
-    velocity = subset.lower_east + 1j * subset.lower_north
-    best, current = (
-        min(_left_by(subset, read(velocity)) for read in READINGS),
-        after["median_absolute_deg"],
-    )
-    if best > FAR_BETTER * current:
-        return ""
-    return (
-        f"after the correction half the directions differ by {current:.0f}° or more, and by {best:.0f}° where the "
-        "components of the reference are exchanged, turned by a right angle or signed otherwise, so that all "
-        "headings are flagged doubtful; check its columns and signs"
-    )
-
-
-def _contradicted(pairs: Pairs, fit: DeviationFit) -> str:
+def _contradicted(pairs: Pairs, fit: DeviationFit, *, contradicted: float = 28.5, least_apart_deg: float = 3.0) -> str:
     """Report if the pairs show a significantly different compass than the given one; empty if they do not.
 
     Args:
         pairs: pairs with further effects on the compass removed.
+        contradicted, least_apart_deg: chi-squared, 4 degrees of freedom, p = 1e-5; and rms of the difference.
     """
     if not (fit.fitted and fit.known_beforehand and fit.covariance_known) or len(pairs) < FEWEST_FOR_FORMS:
         return ""
@@ -219,23 +202,13 @@ def _contradicted(pairs: Pairs, fit: DeviationFit) -> str:
     curves = (compass.recorded_heading(each.coefficients, heading) for each in (own, fit))
     apart = angles.difference(*curves)
     size = angles.rms(angles.difference(apart, angles.mean(apart)))
-    if score < CONTRADICTED or size < LEAST_APART_DEG:
+    if score < contradicted or size < least_apart_deg:
         return ""
     return (
         f"the overlapping measurements show a deviation that differs by {size:.0f}° rms from the given one, more than "
         "both uncertainties explain, so that all headings are flagged doubtful; check that it is of this compass and "
         "its mounting, or fit the pairs (fit: {method: exact})"
     )
-
-
-def _left_by(pairs: Pairs, reference: Complexes) -> float:
-    """Compute the median absolute residual, degrees; a heading that the fit cannot have recorded counts as random.
-
-    For a folded compass these may be one in five, which would dominate an rms.
-    """
-    pairs = replace(pairs, lower_east=reference.real, lower_north=reference.imag)
-    fit = fit_exact(pairs, turned=False)
-    return float(np.median(np.abs(np.nan_to_num(heading_residual(fit, pairs), nan=angles.UNIFORM_SIGMA_DEG))))
 
 
 def describe_assessment(name: str, verdict: dict[str, Any]) -> str:
@@ -333,13 +306,15 @@ def vector_correlation(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> 
     return {"magnitude": float(np.abs(product)), "angle_deg": angle}
 
 
-MOST_UNSURE, MOST_BAD = 0.05, 0.5  # shares of headings of flags 2 and 3, and of flags 3 and 4
-USUAL_SIGMA_DEG = 5.0  # a larger median uncertainty needs care; like the shares chosen, not measured
-COVERED_SIGMAS = 3.0  # a mismatch beyond this many standard deviations is not covered by the uncertainty; chosen
-
-
 def answer_use(
-    diagnosis: Mapping[str, Any], flags: NDArray[np.integer], sigma_deg: Floats
+    diagnosis: Mapping[str, Any],
+    flags: NDArray[np.integer],
+    sigma_deg: Floats,
+    *,
+    most_unsure: float = 0.05,
+    most_bad: float = 0.5,
+    usual_sigma_deg: float = 5.0,
+    covered_sigmas: float = 3.0,
 ) -> dict[str, str | float | None]:
     """Answer whether the corrected directions can be used: yes, with care, or no, from verdict, flags and uncertainty.
 
@@ -347,6 +322,9 @@ def answer_use(
         diagnosis: content of diagnosis.json.
         flags: of the corrected headings, (n,).
         sigma_deg: their standard deviations, (n,); NaN where there is no correction.
+        most_unsure, most_bad: shares of headings of flags 2 and 3, and of flags 3 and 4.
+        usual_sigma_deg: a larger median uncertainty needs care; like the shares chosen, not measured.
+        covered_sigmas: a mismatch beyond this many standard deviations is not covered by the uncertainty; chosen.
     """
     known = np.isfinite(sigma_deg)
     sigma = float(np.median(sigma_deg[known])) if known.any() else None
@@ -360,14 +338,14 @@ def answer_use(
         "unexplained": f"a mismatch of {size:.1f}° rms {left['where']['text'] if left else ''} is unexplained",
     }.get(verdict, diagnosis["why"].partition(". ")[0])
     no = {
-        f"{100.0 * bad:.0f} % of the headings are doubtful or missing": bool(bad > MOST_BAD),
+        f"{100.0 * bad:.0f} % of the headings are doubtful or missing": bool(bad > most_bad),
         "the uncertainty does not cover the mismatch": bool(
-            known.any() and size > COVERED_SIGMAS * angles.rms(sigma_deg[known])
+            known.any() and size > covered_sigmas * angles.rms(sigma_deg[known])
         ),
     }
     care = {
-        f"{100.0 * unsure:.0f} % of the headings have flag 2 or 3": bool(unsure > MOST_UNSURE),
-        f"the uncertainty exceeds {USUAL_SIGMA_DEG:g}°": sigma is not None and sigma > USUAL_SIGMA_DEG,
+        f"{100.0 * unsure:.0f} % of the headings have flag 2 or 3": bool(unsure > most_unsure),
+        f"the uncertainty exceeds {usual_sigma_deg:g}°": sigma is not None and sigma > usual_sigma_deg,
     }
     if verdict == "insufficient" or any(no.values()):
         answer, reasons = "no", no

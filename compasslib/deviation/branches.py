@@ -25,16 +25,9 @@ from compasslib.types import Complexes, Floats
 
 STEP_WIDTHS_DEG = (3.0, 6.0, 10.0, 16.0, 25.0, 40.0, 80.0)  # candidate standard deviations of a heading step
 WATER_CHANGES = (0.02, 0.035, 0.06, 0.1, 0.2, 10.0)  # candidate changes of the current over an interval, m/s
-TIGHTEST = 300.0  # largest von Mises concentration of a step that the cells resolve
 LEAP_SHARES = (0.003, 0.03)  # candidate probabilities of a jump to an unrelated heading
 PRECISION_DEG = 0.5  # assumed for a moored compass; an unfolded record cannot separate it from the water's scatter
 MERGED_DEG = 25.0  # roots closer than this merge at a fold into one heading between them
-BRANCHES_APART = 5.0  # separation of two roots that directions resolve, in widths of the scatter
-FEWEST_SHOWN, SHARE_SHOWN = 200, 0.1  # least number of pairs that show their branch, or their share if pairs are few
-LEARNING_SAMPLES = 2000
-CHUNK = 500  # samples whose likelihood is evaluated on the fine headings at a time
-LONGEST_GAP = 64.0  # sampling intervals after which the heading is independent
-SHARED_NOISE = 0.5  # exponent of the overlaps' likelihood, as neighbouring overlaps share the water's veer
 
 
 @dataclass(frozen=True)
@@ -49,7 +42,14 @@ class HeadingDecision:
 
 
 def choose_branches(
-    readings: Readings, along: CompassSeries, fit: DeviationFit, overlap: NDArray[np.intp], scatter: Floats
+    readings: Readings,
+    along: CompassSeries,
+    fit: DeviationFit,
+    overlap: NDArray[np.intp],
+    scatter: Floats,
+    *,
+    chunk: int = 500,
+    shared_noise: float = 0.5,
 ) -> HeadingDecision:
     """Choose the heading at each sample of a compass that may be folded.
 
@@ -58,6 +58,8 @@ def choose_branches(
         fit: the fitted exact compass, for its noise and the distribution of headings.
         overlap: indices of the samples at which the reference overlaps, (k,).
         scatter: density of the heading observed there, on the cells, (k, CELLS).
+        chunk: samples whose likelihood is evaluated on the fine headings at a time.
+        shared_noise: exponent of the overlaps' likelihood, as neighbouring overlaps share the water's veer.
     """
     roots = along.roots()
     if not np.isfinite(roots[:, 1]).any():
@@ -77,25 +79,28 @@ def choose_branches(
         rows = table[FINE.bin_of(recorded)]
     else:
         towards = FINE.heading_deg - np.broadcast_to(along.north_deg, recorded.shape)[:, None]
-        parts = np.array_split(np.arange(len(recorded)), max(1, len(recorded) // CHUNK))
+        parts = np.array_split(np.arange(len(recorded)), max(1, len(recorded) // chunk))
         at = along.coefficients[:, :, None]
         rows = np.concatenate([_rows(recorded[i], at[:, i], towards[i], fit.noise.compass_deg) for i in parts])
     evidence = np.where(known[:, None], rows, 1.0 / 360.0)
     impossible = evidence.max(axis=1) < 2.0 * UNEXPLAINED_DENSITY  # the heading follows from adjacent samples
-    evidence[overlap] *= scatter**SHARED_NOISE
+    evidence[overlap] *= scatter**shared_noise
     moves = _water_turns(readings.time_s, readings.water)
     posterior = forward_backward(evidence, moves, _learn(evidence, moves, fit.heading_density), fit.heading_density)
     decision = _chosen(posterior, roots, readings.heading_deg)
     return replace(decision, probability=np.where(impossible, 0.0, decision.probability))
 
 
-def open_branches(decision: HeadingDecision, shown: int, pairs: int) -> HeadingDecision:
+def open_branches(
+    decision: HeadingDecision, shown: int, pairs: int, *, fewest_shown: int = 200, share_shown: float = 0.1
+) -> HeadingDecision:
     """Reduce the branch probability to 0.5 or less if too few pairs show which branch is right.
 
     Args:
         shown: number of pairs that show their branch, see ``shows_branch``.
+        fewest_shown, share_shown: least number of pairs that show their branch, or their share if pairs are few.
     """
-    if shown >= min(FEWEST_SHOWN, SHARE_SHOWN * pairs):
+    if shown >= min(fewest_shown, share_shown * pairs):
         return decision
     apart = np.nan_to_num(angles.difference(decision.other_deg, decision.heading_deg))
     two = np.isfinite(decision.other_deg)
@@ -103,15 +108,16 @@ def open_branches(decision: HeadingDecision, shown: int, pairs: int) -> HeadingD
     return replace(decision, sigma_deg=np.hypot(decision.sigma_deg, apart), probability=probability)
 
 
-def shows_branch(roots_deg: Floats, width_deg: Floats) -> NDArray[np.bool_]:
+def shows_branch(roots_deg: Floats, width_deg: Floats, *, branches_apart: float = 5.0) -> NDArray[np.bool_]:
     """Find the overlaps whose directions show the branch: only one root, or two far apart, (n,).
 
     Args:
         roots_deg: correct headings of each recorded one, (n, 2), NaN where there is none.
+        branches_apart: separation of two roots that directions resolve, in widths of the scatter.
     """
     single = np.isfinite(roots_deg).sum(axis=1) == 1
     with np.errstate(invalid="ignore"):
-        return single | (np.abs(angles.difference(roots_deg[:, 0], roots_deg[:, 1])) >= BRANCHES_APART * width_deg)
+        return single | (np.abs(angles.difference(roots_deg[:, 0], roots_deg[:, 1])) >= branches_apart * width_deg)
 
 
 @dataclass(frozen=True)
@@ -179,11 +185,24 @@ class _Kernels:
         return ahead, back / self.norm[s, 0] + self.leaps[s, 0] * (message @ self.stationary)
 
 
-def _kernels(moves: WaterTurns, habits: Sequence[MotionModel], stationary: Floats) -> _Kernels:
-    steps = np.minimum(moves.steps, LONGEST_GAP)[:, None, None]
+def _kernels(
+    moves: WaterTurns,
+    habits: Sequence[MotionModel],
+    stationary: Floats,
+    *,
+    tightest: float = 300.0,
+    longest_gap: float = 64.0,
+) -> _Kernels:
+    """Compute the transition probabilities between samples of each motion model.
+
+    Args:
+        tightest: largest von Mises concentration of a step that the cells resolve.
+        longest_gap: sampling intervals after which the heading is independent.
+    """
+    steps = np.minimum(moves.steps, longest_gap)[:, None, None]
     width, change, leap = np.array([(h.width_deg, h.water_m_s, h.leaps) for h in habits]).T[:, :, None]
     away = angles.wrap180(CELL_CENTRES)
-    grip = np.minimum(moves.strength[:, None, None] / (change**2 * steps), TIGHTEST)
+    grip = np.minimum(moves.strength[:, None, None] / (change**2 * steps), tightest)
     # |v' e^{i beta'} - v e^{i beta}|^2 depends on the step beta' - beta only: the factor is von Mises about -turn
     cosine = angles.sin_cos(away + moves.turn_deg[:, None])[1][:, None, :]
     density = grip * (cosine - 1.0)
@@ -194,7 +213,7 @@ def _kernels(moves: WaterTurns, habits: Sequence[MotionModel], stationary: Float
     spectrum = np.fft.rfft(density)
     draw = np.sqrt(stationary)
     norm = np.fft.irfft(np.fft.rfft(draw) * np.conj(spectrum), CELLS)
-    leaps = np.where(steps >= LONGEST_GAP, 1.0, 1.0 - (1.0 - leap) ** steps)
+    leaps = np.where(steps >= longest_gap, 1.0, 1.0 - (1.0 - leap) ** steps)
     floor = np.maximum(norm, 1e-12).astype(np.float32)
     spectrum *= 1.0 - leaps
     return _Kernels(spectrum.astype(np.complex64), floor, draw, stationary, leaps)
@@ -212,10 +231,10 @@ def _water_turns(time_s: Floats, water: Complexes) -> WaterTurns:
     )
 
 
-def _learn(evidence: Floats, moves: WaterTurns, density: Floats) -> MotionModel:
+def _learn(evidence: Floats, moves: WaterTurns, density: Floats, *, learning_samples: int = 2000) -> MotionModel:
     """Select the motion model with the greatest likelihood in the middle of the record, one parameter at a time."""
-    begin = max(0, (len(evidence) - LEARNING_SAMPLES) // 2)
-    middle = evidence[begin : begin + LEARNING_SAMPLES]
+    begin = max(0, (len(evidence) - learning_samples) // 2)
+    middle = evidence[begin : begin + learning_samples]
     between = slice(begin, begin + len(middle) - 1)
     part = WaterTurns(moves.steps[between], moves.turn_deg[between], moves.strength[between])
 

@@ -16,12 +16,6 @@ from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Floats
 
 LEAST_DEG, LEAST_SIGMAS = 5.0, 4.0  # smaller constants are not told
-NEAR_SIGMAS = 2.0  # largest difference from the angle of a mistake
-# A constant that is larger by twice its standard error, three standard deviations of mountings, is questioned: 0.8 % of
-# sound moorings have one where the reference's errors follow Student's t. Smaller angles of mistakes are only told:
-# within 2° of ±6° lie the constants of 27 % of sound moorings, of ±12° those of 4 %.
-LARGE_DEG = 12.0
-CRUST_DEG = 5.0  # possible effect of the crustal field on declination at sea, with a margin (IGRF: 0.4 to 2°)
 DECLINATION = {
     1: "equal to the declination ({:+.1f}°): the directions of the reference hold it twice, being true already "
     "(direction_reference, declination_applied), or it was subtracted from affected headings that never held it "
@@ -70,14 +64,17 @@ class ConstantOffset:
         )
 
 
-def find_declination_error(field: EarthField) -> ConstantOffset | None:
+def find_declination_error(field: EarthField, *, crust_deg: float = 5.0) -> ConstantOffset | None:
     """Compare the declination of the metadata with IGRF; None if no known mistake explains the difference.
 
     A wrong declination rotates the directions of both instruments equally, so their agreement does not reveal it.
+
+    Args:
+        crust_deg: possible effect of the crustal field on declination at sea, with a margin (IGRF: 0.4 to 2°).
     """
     stated, model = float(np.mean(field.declination_deg)), float(np.mean(field.model_declination_deg))
     size, mistake = float(angles.difference(stated, model)), earthfield.recognize_mistake(stated, model)
-    if min(abs(size), abs(stated)) <= CRUST_DEG or not mistake:  # near 0 may be intended: magnetic north throughout
+    if min(abs(size), abs(stated)) <= crust_deg or not mistake:  # near 0 may be intended: magnetic north throughout
         return None
     cause = (
         f"the declination of the metadata is {size:+.1f}° off IGRF ({model:+.1f}°){mistake}: it is probably wrong, and "
@@ -110,9 +107,23 @@ def find_constant_offset(
 
 
 def question_constant(
-    angle_deg: float, sigma_deg: float, declination_deg: float, heading_bias_deg: Mapping[str, float]
+    angle_deg: float,
+    sigma_deg: float,
+    declination_deg: float,
+    heading_bias_deg: Mapping[str, float],
+    *,
+    near_sigmas: float = 2.0,
+    large_deg: float = 12.0,
 ) -> ConstantOffset:
-    """Question a large constant, and compare any with the angles of mistakes."""
+    """Question a large constant, and compare any with the angles of mistakes.
+
+    Args:
+        near_sigmas: largest difference from the angle of a mistake.
+        large_deg: A constant that is larger by twice its standard error, three standard deviations of mountings, is
+            questioned: 0.8 % of sound moorings have one where the reference's errors follow Student's t. Smaller angles
+            of mistakes are only told: within 2° of ±6° lie the constants of 27 % of sound moorings, of ±12° those of 4
+            %.
+    """
     mistakes = [
         ("declination_error", cause.format(declination_deg), n * declination_deg) for n, cause in DECLINATION.items()
     ]
@@ -121,9 +132,9 @@ def question_constant(
     mistakes.append(("mounting_offset", BACKWARDS, 180.0))
     off = np.array([float(angles.wrap180(angle_deg - mistake)) for _, _, mistake in mistakes])
     density = _normal_density(off, sigma_deg) / len(mistakes)
-    near = [k for k in np.argsort(-density) if abs(off[k]) <= NEAR_SIGMAS * sigma_deg]
+    near = [k for k in np.argsort(-density) if abs(off[k]) <= near_sigmas * sigma_deg]
     causes = "; or ".join(dict.fromkeys(mistakes[k][1] for k in near))
-    if abs(angle_deg) - NEAR_SIGMAS * sigma_deg <= LARGE_DEG:
+    if abs(angle_deg) - near_sigmas * sigma_deg <= large_deg:
         return ConstantOffset(angle_deg, sigma_deg, cause=causes)
     # Equal prior odds of a mistake (all kinds equally likely), a sound constant and a uniformly distributed angle.
     effect, uniform = mistakes[near[0]][0] if near else "mounting_offset", 1.0 / 360.0

@@ -18,7 +18,6 @@ from compasslib.deviation.model import UNKNOWN_COVARIANCE, DeviationFit, observe
 from compasslib.deviation.reference import declination_sigma
 from compasslib.deviation.series import invert_series, series_design, series_sigma, series_slope
 from compasslib.deviation.tilt import CompassAverage, CompassSeries, average_compasses, compass_series
-from compasslib.preparation.quality import apply_heading_flags, heading_outlier_flags
 from compasslib.records import (
     BAD,
     GOOD,
@@ -39,13 +38,7 @@ from compasslib.types import Complexes, Floats
 Flags = NDArray[np.int8]
 
 PIECE = 32_768  # samples whose velocities are rotated at once: 10 MB per array with forty bins
-FAST = 2.0  # largest |d recorded / d correct heading| at which recorded headings can be tested for outliers
-AGREED = 0.9  # total weight of agreeing compasses below which a heading is flagged
 MIN_PROBABILITY = 0.95  # a heading is flagged if its branch is less probable
-# Uncertainty per degree of tilt of a level model, degrees: at 5 degrees of tilt a vertical field of the iron of 4 % of
-# H, or one of 1 % induced where Z is four times H, each deflect the compass by some 0.2 degrees along either axis.
-LEFT_OUT_BY_TILT = 0.08
-UNKNOWN_TILT_DEG = 5.0  # assumed where no tilt was recorded (von Appen 2015: typically 5)
 
 
 @dataclass(frozen=True)
@@ -85,7 +78,7 @@ def correct(
         doubts: periods whose headings are flagged as doubtful, with increased uncertainty.
     """
     decided = _decided(record, fit, pairs, at, unmodelled_deg, doubts)
-    return _turned(*decided, field, _declination_sigma(fit, field))
+    return _turned(record, decided, field, _declination_sigma(fit, field))
 
 
 def correct_in_pieces(
@@ -100,7 +93,7 @@ def correct_in_pieces(
 ) -> CorrectedPieces:
     """Correct like ``correct``, in pieces along time, so that a decade of velocities fits in memory."""
     decided = _decided(record, fit, pairs, at, unmodelled_deg, doubts)
-    return CorrectedPieces(*decided, field, _declination_sigma(fit, field))
+    return CorrectedPieces(record, decided, field, _declination_sigma(fit, field))
 
 
 def _decided(
@@ -110,8 +103,8 @@ def _decided(
     at: CompassSeries | None,
     unmodelled_deg: float,
     doubts: Sequence[Doubt],
-) -> tuple[Record, HeadingDecision]:
-    record, decision = _without_outliers(record, correct_headings(record_readings(record), fit, pairs, at), fit)
+) -> HeadingDecision:
+    decision = correct_headings(record_readings(record), fit, pairs, at)
     if not fit.covariance_known:
         doubts = (*doubts, doubt_whole_record(angles.UNIFORM_SIGMA_DEG, UNKNOWN_COVARIANCE))
     if why := find_implausibility(fit, record):
@@ -124,27 +117,12 @@ def _decided(
         for known, further in ((decision.sigma_deg, rounded_deg**2), (decision.common_deg, 0.0))
     )
     probability = np.where(doubted, np.minimum(decision.probability, 0.0), decision.probability)
-    return record, replace(decision, sigma_deg=whole, common_deg=common, probability=probability)
+    return replace(decision, sigma_deg=whole, common_deg=common, probability=probability)
 
 
 def _declination_sigma(fit: DeviationFit, field: EarthField) -> float:
     """Return the declination's standard deviation; 0 where the fit's reference is true, and the headings hold it."""
     return declination_sigma(field) if fit.reference is None or fit.reference.magnetic else 0.0
-
-
-def _without_outliers(record: Record, decision: HeadingDecision, fit: DeviationFit) -> tuple[Record, HeadingDecision]:
-    """Flag outlying headings, and set the decision to NaN where they are certain.
-
-    If iron makes the compass turn much faster than the instrument, a valid recorded heading may look like an outlier:
-    then corrected headings are tested instead, except those with an uncertain branch, which are flagged anyway.
-    """
-    judged = record.heading_deg
-    if _slope(fit, np.arange(360.0)).max() > FAST:
-        with np.errstate(invalid="ignore"):
-            judged = np.where(decision.probability < MIN_PROBABILITY, np.nan, decision.heading_deg)
-    flags = heading_outlier_flags(record, judged)
-    columns = {name: np.where(flags == BAD, np.nan, column) for name, column in vars(decision).items()}
-    return apply_heading_flags(record, flags), HeadingDecision(**columns)
 
 
 def _slope(fit: DeviationFit, heading_deg: Floats) -> Floats:
@@ -198,7 +176,13 @@ def describe_correction(name: str, product: CorrectedPieces) -> str:
 
 
 def correct_headings(
-    readings: Readings, fit: DeviationFit, pairs: Pairs, at: CompassSeries | None = None
+    readings: Readings,
+    fit: DeviationFit,
+    pairs: Pairs,
+    at: CompassSeries | None = None,
+    *,
+    left_out_by_tilt: float = 0.08,
+    unknown_tilt_deg: float = 5.0,
 ) -> HeadingDecision:
     """Estimate the correct heading, its standard deviation and the probability of its branch.
 
@@ -207,6 +191,10 @@ def correct_headings(
         fit: the deviation model, possibly without coefficients.
         pairs: overlapping measurements that help to choose the branch; their times must be among those of the readings.
         at: the compass at each sample, if effects beyond those of the fit acted on it.
+        left_out_by_tilt: uncertainty per degree of tilt of a level model, degrees: at 5 degrees of tilt a vertical
+            field of the iron of 4 % of H, or one of 1 % induced where Z is four times H, each deflect the compass by
+            some 0.2 degrees along either axis.
+        unknown_tilt_deg: assumed where no tilt was recorded (von Appen 2015: typically 5).
     """
     if not fit.fitted:
         nothing = np.full(readings.heading_deg.shape, np.nan)
@@ -233,7 +221,7 @@ def correct_headings(
     left_out = np.zeros(parameters.shape)
     if at is None or not at.tilted:
         tilt_deg = np.hypot(readings.pitch_deg, readings.roll_deg)
-        left_out = LEFT_OUT_BY_TILT * np.where(np.isfinite(tilt_deg), tilt_deg, UNKNOWN_TILT_DEG)
+        left_out = left_out_by_tilt * np.where(np.isfinite(tilt_deg), tilt_deg, unknown_tilt_deg)
     common = np.sqrt(parameters**2 + np.sum(reference_modes(fit, readings, decision.heading_deg) ** 2, axis=1))
     sigma = np.sqrt(decision.sigma_deg**2 + common**2 + left_out**2)
     return replace(decision, sigma_deg=np.minimum(sigma, angles.UNIFORM_SIGMA_DEG), common_deg=common)
@@ -261,10 +249,14 @@ def reference_modes(fit: DeviationFit, readings: Readings, heading_deg: Floats) 
     return np.column_stack([np.full(len(heading_deg), further), np.nan_to_num(by[:, :5] @ reference.iron)])
 
 
-def _moved(decision: HeadingDecision, average: CompassAverage) -> HeadingDecision:
-    """Shift the decision to the average of the compasses, and lower its probability where they disagree."""
+def _moved(decision: HeadingDecision, average: CompassAverage, *, least: float = 0.9) -> HeadingDecision:
+    """Shift the decision to the average of the compasses, and lower its probability where they disagree.
+
+    Args:
+        least: total weight of agreeing compasses below which a heading is flagged.
+    """
     heading = angles.wrap360(decision.heading_deg + average.shift_deg)
-    probability = np.where(average.agreed < AGREED, average.agreed, np.inf)
+    probability = np.where(average.agreed < least, average.agreed, np.inf)
     return replace(
         decision,
         heading_deg=np.where(average.shift_deg == 0.0, decision.heading_deg, heading),
@@ -316,7 +308,6 @@ def _heading_quality(record: Record, decision: HeadingDecision) -> Flags:
 
 
 LOOKUP_COLUMNS = ("recorded_deg", "corrected_deg", "deviation_deg", "sigma_deg", "root")
-MIN_READING_SLOPE = 0.05  # lower bound of the slope by which the precision of a reading is divided
 
 
 def correct_roots(fit: DeviationFit, recorded_deg: Floats) -> Floats:
@@ -332,7 +323,7 @@ def correct_roots(fit: DeviationFit, recorded_deg: Floats) -> Floats:
 
 
 def tabulate_deviation(
-    fit: DeviationFit, unmodelled_deg: float = 0.0, doubts: Sequence[Doubt] = ()
+    fit: DeviationFit, unmodelled_deg: float = 0.0, doubts: Sequence[Doubt] = (), *, min_reading_slope: float = 0.05
 ) -> dict[str, Floats]:
     """Tabulate the level compass at every whole degree that it can record; empty without coefficients.
 
@@ -342,6 +333,7 @@ def tabulate_deviation(
     Args:
         unmodelled_deg: standard deviation of known unmodelled effects, degrees.
         doubts: only those about the whole record are included.
+        min_reading_slope: lower bound of the slope by which the precision of a reading is divided.
 
     Returns:
         The columns of ``LOOKUP_COLUMNS``; root is 1 (larger slope) or 2 for a two-valued compass.
@@ -361,7 +353,7 @@ def tabulate_deviation(
         else:
             parameters, slope = compass_series(fit, readings).sigma(root), compass.slope(fit.coefficients, root)
         trusted = np.sum(reference_modes(fit, readings, root) ** 2, axis=1)
-        reading = PRECISION_DEG / np.maximum(np.abs(slope), MIN_READING_SLOPE)
+        reading = PRECISION_DEG / np.maximum(np.abs(slope), min_reading_slope)
         sigma = np.minimum(np.sqrt(parameters**2 + trusted + reading**2 + further), angles.UNIFORM_SIGMA_DEG)
         deviation = angles.difference(root, recorded)
         rows += list(zip(*(c[known] for c in (recorded, root, deviation, sigma, np.full(360, k))), strict=True))

@@ -55,11 +55,10 @@ from compasslib.types import DAY_S, Floats
 
 STRENGTHS = (0.0, 0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2)  # hard iron over the earth's horizontal field
 DIRECTIONS_DEG = np.arange(0.0, 360.0, 22.5)
-START_PAIRS, START_COUNT, START_REFINED, START_ROUNDS = 900, 5, 2, 2
-START_NOISE, START_COMPASS_DEG = ScatterNoise(floor_deg=10.0, slow_deg_m_s=2.0, outliers=0.02), 6.0
+START_NOISE = ScatterNoise(floor_deg=10.0, slow_deg_m_s=2.0, outliers=0.02)
 MAX_SOFT_IRON = 0.3  # magnitude of (D, E); spheres and frames induce a few per cent
 TURNS_DEG = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)  # constant rotations of all readings, as starting values
-ROUNDS, STEPS, NOISE_PAIRS = 2, 40, 1000
+ROUNDS = 2
 # Weak priors that only matter without data: mean and standard deviation of A..E and log(compass noise / degree).
 PRIOR_CENTRE = np.zeros(6)
 PRIOR_WIDTH = np.array([0.5, 1.5, 1.5, 0.3, 0.3, 0.15])
@@ -68,26 +67,22 @@ WITHOUT_CONSTANT = np.array([0.001, *PRIOR_WIDTH[1:]])
 # Bounding |D|, |E| below |u| prevents the induced part from reversing the field, which no iron near an instrument does.
 # The last lower bound is the smallest compass noise that the grids resolve.
 PARAMETER_BOUNDS = np.array([(-np.inf, np.inf)] * 3 + [(-0.6, 0.6)] * 2 + [(np.log(0.8), np.log(8.0))])
-PRIOR_SMOOTHING_DEG, PRIOR_FLOOR = 12.0, 0.1
 # Bounds of log(floor), log(slow part), logit(outliers); the cells do not resolve a smaller floor.
 NOISE_BOUNDS = np.array([(np.log(CELL_DEG), np.log(90.0)), (np.log(0.05), np.log(50.0)), (-9.0, 2.0)])
 NOISE_PRIOR = np.array([np.log(8.0), np.log(2.5), -4.0])  # means of weak priors with standard deviation 1
-NOISE_STEPS = 15
-POWER = (STUDENT_DOF + 1.0) / 2.0  # exponent of Student's t: three
 
 
-def fit_exact(pairs: Pairs, near: DeviationFit | None = None, *, turned: bool = True) -> DeviationFit:
+def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
     """Fit the exact compass to the pairs' directions, given the recorded headings, by penalized maximum likelihood.
 
     Args:
         near: a fit to start from, if the right fold is already known.
-        turned: whether to also try starts with all readings rotated by a constant angle.
     """
     if len(pairs) < MIN_PAIRS:
         return unfitted("exact", len(pairs))
     overlap, prior = _overlap(pairs), None if near is None else near.prior
     state = _refined(_start(overlap, EXACT) if near is None else _at(near), overlap)
-    if turned and near is None and float(np.hypot(*state.parameters[3:5])) >= MAX_SOFT_IRON:
+    if near is None and float(np.hypot(*state.parameters[3:5])) >= MAX_SOFT_IRON:
         # Implausibly large soft iron substitutes for another cause: for a two-valued compass, a constant rotation of
         # all readings.
         others = [_refined(_start_turned(overlap, angle), overlap) for angle in TURNS_DEG]
@@ -207,23 +202,33 @@ class OptimizerState:
     loss: float = float("inf")
 
 
-def _start(overlap: Overlap, form: CurveForm, prior_width: Floats = PRIOR_WIDTH) -> OptimizerState:
+def _start(
+    overlap: Overlap,
+    form: CurveForm,
+    prior_width: Floats = PRIOR_WIDTH,
+    *,
+    start_pairs: int = 900,
+    start_count: int = 5,
+    start_refined: int = 2,
+    start_rounds: int = 2,
+) -> OptimizerState:
     """Optimize from the best of many strengths and directions of the iron, using the pairs with the least scatter.
 
     The scatter is refitted at each maximum before they are compared: too wide a scatter blurs a fold, and a wrong
     compass then fits as well as the right one.
     """
     width = overlap.width_deg(START_NOISE)
-    clear = np.sort(np.argsort(width, kind="stable")[: max(len(width) // 2, min(START_PAIRS, len(width)))])
-    few = overlap.take(clear[:: max(1, len(clear) // START_PAIRS)])
+    clear = np.sort(np.argsort(width, kind="stable")[: max(len(width) // 2, min(start_pairs, len(width)))])
+    few = overlap.take(clear[:: max(1, len(clear) // start_pairs)])
     prior = smooth_density(np.histogram(few.observed_deg, bins=CELLS, range=(0.0, 360.0))[0].astype(float))
     data = few.sample(START_NOISE, COARSE, form)
-    starts = [_iron(strength, towards) for strength in STRENGTHS for towards in DIRECTIONS_DEG]
+    irons = [angles.components(strength, towards) for strength in STRENGTHS for towards in DIRECTIONS_DEG]
+    starts = [np.array([0.0, float(b), float(c), 0.0, 0.0, np.log(6.0)]) for c, b in irons]
     values = [-log_likelihood(start, data, prior, COARSE) for start in starts]
-    states = [OptimizerState(starts[i], START_NOISE, prior) for i in np.argsort(values)[:START_COUNT]]
+    states = [OptimizerState(starts[i], START_NOISE, prior) for i in np.argsort(values)[:start_count]]
     states = [_improve(state, few, COARSE, form, HARD_IRON_FIRST) for state in states]
-    states = sorted(states, key=lambda state: state.loss)[:START_REFINED]
-    for _ in range(START_ROUNDS):
+    states = sorted(states, key=lambda state: state.loss)[:start_refined]
+    for _ in range(start_rounds):
         states = [_improve(state, few, COARSE, form, prior_width) for state in states]
     return min(states, key=lambda state: state.loss)
 
@@ -245,7 +250,7 @@ def _improve(
     data = overlap.sample(state.noise, grid, form)
     parameters, loss = _maximise(state.parameters, data, state.prior, grid, prior_width, external=external)
     prior = smooth_density(heading_occupancy(parameters, data, state.prior, grid))
-    few = overlap.take(np.arange(0, len(overlap.observed_deg), max(1, len(overlap.observed_deg) // NOISE_PAIRS)))
+    few = overlap.take(np.arange(0, len(overlap.observed_deg), max(1, len(overlap.observed_deg) // 1000)))
     given = heading_given_reading(parameters, few.recorded_deg, prior, FINE, form)
     scatter = ScatterData(given, few.squared_chord, few.upper_speed, few.lower_speed)
     return OptimizerState(parameters, fit_scatter(scatter, state.noise), prior, loss)
@@ -277,11 +282,6 @@ def _described(
     )
 
 
-def _iron(strength: float, towards_deg: float) -> Floats:
-    starboard, forward = angles.components(strength, towards_deg)
-    return np.array([0.0, float(forward), float(starboard), 0.0, 0.0, np.log(START_COMPASS_DEG)])
-
-
 def _maximise(
     parameters: Floats,
     data: BinnedSample,
@@ -305,20 +305,20 @@ def _maximise(
     curvature = scores.T @ scores + np.diag(prior_width**-2.0)
     if external is not None:
         curvature[:5, :5] += external.precision
-    return minimize_bfgs(loss, parameters, PARAMETER_BOUNDS, STEPS, curvature)
+    return minimize_bfgs(loss, parameters, PARAMETER_BOUNDS, 40, curvature)
 
 
-def smooth_density(mass: Floats) -> Floats:
+def smooth_density(mass: Floats, *, prior_smoothing_deg: float = 12.0, prior_floor: float = 0.1) -> Floats:
     """Smooth a distribution of headings and add a uniform floor; the result sums to 1.
 
     Args:
         mass: counts on the cells, (CELLS,), not all zero.
     """
     distance = angles.wrap180(CELL_CENTRES)
-    kernel = np.exp(-0.5 * (distance / PRIOR_SMOOTHING_DEG) ** 2)
+    kernel = np.exp(-0.5 * (distance / prior_smoothing_deg) ** 2)
     smooth = np.fft.irfft(np.fft.rfft(mass) * np.fft.rfft(kernel / kernel.sum()), len(mass))
     smooth = np.maximum(smooth, 0.0) / smooth.sum()
-    return (1.0 - PRIOR_FLOOR) * smooth + PRIOR_FLOOR / len(mass)
+    return (1.0 - prior_floor) * smooth + prior_floor / len(mass)
 
 
 @dataclass(frozen=True)
@@ -340,14 +340,14 @@ def fit_scatter(data: ScatterData, near: ScatterNoise) -> ScatterNoise:
         return 0.5 * float(off @ off) - value, off - slope
 
     start = [np.log(near.floor_deg), np.log(near.slow_deg_m_s), np.log(near.outliers / (1.0 - near.outliers))]
-    return _scatter_noise(minimize_bfgs(loss, np.array(start), NOISE_BOUNDS, NOISE_STEPS)[0])
+    return _scatter_noise(minimize_bfgs(loss, np.array(start), NOISE_BOUNDS, 15)[0])
 
 
 def scatter_log_likelihood(x: Floats, data: ScatterData) -> tuple[float, Floats]:
     """Compute the log-likelihood and its gradient.
 
-    With r = 1 / (1 + chord^2 / (STUDENT_DOF width^2)) the density is r^POWER over its sum, and the derivative of
-    log r^POWER with respect to log width is 2 POWER (1 - r).
+    With r = 1 / (1 + chord^2 / (STUDENT_DOF width^2)) the density is r^power over its sum, and the derivative of
+    log r^power with respect to log width is 2 power (1 - r), with a power of (STUDENT_DOF + 1) / 2.
 
     Args:
         x: logarithms of floor and slow part (degrees, degrees times m/s), logit of the share of outliers, (3,).
@@ -361,7 +361,9 @@ def scatter_log_likelihood(x: Floats, data: ScatterData) -> tuple[float, Floats]
     density *= ratio
     whole, agreeing = density.sum(axis=1), np.einsum("nc,nc->n", data.given, density)
     density *= ratio
-    by_width = 2.0 * POWER * (agreeing * density.sum(axis=1) / whole - np.einsum("nc,nc->n", data.given, density))
+    by_width = (STUDENT_DOF + 1.0) * (
+        agreeing * density.sum(axis=1) / whole - np.einsum("nc,nc->n", data.given, density)
+    )
     scale = (1.0 - noise.outliers) / (CELL_DEG * whole)
     joint = scale * agreeing + noise.outliers / 360.0
     by_width *= scale / joint * (width < 360.0) / width**2  # the width is capped at a full turn
@@ -376,17 +378,6 @@ def _scatter_noise(x: Floats) -> ScatterNoise:
 
 
 BLOCK_S = 5 * DAY_S  # longer than the decorrelation time of the currents' veer
-MIN_BLOCKS = 12
-# Upper bounds of independent pairs: per day, and per layer that a lowered instrument passes. In a record of days the
-# autocorrelation of the veer is underestimated, as its slow part is absorbed in its mean.
-MAX_PER_DAY, LAYER_M = 4.0, 20.0
-OCTANTS = 8
-# Gradient with respect to a dimensionless coefficient; it is 60 for a direction known to a degree. Where the iron
-# cancels the earth's field the gradient is unbounded, and one pair would determine all coefficients.
-MAX_SCORE = 1e3
-# Assumed correlation of the veer with the heading's excursions. The wake locks the heading to water that is itself
-# sheared across the sphere; simulated moorings show 0.03 to 0.1, which no record can distinguish from iron.
-WAKE_LOCKED_VEER = 0.05
 MIN_SLOPE = 0.3  # lower bound of a slope in a denominator; at a fold the spread over both branches dominates
 
 
@@ -397,6 +388,10 @@ def robust_covariance(
     pairs: Pairs,
     effective: float,
     external: CoefficientPrior | None = None,
+    *,
+    min_blocks: int = 12,
+    max_score: float = 1e3,
+    wake_locked_veer: float = 0.05,
 ) -> Floats:
     """Estimate the covariance, allowing for autocorrelated pairs and for veer that depends on flow direction.
 
@@ -409,15 +404,21 @@ def robust_covariance(
         scores: each pair's gradient of the log-likelihood, (n, p).
         precision: precision of the weak priors, (p,).
         external: prior from other records, its precision multiplied by ``pairs_per_independent``.
+        max_score: gradient with respect to a dimensionless coefficient; it is 60 for a direction known to a degree.
+            Where the iron cancels the earth's field the gradient is unbounded, and one pair would determine all
+            coefficients.
+        wake_locked_veer: assumed correlation of the veer with the heading's excursions. The wake locks the heading to
+            water that is itself sheared across the sphere; simulated moorings show 0.03 to 0.1, which no record can
+            distinguish from iron.
     """
-    scores = np.clip(scores, -MAX_SCORE, MAX_SCORE)
+    scores = np.clip(scores, -max_score, max_score)
     information = scores.T @ scores + np.diag(precision)
     if external is not None:
         information[:5, :5] += external.precision
     # The outer product of scores stays positive where the record hardly constrains a coefficient, unlike the Hessian.
     inverse = np.linalg.inv(information)
     block = blocks_by_span(pairs.time_s, BLOCK_S)
-    few = len(np.unique(block)) < MIN_BLOCKS
+    few = len(np.unique(block)) < min_blocks
     if few:
         along_time = np.asarray(inverse * len(pairs) / independent_pairs(pairs, effective))
     else:
@@ -426,9 +427,9 @@ def robust_covariance(
     turn = np.nan_to_num(observed_deviation(pairs) - residual)
     east, north = angles.turn(pairs.upper_east, pairs.upper_north, turn)
     towards = angles.direction(east + pairs.lower_east, north + pairs.lower_north)
-    octant = np.floor(np.nan_to_num(towards) / (360.0 / OCTANTS)).astype(np.intp) % OCTANTS
+    octant = np.floor(np.nan_to_num(towards) / 45.0).astype(np.intp) % 8
     sums = block_sums(scores, octant)
-    across = inverse @ (sums.T @ sums) @ inverse * OCTANTS / (OCTANTS - 1)
+    across = inverse @ (sums.T @ sums) @ inverse * 8 / 7
     left = np.nan_to_num(residual)
     width = fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in pair_speeds(pairs)))
     by_degree = (STUDENT_DOF + 1.0) * left / (STUDENT_DOF * width**2 + left**2)
@@ -438,7 +439,7 @@ def robust_covariance(
     excursion = angles.sin_cos(heading - angles.mean(heading, weight))[0]
     excursion = excursion - np.average(excursion, weights=weight)
     excursion = excursion / max(np.sqrt(np.average(excursion**2, weights=weight)), 1e-6)
-    locked = inverse @ (scores.T @ (by_degree * (WAKE_LOCKED_VEER * robust_width(left) * excursion)))
+    locked = inverse @ (scores.T @ (by_degree * (wake_locked_veer * robust_width(left) * excursion)))
     if external is not None and not few:  # with few blocks, the inverse includes it
         along_time += pairs_per_independent(pairs, effective) * inverse[:, :5] @ external.precision @ inverse[:5]
     shown = along_time + positive_part(across - along_time)
@@ -471,9 +472,15 @@ def reference_response(fit: DeviationFit, pairs: Pairs, external: CoefficientPri
     return np.linalg.solve(information, (columns.T * weight) @ iron_pattern(pairs))
 
 
-def independent_pairs(pairs: Pairs, effective: float) -> float:
-    """Estimate the number of independent pairs, less the five fitted coefficients."""
-    apart = MAX_PER_DAY * float(np.ptp(pairs.time_s)) / DAY_S + float(np.ptp(pairs.upper_depth_m)) / LAYER_M
+def independent_pairs(pairs: Pairs, effective: float, *, max_per_day: float = 4.0, layer_m: float = 20.0) -> float:
+    """Estimate the number of independent pairs, less the five fitted coefficients.
+
+    Args:
+        max_per_day, layer_m: upper bounds of independent pairs: per day, and per layer that a lowered instrument
+            passes. In a record of days the autocorrelation of the veer is underestimated, as its slow part is absorbed
+            in its mean.
+    """
+    apart = max_per_day * float(np.ptp(pairs.time_s)) / DAY_S + float(np.ptp(pairs.upper_depth_m)) / layer_m
     return max(min(effective, apart) - 5.0, 3.0)
 
 

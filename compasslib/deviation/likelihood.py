@@ -29,11 +29,9 @@ CELLS = 120  # of the heading's distribution and of the scatter, 3 degrees each
 CELL_DEG = 360.0 / CELLS
 STUDENT_DOF = 5.0  # degrees of freedom of the scatter's tails
 UNEXPLAINED_DENSITY = 1e-5  # e0, density per degree of recorded headings that the model does not explain
-REACH = 8.0  # standard deviations of the compass noise; beyond, its density is 1e-14 of its peak and far below e0
 
 CELL_CENTRES = CELL_DEG * np.arange(CELLS)
 Indices = NDArray[np.intp]
-ROWS_PER_BLOCK = 8  # rows multiplied at once; a bin's last block is padded
 
 
 Sides = tuple[Floats, Floats]
@@ -259,11 +257,22 @@ def _parts(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingG
 
 
 def _laid_out(
-    parameters: Floats, occupied: NDArray[np.intp], prior: Floats, grid: HeadingGrid, form: CurveForm
+    parameters: Floats,
+    occupied: NDArray[np.intp],
+    prior: Floats,
+    grid: HeadingGrid,
+    form: CurveForm,
+    *,
+    reach: float = 8.0,
 ) -> _Layout:
+    """Place the headings near each occupied reading, with their prior and the density of the reading.
+
+    Args:
+        reach: standard deviations of the compass noise; beyond, its density is 1e-14 of its peak and far below e0.
+    """
     width = float(np.exp(parameters[5]))
     sides = form.sides(parameters[:5], grid.heading_deg[occupied], grid.heading_deg)
-    near = nearby_headings(*sides, min(REACH * width, 180.0))
+    near = nearby_headings(*sides, min(reach * width, 180.0))
     cells, weights = _splines(grid)
     prior_fine = _hats(grid) @ prior
     # take() copies whole rows and needs a third of the time of indexing with brackets.
@@ -355,17 +364,18 @@ class RowBlocks:
         return np.add.reduceat(np.matmul(laid[:, None, :], self.rows)[:, 0, :], self.first, axis=0)
 
 
-def block_rows(matrix: Floats, begins: Indices) -> RowBlocks:
+def block_rows(matrix: Floats, begins: Indices, *, rows_per_block: int = 8) -> RowBlocks:
     """Divide a matrix whose rows are sorted by group into blocks.
 
     Args:
         begins: first row of each group, (g,).
+        rows_per_block: rows multiplied at once; a bin's last block is padded.
     """
     count = np.diff(np.append(begins, len(matrix)))
-    each = -(-count // ROWS_PER_BLOCK)
+    each = -(-count // rows_per_block)
     first = np.cumsum(each) - each
-    place = np.arange(len(matrix)) + np.repeat(first * ROWS_PER_BLOCK - begins, count)
-    rows = np.ones((int(each.sum()) * ROWS_PER_BLOCK, matrix.shape[1]))
+    place = np.arange(len(matrix)) + np.repeat(first * rows_per_block - begins, count)
+    rows = np.ones((int(each.sum()) * rows_per_block, matrix.shape[1]))
     rows[place] = matrix
-    shape = (-1, ROWS_PER_BLOCK, matrix.shape[1])
+    shape = (-1, rows_per_block, matrix.shape[1])
     return RowBlocks(rows.reshape(shape), place, np.repeat(np.arange(len(count)), each), first)

@@ -195,23 +195,20 @@ def prior_from_json(content: Mapping[str, Any] | None) -> CoefficientPrior | Non
 # Standard deviation of hard and of induced iron, nT, and where a steel sphere is declared. Accessories near a current
 # meter make 7.4 to 14.8 degrees at Brest, 2700 to 5400 nT (Le Menn et al. 2023, section 4).
 IRON_NT, SPHERE_NT = 2500.0, 4000.0
-UNBOUNDED = 10.0  # prior standard deviation of A, D and E, which calibrations determine
-MIN_UNKNOWN = 0.01  # uncertainty of B and C by a transfer that is told, 0.6 degrees
-MIN_DIP_CHANGE = 0.2  # relative change of Z/H between two places that separates hard and induced iron
-MIN_HORIZONTAL_NT = 5000.0  # horizontal field below which no correction is reliable (Le Menn et al. 2023)
 
 
-def weak_field_warnings(horizontal_nT: ArrayLike) -> tuple[str, ...]:
+def weak_field_warnings(horizontal_nT: ArrayLike, *, min_horizontal_nt: float = 5000.0) -> tuple[str, ...]:
     """Warn below the horizontal field in which no correction is reliable (Le Menn et al. 2023, section 7).
 
     Args:
         horizontal_nT: horizontal field along time or at a calibration, nT; empty or NaN if unknown.
+        min_horizontal_nt: horizontal field below which no correction is reliable (Le Menn et al. 2023).
     """
     least = float(np.nanmin(horizontal_nT, initial=np.inf))
-    if least >= MIN_HORIZONTAL_NT:
+    if least >= min_horizontal_nt:
         return ()
     return (
-        f"the horizontal field is {least:.0f} nT; below {MIN_HORIZONTAL_NT:.0f} nT no correction is reliable (Le Menn "
+        f"the horizontal field is {least:.0f} nT; below {min_horizontal_nt:.0f} nT no correction is reliable (Le Menn "
         "et al. 2023, section 7): compare with a gyrocompass or an observatory",
     )
 
@@ -267,7 +264,7 @@ def transfer_coefficients(
     iron = np.maximum(np.abs(level * observed[:, 1:3]).max(axis=0), iron_nT)
     # Near the magnetic equator cZ says nothing of c, which the horizontal field bounds there.
     induced = iron / max(abs(first.vertical_nT), first.horizontal_nT)
-    prior = np.diag([UNBOUNDED, *iron, *induced, UNBOUNDED, UNBOUNDED]) ** 2
+    prior = np.diag([10.0, *iron, *induced, 10.0, 10.0]) ** 2
     noise, scale = np.mean([each.covariance for each in calibrations], axis=0), np.sqrt([n, 1.0, 1.0, 1.0, 1.0])
     errors = np.kron(np.eye(n), np.outer(scale, scale) * noise)
     design, there = np.concatenate([iron_design(each.field) for each in calibrations]), iron_design(away)
@@ -283,15 +280,18 @@ def transfer_coefficients(
 
 
 def separate_iron(
-    here: ArrayLike, there: ArrayLike, field: FieldAtPlace, field_there: FieldAtPlace
+    here: ArrayLike, there: ArrayLike, field: FieldAtPlace, field_there: FieldAtPlace, *, min_dip_change: float = 0.2
 ) -> dict[str, dict[str, float]] | None:
     """Separate hard from vertically induced iron by A to E, (5,), at two dips; None if the dips are too similar.
+
+    Args:
+        min_dip_change: relative change of Z/H between two places that separates hard and induced iron.
 
     Returns:
         For B and C: hard_nT and induced_nT at the first place, both over lambda.
     """
     ratios = [each.vertical_nT / each.horizontal_nT for each in (field, field_there)]
-    if abs(ratios[0] - ratios[1]) < MIN_DIP_CHANGE * max(map(abs, ratios)):
+    if abs(ratios[0] - ratios[1]) < min_dip_change * max(map(abs, ratios)):
         return None
     design = np.concatenate([iron_design(place)[1:3, 1:5] for place in (field, field_there)])
     iron = np.linalg.solve(design, np.concatenate([np.asarray(each, dtype=float)[1:3] for each in (here, there)]))
@@ -303,10 +303,11 @@ def separate_iron(
 
 
 def _transfer_warning(covariance: Floats, noise: Floats, away: FieldAtPlace) -> str:
+    """Tell an uncertainty of B and C that a transfer adds, from 0.6 degrees on; empty if it is less."""
     if weak := weak_field_warnings(away.horizontal_nT):
         return weak[0]
     there, here = (np.sqrt(np.diag(each)[1:3]) for each in (covariance, noise))
-    if np.all(there < here + MIN_UNKNOWN):
+    if np.all(there < here + 0.01):
         return ""
     return (
         f"B and C are known to {there[0]:.3f} and {there[1]:.3f} here (1σ), as the shares of hard iron and of iron "

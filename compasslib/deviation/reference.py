@@ -12,27 +12,30 @@ from typing import Any
 
 import numpy as np
 
-from compasslib import angles
+from compasslib import angles, earthfield
 from compasslib.records import EarthField, Pairs, ReferenceCompass
 from compasslib.types import Floats
 
-# Error of a field model's declination, including crust and daily variation: sqrt(0.26^2 + (5417 nT / H)^2) degrees
-# (Chulliat et al. 2025, The US/UK World Magnetic Model for 2025-2030, technical report; WMM2020: 5625), used for IGRF.
-MODEL_CONSTANT_DEG, MODEL_BY_FIELD_NT = 0.26, 5417.0
 # Assumed for a moored magnetic compass that was not calibrated in place (docs/background/limits.md; keys of the
 # instrument give others), and for constants of affected compasses, by their mounting and alignment.
-CONSTANT_SIGMA_DEG, IRON_SIGMA_NT, TILT_OFFSET_DEG, ALIGNMENT_SIGMA_DEG = 2.0, 525.0, 0.4, 4.0
-STUDENT_DOF = 4.0  # of the errors of references, whose tails are heavier than those of a normal distribution
+CONSTANT_SIGMA_DEG, ALIGNMENT_SIGMA_DEG = 2.0, 4.0
 STUDENT_68 = 1.1416  # 68.27 % of Student's t with four degrees of freedom lie within this, as of a normal within 1
 
 
 def declination_sigma(field: EarthField) -> float:
     """Compute the standard deviation of the field model's declination, degrees."""
-    return float(np.hypot(MODEL_CONSTANT_DEG, MODEL_BY_FIELD_NT / float(np.mean(field.horizontal_nT))))
+    return earthfield.model_sigma(float(np.mean(field.horizontal_nT)))
 
 
 def reference_compass(
-    name: str, field: EarthField, *, magnetic: bool, sigma_deg: float | None = None, iron_nT: float | None = None
+    name: str,
+    field: EarthField,
+    *,
+    magnetic: bool,
+    sigma_deg: float | None = None,
+    iron_nT: float | None = None,
+    iron_sigma_nt: float = 525.0,
+    tilt_offset_deg: float = 0.4,
 ) -> ReferenceCompass:
     """Describe the compass of a reference by the keys of its instrument.
 
@@ -43,15 +46,18 @@ def reference_compass(
         magnetic: whether its directions are from magnetic north.
         sigma_deg: standard deviation of its constant error (``compass_sigma_deg``), None for the usual one.
         iron_nT: that of either component of its horizontal iron (``compass_iron_nT``), None for the usual one.
+        iron_sigma_nt, tilt_offset_deg: assumed for a moored magnetic compass that was not calibrated in place
+            (docs/background/limits.md; keys of the instrument give others), and for constants of affected compasses, by
+            their mounting and alignment.
     """
     horizontal, declination = float(np.mean(field.horizontal_nT)), declination_sigma(field)
     dip_ratio = abs(float(np.mean(field.vertical_nT))) / horizontal
     usual = CONSTANT_SIGMA_DEG if magnetic else float(np.hypot(CONSTANT_SIGMA_DEG, declination))
-    iron = (IRON_SIGMA_NT if iron_nT is None else iron_nT) / horizontal / angles.DEGREE
+    iron = (iron_sigma_nt if iron_nT is None else iron_nT) / horizontal / angles.DEGREE
     return ReferenceCompass(
         name,
         usual if sigma_deg is None else sigma_deg,
-        float(np.hypot(iron, TILT_OFFSET_DEG * dip_ratio)) if iron_nT is None else iron,
+        float(np.hypot(iron, tilt_offset_deg * dip_ratio)) if iron_nT is None else iron,
         0.0 if magnetic else declination,
     )
 
@@ -111,7 +117,7 @@ def reference_errors(pairs: Pairs, iron: Floats, *, veer_included: bool) -> Refe
     return ReferenceErrors(constant, pairs.veer_deg, iron, compass.declination_deg == 0.0, veer_included)
 
 
-def constant_sigma(constant_deg: float, sigma_deg: float, error_deg: float) -> float:
+def constant_sigma(constant_deg: float, sigma_deg: float, error_deg: float, *, student_dof: float = 4.0) -> float:
     """Compute the rms of the part of a fitted constant that is not the affected compass's own, degrees.
 
     The constant is the sum of the compass's own, normal with ``ALIGNMENT_SIGMA_DEG``, and of the error of the
@@ -121,12 +127,13 @@ def constant_sigma(constant_deg: float, sigma_deg: float, error_deg: float) -> f
     Args:
         sigma_deg: standard error of the fitted constant.
         error_deg: standard deviation of the error, in the sense that 68 % lie within.
+        student_dof: of the errors of references, whose tails are heavier than those of a normal distribution.
     """
     if error_deg == 0.0:
         return 0.0
     width, scale = float(np.hypot(ALIGNMENT_SIGMA_DEG, sigma_deg)), error_deg / STUDENT_68
     error = np.linspace(-1.0, 1.0, 2001) * (abs(constant_deg) + 8.0 * error_deg + 4.0 * width)
-    log_density = -0.5 * (STUDENT_DOF + 1.0) * np.log1p((error / scale) ** 2 / STUDENT_DOF)
+    log_density = -0.5 * (student_dof + 1.0) * np.log1p((error / scale) ** 2 / student_dof)
     log_density = log_density - 0.5 * ((constant_deg - error) / width) ** 2
     weight = np.exp(log_density - log_density.max())
     return float(np.sqrt(np.average(error**2, weights=weight)))

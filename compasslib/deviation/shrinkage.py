@@ -18,37 +18,46 @@ from compasslib import angles
 from compasslib.deviation.model import DeviationFit
 from compasslib.types import Floats
 
-# Prior probability, and exponent of the likelihood, as veer that a fit attributes to iron is not independent noise.
-NO_DEVIATION_PRIOR, TEMPERATURE = 0.2, 0.5
 # Equally probable prior scales: of B and C, the iron's field over the earth's horizontal one, and of A, the
 # instrument's alignment in radians. D and E are induced and have a tenth of the former; the last is that of heeling K.
 IRON_SCALES, ALIGNMENT_SCALES = (0.05, 0.15, 0.5, 1.5), (0.05, 0.35)
-INDUCED_SHARE, LEAST_INDUCED, HEELING_SCALE = 0.1, 0.02, 0.3
 
 
-def average_with_none(fit: DeviationFit) -> tuple[DeviationFit, float | None]:
+def average_with_none(
+    fit: DeviationFit,
+    *,
+    no_deviation_prior: float = 0.2,
+    temperature: float = 0.5,
+    induced_share: float = 0.1,
+    least_induced: float = 0.02,
+    heeling_scale: float = 0.3,
+) -> tuple[DeviationFit, float | None]:
     """Average a fitted exact compass with one that has no deviation, and compute the probability of the latter.
 
     The covariance is that of the average, including the spread between the hypotheses. Well-determined coefficients
     hardly change. Where iron is declared, no deviation is no hypothesis. A two-valued compass, which cannot be free of
     iron, a fixed compass and one with a prior from other records are not averaged; their probability is None.
+
+    Args:
+        no_deviation_prior, temperature: prior probability, and exponent of the likelihood, as veer that a fit
+            attributes to iron is not independent noise.
     """
     if fit.method != "exact" or not fit.fitted or fit.folded or fit.fixed or fit.prior is not None:
         return fit, None
     size = len(fit.covariance)
     estimate = np.append(fit.coefficients, fit.heeling)[:size]
     deviated = [
-        np.array([align, iron, iron, *2 * [max(INDUCED_SHARE * iron, LEAST_INDUCED)], HEELING_SCALE])[:size]
+        np.array([align, iron, iron, *2 * [max(induced_share * iron, least_induced)], heeling_scale])[:size]
         for iron, align in product(IRON_SCALES, ALIGNMENT_SCALES)
     ]
     prior = np.array([np.diag(scale**2) for scale in (np.zeros(size), *deviated)])
-    none = 0.0 if fit.iron_declared else NO_DEVIATION_PRIOR
+    none = 0.0 if fit.iron_declared else no_deviation_prior
     chance = np.append(none, np.full(len(deviated), (1.0 - none) / len(deviated)))
     constant, iron = _reference_covariance(fit, size)
     gain = prior @ np.linalg.inv(fit.covariance + iron + prior)
     total = fit.covariance + iron + constant + prior
     misfit = np.einsum("i,kij,j->k", estimate, np.linalg.inv(total), estimate)
-    log_likelihood = -TEMPERATURE * 0.5 * (np.linalg.slogdet(total).logabsdet + misfit)
+    log_likelihood = -temperature * 0.5 * (np.linalg.slogdet(total).logabsdet + misfit)
     weight = chance * np.exp(log_likelihood - log_likelihood.max())
     weight /= weight.sum()
     means = gain @ estimate

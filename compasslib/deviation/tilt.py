@@ -20,9 +20,6 @@ from compasslib.deviation.model import DeviationFit, nearest_root, observed_head
 from compasslib.records import Pairs, Readings
 from compasslib.types import Floats
 
-MAX_STEPS = 8
-HEELING_PRIOR = 0.5  # width of the weak prior of K: vertical iron of half the horizontal field
-
 
 def tilted_coefficients(level: Floats, heeling: float, dip_ratio: float, pitch_deg: Floats, roll_deg: Floats) -> Floats:
     """Compute A..E at each tilt, (5, n).
@@ -66,21 +63,22 @@ def tilt_jacobian(fit: DeviationFit, pitch_deg: Floats, roll_deg: Floats) -> Flo
     return np.stack(columns, axis=1)
 
 
-def fit_tilt(pairs: Pairs, level: DeviationFit, dip_ratio: float) -> DeviationFit:
+def fit_tilt(pairs: Pairs, level: DeviationFit, dip_ratio: float, *, heeling_prior: float = 0.5) -> DeviationFit:
     """Fit the compass including the heeling coefficient K to the pairs, starting from the level fit.
 
     Args:
         level: the exact compass fitted without tilt.
+        heeling_prior: width of the weak prior of K: vertical iron of half the horizontal field.
     """
     at = np.append(level.coefficients, 0.0)
     value, scores = _scores(at, pairs, level, dip_ratio)
-    precision = np.append(PRIOR_WIDTH[:5] ** -2.0, HEELING_PRIOR**-2.0)
+    precision = np.append(PRIOR_WIDTH[:5] ** -2.0, heeling_prior**-2.0)
     external, prior_precision, expected = None, np.zeros((6, 6)), np.zeros(6)
     if level.prior is not None:  # scaled for the autocorrelation of the pairs
         counted = pairs_per_independent(pairs, level.n_effective)
         external = replace(level.prior, precision=counted * level.prior.precision)
         prior_precision[:5, :5], expected[:5] = external.precision, external.mean
-    for _ in range(MAX_STEPS):
+    for _ in range(8):
         pull = scores.sum(axis=0) - precision * at - prior_precision @ (at - expected)
         step = np.linalg.solve(scores.T @ scores + np.diag(precision) + prior_precision, pull)
         trial, (better, new) = at + step, _scores(at + step, pairs, level, dip_ratio)
@@ -111,9 +109,6 @@ def _levelled(at: Floats, pairs: Pairs, dip_ratio: float) -> Pairs:
     shift = np.where(np.isfinite(moved), angles.wrap180(moved), 0.0)
     east, north = angles.turn(pairs.upper_east, pairs.upper_north, -shift)
     return replace(pairs, heading_deg=angles.wrap360(pairs.heading_deg - shift), upper_east=east, upper_north=north)
-
-
-DISTINCT_SIGMAS = 3.0  # difference in standard errors above which two compasses disagree
 
 
 @dataclass(frozen=True)
@@ -149,11 +144,12 @@ class CompassAverage:
     agreed: Floats  # weight of the compasses that agree with the most probable one, or its complement if larger
 
 
-def average_compasses(at: CompassSeries, heading_deg: Floats) -> CompassAverage:
+def average_compasses(at: CompassSeries, heading_deg: Floats, *, distinct_sigmas: float = 3.0) -> CompassAverage:
     """Average all possible compasses on the branch of given headings.
 
     Args:
         heading_deg: correct headings by the most probable compass, (n,), degrees, NaN where there is none.
+        distinct_sigmas: difference in standard errors above which two compasses disagree.
     """
     first = at.sigma(heading_deg)
     shifts, variances, weights = [np.zeros_like(first)], [first**2], [np.full_like(first, at.weight)]
@@ -168,7 +164,7 @@ def average_compasses(at: CompassSeries, heading_deg: Floats) -> CompassAverage:
     weight /= weight.sum(axis=0)
     mean = np.sum(weight * shift, axis=0)
     spread = np.sum(weight * (variance + (shift - mean) ** 2), axis=0)
-    far = np.sum(weight * (np.abs(shift) > DISTINCT_SIGMAS * np.sqrt(np.maximum(variance, first**2))), axis=0)
+    far = np.sum(weight * (np.abs(shift) > distinct_sigmas * np.sqrt(np.maximum(variance, first**2))), axis=0)
     return CompassAverage(mean, np.sqrt(spread), np.maximum(far, 1.0 - far))
 
 

@@ -42,8 +42,6 @@ class LargeDeviation(Proportional):
 
 # Harmonics of the recorded heading, as of a periodic error of the readout or of a calibration table.
 
-NEWTON_STEPS = 4  # from a table of whole degrees to double precision
-
 
 @dataclass(frozen=True)
 class Harmonic(OfReading):
@@ -72,7 +70,7 @@ class Harmonic(OfReading):
         begins = self.apply(whole[:1], scene)
         turns = np.floor((reading_deg - begins) / period)
         x = period * turns + np.interp(reading_deg - period * turns, self.apply(whole, scene), whole)
-        for _ in range(NEWTON_STEPS):
+        for _ in range(4):
             sine, cosine = angles.sin_cos(self.order * x)
             slope = 1.0 + self.order * angles.DEGREE * (self.sine_deg * cosine - self.cosine_deg * sine)
             x = x + (reading_deg - self.apply(x, scene)) / slope

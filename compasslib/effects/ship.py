@@ -16,7 +16,6 @@ from compasslib import angles
 from compasslib.effects.effect import Effect, Scene, elapsed_share, parameter
 from compasslib.types import Floats
 
-FILTER_REACH = 5.0  # length of a filter's impulse response in time constants
 TRIANGLE = "Moncunill et al. 2023, eqs. (29)-(37), not linearised: velocity over ground less that of the water"
 
 
@@ -132,10 +131,14 @@ class FilteredCourse(Late):
         """Filter headings sampled once per second, not wrapped, (n,) degrees."""
         return self.delayed(x)
 
-    def delayed(self, x: Floats) -> Floats:
-        """Filter headings sampled once per second, not wrapped, (n,) degrees; a negative lag gives a lead."""
+    def delayed(self, x: Floats, *, filter_reach: float = 5.0) -> Floats:
+        """Filter headings sampled once per second, not wrapped, (n,) degrees; a negative lag gives a lead.
+
+        Args:
+            filter_reach: length of a filter's impulse response in time constants.
+        """
         size = abs(self.lag_s)
-        kernel = (size / (1.0 + size)) ** np.arange(int(FILTER_REACH * size) + 2) / (1.0 + size)
+        kernel = (size / (1.0 + size)) ** np.arange(int(filter_reach * size) + 2) / (1.0 + size)
         unit = angles.phasor(np.concatenate([np.full(len(kernel) - 1, x[0]), x]))
         late = angles.difference(angles.argument(np.convolve(unit, kernel, "valid")), x)
         return np.asarray(x + np.sign(self.lag_s) * late)

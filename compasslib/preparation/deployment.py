@@ -17,16 +17,10 @@ from compasslib import angles
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.preparation.clocks import check_coverage, find_valid_times, same_samples
-from compasslib.preparation.quality import ENOUGH, Thresholds, flag_quality, flag_velocities
+from compasslib.preparation.quality import Thresholds, flag_quality, flag_velocities
 from compasslib.readers import table
 from compasslib.records import BAD, MAGNETOMETER, MISSING, Record, take
 from compasslib.types import Bools, Floats
-
-MOVING_M = 0.2  # a depth that varies less than this (5th to 95th percentile) is a setting, not a measurement
-BEYOND = 1.05  # factor on the distance: uncertainty of tilt, depth and speed of sound
-CLEARLY = 1.2  # factor on the distance; an echo of water from farther away implies that the boundary is absent
-MOST, FEW = 0.5, 0.05  # shares of the samples whose echo decides on a boundary
-RANGE_ROWS = 100  # number of rows from which the cell length is taken
 
 
 def apply_deployment(
@@ -82,11 +76,10 @@ def apply_deployment(
     record = replace(record, quality=np.where(missing, MISSING, record.quality).astype(np.int8))
     record = flag_quality(record, water_depth, affected=affected, thresholds=thresholds)
     record = check_orientation(record, water_depth)
-    record = _flag_boundaries(record, water_depth, side_lobe=thresholds.side_lobe)
     bad = np.zeros(record.time_s.shape, dtype=bool)
     for begin, end in exclude:
         bad |= (record.time_s >= begin) & (record.time_s <= end)
-    record = flag_velocities(record, bad[:, None], BAD, "excluded", None)
+    record = flag_velocities(record, bad[:, None], "excluded")
     return replace(record, heading_quality=np.where(bad, BAD, record.heading_quality).astype(np.int8))
 
 
@@ -109,24 +102,26 @@ def describe_record(name: str, role: str, record: Record) -> str:
 
 
 def check_orientation(record: Record, water_depth: float) -> Record:
-    """Count the samples whose echo shows surface or bottom, and warn of a wrong orientation.
+    """Count the samples whose echo shows surface or bottom, and warn if most show the one that it does not look at.
 
-    There is no warning if no echo was recorded, if both boundaries are out of range, or if they are at the same
-    distance.
+    There is no warning if no echo was recorded, or if both boundaries are at the same distance.
     """
     if record.echo_range_m is None or not len(record.time_s):
         return replace(record, echo_range_m=None)
-    boundary, heard = record.echo_range_m.T
-    below = water_depth - record.depth_m
+    boundary, below = record.echo_range_m[:, 0], water_depth - record.depth_m
     room, other = (record.depth_m, below) if record.looks_up else (below, record.depth_m)
-    right, wrong = _echo_at(boundary, room, record), _echo_at(boundary, other, record)
-    with np.errstate(invalid="ignore"):
-        near = room < record.bin_range_m[:, :2].max(axis=1)  # within the first bins the echo has no contrast
-        absent = np.isnan(boundary) & (heard > CLEARLY * room) & ~near
-    names = ("echo_of_boundary", "echo_of_other_boundary", "echo_without_boundary")
-    counts = {name: int(where.sum()) for name, where in zip(names, (right, wrong & ~right, absent), strict=True)}
-    notes = _orientation_warnings(record, counts, room, other)
-    return replace(record, echo_range_m=None, counts=record.counts | counts, warnings=(*record.warnings, *notes))
+    at_room, at_other = _echo_at(boundary, room, record), _echo_at(boundary, other, record)
+    right, wrong = int(at_room.sum()), int(np.sum(at_other & ~at_room))
+    notes = list[str]()
+    if wrong > len(record.time_s) / 2 and right < wrong / 20:
+        facing, opposite = ("surface", "bottom") if record.looks_up else ("bottom", "surface")
+        notes.append(
+            f"{wrong} samples show the echo of the {opposite}, {np.nanmedian(other):.0f} m away, and {right} that of "
+            f"the {facing}, {np.nanmedian(room):.0f} m away: it looked the other way; check orientation, depth and "
+            "water_depth"
+        )
+    counts = record.counts | {"echo_of_boundary": right, "echo_of_other_boundary": wrong}
+    return _noted(replace(record, echo_range_m=None, counts=counts), notes)
 
 
 def _inside(record: Record, start_s: float, end_s: float) -> Record:
@@ -180,9 +175,10 @@ def _depth(record: Record, nominal: float | None, latitude: float) -> tuple[Floa
     return record.depth_m.copy(), "depth field"
 
 
-def _varies(x: Floats) -> bool:
+def _varies(x: Floats, moving_m: float = 0.2) -> bool:
+    """Check whether a depth varies (5th to 95th percentile) by more than a setting rounded in different ways."""
     finite = x[np.isfinite(x)]
-    return finite.size > 1 and float(np.ptp(np.percentile(finite, [5, 95]))) > MOVING_M
+    return finite.size > 1 and float(np.ptp(np.percentile(finite, [5, 95]))) > moving_m
 
 
 def _filled(depth: Floats) -> Floats:
@@ -213,50 +209,20 @@ def _depth_warnings(given: Floats, depth: Floats, source: str, nominal: float | 
     return notes
 
 
-def _flag_boundaries(record: Record, water_depth: float, *, side_lobe: bool) -> Record:
-    """Flag bins beyond the surface or the bottom, and bins contaminated by side-lobe echoes from there."""
-    if not record.east.size or record.east.shape[1] == 1:
-        return record
-    room = record.depth_m if record.looks_up else water_depth - record.depth_m
-    shared_ranges = not record.bin_range_m.strides[0]  # one row shared by all samples
-    steps = np.abs(np.diff(record.bin_range_m[:1] if shared_ranges else record.bin_range_m, axis=1))
-    cell_m = float(np.nanmedian(steps)) if np.isfinite(steps).any() else 0.0
-    reach = room[:, None] * angles.sin_cos(record.beam_angle_deg)[1] - cell_m / 2.0
-    beyond = record.bin_range_m > room[:, None]
-    record = flag_velocities(record, beyond, BAD, "beyond_boundary", None)
-    if not side_lobe:
-        return record
-    return flag_velocities(record, (record.bin_range_m > reach) & ~beyond, BAD, "side_lobe", None)
+def _echo_at(boundary: Floats, room: Floats, record: Record, tolerance: float = 1.05) -> Bools:
+    """Find samples whose boundary echo is where a boundary at distance ``room`` is expected.
 
-
-def _echo_at(boundary: Floats, room: Floats, record: Record) -> Bools:
-    """Find samples whose boundary echo is where a boundary at distance ``room`` is expected."""
-    steps = np.diff(record.bin_range_m[:: 1 + len(room) // RANGE_ROWS])
+    Args:
+        tolerance: factor on the distance, for tilt, depth and speed of sound.
+    """
+    steps = np.diff(record.bin_range_m[:100])
     cell = float(np.median(known)) if (known := steps[np.isfinite(steps)]).size else 0.0
     with np.errstate(invalid="ignore"):
-        above = boundary >= room * angles.sin_cos(record.beam_angle_deg)[1] / BEYOND - cell
-        return np.asarray(above & (boundary <= room * BEYOND + cell))
-
-
-def _orientation_warnings(record: Record, counts: dict[str, int], room: Floats, other: Floats) -> list[str]:
-    right, wrong, absent = counts.values()
-    decided = right + wrong + absent
-    if decided < max(ENOUGH, MOST * len(record.time_s)) or right > FEW * decided:
-        return []
-    facing, opposite = ("surface", "bottom") if record.looks_up else ("bottom", "surface")
-    where = f"the {facing}, {np.nanmedian(room):.0f} m away"
-    advice = "check orientation, depth and water_depth"
-    if wrong > MOST * decided:
-        shown = f"{wrong} samples show the echo of the {opposite}, {np.nanmedian(other):.0f} m away"
-        return [f"{shown}, and {right} that of {where}: it looked the other way; {advice}"]
-    if absent > MOST * decided:
-        return [f"{absent} samples heard water from beyond {where}, and {right} its echo: {advice}"]
-    return []
+        above = boundary >= room * angles.sin_cos(record.beam_angle_deg)[1] / tolerance - cell
+        return np.asarray(above & (boundary <= room * tolerance + cell))
 
 
 FIELD_STRENGTH = "field_strength"
-FEWEST = 100  # samples with magnetometer, heading and tilt
-LONGEST_GAP = 3.0  # median steps of the series, across which it is interpolated
 
 
 def add_covariates(record: Record, series: Mapping[str, Mapping[str, Any]]) -> Record:
@@ -279,7 +245,7 @@ def add_covariates(record: Record, series: Mapping[str, Mapping[str, Any]]) -> R
     return replace(record, channels=channels, channel_units=units, warnings=tuple(warnings))
 
 
-def add_field_strength(record: Record) -> Record:
+def add_field_strength(record: Record, fewest: int = 100) -> Record:
     """Add the change of the total field strength, percent, if the instrument logged its magnetometer.
 
     The part that varies with heading, twice the heading or tilt is removed: it is due to iron and scale errors, which
@@ -291,7 +257,7 @@ def add_field_strength(record: Record) -> Record:
     waves = [wave for k in (1.0, 2.0) for wave in angles.sin_cos(k * record.heading_deg)]
     columns = np.column_stack([np.ones(len(size)), *waves, record.pitch_deg, record.roll_deg])
     known = np.isfinite(size + columns.sum(axis=1))
-    if known.sum() < FEWEST or not np.any(size[known]):
+    if known.sum() < fewest or not np.any(size[known]):
         return record
     percent = 100.0 * size / np.median(size[known])
     fitted = columns @ np.linalg.lstsq(columns[known], percent[known], rcond=None)[0]
@@ -308,11 +274,11 @@ def add_field_strength(record: Record) -> Record:
     )
 
 
-def interpolate_covariate(at_s: Floats, time_s: Floats, value: Floats) -> Floats:
-    """Interpolate a series to other times, (n,), NaN outside its coverage and in its gaps."""
+def interpolate_covariate(at_s: Floats, time_s: Floats, value: Floats, longest_gap: float = 3.0) -> Floats:
+    """Interpolate a series to other times, (n,), NaN outside its coverage and in gaps longer than some median steps."""
     if len(time_s) < 2:
         return np.full(len(at_s), np.nan)
     steps = np.diff(time_s)
     after = np.clip(np.searchsorted(time_s, at_s), 1, len(time_s) - 1)
-    inside = (at_s >= time_s[0]) & (at_s <= time_s[-1]) & (steps[after - 1] <= LONGEST_GAP * np.median(steps))
+    inside = (at_s >= time_s[0]) & (at_s <= time_s[-1]) & (steps[after - 1] <= longest_gap * np.median(steps))
     return np.where(inside, np.interp(at_s, time_s, value), np.nan)

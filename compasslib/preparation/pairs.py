@@ -18,8 +18,7 @@ from compasslib import angles, earthfield
 from compasslib.errors import InputError
 from compasslib.preparation.clocks import ClockOffset, SpeedSeries, compare_speeds
 from compasslib.preparation.gridding import grid_indices, interpolate_series, nearest_index
-from compasslib.preparation.quality import apply_heading_flags, heading_outlier_flags
-from compasslib.preparation.references import find_same_recording, find_speed_changes
+from compasslib.preparation.references import find_speed_changes
 from compasslib.preparation.water import (
     depth_shift_by_speed,
     fails_speed_check,
@@ -31,13 +30,7 @@ from compasslib.records import BAD, PROBABLY_GOOD, EarthField, Pairs, Record, ta
 from compasslib.statistics import single_threaded
 from compasslib.types import Complexes, Floats
 
-WIDER = 3.0  # factor on the depth limit of pairs that only serve to compare the clocks
-DENSE_S = 300.0  # a series sampled faster than this is averaged first (a profiler passing its top)
-MOST_IDENTICAL, ENOUGH = 0.5, 30  # share of equal speeds above which both records are the same, and fewest pairs
-EQUAL_M_S = 1e-6  # last digit of a slow current in single precision
-SPEEDS_APART = 5.0  # ratio of median speeds that no two depths 20 m apart reach
-SLOWEST = 0.25  # share of the slowest pairs, whose directions are ignored
-CLEARER = 1.8  # factor by which the spread in another frame must be smaller than in the recorded one
+ENOUGH = 30  # fewest pairs that show one recording, or a wrong frame
 # By (sign, k): the frame of the upper velocities if lower + sign * upper + k * heading (directions) is constant.
 OTHER_FRAMES = {
     (-1, 1): "turned back by the heading",
@@ -46,7 +39,6 @@ OTHER_FRAMES = {
     (1, -2): "mirrored about the heading",
     (1, 0): "mirrored",
 }
-SURPRISE = 3.0  # observed over expected rms error from which to warn; 0.8 to 1.5 in 40 cases of two real profiles
 NOISE_M_S = 0.01  # below this a profiler's hourly velocity is noise
 
 
@@ -76,11 +68,11 @@ def widen_rules(rules: PairRules) -> PairRules:
 
     Where the mooring is blown down, a clock error separates pairs in depth, and the normal limit would exclude them.
     """
-    return replace(rules, max_metres=WIDER * rules.max_metres, predict=False)
+    return replace(rules, max_metres=3.0 * rules.max_metres, predict=False)
 
 
 def estimate_clock_offset(upper: Record, trusted: Sequence[Record], rules: PairRules) -> ClockOffset:
-    """Estimate the clock offset from current speeds, and check whether both records are the same recording.
+    """Estimate the clock offset from current speeds.
 
     Both records must be cut to the deployment; ``trusted`` may be empty.
     """
@@ -90,8 +82,7 @@ def estimate_clock_offset(upper: Record, trusted: Sequence[Record], rules: PairR
     velocity, depth = mean_of_nearest_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
     cell = _trusted_cell(upper.time_s, depth, trusted[0], _sphere(upper, trusted[0]), widen_rules(rules))
     trusted_speeds = SpeedSeries(cell.time_s, np.abs(cell.velocity))
-    offset = compare_speeds(SpeedSeries(upper.time_s, np.abs(velocity)), trusted_speeds)
-    return replace(offset, same_recording=find_same_recording(upper, offset.align(trusted[0]), rules.bins))
+    return compare_speeds(SpeedSeries(upper.time_s, np.abs(velocity)), trusted_speeds)
 
 
 @single_threaded()
@@ -101,7 +92,6 @@ def find_pairs(
     """Find the overlapping measurements on the time grid, relative to true north; none without a reference."""
     clocks = clocks or ClockOffset()
     recorded = upper
-    upper = apply_heading_flags(upper, heading_outlier_flags(upper, upper.heading_deg))
     lower = clocks.align(trusted[0]) if trusted else take(upper, np.zeros(0, dtype=np.intp))
     tolerance_s = 60.0 * rules.grid_tolerance_minutes
     upper = _gridded(upper, rules)
@@ -120,7 +110,7 @@ def find_pairs(
     pairs = replace(pairs, warnings=clocks.warnings, lower_heading_deg=_heading(lower, pairs.time_s, tolerance_s))
     if clocks.uncorrelated:
         pairs = replace(pairs, doubts=((angles.UNIFORM_SIGMA_DEG, clocks.uncorrelated),))
-    if reason := clocks.same_recording or find_identical_velocities(pairs):
+    if reason := find_identical_velocities(pairs):
         nothing = np.zeros(0, dtype=np.intp)
         columns = tuple(column[nothing] for column in (velocity, other, depth, other_depth, minutes))
         return replace(_assemble(take(upper, nothing), lower, field, columns, nothing), warnings=(reason,))
@@ -169,8 +159,11 @@ def mean_of_nearest_bins(record: Record, distance_from: Floats, bins: int) -> tu
     return (share * velocity).sum(axis=1), (share * depth).sum(axis=1)
 
 
-def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
+def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record], *, speeds_apart: float = 5.0) -> Pairs:
     """Check pairs for input errors, and attach warnings.
+
+    Args:
+        speeds_apart: ratio of median speeds that no two depths 20 m apart reach.
 
     Raises:
         InputError: both instruments have the same serial number, or the affected velocities are in a wrong frame.
@@ -183,7 +176,7 @@ def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs
     _refuse_other_frame(pairs)
     speeds = [np.median(np.hypot(e, n)) for e, n in _velocities(pairs)]
     medians = f"median speeds of the pairs are {speeds[0]:.3g} and {speeds[1]:.3g} m/s"
-    apart, slow = not 1.0 / SPEEDS_APART < speeds[0] / speeds[1] < SPEEDS_APART, min(speeds) < NOISE_M_S
+    apart, slow = not 1.0 / speeds_apart < speeds[0] / speeds[1] < speeds_apart, min(speeds) < NOISE_M_S
     if apart and slow:
         why = f"{medians}: the unit or scale of one is wrong, or half are so slow that their directions are noise"
         pairs = replace(pairs, doubts=(*pairs.doubts, (angles.UNIFORM_SIGMA_DEG, why)))
@@ -198,13 +191,17 @@ def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs
 def find_identical_velocities(pairs: Pairs) -> str:
     """Explain that both instruments of the pairs are one recording; empty if their velocities differ."""
     upper, lower = (np.hypot(east, north) for east, north in _velocities(pairs))
-    if len(pairs) < ENOUGH or np.ptp(upper) == 0.0 or np.mean(np.abs(upper - lower) < EQUAL_M_S) <= MOST_IDENTICAL:
+    if len(pairs) < ENOUGH or np.ptp(upper) == 0.0 or np.mean(np.abs(upper - lower) < 1e-6) <= 0.5:
         return ""
     return "the two instruments recorded the same velocities: one recording was given twice, and no pair counts"
 
 
-def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs | None:
-    """Replace the upper velocities by those predicted at the reference's depth; None if that is impossible or worse."""
+def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int, *, surprise: float = 3.0) -> Pairs | None:
+    """Replace the upper velocities by those predicted at the reference's depth; None if that is impossible or worse.
+
+    Args:
+        surprise: observed over expected rms error from which to warn; 0.8 to 1.5 in 40 cases of two real profiles.
+    """
     prediction = predict_water(upper, depth_m, bins)
     if prediction is None:
         return None
@@ -216,7 +213,7 @@ def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs
     velocity = np.where(known, predicted, mean)
     off = float(np.sqrt(np.mean((np.abs(predicted[known]) - np.abs(trusted[known])) ** 2)))
     notes = []
-    if off >= SURPRISE * max(prediction.expected_m_s, NOISE_M_S):
+    if off >= surprise * max(prediction.expected_m_s, NOISE_M_S):
         shift = depth_shift_by_speed(upper, depth_m, np.abs(trusted))
         side = "below" if shift > 0 else "above"
         where = f"; they agree best with the water {abs(shift):.0f} m {side} it" if shift else ""
@@ -254,9 +251,13 @@ def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, 
     return _block_averaged(VelocitySeries(lower.time_s[near], velocity[near], at[near]), 60.0 * rules.max_minutes / 2.0)
 
 
-def _block_averaged(point: VelocitySeries, block_s: float) -> VelocitySeries:
-    """Average a densely sampled series over blocks of time; return others unchanged."""
-    if len(point.time_s) < 2 or np.median(np.diff(point.time_s)) >= DENSE_S:
+def _block_averaged(point: VelocitySeries, block_s: float, *, dense_s: float = 300.0) -> VelocitySeries:
+    """Average a densely sampled series over blocks of time; return others unchanged.
+
+    Args:
+        dense_s: a series sampled faster than this is averaged first (a profiler passing its top).
+    """
+    if len(point.time_s) < 2 or np.median(np.diff(point.time_s)) >= dense_s:
         return point
     block = np.floor(point.time_s / block_s)
     begins = np.flatnonzero(np.append(True, np.diff(block) > 0))
@@ -336,20 +337,24 @@ def _unusable(record: Record, *, heading: bool) -> str:
     return ""
 
 
-def _refuse_other_frame(pairs: Pairs) -> None:
+def _refuse_other_frame(pairs: Pairs, *, slowest: float = 0.25, clearer: float = 1.8) -> None:
     """Reject directions that agree with the reference's only after adding or subtracting the heading, or mirroring.
 
     Iron cannot cause this: a compass that turns full circle deviates about the true heading. Where the flow keeps one
     direction or the compass hardly turns, the test cannot decide and passes.
+
+    Args:
+        slowest: share of the slowest pairs, whose directions are ignored.
+        clearer: factor by which the spread in another frame must be smaller than in the recorded one.
     """
     slower = np.min([np.hypot(east, north) for east, north in _velocities(pairs)], axis=0)
-    fast = slower >= np.quantile(slower, SLOWEST)
+    fast = slower >= np.quantile(slower, slowest)
     upper, lower = (angles.direction(east, north)[fast] for east, north in _velocities(pairs))
     heading = pairs.heading_deg[fast]
     plain = min(_spread(lower - upper), _spread(lower), _spread(heading))
     others = {(sign, k): _spread(lower + sign * upper + k * heading) for sign, k in OTHER_FRAMES}
     best = min(others, key=lambda which: others[which])
-    if len(heading) >= ENOUGH and others[best] * CLEARER < plain:
+    if len(heading) >= ENOUGH and others[best] * clearer < plain:
         shown = f"directions that agree with those of the reference only where they are {OTHER_FRAMES[best]}"
         advice = "check coordinates (EX), orientation, and east and north of both instruments"
         raise InputError("affected instrument", expected="velocities as the file has them", found=shown, advice=advice)
@@ -367,10 +372,10 @@ def _spread(angle_deg: Floats) -> float:
 
 # Ready-made pairs, read from a table or MATLAB file and matched to the samples of the affected instrument's record.
 
-AGREEING_DEG = 5.0  # median difference of headings above which the pairs may belong to another record
 
-
-def match_ready_pairs(columns: Mapping[str, Floats], scale: float, record: Record, field: EarthField) -> Pairs:
+def match_ready_pairs(
+    columns: Mapping[str, Floats], scale: float, record: Record, field: EarthField, *, agreeing_deg: float = 5.0
+) -> Pairs:
     """Match ready-made pairs to the nearest samples of the record, dropping those off by over half a sample interval.
 
     Depths and separations are unknown. Both velocities must refer to the same north, true or magnetic.
@@ -378,6 +383,7 @@ def match_ready_pairs(columns: Mapping[str, Floats], scale: float, record: Recor
     Args:
         columns: time (UTC seconds), heading (degrees), velocities of both instruments by role, (n,) each.
         record: the affected instrument's record, cut to the deployment.
+        agreeing_deg: median difference of headings above which the pairs may belong to another record.
     """
     order = np.argsort(columns["time"], kind="stable")
     rows = {role: column[order] for role, column in columns.items()}
@@ -413,7 +419,7 @@ def match_ready_pairs(columns: Mapping[str, Floats], scale: float, record: Recor
     left_out = n - len(pairs)
     notes = [f"{left_out} of {n} ready-made pairs lie at no usable sample of the record"] * bool(left_out)
     off = angles.difference(pairs.heading_deg, record.heading_deg[np.searchsorted(samples, pairs.time_s)])
-    if len(pairs) and (size := float(np.median(np.abs(off)))) > AGREEING_DEG:
+    if len(pairs) and (size := float(np.median(np.abs(off)))) > agreeing_deg:
         notes.append(
             f"headings of the ready-made pairs differ from the record's by {size:.0f}° in the median: check times and "
             "headings of both"

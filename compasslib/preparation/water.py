@@ -23,24 +23,13 @@ from compasslib import angles
 from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, Record, SlowShear
 from compasslib.types import DAY_S, Bools, Complexes, Floats
 
-NEAREST = 4  # bins used for a prediction
-LOOKED_AT, REACH = 8, 10.0  # bins next to the sphere used to fit the structure; their largest distance in cells
-FEWEST, FEWEST_BINS = 100, 4  # least samples per pair of bins, and bins: two distances cannot constrain decorrelation
 LEAST_GOOD = 0.9  # of the best bin's share of good data: bins that are often bad, as near a boundary, are not trusted
-STEP = 0.1  # cells; resolution of the distance to the reference for which weights are computed
 LENGTHS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # decorrelation lengths of the layers, in cells
 POWERS = (1.0, 2.0)  # exponents at short distance: rough layers, and uniform shear
-CLEARLY = 0.5  # ratio of mean squares below which a fit is clearly better
-BLOCK_S, SURE = 2 * DAY_S, 2.0  # longer than speeds are correlated; standard errors of a significant difference
 VEER_S = 2 * DAY_S  # time scale from which veer is corrected
-MOST_WINDOWS = 8  # positions in the profile from which veer is learnt, those next to the reference
-LEAST_DAY, FEWEST_DAYS = 0.5, 30  # share of a day's samples for its mean; fewest days
-MOST_DAYS = 1000  # means in one record; their covariance matrix limits the run time
 SLOW_DAYS = np.geomspace(2.0, 200.0, 9)  # memories that are tried
 SLOW_SHARES = np.geomspace(0.1, 2.0, 12)  # sizes that are tried, of the slow part and of noise, over the rms
-HALF_A_CELL, LEAST_M_S = 0.51, 1e-6
-OUTWARD = 0.05  # cells added outward, so that ties at half a cell select the farther bin
-LEAST_NOISE = 0.02  # least noise, as a share of half the mean squared difference of adjacent bins
+LEAST_M_S = 1e-6  # lower bound of a denominator
 
 
 @dataclass(frozen=True)
@@ -104,17 +93,35 @@ def fit_structure(record: Record) -> StructureFunction | None:
     return fit_structure_function(velocity, range_m[near])
 
 
-def _sound_bins(share: Floats, range_m: Floats) -> NDArray[np.intp]:
-    """Select the bins next to the instrument that are good nearly as often as the best, nearest first."""
+def _sound_bins(share: Floats, range_m: Floats, *, looked_at: int = 8) -> NDArray[np.intp]:
+    """Select the bins next to the instrument that are good nearly as often as the best, nearest first.
+
+    Args:
+        looked_at: bins next to the sphere used to fit the structure; their largest distance in cells.
+    """
     sound = np.flatnonzero(share >= LEAST_GOOD * share.max(initial=0.0))
-    return sound[np.argsort(np.abs(range_m[sound]))[:LOOKED_AT]]
+    return sound[np.argsort(np.abs(range_m[sound]))[:looked_at]]
 
 
-def fit_structure_function(velocity: Complexes, range_m: Floats) -> StructureFunction | None:
-    """Fit the structure function to velocities, (n, m) m/s, at ranges, (m,) m; None if there are too few."""
+def fit_structure_function(
+    velocity: Complexes,
+    range_m: Floats,
+    *,
+    reach: float = 10.0,
+    fewest: int = 100,
+    fewest_bins: int = 4,
+    least_noise: float = 0.02,
+) -> StructureFunction | None:
+    """Fit the structure function to velocities, (n, m) m/s, at ranges, (m,) m; None if there are too few.
+
+    Args:
+        reach: bins next to the sphere used to fit the structure; their largest distance in cells.
+        fewest, fewest_bins: least samples per pair of bins, and bins: two distances cannot constrain decorrelation.
+        least_noise: least noise, as a share of half the mean squared difference of adjacent bins.
+    """
     share = np.isfinite(velocity.real).mean(axis=0) if len(velocity) else np.zeros(len(range_m))
     near = _sound_bins(share, range_m)
-    if len(near) < FEWEST_BINS:
+    if len(near) < fewest_bins:
         return None
     cell_m = float(np.median(np.diff(np.sort(np.abs(range_m[near])))))
     velocity = velocity[:, near]
@@ -124,8 +131,8 @@ def fit_structure_function(velocity: Complexes, range_m: Floats) -> StructureFun
     for k, (a, b) in enumerate(zip(first, second, strict=True)):
         differences = velocity[:, a] - velocity[:, b]
         squares = np.abs(differences[np.isfinite(differences)]) ** 2
-        half[k] = float(np.mean(squares)) / 2.0 if len(squares) >= FEWEST else np.nan
-    valid = np.isfinite(half) & (half > 0.0) & (cells <= REACH)
+        half[k] = float(np.mean(squares)) / 2.0 if len(squares) >= fewest else np.nan
+    valid = np.isfinite(half) & (half > 0.0) & (cells <= reach)
     if valid.sum() < 3 or cell_m <= 0.0:
         return None
     from scipy.optimize import nnls  # only where there is a profile
@@ -135,29 +142,37 @@ def fit_structure_function(velocity: Complexes, range_m: Floats) -> StructureFun
     columns = np.column_stack([np.ones_like(cells), *(_shape(cells, *shape) for shape in shapes)])
     # Non-negative least squares for noise and layers, minimizing relative misfits.
     sizes = nnls(columns / half[:, None], np.ones_like(half))[0]
-    least = LEAST_NOISE * float(np.median(half[cells <= cells.min() + 0.5]))
+    least = least_noise * float(np.median(half[cells <= cells.min() + 0.5]))
     parts = tuple((float(size), *shape) for size, shape in zip(sizes[1:], shapes, strict=True) if size > 0.0)
     return StructureFunction(cell_m, max(float(sizes[0]), least), parts or ((least, LENGTHS[-1], POWERS[0]),))
 
 
 def predict_water(
-    record: Record, depth_m: Floats, bins: int, learnt: StructureFunction | None = None
+    record: Record,
+    depth_m: Floats,
+    bins: int,
+    learnt: StructureFunction | None = None,
+    *,
+    nearest: int = 4,
+    step: float = 0.1,
 ) -> WaterPrediction | None:
     """Predict the water velocity at given depths; None if the profile does not suffice.
 
     Args:
         depth_m: depth of the reference's cell at each sample, (n,).
         bins: number of bins in the published mean, for comparison.
+        nearest: bins used for a prediction.
+        step: cells; resolution of the distance to the reference for which weights are computed.
     """
     learnt = learnt or fit_structure(record)
     if learnt is None:
         return None
     away = record.bin_depth_m() - depth_m[:, None]
     distance = np.where(usable_velocities(record) & np.isfinite(away), np.abs(away), np.inf)
-    index = np.argsort(distance, axis=1, kind="stable")[:, :NEAREST]
+    index = np.argsort(distance, axis=1, kind="stable")[:, :nearest]
     row = np.arange(len(index))[:, None]
     there = np.isfinite(distance[row, index])
-    from_nearest = np.round(away[np.arange(len(away)), index[:, 0]] / (STEP * learnt.cell_m))
+    from_nearest = np.round(away[np.arange(len(away)), index[:, 0]] / (step * learnt.cell_m))
     known = there[:, 0] & np.isfinite(from_nearest)
     key = np.column_stack([np.where(there, index, -1), np.where(known, from_nearest, 0.0)])[known].astype(np.int64)
     alike, inverse = np.unique(key, axis=0, return_inverse=True)
@@ -166,7 +181,7 @@ def predict_water(
     weights, errors = np.zeros((len(alike), index.shape[1])), np.zeros((len(alike), 2))
     for k, (*which, steps) in enumerate(alike.tolist()):
         used = [series for series in which if series >= 0]
-        offset = range_m[used] - range_m[used[0]] + steps * STEP * learnt.cell_m
+        offset = range_m[used] - range_m[used[0]] + steps * step * learnt.cell_m
         weights[k, : len(used)] = learnt.weights(offset)
         plain = range_m[first] - range_m[used[0]] + offset[0]
         mean = learnt.variance(plain, np.full(len(first), 1.0 / len(first)))
@@ -177,14 +192,17 @@ def predict_water(
     if not known.any():
         return None
     expected, published = np.sqrt(np.median(errors[inverse.ravel()], axis=0) / 2.0).tolist()
-    turned, veer = _predict_veer(record, np.nanmedian(away[known], axis=0), learnt.cell_m, learnt.weights, NEAREST)
+    turned, veer = _predict_veer(record, np.nanmedian(away[known], axis=0), learnt.cell_m, learnt.weights, nearest)
     return WaterPrediction(velocity * angles.phasor(-turned), expected, published, veer)
 
 
-def depth_shift_by_speed(record: Record, depth_m: Floats, speed_m_s: Floats) -> float:
+def depth_shift_by_speed(record: Record, depth_m: Floats, speed_m_s: Floats, *, clearly: float = 0.5) -> float:
     """Estimate the depth shift at which the profile matches the reference's speeds clearly best, m, else 0.
 
     Only the depths of the profile's cells are tried, as predictions beyond the profile are vague.
+
+    Args:
+        clearly: ratio of mean squares below which a fit is clearly better.
     """
     bins = record.bin_depth_m()
     away = np.median(bins, axis=0) - float(np.median(depth_m))
@@ -193,18 +211,30 @@ def depth_shift_by_speed(record: Record, depth_m: Floats, speed_m_s: Floats) -> 
     flows = [predict_water(record, depth_m + shift, 1, learnt) for shift in shifts]
     off = [float(np.nanmean((np.abs(series.velocity) - speed_m_s) ** 2)) if series else np.inf for series in flows]
     best = int(np.argmin(off))
-    return shifts[best] if off[best] < CLEARLY * off[0] else 0.0
+    return shifts[best] if off[best] < clearly * off[0] else 0.0
 
 
-def fails_speed_check(time_s: Floats, mean: Complexes, predicted: Complexes, trusted: Complexes) -> bool:
+def fails_speed_check(
+    time_s: Floats,
+    mean: Complexes,
+    predicted: Complexes,
+    trusted: Complexes,
+    *,
+    sure: float = 2.0,
+    block_s: float = 2 * DAY_S,
+) -> bool:
     """Check whether the reference's speeds agree significantly less with the prediction than with the published mean.
 
     Speeds do not depend on headings, but do reveal a wrong depth or layers that differ.
+
+    Args:
+        sure: longer than speeds are correlated; standard errors of a significant difference.
+        block_s: longer than speeds are correlated; standard errors of a significant difference.
     """
     off = [(np.abs(series) - np.abs(trusted)) ** 2 for series in (mean, predicted)]
-    block = np.unique(np.floor(time_s / BLOCK_S), return_inverse=True)[1]
+    block = np.unique(np.floor(time_s / block_s), return_inverse=True)[1]
     worse = np.bincount(block, off[1] - off[0])
-    return bool(worse.sum() > SURE * np.sqrt(np.sum(worse**2)))
+    return bool(worse.sum() > sure * np.sqrt(np.sum(worse**2)))
 
 
 def veer_of_nearest_bins(record: Record, depth_m: Floats, bins: int) -> Veer:
@@ -265,23 +295,33 @@ def _predict_veer(
     return share * between, Veer(float(np.sqrt(np.mean(left**2))), fit_slow_shear(record.time_s, across, known))
 
 
-def fit_slow_shear(time_s: Floats, across_m_s: Floats, known: Bools) -> SlowShear | None:
+def fit_slow_shear(
+    time_s: Floats,
+    across_m_s: Floats,
+    known: Bools,
+    *,
+    least_day: float = 0.5,
+    fewest_days: int = 30,
+    most_days: int = 1000,
+) -> SlowShear | None:
     """Estimate size and memory of the slow part of velocity differences; None if the record is too short.
 
-    Daily means, in records of more than ``MOST_DAYS`` means of several days, are modelled as a process with exponential
+    Daily means, in records of more than ``most_days`` means of several days, are modelled as a process with exponential
     autocorrelation and independent noise. The likelihood is the
     mean of all windows, since neighbouring bins hardly differ; the spread between windows is part of the uncertainty.
 
     Args:
         across_m_s: component across the flow at each of several windows of the profile, (k, n).
         known: (k, n) whether it was measured.
+        least_day, fewest_days: share of a day's samples for its mean; fewest days.
+        most_days: means in one record; their covariance matrix limits the run time.
     """
-    days_each = int(np.ptp(time_s) / DAY_S / MOST_DAYS) + 1
+    days_each = int(np.ptp(time_s) / DAY_S / most_days) + 1
     day = np.floor((time_s - time_s[0]) / DAY_S / days_each).astype(np.intp)
     count = np.array([np.bincount(day, each, day[-1] + 1) for each in known])
     usual = float(np.median(np.bincount(day)))
-    kept = np.flatnonzero((count >= LEAST_DAY * usual).all(axis=0))
-    if len(kept) < FEWEST_DAYS:
+    kept = np.flatnonzero((count >= least_day * usual).all(axis=0))
+    if len(kept) < fewest_days:
         return None
     sums = np.array(
         [np.bincount(day, each * there, day[-1] + 1) for each, there in zip(across_m_s, known, strict=True)]
@@ -316,27 +356,39 @@ def _moments(values: Floats, weights: Floats) -> tuple[float, float]:
 
 
 def _windows(
-    record: Record, away_m: Floats, cell_m: float, weights: Callable[[Floats], Floats], count: int
+    record: Record,
+    away_m: Floats,
+    cell_m: float,
+    weights: Callable[[Floats], Floats],
+    count: int,
+    *,
+    most_windows: int = 8,
+    half_a_cell: float = 0.51,
+    outward: float = 0.05,
 ) -> Complexes:
     """Predict bins from those beyond them, relative to the bins' own directions, (k, n) m/s, 0 where one is bad.
 
     The predicting bins are as far from a bin as the bins next to the reference are from it. Nearest bins come first.
+
+    Args:
+        most_windows: positions in the profile from which veer is learnt, those next to the reference.
+        outward: cells added outward, so that ties at half a cell select the farther bin.
     """
     usable = usable_velocities(record)
     share = usable.mean(axis=0)
     sound = np.flatnonzero((share >= LEAST_GOOD * share.max(initial=0.0)) & np.isfinite(away_m))
     order = sound[np.argsort(np.abs(away_m[sound]))]
     pattern = away_m[order[:count]]
-    pattern += np.sign(pattern) * OUTWARD * cell_m
+    pattern += np.sign(pattern) * outward * cell_m
     velocity = np.where(usable, record.east + 1j * record.north, 0.0)
     predictions = []
-    for target in order[:MOST_WINDOWS].tolist():
+    for target in order[:most_windows].tolist():
         wanted = away_m[target] + pattern
         others = sound[sound != target]
         if not len(others):
             break
         which = others[np.argmin(np.abs(away_m[others] - wanted[:, None]), axis=1)]
-        if len(np.unique(which)) < len(which) or np.any(np.abs(away_m[which] - wanted) > HALF_A_CELL * cell_m):
+        if len(np.unique(which)) < len(which) or np.any(np.abs(away_m[which] - wanted) > half_a_cell * cell_m):
             continue
         predicted = velocity[:, which] @ weights(away_m[which] - away_m[target])
         direction = velocity[:, target] / np.maximum(np.abs(velocity[:, target]), LEAST_M_S)

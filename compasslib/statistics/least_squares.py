@@ -20,10 +20,7 @@ def robust_width(deviation: Floats) -> float:
 
 Loss = Callable[[Floats], tuple[float, Floats]]
 
-ARMIJO = 1e-4  # share of the decrease predicted by the gradient that a step must reach
-MAX_HALVINGS = 20  # maximum number of reductions of a step
-GRADIENT_TOLERANCE, LOSS_TOLERANCE = 1e-5, 2.2e-9  # convergence: gradient, and relative decrease of the loss
-POWELL_DAMPING = 0.2  # least new curvature along a step, relative to the previous one
+GRADIENT_TOLERANCE = 1e-5  # largest gradient at convergence
 
 
 def minimize_bfgs(
@@ -65,7 +62,7 @@ def minimize_bfgs(
             unscaled, hessian = False, np.eye(len(at)) * (change @ change) / (step @ change)
         hessian = _updated(hessian, step, change)
         at, value, gradient = trial, lower, new
-        if decrease <= LOSS_TOLERANCE * max(abs(value), 1.0):
+        if decrease <= 2.2e-9 * max(abs(value), 1.0):
             break
     return at, value
 
@@ -80,25 +77,29 @@ def _line_search(
 ) -> tuple[Floats, float, Floats]:
     """Find a point along a direction by backtracking to Armijo's rule; return the start if there is none."""
     length = 1.0
-    for _ in range(MAX_HALVINGS):
+    for _ in range(20):
         trial = np.clip(at + length * direction, *bounds.T)
         predicted = float(gradient @ (trial - at))
         lower, new = loss(trial)
-        if lower <= value + ARMIJO * predicted:
+        if lower <= value + 1e-4 * predicted:
             return trial, lower, new
         length *= float(np.clip(-0.5 * predicted / max(lower - value - predicted, 1e-300), 0.1, 0.5))
     return at, value, gradient
 
 
-def _updated(hessian: Floats, step: Floats, change: Floats) -> Floats:
-    """Update the Hessian from the change of the gradient along a step (BFGS with Powell's damping)."""
+def _updated(hessian: Floats, step: Floats, change: Floats, *, powell_damping: float = 0.2) -> Floats:
+    """Update the Hessian from the change of the gradient along a step (BFGS with Powell's damping).
+
+    Args:
+        powell_damping: least new curvature along a step, relative to the previous one.
+    """
     expected = hessian @ step
     before, now = float(step @ expected), float(step @ change)
     if before <= 0.0:
         return hessian
-    if now < POWELL_DAMPING * before:
-        share = (1.0 - POWELL_DAMPING) * before / (before - now)
-        change, now = share * change + (1.0 - share) * expected, POWELL_DAMPING * before
+    if now < powell_damping * before:
+        share = (1.0 - powell_damping) * before / (before - now)
+        change, now = share * change + (1.0 - share) * expected, powell_damping * before
     return hessian - np.outer(expected, expected) / before + np.outer(change, change) / now
 
 

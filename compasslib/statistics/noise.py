@@ -62,8 +62,6 @@ Ints = NDArray[np.int_]
 PHI = np.concatenate([[0.0], 1.0 - np.geomspace(0.85, 0.05, 14)])  # candidate autoregressive coefficients
 THETA = np.array([0.0, -0.2, -0.4, -0.6, -0.8])  # candidate moving-average coefficients
 MIN_DOF = 3.0  # degrees of freedom from which Student's distribution has a finite variance
-LIKELIHOOD_RANGE = 20.0  # largest difference of log likelihood that is distinguished in the weights
-RANK_TOLERANCE = 1e-6  # relative to the largest singular value
 
 
 def arma_likelihoods(residual: Floats, columns: Floats) -> Floats:
@@ -146,7 +144,7 @@ def span_basis(columns: Floats, least: float = 0.0) -> Floats:
         least: smallest singular value of a direction.
     """
     left, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return left[:, size > max(least, RANK_TOLERANCE * size.max(initial=0.0))]
+    return left[:, size > max(least, 1e-6 * size.max(initial=0.0))]
 
 
 def arma_covariance(residual: Floats, columns: Floats) -> Floats:
@@ -187,18 +185,13 @@ def _weighted_models(residual: Floats, columns: Floats) -> tuple[Floats, list[Fl
     if not len(models):
         return np.ones(1), [np.eye(n) * float(residual @ residual) / max(n - columns.shape[1], 1)]
     lags = lag_matrix(n)
-    return _weight(models), [model[3] * arma_correlation(model[1], model[2], lags) for model in models]
-
-
-def _weight(models: Floats) -> Floats:
-    weight = np.exp(-np.minimum(models[:, 0] - models[:, 0].min(), LIKELIHOOD_RANGE))
-    return np.asarray(weight / weight.sum())
+    weight = np.exp(-np.minimum(models[:, 0] - models[:, 0].min(), 20.0))  # of likelihoods that are distinguished
+    return weight / weight.sum(), [model[3] * arma_correlation(model[1], model[2], lags) for model in models]
 
 
 MIN_ROBUST = 30  # residuals from which the median absolute deviation gives a width within a fifth
 SLOW_KN = np.concatenate([[0.0], np.geomspace(0.3, 30.0, 14)])  # candidate speeds of equal constant and slow scatter
 MIN_SCATTER_DEG = 1e-3  # degrees; no compass has a finer resolution, and exact agreement means copied data
-LIKELIHOOD_TOLERANCE = 0.125  # difference of log likelihood that corresponds to half a standard error
 
 
 @dataclass(frozen=True)
@@ -278,16 +271,21 @@ def _scatter_shape(residual: Floats, speed_kn: Floats | None) -> tuple[Floats, F
     return best_fit
 
 
-def _correlated(noise: SwingNoise, means: Floats, columns: Floats) -> SwingNoise:
+def _correlated(
+    noise: SwingNoise, means: Floats, columns: Floats, *, likelihood_tolerance: float = 0.125
+) -> SwingNoise:
     """Fit correlation and level of the blocks' means by restricted likelihood; no correlation if blocks are too few.
 
     Of the models within half a standard error of the maximum likelihood the one with the slowest noise is used: too
     short a correlation understates the uncertainty, while too long a one hardly overstates it.
+
+    Args:
+        likelihood_tolerance: difference of log likelihood that corresponds to half a standard error.
     """
     models = arma_likelihoods(means, columns)
     if not len(models):
         return noise
-    likely = models[models[:, 0] <= models[:, 0].min() + LIKELIHOOD_TOLERANCE]
+    likely = models[models[:, 0] <= models[:, 0].min() + likelihood_tolerance]
     _, phi, theta, level = max(likely.tolist(), key=lambda each: each[3] * arma_low_frequency_power(each[1], each[2]))
     return replace(noise, phi=phi, theta=theta, level=level)
 

@@ -99,26 +99,24 @@ def student_factor(freedom: float) -> float:
     return float(stdtrit(max(freedom, 1.0), 0.975)) / NORMAL_95
 
 
-RESOLUTION_RUN = 500  # samples from which the step is estimated
-MAX_DISTINCT = 0.4  # largest share of distinct values among them for which a step is estimated
-
-
 def adjacent(windows: Bools) -> Bools:
     """Find the windows that directly precede or follow a selected one, (w,)."""
     return np.append(windows[1:], False) | np.append(False, windows[:-1])
 
 
-def angle_resolution(angle_deg: Floats) -> Floats:
+def angle_resolution(angle_deg: Floats, *, resolution_run: int = 500, max_distinct: float = 0.4) -> Floats:
     """Estimate the resolution of a series of angles, (n,) degrees; 0 where it is too fine to be seen.
 
     Args:
         angle_deg: (n,) in order of time, NaN where missing.
+        resolution_run: samples from which the step is estimated.
+        max_distinct: largest share of distinct values among them for which a step is estimated.
     """
     step = np.zeros(angle_deg.shape)
     known = np.flatnonzero(np.isfinite(angle_deg))
-    for run in np.array_split(known, max(1, len(known) // RESOLUTION_RUN)):
+    for run in np.array_split(known, max(1, len(known) // resolution_run)):
         values = np.unique(angle_deg[run].round(2))
-        if len(run) > RESOLUTION_RUN // 2 and 2 < len(values) < MAX_DISTINCT * len(run):
+        if len(run) > resolution_run // 2 and 2 < len(values) < max_distinct * len(run):
             step[run[0] : run[-1] + 1] = np.median(np.diff(values))
     return step
 

@@ -17,16 +17,8 @@ from compasslib.statistics.least_squares import HUBER_CLIP, SIGMA_PER_MAD, robus
 from compasslib.statistics.noise import lagged_sums
 from compasslib.types import DAY_S, Floats
 
-ORDER, SAMPLES_PER_LAG = 24, 40  # filter order: a day of hourly samples; fewest samples per lag
-RIDGE = 1e-3  # stabilizes the filter where gaps make the autocorrelation rough
-WIDTH_BINS = 12  # bins of slowness for the scatter of the water
+ORDER = 24  # of the filter: a day of hourly samples
 NARROWEST = 0.25  # least width relative to the median one
-ANYWHERE_DEG = SIGMA_PER_MAD * 90.0  # robust width of uniformly distributed directions
-CHUNK = 32  # samples filtered at once, for speed
-MAX_MEMORY = 512  # length in samples of a filter's inverse impulse response
-MIN_DIRECTION = 1e-6  # eigenvalue relative to a group's largest below which a direction counts as absorbed by the base
-TREND_S, TREND_LENGTHS = 10 * DAY_S, 10  # least spacing of the knots of a slow trend, and in lengths of the filter
-NEAR = 4.0  # frequencies up to this multiple of the slow limit are its neighbours
 
 
 @dataclass(frozen=True)
@@ -56,21 +48,25 @@ class Whitener:
         width = self.width_deg.astype(np.promote_types(columns_deg.dtype, np.float32))  # avoids a copy in float64
         return self.filtered(columns_deg / width[:, None])
 
-    def filtered(self, standard: Floats) -> Floats:
-        """Filter columns, (n, k), that are already divided by the widths."""
+    def filtered(self, standard: Floats, *, chunk: int = 32) -> Floats:
+        """Filter columns, (n, k), that are already divided by the widths.
+
+        Args:
+            chunk: samples filtered at once, for speed.
+        """
         lags, width = len(self.filter) - 1, standard.shape[1]
-        chunks = -(-(int(self.slot[-1]) + 1) // CHUNK)
-        grid = np.zeros((lags + chunks * CHUNK, width), dtype=standard.dtype)
+        chunks = -(-(int(self.slot[-1]) + 1) // chunk)
+        grid = np.zeros((lags + chunks * chunk, width), dtype=standard.dtype)
         grid[lags + self.slot] = standard
-        band = np.zeros((CHUNK, CHUNK + lags), dtype=standard.dtype)
-        for i in range(CHUNK):
+        band = np.zeros((chunk, chunk + lags), dtype=standard.dtype)
+        for i in range(chunk):
             band[i, i : i + lags + 1] = self.filter[::-1]
-        windows = np.lib.stride_tricks.sliding_window_view(grid, CHUNK + lags, axis=0)[::CHUNK].transpose(0, 2, 1)
-        filtered = (band @ windows).reshape(chunks * CHUNK, width)[self.slot]
+        windows = np.lib.stride_tricks.sliding_window_view(grid, chunk + lags, axis=0)[::chunk].transpose(0, 2, 1)
+        filtered = (band @ windows).reshape(chunks * chunk, width)[self.slot]
         return filtered if self.low_rank is None else self.low_rank.whiten(filtered)
 
 
-def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitener:
+def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats, *, ridge: float = 1e-3) -> Whitener:
     """Fit the autoregressive filter that whitens a residual.
 
     A real drift must not be mistaken for autocorrelation of the water: power at periods of weeks is replaced by that at
@@ -78,6 +74,7 @@ def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whi
 
     Args:
         width_deg: (n,), degrees, infinite for ignored samples.
+        ridge: stabilizes the filter where gaps make the autocorrelation rough.
     """
     slot = grid_positions(time_s)
     standard = clip_standardized(residual_deg, width_deg)
@@ -86,15 +83,19 @@ def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whi
     series[slot[counts]], present[slot[counts]] = standard[counts] - standard[counts].mean(), 1.0
     together = np.maximum(lagged_sums(present, lags), 1.0)
     correlation = _autocovariance(series, lags, 2.0 * trend_spacing_s(time_s) / sampling_interval_s(time_s)) / together
-    correlation = correlation / correlation[0] / (1.0 + RIDGE * (np.arange(lags + 1) > 0))
+    correlation = correlation / correlation[0] / (1.0 + ridge * (np.arange(lags + 1) > 0))
     toeplitz = correlation[np.abs(np.subtract.outer(np.arange(lags), np.arange(lags)))]
     coefficients = np.linalg.solve(toeplitz, correlation[1:]) if lags else np.zeros(0)
     return Whitener(slot, np.append(1.0, -coefficients), width_deg)
 
 
-def trend_spacing_s(time_s: Floats) -> float:
-    """Compute the spacing of the knots of a slow trend, seconds."""
-    return max(TREND_LENGTHS * filter_order(len(time_s)) * sampling_interval_s(time_s), TREND_S)
+def trend_spacing_s(time_s: Floats, *, trend_s: float = 10 * DAY_S, trend_lengths: int = 10) -> float:
+    """Compute the spacing of the knots of a slow trend, seconds.
+
+    Args:
+        trend_s, trend_lengths: least spacing of the knots of a slow trend, and in lengths of the filter.
+    """
+    return max(trend_lengths * filter_order(len(time_s)) * sampling_interval_s(time_s), trend_s)
 
 
 def sampling_interval_s(time_s: Floats) -> float:
@@ -102,8 +103,9 @@ def sampling_interval_s(time_s: Floats) -> float:
     return float(np.median(np.diff(time_s)))
 
 
-def filter_order(samples: int) -> int:
-    return min(ORDER, samples // SAMPLES_PER_LAG)
+def filter_order(samples: int, *, samples_per_lag: int = 40) -> int:
+    """Choose the order of the filter, with at least so many samples per lag."""
+    return min(ORDER, samples // samples_per_lag)
 
 
 def grid_positions(time_s: Floats) -> NDArray[np.intp]:
@@ -139,27 +141,35 @@ def autoregress(driver: Floats, coefficients: ArrayLike) -> Floats:
     return np.asarray(dtbtrs(band, driver[:, None], uplo="L", diag="U")[0][:, 0])
 
 
-def correlation_time(fitted: Whitener) -> float:
-    """Compute the number of samples in which the autocorrelation removed by a filter falls to 1/e."""
-    pulse = autoregress(np.eye(1, MAX_MEMORY)[0], fitted.filter)
-    lagged = lagged_sums(pulse, MAX_MEMORY // 2)
+def correlation_time(fitted: Whitener, *, max_memory: int = 512) -> float:
+    """Compute the number of samples in which the autocorrelation removed by a filter falls to 1/e.
+
+    Args:
+        max_memory: length in samples of a filter's inverse impulse response.
+    """
+    pulse = autoregress(np.eye(1, max_memory)[0], fitted.filter)
+    lagged = lagged_sums(pulse, max_memory // 2)
     known = lagged / lagged[0]
     below = int(np.argmax(known < np.exp(-1.0)))
-    return below - (np.exp(-1.0) - known[below]) / (known[below - 1] - known[below]) if below else float(MAX_MEMORY)
+    return below - (np.exp(-1.0) - known[below]) / (known[below - 1] - known[below]) if below else float(max_memory)
 
 
-def robust_widths(residual_deg: Floats, slowness: Floats) -> Floats:
+def robust_widths(
+    residual_deg: Floats, slowness: Floats, *, width_bins: int = 12, anywhere_deg: float = SIGMA_PER_MAD * 90.0
+) -> Floats:
     """Estimate the robust width of the residual as an increasing function of slowness, (n,) degrees.
 
     Args:
         residual_deg: (n,), degrees; NaN is ignored and gets an infinite width.
         slowness: (n,), in any unit.
+        width_bins: bins of slowness for the scatter of the water.
+        anywhere_deg: robust width of uniformly distributed directions.
     """
     known = np.isfinite(residual_deg)
     size = np.abs(residual_deg[known])
-    edges = np.quantile(slowness[known], np.linspace(0.0, 1.0, WIDTH_BINS + 1))
-    bins = np.clip(np.searchsorted(edges, slowness[known], side="right") - 1, 0, WIDTH_BINS - 1)
-    filled = [b for b in range(WIDTH_BINS) if np.sum(bins == b) >= 5]
+    edges = np.quantile(slowness[known], np.linspace(0.0, 1.0, width_bins + 1))
+    bins = np.clip(np.searchsorted(edges, slowness[known], side="right") - 1, 0, width_bins - 1)
+    filled = [b for b in range(width_bins) if np.sum(bins == b) >= 5]
     centre = np.array([np.median(slowness[known][bins == b]) for b in filled])
     middle = np.array([robust_width(size[bins == b]) for b in filled])
     middle = np.maximum(np.maximum.accumulate(middle), NARROWEST * np.median(middle))
@@ -168,7 +178,7 @@ def robust_widths(residual_deg: Floats, slowness: Floats) -> Floats:
     # approximates the information on the mean direction within a fifth.
     width = np.maximum(width, 1e-6)
     with np.errstate(divide="ignore"):
-        on_circle = width / np.maximum(1.0 - (width / ANYWHERE_DEG) ** 2, 0.0)
+        on_circle = width / np.maximum(1.0 - (width / anywhere_deg) ** 2, 0.0)
     return np.where(known, on_circle, np.inf)
 
 
@@ -198,27 +208,32 @@ def project_out(columns: Floats, basis: Floats) -> Floats:
     return columns - basis @ (basis.T @ columns)
 
 
-def whitened_basis(white: Floats) -> Floats:
-    """Compute an orthonormal basis, (n, at most k), of whitened columns, (n, k), float32 both."""
+def whitened_basis(white: Floats, *, min_direction: float = 1e-6) -> Floats:
+    """Compute an orthonormal basis, (n, at most k), of whitened columns, (n, k), float32 both.
+
+    Args:
+        min_direction: eigenvalue relative to a group's largest below which a direction counts as absorbed by the base.
+    """
     scale = np.linalg.norm(white, axis=0)
     unit = white[:, scale > 0] / scale[scale > 0]
     if unit.shape[1] < 2:
         return unit
     values, vectors = np.linalg.eigh((unit.T @ unit).astype(float))
-    strong = values > max(MIN_DIRECTION * values[-1], 1e-5)
+    strong = values > max(min_direction * values[-1], 1e-5)
     return (unit @ (vectors[:, strong] / np.sqrt(values[strong])).astype(np.float32)).astype(np.float32)
 
 
-def _autocovariance(series: Floats, lags: int, slowest: float) -> Floats:
+def _autocovariance(series: Floats, lags: int, slowest: float, *, neighbours: float = 4.0) -> Floats:
     """Compute autocovariance sums with low-frequency power replaced by that of neighbouring frequencies, (lags + 1,).
 
     Args:
         series: 0 where nothing was measured, (n,); periods longer than ``slowest`` samples count as low frequency.
+        neighbours: frequencies up to this multiple of the slow limit are its neighbours.
     """
     size = 1 << (2 * len(series) - 1).bit_length()
     power = np.abs(np.fft.rfft(series, size)) ** 2
     slow = np.arange(len(power)) * slowest / size
-    near = (slow >= 1.0) & (slow < NEAR)
+    near = (slow >= 1.0) & (slow < neighbours)
     power[slow < 1.0] = power[near].mean() if near.any() else 0.0
     return np.fft.irfft(power, size)[: lags + 1]
 

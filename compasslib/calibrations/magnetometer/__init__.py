@@ -7,10 +7,8 @@ tilts and heading determine it. Parameters that the orientations do not determin
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import log10
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +20,7 @@ from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.calibrations.magnetometer import log as magnetometer_log
 from compasslib.calibrations.magnetometer.ellipsoid import FittedEllipsoid, ModelChoice, ScaledReadings
 from compasslib.calibrations.magnetometer.log import Axes, Log, about_down, level_heading, mean_and_scatter, rotation
-from compasslib.calibrations.result import Calibration, DeviationTable, check_date
+from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.deviation.series import series_design, series_deviation
 from compasslib.errors import applicable
 from compasslib.types import Floats
@@ -36,19 +34,10 @@ FOLDED = (
     "The iron is stronger than the earth's horizontal field: two correct headings give the same reading and no table "
     "can correct it; subtract hard_iron from the raw axes instead."
 )
-TILT_SENSOR_DEG = 0.20  # standard uncertainty; Le Menn et al. 2023, section 2, gives 0.40 degrees expanded
-MAX_RESIDUAL_PERCENT = 5.0  # of the modulus: largest residual of a compass with iron fixed to it
-MAX_AXIS_RATIO = 1.4  # of the largest to the smallest sensitivity of an axis; sensors differ by a quarter, iron by less
 TURNS = ("forward", "starboard", "vertical")
 OPEN_TURN = "an ellipsoid does not depend on how the sensor is turned; only tilts and a logged heading determine it"
-MAX_UNIT_ERROR = 0.12  # exceeds errors by sensor, crust and daily variation; one in nine arbitrary scales passes
-NANOTESLA = {"nT": 1.0, "uT": 1e3, "µT": 1e3, "mT": 1e6, "mG": 100.0, "G": 1e5, "Gauss": 1e5}
-UNIT_SUFFIX = re.compile(rf"[_ .\[(]({'|'.join(NANOTESLA)})[\])]?$")
 TABLE_DEG = np.arange(0.0, 360.0, 10.0)
 GRID_DEG = np.arange(0.0, 360.0, 5.0)
-MAX_SCATTER_RATIO = 0.5  # of logged minus corrected headings to logged minus raw ones
-ROUNDS = 3  # linearized steps for the misalignment
-MAX_DILUTION = 10.0  # radians of misalignment per relative error of the field: 0.3 % then cause 1.7 degrees
 Field = Mapping[str, float] | None
 
 
@@ -60,7 +49,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     Raises:
         InputError: a column is absent or a cell is not a number.
     """
-    log = magnetometer_log.repair_counts(magnetometer_log.read(files, settings))
+    log = magnetometer_log.read(files, settings)
     if why := magnetometer_log.unusable_reason(log):
         return _refused(log, why)
     field = settings.get("field")
@@ -77,7 +66,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     known = bool(np.isfinite(exact).all())
     folded = known and not compass.turns_full_circle(exact)
     misfits = _misfits(solved)
-    warnings = [*log.warnings, *warnings, *check_date(log.time_s, settings.get("date_s"))]
+    warnings = [*log.warnings, *warnings]
     return Calibration(
         kind=KIND,
         model=solved.fitted.model.name,
@@ -86,7 +75,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         points=_points(solved),
         details={**_details(solved, field), "doubts": misfits},
         why=FOLDED if folded else "" if known else NO_DIP,
-        warnings=(*warnings, *_warnings(solved, field, settings.get("columns") or {}), *misfits),
+        warnings=(*warnings, *_warnings(solved), *misfits),
         **(_correction(solved, exact, folded=folded) if known else {}),
     )
 
@@ -219,7 +208,7 @@ def _residuals(solved: SolvedIron) -> dict[str, float]:
     return {when: float(100.0 * modulus.std() / modulus.mean()) for when, modulus in moduli.items()}
 
 
-def _warnings(solved: SolvedIron, field: Field, columns: Mapping[str, str]) -> list[str]:
+def _warnings(solved: SolvedIron) -> list[str]:
     """List the conditions under which the correction holds, in sentences."""
     level, tilted = solved.choice.level, solved.log.tilted
     sentences_where = {
@@ -237,20 +226,26 @@ def _warnings(solved: SolvedIron, field: Field, columns: Mapping[str, str]) -> l
         ),
         "No tilts are logged: a misalignment of the magnetometer is not detected.": not (level or tilted),
     }
-    return applicable(sentences_where) + ([] if field is None else _unit_warnings(solved, field, columns))
+    return applicable(sentences_where)
 
 
-def _misfits(solved: SolvedIron) -> list[str]:
-    """List misfits that iron fixed to a compass cannot cause and that make the coefficients doubtful."""
+def _misfits(solved: SolvedIron, *, max_residual_percent: float = 5.0, max_axis_ratio: float = 1.4) -> list[str]:
+    """List misfits that iron fixed to a compass cannot cause and that make the coefficients doubtful.
+
+    Args:
+        max_residual_percent: of the modulus: largest residual of a compass with iron fixed to it.
+        max_axis_ratio: of the largest to the smallest sensitivity of an axis; sensors differ by a quarter, iron by
+            less.
+    """
     residual, dimensions = _residuals(solved)["after"], 2 if solved.choice.level else 3
     strengths = np.linalg.svd(solved.soft(solved.iron)[:dimensions, :dimensions], compute_uv=False)
     texts = []
-    if residual > MAX_RESIDUAL_PERCENT:
+    if residual > max_residual_percent:
         texts.append(
             f"the modulus varies by {residual:.0f} % after correction for hard and soft iron: iron that moved, axes "
             "exchanged or of another sign than the tilts', an axis that failed, or readings beyond the scale"
         )
-    if strengths[0] > MAX_AXIS_RATIO * strengths[-1]:
+    if strengths[0] > max_axis_ratio * strengths[-1]:
         texts.append(
             f"one axis measures {strengths[0] / strengths[-1]:.1f} times the field of another: axes in different "
             "units, or one that is failing; the logged heading may not have this error"
@@ -258,8 +253,14 @@ def _misfits(solved: SolvedIron) -> list[str]:
     return texts
 
 
-def _sources(solved: SolvedIron, table: DeviationTable, series: Floats) -> tuple[Source, ...]:
-    """Make the uncertainty budget of a corrected heading."""
+def _sources(
+    solved: SolvedIron, table: DeviationTable, series: Floats, *, tilt_sensor_deg: float = 0.20
+) -> tuple[Source, ...]:
+    """Make the uncertainty budget of a corrected heading.
+
+    Args:
+        tilt_sensor_deg: standard uncertainty; Le Menn et al. 2023, section 2, gives 0.40 degrees expanded.
+    """
     horizontal = 1.0 / float(np.hypot(1.0, solved.dip_ratio))
     off = table.deviation_deg - series_deviation(series, table.heading_deg)
     how = "block jackknife, with what a mean tilt hides of vertical iron, rms over the table"
@@ -274,36 +275,13 @@ def _sources(solved: SolvedIron, table: DeviationTable, series: Floats) -> tuple
         if solved.choice.level:
             ratio = float(np.mean(np.abs(np.sum(solved.corrected() * solved.down, axis=1))))
         how = "0.40° expanded (Le Menn et al. 2023, section 2) times vertical over horizontal field"
-        sources.append(Source("tilt sensor", TILT_SENSOR_DEG * ratio, how))
+        sources.append(Source("tilt sensor", tilt_sensor_deg * ratio, how))
     if solved.log.tilted and solved.choice.level:
         tilt = float(np.sqrt(np.mean(np.var(solved.down[:, :2], axis=0))))
         hard = float(np.hypot(*solved.iron[:2]))
         how = "tilt about its mean times a vertical iron as strong as the horizontal one; the tilts do not determine it"
         sources.append(Source("vertical iron", hard * tilt / angles.DEGREE, how))
     return tuple(sources)
-
-
-def _unit_warnings(solved: SolvedIron, field: Mapping[str, float], columns: Mapping[str, str]) -> list[str]:
-    """Warn if the modulus is not that of the earth's field in the stated unit, or in any unit if none is stated.
-
-    Units of magnetic fields differ by powers of ten. If the file does not state its unit, the corrected modulus must
-    match IGRF in one of them; headers such as ``mag_x_nT`` state the unit.
-    """
-    modulus, strength_nT = solved.choice.scale * solved.gain(solved.iron), _strength(solved, field)
-    ends = {match[1] if (match := UNIT_SUFFIX.search(columns.get(role) or "")) else None for role in ("x", "y")}
-    unit = ends.pop() if len(ends) == 1 else None
-    ratio = modulus / strength_nT
-    agreement = 10.0 ** round(log10(ratio)) / ratio if unit is None else 1.0 / (modulus * NANOTESLA[unit] / strength_nT)
-    if abs(agreement - 1.0) < MAX_UNIT_ERROR:
-        return []
-    what = "horizontal" if solved.choice.level else "total"
-    none = "No unit of a magnetic field (nT, µT, mG, G) makes"
-    by = "The unit in the header does not make" if unit else none
-    return [
-        f"The corrected {what} field is {modulus:.4g} {unit or 'in the unit of the file'}; IGRF has {strength_nT:.0f} "
-        f"nT at place and date. {by} the two agree: a wrong scale, unit, place or date, raw counts of the sensor, or "
-        "not the earth's field. Headings depend on ratios only and are not affected; hard_iron is in the file's unit."
-    ]
 
 
 # Iron in the frame of the instrument: the selected ellipsoid, rotated as far as tilts and logged heading determine.
@@ -335,11 +313,16 @@ def modulus_harmonics(modulus: Floats, heading_deg: Floats) -> tuple[float, floa
     return float(100.0 * np.hypot(k[1], k[2]) / k[0]), float(100.0 * np.hypot(k[3], k[4]) / k[0])
 
 
-def estimate_tilt_misalignment(iron: Floats, readings: ScaledReadings, down: Floats) -> tuple[Floats, float, Floats]:
+def estimate_tilt_misalignment(
+    iron: Floats, readings: ScaledReadings, down: Floats, *, max_dilution: float = 10.0
+) -> tuple[Floats, float, Floats]:
     """Estimate the small rotation from magnetometer to tilt sensor that makes the vertical field constant.
 
     With the downward direction t, the vertical field t . (h + e x h) is a constant c in every orientation, so
     t . h = c - e . (h x t) is linear in the rotation e about forward, starboard and down.
+
+    Args:
+        max_dilution: radians of misalignment per relative error of the field: 0.3 % then cause 1.7 degrees.
 
     Returns:
         The rotation (3,) in degrees, NaN about axes that the tilts do not determine; c, the sine of the dip; and the
@@ -347,13 +330,13 @@ def estimate_tilt_misalignment(iron: Floats, readings: ScaledReadings, down: Flo
     """
     field = ellipsoid.corrected(iron, readings)
     turn, wide = np.eye(3), np.zeros(3, dtype=bool)
-    for _ in range(ROUNDS):
+    for _ in range(3):
         turned = field @ turn.T
         columns = np.column_stack([np.ones(len(field)), -np.cross(turned, down)])
         if not wide.any():
             values, vectors = np.linalg.eigh(columns.T @ columns / len(columns))
             inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T
-            wide = np.sqrt(np.diag(inverse))[1:] > MAX_DILUTION
+            wide = np.sqrt(np.diag(inverse))[1:] > max_dilution
         columns[:, 1:] *= ~wide
         solved = np.linalg.lstsq(columns, np.sum(turned * down, axis=1), rcond=None)[0]
         turn = rotation(solved[1:]) @ turn
@@ -463,17 +446,20 @@ def _dip_ratio(sine: float) -> float:
     return sine / float(np.sqrt(max(1.0 - sine**2, 1e-6)))
 
 
-def _align_to_heading(solved: SolvedIron) -> SolvedIron:
+def _align_to_heading(solved: SolvedIron, *, max_scatter_ratio: float = 0.5) -> SolvedIron:
     """Rotate the iron about the vertical to a logged heading that follows the corrected axes better than the raw ones.
 
     Such a heading has been corrected for iron already, so it determines how the magnetometer is mounted.
+
+    Args:
+        max_scatter_ratio: of logged minus corrected headings to logged minus raw ones.
     """
     logged = solved.log.heading_deg
     if logged is None or not solved.headed:
         return solved
     recorded, corrected = solved.headings()
     centre, scatter = mean_and_scatter(angles.difference(logged, corrected))
-    if scatter > MAX_SCATTER_RATIO * mean_and_scatter(angles.difference(logged, recorded))[1]:
+    if scatter > max_scatter_ratio * mean_and_scatter(angles.difference(logged, recorded))[1]:
         return solved
     block, turns_deg = ellipsoid.blocks(len(logged)), np.zeros(len(solved.replicates))
     for k, replicate in enumerate(solved.replicates):  # each with the readings that it was fitted to

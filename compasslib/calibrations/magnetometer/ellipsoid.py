@@ -22,22 +22,17 @@ from compasslib import angles
 from compasslib.calibrations.magnetometer.log import Log
 from compasslib.statistics.least_squares import robust_width
 from compasslib.statistics.noise import effective_sample_size
+from compasslib.statistics.resampling import student_factor
 from compasslib.types import Bools, Floats
 
-MAX_ITERATIONS, MAX_STEP, TOLERANCE = 60, 0.3, 1e-11
 BLOCKS = 20  # of the jackknife: long compared to the noise's correlation time, and enough to estimate a variance
-NORMAL_95 = 1.96
 CENTRE, SOFT = ("x offset", "y offset", "z offset"), ("S11", "S22", "S33", "S12", "S13", "S23")
 PARAMETERS = CENTRE + SOFT
 PLACES = {"S11": (0, 0), "S22": (1, 1), "S33": (2, 2), "S12": (0, 1), "S13": (0, 2), "S23": (1, 2)}
 MAX_STANDARD_ERROR = 0.05  # relative to the field: parameters with a larger one are undetermined
 # Relative to the field: errors by nonlinearity, cross-axis sensitivity and gradients, which do not average out.
 SYSTEMATIC_ERROR = 0.003
-FOLDS = 5
-MIN_ARC_DEG, MIN_SECTORS, MAX_SCATTER = 120.0, 6, 0.25
-# Largest tilts of a level platform; without logged tilts, largest scatter of z relative to the radius.
-MAX_LEVEL_TILT_DEG, MAX_LEVEL_SCATTER = 30.0, 0.3
-OUTLIER_WIDTHS, MAX_OUTLIER_SHARE = 6.0, 0.05
+MAX_SCATTER = 0.25  # about the fitted circle or sphere, relative to the field
 DIAGONAL, OTHERS, LEVEL_SOFT = ("S11", "S22", "S33"), ("S12", "S13", "S23"), ("S11", "S22", "S12")
 UNSEEN_LEVEL = ("z offset", "S33", "S13", "S23")
 
@@ -133,12 +128,12 @@ def solve(model: Model, readings: ScaledReadings, centre: Floats, *, adjusted: b
     """
     wanted = np.concatenate([centre, np.eye(3).ravel()])
     parameters = np.linalg.lstsq(model.chain.T, wanted, rcond=None)[0]
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(60):
         variance = _variance(model, parameters, readings) if adjusted else 0.0
         score, columns = _scores(model, parameters, readings, variance)
         step = -np.linalg.solve(columns.T @ columns, score.sum(axis=0))
-        parameters = parameters + step * min(1.0, MAX_STEP / max(float(np.linalg.norm(step)), 1e-300))
-        if np.max(np.abs(step)) < TOLERANCE:
+        parameters = parameters + step * min(1.0, 0.3 / max(float(np.linalg.norm(step)), 1e-300))
+        if np.max(np.abs(step)) < 1e-11:
             return parameters, variance
     raise np.linalg.LinAlgError(f"the fit of the {model.name} does not settle")
 
@@ -172,9 +167,8 @@ def covariance(replicates: Floats, shift: Floats | float = 0.0) -> Floats:
     """
     k = len(replicates)
     off = replicates - replicates.mean(axis=0)
-    wider = 1.0 + (NORMAL_95**2 + 1.0) / (4.0 * (k - 1))  # Student's over the normal quantile, to first order
     unseen = np.broadcast_to(shift, off.shape[1:])
-    return wider**2 * (k - 1) / k * off.T @ off + np.outer(unseen, unseen)
+    return student_factor(k - 1) ** 2 * (k - 1) / k * off.T @ off + np.outer(unseen, unseen)
 
 
 def sigma(replicates: Floats, shift: Floats | float = 0.0) -> Floats:
@@ -260,14 +254,14 @@ def choose_model(log: Log, body: Floats) -> ModelChoice:
     return spatial if spatial and spatial.fitted else _choose_level(log, body)
 
 
-def find_outliers(choice: ModelChoice) -> Bools:
+def find_outliers(choice: ModelChoice, *, outlier_widths: float = 6.0, max_outlier_share: float = 0.05) -> Bools:
     """Flag readings far from the fitted modulus, (n,); none if these would be 5 % or more."""
     if choice.full is None or choice.readings is None:
         return np.zeros(0, dtype=bool)
     off = modulus(corrected(choice.full.iron()[0], choice.readings), choice.readings.down) - 1.0
     off = np.abs(off - np.median(off))
-    far = off > OUTLIER_WIDTHS * max(robust_width(off), SYSTEMATIC_ERROR)
-    return far if far.mean() < MAX_OUTLIER_SHARE else np.zeros_like(far)
+    far = off > outlier_widths * max(robust_width(off), SYSTEMATIC_ERROR)
+    return far if far.mean() < max_outlier_share else np.zeros_like(far)
 
 
 def _choose_spatial(body: Floats) -> ModelChoice | None:
@@ -286,9 +280,16 @@ def _choose_spatial(body: Floats) -> ModelChoice | None:
     return _select_by_cross_validation(models, readings, centre, partial)
 
 
-def _choose_level(log: Log, body: Floats) -> ModelChoice:
+def _choose_level(
+    log: Log, body: Floats, *, max_level_tilt_deg: float = 30.0, max_level_scatter: float = 0.3
+) -> ModelChoice:
+    """Choose a circle or an ellipse, for a level platform.
+
+    Args:
+        max_level_tilt_deg, max_level_scatter: largest tilt; without tilts, largest scatter of z relative to the radius.
+    """
     down = log.levelling()[:, 2, :]
-    if log.tilted and np.percentile(_tilt(down), 99.0) > MAX_LEVEL_TILT_DEG:
+    if log.tilted and np.percentile(_tilt(down), 99.0) > max_level_tilt_deg:
         return ModelChoice(why="The orientations neither cover the sphere nor stay level.")
     readings, scale, centre = _scaled(body, down)
     circle = _fit_or_none(CIRCLE, readings, centre)
@@ -296,7 +297,7 @@ def _choose_level(log: Log, body: Floats) -> ModelChoice:
         return ModelChoice(why="The readings lie on no circle: the instrument did not turn, or the record is constant.")
     noise = _noise(ELLIPSE, circle, readings)
     why = _unusable_circle(circle, readings, noise[0])
-    if why or (log.has_z and not log.tilted and readings.field[:, 2].std() > MAX_LEVEL_SCATTER):
+    if why or (log.has_z and not log.tilted and readings.field[:, 2].std() > max_level_scatter):
         level = "The orientations neither cover the sphere nor stay level, and no tilts are logged."
         return ModelChoice(why=why or level)
     unsure = _standard_errors(LEVEL_AND_THIRD, circle, readings, noise) if log.tilted else {}
@@ -357,7 +358,9 @@ def _scaled(body: Floats, down: Floats) -> tuple[ScaledReadings, float, Floats]:
     return ScaledReadings(body / scale, down), scale, centre / scale
 
 
-def _unusable_circle(circle: FittedEllipsoid, readings: ScaledReadings, noise: float) -> str:
+def _unusable_circle(
+    circle: FittedEllipsoid, readings: ScaledReadings, noise: float, *, min_arc_deg: float = 120.0, min_sectors: int = 6
+) -> str:
     """Explain why the circle fitted to the readings is unusable; empty if it is usable."""
     if noise > MAX_SCATTER:
         return (
@@ -366,11 +369,11 @@ def _unusable_circle(circle: FittedEllipsoid, readings: ScaledReadings, noise: f
         )
     towards = np.sort(angles.argument((readings.field - circle.iron()[0][:3])[:, :2] @ np.array([1.0, -1.0j])))
     arc = 360.0 - float(np.max(np.diff(towards, append=towards[0] + 360.0)))
-    if arc < MIN_ARC_DEG:
-        return f"The instrument turned through {arc:.0f}°, at least {MIN_ARC_DEG:.0f}° (a third of a turn) is needed."
+    if arc < min_arc_deg:
+        return f"The instrument turned through {arc:.0f}°, at least {min_arc_deg:.0f}° (a third of a turn) is needed."
     sectors = len(np.unique(towards // 10.0))
-    if sectors < MIN_SECTORS:
-        return f"The readings repeat {sectors} headings, at least {MIN_SECTORS} apart by 10° are needed."
+    if sectors < min_sectors:
+        return f"The readings repeat {sectors} headings, at least {min_sectors} apart by 10° are needed."
     return ""
 
 
@@ -430,8 +433,8 @@ def _fit_or_none(model: Model, readings: ScaledReadings, centre: Floats) -> Fitt
 
 def _score(model: Model, readings: ScaledReadings, centre: Floats) -> float:
     """Compute the rms error of the modulus, which should be 1, on held-out blocks, percent."""
-    fold, off = blocks(len(readings)) % FOLDS, np.full(len(readings), np.nan)
-    for k in range(FOLDS):
+    fold, off = blocks(len(readings)) % 5, np.full(len(readings), np.nan)
+    for k in range(5):
         try:
             iron = solve(model, readings.take(fold != k), centre)[0] @ model.chain
         except np.linalg.LinAlgError:

@@ -22,22 +22,10 @@ TEMPERATURE = "temperature_c"
 COLUMNS = ("pitch_deg", "roll_deg", "heading_deg", "time_s", "temperature_c")
 ABSENT = "name it under columns in the calibration's file"
 NEEDED = {"where": "withhold", "expected": "columns other than x and y", "advice": "take it off the list"}
-MIN_READINGS, MIN_DISTINCT = 50, 20
+MIN_READINGS = 50  # different ones
 # Modulus of accelerometer columns in g, m/s^2 and counts of a 16-bit 2 g sensor. Direction cosines have 1 too.
 GRAVITIES = {1.0: "1", 9.80665: "9.81", 16384.0: "16384"}
-SPIKE_HALF_RANGES = 3.0
-# Relative to the range of an axis: least step of an overflow, and largest median step of a smooth log.
-MIN_JUMP, MAX_SMOOTH_STEP = 0.7, 0.1
-JUMP_TOLERANCE = 8.0  # largest difference between overflow steps, in median steps
-# Saturation: least number of readings at the extreme value, and least ratio to the counts of the next values.
-MIN_AT_END, MIN_PILE_RATIO = 8, 4.0
-NEIGHBOURS = 5  # number of values next to the extreme one that are compared
-MIN_STILL = 20  # consecutive equal readings of a stuck axis
-MIN_MOVEMENT = 0.1  # variation of another axis during these, relative to its full range
-COSINE_TOLERANCE = 2e-3  # rounding of a direction cosine
-GRAVITY_SHARE, LIKE_TILT = 0.02, 0.95
-MAX_SCATTER_DEG, ALIKE_DEG, MAX_SCATTER_RATIO = 40.0, 2.0, 0.9
-MAX_RESULTANT = 0.9  # mean resultant length above which logged headings do not constrain the axes
+MAX_SCATTER_DEG = 40.0  # of logged minus computed headings, beyond which they do not follow the axes
 COSINES = "The axes are direction cosines: the strength of the field, which reveals iron, is lost."
 NAMES = ("forward", "starboard", "down")
 OPPOSITES = ("aft", "port", "up")
@@ -139,7 +127,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     if not len(raw):
         return log
     low, high = np.percentile(raw, (1.0, 99.0), axis=0)  # range of the central 98 % of an axis
-    middle, reach = (low + high) / 2.0, SPIKE_HALF_RANGES * (high - low) / 2.0
+    middle, reach = (low + high) / 2.0, 1.5 * (high - low)
     spike = np.any((np.abs(raw - middle) > reach) & (reach > 0.0), axis=1)
     return log.take(~spike, f"{spike.sum()} of {spike.size} readings are spikes and excluded.") if spike.any() else log
 
@@ -163,44 +151,34 @@ def _select_columns(
 
 
 def are_direction_cosines(log: Log) -> bool:
-    """Return whether the readings are direction cosines: their modulus is 1 in every orientation."""
+    """Return whether the readings are direction cosines: their modulus is 1 in every orientation but for rounding."""
     length = np.linalg.norm(log.raw, axis=1)
-    return log.has_z and bool(np.all(np.abs(length - 1.0) < COSINE_TOLERANCE))
+    return log.has_z and bool(np.all(np.abs(length - 1.0) < 2e-3))
 
 
 def unusable_reason(log: Log) -> str:
     """Explain why the readings cannot be a magnetometer's log of a turning instrument; empty if they can."""
     raw = log.raw
-    if len(raw) < MIN_READINGS:
-        return f"{len(raw)} readings, at least {MIN_READINGS} are needed."
     for k, name in enumerate("xy"):
-        if np.ptp(raw[:, k]) == 0.0:
+        if len(raw) and np.ptp(raw[:, k]) == 0.0:
             return f"Column {name} is {raw[0, k]:g} throughout: the sensor is stuck, or the instrument did not turn."
-    distinct = len(np.unique(raw, axis=0))
-    if distinct < MIN_DISTINCT:
-        return f"Only {distinct} different readings in {len(raw)} rows: the record repeats itself."
+    if (distinct := len(np.unique(raw, axis=0))) < MIN_READINGS:
+        return f"{distinct} different readings in {len(raw)} rows, at least {MIN_READINGS} are needed."
     return _gravity_reason(log)
 
 
-def _gravity_reason(log: Log) -> str:
-    """Explain why the columns hold gravity (modulus, or correlation with tilts) or direction cosines; empty if not."""
+def _gravity_reason(log: Log, share: float = 0.02) -> str:
+    """Explain why the columns hold gravity, whose modulus is constant, or direction cosines; empty if not."""
     length = np.linalg.norm(log.raw, axis=1)
     mean = float(length.mean())
-    if not log.has_z or mean == 0.0:
+    if not log.has_z or float(length.std()) >= share * mean:
         return ""
     if log.axis_by_axis and are_direction_cosines(log):
         return COSINES
-    constant = float(length.std()) < GRAVITY_SHARE * mean
     for value, text in GRAVITIES.items():
-        if constant and abs(mean - value) < GRAVITY_SHARE * value:
+        if abs(mean - value) < share * value:
             also = " (or direction cosines, whose strength is gone)" if value == 1.0 else ""
             return f"The modulus of x, y, z is {text} throughout: this is gravity, from an accelerometer{also}."
-    if not log.tilted:
-        return ""
-    raw, down = log.raw[:, :2], log.levelling()[:, 2, :2]
-    varies = min(raw.std(axis=0).min(), down.std(axis=0).min()) > 0.0
-    if varies and all(abs(np.corrcoef(raw[:, k], down[:, k])[0, 1]) > LIKE_TILT for k in (0, 1)):
-        return "x and y follow pitch and roll, not the heading: this is gravity, from an accelerometer."
     return ""
 
 
@@ -210,11 +188,15 @@ def level_heading(field: Floats, levelling: Floats) -> Floats:
     return angles.argument(north[:, 0] - 1j * north[:, 1])
 
 
-def determine_axes(log: Log) -> tuple[Axes, list[str]]:
+def determine_axes(log: Log, *, max_resultant: float = 0.9, alike_deg: float = 2.0) -> tuple[Axes, list[str]]:
     """Determine the axes from the logged heading if it follows them, else assume x forward, y starboard, z down.
 
     The heading fixes the quarter turn, the handedness and, with tilts, up or down; the remaining offset is the angle
     about the vertical between magnetometer and instrument.
+
+    Args:
+        max_resultant: mean resultant length above which logged headings do not constrain the axes.
+        alike_deg: scatter beyond which they are levelled or corrected.
 
     Returns:
         The axes, and warnings.
@@ -222,14 +204,14 @@ def determine_axes(log: Log) -> tuple[Axes, list[str]]:
     assumed = Axes(np.eye(3), _describe_axes(np.eye(3)) + " (assumed)")
     if log.heading_deg is None:
         return assumed, ["No heading is logged: x is taken as forward, y as starboard, z as down."]
-    if float(angles.resultant_length(log.heading_deg)) > MAX_RESULTANT:
+    if float(angles.resultant_length(log.heading_deg)) > max_resultant:
         return assumed, ["The logged heading hardly turns: x is taken as forward, y as starboard, z as down."]
     best, scatter, off = search_axes(log)
     if scatter > MAX_SCATTER_DEG:
         doubt = f"The logged heading does not follow the axes (scatter {scatter:.0f}°)."
         return assumed, [f"{doubt} {_describe_axes(np.eye(3))}."]
     text = _describe_axes(best) + " (from the logged heading)"
-    if scatter > ALIKE_DEG:
+    if scatter > alike_deg:
         doubt = f"The logged heading is not that of the raw axes (scatter {scatter:.1f}°): it is levelled or corrected."
         return Axes(best, text), [f"{doubt} Coefficients here are for the heading of the raw axes."]
     sigma = scatter / np.sqrt(min(len(log.raw), MIN_READINGS))  # successive readings share their error
@@ -248,7 +230,7 @@ def search_axes(log: Log) -> tuple[Floats, float, float]:
             turned = np.round(about_down(90.0 * quarter)) @ matrix
             off = angles.difference(logged, level_heading(log.raw @ turned.T, levelling))
             centre, scatter = mean_and_scatter(off)
-            if abs(centre) <= 45.0 and scatter < MAX_SCATTER_RATIO * least:
+            if abs(centre) <= 45.0 and scatter < 0.9 * least:
                 best, least, mean = turned, scatter, centre
     return best, float(least), mean
 
@@ -321,85 +303,3 @@ def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
         pitch = roll = None
     clock, left_out = time_s[keep] if TIME in allowed else None, int((~keep).sum())
     return Log(raw, z is not None, pitch, roll, heading, clock, left_out, tuple(warnings), axis_by_axis=True)
-
-
-def repair_counts(log: Log) -> Log:
-    """Unwrap counts that overflowed; exclude saturated and stuck readings.
-
-    Overflows of a scale that is not in whole counts are excluded, because their size is uncertain.
-    """
-    if unusable_reason(log):
-        return log
-    raw, warnings, out = np.array(log.raw, dtype=float), [], np.zeros(len(log.raw), dtype=bool)
-    for k, name in enumerate("xyz"):
-        turns, bits = _count_overflows(raw[:, k])
-        over = f"{np.count_nonzero(turns)} readings of {name} overflowed"
-        if turns.any() and bits:
-            warnings.append(f"{over} ({bits} bits) and are unwrapped.")
-            raw[:, k] += 2.0**bits * turns
-        elif turns.any():
-            warnings.append(f"{over} a scale that is not one of whole counts, and are excluded.")
-            out |= turns != 0.0
-    log = replace(log, raw=raw).take(~out, *warnings)
-    gone, why = np.zeros(len(log.raw), dtype=bool), []
-    for text, flags in (("saturated", _find_saturated), ("stuck", _find_stuck)):
-        for k, name in enumerate("xyz"):
-            flagged = flags(log.raw, k)
-            gone |= flagged
-            why += [f"{flagged.sum()} readings of {name} are {text} and excluded."] if flagged.any() else []
-    return log.take(~gone, *why)
-
-
-def _count_overflows(column: Floats) -> tuple[Floats, int]:
-    """Count the overflows of each reading, and infer the bits of the scale; 0 bits if it is not in whole counts.
-
-    Overflows are detected in smooth logs, where they are the only large steps, all of nearly the full scale.
-    """
-    none = np.zeros(len(column)), 0
-    step, reach = np.diff(column), float(np.ptp(column)) if len(column) else 0.0
-    jumps, usual = np.abs(step) > MIN_JUMP * reach, float(np.median(np.abs(step))) if len(step) else 0.0
-    if not jumps.any() or usual > MAX_SMOOTH_STEP * reach:
-        return none
-    each = np.abs(step[jumps])
-    size, near = float(np.median(each)), JUMP_TOLERANCE * max(usual, 1.0)
-    turns = np.concatenate([[0.0], np.cumsum(-np.sign(step) * jumps)])
-    left = np.abs(step + size * np.diff(turns))
-    if np.max(np.abs(each - size)) > near or np.max(left) > near:
-        return none
-    bits = int(np.rint(np.log2(size)))
-    exact = np.all(column == np.rint(column)) and abs(2.0**bits - size) <= near and reach < 2.0**bits
-    small = np.abs(column) < size / 4.0 if exact else turns == np.median(turns)
-    first = np.median(turns[small]) if small.any() else 0.0
-    return turns - first, bits if exact else 0
-
-
-def _find_saturated(raw: Floats, k: int) -> Bools:
-    """Flag readings at the largest or least value of an axis if it is far more frequent than the next values."""
-    out = np.zeros(len(raw), dtype=bool)
-    value, count = np.unique(raw[:, k], return_counts=True)
-    for at, neighbours in ((-1, slice(-1 - NEIGHBOURS, -1)), (0, slice(1, 1 + NEIGHBOURS))):
-        piled = len(value) > 2 * NEIGHBOURS and count[at] >= max(MIN_AT_END, MIN_PILE_RATIO * count[neighbours].max())
-        there = raw[:, k] == value[at]
-        if piled and _others_move(raw, k, there):
-            out |= there
-    return out
-
-
-def _find_stuck(raw: Floats, k: int) -> Bools:
-    """Flag long runs of equal readings of an axis while another axis varies."""
-    out = np.zeros(len(raw), dtype=bool)
-    if not np.ptp(raw[:, k]):
-        return out  # an axis that is absent, or refused elsewhere
-    begins = np.flatnonzero(np.diff(raw[:, k], prepend=np.inf) != 0.0)
-    ends = np.append(begins[1:], len(raw))
-    long = ends - begins >= MIN_STILL
-    for begin, end in zip(begins[long], ends[long], strict=True):
-        row = np.zeros(len(raw), dtype=bool)
-        row[begin:end] = True
-        out |= row & _others_move(raw, k, row)
-    return out
-
-
-def _others_move(raw: Floats, k: int, selected: Bools) -> bool:
-    others = np.delete(raw, k, axis=1)
-    return bool(np.any(np.ptp(others[selected], axis=0) > MIN_MOVEMENT * np.maximum(np.ptp(others, axis=0), 1e-12)))

@@ -17,7 +17,6 @@ import numpy as np
 from compasslib import angles, earthfield
 from compasslib.calibrations.budget import Source
 from compasslib.calibrations.curves import count_sectors
-from compasslib.calibrations.platform import ALIKE_DEG, DECLINATION_DEG, MIN_HEADINGS
 from compasslib.calibrations.result import Calibration
 from compasslib.calibrations.swing import adjustment, model, observations
 from compasslib.calibrations.swing.model import COURSE, LAG, SERIES, Swing, SwingFit, set_and_drift
@@ -27,10 +26,6 @@ from compasslib.errors import InputError, applicable
 from compasslib.types import DAY_S, Floats
 
 KIND, MODEL = "swing", "series"
-# Standard error of a world model's declination, including the crust: hypot(0.26, 5417 nT / H) degrees (WMM2025).
-MODEL_DEG, MODEL_NT = 0.26, 5417.0
-MAX_PLACE_ERROR_DEG = 2.0  # between the given position and that of the log
-UNKNOWN_FIELD_DEG = 0.4  # error of the declination at H = 18,000 nT, for an unknown field
 BLOCKS = {
     COURSE: ("scatter of the courses about the curve", "least squares, alike neighbours and Student's t allowed for"),
     model.VISUAL: ("visual references", "as given, and the scatter about the curve"),
@@ -45,12 +40,6 @@ PRIORS = {
     model.LAG: DELAY,
     model.LOG: ("scale of the ship's log", "0.1, normal, reduced by the information of the swing"),
 }
-NOTHING = 1e-12
-UNIX_EPOCH_IN_EPHEM_DAYS = 25567.5  # days since PyEphem's epoch, noon of 31 December 1899
-TERMS = 5
-WIDE_GAP_DEG = 100.0
-STRUCTURE_DEG = 2.0  # rms residual of a steady swing above which reading errors do not explain it
-SERIES_LIMIT_DEG = 20.0  # validity of Smith's series (Le Menn et al. 2023)
 REMEDY = "swing 16 to 24 headings round the full circle"
 
 
@@ -91,15 +80,18 @@ def _make_swing(observed: Observations, settings: Mapping[str, Any]) -> Swing:
         declination, horizontal = float(east[0]), float(level[0])
     sigma = options.declination_sigma_deg
     if sigma is None:
-        sigma = float(np.hypot(MODEL_DEG, MODEL_NT / horizontal)) if horizontal else UNKNOWN_FIELD_DEG
+        sigma = earthfield.model_sigma(horizontal or 18_000.0)  # nT, of middle latitudes
     return Swing(observed, options, float(declination), sigma, _marks(options, place), horizontal)
 
 
-def _place(observed: Observations, settings: Mapping[str, Any]) -> tuple[float, float] | None:
+def _place(
+    observed: Observations, settings: Mapping[str, Any], *, max_error_deg: float = 2.0
+) -> tuple[float, float] | None:
+    """Look up the position of the swing, and refuse one that is not that of the log."""
     if settings.get("latitude") is None or settings.get("longitude") is None:
         return observed.place
     given = float(settings["latitude"]), float(settings["longitude"])
-    if observed.place and np.max(np.abs(angles.difference(given, observed.place))) > MAX_PLACE_ERROR_DEG:
+    if observed.place and np.max(np.abs(angles.difference(given, observed.place))) > max_error_deg:
         raise InputError(
             "latitude, longitude",
             expected="the place of the log's own positions, {:.2f}, {:.2f}".format(*observed.place),
@@ -227,7 +219,7 @@ def _make_calibration(shell: Calibration, swing: Swing, series: SwingFit, exact:
         exact=exact.parameters[SERIES],
         exact_covariance=exact.covariance[SERIES, SERIES],
         residual_rms_deg=angles.rms(series.residuals[COURSE]),
-        sources=tuple(Source(name, float(np.sqrt(x)), how) for (name, how), x in squares.items() if x > NOTHING),
+        sources=tuple(Source(name, float(np.sqrt(x)), how) for (name, how), x in squares.items() if x > 1e-12),
         table=table,
         points=_points(swing, series),
         details={**shell.details, **more},
@@ -283,7 +275,7 @@ def azimuth(latitude: float, longitude: float, time_s: float) -> float:
 
     here = ephem.Observer()
     here.lat, here.lon, here.pressure = str(latitude), str(float(angles.wrap180(longitude))), 0.0
-    here.date = time_s / DAY_S + UNIX_EPOCH_IN_EPHEM_DAYS
+    here.date = time_s / DAY_S + 25567.5  # from PyEphem's epoch, noon of 31 December 1899
     return float(angles.wrap360(ephem.Sun(here).az / angles.DEGREE))
 
 
@@ -294,10 +286,10 @@ def _refusal(swing: Swing) -> str:
         lost = "; ".join(f"{n} {why}" for why, n in observed.left_out.items())
         return f"no usable observations{f': {lost}' if lost else ''}"
     distinct = observations.distinct_headings(observed.recorded_deg)
-    if distinct < TERMS:
+    if distinct < 5:
         count = "one heading" if distinct == 1 else f"{distinct} headings"
         return f"{count} cannot carry the five coefficients: {REMEDY}"
-    if len(observed) + len(swing.marks) <= TERMS:
+    if len(observed) + len(swing.marks) <= 5:
         return f"{len(observed)} observations leave no degree of freedom for the uncertainty: {REMEDY}"
     gap = observations.widest_gap(observed.recorded_deg)
     if gap > observations.REFUSED_GAP_DEG:
@@ -309,7 +301,8 @@ def _refusal(swing: Swing) -> str:
     return ""
 
 
-def _warnings(swing: Swing, series: SwingFit, exact: SwingFit) -> tuple[str, ...]:
+def _warnings(swing: Swing, series: SwingFit, exact: SwingFit, *, series_limit_deg: float = 20.0) -> tuple[str, ...]:
+    """List the conditions under which the curve holds; Smith's series is valid to 20° (Le Menn et al. 2023)."""
     observed = swing.observed
     warnings = [
         *_constant_warnings(swing, series),
@@ -325,7 +318,7 @@ def _warnings(swing: Swing, series: SwingFit, exact: SwingFit) -> tuple[str, ...
         warnings.append(f"the log states a declination of {stated:+.1f}°, {swing.declination_deg:+.1f}° is used")
     columns = series_design(np.arange(0.0, 360.0, angles.SECTOR_DEG))
     largest = float(np.max(np.abs(columns @ series.parameters[SERIES])))
-    if largest >= SERIES_LIMIT_DEG:
+    if largest >= series_limit_deg:
         left, by_exact = angles.rms(series.residuals[COURSE]), angles.rms(exact.residuals[COURSE])
         warnings.append(
             f"deviations up to {largest:.0f}° exceed the validity of the five-term series (about 20°): its residual is "
@@ -334,21 +327,24 @@ def _warnings(swing: Swing, series: SwingFit, exact: SwingFit) -> tuple[str, ...
     return tuple(warnings)
 
 
-def _heading_warnings(swing: Swing, series: SwingFit) -> list[str]:
+def _heading_warnings(
+    swing: Swing, series: SwingFit, *, wide_gap_deg: float = 100.0, structure_deg: float = 2.0
+) -> list[str]:
+    """Warn of few headings, wide gaps, and a residual of a steady swing that reading errors do not explain."""
     recorded, rms = swing.observed.recorded_deg, angles.rms(series.residuals[COURSE])
     distinct, gap = observations.distinct_headings(recorded), observations.widest_gap(recorded)
     warnings = []
-    if distinct < MIN_HEADINGS:
+    if distinct < 16:
         warnings.append(
-            f"{distinct} headings determine at most {distinct} coefficients, {TERMS} of which are fitted"
+            f"{distinct} headings determine at most {distinct} coefficients, 5 of which are fitted"
             f"{': sin 4 of the heading is not observable' if distinct == 8 else ''}; "
             f"third and fourth harmonics cannot be tested. To test them, {REMEDY}"
         )
     if distinct < (n := len(recorded)) < 100:
         warnings.append(f"{n - distinct} of {n} observations repeat a heading and do not add to it")
-    if rms > STRUCTURE_DEG and not swing.observed.timed:
+    if rms > structure_deg and not swing.observed.timed:
         warnings.append(_harmonic_warning(swing, series, rms))
-    if gap > WIDE_GAP_DEG:
+    if gap > wide_gap_deg:
         warnings.append(f"{gap:.0f}° of the circle hold no heading: the table is extrapolated there")
     return warnings
 
@@ -419,11 +415,14 @@ def _time_warnings(swing: Swing, series: SwingFit) -> list[str]:
     return applicable(sentences)
 
 
-def _constant_warnings(swing: Swing, series: SwingFit) -> list[str]:
-    """Warn if A is close to -1 or -2 times the declination: north references or a sign are then probably confused."""
+def _constant_warnings(swing: Swing, series: SwingFit, least_deg: float = 2.0) -> list[str]:
+    """Warn if A is close to -1 or -2 times the declination: north references or a sign are then probably confused.
+
+    Smaller angles are not compared.
+    """
     constant, declination = float(series.parameters[0]), swing.declination_deg
-    near = max(2.0 * float(np.sqrt(series.covariance[0, 0])), ALIKE_DEG)
-    if min(abs(constant), abs(declination)) <= max(DECLINATION_DEG, near):
+    near = max(2.0 * float(np.sqrt(series.covariance[0, 0])), 0.5)
+    if min(abs(constant), abs(declination)) <= max(least_deg, near):
         return []
     confused = {
         1.0: "the recorded headings are probably true already (HDG of some logs is), or the courses magnetic; if so, "

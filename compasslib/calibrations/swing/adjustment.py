@@ -22,12 +22,8 @@ from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Floats
 
 POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
-STEP_DEG = 45.0
-SIN_45 = 0.707  # as printed by MM, to reproduce their numbers to the last digit
-NARROWEST_DEG, WIDEST_DEG = 60.0, 120.0  # limits of the angle between two headings for B and C (MM section 6)
 NAN = float("nan")
-LIMIT_DEG, SHORT_M, MIN_SPEED_KN = 4.0, 82.5, 7.0  # ISO 25862:2019, Annex G.1; MM section 7.3
-SPEED_SCATTER = 0.02  # relative, of the speed through the water at one engine setting, assumed
+LIMIT_DEG = 4.0  # ISO 25862:2019, Annex G.1; MM section 7.3
 LIE = {"B": "longitudinal", "C": "transversal"}  # orientation of the magnets
 NULLIFIED = {"none": "", "B": "B", "C": "C", "both": "BC"}
 
@@ -38,8 +34,8 @@ def mean_by_point(values: ArrayLike, course_deg: ArrayLike, recorded_deg: ArrayL
     Observations are assigned to the nearest point by course or by compass, whichever lies closer to the points.
     """
     headings = np.asarray(course_deg), np.asarray(recorded_deg)
-    steered = min(headings, key=lambda x: angles.rms(x - STEP_DEG * np.rint(x / STEP_DEG)))
-    nearest, values = np.rint(steered / STEP_DEG).astype(int) % len(POINTS), np.asarray(values, dtype=float)
+    steered = min(headings, key=lambda x: angles.rms(x - 45.0 * np.rint(x / 45.0)))
+    nearest, values = np.rint(steered / 45.0).astype(int) % len(POINTS), np.asarray(values, dtype=float)
     on_point = {point: values[nearest == k] for k, point in enumerate(POINTS)}
     return {point: float(np.mean(on)) if len(on) else NAN for point, on in on_point.items()}
 
@@ -49,15 +45,20 @@ def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[st
     return mean_by_point(angles.difference(course_deg, recorded_deg), course_deg, recorded_deg)
 
 
-def principal_coefficients(psi: Mapping[str, float], declination_deg: float) -> dict[str, Any]:
+def principal_coefficients(
+    psi: Mapping[str, float], declination_deg: float, *, sin_45: float = 0.707
+) -> dict[str, Any]:
     """Compute A, B bar, C bar, D and E from pseudo-deviations, MM (39), (44) to (50); NaN where a course is missing.
 
     D is the mean over the steered quadrants, which is (47) for all four. With a declination of 0, the
     pseudo-deviations (degrees, by point) are treated as deviations.
+
+    Args:
+        sin_45: as printed by MM, to reproduce their numbers to the last digit.
     """
     n, ne, e, se, s, sw, w, nw = (psi[point] for point in POINTS)
     a_bar, b_bar, c_bar = (n + e + s + w) / 4.0, (e - w) / 2.0, (n - s) / 2.0
-    along, across = SIN_45 * (b_bar + c_bar), SIN_45 * (b_bar - c_bar)
+    along, across = sin_45 * (b_bar + c_bar), sin_45 * (b_bar - c_bar)
     quadrants = {"NE": ne - a_bar - along, "SE": a_bar + across - se}
     quadrants |= {"SW": sw - a_bar + along, "NW": a_bar - across - nw}
     steered = [d for d in quadrants.values() if np.isfinite(d)]
@@ -99,7 +100,7 @@ def residual_from_two_headings(
         InputError: the headings are not 60 to 120 degrees apart.
     """
     apart = abs(float(angles.difference(first[0], second[0])))
-    if not NARROWEST_DEG <= apart <= WIDEST_DEG:
+    if not 60.0 <= apart <= 120.0:
         expected, advice = "two headings 60 to 120 degrees apart", "steer for another mark"
         raise InputError("visual", expected=expected, found=f"{apart:.0f} degrees", advice=advice)
     eta1, eta2 = (_semicircular_part(known, *each) for each in (first, second))
@@ -146,11 +147,14 @@ def drift_in_one_heading(ratio: float, heading_deg: float) -> dict[str, Any]:
     }
 
 
-def drift_by_opposite_courses(speed_kn: Mapping[str, float]) -> dict[str, float] | None:
+def drift_by_opposite_courses(speed_kn: Mapping[str, float], *, speed_scatter: float = 0.02) -> dict[str, float] | None:
     """Compute x and y of (22) from speeds over ground on the four cardinal courses, degrees; None where one is missing.
 
     The ship's speed through the water must be the same on opposite courses: with a relative scatter s of the speed,
     x and y have a standard uncertainty of 57.3 s / sqrt 2.
+
+    Args:
+        speed_scatter: relative, of the speed through the water at one engine setting, assumed.
     """
     n, e, s, w = (speed_kn[point] for point in "NESW")
     if not np.isfinite([n, e, s, w]).all():
@@ -158,7 +162,7 @@ def drift_by_opposite_courses(speed_kn: Mapping[str, float]) -> dict[str, float]
     return {
         "x": (n - s) / (n + s) / angles.DEGREE,
         "y": (e - w) / (e + w) / angles.DEGREE,
-        "sigma_deg": SPEED_SCATTER / np.sqrt(2.0) / angles.DEGREE,
+        "sigma_deg": speed_scatter / np.sqrt(2.0) / angles.DEGREE,
     }
 
 
@@ -221,7 +225,7 @@ def verdict(table: DeviationTable, length_m: float | None, speed_kn: float | Non
     size = np.abs(table.deviation_deg)
     surely, perhaps = size - NORMAL_95 * table.sigma_deg > LIMIT_DEG, size + NORMAL_95 * table.sigma_deg > LIMIT_DEG
     word = "exceeds" if surely.any() else "undecided" if perhaps.any() else "within"
-    if length_m is not None and length_m >= SHORT_M:
+    if length_m is not None and length_m >= 82.5:
         word = "not judged"
     worst = int(np.argmax(size))
     largest = f"largest {table.deviation_deg[worst]:+.1f}° ± {NORMAL_95 * table.sigma_deg[worst]:.1f}° (95 %)"
@@ -229,14 +233,14 @@ def verdict(table: DeviationTable, length_m: float | None, speed_kn: float | Non
         "exceeds": f"A deviation exceeds 4°: {largest} on {table.heading_deg[worst]:03.0f}°.",
         "undecided": f"Whether every deviation is within 4° is not decided: {largest}.",
         "within": f"Every deviation is within 4°: {largest}.",
-        "not judged": f"The limit of 4° is for ships under {SHORT_M} m; this one has {length_m} m. {largest}.",
+        "not judged": f"The limit of 4° is for ships under 82.5 m; this one has {length_m} m. {largest}.",
     }[word]
     conditions = []
     if length_m is None:
-        conditions.append(f"The length of the ship is not given; the limit of 4° is for ships under {SHORT_M} m.")
+        conditions.append("The length of the ship is not given; the limit of 4° is for ships under 82.5 m.")
     if speed_kn is None:
         conditions.append("The speed is not known; the method asks for at least 7 kn.")
-    elif speed_kn < MIN_SPEED_KN:
+    elif speed_kn < 7.0:
         conditions.append(f"The swing was made at {speed_kn:.1f} kn; the method asks for at least 7 kn.")
     return {
         "verdict": word,
@@ -268,8 +272,6 @@ def _advice(coefficients: Floats, largest: dict[str, float]) -> str:
 CARDINAL = {"N": ("C", 1.0, 1.0), "E": ("B", 1.0, -1.0), "S": ("C", -1.0, 1.0), "W": ("B", -1.0, -1.0)}
 COURSE_DEG = {"N": 0.0, "E": 90.0, "S": 180.0, "W": 270.0}
 OPPOSITE = {"N": "S", "S": "N", "E": "W", "W": "E"}
-MIN_QUADRANTAL_DEG = 0.5  # quadrantal deviation below which no spheres are proposed
-SPHERE_MM = 180.0  # diameter of the spheres of an ordinary binnacle
 
 
 def adjust(
@@ -303,15 +305,21 @@ def magnet_field(value_deg: float, horizontal_nT: float) -> float:
     return -float(angles.sin_cos(value_deg)[0]) * horizontal_nT
 
 
-def spheres(d_deg: float, e_deg: float, diameter_mm: float = SPHERE_MM) -> dict[str, float] | None:
+def spheres(
+    d_deg: float, e_deg: float, diameter_mm: float = 180.0, *, min_quadrantal_deg: float = 0.5
+) -> dict[str, float] | None:
     """Place two spheres of soft iron that nullify D and E; None where both are small.
 
     3 (a/r)^3 = lambda sqrt(D^2 + E^2), with lambda (0.8 to 1 aboard) taken as 1: an error of 0.1 is 3.5 % of the
     distance. For positive D the centres lie athwartships; the line is slewed clockwise by half the angle of (D, E).
+
+    Args:
+        diameter_mm: of the spheres; 180 mm in an ordinary binnacle.
+        min_quadrantal_deg: quadrantal deviation below which no spheres are proposed.
     """
     d, e = (float(sine) for sine in angles.sin_cos([d_deg, e_deg])[0])
     size = float(np.hypot(d, e))
-    if size < MIN_QUADRANTAL_DEG * angles.DEGREE:
+    if size < min_quadrantal_deg * angles.DEGREE:
         return None
     slew = float(angles.wrap180(angles.direction(e, d))) / 2.0
     distance = diameter_mm / 2.0 * (3.0 / size) ** (1.0 / 3.0)

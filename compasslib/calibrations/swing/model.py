@@ -29,21 +29,12 @@ from compasslib.statistics.noise import (
 from compasslib.statistics.resampling import student_factor
 from compasslib.types import HOUR_S, Bools, Floats
 
-ROUNDS, STEPS = 4, 3
-MIN_INFORMATION = 2.0  # ratio of prior to data standard deviation above which the data determine a parameter
 SERIES = slice(0, 5)
 DECLINATION, EAST, NORTH, EAST_CHANGE, NORTH_CHANGE, LAG, LOG = range(5, 12)
 SIZE = 12
 DRIFT, CHANGES = [EAST, NORTH], [EAST_CHANGE, NORTH_CHANGE]
-FIXED_SIGMA = 1e-9  # prior standard deviation of a parameter that cannot be determined
 MAX_PRIOR_SHARE = 0.5  # drift counts as separated from B and C if the swing halves its prior width
-LOG_SIGMA = 0.1  # prior standard deviation of the scale of a ship's log
-SPRING_S = 3 * HOUR_S  # a tidal current rises from slack to full in three hours
-MIN_WATER_KN = 0.5
-SMOOTHED_S = 60.0  # window over which speeds are averaged
 HARMONICS = (3, 4)  # of the heading, which compasses may have beyond the five terms
-MIN_LEFT = 1e-6  # least norm of a harmonic of amplitude 1 after projecting out the compass terms
-MIN_SPEED_SHARE = 0.3  # lower bound, relative to the speed, where the drift is faster than the ship
 COURSE, VISUAL, WATER = "course", "visual", "log"
 
 
@@ -71,16 +62,18 @@ class SwingFit:
     noises: Mapping[str, SwingNoise]
 
 
-def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -> SwingFit:
+def solve(
+    blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats, *, rounds: int = 4, steps: int = 3
+) -> SwingFit:
     """Fit the parameters to all blocks by Gauss-Newton.
 
     The scatter of the first block is added in quadrature to the known ``sigma`` of others. Parameters have the prior
     ``mean`` and ``sigma``, (k,), the latter infinite for a parameter without a prior.
     """
     parameters, noises = start.astype(float), dict[str, SwingNoise]()
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         noises = _noises(blocks, parameters, sigma, noises)
-        for _ in range(STEPS):
+        for _ in range(steps):
             rows = _rows(blocks, parameters, noises)
             prior = np.column_stack([np.diag(1.0 / sigma), (parameters - mean) / sigma])
             stacked = np.vstack([*rows.values(), prior])
@@ -89,8 +82,18 @@ def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -
 
 
 def _noises(
-    blocks: Sequence[Block], parameters: Floats, sigma: Floats, before: Mapping[str, SwingNoise]
+    blocks: Sequence[Block],
+    parameters: Floats,
+    sigma: Floats,
+    before: Mapping[str, SwingNoise],
+    *,
+    min_information: float = 2.0,
 ) -> dict[str, SwingNoise]:
+    """Estimate the noise of each kind of observation.
+
+    Args:
+        min_information: ratio of prior to data standard deviation above which the data determine a parameter.
+    """
     noises = dict[str, SwingNoise]()
     for block in blocks:
         residual, columns = block.observe(parameters)
@@ -103,7 +106,7 @@ def _noises(
         # Degrees of freedom of the fit: free parameters, and those that the data determine better than the prior.
         scaled, known = columns / size[:, None], np.isfinite(sigma)
         free, by_priors = span_basis(scaled[:, np.isinf(sigma)]), scaled[:, known] * sigma[known]
-        beyond = span_basis(by_priors - free @ (free.T @ by_priors), least=MIN_INFORMATION)
+        beyond = span_basis(by_priors - free @ (free.T @ by_priors), least=min_information)
         basis = span_basis(np.column_stack([free, beyond]) * size[:, None])
         noise = estimate_swing_noise(residual, basis, speed_kn=block.speed_kn, blocks=block.blocks)
         if block.groups is not None:  # errors common to the readings on one heading do not average out
@@ -206,22 +209,29 @@ def fit_swing(swing: Swing, *, exact: bool = False, start: Floats | None = None)
     return solve(_blocks(swing, _exact if exact else _series), mean, prior_widths(swing), begin)
 
 
-def prior_widths(swing: Swing) -> Floats:
+def prior_widths(
+    swing: Swing, *, fixed_sigma: float = 1e-9, log_sigma: float = 0.1, spring_s: float = 3 * HOUR_S
+) -> Floats:
     """Compute the prior standard deviation of each parameter, infinite for the compass coefficients.
 
     A drift distributed uniformly over a disc has half of the disc's radius as standard deviation along either axis.
+
+    Args:
+        fixed_sigma: prior standard deviation of a parameter that cannot be determined.
+        log_sigma: prior standard deviation of the scale of a ship's log.
+        spring_s: a tidal current rises from slack to full in three hours.
     """
-    observed, sigma = swing.observed, np.full(SIZE, FIXED_SIGMA)
+    observed, sigma = swing.observed, np.full(SIZE, fixed_sigma)
     sigma[SERIES] = np.inf
-    sigma[DECLINATION] = max(swing.declination_sigma_deg, FIXED_SIGMA)
+    sigma[DECLINATION] = max(swing.declination_sigma_deg, fixed_sigma)
     if observed.over_ground:
-        sigma[DRIFT] = max(swing.widest_drift / 2.0, FIXED_SIGMA)
+        sigma[DRIFT] = max(swing.widest_drift / 2.0, fixed_sigma)
     if observed.timed:
         lasted = float(np.ptp(observed.time_s))
-        sigma[CHANGES] = np.maximum(sigma[DRIFT] * min(1.0, lasted / SPRING_S), FIXED_SIGMA)
-        sigma[LAG] = max(swing.options.max_lag_s / 2.0, FIXED_SIGMA)
+        sigma[CHANGES] = np.maximum(sigma[DRIFT] * min(1.0, lasted / spring_s), fixed_sigma)
+        sigma[LAG] = max(swing.options.max_lag_s / 2.0, fixed_sigma)
     if _by_log(swing).any():
-        sigma[LOG] = LOG_SIGMA
+        sigma[LOG] = log_sigma
     return sigma
 
 
@@ -242,29 +252,43 @@ def _offset(parameters: Floats, swing: Swing) -> Floats:
     return swing.declination_deg + parameters[DECLINATION] - parameters[LAG] * swing.observed.steady_turn_deg_s
 
 
-def _drift_angle(parameters: Floats, swing: Swing, facing_deg: Floats, by_compass: Floats) -> tuple[Floats, Floats]:
+def _drift_angle(
+    parameters: Floats,
+    swing: Swing,
+    facing_deg: Floats,
+    by_compass: Floats,
+    *,
+    smoothed_s: float = 60.0,
+    min_left: float = 1e-6,
+    min_speed_share: float = 0.3,
+) -> tuple[Floats, Floats]:
     """Compute the drift angle of the courses, (n,) degrees, and its derivatives by the parameters, (n, k).
 
     Linearised at the fitted B and C, which absorb part of the drift, it includes the second-order effect of the drift
     on A, D and E (MM (37), (43)). Only varying speeds may separate the drift from B and C. At a constant speed, the
     drift angle differs from a deviation only in higher harmonics of the heading; since compasses may have these too,
     they are projected out of the derivatives.
+
+    Args:
+        smoothed_s: window over which speeds are averaged.
+        min_left: least norm of a harmonic of amplitude 1 after projecting out the compass terms.
+        min_speed_share: lower bound, relative to the speed, where the drift is faster than the ship.
     """
     (sine, cosine), (east, north) = angles.sin_cos(facing_deg), _drift(parameters, swing)
     # Noise of the speeds, and of the compass through the heading, would look like varying speeds: both are smoothed.
     along, beside, over_ground = (
-        observations.moving_average(x, swing.observed.time_s, SMOOTHED_S)
+        observations.moving_average(x, swing.observed.time_s, smoothed_s)
         for x in (east * sine + north * cosine, east * cosine - north * sine, swing.speed_kn)
     )
-    least = np.maximum(MIN_SPEED_SHARE * over_ground, 1e-3)  # where the drift is faster than the ship
+    least = np.maximum(min_speed_share * over_ground, 1e-3)  # where the drift is faster than the ship
     speed = np.maximum(np.sqrt(np.maximum(over_ground**2 - beside**2, 0.0)) - along, least)  # through the water
     east, north = speed * sine + east, speed * cosine + north
-    square = np.maximum(east**2 + north**2, (MIN_SPEED_SHARE * speed) ** 2)
+    square = np.maximum(east**2 + north**2, (min_speed_share * speed) ** 2)
     across = np.stack([north, -east], axis=-1) / square[:, None] / angles.DEGREE  # by the drift's east and north
     higher = np.column_stack([np.stack(angles.sin_cos(order * facing_deg), axis=-1) for order in HARMONICS])
     higher = higher - by_compass @ np.linalg.lstsq(by_compass, higher, rcond=1e-9)[0]
     # On five headings only rounding errors remain of the higher harmonics.
-    basis, slopes = span_basis(higher, least=MIN_LEFT), np.zeros((len(speed), SIZE))
+    basis, slopes = span_basis(higher, least=min_left), np.zeros((len(speed), SIZE))
     slopes[:, DRIFT] = across - basis @ (basis.T @ across)
     slopes[:, CHANGES] = across * observations.since_middle(swing.observed.time_s)[:, None]
     return angles.difference(angles.direction(east, north), facing_deg), slopes
@@ -323,10 +347,10 @@ def _water(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
     return (through - parameters[LOG] * logged) * used, slopes * used[:, None]
 
 
-def _by_log(swing: Swing) -> Bools:
+def _by_log(swing: Swing, *, min_water_kn: float = 0.5) -> Bools:
     """Flag samples with a logged speed through the water; none unless more than half have one."""
     observed = swing.observed
-    logged = np.nan_to_num(observed.water_speed_kn) > MIN_WATER_KN
+    logged = np.nan_to_num(observed.water_speed_kn) > min_water_kn
     return logged & (observed.over_ground and swing.has_speed and len(observed) > 0 and logged.mean() > 0.5)
 
 

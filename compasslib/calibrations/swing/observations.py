@@ -23,14 +23,9 @@ SENTENCES = {"compass_deg": "HDG", "cog_deg": "RMC"}  # sentences that replace h
 BOUNDS = {"deg": (-180.0, 360.0), "kn": (0.0, nmea.FASTEST_KN)}
 TURN_WINDOW_S = 20.0  # a receiver's filter and a compass card settle in this time
 BLOCK_S = 20.0  # blocks over which residuals are averaged to estimate their autocorrelation
-NEIGHBOURS, ALIKE_DEG = 3, 40.0  # readings compared on either side, and largest change of heading between them
 STEADY_S = 60.0  # longer than a helmsman's wandering about the course
 APART_S = 30.0  # samples further apart belong to different runs
 REFUSED_GAP_DEG = 180.0
-HEADING_GAP_DEG = 2.0  # closer headings are repeats of one heading
-MIN_LASTED_S = 480.0  # least duration of a log for estimating a delay
-DELAY_STEP_S = 0.5
-MAX_LEFT = 0.7  # largest ratio of the mean misfits with and without an applied delay: half of the square
 
 
 @dataclass(frozen=True)
@@ -129,27 +124,42 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
     return known.keep(slow, f"turning quicker than {options.max_turn_deg_s:g} degrees a second, or just after")
 
 
-def isolated_readings(time_s: Floats, recorded_deg: Floats) -> Bools:
-    """Flag readings of a dense log that agree with less than half of their neighbours, such as dropouts logged as 0."""
+def isolated_readings(time_s: Floats, recorded_deg: Floats, *, readings: int = 3, alike_deg: float = 40.0) -> Bools:
+    """Flag readings of a dense log that agree with less than half of their neighbours, such as dropouts logged as 0.
+
+    Args:
+        readings, alike_deg: readings compared on either side, and largest change of heading between them.
+    """
     n, agree, near = len(time_s), np.zeros(len(time_s)), np.zeros(len(time_s))
-    for k in range(1, min(NEIGHBOURS, n - 1) + 1):
+    for k in range(1, min(readings, n - 1) + 1):
         close = time_s[k:] - time_s[:-k] <= TURN_WINDOW_S / 2.0
-        alike = close & (np.abs(angles.difference(recorded_deg[k:], recorded_deg[:-k])) <= ALIKE_DEG)
+        alike = close & (np.abs(angles.difference(recorded_deg[k:], recorded_deg[:-k])) <= alike_deg)
         for part in (slice(k, n), slice(0, n - k)):
             near[part] += close
             agree[part] += alike
-    return (near > NEIGHBOURS) & (agree < near / 2.0)
+    return (near > readings) & (agree < near / 2.0)
 
 
-def _with_delay(known: Observations, turned_deg: Floats, options: SwingOptions) -> Observations:
-    """Pair each course of a log with a delayed reading, if that reduces the misfit enough (``MAX_LEFT``).
+def _with_delay(
+    known: Observations,
+    turned_deg: Floats,
+    options: SwingOptions,
+    *,
+    min_lasted_s: float = 480.0,
+    max_left: float = 0.7,
+) -> Observations:
+    """Pair each course of a log with a delayed reading, if that reduces the misfit enough (``max_left``).
 
     Turns, which reveal a delay, then need not be excluded. The misfit is the mean absolute 20 s average of residuals
     about a series in the recorded heading: it is robust to outliers, the series absorbs a steady drift to first order,
     and averaging the noise by filtering the readings brings no advantage. ``turned_deg`` are unwrapped readings, (n,).
+
+    Args:
+        min_lasted_s: least duration of a log for estimating a delay.
+        max_left: largest ratio of the mean misfits with and without an applied delay: half of the square.
     """
     time_s, most = known.time_s, options.max_lag_s
-    if len(known) < 2 or np.ptp(time_s) < MIN_LASTED_S or np.median(np.diff(time_s)) > APART_S:
+    if len(known) < 2 or np.ptp(time_s) < min_lasted_s or np.median(np.diff(time_s)) > APART_S:
         return known
     seconds = np.arange(time_s[0], time_s[-1] + 1.0)
     turned = np.interp(seconds, time_s, turned_deg)
@@ -167,11 +177,11 @@ def _with_delay(known: Observations, turned_deg: Floats, options: SwingOptions) 
         off -= columns @ np.linalg.lstsq(columns, off)[0]
         return float(np.mean(np.abs(moving_average(off, time_s, BLOCK_S))))
 
-    delays = np.arange(-most, most + DELAY_STEP_S / 2.0, DELAY_STEP_S).tolist()
+    delays = np.arange(-most, most + 0.25, 0.5).tolist()
     forms = [(delay, False) for delay in delays] + [(delay, True) for delay in delays if delay > 0.0]
     misfits = [misfit(*form) for form in forms]
     (delay, filtered), left, without = forms[int(np.argmin(misfits))], min(misfits), misfit(0.0, False)
-    if left > MAX_LEFT * without:
+    if left > max_left * without:
         return known
     recorded, on = paired(delay, filtered)
     rate = on - paired(delay + 1.0, filtered)[1]
@@ -317,13 +327,17 @@ def since_middle(time_s: Floats) -> Floats:
     return (time_s - (first + last) / 2.0) / max(last - first, 1.0)
 
 
-def group_headings(recorded_deg: Floats) -> NDArray[np.int_]:
-    """Assign observations to numbered headings, (n,): repeats of a heading share a number."""
+def group_headings(recorded_deg: Floats, *, heading_gap_deg: float = 2.0) -> NDArray[np.int_]:
+    """Assign observations to numbered headings, (n,): repeats of a heading share a number.
+
+    Args:
+        heading_gap_deg: closer headings are repeats of one heading.
+    """
     order = np.argsort(recorded_deg, kind="stable")
-    first = np.append(0.0, np.diff(recorded_deg[order])) > HEADING_GAP_DEG
+    first = np.append(0.0, np.diff(recorded_deg[order])) > heading_gap_deg
     groups = np.empty(len(order), dtype=int)
     groups[order] = np.cumsum(first)
-    if len(order) and recorded_deg[order[0]] + 360.0 - recorded_deg[order[-1]] <= HEADING_GAP_DEG:
+    if len(order) and recorded_deg[order[0]] + 360.0 - recorded_deg[order[-1]] <= heading_gap_deg:
         groups[groups == groups.max()] = 0
     return groups
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.calibrations.budget import Source
-from compasslib.calibrations.result import Calibration, check_date
+from compasslib.calibrations.result import Calibration
 from compasslib.calibrations.two_heads import frame as frames
 from compasslib.calibrations.two_heads import motion
 from compasslib.calibrations.two_heads.frame import Frame, HeadingDifference
@@ -24,8 +23,6 @@ from compasslib.calibrations.two_heads.motion import RESOLUTION_S, ClockDifferen
 from compasslib.errors import InputError, applicable
 from compasslib.readers import pd0
 from compasslib.records import Record
-from compasslib.statistics.least_squares import robust_width
-from compasslib.statistics.resampling import blocks_by_count
 from compasslib.types import Floats
 
 KIND = "two_heads"
@@ -33,9 +30,6 @@ MIN_SAMPLES = 100  # simultaneous samples of both heads
 MAX_CLOCK_OFFSET_S = 600.0
 UNRELATED_DEG = 30.0  # rms of the difference beyond which two headings are unrelated
 PAIR = 2
-SIGMAS, MIN_CONSTANT_DEG = 2.0, 1.0
-MAX_INTERVAL_S = 600.0
-SLIP_STRETCHES, SLIP_SIGMAS, SLIP_DEG = 24, 8.0, 1.0
 CLOCK = {  # keys in calibration.json -> fields of a clock difference
     **{name: name for name in ("offset_s", "sigma_s", "drift_s_per_day", "drift_sigma_s_per_day", "drift_applied")},
     **{"found": "determined", "from_tilts_s": "from_tilts_s", "from_headings_s": "from_headings_s"},
@@ -73,7 +67,7 @@ def compare(a: Record, b: Record, settings: Mapping[str, Any]) -> Calibration:
     first = motion.extract_motion(a, start, end)
     start, end = None if start is None else start - max_offset_s, None if end is None else end + max_offset_s
     second = motion.extract_motion(b, start, end)
-    warnings = (*a.warnings, *b.warnings, *check_date(first.time_s, settings.get("date_s")))
+    warnings = (*a.warnings, *b.warnings)
     n = min(len(first.time_s), len(second.time_s))
     if n < MIN_SAMPLES or not overlap_in_time(first, second, max_offset_s):
         why = f"the two heads share no time with {MIN_SAMPLES} usable samples of each ({n} usable)"
@@ -272,7 +266,9 @@ def _sources(fitted: _FittedHeads) -> tuple[Source, ...]:
     )
 
 
-def _warnings(fitted: _FittedHeads) -> tuple[str, ...]:
+def _warnings(
+    fitted: _FittedHeads, *, sigmas: float = 2.0, min_constant_deg: float = 1.0, max_interval_s: float = 600.0
+) -> tuple[str, ...]:
     frame, series = fitted.frame, fitted.series
     warnings = [*AMBIGUITY]
     if series.refused:
@@ -287,7 +283,7 @@ def _warnings(fitted: _FittedHeads) -> tuple[str, ...]:
     if frame.verdict != "rigid":
         warnings.append(frame.text)
     apart, sigma = fitted.constant_difference_deg
-    if np.isfinite(sigma) and abs(apart) >= max(SIGMAS * sigma, MIN_CONSTANT_DEG):
+    if np.isfinite(sigma) and abs(apart) >= max(sigmas * sigma, min_constant_deg):
         warnings.append(
             f"the tilts turn b by {frame.offset_deg:.1f}° ± {frame.offset_sigma_deg:.1f}° against a, the headings by "
             f"{fitted.offset_deg:.1f}°: the constants of the compasses differ by {apart:+.1f}° ± {sigma:.1f}°, or the "
@@ -300,28 +296,7 @@ def _warnings(fitted: _FittedHeads) -> tuple[str, ...]:
         f"the differences are autocorrelated: effective sample size {series.n_effective:.0f} of {len(pairs)}; the "
         f"uncertainty rests on {series.stretches} blocks": series.stretches == motion.MIN_STRETCHES,
         f"{spikes} of {len(pairs)} differences are spikes and excluded": spikes > 0,
-        "the heads sample too rarely to resolve a clock error of seconds": motion.step(pairs.time_s) > MAX_INTERVAL_S,
+        "the heads sample too rarely to resolve a clock error of seconds": motion.step(pairs.time_s) > max_interval_s,
     }
     warnings += applicable(sentences)
-    return (*warnings, *_slip_warnings(fitted.pairs.time_s, series))
-
-
-def _slip_warnings(time_s: Floats, series: HeadingDifference) -> list[str]:
-    """Warn of a step of the offset that far exceeds the differences between neighbouring blocks."""
-    stretch = blocks_by_count(time_s, SLIP_STRETCHES)[series.used]
-    count = np.bincount(stretch, minlength=SLIP_STRETCHES)
-    if count.min() == 0:
-        return []
-    mean = -np.bincount(stretch, series.residual_deg[series.used], SLIP_STRETCHES) / count
-    noise = robust_width(np.diff(mean)) / np.sqrt(2.0)
-    splits = np.arange(2, SLIP_STRETCHES - 1)
-    steps = np.array([mean[k:].mean() - mean[:k].mean() for k in splits])
-    sigma = noise * np.sqrt(1.0 / splits + 1.0 / (SLIP_STRETCHES - splits))
-    worst = int(np.argmax(np.abs(steps) / np.maximum(sigma, 1e-9)))
-    if abs(steps[worst]) < max(SLIP_DEG, SLIP_SIGMAS * sigma[worst]):
-        return []
-    when = datetime.fromtimestamp(float(time_s[0] + np.ptp(time_s) * splits[worst] / SLIP_STRETCHES), UTC)
-    return [
-        f"the offset changes by {steps[worst]:+.1f}° about {when:%Y-%m-%dT%H:%M}Z by b's clock: a head turned in its "
-        "mount, or iron moved; calibrate the parts before and after apart"
-    ]
+    return tuple(warnings)

@@ -28,21 +28,14 @@ from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import block_jackknife, blocks_by_count
 from compasslib.types import Bools, Complexes, Floats
 
-RIGID_DEG = 0.5  # rms difference of two inclinometers according to their makers
-MAX_RMS_DEG = 1.5  # exceeds the rms difference of any two inclinometers on one frame
-MIN_VARIATION_DEG = 0.3  # least variation of tilts that determines a rotation
-ITERATIONS = 3  # remove the second-order rotation of the forward axis by a lean
-MIN_CORRELATION = 0.5  # correlation of the tilts below which b does not follow a
 TERM_NAMES = {5: "A, B, C, D, E", 3: "A, B, C", 1: "A"}  # terms of the series by their number
 # Largest variance inflation of a coefficient, which is 1 at full coverage. With 10, three terms need about 160 degrees
 # and five about 230.
 MAX_INFLATION = 10.0
 MIN_IN_SECTOR = 5
-CLIP_SIGMAS = 5.0  # limit beyond which a difference is a spike
 # Assumed standard deviations of refused B, C, D, E, typical of the difference of two compasses without strong iron. A
 # refused term is not zero: it leaks into those that are fitted.
 ALLOWANCE_DEG = np.array([5.0, 5.0, 2.0, 2.0])
-REACH_DEG = 10.0  # extrapolation beyond the covered headings in a table of fewer than five terms
 
 
 @dataclass(frozen=True)
@@ -83,7 +76,7 @@ def twist(rotation: Floats) -> float:
 def upright(offset_deg: float, lean_a: Complexes, lean_b: Complexes) -> Floats:
     """Build the rotation (3, 3) from a's body to b's with a given angle about the vertical and the least tilt."""
     turn, down_a, down_b = offset_deg, down(lean_a).mean(axis=0), down(lean_b).mean(axis=0)
-    for _ in range(ITERATIONS):
+    for _ in range(3):  # removes the second-order rotation of the forward axis by a lean
         sine, cosine = (float(x) for x in angles.sin_cos(turn))
         turned = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
         vertical_a, vertical_b = (x / np.linalg.norm(x) for x in (turned @ down_a, down_b))
@@ -125,17 +118,35 @@ def _rotation(moment: Floats) -> Floats:
 
 
 def _verdict(
-    rms: float, variation: float, proper: float, mirrored: float, residual: Floats, stretch: NDArray[np.intp]
+    rms: float,
+    variation: float,
+    proper: float,
+    mirrored: float,
+    residual: Floats,
+    stretch: NDArray[np.intp],
+    *,
+    rigid_deg: float = 0.5,
+    max_rms_deg: float = 1.5,
+    min_variation_deg: float = 0.3,
+    min_correlation: float = 0.5,
 ) -> tuple[str, str]:
-    if variation < MIN_VARIATION_DEG:
+    """Decide whether both heads are on one rigid frame, from rms differences and correlations of their tilts.
+
+    Args:
+        rigid_deg: rms difference of two inclinometers according to their makers.
+        max_rms_deg: exceeds the rms difference of any two inclinometers on one frame.
+        min_variation_deg: least variation of tilts that determines a rotation.
+        min_correlation: correlation of the tilts below which b does not follow a.
+    """
+    if variation < min_variation_deg:
         shown = f"The tilts vary by {variation:.2f}° rms only"
         return "not testable", f"{shown}, too little to test whether the frame is rigid."
-    if mirrored >= MIN_CORRELATION and mirrored > proper + 0.2:
+    if mirrored >= min_correlation and mirrored > proper + 0.2:
         return "mirrored", (
             "The tilts of b are those of a mirrored: one head counts its roll the other way, or its orientation (up or "
             "down) is wrong. No mounting angle is derived from them."
         )
-    if proper < MIN_CORRELATION or rms > MAX_RMS_DEG:
+    if proper < min_correlation or rms > max_rms_deg:
         return "not rigid", (
             f"The tilts of b are not those of a by one rotation (residual {rms:.2f}° of {variation:.2f}° rms, "
             f"correlation {proper:.2f}): the heads are not on one rigid frame, or a tilt sensor is broken."
@@ -143,7 +154,7 @@ def _verdict(
     worst = max(float(np.sqrt(np.mean(residual[stretch == k] ** 2))) for k in np.unique(stretch))
     left = f"residual {rms:.2f}° of {variation:.2f}° rms (worst block {worst:.2f}°)"
     rotation = f"One rotation maps a's tilts to b's; {left}"
-    if rms <= RIGID_DEG and worst <= MAX_RMS_DEG:
+    if rms <= rigid_deg and worst <= max_rms_deg:
         return "rigid", rotation + ": the frame is rigid within the accuracy of inclinometers."
     return "doubtful", rotation + ": larger than the difference of two good inclinometers."
 
@@ -230,8 +241,12 @@ def variance_inflation(covered: Bools, terms: int) -> Floats:
     return np.asarray(np.diag(information) * np.diag(np.linalg.pinv(information, rcond=1e-12)))
 
 
-def deviation_table(series: HeadingDifference, heading_deg: Floats) -> DeviationTable:
-    """Tabulate the deviation without constant at recorded headings; NaN far from covered ones if terms are refused."""
+def deviation_table(series: HeadingDifference, heading_deg: Floats, *, reach_deg: float = 10.0) -> DeviationTable:
+    """Tabulate the deviation without constant at recorded headings; NaN far from covered ones if terms are refused.
+
+    Args:
+        reach_deg: extrapolation beyond the covered headings in a table of fewer than five terms.
+    """
     columns, others = np.split(series_design(heading_deg), [series.terms], axis=1)
     # At covered headings the fitted terms have absorbed the refused ones; elsewhere, these add an error of their own.
     unseen = (others - columns @ series.leak) * ALLOWANCE_DEG[series.terms - 1 :]
@@ -243,7 +258,7 @@ def deviation_table(series: HeadingDifference, heading_deg: Floats) -> Deviation
     if series.terms != max(TERM_NAMES):
         centres = SECTOR_DEG * (np.flatnonzero(series.covered) + 0.5)
         away = np.abs(angles.difference(heading_deg[:, None], centres))
-        known = np.asarray((away <= SECTOR_DEG / 2.0 + REACH_DEG).any(axis=1))
+        known = np.asarray((away <= SECTOR_DEG / 2.0 + reach_deg).any(axis=1))
     return DeviationTable(heading_deg, np.where(known, deviation, np.nan), np.where(known, sigma, np.nan))
 
 
@@ -256,13 +271,17 @@ def stretches_deg(covered: Bools) -> str:
     return ", ".join(f"{10 * b}° to {10 * (e - SECTORS * (e > SECTORS))}°" for b, e in zip(begins, ends, strict=True))
 
 
-def _fit_without_spikes(columns: Floats, difference: Floats) -> tuple[Floats, Bools]:
-    """Fit least squares with iterative rejection of spikes; give the coefficients and the mask of used differences."""
+def _fit_without_spikes(columns: Floats, difference: Floats, *, clip_sigmas: float = 5.0) -> tuple[Floats, Bools]:
+    """Fit least squares with iterative rejection of spikes; give the coefficients and the mask of used differences.
+
+    Args:
+        clip_sigmas: limit beyond which a difference is a spike.
+    """
     used = np.ones(len(difference), dtype=bool)
     for _ in range(5):
         coefficients = np.linalg.lstsq(columns[used], difference[used], rcond=None)[0]
         residual = np.abs(difference - columns @ coefficients)
-        now = residual <= CLIP_SIGMAS * max(robust_width(residual), 0.01)
+        now = residual <= clip_sigmas * max(robust_width(residual), 0.01)
         if (now == used).all():
             break
         used = now

@@ -16,8 +16,7 @@ from compasslib.records import BAD, Record
 from compasslib.statistics.resampling import blocks_by_count, student_factor
 from compasslib.types import Complexes, Floats
 
-STEEPEST_TILT = 45.0  # degrees; larger tilts occur on deck or after a fall
-MAX_STRETCHES, MIN_STRETCHES, SAMPLES_IN_STRETCH = 16, 5, 40.0
+MIN_STRETCHES = 5  # blocks of a record, from whose scatter uncertainties follow
 GAP_STEPS = 3.0  # longest gap that is interpolated, in sampling intervals
 
 
@@ -94,11 +93,17 @@ def step(time_s: Floats) -> float:
     return float(np.median(np.diff(time_s)))
 
 
-def extract_motion(record: Record, start_s: float | None = None, end_s: float | None = None) -> Motion:
-    """Select the usable part of a record: finite headings and tilts, in order of time, upright, inside a window."""
+def extract_motion(
+    record: Record, start_s: float | None = None, end_s: float | None = None, *, steepest_tilt: float = 45.0
+) -> Motion:
+    """Select the usable part of a record: finite headings and tilts, in order of time, upright, inside a window.
+
+    Args:
+        steepest_tilt: degrees; larger tilts occur on deck or after a fall.
+    """
     tilts = np.abs(record.pitch_deg) + np.abs(record.roll_deg)
     with np.errstate(invalid="ignore"):
-        usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD) & (tilts < STEEPEST_TILT)
+        usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD) & (tilts < steepest_tilt)
     usable &= record.time_s >= (-np.inf if start_s is None else start_s)
     usable &= record.time_s <= (np.inf if end_s is None else end_s)
     time_s, first = np.unique(record.time_s[usable], return_index=True)
@@ -129,13 +134,15 @@ def tilt_angles(lean: Complexes) -> tuple[Floats, Floats]:
     return pitch, angles.wrap180(angles.direction(y, z))
 
 
-def independent(effective: float, parameters: int = 1) -> tuple[int, float]:
+def independent(
+    effective: float, parameters: int = 1, *, max_stretches: int = 16, samples_in_stretch: float = 40.0
+) -> tuple[int, float]:
     """Choose the number of blocks of a record, and the inflation of the variance between them.
 
     Neighbouring blocks are correlated across their border: blocks of m independent samples show 1 - 1/(2m) of the
     variance of long ones (first-order autoregression). Few blocks require Student's t instead of a normal distribution.
     """
-    count = int(np.clip(effective / SAMPLES_IN_STRETCH, MIN_STRETCHES, MAX_STRETCHES))
+    count = int(np.clip(effective / samples_in_stretch, MIN_STRETCHES, max_stretches))
     shared = 1.0 - 0.5 / max(effective / count, 1.0)
     return count, student_factor(count - parameters) ** 2 / shared
 
@@ -146,17 +153,8 @@ def _rate(time_s: Floats, values: NDArray) -> GapSpline:
     return GapSpline(((time_s[1:] + time_s[:-1]) / 2.0)[near], (np.diff(values) / interval)[near])
 
 
-MIN_CORRELATION = 0.3  # of rates by which clocks can be compared; 5 / sqrt(n) for short records
-# Gain in Fisher's z required of the tilts at a lag of their own, in standard errors; samples per independent one; and
-# upper bound of the correlation in z.
-MIN_GAIN_SIGMAS, MEMORY, MAX_CORRELATION = 5.0, 20.0, 0.999
 STRETCHES = 30
 RESOLUTION_S = 0.01 / np.sqrt(12.0)  # PD0 clocks count hundredths of a second
-FLOOR_S = 1e-4  # least standard deviation of an offset, even for two identical files
-ROUNDS = 20
-DISAGREE_SIGMAS, DISAGREE_S = 4.0, 0.02  # limits beyond which tilts and headings have different lags
-DRIFT_SIGMAS = 3.0  # less significant drifts are not applied
-MIN_VARIATION = 1e-6  # relative variation of a rate below which it is constant
 UNKNOWN = (float("nan"), float("nan"))
 _Rates = tuple[GapSpline, GapSpline]  # of a quantity measured by both heads: of a, of b
 
@@ -184,14 +182,27 @@ class ClockDifference:
         return time_s - self.offset_s - drift * (time_s - self.middle_s)
 
 
-def estimate_clock_offset(a: Motion, b: Motion, max_offset_s: float) -> ClockDifference:
-    """Estimate the offset of b's clock from a's, with drift; not ``determined`` if the motions are uncorrelated."""
-    min_correlation = max(MIN_CORRELATION, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
+def estimate_clock_offset(
+    a: Motion,
+    b: Motion,
+    max_offset_s: float,
+    *,
+    min_correlation: float = 0.3,
+    disagree_sigmas: float = 4.0,
+    disagree_s: float = 0.02,
+) -> ClockDifference:
+    """Estimate the offset of b's clock from a's, with drift; not ``determined`` if the motions are uncorrelated.
+
+    Args:
+        min_correlation: of rates by which clocks can be compared; 5 / sqrt(n) for short records.
+        disagree_sigmas, disagree_s: limits beyond which tilts and headings have different lags.
+    """
+    needed = max(min_correlation, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
     lag, correlation = _lattice_peak(a, b, max_offset_s)
     middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
     correlations: dict[str, Any] = {f"{name[:-1]}_correlation": value for name, value in correlation.items()}
     rates = {"tilts": (a.lean_rate, b.lean_rate), "headings": (a.turn_rate, b.turn_rate)}
-    use = {name: pair for name, pair in rates.items() if correlation[name] >= min_correlation}
+    use = {name: pair for name, pair in rates.items() if correlation[name] >= needed}
     if not use:
         warning = "tilts and headings of the two heads hardly change together: the clocks are used uncorrected"
         return ClockDifference(middle_s=middle, warnings=(warning,), **correlations)
@@ -201,7 +212,7 @@ def estimate_clock_offset(a: Motion, b: Motion, max_offset_s: float) -> ClockDif
     if len(use) == 2:
         (tilts, tilts_sigma), (headings, headings_sigma) = alone["tilts"], alone["headings"]
         apart = abs(tilts - headings)
-        if apart > DISAGREE_S and apart > DISAGREE_SIGMAS * float(np.hypot(tilts_sigma, headings_sigma)):
+        if apart > disagree_s and apart > disagree_sigmas * float(np.hypot(tilts_sigma, headings_sigma)):
             used = [use["tilts"]]
             warnings = (
                 f"b's clock differs from a's by {tilts:+.3f} s according to the tilts and by {headings:+.3f} s "
@@ -218,12 +229,18 @@ def estimate_clock_offset(a: Motion, b: Motion, max_offset_s: float) -> ClockDif
     )
 
 
-def _offset_and_drift(used: Sequence[_Rates], lag: float, middle_s: float, span_s: float) -> dict[str, Any]:
-    """Estimate offset and drift as fields of ``ClockDifference``; insignificant drifts are reported but not applied."""
+def _offset_and_drift(
+    used: Sequence[_Rates], lag: float, middle_s: float, span_s: float, *, drift_sigmas: float = 3.0
+) -> dict[str, Any]:
+    """Estimate offset and drift as fields of ``ClockDifference``; insignificant drifts are reported but not applied.
+
+    Args:
+        drift_sigmas: less significant drifts are not applied.
+    """
     value, covariance = _weighted_mean([_solve_lag(pair, np.array([lag]), middle_s) for pair in used])
     both, both_covariance = _weighted_mean([_solve_lag(pair, np.array([value[0], 0.0]), middle_s) for pair in used])
     drift, sigma = float(both[1]), float(np.sqrt(both_covariance[1, 1]))
-    applied = abs(drift) > DRIFT_SIGMAS * sigma and abs(drift) * span_s > RESOLUTION_S
+    applied = abs(drift) > drift_sigmas * sigma and abs(drift) * span_s > RESOLUTION_S
     offset = _offset(both, both_covariance) if applied else _offset(value, covariance)
     return {
         "offset_s": offset[0],
@@ -238,10 +255,20 @@ def _offset(value: Floats, covariance: Floats) -> tuple[float, float]:
     return float(value[0]), float(np.sqrt(covariance[0, 0] + RESOLUTION_S**2))
 
 
-def _lattice_peak(a: Motion, b: Motion, max_offset_s: float) -> tuple[float, dict[str, float]]:
+def _lattice_peak(
+    a: Motion,
+    b: Motion,
+    max_offset_s: float,
+    *,
+    min_gain_sigmas: float = 5.0,
+) -> tuple[float, dict[str, float]]:
     """Find the lag at which the rates of tilts and headings correlate best, and both correlations there.
 
     If the tilts alone correlate clearly better at another lag, that lag is used, because a compass may be delayed.
+
+    Args:
+        min_gain_sigmas, memory, max_correlation: gain in Fisher's z required of the tilts at a lag of their own, in
+            standard errors; samples per independent one; and upper bound of the correlation in z.
     """
     lattice = min(step(a.time_s), step(b.time_s))
     begin = min(a.time_s[0], b.time_s[0])
@@ -256,8 +283,8 @@ def _lattice_peak(a: Motion, b: Motion, max_offset_s: float) -> tuple[float, dic
     reachable = np.abs(lags) <= max(max_offset_s, lattice / 2.0)
     best = int(np.argmax(np.where(reachable, squares, -1.0)))
     by_tilts = int(np.argmax(np.where(reachable, peaks[0], -1.0)))
-    clearer = np.arctanh(min(peaks[0][by_tilts], MAX_CORRELATION)) - np.arctanh(min(peaks[0][best], MAX_CORRELATION))
-    if abs(lags[by_tilts] - lags[best]) > 1.5 * lattice and clearer > MIN_GAIN_SIGMAS * np.sqrt(MEMORY / len(b.time_s)):
+    clearer = np.arctanh(min(peaks[0][by_tilts], 0.999)) - np.arctanh(min(peaks[0][best], 0.999))
+    if abs(lags[by_tilts] - lags[best]) > 1.5 * lattice and clearer > min_gain_sigmas * np.sqrt(20.0 / len(b.time_s)):
         best = by_tilts
     return float(lags[best]), {"tilts": float(peaks[0][best]), "headings": float(peaks[1][best])}
 
@@ -270,7 +297,7 @@ def _interpolate_rate(curve: GapSpline, grid: Floats) -> Complexes:
     there &= curve.time_s[after] - curve.time_s[after - 1] <= 3.0 * step(curve.time_s)
     apart = np.where(there, value - value[there].mean() if there.any() else 0.0, 0.0)
     # A frame that turns steadily, or not at all, gives no signal to compare clocks by: only rounding errors remain.
-    steady = np.abs(apart).max(initial=0.0) <= MIN_VARIATION * np.abs(value).max(initial=0.0)
+    steady = np.abs(apart).max(initial=0.0) <= 1e-6 * np.abs(value).max(initial=0.0)
     return np.zeros_like(apart) if steady else apart
 
 
@@ -296,7 +323,7 @@ def _weighted_mean(solutions: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, 
 def _solve_lag(rates: _Rates, start: Floats, middle_s: float) -> tuple[Floats, Floats]:
     """Solve for the offset (and drift, if ``start`` has two parameters) where the correlation's derivative vanishes."""
     solution, time_s = start, rates[1].time_s
-    for _ in range(ROUNDS):
+    for _ in range(20):
         curvature, parts = _gradient_sums(rates, solution, middle_s)
         change = -np.linalg.solve(curvature, parts.sum(axis=0))
         solution = solution + change / max(1.0, 2.0 * abs(change[0]) / step(time_s))
@@ -305,7 +332,8 @@ def _solve_lag(rates: _Rates, start: Floats, middle_s: float) -> tuple[Floats, F
     curvature, parts = _gradient_sums(rates, solution, middle_s)
     inverse = np.linalg.inv(curvature)
     widened = student_factor(STRETCHES - len(start)) ** 2 * STRETCHES / (STRETCHES - len(start))
-    floor = np.diag([FLOOR_S, FLOOR_S / max(float(np.ptp(time_s)), 1.0)][: len(start)]) ** 2
+    # The least standard deviation of an offset, even for two identical files, is 1e-4 s.
+    floor = np.diag([1e-4, 1e-4 / max(float(np.ptp(time_s)), 1.0)][: len(start)]) ** 2
     return solution, inverse @ (parts.T @ parts) @ inverse * widened + floor
 
 

@@ -58,7 +58,7 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
         files: CSV files, or A files of a 3D-ACM.
         settings: resolved settings of the calibration file.
     """
-    log = magnetometer_log.repair_counts(magnetometer_log.read(files, settings))
+    log = magnetometer_log.read(files, settings)
     return diagnose_log(log, field=settings.get("field"), options=options)
 
 
