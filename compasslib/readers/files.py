@@ -11,7 +11,7 @@ from __future__ import annotations
 import gzip
 import re
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +31,8 @@ GZIP_MAGIC = b"\x1f\x8b"
 UTF16_SAMPLE = 4096  # bytes from which UTF-16 without a byte order mark is detected
 _TEXT = bytes([*range(9, 14), *range(32, 127)])
 _LATIN = bytes([*range(0xA0, 0xFF)])  # without control characters and FF, a fill byte
+
+MISSING_COUNT = np.iinfo(np.int16).min  # missing value of RDI and Nortek
 
 ESCAPE = b"\x18"
 ESCAPE_PAIRS = ((b"\x18\x6b", b"\x2b"), (b"\x18\x58", ESCAPE))
@@ -179,6 +181,11 @@ def block_type(**fields: tuple[int, str]) -> np.dtype[np.void]:
     """Create the data type of a block of bytes from the offset and format of its fields; it ends with the last one."""
     offsets, formats = zip(*fields.values(), strict=True)
     return np.dtype({"names": [*fields], "formats": [*formats], "offsets": [*offsets]})
+
+
+def list_some(texts: Sequence[str], most: int = 20) -> str:
+    """List ranges of skipped bytes, at most ``most``, and the number of the others."""
+    return ", ".join(texts[:most]) + (f" and {len(texts) - most} more ranges" if len(texts) > most else "")
 
 
 def unescape(data: bytes) -> bytes:

@@ -17,12 +17,11 @@ import numpy as np
 from compasslib import angles, compass
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
-from compasslib.readers.files import ESCAPES_UNDONE, block_type
+from compasslib.readers.files import ESCAPES_UNDONE, MISSING_COUNT, block_type, list_some
 from compasslib.readers.nortek import signature
 from compasslib.readers.nortek.packets import (
     BEAM,
     EARTH,
-    MISSING_COUNT,
     SLANT_DEG,
     Bytes,
     Packets,
@@ -30,8 +29,9 @@ from compasslib.readers.nortek.packets import (
     by_beam,
     find_packets,
 )
-from compasslib.readers.pd0.checks import ADVICE, FEW_DISAGREE, RANGES_SHOWN, match_serial_number, refuse_rotation
+from compasslib.readers.pd0.checks import ADVICE, match_serial_number, refuse_rotation
 from compasslib.readers.pd0.currents import map_cells
+from compasslib.readers.pd0.fields import STRAY
 from compasslib.readers.times import FIRST_YEAR, civil_seconds, describe_averages
 from compasslib.records import BAD, GOOD, MAGNETOMETER, MISSING, Record, take
 from compasslib.types import Bools, Floats
@@ -214,7 +214,7 @@ def read(
     whole = _concatenate(where, [samples for _, samples in files])
     serial = match_serial_number(where, whole.serial, serial_number)
     lying = int(whole.sideways.sum())
-    if orientation is None and lying > FEW_DISAGREE * len(whole.sideways):
+    if orientation is None and lying > STRAY * len(whole.sideways):
         shown = f"an instrument on its side by its own word in {lying} of {len(whole.sideways)} samples"
         expected, advice = "one that looks up or down", "give orientation: up or down"
         raise InputError(where, expected=expected, found=shown, advice=advice)
@@ -353,9 +353,7 @@ def _describe_files(files: Sequence[tuple[Packets, Samples]]) -> Iterator[str]:
                 f"skipped; {packets.damaged} places in them begin like a record and fail its checksum, and by their "
                 f"times {counts['lost']} samples are lost."
             )
-            shown = [f"{first} to {last}" for first, last in packets.skipped[:RANGES_SHOWN]]
-            more = len(packets.skipped) - len(shown)
-            yield f"{name}: skipped bytes {', '.join(shown)}{f' and {more} more ranges' if more else ''}."
+            yield f"{name}: skipped bytes {list_some([f'{first} to {last}' for first, last in packets.skipped])}."
         if counts["bad_dates"]:
             yield f"{name}: {counts['bad_dates']} good samples have an impossible date and were left out."
         yield from samples.notes
@@ -370,7 +368,7 @@ def _describe_settings(
     elif stated is not None and {*stated} != {whole.declination_deg}:
         says = f"the file tells {whole.declination_deg:g}" if whole.declination_deg else "the file tells none"
         yield f"declination_applied of {stated} degrees was taken out of the headings; {says}."
-    if counts["orientation_disagrees"] > FEW_DISAGREE * n:
+    if counts["orientation_disagrees"] > STRAY * n:
         word, other = ("up", "down") if up else ("down", "up")
         effect = " though its velocities are turned already" if whole.recorded == EARTH else ""
         yield f"{counts['orientation_disagrees']} of {n} samples say that it looked {other}; {word} counts{effect}."

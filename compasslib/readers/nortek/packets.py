@@ -30,7 +30,6 @@ SYNC, START = 0xA5, 0xB58C
 SHORTEST = 8  # bytes of an older record: header, one word and checksum
 HEADERS = {10: "<u2", 12: "<u4"}  # length of the Signature's header -> data type of the data size
 EARTH, INSTRUMENT, BEAM = 0, 1, 2  # as both formats number them
-MISSING_COUNT = -32768
 SLANT_DEG = 25.0  # of the beams, unless a file states it
 
 

@@ -15,13 +15,12 @@ from typing import Any
 import numpy as np
 
 from compasslib.errors import InputError
-from compasslib.readers.files import block_type
+from compasslib.readers.files import MISSING_COUNT, block_type
 from compasslib.readers.nortek import packets as records
 from compasslib.readers.nortek.packets import (
     BEAM,
     EARTH,
     INSTRUMENT,
-    MISSING_COUNT,
     SLANT_DEG,
     Bytes,
     Packets,
