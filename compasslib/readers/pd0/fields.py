@@ -76,7 +76,7 @@ _VARIABLE = block_type(
 _PHASED_ARRAYS = (14, 23, 44, 61)
 _NO_HEADING = np.iinfo(np.uint16).max  # marks a missing heading
 # Bytes per bin of four beams or components.
-_PER_CELL = {Block.VELOCITY: 8, Block.CORRELATION: 4, Block.ECHO: 4, Block.PERCENT_GOOD: 4}
+_PER_CELL: dict[int, int] = {Block.VELOCITY: 8, Block.CORRELATION: 4, Block.ECHO: 4, Block.PERCENT_GOOD: 4}
 _FREQUENCIES_KHZ = np.array([75.0, 150.0, 300.0, 600.0, 1200.0, 2400.0, 38.0, np.nan])
 _BEAM_ANGLES_DEG = np.array([15.0, 20.0, 30.0, np.nan])  # the fourth is "other"
 
@@ -307,7 +307,7 @@ def _leader(rows: Bytes, layout: Layout, identifiers: tuple[int, ...], form: np.
     length = min(stop - start, form.itemsize)
     block = np.zeros((len(rows), form.itemsize), dtype=np.uint8)
     block[:, :length] = rows[:, start : start + length]
-    ends = {name: form[name].itemsize + at for name, (_, at, *_) in (form.fields or {}).items()}
+    ends = {name: form[name].itemsize + entry[1] for name, entry in (form.fields or {}).items()}
     return block.view(form)[:, 0], {name for name, end in ends.items() if end <= length}
 
 
@@ -419,7 +419,7 @@ def rewrite(source: str | Path, target: str | Path, turn: Turn) -> Rewritten:
 
 def _turn_run(run: EnsembleRun, leaders: Leaders, by: Floats) -> Bytes:
     rows, layout = run.rows.copy(), run.layout
-    begin = next(layout.blocks[i][0] for i in VARIABLE_LEADERS if i in layout.blocks) + _VARIABLE.fields["heading"][1]
+    begin = next(layout.blocks[i][0] for i in VARIABLE_LEADERS if i in layout.blocks) + 18  # of the heading
     hundredths = np.rint(100.0 * angles.wrap360(leaders.heading_deg + by)) % 36000
     rows[:, begin : begin + 2] = _bytes(np.where(np.isfinite(by), hundredths, _NO_HEADING).astype("<u2"))
     for begin, stop in _velocities(layout):
