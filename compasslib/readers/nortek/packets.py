@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import IntEnum
 from functools import cached_property
 from pathlib import Path
 
@@ -26,11 +27,17 @@ Bytes = NDArray[np.uint8]
 Places = NDArray[np.int64]
 _Columns = tuple[Places, Places, Places, Places]  # kind, start, begin of the contents, and end of records
 
-SYNC, START = 0xA5, 0xB58C
-SHORTEST = 8  # bytes of an older record: header, one word and checksum
+START = 0xB58C  # initial value of the checksum
 HEADERS = {10: "<u2", 12: "<u4"}  # length of the Signature's header -> data type of the data size
-EARTH, INSTRUMENT, BEAM = 0, 1, 2  # as both formats number them
 SLANT_DEG = 25.0  # of the beams, unless a file states it
+
+
+class Coordinates(IntEnum):
+    """Coordinates of the recorded velocities, as both formats number them."""
+
+    EARTH = 0
+    INSTRUMENT = 1
+    BEAM = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +112,7 @@ def find_packets(path: str | Path) -> Packets:
 
 def _find_records(data: Bytes) -> tuple[Places, _Columns, bool]:
     """Find the positions of A5, records that may overlap, and whether they are a Signature's."""
-    marks = np.flatnonzero(data == SYNC)
+    marks = np.flatnonzero(data == 0xA5)
     sums = np.zeros(data.size + 1, dtype=np.uint16)
     for parity in (0, 1):
         words = data[parity : parity + (data.size - parity) // 2 * 2].view("<u2")
@@ -113,9 +120,9 @@ def _find_records(data: Bytes) -> tuple[Places, _Columns, bool]:
     records = _find_signature(data, marks, sums)
     if len(records[0]):
         return marks, records, True
-    start = marks[marks + SHORTEST <= data.size]
+    start = marks[marks + 8 <= data.size]  # header, one word and checksum
     end = start + 2 * word(data, start + 2).astype(np.int64)
-    whole = (end >= start + SHORTEST) & (end <= data.size)
+    whole = (end >= start + 8) & (end <= data.size)
     start, end = start[whole], end[whole]
     holds = sums[end - 2] - sums[start] + np.uint16(START) == word(data, end - 2)
     start, end = start[holds], end[holds]
@@ -164,7 +171,7 @@ class Samples:
     looks_up: Bools  # (n,) as the instrument states
     sideways: Bools  # (n,) whether the instrument lay on its side, as it states
     bin_range_m: tuple[float, ...]  # (m,) vertical distance from the head; 0 for a point meter
-    recorded: int  # EARTH, INSTRUMENT or BEAM
+    recorded: int  # of ``Coordinates``
     beam_angle_deg: float  # from the vertical; 0 for a point meter
     serial: str
     model: str = ""  # empty if the file does not state it
