@@ -238,7 +238,7 @@ def test_endless_line_is_refused_and_long_cell_is_abbreviated(tmp_path):
         stream.write(b"t,z,u,v\n")
         stream.truncate(1_500_000_000)
     tracemalloc.start()
-    with pytest.raises(InputError, match="expected lines of less than 1048576 bytes, found a longer one"):
+    with pytest.raises(InputError, match="expected lines of less than 1 MB, found a longer one"):
         read("table", [path], {"columns": ROLES})
     assert tracemalloc.get_traced_memory()[1] < 10e6
     tracemalloc.stop()

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib.readers.files import CHUNK_BYTES
 from compasslib.readers.plain import parse_figures
 from compasslib.readers.times import civil_seconds
 from compasslib.types import Bools, Floats
@@ -145,11 +146,8 @@ class _Statement:
     offset: int = 0
 
 
-def parse(data: bytes, wanted: Callable[[Form], bool], chunk: int = 1 << 21) -> Text:
-    """Parse the rows of the most frequent accepted form, damaged lines, and non-numeric lines of a text file.
-
-    Chunks of more than 2 MB exceed the processor's cache and are slower.
-    """
+def parse(data: bytes, wanted: Callable[[Form], bool], chunk: int = CHUNK_BYTES) -> Text:
+    """Parse the rows of the most frequent accepted form, damaged lines, and non-numeric lines of a text file."""
     form: Form | None = None
     pieces: list[_RowChunk] = []
     damaged: list[Ints] = []

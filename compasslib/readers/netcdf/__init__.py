@@ -52,7 +52,6 @@ COUNTS: Mapping[str, tuple[str, ...]] = {
     "percent_good": ("PERCENT_GOOD", "PERG{}", "prcnt_gd"),
 }
 BEAMS = ("BEAM", "beam")
-LARGEST = 255
 
 
 _Flow = tuple[Floats, Floats, Floats | None]  # (n, m) east, north and up, or the first to third of other axes, m/s
@@ -441,7 +440,7 @@ def _profiles(file: File, up: Floats | None, shape: tuple[int, ...], order: slic
     for key, names in COUNTS.items():
         counts = _beam_counts(file, names)
         if counts is not None:  # back to the recorded bytes, -1 where missing
-            missing = ~((counts >= 0) & (counts <= LARGEST))
+            missing = ~((counts >= 0) & (counts <= 255))
             whole = np.where(missing, -1, np.rint(counts)).astype(np.int16)
             profiles[key] = whole if missing.any() else whole.astype(np.uint8)
     return {key: values[:, order] for key, values in profiles.items() if values.shape[:2] == shape}

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from compasslib.errors import InputError
 from compasslib.readers import files
-from compasslib.readers.files import refuse_mostly_damaged
+from compasslib.readers.files import NORTEK_START, refuse_mostly_damaged
 from compasslib.records import Flags
 from compasslib.types import Bools, Floats
 
@@ -27,7 +27,6 @@ Bytes = NDArray[np.uint8]
 Places = NDArray[np.int64]
 _Columns = tuple[Places, Places, Places, Places]  # kind, start, begin of the contents, and end of records
 
-START = 0xB58C  # initial value of the checksum
 HEADERS = {10: "<u2", 12: "<u4"}  # length of the Signature's header -> data type of the data size
 SLANT_DEG = 25.0  # of the beams, unless a file states it
 
@@ -84,7 +83,7 @@ def find_packets(path: str | Path) -> Packets:
     data = np.frombuffer(files.read_bytes(path), dtype=np.uint8)
     marks, records, signature = _find_records(data)
     escaped = False
-    if files.looks_escaped(data[: files.ESCAPE_SAMPLE].tobytes()):
+    if files.looks_escaped(data[: files.CHUNK_BYTES].tobytes()):
         undone = np.frombuffer(files.unescape(data.tobytes()), dtype=np.uint8)
         other = _find_records(undone)
         if escaped := len(other[1][0]) > len(records[0]):
@@ -124,7 +123,7 @@ def _find_records(data: Bytes) -> tuple[Places, _Columns, bool]:
     end = start + 2 * word(data, start + 2).astype(np.int64)
     whole = (end >= start + 8) & (end <= data.size)
     start, end = start[whole], end[whole]
-    holds = sums[end - 2] - sums[start] + np.uint16(START) == word(data, end - 2)
+    holds = sums[end - 2] - sums[start] + np.uint16(NORTEK_START) == word(data, end - 2)
     start, end = start[holds], end[holds]
     return marks, (data[start + 1].astype(np.int64), start, start, end), False
 
@@ -139,14 +138,16 @@ def _find_signature(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> _Co
     for length, size_type in HEADERS.items():
         start = marks[marks + length <= data.size]
         start = start[data[start + 1] == length]
-        start = start[sums[start + length - 2] - sums[start] + np.uint16(START) == word(data, start + length - 2)]
+        start = start[
+            sums[start + length - 2] - sums[start] + np.uint16(NORTEK_START) == word(data, start + length - 2)
+        ]
         columns = np.arange(4, 4 + np.dtype(size_type).itemsize)
         size = data[start[:, None] + columns].view(size_type)[:, 0].astype(np.int64)
         begin = start + length
         whole = begin + size <= data.size
         start, begin, size = start[whole], begin[whole], size[whole]
         last = np.where(size % 2, data[np.maximum(begin + size, 1) - 1], 0).astype(np.uint16) * np.uint16(256)
-        holds = sums[begin + size // 2 * 2] - sums[begin] + np.uint16(START) + last == word(data, begin - 4)
+        holds = sums[begin + size // 2 * 2] - sums[begin] + np.uint16(NORTEK_START) + last == word(data, begin - 4)
         records.append(np.stack([data[start + 2], start, begin, begin + size])[:, holds].astype(np.int64))
     both = np.concatenate(records, axis=1)
     kind, start, begin, end = both[:, np.argsort(both[1], kind="stable")]

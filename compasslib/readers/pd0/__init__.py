@@ -23,7 +23,7 @@ from compasslib.readers.pd0 import checks, currents, fields
 from compasslib.readers.pd0.checks import FileReport
 from compasslib.readers.pd0.currents import Settings
 from compasslib.readers.pd0.fields import COUNTS, Coordinates, Ensembles, GrowableArrays
-from compasslib.readers.pd0.frames import CHUNK_BYTES, Skipped, is_escaped, iter_chunks
+from compasslib.readers.pd0.frames import Skipped, is_escaped, iter_chunks
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Record
 from compasslib.types import Floats
 
@@ -39,13 +39,13 @@ class _ChunkCurrents:
     has_percent_good: bool
 
 
-def decode(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Ensembles:
+def decode(path: str | Path) -> Ensembles:
     """Decode all intact ensembles of a file as recorded, without any rotation.
 
     Raises:
         InputError: the file cannot be read or holds no ensemble with velocities.
     """
-    parts = [fields.decode_runs(chunk.runs) for chunk in iter_chunks(path, chunk_bytes)]
+    parts = [fields.decode_runs(chunk.runs) for chunk in iter_chunks(path)]
     ensembles = fields.concatenate([part for part, _ in parts])
     _refuse_empty(path, len(ensembles), sum((dropped for _, dropped in parts), Counter[str]()))
     return ensembles
