@@ -20,7 +20,6 @@ from compasslib.readers.pd0.fields import STRAY, Coordinates, Ensembles, select
 from compasslib.records import BAD, GOOD, LEAST_PERCENT_GOOD, MISSING, Flags
 from compasslib.types import Bools, Floats
 
-MOST_TURNED = 0.4  # relative change of a beam's vertical reach below which bins are mapped: some 30 degrees of tilt
 # Error velocity is a multiple of b1 + b2 - b3 - b4.
 _ERROR_SIGNS = np.array([1.0, 1.0, -1.0, -1.0])
 
@@ -125,7 +124,9 @@ def _map_bins(ensembles: Ensembles, up: Bools) -> Floats:
     return map_cells(ensembles.velocity, reach, ensembles.bin1_m, ensembles.cell_m, ensembles.cells)
 
 
-def map_cells(beams: Floats, reach: Floats, bin1_m: Floats, cell_m: Floats, cells: NDArray[np.int_]) -> Floats:
+def map_cells(
+    beams: Floats, reach: Floats, bin1_m: Floats, cell_m: Floats, cells: NDArray[np.int_], most: float = 0.4
+) -> Floats:
     """Interpolate the velocities of each beam to the bin depths of a level instrument, (n, m, k).
 
     A tilt reduces the vertical distance of the bins of one beam and increases that of the opposite one, so the same bin
@@ -137,9 +138,10 @@ def map_cells(beams: Floats, reach: Floats, bin1_m: Floats, cell_m: Floats, cell
         reach: (n, k) vertical distance along a beam relative to that of a level instrument.
         bin1_m: (n,) vertical distance of the first bin of a level instrument; ``cell_m`` is the bin size, (n,).
         cells: (n,) number of bins.
+        most: relative change of a reach from which bins are not mapped: some 30 degrees of tilt.
     """
     index = np.arange(beams.shape[1])
-    reach = np.where((np.abs(reach - 1.0) < MOST_TURNED).all(axis=-1, keepdims=True), reach, 1.0)
+    reach = np.where((np.abs(reach - 1.0) < most).all(axis=-1, keepdims=True), reach, 1.0)
     range_m = bin1_m[:, None] + cell_m[:, None] * index
     place = (range_m[..., None] / reach[:, None] - bin1_m[:, None, None]) / cell_m[:, None, None]
     place = np.where(np.isfinite(place), place, index[:, None])
@@ -250,10 +252,6 @@ def _turn_with_tilts(
 # depend on the speed of sound (TRDI, Ocean Surveyor Technical Manual).
 
 EC, ES = (1400.0, 1600.0), (0.0, 40.0)  # m/s and practical salinity that the commands EC and ES accept
-ES_DEFAULT = 35.0  # of the command: also in files of other water
-# Twice the accuracy of a WorkHorse 300 (0.5 % of the velocity). In the moored record eh2 the EC that the instrument
-# computed differs from that by the mean temperature of the ensemble by up to 0.6 %.
-TOLERANCE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,20 +270,25 @@ class SoundCorrection:
         return {"sound_speed_corrected": corrected, "sound_speed_doubtful": doubtful}
 
 
-def correct_sound_speed(ensembles: Ensembles, choice: str | Mapping[str, float] | None) -> SoundCorrection:
+def correct_sound_speed(
+    ensembles: Ensembles, choice: str | Mapping[str, float] | None, *, tolerance: float = 0.01, default: float = 35.0
+) -> SoundCorrection:
     """Determine the correction from EC, ES, temperature and depth of each ensemble.
 
     Args:
         choice: auto (as None), keep or {salinity: S}. With auto nothing is corrected where EC agrees with ES; where it
             does not, ES is the salinity of the water only if it was measured or set to other than its default.
+        tolerance: twice the accuracy of a WorkHorse 300 (0.5 % of the velocity). In the moored record eh2 the EC that
+            the instrument computed differs from that by the mean temperature of the ensemble by up to 0.6 %.
+        default: of the command ES, also in files of other water.
     """
     ec, es, declared = ensembles.sound_m_s, ensembles.salinity, isinstance(choice, Mapping)
-    stated = (es > ES[0]) & (es != ES_DEFAULT)
+    stated = (es > ES[0]) & (es != default)
     known = (stated | ((ensembles.measured & 2) > 0)) & (es <= ES[1])
     if isinstance(choice, Mapping):
         es, known = np.full_like(es, choice["salinity"]), np.full_like(known, True)
     true = _true_over_used(ensembles, es)
-    differs = ~(np.abs(true - 1.0) <= TOLERANCE)  # also where it is unknown
+    differs = ~(np.abs(true - 1.0) <= tolerance)  # also where it is unknown
     kept = SoundCorrection(np.ones_like(true), 1.0, np.zeros_like(differs))
     if not declared and differs.mean() <= STRAY:
         return kept
