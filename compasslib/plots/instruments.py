@@ -360,7 +360,6 @@ def _by_clock(axes: Axes) -> None:
 
 # An observatory's declination.
 
-ZOOM_DAYS = 3.0  # window about the largest storm, shown if the record is at least three times as long
 LINE: dict[str, Any] = {"color": BLACK, "linewidth": 0.8}
 STORM: dict[str, Any] = {"color": VERMILION, "alpha": 0.18, "linewidth": 0}
 
@@ -398,8 +397,11 @@ def draw_series(path: str | Path, result: Calibration) -> None:
         legend(figure, handles + _storm_handle(result), columns=1)
 
 
-def draw_disturbance(path: str | Path, result: Calibration) -> None:
-    """Draw the residual with its slow level, and the disturbance with the 95 % range of its calm hours."""
+def draw_disturbance(path: str | Path, result: Calibration, *, days: float = 3.0) -> None:
+    """Draw the residual with its slow level, and the disturbance with the 95 % range of its calm hours.
+
+    Of long records, only ``days`` about the largest storm are shown of the disturbance.
+    """
     with page(path, 4.4) as figure:
         panels = figure.subplots(2, 1)
         if not result.points:
@@ -414,9 +416,9 @@ def draw_disturbance(path: str | Path, result: Calibration) -> None:
         panels[1].axhspan(-half, half, **BAND)
         _finish(panels[0], result, "Observed minus model\nand constant (°)")
         storms, window = result.details["storms"], None
-        if storms and np.ptp(points["time_s"]) >= 3.0 * ZOOM_DAYS * DAY_S:
+        if storms and np.ptp(points["time_s"]) >= 3.0 * days * DAY_S:
             largest = max(storms, key=lambda entry: entry["range_deg"])
-            window = (_day(largest["from"]) - ZOOM_DAYS / 2.0, _day(largest["to"]) + ZOOM_DAYS / 2.0)
+            window = (_day(largest["from"]) - days / 2.0, _day(largest["to"]) + days / 2.0)
         _finish(panels[1], result, "Without slow level\nand quiet day (°)", window)
         figure.align_ylabels(panels)
         handles: list[Artist] = [Line2D([], [], label="observed, 10-minute means or samples", **LINE)]

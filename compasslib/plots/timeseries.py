@@ -313,7 +313,6 @@ def _draw_rose(figure: Figure, place: int, title: str, series: Mapping[str, Floa
         axes.annotate("no data", (0.5, 0.5), xycoords="axes fraction", ha="center", va="center")
 
 
-COLUMNS = 400  # time bins of a section, the resolution of a printed column
 COLOUR_MAP, ADDED = "RdBu_r", "corrected minus recorded"
 
 
