@@ -193,7 +193,7 @@ def swing_rate(heading_deg: Floats, rate_hz: Floats, joined: Bools, half_s: floa
 
 def remove_swing(y: Floats, turning_deg_s: Floats, lever_m: float = 0.43) -> Floats:
     """Remove the swing from the velocity to port, m/s: the clockwise rate times the distance of paths from the wire."""
-    return y - lever_m * np.radians(turning_deg_s)
+    return y - lever_m * angles.DEGREE * turning_deg_s
 
 
 def to_earth(x: Floats, y: Floats, heading_deg: Floats) -> tuple[Floats, Floats]:
