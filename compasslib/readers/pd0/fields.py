@@ -420,7 +420,7 @@ def rewrite(source: str | Path, target: str | Path, turn: Turn) -> Rewritten:
 def _turn_run(run: EnsembleRun, leaders: Leaders, by: Floats) -> Bytes:
     rows, layout = run.rows.copy(), run.layout
     begin = next(layout.blocks[i][0] for i in VARIABLE_LEADERS if i in layout.blocks) + 18  # of the heading
-    hundredths = np.rint(100.0 * angles.wrap360(leaders.heading_deg + by)) % 36000
+    hundredths = np.rint(100.0 * angles.wrap360(np.rint(100.0 * (leaders.heading_deg + by)) / 100.0))
     rows[:, begin : begin + 2] = _bytes(np.where(np.isfinite(by), hundredths, _NO_HEADING).astype("<u2"))
     for begin, stop in _velocities(layout):
         counts = np.ascontiguousarray(rows[:, begin:stop]).view("<i2").copy()
