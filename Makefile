@@ -39,8 +39,8 @@ concealed: install  ## four moorings with a concealed cause, drawn by SEED, besi
 verify: install  ## does an archive still hold what its manifest lists? make verify CRUISE=/data/my_cruise
 	$(BIN)/compass verify "$(CRUISE)"
 
-check-archive: .venv/test  ## CF, ACDD and OceanSITES against a cruise's netCDF files
-	$(RUN) -- conventions
+check-archive: .venv/test  ## CF and ACDD against a cruise's products
+	$(BIN)/compliance-checker --test cf:1.11 --test acdd:1.3 $(wildcard $(CRUISE)/results/*/corrected.nc $(CRUISE)/results/*/gridded.nc)
 
 test: .venv/test  ## the tests
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder

@@ -6,14 +6,14 @@ import shutil
 import socket
 from pathlib import Path
 
+import conventions
 import netCDF4
 import numpy as np
 import pytest
 from test_archive import PROCESSING, USUAL, make_pairs, make_product, make_record, measured, write
 
 from compasslib.archive import attributes as archive_attributes
-from compasslib.archive import conventions, netcdf
-from compasslib.errors import InputError
+from compasslib.archive import netcdf
 
 # CF has no standard names for these: its orientation is relative to north; deviation and declination have none.
 WITHOUT_STANDARD_NAME = {
@@ -68,42 +68,6 @@ def test_acdd_remarks_are_only_nonexistent_standard_names(tmp_path, offline):
     given = USUAL | dict.fromkeys(archive_attributes.ASKED_FOR, "given")
     assert set(checked(write(tmp_path / "c.nc", attributes=given), conventions.ACDD)) == missing
     assert missing < conventions.UNAVOIDABLE  # which also contains those of gridded.nc
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_violation_of_each_convention_is_reported(tmp_path, offline, corrected):
-    path = Path(shutil.copy(corrected, tmp_path / "corrected.nc"))
-    with netCDF4.Dataset(path, "a") as nc:
-        nc["UCUR"].units = "furlong per fortnite"
-        nc.delncattr("summary")
-        nc.data_mode = "X"
-    said: list[str] = []
-    with pytest.raises(InputError, match=r"1 netCDF files: expected no remark, found [1-9]"):
-        conventions.report_remarks([str(path)], said.append)
-    known = ("OceanSITES", "CF", "ACDD") if conventions.installed() else ("OceanSITES",)
-    for convention in known:
-        assert any(line.startswith(f"{path}: {convention}: ") for line in said), convention
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_missing_optional_attributes_are_listed_without_remark(tmp_path, offline):
-    said: list[str] = []
-    path = write(tmp_path / "corrected.nc", attributes={"license": "free"})
-    held = conventions.report_remarks([str(path)], said.append)
-    assert "attributes may still give institution, project, principal_investigator" in said[0]
-    assert said[-1].endswith("OceanSITES") and "license" not in said[0]
-    assert list(held["attributes_may_still_give"]) == held["files"] == [str(path)]
-    by = held["no_remark_by"]
-    assert ("CF" in by) == conventions.installed() and by["OceanSITES"] == "manual 1.4"
-
-
-def test_missing_checker_is_reported(corrected, monkeypatch):
-    monkeypatch.setattr(conventions, "CHECKER", "no_such_package")
-    said: list[str] = []
-    held = conventions.report_remarks([str(corrected)], said.append)
-    assert list(held["no_remark_by"]) == ["OceanSITES"]
-    assert any("compliance-checker is not installed; make check-archive installs it" in line for line in said)
-    assert said[-1] == "1 netCDF files: no remark by OceanSITES"
 
 
 # ------------------------------------------------------------------------------------------ OceanSITES, by its manual

@@ -403,7 +403,6 @@ PLANTED = {
     "in a new folder": "results/new/deep/x.csv",
     "among the products": "results/M1/corrected2.nc",
     "among the logs": "results/M1/logs/notes.txt",
-    "as a file that the rules make by name": "results/M1/conventions.json",
     "among the figures": "results/M1/figures/mine.pdf",
     "with a name that is no UTF-8": b"results/M1/caf\xe9.nc".decode(errors="surrogateescape"),
     "with a line break in its name": "results/M1/a\nb.nc",

@@ -172,7 +172,6 @@ def test_all_but_eight_keys_have_defaults(cruise: Path) -> None:
         },
         "fit": FIT,
         "diagnose": DIAGNOSE,
-        "conventions": {"check": False},
         "product": PRODUCT,
         "figures": {"formats": ("png",)},
         "quality": QUALITY,

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import conventions
 import netCDF4
 import numpy as np
 import pytest
 from PIL import Image
 
-from compasslib.archive import conventions, gridded, netcdf
+from compasslib.archive import gridded, netcdf
 from compasslib.archive.attributes import Site
 from compasslib.errors import InputError
 from compasslib.plots import timeseries

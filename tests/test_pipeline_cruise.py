@@ -104,9 +104,8 @@ def test_unusable_content_stops_only_its_mooring_in_one_pass(first):
 
 def test_stopped_moorings_stand_on_the_pages_and_in_the_manifest(stopped):
     page = (stopped / "results/report.html").read_text()
-    assert "moorings (1 insufficient, 3 stopped)" in page and "Cross:" in page
+    assert "moorings (1 insufficient, 3 stopped)" in page
     assert page.count("raw/BAD/top.000: expected an RDI PD0 file") == 2
-    assert page.count("<title>BAD</title></path>") == page.count("<title>GOOD</title></circle>") == 1
     actions = [one for one in read_json(stopped / crate.FILE)["@graph"] if "actionStatus" in one]
     failed = {one["name"]: one["error"] for one in actions if one["actionStatus"].endswith("FailedActionStatus")}
     assert set(failed) == {"mooring BAD", "mooring CARRIED", "mooring TURNED", "calibration bench"}

@@ -376,7 +376,7 @@ def test_nothing_is_drawn_where_there_are_no_data(tmp_path, draw, covariate):
     drawn = scale / {"time": 86400.0 if draw is diagnosis.draw_mooring else 3600.0}.get(covariate, 1.0)
     begin = drawn * 5.0 if covariate == "time" and draw is diagnosis.draw_calibration else 0.0
     bars = [(bar.get_x() + begin, bar.get_x() + begin + bar.get_width()) for bar in axes.patches]
-    assert len(bars) == 12 and not any(high > drawn * 121.0 and low < drawn * 239.0 for low, high in bars)
+    assert len(bars) == 12 and not any(high > drawn * 123.0 and low < drawn * 237.0 for low, high in bars)
     (effect,) = (line for line in axes.lines if line.get_color() == BLACK)
     assert np.isnan(effect.get_ydata()).sum() == 1 and np.isnan(effect.get_ydata()[6])
 
@@ -671,7 +671,7 @@ def test_samples_are_classified_by_heading_correction():
             branch_probability=np.array([1.0, 0.9, 0.6, np.nan, np.nan, 1.0]),
         )
     )
-    assert kinds.tolist() == [0, 1, 2, 3, -1, 0]
+    assert kinds.tolist() == ["sure", "doubtful", "ambiguous", "missing", "", "sure"]
 
 
 def test_headings_flagged_bad_are_not_counted():

@@ -319,7 +319,6 @@ def test_times_of_unclocked_real_scans_are_reconstructed(tmp_path):
     assert np.hypot(record.east - clocked.east, record.north - clocked.north).max() < 2e-3
     assert record.counts["headings_by_rule"] == record.counts["scans"] == 17916
     assert any("scans carry no clock" in w for w in record.warnings)
-    assert record.counts["profiles_ascending"] == 1
 
 
 def apart(scans: profiler.Scans) -> list[profiler.Scans]:
@@ -475,16 +474,6 @@ def test_without_pressure_files_the_depth_is_unknown(tmp_path):
     assert any(w.startswith("no pressure_files") for w in record.warnings)
     nothing = acm.read([tmp_path / "acm.txt"], pressure_files=None, start_offset_seconds=None)
     same_record(nothing, record)
-
-
-def test_profile_direction_comes_from_pressure_else_from_number(tmp_path):
-    scans = logged((40, 40, 40))
-    path = text_file(tmp_path, scans)
-    by_number = read(path).counts
-    assert (by_number["profiles_ascending"], by_number["profiles_descending"]) == (2, 1)
-    table = pressures(tmp_path, [(on + t, 500 + t) for on in scans.on_s for t in (0, 60)])
-    by_pressure = read(path, pressure=(table,)).counts
-    assert (by_pressure["profiles_ascending"], by_pressure["profiles_descending"]) == (0, 3)
 
 
 @pytest.mark.parametrize(
@@ -653,12 +642,11 @@ def test_numbers_with_varying_decimals_are_accepted(tmp_path):
     assert parsed.values.tolist() == [[float(x) for x in row.split()] for row in rows]
 
 
-def test_result_does_not_depend_on_the_chunk_size(tmp_path, monkeypatch):
+def test_result_does_not_depend_on_the_chunk_size(tmp_path):
     data = text_file(tmp_path, logged()).read_bytes()
     wanted = mmp_scans.STAMPED.__eq__
     whole = mmp_rows.parse(data, wanted)
-    monkeypatch.setattr(mmp_rows, "CHUNK_BYTES", 300)
-    parts = mmp_rows.parse(data, wanted)
+    parts = mmp_rows.parse(data, wanted, 300)
     for name in ("offset", "time_s", "values", "damaged"):
         assert np.array_equal(getattr(whole, name), getattr(parts, name)), name
     assert whole.lines == parts.lines

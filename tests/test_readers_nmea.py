@@ -146,16 +146,6 @@ def test_missing_file_is_refused(tmp_path):
         nmea.read([tmp_path / "nowhere.nmea"])
 
 
-def test_outlying_position_is_dropped_and_its_course_kept(tmp_path):
-    astray = rmc(0, 12.5).split("*")[0][1:].replace("14006.028,W", "02006.028,E")
-    content = lines()
-    content[1] = sentence(astray)
-    read = log(tmp_path, content)
-    assert len(read.time_s) == 6
-    assert np.isnan(read.longitude[0]) and np.isfinite(read.longitude[1:]).all()
-    assert "1 positions far from all others, whose courses stay" in read.warnings[0]
-
-
 @pytest.mark.parametrize(
     ("old", "new"),
     [("0854.979,S", "9954.979,S"), ("14006.028,W", "19906.028,W"), (",12.5,", ",412.5,"), (",5.0,", ",-5,")],

@@ -15,7 +15,7 @@ from compasslib.demo import adcp, compass, demonstration, water
 from compasslib.demo.demonstration import DEPLOYED_S, MOORINGS, RECOVERED_S
 from compasslib.readers.mmp import scans as mmp_scans
 from compasslib.readers.pd0 import currents, decode
-from compasslib.readers.pd0.fields import BEAM, EARTH
+from compasslib.readers.pd0.fields import Coordinates
 from tests.world import pairs
 
 HERE = Path(__file__).parent
@@ -174,7 +174,10 @@ def test_strong_iron_confines_the_recorded_headings_of_eg4(worlds):
 
 @pytest.mark.parametrize(
     ("file", "clock", "setup"),
-    [("EG3/top.000", "00:00", (True, 300.0, True, BEAM)), ("EG4/deep.000", "00:02", (False, 75.0, True, EARTH))],
+    [
+        ("EG3/top.000", "00:00", (True, 300.0, True, Coordinates.BEAM)),
+        ("EG4/deep.000", "00:02", (False, 75.0, True, Coordinates.EARTH)),
+    ],
 )
 def test_every_ensemble_is_valid_and_numbered(cruise, file, clock, setup):
     found, size = decode(cruise / "raw" / file), (cruise / "raw" / file).stat().st_size

@@ -7,6 +7,7 @@ import re
 import shutil
 from pathlib import Path
 
+import conventions
 import netCDF4
 import numpy as np
 import pytest
@@ -118,27 +119,14 @@ def test_another_run_gives_identical_results(done, tmp_path):
     assert [name for name in first if first[name] != second[name]] == []
 
 
-def test_conventions_are_checked_on_request_or_by_option(done, tmp_path):
-    folder = shutil.copytree(done, tmp_path / "c")
-    assert not list((folder / "results").glob("*/conventions.json"))
-    ran = snakemake(folder, "results/M1/conventions.json")
-    assert ran.returncode == 0, ran.stderr
-    held = json.loads((folder / "results/M1/conventions.json").read_text())
-    names = ("corrected", "overlap", "gridded", "work/top", "work/deep")
-    assert held["files"] == [f"results/M1/{name}.nc" for name in names]
-    change(folder / "config/config.yaml", conventions={"check": True})
-    assert planned(folder) == {("check_conventions", "ALONE"), ("report", ""), ("provenance", "")}
-
-
+@pytest.mark.filterwarnings("ignore")  # warnings of the checker
 def test_real_mooring_satisfies_the_conventions(tmp_path):
-    """As in ``make check-archive``, for files with all variables of a real overlap."""
+    """Files with all variables of a real overlap."""
     folder = Path(shutil.copytree(real("cruise_eh2"), tmp_path / "c"))
-    for name in ("E0", "E2"):
-        (folder / f"config/moorings/{name}.yaml").unlink()
     (folder / "config/config.yaml").write_text("{moorings: config/moorings, diagnose: {enabled: false}}\n")
-    ran = snakemake(folder, "conventions")
-    assert ran.returncode == 0, ran.stderr
-    assert "5 netCDF files: no remark by" in (folder / "results/E1/logs/conventions.log").read_text()
+    assert snakemake(folder, "results/E1/gridded.nc").returncode == 0
+    files = [*folder.glob("results/E1/**/*.nc")]
+    assert files and not [remark for file in files for remark in conventions.remarks(file)]
 
 
 def test_missing_raw_file_is_refused_before_processing(tmp_path):

@@ -78,7 +78,6 @@ def stated(folder: Path) -> dict[Job, set[str]]:
     joined, of_compasses = {(name,) for name in shared.moorings}, [(name,) for name in shared.members]
     daily = {(name,) for name, files in of.gridded.items() if files[1:]}
     gridded, diagnosed = [(name,) for name in of.gridded], [(name,) for name in curves.diagnosed]
-    checked = [*moorings, *gridded] if cruise.options.conventions.check else []
 
     def none(*_: str) -> dict:
         return {}
@@ -112,7 +111,6 @@ def stated(folder: Path) -> dict[Job, set[str]]:
         ("grid", of.grid, [name for name in gridded if name not in daily], of.references, of.observatory),
         ("grid_with_daily_means", of.grid, daily, of.references, of.observatory),
         ("sections", drawn, gridded),
-        ("check_conventions", none, checked),
         ("calibrate", curves.calibrate, calibrations, curves.raw_files),
         ("compare_calibrations", curves.compare_calibrations, calibrations, curves.compared_with),
         ("calibration_figures", drawn, calibrations, figures),
@@ -151,7 +149,6 @@ diagnose.apply: false | diagnose diagnose_alone diagnose_jointly diagnose_calibr
 diagnose.prior_odds: 2 | diagnose diagnose_alone diagnose_jointly diagnose_calibration
 diagnose.surrogates: 39 | diagnose diagnose_alone diagnose_jointly diagnose_calibration
 diagnose.min_effect_deg: 1 | diagnose diagnose_alone diagnose_jointly diagnose_calibration combine_records
-conventions.check: true | check_conventions
 product.grid.step_m: 4 | grid
 product.grid.from_m: 90 | grid
 product.grid.to_m: 110 | grid
@@ -417,7 +414,7 @@ def test_jobs_are_given_the_parameters_and_files_of_the_table(done):
 
 
 REAL = (
-    *("overlap.max_metres", "conventions.check", "figures.formats", "attributes.institution", "latitude"),
+    *("overlap.max_metres", "figures.formats", "attributes.institution", "latitude"),
     *("instruments.top.exclude", "instruments.mid.fit.name", "instruments.top.sphere", "uncertainty.slope_deg"),
 )
 

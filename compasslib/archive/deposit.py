@@ -11,6 +11,7 @@ import base64
 import hashlib
 import io
 import json
+import shutil
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -81,7 +82,6 @@ compare the results with those of this deposit:
 """
 WHEEL = f"compasslib-{__version__}-py3-none-any.whl"
 VON_APPEN = "10.1175/JTECH-D-14-00043.1"  # DOI of the method
-BLOCK_BYTES = 1 << 20  # bytes copied at a time
 LARGEST_JSON = 1 << 24  # bytes; the manifest of the demonstration cruise, of 11 moorings, has 0.25 MB
 
 
@@ -116,14 +116,11 @@ def deposit(cruise: Cruise, to: str | Path) -> int:
         for name, text in texts.items():
             archive.writestr(_entry(name), text)
         for name, path in sorted({**{name: root / name for name in (*listed, crate.FILE)}, **rules}.items()):
-            digest = hashlib.sha256()
-            with path.open("rb") as source, archive.open(_entry(name), "w", force_zip64=True) as target:
-                while block := source.read(BLOCK_BYTES):
-                    digest.update(block)
-                    target.write(block)
-            if listed.get(name, digest.hexdigest()) != digest.hexdigest():
+            if listed.get(name, digest := provenance.sha256(path)) != digest:
                 expected, advice = "the file that the manifest lists", "run the cruise again, then export"
                 raise InputError(name, expected=expected, found="another", advice=advice)
+            with path.open("rb") as source, archive.open(_entry(name), "w", force_zip64=True) as target:
+                shutil.copyfileobj(source, target)
     return len(listed) + len(rules) + len(texts) + 1
 
 

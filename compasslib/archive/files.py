@@ -308,8 +308,7 @@ def read_attribute(path: str | Path, name: str) -> str:
 # Figures as data URIs with a palette, for HTML pages; written by the job that draws the figures.
 
 PICTURES = ("work/pictures.json", "work/sections.json")  # in the folder of a mooring's results
-COLOURS = 256  # size of the palette: a third of the bytes, without a visible difference
-SMALL_PIXELS, SMALL_COLOURS = 350, 16  # width and palette size of thumbnails
+SMALL_PIXELS = 350  # width of thumbnails
 Picture = tuple[str, tuple[int, int]]  # data URI; width and height, pixels
 
 
@@ -328,8 +327,9 @@ def embed_png(path: str | Path, *, small: bool = False) -> Picture:
         raise InputError(str(path), expected="a whole PNG", found=error, advice=RERUN) from error
     if small:
         whole = whole.resize((SMALL_PIXELS, round(SMALL_PIXELS * whole.height / whole.width)), Image.Resampling.BOX)
-    colours, method = (SMALL_COLOURS, Image.Quantize.MEDIANCUT) if small else (COLOURS, Image.Quantize.FASTOCTREE)
-    reduced = whole.quantize(colours, method, dither=Image.Dither.NONE)
+    # A palette takes a third of the bytes, without a visible difference.
+    method = Image.Quantize.MEDIANCUT if small else Image.Quantize.FASTOCTREE
+    reduced = whole.quantize(16 if small else 256, method, dither=Image.Dither.NONE)
     buffer = io.BytesIO()
     reduced.save(buffer, "PNG", compress_level=6)
     return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}", reduced.size

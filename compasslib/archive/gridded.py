@@ -15,7 +15,7 @@ from compasslib import angles, earthfield
 from compasslib.archive import variables
 from compasslib.archive.attributes import Site, declination_attributes, global_attributes
 from compasslib.archive.files import CHUNK, create_netcdf, open_netcdf, read_variable, write_variable
-from compasslib.archive.netcdf import DAYS_1950_TO_1970, TIME_DECIMALS
+from compasslib.archive.netcdf import days_since_1950, seconds_since_1970
 from compasslib.archive.variables import GRIDDED, SECTION_SIGMA, Variable, quality_variable
 from compasslib.errors import InputError
 from compasslib.product.cells import Velocities
@@ -24,19 +24,18 @@ from compasslib.product.grid import DailyMeans, GriddedProduct, Piece, Source, e
 from compasslib.records import GOOD, PROBABLY_GOOD, CorrectedRecord, EarthField, Flags, Labelled, Record
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
-USUAL_BEAM_DEG = 20.0  # beam angle assumed for an affected profiler whose files do not state it
-OFTEN = 0.9  # least share of the fullest depth's times: the mean of a depth reached in strong currents only is biased
-
 
 def affected_source(
-    name: str, path: str | Path, product: CorrectedRecord, record: Record, flags: Sequence[int]
-) -> Source:
+    name: str, path: str | Path, product: CorrectedRecord, record: Record, flags: Sequence[int], *,
+    usual_beam_deg: float = 20.0,
+) -> Source:  # fmt: skip
     """Return an affected instrument as a source of the grid, its velocities read from corrected.nc on demand.
 
     Args:
         product: content of the same file, without velocities.
         record: the instrument's record, for the beam angle and whether its bins were mapped.
         flags: OceanSITES flags of the velocities to use.
+        usual_beam_deg: beam angle of a profiler whose files do not state it.
     """
     with open_netcdf(path) as nc:
         bins, rising = len(nc.dimensions["BIN"]), "WCUR" in nc.variables
@@ -47,7 +46,7 @@ def affected_source(
         velocity = np.where(np.isin(quality, flags), east + 1j * north, np.nan)
         return Velocities(velocity, depth, quality, up[0] if rising else None)
 
-    samples, beam_deg = product.record, record.beam_angle_deg or USUAL_BEAM_DEG
+    samples, beam_deg = product.record, record.beam_angle_deg or usual_beam_deg
     return Source(name, samples.time_s, samples.depth_m, _tilt(samples, record), bins, beam_deg, rows, rising)
 
 
@@ -219,15 +218,20 @@ class SectionMeans:
     reference_share: Floats  # (z,) fraction of the values that are from references; NaN without values
 
 
-def read_section(path: str | Path, columns: int) -> SectionMeans:
+def read_section(path: str | Path, columns: int = 400, *, often: float = 0.9) -> SectionMeans:
     """Average gridded.nc over at most ``columns`` equal intervals of time, piece by piece.
+
+    Args:
+        columns: by default, as many as a printed column shows.
+        often: least share of the fullest depth's times, as the mean of a depth reached in strong currents only is
+            biased.
 
     Raises:
         InputError: the file is missing, damaged or of another kind.
     """
     with open_netcdf(path) as nc:
         time_s, depth_m = (read_variable(nc, name) for name in ("TIME", "DEPTH"))
-        time_s = np.round((time_s - DAYS_1950_TO_1970) * DAY_S, TIME_DECIMALS)
+        time_s = seconds_since_1970(time_s)
         modes, share = read_variable(nc, "HEADING_ERROR_MODE"), read_variable(nc, "HEADING_ERROR_SHARE")
         names = ("HEADING_ERROR_RANDOM", "HEADING_CORRECTION")
         random, turned = (np.atleast_2d(read_variable(nc, name)) for name in names)
@@ -255,7 +259,7 @@ def read_section(path: str | Path, columns: int) -> SectionMeans:
             shares = share[np.maximum(source - 1, 0)]
             by_mode += np.einsum("tz,kt,tzk->kz", flow, np.nan_to_num(modes[:, rows]), shares)
     total = number.sum(axis=0)
-    safe = np.where((total > 0) & (total >= OFTEN * total.max(initial=0.0)), total, np.nan)
+    safe = np.where((total > 0) & (total >= often * total.max(initial=0.0)), total, np.nan)
     sigma2 = np.nan_to_num(share[0]) ** 2 @ modes**2 + random[0] ** 2
     with np.errstate(invalid="ignore", divide="ignore"):
         before, after = np.where(number > 0, sums / number, complex(np.nan, np.nan))
@@ -293,11 +297,11 @@ def _put_frame(nc: netCDF4.Dataset, product: GriddedProduct, site: Site, time_s:
     sizes |= {"SOURCES": len(shares), "NAME_LENGTH": len(name), "NV": 2}
     for dimension, size in sizes.items():
         nc.createDimension(dimension, size)
-    write_variable(nc, variables.GRID_TIME, time_s / DAY_S + DAYS_1950_TO_1970)
+    write_variable(nc, variables.GRID_TIME, days_since_1950(time_s))
     write_variable(nc, variables.GRID_DEPTH, product.axes.depth_m)
     halves = np.array([-0.5, 0.5])
     bounds = time_s[:, None] + step_s * halves, product.axes.depth_m[:, None] + product.axes.step_m * halves
-    write_variable(nc, variables.BOUNDS["TIME"], bounds[0] / DAY_S + DAYS_1950_TO_1970)
+    write_variable(nc, variables.BOUNDS["TIME"], days_since_1950(bounds[0]))
     write_variable(nc, variables.BOUNDS["DEPTH"], np.maximum(bounds[1], 0.0))
     write_variable(nc, variables.LATITUDE, site.latitude)
     write_variable(nc, variables.LONGITUDE, site.signed_longitude())
@@ -415,7 +419,7 @@ def open_gridded(path: str | Path) -> GriddedCurrents:
             read_variable(nc, "HEADING_ERROR_SHARE"),
         )  # fmt: skip
         return GriddedCurrents(
-            np.round((time - DAYS_1950_TO_1970) * DAY_S, TIME_DECIMALS), depth_m, east + 1j * north,
+            seconds_since_1970(time), depth_m, east + 1j * north,
             east_sigma, north_sigma, np.asarray(nc["UCUR_QC"][:]), np.asarray(nc["SOURCE"][:], dtype=np.intp) - 1,
             tuple(nc["SOURCE"].flag_meanings.split()[1:]), errors,
             nc["UCUR_UNCERTAINTY"].error_memory_hours * HOUR_S, str(path),

@@ -227,11 +227,19 @@ def read_pairs(path: str | Path) -> Pairs:
 
 # corrected.nc (CF, ACDD and OceanSITES): written in pieces along time, to bound the memory that a decade takes.
 
-DAYS_1950_TO_1970 = 7305.0
 SOURCES = "sources"  # attribute of records and pairs: SHA-256 of the raw files by path, as JSON
-TIME_DECIMALS = 5  # of seconds; days since 1950 in float64 resolve 0.3 microseconds
 Column = tuple[NDArray[Any], Flags | None]  # values, and their flags if they have any
 Columns = dict[str, Column]
+
+
+def days_since_1950(time_s: Floats) -> Floats:
+    """Convert UTC seconds since 1970 to the time of OceanSITES."""
+    return time_s / DAY_S + 7305.0
+
+
+def seconds_since_1970(days: Floats) -> Floats:
+    """Convert days since 1950, which resolve 0.3 microseconds, to UTC seconds rounded to 10 microseconds."""
+    return np.round((days - 7305.0) * DAY_S, 5)
 
 
 def write_corrected(
@@ -382,7 +390,7 @@ def open_product(path: str | Path) -> CorrectedRecord:
 
 
 def _record_of(nc: netCDF4.Dataset, bins: int | None) -> Record:
-    time_s = np.round((read_variable(nc, "TIME") - DAYS_1950_TO_1970) * DAY_S, TIME_DECIMALS)
+    time_s = seconds_since_1970(read_variable(nc, "TIME"))
     unknown = np.full(time_s.shape, np.nan)
     looks_up = nc["HEADING"].getncattr("sensor_orientation") == "upward"
     depth = read_variable(nc, "INSTRUMENT_DEPTH")
@@ -465,7 +473,7 @@ def _put_coordinates(nc: netCDF4.Dataset, whole: _Whole, site: Site) -> None:
     bins = max(whole.bins, 1)  # in the classic model only the unlimited dimension, TIME, may have length 0
     for dimension, size in (("TIME", len(whole.time_s)), ("BIN", bins), ("NAME_LENGTH", len(name))):
         nc.createDimension(dimension, size)
-    write_variable(nc, variables.TIME, whole.time_s / DAY_S + DAYS_1950_TO_1970)
+    write_variable(nc, variables.TIME, days_since_1950(whole.time_s))
     write_bins(nc, bins, whole.looks_up)
     write_beams(nc, whole.beams)
     write_variable(nc, variables.LATITUDE, site.latitude)

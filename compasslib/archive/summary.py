@@ -21,11 +21,11 @@ from compasslib.archive.files import (
     read_variable,
     write_csv,
 )
-from compasslib.archive.netcdf import DAYS_1950_TO_1970
+from compasslib.archive.netcdf import seconds_since_1970
 from compasslib.deviation.correction import LOOKUP_COLUMNS
 from compasslib.deviation.histograms import BIN_DEG, BINS, QUANTITIES, Counts
 from compasslib.records import BAD, Pairs
-from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
+from compasslib.types import HOUR_S, Complexes, Floats
 
 COLUMNS = (
     *("name", "method", "n_pairs", "share_corrected", "rms_before_deg", "rms_after_deg", "max_deviation_deg", "folded"),
@@ -152,7 +152,6 @@ def read_histograms(path: str | Path) -> dict[str, NDArray[np.int_]]:
 
 # The current of one bin.
 
-MIN_SAMPLE_SHARE = 0.9  # of the samples of the fullest bin: the nearest bin that has as many is shown
 AVERAGING_HOURS = (1, 6, 24, 48, 120, 240, 720, 2400)  # possible averaging intervals
 MAX_MEANS, MAX_STICKS = 420, 90
 
@@ -181,19 +180,19 @@ class BinCurrents:
         return _mean(before[both] if both.any() else before), _mean(after[both])
 
 
-def read_bin_currents(path: str | Path) -> BinCurrents:
-    """Read the current of the bin nearest to the instrument that has nearly as many samples as the fullest bin.
+def read_bin_currents(path: str | Path, *, share: float = 0.9) -> BinCurrents:
+    """Read the current of the nearest bin that has at least ``share`` of the samples of the fullest bin.
 
     Raises:
         InputError: the file is missing, damaged or of another kind.
     """
     with open_netcdf(path) as nc:
-        time_s = (read_variable(nc, "TIME") - DAYS_1950_TO_1970) * DAY_S
+        time_s = seconds_since_1970(read_variable(nc, "TIME"))
         count = np.sum(read_variable(nc, "UCUR_RECORDED_QC") < BAD, axis=0)
         if not count.any():
             nothing = CurrentSeries(time_s, np.full(time_s.shape, complex(np.nan, np.nan)))
             return BinCurrents(float("nan"), nothing, nothing)
-        shown = int(np.argmax(count >= MIN_SAMPLE_SHARE * count.max()))
+        shown = int(np.argmax(count >= share * count.max()))
         flows = []
         for u, v in COMPONENTS:
             east, north, quality = (read_variable(nc, name)[:, shown] for name in (u, v, f"{u}_QC"))

@@ -18,7 +18,6 @@ from compasslib.preparation.quality import CHECKS, MASKS
 from compasslib.records import PROFILES as PROFILE_KEYS
 
 FILL = 99999.0
-ABSENT = -1  # fill value of counts
 FLAG_VALUES = np.array([0, 1, 2, 3, 4, 7, 8, 9], dtype=np.int8)
 FLAG_MEANINGS = (
     "unknown good_data probably_good_data potentially_correctable_bad_data bad_data "
@@ -218,7 +217,7 @@ def _current(name: str, how: str, comment: str, ancillary: tuple[str, ...] = ())
 def _counts(name: str, what: str, standard_name: str, comment: str, *, units: str = "1") -> Variable:
     # The classic netCDF model has no unsigned byte; the high bytes are almost all zero and compress to nothing.
     return Variable(
-        name, what, units, standard_name, BEAMS, "i2", valid=(0, 255), comment=comment, fill=ABSENT,
+        name, what, units, standard_name, BEAMS, "i2", valid=(0, 255), comment=comment, fill=-1,
         also={"QC_indicator": "unknown"}, flagged=False, sensed=True, optional=True,
     )  # fmt: skip
 

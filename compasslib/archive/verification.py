@@ -19,7 +19,6 @@ from compasslib.archive.files import read_json
 from compasslib.errors import InputError
 
 FORMER = "no longer configured: "
-CONVENTIONS = "conventions.json"  # may be made by request, after the manifest
 PROJECT_FOLDERS = ("bench", "proof")  # the project's own benchmarks, in the results folder of its demonstration cruise
 OF_CRUISE = (f"{crate.FOLDER}/figures", f"{crate.FOLDER}/logs")
 # Files of a job that no manifest lists: log, record, and benchmark (processor time).
@@ -131,7 +130,7 @@ def differences(cruise: str | Path, configured: Collection[str] | None) -> list[
     ]
     apart = {*listed, *results.former, *foreign}
     left = (file for file in results.files if file not in apart and not results.of_job(file))
-    unlisted = [file for file in left if not (crate.has_failures(page) or file.endswith(f"/{CONVENTIONS}"))]
+    unlisted = [] if crate.has_failures(page) else [*left]
     former = Counter[str]()
     for file in results.former:  # by the folder of the mooring, calibration, compass or cruise
         parts = PurePosixPath(file).parts[:-1]

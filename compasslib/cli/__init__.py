@@ -24,7 +24,6 @@ from typing import Any
 from compasslib import __version__
 from compasslib.errors import InputError
 
-FAILED, INTERRUPTED = 1, 130
 FORMS = ("csv", "mat", "pd0", "oceansites", "rocrate")  # formats of compass export
 MODULES = {"correct": "check", "explain": "results", "verify": "results"}  # of commands that share a module
 AS_WRITTEN = argparse.RawDescriptionHelpFormatter
@@ -48,19 +47,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
     except BrokenPipeError:  # the reader of a pipe has exited, as in ``compass explain M1 | head``
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FAILED
+        return 1
     except (InputError, OSError) as error:
-        return _failed(f"error: {error}", FAILED)
+        return _failed(f"error: {error}")
     except MemoryError:
-        return _failed("error: out of memory; close other programs, or use a machine with more", FAILED)
+        return _failed("error: out of memory; close other programs, or use a machine with more")
     except SystemExit as error:  # raised by a plug-in, perhaps with status 0
-        return _failed(f"error: a plug-in ended the program by SystemExit: {error}; correct or remove it", FAILED)
+        return _failed(f"error: a plug-in ended the program by SystemExit: {error}; correct or remove it")
     except KeyboardInterrupt:
-        return _failed("error: interrupted; no file is left half written", INTERRUPTED)
+        return _failed("error: interrupted; no file is left half written", 128 + signal.SIGINT)
     return status
 
 
-def _failed(line: str, status: int) -> int:
+def _failed(line: str, status: int = 1) -> int:
     print(line, file=sys.stderr)
     return status
 

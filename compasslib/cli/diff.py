@@ -26,7 +26,6 @@ MOORING_HEADER = (
     *("verdict", "effects", "coefficients", "also changed"),
 )
 SIGMA, FLAG = "HEADING_CORRECTED_UNCERTAINTY", "HEADING_CORRECTED_QC"
-INCOMPLETE = 1
 Cells = Callable[[Path, Path], tuple[str, ...]]  # cells that compare two folders of results
 REQUIRED_VARIABLES = ("TIME", "HEADING_CORRECTED", "DECLINATION")
 # Variables and attributes that follow from quantities with columns of their own.
@@ -81,7 +80,7 @@ def _print_differences(old: results.ResultFolders, new: results.ResultFolders) -
         compared = [words.plural(len(rows), noun) for rows, noun in parts if rows]
         sections = [f"nothing changed: {words.listed(compared)} compared"]
     print("\n\n".join(sections))
-    return INCOMPLETE if any(len(row) == 1 for rows in (moorings, calibrations) for row in rows.values()) else 0
+    return int(any(len(row) == 1 for rows in (moorings, calibrations) for row in rows.values()))
 
 
 def _rows(
@@ -263,7 +262,6 @@ def _calibration_fit(content: Mapping[str, Any]) -> dict[str, Any]:
 # Format of cells and of the table.
 
 SAME = "same"
-MIN_CHANGE_IN_SIGMAS = 0.01  # of a coefficient's standard deviation: smaller changes are numerical
 
 
 def from_to(old: str, new: str) -> str:
@@ -281,8 +279,11 @@ def effects(diagnosis: Mapping[str, Any]) -> str:
     return ", ".join(entry["effect"] for entry in diagnosis["findings"]) or "none"
 
 
-def coefficients(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """Format the changes of the coefficients that correct, or of the method if that differs."""
+def coefficients(old: Mapping[str, Any], new: Mapping[str, Any], *, least: float = 0.01) -> str:
+    """Format the changes of the coefficients that correct, or of the method if that differs.
+
+    Changes below ``least`` standard deviations of OLD are numerical.
+    """
     before, after = old["coefficients"], new["coefficients"]
     if old["method"] != new["method"]:
         return f"{old['method']} → {new['method']}"
@@ -296,9 +297,9 @@ def coefficients(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     worth = [
         f"{letter} {difference:+.2g}".replace("-", words.MINUS) + (f" ({abs(difference) / s:.2g}σ)" if s > 0.0 else "")
         for letter, difference, s in change
-        if abs(difference) > MIN_CHANGE_IN_SIGMAS * s  # OLD's sigma
+        if abs(difference) > least * s
     ]
-    return ", ".join(worth) or f"below {MIN_CHANGE_IN_SIGMAS} of their 1σ"
+    return ", ".join(worth) or f"below {least} of their 1σ"
 
 
 def table(header: Sequence[str], rows: Mapping[str, tuple[str, ...]]) -> str:

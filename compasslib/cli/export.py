@@ -21,19 +21,27 @@ from compasslib import angles
 from compasslib.archive import provenance, variables
 from compasslib.archive.attributes import SENSOR_KEYS
 from compasslib.archive.deposit import OPTIONAL, deposit
-from compasslib.archive.files import HALF_WRITTEN, atomic_write, open_netcdf, read_attribute, read_series, write_json
-from compasslib.archive.netcdf import DAYS_1950_TO_1970, TIME_DECIMALS
+from compasslib.archive.files import (
+    CHUNK,
+    HALF_WRITTEN,
+    atomic_write,
+    open_netcdf,
+    read_attribute,
+    read_series,
+    write_json,
+)
+from compasslib.archive.netcdf import days_since_1950, seconds_since_1970
 from compasslib.cli import results
 from compasslib.config import cruise as config
 from compasslib.earthfield import parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.preparation.deployment import to_utc
 from compasslib.readers.pd0.fields import Leaders, Rewritten, rewrite
+from compasslib.readers.times import DATENUM_1970
 from compasslib.records import PROBABLY_BAD
 from compasslib.stages.settings import Moorings
-from compasslib.types import DAY_S, Floats
+from compasslib.types import Floats
 
-SAME_TIME_S, SAME_HEADING_DEG = 0.001, 0.006  # tolerances for rounding, ensemble minus sample
 HEADINGS = (
     "Magnetic, as in the original: HEADING_CORRECTED, with the heading bias EB and the alignment EA that the original "
     "holds. Read with the mooring's YAML file, or with any reader that knows EB, they are HEADING_CORRECTED."
@@ -165,7 +173,7 @@ class _Product:
         self._reader, self._deployment = settings["reader"], settings["deployment"]
         names = ("TIME", "HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_QC")
         time, self._recorded, self._corrected, self._flag = read_series(source, *names)
-        self._time_s = np.round((time - DAYS_1950_TO_1970) * DAY_S, TIME_DECIMALS)
+        self._time_s = seconds_since_1970(time)
         self._found = np.zeros(len(time), dtype=bool)
         self._hashes = {file: provenance.sha256(rules.cruise.root / file) for file in self.files}
         history = read_attribute(source, "history")
@@ -173,19 +181,22 @@ class _Product:
             actual, advice = "one that the results were not made from", "run the cruise again"
             raise InputError(other, expected=f"the raw file behind {source}", found=actual, advice=advice)
 
-    def turn(self, leaders: Leaders) -> Floats:
-        """Compute corrected minus recorded heading of each ensemble, NaN where there is none, (k,) degrees."""
+    def turn(self, leaders: Leaders, *, same_s: float = 0.001, same_deg: float = 0.006) -> Floats:
+        """Compute corrected minus recorded heading of each ensemble, NaN where there is none, (k,) degrees.
+
+        An ensemble has the heading of the sample whose time and recorded heading are the same but for rounding.
+        """
         if not len(self._time_s):
             return np.full(len(leaders.time_s), np.nan)
         settled, stated = self._deployment, parse_applied_declination(self._reader["declination_applied"])
         deployed = settled["start_s"], settled["end_s"]
         utc = to_utc(leaders.time_s, deployed, settled["clock_offset_seconds"], settled["clock_drift_seconds"])
-        at = np.minimum(np.searchsorted(self._time_s, utc - SAME_TIME_S), len(self._time_s) - 1)
+        at = np.minimum(np.searchsorted(self._time_s, utc - same_s), len(self._time_s) - 1)
         bias = leaders.heading_bias_deg if stated is None else stated.heading
         magnetic = leaders.heading_deg - bias + (self._reader["heading_alignment"] or 0.0)
         with np.errstate(invalid="ignore"):
-            same = np.abs(self._time_s[at] - utc) <= SAME_TIME_S
-            same &= np.abs(angles.difference(self._recorded[at], magnetic)) <= SAME_HEADING_DEG
+            same = np.abs(self._time_s[at] - utc) <= same_s
+            same &= np.abs(angles.difference(self._recorded[at], magnetic)) <= same_deg
         self._found[at[same]] = True
         return np.where(same, angles.difference(self._corrected[at], self._recorded[at]), np.nan)
 
@@ -218,9 +229,7 @@ class _Product:
 
 # The formats.
 
-PIECE = 4096  # samples that are written at once
 CSV_FORMAT = "%.7g"  # the precision of float32
-DATENUM_1950 = 712_224.0  # MATLAB's datenum of 1950-01-01
 PREAMBLE = b"MATLAB 5.0 MAT-file, by compass export".ljust(116)  # scipy's contains the time of writing
 CONSTANT_VARIABLES = ("LATITUDE", "LONGITUDE", variables.STATION.name, variables.BIN.name, variables.BEAM.name)
 
@@ -241,8 +250,8 @@ def write_csv(source: Path, table: Path, sidecar: Path) -> None:
 
     with open_netcdf(source) as nc, atomic_write(table) as temporary:
         with temporary.open("w", encoding="utf-8", newline="") as stream:
-            for begin in range(0, max(len(nc.dimensions["TIME"]), 1), PIECE):
-                rows = pd.DataFrame(dict(_csv_columns(nc, slice(begin, begin + PIECE))))
+            for begin in range(0, max(len(nc.dimensions["TIME"]), 1), CHUNK):
+                rows = pd.DataFrame(dict(_csv_columns(nc, slice(begin, begin + CHUNK))))
                 rows.to_csv(stream, index=False, header=begin == 0, float_format=CSV_FORMAT, lineterminator="\n")
         write_json(sidecar, _csv_metadata(nc))
 
@@ -257,7 +266,7 @@ def write_mat(source: Path, target: Path) -> None:
 
     with open_netcdf(source) as nc:
         data = {name: _filled_values(nc, name) for name in nc.variables}
-        data["DATENUM"] = np.asarray(data["TIME"]) + DATENUM_1950
+        data["DATENUM"] = np.asarray(data["TIME"]) + (DATENUM_1970 - days_since_1950(np.zeros(1)))
         labels = {
             key: {n: str(getattr(v, key, "1")) for n, v in nc.variables.items()} for key in ("units", "long_name")
         }
@@ -273,7 +282,7 @@ def write_mat(source: Path, target: Path) -> None:
 def _csv_columns(nc: netCDF4.Dataset, samples: slice) -> Iterator[tuple[str, Any]]:
     """Yield the columns of some samples, with one value per sample and bin."""
     bins = len(nc.dimensions["BIN"])
-    time = np.round((nc["TIME"][samples] - DAYS_1950_TO_1970) * 86400e3).astype("datetime64[ms]")
+    time = np.rint(1000.0 * seconds_since_1970(nc["TIME"][samples])).astype("datetime64[ms]")
     yield "TIME", np.repeat(np.char.add(np.datetime_as_string(time, unit="ms"), "Z"), bins)
     yield "BIN", np.tile(nc["BIN"][:], len(time))
     for name, variable in nc.variables.items():

@@ -31,10 +31,6 @@ from compasslib.types import Floats
 
 LEFT_OUT = ("config", "results")  # folders of a cruise that hold no exports
 NAMELESS = ("raw", "data", "exports", "")  # names of folders that do not name a mooring
-MOORED_STEP_S = 60.0  # moored profilers average over longer intervals; two faster ones are mounted on one frame
-IN_WATER = 0.5  # of the median depth, below which an instrument is in the water
-SHALLOWEST_M = 2.0  # least median, and range, of depths that show when an instrument was in the water
-SAME_DEPLOYMENT = 0.1  # of the shorter record: least overlap of two records of one deployment
 PIECE = re.compile(r"\.\d{3}$")  # suffix of a PD0 file that was split by its recorder
 SCANS, COMPANION = re.compile(r"A(\d{7})\.\w+$"), re.compile(r"[CE](\d{7})\.\w+$")  # moored profiler
 # Keys of a format that the user must decide; for the draft, the files are read with these values.
@@ -307,23 +303,31 @@ def _of_record(
     )  # fmt: skip
 
 
-def _in_water(record: Record) -> tuple[float, float, bool]:
-    """Find the first and last time in the water, and return whether they are derived from pressure or depth."""
+def _in_water(record: Record, *, least_m: float = 2.0) -> tuple[float, float, bool]:
+    """Find the first and last time below half the median depth, and return whether they show in pressure or depth.
+
+    Args:
+        least_m: least median, and range, of depths that show when an instrument was in the water.
+    """
     times = record.time_s[np.isfinite(record.time_s)]
     if not len(times):
         return math.nan, math.nan, False
     for level in (record.pressure_dbar, record.depth_m):
         known = level[np.isfinite(level)]
-        if 2 * len(known) > len(level) and np.median(known) > SHALLOWEST_M and np.ptp(known) > SHALLOWEST_M:
-            deep: Floats = record.time_s[level > IN_WATER * np.median(known)]
+        if 2 * len(known) > len(level) and min(np.median(known), np.ptp(known)) > least_m:
+            deep: Floats = record.time_s[level > np.median(known) / 2.0]
             return float(deep.min()), float(deep.max()), True
     return float(times.min()), float(times.max()), False
 
 
-def _join_heads(contents: Contents) -> None:
-    """Turn two fast-sampling PD0 profilers of one folder into a calibration of two heads on one frame."""
+def _join_heads(contents: Contents, *, moored_s: float = 60.0) -> None:
+    """Turn two fast-sampling PD0 profilers of one folder into a calibration of two heads on one frame.
+
+    Args:
+        moored_s: least time step of moored profilers, which average over longer intervals.
+    """
     for folder, instruments in list(contents.folders.items()):
-        quick = [each for each in instruments.values() if each.format == "pd0" and each.step_s < MOORED_STEP_S]
+        quick = [each for each in instruments.values() if each.format == "pd0" and each.step_s < moored_s]
         if len(quick) == len(instruments) == 2 and all(len(each.files) == 1 for each in quick):
             files = [each.files[0] for each in quick]
             place, comments = _place(contents.place, TO_CARRY, None)
@@ -374,11 +378,12 @@ def _deployments(instruments: Mapping[str, Drafted]) -> list[dict[str, Drafted]]
     )
 
 
-def _overlap_in_time(first: Drafted, other: Drafted) -> bool:
+def _overlap_in_time(first: Drafted, other: Drafted, *, share: float = 0.1) -> bool:
+    """Return whether two records overlap by a share of the shorter one, as those of one deployment."""
     # NaN, of records that could not be read, propagates.
     shorter = np.minimum(first.end_s - first.start_s, other.end_s - other.start_s)
     overlap = np.minimum(first.end_s, other.end_s) - np.maximum(first.start_s, other.start_s)
-    return bool(overlap >= np.maximum(SAME_DEPLOYMENT * shorter, 0.0))
+    return bool(overlap >= np.maximum(share * shorter, 0.0))
 
 
 def _roles(instruments: Mapping[str, Drafted], records: Mapping[str, Record]) -> Roles:

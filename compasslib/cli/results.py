@@ -201,7 +201,6 @@ def print_warnings(warnings: Sequence[str], stream: TextIO | None = None) -> Non
 
 # compass explain: the diagnosis of a mooring, a calibration or a shared compass in words, from its results.
 
-WIDTH, INDENT = 100, "  "
 EXPLAINED = ("", "calibrations", "compasses")  # subfolders of the results
 
 
@@ -269,8 +268,8 @@ def explanation_lines(section: ReportSection, folder: Path) -> list[str]:
     return lines
 
 
-def _wrap(sentences: Iterable[str]) -> list[str]:
-    wrapper = textwrap.TextWrapper(WIDTH, initial_indent=INDENT, subsequent_indent=2 * INDENT)
+def _wrap(sentences: Iterable[str], *, width: int = 100) -> list[str]:
+    wrapper = textwrap.TextWrapper(width, initial_indent=2 * " ", subsequent_indent=4 * " ")
     return [line for sentence in sentences for line in wrapper.wrap(sentence)]
 
 

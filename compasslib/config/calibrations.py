@@ -27,7 +27,6 @@ from compasslib.config.schema import (
 from compasslib.config.values import problem, shown
 from compasslib.readers import TABLE_KEYS
 
-HEADS = 2  # profilers on one frame
 BETWEEN = ("compare_with", "compass", "sphere")  # keys that relate a calibration to others, not settings of its kind
 SINGLE_COMPASS_KINDS = ("platform", "swing", "magnetometer")  # kinds that determine the iron of one compass
 
@@ -46,7 +45,7 @@ def _row(what: str) -> Any:
 
 def _of_both(value: Any) -> Any:
     """Let one value stand for both heads."""
-    return value if isinstance(value, list) else [value] * HEADS
+    return value if isinstance(value, list) else [value, value]
 
 
 Angle = Annotated[Number, Field(ge=-360, le=360)]
@@ -266,9 +265,7 @@ class TwoHeads(CalibrationFile):
     """Two profilers on one frame."""
 
     format: Literal["pd0"] = key("pd0", "pd0", "pd0")
-    files: Files = key(
-        "two files, of head a and of head b", "[a.000, b.000]", alias="file", min_length=HEADS, max_length=HEADS
-    )
+    files: Files = key("two files, of head a and of head b", "[a.000, b.000]", alias="file", min_length=2, max_length=2)
     start_s: Time | None = key("a date or UTC time from 1980 to 2100", "2022-09-29T06:00:00Z", None, alias="start")
     end_s: Time | None = key("a date or UTC time from 1980 to 2100", "2022-09-29T18:00:00Z", None, alias="end")
     orientation: Orientations | None = key("up or down, or a list of two of these", "[up, down]", None)

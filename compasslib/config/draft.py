@@ -24,7 +24,6 @@ moorings: {{moorings}}
 # attributes: {{{{license: ..., institution: ..., publisher_url: ..., principal_investigator: ...}}}}
 """
 HEAD = f"# Drafted by compass init from the files. Replace every {DECIDE} by a value, then: compass check\n"
-STILL_M = 0.3  # metres; tides and weather change the depth of an instrument by more
 UNITS = {
     "orientation": "up or down; the files do not tell",
     "direction_reference": "magnetic, or true where the directions hold the declination",
@@ -187,10 +186,11 @@ def _instrument(name: str, drafted: Drafted) -> list[str]:
     ]
 
 
-def _depth(drafted: Drafted) -> str:
+def _depth(drafted: Drafted, *, still_m: float = 0.3) -> str:
+    """Compose the line of the depth, not stated if it changes by less than by tides and weather."""
     if math.isnan(drafted.depth_m):
         return _line("depth", DECIDE, "m, of the transducer; the files do not tell", indent=4)
-    if drafted.depth_range_m < STILL_M:
+    if drafted.depth_range_m < still_m:
         description = f"m; recorded as {drafted.depth_m:.1f} with no change beyond {drafted.depth_range_m:.2g}"
         return _line("depth", DECIDE, f"{description}: entered, or its pressure is stuck", indent=4)
     return _line("depth", round(drafted.depth_m, 1), "m, the median of what it recorded", indent=4)

@@ -135,12 +135,6 @@ class Confirmed(Section):
     constant: Switch = key("true or false", "true", False)
 
 
-class Conventions(Section):
-    """Whether each run checks its products against CF, ACDD and OceanSITES."""
-
-    check: Switch = key("true or false", "true", False)
-
-
 class Figures(Section):
     """File formats of the figures; PNG, which the report shows, is always included."""
 
@@ -158,7 +152,6 @@ class CruiseOptions(Section):
     overlap: Overlap = key("a mapping", "{max_minutes: 20}", Overlap())
     fit: FitOptions = key("a mapping", "{method: exact}", FitOptions())
     diagnose: Diagnose = key("a mapping", "{enabled: true}", Diagnose())
-    conventions: Conventions = key("a mapping", "{check: true}", Conventions())
     product: ProductOptions = key("a mapping", "{daily: true}", ProductOptions())
     figures: Figures = key("a mapping", "{formats: [png, pdf]}", Figures())
     quality: Quality = key("a mapping", "{correlation: 64}", Quality())

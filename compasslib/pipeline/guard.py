@@ -22,7 +22,6 @@ RESULTS = Path("results")
 ENVIRONMENT = {"PYTHONSAFEPATH": "1", "MALLOC_MMAP_THRESHOLD_": str(2**25), "MALLOC_TRIM_THRESHOLD_": str(2**26)}
 WITHOUT = "without"  # key of Snakemake's configuration: moorings and calibrations to leave out, separated by commas
 WARNING = "warning: "
-CLOCK_S = 2.0  # by which the clock of a file server may be late
 KILLED = (
     "killed before it could say why, if no error stands above, most often because memory ran out; run again with fewer "
     "--cores, on a cluster with more memory for each job (--default-resources mem_mb=N)"
@@ -89,11 +88,15 @@ def delete_incomplete() -> None:
         path.unlink(missing_ok=True)
 
 
-def closing_text(started_s: float = 0.0) -> str:
-    """Summarize a run since a time from the logs of its jobs: the moorings, all warnings, and killed jobs."""
+def closing_text(started_s: float = 0.0, *, late_s: float = 2.0) -> str:
+    """Summarize a run since a time from the logs of its jobs: the moorings, all warnings, and killed jobs.
+
+    Args:
+        late_s: time by which the clock of a file server may be late.
+    """
     lines, warned, killed = list[str](), list[str](), list[str]()
     for log in sorted(RESULTS.glob("**/logs/*.log")):
-        if log.stat().st_mtime < started_s - CLOCK_S:
+        if log.stat().st_mtime < started_s - late_s:
             continue
         said = log.read_text(encoding="utf-8", errors="replace").splitlines()
         warned += [line for line in said if WARNING in line]

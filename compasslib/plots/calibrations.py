@@ -43,6 +43,7 @@ from compasslib.plots.page import (
     nearest_turn,
     page,
     signed,
+    thinned,
 )
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Floats
@@ -50,7 +51,6 @@ from compasslib.types import Floats
 COLOURS = {"smith": GREEN, "exact": SKY, "polynomial": ORANGE, "one_cycle": PURPLE, "empirical": BLUE}
 PALE_BAND: dict[str, Any] = BAND | {"alpha": 0.22}
 EDGE: dict[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (4, 2))}
-NAME_CHARACTERS = 20  # of a calibration's name in a legend
 MOST_BARS = 100  # points above which no error bars are drawn
 GAMMA, DEVIATION = "Recorded heading γ (° magnetic)", "Deviation β − γ (°)"
 
@@ -81,7 +81,7 @@ def deviation_panel(axes: Axes, shown: StoredCalibration) -> list[Artist]:
         return []
     handles = [*_draw_points(axes, shown), *_draw_band(axes, shown), *_draw_curves(axes, curves, shown)]
     chosen = curves.get(shown.content["model"], (np.zeros(0),) * 2)[1]
-    half = 1.96 * shown.table.sigma_deg
+    half = NORMAL_95 * shown.table.sigma_deg
     line = np.concatenate([chosen, shown.table.deviation_deg - half, shown.table.deviation_deg + half])
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
     degrees(axes.xaxis, (0.0, 360.0))
@@ -117,7 +117,7 @@ def draw_compared(path: str | Path, shown: StoredCalibration) -> None:
 
 def _shift_label(compared: Mapping[str, Any], *, first: bool) -> str:
     """Compose a label: name, and shift in phase and amplitude of the one-cycle part from the first (k = 2)."""
-    name = textwrap.shorten(compared["name"], NAME_CHARACTERS, placeholder="…")
+    name = textwrap.shorten(compared["name"], 20, placeholder="…")
     if first:
         return f"{name} (first)"
     phase, size = compared["phase_deg"], compared["amplitude_deg"]
@@ -148,11 +148,11 @@ def draw_residuals(path: str | Path, shown: StoredCalibration) -> None:
 def draw_certificate(path: str | Path, shown: StoredCalibration) -> None:
     """Draw the one-page certificate of a calibration: curve, table, coefficients, uncertainty, date and place."""
     title = f"{shown.content['name']}: calibration of a compass, kind {shown.content['kind']}"
-    text, high = writing(shown), CURVE_IN
+    text, high = writing(shown), 3.1
     first = max(len(text.about), len(text.budget)) + 1  # line at which the table begins
     last = first + len(text.table) + 1
     height_in = LINE_IN * (last + len(text.notes) + 2)
-    with page(path, high + LEGEND_IN + height_in, width_in=WIDE_IN, title=title) as figure:
+    with page(path, high + 0.7 + height_in, width_in=WIDE_IN, title=title) as figure:
         curve, below = figure.subplots(2, 1, height_ratios=(high, height_in))
         handles = deviation_panel(curve, shown)
         if handles:
@@ -208,7 +208,7 @@ def _draw_band(axes: Axes, shown: StoredCalibration) -> list[Artist]:
     if not np.isfinite(table.sigma_deg).any():
         return []
     heading = np.append(table.heading_deg, 360.0)
-    middle, half = (np.append(x, x[0]) for x in (table.deviation_deg, 1.96 * table.sigma_deg))
+    middle, half = (np.append(x, x[0]) for x in (table.deviation_deg, NORMAL_95 * table.sigma_deg))
     if shown.content["model"] == "polynomial":  # discontinuous at north
         heading, middle, half = heading[:-1], middle[:-1], half[:-1]
     axes.fill_between(heading, middle - half, middle + half, **PALE_BAND)
@@ -236,10 +236,6 @@ def _draw_curves(axes: Axes, curves: Mapping[str, tuple[Floats, Floats]], shown:
 # Text of a certificate: date, place and model, coefficients, uncertainty budget, and table of deviations.
 
 LINE_IN = 0.131  # line height of this text
-CURVE_IN, LEGEND_IN = 3.1, 0.7
-LINE_CHARACTERS = 118
-MODEL_CHARACTERS = 40
-TABLE_COLUMNS = 3
 UNKNOWN, SPACE = "–", " " * 8
 TEXT: dict[str, Any] = {
     "xycoords": "axes fraction", "textcoords": "offset points", "va": "top", "fontsize": 7.0, "linespacing": 1.35,
@@ -273,7 +269,7 @@ def writing(shown: StoredCalibration) -> Writing:
         [*_about(content), "", *_coefficients(content)],
         ["standard uncertainties", *rows, "", *totals],
         _table(shown),
-        [line for text in texts for line in textwrap.wrap(text, LINE_CHARACTERS)],
+        [line for text in texts for line in textwrap.wrap(text, 118)],
     )
 
 
@@ -290,9 +286,9 @@ def _about(content: Mapping[str, Any]) -> list[str]:
         f"place       {where}",
         f"field       {strength}",
         f"readings    {content['n']} in {content['coverage']} of 36 sectors",
-        f"model       {textwrap.shorten(model, MODEL_CHARACTERS, placeholder=' …')}",
+        f"model       {textwrap.shorten(model, 40, placeholder=' …')}",
         f"residual    {_number(content['residual_rms_deg'], '.2f')}° rms",
-        *([f"course late {late[0]:.1f} ± {1.96 * late[1]:.1f} s (95 %), applied"] if late else []),
+        *([f"course late {late[0]:.1f} ± {NORMAL_95 * late[1]:.1f} s (95 %), applied"] if late else []),
     ]
 
 
@@ -309,7 +305,7 @@ def _coefficients(content: Mapping[str, Any]) -> list[str]:
     return ["exact compass, ± standard", *rows]
 
 
-def _table(shown: StoredCalibration) -> list[str]:
+def _table(shown: StoredCalibration, columns: int = 3) -> list[str]:
     table = shown.table
     if not np.isfinite(table.deviation_deg).any():
         return ["table of deviations: none"]
@@ -317,8 +313,8 @@ def _table(shown: StoredCalibration) -> list[str]:
         f"{h:5.0f}° {_number(d, '+.2f'):>7}° {_number(s, '.2f'):>6}°"
         for h, d, s in zip(table.heading_deg, table.deviation_deg, table.sigma_deg, strict=True)
     ]
-    high = -(-len(rows) // TABLE_COLUMNS)
-    head = SPACE.join([f"{'head.':>6} {'dev.':>8} {'unc.':>7}"] * TABLE_COLUMNS)
+    high = -(-len(rows) // columns)
+    head = SPACE.join([f"{'head.':>6} {'dev.':>8} {'unc.':>7}"] * columns)
     return [head, *(SPACE.join(rows[k::high]) for k in range(high))]
 
 
@@ -331,7 +327,6 @@ def _number(value: float | None, form: str) -> str:
 SWING_POINT: dict[str, Any] = {"color": "#333333", "marker": "o", "linestyle": ""}
 SWING_BAND: dict[str, Any] = {"color": BLUE, "alpha": 0.2, "linewidth": 0}
 LIMIT: dict[str, Any] = {"color": VERMILION, "linewidth": 0.8, "linestyle": "--"}
-MOST_SAMPLES = 2000  # of a swing that are drawn
 
 
 def draw_swing(path: str | Path, result: Calibration) -> None:
@@ -347,8 +342,8 @@ def draw_swing(path: str | Path, result: Calibration) -> None:
             curve = columns @ result.coefficients
             variance = np.einsum("ij,jk,ik->i", columns, result.covariance, columns)
             half = NORMAL_95 * np.sqrt(variance)
-            few = slice(None, None, 1 + len(shown) // MOST_SAMPLES)
-            size = 2.0 if len(shown) > 100 else 4.0
+            few = thinned(len(shown))
+            size = 2.0 if len(shown) > MOST_BARS else 4.0
             axes.fill_between(TURN_DEG, curve - half, curve + half, **SWING_BAND)
             look = SWING_POINT | {"markersize": size, "markeredgewidth": 0}
             axes.plot(result.points["recorded_deg"][few], shown[few], **look)

@@ -34,7 +34,6 @@ from compasslib.plots.page import (
     REFERENCE,
     TRUE,
     VERMILION,
-    WITHIN,
     Limits,
     Rows,
     degrees,
@@ -47,9 +46,10 @@ from compasslib.plots.page import (
     signed,
 )
 from compasslib.records import CorrectedRecord, Pairs, Readings
+from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Floats
 
-INVERTED, BACKWARDS, GIVEN_UP = 0, 1, 2  # parts of a curve: inverted, recorded heading decreasing, not inverted
+INVERTED, BACKWARDS, GIVEN_UP = "inverted", "recorded heading decreasing", "not inverted"  # parts of a curve
 STRETCH_COLOURS = {GIVEN_UP: VERMILION, INVERTED: GREEN, BACKWARDS: BLUE}
 PUBLISHED_STRETCHES = {INVERTED: "fit, invertible", GIVEN_UP: "fit, not invertible"}
 FOLDED_STRETCHES = {INVERTED: "fit, reading turns with the instrument", BACKWARDS: "fit, reading turns backwards"}
@@ -57,7 +57,6 @@ WHOLE_STRETCH = {INVERTED: "fit, invertible"}
 BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 2.5, "color": "#333333", "markeredgewidth": 0}
 RING: dict[str, Any] = {**POINT, "color": BLACK, "markerfacecolor": "white", "markeredgewidth": 0.7}
-STEP_DEG = 0.25  # step of the heading along a curve
 CORRECT, RECORDS, DEVIATES = "Correct β (°)", "Recorded γ (°)", "Deviation β − γ (°)"
 
 
@@ -97,7 +96,7 @@ class DeviationByHeading:
     heading_deg: Floats  # (n,) correct heading, increasing
     deviation_deg: Floats  # (n,)
     sigma_deg: Floats  # (n,) standard error of the deviation, by the covariance of the coefficients; NaN if unknown
-    stretch: NDArray[np.int_]  # (n,) INVERTED, BACKWARDS or GIVEN_UP
+    stretch: NDArray[np.str_]  # (n,) INVERTED, BACKWARDS or GIVEN_UP
 
     @property
     def recorded_deg(self) -> Floats:
@@ -111,7 +110,7 @@ def deviation_curve(fit: DeviationFit, begin_deg: float, headings_deg: ArrayLike
     Args:
         headings_deg: correct headings at which the median deviation is in [-180, 180); the whole turn if empty.
     """
-    beta = begin_deg + np.arange(0.0, 360.0 + STEP_DEG / 2.0, STEP_DEG)
+    beta = begin_deg + np.linspace(0.0, 360.0, 1441)
     if fit.method == "von_appen":
         deviation = series_deviation(fit.coefficients, beta)
     else:
@@ -179,7 +178,7 @@ def _draw_points(panels: Sequence[Axes], beta: Floats, delta: Floats, pairs: Pai
 
 def _draw_curve(panels: Sequence[Axes], fit: DeviationFit, curve: DeviationByHeading) -> None:
     """Draw the curve with its 95 % band in the three panels, and the inverse used in the correction as rings."""
-    half = np.minimum(1.96 * curve.sigma_deg, 180.0)
+    half = np.minimum(NORMAL_95 * curve.sigma_deg, 180.0)
     beta, delta, gamma = curve.heading_deg, curve.deviation_deg, curve.recorded_deg
     panels[0].fill_between(beta, delta - half, delta + half, **BAND)
     panels[1].fill_between(beta, gamma - half, gamma + half, **BAND)
@@ -217,7 +216,6 @@ def _deviation_handles(pairs: Pairs, fit: DeviationFit, curve: DeviationByHeadin
 
 # Agreement of current directions before and after.
 
-HEXAGONS = 40  # across a panel: 9 degrees each
 COUNTS = ListedColormap(colormaps["viridis_r"](np.linspace(0.1, 1.0, 256)))  # the palest colours vanish on white
 BAR: dict[str, Any] = {"aspect": 40, "location": "top", "pad": 0.02, "label": "Pairs per hexagon"}
 
@@ -259,9 +257,7 @@ def _hexagons(axes: Axes, title: str, xy: tuple[Floats, Floats], begin: float) -
         f"{title}, n = {off.size}\nmean {signed(float(angles.wrap180(angles.mean(off))))}°, rms {angles.rms(off):.1f}°"
     )
     lower, upper = (placed(angle[known], begin) for angle in xy)
-    hexagons = axes.hexbin(
-        lower, upper, gridsize=HEXAGONS, extent=(*limits, *limits), mincnt=1, cmap=COUNTS, linewidths=0.1
-    )
+    hexagons = axes.hexbin(lower, upper, gridsize=40, extent=(*limits, *limits), mincnt=1, cmap=COUNTS, linewidths=0.1)
     axes.plot(limits, limits, color=BLACK, linewidth=0.8)
     for axis in (axes.xaxis, axes.yaxis):
         degrees(axis, limits)
@@ -270,10 +266,6 @@ def _hexagons(axes: Axes, title: str, xy: tuple[Floats, Floats], begin: float) -
 
 
 # A compass that several records share.
-
-SHARED_COLUMNS = 2
-NAMES_IN, LEAST_IN = 0.8, 0.4  # width of the names of records, and minimum height of a panel
-
 
 SHARED_BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "lw": 0}
 
@@ -288,10 +280,10 @@ def draw_shared_coefficients(path: str | Path, content: Mapping[str, Any]) -> No
     deployments = [entry for entry in content["deployments"] if entry["coefficients"]]
     effects = content["effects"]
     panels = [*"BCDE", *((entry, k) for entry in effects for k in range(len(entry["values"])))]
-    rows = -(-len(panels) // SHARED_COLUMNS)
-    names = Rows([entry["name"] for entry in deployments], NAMES_IN)
-    with page(path, rows * (0.65 + max(names.height_in, LEAST_IN)) + 0.6) as figure:
-        grid = figure.subplots(rows, SHARED_COLUMNS, squeeze=False, sharey=True).flat
+    rows = -(-len(panels) // 2)
+    names = Rows([entry["name"] for entry in deployments], 0.8)
+    with page(path, rows * (0.65 + max(names.height_in, 0.4)) + 0.6) as figure:
+        grid = figure.subplots(rows, 2, squeeze=False, sharey=True).flat
         for axes, panel in zip(grid, panels, strict=False):
             if isinstance(panel, str):
                 _shared_iron(axes, panel, deployments, content, names)
@@ -324,7 +316,7 @@ def draw_shared_curve(path: str | Path, content: Mapping[str, Any]) -> None:
             axes.plot(heading, _exact_deviation(values, heading), color=colour, linewidth=0.8)
         if content["coefficients"]:
             middle, spread = _shared_curve(content, deployments, heading)
-            axes.fill_between(heading, middle - WITHIN * spread, middle + WITHIN * spread, **SHARED_BAND)
+            axes.fill_between(heading, middle - NORMAL_95 * spread, middle + NORMAL_95 * spread, **SHARED_BAND)
             axes.plot(heading, middle, color=GREEN)
         axes.axhline(0.0, color=GREY, linewidth=0.5)
         handles = [Line2D([], [], color=BLUE, linewidth=0.8, label="a record alone, A left out")]
@@ -347,14 +339,14 @@ def _shared_iron(
         unit = entry["horizontal_nT"] / scale if hard else 1.0
         value, sigma = entry["coefficients"][letter] * unit, entry["sigma"][letter] * unit
         colour = BLUE if entry["fits"] else VERMILION
-        axes.errorbar(value, k, xerr=WITHIN * sigma, color=colour, marker="o", markersize=3, lw=1.0)
+        axes.errorbar(value, k, xerr=NORMAL_95 * sigma, color=colour, marker="o", markersize=3, lw=1.0)
         if content["coefficients"]:
             # Predicted from the shared iron, variation between deployments included; B and C in nT.
             weight = _shared_design(1.0, entry["vertical_nT"])["ABCDE".index(letter)]
             between = content["sigma_between"] if hard else 0.0
             middle = float(weight @ np.array(list(content["coefficients"].values()))) / scale
             variance = weight @ np.array(content["covariance"]) @ weight + between**2
-            half = WITHIN * (float(np.sqrt(variance)) / scale)
+            half = NORMAL_95 * (float(np.sqrt(variance)) / scale)
             axes.fill_betweenx([k - 0.35, k + 0.35], middle - half, middle + half, **SHARED_BAND)
 
 
@@ -371,10 +363,10 @@ def _shared_effect(axes: Axes, names: Rows, effect: Mapping[str, Any], k: int) -
     name, parameter = effect["effect"].replace("_", " "), effect["parameters"][k].split("_")[0]
     axes.set_title(f"{name}, {parameter} ({unit})")
     value, sigma = effect["values"][k], effect["sigma"][k]
-    axes.axvspan(value - WITHIN * sigma, value + WITHIN * sigma, **SHARED_BAND)
+    axes.axvspan(value - NORMAL_95 * sigma, value + NORMAL_95 * sigma, **SHARED_BAND)
     place = dict(zip(names.names, names.places, strict=True))
     for name, entry in effect["each"].items():
-        half = WITHIN * entry["sigma"][k]
+        half = NORMAL_95 * entry["sigma"][k]
         axes.errorbar(entry["values"][k], place[name], xerr=half, color=BLUE, marker="o", markersize=3, lw=1.0)
 
 

@@ -18,14 +18,22 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
 from compasslib.inference import wording
-from compasslib.plots.page import BLACK, CORRECTED, GREY, RECORDED, VERMILION, Rows, dates, degrees, empty, legend, page
+from compasslib.plots.page import (
+    BLACK,
+    CORRECTED,
+    GAP,
+    GREY,
+    RECORDED,
+    VERMILION,
+    Rows,
+    dates,
+    degrees,
+    empty,
+    legend,
+    page,
+)
 from compasslib.types import DAY_S, HOUR_S, Floats
 
-MOST_PANELS, MOST_BARS = 6, 10
-GAP = 2.5  # multiple of the median distance of neighbouring bins above which there are no data between them
-PANEL_IN, AXIS_IN = 1.9, 0.6  # heights of a panel, and of the axis below a panel of rows
-MOST_POWERS = 3  # powers of ten labelled on a logarithmic axis
-LOG_FROM = 10.0  # log evidence above which its axis is logarithmic
 NAMES = {
     "heading": "Recorded heading", "time": "", "separation": "Distance of the two layers",
     "speed": "Speed of the upper current", "hour_of_day": "Hour of the day, UTC",
@@ -50,13 +58,13 @@ LEFT_OUT: dict[str, Any] = {"color": CORRECTED, "alpha": 0.25, "linewidth": 0}
 
 def draw_mooring(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
     """Draw a mooring's diagnosis from the content of its diagnosis.json."""
-    _draw(path, diagnosis, wording.displayed_residuals(diagnosis)[:MOST_PANELS], (NAMES, wording.UNITS), dated=True)
+    _draw(path, diagnosis, _shown(diagnosis), (NAMES, wording.UNITS), dated=True)
 
 
 def draw_calibration(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
     """Draw a calibration's diagnosis, and its hypotheses, from the content of its diagnosis.json."""
     curves = []
-    for curve in wording.displayed_residuals(diagnosis)[:MOST_PANELS]:
+    for curve in _shown(diagnosis):
         x = curve["centre"]
         timed = curve["covariate"] == "time"
         curves.append({**curve, "centre": [(time - x[0]) / HOUR_S for time in x]} if timed else curve)
@@ -65,10 +73,14 @@ def draw_calibration(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
 
 def count_outside(diagnosis: Mapping[str, Any]) -> tuple[int, int, int]:
     """Count the bins that are drawn, and those outside the range of noise without and with the identified effects."""
-    curves = wording.displayed_residuals(diagnosis)[:MOST_PANELS]
+    curves = _shown(diagnosis)
     bins = np.concatenate([np.stack(_columns(curve)[1:]) for curve in curves], axis=1)
     outside = np.abs(bins[:2]) > _band_sigmas(curves) * bins[2]
     return outside.shape[1], int(outside[0].sum()), int(outside[1].sum())
+
+
+def _shown(diagnosis: Mapping[str, Any], most: int = 6) -> list[Mapping[str, Any]]:
+    return wording.displayed_residuals(diagnosis)[:most]
 
 
 def _draw(
@@ -81,10 +93,10 @@ def _draw(
 ) -> None:
     """Draw all panels, with names and units of the covariates as ``said``; if ``dated``, time is UTC."""
     proven = [entry for entry in diagnosis["findings"] if entry.get("heldout")]
-    ranked = [] if dated else [entry for entry in diagnosis.get("hypotheses", []) if entry["score"] > 0.0][:MOST_BARS]
+    ranked = [] if dated else [entry for entry in diagnosis.get("hypotheses", []) if entry["score"] > 0.0][:10]
     short = Rows([_short(entry) for entry in proven])
     full = Rows([wording.display_name(entry["effect"]) for entry in ranked])
-    heights = [PANEL_IN] * len(curves) + [AXIS_IN + rows.height_in for rows in (short, full) if rows.names]
+    heights = [1.9] * len(curves) + [0.6 + rows.height_in for rows in (short, full) if rows.names]
     with page(path, sum(heights or [1.0]) + 0.4) as figure:
         panels = list(figure.subplots(max(len(heights), 1), 1, height_ratios=heights or None, squeeze=False)[:, 0])
         if not heights:
@@ -235,16 +247,18 @@ def _short(finding: Mapping[str, Any]) -> str:
     return wording.display_name(finding["effect"])
 
 
-def _ranking(axes: Axes, ranked: Sequence[Mapping[str, Any]], rows: Rows, named: Sequence[str]) -> None:
-    """Draw the log evidence of each effect alone, with the identified effects highlighted."""
+def _ranking(
+    axes: Axes, ranked: Sequence[Mapping[str, Any]], rows: Rows, named: Sequence[str], linear: float = 10.0
+) -> None:
+    """Draw the log evidence of each effect alone, logarithmic above ``linear``, with the identified highlighted."""
     colours = [VERMILION if entry["effect"] in named else GREY for entry in ranked]
     most = max(entry["score"] for entry in ranked)
     axes.barh(rows.places, [entry["score"] for entry in ranked], color=colours, height=0.7)
-    if most > LOG_FROM:
-        axes.set_xscale("symlog", linthresh=LOG_FROM)
+    if most > linear:
+        axes.set_xscale("symlog", linthresh=linear)
         powers = np.arange(1, int(np.log10(most)) + 1)
-        axes.xaxis.set_major_locator(FixedLocator([0.0, *10.0 ** powers[:: -(-len(powers) // MOST_POWERS)]]))
+        axes.xaxis.set_major_locator(FixedLocator([0.0, *10.0 ** powers[:: -(-len(powers) // 3)]]))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     rows.name(axes)
     axes.set_xlabel("Log evidence of each effect alone")
-    axes.set_xlim(0.0, max(LOG_FROM, 1.1 * most))
+    axes.set_xlim(0.0, max(linear, 1.1 * most))

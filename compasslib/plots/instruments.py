@@ -20,6 +20,7 @@ from compasslib.plots.page import (
     BLACK,
     BLUE,
     CORRECTED,
+    GAP,
     GREEN,
     GREY,
     MAGNETIC,
@@ -27,7 +28,6 @@ from compasslib.plots.page import (
     RECORDED,
     SKY,
     VERMILION,
-    WITHIN,
     Limits,
     dates,
     degrees,
@@ -35,8 +35,9 @@ from compasslib.plots.page import (
     legend,
     page,
     signed,
+    thinned,
 )
-from compasslib.statistics.resampling import blocks_by_count
+from compasslib.statistics.resampling import NORMAL_95, blocks_by_count
 from compasslib.types import DAY_S, Floats
 
 TURN_DEG = np.arange(0.0, 361.0, 1.0)
@@ -62,7 +63,7 @@ def draw_tilt(path: str | Path, calibration: Calibration) -> None:
             design = np.vander(along, len(fit["coefficients"]), increasing=True)
             curve = design @ list(fit["coefficients"].values())
             variance = np.einsum("ni,ij,nj->n", design, np.array(fit["covariance"]), design) + fit["common_deg"] ** 2
-            half = WITHIN * np.sqrt(variance)
+            half = NORMAL_95 * np.sqrt(variance)
             panel.fill_between(along, curve - half, curve + half, **BAND)
             panel.plot(along, curve, color=GREEN)
             panel.plot(points["recorded_tilt_deg"][here], points["correction_deg"][here], **POINT)
@@ -78,7 +79,6 @@ def draw_tilt(path: str | Path, calibration: Calibration) -> None:
 
 # A magnetometer.
 
-MIN_IN_SECTOR = 3
 SERIES: dict[str, Any] = {"color": BLACK, "linestyle": (0, (2.5, 1.5)), "linewidth": 1.0}
 
 
@@ -174,7 +174,7 @@ def _draw_modulus(axes: Axes, calibration: Calibration) -> None:
             count = np.bincount(sector, minlength=36)
             mean = np.bincount(sector, off, minlength=36) / np.maximum(count, 1)
             middle = angles.SECTOR_DEG * (np.arange(36) + 0.5)
-            axes.plot(middle, np.where(count >= MIN_IN_SECTOR, mean, np.nan), color=colour)
+            axes.plot(middle, np.where(count >= 3, mean, np.nan), color=colour)
     if "recorded_deg" in points:
         degrees(axes.xaxis, (0.0, 360.0))
         axes.set_xlabel("Heading, recorded or corrected (°)")
@@ -191,7 +191,7 @@ def _draw_correction(axes: Axes, calibration: Calibration) -> None:
     if table is not None:
         heading, value, sigma = (np.append(v, v[0]) for v in (table.heading_deg, table.deviation_deg, table.sigma_deg))
         heading[-1] = 360.0
-        axes.fill_between(heading, value - 1.96 * sigma, value + 1.96 * sigma, **BAND)
+        axes.fill_between(heading, value - NORMAL_95 * sigma, value + NORMAL_95 * sigma, **BAND)
         axes.plot(heading, value, color=GREEN)
         series = series_deviation(calibration.coefficients, TURN_DEG)
         axes.plot(TURN_DEG, series, **SERIES)
@@ -206,7 +206,6 @@ def _alpha(n: int) -> float:
 
 # Two heads on one frame.
 
-MAX_POINTS = 8_000
 BLOCKS = 40
 SAMPLE: dict[str, Any] = DOT | {"color": GREY}
 SHOWN: dict[str, Any] = SAMPLE | {"markersize": 3.0}  # in a legend
@@ -220,7 +219,7 @@ def draw_difference(path: str | Path, result: Calibration) -> None:
         if not result.points or result.table is None:
             empty(*panels)
             return
-        heading, thin = result.points["recorded_b_deg"], _thin(result)
+        heading, thin = result.points["recorded_b_deg"], thinned(len(result.points["time_s"]))
         panels[0].plot(heading[thin], result.points["deviation_deg"][thin], **SAMPLE)
         panels[1].plot(heading[thin], result.points["residual_deg"][thin], **SAMPLE)
         _draw_offset_curve(panels[0], result)
@@ -249,7 +248,7 @@ def draw_tilt_check(path: str | Path, result: Calibration) -> None:
         turned = tilt_angles(rotated[:, 0] + 1j * rotated[:, 1])
         for key, here in (("pitch", turned[0]), ("roll", turned[1])):
             axes = panels[key]
-            recorded_tilt, thin = result.points[f"{key}_b_deg"], _thin(result)
+            recorded_tilt, thin = result.points[f"{key}_b_deg"], thinned(len(result.points["time_s"]))
             axes.plot(here[thin], recorded_tilt[thin], **SAMPLE)
             low, high = np.percentile(np.concatenate([here, recorded_tilt]), (0.2, 99.8))
             room = max(0.06 * (high - low), 0.1)
@@ -285,7 +284,7 @@ def draw_along_time(path: str | Path, result: Calibration) -> None:
             )
         panels[0].set_xlabel("")
         panels[0].set_ylabel("Offset of b\nfrom a (°)")
-        thin, days = _thin(result), result.points["time_s"] / DAY_S
+        thin, days = thinned(len(result.points["time_s"])), result.points["time_s"] / DAY_S
         for key, colour in (("a", BLUE), ("b", VERMILION)):
             panels[1].plot(days[thin], result.points[f"recorded_{key}_deg"][thin], **{**SAMPLE, "color": colour})
             handles.append(Line2D([], [], **{**SHOWN, "color": colour}, label=f"head {key}"))
@@ -294,10 +293,6 @@ def draw_along_time(path: str | Path, result: Calibration) -> None:
         _by_clock(panels[1])
         figure.align_ylabels(panels)
         legend(figure, handles, columns=1)
-
-
-def _thin(result: Calibration) -> slice:
-    return slice(None, None, max(1, len(result.points["time_s"]) // MAX_POINTS))
 
 
 def _draw_offset_curve(axes: Axes, result: Calibration) -> None:
@@ -309,7 +304,7 @@ def _draw_offset_curve(axes: Axes, result: Calibration) -> None:
     terms = np.isfinite(result.coefficients)
     value = series_design(fine)[:, : terms.size][:, terms] @ result.coefficients[terms]
     value = np.where(np.isfinite(sigma), value, np.nan)
-    axes.fill_between(fine, value - WITHIN * sigma, value + WITHIN * sigma, **BAND)
+    axes.fill_between(fine, value - NORMAL_95 * sigma, value + NORMAL_95 * sigma, **BAND)
     axes.plot(fine, value, color=GREEN)
 
 
@@ -324,7 +319,7 @@ def _draw_sector_means(axes: Axes, result: Calibration) -> None:
     count = np.bincount(place, minlength=36)
     there = count >= 3
     mean, square = (np.bincount(place, x, 36)[there] / count[there] for x in (means, means**2))
-    error = WITHIN * np.sqrt(np.maximum(square - mean**2, 0.0) / (count[there] - 1.0))
+    error = NORMAL_95 * np.sqrt(np.maximum(square - mean**2, 0.0) / (count[there] - 1.0))
     style = {**POINT, "markersize": 3.0, "elinewidth": 0.8}
     axes.errorbar(10.0 * np.flatnonzero(there) + 5.0, mean, yerr=error, **style)
     axes.axhline(0.0, color=GREEN, linewidth=0.8)
@@ -341,7 +336,7 @@ def _set_limits(axes: Axes, points: Floats, line: Any = ()) -> None:
 
 
 def _draw_along_time(axes: Axes, result: Calibration, values: Floats) -> None:
-    time, thin = result.points["time_s"], _thin(result)
+    time, thin = result.points["time_s"], thinned(len(result.points["time_s"]))
     axes.plot(time[thin] / DAY_S, values[thin], **SAMPLE)
     used = result.points["kept"] > 0
     stretch = blocks_by_count(time, BLOCKS)
@@ -353,8 +348,8 @@ def _draw_along_time(axes: Axes, result: Calibration, values: Floats) -> None:
 
 
 def _draw_offset(axes: Axes, value: float, sigma: float, source: str, colour: str) -> Line2D:
-    axes.axhspan(value - WITHIN * sigma, value + WITHIN * sigma, color=colour, alpha=0.25, linewidth=0)
-    label = f"offset by {source}: {signed(value, '.2f')}° ± {WITHIN * sigma:.2f}° (95 %)"
+    axes.axhspan(value - NORMAL_95 * sigma, value + NORMAL_95 * sigma, color=colour, alpha=0.25, linewidth=0)
+    label = f"offset by {source}: {signed(value, '.2f')}° ± {NORMAL_95 * sigma:.2f}° (95 %)"
     return axes.axhline(value, color=colour, linewidth=1.0, label=label)
 
 
@@ -365,9 +360,6 @@ def _by_clock(axes: Axes) -> None:
 
 # An observatory's declination.
 
-GAP = 3.0  # multiple of the median time step above which a line is broken
-MAX_DAYS = 10  # longest record for which the quiet-day variation is drawn and can be seen
-ZOOM_DAYS = 3.0  # window about the largest storm, shown if the record is at least three times as long
 LINE: dict[str, Any] = {"color": BLACK, "linewidth": 0.8}
 STORM: dict[str, Any] = {"color": VERMILION, "alpha": 0.18, "linewidth": 0}
 
@@ -384,7 +376,7 @@ def draw_series(path: str | Path, result: Calibration) -> None:
         points, constant = result.points, result.details["constant_deg"]
         _draw_line(top, points, points["declination_deg"], **LINE)
         _draw_line(top, points, points["model_deg"], color=GREY, linewidth=1.2, linestyle=(0, (4, 2)))
-        shown = bool(quiet) and result.details["days"] <= MAX_DAYS
+        shown = bool(quiet) and result.details["days"] <= 10  # else it cannot be seen
         if shown:
             _draw_line(top, points, points["model_deg"] + constant + points["quiet_day_deg"], color=SKY, linewidth=1.0)
         _draw_line(top, points, points["model_deg"] + constant, color=GREEN, linewidth=1.2)
@@ -395,7 +387,7 @@ def draw_series(path: str | Path, result: Calibration) -> None:
             axes.axhline(0.0, color=BLACK, linewidth=0.6)
             axes.set(xlim=(0, 24), xticks=range(0, 25, 3), xlabel="Hour (UTC)", ylabel="Quiet day (°)")
         model = result.model.removesuffix(" plus a constant")
-        sigma = WITHIN * result.details["constant_sigma_deg"]
+        sigma = NORMAL_95 * result.details["constant_sigma_deg"]
         handles: list[Artist] = [
             Line2D([], [], label="observed", **LINE),
             Line2D([], [], color=GREY, linestyle=(0, (4, 2)), label=model),
@@ -405,8 +397,11 @@ def draw_series(path: str | Path, result: Calibration) -> None:
         legend(figure, handles + _storm_handle(result), columns=1)
 
 
-def draw_disturbance(path: str | Path, result: Calibration) -> None:
-    """Draw the residual with its slow level, and the disturbance with the 95 % range of its calm hours."""
+def draw_disturbance(path: str | Path, result: Calibration, *, days: float = 3.0) -> None:
+    """Draw the residual with its slow level, and the disturbance with the 95 % range of its calm hours.
+
+    Of long records, only ``days`` about the largest storm are shown of the disturbance.
+    """
     with page(path, 4.4) as figure:
         panels = figure.subplots(2, 1)
         if not result.points:
@@ -421,9 +416,9 @@ def draw_disturbance(path: str | Path, result: Calibration) -> None:
         panels[1].axhspan(-half, half, **BAND)
         _finish(panels[0], result, "Observed minus model\nand constant (°)")
         storms, window = result.details["storms"], None
-        if storms and np.ptp(points["time_s"]) >= 3.0 * ZOOM_DAYS * DAY_S:
+        if storms and np.ptp(points["time_s"]) >= 3.0 * days * DAY_S:
             largest = max(storms, key=lambda entry: entry["range_deg"])
-            window = (_day(largest["from"]) - ZOOM_DAYS / 2.0, _day(largest["to"]) + ZOOM_DAYS / 2.0)
+            window = (_day(largest["from"]) - days / 2.0, _day(largest["to"]) + days / 2.0)
         _finish(panels[1], result, "Without slow level\nand quiet day (°)", window)
         figure.align_ylabels(panels)
         handles: list[Artist] = [Line2D([], [], label="observed, 10-minute means or samples", **LINE)]

@@ -44,7 +44,6 @@ from compasslib.plots.timeseries import round_down
 from compasslib.types import Complexes, Floats
 
 NAMED = 20  # number of moorings above which a figure shows no names
-PANEL_IN = 5.0  # height of a panel without names
 SERIES = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE}
 
 
@@ -99,7 +98,7 @@ def draw_differences(path: str | Path, moorings: list[AssessedMooring]) -> None:
     shown = [mooring for mooring in moorings if mooring.assessment["before"]["n"]]
     names = [mooring.name for mooring in shown] if len(shown) <= NAMED else [""] * len(shown)
     rows = Rows(names)
-    panel = 2.0 * rows.height_in if len(shown) <= NAMED else PANEL_IN
+    panel = 2.0 * rows.height_in if len(shown) <= NAMED else 5.0
     with page(path, 0.9 + max(panel, 0.8), width_in=WIDE_IN) as figure:
         axes, intervals = figure.subplots(1, 2, width_ratios=(3.0, 1.0), sharey=True)
         degrees(axes.xaxis, (-180.0, 180.0), as_is=True)
@@ -187,36 +186,33 @@ def _outline_currents(currents: Mapping[str, Any]) -> dict[str, Complexes]:
     return outlines
 
 
-NAMED_IN_ARRAY = 28  # number of moorings above which the figure shows no names
-APART_KM, MOST_ARRAYS = 30.0, 6  # gap between arrays; number of arrays above which all share one panel
 ROLES = {"affected": VERMILION, "reference": BLUE, "other": GREY}
 MARKERS = {"up": "^", "down": "v", None: "o"}
 SYNTHETIC_B_DEG = {0.0: BLACK, 20.0: SKY, 45.0: GREEN, 57.29: PURPLE, 90.0: ORANGE, 135.0: VERMILION}
-STEP_DEG = 0.5
 
 
-def draw_array(path: str | Path, moorings: Sequence[Mapping[str, Any]]) -> None:
+def draw_array(path: str | Path, moorings: Sequence[Mapping[str, Any]], apart_km: float = 30.0) -> None:
     """Draw a section along the array of moorings: water depth, and depth and orientation of the instruments.
 
     Args:
         moorings: name, latitude, longitude (degrees), water_depth_m and instruments, each with depth_m (None for a
             profiler), orientation (up, down or None) and role (affected, reference or other).
+        apart_km: gap between two arrays, which have panels of their own unless there are more than six.
     """
     with page(path, 3.8, width_in=WIDE_IN) as figure:
         if not moorings:
             empty(figure.subplots())
             return
-        # Arrays that are far apart have panels of their own, unless there are too many.
         along = _along_array(moorings)
         order = np.argsort(along, kind="stable")
-        parts = np.split(order, np.flatnonzero(np.diff(along[order]) > APART_KM) + 1)
-        groups = [[moorings[k] for k in sorted(part)] for part in (parts if len(parts) <= MOST_ARRAYS else [order])]
+        parts = np.split(order, np.flatnonzero(np.diff(along[order]) > apart_km) + 1)
+        groups = [[moorings[k] for k in sorted(part)] for part in (parts if len(parts) <= 6 else [order])]
         ratios = [len(group) + 2 for group in groups]
         deepest = 1.08 * max(mooring["water_depth_m"] for mooring in moorings)
         panels = figure.subplots(1, len(groups), sharey=True, squeeze=False, width_ratios=ratios)[0]
         for axes, group in zip(panels, groups, strict=True):
             _draw_section(axes, group, deepest)
-            if len(moorings) <= NAMED_IN_ARRAY:
+            if len(moorings) <= NAMED:
                 # Names above the panel, vertical if there are several.
                 above = axes.secondary_xaxis("top")
                 names = [str(mooring["name"]) for mooring in group]
@@ -273,7 +269,7 @@ def _draw_mooring(axes: Axes, at: float, mooring: Mapping[str, Any]) -> None:
 
 def draw_synthetic_curves(path: str | Path) -> None:
     """Draw deviation, recorded heading and lookup table of series with B alone, dashed where they are not inverted."""
-    beta = np.arange(-180.0, 180.0 + STEP_DEG / 2.0, STEP_DEG)
+    beta = np.linspace(-180.0, 180.0, 721)
     with page(path, 3.4, width_in=WIDE_IN) as figure:
         panels, handles = figure.subplots(1, 3), []
         for b, colour in SYNTHETIC_B_DEG.items():

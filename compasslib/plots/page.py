@@ -39,13 +39,10 @@ Limits = tuple[float, float]
 
 WIDTH_IN, WIDE_IN, DPI = 3.5, 7.0, 200  # one column of print, and two
 CM = 100.0  # in a metre
-WITHIN = 1.96  # standard deviations of a 95 % interval
-LINE_IN = 0.16  # line height of the names of rows
-WORD_IN = 1.8  # maximum width of a word in a title; longer ones are broken
+GAP = 3.0  # multiple of the median step above which there are no data between two points
 LETTERS = FontProperties(family="DejaVu Sans", size=8.0)
 COLLAPSED = "constrained_layout not applied"  # matplotlib's warning where labels leave a panel no room
 MAX_VECTORS = 2000  # points or lines of one artist above which it is rasterized in a PDF
-DEFLATE = 3  # of the PNG: half the time of the usual 6, and without the alpha channel still fewer bytes
 # Colours that the colour-blind can tell apart (Okabe and Ito 2008).
 BLACK, GREY = "#000000", "#8C8C8C"
 ORANGE, SKY, GREEN, BLUE, VERMILION, PURPLE = "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7"
@@ -99,7 +96,7 @@ def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, titl
             axes.set_title(f"({letter}) {axes.get_title('left')}".rstrip())
         for axes in figure.axes:
             for text in (axes.title, axes._left_title, axes.xaxis.label, axes.yaxis.label):  # type: ignore[attr-defined]
-                text.set_text(re.sub(r"\S+", lambda word: wrapped(word[0], WORD_IN), text.get_text()))
+                text.set_text(re.sub(r"\S+", lambda word: wrapped(word[0], 1.8), text.get_text()))
                 text.set_wrap(True)
         # The layout as in savefig, but without its additional drawing of all artists.
         with warnings.catch_warnings():
@@ -117,8 +114,8 @@ def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, titl
             return
         canvas.draw()
         pixels = np.asarray(canvas.buffer_rgba())[..., :3]  # the page is opaque
-        with atomic_write(path) as temporary:
-            Image.fromarray(np.ascontiguousarray(pixels)).save(temporary, "PNG", dpi=(DPI, DPI), compress_level=DEFLATE)
+        with atomic_write(path) as temporary:  # level 3 takes half the time of the usual 6
+            Image.fromarray(np.ascontiguousarray(pixels)).save(temporary, "PNG", dpi=(DPI, DPI), compress_level=3)
 
 
 def wrapped(text: str, width_in: float) -> str:
@@ -144,7 +141,7 @@ class Rows:
         ends = np.cumsum([0.0, *(1.0 + 1.2 * name.count("\n") for name in self._wrapped)])
         self._lines = float(ends[-1])
         self.places = (ends[1:] + ends[:-1]) / 2.0  # middle of each row, (n,), in lines from the top
-        self.height_in = LINE_IN * self._lines  # of the panel without its axis
+        self.height_in = 0.16 * self._lines  # of the panel without its axis
 
     def name(self, axes: Axes) -> None:
         """Label the vertical axis with the names."""
@@ -212,17 +209,22 @@ def legend(figure: Figure, handles: Sequence[Artist], *, columns: int = 2) -> No
         figure.legend(handles=handles, loc="outside lower center", ncols=min(columns, len(handles)))
 
 
-GAP_WIDTH_DEG = 25.0  # standard deviation of the smoothing of a histogram of angles before its gap is sought
+def thinned(count: int, most: int = 10_000) -> slice:
+    """Select evenly spaced samples, less than twice ``most``, as a figure cannot show more."""
+    return slice(None, None, max(1, count // most))
 
 
-def emptiest(angle_deg: ArrayLike) -> float:
-    """Find the angle at which to cut a circular axis, the middle of the largest gap in the data; -180 without data."""
+def emptiest(angle_deg: ArrayLike, width_deg: float = 25.0) -> float:
+    """Find the angle at which to cut a circular axis, the middle of the largest gap in the data; -180 without data.
+
+    The histogram of the angles is smoothed by a standard deviation of ``width_deg``.
+    """
     occupied = sectors(angle_deg, 0.0)
     if not occupied.any():
         return -180.0
     cuts = angles.SECTOR_DEG * np.arange(len(occupied))
     away = angles.difference(cuts[:, None], cuts + angles.SECTOR_DEG / 2.0)
-    around = np.exp(-0.5 * (away / GAP_WIDTH_DEG) ** 2) @ occupied
+    around = np.exp(-0.5 * (away / width_deg) ** 2) @ occupied
     return float(angles.wrap180(cuts[np.argmin(around)]))
 
 

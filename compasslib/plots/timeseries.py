@@ -26,6 +26,7 @@ from compasslib.plots.page import (
     BLACK,
     CM,
     CORRECTED,
+    GAP,
     GREEN,
     LETTERS,
     MAGNETIC,
@@ -43,21 +44,18 @@ from compasslib.plots.page import (
     page,
     placed,
     sectors,
+    thinned,
 )
 from compasslib.records import PROBABLY_BAD, CorrectedRecord, Pairs
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
-MAX_SAMPLES = 12_000  # samples; a longer record is subsampled
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.2, "markeredgewidth": 0}
-SLICES = 60  # time slices of the strip if the record is too short for daily ones
-GUESS = 0.75  # branch probability below which a heading is drawn as ambiguous
-SURE, DOUBTFUL, GUESSED, UNCORRECTED = 0, 1, 2, 3
 KINDS = {
-    SURE: ("corrected (flags 1, 2)", CORRECTED),
-    DOUBTFUL: ("doubtful (flag 3)", SKY),
-    GUESSED: ("doubtful (flag 3), two headings fit", PURPLE),
-    UNCORRECTED: ("not corrected (flag 4)", BLACK),
+    "sure": ("corrected (flags 1, 2)", CORRECTED),
+    "doubtful": ("doubtful (flag 3)", SKY),
+    "ambiguous": ("doubtful (flag 3), two headings fit", PURPLE),
+    "missing": ("not corrected (flag 4)", BLACK),
 }
 
 
@@ -75,7 +73,7 @@ def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> N
         _draw_depth(panels[3], product)
         dates(panels[3], (float(time_s[0]), float(time_s[-1])))
         handles: list[Artist] = [Patch(color=KINDS[k][1], label=KINDS[k][0]) for k in KINDS if (kind == k).any()]
-        if (kind >= 0).any() and (kind != UNCORRECTED).any():
+        if np.isin(kind, ("sure", "doubtful", "ambiguous")).any():
             handles.insert(0, Line2D([], [], linestyle="", marker="o", markersize=3, color=RECORDED, markeredgewidth=0))
             handles[0].set_label("recorded")
             handles.append(Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="stated uncertainty, 1σ"))
@@ -85,26 +83,29 @@ def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> N
         figure.align_ylabels(panels)
 
 
-def classify_samples(product: CorrectedRecord) -> NDArray[np.int_]:
-    """Classify the heading of each sample, (n,): SURE, DOUBTFUL, GUESSED or UNCORRECTED; -1 without a heading."""
+def classify_samples(product: CorrectedRecord, guess: float = 0.75) -> NDArray[np.str_]:
+    """Classify the heading of each sample, (n,), by a key of ``KINDS``; empty without a heading.
+
+    It is ambiguous if the probability of its branch is below ``guess``.
+    """
     with np.errstate(invalid="ignore"):
-        guessed = product.branch_probability < GUESS
-    flagged = product.heading_corrected_quality >= PROBABLY_BAD
-    kind = np.where(flagged, np.where(guessed, GUESSED, DOUBTFUL), SURE)
-    kind = np.where(np.isfinite(product.heading_corrected_deg), kind, UNCORRECTED)
-    return np.where(np.isfinite(product.record.heading_deg), kind, -1)
+        doubtful = np.where(product.branch_probability < guess, "ambiguous", "doubtful")
+    kind = np.where(product.heading_corrected_quality >= PROBABLY_BAD, doubtful, "sure")
+    kind = np.where(np.isfinite(product.heading_corrected_deg), kind, "missing")
+    return np.where(np.isfinite(product.record.heading_deg), kind, "")
 
 
-def _draw_headings(above: Axes, below: Axes, product: CorrectedRecord, kind: NDArray[np.int_]) -> None:
+def _draw_headings(above: Axes, below: Axes, product: CorrectedRecord, kind: NDArray[np.str_]) -> None:
     """Draw recorded and corrected headings on axes that are cut at the same heading."""
     record, corrected = product.record, product.heading_corrected_deg
     begin = emptiest(np.concatenate([record.heading_deg, corrected]))
-    subset = np.arange(len(kind)) % (1 + len(kind) // MAX_SAMPLES) == 0
+    subset = np.zeros(len(kind), dtype=bool)
+    subset[thinned(len(kind))] = True
     day = record.time_s / DAY_S
-    for here, colour in ((kind != UNCORRECTED, RECORDED), (kind == UNCORRECTED, BLACK)):
+    for here, colour in ((kind != "missing", RECORDED), (kind == "missing", BLACK)):
         above.plot(day[here & subset], placed(record.heading_deg[here & subset], begin), color=colour, **POINT)
     _draw_band(below, day[subset], placed(corrected[subset], begin), product.heading_uncertainty_deg[subset], begin)
-    for k in (SURE, DOUBTFUL, GUESSED):
+    for k in ("sure", "doubtful", "ambiguous"):
         here = (kind == k) & subset
         below.plot(day[here], placed(corrected[here], begin), color=KINDS[k][1], **POINT)
     for axes, name, plotted in ((above, "Recorded", record.heading_deg), (below, "Corrected", corrected)):
@@ -124,7 +125,7 @@ def _draw_band(axes: Axes, day: Floats, heading: Floats, sigma: Floats, begin: f
         axes.add_collection(LineCollection(list(ends), colors=CORRECTED, alpha=0.12, linewidths=0.7), autolim=False)
 
 
-def _draw_strip(axes: Axes, product: CorrectedRecord, pairs: Pairs, kind: NDArray[np.int_]) -> None:
+def _draw_strip(axes: Axes, product: CorrectedRecord, pairs: Pairs, kind: NDArray[np.str_]) -> None:
     """Draw the daily share of each kind of sample, and above it the days with pairs."""
     edges = time_slices(product.record.time_s)
     counts = [np.histogram(product.record.time_s[kind == k], edges)[0] for k in KINDS]
@@ -143,11 +144,11 @@ def _draw_step(axes: Axes, edges: Floats, bottom: Any, top: Floats, colour: str)
     axes.add_artist(StepPatch(top, edges / DAY_S, baseline=bottom, fill=True, color=colour, linewidth=0))
 
 
-def time_slices(time_s: Floats) -> Floats:
-    """Compute the edges of daily time slices, of shorter ones in a short record, seconds since 1970."""
+def time_slices(time_s: Floats, least: int = 60) -> Floats:
+    """Compute the edges of daily time slices, of ``least`` shorter ones in a short record, seconds since 1970."""
     first, last = float(time_s[0]), float(time_s[-1])
     step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
-    width = min(DAY_S, max((last - first) / SLICES, 2.0 * step))
+    width = min(DAY_S, max((last - first) / least, 2.0 * step))
     return first + width * np.arange(int((last - first) / width) + 2)
 
 
@@ -159,7 +160,7 @@ def _draw_depth(axes: Axes, product: CorrectedRecord) -> None:
         axes.annotate("unknown", (0.5, 0.5), xycoords="axes fraction", ha="center")
         return
     step = np.diff(time_s, prepend=time_s[0])
-    gaps = np.flatnonzero(step > 5.0 * np.median(step))
+    gaps = np.flatnonzero(step > GAP * np.median(step))
     day = np.insert(time_s / DAY_S, gaps, np.nan)
     axes.plot(day, np.insert(depth, gaps, np.nan), color="#444444", linewidth=0.7)
     shallow, deep = float(np.nanmin(depth)), float(np.nanmax(depth))
@@ -172,7 +173,6 @@ def _draw_depth(axes: Axes, product: CorrectedRecord) -> None:
 COLOURS = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE}
 LINES: dict[str, dict[str, Any]] = {name: {"color": colour} for name, colour in COLOURS.items()}
 LINES["reference"] |= {"linewidth": 3.0, "alpha": 0.6, "zorder": 1.5}  # the corrected one often lies on it
-KM = 1e-3
 STICK: dict[str, Any] = {
     "angles": "uv", "scale_units": "y", "scale": 1.0, "units": "inches", "width": 0.007,
     "headwidth": 0.0, "headlength": 0.0, "headaxislength": 0.0,
@@ -239,8 +239,8 @@ def round_down(value: float) -> float:
 
 def draw_progressive(path: str | Path, plotted: AveragedCurrents) -> None:
     """Draw progressive vector diagrams of the mean currents over the intervals that all series have."""
-    paths = displacements(plotted)
-    points = KM * np.concatenate([*paths.values(), [0.0]])
+    paths = {name: way / 1000.0 for name, way in displacements(plotted).items()}  # km
+    points = np.concatenate([*paths.values(), [0.0]])
     wide, high = float(np.ptp(points.real)), float(np.ptp(points.imag))
     with page(path, 0.9 + 2.7 * float(np.clip(high / max(wide, 1e-9), 0.4, 1.1))) as figure:
         axes = figure.subplots()
@@ -248,8 +248,8 @@ def draw_progressive(path: str | Path, plotted: AveragedCurrents) -> None:
             empty(axes)
             return
         for name, way in paths.items():
-            axes.plot(KM * way.real, KM * way.imag, **LINES[name])
-            axes.plot(KM * way.real[-1], KM * way.imag[-1], "o", color=COLOURS[name], markersize=4)
+            axes.plot(way.real, way.imag, **LINES[name])
+            axes.plot(way.real[-1], way.imag[-1], "o", color=COLOURS[name], markersize=4)
         axes.plot(0.0, 0.0, "k+", markersize=7)
         axes.set(xlabel="East (km)", ylabel="North (km)")
         axes.set_aspect("equal", adjustable="datalim")
@@ -313,10 +313,7 @@ def _draw_rose(figure: Figure, place: int, title: str, series: Mapping[str, Floa
         axes.annotate("no data", (0.5, 0.5), xycoords="axes fraction", ha="center", va="center")
 
 
-COLUMNS = 400  # time bins of a section, the resolution of a printed column
-WIDEST = 98.0  # limit of the colour scale, percentile of the absolute velocity components
 COLOUR_MAP, ADDED = "RdBu_r", "corrected minus recorded"
-MAX_AXES = 8  # principal axes along a profile
 
 
 def draw_section(path: str | Path, section: SectionMeans) -> None:
@@ -342,7 +339,7 @@ def draw_section(path: str | Path, section: SectionMeans) -> None:
         for added in (False, True):
             shown = {title: values for title, values in fields.items() if title.endswith(ADDED) == added}
             known = np.abs(np.concatenate([x[np.isfinite(x)] for x in shown.values()]))
-            limit = max(CM * float(np.percentile(known, WIDEST)), 1.0)
+            limit = max(CM * float(np.percentile(known, 98.0)), 1.0)
             for title, values in shown.items():
                 axes = drawn[title]
                 image = axes.pcolormesh(
@@ -397,7 +394,7 @@ def draw_profile(path: str | Path, section: SectionMeans) -> None:
             axes.axvline(0.0, color="#444444", linewidth=0.5)
             axes.set_xlabel(f"Mean {name}\n(cm/s)")
             axes.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
-        shown = there[:: max(1, -(-len(there) // MAX_AXES))]
+        shown = there[:: max(1, -(-len(there) // 8))]
         _draw_axes(panels[2], section.depth_m, (before, after), shown, reference)
         room = 0.12 * float(np.ptp(section.depth_m[there])) + 1.0  # for the axes at the ends
         panels[0].set_ylim(section.depth_m[there[-1]] + room, section.depth_m[there[0]] - room)
@@ -437,13 +434,12 @@ def _draw_axes(
 # Heading errors where the truth is known.
 
 ERROR: dict[str, Any] = POINT | {"markersize": 1.5}
-REACHED = 0.99  # share of the errors within the limits of the vertical axis
 
 
 def error_reach(errors_deg: Sequence[Floats]) -> float:
-    """Compute a common limit of the vertical axis for the heading errors of several moorings, degrees."""
+    """Compute a limit of the vertical axis that contains 99 % of the heading errors of several moorings, degrees."""
     known = np.concatenate([np.abs(error[np.isfinite(error)]) for error in errors_deg] or [np.zeros(0)])
-    return 5.0 * float(np.ceil(np.quantile(known, REACHED) / 5.0)) if known.size else 5.0
+    return 5.0 * float(np.ceil(np.quantile(known, 0.99) / 5.0)) if known.size else 5.0
 
 
 def draw_errors(

@@ -16,14 +16,11 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.preparation.references import combine_references
-from compasslib.records import MISSING, Flags, Pairs
+from compasslib.records import DEEPEST_M, MISSING, Flags, Pairs
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Bools, Complexes, Floats
 
-SNAPPED = 1e-4  # fraction of the distance of two bins: a bin closer to the depth is used alone
-FAR_M, ROW_M = 1e5, 1e6  # a depth below any sea floor; offset between samples in one sorted array of depths
-ABSENT = -1  # index of a missing interval, sample or instrument
 NONE = complex(np.nan, np.nan)
 
 
@@ -39,7 +36,7 @@ class Axes:
     def slot_of(self, time_s: Floats) -> NDArray[np.intp]:
         """Find the interval that contains each time, (n,); before or after all, negative or beyond the last."""
         if not len(self.time_s):
-            return np.full(len(time_s), ABSENT)
+            return np.full(len(time_s), -1)
         return np.floor((time_s - self.time_s[0]) / self.step_s + 0.5).astype(np.intp)
 
 
@@ -121,8 +118,8 @@ def place_profiles(
     usable, noise = np.isfinite(velocity.real) & np.isfinite(depth), bin_noise[line]
     levels, (k, m) = axes.depth_m, depth.shape
     row = np.arange(k)[:, None]
-    # Number of bins of each sample at or above each level, (k, z), by one search: rows are offset by ROW_M.
-    depths, apart = np.where(np.isfinite(depth), depth, FAR_M + np.arange(m)), ROW_M * row
+    # Number of bins of each sample at or above each level, (k, z), by one search among rows set apart.
+    depths, apart = np.where(np.isfinite(depth), depth, DEEPEST_M + np.arange(m)), 2.0 * (DEEPEST_M + m) * row
     below = np.searchsorted((depths + apart).ravel(), (levels + 1e-6 + apart).ravel(), side="right")
     below = below.reshape(k, len(levels)) - m * row
     last = np.maximum.accumulate(np.where(usable, np.arange(m), -1), axis=1)
@@ -138,7 +135,8 @@ def place_profiles(
     there = between | (nearest <= cell_m / 2.0)
     share = np.where(off[0] <= off[1], 0.0, 1.0)
     share[between] = off[0][between] / np.maximum(gap[between], 1e-9)
-    share = np.where(share < SNAPPED, 0.0, np.where(share > 1.0 - SNAPPED, 1.0, share))
+    alone = np.abs(share - np.rint(share)) < 1e-4  # a bin at the depth itself, but for rounding
+    share[alone] = np.rint(share[alone])
     weights = np.where(there & (share < 1.0), 1.0 - share, 0.0), np.where(there & (share > 0.0), share, 0.0)
 
     def mixed(values: NDArray, taken: Bools) -> NDArray:
@@ -172,7 +170,7 @@ def place_points(
     velocity, depth = points.velocity[:, 0], points.depth_m[:, 0]
     shape = len(slots), len(axes.depth_m)
     slot = axes.slot_of(time_s) - slots.start
-    level = np.floor((np.nan_to_num(depth, nan=-FAR_M) - axes.depth_m[0]) / axes.step_m + 0.5).astype(np.intp)
+    level = np.floor((np.nan_to_num(depth - axes.depth_m[0], nan=-axes.step_m)) / axes.step_m + 0.5).astype(np.intp)
     inside = np.isfinite(velocity.real) & (slot >= 0) & (slot < shape[0]) & (level >= 0) & (level < shape[1])
     place, size = (slot * shape[1] + level)[inside], shape[0] * shape[1]
     count = np.bincount(place, minlength=size)
@@ -197,7 +195,7 @@ def place_points(
 def bridge_gaps(cells: Cells, step_s: float, max_gap_s: float, by_time: Differences) -> Cells:
     """Interpolate empty cells linearly in time over gaps up to a limit."""
     there, times = cells.there, np.arange(len(cells.velocity))[:, None]
-    before = np.maximum.accumulate(np.where(there, times, ABSENT), axis=0)
+    before = np.maximum.accumulate(np.where(there, times, -1), axis=0)
     after = np.minimum.accumulate(np.where(there, times, len(times))[::-1], axis=0)[::-1]
     near = (before >= 0) & (after < len(times)) & ((after - before) * step_s <= max_gap_s * 1.001)
     row, column = np.nonzero(near & ~there)
@@ -225,7 +223,7 @@ def merge(each: list[Cells]) -> tuple[Cells, NDArray[np.intp]]:
     Returns:
         The cells, and the index of the instrument of each, (t, z); -1 where none has a velocity.
     """
-    source = np.full(each[0].velocity.shape, ABSENT)
+    source = np.full(each[0].velocity.shape, -1)
     for best in (False, True):  # measured cells overwrite interpolated ones
         for k in reversed(range(len(each))):
             source[each[k].measured if best else each[k].there] = k
@@ -238,7 +236,7 @@ def merge(each: list[Cells]) -> tuple[Cells, NDArray[np.intp]]:
         }
         rising = [np.full(here.shape, np.nan) if x is None else x for x in (cells.up, whole.up)]
         whole = Cells(up=np.where(here, *rising), **columns)
-    absent = source == ABSENT
+    absent = source < 0
     velocity, quality = np.where(absent, NONE, whole.velocity), np.where(absent, MISSING, whole.quality)
     return replace(whole, velocity=velocity, quality=quality), source
 
@@ -280,7 +278,7 @@ def _average(cells: Cells, there: Bools, time_s: Floats, axes: Axes, slots: rang
     if not len(inside):
         return empty
     there, slot = there[inside], slot[inside]
-    begin = np.flatnonzero(np.diff(slot, prepend=ABSENT))
+    begin = np.flatnonzero(np.diff(slot, prepend=-1))
     rows = slot[begin]
     number = np.add.reduceat(there.astype(np.int32), begin, axis=0)
     filled = number > 0
@@ -322,23 +320,20 @@ def empty_cells(times: int, depths: int, rising: bool) -> Cells:
     )  # fmt: skip
 
 
-FEWEST = 30  # pairs needed for a comparison
-
-
-def compare_at_seam(pairs: Pairs, assessment: Mapping[str, Any]) -> dict[str, Any]:
+def compare_at_seam(pairs: Pairs, assessment: Mapping[str, Any], *, fewest: int = 30) -> dict[str, Any]:
     """Compare affected and reference velocities by speed, which headings do not affect, and by held-out directions.
 
     The fit makes the directions of its own pairs agree; ``assessment`` therefore uses pairs that were held out.
 
     Returns:
-        Means of affected minus reference, each with its standard error; None where there are too few pairs.
+        Means of affected minus reference, each with its standard error; None for less than ``fewest`` pairs.
     """
     pairs, speed, sigma = combine_references(pairs), None, None
-    if len(pairs) >= FEWEST:
+    if len(pairs) >= fewest:
         off = np.hypot(pairs.upper_east, pairs.upper_north) - np.hypot(pairs.lower_east, pairs.lower_north)
         speed, sigma = float(off.mean()), float(off.std() / np.sqrt(effective_sample_size(off, pairs.time_s)))
     after = assessment["after"]
-    known = after["n"] >= FEWEST
+    known = after["n"] >= fewest
     independent = (after["rms_deg"] / after["rms_deg_sigma"]) ** 2 / 2.0 if known else 1.0
     return {
         "pairs": len(pairs),

@@ -24,18 +24,11 @@ from compasslib.product.cells import Axes, Differences, average_slots
 from compasslib.records import Readings, ReferenceCompass
 from compasslib.types import HOUR_S, Bools, Complexes, Floats
 
-MAX_MODES = 8
-MAX_REFERENCES = 3  # number of modes for the references' compasses; further references share the last
 PRESSURE_SIGMA_M, NOMINAL_SIGMA_M = 0.5, 5.0  # of a measured depth (0.25 % of 200 m), and of a nominal depth
-GROWTH_IN_CELL = 1.5  # exponent of the structure function at distances within a cell
 UNMEASURED_MOTION_M_S = 0.005  # of a sphere without a pressure record: a bound, not an estimate
-STILL_M = 0.5  # least dive that is analysed, added to dives so that the slope of their square root stays finite
-MOTION_S = 3 * HOUR_S  # window over which the sphere's position is averaged before differentiation
 MIN_MEMORY_S = HOUR_S
 NOTHING = [np.zeros(0, dtype=complex)]
-MAX_LAGS, FEWEST = 400, 100
-REACH_M, RESOLUTION = 200.0, 0.02  # of the tabulated structure function; its step in cells
-FALLBACK_M = 150.0  # decorrelation depth without a profile: typical of the ocean's upper hundreds of metres
+FEWEST = 100  # values needed for a variance
 
 
 @dataclass(frozen=True)
@@ -114,19 +107,28 @@ def memory_of(heading_deg: Floats, step_s: float) -> float:
     return float(max(below[0] * step_s if len(below) else len(series) * step_s, MIN_MEMORY_S))
 
 
-def learn_by_depth(velocity: Complexes, range_m: Floats, cell_m: float) -> Differences:
-    """Fit the structure function of velocities (n, m) by depth; for too few bins, scale a fixed one by the variance."""
+def learn_by_depth(
+    velocity: Complexes, range_m: Floats, cell_m: float, *, reach_m: float = 200.0, growth: float = 1.5,
+    fallback_m: float = 150.0,
+) -> Differences:  # fmt: skip
+    """Fit the structure function of velocities (n, m) by depth; for too few bins, scale a fixed one by the variance.
+
+    Args:
+        reach_m: largest tabulated distance.
+        growth: exponent at distances within a cell, and of the fixed structure function.
+        fallback_m: decorrelation depth of the fixed one, typical of the ocean's upper hundreds of metres.
+    """
     learnt = fit_structure_function(velocity, range_m)
-    step = RESOLUTION * (cell_m or 1.0)
-    distance = np.arange(0.0, REACH_M + step, step)
+    step = (cell_m or 1.0) / 50.0
+    distance = np.arange(0.0, reach_m + step, step)
     if learnt is not None:
         values = learnt.layers(distance)
         within = distance < cell_m  # a bin is a mean over its cell, hence smooth growth there
-        values[within] = np.interp(cell_m, distance, values) * (distance[within] / cell_m) ** GROWTH_IN_CELL
+        values[within] = np.interp(cell_m, distance, values) * (distance[within] / cell_m) ** growth
         return Differences(step, values, learnt.noise)
     known = velocity[np.isfinite(velocity.real)]
     variance = float(np.var(known)) if known.size else 0.0
-    return Differences(step, variance * (1.0 - np.exp(-((distance / FALLBACK_M) ** 1.5))), 0.02 * variance)
+    return Differences(step, variance * (1.0 - np.exp(-((distance / fallback_m) ** growth))), 0.02 * variance)
 
 
 def learn_bin_noise(velocity: Complexes, by_depth: Differences) -> Floats:
@@ -146,14 +148,16 @@ def learn_bin_noise(velocity: Complexes, by_depth: Differences) -> Floats:
     return by_depth.noise + np.maximum(np.append(excess, 0.0), np.append(0.0, excess))
 
 
-def learn_by_time(blocks: Sequence[Complexes], step_s: float, reach_s: float, noise: float | None) -> Differences:
+def learn_by_time(
+    blocks: Sequence[Complexes], step_s: float, reach_s: float, noise: float | None, *, most_lags: int = 400
+) -> Differences:
     """Estimate the structure function of velocity by time in one bin, without noise.
 
     Args:
         blocks: velocities of consecutive samples, (k, m) each, NaN where missing.
         noise: (m/s)^2 of one measurement, estimated by depth; None to extrapolate it from the first two lags.
     """
-    lags = np.arange(1, int(np.clip(np.ceil(reach_s / step_s), 2, MAX_LAGS)) + 1)
+    lags = np.arange(1, int(np.clip(np.ceil(reach_s / step_s), 2, most_lags)) + 1)
     half = np.full(len(lags), np.nan)
     for k, lag in enumerate(lags.tolist()):
         steps = [(block[lag:] - block[:-lag]).ravel() for block in blocks if len(block) > lag]
@@ -193,20 +197,27 @@ def error_memory(blocks: Sequence[Complexes], step_s: float, noise: float) -> fl
     return float(2**12 * step_s)
 
 
-def sphere_motion(depth_m: Floats, flow: Complexes, time_s: Floats, water_depth_m: float | None) -> Floats:
+def sphere_motion(
+    depth_m: Floats, flow: Complexes, time_s: Floats, water_depth_m: float | None, *, still_m: float = 0.5,
+    window_s: float = 3 * HOUR_S,
+) -> Floats:  # fmt: skip
     """Estimate the horizontal velocity of a diving sphere, one standard deviation of a component, (n,) m/s.
 
     If a straight line of length l leans so that its top dips by d, the top moves sqrt(2 l d) downstream.
+
+    Args:
+        still_m: least dive that is analysed, added to dives so that the slope of their square root stays finite.
+        window_s: the position is averaged over it before differentiation.
     """
     known = np.isfinite(depth_m)
-    if len(time_s) < 3 or known.sum() < 3 or water_depth_m is None or np.ptp(depth_m[known]) < STILL_M:
+    if len(time_s) < 3 or known.sum() < 3 or water_depth_m is None or np.ptp(depth_m[known]) < still_m:
         return np.full(len(time_s), UNMEASURED_MOTION_M_S)
     dive = np.interp(time_s, time_s[known], depth_m[known])
-    dive = np.maximum(dive - np.percentile(dive, 1), 0.0) + STILL_M
+    dive = np.maximum(dive - np.percentile(dive, 1), 0.0) + still_m
     length = max(water_depth_m - float(np.median(depth_m[known])), 1.0)
     along = np.nan_to_num(flow)
     away = np.sqrt(2.0 * length * dive) * along / np.maximum(np.abs(along), 1e-6)
-    width = min(max(1, round(MOTION_S / float(np.median(np.diff(time_s))))), len(time_s))
+    width = min(max(1, round(window_s / float(np.median(np.diff(time_s))))), len(time_s))
     kernel = np.ones(width) / width
     smooth = np.convolve(away, kernel, "same")
     speed2 = np.convolve(np.abs(np.gradient(smooth, time_s)) ** 2, kernel, "same")
@@ -313,25 +324,32 @@ def heading_errors(
     axes: Axes,
     max_gap_s: float,
     declination_deg: float,
+    *,
+    most: int = 8,
+    apart: int = 3,
 ) -> HeadingErrors:
     """Decompose the heading errors of a mooring into modes along time and a random part.
 
     The modes are those of HEADING_CORRECTED_UNCERTAINTY, and the declination, which rotates affected and reference
     velocities alike unless the reference's directions are true already.
+
+    Args:
+        most: largest number of modes.
+        apart: number of them for the references' compasses, of which further references share the last.
     """
     # B sin + C cos of a reference's heading, of equal variances, has the same variance at any heading.
     whole = [float(np.hypot(r.sigma_deg, r.iron_deg)) for r in references]
     constants = {"declination": declination_deg}
-    constants |= {f"compass of {r.name}": x for r, x in zip(references[: MAX_REFERENCES - 1], whole, strict=False)}
-    if others := references[MAX_REFERENCES - 1 :]:
+    constants |= {f"compass of {r.name}": x for r, x in zip(references[: apart - 1], whole, strict=False)}
+    if others := references[apart - 1 :]:
         name = "compass of " + " and ".join(r.name for r in others)
-        constants[name] = max(whole[MAX_REFERENCES - 1 :])
+        constants[name] = max(whole[apart - 1 :])
     sizes = np.array(list(constants.values()))
-    count = (MAX_MODES - len(constants)) // len(affected)
+    count = (most - len(constants)) // len(affected)
     follows = np.zeros((len(affected), len(constants)))  # share of each constant in the headings of each instrument
     for k, each in enumerate(affected):
         for r, (reference, weight) in enumerate(zip(references, each.weights, strict=False)):
-            mode = 1 + min(r, MAX_REFERENCES - 1)
+            mode = min(1 + r, len(constants) - 1)
             follows[k, mode] += weight * reference.sigma_deg / max(sizes[mode], 1e-9)
         along = float(np.hypot.reduce(follows[k] * sizes))
         follows[k] *= min(1.0, each.constant_deg / along) if along else 0.0
@@ -401,6 +419,6 @@ def _shares(
         shares[k, :constants] = follows[k]
         shares[k, 0] = each.weights @ magnetic if np.any(each.weights) else 1.0
     for k in range(len(references)):
-        shares[len(affected) + k, 1 + min(k, MAX_REFERENCES - 1)] = 1.0
+        shares[len(affected) + k, min(1 + k, constants - 1)] = 1.0
         shares[len(affected) + k, 0] = magnetic[k]
     return shares

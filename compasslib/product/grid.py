@@ -45,14 +45,10 @@ from compasslib.records import DEEPEST_M, MISSING, PROBABLY_BAD, Flags
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
 PIECE, CELLS = 4096, 1 << 21  # times gridded at once, and cells, of some 300 bytes each
-MOST_DEPTHS = 6000  # 1 m over the depth of most of the ocean; a year of daily means of so many has CELLS
 INTERPOLATED = 8  # OceanSITES reference table 2
-POINT_STEP_M, SLOWEST_STEP_S, FASTEST_STEP_S = 10.0, HOUR_S, 60.0
-RARE = 0.01  # fraction of the samples at the best-sampled depth; depths with fewer do not extend the grid
-DIVES = 0.1  # fraction of the step: the grid follows the bins of an instrument whose depth varies less
+SLOWEST_STEP_S = HOUR_S
 PROFILER_M_S = 0.02  # least vertical speed of an instrument that climbs along the line; spheres dive at some mm/s
-BLOCKS, BLOCK = 8, 1500  # approximate number and largest length of the blocks that structure functions are fitted to
-WIDEST_GAP_CELLS = 2.0  # one missing bin
+BLOCK = 1500  # largest length of the blocks that structure functions are fitted to
 
 
 @dataclass(frozen=True)
@@ -216,12 +212,12 @@ def empty_piece(depths: int, rising: bool) -> Piece:
     return Piece(slice(0, 0), cells, none.astype(np.intp), none.astype(np.int8), *[none] * 5)
 
 
-def survey(source: Source) -> Survey:
-    """Summarize an instrument's velocities in one pass."""
+def survey(source: Source, *, blocks_kept: int = 8) -> Survey:
+    """Summarize an instrument's velocities in one pass, of which some ``blocks_kept`` short blocks are kept."""
     n = len(source.time_s)
     count, flow = np.zeros(DEEPEST_M, dtype=int), np.full(n, complex(np.nan, np.nan))
     blocks, ranges, steps = [], [], []
-    stride = max(1, -(-n // PIECE) // BLOCKS)
+    stride = max(1, -(-n // PIECE) // blocks_kept)
     for number, begin in enumerate(range(0, n, PIECE)):
         rows = slice(begin, begin + PIECE)
         here = source.rows(rows)
@@ -245,27 +241,35 @@ def survey(source: Source) -> Survey:
     )  # fmt: skip
 
 
-def make_axes(sources: Sequence[Source], surveys: Sequence[Survey], rules: GridRules) -> Axes:
+def make_axes(
+    sources: Sequence[Source], surveys: Sequence[Survey], rules: GridRules, *, point_step_m: float = 10.0,
+    fastest_step_s: float = 60.0, most: int = 6000,
+) -> Axes:  # fmt: skip
     """Make the axes: as requested, else with the steps of the first instrument over the range that any measured.
+
+    Args:
+        point_step_m: step in depth where no instrument has bins.
+        fastest_step_s: least step in time, unless one is requested.
+        most: largest number of depths, 1 m apart over most of the ocean.
 
     Raises:
         InputError: there would be too many depths.
     """
     cells = [each.cell_m for each in surveys if each.cell_m > 0.0 and not each.empty]
     cell_m = surveys[0].cell_m if not surveys[0].empty else 0.0
-    step_m = rules.step_m or cell_m or (cells[0] if cells else POINT_STEP_M)
+    step_m = rules.step_m or cell_m or (cells[0] if cells else point_step_m)
     phase_m = _depth_phase(sources[0], surveys[0], step_m) if rules.from_m is None else rules.from_m
     ends = [_ends(each, step_m, phase_m) for each in surveys if not each.empty] or [(phase_m, phase_m)]
     first = min(low for low, _ in ends) if rules.from_m is None else rules.from_m
     last = max(max(high for _, high in ends) if rules.to_m is None else rules.to_m, first)
-    if (depths := int((last - first) / step_m + 1e-6) + 1) > MOST_DEPTHS:
+    if (depths := int((last - first) / step_m + 1e-6) + 1) > most:
         found, advice = f"{depths} from {first:g} to {last:g} m", "write a larger step_m, or from_m and to_m"
-        raise InputError("product.grid", expected=f"up to {MOST_DEPTHS} depths", found=found, advice=advice)
+        raise InputError("product.grid", expected=f"up to {most} depths", found=found, advice=advice)
     depth_m = np.round(first + step_m * np.arange(depths), 3)
     used = [s for s, each in zip(sources, surveys, strict=True) if not each.empty] or list(sources[:1])
     timed = next((s for s in used if not s.profiles and len(s.time_s) > 1), None)
     step_s = SLOWEST_STEP_S if timed is None else float(np.rint(np.median(np.diff(timed.time_s))))
-    step_s = 60.0 * rules.minutes if rules.minutes else max(step_s, FASTEST_STEP_S)
+    step_s = 60.0 * rules.minutes if rules.minutes else max(step_s, fastest_step_s)
     times = [s.time_s for s in used if len(s.time_s)]
     if not times:
         return Axes(np.zeros(0), step_s, depth_m, step_m)
@@ -323,35 +327,37 @@ def grid(
     step_s = float(np.median(np.diff(sources[0].time_s))) if len(sources[0].time_s) > 1 else axes.step_s
     return GriddedProduct(
         tuple(sources), learnt, axes, errors, deviation_deg,
-        max_gap_m=WIDEST_GAP_CELLS * (surveys[0].cell_m or axes.step_m) if rules.max_gap_m is None else rules.max_gap_m,
+        # Across one missing bin, unless a distance is requested.
+        max_gap_m=2.0 * (surveys[0].cell_m or axes.step_m) if rules.max_gap_m is None else rules.max_gap_m,
         max_gap_s=max_gap_s,
         memory_s=error_memory(surveys[0].blocks, step_s, learnt[0].by_depth.noise),
     )  # fmt: skip
 
 
-def _depth_phase(source: Source, survey: Survey, step_m: float) -> float:
-    """Find the depth to align the levels with: that of the first bin of an instrument at steady depth, else 0."""
+def _depth_phase(source: Source, survey: Survey, step_m: float, *, dives: float = 0.1) -> float:
+    """Find the depth to align the levels with: that of the first bin of an instrument at steady depth, else 0.
+
+    Args:
+        dives: standard deviation of the depth, as a fraction of the step, above which it is not steady.
+    """
     known = source.depth_m[np.isfinite(source.depth_m)]
-    if survey.empty or not known.size or np.std(known) > DIVES * step_m or not len(survey.range_m):
+    if survey.empty or not known.size or np.std(known) > dives * step_m or not len(survey.range_m):
         return 0.0
     nearest = source.rows(slice(0, BLOCK)).depth_m[:, 0]
     nearest = nearest[np.isfinite(nearest)]
     return round(float(np.median(nearest)), 1) if nearest.size else 0.0
 
 
-def _ends(survey: Survey, step_m: float, phase_m: float) -> tuple[float, float]:
-    """Find the depths of the first and last level that an instrument samples more than rarely, m."""
+def _ends(survey: Survey, step_m: float, phase_m: float, *, rare: float = 0.01) -> tuple[float, float]:
+    """Find the first and last level, m, with more than a fraction ``rare`` of the samples of the fullest level."""
     metre = np.flatnonzero(survey.count)
     level = np.rint((metre - phase_m) / step_m).astype(int)
     number = np.bincount(level - level[0], survey.count[metre])
-    often = np.flatnonzero(number >= RARE * number.max()) + level[0]
+    often = np.flatnonzero(number >= rare * number.max()) + level[0]
     return phase_m + step_m * float(often[0]), phase_m + step_m * float(often[-1])
 
 
 # Daily means of the gridded product.
-
-TIDE_S = 6 * HOUR_S  # lag at which velocities differ as much as those of missing hours from the rest of the day
-LEAST_SHARE = 0.5  # fraction of a day's times that a mean needs, except for profilers
 
 
 @dataclass(frozen=True)
@@ -414,8 +420,13 @@ class DailyMeans:
             self.sums[name] = np.zeros((int(self.days[-1]) + 1, depths), dtype=dtype)
         return self.sums[name]
 
-    def means(self, product: GriddedProduct) -> Daily:
-        """Compute the daily means; errors common to a day's velocities are not reduced by averaging."""
+    def means(self, product: GriddedProduct, *, apart_s: float = 6 * HOUR_S, least_share: float = 0.5) -> Daily:
+        """Compute the daily means; errors common to a day's velocities are not reduced by averaging.
+
+        Args:
+            apart_s: lag at which velocities differ as much as those of missing hours from the rest of the day.
+            least_share: fraction of a day's times that a mean needs, except for profilers.
+        """
         axes, sums, depths = self.axes, self.sums, len(self.axes.depth_m)
         if not sums:
             nothing, count = np.zeros(0), np.zeros((0, depths), dtype=int)
@@ -425,7 +436,7 @@ class DailyMeans:
         source = np.argmax(per_source, axis=0)
         moving = np.array([s.profiles for s in product.sources])[source]
         expected = DAY_S / axes.step_s
-        there = (count > 0) & (moving | (count >= LEAST_SHARE * expected))
+        there = (count > 0) & (moving | (count >= least_share * expected))
         number = np.maximum(count, 1.0)
         flow = np.where(there, sums["flow"] / number, NONE)
         remembered = mean_factor(number, self.errors.memory_s / axes.step_s) / number
@@ -436,7 +447,7 @@ class DailyMeans:
             for variance, square in zip(variances, squares, strict=True):
                 variance += square
         # Missing times are no random sample: they are consecutive, and the current sets the depth of a sphere.
-        apart = float(product.learnt[0].by_time.at(np.array([TIDE_S]))[0])
+        apart = float(product.learnt[0].by_time.at(np.array([apart_s]))[0])
         missing = 0.5 * np.maximum(1.0 - count / expected, 0.0) ** 2 * apart  # means differ less than single values
         spread = sums["spread"] / number * mean_factor(number, product.memory_s / axes.step_s) + missing
         noise = sums["noise"] / number**2

@@ -37,11 +37,8 @@ DATE_AND_CLOCK = ("date", "clock")  # roles of the date and the time of day, com
 NUMBER_FORM = "a number or nothing"
 MEND = "mend or remove the line"
 JOIN = "join the columns of the time into one in a copy, as 2007-09-04T00:00:00Z"
-LONGEST_MISSING_WORD = 20
 DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"}  # in order of preference
-SEARCHED_LINES = 400  # lines searched for the header
-HEAD_LINES = 1000  # lines from which the vectorized parser takes the format of a table
-UNIT_LINES = 2  # maximum number of unit lines below the header
+HEAD_LINES = 1000  # searched for the header, and from which the vectorized parser takes the format of a table
 NUMBER_STARTS = tuple("+-.0123456789")
 COMMENT_MARKS = "#%"
 QUOTES = " \t=\"'\u201c\u201d\u2018\u2019"  # stripped around headers and times: left by repeated export, or ="..."
@@ -229,11 +226,11 @@ def parse_table(
     return Table(columns, len(lines.rows), lines.cut, (*lines.notes, *recognised), said, unknown)
 
 
-def _advise_on_word(cell: str) -> str:
+def _advise_on_word(cell: str, longest: int = 20) -> str:
     """Word the advice on a cell that is not a number; malformed text with digits is not offered as a missing value."""
     if _WITH_THOUSANDS.fullmatch(cell):
         return "export numbers without marks between thousands"
-    word = len(cell) <= LONGEST_MISSING_WORD and (NUMBER.fullmatch(cell) or not any(map(str.isdigit, cell)))
+    word = len(cell) <= longest and (NUMBER.fullmatch(cell) or not any(map(str.isdigit, cell)))
     return f"{MEND}, or write missing: [{cell!r}]" if word else MEND
 
 
@@ -295,7 +292,7 @@ def find_lines(
     raw = list(io.StringIO(text, newline=""))
     skipped = min(layout.skip_rows or 0, len(raw))
     first = next((k for k in range(skipped, len(raw)) if _has_content(raw[k])), skipped)
-    places = range(skipped, min(skipped + SEARCHED_LINES, len(raw))) if layout.skip_rows is None else [first]
+    places = range(skipped, min(skipped + HEAD_LINES, len(raw))) if layout.skip_rows is None else [first]
     candidates = [layout.delimiter] if layout.delimiter else list(delimiters)
     headers = (_find_header(raw, places, candidate, fits) for candidate in candidates)
     begin, delimiter = next(filter(None, headers), (None, ""))
@@ -394,10 +391,10 @@ def _split_lines(path: Path, raw: list[str], begin: int, delimiter: str, *, ende
     return Lines(header, rows[: len(rows) - cut], [begin + k + 1 for k in places], int(cut), notes=notes)
 
 
-def _drop_units(lines: Lines, places: Sequence[int]) -> tuple[Lines, list[list[str]]]:
+def _drop_units(lines: Lines, places: Sequence[int], most: int = 2) -> tuple[Lines, list[list[str]]]:
     """Take unit lines from below the header, whose requested cells hold unit-like words instead of numbers."""
     count = 0
-    for row in lines.rows[:UNIT_LINES]:
+    for row in lines.rows[:most]:
         cells = [row[k].strip() for k in places if k < len(row)]
         words = [cell for cell in cells if cell.lower() not in MISSING_TEXT]
         if not words or len(cells) < len(places) or not all(map(_UNIT.fullmatch, words)):

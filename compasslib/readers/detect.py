@@ -20,11 +20,9 @@ from pathlib import Path
 
 from compasslib.errors import InputError, TransientError
 from compasslib.readers import delimited, units
-from compasslib.readers.files import TooLarge, detect_utf16, read_bytes, unreadable
+from compasslib.readers.files import MEGABYTE, NORTEK_START, TooLarge, detect_utf16, read_bytes, unreadable
 
 HEAD_BYTES = 65536
-SEARCHED_BYTES = 2**20  # bytes searched for binary records if the first bytes are inconclusive
-TEXT_SHARE = 0.98  # least share of printable bytes in a text
 READABLE = {
     "pd0": "an RDI PD0 file",
     "pd12": "an RDI PD12 file",
@@ -35,7 +33,7 @@ READABLE = {
     "iaga2002": "an IAGA-2002 file",
     "nmea0183": "an NMEA 0183 log",
 } | dict.fromkeys(("table", "acm_table", "csv"), "a text table")
-BINARY, LINE_FEEDS = ("pd0", "pd12", "nortek", "netcdf"), 20  # so many never all follow a carriage return by chance
+BINARY = ("pd0", "pd12", "nortek", "netcdf")
 TEXTS = ("table", "acm_table", "csv", "rdi_text", "iaga2002", "nmea0183")
 ELSEWHERE = {
     "iaga2002": "name it under covariates as {format: iaga2002, files: ...}",
@@ -139,7 +137,6 @@ _BINARY_RECORD = re.compile(
     rb"|(?P<acm>DATA[\0-\x17][\0-;][\0-;][\x01-\x0c][\x01-\x1f](?:[\xbc-\xff]\x07|[\0-\x33]\x08)))",
     re.DOTALL,
 )
-NORTEK_START = 0xB58C  # initial value of the checksum, to which 16-bit words are added
 
 
 def detect_kind(path: str | Path) -> Kind | None:
@@ -153,7 +150,7 @@ def detect_kind(path: str | Path) -> Kind | None:
             head = file.read(HEAD_BYTES)
             kind = _kind_of_head(head)
             if kind is None or kind is ZEROS or (kind.form in TEXTS and not _is_text(head)):
-                kind = _kind_of_record(head + file.read(SEARCHED_BYTES - len(head))) or kind
+                kind = _kind_of_record(head + file.read(MEGABYTE)) or kind
     except OSError as error:
         raise unreadable(path, error) from None
     if kind is None or kind.name != "a gzip file":
@@ -200,14 +197,17 @@ def format_hints(
         raise error from None
 
 
-def _copied_as_text(path: str | Path) -> bool:
-    """Return whether every line feed of a binary file follows a carriage return, as after a copy in text mode."""
+def _copied_as_text(path: str | Path, fewest: int = 20) -> bool:
+    """Return whether every line feed of a binary file follows a carriage return, as after a copy in text mode.
+
+    Fewer line feeds may do so by chance.
+    """
     try:
         data = read_bytes(path)
     except InputError:
         return False
     feeds = data.count(b"\n")
-    return feeds >= LINE_FEEDS and feeds == data.count(b"\r\n")
+    return feeds >= fewest and feeds == data.count(b"\r\n")
 
 
 def _kind_of_head(head: bytes) -> Kind | None:
@@ -244,7 +244,7 @@ def _hexadecimal(head: bytes) -> Kind | None:
 
 
 def _is_text(head: bytes) -> bool:
-    return len(head.translate(None, _PLAIN)) <= (1.0 - TEXT_SHARE) * len(head)
+    return len(head.translate(None, _PLAIN)) <= 0.02 * len(head)
 
 
 def _kind_of_record(data: bytes) -> Kind | None:
@@ -269,7 +269,6 @@ def _kind_of_record(data: bytes) -> Kind | None:
     return None
 
 
-PRESSURE_ALONE = 3  # most columns of a pressure table: time, pressure and perhaps temperature
 _UNIT = re.compile(
     r"[\[(][^\])]*[\])]|_(?:m|metres?|deg|degrees?|dbar|c|degc|utc|gmt|kn|knots|nt|ut|counts)$|°|\s+utc$"
 )
@@ -380,7 +379,7 @@ def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
         roles = _roles(names, words)
         if set(must) <= set(roles):
             return GuessedTable(kind, roles)
-    if timed and "pressure" in columns and len(names) <= PRESSURE_ALONE:
+    if timed and "pressure" in columns and {*names} <= {*columns.values()}:
         return GuessedTable("pressure", {role: columns[role] for role in ("time", "pressure") if role in columns})
     others = [name for name in names if name not in columns.values()]
     return GuessedTable("series", {"time": columns["time"], "value": others[0]}) if timed and len(others) == 1 else None

@@ -11,7 +11,7 @@ from __future__ import annotations
 import gzip
 import re
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,21 +20,22 @@ from compasslib.errors import InputError
 
 MEGABYTE = 1 << 20
 LARGEST_TEXT = 256 * MEGABYTE  # of one file, decompressed; parsing takes some 19 times as much memory
-LARGEST_ARRAYS, LARGEST_GROWTH = 1024 * MEGABYTE, 16  # bytes, and multiple of the file size; recordings need less
-LONGEST_LINE = 2**20  # bytes; a table of 10,000 columns has fewer
+LARGEST_ARRAYS = 1024 * MEGABYTE  # of one file
+CHUNK_BYTES = 2 * MEGABYTE  # read at a time, and searched for escapes
 # What libraries raise on the content of a damaged or foreign file; UnicodeDecodeError is a ValueError.
 DAMAGE_ERRORS = (
     *(OSError, RuntimeError, LookupError, TypeError, AttributeError, ValueError, ArithmeticError, EOFError),
     zlib.error,
 )
 GZIP_MAGIC = b"\x1f\x8b"
-UTF16_SAMPLE = 4096  # bytes from which UTF-16 without a byte order mark is detected
 _TEXT = bytes([*range(9, 14), *range(32, 127)])
 _LATIN = bytes([*range(0xA0, 0xFF)])  # without control characters and FF, a fill byte
 
+MISSING_COUNT = np.iinfo(np.int16).min  # missing value of RDI and Nortek
+NORTEK_START = 0xB58C  # initial value of Nortek's checksum, to which 16-bit words are added
+
 ESCAPE = b"\x18"
 ESCAPE_PAIRS = ((b"\x18\x6b", b"\x2b"), (b"\x18\x58", ESCAPE))
-ESCAPE_SAMPLE = 2 << 20  # bytes from which escapes are detected
 ESCAPES_UNDONE = "came with the escapes of a modem's controller (18 6B for 2B, 18 58 for 18), which were undone"
 FRAME = re.compile(rb"\x01([A-Z]{2}\d{7})_([0-9A-Fa-f]{4})[A-Za-z][0-9A-Fa-f]{8}_[0-9A-Fa-f]{2}_[0-9A-Fa-f]{4}\x02")
 FRAME_END = b"\x03"
@@ -74,9 +75,9 @@ def read_text_bytes(path: Path) -> bytes:
             packed = raw.read(len(GZIP_MAGIC)) == GZIP_MAGIC
             raw.seek(0)
             stream = gzip.GzipFile(fileobj=raw) if packed else raw
-            while block := stream.read(LONGEST_LINE):
-                if len(block) == LONGEST_LINE and not (b"\n" in block or b"\r" in block):
-                    expected, shown = f"lines of less than {LONGEST_LINE} bytes", "a longer one"
+            while block := stream.read(MEGABYTE):
+                if len(block) == MEGABYTE and not (b"\n" in block or b"\r" in block):
+                    expected, shown = "lines of less than 1 MB", "a longer one"
                     raise InputError(str(path), expected=expected, found=shown, advice="check that it is a text file")
                 size += len(block)
                 refuse_large_text(Path(path), size)
@@ -110,11 +111,11 @@ def read_text(path: Path) -> tuple[str, tuple[str, ...]]:
     return data.decode("latin-1"), (*notes, "in Latin-1")
 
 
-def detect_utf16(data: bytes) -> str | None:
-    """Detect the UTF-16 encoding of a text, None if it has another encoding."""
+def detect_utf16(data: bytes, sample: int = 4096) -> str | None:
+    """Detect the UTF-16 encoding of a text from its first bytes, None if it has another encoding."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff") and (b"\n\0" in data or b"\0\n" in data):
         return "utf-16"
-    low, high = data[:UTF16_SAMPLE:2], data[1:UTF16_SAMPLE:2]
+    low, high = data[:sample:2], data[1:sample:2]
     if min(len(low), len(high)) < 8:
         return None
     by = {"utf-16-le": high.count(0) / len(high) - low.count(0), "utf-16-be": low.count(0) / len(low) - high.count(0)}
@@ -139,15 +140,16 @@ def refuse_large_text(path: Path, size: int) -> None:
         )
 
 
-def refuse_large_arrays(where: str, needed: int, size: int, cells: int | None = None) -> None:
+def refuse_large_arrays(where: str, needed: int, size: int, cells: int | None = None, growth: int = 16) -> None:
     """Raise TooLarge for arrays that need more than 1 GB and more than 16 times the size of their files.
 
     Args:
         needed: bytes of the arrays.
         size: bytes of the files.
         cells: number of bins of the widest profile.
+        growth: allowed multiple of the size; recordings need less.
     """
-    if needed > (allowed := max(LARGEST_ARRAYS, LARGEST_GROWTH * size)):
+    if needed > (allowed := max(LARGEST_ARRAYS, growth * size)):
         raise TooLarge(
             where,
             expected=f"{'arrays' if cells is None else 'profiles'} that take up to {allowed // MEGABYTE} MB of memory",
@@ -181,6 +183,11 @@ def block_type(**fields: tuple[int, str]) -> np.dtype[np.void]:
     return np.dtype({"names": [*fields], "formats": [*formats], "offsets": [*offsets]})
 
 
+def list_some(texts: Sequence[str], most: int = 20) -> str:
+    """List ranges of skipped bytes, at most ``most``, and the number of the others."""
+    return ", ".join(texts[:most]) + (f" and {len(texts) - most} more ranges" if len(texts) > most else "")
+
+
 def unescape(data: bytes) -> bytes:
     """Replace the escape pairs by the bytes 2B and 18."""
     for pair, octet in ESCAPE_PAIRS:
@@ -190,7 +197,7 @@ def unescape(data: bytes) -> bytes:
 
 def looks_escaped(data: bytes) -> bool:
     """Return whether most bytes 18 and 2B belong to escapes; intact records after ``unescape`` must confirm this."""
-    sample = data[:ESCAPE_SAMPLE]
+    sample = data[:CHUNK_BYTES]
     pairs = sum(sample.count(pair) for pair, _ in ESCAPE_PAIRS)
     return pairs > sample.count(ESCAPE) - pairs + sample.count(b"\x2b")
 

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 from compasslib.records import BAD, GOOD, MISSING, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Flags
 
 ORDER = (GOOD, PROBABLY_GOOD, NOT_CHECKED, PROBABLY_BAD, BAD, MISSING)  # from best to worst
-SHOWN = 5  # largest number of meanings listed in a warning
 KEYS = {"good": GOOD, "bad": BAD, "unchecked": NOT_CHECKED}  # of the mooring file's ``flags``
 _WORDS = {
     NOT_CHECKED: (
@@ -92,10 +91,10 @@ def worst_flag(flags: Sequence[ArrayLike]) -> Flags:
     return np.array(ORDER, dtype=np.int8)[highest]
 
 
-def describe_unknown_flags(where: str, unknown: Mapping[str, int]) -> str:
+def describe_unknown_flags(where: str, unknown: Mapping[str, int], most: int = 5) -> str:
     """Compose the warning about unknown flag meanings of a variable or column, with their numbers of samples."""
-    shown = ", ".join(f"{meaning} ({n} samples)" for meaning, n in list(unknown.items())[:SHOWN])
-    more = f" and {len(unknown) - SHOWN} more" if len(unknown) > SHOWN else ""
+    shown = ", ".join(f"{meaning} ({n} samples)" for meaning, n in list(unknown.items())[:most])
+    more = f" and {len(unknown) - most} more" if len(unknown) > most else ""
     return (
         f"{where}: the meaning of the flags {shown}{more} is not known, and they count as probably bad; say it in the "
         f"mooring file, for example flags: {{bad: [{next(iter(unknown))}]}}, or under good or unchecked."

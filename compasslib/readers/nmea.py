@@ -26,7 +26,6 @@ from compasslib.types import Floats
 HEADINGS, COURSES = ("HDG", "HDM"), ("RMC", "VTG")
 USUAL = (HEADINGS[0], COURSES[0])
 MAGNETIC = "HC"  # talker of a magnetic compass; AP and AG are autopilots
-PAIRED_S = 2.5  # largest time difference between a heading and its course
 LOSSES = {
     "damaged": "damaged sentences (checksum absent or wrong, or cut short)",
     "strange_bytes": "bytes that are no text",
@@ -34,12 +33,10 @@ LOSSES = {
     "unpaired": "courses without a heading within 2.5 s",
     "empty": "courses without a number",
     "impossible": "numbers that no heading, course, speed or place can be",
-    "astray": "positions far from all others, whose courses stay",
     "repeated": "courses that stand in the log already, after its clock went back",
 }
 NAN = float("nan")
 FASTEST_KN = 100.0
-ASTRAY_DEG = 1.0  # largest distance in latitude from the median position: a compass swing lasts less than a day
 
 _NUMBERED = re.compile(rb"\$([A-Z]{2})(%s),[^,\s]" % "|".join((*HEADINGS, *COURSES)).encode())
 _Values = dict[str, list[tuple[int, float]]]  # sentence type -> (line, value)
@@ -235,9 +232,9 @@ def _pair(fixes: list[_Fix], values: _Values, heading: str, counts: Counter[str]
     table = np.array([list(vars(fix).values()) for fix in fixes])
     line, time_s = table[:, 0], table[:, 1]
     value, apart_s = _nearest(values[heading], line, time_s)
-    near = ~(apart_s > PAIRED_S)  # without a clock the nearest heading in the stream is used
+    near = ~(apart_s > 2.5)  # without a clock the nearest heading in the stream is used
     # Receivers may send sentences twice in a row; only a log concatenated with itself repeats rows after a step back.
-    back = np.append(False, np.cumsum(np.diff(time_s) < -PAIRED_S) > 0)
+    back = np.append(False, np.cumsum(np.diff(time_s) < -2.5) > 0)
     rows = np.nan_to_num(np.column_stack([table[:, 1:], value]), nan=-1.0)
     again = np.ones(len(rows), dtype=bool)
     again[np.unique(rows, axis=0, return_index=True)[1]] = False
@@ -246,13 +243,6 @@ def _pair(fixes: list[_Fix], values: _Values, heading: str, counts: Counter[str]
     near &= ~repeated
     counts["pairs"] = int(near.sum())
     series = {field.name: column for field, column in zip(fields(_Fix)[1:], table.T[1:], strict=True)}
-    for name, most in (("latitude", 90.0), ("longitude", 180.0)):
-        known = near & np.isfinite(series[name])
-        if known.any():
-            turned = angles.difference(series[name], series[name][known][0]) if most == 180.0 else series[name]
-            astray = known & (np.abs(turned - np.median(turned[known])) > ASTRAY_DEG * most / 90.0)
-            counts["astray"] += int(astray.sum())
-            series[name] = np.where(astray, np.nan, series[name])
     series["heading_deg"] = angles.wrap360(value)
     series["true_heading_deg"] = _nearest(values["HDT"], line, time_s)[0]
     series["water_speed_kn"] = _nearest(values["VHW"], line, time_s)[0]

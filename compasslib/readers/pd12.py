@@ -36,7 +36,6 @@ HEADER = np.dtype(
 )
 FOUR = 0x0F  # components: one bit each for east, north, up and error; the high half is the interval of bins sent
 LONGEST = HEADER.itemsize + 2 * 4 * 255 + 2  # bytes including the checksum
-NONE = -32768  # missing value
 BEAM_ANGLE_DEG = 20.0  # of every WorkHorse and Long Ranger
 COORDINATES = (
     "PD12 tells neither coordinates nor heading bias: velocities were taken as east and north by the recorded heading, "
@@ -176,7 +175,7 @@ def _velocities(frames: Sequence[bytes], heads: NDArray[np.void]) -> Floats:
         mine = heads["bins"] == bins
         sent = b"".join(f[HEADER.itemsize :] for f, m in zip(frames, mine, strict=True) if m)
         counts = np.moveaxis(np.frombuffer(sent, "<i2").reshape(-1, 4, bins), 1, 0)
-        flow[:, mine, :bins] = np.where(counts == NONE, np.nan, counts / 1000.0)
+        flow[:, mine, :bins] = np.where(counts == files.MISSING_COUNT, np.nan, counts / 1000.0)
     return flow
 
 

@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 
 from compasslib.types import Bools, Floats
 
-BLOCK = 2**20  # bytes per block, which fit into the processor's cache
-LONGEST, FIGURES = 18, 15  # largest number of characters, and of digits that a float represents exactly
-TENS = 10.0 ** np.arange(LONGEST + 1)  # exact, so quotients are the nearest floats, as by float()
+TENS = 10.0 ** np.arange(19)  # exact, so quotients are the nearest floats, as by float()
 LARGEST = 1e30  # above any measurement in any unit; its square is still finite
 MISSING_TEXT = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
@@ -71,13 +69,13 @@ class Cells:
         return [raw[first:behind].decode("ascii").strip() for first, behind in ends]
 
 
-def split_cells(data: bytes, begin: int, delimiter: str, count: int) -> Iterator[Cells | None]:
-    """Split lines without quotation marks into ``count`` cells, block by block.
+def split_cells(data: bytes, begin: int, delimiter: str, count: int, size: int = 2**20) -> Iterator[Cells | None]:
+    """Split lines without quotation marks into ``count`` cells, by blocks that fit into the processor's cache.
 
     Yield None and stop at a line with another number of cells. The last line must end with a line feed.
     """
     while begin < len(data):
-        end = data.rfind(b"\n", begin, begin + BLOCK) + 1 or data.find(b"\n", begin) + 1
+        end = data.rfind(b"\n", begin, begin + size) + 1 or data.find(b"\n", begin) + 1
         block = np.frombuffer(data, np.uint8, end - begin, begin)
         ends = np.flatnonzero((block == NEWLINE) | (block == ord(delimiter)))
         if len(ends) % count or not (np.flatnonzero(block[ends] == NEWLINE) % count == count - 1).all():
@@ -113,10 +111,10 @@ def parse_figures(data: Bytes, first: Places, behind: Places) -> tuple[Floats, B
     sign = data[first]
     negative = sign == MINUS
     first = first + (negative | (sign == PLUS))
-    length = behind - first
+    length, longest = behind - first, len(TENS) - 1
     mantissa, figures, decimals = (np.zeros(len(first), np.int64) for _ in range(3))
-    pointed, plain = np.zeros(len(first), bool), length <= LONGEST
-    for k in range(int(min(np.max(length, initial=0), LONGEST))):
+    pointed, plain = np.zeros(len(first), bool), length <= longest
+    for k in range(int(min(np.max(length, initial=0), longest))):
         inside = length > k
         byte = data[np.minimum(first + k, behind)]
         figure = byte - np.uint8(ZERO)
@@ -126,7 +124,7 @@ def parse_figures(data: Bytes, first: Places, behind: Places) -> tuple[Floats, B
         decimals += counts & pointed
         plain &= ~inside | counts | (point & ~pointed)
         pointed |= point
-    plain &= (figures > 0) & (figures <= FIGURES)
+    plain &= (figures > 0) & (figures <= np.finfo(float).precision)
     values = mantissa / TENS[decimals]
     values[negative] *= -1.0
     return values, plain

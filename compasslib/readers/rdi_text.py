@@ -20,7 +20,7 @@ from compasslib.readers.files import count_unprintable, read_text_bytes
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.pd0.fields import LAST_YEAR
 from compasslib.readers.pd12 import BEAM_ANGLE_DEG
-from compasslib.readers.times import civil_seconds, describe_averages
+from compasslib.readers.times import FIRST_YEAR, civil_seconds, describe_averages
 from compasslib.records import GOOD, MISSING, Record, join_records
 from compasslib.types import Floats
 
@@ -29,7 +29,6 @@ VERTICAL = {"Ver": "up", "Err": "error_velocity"}
 SPEEDS = {"mm/s": 0.001, "cm/s": 0.01, "m/s": 1.0}
 MISSING_TEXT = ("", "-32768", "32768")
 NO_BIAS = "A text export does not hold the heading bias EB: none was taken out but for declination_applied."
-SINCE_1980 = 80  # WinADCP's two-digit years are 1980 to 2079
 NUMBER = re.compile(r"[-+]?(\d{1,9}(\.\d*)?|\.\d+)", re.ASCII)
 FIRST_BIN = re.compile(r"1st Bin Range \(m\)[\s=\",]*(\d{1,4}(?:\.\d*)?)(?![\d.])")
 BIN_SIZE = re.compile(r"Bin Size \(m\)[\s=\",]*(\d{1,4}(?:\.\d*)?)(?![\d.])")
@@ -175,7 +174,7 @@ def _times(table: _Table) -> Floats:
     later = _column(table, hundredths[0]) if hundredths else np.zeros(len(table.rows))
     clock = np.column_stack([*(_column(table, k) for k in range(1, 7)), later])
     whole = np.nan_to_num(clock, nan=-1.0).astype(np.int64)
-    century = np.where(whole[:, 0] >= 1900, 0, np.where(whole[:, 0] >= SINCE_1980, 1900, 2000))
+    century = np.where(whole[:, 0] >= 1900, 0, np.where(whole[:, 0] >= FIRST_YEAR - 1900, 1900, 2000))
     time_s = civil_seconds(whole[:, 0] + century, *whole[:, 1:].T, last_year=LAST_YEAR)
     if (wrong := np.isnan(time_s)).any():
         where, shown = f"{table.path}: time", " ".join(table.rows[int(np.argmax(wrong))][1:7])

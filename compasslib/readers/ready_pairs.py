@@ -20,7 +20,6 @@ ROLES = ("time", "heading", "upper_east", "upper_north", "lower_east", "lower_no
 ADVICE = "correct fit.columns in the mooring file"
 DATENUMS = (6.5e5, 8.0e5)  # years 1780 to 2190; seconds since 1970 are larger
 HDF5 = b"\x89HDF"  # after the text header of 512 bytes in a MATLAB 7.3 file
-HDF5_AT = 512  # bytes
 NUMBERS = re.compile(r"double|single|u?int\d+|float\d+")  # types by scipy and h5py
 
 
@@ -54,7 +53,7 @@ def _read_matlab(path: Path, columns: Mapping[str, str]) -> Mapping[str, Any]:
 
     try:
         with path.open("rb") as stream:
-            stream.seek(HDF5_AT)
+            stream.seek(512)
             is_hdf5 = stream.read(len(HDF5)) == HDF5
         if not is_hdf5:
             _refuse_others(path, columns, {name: (form, shape) for name, shape, form in whosmat(path)})

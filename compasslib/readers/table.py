@@ -16,22 +16,15 @@ from compasslib.errors import InputError
 from compasslib.readers import flags as vocabularies
 from compasslib.readers import units
 from compasslib.readers.delimited import COLUMN_MAP, Layout, Table, read_table, table_notes
-from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
+from compasslib.records import GOOD, MISSING, Record
 from compasslib.types import Bools, Floats
 
 MAGNETIC, TRUE = "magnetic", "true"
-BY_LEVEL = 0.75  # ratio of distinct times to runs of equal time, up to which a table is listed level by level
-# Least share of steps that are multiples of the interval, and of samples present: swapped days and months leave gaps.
-EVEN, FILLED = 0.99, 0.7
-UNORDERED = 0.1  # share of backward time steps above which a table counts as unordered
-FILLER_TIMES = 2.0  # least ratio of a fill value to the largest measured speed, unless both components hold it
-OTHER_UNIT, OTHER_UNIT_VALUES = 0.05, 10  # share and distinct values of invalid headings that indicate another unit
 LOSSES = {
     "rows_cut": "last lines were cut short and left out",
     "rows_repeated": "rows repeat time and depth of another and were left out",
     "rows_contradict": "rows repeat time and depth of another with other values; none of them was used",
     "directions_impossible": "headings or directions are no angles and count as missing",
-    "headings_in_other_unit": "headings are no angles, of many values: the column is not in degrees; all are doubtful",
     "fillers": "fill values (speeds of nines only) count as missing",
     "rows_sorted": "rows are earlier than the one before; all were put in order: check the form of the times",
 }
@@ -95,9 +88,7 @@ def read(
         temperature_c=series.get("temperature", empty),
         supply_voltage=empty,
         quality=np.where(np.isfinite(east + north), quality, MISSING).astype(np.int8),
-        heading_quality=np.where(
-            np.isfinite(heading), PROBABLY_BAD if counts["headings_in_other_unit"] else GOOD, MISSING
-        ).astype(np.int8),
+        heading_quality=np.where(np.isfinite(heading), GOOD, MISSING).astype(np.int8),
         looks_up=False,
         direction_reference=reference,
         counts=counts | {"velocities_missing": int(np.sum(~np.isfinite(east + north)))},
@@ -156,8 +147,6 @@ def _clean(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, 
     with np.errstate(invalid="ignore"):
         directions = {role: table[role] for role in ("heading", "direction") if role in table}
         wrong = {role: (degrees < -180.0) | (degrees > 360.0) for role, degrees in directions.items()}
-    no_angles = directions["heading"][wrong["heading"]] if "heading" in wrong else np.empty(0)
-    other_unit = len(no_angles) > OTHER_UNIT * len(table["time"]) and len(np.unique(no_angles)) >= OTHER_UNIT_VALUES
     blank = {role: filled for role in units.FLOWS if role in table} | wrong
     table = {role: np.where(blank[role], np.nan, x) if role in blank else x for role, x in table.items()}
     keep, repeated, contradict = _first_of_repeated(table)
@@ -166,35 +155,36 @@ def _clean(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, 
         "rows_repeated": repeated,
         "rows_contradict": contradict,
         "directions_impossible": int(sum(where.sum() for where in wrong.values())),
-        "headings_in_other_unit": len(no_angles) * other_unit,
         "fillers": int(filled.sum()),
     }
 
 
-def _sort_rows(table: dict[str, Floats]) -> tuple[dict[str, Floats], int]:
-    """Sort rows by time if they are listed newest first, level by level or unordered, and count suspicious steps back.
+def _sort_rows(
+    table: dict[str, Floats], *, unordered: float = 0.1, by_level: float = 0.75
+) -> tuple[dict[str, Floats], int]:
+    """Sort rows by time if they are listed newest first, level by level or unordered; count the last's steps back.
 
-    A few steps back are a clock adjustment, left to the checks of the deployment. Times that are evenly spaced after
-    sorting were parsed correctly, whatever their order, and are not counted.
+    A few steps back are a clock adjustment, left to the checks of the deployment.
+
+    Args:
+        unordered: share of backward time steps above which rows count as unordered.
+        by_level: ratio of distinct times to runs of equal time up to which rows are listed level by level.
     """
     steps = np.diff(table["time"])
-    back = int((steps < 0.0).sum())
-    groups = int((steps != 0.0).sum()) + 1
-    by_level = {"depth", "pressure"} & set(table) and len(np.unique(table["time"])) <= BY_LEVEL * groups
-    mixed = back > UNORDERED * (groups - 1)
-    if not back or not (mixed or by_level):
+    back, groups = int((steps < 0.0).sum()), int((steps != 0.0).sum()) + 1
+    mixed = back > unordered * (groups - 1)
+    levels = {"depth", "pressure"} & set(table) and len(np.unique(table["time"])) <= by_level * groups
+    if not back or not (mixed or levels):
         return table, 0
     order = np.argsort(table["time"], kind="stable")
-    spacing = np.diff(np.unique(table["time"]))
-    whole = np.maximum(np.rint(spacing / np.median(spacing)), 1.0) if len(spacing) else spacing  # allows gaps
-    on_grid = np.isclose(spacing, whole * np.median(spacing), rtol=0.01)
-    even = on_grid.mean() > EVEN and len(spacing) > FILLED * whole.sum() if len(spacing) else True
-    doubtful = mixed and (steps > 0.0).any() and not even
-    return {role: column[order] for role, column in table.items()}, back if doubtful else 0
+    return {role: column[order] for role, column in table.items()}, back if mixed and (steps > 0.0).any() else 0
 
 
-def _fillers(table: Mapping[str, Floats]) -> Bools:
-    """Flag rows whose velocity is a repeated fill value consisting of nines only, such as -99.9 or 9999."""
+def _fillers(table: Mapping[str, Floats], far: float = 2.0) -> Bools:
+    """Flag rows whose velocity is a repeated fill value consisting of nines only, such as -99.9 or 9999.
+
+    Unless both components hold it, it exceeds the largest measured speed by a factor ``far``.
+    """
     speeds = [table[role] for role in units.FLOWS if role in table]
     nines = []
     for column in speeds:
@@ -209,8 +199,8 @@ def _fillers(table: Mapping[str, Floats]) -> Bools:
     filled = alike if alike.sum() > 1 else np.zeros(alike.shape, dtype=bool)
     for column, nine in zip(speeds, nines, strict=True):
         others = np.abs(column[~nine & np.isfinite(column)])
-        far = nine & (np.abs(column) > FILLER_TIMES * others.max(initial=0.0))
-        filled = filled | (far if far.sum() > 1 else False)
+        beyond = nine & (np.abs(column) > far * others.max(initial=0.0))
+        filled = filled | (beyond if beyond.sum() > 1 else False)
     return np.asarray(filled)
 
 

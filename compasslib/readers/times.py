@@ -20,12 +20,11 @@ Ints = NDArray[np.int64]
 
 TIME_FORM = "an ISO time like 2007-09-04T00:00:00Z"
 SETTLE = "write time_format, for example '%d/%m/%Y %H:%M'"
-DATENUM_1970, EXCEL_1970 = 719529.0, 25569.0  # 1970-01-01 in MATLAB's and in Excel's day numbers
-JULIAN_DAY_1970 = 2440588  # Julian day number of noon on 1970-01-01
+DATENUM_1970 = 719529.0  # 1970-01-01 in MATLAB's day numbers
+JULIAN_DAY_1970 = 2440588  # Julian day number of noon on 1970-01-01; EPIC's of that day
 FARTHEST_ZONE_H = 14  # hours, largest UTC offset in use
 FIRST_YEAR, LAST_YEAR = 1980, 2100  # accepted years of instrument clocks
-YEARS = (1950, 2100)  # accepted years of numeric times
-FIRST_S, LAST_S = 315532800.0, 1893456000.0  # 1980 to 2030: range in which numeric times are detected
+YEARS, USUAL_YEARS = (1950, 2101), (1980, 2030)  # numeric times: accepted, and those in which a scale is detected
 MONTHS = "january february march april may june july august september october november december"
 
 _CLOCK = (
@@ -55,8 +54,6 @@ _SECOND_60 = re.compile(r"((?<!\d)\d\d:\d\d:)60(?!\d|[.,]\d*[1-9])", re.ASCII)
 _SHORT_YEAR = re.compile(r"\d{1,2}[-/. ](?:\d{1,2}|[A-Za-z]{3,9})[-/. ]\d\d(?:[T ].*)?", re.ASCII)
 _ZONE_NAME = re.compile(r".*\d ?(?:[AaPp]\.?[Mm]\.? )? ?([A-Z]{2,5}\d?)", re.ASCII)
 _NUMBERLIKE = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?", re.ASCII)
-LONG_AVERAGE_S = 120.0  # averages from here on, with a midpoint at least a minute after the time stamp, are reported
-OVERLAP = 0.9  # least sampling interval of an average, relative to its duration; clocks are rounded to a second
 
 
 class Unreadable(Exception):
@@ -173,7 +170,7 @@ SCALES: dict[str, tuple[Callable[[Floats], Floats], str]] = {
     "epoch": (lambda x: x, "seconds since 1970"),
     "epoch_ms": (lambda x: x / 1e3, "milliseconds since 1970"),
     "datenum": (lambda x: np.round((x - DATENUM_1970) * DAY_S, 3), "MATLAB's datenum"),
-    "excel": (lambda x: np.round((x - EXCEL_1970) * DAY_S, 3), "Excel's days"),
+    "excel": (lambda x: np.round((x - 25569.0) * DAY_S, 3), "Excel's days"),
     "decimal_year": (_decimal_years, "years with a fraction of their own length"),
 }
 
@@ -182,15 +179,17 @@ def _from_scale(scale: str, cells: Sequence[str], values: Floats | None) -> Floa
     if values is None or not np.isfinite(values).all():
         row = next((k for k, cell in enumerate(cells) if values is None or not np.isfinite(values[k])), 0)
         raise _refused(cells, row, f"a number ({SCALES[scale][1]})", "mend the line or correct time_format")
-    with np.errstate(invalid="ignore", over="ignore"):
-        low, high = (np.datetime64(f"{year}-01-01", "s").astype(float) for year in (YEARS[0], YEARS[1] + 1))
-        possible = values if scale != "decimal_year" else np.clip(values, 1.0, 9999.0)
-        time_s = SCALES[scale][0](possible)
-    beyond = np.flatnonzero(~((time_s >= low) & (time_s < high)))
-    if len(beyond):
-        row, expected = int(beyond[0]), f"{SCALES[scale][1]} between {YEARS[0]} and {YEARS[1]}"
-        raise _refused(cells, row, expected, "mend the line or correct time_format")
-    return time_s
+    if (beyond := np.flatnonzero(~_within(scale, values, YEARS))).size:
+        expected = f"{SCALES[scale][1]} between {YEARS[0]} and {YEARS[1] - 1}"
+        raise _refused(cells, int(beyond[0]), expected, "mend the line or correct time_format")
+    return SCALES[scale][0](values)
+
+
+def _within(scale: str, values: Floats, years: tuple[int, int]) -> Bools:
+    """Return whether each number is a time between two years, the last excluded, (n,)."""
+    low, high = (np.datetime64(f"{year}-01-01", "s").astype(float) for year in years)
+    time_s = SCALES[scale][0](values if scale != "decimal_year" else np.clip(values, 1.0, 9999.0))
+    return (time_s >= low) & (time_s < high)
 
 
 def _detect_scale(cells: Sequence[str], values: Floats | None) -> str:
@@ -204,14 +203,10 @@ def _detect_scale(cells: Sequence[str], values: Floats | None) -> str:
             advice = "take the name out, and write timezone where it is not UTC"
             raise _refused(cells, row, f"UTC or an offset instead of {named[1]}", advice)
         raise _refused(cells, row)
-    fraction = bool(np.any(values != np.floor(values)))
-    for scale in ("epoch", "epoch_ms", "datenum", "decimal_year"):
-        if not fraction and scale in ("datenum", "decimal_year"):
-            continue  # integers may be anything, such as concatenated dates
-        seconds = (FIRST_S, LAST_S) if scale == "epoch" else (FIRST_S * 1e3, LAST_S * 1e3)
-        low, high = {"decimal_year": (1980.0, 2030.0), "datenum": (723181.0, 741444.0)}.get(scale, seconds)
-        if np.all((values >= low) & (values < high)):
-            return scale
+    # Integers of days or years may be anything, such as concatenated dates.
+    scales = ("epoch", "epoch_ms", *(("datenum", "decimal_year") if np.any(values % 1.0) else ()))
+    if scale := next((scale for scale in scales if _within(scale, values, USUAL_YEARS).all()), None):
+        return scale
     advice = "write time_format: epoch, epoch_ms, datenum, decimal_year or excel"
     raise Unreadable(None, f"numbers from {np.min(values):.10g} to {np.max(values):.10g}", "times", advice)
 
@@ -322,15 +317,15 @@ def _zone_offset_s(cells: Sequence[str], zone_s: Floats, zone: str | None, ahead
     return np.where(stated, zone_s, ahead_s)
 
 
-def describe_averages(average_s: float, time_s: Floats) -> tuple[str, ...]:
+def describe_averages(average_s: float, time_s: Floats, *, least_s: float = 120.0) -> tuple[str, ...]:
     """Describe the offset between the midpoints of averages and their time stamps, if it is a minute or more.
 
-    Samples at intervals shorter than the averaging time are single pings, whatever setting was recorded.
+    Samples at intervals shorter than 90 % of the averaging time are single pings, whatever setting was recorded.
     """
     steps = np.diff(time_s)
     steps = steps[steps > 0.0]
-    single = len(steps) > 0 and float(np.median(steps)) < OVERLAP * average_s
-    if not average_s >= LONG_AVERAGE_S or single:
+    single = len(steps) > 0 and float(np.median(steps)) < 0.9 * average_s
+    if not average_s >= least_s or single:
         return ()
     half = average_s / 2.0
     return (

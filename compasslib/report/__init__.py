@@ -26,7 +26,7 @@ from compasslib.archive import provenance
 from compasslib.archive.files import atomic_write
 from compasslib.archive.summary import STOPPED
 from compasslib.inference.wording import VERDICTS
-from compasslib.report import chart, words
+from compasslib.report import words
 from compasslib.report.results import (
     MAX_SECTIONS,
     Overview,
@@ -55,7 +55,6 @@ class Report:
     calibrations: Overview
     software: str
     date: str
-    map: chart.Chart | None = None
     figures: tuple[ReportFigure, ...] = ()  # figures of all moorings together
     small: bool = False  # whether there are too many sections for figures of full size
     compasses: Overview = NO_COMPASSES
@@ -99,17 +98,12 @@ def gather(
     root = Path(root)
     rows = read_summary(root / "summary.csv") if moorings else {}
     small = len(moorings) + len(calibrations) > MAX_SECTIONS
-    sections, stations, missing = [], [], dict[str, None]()
-    for name, site in moorings.items():  # one by one, as the record of each is read into memory
-        if name in stopped["moorings"]:
-            stations.append(chart.Station(name, site["latitude"], site["longitude"], stopped=True))
-            continue
+    sections, missing = [], dict[str, None]()
+    used = {name: site for name, site in moorings.items() if name not in stopped["moorings"]}
+    for name, site in used.items():  # one by one, as the record of each is read into memory
         results = read_mooring(name, root, rows[name], site["roles"])
         sections.append(mooring_section(results, root, site, small=small))
         missing |= dict.fromkeys(results.headings["missing"])
-        place = site["latitude"], site["longitude"]
-        corrected = results.headings["corrected"] > 0
-        stations.append(chart.Station(name, *place, corrected, *results.currents.mean))
     others = [calibration_section(read_calibration(name, root), root, small=small) for name in calibrations]
     shared = [compass_section(name, root, small=small) for name in compasses]
     headers = {part: words.cells(part, "overview")[0] for part in ("mooring", "calibration", "compass")}
@@ -126,7 +120,6 @@ def gather(
         compasses=Overview(COMPASSES, headers["compass"], shared),
         software=provenance.software(),
         date=provenance.date_created(),
-        map=chart.chart(stations),
         figures=tuple(together.values()) if moorings else (),
         small=small,
         missing=tuple(missing),

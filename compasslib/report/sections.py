@@ -30,7 +30,6 @@ from compasslib.report.results import (
 )
 
 LARGE = "large_deviation"  # not a limit: it is not tested because the exact compass, which includes it, was fitted
-MAX_NAMES, MOST_ALTERNATIVES = 3, 5  # candidates of a finding that are named in the summary, and in its section
 CLAUSES = {
     **wording.PHYSICS,
     "hard_iron": "iron near by adds a constant field",
@@ -39,20 +38,21 @@ CLAUSES = {
 }
 
 
-def report_findings(diagnosis: Mapping[str, Any], *, product: bool) -> tuple[ReportedFinding, ...]:
+def report_findings(diagnosis: Mapping[str, Any], *, product: bool, most: int = 5) -> tuple[ReportedFinding, ...]:
     """Describe the findings, strongest first, and then what remains unexplained.
 
     Args:
         diagnosis: content of diagnosis.json.
         product: whether there is a corrected record to which a finding may be applied.
+        most: number of other candidates that are named if there are many.
     """
     findings = []
     for entry in diagnosis["findings"]:
         parts = entry.get("composition")
         title = words.plain(f"{COMPOSED}{'/'.join(parts.values())}" if parts else entry["effect"])
         others = candidate_names(entry)[1:]
-        if rest := others[MOST_ALTERNATIVES + 1 :]:
-            others = [*others[:MOST_ALTERNATIVES], f"{len(rest) + 1} others, listed in diagnosis.json"]
+        if rest := others[most + 1 :]:
+            others = [*others[:most], f"{len(rest) + 1} others, listed in diagnosis.json"]
         given = {"alternatives": others, "formula": effect_formula(**parts) if parts else ""}
         facts = words.facts("diagnosis", "facts", e=entry, product=product, **given)
         fitted = table("diagnosis", "parameters", e=entry, known=meanings(entry["effect"]))
@@ -82,13 +82,13 @@ def candidate_names(finding: Mapping[str, Any]) -> list[str]:
     return texts
 
 
-def describe_findings(diagnosis: Mapping[str, Any]) -> str:
-    """Summarize the findings beyond the fitted deviation in a clause, with their probabilities."""
+def describe_findings(diagnosis: Mapping[str, Any], *, most: int = 3) -> str:
+    """Summarize the findings beyond the fitted deviation in a clause, with up to ``most`` candidates of each."""
     clauses = []
     for entry in diagnosis["findings"]:
         names = candidate_names(entry)
-        more = len(names) - MAX_NAMES
-        clause = " or ".join([*names[:MAX_NAMES], *([f"one of {more} others"] if more > 1 else names[MAX_NAMES:])])
+        more = len(names) - most
+        clause = " or ".join([*names[:most], *([f"one of {more} others"] if more > 1 else names[most:])])
         clauses.append(clause + ("" if words.confirmed(entry) else ", not confirmed on held-out days"))
     return words.paragraphs("diagnosis", "findings", d=diagnosis, clauses=clauses)[0]
 

@@ -23,8 +23,6 @@ from compasslib.report.results import ReportedFinding, ReportFigure
 from compasslib.statistics.resampling import NORMAL_95, block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
 
-BLOCK_S, DRAWS = 5 * DAY_S, 1000  # block resampling of the errors
-
 
 def concealed(
     *, page: str, truths: Sequence[str], corrected: Sequence[str], recordings: str, say: Callable[[str], None]
@@ -95,15 +93,15 @@ class HeadingErrors:
         """Rms of the stated standard deviation over the corrected headings."""
         return angles.rms(self.sigma_deg[np.isfinite(self.corrected_deg + self.sigma_deg)])
 
-    def _mean(self, values: Floats) -> tuple[float, float, float] | None:
-        """Average over the finite values, with the 95 % interval by resampling blocks of ``BLOCK_S``."""
+    def _mean(self, values: Floats, *, days: float = 5.0, draws: int = 1000) -> tuple[float, float, float] | None:
+        """Average over the finite values, with the 95 % interval by resampling blocks of some days."""
         known = np.isfinite(values)
         if not known.any():
             return None
         sums = block_sums(
-            np.stack([values[known], np.ones(known.sum())], axis=1), blocks_by_span(self.time_s[known], BLOCK_S)
+            np.stack([values[known], np.ones(known.sum())], axis=1), blocks_by_span(self.time_s[known], days * DAY_S)
         )
-        drawn = np.random.default_rng(0).choice(sums, (DRAWS, len(sums))).sum(axis=1)
+        drawn = np.random.default_rng(0).choice(sums, (draws, len(sums))).sum(axis=1)
         low, high = np.quantile(drawn[:, 0] / drawn[:, 1], [0.025, 0.975])
         return float(np.mean(values[known])), float(low), float(high)
 

@@ -8,7 +8,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from compasslib.archive import conventions as rules
 from compasslib.archive import crate
 from compasslib.archive import summary as table
 from compasslib.archive.files import read_json, read_reason, write_json
@@ -149,18 +148,3 @@ def _named(stopped: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
     """Return the reasons by kind and name, such as "mooring EG4", the keys of the configuration."""
     kinds = ("mooring", "calibration")
     return {f"{kind} {name}": why for kind in kinds for name, why in stopped[f"{kind}s"].items()}
-
-
-def conventions(
-    mooring: str,
-    *,
-    products: Sequence[str],
-    conventions: str,
-    say: Callable[[str], None],
-) -> None:
-    """Check files against conventions, and write which conventions were checked.
-
-    Raises:
-        InputError: there are remarks on a file.
-    """
-    write_json(conventions, rules.report_remarks(products, say))

@@ -63,7 +63,7 @@ def _draw(subject: str, figures: Sequence[str], data: Any) -> None:
 
 def sections(mooring: str, *, gridded: str, figures: Sequence[str], pictures: str, say: Callable[[str], None]) -> None:
     """Draw the section and the mean profile of the gridded velocities."""
-    _draw("sections", figures, read_section(gridded, water.COLUMNS))
+    _draw("sections", figures, read_section(gridded))
     write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])
     say(f"{mooring}: {len(figures)} figures")
 

@@ -41,14 +41,6 @@ def reported(files, names, category, subcategory=None):
     return report(listed, category=category, subcategory=subcategory)
 
 
-def archived(name):
-    """List the netCDF files of a mooring: products, gridded ones if configured, and records of its instruments."""
-    products = [f"results/{name}/{file}" for file in ("corrected.nc", "overlap.nc") if name in CRUISE.moorings]
-    gridded = [f"results/{name}/{file}" for file in MOORINGS.gridded.get(name, [])]
-    roles = MOORINGS.roles(name) if name in CRUISE.moorings else []
-    return [*products, *gridded, *(f"results/{name}/work/{role}.nc" for role in roles)]
-
-
 def made_by(rule, **of):
     """List the outputs of a job by their names in the cruise, wherever a storage plug-in keeps them."""
     return [str(file).removeprefix(f"{STORAGE_ROOT}/").format(**of) for file in getattr(rules, rule).output]
@@ -58,7 +50,6 @@ def results(wildcards=None):
     """List all files of moorings, calibrations and compasses that can go on, without the pages of the cruise."""
     moorings, calibrations = usable("moorings"), usable("calibrations")
     gridded = {name: files for name, files in MOORINGS.gridded.items() if set(MOORINGS.parts(name)) & set(moorings)}
-    checked = dict.fromkeys([*moorings, *gridded]) if CRUISE.options.conventions.check else ()
     of_moorings = ("overlap", "fit", "diagnose", "correct", "compare", "figures")
     jobs = [
         *(("read", {"mooring": name, "role": role}) for name in moorings for role in MOORINGS.roles(name)),
@@ -66,7 +57,6 @@ def results(wildcards=None):
         *(("diagnose_alone", {"mooring": name}) for name in moorings if name in COMPASSES.moorings),
         *(("grid_with_daily_means" if files[1:] else "grid", {"mooring": name}) for name, files in gridded.items()),
         *(("sections", {"mooring": name}) for name in gridded),
-        *(("check_conventions", {"mooring": name}) for name in checked),
         *((rule, {"calibration": name}) for name in calibrations for rule in ("calibrate", "compare_calibrations")),
         *(("diagnose_calibration", {"calibration": name}) for name in CALIBRATIONS.diagnosed if name in calibrations),
         *((rule, {"compass": name}) for name in usable("compasses") for rule in ("combine_records", "joined_figures")),

@@ -275,24 +275,3 @@ use rule figures as sections with:
         "results/{mooring}/benchmarks/sections.tsv"
     params:
         **parameters("figures.sections", lambda: {"formats": FORMATS}),
-
-
-rule check_conventions:
-    """Check one mooring's netCDF files against CF, ACDD and OceanSITES, in each run if configured."""
-    input:
-        products=lambda wildcards: archived(wildcards.mooring),
-    output:
-        conventions="results/{mooring}/conventions.json",
-        job="results/{mooring}/logs/conventions.json",
-    log:
-        "results/{mooring}/logs/conventions.log",
-    params:
-        **parameters("cruise.conventions", lambda: {"checker": provenance.installed("compliance-checker")}),
-    script:
-        "../scripts/stage.py"
-
-
-rule conventions:
-    """Check the netCDF files of all moorings against CF, ACDD and OceanSITES."""
-    input:
-        expand("results/{name}/conventions.json", name=dict.fromkeys([*CRUISE.moorings, *MOORINGS.gridded])),

@@ -35,14 +35,7 @@ from compasslib.types import Bools, Floats
 
 USUAL_HZ = 2.0  # sample rate if neither the file nor the switching times determine it
 PARKED_S = 180.0  # a profiler rests at either end of a profile before and after the rows of its engineering file
-SLOWEST_HZ, FASTEST_HZ = 0.01, 20.0  # range of plausible sample rates
-TREND_DBAR = 2.0  # least pressure change that determines the direction of a profile
 OFF_DEG = 2.0  # the logger's algorithm reproduces its heading to 0.14 degrees in a genuine record of 17,917 scans
-MOST_OFF = 0.5  # share of differing headings above which the magnetometer may be the one in error
-LEVER_M = 0.43  # distance from the wire, about which the profiler swings, to the paths
-SWING_S = 2.0  # half-width of the window for the swing rate; a swing lasts ten seconds or more
-SLOWEST_SWING_HZ = 0.5  # at lower sample rates swings are not resolved
-_ROOT2 = math.sqrt(2.0)
 TIMES = ("time_utc", "time", "datetime", "date_time", "timestamp", "date")
 PRESSURES = ("pressure_dbar", "pressure", "pres", "dbar", "p_dbar")
 PROFILES = ("profile", "profile_number")
@@ -50,11 +43,7 @@ EXPECTED = (
     "an unpacked engineering (E) or CTD (C) file of the profiler, or a CSV table with a header line and the columns"
     " time and pressure (time_utc or time, ISO; pressure_dbar or pressure, dbar)"
 )
-BRIDGED_S = 60.0  # pressure is interpolated across gaps up to this long,
-BRIDGED_STEPS = 5.0  # or up to this many median steps,
-BRIDGED_AT_MOST_S = 600.0  # but never across longer gaps than this
-OLD_STAMP = 6  # numbers of a time stamp written as month day year hour minute second
-DBAR_OF_E, DBAR_OF_C = 2, 2  # index of the pressure column after the time stamp
+DBAR = 2  # index of the pressure column after the time stamp, in E and C files
 
 
 @dataclass(frozen=True)
@@ -107,7 +96,6 @@ class TimedScans:
     heading_deg: Floats  # (r,) magnetic, NaN where undetermined
     pressure_dbar: Floats  # (r,) NaN where no pressure is available
     rate_hz: Floats  # (p,) sample rate
-    ascending: Floats  # (p,) 1 up, 0 down, NaN unknown
     warnings: tuple[str, ...] = ()
 
 
@@ -122,7 +110,7 @@ class HeadingComparison:
     @property
     def agrees(self) -> bool:
         """Whether most logged headings agree with the magnetometer."""
-        return int(self.off.sum()) <= MOST_OFF * self.known
+        return 2 * int(self.off.sum()) <= self.known
 
     def warnings(self) -> list[str]:
         """Compose the warnings about logged headings that differ from the magnetometer's."""
@@ -176,10 +164,10 @@ def logged_heading(field: Floats, tilt_x_deg: ArrayLike, tilt_y_deg: ArrayLike) 
 def instrument_axes(paths: Floats) -> tuple[Floats, Floats]:
     """Convert velocities along the paths VPAB, VPCD, VPEF, VPGH, (n, 4), to (x, y) in instrument axes, same unit."""
     ab, ef = paths[..., 0], paths[..., 2]
-    return -(ab + ef) / _ROOT2, (ab - ef) / _ROOT2
+    return -(ab + ef) / math.sqrt(2.0), (ab - ef) / math.sqrt(2.0)
 
 
-def swing_rate(heading_deg: Floats, rate_hz: Floats, joined: Bools) -> Floats:
+def swing_rate(heading_deg: Floats, rate_hz: Floats, joined: Bools, half_s: float = 2.0) -> Floats:
     """Estimate the meter's rotation rate, (n,) degrees/s clockwise, from the headings two seconds before and after.
 
     The window is truncated at the ends of gapless segments; the rate is zero for isolated scans and for sample rates
@@ -188,23 +176,24 @@ def swing_rate(heading_deg: Floats, rate_hz: Floats, joined: Bools) -> Floats:
 
     Args:
         joined: (n - 1,) whether each scan follows the previous one without a gap.
+        half_s: half the width of the window; a swing lasts ten seconds or more.
     """
     turned = angles.difference(heading_deg[1:], heading_deg[:-1])
-    usable = joined & np.isfinite(turned) & (rate_hz[1:] >= SLOWEST_SWING_HZ)
+    usable = joined & np.isfinite(turned) & (rate_hz[1:] * half_s >= 1.0)
     turned = np.append(0.0, np.cumsum(np.where(usable, turned, 0.0)))[: len(heading_deg)]
     here = np.arange(len(heading_deg))
     parted = np.append(True, ~usable)[: len(here)]
     begins = np.flatnonzero(parted)
     stretch = np.cumsum(parted) - 1
-    reach = np.maximum(1, np.rint(SWING_S * np.nan_to_num(rate_hz))).astype(np.int64)
+    reach = np.maximum(1, np.rint(half_s * np.nan_to_num(rate_hz))).astype(np.int64)
     before = np.maximum(here - reach, begins[stretch])
     after = np.minimum(here + reach, np.append(begins[1:], len(here))[stretch] - 1)
     return (turned[after] - turned[before]) / np.maximum(after - before, 1) * np.nan_to_num(rate_hz)
 
 
-def remove_swing(y: Floats, turning_deg_s: Floats) -> Floats:
-    """Remove the swing about the wire from the velocity to port, m/s: subtract 0.43 m times the clockwise rate."""
-    return y - LEVER_M * math.pi / 180.0 * turning_deg_s
+def remove_swing(y: Floats, turning_deg_s: Floats, lever_m: float = 0.43) -> Floats:
+    """Remove the swing from the velocity to port, m/s: the clockwise rate times the distance of paths from the wire."""
+    return y - lever_m * angles.DEGREE * turning_deg_s
 
 
 def to_earth(x: Floats, y: Floats, heading_deg: Floats) -> tuple[Floats, Floats]:
@@ -228,7 +217,7 @@ def compare_headings(heading_deg: Floats, field: Floats, tilts_deg: Floats) -> H
         mean = angles.mean(apart[0][known])
         constant = float(angles.wrap180(mean + np.median(angles.difference(apart[0][known], mean))))
     off = known & (np.abs(angles.difference(apart, constant)) > OFF_DEG).all(axis=0)
-    if off.sum() > MOST_OFF * known.sum():
+    if 2 * off.sum() > known.sum():
         off, constant = known & (np.abs(apart) > OFF_DEG).all(axis=0), 0.0
     return HeadingComparison(off, int(known.sum()), constant)
 
@@ -252,15 +241,7 @@ def _add_times(scans: Scans, companion: Companion, start_offset_seconds: float) 
     recorded = scans.values[:, 0]
     by_rule = logged_heading(scans.values[:, 3:6], scans.values[:, 1], scans.values[:, 2])
     heading = np.where(np.isnan(recorded), by_rule, angles.wrap360(recorded))
-    dbar = companion.at(time_s)
-    # Direction from the pressure, or else from the number: odd profiles ascend, number 0 is the initial descent.
-    numbers = np.array([block.number for block in scans.blocks])
-    ascending = np.where(numbers == UNKNOWN, np.nan, numbers % 2)
-    for profile, (begin, end) in enumerate(_limits(scans)):
-        known = dbar[begin:end][np.isfinite(dbar[begin:end])]
-        if len(known) and abs(known[-1] - known[0]) > TREND_DBAR:
-            ascending[profile] = float(known[-1] < known[0])
-    return TimedScans(scans, time_s, heading, dbar, rate, ascending, tuple(notes))
+    return TimedScans(scans, time_s, heading, companion.at(time_s), rate, tuple(notes))
 
 
 def _starts(scans: Scans, companion: Companion, offset: float, rate: Floats) -> tuple[Floats, Floats, list[str]]:
@@ -283,7 +264,7 @@ def _starts(scans: Scans, companion: Companion, offset: float, rate: Floats) -> 
     count = np.array([scans.place[end - 1] + 1 for _, end in _limits(scans)])
     with np.errstate(invalid="ignore", divide="ignore"):
         shown = count / (np.array([start.off_s for start in starts]) - begin)
-        shown = np.where((shown > SLOWEST_HZ) & (shown < FASTEST_HZ), shown, np.nan)
+        shown = np.where(np.isfinite(shown) & (shown > 0.0), shown, np.nan)
     rate = np.where(np.isfinite(rate), rate, shown)
     assumed = int(np.sum(np.isnan(rate) & np.isfinite(begin)))
     notes = ["scans carry no clock: times are the profiles' starts, start_offset_seconds and the sample rate"]
@@ -342,8 +323,6 @@ def _counts(series: TimedScans, companion: Companion, keep: Bools) -> dict[str, 
     counted = {
         "scans": keep.sum(),
         "profiles": len(scans.blocks),
-        "profiles_ascending": np.sum(series.ascending == 1),
-        "profiles_descending": np.sum(series.ascending == 0),
         "damaged_rows": scans.damaged,
         "strange_bytes": scans.strange,
         "aliased_dropped": np.sum(timed & ~keep),
@@ -389,7 +368,7 @@ def read_companions(paths: Sequence[Path], layout: Layout = DEFAULT_LAYOUT) -> C
     known = {start.number for start in clocked.starts} - {UNKNOWN}
     for k, each in enumerate(series):
         if not each.clocked:  # samples without a clock only fill gaps between those with one
-            alone = clocked.distance_s(each.time_s) > BRIDGED_S
+            alone = clocked.distance_s(each.time_s) > 60.0
             starts = () if not alone.all() else tuple(start for start in each.starts if start.number not in known)
             series[k] = replace(each, time_s=each.time_s[alone], pressure_dbar=each.pressure_dbar[alone], starts=starts)
     return _merge(series)
@@ -427,7 +406,7 @@ def _read_file(path: Path, layout: Layout) -> Companion:
     if not is_text(data):
         advice, known = "unpack the profiler's binary files with the maker's unpacker", detect_kind(path)
         raise InputError(str(path), expected=EXPECTED, found=known.name if known else "a binary file", advice=advice)
-    text = parse(data, lambda form: form[1] > DBAR_OF_C)
+    text = parse(data, lambda form: form[1] > DBAR)
     if text.form is None:
         first = data.strip().split(b"\n")[0][:60].decode("latin-1").strip()
         shown = f"a first line {first!r}" if first else "an empty file"
@@ -437,15 +416,13 @@ def _read_file(path: Path, layout: Layout) -> Companion:
 
 def _parse_old_stamp(text: Text) -> Text:
     """Convert six leading numbers (month, day, year, hour, minute, second) to a time stamp if valid in every row."""
-    if text.form is None or text.form[0] or text.form[1] < OLD_STAMP + DBAR_OF_E + 1:
+    if text.form is None or text.form[0] or text.form[1] <= 6 + DBAR:
         return text
-    month, day, year, *clock = text.values[:, :OLD_STAMP].astype(np.int64).T
+    month, day, year, *clock = text.values[:, :6].astype(np.int64).T
     time_s = civil_seconds(year, month, day, *clock)
     if not np.isfinite(time_s).all():
         return text
-    return replace(
-        text, form=(True, text.form[1] - OLD_STAMP), time_s=time_s, values=text.values[:, OLD_STAMP:], foreign=0
-    )
+    return replace(text, form=(True, text.form[1] - 6), time_s=time_s, values=text.values[:, 6:], foreign=0)
 
 
 def _parse_rows(path: Path, text: Text) -> Companion:
@@ -461,7 +438,7 @@ def _parse_rows(path: Path, text: Text) -> Companion:
         halves = [(block, np.arange(block.end - block.begin) + 0.5) for block in profiles]
         spread = [block.on_s + half * (block.off_s - block.on_s) / len(half) for block, half in halves]
         time_s = np.concatenate(spread)
-    dbar = text.values[:, DBAR_OF_E if stamped else DBAR_OF_C]
+    dbar = text.values[:, DBAR]
     begins = [b.on_s if np.isfinite(b.on_s) else float(time_s[b.begin]) for b in profiles]
     starts = tuple(Start(b.number, on_s, b.off_s) for b, on_s in zip(profiles, begins, strict=True))
     # The profiler writes zeros before its first reading.
@@ -478,6 +455,7 @@ def _columns(names: Sequence[str]) -> dict[str, str]:
     return columns if "pressure" in columns and {"time", "clock"} & set(columns) else {}
 
 
-def _bridge(step: Floats) -> float:
+def _bridge(step: Floats, least_s: float = 60.0, steps: float = 5.0, most_s: float = 600.0) -> float:
+    """Find the longest gap across which pressure is interpolated: some median steps within two bounds, seconds."""
     usual = float(np.median(step)) if len(step) else 0.0
-    return min(max(BRIDGED_S, BRIDGED_STEPS * usual), BRIDGED_AT_MOST_S)
+    return min(max(least_s, steps * usual), most_s)

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib.readers.files import CHUNK_BYTES
 from compasslib.readers.plain import parse_figures
 from compasslib.readers.times import civil_seconds
 from compasslib.types import Bools, Floats
@@ -28,9 +29,6 @@ from compasslib.types import Bools, Floats
 Ints = NDArray[np.int64]
 Octets = NDArray[np.uint8]
 Form = tuple[bool, int]  # whether rows have a time stamp; number of other columns
-CHUNK_BYTES = 1 << 21  # larger chunks exceed the processor's cache and are slower
-# Least share of rows that agree on a column's decimals (in short files all but one) for others to count as damaged.
-UNIFORM = 0.95
 _SPACE, _DIGIT, _DOT, _SIGN, _COLON, _SLASH, _COMMA, _OTHER = (1 << bit for bit in range(8))
 _KIND = np.full(256, _OTHER, dtype=np.uint8)
 for _characters, _kind in (
@@ -39,8 +37,6 @@ for _characters, _kind in (
 ):  # fmt: skip
     _KIND[list(_characters)] = _kind
 _DATE, _TIME = (np.array(digits) for digits in ((0, 1, 3, 4, 6, 7, 8, 9), (0, 1, 3, 4, 6, 7)))
-NEAR_WORDS = 1  # largest change in the number of columns by one lost or added character
-PAUSE_S = 60.0  # rows without header lines further apart in time, in either direction, belong to different profiles
 UNKNOWN = -1  # profile number if it is not stated
 _WORDS = re.compile(
     rb"""[ \t,]*(?:(?P<rate>sample\ rate:\s*(?P<hertz>[\d.]+))
@@ -150,14 +146,14 @@ class _Statement:
     offset: int = 0
 
 
-def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
+def parse(data: bytes, wanted: Callable[[Form], bool], chunk: int = CHUNK_BYTES) -> Text:
     """Parse the rows of the most frequent accepted form, damaged lines, and non-numeric lines of a text file."""
     form: Form | None = None
     pieces: list[_RowChunk] = []
     damaged: list[Ints] = []
     lines: list[tuple[int, bytes]] = []
     foreign = 0
-    for start, octets in _chunks(data):
+    for start, octets in _chunks(data, chunk):
         kind = _KIND[octets]
         ends = np.flatnonzero(octets == ord("\n")) + 1
         begins = np.append(0, ends[:-1])
@@ -172,7 +168,7 @@ def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
         fits = np.zeros(len(begins), dtype=bool)
         fits[numeric] = False if form is None else (stamped == form[0]) & (tokens == form[1] + 2 * stamped)
         lost = begins[numeric & ~fits]
-        foreign += int(np.sum(np.abs(tokens - form[1] - 2 * form[0]) > NEAR_WORDS)) if form else 0
+        foreign += int(np.sum(np.abs(tokens - form[1] - 2 * form[0]) > 1)) if form else 0
         if form and fits.any():
             piece, bad = _row_chunk(octets, form, begins[fits], ends[fits])
             pieces.append(replace(piece, offset=start + piece.offset))
@@ -219,11 +215,11 @@ def number_in_name(path: Path) -> int:
     return int(match[1]) if match else UNKNOWN
 
 
-def _chunks(data: bytes) -> Iterator[tuple[int, Octets]]:
+def _chunks(data: bytes, size: int) -> Iterator[tuple[int, Octets]]:
     """Iterate over (offset, chunk) cut at line ends; an unterminated last line is terminated."""
     begin = 0
     while begin < len(data):
-        end = data.find(b"\n", begin + CHUNK_BYTES) + 1 or len(data)
+        end = data.find(b"\n", begin + size) + 1 or len(data)
         part = data[begin:end]
         yield begin, np.frombuffer(part if part.endswith(b"\n") else part + b"\n", dtype=np.uint8)
         begin = end
@@ -254,8 +250,13 @@ def _row_chunk(octets: Octets, form: Form, begins: Ints, ends: Ints) -> tuple[_R
     return piece, begins[~good]
 
 
-def _regular(form: Form | None, pieces: list[_RowChunk], damaged: list[Ints], lines: list[tuple[int, bytes]]) -> Text:
-    """Concatenate the pieces and drop rows whose decimals or commas differ from those of the others."""
+def _regular(
+    form: Form | None, pieces: list[_RowChunk], damaged: list[Ints], lines: list[tuple[int, bytes]], alike: float = 0.95
+) -> Text:
+    """Concatenate the pieces and drop rows whose decimals or commas differ from those of a share ``alike`` of the rows.
+
+    In short files, all but one must agree.
+    """
     lost = np.concatenate([np.zeros(0, dtype=np.int64), *damaged])
     if form is None or not any(len(piece.offset) for piece in pieces):
         nothing = np.zeros(0)
@@ -263,7 +264,7 @@ def _regular(form: Form | None, pieces: list[_RowChunk], damaged: list[Ints], li
     texture = np.concatenate([piece.texture for piece in pieces])
     usual = np.array([_most_frequent(column) for column in texture.T])
     same = texture == usual
-    uniform = (~same).sum(axis=0) <= max(1.0, (1.0 - UNIFORM) * len(same))
+    uniform = (~same).sum(axis=0) <= max(1.0, (1.0 - alike) * len(same))
     like = same[:, uniform].all(axis=1)
     offset, time_s, values = (np.concatenate([getattr(p, k) for p in pieces]) for k in ("offset", "time_s", "values"))
     lost = np.sort(np.append(lost, offset[~like]))
@@ -314,13 +315,13 @@ def _stamp(words: bytes) -> float:
     return float(civil_seconds(year, month, day, *clock)[0])
 
 
-def _pieces(block: ProfileBlock, time_s: Floats) -> list[ProfileBlock]:
-    """Split a profile without a number at gaps of its clock, as its header lines may be missing."""
+def _pieces(block: ProfileBlock, time_s: Floats, pause_s: float = 60.0) -> list[ProfileBlock]:
+    """Split a profile without a number at pauses of its clock, in either direction: its header lines may be missing."""
     if block.number != UNKNOWN:
         return [block]
     with np.errstate(invalid="ignore"):
         step = np.diff(time_s[block.begin : block.end])
-        cuts = np.flatnonzero((step > PAUSE_S) | (step < -PAUSE_S)) + 1 + block.begin
+        cuts = np.flatnonzero(np.abs(step) > pause_s) + 1 + block.begin
     limits = [block.begin, *cuts.tolist(), block.end]
     return [replace(block, begin=a, end=b) for a, b in pairwise(limits)]
 

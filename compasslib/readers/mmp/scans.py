@@ -28,21 +28,12 @@ from compasslib.types import DAY_S, Bools, Floats
 
 COLUMNS = ("HDNG", "TX", "TY", "HX", "HY", "HZ", "VPAB", "VPCD", "VPEF", "VPGH")
 STAMPED, UNSTAMPED = (True, 10), (False, 9)
-STEEPEST_DEG, FASTEST_CM_S = 180.0, 2000.0  # limits of tilt and path velocity; larger values are damaged
 EXPECTED = "unpacked ASCII or binary scans of a Falmouth 3D-ACM"
-TEXT_SHARE = 0.95  # least share of printable characters in a text
-HEADER_BYTES = 279
 MARK = b"DATA"  # the end of the header
-RATE_AT = 63  # byte offset of the sample rate in the header, a float
+FRONT = np.dtype([("length", ">u4"), ("settings", "V63"), ("rate_hz", "<f4"), ("instrument", "V208"), ("mark", "S4")])
 RECORD = np.dtype([("clock", "u1", (3,)), ("month", "u1"), ("day", "u1"), ("year", "<u2"), ("values", "<f4", (10,))])
-LENGTH_BYTES, TAIL_BYTES = 4, 8
-FRONT_BYTES = LENGTH_BYTES + HEADER_BYTES
-LONGEST_S = 30 * DAY_S  # longest plausible time between switching the meter on and off; a profile lasts hours
-NO_SPEED = 1e-30  # cm/s: smaller is a float of which only the first bytes were written, the rest zeros
-LIKENESS = 0.8  # least share of bytes equal to the first header of the file; the settings do not change
-MISPLACED_S = 2.0  # a single time that jumps by more from both neighbours is damaged
-TRUSTED_RATE = 0.2  # largest relative difference of the nominal rate from that of the clock
-FEW = 10  # scans, up to which a clock of whole seconds does not determine the rate
+TAIL = np.dtype([("on_s", ">u4"), ("off_s", ">u4")])  # UTC seconds since 1970
+HEADER_BYTES = FRONT.itemsize - FRONT["length"].itemsize  # of which ``length`` counts all, and the records
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +82,7 @@ def read_scans(paths: Sequence[Path]) -> Scans:
 def is_text(data: bytes) -> bool:
     """Return whether a file consists mostly of printable characters, ignoring the fill of erased memory at its end."""
     sample = data[:65536].rstrip(b"\x00\xff")
-    return not data or files.count_unprintable(sample) < (1.0 - TEXT_SHARE) * len(sample)
+    return not data or files.count_unprintable(sample) < 0.05 * len(sample)
 
 
 def _parse_binary(data: bytes) -> tuple[list[ProfileBlock], Ints, Floats, Floats, int, int]:
@@ -109,13 +100,14 @@ def _parse_binary(data: bytes) -> tuple[list[ProfileBlock], Ints, Floats, Floats
             torn = np.zeros(len(records), dtype=bool)
             if good.any():
                 last = int(np.flatnonzero(good)[-1])
-                ends_in_zeros = abs(float(records["values"][last, -1])) < NO_SPEED
+                # A float of which only the first bytes were written is smaller than any speed.
+                ends_in_zeros = abs(float(records["values"][last, -1])) < 1e-30
                 torn[last] = ends_in_zeros and not any(data[span.begin + (last + 1) * RECORD.itemsize : span.end])
             good &= ~torn
             count = int(good.sum())
             end = begin + count
-            rate = float(np.frombuffer(data, "<f4", 1, span.begin - HEADER_BYTES + RATE_AT)[0])
-            on, off = np.frombuffer(data, ">u4", 2, span.tail).astype(float) if span.tail >= 0 else (np.nan, np.nan)
+            rate = float(np.frombuffer(data, FRONT, 1, span.begin - FRONT.itemsize)["rate_hz"][0])
+            on, off = np.frombuffer(data, TAIL, 1, span.tail)[0].item() if span.tail >= 0 else (np.nan, np.nan)
             rate = rate if 0 < rate < 100 else np.nan
             blocks.append(ProfileBlock(begin, end, rate_hz=rate, on_s=float(on), off_s=float(off)))
             places.append(np.flatnonzero(good))
@@ -159,7 +151,7 @@ def _read_file(path: Path) -> Scans:
 
 
 def _is_binary(data: bytes) -> bool:
-    return _precedes_record(data, FRONT_BYTES) or bool(_find_marks(data))
+    return _precedes_record(data, FRONT.itemsize) or bool(_find_marks(data))
 
 
 def _undo_modem(path: Path, data: bytes) -> tuple[bytes, tuple[str, ...]]:
@@ -205,8 +197,8 @@ def _select_possible(
     profile = np.repeat(np.arange(len(blocks)), [block.end - block.begin for block in blocks])
     heading, tilts, field, paths = values[:, 0], values[:, 1:3], values[:, 3:6], values[:, 6:]
     good = np.isnan(heading) | ((heading >= -180.0) & (heading <= 360.0))
-    good &= np.isfinite(field).all(axis=1) & (np.abs(tilts) <= STEEPEST_DEG).all(axis=1)
-    good &= (np.abs(paths) <= FASTEST_CM_S).all(axis=1) & ~is_misplaced(clock_s, profile)
+    good &= np.isfinite(field).all(axis=1) & (np.abs(tilts) <= 180.0).all(axis=1)  # degrees
+    good &= (np.abs(paths) <= 2000.0).all(axis=1) & ~is_misplaced(clock_s, profile)  # cm/s
     impossible = int(np.sum(~good))
     refuse_mostly_damaged(path, "scans", damaged=failed + impossible, whole=len(good) - impossible)
     damaged += impossible
@@ -239,7 +231,7 @@ def _concatenate(parts: Sequence[Scans]) -> Scans:
 
 def _precedes_record(data: bytes, end: int) -> bool:
     """Return whether a header ends here: a valid record follows, and a valid profile length or DATA precedes."""
-    length = int.from_bytes(data[end - FRONT_BYTES : end - HEADER_BYTES], "big")
+    length = int.from_bytes(data[end - FRONT.itemsize : end - HEADER_BYTES], "big")
     first = np.frombuffer(data[end : end + RECORD.itemsize].ljust(RECORD.itemsize, b"\0"), dtype=RECORD)
     good = bool(_record_times(first)[1][0])
     return good and (_is_profile_length(length) or data[end - len(MARK) : end] == MARK)
@@ -261,31 +253,32 @@ def _find_marks(data: bytes) -> list[int]:
     at = data.find(MARK)
     while at >= 0:
         end = at + len(MARK)
-        if end >= FRONT_BYTES and (_precedes_record(data, end) or (ends and _like_header(data, ends[0], end))):
+        if end >= FRONT.itemsize and (_precedes_record(data, end) or (ends and _like_header(data, ends[0], end))):
             ends.append(end)
         at = data.find(MARK, at + 1)
     return ends
 
 
-def _like_header(data: bytes, first: int, other: int) -> bool:
+def _like_header(data: bytes, first: int, other: int, alike: float = 0.8) -> bool:
+    """Return whether a share of the bytes equals the first header of the file, as settings do not change."""
     a, b = (np.frombuffer(data, np.uint8, HEADER_BYTES, end - HEADER_BYTES) for end in (first, other))
-    return bool(np.mean(a == b) >= LIKENESS)
+    return bool(np.mean(a == b) >= alike)
 
 
 def _spans(data: bytes) -> Iterator[_Span]:
     """Iterate over profiles; where a length does not lead to a header, continue at the next recognized one."""
-    marks = _find_marks(data) or [FRONT_BYTES]
+    marks = _find_marks(data) or [FRONT.itemsize]
     at = 0
     while at < len(data):
-        mark = at + FRONT_BYTES
+        mark = at + FRONT.itemsize
         if mark in marks or (mark < len(data) and _like_header(data, marks[0], mark)):
-            following = marks[bisect_left(marks, mark + FRONT_BYTES) :]
-            span = _span(data, mark, following[0] - FRONT_BYTES if following else len(data), last=not following)
+            following = marks[bisect_left(marks, mark + FRONT.itemsize) :]
+            span = _span(data, mark, following[0] - FRONT.itemsize if following else len(data), last=not following)
         else:
             following = marks[bisect_right(marks, mark) :]
-            limit = following[0] - FRONT_BYTES if following else len(data)
+            limit = following[0] - FRONT.itemsize if following else len(data)
             # Estimate the lost records by the size, as of a single profile.
-            span = _Span(at, limit, 0, torn=max(1, (limit - mark - TAIL_BYTES) // RECORD.itemsize))
+            span = _Span(at, limit, 0, torn=max(1, (limit - mark - TAIL.itemsize) // RECORD.itemsize))
         yield span
         at = span.end
 
@@ -295,14 +288,15 @@ def _span(data: bytes, mark: int, limit: int, *, last: bool) -> _Span:
 
     A profiler that transmits a subset of the scans of a profile leaves the original length in front of them.
     """
-    length = int.from_bytes(data[mark - FRONT_BYTES : mark - HEADER_BYTES], "big")
+    length = int.from_bytes(data[mark - FRONT.itemsize : mark - HEADER_BYTES], "big")
     stated = (length - HEADER_BYTES) // RECORD.itemsize if _is_profile_length(length) else -1
-    fit, odd = divmod(limit - mark - TAIL_BYTES, RECORD.itemsize)
-    if odd == 0 and fit >= 0 and (stated <= fit or not last or _ends_in_switch_times(data, mark, limit - TAIL_BYTES)):
-        return _Span(mark, limit, fit, limit - TAIL_BYTES)
+    tail = limit - TAIL.itemsize
+    fit, odd = divmod(tail - mark, RECORD.itemsize)
+    if odd == 0 and fit >= 0 and (stated <= fit or not last or _ends_in_switch_times(data, mark, tail)):
+        return _Span(mark, limit, fit, tail)
     end = mark + stated * RECORD.itemsize
-    if stated >= 0 and end + TAIL_BYTES <= limit:
-        return _Span(mark, end + TAIL_BYTES, stated, end)
+    if stated >= 0 and end + TAIL.itemsize <= limit:
+        return _Span(mark, end + TAIL.itemsize, stated, end)
     if stated >= 0 and last and end <= limit:
         return _Span(mark, limit, stated)
     fit, odd = divmod(limit - mark, RECORD.itemsize)
@@ -312,36 +306,40 @@ def _span(data: bytes, mark: int, limit: int, *, last: bool) -> _Span:
 def _ends_in_switch_times(data: bytes, begin: int, tail: int) -> bool:
     """Return whether ``tail`` holds plausible switch-on and switch-off times, near the time of the first record."""
     first_s, good = _record_times(np.frombuffer(data, dtype=RECORD, count=int(tail > begin), offset=begin))
-    on, off = np.frombuffer(data, ">u4", 2, tail).astype(float)
-    return bool(good.any()) and abs(on - first_s[0]) < DAY_S and on <= off < on + LONGEST_S
+    on, off = np.frombuffer(data, TAIL, 1, tail)[0].item()
+    return bool(good.any()) and abs(on - first_s[0]) < DAY_S and on <= off < on + 30 * DAY_S
 
 
-def is_misplaced(clock_s: Floats, profile: Ints) -> Bools:
+def is_misplaced(clock_s: Floats, profile: Ints, jump_s: float = 2.0) -> Bools:
     """Flag single times that jump away from both neighbours in the same profile, (r,); NaN is never flagged."""
     apart = np.zeros(len(clock_s), dtype=bool)
     if len(clock_s) > 2:
         step = np.where(np.diff(profile) == 0, np.diff(clock_s), 0.0)
         with np.errstate(invalid="ignore"):
-            far = (np.abs(step[:-1]) > MISPLACED_S) & (np.abs(step[1:]) > MISPLACED_S)
+            far = (np.abs(step[:-1]) > jump_s) & (np.abs(step[1:]) > jump_s)
             apart[1:-1] = far & (step[:-1] * step[1:] < 0)
     return apart
 
 
-def sample_rates(clock_s: Floats, profile: Ints, place: Ints, nominal_hz: Floats) -> Floats:
+def sample_rates(
+    clock_s: Floats, profile: Ints, place: Ints, nominal_hz: Floats, *, few: int = 10, close: float = 0.2
+) -> Floats:
     """Choose the sample rate of each profile, (p,) Hz: the nominal one, unless the clock contradicts it.
 
     Args:
         place: (r,) index of each scan in its profile, including damaged scans.
         nominal_hz: (p,) NaN where the file states none.
+        few: number of scans up to which a clock of whole seconds does not determine the rate.
+        close: largest relative difference of the two rates.
     """
     count = len(nominal_hz)
     first, last = (np.searchsorted(profile, np.arange(count), side=side) for side in ("left", "right"))
-    known = np.flatnonzero(last - first > FEW)
+    known = np.flatnonzero(last - first > few)
     begin, end = first[known], last[known] - 1
     shown = np.full(count, np.nan)
     with np.errstate(invalid="ignore", divide="ignore"):
         shown[known] = (place[end] - place[begin]) / (clock_s[end] - clock_s[begin])
-        contradicts = np.isfinite(shown) & ~(np.abs(shown / nominal_hz - 1.0) < TRUSTED_RATE)
+        contradicts = np.isfinite(shown) & ~(np.abs(shown / nominal_hz - 1.0) < close)
     return np.where(contradicts, shown, nominal_hz)
 
 

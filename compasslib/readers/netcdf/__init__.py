@@ -31,7 +31,6 @@ ATMOSPHERE_DBAR = 10.1325  # IMOS' PRES is absolute pressure
 SIGNED = ("HEIGHT_ABOVE_SENSOR",)  # ranges that are positive upward
 NOMINAL = ("nominal_instrument_depth", "instrument_nominal_depth", "nominal_sensor_depth")
 COMPONENTS = "dir"  # dolfyn's dimension of velocity components
-ROWS = 0.1  # share of times repeated at another depth above which rows are taken for bins
 SERIAL_NUMBERS = ("serial_number", "serialnum", "instrument_serial_number")
 MANUFACTURERS = ("manufacturer", "instrument_manufacturer", "instrument_make", "inst_make", "sensor_manufacturer")
 MODELS = ("model", "instrument_model", "inst_model", "sensor_model")
@@ -52,7 +51,6 @@ COUNTS: Mapping[str, tuple[str, ...]] = {
     "percent_good": ("PERCENT_GOOD", "PERG{}", "prcnt_gd"),
 }
 BEAMS = ("BEAM", "beam")
-LARGEST = 255
 
 
 _Flow = tuple[Floats, Floats, Floats | None]  # (n, m) east, north and up, or the first to third of other axes, m/s
@@ -242,13 +240,13 @@ def _refuse_ragged(file: File) -> None:
             raise file.refuse(file.time, "the series of one instrument", shown, SPLIT_ADVICE)
 
 
-def _refuse_rows(file: File, time_s: Floats, bins: _Bins) -> None:
-    """Reject bins that are listed as rows of one series, with a different depth at each repeated time."""
+def _refuse_rows(file: File, time_s: Floats, bins: _Bins, share: float = 0.1) -> None:
+    """Reject bins that are listed as rows of one series: a share of the times is repeated at another depth."""
     if file.bins is not None or bins.depth_m.size < 2:
         return
     order = np.lexsort((bins.depth_m, time_s))
     again = (np.diff(time_s[order]) == 0.0) & (np.diff(bins.depth_m[order]) > 0.0)
-    if again.sum() > ROWS * len(time_s):
+    if again.sum() > share * len(time_s):
         shown = f"{int(again.sum())} of {len(time_s)} times repeated at another depth"
         raise file.refuse(file.time, "one row a time", shown, SPLIT_ADVICE)
 
@@ -441,7 +439,7 @@ def _profiles(file: File, up: Floats | None, shape: tuple[int, ...], order: slic
     for key, names in COUNTS.items():
         counts = _beam_counts(file, names)
         if counts is not None:  # back to the recorded bytes, -1 where missing
-            missing = ~((counts >= 0) & (counts <= LARGEST))
+            missing = ~((counts >= 0) & (counts <= 255))
             whole = np.where(missing, -1, np.rint(counts)).astype(np.int16)
             profiles[key] = whole if missing.any() else whole.astype(np.uint8)
     return {key: values[:, order] for key, values in profiles.items() if values.shape[:2] == shape}

@@ -224,7 +224,6 @@ STGLIB = re.compile(r"[Rr]otating heading and horizontal velocities by ([-+]?[\d
 APPLIED = re.compile(r"(?=.*(?:compass|magnetic|magvar|declination)).*_applied")
 ALIGNMENTS = {"heading_misalign_deg": 1.0, "heading_alignment": 0.01}  # unit, degrees: of dolfyn; of ADCPy and stglib
 ALIGNMENTS |= {"TRDI_Heading_Alignment_Hundredths_of_Deg": 0.01, "TRDI_Heading_Alignment_Hundredths_of_Deg.": 0.01}
-SAME_DEG = 0.01
 WHICH = "write direction_reference: true, or declination_applied: DEGREES where the declination is to be taken out"
 
 
@@ -263,7 +262,7 @@ def resolve_north(
             said = "direction_reference: true" if reference == TRUE else north.why
             advice = "delete one of the two" if reference == TRUE else "delete declination_applied"
             raise file.refuse("directions", f"no declination_applied beside {said}", str(applied), advice)
-        if north.degrees is not None and np.any(np.abs(north.degrees - applied.velocity) > SAME_DEG):
+        if north.degrees is not None and np.round(north.degrees - applied.velocity, 2).any():
             reason = f"although {north.why} says {_in_degrees(north.degrees)}"
             file.notes.append(f"declination_applied of {applied} degrees was taken out of the directions, {reason}.")
         if applied.differs:
@@ -359,4 +358,4 @@ def _number(value: object) -> float | None:
 
 def _in_degrees(degrees: Floats) -> str:
     low, high = float(np.nanmin(degrees)), float(np.nanmax(degrees))
-    return f"{low:.2f} degrees" if high - low < SAME_DEG else f"{low:.2f} to {high:.2f} degrees"
+    return f"{low:.2f} degrees" if high - low < 0.01 else f"{low:.2f} to {high:.2f} degrees"

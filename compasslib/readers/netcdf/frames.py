@@ -45,7 +45,6 @@ _ROTATION = re.compile(r"rotat\w*_?angle\w*|angle_of_rotation|rotation(?:_deg\w*
 _AZIMUTH = re.compile(r"(?:positive_)?(?:direction|azimuth|bearing)(?:_deg\w*)?", re.IGNORECASE)
 _TOWARDS = re.compile(r"\b(?:along|towards?|positive)\b\D{0,15}?(\d+(?:\.\d+)?) ?(?:°|deg)")
 _NOT_FROM_NORTH = re.compile(r"counter|anti|from (?:the )?east|mathematical")
-SQUARE_DEG = 1.0  # largest departure of two stated directions from a right angle, as both may be rounded
 ADVICE = (
     "give east and north or the instrument's own file, or write in both long names the direction from north, as "
     "'towards 36.5 degrees'"
@@ -92,13 +91,16 @@ def turns_with_heading(file: File, pair: Sequence[netCDF4.Variable]) -> bool:
 
 
 def turn_axes(file: File, pair: Sequence[netCDF4.Variable], flow: Sequence[Floats]) -> tuple[Floats, Floats] | None:
-    """Compute east and north from components along two stated directions; None unless these are at right angles."""
+    """Compute east and north from components along two stated directions; None unless these are at right angles.
+
+    Both directions may be rounded to whole degrees.
+    """
     texts = [" ".join(text for _, text in _texts(file, variable)) for variable in pair]
     found = [_TOWARDS.search(text) for text in texts]
     if not all(found) or any(map(_NOT_FROM_NORTH.search, texts)):
         return None
     towards = np.array([float(match[1]) for match in found if match])
-    if abs(abs(float(angles.difference(*towards))) - 90.0) > SQUARE_DEG:
+    if abs(abs(float(angles.difference(*towards))) - 90.0) > 1.0:
         return None
     sine, cosine = angles.sin_cos(towards)
     file.note(f"{pair[0].name} and {pair[1].name} were turned from {towards[0]:g} and {towards[1]:g} degrees.")

@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.errors import InputError
+from compasslib.readers.files import refuse_large_arrays
 from compasslib.readers.plain import LARGEST
-from compasslib.readers.times import Unreadable, parse_origin
+from compasslib.readers.times import JULIAN_DAY_1970, Unreadable, parse_origin
 from compasslib.readers.units import ANGLE, FACTORS, KELVIN, SPEED, TEMPERATURE, ZERO_CELSIUS
 from compasslib.types import DAY_S, HOUR_S, Floats
 
 EPIC_DAY, EPIC_MS = "true julian day", "msec since 0:00 gmt"
 DOLFYN = ("vel", "vel_avg")  # all components in one variable: of single pings, and of averages
-EPIC_1970 = 2440588.0  # EPIC's day number of 1970-01-01; 2440000 begins at 0 h on 23 May 1968
 UNIT_WORDS = {  # duration of a unit in seconds -> its UDUNITS names, without plurals
     604800.0: ("week",),
     DAY_S: ("day", "d"),
@@ -67,11 +67,6 @@ STANDARD_NAMES = {  # minus: opposite sign
     "temperature": "sea_water_temperature temperature_of_sensor_for_oxygen_in_sea_water",
     "cell_depth": "depth",
 }
-SPARE_BYTES = 32 * 2**20  # memory that a variable may take in any file, however small
-GROWTH = 200  # bytes in memory per byte of the file; currents compress to a tenth, their flags further
-MOST_BYTES = 4 * 2**30  # memory that a variable may take at most
-NUMBER_BYTES = 8
-UNITS = ("B", "KiB", "MiB", "GiB", "TiB", "PiB")
 
 
 @dataclass(frozen=True)
@@ -196,29 +191,13 @@ def refuse_size(path: Path, variable: netCDF4.Variable) -> None:
     A few bytes can declare any number of values: those never written are not stored, and read as fill values.
 
     Raises:
-        InputError: it would take more memory than ``MOST_BYTES``, or than the size of the file accounts for.
+        InputError: see ``files.refuse_large_arrays``.
     """
-    size = path.stat().st_size
     stored = variable.chunking()  # chunks are decompressed as a whole
-    chunk = [int(size) for size in stored] if isinstance(stored, list) else []
-    width = variable.dtype.itemsize if isinstance(variable.dtype, np.dtype) else NUMBER_BYTES
-    declared = max(NUMBER_BYTES * math.prod(variable.shape), width * math.prod(chunk) if chunk else 0)
-    allowed = min(MOST_BYTES, max(SPARE_BYTES, GROWTH * size))
-    if declared <= allowed:
-        return
-    shape = " x ".join(f"{name} {n}" for name, n in zip(variable.dimensions, variable.shape, strict=True))
-    shape += f", in chunks of {' x '.join(map(str, chunk))}" if chunk else ""
-    advice = "copy what was measured into a file without what was never written"
-    if allowed == MOST_BYTES:
-        advice = "split it along time and list the parts under files"
-    expected = f"at most {_shown(allowed)} of values, as the file has {_shown(size)}"
-    where = f"{path}: {variable.name}"
-    raise InputError(where, expected=expected, found=f"{_shown(declared)} declared ({shape})", advice=advice)
-
-
-def _shown(size: float) -> str:
-    power = min(int(math.log2(max(size, 1.0)) // 10), len(UNITS) - 1)
-    return f"{size / 1024**power:.3g} {UNITS[power]}"
+    width = variable.dtype.itemsize if isinstance(variable.dtype, np.dtype) else 8
+    chunk = width * math.prod(int(size) for size in stored) if isinstance(stored, list) else 0
+    declared = max(8 * math.prod(variable.shape), chunk)
+    refuse_large_arrays(f"{path}: {variable.name}", declared, path.stat().st_size)
 
 
 def arranged(file: File, variable: netCDF4.Variable, data: Any, part: tuple[str, int] | None = None) -> Any:
@@ -278,7 +257,7 @@ def read_times(file: File, variable: netCDF4.Variable) -> Floats:
         if time2 is None:
             advice = "add EPIC's time2 (msec since 0:00 GMT), without which the hours are unknown"
             raise file.refuse(variable.name, "EPIC's second variable of time", "none", advice)
-        return (value - EPIC_1970) * DAY_S + arranged(file, time2, numbers(file, time2)).ravel() / 1000.0
+        return (value - JULIAN_DAY_1970) * DAY_S + arranged(file, time2, numbers(file, time2)).ravel() / 1000.0
     word, _, since = unit.partition(" since ")
     step, known = SECONDS.get(word), CALENDARS.get(calendar)
     if step is None or known is None:

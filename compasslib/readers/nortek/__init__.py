@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
@@ -17,36 +18,41 @@ import numpy as np
 from compasslib import angles, compass
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
-from compasslib.readers.files import ESCAPES_UNDONE, block_type
+from compasslib.readers.files import ESCAPES_UNDONE, MISSING_COUNT, block_type, list_some
 from compasslib.readers.nortek import signature
 from compasslib.readers.nortek.packets import (
-    BEAM,
-    EARTH,
-    MISSING_COUNT,
     SLANT_DEG,
     Bytes,
+    Coordinates,
     Packets,
     Samples,
     by_beam,
     find_packets,
 )
-from compasslib.readers.pd0.checks import ADVICE, FEW_DISAGREE, RANGES_SHOWN, match_serial_number, refuse_rotation
+from compasslib.readers.pd0.checks import ADVICE, match_serial_number, refuse_rotation
 from compasslib.readers.pd0.currents import map_cells
+from compasslib.readers.pd0.fields import STRAY
 from compasslib.readers.times import FIRST_YEAR, civil_seconds, describe_averages
 from compasslib.records import BAD, GOOD, MAGNETOMETER, MISSING, Record, take
 from compasslib.types import Bools, Floats
 
-USER, HEAD, HARDWARE = 0x00, 0x04, 0x05
+
+class Kind(IntEnum):
+    """Identifiers of the older records that hold no velocities."""
+
+    USER = 0x00
+    HEAD = 0x04
+    HARDWARE = 0x05
+    DIAGNOSTIC = 0x80
+
+
 VELOCITY = {0x01: 30, 0x81: 40, 0x21: 30, 0x20: 118, 0x24: 118}  # identifier: byte offset of the velocities
 POINT = (0x01, 0x81)
 AQUADOPP_MAGNETOMETER = {0x81: 34}
-DIAGNOSTIC = 0x80
 OTHERS = {0x11: "a Vector", 0x12: "a Vector", 0x2A: "an Aquadopp in its high-resolution mode"}
 BEAMS = 3
 CELL_M = {2000: 0.0239, 1000: 0.0478, 600: 0.0797, 400: 0.1195}  # kHz: bin size of 256 counts, along a beam
 BLANKING_M = {2000: 0.02228, 1000: 0.02266, 600: 0.02281, 400: 0.02289}  # kHz: blanking of one count, along a beam
-COMPASS_FAILED, SAMPLE_FAILED = 0x01, 0x06  # bits of the error code
-DOWN, FINE_SCALE, TILTED_BEYOND = 0x01, 0x02, 0x0C  # bits of the status
 _BCD = np.array([10 * (k >> 4) + (k & 15) if max(k >> 4, k & 15) < 10 else -1 for k in range(256)])  # -1: not BCD
 _SENSORS = block_type(
     clock=(4, "6u1"), error=(10, "<u2"), battery=(14, "<u2"), heading=(18, "<u2"), pitch=(20, "<i2"), roll=(22, "<i2"),
@@ -60,7 +66,7 @@ def decode(packets: Packets) -> Samples:
     Raises:
         InputError: the file lacks a configuration or velocities, has two configurations, or is of another instrument.
     """
-    user, head = (_configuration(packets, kind) for kind in (USER, HEAD))
+    user, head = (_configuration(packets, kind) for kind in (Kind.USER, Kind.HEAD))
     kind = _kind(packets)
     of_kind = packets.kind == kind
     # A record of another length belongs to another configuration, or has a valid checksum by chance.
@@ -74,12 +80,12 @@ def decode(packets: Packets) -> Samples:
     sensors = np.ascontiguousarray(rows[:, : _SENSORS.itemsize]).view(_SENSORS)[:, 0]
     velocity = _velocity(rows[:, first : first + 6 * cells], sensors["status"])
     recorded = int(_number(user, 32))
-    up = velocity[..., 2] if recorded == EARTH else None
-    if recorded == EARTH:
+    up = velocity[..., 2] if recorded == Coordinates.EARTH else None
+    if recorded == Coordinates.EARTH:
         velocity = velocity[..., :2]
     matrix = head[30:48].view("<i2").reshape(3, 3) / 4096.0
     magnetometer = AQUADOPP_MAGNETOMETER.get(kind)
-    at = np.flatnonzero(packets.kind == HARDWARE)
+    at = np.flatnonzero(packets.kind == Kind.HARDWARE)
     hardware = packets.data[packets.begin[at[0]] : packets.end[at[0]]] if len(at) else np.zeros(0, np.uint8)
     serial = hardware[4:12].tobytes().decode("ascii", "replace").strip(" \0") if hardware.size >= 18 else ""
     return Samples(
@@ -90,22 +96,22 @@ def decode(packets: Packets) -> Samples:
         recorded=recorded,
         beam_angle_deg=0.0 if kind in POINT else SLANT_DEG,
         serial=serial,
-        beams_to_axes=tuple(map(tuple, matrix.tolist())) if recorded == BEAM else (),
+        beams_to_axes=tuple(map(tuple, matrix.tolist())) if recorded == Coordinates.BEAM else (),
         average_s=float(_number(user, 16)),
         magnetometer=rows[:, magnetometer : magnetometer + 6].copy().view("<i2") * 1.0 if magnetometer else None,
         up=up,
         profiles={"echo": by_beam(rows, first + 2 * BEAMS * cells, BEAMS, cells)},
         counts={
-            "diagnostic_samples": int(np.sum(packets.kind == DIAGNOSTIC)),
+            "diagnostic_samples": int(np.sum(packets.kind == Kind.DIAGNOSTIC)),
             "other_lengths": int(of_kind.sum()) - len(rows),
         },
     )
 
 
-def _configuration(packets: Packets, kind: int) -> Bytes:
+def _configuration(packets: Packets, kind: Kind) -> Bytes:
     """Get the only configuration of a kind; identical copies are accepted, as in concatenated recordings."""
     mine = packets.kind == kind
-    part = "user's" if kind == USER else "head's"
+    part = "user's" if kind == Kind.USER else "head's"
     expected = f"the {part} configuration (A5 {kind:02X}), which tells what the velocities are"
     if not mine.any():
         advice = "take the instrument's own file from its first byte on"
@@ -148,7 +154,7 @@ def _number(block: Bytes, at: int) -> np.uint16:
 def _velocity(rows: Bytes, status: Bytes) -> Floats:
     counts = np.ascontiguousarray(rows).view("<i2").reshape(len(rows), BEAMS, -1)
     # Division, unlike multiplication by 0.001, gives the float nearest to 0.123 for 123 mm/s.
-    velocity = counts / np.where(status & FINE_SCALE, 10000.0, 1000.0)[:, None, None]
+    velocity = counts / np.where(status & 2, 10000.0, 1000.0)[:, None, None]
     velocity[counts == MISSING_COUNT] = np.nan
     return np.moveaxis(velocity, 1, 2)
 
@@ -157,8 +163,8 @@ def _decode_sensors(sensors: Any, velocity: Floats, *, has_pressure: bool) -> di
     minute, second, day, hour, year, month = _BCD[sensors["clock"]].astype(np.int64).T
     century = np.where(year < FIRST_YEAR - 1900, 2000, 1900)
     # Errors reported by the instrument: failed measurement or compass, tilt beyond the range of the sensor.
-    error, beyond = sensors["error"], (sensors["status"] & TILTED_BEYOND) > 0
-    failed, no_compass = ((error & bits) > 0 for bits in (SAMPLE_FAILED, COMPASS_FAILED))
+    failed, no_compass = (sensors["error"] & 6) > 0, (sensors["error"] & 1) > 0
+    beyond = (sensors["status"] & 12) > 0
     flags = np.where(failed | no_compass | beyond, BAD, GOOD)[:, None]
     heading = sensors["heading"] / 10.0
     pressure = (65536 * sensors["pressure_high"].astype(np.int64) + sensors["pressure_low"]) / 1000.0
@@ -170,7 +176,7 @@ def _decode_sensors(sensors: Any, velocity: Floats, *, has_pressure: bool) -> di
         "pressure_dbar": pressure if has_pressure else np.full(len(sensors), np.nan),
         "temperature_c": sensors["temperature"] / 100.0,
         "supply_voltage": sensors["battery"] / 10.0,
-        "looks_up": (sensors["status"] & DOWN) == 0,
+        "looks_up": (sensors["status"] & 1) == 0,
         "sideways": np.zeros(len(sensors), dtype=bool),
         "quality": np.where(np.isnan(velocity).any(axis=-1), MISSING, flags).astype(np.int8),
         "heading_quality": np.where(no_compass | beyond, BAD, GOOD).astype(np.int8),
@@ -214,7 +220,7 @@ def read(
     whole = _concatenate(where, [samples for _, samples in files])
     serial = match_serial_number(where, whole.serial, serial_number)
     lying = int(whole.sideways.sum())
-    if orientation is None and lying > FEW_DISAGREE * len(whole.sideways):
+    if orientation is None and lying > STRAY * len(whole.sideways):
         shown = f"an instrument on its side by its own word in {lying} of {len(whole.sideways)} samples"
         expected, advice = "one that looks up or down", "give orientation: up or down"
         raise InputError(where, expected=expected, found=shown, advice=advice)
@@ -257,7 +263,7 @@ def read(
         manufacturer="Nortek",
         model=whole.model,
         profiles={"up": upward.astype(np.float32), **whole.profiles},
-        recorded_in={EARTH: "earth", BEAM: "beam"}.get(whole.recorded, "instrument"),
+        recorded_in={0: "earth", 2: "beam"}.get(whole.recorded, "instrument"),
         bins_mapped=bool(whole.beams_to_axes),
         channels=field,
         channel_units=dict.fromkeys(field, "count"),
@@ -353,9 +359,7 @@ def _describe_files(files: Sequence[tuple[Packets, Samples]]) -> Iterator[str]:
                 f"skipped; {packets.damaged} places in them begin like a record and fail its checksum, and by their "
                 f"times {counts['lost']} samples are lost."
             )
-            shown = [f"{first} to {last}" for first, last in packets.skipped[:RANGES_SHOWN]]
-            more = len(packets.skipped) - len(shown)
-            yield f"{name}: skipped bytes {', '.join(shown)}{f' and {more} more ranges' if more else ''}."
+            yield f"{name}: skipped bytes {list_some([f'{first} to {last}' for first, last in packets.skipped])}."
         if counts["bad_dates"]:
             yield f"{name}: {counts['bad_dates']} good samples have an impossible date and were left out."
         yield from samples.notes
@@ -370,9 +374,9 @@ def _describe_settings(
     elif stated is not None and {*stated} != {whole.declination_deg}:
         says = f"the file tells {whole.declination_deg:g}" if whole.declination_deg else "the file tells none"
         yield f"declination_applied of {stated} degrees was taken out of the headings; {says}."
-    if counts["orientation_disagrees"] > FEW_DISAGREE * n:
+    if counts["orientation_disagrees"] > STRAY * n:
         word, other = ("up", "down") if up else ("down", "up")
-        effect = " though its velocities are turned already" if whole.recorded == EARTH else ""
+        effect = " though its velocities are turned already" if whole.recorded == Coordinates.EARTH else ""
         yield f"{counts['orientation_disagrees']} of {n} samples say that it looked {other}; {word} counts{effect}."
     if counts["heading_missing"]:
         yield f"{counts['heading_missing']} of {n} samples have no valid heading."

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import IntEnum
 from functools import cached_property
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from compasslib.errors import InputError
 from compasslib.readers import files
-from compasslib.readers.files import refuse_mostly_damaged
+from compasslib.readers.files import NORTEK_START, refuse_mostly_damaged
 from compasslib.records import Flags
 from compasslib.types import Bools, Floats
 
@@ -26,12 +27,16 @@ Bytes = NDArray[np.uint8]
 Places = NDArray[np.int64]
 _Columns = tuple[Places, Places, Places, Places]  # kind, start, begin of the contents, and end of records
 
-SYNC, START = 0xA5, 0xB58C
-SHORTEST = 8  # bytes of an older record: header, one word and checksum
 HEADERS = {10: "<u2", 12: "<u4"}  # length of the Signature's header -> data type of the data size
-EARTH, INSTRUMENT, BEAM = 0, 1, 2  # as both formats number them
-MISSING_COUNT = -32768
 SLANT_DEG = 25.0  # of the beams, unless a file states it
+
+
+class Coordinates(IntEnum):
+    """Coordinates of the recorded velocities, as both formats number them."""
+
+    EARTH = 0
+    INSTRUMENT = 1
+    BEAM = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +83,7 @@ def find_packets(path: str | Path) -> Packets:
     data = np.frombuffer(files.read_bytes(path), dtype=np.uint8)
     marks, records, signature = _find_records(data)
     escaped = False
-    if files.looks_escaped(data[: files.ESCAPE_SAMPLE].tobytes()):
+    if files.looks_escaped(data[: files.CHUNK_BYTES].tobytes()):
         undone = np.frombuffer(files.unescape(data.tobytes()), dtype=np.uint8)
         other = _find_records(undone)
         if escaped := len(other[1][0]) > len(records[0]):
@@ -106,7 +111,7 @@ def find_packets(path: str | Path) -> Packets:
 
 def _find_records(data: Bytes) -> tuple[Places, _Columns, bool]:
     """Find the positions of A5, records that may overlap, and whether they are a Signature's."""
-    marks = np.flatnonzero(data == SYNC)
+    marks = np.flatnonzero(data == 0xA5)
     sums = np.zeros(data.size + 1, dtype=np.uint16)
     for parity in (0, 1):
         words = data[parity : parity + (data.size - parity) // 2 * 2].view("<u2")
@@ -114,11 +119,11 @@ def _find_records(data: Bytes) -> tuple[Places, _Columns, bool]:
     records = _find_signature(data, marks, sums)
     if len(records[0]):
         return marks, records, True
-    start = marks[marks + SHORTEST <= data.size]
+    start = marks[marks + 8 <= data.size]  # header, one word and checksum
     end = start + 2 * word(data, start + 2).astype(np.int64)
-    whole = (end >= start + SHORTEST) & (end <= data.size)
+    whole = (end >= start + 8) & (end <= data.size)
     start, end = start[whole], end[whole]
-    holds = sums[end - 2] - sums[start] + np.uint16(START) == word(data, end - 2)
+    holds = sums[end - 2] - sums[start] + np.uint16(NORTEK_START) == word(data, end - 2)
     start, end = start[holds], end[holds]
     return marks, (data[start + 1].astype(np.int64), start, start, end), False
 
@@ -133,14 +138,16 @@ def _find_signature(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> _Co
     for length, size_type in HEADERS.items():
         start = marks[marks + length <= data.size]
         start = start[data[start + 1] == length]
-        start = start[sums[start + length - 2] - sums[start] + np.uint16(START) == word(data, start + length - 2)]
+        start = start[
+            sums[start + length - 2] - sums[start] + np.uint16(NORTEK_START) == word(data, start + length - 2)
+        ]
         columns = np.arange(4, 4 + np.dtype(size_type).itemsize)
         size = data[start[:, None] + columns].view(size_type)[:, 0].astype(np.int64)
         begin = start + length
         whole = begin + size <= data.size
         start, begin, size = start[whole], begin[whole], size[whole]
         last = np.where(size % 2, data[np.maximum(begin + size, 1) - 1], 0).astype(np.uint16) * np.uint16(256)
-        holds = sums[begin + size // 2 * 2] - sums[begin] + np.uint16(START) + last == word(data, begin - 4)
+        holds = sums[begin + size // 2 * 2] - sums[begin] + np.uint16(NORTEK_START) + last == word(data, begin - 4)
         records.append(np.stack([data[start + 2], start, begin, begin + size])[:, holds].astype(np.int64))
     both = np.concatenate(records, axis=1)
     kind, start, begin, end = both[:, np.argsort(both[1], kind="stable")]
@@ -165,7 +172,7 @@ class Samples:
     looks_up: Bools  # (n,) as the instrument states
     sideways: Bools  # (n,) whether the instrument lay on its side, as it states
     bin_range_m: tuple[float, ...]  # (m,) vertical distance from the head; 0 for a point meter
-    recorded: int  # EARTH, INSTRUMENT or BEAM
+    recorded: int  # of ``Coordinates``
     beam_angle_deg: float  # from the vertical; 0 for a point meter
     serial: str
     model: str = ""  # empty if the file does not state it

@@ -10,20 +10,18 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import IntEnum, IntFlag
 from typing import Any
 
 import numpy as np
 
 from compasslib.errors import InputError
-from compasslib.readers.files import block_type
+from compasslib.readers.files import MISSING_COUNT, block_type
 from compasslib.readers.nortek import packets as records
 from compasslib.readers.nortek.packets import (
-    BEAM,
-    EARTH,
-    INSTRUMENT,
-    MISSING_COUNT,
     SLANT_DEG,
     Bytes,
+    Coordinates,
     Packets,
     Places,
     Samples,
@@ -32,18 +30,30 @@ from compasslib.readers.times import civil_seconds
 from compasslib.records import BAD, GOOD, LEAST_PERCENT_GOOD, MISSING
 from compasslib.types import Floats
 
-BURST, AVERAGE, TEXT = 0x15, 0x16, 0xA0
-NAMES = {BURST: "bursts", AVERAGE: "averages"}
-SECTIONS = {BURST: "BURST", AVERAGE: "AVG"}  # names in the text records
-FORMAT = 3
-# Bits of the configuration: valid sensors, and blocks that follow the head.
-PRESSURE, TEMPERATURE, COMPASS, TILT, VELOCITY, AMPLITUDE, CORRELATION = 1, 2, 4, 8, 32, 64, 128
+
+class Kind(IntEnum):
+    """Identifiers of the records."""
+
+    BURST = 0x15
+    AVERAGE = 0x16
+    TEXT = 0xA0
+
+
+class Has(IntFlag):
+    """Bits of the configuration: valid sensors, and blocks that follow the head."""
+
+    PRESSURE = 1
+    TEMPERATURE = 2
+    COMPASS = 4
+    TILT = 8
+    VELOCITY = 32
+    AMPLITUDE = 64
+    CORRELATION = 128
+    PERCENT_GOOD = 0x2000
+
+
 # Optional blocks before percent good: bit and size in bytes (None: variable).
 BLOCKS = ((0x0100, 8), (0x0400, 20), (0x0200, None), (0x0800, None), (0x1000, 64))
-PERCENT_GOOD = 0x2000
-CENTIMETRES = 0x02  # bit of the status: blanking is in centimetres, else in millimetres
-SIDEWAYS, DOWN = (0, 1, 2, 3), 5  # codes of the orientation: X up, X down, Y up, Y down; Z down
-LEAST_CORRELATION = 50  # percent; recommended by Nortek
 _HEAD = block_type(
     format=(0, "u1"), offset=(1, "u1"), configuration=(2, "<u2"), serial=(4, "<u4"), clock=(8, "6u1"),
     fraction=(14, "<u2"), temperature=(18, "<i2"), pressure=(20, "<u4"), heading=(24, "<u2"), pitch=(26, "<i2"),
@@ -58,7 +68,7 @@ class _Layout:
     offset: int  # byte offset of the velocities
     cells: int
     beams: int
-    coordinates: int
+    coordinates: int  # of ``Coordinates``
     configuration: int
 
 
@@ -68,10 +78,10 @@ def decode(packets: Packets) -> Samples:
     Raises:
         InputError: no velocities of data format 3, beam velocities without a matrix, or other than 3 or 4 beams.
     """
-    at = np.flatnonzero(packets.kind == TEXT)
+    at = np.flatnonzero(packets.kind == Kind.TEXT)
     texts = (packets.data[packets.begin[k] + 1 : packets.end[k]].tobytes().decode("latin-1") for k in at)
     text = "\n".join(texts)
-    kind = next((kind for kind in (AVERAGE, BURST) if (packets.kind == kind).any()), None)
+    kind = next((kind for kind in (Kind.AVERAGE, Kind.BURST) if (packets.kind == kind).any()), None)
     if kind is None:
         there = ", ".join(f"{k:02X}" for k in np.unique(packets.kind).tolist())
         advice = "export its velocities, or give them as a table"
@@ -81,20 +91,22 @@ def decode(packets: Packets) -> Samples:
     head = np.ascontiguousarray(rows[:, : _HEAD.itemsize]).view(_HEAD)[:, 0]
     layout = _layout(packets, rows, head[0])
     raw = _velocity(rows, layout, head["scale"])
-    matrix = _matrix(text, SECTIONS[kind]) if layout.coordinates == BEAM else None
-    if layout.coordinates == BEAM and (matrix is None or matrix.shape[1] != layout.beams):
+    matrix = (
+        _matrix(text, "AVG" if kind == Kind.AVERAGE else "BURST") if layout.coordinates == Coordinates.BEAM else None
+    )
+    if layout.coordinates == Coordinates.BEAM and (matrix is None or matrix.shape[1] != layout.beams):
         expected = f"the matrix of its {layout.beams} beams among the text records (GETXFAVG, GETXFBURST)"
         shown = "none" if matrix is None else f"one of {matrix.shape[1]}"
         advice = "take the instrument's own file from its first byte on"
         raise InputError(str(packets.path), expected=expected, found=shown, advice=advice)
-    velocity = raw[..., :2] if layout.coordinates == EARTH else raw
-    if layout.coordinates == INSTRUMENT:
+    velocity = raw[..., :2] if layout.coordinates == Coordinates.EARTH else raw
+    if layout.coordinates == Coordinates.INSTRUMENT:
         velocity = raw @ records.axes_of(np.eye(layout.beams)).T
-    others = int(np.sum((packets.kind != kind) & (packets.kind != TEXT)))
+    others = int(np.sum((packets.kind != kind) & (packets.kind != Kind.TEXT)))
     profiles = _profiles(rows, layout)
     bad = np.zeros(velocity.shape[:2], dtype=bool)
     if "correlation" in profiles:
-        bad |= profiles["correlation"].min(axis=2) < LEAST_CORRELATION
+        bad |= profiles["correlation"].min(axis=2) < 50  # percent, recommended by Nortek
     if "percent_good" in profiles:
         bad |= profiles["percent_good"] < LEAST_PERCENT_GOOD
     flags = np.where(np.isnan(velocity).any(axis=-1), MISSING, np.where(bad, BAD, GOOD)).astype(np.int8)
@@ -111,9 +123,9 @@ def decode(packets: Packets) -> Samples:
         model=next(iter(re.findall(r'^ID,.*?\bSTR="([^"]+)"', text, re.MULTILINE)), ""),
         declination_deg=_setting(text, "GETUSER", "DECL", 0.0),
         beams_to_axes=tuple(map(tuple, records.axes_of(matrix).tolist())) if matrix is not None else (),
-        average_s=_setting(text, "GETAVG", "AI", 0.0) if kind == AVERAGE else 0.0,
+        average_s=_setting(text, "GETAVG", "AI", 0.0) if kind == Kind.AVERAGE else 0.0,
         magnetometer=head["magnetometer"] * 1.0,
-        up=raw[..., 2:].mean(axis=-1) if layout.coordinates == EARTH else None,
+        up=raw[..., 2:].mean(axis=-1) if layout.coordinates == Coordinates.EARTH else None,
         profiles=profiles,
         counts=counts,
         notes=tuple(_notes(packets, kind, counts, "GETUSER," in text)),
@@ -150,13 +162,13 @@ def _most_frequent_configuration(packets: Packets, at: Places) -> Places:
 def _layout(packets: Packets, rows: Bytes, head: Any) -> _Layout:
     bits = int(head["layout"])
     layout = _Layout(int(head["offset"]), bits & 1023, bits >> 12, bits >> 10 & 3, int(head["configuration"]))
-    expected = f"velocities in data format {FORMAT} of three or four beams"
+    expected = "velocities in data format 3 of three or four beams"
     shown = f"data format {head['format']}, {layout.beams} beams, {layout.cells} cells"
-    each = 2 + bool(layout.configuration & AMPLITUDE) + bool(layout.configuration & CORRELATION)
+    each = 2 + bool(layout.configuration & Has.AMPLITUDE) + bool(layout.configuration & Has.CORRELATION)
     needed = layout.offset + each * layout.beams * layout.cells
     fits = needed <= rows.shape[1] and layout.offset >= _HEAD.itemsize
-    whole = bool(layout.configuration & VELOCITY) and layout.cells > 0 and layout.coordinates <= BEAM and fits
-    if head["format"] != FORMAT or layout.beams not in (3, 4) or not whole:
+    whole = fits and bool(layout.configuration & Has.VELOCITY) and layout.cells > 0 and layout.coordinates < 3
+    if head["format"] != 3 or layout.beams not in (3, 4) or not whole:
         advice = "export its velocities, or give them as a table"
         raise InputError(str(packets.path), expected=expected, found=shown, advice=advice)
     return layout
@@ -173,9 +185,9 @@ def _velocity(rows: Bytes, layout: _Layout, scale: Any) -> Floats:
 def _sensors(head: Any) -> dict[str, Any]:
     valid = head["configuration"]
     year, month, day, *clock = head["clock"].astype(np.int64).T
-    heading = np.where((valid & COMPASS) > 0, head["heading"] / 100.0, np.nan)
+    heading = np.where((valid & Has.COMPASS) > 0, head["heading"] / 100.0, np.nan)
     heading = np.where(heading < 360.0, heading, np.nan)
-    orientation = head["status"] >> 25 & 7
+    orientation = head["status"] >> 25 & 7  # 0 X up, 1 X down, 2 Y up, 3 Y down, 4 Z up, 5 Z down
 
     def known(bit: int, values: Any) -> Floats:
         return np.where((valid & bit) > 0, values, np.nan)
@@ -184,19 +196,19 @@ def _sensors(head: Any) -> dict[str, Any]:
         "time_s": civil_seconds(year + 1900, month + 1, day, *clock) + head["fraction"] / 10000.0,
         "heading_deg": heading,
         "heading_quality": np.where(np.isnan(heading), MISSING, GOOD).astype(np.int8),
-        "pitch_deg": known(TILT, head["pitch"] / 100.0),
-        "roll_deg": known(TILT, head["roll"] / 100.0),
-        "pressure_dbar": known(PRESSURE, head["pressure"] / 1000.0),
-        "temperature_c": known(TEMPERATURE, head["temperature"] / 100.0),
+        "pitch_deg": known(Has.TILT, head["pitch"] / 100.0),
+        "roll_deg": known(Has.TILT, head["roll"] / 100.0),
+        "pressure_dbar": known(Has.PRESSURE, head["pressure"] / 1000.0),
+        "temperature_c": known(Has.TEMPERATURE, head["temperature"] / 100.0),
         "supply_voltage": head["battery"] / 10.0,
-        "looks_up": orientation != DOWN,
-        "sideways": np.isin(orientation, SIDEWAYS),
+        "looks_up": orientation != 5,
+        "sideways": orientation < 4,
     }
 
 
 def _ranges(head: Any, cells: int) -> tuple[float, ...]:
     """Compute the distances of bin centres, metres: blanking plus bin size times the bin number from 1."""
-    blanking = float(head["blanking"]) / (100.0 if head["status"] & CENTIMETRES else 1000.0)
+    blanking = float(head["blanking"]) / (100.0 if head["status"] & 2 else 1000.0)  # centimetres or millimetres
     return tuple((blanking + float(head["cell"]) / 1000.0 * (1.0 + np.arange(cells))).tolist())
 
 
@@ -204,28 +216,28 @@ def _profiles(rows: Bytes, layout: _Layout) -> dict[str, Bytes]:
     """Extract amplitude, correlation and percent good, as far as the records hold them."""
     each = layout.beams * layout.cells
     profiles, at = {}, layout.offset + 2 * each
-    for name, bit in (("echo", AMPLITUDE), ("correlation", CORRELATION)):
+    for name, bit in (("echo", Has.AMPLITUDE), ("correlation", Has.CORRELATION)):
         if layout.configuration & bit:
             profiles[name] = records.by_beam(rows, at, layout.beams, layout.cells)
             at += each
-    for bit, size in BLOCKS:
-        if layout.configuration & bit:
+    for block, size in BLOCKS:
+        if layout.configuration & block:
             if size is None:  # raw echoes: size stated in the block, does not occur in averages
                 return profiles
             at += size
-    if layout.configuration & PERCENT_GOOD and at + layout.cells <= rows.shape[1]:
+    if layout.configuration & Has.PERCENT_GOOD and at + layout.cells <= rows.shape[1]:
         profiles["percent_good"] = rows[:, at : at + layout.cells].copy()
     return profiles
 
 
-def _notes(packets: Packets, kind: int, counts: dict[str, int], states_declination: bool) -> Iterator[str]:
+def _notes(packets: Packets, kind: Kind, counts: dict[str, int], states_declination: bool) -> Iterator[str]:
     name = packets.path.name
     if not states_declination:
         yield f"{name}: its text does not tell whether a declination was set; declination_applied settles it."
     if counts["other_kinds"]:
-        shown = f"{name}: the {NAMES[kind]} were read; {counts['other_kinds']} records of other kinds"
-        bursts = int(np.sum(packets.kind == BURST)) if kind == AVERAGE else 0
+        shown = f"{name}: the {kind.name.lower()}s were read; {counts['other_kinds']} records of other kinds"
+        bursts = int(np.sum(packets.kind == Kind.BURST)) if kind == Kind.AVERAGE else 0
         yield f"{shown}{f', {bursts} of them bursts,' if bursts else ''} were passed over."
     if counts["other_configurations"]:
-        shown = f"{name}: {counts['other_configurations']} {NAMES[kind]} of another configuration than most"
+        shown = f"{name}: {counts['other_configurations']} {kind.name.lower()}s of another configuration than most"
         yield f"{shown} were left out."

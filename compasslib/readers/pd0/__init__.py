@@ -3,9 +3,6 @@
 Damaged ensembles are dropped and counted, never repaired: a flipped byte costs one ensemble. Bottom track, navigation
 and the separate blocks of a fifth beam are ignored; other than four columns raise an error. Beam velocities are mapped
 to the bin depths of a level instrument before they are combined.
-
-Boundaries are detected in the echo, which decreases with range in water: surface and bottom exceed it by far (by 80 to
-160 counts in two genuine moored records), a layer of animals by 10 to 20 dB at most.
 """
 
 from __future__ import annotations
@@ -25,14 +22,10 @@ from compasslib.readers.files import refuse_mostly_damaged
 from compasslib.readers.pd0 import checks, currents, fields
 from compasslib.readers.pd0.checks import FileReport
 from compasslib.readers.pd0.currents import Settings
-from compasslib.readers.pd0.fields import BEAM, BEAMS, COUNTS, EARTH, Ensembles, GrowableArrays
-from compasslib.readers.pd0.frames import CHUNK_BYTES, Skipped, is_escaped, iter_chunks
+from compasslib.readers.pd0.fields import COUNTS, Coordinates, Ensembles, GrowableArrays
+from compasslib.readers.pd0.frames import Skipped, is_escaped, iter_chunks
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Record
 from compasslib.types import Floats
-
-BOUNDARY_COUNTS = 50  # echo of a boundary above the minimum at shorter range; 0.45 dB per count
-HEARD_COUNTS = 15  # echo of water above the minimum of the ensemble, which is at least the receiver noise
-NEAR_CELLS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,19 +34,18 @@ class _ChunkCurrents:
 
     leaders: Ensembles  # without profiles
     echo_range_m: Floats  # (n, 2) see ``echo_ranges``
-    echo_near: Floats  # (n,) mean echo of the nearest bins, counts; low where scatterers are few
+    echo_near: Floats  # (n,) mean echo of the two nearest bins, counts; low where scatterers are few
     three_beam: int  # number of currents solved from three beams
     has_percent_good: bool
-    contradictions: tuple[int, int]  # number of bins that contradict EX, and of decisive bins
 
 
-def decode(path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> Ensembles:
+def decode(path: str | Path) -> Ensembles:
     """Decode all intact ensembles of a file as recorded, without any rotation.
 
     Raises:
         InputError: the file cannot be read or holds no ensemble with velocities.
     """
-    parts = [fields.decode_runs(chunk.runs) for chunk in iter_chunks(path, chunk_bytes)]
+    parts = [fields.decode_runs(chunk.runs) for chunk in iter_chunks(path)]
     ensembles = fields.concatenate([part for part, _ in parts])
     _refuse_empty(path, len(ensembles), sum((dropped for _, dropped in parts), Counter[str]()))
     return ensembles
@@ -101,8 +93,16 @@ def read(
     return _record([part for parts, _ in files for part in parts], arrays, [report for _, report in files], settings)
 
 
-def echo_ranges(ensembles: Ensembles) -> Floats:
-    """Determine vertical ranges, (n, 2) metres, of a boundary and of the last bin above noise; NaN without one."""
+def echo_ranges(ensembles: Ensembles, boundary: int = 50, heard: int = 15) -> Floats:
+    """Determine vertical ranges, (n, 2) metres, of a boundary and of the last bin above noise; NaN without one.
+
+    Echo decreases with range in water: surface and bottom exceed it by far (by 80 to 160 counts in two genuine moored
+    records), a layer of animals by 10 to 20 dB at most.
+
+    Args:
+        boundary: echo of a boundary above the minimum at shorter range, counts of 0.45 dB.
+        heard: echo of water above the minimum of the ensemble, which is at least the receiver noise, counts.
+    """
     if not ensembles.echo.any():
         return np.full((len(ensembles), 2), np.nan)
     b1, b2, b3, b4 = np.moveaxis(ensembles.echo, 2, 0)
@@ -116,15 +116,15 @@ def echo_ranges(ensembles: Ensembles) -> Floats:
     if ragged:
         rise[beyond] = loud[beyond] = 0
     strongest = rise.argmax(axis=1)
-    last = echo.shape[1] - 1 - (loud > BEAMS * HEARD_COUNTS)[:, ::-1].argmax(axis=1)
-    heard = np.column_stack([rise.max(axis=1, initial=0) > BEAMS * BOUNDARY_COUNTS, loud.any(axis=1)])
+    last = echo.shape[1] - 1 - (loud > 4 * heard)[:, ::-1].argmax(axis=1)
+    known = np.column_stack([rise.max(axis=1, initial=0) > 4 * boundary, loud.any(axis=1)])
     ranges = ensembles.bin1_m[:, None] + ensembles.cell_m[:, None] * np.column_stack([strongest, last])
-    return np.where(heard, ranges, np.nan)
+    return np.where(known, ranges, np.nan)
 
 
 def _refuse_empty(path: str | Path, count: int, dropped: Counter[str]) -> None:
     misfits = dropped["not_of_four_beams"]
-    if misfits > checks.STRAY * (misfits + count):  # more than damage explains
+    if misfits > fields.STRAY * (misfits + count):  # more than damage explains
         expected = "blocks of four columns, as many rows as the leader tells cells"
         shown = f"others, perhaps of five beams, in {misfits} of {misfits + count} ensembles"
         raise InputError(str(path), expected=expected, found=shown, advice=checks.FOUR)
@@ -151,15 +151,13 @@ def _read_file(path: str | Path, settings: Settings, arrays: GrowableArrays) -> 
         skipped += chunk.skipped
         if len(ensembles):
             checks.refuse_alignment(str(path), ensembles, settings.heading_alignment)
-            is_earth = bool((ensembles.coordinates == EARTH).all())
+            is_earth = bool((ensembles.coordinates == Coordinates.EARTH).all())
             checks.refuse_rotation(str(path), settings.declination_applied, is_earth=is_earth)
             parts.append(_turn_chunk(ensembles, size, settings, arrays))
     leaders = fields.concatenate([part.leaders for part in parts])
     _refuse_empty(path, len(leaders), dropped)
     damaged, whole = sum(each.failed for each in skipped), len(leaders) + dropped.total()
     refuse_mostly_damaged(path, "PD0 ensembles", damaged=damaged, whole=whole)
-    cells = np.sum([part.contradictions for part in parts], axis=0)
-    checks.refuse_coordinates(str(path), leaders, *cells.tolist())
     if not any(part.has_percent_good for part in parts):
         # An all-zero percent-good block was never filled, and says nothing about the velocities.
         flags = arrays["quality"][begin:]
@@ -182,7 +180,7 @@ def _turn_chunk(ensembles: Ensembles, size: int, settings: Settings, arrays: Gro
     columns = {"east": flow.east, "north": flow.north, "quality": quality}
     columns |= {"up": flow.up.astype(np.float32), "error_velocity": flow.error.astype(np.float32)}
     arrays.add(columns | {name: getattr(ensembles, name) for name in COUNTS}, {"quality": MISSING}, size)
-    near = ensembles.echo[:, :NEAR_CELLS].astype(float)
+    near = ensembles.echo[:, :2].astype(float)
     none, no_bytes = np.empty((len(ensembles), 0, 4)), np.empty((len(ensembles), 0, 4), np.uint8)
     return _ChunkCurrents(
         leaders=replace(ensembles, velocity=none, correlation=no_bytes, echo=no_bytes, percent_good=no_bytes),
@@ -190,7 +188,6 @@ def _turn_chunk(ensembles: Ensembles, size: int, settings: Settings, arrays: Gro
         echo_near=np.where(near.any(axis=(1, 2)), near.mean(axis=(1, 2)), np.nan),
         three_beam=flow.three_beam,
         has_percent_good=bool(ensembles.percent_good.any()),
-        contradictions=currents.count_contradictions(ensembles),
     )
 
 
@@ -239,8 +236,8 @@ def _record(
         },
         channel_units={"transmit_current": "count", "heading_spread": "degree", "echo": "count"},
         profiles=_profiles(arrays, leaders),
-        bins_mapped=bool(np.all(leaders.bins_mapped | (leaders.coordinates == BEAM))),
-        recorded_in=checks.COORDINATES[int(codes[0])] if len(codes) == 1 else "several",
+        bins_mapped=bool(np.all(leaders.bins_mapped | (leaders.coordinates == Coordinates.BEAM))),
+        recorded_in=Coordinates(codes[0]).name.lower() if len(codes) == 1 else "several",
         quality=np.maximum(arrays["quality"], velocity_flags[:, None]),
         heading_quality=np.where(np.isnan(heading), MISSING, flags).astype(np.int8),
         looks_up=checks.mostly_looks_up(leaders, settings),

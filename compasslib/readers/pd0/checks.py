@@ -19,31 +19,21 @@ from compasslib.earthfield import AppliedDeclination
 from compasslib.errors import InputError
 from compasslib.readers import files
 from compasslib.readers.pd0.currents import Settings, looks_up
-from compasslib.readers.pd0.fields import BEAM, BEAMS, DROPPED, EARTH, INSTRUMENT, SHIP, Ensembles
+from compasslib.readers.pd0.fields import DROPPED, STRAY, Coordinates, Ensembles
 from compasslib.readers.pd0.frames import Places, Skipped
 from compasslib.readers.times import describe_averages
-from compasslib.records import BAD, GOOD, PROBABLY_BAD, Flags
-from compasslib.types import DAY_S, Bools, Floats
+from compasslib.records import BAD, GOOD, Flags
+from compasslib.types import Bools, Floats
 
-STRAY = 0.01  # largest share of foreign ensembles explained by damage with a valid checksum
-FEWEST_BACK = 10  # accepted number of decreases, as ensemble numbers restart with a new recording
-JUMP_S, JUMP_STEPS, MOST_JUMPS = DAY_S, 20.0, 3  # clock jumps are longer and rarer than pauses between bursts
 ADVICE = "give each recording as a file of its own"
-FEWEST_CELLS, MOST = 100, 0.5
-COORDINATES = {BEAM: "beam", INSTRUMENT: "instrument", SHIP: "ship", EARTH: "earth"}
 FOUR = "export its four slanted beams, or give the velocities as a table"
-RANGES_SHOWN = 20
-FEW_DISAGREE = 0.01  # share of ensembles with another orientation that is not reported, as on deck
-MOST_OF_THREE = 0.5  # share of three-beam solutions above which a beam is reported as failing
-_BIAS_TOLERANCE_DEG = 0.01
 
 
 def refuse_mixed(where: str, leaders: Ensembles) -> None:
-    """Reject ensembles of two interleaved recordings, and headings that are not in degrees.
+    """Reject ensembles of two instruments, as of one that looks up and one that looks down, or not of four beams.
 
     Raises:
-        InputError: two instruments, an up-looking and a down-looking one, ensemble numbers of two recordings, other
-            than four beams, or more than a share STRAY of the headings at 360 degrees and above.
+        InputError: there are more of the second kind than a share STRAY.
     """
     for name, numbers in (("serial number", leaders.serial), ("processor board", leaders.board)):
         several = _frequent_numbers(numbers)
@@ -52,7 +42,7 @@ def refuse_mixed(where: str, leaders: Ensembles) -> None:
             advice = f"name one instrument's files only, or {ADVICE}"
             raise InputError(where, expected="ensembles of one instrument", found=shown, advice=advice)
     beams, count = Counter(leaders.beams.tolist()).most_common(1)[0]
-    if beams != BEAMS:
+    if beams != 4:
         raise InputError(where, expected="4 beams", found=f"{beams} in {count} ensembles", advice=FOUR)
     number = _number_kinds(leaders)
     kinds = Counter(number.tolist())
@@ -65,29 +55,6 @@ def refuse_mixed(where: str, leaders: Ensembles) -> None:
             described.append(f"{count} of {leaders.frequency_khz[k]:g} kHz with {cells} looking {facing}")
         shown = " and ".join(described)
         raise InputError(where, expected="ensembles of one instrument", found=shown, advice=ADVICE)
-    back = int(np.sum((np.diff(leaders.number) < 0) & (np.diff(leaders.time_s) > 0)))
-    if back > max(FEWEST_BACK, STRAY * len(leaders)):
-        shown = f"numbers that fall back {back} times while the clock goes on, as of two recordings mixed"
-        raise InputError(where, expected="ensemble numbers that rise with time", found=shown, advice=ADVICE)
-    beyond = int(leaders.beyond_circle.sum())
-    if beyond > max(FEWEST_BACK, STRAY * len(leaders)):
-        expected = "headings from 0 to 359.99 degrees, stored as hundredths"
-        shown = f"{beyond} of {len(leaders)} of 360 degrees and more, as of gradians or another unit"
-        raise InputError(where, expected=expected, found=shown, advice="take the file as the instrument recorded it")
-
-
-def refuse_coordinates(where: str, leaders: Ensembles, other: int, decisive: int) -> None:
-    """Reject a file if most decisive bins (``other``) contradict coordinates EX by percent good and velocities."""
-    if decisive < FEWEST_CELLS or other <= MOST * decisive:
-        return
-    code = Counter(leaders.coordinates.tolist()).most_common(1)[0][0]
-    frame, columns = COORDINATES[code], "that add up to 100" if code == BEAM else "of one beam each"
-    raise InputError(
-        f"{where}: coordinates EX",
-        expected=f"percent good as in {frame} coordinates",
-        found=f"columns {columns} in {other} of {decisive} cells looked at",
-        advice="EX does not tell what the velocities are: take the instrument's own file, or export them as a table",
-    )
 
 
 def refuse_alignment(where: str, leaders: Ensembles, stated: float | None) -> None:
@@ -151,23 +118,12 @@ def _has_other_number(numbers: NDArray[np.int64]) -> Bools:
 
 
 def flag_strays(leaders: Ensembles) -> tuple[Flags, dict[str, int], list[str]]:
-    """Flag ensembles of another instrument or after a clock jump, (n,); also give their counts and warnings."""
+    """Flag ensembles of another instrument, (n,); also give their count and warning."""
     kinds = _number_kinds(leaders)
     other = kinds != np.bincount(kinds).argmax()
-    steps = np.diff(leaders.time_s)
-    usual = float(np.median(np.abs(steps))) if len(steps) else 0.0
-    jumps = (np.diff(leaders.number) == 1) & (steps > max(JUMP_S, JUMP_STEPS * usual))
-    jumped = np.append(False, np.cumsum(jumps) > 0) & (0 < jumps.sum() <= MOST_JUMPS)
-    flags = np.where(other, BAD, np.where(jumped, PROBABLY_BAD, GOOD)).astype(np.int8)
-    notes = []
-    if other.any():
-        notes.append(f"{int(other.sum())} ensembles are of another instrument than the rest; they were flagged.")
-    if jumped.any():
-        notes.append(
-            f"The clock jumps ahead by days between ensembles whose numbers follow each other; the {int(jumped.sum())} "
-            "after that were flagged, as their time is not known."
-        )
-    return flags, {"other_instrument": int(other.sum()), "after_clock_jump": int(jumped.sum())}, notes
+    count = int(other.sum())
+    notes = [f"{count} ensembles are of another instrument than the rest; they were flagged."] if count else []
+    return np.where(other, BAD, GOOD).astype(np.int8), {"other_instrument": count}, notes
 
 
 def _number_kinds(leaders: Ensembles) -> NDArray[np.int64]:
@@ -263,10 +219,8 @@ def _describe_file(report: FileReport) -> list[str]:
             f"included, and by the ensemble numbers {report.lost} ensembles are lost"
         )
         lines.append(f"{belong} and were skipped{damage if report.damaged else ''}.")
-        shown = [f"bytes {s.offset} to {s.offset + s.length - 1} ({s.reason})" for s in report.skipped[:RANGES_SHOWN]]
-        if others := report.skipped[RANGES_SHOWN:]:
-            shown.append(f"and {len(others)} more ranges of {sum(s.length for s in others)} bytes in all")
-        lines.append(f"{name}: skipped {', '.join(shown)}.")
+        ranges = [f"{s.offset} to {s.offset + s.length - 1} ({s.reason})" for s in report.skipped]
+        lines.append(f"{name}: skipped bytes {files.list_some(ranges)}.")
     why = "hold no velocities", "have an impossible date", "hold other columns than those of four beams"
     counts = zip(why, (report.dropped[reason] for reason in DROPPED), strict=True)
     return lines + [f"{name}: {count} good ensembles {reason} and were left out." for reason, count in counts if count]
@@ -278,7 +232,7 @@ def _describe_headings(leaders: Ensembles, counts: dict[str, int], settings: Set
     written = _join_numbers(biases)
     if applied is None and biases.any():
         lines.append(f"The file's heading bias EB of {written} degrees was taken out of the headings.")
-    if applied is not None and (np.abs(np.subtract.outer(biases, applied)) > _BIAS_TOLERANCE_DEG).any():
+    if applied is not None and np.round(np.subtract.outer(biases, applied), 2).any():
         reason = f"although the file's heading bias EB is {written} degrees"
         lines.append(f"declination_applied of {applied} degrees was taken out of the headings, {reason}.")
     if leaders.heading_alignment_deg.any() and settings.heading_alignment is not None:
@@ -295,21 +249,21 @@ def _describe_headings(leaders: Ensembles, counts: dict[str, int], settings: Set
 
 def _describe_configuration(leaders: Ensembles, counts: dict[str, int], settings: Settings) -> list[str]:
     lines = []
-    if counts["orientation_disagrees"] > FEW_DISAGREE * len(leaders):
+    if counts["orientation_disagrees"] > STRAY * len(leaders):
         word, other = ("up", "down") if mostly_looks_up(leaders, settings) else ("down", "up")
         says = "the others do, and each was turned by its own" if settings.orientation is None else "the metadata do"
         count = counts["orientation_disagrees"]
         lines.append(f"{count} of {len(leaders)} ensembles say that they looked {other}; {word} counts, as {says}.")
-    if counts["three_beam"] > MOST_OF_THREE * counts["velocities"]:
+    if 2 * counts["three_beam"] > counts["velocities"]:
         shown = f"{counts['three_beam']} of {counts['velocities']} currents"
         lines.append(f"{shown} come from three beams: one beam is dead or weak, and nothing checks the other three.")
     if counts["configurations"] > 1:
         shown = f"The recording holds {counts['configurations']} configurations"
         lines.append(f"{shown}; bins that one lacks are padded, each has its ranges.")
     level = ~leaders.tilts_used
-    if (level & (leaders.coordinates == EARTH)).any():
+    if (level & (leaders.coordinates == Coordinates.EARTH)).any():
         lines.append("Velocities in earth coordinates were turned by the instrument without its tilts.")
-    if (level & (leaders.coordinates == SHIP)).any():
+    if (level & (leaders.coordinates == Coordinates.SHIP)).any():
         lines.append(
             "Velocities in ship coordinates were recorded without tilts; they were turned as the instrument's own."
         )

@@ -16,22 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from compasslib import angles
 from compasslib.earthfield import AppliedDeclination
-from compasslib.readers.pd0.fields import (
-    BEAM,
-    EARTH,
-    FROM_CONDUCTIVITY,
-    FROM_THERMOMETER,
-    INSTRUMENT,
-    SHIP,
-    Ensembles,
-    select,
-)
+from compasslib.readers.pd0.fields import STRAY, Coordinates, Ensembles, select
 from compasslib.records import BAD, GOOD, LEAST_PERCENT_GOOD, MISSING, Flags
 from compasslib.types import Bools, Floats
 
-ALL_PINGS, PINGS_ROUNDED, TWO_BEAMS = 100, 4, 50  # percent
-MOST_TURNED = 0.4  # relative change of a beam's vertical reach below which bins are mapped: some 30 degrees of tilt
-SAMPLED = 200  # approximate number of ensembles per chunk in which coordinates are checked by percent good
 # Error velocity is a multiple of b1 + b2 - b3 - b4.
 _ERROR_SIGNS = np.array([1.0, 1.0, -1.0, -1.0])
 
@@ -57,7 +45,7 @@ def heading_bias(ensembles: Ensembles, settings: Settings) -> Floats:
 def velocity_bias(ensembles: Ensembles, settings: Settings) -> Floats:
     """Get the bias to remove from velocities, (n,) degrees: that of headings unless earth velocities have their own."""
     bias, applied = heading_bias(ensembles, settings), settings.declination_applied
-    return bias if applied is None else np.where(ensembles.coordinates == EARTH, applied.velocity, bias)
+    return bias if applied is None else np.where(ensembles.coordinates == Coordinates.EARTH, applied.velocity, bias)
 
 
 def magnetic_heading(ensembles: Ensembles, settings: Settings) -> Floats:
@@ -103,33 +91,12 @@ def flag_currents(ensembles: Ensembles, east: Floats, north: Floats) -> Flags:
     In earth, ship and instrument coordinates, columns 1 and 4 of the percent-good block are three-beam and four-beam
     solutions; in beam coordinates each column is a beam, and missing beams are ignored.
     """
-    percent, by_beam = ensembles.percent_good, ensembles.coordinates == BEAM
+    percent, by_beam = ensembles.percent_good, ensembles.coordinates == Coordinates.BEAM
     share = percent[..., 0].astype(np.int16) + percent[..., 3]
     if by_beam.any():
         share[by_beam] = np.where(np.isnan(ensembles.velocity[by_beam]), 255, percent[by_beam]).min(axis=-1)
     flags = np.where(share < LEAST_PERCENT_GOOD, BAD, GOOD)
     return np.where(np.isnan(east) | np.isnan(north), MISSING, flags).astype(np.int8)
-
-
-def count_contradictions(ensembles: Ensembles) -> tuple[int, int]:
-    """Count the bins that contradict coordinates EX, and all decisive bins, in a subsample of the ensembles.
-
-    In beam coordinates percent good has one column per beam; in others its columns divide all pings and add up to 100.
-    As converters also fill it (all 100, or 100 in one column), the velocities are used too. Both pairs of beams measure
-    the same vertical flow, and each a horizontal one: b1 + b2 - b3 - b4 is small compared with b1 - b2 and b3 - b4.
-    East and north components of a flow to NW or SE resemble one such pair, never both.
-    """
-    sampled = slice(None, None, 1 + len(ensembles) // SAMPLED)
-    percent, velocity = ensembles.percent_good[sampled], ensembles.velocity[sampled]
-    total = percent.sum(axis=-1, dtype=np.int16)
-    decisive = (total > 0) & np.isfinite(velocity).all(axis=-1)
-    filled = (percent == percent[..., :1]).all(axis=-1) | np.isin(percent, (0, ALL_PINGS)).all(axis=-1)
-    b1, b2, b3, b4 = np.moveaxis(velocity, -1, 0)
-    apart, first, second = (np.abs(each) for each in (b1 + b2 - b3 - b4, b1 - b2, b3 - b4))
-    beams = (total > ALL_PINGS + TWO_BEAMS) & (2.0 * apart < np.minimum(first, second))
-    parts = (np.abs(total - ALL_PINGS) <= PINGS_ROUNDED) & (~filled | (2.0 * apart > first + second))
-    other = np.where((ensembles.coordinates[sampled] == BEAM)[:, None], parts, beams)
-    return int(np.sum(other & decisive)), int(np.sum(decisive))
 
 
 def fill_missing_beam(beams: Floats) -> tuple[Floats, Bools]:
@@ -157,7 +124,9 @@ def _map_bins(ensembles: Ensembles, up: Bools) -> Floats:
     return map_cells(ensembles.velocity, reach, ensembles.bin1_m, ensembles.cell_m, ensembles.cells)
 
 
-def map_cells(beams: Floats, reach: Floats, bin1_m: Floats, cell_m: Floats, cells: NDArray[np.int_]) -> Floats:
+def map_cells(
+    beams: Floats, reach: Floats, bin1_m: Floats, cell_m: Floats, cells: NDArray[np.int_], most: float = 0.4
+) -> Floats:
     """Interpolate the velocities of each beam to the bin depths of a level instrument, (n, m, k).
 
     A tilt reduces the vertical distance of the bins of one beam and increases that of the opposite one, so the same bin
@@ -169,9 +138,10 @@ def map_cells(beams: Floats, reach: Floats, bin1_m: Floats, cell_m: Floats, cell
         reach: (n, k) vertical distance along a beam relative to that of a level instrument.
         bin1_m: (n,) vertical distance of the first bin of a level instrument; ``cell_m`` is the bin size, (n,).
         cells: (n,) number of bins.
+        most: relative change of a reach from which bins are not mapped: some 30 degrees of tilt.
     """
     index = np.arange(beams.shape[1])
-    reach = np.where((np.abs(reach - 1.0) < MOST_TURNED).all(axis=-1, keepdims=True), reach, 1.0)
+    reach = np.where((np.abs(reach - 1.0) < most).all(axis=-1, keepdims=True), reach, 1.0)
     range_m = bin1_m[:, None] + cell_m[:, None] * index
     place = (range_m[..., None] / reach[:, None] - bin1_m[:, None, None]) / cell_m[:, None, None]
     place = np.where(np.isfinite(place), place, index[:, None])
@@ -243,15 +213,15 @@ def _column(per_sample: ArrayLike, like: Floats) -> Floats:
 def _turn(ensembles: Ensembles, settings: Settings, code: int) -> Currents:
     """Compute the currents of ensembles in a single coordinate system ``code``."""
     heading = magnetic_heading(ensembles, settings)
-    if code == BEAM:
+    if code == Coordinates.BEAM:
         beams, solved = fill_missing_beam(_map_bins(ensembles, looks_up(ensembles, settings)))
         *xyz, error = beams_to_instrument(beams, ensembles.beam_angle_deg[:, None], ensembles.convex[:, None])
         turned = _turn_with_tilts(ensembles, settings, xyz, heading)
         return Currents(*turned, np.where(solved, np.nan, error), int(solved.sum()))
     x, y, z, error = np.moveaxis(ensembles.velocity, -1, 0)
-    if code == INSTRUMENT:
+    if code == Coordinates.INSTRUMENT:
         turned = _turn_with_tilts(ensembles, settings, (x, y, z), heading)
-    elif code == SHIP:  # without heading_alignment, as the instrument already rotated these axes by EA
+    elif code == Coordinates.SHIP:  # without heading_alignment, as the instrument already rotated these axes by EA
         heading = angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, settings))
         turned = *ship_to_earth(x, y, heading), z
         if not ensembles.tilts_used.all():
@@ -282,11 +252,6 @@ def _turn_with_tilts(
 # depend on the speed of sound (TRDI, Ocean Surveyor Technical Manual).
 
 EC, ES = (1400.0, 1600.0), (0.0, 40.0)  # m/s and practical salinity that the commands EC and ES accept
-ES_DEFAULT = 35.0  # of the command: also in files of other water
-# Twice the accuracy of a WorkHorse 300 (0.5 % of the velocity). In the moored record eh2 the EC that the instrument
-# computed differs from that by the mean temperature of the ensemble by up to 0.6 %.
-TOLERANCE = 0.01
-FEW = 0.01  # share of differing ensembles that calls for no correction, as on deck
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,22 +270,27 @@ class SoundCorrection:
         return {"sound_speed_corrected": corrected, "sound_speed_doubtful": doubtful}
 
 
-def correct_sound_speed(ensembles: Ensembles, choice: str | Mapping[str, float] | None) -> SoundCorrection:
+def correct_sound_speed(
+    ensembles: Ensembles, choice: str | Mapping[str, float] | None, *, tolerance: float = 0.01, default: float = 35.0
+) -> SoundCorrection:
     """Determine the correction from EC, ES, temperature and depth of each ensemble.
 
     Args:
         choice: auto (as None), keep or {salinity: S}. With auto nothing is corrected where EC agrees with ES; where it
             does not, ES is the salinity of the water only if it was measured or set to other than its default.
+        tolerance: twice the accuracy of a WorkHorse 300 (0.5 % of the velocity). In the moored record eh2 the EC that
+            the instrument computed differs from that by the mean temperature of the ensemble by up to 0.6 %.
+        default: of the command ES, also in files of other water.
     """
     ec, es, declared = ensembles.sound_m_s, ensembles.salinity, isinstance(choice, Mapping)
-    stated = (es > ES[0]) & (es != ES_DEFAULT)
-    known = (stated | ((ensembles.measured & FROM_CONDUCTIVITY) > 0)) & (es <= ES[1])
+    stated = (es > ES[0]) & (es != default)
+    known = (stated | ((ensembles.measured & 2) > 0)) & (es <= ES[1])
     if isinstance(choice, Mapping):
         es, known = np.full_like(es, choice["salinity"]), np.full_like(known, True)
     true = _true_over_used(ensembles, es)
-    differs = ~(np.abs(true - 1.0) <= TOLERANCE)  # also where it is unknown
+    differs = ~(np.abs(true - 1.0) <= tolerance)  # also where it is unknown
     kept = SoundCorrection(np.ones_like(true), 1.0, np.zeros_like(differs))
-    if not declared and differs.mean() <= FEW:
+    if not declared and differs.mean() <= STRAY:
         return kept
     said = f"EC, the speed of sound that the instrument used, is {_span(ec, '.0f')} m/s"
     if choice == "keep" or ensembles.phased_array.all():
@@ -352,7 +322,7 @@ def _true_over_used(ensembles: Ensembles, salinity: ArrayLike) -> Floats:
     """
     import gsw  # takes 0.1 s
 
-    temperature = np.where(ensembles.measured & FROM_THERMOMETER, ensembles.temperature_c, np.nan)
+    temperature = np.where(ensembles.measured & 1, ensembles.temperature_c, np.nan)
     pressure = np.where(np.isfinite(ensembles.pressure_dbar), ensembles.pressure_dbar, ensembles.depth_m)
     used = np.where((ensembles.sound_m_s >= EC[0]) & (ensembles.sound_m_s <= EC[1]), ensembles.sound_m_s, np.nan)
     absolute = gsw.SR_from_SP(salinity)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from enum import IntEnum
 from math import prod
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.readers.files import block_type, refuse_large_arrays
+from compasslib.readers.files import MISSING_COUNT, block_type, refuse_large_arrays
 from compasslib.readers.pd0.frames import (
     FIXED_LEADERS,
     VARIABLE_LEADERS,
@@ -34,14 +35,31 @@ from compasslib.types import Bools, Floats
 
 T = TypeVar("T", bound=np.generic)
 
-BEAM, INSTRUMENT, SHIP, EARTH = 0, 1, 2, 3  # bits 4 and 3 of EX
-BEAMS = 4
-VELOCITY, CORRELATION, ECHO, PERCENT_GOOD = 0x0100, 0x0200, 0x0300, 0x0400
-DROPPED = ("without_velocity", "bad_dates", "not_of_four_beams")  # why intact ensembles are dropped
-COUNTS = {"echo": (ECHO, 1), "correlation": (CORRELATION, 2), "percent_good": (PERCENT_GOOD, 4)}  # identifier, bit
-LAST_YEAR = 2079  # two-digit years are unique from FIRST_YEAR to here; other dates indicate a damaged clock
 
-MISSING_COUNT = -32768
+class Coordinates(IntEnum):
+    """Coordinates of the recorded velocities, bits 4 and 3 of EX."""
+
+    BEAM = 0
+    INSTRUMENT = 1
+    SHIP = 2
+    EARTH = 3
+
+
+class Block(IntEnum):
+    """Identifiers of the blocks of an ensemble beside the leaders."""
+
+    VELOCITY = 0x0100
+    CORRELATION = 0x0200
+    ECHO = 0x0300
+    PERCENT_GOOD = 0x0400
+    BOTTOM_TRACK = 0x0600
+
+
+STRAY = 0.01  # largest share of foreign ensembles that damage with a valid checksum, or time on deck, explains
+DROPPED = ("without_velocity", "bad_dates", "not_of_four_beams")  # why intact ensembles are dropped
+# Identifier, and bit of ``Ensembles.blocks``.
+COUNTS = {"echo": (Block.ECHO, 1), "correlation": (Block.CORRELATION, 2), "percent_good": (Block.PERCENT_GOOD, 4)}
+LAST_YEAR = 2079  # two-digit years are unique from FIRST_YEAR to here; other dates indicate a damaged clock
 _FIXED = block_type(
     firmware=(2, "u1"), system=(4, "<u2"), beams=(8, "u1"), cells=(9, "u1"), pings=(10, "<u2"), cell_cm=(12, "<u2"),
     blank_cm=(14, "<u2"), between_pings=(22, "3u1"), ex=(25, "u1"), ea=(26, "<i2"), eb=(28, "<i2"), ez=(30, "u1"),
@@ -53,15 +71,12 @@ _VARIABLE = block_type(
     heading_spread=(31, "u1"), current=(34, "u1"), voltage=(35, "u1"), pressure=(48, "<i4"), century=(57, "u1"),
     clock_2000=(58, "7u1"),
 )  # fmt: skip
-_PRESSURE_STOP, _VOLTAGE_STOP, _BOARD_STOP, _SERIAL_STOP = 52, 36, 50, 58
-_ALL_ONES = 2**32 - 1
-FROM_THERMOMETER, FROM_CONDUCTIVITY = 1, 2  # bits of EZ: temperature and salinity are measured
 # Versions of the firmware of Ocean Surveyor, RiverRay and Pinnacle (MHKiT-Python, dolfyn/io/rdi.py); the others are
 # pistons, Long Ranger and QuarterMaster among them.
 _PHASED_ARRAYS = (14, 23, 44, 61)
-NO_HEADING = 65535  # hundredths of a degree; marks a missing heading
-_PER_CELL = {VELOCITY: 8, CORRELATION: 4, ECHO: 4, PERCENT_GOOD: 4}  # bytes per bin of four beams or components
-_RESERVED = 2  # bytes between the last block and the checksum
+_NO_HEADING = np.iinfo(np.uint16).max  # marks a missing heading
+# Bytes per bin of four beams or components.
+_PER_CELL: dict[int, int] = {Block.VELOCITY: 8, Block.CORRELATION: 4, Block.ECHO: 4, Block.PERCENT_GOOD: 4}
 _FREQUENCIES_KHZ = np.array([75.0, 150.0, 300.0, 600.0, 1200.0, 2400.0, 38.0, np.nan])
 _BEAM_ANGLES_DEG = np.array([15.0, 20.0, 30.0, np.nan])  # the fourth is "other"
 
@@ -74,7 +89,6 @@ class Ensembles:
     number: Places  # (n,) ensemble number
     time_s: Floats  # (n,) seconds since 1970-01-01 by the instrument's clock
     heading_deg: Floats  # (n,) including the heading bias EB; NaN outside [0, 360)
-    beyond_circle: Bools  # (n,) whether the recorded heading is 360 degrees or more, the missing value excluded
     tilt1_deg: Floats  # (n,) recorded pitch, positive with beam 3 up
     tilt2_deg: Floats  # (n,) recorded roll, positive with starboard down
     velocity: Floats  # (n, m, 4) m/s, NaN where missing
@@ -87,7 +101,7 @@ class Ensembles:
     temperature_c: Floats  # (n,) degrees Celsius
     sound_m_s: Floats  # (n,) EC, speed of sound from which velocities and ranges were computed
     salinity: Floats  # (n,) ES, measured or set
-    measured: Bytes  # (n,) EZ: sensors that are fitted and used
+    measured: Bytes  # (n,) EZ: sensors that are fitted and used; bits 1 and 2: of temperature and conductivity
     phased_array: Bools  # (n,) whether the beams are formed by one array instead of four pistons
     supply_voltage: Floats  # (n,) counts of the transmit voltage
     transmit_current: Floats  # (n,) counts
@@ -99,7 +113,7 @@ class Ensembles:
     cell_m: Floats  # (n,) size of a bin
     bin1_m: Floats  # (n,) vertical distance to the middle of the first bin
     blank_m: Floats  # (n,) blanking distance
-    coordinates: Bytes  # (n,) BEAM, INSTRUMENT, SHIP or EARTH
+    coordinates: Bytes  # (n,) ``Coordinates``
     tilts_used: Bools  # (n,) whether the instrument applied its tilts in its coordinate transformation
     bins_mapped: Bools  # (n,) whether the instrument mapped bins to equal depths by its tilts
     looks_up: Bools  # (n,) as the instrument states
@@ -123,7 +137,7 @@ class Leaders:
     time_s: Floats  # seconds since 1970-01-01 by the instrument's clock, NaN where invalid
     heading_deg: Floats  # including the heading bias EB; NaN outside [0, 360)
     heading_bias_deg: Floats  # EB
-    coordinates: Bytes  # BEAM, INSTRUMENT, SHIP or EARTH
+    coordinates: Bytes  # ``Coordinates``
 
 
 def decode_leaders(run: EnsembleRun) -> Leaders:
@@ -134,7 +148,7 @@ def decode_leaders(run: EnsembleRun) -> Leaders:
 
 def has_velocities(layout: Layout) -> bool:
     """Return whether ensembles of a layout hold velocities of exactly four beams or components."""
-    return _has_profile(layout, VELOCITY) and _of_four_beams(layout)
+    return _has_profile(layout, Block.VELOCITY) and _of_four_beams(layout)
 
 
 def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles, Counter[str]]:
@@ -142,7 +156,7 @@ def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles, Counter[str]]:
     groups: dict[bytes, list[EnsembleRun]] = {}
     dropped = Counter[str]()
     for run in runs:
-        if not _has_profile(run.layout, VELOCITY):
+        if not _has_profile(run.layout, Block.VELOCITY):
             dropped["without_velocity"] += len(run.rows)
         elif not _of_four_beams(run.layout):
             dropped["not_of_four_beams"] += len(run.rows)
@@ -239,9 +253,9 @@ def _decode(layout: Layout, runs: Sequence[EnsembleRun]) -> Ensembles:
     return Ensembles(
         offset=offset,
         velocity=_velocity(rows, layout),
-        correlation=_bytes_of_cells(rows, layout, CORRELATION),
-        echo=_bytes_of_cells(rows, layout, ECHO),
-        percent_good=_bytes_of_cells(rows, layout, PERCENT_GOOD),
+        correlation=_bytes_of_cells(rows, layout, Block.CORRELATION),
+        echo=_bytes_of_cells(rows, layout, Block.ECHO),
+        percent_good=_bytes_of_cells(rows, layout, Block.PERCENT_GOOD),
         blocks=np.full(len(rows), sum(bit for block, bit in COUNTS.values() if _has_profile(layout, block)), np.uint8),
         **_decode_fixed(rows, layout),
         **_decode_variable(rows, layout),
@@ -262,8 +276,8 @@ def _of_four_beams(layout: Layout) -> bool:
     """Return whether no block has room for a fifth column or a surplus bin, which are not supported."""
     for identifier in layout.blocks.keys() & _PER_CELL.keys():
         spare, column = _spare(layout, identifier), _PER_CELL[identifier] // 4 * layout.cells
-        last = layout.blocks[identifier][1] == layout.length
-        if not 0 <= spare - _RESERVED * (last and spare >= _RESERVED) < min(column, _PER_CELL[identifier]):
+        last = layout.blocks[identifier][1] == layout.length  # two reserved bytes precede the checksum
+        if not 0 <= spare - 2 * (last and spare >= 2) < min(column, _PER_CELL[identifier]):
             return False
     return True
 
@@ -274,7 +288,7 @@ def _profile(rows: Bytes, layout: Layout, identifier: int) -> Bytes:
 
 
 def _velocity(rows: Bytes, layout: Layout) -> Floats:
-    counts = _profile(rows, layout, VELOCITY).view("<i2")
+    counts = _profile(rows, layout, Block.VELOCITY).view("<i2")
     # Division, unlike multiplication by 0.001, gives the float nearest to 0.123 for 123 mm/s.
     velocity = counts / 1000.0
     np.copyto(velocity, np.nan, where=counts == MISSING_COUNT)
@@ -287,23 +301,24 @@ def _bytes_of_cells(rows: Bytes, layout: Layout, identifier: int) -> Bytes:
     return _profile(rows, layout, identifier).reshape(len(rows), layout.cells, 4)
 
 
-def _leader(rows: Bytes, layout: Layout, identifiers: tuple[int, ...], form: np.dtype[np.void]) -> tuple[Any, int]:
+def _leader(rows: Bytes, layout: Layout, identifiers: tuple[int, ...], form: np.dtype[np.void]) -> tuple[Any, set[str]]:
+    """Extract the fields of a leader, and the names of those that it holds as a whole."""
     start, stop = next(layout.blocks[i] for i in identifiers if i in layout.blocks)
     length = min(stop - start, form.itemsize)
     block = np.zeros((len(rows), form.itemsize), dtype=np.uint8)
     block[:, :length] = rows[:, start : start + length]
-    return block.view(form)[:, 0], length
+    ends = {name: form[name].itemsize + entry[1] for name, entry in (form.fields or {}).items()}
+    return block.view(form)[:, 0], {name for name, end in ends.items() if end <= length}
 
 
 def _decode_fixed(rows: Bytes, layout: Layout) -> dict[str, Any]:
-    leader, length = _leader(rows, layout, FIXED_LEADERS, _FIXED)
+    leader, whole = _leader(rows, layout, FIXED_LEADERS, _FIXED)
     system, written = leader["system"].astype(np.int64), leader["beam_angle"]
     by_bits = _BEAM_ANGLES_DEG[(system >> 8) & 3]
     serial, board = leader["serial"].astype(np.int64), leader["board"]
     return {
-        # A leader that ends before byte 58 does not hold the complete serial number.
-        "serial": np.where((length >= _SERIAL_STOP) & (serial != _ALL_ONES), serial, 0),
-        "board": np.where((length >= _BOARD_STOP) & (board != -1), board, 0),
+        "serial": np.where(("serial" in whole) & (serial != np.iinfo(np.uint32).max), serial, 0),
+        "board": np.where(("board" in whole) & (board != -1), board, 0),
         "beams": leader["beams"].copy(),
         "cells": leader["cells"].astype(np.int64),
         "cell_m": leader["cell_cm"] / 100.0,
@@ -328,28 +343,27 @@ def _decode_fixed(rows: Bytes, layout: Layout) -> dict[str, Any]:
 
 
 def _decode_variable(rows: Bytes, layout: Layout) -> dict[str, Any]:
-    leader, length = _leader(rows, layout, VARIABLE_LEADERS, _VARIABLE)
+    leader, whole = _leader(rows, layout, VARIABLE_LEADERS, _VARIABLE)
     fixed, _ = _leader(rows, layout, FIXED_LEADERS, _FIXED)
     heading = leader["heading"] / 100.0
     newer = leader["century"] > 0  # use the clock with a century if it is set, else the one with a two-digit year
     clock = np.where(newer[:, None], leader["clock_2000"], leader["clock"]).astype(np.int64)
     two_digits = clock[:, 0] + np.where(clock[:, 0] < FIRST_YEAR - 1900, 2000, 1900)
     year = np.where(newer, 100 * leader["century"].astype(np.int64) + clock[:, 0], two_digits)
-    has_pressure = ((fixed["sensors"] & 0x20) > 0) & (length >= _PRESSURE_STOP)
+    has_pressure = ((fixed["sensors"] & 0x20) > 0) & ("pressure" in whole)
     return {
         "number": leader["number"] + 65536 * leader["number_high"].astype(np.int64),
         "time_s": civil_seconds(year, *clock[:, 1:].T, last_year=LAST_YEAR),
         "heading_deg": np.where(heading < 360.0, heading, np.nan),
-        "beyond_circle": (heading >= 360.0) & (leader["heading"] != NO_HEADING),
         "tilt1_deg": from_hundredths(leader["tilt1"]),
         "tilt2_deg": from_hundredths(leader["tilt2"]),
         "temperature_c": from_hundredths(leader["temperature"]),
         "depth_m": leader["depth_dm"] / 10.0,
         "sound_m_s": leader["sound"].astype(float),
         "salinity": leader["salinity"].astype(float),
-        "supply_voltage": np.where(length >= _VOLTAGE_STOP, leader["voltage"], np.nan),
-        "transmit_current": np.where(length >= _VOLTAGE_STOP, leader["current"], np.nan),
-        "heading_spread_deg": np.where(length >= _VOLTAGE_STOP, leader["heading_spread"], np.nan),
+        "supply_voltage": np.where("voltage" in whole, leader["voltage"], np.nan),
+        "transmit_current": np.where("current" in whole, leader["current"], np.nan),
+        "heading_spread_deg": np.where("heading_spread" in whole, leader["heading_spread"], np.nan),
         # Recorded in decapascals: 1000 daPa are 1 dbar.
         "pressure_dbar": np.where(has_pressure, leader["pressure"] / 1000.0, np.nan),
     }
@@ -360,7 +374,7 @@ def from_hundredths(counts: NDArray[np.int16]) -> Floats:
     return np.where(counts == MISSING_COUNT, np.nan, counts / 100.0)
 
 
-_NOTHING = Layout(b"", np.empty(0, np.int64), 124, 0, {0x0000: (0, 59), 0x0080: (59, 124), VELOCITY: (124, 124)})
+_NOTHING = Layout(b"", np.empty(0, np.int64), 124, 0, {0x0000: (0, 59), 0x0080: (59, 124), Block.VELOCITY: (124, 124)})
 
 
 # Copy a file with corrected headings: intact ensembles with new checksums, all their other bytes unchanged.
@@ -369,10 +383,7 @@ _NOTHING = Layout(b"", np.empty(0, np.int64), 124, 0, {0x0000: (0, 59), 0x0080: 
 # instrument or ship coordinates do not depend on it. An ensemble without a corrected heading gets PD0's missing
 # values: -32768 in every velocity, and a heading of 655.35 degrees, which no compass reports.
 
-FULL_CIRCLE = 36000  # hundredths of a degree
-HEADING_AT = 18  # byte of the variable leader
-BOTTOM_TRACK, TRACKED = 0x0600, (24, 50)  # byte offsets of its velocities, and of those of the water layer
-LARGEST = 32767  # mm/s, largest velocity of the format
+TRACKED = (24, 50)  # byte offsets of the velocities of the bottom track, and of those of the water layer
 Turn = Callable[[Leaders], Floats]
 
 
@@ -408,13 +419,13 @@ def rewrite(source: str | Path, target: str | Path, turn: Turn) -> Rewritten:
 
 def _turn_run(run: EnsembleRun, leaders: Leaders, by: Floats) -> Bytes:
     rows, layout = run.rows.copy(), run.layout
-    begin = next(layout.blocks[i][0] for i in VARIABLE_LEADERS if i in layout.blocks) + HEADING_AT
-    hundredths = np.rint(100.0 * angles.wrap360(leaders.heading_deg + by)) % FULL_CIRCLE
-    rows[:, begin : begin + 2] = _bytes(np.where(np.isfinite(by), hundredths, NO_HEADING).astype("<u2"))
+    begin = next(layout.blocks[i][0] for i in VARIABLE_LEADERS if i in layout.blocks) + 18  # of the heading
+    hundredths = np.rint(100.0 * angles.wrap360(np.rint(100.0 * (leaders.heading_deg + by)) / 100.0))
+    rows[:, begin : begin + 2] = _bytes(np.where(np.isfinite(by), hundredths, _NO_HEADING).astype("<u2"))
     for begin, stop in _velocities(layout):
         counts = np.ascontiguousarray(rows[:, begin:stop]).view("<i2").copy()
         if has_velocities(layout):
-            _turn(counts.reshape(len(rows), -1, 4), by, (leaders.coordinates == EARTH) & np.isfinite(by))
+            _turn(counts.reshape(len(rows), -1, 4), by, (leaders.coordinates == Coordinates.EARTH) & np.isfinite(by))
         counts[np.isnan(by)] = MISSING_COUNT
         rows[:, begin:stop] = _bytes(counts)
     sums = rows[:, : layout.length].sum(axis=1, dtype=np.uint16)  # wraps modulo 65,536, as the checksum does
@@ -428,11 +439,11 @@ def _bytes(numbers: NDArray[np.integer]) -> Bytes:
 
 def _velocities(layout: Layout) -> Iterator[tuple[int, int]]:
     """Locate the velocities as (begin, end) byte ranges of the ensemble."""
-    begin, stop = layout.blocks.get(VELOCITY, (0, 0))
+    begin, stop = layout.blocks.get(Block.VELOCITY, (0, 0))
     room = 8 * layout.cells if has_velocities(layout) else (stop - begin - 2) // 2 * 2
     if room > 0:
         yield begin + 2, begin + 2 + room
-    begin, stop = layout.blocks.get(BOTTOM_TRACK, (0, 0))
+    begin, stop = layout.blocks.get(Block.BOTTOM_TRACK, (0, 0))
     yield from ((begin + at, begin + at + 8) for at in TRACKED if begin + at + 8 <= stop)
 
 
@@ -440,6 +451,6 @@ def _turn(counts: NDArray[np.int16], by: Floats, which: Bools) -> None:
     """Rotate velocities of selected ensembles in place, (k, m, 4) mm/s; missing where the format cannot hold them."""
     known = (counts[..., :2] != MISSING_COUNT).all(axis=-1) & which[:, None]
     turned = np.rint(np.stack(angles.turn(counts[..., 0], counts[..., 1], np.nan_to_num(by)[:, None]), axis=-1))
-    fits = known & (np.abs(turned) <= LARGEST).all(axis=-1)
+    fits = known & (np.abs(turned) <= np.iinfo(np.int16).max).all(axis=-1)
     counts[fits, :2] = turned[fits].astype(np.int16)
     counts[known & ~fits] = MISSING_COUNT

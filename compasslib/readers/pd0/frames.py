@@ -24,7 +24,6 @@ from compasslib.readers import files
 Bytes: TypeAlias = NDArray[np.uint8]
 Places: TypeAlias = NDArray[np.int64]
 
-CHUNK_BYTES = 2 << 20
 FIXED_LEADERS, VARIABLE_LEADERS = (0x0000, 0x0001), (0x0080, 0x0081)
 SHORTEST_FIXED, SHORTEST_VARIABLE = 34, 28  # bytes including the distance of bin 1; including the temperature
 CHECKSUM, PAST_THE_END, NO_ENSEMBLE = "checksum", "length runs past the end of the file", "not an ensemble"
@@ -33,7 +32,6 @@ BEFORE_THE_FIRST = "junk before the first ensemble"
 _MARK = 0x7F
 _HEADER = 8  # bytes up to and including the first offset, needed to check a candidate
 _SHORTEST = _HEADER + SHORTEST_FIXED + SHORTEST_VARIABLE
-_WINDOW = 1 << 19  # rows are checked in pieces that stay in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +82,7 @@ class _Candidates:
     cut: Places  # truncated by the end of the chunk
 
 
-def iter_chunks(path: str | PathLike[str], chunk_bytes: int = CHUNK_BYTES) -> Iterator[Chunk]:
+def iter_chunks(path: str | PathLike[str], chunk_bytes: int = files.CHUNK_BYTES) -> Iterator[Chunk]:
     """Iterate over the ensembles of a file and the bytes between them; together they cover the whole file.
 
     Args:
@@ -136,7 +134,7 @@ def _scan_file(path: str | PathLike[str], chunk_bytes: int) -> Iterator[tuple[li
 def is_escaped(path: str | PathLike[str]) -> bool:
     """Return whether the file contains a modem's escapes, whose removal yields more intact ensembles at its start."""
     with _opened(path) as file:
-        sample = _read(file, path, files.ESCAPE_SAMPLE)
+        sample = _read(file, path, files.CHUNK_BYTES)
     return files.looks_escaped(sample) and _count_good(files.unescape(sample)) > _count_good(sample)
 
 
@@ -235,8 +233,11 @@ def _layout(signature: bytes) -> Layout | None:
     return Layout(signature, columns, length, signature[-1], blocks)
 
 
-def _count_run(data: Bytes, start: int, layout: Layout) -> int:
-    """Count the consecutive intact ensembles of one layout from ``start`` on, checked in windows of growing size."""
+def _count_run(data: Bytes, start: int, layout: Layout, window: int = 1 << 19) -> int:
+    """Count the consecutive intact ensembles of one layout from ``start`` on, checked in windows of growing size.
+
+    A window of at most 0.5 MB stays in the processor's cache.
+    """
     stride = layout.length + 2
     most = (data.size - start) // stride
     done, step = 0, 1
@@ -251,7 +252,7 @@ def _count_run(data: Bytes, start: int, layout: Layout) -> int:
         if not good.all():
             return done + int(good.argmin())
         done += len(rows)
-        step = max(1, min(8 * step, _WINDOW // stride))
+        step = max(1, min(8 * step, window // stride))
     return done
 
 

@@ -1,25 +1,23 @@
-"""Check netCDF files against conventions: CF and ACDD by an independent checker, OceanSITES by the rules below."""
+"""Conventions of the products: CF and ACDD by an independent checker, OceanSITES by the rules below."""
 
 from __future__ import annotations
 
 import importlib.util
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import netCDF4
 import numpy as np
 
-from compasslib.archive import provenance, variables
+from compasslib.archive import variables
 from compasslib.archive.attributes import SPELLINGS, missing
 from compasslib.archive.files import open_netcdf
-from compasslib.errors import InputError
 
 CHECKER = "compliance_checker"
 CF, ACDD = "cf:1.11", "acdd:1.3"
 PRODUCTS = ("corrected.nc", "gridded.nc", "gridded_daily.nc")  # files that claim ACDD and OceanSITES as well as CF
-NOT_ASKED = 1  # the checker's weight of mere suggestions
 # The CF table has no name for these: its orientation is from true north, and it has no deviation or declination.
 UNNAMED = tuple(
     name
@@ -31,17 +29,8 @@ UNAVOIDABLE = {f'variable "{name}" missing the following attributes: standard_na
 
 
 def installed() -> bool:
-    """Return whether the checker of CF and ACDD is installed; only the test environment includes it."""
+    """Return whether the checker of CF and ACDD is installed."""
     return importlib.util.find_spec(CHECKER) is not None
-
-
-def checkers() -> dict[str, str]:
-    """Return the conventions that files are checked against in this installation, with version and program."""
-    standards = {"OceanSITES": f"manual {MANUAL}"}
-    if not installed():
-        return standards
-    program = f"compliance-checker {provenance.installed('compliance-checker')}"
-    return standards | {"CF": f"{CF} by {program}", "ACDD": f"{ACDD} by {program}"}
 
 
 def remarks(path: str | Path) -> list[str]:
@@ -81,28 +70,9 @@ def checked(path: str | Path, checker: str) -> list[str]:
     dataset = suite.load_dataset(str(path))
     groups, errors = suite.run_all(dataset, [checker])[checker]
     dataset.close()
-    failed = [group for group in groups if group.value[0] < group.value[1] and group.weight > NOT_ASKED]
+    failed = [group for group in groups if group.value[0] < group.value[1] and group.weight > 1]  # 1: mere suggestions
     broken = [f"the checker broke in {name}: {error[0]}" for name, error in errors.items()]
     return sorted(f"{group.name} {message}" for group in failed for message in group.msgs) + broken
-
-
-def report_remarks(paths: Sequence[str], say: Callable[[str], None]) -> dict[str, Any]:
-    """Report the remarks on files, one line each; return the conventions checked and the attributes not given.
-
-    Raises:
-        InputError: there are remarks.
-    """
-    issues = [f"{path}: {remark}" for path in paths for remark in remarks(path)]
-    absent = {path: names for path in paths if Path(path).name in PRODUCTS and (names := not_given(path))}
-    for line in [*issues, *(f"{path}: attributes may still give {', '.join(names)}" for path, names in absent.items())]:
-        say(line)
-    if not installed():
-        say("CF and ACDD were not checked: compliance-checker is not installed; make check-archive installs it")
-    if issues:
-        advice = "attributes are those of the YAML files; anything else is this program's fault"
-        raise InputError(f"{len(paths)} netCDF files", expected="no remark", found=str(len(issues)), advice=advice)
-    say(f"{len(paths)} netCDF files: no remark by {'CF, ACDD and ' if installed() else ''}OceanSITES")
-    return {"no_remark_by": checkers(), "files": list(paths), "attributes_may_still_give": absent}
 
 
 # Checks of a mooring's netCDF file against the OceanSITES manual.
@@ -113,7 +83,6 @@ def report_remarks(paths: Sequence[str], say: Callable[[str], None]) -> dict[str
 
 Remarks = Iterator[str]
 
-MANUAL = "1.4"
 MOMENT = r"\d{4}-\d\d-\d\dT\d\d:\d\d(:\d\d(\.\d+)?)?Z"
 INTERVAL = r"P(?=.)(\d+Y)?(\d+M)?(\d+D)?(T(\d+H)?(\d+M)?(\d+(\.\d+)?S)?)?"
 # Global attributes that the manual requires or whose values it prescribes [2.2, 3.1 to 3.4, 4.1.1].
