@@ -38,6 +38,8 @@ APART_S = 24 * HOUR_S  # windows farther apart belong to separate storms
 MIN_DAYS = 5  # of a record from which its usual day and disturbance are known
 BLOCK_DAYS = 27  # a rotation of the sun
 
+AVERAGED_S = 600.0  # averaging interval of one-minute values: storms last longer
+
 
 @dataclass(frozen=True)
 class Storm:
@@ -267,7 +269,7 @@ def compare(
     model: EarthField,
     *,
     limit_deg: float = 0.5,
-    bin_s: float = 600.0,
+    bin_s: float = AVERAGED_S,
     near_days: int = 4,
     min_near: int = 5,
 ) -> FieldComparison:

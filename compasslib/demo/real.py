@@ -47,7 +47,7 @@ class Recording:
         options, settings = Options(surrogates=SURROGATES), resolve_settings({"kind": self.kind} | dict(self.settings))
         if self.kind != "magnetometer":
             return {"as recorded": kinds.diagnose(self.kind, [self.file], settings, options)}
-        log = magnetometer_log.repair_counts(magnetometer_log.read([self.file], settings))
+        log = magnetometer_log.read([self.file], settings)
         log = replace(log, axis_by_axis=bool(self.settings.get("axis_by_axis")))
         return {
             what: magnetometer.diagnose_log(made(log), field=None, options=options) for what, made in VARIANTS.items()

@@ -332,7 +332,7 @@ def _storm_findings(compared: FieldComparison, series: FieldSeries) -> list[Find
                 "worst_three_hours_deg": Parameter(storm.worst_deg, noise_deg, "degrees"),
             },
             size_deg=storm.rms_deg,
-            proof=_held_out(time_s, off, course, max(observatory.BIN_S, float(np.median(np.diff(series.time_s))))),
+            proof=_held_out(time_s, off, course, max(observatory.AVERAGED_S, float(np.median(np.diff(series.time_s))))),
             physics=physics,
             place=CovariateRange("time", *span, f"from {iso_time(span[0])} to {iso_time(span[1])}"),
             span_s=span,
