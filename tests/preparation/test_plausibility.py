@@ -1,0 +1,260 @@
+"""Values that can be parsed but are impossible: counts and warnings in the record, the summary and the report."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from compasslib import angles, report
+from compasslib.archive import netcdf, summary
+from compasslib.config import cruise as config
+from compasslib.preparation.deployment import apply_deployment
+from compasslib.preparation.pairs import PairRules, find_pairs
+from compasslib.preparation.quality import flag_quality, flag_unit, heading_outlier_flags
+from compasslib.readers import pd0
+from compasslib.records import BAD, GOOD, PROBABLY_BAD, EarthField
+from compasslib.report import words
+from compasslib.stages import settings
+from tests.preparation.test_deployment import LONG, turning
+from tests.preparation.test_overlap import HOUR
+from tests.preparation.test_overlap import record as one_record
+from tests.world import chain
+from tests.world.sea import SHARED, cruise
+
+N = 60
+
+
+def changed(name: str, where, value):
+    column = np.array(getattr(turning(), name), dtype=float)
+    column[where] = value
+    return replace(turning(), **{name: column})
+
+
+def echoes(*row: float):
+    return replace(turning(), echo_range_m=np.tile(np.array(row), (N, 1)))
+
+
+def wake_locked(n: int = 60, seed: int = 4):
+    """Simulate a compass that follows the tide within some degrees, and the flow past it."""
+    rng, hours = np.random.default_rng(seed), np.arange(n)
+    heading = 150.0 + 60.0 * np.sin(hours / 30.0) + rng.normal(0.0, 4.0, n)
+    given = one_record(HOUR * hours, heading=heading.round(2))
+    flow = (0.2 + 0.15 * np.sin(hours / 7.0))[:, None] + rng.normal(0.0, 0.02, given.east.shape)
+    pitch, roll = rng.normal(0.0, 2.0, (2, n))
+    return replace(given, east=flow, north=0.1 * flow, pitch_deg=pitch, roll_deg=roll)
+
+
+def wild(where, value, n: int = 60):
+    """Replace some headings; get the record, the mask of replaced ones and the original headings."""
+    given = wake_locked(n)
+    heading, at = given.heading_deg.copy(), np.zeros(n, dtype=bool)
+    at[where] = True
+    heading[at] = value
+    return replace(given, heading_deg=heading), at, given.heading_deg
+
+
+# Faulty versions of a good record of 60 hours at 100 m in 500 m of water, by their count, with the number expected.
+FAULTS = {
+    "impossible_speed": (changed("east", (7, 1), 30.0), 1),
+    "steep_tilt": (changed("pitch_deg", slice(5, 9), 90.0), 12),
+    "impossible_depth": (changed("depth_m", slice(None), np.linspace(90.0, 900.0, N)), 66),
+    "bins_without_length": (changed("bin_range_m", 3, 10.0), 3),
+    "frozen_velocity": (changed("east", slice(None), 0.0), 180),
+    "heading_stuck": (changed("heading_deg", slice(20, 40), 33.0 + 0.02 * np.arange(20)), 19),
+    "heading_fill": (wild(slice(2, None, 6), 327.68)[0], 10),
+    "heading_wild": (wild([5, 16, 30, 50], [330.0, 350.0, 10.0, 340.0])[0], 4),
+    "heading_unsure": (wild([5, 16, 30, 50], [330.0, 350.0, 10.0, 340.0])[0], 1),
+    "heading_frozen": (changed("heading_deg", slice(None), 33.0), 60),
+    "heading_narrow": (changed("heading_deg", slice(None), 33.0 + np.arange(N) % 4), 60),
+    "tilt_frozen": (replace(turning(), pitch_deg=np.full(N, 3.0), roll_deg=np.full(N, 1.0)), 60),
+    "time_wild": (changed("time_s", 9, 1e9), 1),
+    "clock_unsure": (changed("time_s", slice(30, None), HOUR * np.arange(5, 35)), 30),
+    "time_backwards": (changed("time_s", [4, 5], [5 * HOUR, 4 * HOUR]), 1),
+    "time_repeated": (changed("time_s", 5, 4 * HOUR), 1),
+    "outside_deployment": (changed("time_s", slice(20, None), 1e9 + HOUR * np.arange(40)), 40),
+    "echo_of_other_boundary": (echoes(400.0, 450.0), 60),
+    "echo_without_boundary": (echoes(np.nan, 200.0), 60),
+}
+
+
+def settled(fault: str):
+    return apply_deployment(FAULTS[fault][0], **LONG)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_every_fault_is_counted_and_reported(fault):
+    record, number = settled(fault), FAULTS[fault][1]
+    assert record.counts[fault] == number
+    throughout = ("all the time", "never change", "all headings")
+    assert any(word in said for said in record.warnings for word in (f"{number} ", *throughout)), record.warnings
+
+
+def test_every_count_of_the_deployment_has_a_fault():
+    quiet = {"side_lobe", "beyond_boundary", "excluded", "echo_of_boundary"}  # no faults: natural, or set by the user
+    assert set(apply_deployment(echoes(100.0, 110.0), **LONG).counts) == {*FAULTS, *quiet}
+
+
+def test_constant_velocity_is_bad_but_still_water_is_not():
+    assert (settled("frozen_velocity").quality[1:] == BAD).all()
+    still = replace(turning(), east=np.zeros((N, 3)), north=np.zeros((N, 3)))
+    assert apply_deployment(still, **LONG).counts["frozen_velocity"] == 0
+
+
+def test_compass_with_minimal_variation_is_stuck():
+    assert list(np.flatnonzero(settled("heading_stuck").heading_quality == PROBABLY_BAD)) == list(range(21, 40))
+
+
+@pytest.mark.parametrize("share", [0.01, 0.05, 0.2])
+@pytest.mark.parametrize("value", [0.0, 327.68, 180.25])  # zero, 0x8000 read as unsigned, any other
+def test_fill_value_among_headings_is_flagged_exactly(share, value):
+    n = 2000
+    given, at, _ = wild(np.random.default_rng(7).random(n) < share, value, n)
+    found = flag_quality(given, 500.0)
+    assert (found.heading_quality[at] == BAD).all() and (found.heading_quality[~at] == GOOD).all()
+    assert any(
+        f"{at.sum()} headings flagged: they read {value:.2f} degrees, a fill value" in said for said in found.warnings
+    )
+    assert (found.quality[at] > GOOD).all()
+
+
+def test_runs_of_fill_values_are_flagged_unlike_fixed_headings():
+    n = 2000
+    given, at, _ = wild(np.isin(np.arange(n) // 8, (60, 122, 152)), 327.67, n)
+    assert (flag_quality(given, 500.0).heading_quality[at] == BAD).all()
+    heading = np.random.default_rng(3).normal(327.67, 0.05, n).round(2)
+    assert (flag_quality(replace(given, heading_deg=heading), 500.0).heading_quality == GOOD).all()
+
+
+@pytest.mark.parametrize(("share", "kept_deg"), [(0.01, 1.0), (0.05, 3.0), (0.2, 6.0)])
+def test_random_headings_are_flagged_and_reported(share, kept_deg):
+    """The remaining error is below the limit; without flags it is 10, 23 and 47 degrees rms."""
+    n, rng = 4000, np.random.default_rng(8)
+    at = rng.random(n) < share
+    given, at, true = wild(at, rng.uniform(0.0, 360.0, at.sum()), n)
+    found = flag_quality(given, 500.0)
+    left = np.where(found.heading_quality == GOOD, angles.difference(given.heading_deg, true), np.nan)
+    assert np.sqrt(np.nanmean(left**2)) < kept_deg
+    assert np.mean(found.heading_quality[at] > GOOD) > 0.85 and np.mean(found.heading_quality[~at] > GOOD) < 0.12
+    assert any("differ from those before and after by more than an instrument turns" in said for said in found.warnings)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_naturally_swinging_headings_keep_their_flags(seed):
+    """As for a profiler that turns freely in slow water; 20 % of a real record were once flagged."""
+    n, rng = 4000, np.random.default_rng(seed)
+    small = rng.laplace(0.0, 36.0, n) * rng.uniform(0.0, 1.0, n)  # steps of all sizes, as in that record
+    steps = np.where(rng.random(n) < 0.5, rng.normal(0.0, 70.0, n), small)
+    heading, east = angles.wrap360(np.cumsum(steps)), rng.normal(0.0, 0.1, (n, 3))
+    record = replace(one_record(HOUR * np.arange(n), ranges=(10.0, 14.0, 18.0)), heading_deg=heading, east=east)
+    assert (heading_outlier_flags(record, heading) > GOOD).mean() < 0.03
+
+
+def test_outliers_of_the_affected_compass_are_counted_but_kept():
+    n, rng = 4000, np.random.default_rng(8)
+    at = rng.random(n) < 0.01
+    given, at, _ = wild(at, rng.uniform(0.0, 360.0, at.sum()), n)
+    given.heading_deg[::400] = 327.68
+    reference, affected = (flag_quality(given, 500.0, affected=which) for which in (False, True))
+    assert affected.counts == reference.counts and affected.counts["heading_wild"] > 10
+    assert (affected.heading_quality[::400] == BAD).all() and (affected.heading_quality == BAD).sum() == 10
+    assert any("and they are judged by their corrected headings" in said for said in affected.warnings)
+    field = EarthField(given.time_s[[0, -1]], np.zeros(2), *np.full((3, 2), 12000.0))
+    paired = [find_pairs(one, [wake_locked(n)], field, PairRules()) for one in (reference, affected)]
+    np.testing.assert_array_equal(paired[0].time_s, paired[1].time_s)
+
+
+def test_short_runs_of_outliers_are_flagged():
+    given, at, _ = wild(
+        [40, 41, 42, 200, 201, 390, 391, 392, 393], [340.0, 341.0, 339.0, 10.0, 9.0, 5.0, 6.0, 7.0, 8.0], 600
+    )
+    found = flag_quality(given, 500.0)
+    fast = given.east[:, 0] > np.median(given.east[:, 0])
+    assert (found.heading_quality[at & fast] == BAD).all() and (found.heading_quality[~at] == GOOD).mean() > 0.98
+
+
+@pytest.mark.parametrize("name", ["eh2", "03160000", "RDI_withBT", "adp_sentinel", "adp_12", "winriver02"])
+def test_genuine_headings_have_no_outliers(name):
+    files = [path for path in (SHARED / "pd0").glob("*") if path.name.startswith(name) and path.suffix != ".csv"]
+    if not files:
+        pytest.skip(f"no {SHARED}/pd0/{name}*")
+    read = pd0.read(files, orientation=None, declination_applied=None, heading_alignment=None)
+    found = flag_quality(read, 1e5)
+    assert not any(found.counts[key] for key in ("heading_fill", "heading_wild", "heading_unsure"))
+
+
+def test_freely_turning_or_coarse_compass_is_not_flagged():
+    rng = np.random.default_rng(9)
+    free = replace(wake_locked(2000), heading_deg=rng.uniform(0.0, 360.0, 2000).round(2))
+    coarse = replace(wake_locked(2000), heading_deg=(wake_locked(2000).heading_deg / 5.0).round() * 5.0)
+    for given, said in (
+        (free, []),
+        (coarse, ["headings step by 5 degrees: the step is included in their uncertainty"]),
+    ):
+        found = flag_quality(given, 500.0)
+        assert (found.heading_quality == GOOD).all() and list(found.warnings) == said
+
+
+def test_samples_on_deck_are_flagged_by_their_depth():
+    n = 2000
+    sound = replace(wake_locked(n), depth_m=100.0 + np.random.default_rng(3).uniform(0.0, 20.0, n))
+    deck = np.arange(n) < 300
+    found = flag_quality(replace(sound, depth_m=np.where(deck, 0.5, sound.depth_m)), 500.0)
+    assert (found.heading_quality[deck] >= PROBABLY_BAD).all() and (found.quality[deck] >= BAD).all()
+    assert (found.heading_quality[~deck] == GOOD).all() and found.counts[
+        "out_of_water"
+    ] == deck.sum() * found.quality.shape[1]
+    assert "300 samples between" in " ".join(found.warnings)
+    profiling = replace(sound, depth_m=60.0 - 55.0 * np.cos(np.arange(n) / 6.0))
+    assert "out_of_water" not in flag_quality(profiling, 500.0).counts
+
+
+def test_correct_headings_near_strong_iron_stay_good(tmp_path):
+    """Iron of 0.86 of the horizontal field amplifies turns up to sevenfold; 11 % of such headings were once flagged."""
+    folder = cruise(tmp_path / "c", coefficients=(0.02, 0.43, 0.74, 0.02, -0.01), n=1200)
+    (folder / "config/config.yaml").write_text("diagnose: {enabled: false}\n")
+    made = chain.run(folder)
+    assert made["error"] is None and made["counts"]["top"]["heading_wild"] > 60
+    assert (made["product"].heading_corrected_quality == GOOD).mean() > 0.999
+    assert (made["product"].velocity_quality <= GOOD).mean() > 0.999
+
+
+def test_counts_and_warnings_reach_summary_and_report(tmp_path):
+    """Each faulty record is added to a small mooring as one of its instruments."""
+    folder = cruise(tmp_path / "c", n=40)
+    (folder / "config/config.yaml").write_text("{fit: {method: von_appen}, diagnose: {enabled: false}}\n")
+    assert chain.run(folder)["error"] is None
+    results, records = folder / "results", {fault: settled(fault) for fault in FAULTS}
+    for fault, record in records.items():
+        netcdf.write_record(results / f"M1/work/{fault}.nc", record)
+    row = summary.summary_row("M1", results / "M1")
+    summary.write_summary(results / "summary.csv", [row])
+    described = settings.report(config.load_cruise(folder))["moorings"]
+    described["M1"]["roles"] = [*described["M1"]["roles"], *FAULTS]
+    made = report.gather(results, attributes={}, moorings=described, calibrations=[])
+    report.write(results / "report.html", made)
+    page = html.unescape((results / "report.html").read_text())
+    for fault, record in records.items():
+        assert record.warnings
+        for said in record.warnings:
+            assert f"{fault}: {said}" in row["warnings"].split(" | ") and f"{fault}: {said}" in page
+    counted = next(t for section in made.moorings.sections for t in section.tables if t.caption.startswith("Inputs"))
+    shown = {row[0]: dict(zip(counted.header, row, strict=True)) for row in counted.rows}
+    for fault, (_, number) in FAULTS.items():
+        assert shown[words.plain(fault)][fault] == str(number)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [(np.deg2rad, "they are radians"), (lambda h: h / 2.0, "half of the circle was folded")],
+    ids=["radians", "halved"],
+)
+def test_headings_in_other_units_are_doubtful(change, words):
+    rng = np.random.default_rng(1)
+    heading = angles.wrap360(3.0 * np.arange(1200) + rng.normal(0.0, 4.0, 1200)).round(2)
+    sound = replace(one_record(HOUR * np.arange(1200)), heading_deg=heading)
+    assert flag_unit(sound) is sound
+    found = flag_unit(replace(sound, heading_deg=change(heading).round(2)))
+    assert words in found.warnings[-1] and (found.heading_quality == PROBABLY_BAD).all()
