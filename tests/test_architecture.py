@@ -103,6 +103,11 @@ def test_no_download_address_and_no_module_too_long():
         assert not re.search(r"https?://|--index|--find-links|@ ", path.read_text()), path
 
 
+def test_no_test_imports_another():
+    for path in (PROJECT / "tests").rglob("test_*.py"):
+        assert not re.search(r"^\s*(from|import) (tests\.(?!world)|test_)", path.read_text(), re.MULTILINE), path
+
+
 def test_requirement_files_pin_equal_versions():
     pins = [
         dict(re.findall(r"^([\w.-]+)==(\S+)", (PROJECT / f"requirements/{kind}.txt").read_text(), re.MULTILINE))

@@ -13,7 +13,7 @@ import pytest
 from compasslib.archive import attributes as archive_attributes
 from compasslib.archive import conventions, netcdf
 from compasslib.errors import InputError
-from tests.archive.test_archive import PROCESSING, USUAL, make_pairs, make_product, make_record, measured, write
+from tests.world.products import PROCESSING, USUAL, make_pairs, make_product, make_record, measured, write
 
 # CF has no standard names for these: its orientation is relative to north; deviation and declination have none.
 WITHOUT_STANDARD_NAME = {

@@ -10,7 +10,7 @@ import pytest
 
 import compasslib
 from compasslib.records import Labelled
-from tests.archive.test_archive import make_product, write
+from tests.world.products import make_product, write
 from tests.world.sea import pairs
 
 

@@ -26,9 +26,9 @@ from compasslib.readers import pd0
 from compasslib.readers.pd0.fields import rewrite
 from compasslib.readers.pd0.frames import iter_chunks
 from compasslib.records import MISSING
-from tests.archive.test_archive import PROCESSING, USUAL, product_of
 from tests.world.launch import change
 from tests.world.pd0_encoder import ensemble
+from tests.world.products import PROCESSING, USUAL, product_of
 from tests.world.sea import SHARED, START, cruise
 
 EH2 = SHARED / "pd0/eh2_20060530_20060717_0007m.000"

@@ -17,8 +17,7 @@ from compasslib.deviation.model import (
 )
 from compasslib.records import EarthField
 from compasslib.stages import fit as fit_stage
-from tests.plots.test_plots import record
-from tests.world.sea import pairs
+from tests.world.sea import pairs, record_of
 
 BREST, GREENLAND = FieldAtPlace(21000.0, 43000.0), FieldAtPlace(11980.0, 52078.0)
 ICELAND = FieldAtPlace(13300.0, 50200.0)
@@ -99,7 +98,7 @@ def test_a_mooring_in_a_weak_field_is_warned_of_at_sea_too(tmp_path, horizontal,
     seen, _ = pairs((0.0, 0.2, 0.0, 0.0, 0.0), n=200)
     along = EarthField(*(np.array([x, x]) for x in (1.2e9, -23.5, horizontal, 56000.0, -23.5)))
     netcdf.write_pairs(tmp_path / "pairs.nc", seen)
-    netcdf.write_record(tmp_path / "record.nc", record(seen, 200))
+    netcdf.write_record(tmp_path / "record.nc", record_of(seen))
     write_json(tmp_path / "field.json", vars(along))
     fit_stage.fit("M", record=tmp_path / "record.nc", pairs=tmp_path / "pairs.nc", field=tmp_path / "field.json",
                   fit=tmp_path / "fit.json", method="exact", tilt=False, given=None, sphere=False,

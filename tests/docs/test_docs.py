@@ -31,9 +31,8 @@ from benchmarks.proof import standing
 from compasslib import angles
 from compasslib.cli import _parser
 from compasslib.config.cruise import load_cruise
-from tests.archive.test_archive import make_product, write
-from tests.test_architecture import APART, ROOMS
 from tests.world.launch import copied_project
+from tests.world.products import make_product, write
 from tests.world.sea import cruise
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -88,12 +87,10 @@ def test_notebook_runs_and_states_the_transport_uncertainty(tmp_path):
     assert abs(along) > joined > alone > 0.0  # a heading error is common to all cells of a time
 
 
-@pytest.mark.parametrize("room", [*ROOMS, APART])
+@pytest.mark.parametrize("room", ["", *sorted(path.parent.name for path in PROJECT.glob("compasslib/*/__init__.py"))])
 def test_each_subpackage_has_a_worked_example(room, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    ran = doctest.testmod(
-        importlib.import_module("compasslib" if room == "ground" else f"compasslib.{room}"), verbose=False
-    )
+    ran = doctest.testmod(importlib.import_module(f"compasslib.{room}".rstrip(".")), verbose=False)
     assert ran.attempted > 1 and not ran.failed
 
 

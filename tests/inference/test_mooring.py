@@ -15,7 +15,7 @@ from compasslib.archive.files import read_json, write_json
 from compasslib.demo import demonstration
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.model import nearest_root, pair_speeds, unfitted
-from compasslib.inference import covariates, design, diagnosis, long_record
+from compasslib.inference import covariates, diagnosis, long_record
 from compasslib.inference import finding as findings
 from compasslib.inference import product as products
 from compasslib.inference.comparison import Options, compare_pairs
@@ -24,23 +24,11 @@ from compasslib.inference.kinds.mooring import diagnose
 from compasslib.records import EarthField, Pairs, take
 from tests.world import chain
 from tests.world import pairs as world
+from tests.world.diagnosed import HOURS, seen, state_of
 from tests.world.pairs import red_from_rest as red_noise
 from tests.world.sea import FOLDED, pairs, plain_record
 
 ROOT = Path(__file__).resolve().parents[2]
-HOURS = 4000
-
-
-def seen(wanted, seed=1, **options):
-    drawn = world.planted(world.make(seed, wide=True, n=HOURS), wanted)
-    return drawn, diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options(**options))
-
-
-def state_of(drawn, more=None, *, magnetic=True):
-    """Evaluate the fitted compass without effects; more: further logged series."""
-    logged = drawn.covariates | (more or {})
-    case = compare_pairs(drawn.pairs, logged, fitted(drawn), field_of(drawn), reference_magnetic=magnetic)
-    return design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1]))
 
 
 @pytest.fixture(scope="module")

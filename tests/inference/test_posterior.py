@@ -7,15 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks import discrepancy as bench
+from benchmarks.discrepancy import field_of, fitted
 from compasslib import angles
 from compasslib.deviation.tilt import CompassSeries, average_compasses
 from compasslib.effects import SIDES, SLOW_WATER
 from compasslib.inference import blocks, design, heldout, inference, noise
 from compasslib.inference.current import infer_current
 from compasslib.inference.finding import Detection
+from compasslib.inference.kinds.mooring import diagnose
 from compasslib.inference.search import AMPLITUDES_DEG, linearize
-from tests.inference.test_mooring import bench, diagnose, field_of, fitted, seen, state_of
 from tests.world import pairs as world
+from tests.world.diagnosed import seen, state_of
 
 
 def inferred(wanted, seed, n=6000):

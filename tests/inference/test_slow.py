@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from benchmarks.discrepancy import field_of, fitted
 from compasslib import angles
 from compasslib.inference.kinds.mooring import diagnose
-from tests.inference.test_mooring import field_of, fitted
 from tests.world import pairs as world
 
 HOURS, MEMORY_H = 6000, 480.0

@@ -14,8 +14,8 @@ from compasslib.effects.earth import VectorDisturbance
 from compasslib.effects.forward import ForwardModel, recorded_heading
 from compasslib.effects.readout import TemperatureOfTilt
 from compasslib.inference import covariates, design, noise
-from tests.inference.test_mooring import state_of as any_state_of
 from tests.world import pairs as world
+from tests.world.diagnosed import state_of as any_state_of
 
 HOURS, WEAK_NT = 5000, (5000.0, 55000.0)  # the earth's field near the magnetic pole
 

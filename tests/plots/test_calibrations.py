@@ -17,8 +17,8 @@ from compasslib.calibrations.platform import BenchReadings
 from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.plots import calibrations, deviation
 from compasslib.plots.page import DPI, WIDE_IN, WIDTH_IN
-from tests.plots.test_plots import saved
 from tests.world.bench import FOLDED, readings, ring
+from tests.world.figures import saved
 
 FIELD = {"horizontal_nT": 21299.0, "vertical_nT": 42888.0, "declination_deg": -0.68}
 PLACE = {"latitude": -48.4, "longitude": 184.5, "date_s": 1664409600.0, "field": FIELD}

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.text import Text
@@ -41,6 +40,7 @@ from compasslib.plots.page import BLACK, DPI, WIDTH_IN
 from compasslib.records import BAD, GOOD, CorrectedRecord, EarthField, Pairs, Record, take
 from compasslib.report.sections import diagnosis_caption
 from compasslib.report.words import SPACE
+from tests.world.figures import saved
 
 START_S, SAMPLES = 1188864000.0, 700
 UNFOLDED, FOLDED = [0.02, 0.3, 0.1, 0.03, -0.02], [0.0, -1.1, 0.7, 0.03, -0.02]
@@ -190,21 +190,6 @@ CHECKED = dict.fromkeys(("unfolded", "folded", "published and folded", "no fit a
 @pytest.fixture(scope="module")
 def moorings() -> dict[str, Mooring]:
     return {kind: Mooring(pairs, fit, corrected(own, fit, pairs)) for kind, (pairs, fit, own) in KINDS.items()}
-
-
-def saved(draw) -> Figure:
-    """Call ``draw`` and return the one Figure that it renders."""
-    pages, save = [], FigureCanvasAgg.draw
-
-    def keep(canvas, *arguments, **named):
-        pages.append(canvas.figure)
-        save(canvas, *arguments, **named)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(FigureCanvasAgg, "draw", keep)
-        draw()
-    (page,) = pages
-    return page
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from compasslib.errors import InputError
 from compasslib.inference import covariates
 from compasslib.preparation.deployment import add_covariates, add_field_strength
 from compasslib.records import MAGNETOMETER
-from tests.archive.test_archive import make_record
+from tests.world.products import make_record
 
 HEADER = "when,ntu\n"
 

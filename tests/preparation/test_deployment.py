@@ -7,7 +7,7 @@ import pytest
 
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.records import BAD, GOOD
-from tests.preparation.test_overlap import HOUR, record
+from tests.world.hourly import HOUR, record, turning
 
 SETTINGS = {"start_s": 0.0, "end_s": 20 * HOUR, "water_depth": 500.0, "latitude": 65.0, "nominal_depth": 100.0}
 
@@ -140,16 +140,6 @@ def test_record_outside_its_deployment_is_reported():
     assert apply_deployment(record([]), **SETTINGS).warnings == ("there is no sample with a time",)
     short = apply_deployment(record(HOUR * np.arange(5)), **SETTINGS)
     assert "the record covers 20% of the deployment (1970-01-01 to 1970-01-01)" in short.warnings
-
-
-def turning(n: int = 60, seed: int = 1):
-    rng = np.random.default_rng(seed)
-    given = record(HOUR * np.arange(n), heading=0.0)
-    east = given.east + rng.normal(0.0, 0.1, given.east.shape)
-    noise = [rng.normal(0.0, 3.0, n).round(2) for _ in range(2)]
-    heading = rng.uniform(0, 360, n).round(2)
-    north = given.north + 0.1 * east
-    return replace(given, east=east, north=north, heading_deg=heading, pitch_deg=noise[0], roll_deg=noise[1])
 
 
 LONG = SETTINGS | {"end_s": 60 * HOUR}

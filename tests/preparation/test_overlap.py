@@ -12,18 +12,11 @@ from compasslib.preparation.gridding import grid_indices, interpolate_series
 from compasslib.preparation.pairs import PairRules, check_pairs, estimate_clock_offset, find_pairs
 from compasslib.records import BAD, EarthField, Record
 from tests.world import sea
+from tests.world.hourly import HOUR, record
 from tests.world.pairs import red_from_rest as red_noise
 from tests.world.sea import FOLDED, MILD, pairs
 
-HOUR = 3600.0
 NORTH_FIELD = EarthField(np.array([0.0, 1e9]), np.array([10.0, 10.0]), *(np.ones((3, 2)) * 12000.0))
-
-
-def record(times, *, depth=100.0, ranges=(10.0, 14.0, 18.0), east=0.2, north=0.1, up=True, heading=30.0) -> Record:
-    times = np.asarray(times, dtype=float)
-    flow, headings = np.full((len(times), len(ranges)), east + 1j * north), np.full(len(times), heading)
-    depths = np.broadcast_to(depth, times.shape).astype(float)
-    return sea.plain_record(times, flow, ranges, heading_deg=headings, depth_m=depths, looks_up=up)
 
 
 def test_grid_adopts_the_phase_of_the_series():

@@ -18,12 +18,12 @@ from compasslib.readers import pd0
 from compasslib.records import BAD, GOOD, PROBABLY_BAD, EarthField
 from compasslib.report import words
 from compasslib.stages import settings
-from tests.preparation.test_deployment import LONG, turning
-from tests.preparation.test_overlap import HOUR
-from tests.preparation.test_overlap import record as one_record
 from tests.world import chain
+from tests.world.hourly import HOUR, turning
+from tests.world.hourly import record as one_record
 from tests.world.sea import SHARED, cruise
 
+LONG = {"start_s": 0.0, "end_s": 60 * HOUR, "water_depth": 500.0, "latitude": 65.0, "nominal_depth": 100.0}
 N = 60
 
 

@@ -21,8 +21,8 @@ from compasslib.preparation.pairs import PairRules, find_pairs
 from compasslib.preparation.references import combine_references, join_references
 from compasslib.product.cells import compare_at_seam
 from compasslib.records import PROBABLY_BAD, take
-from tests.preparation.test_water import ALL_NEAR, CELL_M, FIELD, error_deg, instrument, layers, seen
 from tests.world import chain, sea
+from tests.world.layers import ALL_NEAR, CELL_M, FIELD, error_deg, instrument, layers, seen
 from tests.world.sea import MILD
 
 NAMES = ("low", "mid", "high")

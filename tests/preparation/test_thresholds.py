@@ -11,7 +11,7 @@ import pytest
 from compasslib.archive import netcdf
 from compasslib.preparation.quality import MASKS, TESTS, Thresholds, flag_quality
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Record
-from tests.archive.test_archive import make_product, write
+from tests.world.products import make_product, write
 from tests.world.sea import plain_record
 
 N, M = 40, 5

@@ -20,10 +20,10 @@ from compasslib.readers.flags import MEANINGS, flag_of
 from compasslib.readers.pd0 import currents
 from compasslib.readers.times import Unreadable, parse_origin
 from compasslib.records import BAD, GOOD, MISSING, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Record
-from tests.archive.test_archive import make_product, measured, write
 from tests.world import netcdf_layouts as layouts
 from tests.world import netcdf_random
 from tests.world.netcdf_layouts import DECLINATION, M, N
+from tests.world.products import make_product, measured, write
 from tests.world.sea import SHARED
 
 SILENT = {"columns": None, "orientation": None, "declination_applied": None, "direction_reference": "magnetic"}
