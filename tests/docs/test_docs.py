@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import doctest
 import importlib
 import importlib.util
-import inspect
 import json
 import os
 import re
@@ -15,7 +13,6 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-import typing
 import zipfile
 from functools import cache
 from pathlib import Path
@@ -42,7 +39,6 @@ PAGES = [PROJECT / name for name in NAMES] + [page for page in SITE if page.pare
 LIBRARY, PLUGINS = PROJECT / "docs/howto/library.md", PROJECT / "docs/howto/plugins.md"
 TUTORIAL = PROJECT / "docs/tutorial.md"
 WITH_YAML = [PROJECT / "README.md", *sorted((PROJECT / "docs/howto").glob("*.md"))]
-MOST_WORDS = 1200  # of the README, to be read to the end
 
 
 def python(*words: object, **options: object) -> str:
@@ -102,17 +98,6 @@ def test_public_names_are_documented_and_imported_lazily():
     python("-c", "import sys, compasslib; dir(compasslib); sys.exit('numpy' in sys.modules)")
 
 
-def test_correcting_one_record_takes_at_most_ten_lines():
-    ten = next(block for block in blocks(LIBRARY, "python") if "= cl.correct(" in block)
-    statements = [line for line in ten.splitlines() if line and not line.startswith((" ", ")", "from", "import"))]
-    assert len(statements) <= 10
-
-
-def test_only_pages_whose_code_is_run_contain_python():
-    """The code of plugins.md is installed and run by workflow/test_plugins.py."""
-    assert {page for page in PAGES if blocks(page, "python")} == {LIBRARY, PLUGINS}
-
-
 def test_citation_files_agree_in_version_and_authors():
     cited, meta = (yaml.safe_load((PROJECT / name).read_text()) for name in ("CITATION.cff", "codemeta.json"))
     assert cited["version"] == meta["version"] == compasslib.__version__
@@ -132,70 +117,14 @@ def test_conda_environment_matches_the_project_requirements():
     assert entries - {"pip", ".", f"python{project['requires-python']}"} == {line.lower() for line in wanted}
 
 
-def test_pre_commit_uses_the_pinned_version_of_ruff():
-    hooks = yaml.safe_load((PROJECT / ".pre-commit-config.yaml").read_text())["repos"]
-    (version,) = [hook["rev"] for hook in hooks if hook["repo"].endswith("/ruff-pre-commit")]
-    assert f"ruff=={version.removeprefix('v')} " in (PROJECT / "requirements/test.txt").read_text()
-
-
-APART_FROM_THE_RECORD = {"report.png"}  # drawn by a browser
-
-
 @pytest.mark.parametrize("name", pictures.MAKERS)
 def test_pictures_are_up_to_date_with_their_code(name):
     """Compare the hashes that benchmarks/pictures.py recorded when it made them; nothing is drawn here."""
     maker, known = pictures.MAKERS[name], json.loads(pictures.RECORD.read_text())
     for picture, hashes in pictures.record(maker).items():
-        if picture not in APART_FROM_THE_RECORD:
+        if picture != "report.png":  # drawn by a browser
             again = pictures.BY_HAND.get(name, f"{pictures.COMMAND}{name}")
             assert known[picture] == hashes, f"docs/{picture} is older than the code that draws it: {again}"
-
-
-def test_every_picture_has_a_maker_and_is_used():
-    made = {picture for maker in pictures.MAKERS.values() for picture in maker.pictures}
-    there = {
-        path.relative_to(pictures.DOCS).as_posix() for path in pictures.DOCS.rglob("*.png") if "proof" not in path.parts
-    }
-    assert made | APART_FROM_THE_RECORD == there
-    pages = " ".join(page.read_text() for page in PAGES)
-    assert not [picture for picture in there if Path(picture).name not in pages]
-
-
-def test_gallery_lists_all_pictures():
-    assert (PROJECT / "docs/gallery.md").read_text() == pictures.gallery(), "benchmarks/pictures.py papers writes it"
-
-
-def test_comments_and_layout_do_not_outdate_a_picture():
-    before, after = '"""A."""\nx = 1  # one\n', '"""B."""\n\nx = (1)\n'
-    assert standing.statements(before) == standing.statements(after) != standing.statements("x = 2\n")
-    with pytest.raises(FileNotFoundError, match=r"no file compasslib/plots/gone\.py"):
-        pictures.code(["compasslib/plots/gone.py"])
-
-
-def test_paper_cites_exactly_its_bibliography():
-    keys = re.findall(r"^@\w+{(\w+),", (PROJECT / "paper.bib").read_text(), re.MULTILINE)
-    cited = set(re.findall(r"@(\w+)", (PROJECT / "paper.md").read_text().split("---", 2)[2]))
-    assert len(keys) == len(set(keys)) and set(keys) == cited
-
-
-def test_readme_is_not_too_long():
-    assert len((PROJECT / "README.md").read_text().split()) <= MOST_WORDS
-
-
-# Jargon for which the field has terms: reference, two-valued, directional shear, attributed to, identified,
-# correct, distinguish, compare with, previous release, validate.
-PRIVATE = (
-    r"trusted|two roots|folded|veer\w*|put(ting)? down to|what was found|set aside|mend(s|ed|ing)?|told|tells? apart|"
-    r"h[eo]lds? against|held against|card before|looks? whether"
-)
-
-
-@pytest.mark.parametrize(
-    "page", [PROJECT / "README.md", *(page for page in PAGES if page in SITE)], ids=lambda p: p.stem
-)
-def test_a_page_uses_the_terms_of_the_field(page):
-    prose = re.sub(r"^```.*?^```|^    .*?$|`[^`\n]*`", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
-    assert not [line for line in prose.splitlines() if re.search(rf"\b({PRIVATE})\b", line, re.IGNORECASE)]
 
 
 @pytest.mark.parametrize("page", WITH_YAML, ids=lambda page: page.stem)
@@ -264,34 +193,6 @@ def test_site_loads_nothing_external(site):
         assert not re.search(r"@import|url\([\"']?(?:https?:)?//", sheet.read_text()), sheet
 
 
-def types_within(*hints: object) -> set[type]:
-    """Return the dataclasses of the library among types, and those of their fields."""
-    there: set[type] = set()
-    waiting = list(hints)
-    while waiting:
-        hint = waiting.pop()
-        waiting += typing.get_args(hint)
-        if (
-            isinstance(hint, type)
-            and dataclasses.is_dataclass(hint)
-            and hint.__module__.startswith("compasslib.")
-            and hint not in there
-        ):
-            there.add(hint)
-            waiting += typing.get_type_hints(hint).values()
-    return there
-
-
-def test_public_names_and_fields_of_public_types_are_described(site):
-    """Including the types of fields; Sphinx shows only fields that have a description."""
-    page = (site / "reference/modules.html").read_text()
-    public = [getattr(compasslib, name) for name in compasslib.__all__]
-    names = [f"{each.__module__}.{each.__name__}" for each in public if not inspect.ismodule(each)]
-    for made in types_within(*public):
-        names += [f"{made.__module__}.{made.__name__}.{field.name}" for field in dataclasses.fields(made)]
-    assert len(names) > 250 and not [name for name in names if f'id="{name}"' not in page]
-
-
 def test_site_resolves_links_and_shows_docstrings(site):
     assert not [page for page in site.rglob("*.html") if 'class="xref myst"' in page.read_text()]  # unresolved links
     assert "compasslib.deviation.fit_deviation" in (site / "reference/modules.html").read_text()
@@ -308,7 +209,7 @@ def test_commands_that_a_page_names_exist(page):
     for words in re.findall(r"^(?:    (?:\.venv/bin/)?|\$ )compass ([^\n#]*)", text, re.MULTILINE):
         _parser().parse_args(shlex.split(words.partition(" -- ")[0]))  # options of Snakemake follow
     for script in re.findall(r"\b(?:benchmarks|tests|examples|compasslib|workflow)/[\w/]*\w\.py\b", text):
-        assert "NAME" in script or (PROJECT / script).exists(), script
+        assert "NAME" in script or (PROJECT / script).exists() or (PROJECT / "tests" / script).exists(), script
 
 
 @pytest.fixture(scope="module")
@@ -376,14 +277,6 @@ def test_measured_numbers_on_pages_are_up_to_date(hashed_once, page):
     assert page.read_text() == numbers_of_pages.filled(page), "run .venv/bin/python benchmarks/numbers_of_pages.py"
 
 
-def test_measured_shares_are_only_in_generated_parts_of_pages():
-    by_others = ("concealed.md", "known-misses.md")  # written by another command; measured on other dates
-    for page in numbers_of_pages.PAGES:
-        text = re.sub(r"<!-- numbers: \S+ -->\n.*?<!-- /numbers -->", "", page.read_text(), flags=re.DOTALL)
-        found = re.findall(r".*(?:\d % of \d+|\(\d[\d.]* to \d[\d.]*[,;)%]|\bn = \d).*", text)
-        assert not found or page.name in by_others, f"{page.name}: {found}"
-
-
 GREY, GREEN = (153, 153, 153), (44, 160, 44)  # colours of recorded and corrected sticks
 
 
@@ -396,15 +289,3 @@ def test_example_draws_recorded_and_corrected_currents(tmp_path):
         pixels = np.asarray(drawn.convert("RGB"))
     for colour in (GREY, GREEN):
         assert (pixels == colour).all(axis=2).sum() > 100, colour
-
-
-def test_imports_of_the_readme_commands_are_locked():
-    """Packages of the example, and pygments, which Snakemake's report needs without requiring it."""
-    lock = (PROJECT / "requirements/run.txt").read_text().lower()
-    text = (PROJECT / "examples/plot_corrected.py").read_text()
-    imported = {
-        line.split()[1].split(".")[0].lower() for line in text.splitlines() if line.startswith(("import ", "from "))
-    }
-    assert {"netcdf4", "numpy", "matplotlib"} <= imported
-    for package in (imported - set(sys.stdlib_module_names)) | {"pygments"}:
-        assert f"\n{package}==" in lock, package
