@@ -44,7 +44,7 @@ def processed(tmp_path_factory):
         "diagnose: {enabled: false}\nattributes: {project: Größe, institution: Sea, principal_investigator: A. Fram,"
         " license: CC-BY-4.0, publisher_url: https://example.org/}\n"
     )
-    ran = snakemake(folder)
+    ran = snakemake(folder, drawn=False)
     assert ran.returncode == 0, ran.stderr
     return folder
 

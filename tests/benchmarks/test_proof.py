@@ -15,7 +15,7 @@ from benchmarks.proof import __main__ as command
 from benchmarks.proof import recordings, score, standing, steps, tally
 from benchmarks.proof.world import compass, draw, families, records, scene, seas
 
-HOURS, SEED = 1300, 3
+HOURS, SEED = 800, 3
 FILES = ("scorecard.json", "scorecard.md", "seal.json", "left.json")
 
 

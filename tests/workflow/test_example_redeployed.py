@@ -30,7 +30,7 @@ def done(tmp_path_factory) -> Path:
     for name, end in SHORT.items():
         change(folder / f"config/moorings/{name}.yaml", end=end)
     redeployed.write_cruise(folder, seed=2, hours=2400, every=6)
-    ran = snakemake(folder)
+    ran = snakemake(folder, drawn=False)
     assert ran.returncode == 0, ran.stderr
     return folder
 

@@ -87,7 +87,7 @@ def new_cruise(folder: Path, seed: int, **drawn) -> Path:
 def done(tmp_path_factory) -> Path:
     """Process a cruise."""
     folder = new_cruise(tmp_path_factory.mktemp("done") / "c", 1)
-    ran = snakemake(folder)
+    ran = snakemake(folder, drawn=False)
     assert ran.returncode == 0, ran.stderr
     return folder
 
@@ -96,7 +96,7 @@ def done(tmp_path_factory) -> Path:
 def changed(done, tmp_path_factory) -> Path:
     """Process a cruise, and put the raw files of ``done`` in place of its own."""
     folder = new_cruise(tmp_path_factory.mktemp("changed") / "c", 2, coefficients=FOLDED)
-    ran = snakemake(folder)
+    ran = snakemake(folder, drawn=False)
     assert ran.returncode == 0, ran.stderr
     shutil.copytree(done / "raw", folder / "raw", dirs_exist_ok=True, copy_function=shutil.copy)
     return folder
@@ -111,7 +111,7 @@ def test_run_killed_in_each_stage_resumes_to_the_results_of_an_uninterrupted_one
     """As the cruise has results of other raw files, no older or half-written result is taken for a whole one."""
     folder, rounds = Path(shutil.copytree(changed, tmp_path / "c")), 0
     raw, first = hashes(folder / "raw"), killing(dict(zip(STAGES.values(), cycle(KILLS), strict=False)))
-    while (ran := snakemake(folder, first=first)).returncode:
+    while (ran := snakemake(folder, drawn=False, first=first)).returncode:
         rounds += 1
         assert rounds <= len(STAGES), ran.stderr
         if ran.returncode < 0:

@@ -378,7 +378,7 @@ def test_exchanged_values_concern_the_jobs_of_both_keys(written, file, line):
 def done(tmp_path_factory):
     """Process the cruise."""
     folder = varied(tmp_path_factory.mktemp("done"), heads=False)
-    ran = snakemake(folder)
+    ran = snakemake(folder, drawn=False)
     assert ran.returncode == 0, ran.stderr
     return folder
 
@@ -462,7 +462,7 @@ def mend(folder: Path, capsys) -> list[str]:
         return []
     named, _, options = command.partition(" -- ")
     assert named == f"mend: compass run {folder}"
-    ran = snakemake(folder, *shlex.split(options))
+    ran = snakemake(folder, *shlex.split(options), drawn=False)
     assert ran.returncode == 0, ran.stderr
     return said
 

@@ -21,6 +21,16 @@ from tests.world.sea import SHARED
 
 PROJECT = Path(__file__).resolve().parents[2]
 CONTRACT = SHARED.parent / "tools/check_contract.py"
+UNDRAWN = """
+from compasslib.archive.files import atomic_write
+from compasslib.stages import figures
+from PIL import Image
+def draw(subject, files, data):
+    for file in files:
+        with atomic_write(file) as temporary:
+            Image.new("RGB", (9, 9)).save(temporary, "PNG")
+figures._draw = draw
+"""
 
 
 def command(folder: Path, project: Path = PROJECT) -> list[str]:
@@ -40,6 +50,8 @@ def snakemake(
     project: Path = PROJECT,
     beside: tuple[Path, ...] = (),
     anew: bool = False,
+    server: int = 0,
+    drawn: bool = True,
     first: str = "",
 ) -> subprocess.CompletedProcess:
     """Run ``compass run`` with options of Snakemake, including target files.
@@ -47,7 +59,9 @@ def snakemake(
     Args:
         project: root of the project, possibly a copy.
         beside: further folders from which jobs import packages.
-        anew: start new Python processes, with their own hash seeds, for the command and its jobs, as for a copy.
+        anew: start new Python processes for the command and its jobs, as for a copy.
+        server: number of the process that is forked; each has its own hash seed.
+        drawn: whether figures are drawn; else each is an empty picture, which takes a fifth of the time of a small run.
         first: code to execute first, in the process of the command, of which those of its jobs are forks.
     """
     words, into = ["run", f"{folder}", "--cores", "2", "--", *options], environment(project, *beside)
@@ -57,16 +71,17 @@ def snakemake(
         return subprocess.run(whole, capture_output=True, text=True, check=False, env=into, cwd=folder)
     with tempfile.TemporaryDirectory() as there:
         files = [f"{there}/{name}" for name in ("out", "err")]
-        asked = {"words": words, "folder": f"{folder}", "environment": into, "files": files, "first": first}
-        server = _server()
-        print(json.dumps(asked), file=server.stdin, flush=True)
-        status = int(server.stdout.readline())
+        asked = {"words": words, "folder": f"{folder}", "environment": into, "files": files}
+        asked["first"] = first if drawn else UNDRAWN + first
+        warm = _server(server)
+        print(json.dumps(asked), file=warm.stdin, flush=True)
+        status = int(warm.stdout.readline())
         return subprocess.CompletedProcess(words, status, *(Path(file).read_text() for file in files))
 
 
 @cache
-def _server() -> subprocess.Popen:
-    """Start the process of ``warm.py``, which ends with the tests."""
+def _server(number: int) -> subprocess.Popen:
+    """Start the process of ``warm.py`` of a number, which ends with the tests."""
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     server = subprocess.Popen(
         [sys.executable, "-P", PROJECT / "tests/world/warm.py"], text=True, env=environment(), **pipes
