@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import ast
 import dataclasses
 import datetime
 import hashlib
 import json
-import re
 import time
 from pathlib import Path
 
@@ -178,19 +176,6 @@ def test_programming_error_is_not_reported_as_damage(corrected_nc, error):
 def test_missing_variable_or_attribute_is_reported_in_one_line(corrected_nc, read):
     with pytest.raises(InputError, match=r"expected a whole netCDF file"), files.open_netcdf(corrected_nc) as nc:
         read(nc)
-
-
-def test_no_message_about_files_advises_to_delete_them():
-    rooms = ("archive", "cli", "pipeline", "stages", "report", "plots")
-    modules = [path for room in rooms for path in (Path(files.__file__).parents[1] / room).glob("*.py")]
-    trees = [(path.name, ast.parse(path.read_text())) for path in modules]
-    said = {(name, node.value) for name, tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant)}
-    documented = {node.value.value for _, tree in trees for node in ast.walk(tree) if is_docstring(node)}
-    assert [text for text in said if text[1] not in documented and re.search(r"\bdelete (it|the)", str(text[1]))] == []
-
-
-def is_docstring(node: ast.AST) -> bool:
-    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
 
 
 # -------------------------------------------------------------------------------------------------------- round trips

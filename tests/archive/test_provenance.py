@@ -555,11 +555,6 @@ def test_software_outside_a_checkout_is_identified_by_hash(copied):
     assert told(copied, SOURCE_DATE_EPOCH="1700000000")[1] == "2023-11-14T22:13:20Z"
 
 
-def test_commit_of_an_enclosing_repository_is_ignored(copied):
-    commit(copied.parent)
-    assert "no checkout" in told(copied)[0]
-
-
 def test_checkout_is_identified_by_commit_and_edits(copied):
     made = commit(copied)
     assert told(copied)[0].endswith(f"({made})")
@@ -568,18 +563,6 @@ def test_checkout_is_identified_by_commit_and_edits(copied):
     with (copied / "compasslib/angles.py").open("a") as stream:
         stream.write("# edited\n")
     assert told(copied)[0].endswith(f"({made}, edited since)")
-
-
-def test_worktree_shallow_clone_and_hook_report_the_own_commit(copied, tmp_path):
-    made = commit(copied)
-    for arguments in (["worktree", "add", "--quiet"], ["clone", "--quiet", "--depth", "1", f"file://{copied}"]):
-        there = tmp_path / arguments[0]
-        subprocess.run(["git", "-C", str(copied), *arguments, str(there)], check=True, capture_output=True)
-        assert told(there)[0].endswith(f"({made})")
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other/a").touch()
-    other = commit(tmp_path / "other")
-    assert other != made and made in told(copied, GIT_DIR=str(tmp_path / "other/.git"))[0]
 
 
 @pytest.mark.parametrize("harm", ["HEAD", "git"])

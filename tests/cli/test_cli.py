@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -89,16 +88,6 @@ def test_help_of_each_command_ends_with_a_valid_example(capsys, name):
     assert ended.value.code == 0 and told[-2] == "example:"
     words = told[-1].split()
     assert words[:2] == ["compass", name] and _parser().parse_args(words[1:]).command == name
-
-
-def test_help_takes_less_than_200_ms_of_cpu_time():
-    def cost() -> float:
-        before = os.times()
-        subprocess.run([*COMPASS, "--help"], capture_output=True, check=True)
-        after = os.times()
-        return after.children_user - before.children_user
-
-    assert min(cost() for _ in range(3)) < 0.2  # CPU time, as the machine may be busy; 0.02 to 0.05 s are usual
 
 
 @pytest.mark.parametrize(

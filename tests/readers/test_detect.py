@@ -11,9 +11,8 @@ import pytest
 from netCDF4 import Dataset
 from scipy.io import savemat
 
-from compasslib import calibrations
 from compasslib.errors import InputError
-from compasslib.readers import iaga2002, read
+from compasslib.readers import read
 from compasslib.readers.detect import detect_kind
 from tests.world import nortek_encoder, pd0_encoder, pd12_files
 from tests.world.sea import real
@@ -104,30 +103,6 @@ def test_files_written_by_libraries_are_recognized(tmp_path):
     savemat(tmp_path / "c.mat", {"u": np.zeros(3)})
     named = [detect_kind(tmp_path / name).name for name in ("a.nc", "b.nc", "c.mat")]
     assert named == ["a netCDF-4 or HDF5 file", "a netCDF file", "a MATLAB file"]
-
-
-def test_every_reader_names_the_file_type_and_advice(tmp_path):
-    path = tmp_path / "x"
-    path.write_bytes(TABLE)
-    with pytest.raises(InputError, match="expected an RDI PD0 file, found a text table; write format: table"):
-        read("pd0", [path], {})
-    with pytest.raises(InputError, match="expected scans of a Falmouth 3D-ACM, found a text table; write format: tab"):
-        read("mmp_acm", [path], {"pressure_files": (), "start_offset_seconds": 0.0})
-    path.write_bytes(b"\x7f\x7f\xae\x02\x00\x06" * 90)
-    with pytest.raises(InputError, match="expected an IAGA-2002 file, found an RDI PD0 file; give IAGA-2002 files"):
-        iaga2002.read([path])
-    with pytest.raises(InputError, match="expected a text table, found an RDI PD0 file; write format: pd0"):
-        read("table", [path], {"columns": {"time": "t", "east": "u", "north": "v"}})
-    with pytest.raises(InputError, match="expected a text table, found an RDI PD0 file; correct file or kind"):
-        calibrations.calibrate("platform", [path], {})
-
-
-def test_reader_message_is_kept_for_matching_or_unknown_type(tmp_path):
-    path = tmp_path / "x"
-    for content in (b"", b"\x7f\x7f\xae\x02\x00\x06" * 90, bytes(range(255, 0, -1)) * 9):
-        path.write_bytes(content)
-        with pytest.raises(InputError, match=r"expected PD0 ensembles \(7F 7F\) with velocities"):
-            read("pd0", [path], {})
 
 
 def test_binary_file_copied_as_text_is_reported(tmp_path):

@@ -21,7 +21,6 @@ from compasslib.readers.pd0 import currents
 from compasslib.readers.times import Unreadable, parse_origin
 from compasslib.records import BAD, GOOD, MISSING, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Record
 from tests.world import netcdf_layouts as layouts
-from tests.world import netcdf_random
 from tests.world.netcdf_layouts import DECLINATION, M, N
 from tests.world.products import make_product, measured, write
 from tests.world.sea import SHARED
@@ -339,10 +338,6 @@ def test_atmosphere_is_subtracted_from_absolute_imos_pressure(tmp_path):
         nc["PRES"].standard_name = "sea_water_pressure"
     record = read(tmp_path / "a.nc")
     close(record.pressure_dbar, layouts.truth().pressure_dbar - 10.1325)
-
-
-def test_random_layouts_are_read_as_generated(tmp_path):
-    assert list(netcdf_random.layouts(47, 60, tmp_path)) == [[]] * 60
 
 
 def test_single_pings_and_averages_are_read_separately(tmp_path):

@@ -1,8 +1,4 @@
-"""Re-runs: a changed key makes again exactly what depends on it, and ``compass verify`` names the command that mends.
-
-``python -m tests.workflow.test_rerun FOLDER`` changes each key of the table on a processed cruise, and prints which
-jobs ``snakemake -n`` makes again.
-"""
+"""Re-runs: a changed key makes again exactly what depends on it; ``compass verify`` names the command that mends."""
 
 from __future__ import annotations
 
@@ -10,7 +6,6 @@ import json
 import os
 import re
 import shlex
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import reduce
@@ -279,24 +274,9 @@ instruments.deep.columns: {scale: 0.01, north: v_cm_s, east: u_cm_s, depth: dept
 EXCHANGED = """
 config/config.yaml
 overlap.max_minutes: 15 | overlap.max_metres: 16
-diagnose.min_effect_deg: 1 | diagnose.prior_odds: 2
-quality.correlation: 50 | quality.echo: 60
-product.grid.max_gap_m: 9 | product.grid.max_gap_minutes: 8
 config/moorings/M1.yaml
-latitude: 10 | longitude: 20
-instruments.top.depth: 100 | instruments.deep.depth: 105
-instruments.top.clock_offset_seconds: 5 | instruments.top.clock_drift_seconds: 6
 instruments.top.declination_applied.heading: 1 | instruments.top.declination_applied.velocity: 2
 instruments.deep.columns.east: v_cm_s | instruments.deep.columns.north: u_cm_s
-instruments.deep.compass_sigma_deg: 3 | instruments.deep.compass_iron_nT: 4
-attributes.comment: a | attributes.title: b
-config/moorings/M4.yaml
-fit.coefficients.B: 0.3 | fit.coefficients.C: 0.1
-config/calibrations/before.yaml
-latitude: 10 | longitude: 20
-uncertainty.slope_deg: 0.1 | uncertainty.field_deg: 0.2
-config/calibrations/swing.yaml
-min_speed_kn: 1 | max_drift_kn: 2
 """
 
 
@@ -484,27 +464,3 @@ def test_verify_prints_the_command_that_mends(done, capsys):
     replaced(raw, f",1{value}", f",{value}")
     assert len(mend(done, capsys)) == 1 and mend(done, capsys) == []
     assert hashes(done / "results", "logs", "benchmarks") == before
-
-
-def sweep(folder: Path) -> None:
-    """Process the cruise, change each key of the tables, and print what ``snakemake -n`` makes again."""
-    if not folder.exists():
-        assert snakemake(varied(folder)).returncode == 0
-    before = stated(folder)
-    assert planned(folder) == {}
-    print(f"{'key: value':<75}{'jobs':>5}  {'line':>4}  rules by the key (and all others)")
-    for file, line in [*lines(CHANGES), *lines(UNUSED)]:
-        key, _, rules = line.rpartition(" | ") if " | " in line else (line, "", "")
-        with edited(folder, file, key):
-            expected, jobs = changed(before, stated(folder)), planned(folder)
-        longest = max(map(len, key_lines(jobs)), default=0)
-        followed = {rule for rule, *_ in jobs} - {*rules.split()}
-        wrong = [*(f"MISSING {job}" for job in expected - jobs.keys()), *map(str, surplus(jobs, expected))]
-        shown = f"{Path(file).stem} {key}"[:74]
-        print(
-            f"{shown:<75}{len(jobs):>5}  {longest:>4}  {rules} ({' '.join(sorted(followed))}) {wrong or ''}", flush=True
-        )
-
-
-if __name__ == "__main__":
-    sweep(Path(sys.argv[1]))
