@@ -1,4 +1,4 @@
-"""Architecture: permitted imports without cycles, thin scripts, angle arithmetic in its own modules."""
+"""Would catch an import upwards or in a ring, angle arithmetic outside its modules, unequal pins, a long module."""
 
 import ast
 import re

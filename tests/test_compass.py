@@ -1,4 +1,4 @@
-"""Properties of angles; the exact compass: known values, its inverse and derivatives, published formulae."""
+"""Would catch a wrong angle function, and an exact compass with wrong inverse, derivatives or special cases."""
 
 import json
 

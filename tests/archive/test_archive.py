@@ -1,4 +1,4 @@
-"""Archive files: round trips, atomic and reproducible writing, attributes, decoding by other libraries."""
+"""Would catch values lost on the way through a file, half-written files, bytes that differ from run to run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conventions: no remarks on files of the archive, and a remark on each violated rule."""
+"""Would catch an archive file that breaks CF, ACDD or OceanSITES, and a check of these that overlooks it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Records, pairs and products as xarray datasets, and ``open_product``."""
+"""Would catch datasets that lack a dimension, a unit or a variable of the file."""
 
 from __future__ import annotations
 

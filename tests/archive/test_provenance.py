@@ -1,4 +1,4 @@
-"""Provenance: job records, the manifest composed from them, deposits, and verification of files by their hashes."""
+"""Would catch a manifest that misses a file or its origin, changed files not told, results cleared by mistake."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sealed proof: protected truths, seeds that cannot be chosen, meaningful scores, and reproducible scorecards."""
+"""Would catch a changed truth that is scored, wrong points for a verdict, a resumed proof with another scorecard."""
 
 from __future__ import annotations
 

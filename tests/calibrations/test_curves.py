@@ -1,4 +1,4 @@
-"""Curves through the headings of a bench: recovery, published numbers, too few headings."""
+"""Would catch curves that miss published numbers, intervals that miss the truth, a fit to too few headings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An observatory's declination as a calibration: constant with its interval, quiet day, storms, figures."""
+"""Would catch a storm, wrong dates or a wrong file that pass for an observatory's constant, or sound days refused."""
 
 from __future__ import annotations
 

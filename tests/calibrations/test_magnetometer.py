@@ -1,4 +1,4 @@
-"""Magnetometers: real logs with published numbers, recovery of known iron, refusals, figures."""
+"""Would catch known iron, axes or mounting not recovered, noise that biases the fit, an accelerometer taken in."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calibrations on a bench: files, uncertainty budget, comparisons, calibration.json, transfer to a mooring."""
+"""Would catch wrong files of a bench, a budget or comparison off the published one, a wrong transfer to sea."""
 
 from __future__ import annotations
 

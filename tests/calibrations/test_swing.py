@@ -1,4 +1,4 @@
-"""Swings: the published eight headings, recovery with noise, ambiguity by current and delay, exclusions, figure."""
+"""Would catch published headings missed, water or delay taken for a deviation, wrong courses that are not left out."""
 
 import csv
 import json

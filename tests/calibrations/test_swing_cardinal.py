@@ -1,4 +1,4 @@
-"""Moncunill Marimon et al. 2023: the printed numbers, properties of the formulae, the sun, the magnets."""
+"""Would catch a formula or printed number of Moncunill Marimon et al. 2023, the sun or a magnet gone wrong."""
 
 from datetime import UTC, datetime
 

@@ -1,4 +1,4 @@
-"""A tilt sensor on a tilted platform: known polynomials, signs, axes, the budget, the figure and the page."""
+"""Would catch a tilt sensor's polynomial, sign, axis or uncertainty that is wrong."""
 
 from __future__ import annotations
 

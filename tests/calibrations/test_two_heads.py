@@ -1,4 +1,4 @@
-"""Two heads on one frame: clocks, frame, difference of the compasses, refusals, stated ambiguities."""
+"""Would catch wrong clocks or axes of two heads on one frame, compasses exchanged, an ambiguity not stated."""
 
 from __future__ import annotations
 

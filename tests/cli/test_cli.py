@@ -1,4 +1,4 @@
-"""The command ``compass``: its output, its refusals in one line, and its exit status."""
+"""Would catch an output of ``compass`` that misstates a result, a refusal of several lines, a wrong exit status."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``compass export``: read back by pandas, scipy, xarray, mhkit and our reader; PD0 files with corrected headings."""
+"""Would catch an export that other programs read otherwise, a PD0 file changed in more than its directions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``compass init``: a cruise drafted from instrument exports, in which the user replaces every DECIDE by a value."""
+"""Would catch a draft that guesses what no file tells, or asks for what one does."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""YAML files of calibrations: values, defaults, and a one-line message for every mistake."""
+"""Would catch a key of a calibration that is ignored, or a mistake in one without a line that names its place."""
 
 from __future__ import annotations
 

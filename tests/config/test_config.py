@@ -1,4 +1,4 @@
-"""YAML files of a cruise: values, defaults, and a one-line message for every mistake."""
+"""Would catch a key of a cruise that is ignored, or a mistake in one without a line that names its place."""
 
 # ruff: noqa: E501, RUF100 - messages are compared as printed, on one line
 

@@ -1,4 +1,4 @@
-"""Moorings with concealed causes: planted effects, access to the truth, and the page that compares it with results."""
+"""Would catch a truth that the analysis can read, or a page that compares findings with the wrong causes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Effects planted in moorings with known truth act as described, each checked by its own formula."""
+"""Would catch a planted effect that does not act by its formula, or not in the requested size."""
 
 from __future__ import annotations
 

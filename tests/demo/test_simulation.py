@@ -1,4 +1,4 @@
-"""The simulated sea: independent and repeatable, with genuine file formats and the statistics of the array."""
+"""Would catch a simulated sea without the published statistics, or files unlike an instrument's."""
 
 from __future__ import annotations
 

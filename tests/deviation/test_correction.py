@@ -1,4 +1,4 @@
-"""Branches, corrected headings and velocities, and the assessment on pairs that the fit has not seen."""
+"""Would catch wrong branches, headings or velocities, an uncertainty too small, an assessment of seen pairs."""
 
 from dataclasses import replace
 

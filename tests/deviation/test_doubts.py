@@ -1,4 +1,4 @@
-"""Constants explained by mistakes, periods that disagree with the rest, and their consequences for the product."""
+"""Would catch sound moorings accused, mistakes unasked for, doubts without consequence in the product."""
 
 from __future__ import annotations
 

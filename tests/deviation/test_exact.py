@@ -1,4 +1,4 @@
-"""The latent-heading fit: gradients, recovery on both sides of the fold, null records, averaging with no deviation."""
+"""Would catch wrong gradients, a compass not recovered on either side of the fold, iron found where there is none."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Given coefficients and ready-made pairs: correction of a mooring without a fit, or without a reference."""
+"""Would catch given coefficients that are refitted, ready-made pairs read otherwise from a table than from MATLAB."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Would catch: a stated uncertainty of headings that leaves out the reference's own compass, or counts it twice."""
+"""Would catch a stated uncertainty of headings that leaves out the reference's own compass, or counts it twice."""
 
 from dataclasses import replace
 

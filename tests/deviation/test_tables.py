@@ -1,4 +1,4 @@
-"""Histograms before and after the correction, the lookup table, and intervals of the held-out differences."""
+"""Would catch a table that does not invert the compass, wrong counts, intervals too narrow for correlated pairs."""
 
 from __future__ import annotations
 

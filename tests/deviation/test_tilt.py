@@ -1,4 +1,4 @@
-"""The fit with tilt: level compass without tilt, heeling recovered, no spurious heeling."""
+"""Would catch a tilted compass treated as level, heeling iron missed, or found where there is none."""
 
 import json
 from dataclasses import replace

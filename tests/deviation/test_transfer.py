@@ -1,4 +1,4 @@
-"""Transfer of coefficients between places, against the full compass with known iron."""
+"""Would catch coefficients carried to another place against the physics, or without a wider interval."""
 
 import numpy as np
 import pytest

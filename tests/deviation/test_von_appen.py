@@ -1,4 +1,4 @@
-"""The published method: its numbers, folding, NaN outside its range, and its known bias."""
+"""Would catch a published number missed, headings outside the series' range, its known bias gone unnoticed."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""User documentation: its Python runs, its YAML is valid, links and commands exist, the site builds."""
+"""Would catch code, YAML, links, commands or numbers of a page that do not work, and a site that does not build."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The catalogue: every effect by the same rules, and the forward model against the exact and the tilted compass."""
+"""Would catch an effect without text or literature, a forward model without inverse or with a wrong derivative."""
 
 from dataclasses import fields, replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Diagnosis of an observatory's declination: storms, daily variation, trends, jumps, wrong values; and of moorings."""
+"""Would catch a storm, jump or trend of an observatory's series given a wrong cause or size."""
 
 from __future__ import annotations
 

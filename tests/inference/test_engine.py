@@ -1,4 +1,4 @@
-"""Parts of the search: clocks, nuisances, covariates, held-out gains, wording, suggested observations."""
+"""Would catch wrong clocks, covariates, held-out gains, wording or suggested observations in the search."""
 
 from dataclasses import replace
 

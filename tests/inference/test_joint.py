@@ -1,4 +1,4 @@
-"""Joint analysis of several records of one compass: shared iron, outliers, shared effects, priors."""
+"""Would catch several records of one compass that do not share their iron, or an outlier that spoils the others."""
 
 from __future__ import annotations
 

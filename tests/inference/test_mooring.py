@@ -1,4 +1,4 @@
-"""Diagnosis of simulated half-year moorings without effects, with effects of the catalogue, and with unlisted ones."""
+"""Would catch an effect of a half-year mooring missed, misnamed or invented."""
 
 import json
 import shutil

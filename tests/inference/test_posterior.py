@@ -1,4 +1,4 @@
-"""The posterior over hypotheses: normalization, prior odds, slow noise, held-out days, model averaging."""
+"""Would catch probabilities that do not add up, or that ignore prior odds, slow noise or held-out days."""
 
 from __future__ import annotations
 

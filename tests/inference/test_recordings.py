@@ -1,4 +1,4 @@
-"""Diagnosis of recordings other than moorings: identified effects, their parameters, and refusals."""
+"""Would catch an effect of a bench, magnetometer or two heads missed, misnamed or invented."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults of the reference: identified as such, and never attributed to the affected compass alone."""
+"""Would catch a fault of the reference that is attributed to the affected compass alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The linear Gaussian model of short recordings: evidence with unknown noise, surrogates, composed effects, pairs."""
+"""Would catch a wrong evidence or rank in the search of short recordings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slow veer of the water: estimated from the record, not mistaken for a compass error, and not masking one."""
+"""Would catch slow veer of the water taken for a compass error, or masking one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tilt errors, moving iron and storms, planted by an independent simulation and recovered by the forward models."""
+"""Would catch moving iron, shifted tilts or storms that the forward models do not recover from another simulation."""
 
 from dataclasses import replace
 from functools import partial

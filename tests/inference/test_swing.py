@@ -1,4 +1,4 @@
-"""Diagnosis of a swing logged in time: current, delays, harmonics, and effects that cannot be separated."""
+"""Would catch current, delay or harmonics of a logged swing confused, or separated where they cannot be."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whole runs: a damaged file or an error that stops other moorings, and results that are stale or made in vain."""
+"""Would catch a damaged file or an error that stops other moorings, and results that are stale or made in vain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Safeguards of a run: measured files overwritten by a simulation, and settings or versions that no archive records."""
+"""Would catch measured files overwritten by a simulation, and settings or versions that no archive records."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs: a file that changes while it is read and passes for damaged, reasons that get lost, errors of many lines."""
+"""Would catch a file that changes while read and passes for damaged, reasons that get lost, errors of many lines."""
 
 from __future__ import annotations
 

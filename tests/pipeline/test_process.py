@@ -1,4 +1,4 @@
-"""Processing of one mooring without Snakemake: values unlike the workflow's, or incomplete results."""
+"""Would catch values of ``compass correct`` unlike the workflow's, or incomplete results."""
 
 from __future__ import annotations
 

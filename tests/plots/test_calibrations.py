@@ -1,4 +1,4 @@
-"""Figures of calibrations: complete for every outcome, reproducible byte by byte, texts without overlap."""
+"""Would catch a figure of a calibration that is missing or illegible, or that differs from run to run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures: complete and legible for every kind of mooring, reproducible byte by byte, without lines across a cut."""
+"""Would catch a figure that is missing or illegible, a line across a cut, bytes that differ from run to run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""User-supplied series interpolated to the instrument's times, missing where they have no values."""
+"""Would catch a user's series interpolated into its gaps, or wrongly to the instrument's times."""
 
 from dataclasses import replace
 

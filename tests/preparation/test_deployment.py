@@ -1,4 +1,4 @@
-"""Preparation of a deployment: clock, time window, order, depth and flags."""
+"""Would catch a wrong clock, window, order or depth, and faults that are not flagged."""
 
 from dataclasses import replace
 

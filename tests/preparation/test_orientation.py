@@ -1,4 +1,4 @@
-"""Orientation of a profiler from the echo of surface and bottom: synthetic echoes and two genuine moored records."""
+"""Would catch a profiler of the opposite orientation unnoticed, or a sound one accused."""
 
 from __future__ import annotations
 

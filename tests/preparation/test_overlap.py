@@ -1,4 +1,4 @@
-"""Gridding and pairing: the rules of von Appen's appendix on hand-made records."""
+"""Would catch pairs against the rules of von Appen's appendix."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Values that can be parsed but are impossible: counts and warnings in the record, the summary and the report."""
+"""Would catch impossible values that parse, uncounted or unsaid in record, summary or report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Several reference instruments: comparison by the natural difference of the water, and combination."""
+"""Would catch several references combined wrongly, or accused for the natural difference of the water."""
 
 from __future__ import annotations
 

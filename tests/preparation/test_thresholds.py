@@ -1,4 +1,4 @@
-"""Thresholds of the tests of velocities, and the bits that record which tests failed."""
+"""Would catch a threshold of a test of velocities that is ignored, or a failed test that is not recorded."""
 
 from __future__ import annotations
 

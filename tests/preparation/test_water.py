@@ -1,4 +1,4 @@
-"""Prediction of the velocity at the reference's depth from the profile alone, which preserves compass errors."""
+"""Would catch a predicted velocity of the water that takes a compass error with it."""
 
 from dataclasses import replace
 

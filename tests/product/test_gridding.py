@@ -1,4 +1,4 @@
-"""Velocities on fixed depths and times: interpolation, gaps, and the uncertainty of cells and of their sums."""
+"""Would catch a wrong velocity on a fixed depth, a filled gap, an uncertainty of sums that is too small."""
 
 from __future__ import annotations
 

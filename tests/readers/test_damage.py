@@ -1,4 +1,6 @@
-"""Matrix of faults: every reader under every fault, on synthetic files and, where available, on genuine ones.
+"""Would catch a reader that crashes on a fault, loses more than it destroyed, or takes damage for data.
+
+A matrix: every reader under every fault, on synthetic files and, where available, on genuine ones.
 
 R: the result is correct except for what the fault destroyed. X: refused in one line. PD0 and Nortek give only recorded
 values; the others too, unless a byte inside a row was changed.

@@ -1,4 +1,4 @@
-"""Detection of the file type from the first bytes, and one-line refusals of files of the wrong type."""
+"""Would catch a format not recognized by its first bytes, or a file of the wrong type refused without its name."""
 
 import gzip
 import io

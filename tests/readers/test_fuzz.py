@@ -1,4 +1,4 @@
-"""Files damaged at random for 12 s, or as set by COMPASSLIB_FUZZ_SECONDS and COMPASSLIB_FUZZ_SEED."""
+"""Would catch damage at random that crashes or hangs a reader or becomes data (12 s, or COMPASSLIB_FUZZ_SECONDS)."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""IAGA-2002: component orders, missing values, damage, headers; real files of Eskdalemuir."""
+"""Would catch wrong components, fill values or damage in an observatory's files."""
 
 from __future__ import annotations
 

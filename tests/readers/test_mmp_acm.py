@@ -1,4 +1,4 @@
-"""The 3D-ACM reader: real files, known solutions, file variants, damaged files and a simulated mooring."""
+"""Would catch a wrong current, time or depth of a profiling 3D-ACM, in any variant of its files."""
 
 from __future__ import annotations
 

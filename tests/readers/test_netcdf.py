@@ -1,4 +1,4 @@
-"""The netCDF reader: layouts of other software, dolfyn against the PD0 reader, the product, north, units, flags."""
+"""Would catch a layout of other software misread: names, norths, units, flags, times, dimensions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""NMEA 0183 logs: a real one, damaged sentences, other sentence types, clocks and junk."""
+"""Would catch headings and courses paired wrongly, and damaged or void sentences that count."""
 
 from functools import reduce
 from operator import xor

@@ -1,4 +1,4 @@
-"""Nortek formats: a genuine Aquadopp against an independent reading, encoded files against mhkit, and damage."""
+"""Would catch values unlike mhkit's or an independent reading, and damage that costs more than its sample."""
 
 from __future__ import annotations
 

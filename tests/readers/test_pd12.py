@@ -1,4 +1,4 @@
-"""The PD12 reader: encoded ensembles, modem frames with escapes, damage, and a genuine file."""
+"""Would catch wrong values of telemetered ensembles, or lost and damaged ones that are not told."""
 
 from __future__ import annotations
 

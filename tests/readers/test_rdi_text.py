@@ -1,4 +1,4 @@
-"""WinADCP text exports: any selection of columns is read, and other files are refused."""
+"""Would catch columns of a WinADCP export confused, or another file taken for one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The table reader: column roles, units, bins, covariates, usual variants of tables, and one-line refusals."""
+"""Would catch a column, unit, date or flag of a table misread, or damage that passes for data."""
 
 import tracemalloc
 from pathlib import Path

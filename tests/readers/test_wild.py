@@ -1,5 +1,4 @@
-"""Every file of ../shared/data/wild: what is read of it, or what the one line says that refuses it; and the words of
-a file that decide on frames, units, norths and beam angles, in files like these.
+"""Would catch a file of ../shared/data/wild, or one like it, that is not read as its words say or refused.
 
 Reading settles two components to better than half of their last digit, 5e-5 m/s; angles of swings to 0.3 degrees, as
 their courses are rounded to 0.1 degrees and their compass to 0.1 degrees over 180 headings.

@@ -1,4 +1,4 @@
-"""Report: one self-contained page, escaped, ordered and consistent with the results, also in a browser."""
+"""Would catch a report that loads from elsewhere, does not escape, contradicts the results or fails a browser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Unmodelled effects, identified and corrected through the stages from raw tables to corrected.nc."""
+"""Would catch an effect identified in memory and lost or misapplied on the way through the stages."""
 
 from __future__ import annotations
 

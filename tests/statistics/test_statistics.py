@@ -1,4 +1,4 @@
-"""Statistics: minimizers, robust widths, blocks, correlated noise and its whitening."""
+"""Would catch minimizers that stop early, widths that outliers bias, noise that is not whitened."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calibrations through Snakemake: without any mooring, and for a mooring calibrated elsewhere."""
+"""Would catch a calibration that needs a mooring, or that does not reach the one that it corrects."""
 
 from __future__ import annotations
 

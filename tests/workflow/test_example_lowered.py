@@ -1,4 +1,4 @@
-"""The example cruise of a lowered ADCP: simulated, run through Snakemake and compared with the truth."""
+"""Would catch headings of the lowered example beyond the stated uncertainty."""
 
 from __future__ import annotations
 

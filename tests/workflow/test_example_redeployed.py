@@ -1,4 +1,4 @@
-"""The example cruise of one profiler deployed several times: run, compared with the truth, re-run after changes."""
+"""Would catch a redeployed compass's records analysed apart, against the truth, or stages re-run in vain."""
 
 from __future__ import annotations
 

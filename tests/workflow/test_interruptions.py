@@ -1,4 +1,4 @@
-"""Runs that are interrupted: killed jobs and runs, two runs at once, full disks, dates in the future."""
+"""Would catch results lost, stale or half-written after a kill, a second run, a full disk or dates in the future."""
 
 from __future__ import annotations
 

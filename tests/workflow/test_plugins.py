@@ -1,4 +1,4 @@
-"""Formats and effects of other packages: that of docs/howto/plugins.md, built and run; name conflicts, exceptions."""
+"""Would catch a package as in docs/howto/plugins.md that does not work, takes a name in use, or stops a run."""
 
 from __future__ import annotations
 

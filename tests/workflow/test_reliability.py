@@ -1,4 +1,4 @@
-"""The whole chain under damage: mistakes in valid files, hostile cruise folders."""
+"""Would catch a mistake in a valid file that goes unsaid, and a hostile cruise folder that does harm."""
 
 from __future__ import annotations
 

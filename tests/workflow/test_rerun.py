@@ -1,4 +1,4 @@
-"""Re-runs: a changed key makes again exactly what depends on it; ``compass verify`` names the command that mends."""
+"""Would catch a changed key that re-runs too little or too much, a command of ``compass verify`` that does not mend."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The whole pipeline on small cruises: results, re-runs, errors, moorings that cannot be corrected."""
+"""Would catch results of a whole run that are incomplete, differ from another run's, or are made in vain."""
 
 from __future__ import annotations
 
