@@ -56,7 +56,7 @@ def proof(tmp_path_factory):
 def asked(folder: Path) -> list[str]:
     places = ["--work", str(folder / "work"), "--out", str(folder / "out"), "--data", str(folder / "none")]
     return [
-        *("--seed", str(SEED), "--count", "2", "--hours", str(HOURS), *places),
+        *("--seed", str(SEED), "--count", "2", "--cores", "1", "--hours", str(HOURS), *places),
         *("--no-published", "--no-recordings"),
     ]
 
