@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.text import Text
 from PIL import Image
-from scipy.signal import lfilter
 
 from compasslib import angles, compass
 from compasslib.archive import files as archive_files
@@ -37,10 +36,12 @@ from compasslib.plots import page as plots_page
 from compasslib.plots.deviation import BACKWARDS, GIVEN_UP, INVERTED, deviation_curve
 from compasslib.plots.moorings import NAMED, SYNTHETIC_B_DEG, draw_angles, draw_array, draw_synthetic_curves
 from compasslib.plots.page import BLACK, DPI, WIDTH_IN
-from compasslib.records import BAD, GOOD, CorrectedRecord, EarthField, Pairs, Record, take
+from compasslib.records import BAD, CorrectedRecord, EarthField, Pairs, Record, take
 from compasslib.report.sections import diagnosis_caption
 from compasslib.report.words import SPACE
 from tests.world.figures import saved
+from tests.world.sea import pairs as draw_pairs
+from tests.world.sea import record_of
 
 START_S, SAMPLES = 1188864000.0, 700
 UNFOLDED, FOLDED = [0.02, 0.3, 0.1, 0.03, -0.02], [0.0, -1.1, 0.7, 0.03, -0.02]
@@ -91,51 +92,10 @@ def assessed(name: str, pairs: Pairs, fit: DeviationFit) -> moorings_together.As
         return moorings_together.AssessedMooring(name, fit, assessment.assess_correction(pairs, fit))
 
 
-def overlaps(coefficients) -> Pairs:
-    """Simulate pairs in a turning current: upper velocities by a compass near iron, lower ones without deviation."""
-    rng = np.random.default_rng(5)
-    white = rng.normal(size=(5, SAMPLES))
-    red = lfilter([0.22], [1.0, -0.975], white[:2])
-    east, north = 0.1 + 0.12 * red[0], 0.05 + 0.12 * red[1]
-    beta = angles.wrap360(angles.direction(east, north) + 15.0 * white[2])
-    recorded = angles.wrap360(compass.recorded_heading(coefficients, beta) + 0.7 * white[3])
-    upper = angles.turn(east, north, angles.difference(recorded, beta))
-    nothing, time_s = np.zeros(SAMPLES), START_S + 3600.0 * np.arange(SAMPLES)
-    return Pairs(
-        time_s=time_s,
-        heading_deg=recorded,
-        pitch_deg=nothing,
-        roll_deg=nothing,
-        upper_east=upper[0],
-        upper_north=upper[1],
-        lower_east=east + 0.02 * white[4],
-        lower_north=north + 0.02 * white[3],
-        upper_depth_m=nothing + 90.0,
-        lower_depth_m=nothing + 100.0,
-        separation_minutes=nothing,
-        declination_deg=nothing,
-    )
-
-
 def record(pairs: Pairs, samples: int = SAMPLES) -> Record:
-    """Return the record of the affected instrument for the same series."""
-    time_s, unknown = pairs.time_s[:samples], np.full(samples, np.nan)
-    return Record(
-        time_s=time_s,
-        east=pairs.upper_east[:samples, None],
-        north=pairs.upper_north[:samples, None],
-        bin_range_m=np.full((samples, 1), 4.0),
-        heading_deg=pairs.heading_deg[:samples],
-        pitch_deg=unknown,
-        roll_deg=unknown,
-        pressure_dbar=unknown,
-        depth_m=100.0 + 80.0 * np.sin(time_s / 3e5) ** 8,
-        temperature_c=unknown,
-        supply_voltage=unknown,
-        quality=np.full((samples, 1), GOOD, dtype=np.int8),
-        heading_quality=np.full(samples, GOOD, dtype=np.int8),
-        direction_reference="true",
-    )
+    """Make the record of the affected instrument for the same series, in which it dives."""
+    depth_m = 100.0 + 80.0 * np.sin(pairs.time_s / 3e5) ** 8
+    return take(replace(record_of(pairs), depth_m=depth_m, direction_reference="true"), np.arange(samples))
 
 
 def exact_fit(coefficients, pairs: Pairs) -> DeviationFit:
@@ -157,7 +117,7 @@ def corrected(recorded: Record, fit: DeviationFit, pairs: Pairs) -> CorrectedRec
     return correct(recorded, fit, field, pairs)
 
 
-SMALL, LARGE = overlaps(UNFOLDED), overlaps(FOLDED)
+SMALL, LARGE = (draw_pairs(coefficients, n=SAMPLES, seed=5)[0] for coefficients in (UNFOLDED, FOLDED))
 NONE, FEW = take(SMALL, np.zeros(0, dtype=int)), take(SMALL, np.arange(7))
 SMALL_FIT, LARGE_FIT = exact_fit(UNFOLDED, SMALL), exact_fit(FOLDED, LARGE)
 UNREFERENCED = unfitted("exact", 0)
