@@ -156,7 +156,7 @@ def test_a_shared_compass_is_combined_from_the_members_present(tmp_path, monkeyp
     folder = tmp_path / "c"
     for k, name in enumerate(("M1", "M2", "M3")):
         begin = START + timedelta(days=10 * k)
-        monkeypatch.setattr("sea.START", begin)
+        monkeypatch.setattr("tests.world.sea.START", begin)
         one = cruise(tmp_path / name, (name,), n=60)
         file = one / f"config/moorings/{name}.yaml"
         instruments = yaml.safe_load(file.read_text())["instruments"]
