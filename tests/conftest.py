@@ -19,10 +19,10 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 # Longest first: if started last, one of them would occupy one core while others idle.
 LONGEST = [
-    "workflow/test_cluster", "inference/test_mooring", "workflow/test_workflow", "workflow/test_rerun",
-    "workflow/test_module", "workflow/test_calibrations", "pipeline/test_cruise", "archive/test_provenance", "docs",
-    "workflow/test_example", "workflow/test_interruptions", "readers/test_fuzz", "report", "inference", "stages",
-    "pipeline/test_process", "benchmarks", "workflow/test_plugins",
+    "workflow/test_cluster", "inference/test_mooring", "docs", "archive/test_deposit", "workflow/test_rerun",
+    "benchmarks", "workflow/test_workflow", "workflow/test_interruptions", "inference", "workflow/test_example",
+    "workflow/test_module", "workflow/test_calibrations", "pipeline", "report", "readers/test_fuzz", "stages",
+    "archive/test_provenance", "workflow",
 ]  # fmt: skip
 
 
