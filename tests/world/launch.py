@@ -61,7 +61,7 @@ def snakemake(
         beside: further folders from which jobs import packages.
         anew: start new Python processes for the command and its jobs, as for a copy.
         server: number of the process that is forked; each has its own hash seed.
-        drawn: whether figures are drawn; else each is an empty picture, which takes a fifth of the time of a small run.
+        drawn: whether figures are drawn, which takes more than half of a small run; else each is an empty picture.
         first: code to execute first, in the process of the command, of which those of its jobs are forks.
     """
     words, into = ["run", f"{folder}", "--cores", "2", "--", *options], environment(project, *beside)
