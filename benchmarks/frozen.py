@@ -37,10 +37,10 @@ from benchmarks.proof.world import draw
 from compasslib import earthfield, readers
 from compasslib.demo import demonstration
 from compasslib.demo.sealed import Wish
-from tests import nortek_encoder as nortek
-from tests.nortek_encoder import Sample
 from tests.world import draw as paper
+from tests.world import nortek_encoder as nortek
 from tests.world import observatory, package, recordings, redeployed, swing
+from tests.world.nortek_encoder import Sample
 
 NEAR = 1e-9
 DIGITS = 6  # significant digits of numbers other than headings and velocities

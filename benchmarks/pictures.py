@@ -4,7 +4,8 @@
     python benchmarks/pictures.py sea papers    those of these makers
     python benchmarks/pictures.py --from CRUISE demonstration    from a cruise that has been run already
 
-docs/pictures.json contains the SHA-256 of each picture and of the code that draws it; tests/test_docs.py compares both.
+docs/pictures.json contains the SHA-256 of each picture and of the code that draws it; tests/docs/test_docs.py
+compares both.
 """
 
 from __future__ import annotations
@@ -64,8 +65,7 @@ def beside(cruise: Path) -> None:
 
 
 def report(cruise: Path) -> None:
-    sys.path.insert(0, str(PROJECT / "tests"))
-    import browser
+    from tests.world import browser
 
     with tempfile.TemporaryDirectory() as folder, browser.chromium(Path(folder)) as chromium:
         chromium.open(cruise / "results/report.html", 1200, 1500)

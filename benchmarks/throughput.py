@@ -22,16 +22,13 @@ from pathlib import Path
 
 import numpy as np
 import targets
-from runs import DATA, PROJECT
-
-sys.path.append(str(PROJECT / "tests"))
-
-import nortek_encoder as encoder
+from runs import DATA
 
 from compasslib import readers
 from compasslib.readers import delimited
 from compasslib.readers.pd0 import decode
 from compasslib.readers.pd0.frames import iter_chunks
+from tests.world import nortek_encoder as encoder
 
 RAW, AQUADOPP = DATA / "pd0/eh2_20060530_20060717_0007m.000", DATA / "moored/aqd9330.aqd"
 KEYS = {

@@ -14,17 +14,18 @@ PLOTS = Path(__file__).resolve().parents[1] / "compasslib/plots"
 drawing = [f"error:::compasslib.plots.{module.stem}" for module in sorted(PLOTS.glob("[a-z]*.py"))]
 os.environ["PYTHONWARNINGS"] = ",".join(filter(None, [os.environ.get("PYTHONWARNINGS"), *drawing]))
 
-# Modules imported by benchmarks; appended last, as some have the same names as test modules.
+# Modules imported by benchmarks.
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 # Longest first: if started last, one of them would occupy one core while others idle.
 LONGEST = [
-    "cluster", "inference_mooring", "workflow", "pipeline_cruise", "archive_provenance", "docs", "example",
-    "interruptions", "fuzz", "report", "inference", "stages", "proof", "plugins",
+    "workflow/test_cluster", "inference/test_mooring", "docs", "archive/test_deposit", "workflow/test_rerun",
+    "benchmarks", "workflow/test_workflow", "workflow/test_interruptions", "inference", "workflow/test_example",
+    "workflow/test_module", "workflow/test_calibrations", "pipeline", "report", "readers/test_fuzz", "stages",
+    "archive/test_provenance", "workflow",
 ]  # fmt: skip
 
 
 def pytest_collection_modifyitems(items):
     """Run the files that take longest first, keeping the order within each file."""
-    names = {item: item.path.stem.removeprefix("test_") for item in items}
-    items.sort(key=lambda item: next((k for k, name in enumerate(LONGEST) if names[item].startswith(name)), 99))
+    items.sort(key=lambda item: next((k for k, name in enumerate(LONGEST) if f"tests/{name}" in item.nodeid), 99))

@@ -1,4 +1,4 @@
-"""Architecture: permitted imports without cycles, thin scripts, angle arithmetic in its own modules."""
+"""Would catch an import upwards or in a ring, angle arithmetic outside its modules, unequal pins, a long module."""
 
 import ast
 import re
@@ -101,6 +101,11 @@ def test_no_download_address_and_no_module_too_long():
         assert path.read_text().count("\n") <= 500, path
     for path in (PROJECT / "requirements").glob("*.txt"):
         assert not re.search(r"https?://|--index|--find-links|@ ", path.read_text()), path
+
+
+def test_no_test_imports_another():
+    for path in (PROJECT / "tests").rglob("test_*.py"):
+        assert not re.search(r"^\s*(from|import) (tests\.(?!world)|test_)", path.read_text(), re.MULTILINE), path
 
 
 def test_requirement_files_pin_equal_versions():

@@ -1,4 +1,4 @@
-"""Properties of angles; the exact compass: known values, its inverse and derivatives, published formulae."""
+"""Would catch a wrong angle function, and an exact compass with wrong inverse, derivatives or special cases."""
 
 import json
 
@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sea import SHARED
 
 from compasslib import angles, compass
 from compasslib.deviation.series import series_deviation
+from tests.world.sea import SHARED
 
 ANGLES = st.floats(-1e6, 1e6)
 

@@ -1,4 +1,4 @@
-"""IGRF: known values, agreement with ppigrf, range of dates, and declinations given in the metadata."""
+"""Would catch a field that differs from ppigrf's, a date beyond IGRF, a wrong declination of the metadata."""
 
 from datetime import datetime
 

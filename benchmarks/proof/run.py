@@ -1,6 +1,6 @@
 """Run the pipeline: moorings one by one through the stages of the workflow, real recordings by the workflow itself.
 
-Both give the same values (tests/test_stages_pipeline.py); the first does not start an interpreter for each stage.
+Both give the same values (tests/pipeline/test_process.py); the first does not start an interpreter for each stage.
 """
 
 from __future__ import annotations

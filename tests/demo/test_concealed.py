@@ -1,0 +1,106 @@
+"""Would catch a truth that the analysis can read, or a page that compares findings with the wrong causes."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from compasslib.archive import crate, netcdf
+from compasslib.archive.files import write_json
+from compasslib.demo import concealed
+from compasslib.stages.concealed import HeadingErrors
+from compasslib.stages.concealed import concealed as set_beside
+from tests.world.launch import PROJECT, snakemake
+from tests.world.sea import cruise
+
+
+def test_only_the_page_reads_the_truth_and_no_manifest_lists_it(tmp_path):
+    """By the inputs of all jobs for a corrected record, of either kind of simulation, and for the page."""
+    shutil.copytree(PROJECT / "config", tmp_path / "config")
+    targets = ("results/C1/corrected.nc", "results/EG1/corrected.nc", "results/concealed.html")
+    inputs = re.findall(r"rule (\w+):\n +input: (.*)", snakemake(tmp_path, "--dry-run", *targets).stdout)
+    assert {"read", "overlap", "fit", "diagnose", "correct"} < {rule for rule, _ in inputs}
+    assert {rule for rule, files in inputs if re.search(r"\b(concealed|truth)/", files)} == {"concealed"}
+    record = tmp_path / "results/C1/logs/simulate.json"
+    write_json(record, {"read": {}, "wrote": {"raw/C1/top.000": "0", "concealed/C1.json": "1"}})
+    (made,) = crate.read_jobs([record]).values()
+    assert made["wrote"] == {"raw/C1/top.000": "0"}
+
+
+def told(folder: Path, name: str) -> dict:
+    return json.loads((folder / f"{name}.json").read_text())
+
+
+@pytest.mark.parametrize("name", list(concealed.CASES))
+def test_causes_depend_on_the_seed_and_have_the_stated_sizes(tmp_path, name):
+    for seed in (1, 2):
+        concealed.write_mooring(name, tmp_path / f"{seed}/raw", tmp_path / f"{seed}/{name}.json", seed)
+    first, second = (told(tmp_path / f"{seed}", name) for seed in (1, 2))
+    assert first["heading_deg"] != second["heading_deg"]
+    assert (tmp_path / f"1/raw/{name}/top.000").read_bytes() != (tmp_path / f"2/raw/{name}/top.000").read_bytes()
+    lowest, highest = 0.8 * concealed.SMALLEST_DEG, 1.2 * concealed.LARGEST_DEG
+    assert all(lowest < cause["size_deg"] < highest for cause in first["planted"] + second["planted"])
+    assert [len(x["planted"]) for x in (first, second)] == [{"C1": 2, "C4": 0}.get(name, 1)] * 2
+    start, end = (np.datetime64(text).astype("datetime64[s]").astype(float) for text in ("2014-08-01", "2014-12-04"))
+    assert start <= first["time_s"][0] < first["time_s"][-1] <= end  # as in config/moorings
+
+
+@pytest.mark.parametrize(("scatter", "understated"), [(1.0, False), (2.0, True)])
+def test_coverage_reveals_an_understated_uncertainty(scatter, understated):
+    error = scatter * np.random.default_rng(3).normal(size=3000)
+    errors = HeadingErrors(3600.0 * np.arange(3000.0), error, error, error, np.ones(3000))
+    share, low, high = errors.coverage
+    assert low < share < high and errors.understated == understated
+
+
+@pytest.fixture(scope="module")
+def processed(tmp_path_factory):
+    """Results of a mooring, and a truth from which its corrected headings differ by 2, later by -2 degrees."""
+    folder = cruise(tmp_path_factory.mktemp("cruise"), ("C1",), n=400)
+    made = folder / "results/C1"
+    ran = snakemake(folder, "results/C1/work/pictures.json")
+    assert ran.returncode == 0, ran.stderr
+    product = netcdf.read_corrected(made / "corrected.nc", velocities=False)
+    off = np.where(np.arange(400) < 200, 2.0, -2.0)
+    planted = {"what": "a <planted> change", "driver": "time", "date": "2007-09-10T00:00:00", "size_deg": 2.0}
+    planted |= {"field": {"forward": 12, "starboard": -3, "down": 4, "unit": "nT"}}
+    truth = {
+        "mooring": "C1", "title": "a case", "seed": 7, "planted": [planted],
+        "time_s": product.record.time_s.tolist(),
+        "heading_deg": [None, *(product.heading_corrected_deg - off)[1:].tolist()],
+    }  # fmt: skip
+    (folder / "concealed").mkdir()
+    (folder / "concealed/C1.json").write_text(json.dumps(truth))
+    return SimpleNamespace(folder=folder, sigma_deg=product.heading_uncertainty_deg[1:])
+
+
+def test_the_page_compares_findings_with_planted_causes(processed):
+    page, lines = processed.folder / "results/concealed.html", []
+    said = page.parent / "C1/diagnosis.json"
+    current = {
+        "level": "side",
+        "probability": 0.99,
+        "driver": None,
+        "size": 1.0,
+        "unit": "m/s",
+        "text": "The current differs.",
+    }
+    write_json(said, told(said.parent, said.stem) | {"current": [current]})
+    truths = [str(processed.folder / f"concealed/{name}.json") for name in ("C1", "C2")]
+    set_beside(page=str(page), truths=truths, corrected=[str(page.parent / "C1/corrected.nc")], say=lines.append)
+    text = page.read_text()
+    assert "a &lt;planted&gt; change" in text and "<planted>" not in text and "on 2007-09-10 at 00:00" in text
+    assert "Its field: forward 12, starboard −3, down 4 nT." in text
+    assert "<strong>Not identified.</strong>" in text  # there is no finding
+    levels = [int(level) for level in re.findall(r"<h(\d)", text)]
+    assert all(below - above <= 1 for above, below in pairwise(levels))
+    assert "2.0° (2.0–2.0)" in text  # the corrected headings' rms, with its interval
+    within = f"{100 * np.mean(processed.sigma_deg * 1.959964 >= 2.0):.0f} %"
+    assert within in text and text.count("data:image/png") == 2 and lines[0].endswith("1 moorings beside the truth")

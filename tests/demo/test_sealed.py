@@ -1,0 +1,142 @@
+"""Would catch a planted effect that does not act by its formula, or not in the requested size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from compasslib.demo import compass, sealed
+from compasslib.demo.compass import Ball, Magnet, Magnetometer
+from tests.world import observatory, planting
+
+PLAIN = Magnetometer((), Ball((9.0, 0.0, 0.0), 0.0), np.zeros((3, 3)), np.eye(3))
+
+
+@pytest.fixture(scope="module")
+def ground():
+    return sealed.make(4, "T", sealed.Wish(wide=True, hours=1500))
+
+
+@pytest.fixture(scope="module")
+def here(ground):
+    return planting.circumstances(ground)
+
+
+def rng():
+    return np.random.default_rng(1)
+
+
+def turned(ground, effect, meter=PLAIN):
+    """Compute the change of a plain compass's reading by an effect, degrees, and the reading without it."""
+    bare = sealed.read(replace(ground, meter=meter), (), ground.stamp_s)
+    with_it = sealed.read(replace(ground, meter=meter), (effect,), ground.stamp_s)
+    return (with_it.recorded_deg - bare.recorded_deg + 180.0) % 360.0 - 180.0, bare
+
+
+def test_dipole_field_decays_cubically_and_doubles_on_axis():
+    along = compass.dipole_nt(np.array([0.0, 0.0, 2.0]), np.array([0.0, 0.0, 0.5]))
+    across = compass.dipole_nt(np.array([0.0, 0.0, 2.0]), np.array([0.5, 0.0, 0.0]))
+    assert along == pytest.approx([0.0, 0.0, 2 * 100.0 * 2.0 / 0.5**3]) and across == pytest.approx(-along / 2)
+    twice = compass.dipole_nt(np.array([0.0, 0.0, 2.0]), np.array([0.0, 0.0, 1.0]))
+    assert twice == pytest.approx(along / 8)
+
+
+def test_separated_sensors_measure_different_fields():
+    magnet = (Magnet((0.5, 0.0, 0.0), (3.0, 1.0, 0.0)),)
+    together = Magnetometer(magnet, PLAIN.ball, np.zeros((3, 3)), np.eye(3))
+    apart = replace(together, places_m=np.array([[0.02, 0.0, 0.0], [0.0, 0.02, 0.0], [0.0, 0.0, 0.02]]))
+    one, other = (compass.response(meter)[1] for meter in (together, apart))
+    assert 0.01 < np.abs(one - other).max() / np.abs(one).max() < 0.3
+
+
+def test_iron_ball_response_along_and_across():
+    meter = replace(PLAIN, ball=Ball((0.0, 0.0, 0.8), 0.2))
+    matrix, added = compass.response(meter)
+    share = (0.2 / 0.8) ** 3
+    assert matrix == pytest.approx(np.diag([1 - share, 1 - share, 1 + 2 * share])) and not added.any()
+
+
+def test_iron_has_requested_strength_and_readings_are_quantized(ground):
+    meter = compass.build(rng(), (14000.0, 48000.0), 0.35)
+    assert np.hypot(*compass.response(meter)[1][:2]) == pytest.approx(0.35 * 14000.0)
+    given = compass.felt(meter, np.array([[14000.0, 0.0, 48000.0]]))
+    assert np.allclose(given % meter.step_nt, 0.0)
+    assert planting.background_deg(ground) < 0.35  # below the size at which an effect is named
+
+
+def test_plain_compass_has_no_deviation(ground):
+    made = sealed.read(replace(ground, meter=PLAIN), (), ground.stamp_s)
+    off = (made.recorded_deg - made.heading_deg + 180.0) % 360.0 - 180.0
+    assert np.abs(off).max() < 1e-6
+
+
+def test_vertical_iron_acts_through_tilt(ground, here):
+    effect = planting.heeling(rng(), here)
+    off, bare = turned(ground, effect)
+    heading, horizontal = np.deg2rad(bare.heading_deg), ground.field.at(ground.stamp_s)[1]
+    pitch, roll = np.deg2rad(here.pitch_deg), np.deg2rad(here.roll_deg)
+    assert heading.size == off.size
+    # To first order b_z adds (pitch, -roll) b_z forward and starboard.
+    expected = -np.rad2deg(1000.0 * (np.sin(heading) * pitch - np.cos(heading) * roll) / horizontal)
+    assert np.abs(off - expected).max() < 0.15
+
+
+def test_horizontal_iron_deviates_by_its_transverse_part(ground, here):
+    effect = planting.temperature(rng(), here)
+    off, bare = turned(ground, effect)
+    heading, horizontal = np.deg2rad(bare.heading_deg), ground.field.at(ground.stamp_s)[1]
+    across = effect.body_nt[:, 0] * np.sin(heading) + effect.body_nt[:, 1] * np.cos(heading)
+    assert np.abs(off + np.rad2deg(across / horizontal)).max() < 0.15
+
+
+def test_heading_slip_is_an_offset_from_its_date(ground, here):
+    slip = planting.scaled(planting.heading_slip(rng(), here), 0.5)
+    off, _ = turned(ground, slip)
+    later = ground.stamp_s >= slip.parameters["date_s"]
+    assert off[later] == pytest.approx(0.5) and off[~later] == pytest.approx(0.0)
+
+
+def test_sextantal_error_is_harmonic_in_the_reading(ground, here):
+    effect = planting.sextantal(rng(), here)
+    off, bare = turned(ground, effect)
+    phase = np.deg2rad(3 * bare.recorded_deg)
+    expected = effect.parameters["sine_deg"] * np.sin(phase) + effect.parameters["cosine_deg"] * np.cos(phase)
+    assert off == pytest.approx(expected, abs=1e-6)
+
+
+def test_quadratic_sensor_response_gives_a_third_harmonic():
+    turn = np.deg2rad(np.arange(0.0, 360.0, 5.0))
+    level = np.stack([14000.0 * np.cos(turn), -14000.0 * np.sin(turn), np.zeros(turn.size)], axis=-1)
+    x, y, _ = compass.felt(replace(PLAIN, even=(0.05, 0.0, 0.0)), level, stepped=False).T
+    off = np.rad2deg(np.angle((x - 1j * y) * np.exp(-1j * turn)))
+    # The square of the cosine times the sine consists of a quarter each of the first and the third harmonic.
+    expected = -np.rad2deg(0.05 * 14000.0 / 50000.0 / 4.0) * (np.sin(turn) + np.sin(3 * turn))
+    assert off == pytest.approx(expected, abs=0.01)
+
+
+def test_effects_are_planted_with_the_requested_size(ground):
+    for name in planting.EFFECTS:
+        (planted,) = planting.plant(ground, {name: 1.5})
+        largest = planted.effect.size == planting.STRONGEST.get(name)
+        assert largest or planted.visible_deg == pytest.approx(1.5, rel=0.05), name
+
+
+def test_same_seed_gives_the_same_files(ground, tmp_path):
+    for name in ("a", "b"):
+        sealed.write(ground, (), tmp_path / name, sealed.Export())
+    for file in ("top.000", "deep.000"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+def test_observatory_file_follows_iaga_2002(ground, tmp_path):
+    path = tmp_path / "observatory.min"
+    observatory.write(
+        path, ground.stamp_s[:3], (np.full(3, -20.0), np.full(3, 14000.0), np.full(3, 48000.0)), (60, -30)
+    )
+    lines = path.read_text().splitlines()
+    assert all(len(line) == 70 and line.endswith("|") for line in lines[:13])
+    fields = lines[13].split()
+    assert np.rad2deg(np.arctan2(float(fields[4]), float(fields[3]))) == pytest.approx(-20.0, abs=1e-3)
+    assert float(fields[6]) == pytest.approx(50000.0)

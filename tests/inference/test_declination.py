@@ -1,0 +1,217 @@
+"""Would catch a storm, jump or trend of an observatory's series given a wrong cause or size."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from compasslib import earthfield
+from compasslib.calibrations import observatory
+from compasslib.calibrations.declination import with_observatory_warnings
+from compasslib.deviation import fit_deviation
+from compasslib.inference.comparison import Options
+from compasslib.inference.kinds import declination
+from compasslib.inference.kinds.mooring import diagnose
+from compasslib.records import EarthField, Pairs
+from tests.world import pairs as sea
+from tests.world.iaga_files import DAY_S, HOUR_S, LATITUDE, LONGITUDE, START_S, series, write
+from tests.world.sea import SHARED
+
+REAL = SHARED / "observatory"
+real = pytest.mark.skipif(not REAL.is_dir(), reason="no observatory files in ../shared/data")
+PLACE = {"latitude": 55.3, "longitude": 356.8}
+
+
+def judged(made, number=None):
+    field = earthfield.field_along(LATITUDE, LONGITUDE, made.time_s[0], made.time_s[-1], number)
+    found = declination.diagnose_series(made, field, Options())
+    json.dumps(found.to_json())
+    return found
+
+
+def added(made, extra_deg):
+    return replace(made, declination_deg=made.declination_deg + extra_deg)
+
+
+@pytest.mark.parametrize(("days", "step_s"), [(1, 60.0), (3, 60.0), (60, HOUR_S), (365, HOUR_S)])
+def test_a_quiet_series_is_consistent(days, step_s):
+    found = judged(series(days, step_s=step_s, seed=days))
+    assert found.verdict == "consistent" and not found.findings
+    assert dict(found.negligible)["declination_error"] == pytest.approx(0.2, abs=0.1)
+    slow = {effect for effect, _ in found.not_testable}
+    fewest = {"secular_variation": 150, "heading_slip": 20}
+    assert slow == {effect for effect, least in fewest.items() if days < least}
+
+
+def test_a_jump_is_dated_to_the_hour_and_not_a_storm():
+    made = series(120, seed=1)
+    found = judged(added(made, 3.0 * (made.time_s >= START_S + 50 * DAY_S)))
+    (one,) = found.findings
+    assert (found.verdict, one.effect, one.alternatives) == ("explained", "heading_slip", ())
+    assert abs(one.when_s[0] - START_S - 50 * DAY_S) <= HOUR_S
+    offset = one.parameters["offset_deg"]  # the reading turns opposite to the declination
+    assert abs(offset.value + 3.0) < 4.0 * max(offset.sigma, 0.01)
+    assert one.held_out.rms_after_deg < 0.1 < one.held_out.rms_before_deg and one.held_out.p_value < 0.01
+
+
+def test_a_jump_in_a_series_of_one_day_may_be_a_storm():
+    made = series(1, step_s=60.0, seed=2)
+    (one,) = judged(added(made, 2.0 * (made.time_s >= START_S + DAY_S / 2))).findings
+    assert (one.effect, one.alternatives) == ("heading_slip", ("field_disturbance",))
+
+
+def test_a_trend_is_ambiguous_unless_the_data_are_definitive():
+    made = series(300, seed=3)
+    moving = added(made, 4.0 * (made.time_s - START_S) / (365.25 * DAY_S))
+    found = judged(moving)
+    (one,) = found.findings
+    assert (found.verdict, one.effect, one.alternatives) == ("ambiguous", "secular_variation", ("compass_drift",))
+    slope = one.parameters["deg_year"]
+    assert abs(slope.value - 4.0) < 4.0 * slope.sigma < 0.4
+    assert "absolute measurements" in found.separated_by
+    assert judged(replace(moving, definitive=True)).verdict == "explained"
+
+
+def test_a_storm_and_a_jump_are_separated_in_one_series():
+    made = series(200, seed=4)
+    hours = (made.time_s - START_S - 150 * DAY_S) / HOUR_S
+    storm = np.where((hours >= 0) & (hours < 20), 1.5 * np.sin(1.3 * hours), 0.0)
+    found = judged(added(made, storm + 2.0 * (made.time_s >= START_S + 60 * DAY_S)))
+    when = {one.effect: one.when_s for one in found.findings}
+    assert set(when) == {"field_disturbance", "heading_slip"}
+    assert abs(when["field_disturbance"][0] - START_S - 150 * DAY_S) <= 2 * HOUR_S
+    assert abs(when["field_disturbance"][1] - START_S - 150 * DAY_S - 20 * HOUR_S) <= 2 * HOUR_S
+
+
+def test_a_large_daily_variation_is_identified():
+    (one,) = judged(series(90, seed=5, swing_deg=1.5)).findings
+    assert one.effect == "field_disturbance" and one.where.covariate == "hour_of_day"
+    assert one.parameters["amplitude_deg"].value == pytest.approx(1.5, abs=0.05)
+    assert one.held_out.rms_after_deg < 0.1
+
+
+def test_a_noisy_series_is_unexplained_without_storms():
+    made = series(60, seed=6)
+    found = judged(added(made, np.random.default_rng(0).normal(0.0, 1.0, len(made))))
+    assert found.verdict == "unexplained" and "restless" in found.unexplained.text
+    assert not found.findings
+
+
+def test_a_large_constant_is_ambiguous_but_a_wrong_sign_is_not():
+    made = series(30, seed=7)
+    far = judged(added(made, 6.0))
+    assert (far.verdict, far.findings[0].effect) == ("ambiguous", "declination_error")
+    assert far.findings[0].alternatives == ("hard_iron", "mounting_offset")
+    wrong = judged(made, number=4.8)  # of the wrong sign
+    assert (wrong.verdict, wrong.findings[0].effect) == ("explained", "declination_error")
+    assert "the given number is wrong" in wrong.findings[0].text
+
+
+def test_a_short_series_is_insufficient(tmp_path):
+    made = series(1)
+    path = write(tmp_path / "a.hor", replace(made, declination_deg=np.where(np.arange(24) < 5, 0.0, np.nan)))
+    found = declination.diagnose([path], {})
+    assert (found.verdict, found.why) == ("insufficient", "the series has a declination in 5 hours; 12 are needed")
+
+
+@real
+def test_the_quiet_day_of_eskdalemuir_is_consistent():
+    found = declination.diagnose([REAL / "esk20030610dmin.min"], {})
+    assert found.verdict == "consistent" and dict(found.negligible)["field_disturbance"] < 0.1
+
+
+@real
+def test_the_storm_day_of_eskdalemuir_is_identified_with_dates():
+    found = declination.diagnose([REAL / "esk20031029dmin.min"], {})
+    (one,) = found.findings
+    assert (found.verdict, one.effect, one.alternatives) == ("explained", "field_disturbance", ())
+    said = one.to_json()["when"]
+    assert (said["from"], said["to"]) == ("2003-10-29T06:10:00Z", "2003-10-30T00:00:00Z")
+    assert one.parameters["range_deg"].value == pytest.approx(4.2, abs=0.05)
+    assert one.held_out.rms_after_deg < 0.4 * one.held_out.rms_before_deg and one.held_out.p_value < 0.01
+
+
+@real
+def test_a_constant_declination_lacks_the_secular_variation_of_23_years():
+    files = sorted(REAL.glob("*.hor"))
+    assert "secular_variation" not in {f.effect for f in declination.diagnose(files, PLACE).findings}
+    one = declination.diagnose(files, PLACE | {"declination": -6.5}).findings[0]
+    assert (one.effect, one.alternatives) == ("secular_variation", ())
+    assert one.parameters["deg_year"].value == pytest.approx(0.157, abs=0.005)  # as in IGRF
+
+
+def test_an_observatory_series_becomes_a_covariate_of_a_mooring(tmp_path):
+    made = series(40, seed=8)
+    hours = (made.time_s - START_S - 20 * DAY_S) / HOUR_S
+    storm = np.where((hours >= 0) & (hours < 30), 2.0, 0.0)
+    path = write(tmp_path / "a.hor", added(made, storm), "HDZF")
+    at = np.arange(START_S - 5 * DAY_S, START_S + 50 * DAY_S, HOUR_S) + 600.0
+    found, _ = observatory.covariates([path], at)
+    assert np.isnan(found[at < START_S]).all() and np.isnan(found[at > START_S + 40.1 * DAY_S]).all()
+    inside = (at > START_S + 20 * DAY_S + HOUR_S) & (at < START_S + 21 * DAY_S)
+    assert np.median(found[inside]) == pytest.approx(2.0, abs=0.1)
+    begin, end = observatory.strongest_disturbance(at, np.nan_to_num(found))
+    assert abs(begin - START_S - 20 * DAY_S) <= HOUR_S and abs(end - START_S - 21.25 * DAY_S) <= HOUR_S
+
+
+def test_observatory_of_a_mooring_is_checked_for_place_and_time(tmp_path):
+    path, here = write(tmp_path / "a.hor", series(40)), {"latitude": 56.0, "longitude": -5.0}
+    field = earthfield.field_along(56.0, -5.0, START_S, START_S + 40 * DAY_S)
+
+    def warned(field, path, place=here):
+        return with_observatory_warnings(field, [path], place).warnings
+
+    assert with_observatory_warnings(field, [], here) is field
+    assert warned(field, path) == ()
+    far = warned(field, path, {"latitude": 30.0, "longitude": 5.0})
+    assert len(far) == 1 and far[0].startswith("the observatory Made is 28")
+    later = earthfield.field_along(56.0, -5.0, START_S + 30 * DAY_S, START_S + 90 * DAY_S)
+    assert "covers 16 % of the deployment's days" in warned(later, path)[0]
+    empty = replace(series(40), declination_deg=np.full(960, np.nan))
+    nothing = warned(field, write(tmp_path / "b.hor", empty, "DHZF"))
+    assert "covers 0 % of the deployment's days" in nothing[0]
+    wrong = replace(series(40), declination_deg=-series(40).declination_deg)
+    assert "rocks rarely make more than 600 nT" in warned(field, write(tmp_path / "c.hor", wrong))[0]
+
+
+N = 3000  # hours, until two weeks after the storm of 29 October 2003
+
+
+def moored(share: float, *, magnetic: bool):
+    """Diagnose a simulated mooring whose compass is exposed to a multiple of the departures of real months."""
+    world = sea.make(1, wide=True, noise_deg=8.0, n=N)
+    begin = float(np.datetime64("2003-07-15T00:30", "s").astype(float))
+    time_s = begin + HOUR_S * np.arange(N)
+    departure, _ = observatory.covariates([REAL / "esk2003dhor.hor"], time_s)
+    moved = share * np.nan_to_num(departure)
+    gamma = sea.compass(replace(world, heading=world.heading - moved)) + world.rng.normal(0.0, 0.5, N)
+    upper = sea.turned(world.flow, sea.wrap(gamma - world.heading))
+    lower = sea.turned(world.flow + world.difference, -moved if magnetic else 0.0)
+    zero = np.zeros(N)
+    pairs = Pairs(
+        time_s, gamma % 360.0, *world.sensed, upper.real, upper.imag, lower.real, lower.imag, world.depth,
+        world.depth + world.separation, zero, zero,
+    )  # fmt: skip
+    field = EarthField(time_s[[0, -1]], *np.outer([0.0, *world.earth, 0.0], [1.0, 1.0]))
+    logged, fit = {"declination_observatory": departure}, fit_deviation("exact", pairs)
+    return diagnose(pairs, logged, fit, field, Options(reference_magnetic=magnetic))
+
+
+@real
+def test_a_storm_is_identified_with_a_reference_to_true_north():
+    found = moored(12.0, magnetic=False)  # as near the magnetic pole, where the horizontal field is weak
+    (one,) = found.findings
+    assert (found.verdict, one.effect) == ("explained", "field_disturbance")
+    share = one.parameters["share"]
+    assert abs(share.value - 12.0) < 3.0 * share.sigma < 6.0
+    assert one.to_json()["when"]["from"].startswith("2003-10-29") and one.held_out.p_value < 0.05
+
+
+@real
+def test_a_storm_cancels_with_a_magnetic_reference():
+    found = moored(12.0, magnetic=True)
+    assert found.verdict == "consistent"
+    assert "cancels in the difference" in dict(found.not_testable)["field_disturbance"]

@@ -1,0 +1,165 @@
+"""Would catch wrong clocks, covariates, held-out gains, wording or suggested observations in the search."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from compasslib import angles
+from compasslib.deviation.model import observed_deviation
+from compasslib.effects.composed import compose_effect, place_effect
+from compasslib.effects.effect import YEAR_S
+from compasslib.effects.iron import TemperatureOfField, TemperatureOfReading
+from compasslib.inference import comparison, covariates, experiments, finding, wording
+from compasslib.inference.experiments import ANYTHING, Rows
+from compasslib.inference.kinds import mooring
+from compasslib.records import take
+from tests.world.sea import pairs
+
+TIME_S = 1.19e9 + 3600.0 * np.arange(4000)
+
+
+@pytest.mark.parametrize("ahead_h", [-0.8, 1.0, 2.3])
+def test_clock_offset_is_estimated_with_its_sign_and_corrected(ahead_h):
+    seen, _ = pairs(n=4000, seed=5)
+    wrong = mooring.repair_pairs(seen, mooring.ClockError(-ahead_h, 0.0, 0.01, 0.01, True, False))
+    found = mooring.estimate_clock_error(wrong)
+    assert found.offset_named and not found.drift_named
+    assert found.offset_h == pytest.approx(ahead_h, abs=4 * found.offset_sigma_h + 0.05)
+    again = mooring.repair_pairs(wrong, found)
+    assert angles.rms(observed_deviation(again)) < angles.rms(observed_deviation(wrong))
+
+
+def test_clock_drift_is_distinguished_from_an_offset():
+    seen, _ = pairs(n=6000, seed=6)
+    wrong = mooring.repair_pairs(seen, mooring.ClockError(0.0, -2.0, 0.01, 0.01, False, True))
+    found = mooring.estimate_clock_error(wrong)
+    assert found.drift_named and not found.offset_named
+    assert found.drift_h_year == pytest.approx(2.0, abs=4 * found.drift_sigma_h_year)
+    assert found.ahead_s(wrong.time_s)[-1] == pytest.approx(7200.0 * np.ptp(wrong.time_s) / YEAR_S, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("beside", "level"),
+    [
+        (place_effect(compose_effect("reading", "temperature", "bands")), "driver"),
+        (place_effect(compose_effect("reading", "depth", "linear")), "effect"),
+        (TemperatureOfField(200.0, 0.0), "effect"),
+    ],
+)
+def test_for_two_cancelling_terms_of_one_driver_only_the_driver_is_stated(beside, level):
+    """A reading proportional to the rate of temperature is fitted as a linear response minus one by its history."""
+    of_mooring = comparison.Comparison(time_s=TIME_S, terms=(), covariates={})
+    built = comparison.build_finding(
+        of_mooring, TemperatureOfReading(25.0), {"temperature": 0.99}, {}, size_deg=26.0, proof=finding.UNTESTED,
+        place=finding.CovariateRange("temperature", 3.0, 7.0, "along temperature"), others=[beside],
+    )  # fmt: skip
+    assert built.level == level and ("neither has the right form" in built.text) == (level == "driver")
+
+
+def test_a_delay_of_the_current_between_depths_is_not_a_clock_error():
+    years = np.linspace(0.03, 0.97, 16)
+    scatter = np.random.default_rng(2).normal(0.0, 0.03, 16)
+    late = mooring._select_clock(years, -0.35 + scatter, 1.0)
+    assert not late.named and abs(late.offset_h + 0.35) < 0.02 and late.offset_sigma_h >= mooring.DELAY_SIGMA_H
+    assert mooring._select_clock(years, -1.0 + scatter, 1.0).offset_named
+    # In a short record the few windows are fitted together with a delay of given variance.
+    assert mooring._select_clock(years[:6] / 15.0, 2.9 + 10.0 * scatter[:6], 0.07).offset_named
+    # A delay in addition to a drift does not bias the rate.
+    drift = mooring._select_clock(years, 0.2 + 0.9 * years + scatter, 1.0)
+    assert drift.drift_named and not drift.offset_named
+    assert abs(drift.drift_h_year - 0.9) < 3.0 * drift.drift_sigma_h_year < 0.5
+
+
+def test_no_clock_error_is_named_for_good_clocks_or_sparse_pairs():
+    seen, _ = pairs(n=4000, seed=7)
+    assert not mooring.estimate_clock_error(seen).named
+    assert not mooring.estimate_clock_error(take(seen, np.arange(0, 4000, 12))).named
+
+
+def test_aliased_tides_of_a_profiler_do_not_span_the_constant():
+    twice_a_day = 1.2e9 + np.arange(700) * 12 * 3600.0 + np.random.default_rng(4).normal(0.0, 600.0, 700)
+    waves = comparison._aliased_tides(twice_a_day)
+    assert waves.shape[1] >= 8  # without those of the sun, which alias to a constant
+    constant = np.ones(700)
+    told = waves @ np.linalg.lstsq(waves, constant, rcond=None)[0]
+    assert np.square(constant - told).mean() > 0.9  # near 0 if they spanned it
+
+
+def test_turn_rate_is_not_tested_with_pairs_half_a_day_apart():
+    """Regression test: its column was zero, and its detectable size was stated as 0 degrees."""
+    hourly, _ = pairs(n=500, seed=8)
+    sparse = replace(hourly, time_s=hourly.time_s[0] + 12 * 3600.0 * np.arange(500))
+    for seen, tested in ((hourly, True), (sparse, False)):
+        along = covariates.pair_covariates(seen, {})
+        made = covariates.departures(seen, along, covariates.reference_values(along), seen.heading_deg)
+        assert ("turn_rate" in made) == tested
+
+
+def test_constant_covariates_are_left_out_and_gaps_filled():
+    seen, _ = pairs(n=500, seed=8)
+    warm = np.linspace(2.0, 5.0, 500)
+    warm[::7] = np.nan
+    found = covariates.pair_covariates(seen, {"temperature": warm, "supply_voltage": np.full(500, 40.0)})
+    assert "supply_voltage" not in found and "pitch" not in found and "depth" not in found
+    assert np.isfinite(found["temperature"]).all() and np.ptp(found["hour_of_day"]) > 20.0
+
+
+def test_a_new_battery_is_counted_and_a_discharge_is_not():
+    falling = 43.0 - np.linspace(0.0, 6.0, 3000) + np.random.default_rng(9).normal(0.0, 0.05, 3000)
+    assert covariates.battery_count(falling).max() == 0.0
+    changed = falling + 5.0 * (np.arange(3000) > 1800)
+    number = covariates.battery_count(changed)
+    assert number[-1] == 1.0 and abs(int(np.argmax(number)) - 1800) < 30
+
+
+def test_the_p_value_of_a_clear_gain_is_small_and_of_none_is_not():
+    block = np.repeat(np.arange(40), 100)
+    rng = np.random.default_rng(10)
+    clear = finding.bootstrap_gain(rng.normal(0.2, 1.0, 4000), block, (12.0, 11.9))
+    none = finding.bootstrap_gain(rng.normal(0.0, 1.0, 4000), block, (12.0, 12.0))
+    assert clear.p_value < 0.01 < 0.05 < none.p_value and clear.gain_interval[0] > 0.0
+
+
+def test_held_out_text_states_rank_and_missing_confirmation():
+    shown = finding.HeldOut(7.7, 7.1, 30.0, (20.0, 40.0), 0.001)
+    weak = replace(shown, amplitude=finding.Amplitude(2.3, 0.5, -0.1, 1.1), placebo=finding.Placebo(19, 1.0))
+    sure = replace(shown, amplitude=finding.Amplitude(3.7, 2.8, 2.0, 3.6), placebo=finding.Placebo(19, 0.05))
+    assert "0.5° (-0.1 to 1.1°, 95 %), where the other days predict 2.3°, better predicted than 0 of 19" in (
+        told := comparison.held_out_text(weak, 3.5)
+    )
+    assert "do not confirm it. Without it headings would be wrong by 3.5° rms." in told
+    assert "than 19 of 19 records" in (told := comparison.held_out_text(sure, None)) and "confirm" not in told
+    assert comparison.held_out_text(shown, None) == ""
+    assert "by 2°/K" in wording.tilt_zero_text(1815.0, 52000.0)  # 1815 / 52000 rad
+
+
+def test_separating_observations_are_stated():
+    told = wording.separating_observations("supply_voltage", ("compass_drift",))
+    assert "supply_voltage or compass_drift" in told and "battery change" in told
+    assert "is in the water" in wording.separating_observations("current_veer", ("sextantal",))
+
+
+def test_free_nuisances_reduce_the_information_of_an_observation():
+    rng = np.random.default_rng(3)
+    known = rng.normal(size=(50, 2))
+    free = Rows(known, np.ones((50, 1)), np.full(1, 1.0 / ANYTHING)).information
+    centred = known - known.mean(axis=0)
+    np.testing.assert_allclose(free, centred.T @ centred, rtol=1e-5)
+    fixed = Rows(known, np.ones((50, 1)), np.full(1, 1e9)).information
+    np.testing.assert_allclose(fixed, known.T @ known, rtol=1e-5)
+
+
+def test_a_trend_is_extrapolated_and_other_series_are_repeated():
+    time_s = np.arange(1000.0)
+    falling, season = 40.0 - 0.004 * time_s, np.sin(time_s / 30.0)
+    np.testing.assert_allclose(experiments._continued(falling, time_s, 1000.0), falling - 4.0)
+    np.testing.assert_array_equal(experiments._continued(season, time_s, 1000.0), season)
+
+
+def test_the_share_of_single_names_follows_the_verdict():
+    """An effect is certain by its total probability; equal ones leave two names; no effect at 0.8 is uncertain."""
+    names = [(), ("heeling",), ("current_veer", "heeling"), ("temperature",)]
+    draws = np.array([[0.0, 0.6, 0.38, 0.02], [0.0, 0.5, 0.0, 0.5], [0.8, 0.2, 0.0, 0.0], [0.97, 0.03, 0.0, 0.0]]).T
+    each = [experiments._single_name_share(names, draws[:, k : k + 1]) for k in range(4)]
+    assert each == [1.0, 0.0, 0.0, 1.0] and experiments._single_name_share(names, draws) == 0.5

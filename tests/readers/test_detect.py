@@ -1,0 +1,178 @@
+"""Would catch a format not recognized by its first bytes, or a file of the wrong type refused without its name."""
+
+import gzip
+import io
+import struct
+import zipfile
+from datetime import datetime
+
+import numpy as np
+import pytest
+from netCDF4 import Dataset
+from scipy.io import savemat
+
+from compasslib.errors import InputError
+from compasslib.readers import read
+from compasslib.readers.detect import detect_kind
+from tests.world import nortek_encoder, pd0_encoder, pd12_files
+from tests.world.sea import real
+
+
+def zipped(*names: str) -> bytes:
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w") as packed:
+        for name in names:
+            packed.writestr(name, "x")
+    return made.getvalue()
+
+
+TABLE = b"t,u,v\n2007-09-04,1,2\n2007-09-05,3,4\n"
+WRITTEN = [
+    (b"\xa5\x0a\xa0\x10" + bytes(range(60)), "a Nortek ad2cp file"),
+    (b"\xa5\x05\x18\x00AQD 9330" + bytes(40), "a Nortek file (aqd, prf, wpr or vec)"),
+    (b"n\x7f\x02\x01" + bytes(range(60)), "an RDI PD12 file"),
+    (b"7F7F940200061200" * 9, "an RDI PD0 file written as hexadecimal text; turn the digits into bytes"),
+    (zipped("[Content_Types].xml", "xl/workbook.xml"), "an Excel workbook"),
+    (zipped("top.000"), "a zip archive"),
+    (gzip.compress(b"\x7f\x7f\xae\x02\x00\x06" * 9), "a gzip file that holds an RDI PD0 file"),
+    (b"%PDF-1.7\n" + bytes(90), "a PDF"),
+    (b"\x89PNG\r\n\x1a\n" + bytes(90), "an image"),
+    (b"<!DOCTYPE html>\n<html><body>404</body></html>\n", "a web page"),
+    (b"SQLite format 3\0" + bytes(90), "an SQLite database"),
+    (b"* Sea-Bird SBE 37 Data File:\n* FileName = a.cnv\n*END*\n 1 2\n", "a Sea-Bird file"),
+    (b"$HCHDG,9.0,,,10,E*2B\r\n" * 9, "an NMEA 0183 log"),
+    (b" Format                 IAGA-2002                                   |\n" * 9, "an IAGA-2002 file"),
+    (b"MATLAB 5.0 MAT-file, Platform: GLNXA64" + bytes(200), "a MATLAB file"),
+    (b"Broadband 307.2 kHz\nPings/Ens = 45\nTime/Ping = 00:01.00\n", "a text export of RDI's programs"),
+    (b"This is a letter about a mooring.\n" * 30, "a text without columns"),
+    (b"$PNORS,011626,010336,00000000,3EC40002,23.7*7B\r\n" * 9, "telemetry of a Nortek instrument"),
+    (b"\0" * 5000, "a file of nothing but zeros"),
+    (TABLE, "a text table"),
+]
+
+
+@pytest.mark.parametrize(("content", "name"), WRITTEN, ids=[name for _, name in WRITTEN])
+def test_file_of_wrong_type_is_named_in_one_line(tmp_path, content, name):
+    path = tmp_path / "top.000"
+    path.write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        read("pd0", [path], {})
+    line = str(caught.value)
+    assert line.startswith(f"{path}: expected an RDI PD0 file, found {name}") and "\n" not in line and "; " in line
+
+
+SENT = {
+    "pd0": (bytes.fromhex("7f7f940200061200") * 9, "an RDI PD0 file"),
+    "pd12": (b"n\x7f\x02\x01" + bytes(range(200, 255)), "an RDI PD12 file"),
+    "nortek": (b"\xa5\x05\x18\x00AQD 9330" + bytes(range(200, 240)), "a Nortek file (aqd, prf, wpr or vec)"),
+    "mmp_acm": ((bytes(range(180, 200)) * 14)[:279] + b"DATA" + bytes(60), "a Falmouth 3D-ACM's binary file"),
+}
+STAMPS = ("2013/07/24 01:26:16.123 ", "[2013-07-24 01:26:16] ", "01:26:16;", "2013/07/24 01:26:16.123 [adcpt:DLOGP1]: ")
+
+
+@pytest.mark.parametrize("form", SENT)
+@pytest.mark.parametrize("between", ["", " "])
+def test_hexadecimal_text_after_timestamps_is_refused_with_advice(tmp_path, form, between):
+    """The message names the encoded format, whatever the length of the lines."""
+    data, name = SENT[form]
+    for k, stamp in enumerate((*STAMPS, "")):
+        pieces = [data[i : i + 30] for i in range(0, len(data) - 19, 30)]
+        lines = [f"{stamp}{piece.hex(*filter(None, [between])).upper()}" for piece in pieces]
+        head = ["2013/07/24 01:26:15.001 [adcpt:DLOGP1]:Instrument Started"] * (k == 0)
+        (tmp_path / "sent").write_text("\r\n".join([*head, *lines]))
+        for other in ("pd0", "table"):
+            with pytest.raises(InputError) as caught:
+                read(other, [tmp_path / "sent"], {"columns": {"time": "t", "east": "u", "north": "v"}})
+            said = f"found {name} written as hexadecimal text{' behind time stamps' * bool(stamp)}; turn the digits "
+            assert said in str(caught.value), stamp
+            assert str(caught.value).endswith(f"(xxd -r -p) and write format: {form}")
+
+
+def test_scans_after_logger_timestamps_are_refused(tmp_path):
+    row = "  09-04-2007 12:00:15   228.67    -0.87    -2.34   -0.0818   -0.4171    0.2452    -12.38     17.99      8.52"
+    for stamp in ("2013/07/24 01:26:16.123 ", "2013-07-24T01:26:16Z,", "[2013-07-24 01:26:16]"):
+        (tmp_path / "sent").write_text(f"{stamp}{row}    -3.41\r\n" * 30)
+        expected = "behind a logger's time stamps; take the logger's time stamps off: a row"
+        with pytest.raises(InputError, match=expected):
+            read("mmp_acm", [tmp_path / "sent"], {"pressure_files": ()})
+
+
+def test_files_written_by_libraries_are_recognized(tmp_path):
+    Dataset(tmp_path / "a.nc", "w").close()
+    Dataset(tmp_path / "b.nc", "w", format="NETCDF3_CLASSIC").close()
+    savemat(tmp_path / "c.mat", {"u": np.zeros(3)})
+    named = [detect_kind(tmp_path / name).name for name in ("a.nc", "b.nc", "c.mat")]
+    assert named == ["a netCDF-4 or HDF5 file", "a netCDF file", "a MATLAB file"]
+
+
+def test_binary_file_copied_as_text_is_reported(tmp_path):
+    path = tmp_path / "x"
+    path.write_bytes((b"\x7f\x7f\xae\x02\x00\x06\n" * 90).replace(b"\n", b"\r\n"))
+    with pytest.raises(InputError, match="found one copied as text: a carriage return stands before every line feed"):
+        read("pd0", [path], {})
+
+
+def acm_binary() -> bytes:
+    header = struct.pack(">I", 279 + 2 * 47) + bytes(275) + b"DATA"
+    return header + struct.pack("<3B2BH10f", 12, 30, 0, 9, 4, 2007, *[1.0] * 10) * 2 + bytes(8)
+
+
+RECORDS = {
+    "pd0": pd0_encoder.ensemble([[100, 200, 3, 2]] * 4),
+    "pd12": pd12_files.ensemble(1, datetime(2013, 7, 23), 90.0, [(100, 200, 3, 2)] * 4),
+    "nortek": nortek_encoder.record(5, bytes(42)) * 2,
+    "ad2cp": nortek_encoder.packet(0x16, bytes(range(90))) * 2,
+    "mmp_acm": acm_binary(),
+}
+BEFORE = {
+    "six bytes": bytes([0, 0, 181, 0, 0, 166]),
+    "banner": b"[BREAK Wakeup A]\r\nWorkHorse Broadband ADCP Version 16.30\r\n>CS\r\n",
+    "sentences": b"$GPZDA,101112.00,04,09,2007,00,00*66\r\n" * 3,
+    "marks of records": b"\x7f\x7f\x10\x00n\x7f\xa5\x05\x18\0DATA" * 30,
+    "zeros": bytes(70_000),
+}
+
+
+@pytest.mark.parametrize("form", RECORDS)
+@pytest.mark.parametrize("junk", BEFORE)
+def test_format_is_recognized_after_leading_junk(tmp_path, form, junk):
+    path = tmp_path / "x"
+    path.write_bytes(BEFORE[junk] + RECORDS[form])
+    assert detect_kind(path).form == {"ad2cp": "nortek"}.get(form, form)
+
+
+def test_random_bytes_are_not_recognized(tmp_path):
+    path = tmp_path / "x"
+    path.write_bytes(np.random.default_rng(0).integers(0, 256, 2**20, dtype=np.uint8).tobytes())
+    assert detect_kind(path) is None
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_utf_16_table_is_recognized(tmp_path, encoding):
+    path = tmp_path / "x"
+    path.write_bytes((TABLE * 9).decode().encode(encoding))
+    assert detect_kind(path).form == "table"
+
+
+@pytest.mark.parametrize("row", ["Sep 04 2007 12:00,1.0,2.0", "'2007-09-04',1.0,2.0", "M1;04.09.2007 12:00;1,0;2,0"])
+def test_table_is_recognized_below_a_preamble(tmp_path, row):
+    path = tmp_path / "x"
+    path.write_text("\n".join(["A line about the instrument"] * 8 + ["time,u,v"] + [row] * 12))
+    assert detect_kind(path).form == "table"
+
+
+GENUINE = {
+    "pd0/eh2_20060530_20060717_0007m.000": "pd0",
+    "moored/aqd9330.aqd": "nortek",
+    "moored/papa_node59p1.dat": "pd12",
+    "acm/mmp_global_A0000001.DAT": "mmp_acm",
+    "acm/mmp_global_A0000001.TXT": "mmp_acm",
+    "swing/2010-11-03.Taiohae.nmea": "nmea0183",
+    "observatory/esk20031029dmin.min": "iaga2002",
+    "magnetometer/signature500.csv": "table",
+}
+
+
+@pytest.mark.parametrize("name", GENUINE)
+def test_genuine_files_are_recognized(name):
+    assert detect_kind(real(name)).form == GENUINE[name]

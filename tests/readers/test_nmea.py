@@ -1,0 +1,163 @@
+"""Would catch headings and courses paired wrongly, and damaged or void sentences that count."""
+
+from functools import reduce
+from operator import xor
+
+import numpy as np
+import pytest
+
+from compasslib.errors import InputError
+from tests.world.sea import SHARED
+
+pytest.importorskip("pynmea2", reason="pynmea2 is not installed")
+from compasslib.readers import nmea
+
+REAL = SHARED / "swing/2010-11-03.Taiohae.nmea"
+
+
+def sentence(body: str) -> str:
+    return f"${body}*{reduce(xor, body.encode()):02X}"
+
+
+def rmc(second: int, course: float, *, status: str = "A", speed: float = 5.0) -> str:
+    place = "0854.979,S,14006.028,W"
+    return sentence(f"GPRMC,1904{second:02d},{status},{place},{speed},{course},031110,10,E,A")
+
+
+def lines(n: int = 6) -> list[str]:
+    return [x for k in range(n) for x in (sentence(f"HCHDG,{10 * k}.0,,,10,E"), rmc(k, 10 * k + 12.5))]
+
+
+def log(tmp_path, content, **how) -> nmea.NmeaLog:
+    path = tmp_path / "swing.nmea"
+    path.write_bytes(content if isinstance(content, bytes) else "\r\n".join(content).encode())
+    return nmea.read([path], **how)
+
+
+@pytest.mark.skipif(not REAL.exists(), reason="no ../shared/data")
+def test_all_pairs_of_a_real_log_are_read():
+    read = nmea.read([REAL])
+    assert len(read.time_s) == 1088
+    assert np.sum(read.speed_kn > 2.0) == 715
+    assert set(read.variation_deg) == {10.0}
+    assert read.counts["read"] == 11537
+    assert read.counts.get("damaged", 0) == 0
+    assert (np.floor(read.heading_deg / 10.0)).astype(int).size == 1088
+    assert read.latitude[0] == pytest.approx(-8.9163, abs=1e-4)
+    assert read.longitude[0] == pytest.approx(-140.1005, abs=1e-4)
+    assert str(np.datetime64(int(read.time_s[0]), "s")) == "2010-11-03T19:04:00"
+
+
+@pytest.mark.skipif(not REAL.exists(), reason="no ../shared/data")
+def test_real_log_survives_bytes_flipped_at_random(tmp_path):
+    content = bytearray(REAL.read_bytes())
+    rng = np.random.default_rng(1)
+    for at in rng.integers(0, len(content), 300):
+        content[at] ^= int(rng.integers(1, 256))
+    read, whole = log(tmp_path, bytes(content)), nmea.read([REAL])
+    assert read.counts["damaged"] > 150
+    assert len(read.time_s) > 1000
+    times = {t: (h, c) for t, h, c in zip(whole.time_s, whole.heading_deg, whole.course_deg, strict=True)}
+    known = [times[t] for t in read.time_s if t in times]
+    assert len(known) > 0.99 * len(read.time_s)
+
+
+def test_pairs_contain_the_encoded_values(tmp_path):
+    read = log(tmp_path, lines())
+    assert read.heading_deg.tolist() == [0.0, 10.0, 20.0, 30.0, 40.0, 50.0]
+    assert read.course_deg.tolist() == [12.5, 22.5, 32.5, 42.5, 52.5, 62.5]
+    assert np.diff(read.time_s).tolist() == [1.0] * 5
+    assert np.isnan(read.water_speed_kn).all()
+    assert read.warnings == ()
+
+
+def test_each_fault_loses_one_sentence(tmp_path):
+    whole = lines()
+    wrong_sum, cut, bare = whole[3][:-1] + "0", whole[5][:20], whole[7].split("*")[0]
+    assert wrong_sum != whole[3]
+    read = log(tmp_path, [*whole[:3], wrong_sum, whole[4], cut, whole[6], bare, *whole[8:]])
+    assert read.counts["damaged"] == 3
+    assert read.course_deg.tolist() == [12.5, 52.5, 62.5]
+    assert "3 damaged sentences" in read.warnings[0]
+
+
+def test_junk_and_unknown_sentences_are_skipped(tmp_path):
+    odd = [b"\xff\xfe\x00 noise", b"\\s:GP0001*31\\", sentence("PSRF103,00,01").encode(), sentence("XXQQQ,1").encode()]
+    stamped = [b"12:00:01 " + x.encode() for x in lines()]
+    read = log(tmp_path, b"\n".join([*odd, b"", *stamped, *odd]))
+    assert len(read.time_s) == 6
+    assert read.counts["other"] == 2
+
+
+def test_void_positions_and_blank_courses_are_dropped(tmp_path):
+    blank = sentence("GPRMC,190409,A,0854.979,S,14006.028,W,5.0,,031110,10,E,A")
+    nowhere = sentence("GPRMC,9x0409,A,0854.979,S,14006.028,W,5.0,12,031110,10,E,A")
+    read = log(tmp_path, [*lines(), rmc(8, 99.0, status="V"), blank, nowhere])
+    assert len(read.time_s) == 6
+    assert (read.counts["void"], read.counts["empty"], read.counts["damaged"]) == (1, 1, 1)
+
+
+@pytest.mark.parametrize("body", ["HCHDG", "HCHDG,", "HCHDG,x", "GPRMC,190400", "GPRMC,190400,A", "GPRMC,,A,,,,,,,,,"])
+def test_incomplete_sentences_with_valid_checksum_are_dropped(tmp_path, body):
+    read = log(tmp_path, [*lines()[:6], sentence(body), *lines()[6:]])
+    assert len(read.time_s) == 6
+
+
+def test_log_appended_to_itself_counts_once(tmp_path):
+    read = log(tmp_path, [*lines(), *lines()])
+    assert len(read.time_s) == 6 and read.counts["repeated"] == 6
+    assert "6 courses that stand in the log already, after its clock went back" in read.warnings[0]
+
+
+def test_course_far_from_any_heading_is_not_paired(tmp_path):
+    read = log(tmp_path, [*lines(), rmc(30, 100.0), rmc(31, 100.0)])
+    assert len(read.time_s) == 6
+    assert read.counts["unpaired"] == 2
+
+
+def test_other_sentence_types_are_used_if_selected(tmp_path):
+    content = []
+    for k in range(4):
+        content += [sentence(f"HCHDM,{k + 1}.0,M"), sentence(f"GPVTG,{k + 15}.0,T,,M,6.0,N,11.1,K,A"), rmc(k, 99.0)]
+        content += [sentence(f"HEHDT,{k + 12}.0,T"), sentence("VWVHW,,T,,M,5.5,N,10.2,K")]
+    read = log(tmp_path, content, heading="HDM", course="VTG")
+    assert read.course_deg.tolist() == [15.0, 16.0, 17.0, 18.0]
+    assert read.heading_deg.tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert read.water_speed_kn.tolist() == [5.5] * 4
+    assert set(read.true_heading_deg) <= {12.0, 13.0, 14.0, 15.0}
+    assert np.all(np.diff(read.time_s) >= 0.0)
+
+
+def test_west_variation_is_negative_and_deviation_is_reported(tmp_path):
+    content = [x.replace(",10,E", ",10,W") for x in (y.split("*")[0][1:] for y in lines())]
+    read = log(tmp_path, [sentence(x.replace(".0,,,", ".0,2.0,E,")) for x in content])
+    assert set(read.variation_deg) == {-10.0}
+    assert "6 HDG sentences state a deviation of their own" in read.warnings[0]
+
+
+@pytest.mark.parametrize("content", [b"", b"no sentences here\n", rmc(1, 5.0).encode()])
+def test_file_without_pairs_is_refused(tmp_path, content):
+    with pytest.raises(InputError, match="expected sentences HDG and RMC with a right checksum, found 0 HDG"):
+        log(tmp_path, content)
+
+
+def test_missing_file_is_refused(tmp_path):
+    with pytest.raises(InputError, match="expected a readable file, found No such file"):
+        nmea.read([tmp_path / "nowhere.nmea"])
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("0854.979,S", "9954.979,S"), ("14006.028,W", "19906.028,W"), (",12.5,", ",412.5,"), (",5.0,", ",-5,")],
+)
+def test_impossible_values_are_dropped_and_counted(tmp_path, old, new):
+    content = lines()
+    content[1] = sentence(rmc(0, 12.5).split("*")[0][1:].replace(old, new))
+    read = log(tmp_path, content)
+    assert (len(read.time_s), read.counts["impossible"]) == (5, 1)
+    assert "1 numbers that no heading, course, speed or place can be" in read.warnings[0]
+
+
+def test_heading_above_360_degrees_is_dropped(tmp_path):
+    read = log(tmp_path, [sentence("HCHDG,655.0,,,10,E"), *lines()])
+    assert read.counts["impossible"] == 1 and read.heading_deg.max() == 50.0

@@ -1,0 +1,340 @@
+"""Would catch a column, unit, date or flag of a table misread, or damage that passes for data."""
+
+import tracemalloc
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compasslib.errors import InputError
+from compasslib.readers import delimited, plain, read
+from compasslib.readers.table import read_series
+from tests.world import tables
+
+ROLES = {"time": "t", "depth": "z", "east": "u", "north": "v", "scale": 0.01}
+
+
+def table(tmp_path: Path, text: str) -> list[Path]:
+    path = tmp_path / "deep.csv"
+    path.write_text(text)
+    return [path]
+
+
+def test_roles_scale_missing_values_and_extra_columns(tmp_path):
+    paths = table(tmp_path, "t,z,extra,u,v\n2007-09-04T00:00:00Z,101,x,10,-5\n2007-09-04 01:00,102,y,,NaN\n")
+    record = read("table", paths, {"columns": ROLES})
+    assert list(np.diff(record.time_s)) == [3600.0] and record.time_s[0] == 1188864000.0
+    assert record.east[0, 0] == pytest.approx(0.1) and np.isnan(record.north[1, 0])
+    assert {key: n for key, n in record.counts.items() if n} == {"rows": 2, "velocities_missing": 1}
+
+
+def test_polar_and_body_frame_velocities_are_converted(tmp_path):
+    polar = table(tmp_path, "t,s,d\n2007-09-04,0.5,90\n")
+    record = read("table", polar, {"columns": {"time": "t", "speed": "s", "direction": "d"}})
+    assert (record.east[0, 0], record.north[0, 0]) == pytest.approx((0.5, 0.0))
+    body = table(tmp_path, "t,x,y,h\n2007-09-04,0.2,0.1,90\n")
+    columns = {"time": "t", "x": "x", "y": "y", "heading": "h", "tilt_x": None}
+    record = read("table", body, {"columns": columns})
+    assert (record.east[0, 0], record.north[0, 0]) == pytest.approx((0.2, 0.1))  # forward is east and port is north
+    assert record.heading_deg[0] == 90.0
+
+
+def test_rows_with_equal_times_are_bins(tmp_path):
+    text = "t,z,u,v\n2007-09-04T00:00,10,1,1\n2007-09-04T00:00,14,2,2\n2007-09-04T01:00,11,3,3\n"
+    record = read("table", table(tmp_path, text), {"columns": ROLES})
+    assert record.east.shape == (2, 2) and np.isnan(record.east[1, 1])
+    assert list(record.bin_depth_m()[0]) == [10.0, 14.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "column 't' (time): expected one of the file's columns, found an empty file"),
+        ("t,z,u\n", "column 'v' (north): expected one of the file's columns, found t, z, u"),
+        ("t,z,u,v\n2007-09-04,1,1,x7\n", "line 2, v: expected a number or nothing, found 'x7'"),
+        ("t,z,u,v\n4 Sept,1,1,1\n", "line 2, t: expected an ISO time like 2007-09-04T00:00:00Z, found '4 Sept'"),
+        ("t,z,u,v\n2007-09-04,1,1\n", "line 2, v: expected a number or nothing, found a line of 3 cells"),
+    ],
+)
+def test_unreadable_table_is_refused_in_one_line(tmp_path, text, message):
+    with pytest.raises(InputError) as caught:
+        read("table", table(tmp_path, text), {"columns": ROLES})
+    assert message in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_binary_and_missing_files_are_refused(tmp_path):
+    for path, content in ((tmp_path / "b.csv", b"\xff\xfe\x00\x01"), (tmp_path / "none.csv", None)):
+        if content:
+            path.write_bytes(content)
+        with pytest.raises(InputError, match="expected a readable"):
+            read("table", [path], {"columns": ROLES})
+
+
+ROWS = "t,z,u,v\n" + "".join(f"2007-09-04T0{i}:00:00Z,100.5,{i}1.25,-{i}.75\n" for i in range(5))
+
+
+@pytest.mark.parametrize(
+    ("cells", "flags", "expected", "said"),
+    [
+        (("good_data", "Bad_data", ""), None, [1, 4, 0], ""),
+        (("1", "4", "1"), None, [3, 3, 3], "column q: the meaning of the flags 1 (2 samples), 4 (1 samples)"),
+        (("1", "4", "7"), {"good": ["1"], "bad": ["4"]}, [1, 4, 3], "flags 7 (1 samples)"),
+        (("ok", "side lobe", "ok"), {"good": ["ok"], "bad": ["side_lobe"]}, [1, 4, 1], ""),
+    ],
+)
+def test_flag_column_is_mapped_by_words_or_settings(tmp_path, cells, flags, expected, said):
+    text = "t,u,v,q\n" + "".join(f"2007-09-04T0{k}:00:00Z,1,2,{cell}\n" for k, cell in enumerate(cells))
+    columns = {"time": "t", "east": "u", "north": "v", "flag": "q"}
+    record = read("table", table(tmp_path, text), {"columns": columns, "flags": flags})
+    assert record.quality.ravel().tolist() == expected
+    assert (said in " ".join(record.warnings)) and ("not known" in " ".join(record.warnings)) == bool(said)
+
+
+def test_truncated_table_loses_only_its_last_row(tmp_path):
+    whole = read("table", table(tmp_path, ROWS), {"columns": ROLES})
+    for cut in range(ROWS.index("\n2007-09-04T01") + 1, len(ROWS)):  # one row does not determine the decimals
+        record = read("table", table(tmp_path, ROWS[:cut]), {"columns": ROLES})
+        n, started = len(record.time_s), ROWS[:cut].rstrip("\n").count("\n")
+        # A line without its line break is complete only if no digit is missing.
+        assert n == started - (ROWS[cut - 1] != "\n" and ROWS[cut] != "\n"), cut
+        assert record.counts["rows"] == n + record.counts["rows_cut"]
+        for name in ("time_s", "east", "north"):
+            assert np.array_equal(getattr(record, name), getattr(whole, name)[:n])
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("2007-09-04T09:00:00Z,100.5,1,2,3", "line 7: expected 4 cells as in the header, found a line of 5 cells"),
+        ("2007-09-04T09:00:00Z,100.5,inf,2", "line 7, u: expected a number or nothing, found 'inf'"),
+        ("2007-09-04T09:00:00Z,100.5,1e999,2", "line 7, u: expected a number or nothing, found '1e999'"),
+        ("2007-09-04T09:00:00Z,100.5,1_0,2", "line 7, u: expected a number or nothing, found '1_0'"),
+        ("2007-09,100.5,1,2", "line 7, t: expected an ISO time"),
+        (",100.5,1,2", "line 7, t: expected an ISO time"),
+        ("2007-09-04T09:00:00+2,100.5,1,2", "line 7, t: expected an ISO time"),
+        ("2007-02-30,100.5,1,2", "line 7, t: expected an ISO time"),
+        ("\0\0\0", "line 7, t: expected an ISO time"),
+    ],
+)
+def test_malformed_line_is_refused_with_its_number(tmp_path, line, message):
+    with pytest.raises(InputError) as caught:
+        read("table", table(tmp_path, f"{ROWS}{line}\n"), {"columns": ROLES})
+    assert message in str(caught.value)
+
+
+def test_trailing_ff_bytes_are_refused(tmp_path):
+    path = tmp_path / "deep.csv"
+    path.write_bytes(ROWS.encode() + b"\xff" * 100)
+    with pytest.raises(InputError, match="expected a readable CSV file in UTF-8"):
+        read("table", [path], {"columns": ROLES})
+
+
+def test_duplicate_column_header_is_refused(tmp_path):
+    with pytest.raises(InputError, match="column 'u'"):
+        read("table", table(tmp_path, ROWS.replace("t,z,u,v", "t,z,u,u")), {"columns": ROLES})
+
+
+def test_duplicate_rows_count_once_and_contradictory_rows_are_dropped(tmp_path):
+    again, other = ROWS.splitlines()[2], ROWS.splitlines()[4].replace("31.25", "9.25")
+    record = read("table", table(tmp_path, f"{ROWS}{again}\n{other}\n"), {"columns": ROLES})
+    assert record.east.shape == (4, 1)
+    assert record.counts["rows_repeated"] == 1 and record.counts["rows_contradict"] == 2
+    assert record.counts["rows"] == 4 + 1 + 2 and len(record.warnings) == 2
+
+
+@pytest.mark.parametrize("filler", ["999", "-99.9", "9999.0", "-999"])
+def test_fill_values_of_nines_are_missing(tmp_path, filler):
+    rows = ROWS + "".join(f"2007-09-05T0{i}:00:00Z,100.5,{filler},{filler}\n" for i in range(3))
+    record = read("table", table(tmp_path, rows), {"columns": ROLES})
+    assert record.counts["fillers"] == 3 and np.isnan(record.east[5:]).all() and np.isfinite(record.east[:5]).all()
+
+
+def test_impossible_heading_and_its_current_become_missing(tmp_path):
+    body = table(tmp_path, "t,x,y,h\n2007-09-04,0.2,0.1,-90\n2007-09-05,0.2,0.1,9999\n")
+    record = read("table", body, {"columns": {"time": "t", "x": "x", "y": "y", "heading": "h"}})
+    assert record.heading_deg[0] == 270.0 and np.isnan(record.heading_deg[1]) and np.isnan(record.east[1, 0])
+    assert record.counts["directions_impossible"] == 1
+
+
+def test_typographic_signs_and_repeated_headers_are_read(tmp_path):
+    text = "t,z,u,v\n2007-09-04\u00a000:00,1,\u22125,1\nt,z,u,v\n2007-09-04 01:00,1,5,1\n"
+    path = tmp_path / "deep.csv"
+    path.write_text(text, encoding="utf-8")
+    record = read("table", [path], {"columns": ROLES})
+    assert record.east[:, 0].tolist() == [-0.05, 0.05]
+    assert record.warnings == ("the table was read as it is written: 1 more header line",)
+
+
+@pytest.mark.parametrize(
+    ("cell", "advice"),
+    [
+        ("bad", "or write missing: ['bad']"),
+        ("1e35", "or write missing: ['1e35']"),
+        ("5%", "mend or remove the line"),
+        ("1,234.5", "export numbers without marks between thousands"),
+        ("1.234,5", "export numbers without marks between thousands"),
+    ],
+)
+def test_advice_for_unreadable_cells_depends_on_their_content(tmp_path, cell, advice):
+    with pytest.raises(InputError) as caught:
+        read("table", table(tmp_path, f't,z,u,v\n2007-09-04,1,"{cell}",1\n2007-09-05,1,1.5,1\n'), {"columns": ROLES})
+    assert str(caught.value).endswith(advice)
+
+
+def test_utc_offset_of_times_is_applied(tmp_path):
+    rows = ["2007-09-04T02:00:00+02:00", "2007-09-03T20:30-0430", "2007-09-04T02:00:00Z"]
+    record = read("table", table(tmp_path, "t,z,u,v\n" + "".join(f"{t},1,1,1\n" for t in rows)), {"columns": ROLES})
+    assert list(record.time_s - 1188864000.0) == [0.0, 3600.0, 7200.0]
+
+
+@pytest.mark.parametrize("form", ["{}Z", "{}.00"])
+def test_row_of_a_leap_second_stays_before_the_next_minute(tmp_path, form):
+    times = [form.format(f"2008-12-31T23:59:{second}") for second in (59, 60)] + [form.format("2009-01-01T00:00:00")]
+    record = read("table", table(tmp_path, "t,z,u,v\n" + "".join(f"{t},1,1,1\n" for t in times)), {"columns": ROLES})
+    assert record.time_s - 1230768000.0 == pytest.approx([-1.0, -0.001, 0.0], abs=1e-6) and record.east.shape == (3, 1)
+    assert f"second 60 as a leap second ({times[1]})" in record.warnings[0]
+
+
+@pytest.mark.parametrize("order", ["newest first", "no order", "level by level"])
+def test_order_of_rows_does_not_change_the_record(tmp_path, order):
+    stamps = np.arange("2007-09-04T00", "2007-09-05T00", dtype="datetime64[h]")
+    rows = [f"{t}:00,{z},{k},{z}" for k, t in enumerate(stamps) for z in (10, 14)]
+    plain = read("table", table(tmp_path, "\n".join(["t,z,u,v", *rows, ""])), {"columns": ROLES})
+    by_level = sorted(rows, key=lambda row: row.split(",")[1])
+    drawn = list(np.random.default_rng(1).permutation(rows))
+    mixed = {"newest first": rows[::-1], "no order": drawn, "level by level": by_level}[order]
+    again = read("table", table(tmp_path, "\n".join(["t,z,u,v", *mixed, ""])), {"columns": ROLES})
+    assert (plain.time_s == again.time_s).all()
+    for record in (plain, again):
+        flow = record.east[np.arange(24)[:, None], np.argsort(record.bin_depth_m(), axis=1)]
+        assert (flow == 0.01 * np.arange(24)[:, None]).all()
+        assert sorted(record.bin_depth_m()[3]) == [10.0, 14.0]
+    warned = any("all were put in order" in warning for warning in again.warnings)
+    assert warned == (order == "no order")
+
+
+def test_few_backward_steps_keep_the_order_of_the_file(tmp_path):
+    stamps = [f"2007-09-{d:02d}T00:00" for d in (4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 2)]
+    record = read("table", table(tmp_path, "t,z,u,v\n" + "".join(f"{t},1,1,1\n" for t in stamps)), {"columns": ROLES})
+    assert np.diff(record.time_s)[-1] < 0.0
+
+
+def test_endless_line_is_refused_and_long_cell_is_abbreviated(tmp_path):
+    """A sparse file of 1.5 GB of zeros, which once took 4.5 GB of memory, is refused with little memory."""
+    path = tmp_path / "a.csv"
+    with path.open("wb") as stream:
+        stream.write(b"t,z,u,v\n")
+        stream.truncate(1_500_000_000)
+    tracemalloc.start()
+    with pytest.raises(InputError, match="expected lines of less than 1 MB, found a longer one"):
+        read("table", [path], {"columns": ROLES})
+    assert tracemalloc.get_traced_memory()[1] < 10e6
+    tracemalloc.stop()
+    path.write_text("t,z,u,v\n2007-09-04T00:00Z,1," + "x" * 131_000 + ",2\n")
+    with pytest.raises(InputError, match=r"x \.\.\. \(131002 characters\); mend") as caught:
+        read("table", [path], {"columns": ROLES})
+    assert len(str(caught.value)) < 600
+    path.write_text("\r".join(["t,z,u,v", *(f"2007-09-04T00:00:00Z,{k},1,2" for k in range(50_000))]))
+    assert path.stat().st_size > 2**20 and read("table", [path], {"columns": ROLES}).counts["rows"] == 50_000
+
+
+MARKS = [("'", "'"), ('"', '"'), ('="', '"')]
+
+
+@pytest.mark.parametrize(
+    ("header", "row"),
+    [
+        ("t,u,v", '"{}",{},{}'),
+        ("t u v", '"{}" {} {}'),
+        ("t u v", "'{}' {} {}"),
+        ('"t" "u" "v"', '"{}" "{}" "{}"'),
+        ("t, u, v", ' "{}", {}, {}'),
+        ("t,u,v", '"""{}""",{},{}'),
+        ("t\tu\tv", "'{}'\t{}\t{}"),
+        ("t;u;v", "\u201c{}\u201d;{};{}"),
+        ("t,u,v", '=" {}",{},{}'),
+        *((f"{a}t{b}{by}u{by}v", by.join([f"{a}{{}}{b}", "{}", "{}"])) for a, b in MARKS for by in ", \t"),
+    ],
+)
+def test_quoted_times_are_read(tmp_path, header, row):
+    lines = [header, *(row.format(f"2007-09-04 {h:02d}:00:00", h / 10, -h / 10) for h in range(24))]
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    record = read("table", [tmp_path / "a.csv"], {"columns": {"time": "t", "east": "u", "north": "v"}})
+    np.testing.assert_array_equal(record.time_s, 1188864000.0 + 3600.0 * np.arange(24))
+    np.testing.assert_array_equal(record.east[:, 0], np.arange(24) / 10)
+
+
+def test_quotation_marks_in_a_time_format_are_optional(tmp_path):
+    (tmp_path / "a.csv").write_text("t,u,v\n" + "".join(f"'04.09.07 {h:02d}',1.0,2.0\n" for h in range(24)))
+    columns = {"time": "t", "east": "u", "north": "v"}
+    for form in ("'%d.%m.%y %H'", "%d.%m.%y %H"):
+        record = read("table", [tmp_path / "a.csv"], {"columns": columns, "time_format": form})
+        np.testing.assert_array_equal(record.time_s, 1188864000.0 + 3600.0 * np.arange(24))
+
+
+def test_covariate_is_sorted_without_gaps_and_contradictions(tmp_path):
+    hours = {"03": 3, "01": 1, "02": 2, "04": ""}
+    text = "at,A\n" + "".join(f"2007-09-04T{hour}:00Z,{value}\n" for hour, value in hours.items())
+    (tmp_path / "a.csv").write_text(text)
+    (tmp_path / "b.csv").write_text("at,A\n2007-09-04T01:00Z,1\n2007-09-04T02:00Z,9\n")
+    files = [str(tmp_path / name) for name in ("a.csv", "b.csv")]
+    time_s, value, _ = read_series({"files": files, "columns": {"time": "at", "value": "A", "date": None}})
+    assert ((time_s - 1188864000.0) / 3600.0).tolist() == [1.0, 3.0] and value.tolist() == [1.0, 3.0]
+
+
+def test_covariate_without_values_is_refused(tmp_path):
+    (tmp_path / "a.csv").write_text("at,A\n2007-09-04T01:00Z,\n")
+    with pytest.raises(InputError, match="expected rows with a time and a value, found none"):
+        read_series({"files": [str(tmp_path / "a.csv")], "columns": {"time": "at", "value": "A"}})
+
+
+FORMS = tables.VARIANTS | tables.drawn(seed=1, n=20)
+OTHERS = [kind for kind in tables.KINDS if kind != "table"]
+EACH = [("table", name) for name in FORMS] + [(OTHERS[k % len(OTHERS)], name) for k, name in enumerate(FORMS)]
+
+
+@pytest.mark.parametrize(("kind", "name"), EACH)
+def test_table_is_read_correctly_or_refused_with_advice(tmp_path, kind, name):
+    found, key = tables.outcome(Path(tmp_path, "table.csv"), FORMS[name], kind), tables.settled_by(FORMS[name])
+    assert (found.startswith("refused") and key in found) if key else found == "right"
+
+
+ODD = ("", "nan", "-9999", "1e5", "1.2.3", "--1", " 7", "7 ", "1,5", "-0")
+ODD += (";", "\n", "\r", '"', "#", "é", "\0", "T", "/")
+ODD += ("0.12345678901234567", "999999999999999999", "2007-09-31T00:00:00Z", "2007-09-04 00:00", "t;z;u;v\n", ",,,\n")
+
+
+def damaged_table(rng: np.random.Generator) -> bytes:
+    """Draw a table of plain rows in one of several formats, with up to three insertions, deletions or replacements."""
+    cell, form = rng.choice([",", ";", "\t"]), rng.choice(["%sT%02d:00:00Z", "%s %02d:00", "%sT%02d:00:00.50"])
+    rows = [[form % ("2007-09-04", k), *(f"{x:.{rng.integers(5)}f}" for x in rng.normal(0, 99, 3))] for k in range(24)]
+    end = rng.choice(["\n", "\r\n"])
+    text = end.join(cell.join(row) for row in (list("tzuv"), *rows)) + end
+    for piece in rng.choice(ODD, rng.integers(4)):
+        at, length = rng.integers(len(text)), rng.integers(4)
+        text = text[:at] + str(piece) + text[at + length :]
+    return text.encode()
+
+
+def test_fast_parser_agrees_with_line_by_line_parser(tmp_path, monkeypatch):
+    monkeypatch.setattr(delimited, "HEAD_LINES", 6)
+    monkeypatch.setattr(plain, "split_cells", partial(plain.split_cells, size=200))
+    rng, fast, taken = np.random.default_rng(1), delimited._read_plain, []
+    headers = {role: header for role, header in ROLES.items() if role != "scale"}
+
+    def outcome(layout: delimited.Layout) -> object:
+        try:
+            read = delimited.read_table(tmp_path / "t.csv", headers, layout=layout)
+        except InputError as error:
+            return str(error)
+        return {role: column.tobytes() for role, column in read.columns.items()}, read.rows, read.cut, read.notes
+
+    for _ in range(300):
+        (tmp_path / "t.csv").write_bytes(damaged_table(rng))
+        layout = delimited.Layout(missing=("-9999",) * rng.integers(2), skip_rows=rng.choice([None, 0]))
+        monkeypatch.setattr(delimited, "_read_plain", lambda *given: None)
+        slowly = outcome(layout)
+        monkeypatch.setattr(delimited, "_read_plain", lambda *given: taken.append(made := fast(*given)) or made)
+        assert outcome(layout) == slowly
+    assert 40 < sum(made is not None for made in taken) < 260

@@ -1,0 +1,594 @@
+"""Would catch a report that loads from elsewhere, does not escape, contradicts the results or fails a browser."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import hashlib
+import json
+import re
+import shutil
+from dataclasses import fields, replace
+from itertools import pairwise
+from pathlib import Path
+from urllib.parse import unquote
+
+import netCDF4
+import numpy as np
+import pytest
+
+from compasslib import report
+from compasslib.archive import calibrations, files
+from compasslib.archive.files import write_json
+from compasslib.calibrations import calibrate, result, tilt, two_heads
+from compasslib.effects import SIDES
+from compasslib.errors import InputError
+from compasslib.inference.diagnosis import Diagnosis
+from compasslib.inference.finding import CovariateRange, HeldOut, Parameter, Unexplained
+from compasslib.inference.finding import Finding as Found
+from compasslib.plots import instruments
+from compasslib.plots.figures import MOORING
+from compasslib.report import sections, words
+from compasslib.report.results import (
+    Overview,
+    ReportedFinding,
+    ReportFigure,
+    ReportSection,
+    ReportTable,
+    collect_figures,
+    read_mooring,
+    stopped_section,
+    table,
+)
+from tests.world import browser, iaga_files, iron, page
+from tests.world.bench import readings, ring, write_calibration
+from tests.world.launch import change, snakemake
+from tests.world.package import Sea
+from tests.world.sea import cruise
+from tests.world.two_heads_files import cast
+
+HOSTILE = """<script>document.title = 'broken'</script><img src=x onerror="document.title='broken'"> & "quoted" 'so'"""
+ALONE = ("ALONE." + "".join(f"WM{k}Q" for k in range(20)))[:64]  # as long and about as wide as a name may be
+WIDTHS = (360, 1400)
+OUTSIDE = r"(?:src|href|action|poster|srcset)\s*=\s*[\"']?\s*(?:https?:)?//|url\(|@import"
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """Process a mooring, one without a reference instrument and two calibrations, with markup in attributes."""
+    folder = cruise(tmp_path_factory.mktemp("cruise"), ("M1",), n=600)
+    shutil.copy(folder / "config/moorings/M1.yaml", folder / "config/moorings/A.yaml")
+    change(folder / "config/moorings/A.yaml", name=ALONE, reference=None)
+    change(folder / "config/moorings/M1.yaml", attributes={"instrument": HOSTILE, "serial_number": "<b>1</b>"})
+    change(folder / "config/config.yaml", attributes={"project": HOSTILE, "institution": "Fjord & Søn <i>"})
+    write_calibration(folder, "bench", readings(), budget="le_menn")
+    write_calibration(folder, "few", readings(ring(3)), latitude=None, longitude=None)
+    ran = snakemake(folder)
+    assert ran.returncode == 0, ran.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def document(done):
+    return page.read(done / "results/report.html")
+
+
+def filled(kind, text: str):
+    """Return a part of the report with this text in every text field; a field of an unknown type is an error."""
+    by_type = {
+        "str": text,
+        "tuple[str, ...]": (text, text),
+        "tuple[tuple[str, str], ...]": ((text, text), (text, "x")),
+        "tuple[tuple[str, ...], ...]": ((text, text), ("", text)),
+    }
+    several = [f"tuple[{part}, ...]" for part in ("ReportedFinding", "ReportTable", "ReportFigure")]
+    parts = ("int", "ReportTable | None", *several)
+    return kind(**{one.name: by_type[one.type] for one in fields(kind) if one.type not in parts})
+
+
+def hostile(name: str = "M") -> ReportSection:
+    parameters = filled(ReportTable, HOSTILE)
+    figure = replace(filled(ReportFigure, HOSTILE), data="", href="M/figures/x.png")
+    return replace(
+        filled(ReportSection, HOSTILE),
+        name=name,
+        anchor=f"mooring-{name}",
+        verdict="consistent",
+        findings=(replace(filled(ReportedFinding, HOSTILE), parameters=parameters),),
+        tables=(parameters,),
+        first=(figure,),
+        finding_figures=(figure,),
+        figures=(figure, replace(figure, data="data:image/png;base64,", width=3, height=5)),
+    )
+
+
+def written(path: Path, sections) -> page.Document:
+    overview = Overview(HOSTILE, ("Name", "Nothing"), sections)
+    empty = replace(overview, sections=())
+    made = report.Report(HOSTILE, ((HOSTILE, HOSTILE),), overview, empty, HOSTILE, HOSTILE, small=True)
+    report.write(path, made)
+    return page.read(path)
+
+
+def test_every_text_is_escaped(tmp_path):
+    """With markup in every text of every part, the page has no script and shows the text verbatim."""
+    made = written(tmp_path / "r.html", [hostile()])
+    assert not made.all("script") and not [one for one in made.all("img") if "onerror" in one.attributes]
+    assert not [one for one in made.elements if any(name.startswith("on") for name in one.attributes)]
+    named = ("p", "dt", "dd", "li", "td", "th", "summary", "h1", "h5", "figcaption", "title", "text")
+    said = sum(one.text.count(HOSTILE) for one in made.all(*named))
+    assert said > 30
+    assert HOSTILE not in (tmp_path / "r.html").read_text()
+    assert all(one.attributes["alt"].startswith(HOSTILE) for one in made.all("img"))
+
+
+def test_attributes_names_and_warnings_of_a_cruise_are_escaped(done, document):
+    text = (done / "results/report.html").read_text()
+    assert not document.all("script") and "<b>1" not in text and "Søn <i>" not in text
+    assert HOSTILE in document.all("h1")[0].text
+    assert any("<b>1</b>" in one.text for one in document.all("dd"))
+
+
+def test_page_loads_nothing_external(done, document):
+    text = (done / "results/report.html").read_text()
+    assert not re.search(OUTSIDE, re.sub(r"data:image/png;base64,[A-Za-z0-9+/=]*", "", text))
+    assert not document.all("script", "iframe", "object", "embed", "audio", "video", "base", "form")
+    assert not [one for one in document.elements if "style" in one.attributes]
+    policy = next(one for one in document.all("meta") if "http-equiv" in one.attributes).attributes["content"]
+    style = re.search("<style>(.*?)</style>", text, re.DOTALL).group(1)
+    known = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
+    assert policy.startswith("default-src 'none'") and f"style-src 'sha256-{known}'" in policy
+    assert "unsafe" not in policy and "script-src" not in policy
+    assert all(one.attributes["src"].startswith("data:image/png;base64,") for one in document.all("img"))
+    assert [one.attributes["href"] for one in document.all("link")] == ["data:,"]
+    ids = [one.attributes["id"] for one in document.elements if "id" in one.attributes]
+    assert len(ids) == len(set(ids))
+
+
+def test_every_link_has_a_target(done, document):
+    ids = {one.attributes.get("id") for one in document.elements}
+    links = [one.attributes["href"] for one in document.all("a")]
+    assert len(links) > 40
+    for link in links:
+        there = link[1:] in ids if link.startswith("#") else (done / "results" / unquote(link)).exists()
+        assert there, link
+
+
+def test_headings_are_nested_landmarks_unique_and_tables_have_captions(document):
+    levels = [int(one.name[1]) for one in document.all("h1", "h2", "h3", "h4", "h5", "h6")]
+    assert levels[0] == 1 and levels.count(1) == 1
+    assert all(below - above <= 1 for above, below in pairwise(levels))
+    assert not [one for one in document.elements if one.attributes.get("role") == "region"]  # sections alone are
+    named = [one.attributes["aria-labelledby"] for one in document.all("section")]
+    assert len(named) == len(set(named)) > 3
+    assert len(document.all("table")) == len(document.all("caption")) > 5
+    assert all(one.attributes.get("scope") in ("row", "col") for one in document.all("th"))
+    skip = document.all("a")[0]
+    assert skip.attributes["href"] == "#main" and document.all("html")[0].attributes["lang"] == "en"
+
+
+def test_every_figure_has_an_alternative_text_and_a_caption(done, document):
+    """All but the certificates are embedded, with distinct alternative texts; at most two captions agree."""
+    pictures, captions = document.all("img"), [one.text for one in document.all("figcaption")]
+    drawn = [path for path in (done / "results").rglob("figures/*.png") if path.stem != "certificate"]
+    assert len(drawn) == 2 * 10 + 4 + 2 * 3 and len(pictures) == len(drawn) - sum(
+        row.of_pairs for row in MOORING
+    )  # ALONE has no pairs
+    assert len({one.attributes["alt"] for one in pictures}) == len(pictures)
+    assert all(len(caption) > 50 for caption in captions) and len(set(captions)) >= len(captions) - 1
+
+
+def test_page_begins_with_one_sentence_per_result(done, document):
+    """One sentence per mooring and calibration with its numbers; a mooring begins with advice and its currents."""
+    answers = [one.text for one in document.all("li") if one.inside[-1] == "ul" and "section" in one.inside][:4]
+    assert [text.split()[0] for text in answers] == [ALONE, "M1", "bench", "few"]
+    diagnosis, assessment = (
+        json.loads((done / f"results/M1/{x}.json").read_text()) for x in ("diagnosis", "assessment")
+    )
+    chance = words.chance(diagnosis["sides"]["none"] + diagnosis["sides"]["water"])
+    assert f"probability {chance}" in sections.summary_sentences(read_mooring("M1", done / "results", {}))[1]
+    with netCDF4.Dataset(done / "results/M1/corrected.nc") as nc:
+        sigma = float(np.nanmedian(nc["HEADING_CORRECTED_UNCERTAINTY"][:].filled(np.nan)))
+    answer = assessment["use"]["answer"]
+    assert answer == ("yes" if sigma <= 5.0 else "with care")
+    assert f"{answer.capitalize()}, with an uncertainty of {sigma:.1f}° (1σ, median)" in answers[1]
+    assert "No. No heading is corrected: no overlapping pairs" in answers[0]
+    assert document.all("h2")[0].text == "In short"
+    after = [one.text for one in document.all("h4", "h3")]
+    assert after[after.index(f"M1 {diagnosis['verdict']}") + 1 :][0] == "Can it be used?"
+
+
+def test_absent_deviation_is_stated_without_a_deviation_value(done):
+    results = read_mooring("M1", done / "results", {"warnings": ""})
+    assert "the compass deviated by up to" in sections.summary_sentences(results)[1]
+    without = results.fit | {"applied": results.fit["applied"] | {"no_deviation_probability": 0.8}}
+    said = sections.summary_sentences(replace(results, fit=without))[1]
+    assert said.startswith("No deviation is shown; headings are left as recorded") and "deviated" not in said
+
+
+def test_only_the_held_out_agreement_is_reported(done, document):
+    """The rms after correction is that of the held-out pairs; the residual of the fit is not shown."""
+    assessed, fit = (json.loads((done / f"results/M1/{name}.json").read_text()) for name in ("assessment", "deviation"))
+    text = (done / "results/report.html").read_text().split('id="mooring-M1"')[1].split('id="calibrations"')[0]
+    low, high = assessed["after"]["interval_95"]["rms_deg"]
+    after = f"{words.degrees(assessed['after']['rms_deg'])} ({words.number(low)} to {words.number(high)})"
+    assert f"{after} rms after" in text and text.count(after) == 2  # in the sentence and in its table
+    others = {float(x.replace(words.MINUS, "-")) for x in re.findall(r"([\d.]+)[^\d<]{0,12}°[^<]{0,3} rms", text)}
+    assert not {round(fit["residual_rms_deg"], 1)} & (others - {round(assessed["after"]["rms_deg"], 2)})
+
+
+def test_numbers_agree_with_the_results(done, document):
+    rows = {row["name"]: row for row in csv.DictReader((done / "results/summary.csv").read_text().splitlines())}
+    shown = [one.text for one in document.all("td", "th")]
+    at = shown.index("M1")
+    assert (
+        shown[at + 1 : at + 3] == [rows["M1"]["use"], rows["M1"]["verdict"]]
+        and shown[at + 8] == f"{float(rows['M1']['rms_before_deg']):.1f}°"
+    )
+    assert shown[at + 9] == f"{float(rows['M1']['rms_after_deg']):.1f}°" and "\N{NO-BREAK SPACE}%" in shown[at + 6]
+    alone = shown[shown.index(ALONE) :]
+    assert alone[1:3] == ["no", "insufficient"] and alone[6] == f"0.0{words.SPACE}%"
+    assert alone[7] == alone[8] == words.UNKNOWN
+    text = " ".join(one.text for one in document.all("p", "li"))
+    assert rows[ALONE]["warnings"].split(" | ")[0][1:40] in text
+
+
+def test_report_is_reproducible(done, monkeypatch):
+    """Made again by Snakemake, with SOURCE_DATE_EPOCH as set for the tests."""
+    path = done / "results/report.html"
+    first = path.read_bytes()
+    path.unlink()
+    assert snakemake(done, "results/report.html").returncode == 0
+    assert path.read_bytes() == first
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1200000000")
+    again = report.gather(done / "results", attributes={}, moorings={}, calibrations=["few"])
+    assert again.date == "2008-01-10T21:20:00Z"
+
+
+def test_report_of_a_cruise_of_calibrations_only(done, tmp_path):
+    only = report.gather(done / "results", attributes={}, moorings={}, calibrations=["bench", "few"])
+    report.write(tmp_path / "r.html", only)
+    made = page.read(tmp_path / "r.html")
+    assert [one.text for one in made.all("h2")] == ["In short", "Calibrations", "How to read this page"]
+    assert only.counts() == f"2{words.SPACE}calibrations."
+
+
+def diagnosis(verdict: str, *findings: Found, **more) -> dict:
+    """Return the content of diagnosis.json as the search writes it."""
+    return Diagnosis(verdict, findings, not_testable=(("stuck_tilt", "no other sensor"),), **more).to_json()
+
+
+def heeling(*alternatives: str) -> Found:
+    where = CovariateRange("pitch", 4.0, 11.0, "along pitch from 4 to 11 degrees")
+    proof = HeldOut(11.9, 11.3, 40.0, (20.0, 60.0), 0.000999)
+    parameters = {"b_z_nT": Parameter(2100.4, 140.0, "nT")}
+    when_s = (1188864000.0, 1223078400.0)
+    return Found("heeling", "compass", alternatives, where, when_s, parameters, 3.14, proof, "It heels.", applied=True)
+
+
+def test_finding_is_reported_with_alternatives_and_held_out_proof():
+    (told,) = sections.report_findings(diagnosis("ambiguous", heeling("tilt_uncompensated")), product=True)
+    facts = {name: value.replace(words.SPACE, " ") for name, value in told.facts}
+    assert (told.title, told.text, facts["Alternatives"]) == (
+        *("Heeling", "It heels."),
+        "the reading is not compensated for tilt (tilt uncompensated)",
+    )
+    assert facts["Acts on"] == "compass" and facts["Size"] == "3.1° rms"
+    assert facts["When"] == "4 Sep 2007 to 4 Oct 2008" and facts["Where"] == "Along pitch from 4 to 11 degrees."
+    assert facts["Residual on held-out days"] == "11.90° before, 11.30° after rms (p ≤ 0.001)"
+    assert facts["Corrected in the product"] == "yes"
+    assert [cell.replace(words.SPACE, " ") for cell in told.parameters.rows[0]] == ["field down", "2100 ± 140 nT"]
+
+
+def test_long_lists_of_alternatives_and_observations_are_shortened():
+    names = ["tilt_uncompensated", "temperature", "pressure", "hard_iron_step", "hard_iron_drift", "compass_drift"]
+    for more, last in (([], "(compass drift)"), (["compass_lag"], "2 others, listed in diagnosis.json")):
+        (told,) = sections.report_findings(diagnosis("ambiguous", heeling(*names, *more)), product=True)
+        listed = dict(told.facts)["Alternatives"].replace(words.SPACE, " ").split("; ")
+        assert len(listed) == 6 and listed[-1].endswith(last)
+    empty = [f"a or {name}: a record in which a and {name} vary independently" for name in "bcd"]
+    assert words.observations("; ".join(empty)) == empty
+    assert words.observations("; ".join([*empty, "a or e: a swing"])) == ["a or e: a swing"]
+
+
+def test_unexplained_mismatch_and_decisive_observations_are_reported():
+    where = CovariateRange("speed", 0.1, 0.4, "along speed from 0.1 to 0.4 m/s")
+    left = Unexplained(("speed",), where, (1188864000.0, 1223078400.0), 2.0, (), "Nothing fits.")
+    told = diagnosis("unexplained", heeling(), unexplained=left, separated_by="a swing; wider headings")
+    *_, last = sections.report_findings(told, product=True)
+    assert (last.title, last.text) == ("Unexplained", "Nothing fits.") and ("Size", "2.0° rms") in last.facts
+    assert sections.describe_limits(told)[:3] == (
+        "Decisive observation: A swing.",
+        "Decisive observation: Wider headings.",
+        "Not testable in this record: stuck tilt (no other sensor).",
+    )
+    assert sections.describe_findings(told).replace(words.SPACE, " ") == (
+        "identified beyond the five coefficients: the compass tilts over iron along its own vertical (heeling, "
+        "probability >99 %); an unexplained mismatch of 2.0° rms"
+    )
+
+
+def test_every_effect_is_described_with_its_name_in_brackets():
+    for effect in SIDES:
+        (clause,) = sections.candidate_names({"effect": effect, "alternatives": []})
+        begun, name = clause.rstrip(")").split(" (")
+        assert name == words.plain(effect) and len(begun.split()) > 2 and begun != name
+    many = {**diagnosis("ambiguous", heeling("temperature", "pressure", "sextantal", "octantal")), "unexplained": None}
+    told = sections.describe_findings(many)
+    assert told.endswith("depends on pressure (pressure) or one of 2 others")
+    composed = {"acts_on": "field_down", "driver": "tilt", "form": "smooth"}
+    several = {"effect": "composed", "alternatives": ["pressure"], "composition": composed, "probability": 0.6}
+    assert sections.candidate_names(several | {"alternatives_probability": {"pressure": 0.35}}) == [
+        "a magnetic field along the instrument's vertical changing along a smooth curve of the tilt "
+        f"(probability 60{words.SPACE}%)",
+        f"the iron near the compass, or the compass, depends on pressure (pressure, probability 35{words.SPACE}%)",
+    ]
+
+
+def test_untestable_effects_are_listed_with_their_reasons():
+    """Effects of the same reason are grouped, forms of one effect joined, partly testable effects listed apart."""
+    closed = [
+        {"effect": "heading_slip", "why": "too short"},
+        {"effect": "current_veer", "why": "the depth does not vary"},
+        {"effect": "compass_drift", "why": "too short"},
+        {"effect": "current_veer", "why": "the pairs stand too far apart"},
+        {"effect": "stuck_tilt", "why": "too short"},
+    ]
+    tried = [{"effect": "stuck_tilt", "score": 1.0, "rms_effect_deg": 0.5, "probability": 0.5}]
+    told = sections.describe_limits(
+        {"verdict": "explained", "separated_by": None, "not_testable": closed, "hypotheses": tried}
+    )
+    assert told == (
+        "Not testable in this record: heading slip and compass drift (too short); current veer (the depth does not "
+        "vary, the pairs stand too far apart).",
+        "Testable only in part: stuck tilt (too short).",
+    )
+
+
+def test_tried_effects_have_a_row_in_the_table():
+    tried = [{"effect": "current_veer", "score": 12.34, "rms_effect_deg": 0.5, "probability": 0.012}]
+    (found,) = table("diagnosis", "hypotheses", d={"hypotheses": tried})
+    assert found.rows == (("current veer", "12.3", "0.50° rms", "0.01"),)
+    assert table("diagnosis", "hypotheses", d=diagnosis("consistent")) == ()
+
+
+def made_of(kind: str, folder: Path, tilt_deg=np.r_[-20.0:20.1:1.0]) -> result.Calibration:
+    """Run a calibration of a kind on a small simulated log."""
+    rng, course = np.random.default_rng(1), np.arange(0.0, 360.0, 10.0)
+    if kind == "magnetometer":
+        x, y, z = iron.readings(rng, iron.some(rng), iron.tumble(rng, 600)).T
+        log = iron.write(folder / "log.csv", x=x, y=y, z=z)
+        return calibrate(kind, [log], {"latitude": 48.4, "longitude": -4.5, "date_s": 1664409600.0})
+    if kind == "declination":
+        return calibrate(kind, [iaga_files.write(folder / "a.hor", iaga_files.series(30))], {"declination": "auto"})
+    columns, settings = {
+        "swing": (
+            {"compass_deg": course, "cog_deg": course + rng.normal(0.0, 1.0, 36), "speed_kn": 0.0 * course + 6.0},
+            {"declination": 2.0},
+        ),
+        "tilt": (dict.fromkeys(tilt.ROLES, tilt_deg), {}),
+    }[kind]
+    np.savetxt(
+        folder / "log.csv", np.column_stack(list(columns.values())), "%.3f", ",", header=",".join(columns), comments=""
+    )
+    return calibrate(kind, [folder / "log.csv"], settings)
+
+
+def section_of(kind: str, made: result.Calibration, folder: Path, diagnosed: dict | None = None) -> ReportSection:
+    there = folder / f"calibrations/{kind}"
+    files = {"calibration": there / "calibration.json", "table": there / "table.csv", "points": there / "points.csv"}
+    calibrations.write(page=result.to_json(kind, made, {}), made=made, **files)
+    write_json(there / "diagnosis.json", diagnosed or diagnosis("consistent"))
+    (section,) = report.gather(folder, attributes={}, moorings={}, calibrations=[kind]).calibrations.sections
+    return section
+
+
+@pytest.mark.parametrize("kind", ["magnetometer", "declination", "swing", "tilt"])
+def test_every_kind_of_calibration_has_its_section(tmp_path, kind):
+    made = made_of(kind, tmp_path)
+    assert made.why == "" and section_of(kind, made, tmp_path).summary
+
+
+def test_refused_tilt_calibration_has_its_section(tmp_path):
+    made = made_of("tilt", tmp_path, tilt_deg=np.r_[0.0:2.0])
+    assert "2 coefficients need at least 3" in " ".join(section_of("tilt", made, tmp_path).summary)
+
+
+def test_two_heads_with_a_diagnosis_have_their_section(tmp_path):
+    """A kind with its own texts and figures, together with a diagnosis."""
+    made = two_heads.calibrate(cast(tmp_path, sea=Sea(turns=0.0, wander_deg=14.0)), {})
+    for figure in ("difference", "tilt_check", "along_time"):
+        getattr(instruments, f"draw_{figure}")(tmp_path / f"calibrations/heads/figures/{figure}.png", made)
+    section = section_of("heads", made, tmp_path, diagnosis("explained", heeling()))
+    assert section.verdict == "explained" and section.findings[0].title == "Heeling"
+    assert set(made.details["cannot_tell"]) < set(section.limits)
+    assert made.details["frame"]["text"].rstrip(".") in " ".join(section.summary)
+    assert section.first[0].title == "Difference of the two compasses"
+    assert all("offset is" in figure.caption for figure in section.first[::2])
+    assert section.cells[-2] == "explained" and "Corrected in the product" not in dict(section.findings[0].facts)
+
+
+def test_large_fleet_has_thumbnails_of_its_currents(done, tmp_path, monkeypatch):
+    """Thumbnails link to the full figures, other figures are only linked; each mooring adds less than 60 kB."""
+    monkeypatch.setattr(report, "MAX_SECTIONS", 3)
+    sites = {"M1": {"latitude": 60.0, "longitude": 5.0, "water_depth_m": 500.0, "start": "2007-09-04T00:00:00Z"}}
+    sites["M1"] |= {"end": "2007-10-04T00:00:00Z", "instruments": {}, "roles": ["top", "deep"]}
+    one = report.gather(done / "results", attributes={}, moorings=sites, calibrations=["few"] * 3)
+    (section,) = one.moorings.sections
+    assert one.small and [figure.width for figure in section.first] == [files.SMALL_PIXELS] * 3
+    assert all(not figure.data and figure.href for figure in (*section.finding_figures, *section.figures))
+    few, many = (written(tmp_path / f"{n}.html", [replace(section, anchor=f"m{k}") for k in range(n)]) for n in (1, 21))
+    assert any("the currents are small pictures" in " ".join(one.text.split()) for one in few.all("p"))
+    assert len(many.all("h3")) == 21
+    assert (tmp_path / "21.html").stat().st_size - (tmp_path / "1.html").stat().st_size < 20 * 60_000
+
+
+def test_stopped_mooring_is_listed_among_the_results(tmp_path):
+    made = written(
+        tmp_path / "r.html", [stopped_section("mooring", "M", "raw/top.000: expected a PD0 file", ("", "Verdict"))]
+    )
+    assert "M stopped No. There are no results" in " ".join(made.all("li")[0].text.split())
+
+
+def test_damaged_figure_is_reported_in_one_line(done, tmp_path):
+    folder = tmp_path / "M1/figures"
+    folder.mkdir(parents=True)
+    whole = (done / "results/M1/figures/scatter.png").read_bytes()
+    (folder / "scatter.png").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match=r"scatter.png: expected a whole PNG, found .*; run the cruise again"):
+        collect_figures(folder.parent, tmp_path, ["mooring"], small=False)
+
+
+def test_embedded_figures_state_their_own_size(done, document):
+    picture = document.all("img")[0]
+    data = base64.b64decode(picture.attributes["src"].split(",")[1])
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    assert [int.from_bytes(data[at : at + 4]) for at in (16, 20)] == [
+        int(picture.attributes[k]) for k in ("width", "height")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        (words.percent(1.0), "100.0 %"),
+        (words.percent(0.99999), ">99.9 %"),
+        (words.percent(0.00001), "<0.1 %"),
+        (words.percent(None), "–"),
+        (words.degrees(-0.25, 2), "−0.25°"),
+        (words.degrees(float("nan")), "–"),
+        (words.number(-7.2e136), "−7.2e+136"),
+        (words.with_sigma(1.23456, 0.0123), "1.235 ± 0.012"),
+        (words.with_sigma(2100.4, 140.0, "nT"), "2100 ± 140 nT"),
+        (words.with_sigma(3.39, 3.93, "degrees"), "3.4 ± 3.9°"),
+        (words.with_sigma(1.0, 0.0), "1"),
+        (words.chance(0.999), ">99 %"),
+        (words.chance(0.001), "<1 %"),
+        (words.chance(0.635), "64 %"),
+        (words.current(0.03 - 0.04j), "5.0 cm/s towards 143°"),
+        (words.current(complex("nan")), "–"),
+        (words.count(9504), "9 504"),
+        (words.plural(1, "pair"), "1 pair"),
+        (words.position(-8.9, 219.9), "8.9000° S, 140.1000° W"),
+        (words.days({"from": "2007-09-04T00:00:00Z", "to": "2008-10-04T00:00:00Z"}), "4 Sep 2007 to 4 Oct 2008"),
+        (words.days({"from": "2003-10-29T06:10:00Z", "to": "2003-10-29T23:00:00Z"}), "29 Oct 2003, 06:10 to 23:00 UTC"),
+        (words.sentence("too little"), "Too little."),
+        (words.parameter("b_z_nT", "nT"), "b z"),
+        (words.parameter("range_deg", "degrees"), "range"),
+    ],
+)
+def test_numbers_and_words_are_formatted(said, expected):
+    assert said.replace(words.SPACE, " ") == expected
+
+
+# In a real browser.
+
+needs_browser = pytest.mark.skipif(browser.program() is None, reason="no Chromium here (Debian's package chromium)")
+# Sibling boxes that overlap by more than a pixel, and elements that exceed the window outside a scrolling box.
+OVERLAPS = """(() => {
+  const found = [], said = one => one.outerHTML.slice(0, 80), box = one => one.getBoundingClientRect();
+  const block = one => !["inline", "none", "contents"].includes(getComputedStyle(one).display) && box(one).height > 0;
+  for (const parent of document.querySelectorAll("body, body *")) {
+    const boxes = [...parent.children].filter(block);
+    for (let i = 0; i < boxes.length; i++) for (let j = i + 1; j < boxes.length; j++) {
+      const a = box(boxes[i]), b = box(boxes[j]);
+      const wide = Math.min(a.right, b.right) - Math.max(a.left, b.left);
+      const high = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+      if (wide > 1 && high > 1) found.push(`${said(boxes[i])} over ${said(boxes[j])}`);
+    }
+  }
+  for (const one of document.querySelectorAll("body *"))
+    if (box(one).right > innerWidth + 1 && !one.closest(".scroll, .skip")) found.push(`out: ${said(one)}`);
+  return found;
+})()"""
+
+CONTRAST = """(() => {
+  const channel = v => (v /= 255) <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4;
+  const light = c => 0.2126 * channel(c[0]) + 0.7152 * channel(c[1]) + 0.0722 * channel(c[2]);
+  const rgb = c => c.match(/[0-9.]+/g).map(Number);
+  const ground = one => {
+    const c = one ? rgb(getComputedStyle(one).backgroundColor) : [255, 255, 255];
+    return c.length < 4 || c[3] > 0 ? c : ground(one.parentElement);
+  };
+  const ratio = one => {
+    const [a, b] = [light(rgb(getComputedStyle(one).color)), light(ground(one))].sort((x, y) => y - x);
+    return (a + 0.05) / (b + 0.05);
+  };
+  const texts = document.querySelectorAll("p, a, li, dt, dd, th, td, figcaption, caption, summary, span, button");
+  return Math.min(...[...texts].filter(one => one.innerText).map(ratio));
+})()"""
+
+
+@pytest.fixture(scope="module")
+def chromium(tmp_path_factory):
+    with browser.chromium(tmp_path_factory.mktemp("profile")) as opened:
+        yield opened
+
+
+@needs_browser
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", WIDTHS)
+def test_page_loads_alone_and_fits_the_window(done, chromium, width, scheme):
+    path = done / "results/report.html"
+    chromium.open(path, width, scheme=scheme)
+    asked = [event["request"]["url"] for event in chromium.happened("Network.requestWillBeSent")]
+    assert [url for url in asked if not url.startswith("data:")] == [path.resolve().as_uri()]
+    assert not chromium.happened("Runtime.exceptionThrown") and not chromium.happened("Log.entryAdded")
+    assert chromium.ask("document.title").startswith("Compass deviations corrected: <script>")
+    assert chromium.ask("document.documentElement.scrollWidth") == width
+    assert chromium.ask(OVERLAPS) == []
+    assert chromium.ask("[...document.images].every(i => i.complete && i.naturalWidth > 300 && i.alt.length > 20)")
+    dark = chromium.ask("getComputedStyle(document.body).backgroundColor") != "rgb(255, 255, 255)"
+    assert dark is (scheme == "dark")
+    assert chromium.ask("getComputedStyle(document.images[0]).backgroundColor") == "rgb(255, 255, 255)"
+
+
+@needs_browser
+def test_text_contrast_satisfies_wcag(done, chromium):
+    """WCAG 2 AA requires a contrast of 4.5, here in both colour schemes, also for links and muted text."""
+    for scheme in ("light", "dark"):
+        chromium.open(done / "results/report.html", 1400, scheme=scheme)
+        assert chromium.ask(CONTRAST) >= 4.5, scheme
+
+
+@needs_browser
+def test_keyboard_reaches_the_results_with_visible_focus(done, chromium):
+    chromium.open(done / "results/report.html", 1400)
+    chromium.press("Tab")
+    assert chromium.ask("document.activeElement.innerText") == "Skip to the results"
+    shown = "(r => r.left >= 0 && r.width > 50)(document.activeElement.getBoundingClientRect())"
+    assert chromium.ask(shown) and chromium.ask("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    chromium.press("Enter")
+    assert chromium.ask("document.activeElement.id") == "main"
+    chromium.press("Tab")
+    assert chromium.ask("document.activeElement.className") == "scroll"  # the table of all moorings
+    chromium.press("Tab")
+    assert chromium.ask("document.activeElement.innerText") == ALONE
+    chromium.press("Enter")
+    assert chromium.ask("location.hash") == f"#mooring-{ALONE}"
+    chromium.ask("document.querySelector('summary').focus()")
+    chromium.press("Enter")
+    assert chromium.ask("document.activeElement.parentElement.open")
+
+
+@needs_browser
+def test_accessibility_tree_has_names(done, chromium):
+    """Every figure, table and region has a name in the browser's accessibility tree."""
+    chromium.open(done / "results/report.html", 1400)
+    nodes = chromium.send("Accessibility.getFullAXTree")["nodes"]
+    named = [(n["role"]["value"], n.get("name", {}).get("value", "")) for n in nodes if not n["ignored"]]
+    roles = {role for role, _ in named}
+    assert {"heading", "image", "region", "list", "link", "main"} <= roles
+    assert not [role for role, name in named if role in ("heading", "image", "region", "link", "table") and not name]
+
+
+@needs_browser
+def test_print_layout_opens_details_and_hides_controls(done, chromium):
+    chromium.open(done / "results/report.html", 1400)
+    chromium.send("Emulation.setEmulatedMedia", media="print")
+    assert chromium.ask("[...document.querySelectorAll('details')].every(d => d.lastElementChild.offsetHeight > 0)")
+    assert chromium.ask(
+        "[...document.querySelectorAll('.skip, .files')].every(e => getComputedStyle(e).display === 'none')"
+    )
+    chromium.send("Emulation.setEmulatedMedia", media="")
+    assert chromium.paper().startswith(b"%PDF")

@@ -1,0 +1,232 @@
+"""Would catch results lost, stale or half-written after a kill, a second run, a full disk or dates in the future."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import cycle
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from snakemake.iocontainers import Namedlist
+
+from compasslib.pipeline.job import run_stage
+from tests.world.bench import readings, write_calibration
+from tests.world.launch import command, environment, hashes, snakemake
+from tests.world.sea import FOLDED, cruise
+
+# A file of each stage, most often the last of its results.
+STAGES = {
+    "read": "M1/work/top.nc",
+    "calibrate": "calibrations/bench/work/points.csv",
+    "overlap": "M1/work/pairs/wide.nc",
+    "usable": "usable.json",
+    "compare_calibrations": "calibrations/bench/calibration.json",
+    "fit": "M1/work/fit.json",
+    "diagnose_alone": "M1/work/alone/summary.json",
+    "combine_records": "compasses/X/diagnosis.json",
+    "diagnose_jointly": "M1/deviation.json",
+    "correct": "M1/histograms.csv",
+    "compare": "M1/forms.json",
+    "grid": "M1/gridded.nc",
+    "figures": "M1/work/pictures.json",
+    "sections": "M1/figures/profile.png",
+    "summary": "summary.csv",
+    "cruise_figures": "figures/curves.png",
+    "report": "report.html",
+    "provenance": "ro-crate-metadata.json",
+    "complete": "logs/complete.json",
+}
+KILLS = {
+    "job": "os.kill(os.getpid(), 9)",
+    "Snakemake": "os.kill(os.getppid(), 9)",  # while its job goes on
+    "all": "os.killpg(0, 9)",
+}
+
+
+def killing(kills: dict[str, str]) -> str:
+    """Return code for the process of a run: before a result is renamed from its half-written form, kill, but only once.
+
+    Args:
+        kills: which process is killed, a key of ``KILLS``, by result.
+    """
+    code = {f"results/{file}": KILLS[which] for file, which in kills.items()}
+    return f"""
+import os, pathlib
+os.setsid()
+pathlib.Path("killed").mkdir(exist_ok=True)
+kills = {code}
+def replace(temporary, path, move=os.replace):
+    mark = pathlib.Path("killed", str(path).replace("/", " "))
+    if str(path) in kills and not mark.exists():
+        mark.touch()
+        exec(kills[str(path)])
+    move(temporary, path)
+os.replace = replace
+"""
+
+
+def new_cruise(folder: Path, seed: int, **drawn) -> Path:
+    """Write a mooring that shares a compass with a calibration."""
+    cruise(folder, n=60, **drawn)
+    (folder / "config/config.yaml").write_text("{fit: {method: exact}, diagnose: {enabled: false}}\n")
+    file = folder / "config/moorings/M1.yaml"
+    file.write_text(file.read_text().replace("format: pd0", "format: pd0\n    compass: X"))
+    write_calibration(folder, "bench", readings(seed=seed), compass="X")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory) -> Path:
+    """Process a cruise."""
+    folder = new_cruise(tmp_path_factory.mktemp("done") / "c", 1)
+    ran = snakemake(folder, drawn=False)
+    assert ran.returncode == 0, ran.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def changed(done, tmp_path_factory) -> Path:
+    """Process a cruise, and put the raw files of ``done`` in place of its own."""
+    folder = new_cruise(tmp_path_factory.mktemp("changed") / "c", 2, coefficients=FOLDED)
+    ran = snakemake(folder, drawn=False)
+    assert ran.returncode == 0, ran.stderr
+    shutil.copytree(done / "raw", folder / "raw", dirs_exist_ok=True, copy_function=shutil.copy)
+    return folder
+
+
+def products(folder: Path) -> dict[str, str]:
+    """Hash all results but logs and benchmarks, which contain times."""
+    return hashes(folder / "results", "logs", "benchmarks")
+
+
+def test_run_killed_in_each_stage_resumes_to_the_results_of_an_uninterrupted_one(done, changed, tmp_path):
+    """As the cruise has results of other raw files, no older or half-written result is taken for a whole one."""
+    folder, rounds = Path(shutil.copytree(changed, tmp_path / "c")), 0
+    raw, first = hashes(folder / "raw"), killing(dict(zip(STAGES.values(), cycle(KILLS), strict=False)))
+    while (ran := snakemake(folder, drawn=False, first=first)).returncode:
+        rounds += 1
+        assert rounds <= len(STAGES), ran.stderr
+        if ran.returncode < 0:
+            assert snakemake(folder, "--unlock").returncode == 0
+    assert len(list((folder / "killed").iterdir())) == len(STAGES)
+    assert products(folder) == products(done) and hashes(folder / "raw") == raw
+
+
+def errors(ran: subprocess.CompletedProcess) -> list[str]:
+    assert "Traceback" not in ran.stderr
+    return [line for line in ran.stderr.splitlines() if line.startswith("error: ")]
+
+
+def test_killed_job_is_named_with_likely_cause_and_advice(changed, tmp_path):
+    folder = Path(shutil.copytree(changed, tmp_path / "c"))
+    ran = snakemake(folder, "results/M1/work/top.nc", first=killing({"M1/work/top.nc": "job"}))
+    said = ran.stderr.splitlines()
+    assert ran.returncode == 1 and "Killed: 1" in said
+    line = said[said.index("Killed: 1") + 1]
+    assert line.startswith("  results/M1/logs/read_top.log: killed before it could say why")
+    assert "memory ran out; run again with fewer --cores" in line
+
+
+def test_second_run_is_refused_and_a_lock_left_by_a_kill_is_removed_as_the_line_says(changed, tmp_path):
+    folder = Path(shutil.copytree(changed, tmp_path / "c"))
+    line = (
+        f"error: {folder}: expected one run at a time, found the lock of another; wait until it has ended; if it was "
+        f"killed: compass run {folder} -- --unlock"
+    )
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
+    running = subprocess.Popen([*command(folder), "--cores", "1"], env=environment(), cwd=folder, **quiet)
+    while not list((folder / ".snakemake/locks").glob("*.lock")):
+        assert running.poll() is None
+        time.sleep(0.01)
+    assert snakemake(folder).stderr.splitlines() == [line]
+    os.killpg(running.pid, signal.SIGKILL)
+    running.wait()
+    assert snakemake(folder).stderr.splitlines() == [line]
+    assert snakemake(folder, "--unlock").returncode == 0
+    assert snakemake(folder, "results/M1/work/top.nc").returncode == 0
+
+
+@contextmanager
+def mounted(folder: Path, *options: str, then: str) -> Iterator[None]:
+    """Mount a file system on a folder, and mount it again with options; skip the test without the right to do so."""
+    folder.mkdir(exist_ok=True)
+    if shutil.which("mount") is None or subprocess.run(["mount", *options, folder], check=False).returncode:
+        pytest.skip("no right to mount a file system")
+    try:
+        subprocess.run(["mount", "-o", f"remount,{then}", folder], check=True)
+        yield
+    finally:
+        subprocess.run(["umount", "--lazy", folder], check=True)
+
+
+def test_full_disk_is_reported_and_the_run_resumes_once_there_is_room(done, tmp_path):
+    """The raw files are on a read-only file system."""
+    folder = new_cruise(tmp_path / "c", 1)
+    results, raw = folder / "results", folder / "raw"
+    with mounted(raw, "--bind", raw, then="bind,ro"), mounted(results, "-t", "tmpfs", "tmpfs", then="size=300k"):
+        ran = snakemake(folder, "results/M1/gridded.nc")
+        assert ran.returncode == 1 and errors(ran)
+        for line in errors(ran):
+            assert ": expected room and the right to write it, found " in line
+            assert line.endswith("; free some space or correct the permissions, and run again")
+        subprocess.run(["mount", "-o", "remount,size=8m", results], check=True)
+        assert snakemake(folder, "results/M1/gridded.nc").returncode == 0
+        assert products(folder).items() < products(done).items()
+
+
+FUTURE = time.time() + 1e6
+
+
+def test_results_dated_in_the_future_do_not_hide_a_changed_raw_file_once_redated(done, changed, tmp_path):
+    """They are refused in one line, which says how to date them anew."""
+    for cruise_folder, raw in ((done, set()), (changed, {"raw/M1/top.000", "raw/cal/bench.csv"})):
+        folder = Path(shutil.copytree(cruise_folder, tmp_path / cruise_folder.parent.name))
+        for path in (folder / "results").rglob("*"):
+            os.utime(path, (FUTURE, FUTURE))
+        (line,) = errors(snakemake(folder))
+        assert line.startswith("error: results/") and ": expected a date in the past, " in line
+        subprocess.run(line.partition("in the cruise folder: ")[2], shell=True, cwd=folder, check=True)
+        said = snakemake(folder, "--dry-run").stdout
+        assert set(re.findall("Updated input files: (.*)", said)) == raw and ("Nothing to be done" in said) == (not raw)
+
+
+def test_input_dated_in_the_future_fails_with_its_name(done, tmp_path):
+    """By Snakemake's own message."""
+    folder = Path(shutil.copytree(done, tmp_path / "c"))
+    with (folder / "raw/M1/deep.csv").open("a") as stream:
+        stream.write("\n")
+    os.utime(folder / "raw/M1/deep.csv", (FUTURE, FUTURE))
+    ran = snakemake(folder)
+    assert ran.returncode == 1 and "has older modification time" in ran.stderr and "input raw/M1/deep.csv" in ran.stderr
+
+
+ENDINGS = [
+    (MemoryError(), "fit ran out of memory; run again with fewer --cores"),
+    (KeyboardInterrupt(), "fit was interrupted; run again"),
+    (SystemExit(0), "an error of this program in fit, SystemExit: 0; report it"),
+]
+
+
+@pytest.mark.parametrize(("error", "words"), ENDINGS)
+def test_job_ended_by_memory_interrupt_or_exit_fails_in_one_line(tmp_path, monkeypatch, capsys, error, words):
+    monkeypatch.chdir(tmp_path)
+    Path("logs").mkdir()
+    files = {"input": {}, "output": {"job": "logs/fit.json"}, "params": {}, "wildcards": {"mooring": "M1"}}
+    parts = {name: Namedlist(fromdict=given) for name, given in files.items()}
+
+    def stage(mooring, *, say):
+        raise error
+
+    with pytest.raises(SystemExit, match="1"):
+        run_stage(SimpleNamespace(rule="fit", log=["logs/fit.log"], **parts), stage, always_ends=True)
+    said = capsys.readouterr().err
+    assert said.startswith(f"error: mooring M1: {words}") and said.count("\n") == 1
+    assert said in Path("logs/fit.log").read_text() and not Path("logs/fit.json").exists()

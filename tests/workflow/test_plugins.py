@@ -1,0 +1,182 @@
+"""Would catch a package as in docs/howto/plugins.md that does not work, takes a name in use, or stops a run."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import re
+import shutil
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from compasslib import plugins, readers
+from compasslib.cli import main
+from compasslib.config import cruise as config
+from compasslib.effects import CATALOGUE, all_effects, meanings, side_of
+from compasslib.errors import InputError
+from tests.world.launch import PROJECT, change, jobs_in, snakemake
+from tests.world.sea import cruise
+
+PIP = [sys.executable, "-m", "pip"] if find_spec("pip") else [shutil.which("pip"), "--python", sys.executable]
+PAGE = (PROJECT / "docs/howto/plugins.md").read_text()
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+
+
+def install(folder: Path) -> Path:
+    """Build and install the package of the page, and return the folder from which it is imported."""
+    if PIP[0] is None:
+        pytest.skip("pip is not there")
+    source, there = folder / "source", folder / "site"
+    source.mkdir()
+    (source / "tiltmeter.py").write_text("\n".join(blocks("python")))
+    (source / "pyproject.toml").write_text(blocks("toml")[0])
+    how = ["--no-deps", "--no-build-isolation", "--no-index", "--no-compile", "--target", str(there)]
+    command = [*PIP, "--disable-pip-version-check", "install", *how, str(source)]
+    subprocess.run(command, check=True, capture_output=True)
+    return there
+
+
+def as_tiltmeter(folder: Path) -> None:
+    """Rewrite the table of a mooring's reference instrument in the format of the plug-in."""
+    table = np.genfromtxt(folder / "raw/M1/deep.csv", delimiter=",", names=True, dtype=None, encoding="ascii")
+    east, north = table["u_cm_s"], table["v_cm_s"]
+    speed, towards = np.hypot(east, north), np.degrees(np.arctan2(east, north)) % 360.0
+    rows = [f"{t[:19]};{s:.3f};{d:.3f};4.5" for t, s, d in zip(table["time_utc"], speed, towards, strict=True)]
+    (folder / "raw/M1/deep.txt").write_text("\n".join(rows) + "\n")
+    path = folder / "config/moorings/M1.yaml"
+    instruments = yaml.safe_load(path.read_text())["instruments"]
+    change(path, instruments=instruments | yaml.safe_load(blocks("yaml")[0])["instruments"])
+
+
+def test_documented_package_is_installed_and_runs_a_mooring(tmp_path):
+    folder = cruise(tmp_path / "cruise", n=200)
+    as_tiltmeter(folder)
+    with pytest.raises(InputError, match=r"expected pd0, table, .* or nortek, found 'tiltmeter'"):
+        config.load_cruise(folder)
+    there, results = install(tmp_path), folder / "results"
+    ran = snakemake(folder, beside=(there,))
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    pairs = json.loads((results / "M1/deviation.json").read_text())["n_pairs"]
+    assert pairs > 150
+    entities = json.loads((results / "ro-crate-metadata.json").read_text())["@graph"]
+    assert [one["softwareVersion"] for one in entities if one.get("name") == "tiltmeter"] == ["0.1"]
+    page = (results / "report.html").read_text()
+    assert "with tiltmeter 0.1" in page and "Read by tiltmeter 0.1" in page
+
+    with (there / "tiltmeter.py").open("a") as module:
+        module.write("# another way of reading\n")
+    said = snakemake(folder, "--dry-run", "--quiet", "progress", beside=(there,)).stdout
+    assert ("read", "M1") in jobs_in(said) and "now: 'library=" in said
+
+
+def declare(folder: Path, monkeypatch, group: str, name: str, value: str, package: str = "tiltmeter") -> None:
+    """Put the metadata of a package on the import path, as an installation does."""
+    there = folder / f"{package}-0.1.dist-info"
+    there.mkdir(parents=True)
+    (there / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 0.1\n")
+    (there / "entry_points.txt").write_text(f"[{group}]\n{name} = {value}\n")
+    (folder / "tiltmeter.py").write_text("\n".join(blocks("python")))
+    monkeypatch.syspath_prepend(str(folder))
+    for known in (plugins.declared_plugins, all_effects):
+        known.cache_clear()
+
+
+@pytest.fixture(autouse=True)
+def _forget():
+    yield
+    sys.modules.pop("tiltmeter", None)
+    for known in (plugins.declared_plugins, all_effects):
+        known.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("group", "name", "value", "words"),
+    [
+        (plugins.READERS, "pd0", "tiltmeter:read", "expected a name that compasslib does not use, found 'pd0'"),
+        (plugins.EFFECTS, "heeling", "tiltmeter:ClampCreep", "expected a name that compasslib does not use"),
+        (plugins.EFFECTS, "other", "tiltmeter:ClampCreep", "expected an Effect whose name is 'other', found <class"),
+        (plugins.EFFECTS, "clamp_creep", "tiltmeter:absent", "expected an importable plug-in, found AttributeError"),
+    ],
+)
+def test_name_conflicts_and_invalid_plugins_are_refused(tmp_path, monkeypatch, group, name, value, words):
+    declare(tmp_path, monkeypatch, group, name, value)
+    with pytest.raises(InputError) as caught:
+        readers.format_names() if group == plugins.READERS else all_effects()
+    assert str(caught.value).startswith("tiltmeter 0.1: ") and words in str(caught.value)
+
+
+ENDS = ["SystemExit(0)", "SystemExit", "ValueError('bad')", "GeneratorExit", "type('Halt', (KeyboardInterrupt,), {})()"]
+
+
+@pytest.mark.parametrize("error", ENDS)
+def test_any_exception_of_a_plugin_is_reported_in_one_line(tmp_path, monkeypatch, error):
+    declare(tmp_path, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
+    (tmp_path / "tiltmeter.py").write_text(f"def read(paths):\n    raise {error}\n")
+    with pytest.raises(InputError, match=r"^tiltmeter 0\.1: tiltmeter:read: expected a Record, found .*line 2\); mend"):
+        readers.read("tiltmeter", [tmp_path / "deep.txt"], {})
+    sys.modules.pop("tiltmeter")
+    (tmp_path / "tiltmeter.py").write_text(f"raise {error}\n")
+    importlib.invalidate_caches()
+    with pytest.raises(InputError, match=r"^tiltmeter 0\.1: .* expected an importable plug-in, found .*line 1\); mend"):
+        readers.get_format("tiltmeter")
+
+
+def test_keyboard_interrupt_is_no_error_of_a_plugin(tmp_path, monkeypatch):
+    declare(tmp_path, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
+    (tmp_path / "tiltmeter.py").write_text("raise KeyboardInterrupt\n")
+    with pytest.raises(KeyboardInterrupt):
+        readers.get_format("tiltmeter")
+
+
+def test_plugin_that_exits_with_status_0_stops_its_mooring(tmp_path, monkeypatch):
+    folder = cruise(tmp_path / "cruise", n=50)
+    as_tiltmeter(folder)
+    site = tmp_path / "site"
+    declare(site, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
+    for code, words in (
+        ("def read(paths, *, orientation=None):\n    raise SystemExit(0)\n", "expected a Record, found SystemExit: 0"),
+        ("raise SystemExit(0)\n", "expected an importable plug-in, found SystemExit: 0"),
+    ):
+        (site / "tiltmeter.py").write_text(code)
+        ran = snakemake(folder, beside=(PROJECT, site))
+        assert ran.returncode != 0 and words in ran.stderr and "Traceback" not in ran.stderr, ran.stderr
+    assert main(["check", str(folder)]) == 1
+
+
+def test_two_packages_cannot_share_a_name(tmp_path, monkeypatch):
+    for package in ("tiltmeter", "other"):
+        declare(tmp_path / package, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read", package)
+    with pytest.raises(InputError, match=r"expected a name that other 0\.1 does not use, found 'tiltmeter'"):
+        readers.format_names()
+
+
+def test_effect_of_a_plugin_is_appended_to_the_catalogue(tmp_path, monkeypatch):
+    assert all_effects() == CATALOGUE
+    declare(tmp_path, monkeypatch, plugins.EFFECTS, "clamp_creep", "tiltmeter:ClampCreep")
+    *own, creep = all_effects()
+    assert tuple(own) == CATALOGUE and creep.name == "clamp_creep"
+    assert side_of("clamp_creep") == "compass"
+    assert meanings("clamp_creep") == {"deg_root_year": "turn in the first year"}
+
+
+def test_plugin_reader_takes_keyword_keys_and_returns_a_record(tmp_path, monkeypatch):
+    declare(tmp_path, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
+    found = readers.get_format("tiltmeter")
+    assert found.keys == ("orientation",) and not found.takes_declination
+    assert re.fullmatch(r"tiltmeter 0\.1 \(tiltmeter, sha256 [0-9a-f]{12}\)", found.plugin)
+    (tmp_path / "deep.txt").write_text("2007-09-04T00:00:00;12.3;90;4.5\n")
+    record = readers.read("tiltmeter", [tmp_path / "deep.txt"], {"orientation": "up", "columns": None})
+    assert record.east[0, 0] == pytest.approx(0.123) and record.looks_up
+    assert record.warnings == (f"Read by {found.plugin}.",)
+    sys.modules["tiltmeter"].read = lambda paths: {}
+    with pytest.raises(InputError, match="expected a Record, found dict"):
+        readers.read("tiltmeter", [tmp_path / "deep.txt"], {})

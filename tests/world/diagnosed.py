@@ -1,0 +1,25 @@
+"""Simulated half-year moorings, diagnosed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks.discrepancy import field_of, fitted
+from compasslib.inference import design
+from compasslib.inference.comparison import Options, compare_pairs
+from compasslib.inference.kinds.mooring import diagnose
+from tests.world import pairs as world
+
+HOURS = 4000
+
+
+def seen(wanted, seed=1, **options):
+    drawn = world.planted(world.make(seed, wide=True, n=HOURS), wanted)
+    return drawn, diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options(**options))
+
+
+def state_of(drawn, more=None, *, magnetic=True):
+    """Evaluate the fitted compass without effects; more: further logged series."""
+    logged = drawn.covariates | (more or {})
+    case = compare_pairs(drawn.pairs, logged, fitted(drawn), field_of(drawn), reference_magnetic=magnetic)
+    return design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1]))

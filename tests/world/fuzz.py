@@ -1,0 +1,319 @@
+"""Damage files of every format and YAML at random, by a seed; no crash, hang or false data may result.
+
+    python -m tests.world.fuzz [SECONDS] [SEED]
+
+prints how many files of each kind were read and refused. ``readers/test_fuzz.py`` runs it briefly.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from compasslib.config import cruise as config
+from compasslib.demo import profiler
+from compasslib.errors import InputError
+from compasslib.preparation.deployment import apply_deployment
+from compasslib.preparation.pairs import PairRules, find_pairs
+from compasslib.readers import iaga2002, mmp, netcdf, nmea, nortek, pd0, pd12, rdi_text, table
+from compasslib.records import PROBABLY_GOOD, EarthField, Record
+from tests.world import netcdf_layouts, pd12_files, rdi_text_files
+from tests.world.iaga_files import series
+from tests.world.iaga_files import write as write_observatory
+from tests.world.nortek_encoder import ENU, Sample, configuration, older, signature, text
+from tests.world.pd0_encoder import START, ensemble
+from tests.world.sea import cruise
+
+METER = profiler.Acm(1405, "ML1405-01D", 65.27, -32.88, rate_hz=2.0)
+SLOWEST_S = 5.0  # CPU time limit for one damaged file; an intact one takes 10 ms
+COLUMNS = {"time": "t", "depth": "z", "east": "u", "north": "v", "scale": 0.01}
+BODY = {"time": "t", "x": "x", "y": "y", "heading": "h", "scale": 0.01}
+FIELD = EarthField(np.array([0.0, 4e9]), *np.full((4, 2), 100.0))
+SETTLED = {"start_s": START.timestamp() - 1e5, "end_s": START.timestamp() + 1e6, "water_depth": 500.0}
+NASTY = (b"\xff" * 40, b"\x00" * 40, b"\x7f\x7f" * 9, b"\r\n\r\n")
+NASTY += (b",,,,", b"nan", b"1e999", b"-999", b"\x1a", b"$GPRMC,")
+
+
+class Wrong(AssertionError):
+    """Outcome that must never occur for a damaged file."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of file: an intact example, its reader, and the rows that it may give."""
+
+    whole: bytes
+    read: Callable[[Path], Any]
+    rows: Callable[[Any], set[tuple[float, ...]]] | None = None  # good rows, for formats with checksums
+
+
+def damaged(whole: bytes, rng: np.random.Generator) -> bytes:
+    """Apply one to five faults: bytes changed, inserted or overwritten, pieces cut, lost, repeated or reversed."""
+    data = whole
+    for _ in range(rng.integers(1, 6)):
+        data = _DAMAGES[rng.integers(len(_DAMAGES))](data, rng) or b""
+    return data
+
+
+def _place(data: bytes, rng: np.random.Generator) -> int:
+    return int(rng.integers(0, len(data) + 1))
+
+
+def _flip(data: bytes, rng: np.random.Generator) -> bytes:
+    copy = bytearray(data)
+    for at in rng.integers(0, max(len(copy), 1), rng.integers(1, 9)) if copy else ():
+        copy[at] ^= int(rng.integers(1, 256))
+    return bytes(copy)
+
+
+def _piece(data: bytes, rng: np.random.Generator) -> tuple[int, int]:
+    begin = _place(data, rng)
+    return begin, min(len(data), begin + int(2 ** rng.uniform(0, 11)))
+
+
+def _lose(data: bytes, rng: np.random.Generator) -> bytes:
+    begin, end = _piece(data, rng)
+    return data[:begin] + data[end:]
+
+
+def _repeat(data: bytes, rng: np.random.Generator) -> bytes:
+    (begin, end), at = _piece(data, rng), _place(data, rng)
+    return data[:at] + data[begin:end] + data[at:]
+
+
+def _inserted(piece: Callable[[np.random.Generator], bytes]) -> Callable[[bytes, np.random.Generator], bytes]:
+    def insert(data: bytes, rng: np.random.Generator) -> bytes:
+        at = _place(data, rng)
+        return data[:at] + piece(rng) + data[at:]
+
+    return insert
+
+
+def _overwrite(data: bytes, rng: np.random.Generator) -> bytes:
+    begin, end = _piece(data, rng)
+    return data[:begin] + bytes([rng.choice([0, 0x7F, 0xFF, 0x30])]) * (end - begin) + data[end:]
+
+
+def _turn_over(data: bytes, rng: np.random.Generator) -> bytes:
+    lines = data.split(b"\n")
+    begin = int(rng.integers(0, len(lines)))
+    end = begin + int(rng.integers(2, 9))
+    return b"\n".join([*lines[:begin], *lines[begin:end][::-1], *lines[end:]])
+
+
+_DAMAGES = (
+    _flip,
+    lambda data, rng: data[: _place(data, rng)],
+    lambda data, rng: data[_place(data, rng) :],
+    _lose,
+    _repeat,
+    _inserted(lambda rng: rng.bytes(int(2 ** rng.uniform(0, 9)))),
+    _inserted(lambda rng: NASTY[rng.integers(len(NASTY))]),
+    _overwrite,
+    _turn_over,
+)
+
+
+def _pd0(path: Path) -> Record:
+    record = pd0.read([path], orientation=None, declination_applied=None, heading_alignment=None)
+    if record.counts["bytes_total"] != path.stat().st_size:
+        raise Wrong(f"{record.counts['bytes_total']} bytes accounted for of {path.stat().st_size}")
+    return _through(record)
+
+
+def _table(columns: dict[str, Any]) -> Callable[[Path], Record]:
+    def read(path: Path) -> Record:
+        record = table.read([path], columns=columns)
+        kept = int(np.sum(np.isfinite(record.bin_range_m) & np.isfinite(record.time_s)[:, None]))
+        lost = sum(record.counts[key] for key in ("rows_cut", "rows_repeated", "rows_contradict"))
+        if record.counts["rows"] < len(record.time_s) + lost or kept < len(record.time_s):
+            raise Wrong(f"{record.counts} do not account for {len(record.time_s)} samples")
+        return _through(record)
+
+    return read
+
+
+def _reader(read: Callable[..., Record], **settings: Any) -> Callable[[Path], Record]:
+    return lambda path: _through(read([path], **settings))
+
+
+def _netcdf(path: Path) -> Record:
+    told = {"orientation": None, "declination_applied": None, "direction_reference": "magnetic"}
+    return _through(replace(netcdf.read([path], columns=None, **told), serial_number=""))
+
+
+def _through(record: Record) -> Record:
+    """Run the later stages up to the pairs: whatever parses must not stop them."""
+    for values in (record.east, record.north, record.heading_deg, record.time_s):
+        if np.isinf(values).any():
+            raise Wrong("an infinite value")
+    settled = apply_deployment(record, **SETTLED, latitude=60.0, nominal_depth=100.0)
+    if (np.diff(settled.time_s) <= 0).any() or len(settled.quality) != len(settled.time_s):
+        raise Wrong("times that do not rise")
+    find_pairs(settled, [replace(settled, north=settled.north + 0.01, serial_number="")], FIELD, PairRules())
+    return record
+
+
+def _good(record: Record) -> set[tuple[float, ...]]:
+    good = np.flatnonzero((record.heading_quality <= PROBABLY_GOOD) & np.isfinite(record.heading_deg))
+    columns = [record.time_s, record.heading_deg, *record.east.T[:2], *record.north.T[:2]]
+    return set(zip(*(np.round(np.nan_to_num(column[good], nan=-9.0), 4).tolist() for column in columns), strict=True))
+
+
+def kinds(folder: Path) -> dict[str, Kind]:
+    """Make an intact file of each kind, with temporary files in a folder."""
+    rng = np.random.default_rng(0)
+    write_observatory(folder / "obs.min", series(4))
+    netcdf_layouts.write(folder / "a.nc", "imos_magnetic")
+    scans = _scans(rng)
+    profiler.write_text(folder / "acm.txt", METER, scans)
+    profiler.write_binary(folder / "acm.dat", METER, scans)
+    times = [f"{START + timedelta(hours=i):%Y-%m-%dT%H:%M:%SZ}" for i in range(40)]
+    speeds = rng.normal(0, 20, (40, 2))
+    moments = enumerate(zip(times, speeds, strict=True))
+    rows = "".join(f"{at},{100 + i / 8:.3f},{u:.2f},{v:.2f}\n" for i, (at, (u, v)) in moments)
+    body = rows.replace(",10", ",2", 5)
+    acm = _reader(mmp.read, pressure_files=(), start_offset_seconds=0.0)
+    short = _reader(pd12.read, orientation="up", bin_size=20.0, first_bin=24.7)
+    return {
+        "pd0": Kind(b"".join(_ensembles(rng)), _pd0, _good),
+        "table": Kind(b"t,z,u,v\n" + rows.encode(), _table(COLUMNS)),
+        "acm_table": Kind(b"t,h,x,y\n" + body.encode(), _table(BODY)),
+        "mmp text": Kind((folder / "acm.txt").read_bytes(), acm),
+        "mmp binary": Kind((folder / "acm.dat").read_bytes(), acm),
+        "nortek": Kind(_samples(rng, older), _reader(nortek.read), _good),
+        "ad2cp": Kind(_samples(rng, signature, 4), _reader(nortek.read), _good),
+        "nmea0183": Kind(_log(), lambda path: nmea.read([path])),
+        "iaga2002": Kind((folder / "obs.min").read_bytes(), lambda path: iaga2002.read([path])),
+        "netcdf": Kind((folder / "a.nc").read_bytes(), _netcdf),
+        "rdi_text": Kind(rdi_text_files.export().encode(), _reader(rdi_text.read, orientation=None)),
+        "pd12": Kind(_telemetry(rng), short, _good),
+        "yaml": _yaml(folder),
+    }
+
+
+def _ensembles(rng: np.random.Generator) -> list[bytes]:
+    return [
+        ensemble(
+            rng.integers(-400, 400, (4, 4)).tolist(),
+            fixed={"up": True},
+            extra=[b"\x00\x03" + rng.integers(40, 220, 16, dtype=np.uint8).tobytes()],
+            number=i + 1,
+            when=START + timedelta(hours=i),
+            heading=int(rng.integers(0, 36000)),
+            tilt1=int(rng.integers(-500, 500)),
+            pressure=int(rng.integers(100_000, 110_000)),
+        )
+        for i in range(40)
+    ]
+
+
+def _telemetry(rng: np.random.Generator) -> bytes:
+    profiles = enumerate(rng.integers(-400, 400, (40, 4, 4)).tolist())
+    sent = (
+        pd12_files.ensemble(i + 1, START + timedelta(hours=i), float(rng.uniform(0, 359)), profile)
+        for i, profile in profiles
+    )
+    return pd12_files.framed([*sent])
+
+
+def _samples(rng: np.random.Generator, written: Callable[..., bytes], beams: int = 3) -> bytes:
+    velocities = rng.integers(-400, 400, (40, beams, 4)) / 1000.0
+    samples = [Sample(k, v, float(k), minutes=60.0, begin=START) for k, v in enumerate(velocities)]
+    if written is older:
+        return configuration(ENU, 4) + b"".join(map(older, samples))
+    return text() + b"".join(signature(sample, ENU) for sample in samples)
+
+
+def _scans(rng: np.random.Generator) -> Any:
+    sizes = np.array([30, 30])
+    on = int(START.timestamp()) + 600 * np.arange(2)
+    time_s = np.concatenate([on[k] + 15 + np.arange(n) // 2 for k, n in enumerate(sizes)])
+    values = np.column_stack([rng.uniform(0, 359, 60), rng.normal(0, 2, (60, 2)), rng.normal(0, 0.4, (60, 3))])
+    values = np.column_stack([values, rng.normal(0, 9, (60, 4))])
+    return profiler.Scans(1 + np.arange(2), sizes, on, on + 60, time_s, np.round(values, 4))
+
+
+def _log() -> bytes:
+    bodies = []
+    for k in range(40):
+        place = "0854.979,S,14006.028,W"
+        bodies += [f"HCHDG,{9 * k}.0,,,10,E", f"GPRMC,1904{k:02d},A,{place},5.0,{(9 * k + 12) % 360}.5,031110,10,E,A"]
+    checks = [f"{np.bitwise_xor.reduce(np.frombuffer(body.encode(), np.uint8)):02X}" for body in bodies]
+    return "".join(f"${body}*{check}\r\n" for body, check in zip(bodies, checks, strict=True)).encode()
+
+
+def _yaml(folder: Path) -> Kind:
+    made = cruise(folder / "cruise", n=3)
+    file = made / "config/moorings/M1.yaml"
+    whole = file.read_bytes()
+
+    def read(path: Path) -> Any:
+        file.write_bytes(path.read_bytes())
+        moorings = config.load_cruise(made).moorings
+        return yaml.safe_dump(moorings["M1"].model_dump(mode="json")) if "M1" in moorings else None  # it was renamed
+
+    return Kind(whole, read)
+
+
+def run(seconds: float, seed: int) -> Counter[str]:
+    """Damage and read each kind of file in turn until the CPU time is up; count the files read and refused.
+
+    Raises:
+        Wrong: a crash, a hang or a false ensemble; the message gives kind, seed and number to reproduce it.
+    """
+    counts: Counter[str] = Counter()
+    end = time.process_time() + seconds
+    with tempfile.TemporaryDirectory() as scratch:
+        whole = kinds(Path(scratch))
+        truth = {name: kind.rows(_try(kind, kind.whole, Path(scratch))) for name, kind in whole.items() if kind.rows}
+        number = 0
+        while time.process_time() < end:
+            for name, kind in whole.items():
+                _one(name, kind, truth.get(name), (seed, number), Path(scratch), counts)
+            number += 1
+    return counts
+
+
+def _one(
+    name: str, kind: Kind, truth: set[Any] | None, at: tuple[int, int], scratch: Path, counts: Counter[str]
+) -> None:
+    data = damaged(kind.whole, np.random.default_rng(at))
+    begun = time.process_time()
+    try:
+        found = _try(kind, data, scratch)
+        counts[f"{name}: read"] += 1
+        if truth is not None and not kind.rows(found) <= truth:
+            raise Wrong("an ensemble that was never recorded")
+    except InputError as error:
+        counts[f"{name}: refused"] += 1
+        if "\n" in str(error):
+            raise Wrong(f"{name}, damage {at}: more than one line: {error}") from error
+    except Exception as error:
+        raise Wrong(f"{name}, damage {at}: {type(error).__name__}: {error}") from error
+    if time.process_time() - begun > SLOWEST_S:
+        raise Wrong(f"{name}, damage {at}: {time.process_time() - begun:.1f} s")
+
+
+def _try(kind: Kind, data: bytes, scratch: Path) -> Any:
+    path = scratch / "damaged"
+    path.write_bytes(data)
+    return kind.read(path)
+
+
+if __name__ == "__main__":
+    spent, drawn = (float(sys.argv[1]) if len(sys.argv) > 1 else 60.0), int(sys.argv[2]) if len(sys.argv) > 2 else 7
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    for line, times in sorted(run(spent, drawn).items()):
+        print(f"{line:24} {times}")

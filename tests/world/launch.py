@@ -1,0 +1,133 @@
+"""Run cruises through Snakemake as users do, and inspect the results."""
+
+from __future__ import annotations
+
+import atexit
+import hashlib
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from functools import cache
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.world.sea import SHARED
+
+PROJECT = Path(__file__).resolve().parents[2]
+CONTRACT = SHARED.parent / "tools/check_contract.py"
+UNDRAWN = """
+from compasslib.archive.files import atomic_write
+from compasslib.stages import figures
+from PIL import Image
+def draw(subject, files, data):
+    for file in files:
+        with atomic_write(file) as temporary:
+            Image.new("RGB", (9, 9)).save(temporary, "PNG")
+figures._draw = draw
+"""
+
+
+def command(folder: Path, project: Path = PROJECT) -> list[str]:
+    """Compose Snakemake's command; -P: like ``snakemake`` itself, import no modules from the working directory."""
+    where = ("--snakefile", f"{project / 'Snakefile'}", "--directory", f"{folder}")
+    return [sys.executable, "-P", "-m", "snakemake", *where]
+
+
+def environment(*beside: Path) -> dict[str, str]:
+    """Copy the environment with PYTHONPATH set to the given folders, by default the project."""
+    return os.environ | {"PYTHONPATH": os.pathsep.join(map(str, beside or (PROJECT,)))}
+
+
+def snakemake(
+    folder: Path,
+    *options: str,
+    project: Path = PROJECT,
+    beside: tuple[Path, ...] = (),
+    anew: bool = False,
+    server: int = 0,
+    drawn: bool = True,
+    first: str = "",
+) -> subprocess.CompletedProcess:
+    """Run ``compass run`` with options of Snakemake, including target files.
+
+    Args:
+        project: root of the project, possibly a copy.
+        beside: further folders from which jobs import packages.
+        anew: start new Python processes for the command and its jobs, as for a copy.
+        server: number of the process that is forked; each has its own hash seed.
+        drawn: whether figures are drawn, which takes more than half of a small run; else each is an empty picture.
+        first: code to execute first, in the process of the command, of which those of its jobs are forks.
+    """
+    words, into = ["run", f"{folder}", "--cores", "2", "--", *options], environment(project, *beside)
+    if anew or beside or project != PROJECT:
+        code = "import sys; from compasslib.cli import main; sys.exit(main())"
+        whole = [sys.executable, "-P", "-c", code, *words]
+        return subprocess.run(whole, capture_output=True, text=True, check=False, env=into, cwd=folder)
+    with tempfile.TemporaryDirectory() as there:
+        files = [f"{there}/{name}" for name in ("out", "err")]
+        asked = {"words": words, "folder": f"{folder}", "environment": into, "files": files}
+        asked["first"] = first if drawn else UNDRAWN + first
+        warm = _server(server)
+        print(json.dumps(asked), file=warm.stdin, flush=True)
+        status = int(warm.stdout.readline())
+        return subprocess.CompletedProcess(words, status, *(Path(file).read_text() for file in files))
+
+
+@cache
+def _server(number: int) -> subprocess.Popen:
+    """Start the process of ``warm.py`` of a number, which ends with the tests."""
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    server = subprocess.Popen(
+        [sys.executable, "-P", PROJECT / "tests/world/warm.py"], text=True, env=environment(), **pipes
+    )
+    atexit.register(server.communicate)
+    return server
+
+
+def planned(folder: Path, project: Path = PROJECT) -> set[tuple[str, str]]:
+    """List (rule, mooring or calibration) of the jobs that would run now."""
+    return jobs_in(snakemake(folder, "--dry-run", "--quiet", "progress", project=project).stdout)
+
+
+def jobs_in(said: str) -> set[tuple[str, str]]:
+    """List (rule, mooring, calibration or compass) of the jobs in Snakemake's messages, except the end of the run."""
+    jobs = re.findall(r"^( *)(?:local)?(?:rule|checkpoint) (\w+):\n((?:\1    .*\n)+)", said, re.MULTILINE)
+    of = {(rule, (re.search(r"(?:mooring|calibration|compass)=(\w+)", text) or ["", ""])[1]) for _, rule, text in jobs}
+    return {job for job in of if job[0] not in ("all", "complete")}
+
+
+def keeps_contract(folder: Path, *options: str) -> None:
+    """Check the results of a cruise with the contract's own checker; skip the test if it is absent."""
+    if not CONTRACT.exists():
+        pytest.skip("no ../shared/tools")
+    checked = subprocess.run([sys.executable, CONTRACT, folder, *options], capture_output=True, text=True, check=False)
+    assert checked.returncode == 0, checked.stdout
+
+
+def change(path: Path, **keys: object) -> None:
+    """Set keys of a YAML file; None deletes a key."""
+    content = {key: value for key, value in (yaml.safe_load(path.read_text()) | keys).items() if value is not None}
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+
+
+def copied_project(into: Path, *parts: str) -> Path:
+    """Copy parts of the project, to be edited while other tests use the project itself."""
+    for part in parts:
+        if (PROJECT / part).is_dir():
+            shutil.copytree(PROJECT / part, into / part, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            (into / part).parent.mkdir(exist_ok=True)
+            shutil.copy(PROJECT / part, into / part)
+    return into
+
+
+def hashes(folder: Path, *left_out: str) -> dict[str, str]:
+    """Compute the SHA-256 of every file, except those below folders with one of the given names."""
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file() and not set(path.parts) & set(left_out)]
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
