@@ -36,6 +36,22 @@ class Recording:
     effects: tuple[str, ...]  # that should be named; none: the recording should be refused or leave it open
     kind: str = "magnetometer"
     settings: Mapping[str, Any] = field(default_factory=dict)
+    remaining: tuple[str, ...] = ()  # effects that act on it even if nothing is withheld
+
+    def as_expected(self, what: str, named: set[str], followed: set[str], verdict: str) -> bool:
+        """Return whether a case ended as it should.
+
+        Args:
+            what: was done to the recording.
+            named: effects, and ``followed``: their drivers.
+        """
+        if not self.effects:
+            return verdict == "insufficient"
+        if what == SHIFTED:
+            return not followed & {"pitch", "roll", "tilt"}
+        if what == COMPLETE:
+            return named <= {*self.remaining}
+        return set(self.effects) <= named
 
     @property
     def file(self) -> Path:
@@ -49,9 +65,12 @@ class Recording:
             return {"as recorded": kinds.diagnose(self.kind, [self.file], settings, options)}
         log = magnetometer_log.read([self.file], settings)
         log = replace(log, axis_by_axis=bool(self.settings.get("axis_by_axis")))
-        return {
-            what: magnetometer.diagnose_log(made(log), field=None, options=options) for what, made in VARIANTS.items()
-        }
+        found = dict[str, Diagnosis]()
+        for what, made in VARIANTS.items():
+            found[what] = magnetometer.diagnose_log(made(log), field=None, options=options)
+            if found[what].verdict == "insufficient":
+                break
+        return found
 
 
 def _levelled(log: Log) -> Log:
@@ -67,11 +86,11 @@ def _shifted(log: Log) -> Log:
     return replace(log, pitch_deg=np.roll(log.pitch_deg, half), roll_deg=np.roll(log.roll_deg, half))
 
 
-WITHHELD = "tilt correction withheld"
+WITHHELD, COMPLETE, SHIFTED = "tilt correction withheld", "nothing withheld", "withheld, and the tilts shifted in time"
 VARIANTS: Mapping[str, Callable[[Log], Log]] = {
     WITHHELD: lambda log: log,
-    "nothing withheld": _levelled,
-    "withheld, and the tilts shifted in time": _shifted,
+    COMPLETE: _levelled,
+    SHIFTED: _shifted,
 }
 
 
@@ -96,6 +115,7 @@ RECORDINGS = (
         LOGGED.format("0.01°"),
         ("tilt_uncompensated", "hard_iron"),
         settings={"covariates": MODULUS},
+        remaining=("hard_iron", "soft_iron"),
     ),
     _acm("acm_2013_07_24", "24 July 2013"),
     _acm("acm_2018_06_11", "11 June 2018"),

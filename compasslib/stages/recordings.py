@@ -9,9 +9,11 @@ from typing import Any
 
 from compasslib.archive.files import embed_png, write_json
 from compasslib.demo.real import RECORDINGS, Recording
+from compasslib.inference import wording
+from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.plots.diagnosis import draw_calibration
-from compasslib.report import sections
+from compasslib.report import sections, words
 
 
 def recordings(*, made: str, say: Callable[[str], None]) -> None:
@@ -34,19 +36,36 @@ def describe(recording: Recording) -> dict[str, Any]:
         "concealed": recording.concealed,
         "truth": recording.truth,
         "effects": recording.effects,
-        "cases": [_case(what, diagnosis) for what, diagnosis in diagnoses.items()],
+        "cases": [_case(recording, what, diagnosis) for what, diagnosis in diagnoses.items()],
         "figure": [picture, *size] if content[0]["curves"] else None,
         "caption": sections.diagnosis_caption(content[0]) if content[0]["curves"] else "",
     }
 
 
-def _case(what: str, diagnosis: Diagnosis) -> dict[str, Any]:
-    content, first = diagnosis.to_json(), next(iter(diagnosis.findings), None)
+def _case(recording: Recording, what: str, diagnosis: Diagnosis) -> dict[str, Any]:
+    first = next(iter(diagnosis.findings), None)
+    named = {name for finding in diagnosis.findings for name in (finding.effect, *finding.alternatives)}
+    followed = {finding.driver for finding in diagnosis.findings}
     return {
         "what": what,
         "verdict": diagnosis.verdict,
-        "conclusion": sections.describe_findings(content),
-        "why": diagnosis.why,
-        "named": [finding.named for finding in diagnosis.findings],
+        "conclusion": _conclusion(diagnosis),
+        "expected": recording.as_expected(what, named, followed, diagnosis.verdict),
         "heldout_deg": None if first is None else [first.held_out.rms_before_deg, first.held_out.rms_after_deg],
     }
+
+
+def _conclusion(diagnosis: Diagnosis) -> str:
+    if diagnosis.verdict == "insufficient":
+        return diagnosis.why
+    names = [
+        " or ".join(
+            f"{wording.display_name(name)} ({words.chance(probability)})"
+            for name, probability in {finding.named: finding.probability, **finding.alternatives_probability}.items()
+        )
+        for finding in diagnosis.findings
+    ]
+    if (left := diagnosis.unexplained) is not None:
+        along = " and ".join(name.replace("_", " ") for name in left.covariates)
+        names.append(f"a mismatch of {left.rms_effect_deg:.1f}° rms along {along} that no listed effect explains")
+    return "; ".join(names) or f"nothing of {Options().min_effect_deg:g}° rms or more"

@@ -14,9 +14,10 @@ import pytest
 
 from compasslib.archive import crate, netcdf
 from compasslib.archive.files import write_json
-from compasslib.demo import concealed
+from compasslib.demo import concealed, real
 from compasslib.stages.concealed import HeadingErrors
 from compasslib.stages.concealed import concealed as set_beside
+from compasslib.stages.recordings import describe
 from tests.world.launch import PROJECT, snakemake
 from tests.world.sea import cruise
 
@@ -94,7 +95,10 @@ def test_the_page_compares_findings_with_planted_causes(processed):
     }
     write_json(said, told(said.parent, said.stem) | {"current": [current]})
     truths = [str(processed.folder / f"concealed/{name}.json") for name in ("C1", "C2")]
-    set_beside(page=str(page), truths=truths, corrected=[str(page.parent / "C1/corrected.nc")], say=lines.append)
+    made = page.parent / "recordings.json"
+    write_json(made, {"recordings": [describe(one) for one in real.RECORDINGS if one.name == "eight_headings"]})
+    corrected = [str(page.parent / "C1/corrected.nc")]
+    set_beside(page=str(page), truths=truths, corrected=corrected, recordings=str(made), say=lines.append)
     text = page.read_text()
     assert "a &lt;planted&gt; change" in text and "<planted>" not in text and "on 2007-09-10 at 00:00" in text
     assert "Its field: forward 12, starboard −3, down 4 nT." in text

@@ -1,0 +1,31 @@
+"""Would catch a real recording whose withheld correction is no longer named, or a control that names it."""
+
+from __future__ import annotations
+
+import pytest
+
+from compasslib.demo import real
+from compasslib.stages.recordings import describe
+
+RECORDINGS = {one.name: one for one in real.RECORDINGS}
+
+
+@pytest.mark.parametrize("name", ["acm_2013_07_24", "acm_2014_06_06", "eight_headings"])
+def test_recordings_end_as_expected(name):
+    made = describe(RECORDINGS[name])
+    assert all(case["expected"] for case in made["cases"])
+    assert (made["figure"] is None) == (made["cases"][0]["verdict"] == "insufficient")
+
+
+def test_the_withheld_levelling_is_found_with_its_size():
+    first, complete, shifted = describe(RECORDINGS["acm_2013_07_24"])["cases"]
+    assert first["heldout_deg"] == pytest.approx([1.57, 0.01], abs=0.01)
+    assert (first["verdict"], complete["verdict"]) == ("explained", "consistent")
+    assert "tilt" not in shifted["conclusion"]
+
+
+def test_all_numbers_come_with_their_sources_and_licences():
+    sources = (real.FOLDER / "SOURCES.md").read_text()
+    for one in real.RECORDINGS:
+        assert one.file.stat().st_size <= 300_000
+        assert one.kind == "platform" or one.file.name in sources
