@@ -132,7 +132,10 @@ def _of_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) -> Sh
         terms=terms,
         covariates=covariates,
         rule_deg=RULE_DEG,
-        confused={**unseen, "mounting_offset": ("declination_error", *unseen.get("mounting_offset", ()))},
+        confused={
+            **({"hard_iron": ("tilt_offset",)} if log.tilted else unseen),  # constant in the body, near level
+            "mounting_offset": ("declination_error", *unseen.get("mounting_offset", ())),
+        },
         field_unit=unit,
     )
 
