@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from compasslib.archive.files import embed_png, write_json
-from compasslib.demo.real import RECORDINGS, Recording
 from compasslib.inference import wording
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.plots.diagnosis import draw_calibration
 from compasslib.report import sections, words
+from compasslib.stages.real import RECORDINGS, Recording
 
 
 def recordings(*, made: str, say: Callable[[str], None]) -> None:

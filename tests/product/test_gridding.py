@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import conventions
 import netCDF4
 import numpy as np
 import pytest
@@ -27,6 +26,7 @@ from compasslib.product.errors import (
 )
 from compasslib.product.grid import DailyMeans, GridRules, Source, grid, make_axes, survey
 from compasslib.records import BAD, GOOD, EarthField, ReferenceCompass
+from tests.world import conventions
 
 HOUR_S, N, AUTO = 3600.0, 24 * 12, GridRules()
 TIMES = 1.2e9 + HOUR_S * np.arange(N)

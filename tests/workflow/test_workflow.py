@@ -7,13 +7,13 @@ import re
 import shutil
 from pathlib import Path
 
-import conventions
 import netCDF4
 import numpy as np
 import pytest
 import yaml
 
 from compasslib.archive import verification
+from tests.world import conventions
 from tests.world.launch import PROJECT, change, copied_project, hashes, jobs_in, keeps_contract, planned, snakemake
 from tests.world.sea import cruise, real
 

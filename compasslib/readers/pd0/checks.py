@@ -22,8 +22,8 @@ from compasslib.readers.pd0.currents import Settings, looks_up
 from compasslib.readers.pd0.fields import DROPPED, STRAY, Coordinates, Ensembles
 from compasslib.readers.pd0.frames import Places, Skipped
 from compasslib.readers.times import describe_averages
-from compasslib.records import BAD, GOOD, Flags
-from compasslib.types import Bools, Floats
+from compasslib.records import BAD, GOOD, PROBABLY_BAD, Flags
+from compasslib.types import DAY_S, Bools, Floats
 
 ADVICE = "give each recording as a file of its own"
 FOUR = "export its four slanted beams, or give the velocities as a table"
@@ -118,12 +118,23 @@ def _has_other_number(numbers: NDArray[np.int64]) -> Bools:
 
 
 def flag_strays(leaders: Ensembles) -> tuple[Flags, dict[str, int], list[str]]:
-    """Flag ensembles of another instrument, (n,); also give their count and warning."""
+    """Flag ensembles of another instrument, or after the clock jumped by days, (n,); also give counts and warnings."""
     kinds = _number_kinds(leaders)
     other = kinds != np.bincount(kinds).argmax()
     count = int(other.sum())
     notes = [f"{count} ensembles are of another instrument than the rest; they were flagged."] if count else []
-    return np.where(other, BAD, GOOD).astype(np.int8), {"other_instrument": count}, notes
+    steps = np.diff(leaders.time_s)
+    usual = float(np.median(np.abs(steps))) if len(steps) else 0.0
+    # Up to three: pauses between bursts are more, and shorter.
+    jumps = (np.diff(leaders.number) == 1) & (steps > max(DAY_S, 20.0 * usual))
+    jumped = np.append(False, np.cumsum(jumps) > 0) & (jumps.sum() <= 3)
+    if jumped.any():
+        notes.append(
+            f"The clock jumps ahead by days between ensembles whose numbers follow each other; the {int(jumped.sum())} "
+            "after that were flagged, as their time is not known."
+        )
+    flags = np.where(other, BAD, np.where(jumped, PROBABLY_BAD, GOOD)).astype(np.int8)
+    return flags, {"other_instrument": count, "after_clock_jump": int(jumped.sum())}, notes
 
 
 def _number_kinds(leaders: Ensembles) -> NDArray[np.int64]:

@@ -1,6 +1,6 @@
 """Recordings of real compasses that come with the project, each with a correction that can be withheld.
 
-The numbers are in ``recordings/``, with their sources and licences. What a logger added to the raw axes is known from
+The numbers are in ``demo/recordings/``, with their sources and licences. What a logger added to the raw axes is known from
 its log: without it the heading is wrong by the difference, and the logged heading is the truth.
 """
 
@@ -22,7 +22,7 @@ from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.kinds import magnetometer
 
 SURROGATES = 99  # the fewest for a rank of 0.01
-FOLDER = Path(__file__).parent / "recordings"
+FOLDER = Path(__file__).parents[1] / "demo/recordings"
 
 
 @dataclass(frozen=True)
