@@ -1,7 +1,7 @@
 """Recordings of real compasses that come with the project, each with a correction that can be withheld.
 
-The numbers are in ``demo/recordings/``, with their sources and licences. What a logger added to the raw axes is known from
-its log: without it the heading is wrong by the difference, and the logged heading is the truth.
+The numbers are in ``demo/recordings/``, with their sources and licences. What a logger added to the raw axes is known
+from its log: without it the heading is wrong by the difference, and the logged heading is the truth.
 """
 
 from __future__ import annotations

@@ -21,7 +21,11 @@ def test_the_withheld_levelling_is_found_with_its_size():
     first, complete, shifted = describe(RECORDINGS["acm_2013_07_24"])["cases"]
     assert first["heldout_deg"] == pytest.approx([1.57, 0.01], abs=0.01)
     assert (first["verdict"], complete["verdict"]) == ("explained", "consistent")
-    assert (shifted["verdict"], shifted["conclusion"]) == ("ambiguous", "hard iron (50 %) or tilt offset (50 %)")
+    assert (
+        shifted["verdict"] == "ambiguous"
+        and "hard iron" in shifted["conclusion"]
+        and "tilt offset" in shifted["conclusion"]
+    )
 
 
 def test_all_numbers_come_with_their_sources_and_licences():
