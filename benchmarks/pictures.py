@@ -112,7 +112,7 @@ MAKERS = {
     ),
     "report": Maker(
         "The top of the demonstration's report, as Chromium shows it",
-        ("compasslib/report/templates/*"), drawn=("report.png",), draw=report, cruise=".",
+        ("compasslib/report/templates/*",), drawn=("report.png",), draw=report, cruise=".",
     ),
     "tutorial": Maker(
         "The mooring of the tutorial", (PAGE, TIMESERIES, DEVIATION),

@@ -202,7 +202,8 @@ def _label(covariate: str, names: Mapping[str, str], units: Mapping[str, str]) -
     if covariate.startswith(wording.SIZE_PREFIX):
         return ""  # along time
     if covariate.startswith(wording.TURN_PREFIX):
-        return f"Turn by {wording.display_name(covariate.removeprefix(wording.TURN_PREFIX))} (°)"
+        effect = covariate.removeprefix(wording.TURN_PREFIX)
+        return f"Turn by {'the unlisted effect' if effect == 'composed' else wording.display_name(effect)} (°)"
     name = names.get(covariate, covariate.replace("_", " ").capitalize())
     unit = units.get(covariate, "").replace("degrees C", "°C").replace("degrees", "°")
     return f"{name} ({unit})" if unit else name
@@ -243,7 +244,7 @@ def _held_out(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: Rows) -> 
 
 def _short(finding: Mapping[str, Any]) -> str:
     if composed := finding.get("composition"):
-        return f"composed, by {composed['driver'].replace('_', ' ')}"
+        return f"unlisted, by {composed['driver'].replace('_', ' ')}"
     return wording.display_name(finding["effect"])
 
 
