@@ -74,21 +74,20 @@ def enumerate_options(view: FittedModel, half: FittedModel) -> tuple[Option, ...
         half: the model at which columns are linearized.
     """
     standing = {type(term): term for term in half.simulation.terms}
-    made = list(_listed(view, half, standing))
-    made += _composed(half) if half.case.has_slow_noise else []
+    made = (*_listed(view, half, standing), *_composed(half))
     return tuple(with_shares([option for option in made if option.columns.shape[1]]))
 
 
 def _listed(view: FittedModel, half: FittedModel, standing: Mapping[type[Effect], Effect]) -> Iterator[Option]:
     """Yield the effects of the catalogue, dated ones at each date."""
     for kind in half.case.terms:
-        if kind.side == "water" and half.case.has_slow_noise:
+        if kind.side == "water":
             continue  # part of the noise
         block = block_of(kind)
         if not kind.dated():
             yield scaled_option(half, kind(), block)
             continue
-        derivative = design.term_columns(half, kind()).columns
+        derivative = design.term_columns(half, kind())
         known = (standing[kind].date,) if kind in standing else ()
         dates, shares = search_dates(view, derivative, known)
         since = half.case.scene.since
@@ -101,7 +100,7 @@ def _composed(half: FittedModel) -> Iterator[Option]:
     """Yield the forms that the catalogue does not list."""
     scene = half.case.scene
     acted = {
-        target: design.term_columns(half, compose_effect(target, "time", "always")()).columns
+        target: design.term_columns(half, compose_effect(target, "time", "always")())
         for target, place in TARGETS.items()
         if place.side != "water"
     }
@@ -185,7 +184,7 @@ def _target(kind: type[Effect]) -> str:
 
 def scaled_option(half: FittedModel, term: Effect, block: tuple[str, str, str] = ("", "", "")) -> Option:
     """Linearize one effect at a fitted model."""
-    return _scaled(term, block, design.term_columns(half, term).columns)
+    return _scaled(term, block, design.term_columns(half, term))
 
 
 def _scaled(term: Effect, block: tuple[str, str, str], derivative: Floats, cell: float = 1.0) -> Option:

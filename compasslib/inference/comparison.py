@@ -181,7 +181,6 @@ class LongComparison(Comparison):
     expected_deg: Floats
     precision_deg: float  # noise of the recorded heading itself
     nuisance: Floats  # (n, k) columns that are fitted and never reported
-    has_slow_noise: bool = True  # whether directional shear between two depths adds slow noise
     low_rank: LowRankNoise | None = None  # the slow noise, once estimated
     slow_shear: SlowShear | None = None  # as a profile shows it; None if none does
     usual: Mapping[type[Effect], Floats] = field(default_factory=dict)  # prior standard deviation of each parameter

@@ -172,20 +172,10 @@ def _residual(case: LongComparison, simulation: ForwardModel, nuisance: Floats) 
     return heading, angles.difference(shown, heading), case.precision_deg / slope
 
 
-@dataclass(frozen=True)
-class ColumnGroup:
-    """Columns that are tested together, (n, k) degrees per unit."""
-
-    name: str  # effect, or covariates joined by x
-    columns: Floats
-    term: Effect | None = None  # at zero size, with its date
-    covariates: tuple[str, ...] = ()
-
-
-def term_columns(state: FittedModel, term: Effect) -> ColumnGroup:
-    """Build the columns of one term added to a simulation."""
+def term_columns(state: FittedModel, term: Effect) -> Floats:
+    """Compute the columns of one term added to a simulation, (n, k) degrees per unit."""
     columns = added_term_jacobian(state.simulation, state.case.scene, state.heading_deg, term)
-    return ColumnGroup(term.name, np.where(np.isfinite(columns), columns, 0.0), term)
+    return np.where(np.isfinite(columns), columns, 0.0)
 
 
 @dataclass(frozen=True)

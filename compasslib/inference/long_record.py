@@ -302,7 +302,7 @@ def residual_curve(
     """
     x, pattern = before.case.covariates[covariate], np.ones(len(before.case))
     if step is not None:
-        pattern = design.term_columns(before, type(step)()).columns @ step.values
+        pattern = design.term_columns(before, type(step)()) @ step.values
         pattern = pattern / angles.rms(pattern)
     bins, edges = finding.bins_along(covariate, x)
     finite = np.isfinite(before.whitener.width_deg) & np.isfinite(after.whitener.width_deg)

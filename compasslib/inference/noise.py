@@ -153,7 +153,7 @@ def slow_noise_basis(case: LongComparison) -> SlowNoiseBasis | None:
     time_s = case.scene.time_s
     days = float(np.ptp(time_s)) / DAY_S
     count = min(int(2.0 * days / SHORTEST_DAYS) + 1, MOST_WAVES)
-    if count < 4 or not case.has_slow_noise:
+    if count < 4:
         return None
     frequency = np.arange(count) / (2.0 * days)
     waves = np.cos(np.pi * (time_s - time_s[0])[:, None] / (days * DAY_S) * np.arange(count))

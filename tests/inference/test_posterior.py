@@ -100,7 +100,7 @@ def test_a_step_is_dated_to_the_sample():
     drawn = world.planted(world.make(8, wide=True, n=6000), {"hard_iron_step": 4.0})
     state = design.refit(state_of(drawn), [])
     kind = next(kind for kind in state.case.terms if kind.name == "hard_iron_step")
-    dates, shares = blocks.search_dates(state, design.term_columns(state, kind()).columns)
+    dates, shares = blocks.search_dates(state, design.term_columns(state, kind()))
     assert shares.sum() == pytest.approx(1.0) and len(dates) < 150
     assert np.abs(dates - drawn.truth["hard_iron_step"]["date_s"]).min() <= 3600.0
 
