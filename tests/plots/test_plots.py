@@ -238,7 +238,7 @@ def test_diagnosis_figure_shows_each_effect_and_held_out_days(tmp_path):
     for axes, reach in ((first, 3.0), (second, 1.0)):
         (line,) = (one for one in axes.lines if one.get_color() == BLACK)
         np.testing.assert_allclose(line.get_ydata(), np.linspace(-reach, reach, 12))
-    assert [text.get_text() for text in held_out.get_yticklabels()] == ["unlisted, by\ndepth", "unlisted, by tilt"]
+    assert [text.get_text() for text in held_out.get_yticklabels()] == ["unlisted, by depth", "unlisted, by tilt"]
     assert held_out.get_xlabel() == "Size (° rms)"
     said = diagnosis_caption(content)
     assert "z = (x − middle)/range" in said and "on held-out days" in said
