@@ -225,6 +225,10 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
         "lie outside the deployment: check clock",
     ),
     "clock that jumps ahead": (clock(lambda i: i + 48 * (i >= 150)), "jumps ahead by days"),
+    "headings of 0 where the logger had none": (
+        recording(lambda i, each: rewritten(each, 1, 18, bytes(2)) if i % 37 == 5 else each),
+        "11 headings flagged: they read 0.00 degrees, a fill value far off those around",
+    ),
     "no overlap in time": (table(lambda i, row: [row[0].replace("2007", "2012"), *row[1:]]), "lie outside"),
     "no overlap in depth": (said(deep__depth=505), "no two velocities are near enough in time and depth"),
     "a depth in the file that is not the metadata's": (
