@@ -28,7 +28,7 @@ from compasslib.inference.comparison import Options, compare_pairs
 from compasslib.inference.kinds.mooring import diagnose
 from compasslib.inference.search import linearize
 from compasslib.preparation import water
-from compasslib.records import EarthField, Pairs
+from compasslib.records import EarthField, SlowShear
 from tests.world import pairs as sea
 
 QUIET = ("current_shear_slow", "reference_deviation")  # correct findings if no effect was planted
@@ -39,7 +39,6 @@ SINGLES = tuple(x for x in sea.SINGLES if sea.FAMILIES[x] != "clock")
 LISTED = tuple(name for name in SINGLES if side_of(name) == "compass")
 SLIPS = ("heading_slip", "compass_drift")
 BINS, SPREAD = 6, 0.4  # bins of a profile, and spread of the logarithm of the shear between them (eh2, papa: 1.5 x)
-PROFILES = "slow_shear" in Pairs.__dataclass_fields__
 SURROGATES, RARE = 199, 0.01  # of a test by rank, as that of the search
 PRODUCT = (
     *("heeling", "hard_iron_drift", "compass_drift", "hard_iron_step", "heading_slip", "supply_voltage", "temperature"),
@@ -76,14 +75,14 @@ def draw(
         wanted = {"temperature": size}
     drawn = sea.planted(world, wanted)
     if slow:
-        shown = {"slow_shear": profile(slow, world)} if kind == "slip" and PROFILES else {}
+        shown = {"slow_shear": profile(slow, world)} if kind == "slip" else {}
         drawn = replace(drawn, pairs=replace(drawn.pairs, veer_deg=mean_veer(slow, world.flow), **shown))
     if kind == "control" and size:  # the logged temperature is not the cause
         drawn.covariates["temperature"] = np.roll(drawn.covariates["temperature"], 24 * world.rng.integers(50, 110))
     return drawn, wanted
 
 
-def profile(slow: sea.SlowWater, world: sea.World) -> object:
+def profile(slow: sea.SlowWater, world: sea.World) -> SlowShear | None:
     """Estimate slow water from the bins of the affected instrument, whose shear is like that over the same distance."""
     rng = np.random.default_rng([int(world.time_s[0]), 1])
     between = np.array([rng.lognormal(0.0, SPREAD) * slow.beside(rng, world.flow) for _ in range(BINS)])
@@ -144,7 +143,7 @@ def measure(kind: str, index: int, seed: int, *, red: bool = False) -> dict:
     fit, field, found, row = diagnosed(drawn, max(wanted.values(), default=0.0))
     if found.current and "current_veer" in drawn.truth:  # otherwise it describes the slow shear of the simulation
         row["sets"].append(["current_veer"])
-    if kind == "slip" and PROFILES:
+    if kind == "slip":
         row["known_p"] = known_noise_p(plain, fit, field)
     row |= {"kind": kind, "index": index, "applied": bool(found.applied)}
     scored = kind in ("null", "single", "two") and set(drawn.truth) <= {*PRODUCT, "current_veer"}
@@ -294,7 +293,7 @@ def report(rows: list[dict]) -> bool:
         line(f"- {name}: detected at {SIZES['single']}", ", ".join(each))
     slips = kind["slip"]
     line("slips and drifts of 3 degrees, with a profile: truth in the set", targets.share_of(map(covered, slips)))
-    known = targets.share_of(r["known_p"] <= RARE for r in slips if "known_p" in r)
+    known = targets.share_of(r["known_p"] <= RARE for r in slips)
     line("likelihood ratio with known noise and name: detected", known)
     clock = kind["clock"]
     line("clocks: named", targets.share_of(covered(r) for r in clock))

@@ -13,7 +13,7 @@ from compasslib.demo.adcp import Adcp, Ensembles, Setup, Stance
 from compasslib.demo.compass import Field, Magnetometer, tilting
 from compasslib.demo.water import DAY_S, HOUR_S, Climate, Floats, Rig, circle, clockwise, red_noise
 
-PINGS = 4
+PINGS = 4  # in an ensemble of the simulated profiler
 NOISE_DEG = 0.4  # of the heading of an ensemble
 
 
@@ -173,7 +173,7 @@ def trusted_heading(ground: Ground) -> Floats:
     return circle(180.0 + red_noise(rng, ground.stamp_s.size, memory=30.0, deviation=120.0))
 
 
-DEEP_SAMPLE_S = 180.0
+DEEP_SAMPLE_S = 180.0  # by which the samples of the simulated reference follow those of the profiler
 TOP = Setup(
     kilohertz=300, looks_up=True, cells=8, cell_m=2.0, blank_m=0.88, first_bin_m=3.1, pings=PINGS,
     coordinates="earth", serial=9001,

@@ -26,7 +26,7 @@ from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import DAY_S, Complexes, Floats
 
-BLOCK_S = 10 * DAY_S
+BLOCK_S = 10 * DAY_S  # of pairs held out together
 FOLDS = 2
 FEWEST_FOR_FORMS = 4 * MIN_PAIRS
 SURE_SIGMAS = 2.0  # standard errors of a significant difference

@@ -58,7 +58,7 @@ DIRECTIONS_DEG = np.arange(0.0, 360.0, 22.5)
 START_NOISE = ScatterNoise(floor_deg=10.0, slow_deg_m_s=2.0, outliers=0.02)
 MAX_SOFT_IRON = 0.3  # magnitude of (D, E); spheres and frames induce a few per cent
 TURNS_DEG = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)  # constant rotations of all readings, as starting values
-ROUNDS = 2
+ROUNDS = 2  # repetitions of a fit with its updated noise or prior
 # Weak priors that only matter without data: mean and standard deviation of A..E and log(compass noise / degree).
 PRIOR_CENTRE = np.zeros(6)
 PRIOR_WIDTH = np.array([0.5, 1.5, 1.5, 0.3, 0.3, 0.15])

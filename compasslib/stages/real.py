@@ -32,8 +32,8 @@ class Recording:
     name: str
     title: str
     concealed: str  # what is withheld, in words
-    truth: str  # how it is known
-    effects: tuple[str, ...]  # that should be named; none: the recording should be refused or leave it open
+    truth: str  # how it is known; {} is the rms difference of logged heading and levelled axes
+    effects: tuple[str, ...]  # that should be named; without any, the recording should be refused
     kind: str = "magnetometer"
     settings: Mapping[str, Any] = field(default_factory=dict)
     remaining: tuple[str, ...] = ()  # effects that act on it even if nothing is withheld
@@ -58,14 +58,25 @@ class Recording:
         """Its numbers."""
         return FOLDER / f"{self.name}.csv"
 
+    def read_log(self) -> Log:
+        """Read the log of a magnetometer."""
+        log = magnetometer_log.read([self.file], self.settings)
+        return replace(log, axis_by_axis=bool(self.settings.get("axis_by_axis")))
+
+    @property
+    def known_by(self) -> str:
+        """How the truth is known, with its accuracy."""
+        if self.kind != "magnetometer":
+            return self.truth
+        _, scatter_deg, _ = magnetometer_log.search_axes(self.read_log())
+        return self.truth.format(f"{scatter_deg:.2f}°")
+
     def diagnose(self) -> dict[str, Diagnosis]:
         """Diagnose the recording with a correction withheld, and its controls, by what was done to it."""
         options, settings = Options(surrogates=SURROGATES), resolve_settings({"kind": self.kind} | dict(self.settings))
         if self.kind != "magnetometer":
             return {"as recorded": kinds.diagnose(self.kind, [self.file], settings, options)}
-        log = magnetometer_log.read([self.file], settings)
-        log = replace(log, axis_by_axis=bool(self.settings.get("axis_by_axis")))
-        found = dict[str, Diagnosis]()
+        log, found = self.read_log(), dict[str, Diagnosis]()
         for what, made in VARIANTS.items():
             found[what] = magnetometer.diagnose_log(made(log), field=None, options=options)
             if found[what].verdict == "insufficient":
@@ -94,16 +105,16 @@ VARIANTS: Mapping[str, Callable[[Log], Log]] = {
 }
 
 
-CELLS = ("path_ab", "path_cd", "path_ef", "path_gh")
-MODULUS = ("ax", "ay", "az", "pressure_dbar")
-LOGGED = "the logged heading, which its levelled axes give to {}"
+PATHS = ("path_ab", "path_cd", "path_ef", "path_gh")
+OTHERS = ("ax", "ay", "az", "pressure_dbar")
+LOGGED = "the logged heading, from which the levelled axes differ by {} rms about a constant"
 LEVELLING = "the levelling of the axes by the tilts"
 
 
 def _acm(name: str, day: str, *, effects: tuple[str, ...] = ("tilt_uncompensated",)) -> Recording:
     title = f"Falmouth 3D-ACM on a moored profiler, {day}"
-    settings = {"axis_by_axis": True, "covariates": CELLS}
-    return Recording(name, title, LEVELLING, LOGGED.format("0.04°"), effects, settings=settings)
+    settings = {"axis_by_axis": True, "covariates": PATHS}
+    return Recording(name, title, LEVELLING, LOGGED, effects, settings=settings)
 
 
 RECORDINGS = (
@@ -112,9 +123,9 @@ RECORDINGS = (
         "signature500",
         "Nortek Signature500 turned by hand",
         LEVELLING,
-        LOGGED.format("0.01°"),
+        LOGGED,
         ("tilt_uncompensated", "hard_iron"),
-        settings={"covariates": MODULUS},
+        settings={"covariates": OTHERS},
         remaining=("hard_iron", "soft_iron"),
     ),
     _acm("acm_2013_07_24", "24 July 2013"),

@@ -34,7 +34,7 @@ def describe(recording: Recording) -> dict[str, Any]:
         "name": recording.name,
         "title": recording.title,
         "concealed": recording.concealed,
-        "truth": recording.truth,
+        "truth": recording.known_by,
         "effects": recording.effects,
         "cases": [_case(recording, what, diagnosis) for what, diagnosis in diagnoses.items()],
         "figure": [picture, *size] if content[0]["curves"] else None,
