@@ -118,6 +118,15 @@ def _acm(name: str, day: str, *, effects: tuple[str, ...] = ("tilt_uncompensated
 
 
 RECORDINGS = (
+    Recording(
+        "car_circles",
+        "Compass in a car that drives circles, iron stronger than the earth's horizontal field",
+        "the exact compass: the simulation is the five-term series",
+        "the course over ground by GNSS, which the heading of a car follows; its constant and delay are in A",
+        ("large_deviation",),
+        "platform",
+        {"latitude": 42.34, "longitude": -71.09, "date": "2025-11-19"},
+    ),
     _acm("acm_2018_06_10", "10 June 2018"),
     Recording(
         "signature500",

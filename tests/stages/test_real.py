@@ -10,7 +10,7 @@ from compasslib.stages.recordings import describe
 RECORDINGS = {one.name: one for one in real.RECORDINGS}
 
 
-@pytest.mark.parametrize("name", ["acm_2013_07_24", "acm_2014_06_06", "eight_headings"])
+@pytest.mark.parametrize("name", ["acm_2013_07_24", "acm_2014_06_06", "car_circles", "eight_headings"])
 def test_recordings_end_as_expected(name):
     made = describe(RECORDINGS[name])
     assert all(case["expected"] for case in made["cases"])
@@ -26,6 +26,11 @@ def test_the_withheld_levelling_is_found_with_its_size():
         and "hard iron" in shifted["conclusion"]
         and "tilt offset" in shifted["conclusion"]
     )
+
+
+def test_iron_stronger_than_the_earths_field_is_found_in_a_car():
+    (found,) = describe(RECORDINGS["car_circles"])["cases"]
+    assert found["heldout_deg"] == pytest.approx([9.2, 2.4], abs=0.3) and "large deviation" in found["conclusion"]
 
 
 def test_all_numbers_come_with_their_sources_and_licences():
