@@ -288,6 +288,14 @@ def test_insufficient_headings_are_refused_with_the_reason(tmp_path, headings, w
     json.dumps(found.details)
 
 
+def test_a_two_valued_compass_is_refused_with_the_way_out(tmp_path):
+    """As in a car whose iron is 1.9 times the earth's horizontal field: it shows 66 of 360 degrees."""
+    heading = np.arange(0.0, 360.0, 15.0)
+    shown = compass.recorded_heading(np.array([0.0, 1.2, 1.4, 0.0, 0.0]), heading)
+    found = swing.calibrate([written(tmp_path, compass_deg=shown, true_deg=heading)], SURE)
+    assert "for two headings" in found.why and "kind: platform" in found.why
+
+
 def test_few_headings_widen_intervals_and_repeats_do_not_narrow(tmp_path):
     """Third harmonic of 3 degrees: six headings leave one degree of freedom; repeated readings of eight add none."""
 

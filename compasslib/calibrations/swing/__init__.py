@@ -294,6 +294,12 @@ def _refusal(swing: Swing) -> str:
     gap = observations.widest_gap(observed.recorded_deg)
     if gap > observations.REFUSED_GAP_DEG:
         sectors = count_sectors(observed.recorded_deg)
+        if observations.widest_gap(observed.course_deg) <= observations.REFUSED_GAP_DEG:
+            return (
+                f"the courses go round the circle, the compass does not (a gap of {gap:.0f}°): iron stronger than the "
+                "earth's horizontal field gives each reading for two headings; use kind: platform, with "
+                "recorded_deg and, as reference_deg, the course minus the declination"
+            )
         return (
             f"the headings cover {sectors} of 36 sectors and leave a gap of {gap:.0f}°: so narrow an arc does not "
             f"determine five coefficients; {REMEDY}"
