@@ -26,7 +26,7 @@ from compasslib.effects import CATALOGUE, SIDES, side_of
 from compasslib.inference import design, diagnosis, noise, places, product
 from compasslib.inference.comparison import Options, compare_pairs
 from compasslib.inference.kinds.mooring import diagnose
-from compasslib.inference.search import linearize
+from compasslib.inference.linear_model import linearize
 from compasslib.preparation import water
 from compasslib.records import EarthField, SlowShear
 from tests.world import pairs as sea
@@ -194,7 +194,7 @@ def known_noise_p(drawn: sea.Drawn, fit: DeviationFit, field: EarthField) -> flo
     slow, true = noise.slow_noise_basis(case), drawn.world.slow_water
     assert slow is not None
     known = noise.Process(true.veer_deg, true.veer_days), noise.Process(true.shear_m_s, true.shear_days)
-    of_water, waters = slow.without_current(slow.drivers), [noise.SlowNoiseParams(*known, 0.0)]
+    of_water, waters = slow.without_current(slow.drivers), [noise.SlowNoise(*known, 0.0)]
     model = linearize(places.with_slow_noise(empty, empty, of_water, waters[0]), of_water)
     evidence = model.weigh(waters)
     named = [option.name in drawn.truth for option in model.options]

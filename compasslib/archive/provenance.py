@@ -17,7 +17,7 @@ from compasslib import __version__, plugins
 from compasslib.errors import InputError
 
 if TYPE_CHECKING:  # the Snakefile imports this module and should not import numpy
-    from compasslib.inference.product import Product
+    from compasslib.inference.product import CorrectionModel
     from compasslib.records import EarthField
 
 PACKAGE: Path = Path(__file__).resolve().parents[1]
@@ -128,7 +128,7 @@ def origin(what: str, sources: Mapping[str, str], superseded: Mapping[str, Any] 
 
 
 def processing(
-    product: Product, field: EarthField, sources: Mapping[str, str], superseded: Mapping[str, Any] | None = None
+    product: CorrectionModel, field: EarthField, sources: Mapping[str, str], superseded: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
     """Compose the attributes that describe how and when a record was corrected.
 

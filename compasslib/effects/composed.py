@@ -245,21 +245,21 @@ class ComposedEffect(Effect):
         """Compute the time series that multiply the parameters, (n, c); readings are needed only if they drive."""
         _, driver, form = self.composition
         if driver == "heading":
-            return self.made(scene, reading_deg)
+            return self.evaluate(scene, reading_deg)
         stored: dict[Any, Floats] = scene.__dict__.setdefault("composed", {})  # cache for derivatives at one place
         key = (driver, form, *(getattr(self, name) for name, _ in FORMS[form].places))
         if key not in stored:
-            stored[key] = self.made(scene)
+            stored[key] = self.evaluate(scene)
         return stored[key]
 
-    def made(self, scene: Scene, reading_deg: Floats | None = None) -> Floats:
+    def evaluate(self, scene: Scene, reading_deg: Floats | None = None) -> Floats:
         _, driver, form = self.composition
         if driver != "heading":
             return FORMS[form].series(self, driver_series(scene, driver), scene.time_s)
         assert reading_deg is not None
         return FORMS[form].series(self, reading_deg, scene.time_s)
 
-    def said(self) -> tuple[str, str, str]:
+    def reported_composition(self) -> tuple[str, str, str]:
         """Return target, driver and form as reported by a diagnosis; for a horizontal field its larger component."""
         acted, driver, form = self.composition
         if acted == "field_horizontal":

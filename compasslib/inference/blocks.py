@@ -66,52 +66,52 @@ class Option:
         return self.term.name
 
 
-def enumerate_options(view: FittedModel, half: FittedModel) -> tuple[Option, ...]:
+def enumerate_options(freed: FittedModel, midpoint: FittedModel) -> tuple[Option, ...]:
     """Enumerate the forms of all blocks that a recording can show.
 
     Args:
-        view: model whose residual and whitener determine the dates that are tried; its terms are freed.
-        half: the model at which columns are linearized.
+        freed: model whose residual and whitener determine the dates that are tried; its terms are freed.
+        midpoint: the model at which columns are linearized.
     """
-    standing = {type(term): term for term in half.simulation.terms}
-    made = (*_listed(view, half, standing), *_composed(half))
+    standing = {type(term): term for term in midpoint.simulation.terms}
+    made = (*_listed(freed, midpoint, standing), *_composed(midpoint))
     return tuple(with_shares([option for option in made if option.columns.shape[1]]))
 
 
-def _listed(view: FittedModel, half: FittedModel, standing: Mapping[type[Effect], Effect]) -> Iterator[Option]:
+def _listed(freed: FittedModel, midpoint: FittedModel, standing: Mapping[type[Effect], Effect]) -> Iterator[Option]:
     """Yield the effects of the catalogue, dated ones at each date."""
-    for kind in half.case.terms:
+    for kind in midpoint.comparison.terms:
         if kind.side == "water":
             continue  # part of the noise
         block = block_of(kind)
         if not kind.dated():
-            yield scaled_option(half, kind(), block)
+            yield scaled_option(midpoint, kind(), block)
             continue
-        derivative = design.term_columns(half, kind())
+        derivative = design.term_columns(midpoint, kind())
         known = (standing[kind].date,) if kind in standing else ()
-        dates, shares = search_dates(view, derivative, known)
-        since = half.case.scene.since
+        dates, shares = search_dates(freed, derivative, known)
+        since = midpoint.comparison.scene.since
         for date, share in zip(dates.tolist(), shares.tolist(), strict=True):
             term = replace(kind(), date_s=date)  # type: ignore[call-arg]
             yield _scaled(term, block, derivative * since(date)[:, None], share)
 
 
-def _composed(half: FittedModel) -> Iterator[Option]:
+def _composed(midpoint: FittedModel) -> Iterator[Option]:
     """Yield the forms that the catalogue does not list."""
-    scene = half.case.scene
+    scene = midpoint.comparison.scene
     acted = {
-        target: design.term_columns(half, compose_effect(target, "time", "always")())
+        target: design.term_columns(midpoint, compose_effect(target, "time", "always")())
         for target, place in TARGETS.items()
         if place.side != "water"
     }
-    listed = {kind.composition for kind in half.case.terms if issubclass(kind, ComposedEffect)}
-    for target, driver, form, *places in _compositions(scene, half.case.units):
+    listed = {kind.composition for kind in midpoint.comparison.terms if issubclass(kind, ComposedEffect)}
+    for target, driver, form, *places in _compositions(scene, midpoint.comparison.units):
         for at in places or [()]:
             kind = compose_effect(target, driver, form)
             if kind.composition in listed or (target, driver, form) in LISTED:
                 continue
             term = place_effect(kind, *at)
-            series = term.made(scene, half.case.recorded_deg)
+            series = term.evaluate(scene, midpoint.comparison.recorded_deg)
             columns = (acted[target][:, :, None] * series[:, None, :]).reshape(len(series), -1)
             block = "compass", GROUPS.get(target, target), TILTS.get(driver, driver)
             yield _scaled(term, block, columns, 1.0 / max(len(places), 1))
@@ -182,9 +182,9 @@ def _target(kind: type[Effect]) -> str:
     return "lobe" if kind.name in HARMONIC_NAMES else kind.acts_on
 
 
-def scaled_option(half: FittedModel, term: Effect, block: tuple[str, str, str] = ("", "", "")) -> Option:
+def scaled_option(midpoint: FittedModel, term: Effect, block: tuple[str, str, str] = ("", "", "")) -> Option:
     """Linearize one effect at a fitted model."""
-    return _scaled(term, block, design.term_columns(half, term))
+    return _scaled(term, block, design.term_columns(midpoint, term))
 
 
 def _scaled(term: Effect, block: tuple[str, str, str], derivative: Floats, cell: float = 1.0) -> Option:
@@ -215,7 +215,7 @@ def with_shares(options: Sequence[Option]) -> Iterator[Option]:
         yield replace(each, share=float(share))
 
 
-def search_dates(view: FittedModel, derivative: Floats, known: tuple[float, ...] = ()) -> tuple[Floats, Floats]:
+def search_dates(freed: FittedModel, derivative: Floats, known: tuple[float, ...] = ()) -> tuple[Floats, Floats]:
     """Choose the dates at which a step is tried, coarse to fine, and the share of the record that each represents.
 
     Where the likelihood changes steeply between dates ten days apart, days and then samples are tried between them.
@@ -224,11 +224,11 @@ def search_dates(view: FittedModel, derivative: Floats, known: tuple[float, ...]
         derivative: columns of the step's effect throughout, (n, k) degrees per unit.
         known: dates that are tried in any case.
     """
-    time_s = view.case.scene.time_s
+    time_s = freed.comparison.scene.time_s
     step = sampling_interval_s(time_s)
     low, high = np.quantile(time_s, [DATE_MARGIN, 1.0 - DATE_MARGIN])
     coarse = np.union1d(np.arange(low, high, max(COARSEST_S, (high - low) / MOST_DATES)), known)
-    gains = _step_gains(view, derivative)
+    gains = _step_gains(freed, derivative)
     dates, gain = coarse, gains(coarse)
     for spacing in (DAY_S, step):
         places: list[int] = []
@@ -251,17 +251,17 @@ def search_dates(view: FittedModel, derivative: Floats, known: tuple[float, ...]
     return dates, np.diff(edges) / float(np.ptp(time_s))
 
 
-def _step_gains(view: FittedModel, derivative: Floats) -> Callable[[Floats], Floats]:
+def _step_gains(freed: FittedModel, derivative: Floats) -> Callable[[Floats], Floats]:
     """Return a function that computes the gain in log likelihood by a step at each of several dates, (d,)."""
     scale = np.std(derivative, axis=0)
     unit = (derivative / np.where(scale > 0.0, scale, 1.0)).astype(np.float32)
-    target = (view.innovation / view.sigma).astype(np.float32)
+    target = (freed.innovation / freed.sigma).astype(np.float32)
 
     def gains(dates_s: Floats) -> Floats:
-        since = (view.case.scene.time_s[:, None] >= dates_s).astype(np.float32)
+        since = (freed.comparison.scene.time_s[:, None] >= dates_s).astype(np.float32)
         steps = (unit[:, None, :] * since[:, :, None]).reshape(len(unit), -1)
-        white = view.whiten_and_project(steps).reshape(len(unit), len(dates_s), -1) * np.float32(
-            view.response / view.sigma
+        white = freed.whiten_and_project(steps).reshape(len(unit), len(dates_s), -1) * np.float32(
+            freed.response / freed.sigma
         )
         information = np.einsum("ndi,ndj->dij", white, white, optimize=True).astype(float)
         score = np.einsum("ndi,n->di", white, target, optimize=True).astype(float)

@@ -1,7 +1,7 @@
 """Comparison of a recording with its simulation, the input of every search, and the findings built from its terms.
 
-Both kinds of recordings are searched with one linear Gaussian model (``search``): long ones have slow noise; in short
-ones effects may exceed the noise a thousandfold, and each form is refitted in the forward model (``short_fit``).
+Both kinds of recordings are searched with one linear Gaussian model: long ones have slow noise (``linear_model``); in
+short ones effects may exceed the noise a thousandfold, and each form is refitted in the forward model (``short_fit``).
 """
 
 from __future__ import annotations
@@ -457,7 +457,7 @@ def _composition(term: Effect) -> dict[str, str] | None:
     """Split a composed effect into target, driver and form; None for those that the catalogue lists."""
     if not isinstance(term, ComposedEffect) or not term.name.startswith(COMPOSED):
         return None
-    return dict(zip(("acts_on", "driver", "form"), term.said(), strict=True))
+    return dict(zip(("acts_on", "driver", "form"), term.reported_composition(), strict=True))
 
 
 def large_deviation(comparison: Comparison, size_deg: float, proof: HeldOut) -> Finding:

@@ -41,7 +41,7 @@ from compasslib.inference.diagnosis import (
     spread_unexplained,
 )
 from compasslib.inference.finding import SURE, UNTESTED, CovariateRange, Parameter, Unexplained
-from compasslib.inference.product import Product, Series
+from compasslib.inference.product import CorrectionModel, Series
 from compasslib.records import EarthField, Pairs, Record
 
 UNSETTLED = (
@@ -56,7 +56,7 @@ class Conclusion:
     """Diagnosis of a mooring, its correction, and the assessment of the correction."""
 
     diagnosis: Diagnosis
-    product: Product
+    product: CorrectionModel
     assessment: dict[str, Any]
 
 
@@ -97,7 +97,7 @@ def conclude(
     fit: DeviationFit,
     find_constant: Callable[[DeviationFit], ConstantOffset | None],
     calibration: str = "",
-    with_effects: Callable[[Product, bool], Product] = lambda made, searched: made,
+    with_effects: Callable[[CorrectionModel, bool], CorrectionModel] = lambda made, searched: made,
 ) -> Conclusion:
     """Diagnose a mooring as a whole: search, constant offset, doubtful periods and agreement on held-out pairs.
 

@@ -104,30 +104,30 @@ def coupled_drivers(driver: str) -> frozenset[str]:
     return next((group for group in COUPLED if driver in group), frozenset({driver}))
 
 
-def current_blocks(case: LongComparison) -> tuple[CurrentBlock, ...]:
+def current_blocks(comparison: LongComparison) -> tuple[CurrentBlock, ...]:
     """Build the columns of the current of a mooring by driver."""
     columns: dict[str, list[Floats]] = {}
     for name in ("speed", "depth"):
-        if name in case.covariates:
-            hats = covariates.hat_columns(case.covariates[name], KNOTS)
+        if name in comparison.covariates:
+            hats = covariates.hat_columns(comparison.covariates[name], KNOTS)
             columns[name] = [USUAL_DEG * (hats - hats.mean(axis=0))]
-    leans = [case.scene.departures[name] for name in ("pitch", "roll") if name in case.covariates]
-    usual_deg = LEAN_SHARE * float(np.median(case.expected_deg))
+    leans = [comparison.scene.departures[name] for name in ("pitch", "roll") if name in comparison.covariates]
+    usual_deg = LEAN_SHARE * float(np.median(comparison.expected_deg))
     columns["tilt"] = [usual_deg * covariates.standardize(lean)[:, None] for lean in leans if np.std(lean)]
-    if np.median(np.diff(case.scene.time_s)) < TIDE_RESOLVING_STEP_S:
-        columns["tide"] = [USUAL_TIDE_DEG * tide_waves(case.scene.time_s)]
-    for kind in case.terms:
+    if np.median(np.diff(comparison.scene.time_s)) < TIDE_RESOLVING_STEP_S:
+        columns["tide"] = [USUAL_TIDE_DEG * tide_waves(comparison.scene.time_s)]
+    for kind in comparison.terms:
         if kind.side == "water" and kind.driver not in ("speed", "depth"):
             # The turn by each parameter at its prior standard deviation, (n, k) degrees.
-            unit, still = np.eye(len(kind.fitted())), np.zeros(len(case))
-            turn = np.stack([kind().at(values).apply(still, case.scene) for values in unit], axis=1)
+            unit, still = np.eye(len(kind.fitted())), np.zeros(len(comparison))
+            turn = np.stack([kind().at(values).apply(still, comparison.scene) for values in unit], axis=1)
             size, usual = np.sqrt(np.mean(turn**2, axis=0)), kind.expected()
             with np.errstate(divide="ignore"):
                 scale = np.where(usual > 0.0, usual**-0.5, USUAL_DEG / np.maximum(size, 1e-12))
             turn = np.asarray(turn * np.where(size > 0.0, scale, 0.0))
             columns.setdefault(kind.driver, []).append(turn)
             if kind.driver in VELOCITY_ERRORS:
-                series = (case.scene.departures.get(name) for name in MODULATORS)
+                series = (comparison.scene.departures.get(name) for name in MODULATORS)
                 varying = [x for x in series if x is not None and np.std(x) > LEAST_SPREAD]
                 columns[kind.driver] += [turn * covariates.standardize(x)[:, None] for x in varying]
     blocks = [CurrentBlock(driver, np.concatenate(each, axis=1)) for driver, each in columns.items() if each]
@@ -151,7 +151,7 @@ class CurrentPosterior:
         present = np.mean(self.values != 0.0, axis=0) >= PRESENT
         return np.asarray(np.where(present, np.mean(self.values**2, axis=0), 0.0))
 
-    def state(self, visible: Floats, min_effect_deg: float) -> tuple[float, tuple[CurrentStatement, ...]]:
+    def statements(self, visible: Floats, min_effect_deg: float) -> tuple[float, tuple[CurrentStatement, ...]]:
         """Compute the probability that the current exceeds a size, and state by which drivers it does.
 
         Args:

@@ -59,7 +59,7 @@ class TooFewSamples(ArithmeticError):
 class FittedModel:
     """A simulation with its whitened residual from a recording; n samples."""
 
-    case: LongComparison
+    comparison: LongComparison
     simulation: ForwardModel
     nuisance: Floats  # (k,) coefficients of the nuisance columns
     heading_deg: Floats  # (n,) simulated correct heading given the recorded one, NaN without a root
@@ -76,7 +76,7 @@ class FittedModel:
     @property
     def base_ridge(self) -> Floats:
         """Prior precision of the columns of the base, scaled as the products of whitened columns, (b,)."""
-        ridge, usual = np.zeros(self.base.shape[1]), self.case.usual
+        ridge, usual = np.zeros(self.base.shape[1]), self.comparison.usual
         for term, columns in zip(self.simulation.terms, parameter_slices(self.simulation.terms, 5), strict=True):
             kind = type(term)
             ridge[columns] = np.maximum(usual[kind], TINY) ** -2.0 if kind in usual else term.expected()
@@ -85,12 +85,12 @@ class FittedModel:
     def external_information(self) -> tuple[Floats, Floats]:
         """Collect the information (b, b) and score (b,) on the base's coefficients from other records."""
         information, score = np.zeros((self.base.shape[1],) * 2), np.zeros(self.base.shape[1])
-        if self.case.prior is not None:
-            information[:5, :5] = self.case.prior.precision
-            score[:5] = self.case.prior.precision @ self.case.prior.mean
+        if self.comparison.prior is not None:
+            information[:5, :5] = self.comparison.prior.precision
+            score[:5] = self.comparison.prior.precision @ self.comparison.prior.mean
         for term, columns in zip(self.simulation.terms, parameter_slices(self.simulation.terms, 5), strict=True):
-            if type(term) in self.case.shared:
-                information[columns, columns], score[columns] = self.case.shared[type(term)]
+            if type(term) in self.comparison.shared:
+                information[columns, columns], score[columns] = self.comparison.shared[type(term)]
         return information, score
 
     def whiten_and_project(self, columns_deg: Floats) -> Floats:
@@ -111,7 +111,7 @@ class FittedModel:
 
 
 def evaluate_model(
-    case: LongComparison, simulation: ForwardModel, nuisance: Floats, *, freed_deg: Floats | None = None
+    comparison: LongComparison, simulation: ForwardModel, nuisance: Floats, *, freed_deg: Floats | None = None
 ) -> FittedModel:
     """Compute the residual of a simulation, whiten it and project the base out.
 
@@ -123,22 +123,22 @@ def evaluate_model(
     Raises:
         TooFewSamples: fewer than ``FEWEST_SAMPLES`` are usable.
     """
-    heading, residual, width_floor = _residual(case, simulation, nuisance)
+    heading, residual, width_floor = _residual(comparison, simulation, nuisance)
     if (usable := int(np.isfinite(residual).sum())) < FEWEST_SAMPLES:
-        raise TooFewSamples(f"{usable} of {len(case)} samples show on which branch of the compass they are")
-    derivative = np.nan_to_num(heading_jacobian(simulation, case.scene, heading))
-    base = np.column_stack([derivative[:, : None if freed_deg is None else 5], case.nuisance])
-    left, width, shift = residual, np.full(len(case), np.inf), np.zeros(base.shape[1])
+        raise TooFewSamples(f"{usable} of {len(comparison)} samples show on which branch of the compass they are")
+    derivative = np.nan_to_num(heading_jacobian(simulation, comparison.scene, heading))
+    base = np.column_stack([derivative[:, : None if freed_deg is None else 5], comparison.nuisance])
+    left, width, shift = residual, np.full(len(comparison), np.inf), np.zeros(base.shape[1])
     for _ in range(WIDTH_ROUNDS):
-        width = np.hypot(robust_widths(left, case.slowness), width_floor)
+        width = np.hypot(robust_widths(left, comparison.slowness), width_floor)
         if (usable := int(np.isfinite(width).sum())) < FEWEST_SAMPLES:
-            raise TooFewSamples(f"{usable} of {len(case)} samples show a direction")
+            raise TooFewSamples(f"{usable} of {len(comparison)} samples show a direction")
         weighted = np.where(np.isfinite(width)[:, None], base, 0.0) / width[:, None]
         gram = weighted.T @ weighted
         ridge = BASE_RIDGE * np.trace(gram) / len(gram) * np.eye(len(gram))
         step = np.linalg.solve(gram + ridge, weighted.T @ clip_standardized(left, width))
         left, shift = left - base @ step, shift + step
-    white = replace(fit_whitener(left, width, case.scene.time_s), low_rank=case.low_rank)
+    white = replace(fit_whitener(left, width, comparison.scene.time_s), low_rank=comparison.low_rank)
     basis = orthonormal_basis(white(base))
     standard = clip_standardized(left, width)
     innovation = white.filtered(standard[:, None])[:, 0]
@@ -150,31 +150,31 @@ def evaluate_model(
         innovation = innovation + response * white(freed_deg[:, None])[:, 0]
     innovation = innovation - basis @ (basis.T @ innovation)
     return FittedModel(
-        case=case, simulation=simulation, nuisance=nuisance, heading_deg=heading, residual_deg=left, base=base,
-        whitener=white, basis=basis, standard=standard, shift=shift, innovation=innovation, sigma=sigma,
+        comparison=comparison, simulation=simulation, nuisance=nuisance, heading_deg=heading, residual_deg=left,
+        base=base, whitener=white, basis=basis, standard=standard, shift=shift, innovation=innovation, sigma=sigma,
         response=response,
     )  # fmt: skip
 
 
-def count_usable(case: LongComparison, simulation: ForwardModel, nuisance: Floats) -> int:
+def count_usable(comparison: LongComparison, simulation: ForwardModel, nuisance: Floats) -> int:
     """Count the samples for which the branch of the simulated compass is known."""
-    return int(np.isfinite(_residual(case, simulation, nuisance)[1]).sum())
+    return int(np.isfinite(_residual(comparison, simulation, nuisance)[1]).sum())
 
 
-def _residual(case: LongComparison, simulation: ForwardModel, nuisance: Floats) -> tuple[Floats, Floats, Floats]:
+def _residual(comparison: LongComparison, simulation: ForwardModel, nuisance: Floats) -> tuple[Floats, Floats, Floats]:
     """Compute simulated heading, residual, and the heading error due to compass noise, (n,) degrees each."""
-    shown = case.observed_deg - water_veer(simulation, case.scene) - case.nuisance @ nuisance
-    roots = invert_heading(simulation, case.scene, case.recorded_deg)
+    shown = comparison.observed_deg - water_veer(simulation, comparison.scene) - comparison.nuisance @ nuisance
+    roots = invert_heading(simulation, comparison.scene, comparison.recorded_deg)
     heading = nearest_root(roots, shown)
-    slope = np.maximum(np.abs(heading_slope(simulation, case.scene, heading)), MIN_HEADING_SLOPE)
+    slope = np.maximum(np.abs(heading_slope(simulation, comparison.scene, heading)), MIN_HEADING_SLOPE)
     # Where both branches of a two-valued compass are close, taking the one nearer to a noisy direction is biased.
-    heading = np.where(shows_branch(roots, case.expected_deg), heading, np.nan)
-    return heading, angles.difference(shown, heading), case.precision_deg / slope
+    heading = np.where(shows_branch(roots, comparison.expected_deg), heading, np.nan)
+    return heading, angles.difference(shown, heading), comparison.precision_deg / slope
 
 
-def term_columns(state: FittedModel, term: Effect) -> Floats:
+def term_columns(fitted: FittedModel, term: Effect) -> Floats:
     """Compute the columns of one term added to a simulation, (n, k) degrees per unit."""
-    columns = added_term_jacobian(state.simulation, state.case.scene, state.heading_deg, term)
+    columns = added_term_jacobian(fitted.simulation, fitted.comparison.scene, fitted.heading_deg, term)
     return np.where(np.isfinite(columns), columns, 0.0)
 
 
@@ -182,49 +182,49 @@ def term_columns(state: FittedModel, term: Effect) -> Floats:
 class Estimate:
     """A fitted model with the covariance of its parameters."""
 
-    state: FittedModel
+    fitted: FittedModel
     covariance: Floats  # (b, b) of A..E, the terms' parameters and the nuisances
 
     @property
     def term_covariances(self) -> list[Floats]:
         """Covariance of each term's parameters."""
-        return [self.covariance[columns, columns] for columns in parameter_slices(self.state.simulation.terms, 5)]
+        return [self.covariance[columns, columns] for columns in parameter_slices(self.fitted.simulation.terms, 5)]
 
 
-def refit(state: FittedModel, terms: Sequence[Effect]) -> FittedModel:
+def refit(fitted: FittedModel, terms: Sequence[Effect]) -> FittedModel:
     """Fit terms, compass and nuisances together by Gauss-Newton steps."""
-    begin = _RefitState(_initialize(state, terms))
-    return gauss_newton(begin, rounds=REFIT_ROUNDS, close=CONVERGED_DEG, worse=MISFIT_GROWTH).state
+    begin = _RefitState(_initialize(fitted, terms))
+    return gauss_newton(begin, rounds=REFIT_ROUNDS, close=CONVERGED_DEG, worse=MISFIT_GROWTH).fitted
 
 
 @dataclass(frozen=True)
 class _RefitState:
     """A fitted model as a point of the Gauss-Newton iteration."""
 
-    state: FittedModel
+    fitted: FittedModel
 
     def step(self) -> tuple[Floats, float]:
         """Compute the step of all parameters, and its length, for which nuisances do not count."""
-        step, simulation = _least_squares_step(self.state), self.state.simulation
+        step, simulation = _least_squares_step(self.fitted), self.fitted.simulation
         return step, float(np.max(np.abs(step[: len(simulation.parameters)]) / simulation.steps))
 
     def moved(self, step: Floats) -> _RefitState | None:
         """Take a step; None if too few samples are usable there."""
-        state, count = self.state, len(self.state.simulation.parameters)
-        simulation = state.simulation.at(state.simulation.parameters + step[:count])
+        fitted, count = self.fitted, len(self.fitted.simulation.parameters)
+        simulation = fitted.simulation.at(fitted.simulation.parameters + step[:count])
         try:
-            return _RefitState(evaluate_model(state.case, simulation, state.nuisance + step[count:]))
+            return _RefitState(evaluate_model(fitted.comparison, simulation, fitted.nuisance + step[count:]))
         except TooFewSamples:
             return None
 
     def misfit(self, other: _RefitState) -> float:
         """Compute the ratio of another model's median absolute residual to this one's, both in widths of this one."""
-        left = (np.abs(angles.wrap180(each.residual_deg)) for each in (other.state, self.state))
-        theirs, own = (float(np.nanmedian(each / self.state.whitener.width_deg)) for each in left)
+        left = (np.abs(angles.wrap180(each.residual_deg)) for each in (other.fitted, self.fitted))
+        theirs, own = (float(np.nanmedian(each / self.fitted.whitener.width_deg)) for each in left)
         return theirs / max(own, TINY)
 
 
-def _initialize(state: FittedModel, terms: Sequence[Effect]) -> FittedModel:
+def _initialize(fitted: FittedModel, terms: Sequence[Effect]) -> FittedModel:
     """Evaluate the model with terms, halving their sizes until enough samples are usable.
 
     Raises:
@@ -232,55 +232,55 @@ def _initialize(state: FittedModel, terms: Sequence[Effect]) -> FittedModel:
     """
     for _ in range(MOST_HALVINGS):
         try:
-            return evaluate_model(state.case, replace(state.simulation, terms=tuple(terms)), state.nuisance)
+            return evaluate_model(fitted.comparison, replace(fitted.simulation, terms=tuple(terms)), fitted.nuisance)
         except TooFewSamples:
             terms = [term.at(term.values / 2.0) for term in terms]
-    return evaluate_model(state.case, replace(state.simulation, terms=tuple(terms)), state.nuisance)
+    return evaluate_model(fitted.comparison, replace(fitted.simulation, terms=tuple(terms)), fitted.nuisance)
 
 
-def visible_size_deg(state: FittedModel, k: int, covariance: Floats) -> float:
+def visible_size_deg(fitted: FittedModel, k: int, covariance: Floats) -> float:
     """Compute the visible size of a fitted term, rms degrees, with the bias by its uncertainty subtracted."""
-    columns = state.base[:, parameter_slices(state.simulation.terms, 5)[k]]
-    others = np.column_stack([state.base[:, :5], state.base[:, len(state.simulation.parameters) :]])
-    weight = 1.0 / state.whitener.width_deg
+    columns = fitted.base[:, parameter_slices(fitted.simulation.terms, 5)[k]]
+    others = np.column_stack([fitted.base[:, :5], fitted.base[:, len(fitted.simulation.parameters) :]])
+    weight = 1.0 / fitted.whitener.width_deg
     taken, *_ = np.linalg.lstsq(others * weight[:, None], columns * weight[:, None], rcond=1e-9)
     visible, values = (
-        (columns - others @ taken)[np.isfinite(state.whitener.width_deg)],
-        state.simulation.terms[k].values,
+        (columns - others @ taken)[np.isfinite(fitted.whitener.width_deg)],
+        fitted.simulation.terms[k].values,
     )
     product = visible.T @ visible / len(visible)
     return float(np.sqrt(max(float(values @ product @ values) - float(np.sum(product * covariance)), 0.0)))
 
 
-def _least_squares_step(state: FittedModel) -> Floats:
+def _least_squares_step(fitted: FittedModel) -> Floats:
     """Compute the Gauss-Newton step of all parameters from the clipped, whitened residual."""
-    white = state.whitener(state.base)
+    white = fitted.whitener(fitted.base)
     scale = np.linalg.norm(white, axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
     # ``shift`` was already subtracted from the residual and is therefore added to the step.
-    total = state.whitener.filtered(state.standard[:, None])[:, 0]
-    unit, ridge = white / scale, state.base_ridge / scale**2
+    total = fitted.whitener.filtered(fitted.standard[:, None])[:, 0]
+    unit, ridge = white / scale, fitted.base_ridge / scale**2
     values = np.zeros(len(scale))
-    values[5 : len(state.simulation.parameters)] = state.simulation.parameters[5:]
-    pull = unit.T @ total / state.response - ridge * (values + state.shift) * scale
+    values[5 : len(fitted.simulation.parameters)] = fitted.simulation.parameters[5:]
+    pull = unit.T @ total / fitted.response - ridge * (values + fitted.shift) * scale
     precision = np.diag(DAMPING + ridge)
-    if state.case.prior is not None or state.case.shared:
-        values[:5] = state.simulation.coefficients
-        information, score = (x * (state.sigma / state.response) ** 2 for x in state.external_information())
+    if fitted.comparison.prior is not None or fitted.comparison.shared:
+        values[:5] = fitted.simulation.coefficients
+        information, score = (x * (fitted.sigma / fitted.response) ** 2 for x in fitted.external_information())
         precision += information / np.outer(scale, scale)
-        pull += (score - information @ (values + state.shift)) / scale
+        pull += (score - information @ (values + fitted.shift)) / scale
     step = np.linalg.solve(unit.T @ unit + precision, pull)
-    return np.asarray(step / scale + state.shift)
+    return np.asarray(step / scale + fitted.shift)
 
 
-def freed_model(state: FittedModel) -> tuple[FittedModel, FittedModel]:
+def freed_model(fitted: FittedModel) -> tuple[FittedModel, FittedModel]:
     """Add the terms' effect back to the residual, without slow noise, and build the midpoint model for slopes."""
-    quiet, terms = replace(state.case, low_rank=None), state.simulation.terms
+    without_slow, terms = replace(fitted.comparison, low_rank=None), fitted.simulation.terms
     # At the midpoint the slopes approximate the chord from no effect to the full effect; those at the full effect
     # would put alternatives to it at a disadvantage.
-    simulation = replace(state.simulation, terms=tuple(term.at(term.values / 2.0) for term in terms))
-    roots = invert_heading(simulation, quiet.scene, quiet.recorded_deg)
-    half = replace(state, simulation=simulation, heading_deg=nearest_root(roots, state.heading_deg))
-    slopes = heading_jacobian(half.simulation, quiet.scene, half.heading_deg, first=5)
-    effect = np.nan_to_num(slopes) @ state.simulation.parameters[5:]
-    return evaluate_model(quiet, state.simulation, state.nuisance, freed_deg=effect), half
+    simulation = replace(fitted.simulation, terms=tuple(term.at(term.values / 2.0) for term in terms))
+    roots = invert_heading(simulation, without_slow.scene, without_slow.recorded_deg)
+    midpoint = replace(fitted, simulation=simulation, heading_deg=nearest_root(roots, fitted.heading_deg))
+    slopes = heading_jacobian(midpoint.simulation, without_slow.scene, midpoint.heading_deg, first=5)
+    effect = np.nan_to_num(slopes) @ fitted.simulation.parameters[5:]
+    return evaluate_model(without_slow, fitted.simulation, fitted.nuisance, freed_deg=effect), midpoint

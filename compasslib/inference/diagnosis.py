@@ -26,7 +26,7 @@ from compasslib.inference.finding import (
     curve_json,
 )
 from compasslib.inference.joint_compass import RecordInformation
-from compasslib.inference.product import Product, WeightedCompass
+from compasslib.inference.product import CorrectionModel, WeightedCompass
 from compasslib.types import Floats
 
 LISTED_SHARE = 0.1  # smallest size that is listed as negligible, as a share of ``min_effect_deg``
@@ -280,7 +280,7 @@ def _merge_findings(groups: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
     return tuple(sorted(merged, key=lambda finding: -finding.rms_effect_deg))
 
 
-def product_of_diagnosis(fit: DeviationFit, diagnosis: Diagnosis) -> Product:
+def product_of_diagnosis(fit: DeviationFit, diagnosis: Diagnosis) -> CorrectionModel:
     """Derive the correction of the record from the result of the search for unmodelled effects.
 
     If no effect is corrected, the fit is averaged with a compass without deviation.
@@ -298,7 +298,7 @@ def product_of_diagnosis(fit: DeviationFit, diagnosis: Diagnosis) -> Product:
     if all(member.compass is None for member in diagnosis.applied):
         fit, no_deviation = average_with_none(fit)
     if diagnosis.fit is None:
-        return Product(fit, left_deg=left_deg, no_deviation=no_deviation)
+        return CorrectionModel(fit, left_deg=left_deg, no_deviation=no_deviation)
     effects = tuple(finding.effect for finding in diagnosis.findings if finding.applied)
     accounted = tuple(finding.effect for finding in diagnosis.findings if not finding.of_compass)
-    return Product(fit, effects, diagnosis.applied, accounted, left_deg, no_deviation=no_deviation)
+    return CorrectionModel(fit, effects, diagnosis.applied, accounted, left_deg, no_deviation=no_deviation)

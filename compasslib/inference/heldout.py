@@ -24,8 +24,8 @@ from compasslib.effects.effect import parameter_slices
 from compasslib.inference import finding
 from compasslib.inference.design import FittedModel
 from compasslib.inference.finding import Amplitude, BinnedResidual, HeldOut, Interval, Placebo
-from compasslib.inference.inference import Inference
-from compasslib.inference.search import LinearModel, Marginal, Products
+from compasslib.inference.linear_model import LinearModel, Marginal, Products
+from compasslib.inference.search import Inference
 from compasslib.statistics.resampling import NORMAL_95, blocks_by_count, blocks_by_span
 from compasslib.statistics.whitening import scaled_inverse
 from compasslib.types import Floats
@@ -42,12 +42,12 @@ def cross_validate(inferred: Inference, k: int, surrogates: int) -> HeldOut:
         k: number of the term.
         surrogates: number of surrogates, may be 0.
     """
-    state = inferred.state
-    time_s = state.case.scene.time_s
+    fitted = inferred.fitted
+    time_s = fitted.comparison.scene.time_s
     in_fifths = inferred.model.options[inferred.chosen[k]].block[2] == "time"
     block = blocks_by_span(time_s, finding.HELD_OUT_BLOCK_S)
     fold = blocks_by_count(time_s, finding.FOLDS) if in_fifths else block % finding.FOLDS
-    each, rms_deg = _fold_gains(state, k, fold)
+    each, rms_deg = _fold_gains(fitted, k, fold)
     scored = finding.bootstrap_gain(each, block, rms_deg)
     return replace(_select_anew(inferred, k, fold, scored, surrogates), method="fifths" if in_fifths else "interleaved")
 
@@ -60,7 +60,7 @@ def _select_anew(inferred: Inference, k: int, fold: NDArray[np.intp], scored: He
     drawings = model.draw(place.evidence, surrogates, inferred.seed, others) if surrogates else np.zeros((len(fold), 0))
     prediction = record.predict(np.column_stack([model.residual, drawings]).astype(np.float32))
     turns = record.turns(prediction)
-    size_deg = float(np.mean([angles.rms(turn) for turn in model.view.visible(turns).T]))
+    size_deg = float(np.mean([angles.rms(turn) for turn in model.freed.visible(turns).T]))
     points, expected = record.bin_left_out(turns), np.ones(3)
     if prediction.predicted[0] >= CLEAR_Z**2:
         at, mean = model.products.columns(inferred.chosen[k]), prediction.whole
@@ -112,7 +112,7 @@ class _PartitionedRecord:
     @cached_property
     def rows(self) -> Floats:
         """Whitened columns of options, slow noise, compass and nuisances, (n, m) float32."""
-        return np.concatenate([self.model.white, self.model.view.basis], axis=1, dtype=np.float32)
+        return np.concatenate([self.model.white, self.model.freed.basis], axis=1, dtype=np.float32)
 
     @cached_property
     def squares(self) -> list[Floats]:
@@ -122,8 +122,8 @@ class _PartitionedRecord:
     @property
     def variance(self) -> Floats:
         """Prior variance of the coefficients of noise."""
-        water = self.inferred.places[self.place].evidence.likeliest_water(self.inferred.chosen[self.place])
-        return np.append(self.model.noise_variances(water), np.full(self.model.view.basis.shape[1], FREE))
+        slow_noise = self.inferred.places[self.place].evidence.likeliest_noise(self.inferred.chosen[self.place])
+        return np.append(self.model.noise_variances(slow_noise), np.full(self.model.freed.basis.shape[1], FREE))
 
     def _marginal(self, information: Floats, score: Floats) -> Marginal:
         entered = self.inferred.entered
@@ -152,12 +152,12 @@ class _PartitionedRecord:
             for k in np.unique(best):
                 at, r = self.model.products.columns(k), np.flatnonzero(best == k)
                 (inside, score), (trained, before) = whole.left(at), training.left(at)
-                fitted = size * np.linalg.solve(np.eye(len(at)) + size**2 * trained, size * before[:, r])
-                predicted[r] += np.maximum(np.sum(fitted * ((inside - trained) @ fitted), axis=0), 0.0)
-                followed[r] += np.sum(fitted * (score - before)[:, r], axis=0)
+                coefficients = size * np.linalg.solve(np.eye(len(at)) + size**2 * trained, size * before[:, r])
+                predicted[r] += np.maximum(np.sum(coefficients * ((inside - trained) @ coefficients), axis=0), 0.0)
+                followed[r] += np.sum(coefficients * (score - before)[:, r], axis=0)
                 if r[0] == 0:
                     chosen.append(int(k))
-                    values.append(fitted[:, 0])
+                    values.append(coefficients[:, 0])
         term = self.inferred.chosen[self.place]
         return _Prediction(gain, predicted, followed, chosen, values, whole.fit([(term, size)])[:, 0])
 
@@ -178,21 +178,21 @@ class _PartitionedRecord:
         Args:
             turns: predicted without each fold, (n, f) degrees.
         """
-        view = self.model.view
-        part, known = np.argmax(self.folds, axis=0), np.isfinite(view.whitener.width_deg)
+        freed = self.model.freed
+        part, known = np.argmax(self.folds, axis=0), np.isfinite(freed.whitener.width_deg)
         visible = np.zeros(turns.shape)
-        visible[known] = view.visible(turns)
+        visible[known] = freed.visible(turns)
         left_out = visible[np.arange(len(part)), part]
         below, above = left_out[known & (left_out < 0)], left_out[known & (left_out > 0)]
         edges = np.concatenate([_quarters(below), [0.0], _quarters(above)])
         information, score = np.zeros((len(edges) + 1,) * 2), np.zeros(len(edges) + 1)
-        unit = np.float32(view.response / view.sigma / np.sqrt(self.model.scatter))
+        unit = np.float32(freed.response / freed.sigma / np.sqrt(self.model.scatter))
         noise, at = self.rows[:, self.model.products.ends[-1] :], np.arange(len(score))
         ends, size = np.array([0, len(score)]), np.ones((1, 1))
         for f, inside in enumerate(self.folds):
             here = np.searchsorted(edges, visible[:, f])
             bins = (turns[:, [f]] * (here[:, None] == np.arange(len(score)))).astype(np.float32)
-            rows = np.concatenate([view.whiten_and_project(bins) * unit, noise], axis=1)
+            rows = np.concatenate([freed.whiten_and_project(bins) * unit, noise], axis=1)
             both = []
             for days in (slice(None), ~inside):
                 square, pull = rows[days].T @ rows[days], rows[days].T @ self.model.residual[days, None]
@@ -201,7 +201,7 @@ class _PartitionedRecord:
             information += both[0][0] - both[1][0]
             score += (both[0][1] - both[1][1])[:, 0]
         inverse = np.linalg.pinv(information, hermitian=True)
-        weight = np.where(known, view.whitener.width_deg, np.inf) ** -2.0
+        weight = np.where(known, freed.whitener.width_deg, np.inf) ** -2.0
         here = np.searchsorted(edges, left_out)
         filled = np.bincount(here[known], minlength=len(score)) >= finding.FEWEST_IN_BIN
         total = np.maximum(np.bincount(here, weight, len(score)), 1e-300)
@@ -215,24 +215,24 @@ def _quarters(values: Floats) -> Floats:
     return np.quantile(values, [0.25, 0.5, 0.75]) if len(values) else np.zeros(0)
 
 
-def _fold_gains(state: FittedModel, k: int, fold: NDArray[np.intp]) -> tuple[Floats, tuple[float, float]]:
+def _fold_gains(fitted: FittedModel, k: int, fold: NDArray[np.intp]) -> tuple[Floats, tuple[float, float]]:
     """Compute the gain of a term at each sample, sizes fitted without its fold, and the rms without and with it."""
-    values = np.zeros(state.base.shape[1])
-    parameters = state.simulation.parameters
+    values = np.zeros(fitted.base.shape[1])
+    parameters = fitted.simulation.parameters
     values[5 : len(parameters)] = parameters[5:]
     term_columns = np.zeros(len(values), dtype=bool)
-    term_columns[parameter_slices(state.simulation.terms, 5)[k]] = True
-    white = state.whitener(state.base)
-    target = state.whitener.filtered(state.standard[:, None])[:, 0] / state.response + white @ values
-    total = state.residual_deg + state.base @ values
+    term_columns[parameter_slices(fitted.simulation.terms, 5)[k]] = True
+    white = fitted.whitener(fitted.base)
+    target = fitted.whitener.filtered(fitted.standard[:, None])[:, 0] / fitted.response + white @ values
+    total = fitted.residual_deg + fitted.base @ values
     left, rms_deg = [], []
     for columns in (~term_columns, term_columns | True):
-        fitted, training = np.empty(white[:, columns].shape), white[:, columns]
+        coefficients, training = np.empty(white[:, columns].shape), white[:, columns]
         for f in np.unique(fold):
             inside = training[fold != f]
-            inverse = scaled_inverse(inside.T @ inside + np.diag(state.base_ridge[columns]))
-            fitted[fold == f] = inverse @ (inside.T @ target[fold != f])
-        left.append(target - np.sum(white[:, columns] * fitted, axis=1))
-        rms_deg.append(angles.rms(total - np.sum(state.base[:, columns] * fitted, axis=1)))
-    each = (left[0] ** 2 - left[1] ** 2) * state.response**2 / (2.0 * state.sigma**2)
+            inverse = scaled_inverse(inside.T @ inside + np.diag(fitted.base_ridge[columns]))
+            coefficients[fold == f] = inverse @ (inside.T @ target[fold != f])
+        left.append(target - np.sum(white[:, columns] * coefficients, axis=1))
+        rms_deg.append(angles.rms(total - np.sum(fitted.base[:, columns] * coefficients, axis=1)))
+    each = (left[0] ** 2 - left[1] ** 2) * fitted.response**2 / (2.0 * fitted.sigma**2)
     return each, (rms_deg[0], rms_deg[1])

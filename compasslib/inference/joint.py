@@ -16,7 +16,7 @@ from compasslib.inference.comparison import Options, SharedInformation
 from compasslib.inference.diagnosis import Diagnosis, combine_outcomes, insufficient
 from compasslib.inference.joint_compass import IRON_NAMES, SIZE_PAIRS_NT, JointCompass, Member
 from compasslib.inference.joint_effects import SharedEffect, SharedEffects
-from compasslib.inference.product import AppliedCompass, Product
+from compasslib.inference.product import AppliedCompass, CorrectionModel
 from compasslib.records import EarthField
 from compasslib.types import Floats
 
@@ -56,8 +56,8 @@ def read_returned(content: Mapping[str, Any], mooring: str) -> SiblingInformatio
 
 
 def apply_shared_effects(
-    made: Product, shared: SiblingInformation, field: EarthField, logged: Mapping[str, Floats]
-) -> Product:
+    made: CorrectionModel, shared: SiblingInformation, field: EarthField, logged: Mapping[str, Floats]
+) -> CorrectionModel:
     """Correct a record that cannot be searched with the effects known from other records.
 
     Args:

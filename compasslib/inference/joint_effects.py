@@ -23,10 +23,10 @@ from compasslib.inference import noise as noise_models
 from compasslib.inference import wording
 from compasslib.inference.comparison import Comparison, LongComparison, build_finding
 from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter, compare_names
-from compasslib.inference.inference import Inference
 from compasslib.inference.joint_compass import EffectInformation, Member, RecordInformation, effect_class
+from compasslib.inference.linear_model import AMPLITUDES_DEG, LEAST_PROBABILITY, Entered, Marginal, Products
 from compasslib.inference.places import UNLIKELY
-from compasslib.inference.search import AMPLITUDES_DEG, LEAST_WATER, Entered, Marginal, Products
+from compasslib.inference.search import Inference
 from compasslib.statistics.least_squares import robust_width
 from compasslib.types import Floats
 
@@ -46,8 +46,8 @@ def record_information(inferred: Inference, fit: DeviationFit) -> RecordInformat
     """
     weights = np.array([weight for weight, _ in inferred.weighted])
     weights /= weights.sum()
-    centres = np.array([state.simulation.coefficients for _, state in inferred.weighted])
-    inner = np.array([inferred.estimate(state).covariance[:5, :5] for _, state in inferred.weighted])
+    centres = np.array([fitted.simulation.coefficients for _, fitted in inferred.weighted])
+    inner = np.array([inferred.estimate(fitted).covariance[:5, :5] for _, fitted in inferred.weighted])
     off = centres - weights @ centres
     covariance = np.einsum("h,hij->ij", weights, inner) + (weights[:, None] * off).T @ off
     covariance += positive_part(fit.covariance[:5, :5] - covariance)
@@ -65,12 +65,12 @@ def _effect_information(inferred: Inference) -> EffectInformation:
 
     Effects that belong to the record alone, such as a slip of its mount, are marginalized.
     """
-    state, model, evidence = inferred.state, inferred.model, inferred.further.evidence
+    fitted, model, evidence = inferred.fitted, inferred.model, inferred.further.evidence
     shared = [k for k, option in enumerate(model.options) if option.term.instrument]
     specific = [(k, size) for k, size in inferred.entered if k not in shared]
     retained = [*shared, *(k for k, _ in specific)]
-    season = model.view.whiten_and_project(season_columns(state.case))
-    season *= model.view.response / model.view.sigma / np.sqrt(model.scatter)
+    season = model.freed.whiten_and_project(season_columns(fitted.comparison))
+    season *= model.freed.response / model.freed.sigma / np.sqrt(model.scatter)
     of_options = np.concatenate([np.zeros(0, dtype=np.intp), *(model.products.columns(k) for k in retained)])
     white = np.concatenate(
         [model.white[:, of_options], model.white[:, model.products.ends[-1] :], season], axis=1, dtype=np.float32
@@ -79,39 +79,39 @@ def _effect_information(inferred: Inference) -> EffectInformation:
     entered = [(len(shared) + k, size) for k, (_, size) in enumerate(specific)]
     at = np.append(np.arange(products.ends[len(shared)]), white.shape[1] - SEASON_COLUMNS + np.arange(SEASON_COLUMNS))
     information, score = np.zeros((len(at), len(at))), np.zeros(len(at))
-    probability = evidence.water_probability()
-    likely = np.flatnonzero(probability > LEAST_WATER * probability.max())
+    probability = evidence.noise_probability()
+    likely = np.flatnonzero(probability > LEAST_PROBABILITY * probability.max())
     for w, share in zip(likely, probability[likely] / probability[likely].sum(), strict=True):
-        variance = np.append(model.noise_variances(evidence.waters[w]), np.zeros(SEASON_COLUMNS))
+        variance = np.append(model.noise_variances(evidence.slow_noises[w]), np.zeros(SEASON_COLUMNS))
         left, score_left = products.marginalize(variance, entered).left(at)
         information, score = information + share * left, score + share * score_left[:, 0]
     usual = np.concatenate([np.zeros(0), *(model.options[k].usual for k in shared)])
     unit = np.divide(1.0, usual, out=np.zeros_like(usual), where=usual > 0.0)
     scale = np.append(unit, np.ones(SEASON_COLUMNS))
     columns = np.concatenate([np.zeros((len(white), 0)), *(model.options[k].columns for k in shared)], axis=1)
-    visible = model.view.visible(columns * unit)
+    visible = model.freed.visible(columns * unit)
     return EffectInformation(
         forms=tuple(type(model.options[k].term).__name__ for k in shared),
         usual=usual,
         visible=visible.T @ visible / max(len(visible), 1),
         information=information * np.outer(scale, scale),
         score=score * scale,
-        residual_deg=robust_width(state.residual_deg[np.isfinite(state.residual_deg)]),
-        n=len(state.case),
+        residual_deg=robust_width(fitted.residual_deg[np.isfinite(fitted.residual_deg)]),
+        n=len(fitted.comparison),
     )
 
 
-def season_columns(case: LongComparison) -> Floats:
+def season_columns(comparison: LongComparison) -> Floats:
     """Build the columns of a yearly season of the water, degrees per degree of its size, (n, SEASON_COLUMNS).
 
     Harmonics of the year for veer and for eastward and northward shear; the k-th is scaled by 1/k.
     """
-    phase = 360.0 * case.scene.time_s / YEAR_S
+    phase = 360.0 * comparison.scene.time_s / YEAR_S
     waves = np.column_stack([x / k for k in SEASON_HARMONICS for x in angles.sin_cos(k * phase)])
-    departures = case.scene.departures
-    if "flow_east" not in departures or "speed" not in case.covariates:
+    departures = comparison.scene.departures
+    if "flow_east" not in departures or "speed" not in comparison.covariates:
         return np.concatenate([waves, np.zeros((len(waves), SEASON_COLUMNS - waves.shape[1]))], axis=1)
-    shear = noise_models.shear_columns(case, waves, noise_models.SPEED_SPAN_S)
+    shear = noise_models.shear_columns(comparison, waves, noise_models.SPEED_SPAN_S)
     per_degree = noise_models.USUAL_SHEAR_M_S / noise_models.USUAL_VEER_DEG
     return np.concatenate([waves, per_degree * shear], axis=1)
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.effects.composed import COMPOSED
-from compasslib.inference.search import Entered, Evidence, LinearModel, Marginal
+from compasslib.inference.linear_model import Entered, Evidence, LinearModel, Marginal
 from compasslib.types import Floats
 
 POWER = 0.9  # share of simulations in which an effect at its limit is detected
@@ -54,8 +54,11 @@ def detection_limits(
             listed.setdefault(option.name, []).append(k)
     products = replace(model.products, score=score)
     marginals = [
-        (0.0 if water is None else water.log_prior, products.marginalize(model.noise_variances(water), entered))
-        for water in evidence.likely_waters
+        (
+            0.0 if slow_noise is None else slow_noise.log_prior,
+            products.marginalize(model.noise_variances(slow_noise), entered),
+        )
+        for slow_noise in evidence.likely_noises
     ]
     result: dict[str, float | None] = {}
     for name, options in listed.items():
@@ -83,19 +86,19 @@ def _statistics(
         part: numbers of the surrogates.
     """
     at = model.products.columns(k)
-    visible = model.view.visible(model.options[k].columns)
+    visible = model.freed.visible(model.options[k].columns)
     direction = rng.normal(size=(len(at), len(part)))
     direction /= np.sqrt(np.mean((visible @ direction) ** 2, axis=0))
     planted = []
     for prior, marginal in marginals:
-        half, taken = marginal.half(model.products.information[:, at]) @ direction, marginal.taken[:, part]
+        midpoint, taken = marginal.midpoint(model.products.information[:, at]) @ direction, marginal.taken[:, part]
         information, left = marginal.left(at)
         values, vectors = np.linalg.eigh(information)
-        none = np.array([marginal.none[part], np.sum(half * taken, axis=0), 0.5 * np.sum(half**2, axis=0)])
+        none = np.array([marginal.none[part], np.sum(midpoint * taken, axis=0), 0.5 * np.sum(midpoint**2, axis=0)])
         along = np.array([vectors.T @ left[:, part], vectors.T @ information @ direction])
         planted.append(_Planted(prior, none, along, np.maximum(values, 0.0), model.products.amplitudes[:, k]))
     for size in SIZES_DEG:
-        each = [water.log_likelihoods(float(size)) for water in planted]
+        each = [slow_noise.log_likelihoods(float(size)) for slow_noise in planted]
         none, effect = (np.logaddexp.reduce(np.array(logs), axis=0) for logs in zip(*each, strict=True))
         yield effect - none + model.options[k].share
 

@@ -24,8 +24,8 @@ from compasslib.inference import (
     experiments,
     finding,
     heldout,
-    inference,
     joint_effects,
+    search,
     sticking,
 )
 from compasslib.inference import noise as noise_models
@@ -34,9 +34,9 @@ from compasslib.inference.current import CurrentStatement
 from compasslib.inference.design import FittedModel
 from compasslib.inference.diagnosis import Diagnosis, Outcome
 from compasslib.inference.finding import BinnedResidual, Finding, Parameter, Unexplained
-from compasslib.inference.inference import Inference
 from compasslib.inference.limits import limits_text
 from compasslib.inference.product import AppliedCompass, WeightedCompass
+from compasslib.inference.search import Inference
 from compasslib.inference.sticking import HeadingCluster
 from compasslib.inference.wording import SIZE_PREFIX, TURN_PREFIX, tilt_zero_text
 from compasslib.types import Floats
@@ -46,57 +46,61 @@ FIXED_PLACES = ("middle", "range", "period_s")  # that are not searched for
 NO_SIGMA = 1e-6  # standard error, in any unit, up to which a parameter of value 0 is not listed
 
 
-def diagnose(case: LongComparison, options: Options, fit: DeviationFit | None = None) -> Diagnosis:
+def diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | None = None) -> Diagnosis:
     """Diagnose a long record against its simulation.
 
     Args:
         fit: fit of the exact compass, needed for the information shared with other records.
     """
-    none = np.zeros(case.nuisance.shape[1])
-    if (usable := design.count_usable(case, case.simulation, none)) < FEWEST_PAIRS:
-        why = f"the branch of the compass is known for {usable} of {len(case)} pairs; {FEWEST_PAIRS} are needed"
+    none = np.zeros(comparison.nuisance.shape[1])
+    if (usable := design.count_usable(comparison, comparison.simulation, none)) < FEWEST_PAIRS:
+        why = f"the branch of the compass is known for {usable} of {len(comparison)} pairs; {FEWEST_PAIRS} are needed"
         # If hardly any pair agrees with either of its headings, the fit itself is wrong.
-        return replace(diagnosis.insufficient(why, case.not_testable), refutes_fit=4 * usable < len(case))
+        return replace(diagnosis.insufficient(why, comparison.not_testable), refutes_fit=4 * usable < len(comparison))
     try:
-        return _diagnose(case, options, fit)
+        return _diagnose(comparison, options, fit)
     except design.TooFewSamples as lost:  # initially, or after a refit
         why = f"{lost}; there is nothing to compare the compass with"
-        refutes_fit = len(case) >= 4 * design.FEWEST_SAMPLES
-        return replace(diagnosis.insufficient(why, case.not_testable), refutes_fit=refutes_fit)
+        refutes_fit = len(comparison) >= 4 * design.FEWEST_SAMPLES
+        return replace(diagnosis.insufficient(why, comparison.not_testable), refutes_fit=refutes_fit)
 
 
-def _diagnose(case: LongComparison, options: Options, fit: DeviationFit | None) -> Diagnosis:
-    none = np.zeros(case.nuisance.shape[1])
-    empty = design.evaluate_model(case, case.simulation, none)
-    cluster = sticking.sticking_sector(empty)
-    outside = case if cluster is None else replace(case, observed_deg=sticking.observed_outside(case, cluster))
-    if cluster is not None and design.count_usable(outside, case.simulation, none) >= FEWEST_PAIRS:
-        empty = design.evaluate_model(outside, case.simulation, none)  # sticking readings mimic terms
-    empty = design.refit(empty, [])  # compass and nuisances, accounting for autocorrelation
-    inferred = inference.infer(empty, options.prior_odds, options.surrogates)
-    stormy = noise_models.storm_finding(inferred.state)
-    null_model = design.refit(inferred.state, []) if inferred.state.simulation.terms else inferred.state
+def _diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | None) -> Diagnosis:
+    none = np.zeros(comparison.nuisance.shape[1])
+    initial = design.evaluate_model(comparison, comparison.simulation, none)
+    cluster = sticking.sticking_sector(initial)
+    outside = (
+        comparison
+        if cluster is None
+        else replace(comparison, observed_deg=sticking.observed_outside(comparison, cluster))
+    )
+    if cluster is not None and design.count_usable(outside, comparison.simulation, none) >= FEWEST_PAIRS:
+        initial = design.evaluate_model(outside, comparison.simulation, none)  # sticking readings mimic terms
+    initial = design.refit(initial, [])  # compass and nuisances, accounting for autocorrelation
+    inferred = search.infer(initial, options.prior_odds, options.surrogates)
+    stormy = noise_models.storm_finding(inferred.fitted)
+    null_model = design.refit(inferred.fitted, []) if inferred.fitted.simulation.terms else inferred.fitted
     diagnosed = diagnosis.combine_outcomes(
         [_outcome(inferred, null_model, cluster, options)],
         options,
         extra=[] if stormy is None else [stormy],
-        not_testable=case.not_testable,
+        not_testable=comparison.not_testable,
     )
     detectable = inferred.limits
     limits = [(max(size, options.min_effect_deg), name) for name, size in detectable.items() if size is not None]
     covariance = inferred.estimate(null_model).covariance[:5, :5]
     if inferred.slow is not None and inferred.slow.acting:  # effect of the current on the fit
-        shift = null_model.simulation.coefficients - null_model.case.simulation.coefficients
+        shift = null_model.simulation.coefficients - null_model.comparison.simulation.coefficients
         covariance = covariance + np.outer(shift, shift)
     return replace(
         diagnosed,
         applied=tuple(
             WeightedCompass(
                 weight,
-                "+".join(term.name for term in state.simulation.terms) or "none",
-                _compass_of_model(inferred, state),
+                "+".join(term.name for term in fitted.simulation.terms) or "none",
+                _compass_of_model(inferred, fitted),
             )
-            for weight, state in inferred.weighted
+            for weight, fitted in inferred.weighted
         )
         if options.apply
         else (),
@@ -116,8 +120,8 @@ def _outcome(
     options: Options,
 ) -> Outcome:
     """Collect the outcome of the search."""
-    state, case = inferred.state, inferred.state.case
-    covariances = inferred.estimate(state).term_covariances
+    fitted, comparison = inferred.fitted, inferred.fitted.comparison
+    covariances = inferred.estimate(fitted).term_covariances
     findings = tuple(_finding(inferred, k, covariance, options.surrogates) for k, covariance in enumerate(covariances))
     exceeded, stated = _current(inferred, options.min_effect_deg)
     named = [
@@ -133,30 +137,30 @@ def _outcome(
             if item.held_out.points is not None
         ]
         named = {item.effect for item in shown}
-        steps = [term for term in state.simulation.terms if term.dated() and term.name in named]
+        steps = [term for term in fitted.simulation.terms if term.dated() and term.name in named]
         along = dict.fromkeys(["heading", "time", *(item.where.covariate for item in shown)])
-        names = [name for name in along if name in case.covariates and (name != "time" or not steps)]
-        sizes = [residual_curve(null_model, state, "time", step=term) for term in steps]
+        names = [name for name in along if name in comparison.covariates and (name != "time" or not steps)]
+        sizes = [residual_curve(null_model, fitted, "time", step=term) for term in steps]
         others = [
-            residual_curve(null_model, state, name)
-            for name, x in case.covariates.items()
-            if name not in along and np.std(x) and abs(np.corrcoef(x, case.scene.time_s)[0, 1]) < LIKE_TIME
+            residual_curve(null_model, fitted, name)
+            for name, x in comparison.covariates.items()
+            if name not in along and np.std(x) and abs(np.corrcoef(x, comparison.scene.time_s)[0, 1]) < LIKE_TIME
         ]
-        known = [residual_curve(null_model, state, name) for name in names]
+        known = [residual_curve(null_model, fitted, name) for name in names]
         # Of the others, show the one with the largest mean square in standard errors.
         squares = [(curve.after_deg / curve.sigma_deg) ** 2 for curve in others]
         excess = [float(np.mean(square)) if len(square) else 0.0 for square in squares]
         return [*turns, *known, *sizes, *([others[int(np.argmax(excess))]] if others else [])]
 
     return Outcome(
-        comparison=case,
+        comparison=comparison,
         posterior=inferred,
         findings=findings,
         finding_posteriors=inferred.finding_posteriors,
         left=_unexplained(inferred, cluster, named, options),
         small=(),
         curves=curves,
-        noise=inference.summarize_noise(inferred),
+        noise=search.summarize_noise(inferred),
         current=stated,
         current_probability=exceeded,
         prior_odds=options.prior_odds,
@@ -166,13 +170,13 @@ def _outcome(
 def _current(inferred: Inference, min_effect_deg: float) -> tuple[float, tuple[CurrentStatement, ...]]:
     """Describe the current under the chosen hypothesis, and compute the probability that it matters without effects."""
     model, visible = inferred.model, inferred.current_visible
-    alone = model.current((), model.weigh(inferred.further.evidence.likely_waters).likeliest_water())
-    with_effects = model.current(inferred.entered, inferred.water)
+    alone = model.current((), model.weigh(inferred.further.evidence.likely_noises).likeliest_noise())
+    with_effects = model.current(inferred.entered, inferred.slow_noise)
     if alone is None or with_effects is None:
         return 0.0, ()
-    exceeded, _ = alone.state(visible, min_effect_deg)
+    exceeded, _ = alone.statements(visible, min_effect_deg)
     stated = []
-    for item in with_effects.state(visible, min_effect_deg)[1]:
+    for item in with_effects.statements(visible, min_effect_deg)[1]:
         groups = [group for group in inferred.rivals if item.driver is None or item.driver in group]
         rival = max((inferred.rivals[group] for group in groups), key=lambda each: each.probability, default=None)
         driver = "" if rival is None else model.options[rival.option].term.driver
@@ -184,53 +188,55 @@ def _unexplained(
     inferred: Inference, cluster: HeadingCluster | None, named: Sequence[str], options: Options
 ) -> Unexplained | None:
     """Describe a mismatch beyond the effects that are searched for, or a sector in which the compass sticks."""
-    state = inferred.state
+    fitted = inferred.fitted
     if cluster is not None and cluster.rms_deg > options.min_effect_deg:
         low, high = (cluster.recorded_deg + side * cluster.width_deg / 2.0 for side in (-1.0, 1.0))
-        place = state.case.where("heading", (low, high))
+        place = fitted.comparison.where("heading", (low, high))
         sticks = f", where the compass sticks: its readings accumulate at {cluster.recorded_deg:.0f}°"
         place = replace(place, text=place.text + sticks)
-        return state.case.unexplained([residual_curve(state, state, "heading")], cluster.rms_deg, named, place)
+        return fitted.comparison.unexplained([residual_curve(fitted, fitted, "heading")], cluster.rms_deg, named, place)
     if not inferred.lacks_effect:
         return None
     k = int(np.argmax(inferred.further.probability))
     option, size = inferred.model.options[k], inferred.further_size_deg(k)
     if size < options.min_effect_deg:
         return None
-    along = state.case.main_covariate(option.term)
-    return state.case.unexplained([residual_curve(state, state, along)], size, named)
+    along = fitted.comparison.main_covariate(option.term)
+    return fitted.comparison.unexplained([residual_curve(fitted, fitted, along)], size, named)
 
 
 def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -> Finding:
-    state, posterior = inferred.state, inferred.finding_posteriors[k]
-    without = design.refit(state, [term for j, term in enumerate(state.simulation.terms) if j != k])
-    term, case = state.simulation.terms[k], state.case
+    fitted, posterior = inferred.fitted, inferred.finding_posteriors[k]
+    without = design.refit(fitted, [term for j, term in enumerate(fitted.simulation.terms) if j != k])
+    term, comparison = fitted.simulation.terms[k], fitted.comparison
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     parameters = {
-        name: Parameter(float(value), float(s), case.unit(term, j)[1])
+        name: Parameter(float(value), float(s), comparison.unit(term, j)[1])
         for j, (name, value, s) in enumerate(zip(term.fitted(), term.values, sigma, strict=True))
         if value or s > NO_SIGMA  # e.g. a third battery that was never installed
     }
     if isinstance(term, ComposedEffect):
         parameters |= _place_parameters(inferred, k, term)
-    span = _active_span(state, term)
-    off = angles.difference(state.heading_deg, without.heading_deg)
+    span = _active_span(fitted, term)
+    off = angles.difference(fitted.heading_deg, without.heading_deg)
     built = comparisons.build_finding(
-        case,
+        comparison,
         term,
         {posterior.effect: posterior.probability}
         | {inferred.display_name(name, inferred.places[k]): p for name, p in posterior.alternatives.items()},
         parameters,
-        size_deg=design.visible_size_deg(state, k, covariance),
+        size_deg=design.visible_size_deg(fitted, k, covariance),
         proof=heldout.cross_validate(inferred, k, surrogates),
-        place=case.where(case.main_covariate(term)) if span == case.span_s else case.where("time", span),
+        place=comparison.where(comparison.main_covariate(term))
+        if span == comparison.span_s
+        else comparison.where("time", span),
         span_s=span,
         heading_error_deg=angles.rms(off[np.isfinite(off)]),
         others=without.simulation.terms,
     )
     text = built.text
     if isinstance(term, TemperatureOfField):
-        text += tilt_zero_text(float(np.hypot(*term.values)), float(np.mean(case.scene.vertical_nT)))
+        text += tilt_zero_text(float(np.hypot(*term.values)), float(np.mean(comparison.scene.vertical_nT)))
     return replace(built, text=text, applied=term.side == "compass")
 
 
@@ -239,8 +245,8 @@ def _place_parameters(inferred: Inference, k: int, term: ComposedEffect) -> dict
 
     Their standard errors follow from the probabilities of the places that were tried.
     """
-    case, place = inferred.state.case, inferred.places[k]
-    means = covariate_series.reference_values(case.covariates)
+    comparison, place = inferred.fitted.comparison, inferred.places[k]
+    means = covariate_series.reference_values(comparison.covariates)
     alike = [j for j, option in enumerate(inferred.model.options) if type(option.term) is type(term)]
     weight = place.probability[alike] / max(float(place.probability[alike].sum()), 1e-12)
     result = {}
@@ -248,7 +254,7 @@ def _place_parameters(inferred: Inference, k: int, term: ComposedEffect) -> dict
         value = float(getattr(term, name))
         off = np.array([float(getattr(inferred.model.options[j].term, name)) for j in alike]) - value
         sigma = float(np.sqrt(weight @ off**2))
-        unit = case.driven(term, next(f.metadata["unit"] for f in fields(term) if f.name == name))
+        unit = comparison.driven(term, next(f.metadata["unit"] for f in fields(term) if f.name == name))
         if name == "middle":
             value += sum(means.get(entry, 0.0) for entry in term.needs[:1])
         in_days = unit == "s"
@@ -258,11 +264,11 @@ def _place_parameters(inferred: Inference, k: int, term: ComposedEffect) -> dict
     return result
 
 
-def _active_span(state: FittedModel, term: Effect) -> tuple[float, float]:
+def _active_span(fitted: FittedModel, term: Effect) -> tuple[float, float]:
     """Find the time span in which an effect acts: that of a storm is limited, most others last throughout."""
-    scene, always = state.case.scene, state.case.span_s
+    scene, always = fitted.comparison.scene, fitted.comparison.span_s
     if set(covariate_series.OBSERVATORY) & set(term.needs):
-        moved = north_shift(replace(state.simulation, terms=(term,)), scene)
+        moved = north_shift(replace(fitted.simulation, terms=(term,)), scene)
         return observatory.strongest_disturbance(scene.time_s, np.broadcast_to(moved, scene.time_s.shape))
     if isinstance(term, ComposedEffect):
         return term.span(*always)
@@ -272,16 +278,16 @@ def _active_span(state: FittedModel, term: Effect) -> tuple[float, float]:
     return always
 
 
-def _compass_of_model(inferred: Inference, state: FittedModel) -> AppliedCompass | None:
+def _compass_of_model(inferred: Inference, fitted: FittedModel) -> AppliedCompass | None:
     """Extract the compass with the terms on its side; None without any term, where the fit itself applies."""
-    terms = state.simulation.terms
+    terms = fitted.simulation.terms
     if not terms:
         return None
-    estimate = inferred.estimate(state)
+    estimate = inferred.estimate(fitted)
     places = zip(terms, parameter_slices(terms, 5), strict=True)
     index = np.r_[:5, *(columns for term, columns in places if term.side == "compass")]
-    simulation = replace(state.simulation, terms=tuple(term for term in terms if term.side == "compass"))
-    means = covariate_series.reference_values(state.case.covariates)
+    simulation = replace(fitted.simulation, terms=tuple(term for term in terms if term.side == "compass"))
+    means = covariate_series.reference_values(fitted.comparison.covariates)
     needed = {name for term in simulation.terms for name in term.needs}
     return AppliedCompass(
         simulation=simulation,
@@ -300,29 +306,29 @@ def residual_curve(
         step: a dated term; the residual of each bin is then expressed as the size of this term, rms degrees. The mean
             residual does not show a change of iron, since the sign of its effect depends on the heading.
     """
-    x, pattern = before.case.covariates[covariate], np.ones(len(before.case))
+    x, pattern = before.comparison.covariates[covariate], np.ones(len(before.comparison))
     if step is not None:
         pattern = design.term_columns(before, type(step)()) @ step.values
         pattern = pattern / angles.rms(pattern)
     bins, edges = finding.bins_along(covariate, x)
     finite = np.isfinite(before.whitener.width_deg) & np.isfinite(after.whitener.width_deg)
     filled = np.flatnonzero(np.bincount(bins[finite], minlength=len(edges) - 1) >= finding.FEWEST_IN_BIN)
-    (first, _), (second, sigma) = (_binned(state, bins, len(edges) - 1, pattern) for state in (before, after))
+    (first, _), (second, sigma) = (_binned(fitted, bins, len(edges) - 1, pattern) for fitted in (before, after))
     name, centre = f"{SIZE_PREFIX}{step.name}" if step else covariate, (edges[filled] + edges[filled + 1]) / 2.0
     return BinnedResidual(name, centre, first[filled], second[filled], sigma[filled])
 
 
-def _binned(state: FittedModel, bins: NDArray[np.intp], count: int, pattern: Floats) -> tuple[Floats, Floats]:
+def _binned(fitted: FittedModel, bins: NDArray[np.intp], count: int, pattern: Floats) -> tuple[Floats, Floats]:
     """Regress the residual of each bin on a pattern: coefficients, and standard errors clustered by blocks of days.
 
     The standard error is at least that from the blocks of all bins pooled: the few blocks of one bin may agree by
     chance, and in null records some bins then deviated by seven of their own standard errors.
     """
-    width = state.whitener.width_deg
-    weight, left = width**-2.0, state.standard * np.where(np.isfinite(width), width, 0.0)  # no root: no weight
+    width = fitted.whitener.width_deg
+    weight, left = width**-2.0, fitted.standard * np.where(np.isfinite(width), width, 0.0)  # no root: no weight
     total = np.maximum(np.bincount(bins, weight * pattern**2, count), 1e-12)
     mean = np.bincount(bins, weight * pattern * left, count) / total
-    time_s = state.case.scene.time_s
+    time_s = fitted.comparison.scene.time_s
     block = np.floor((time_s - time_s[0]) / finding.RESIDUAL_MEMORY_S).astype(int)
     sums = np.bincount(block * count + bins, weight * pattern * (left - mean[bins] * pattern), (block[-1] + 1) * count)
     squares = np.sum(sums.reshape(-1, count) ** 2, axis=0)

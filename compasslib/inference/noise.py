@@ -71,7 +71,7 @@ class Process:
 
 
 @dataclass(frozen=True)
-class SlowNoiseParams:
+class SlowNoise:
     """Parameters of slow water: veer, and shear of either component."""
 
     veer: Process
@@ -84,7 +84,7 @@ def _usual_log_prior(veer: Process, shear: Process) -> float:
     return -float(np.sum(np.log1p(np.square([veer.size / USUAL_VEER_DEG, shear.size / USUAL_SHEAR_M_S]))))
 
 
-def known_waters(known: SlowShear, speed_m_s: float) -> list[SlowNoiseParams]:
+def known_slow_noises(known: SlowShear, speed_m_s: float) -> list[SlowNoise]:
     """List parameters of slow water around those that a profile shows, with their priors.
 
     Its size across the flow is divided between veer and shear in several ways. The errors of size and memory are
@@ -94,7 +94,7 @@ def known_waters(known: SlowShear, speed_m_s: float) -> list[SlowNoiseParams]:
         speed_m_s: median speed of the flow.
     """
     size_sigma, memory_sigma = np.hypot(known.log_sigma, SIZE_WIDENED), np.hypot(known.memory_log_sigma, MEMORY_WIDENED)
-    waters = []
+    slow_noises = []
     for a, b in itertools.product(STEPS, STEPS):
         memory = float(np.clip(known.memory_days * np.exp(b * memory_sigma), *MEMORIES_DAYS))
         prior = sum(-(FREEDOM + 1.0) / 2.0 * np.log1p(step**2 / FREEDOM) for step in (a, b))
@@ -102,8 +102,8 @@ def known_waters(known: SlowShear, speed_m_s: float) -> list[SlowNoiseParams]:
             size = known.size_m_s * float(np.exp(a * size_sigma))
             veer = size * float(np.sqrt(share)) / max(speed_m_s, covariates.SLOWEST_M_S) / angles.DEGREE
             shear = size * float(np.sqrt(1.0 - share))
-            waters.append(SlowNoiseParams(Process(veer, memory), Process(shear, memory), prior))
-    return waters
+            slow_noises.append(SlowNoise(Process(veer, memory), Process(shear, memory), prior))
+    return slow_noises
 
 
 @dataclass(frozen=True)
@@ -117,10 +117,12 @@ class SlowNoiseBasis:
     current: Floats | None = None  # variance of each of these, once estimated
     known: tuple[SlowShear, float] | None = None  # slow shear that a profile shows, and the median speed in m/s
 
-    def variances(self, water: SlowNoiseParams) -> Floats:
+    def variances(self, slow_noise: SlowNoise) -> Floats:
         """Compute the variance of each column's coefficient."""
         step = float(self.frequency[1])
-        each = [process.variances(self.frequency, step) for process in (water.veer, water.shear, water.shear)]
+        each = [
+            process.variances(self.frequency, step) for process in (slow_noise.veer, slow_noise.shear, slow_noise.shear)
+        ]
         slow = np.concatenate(each[: self.kinds])
         tides = self.columns.shape[1] - len(slow) - len(self.drivers)
         current = np.full(len(self.drivers), LARGE_CURRENT**2) if self.current is None else self.current
@@ -137,61 +139,61 @@ class SlowNoiseBasis:
         current = np.full(len(self.drivers), LARGE_CURRENT**2) if self.current is None else self.current
         return replace(self, current=np.where(np.isin(self.drivers, list(drivers)), 0.0, current))
 
-    def waters(self) -> list[SlowNoiseParams]:
+    def slow_noises(self) -> list[SlowNoise]:
         """List the grid of parameters of slow water."""
         if self.known is not None and self.kinds > 1:
-            return known_waters(*self.known)
+            return known_slow_noises(*self.known)
         none = Process(0.0, VEER_DAYS[0])
         veers = [none, *(Process(*process) for process in itertools.product(VEER_DEG, VEER_DAYS))]
         shears = [none, *(Process(*process) for process in itertools.product(SHEAR_M_S, SHEAR_DAYS))]
         both = itertools.product(veers, shears if self.kinds > 1 else [none])
-        return [SlowNoiseParams(veer, shear, _usual_log_prior(veer, shear)) for veer, shear in both]
+        return [SlowNoise(veer, shear, _usual_log_prior(veer, shear)) for veer, shear in both]
 
 
-def slow_noise_basis(case: LongComparison) -> SlowNoiseBasis | None:
+def slow_noise_basis(comparison: LongComparison) -> SlowNoiseBasis | None:
     """Build the basis of slow water and of the current; None unless the recording is a long enough mooring record."""
-    time_s = case.scene.time_s
+    time_s = comparison.scene.time_s
     days = float(np.ptp(time_s)) / DAY_S
     count = min(int(2.0 * days / SHORTEST_DAYS) + 1, MOST_WAVES)
     if count < 4:
         return None
     frequency = np.arange(count) / (2.0 * days)
     waves = np.cos(np.pi * (time_s - time_s[0])[:, None] / (days * DAY_S) * np.arange(count))
-    blocks = current.current_blocks(case)
+    blocks = current.current_blocks(comparison)
     drivers = tuple(block.driver for block in blocks for _ in range(block.columns.shape[1]))
     each, kinds = [block.columns for block in blocks], 1
-    if "flow_east" in case.scene.departures and "speed" in case.covariates:
+    if "flow_east" in comparison.scene.departures and "speed" in comparison.covariates:
         shears = ((waves, SPEED_SPAN_S), (tide_waves(time_s), TIDE_SPAN_S))
-        each, kinds = [*(shear_columns(case, *shear) for shear in shears), *each], 3
+        each, kinds = [*(shear_columns(comparison, *shear) for shear in shears), *each], 3
     known = None
-    if case.slow_shear is not None and "speed" in case.covariates:
-        known = case.slow_shear, float(np.median(case.covariates["speed"]))
+    if comparison.slow_shear is not None and "speed" in comparison.covariates:
+        known = comparison.slow_shear, float(np.median(comparison.covariates["speed"]))
     return SlowNoiseBasis(np.concatenate([waves, *each], axis=1), frequency, kinds, drivers, known=known)
 
 
-def shear_columns(case: LongComparison, waves: Floats, span_s: float) -> Floats:
+def shear_columns(comparison: LongComparison, waves: Floats, span_s: float) -> Floats:
     """Compute the turn of directions by northward and eastward shear of 1 m/s that follows waves, (n, 2 k) degrees.
 
     Args:
         waves: (n, k).
         span_s: of the running mean of the speed.
     """
-    speed = covariates.running_mean(case.covariates["speed"], case.scene.time_s, span_s)
+    speed = covariates.running_mean(comparison.covariates["speed"], comparison.scene.time_s, span_s)
     slowness = 1.0 / np.maximum(speed, covariates.SLOWEST_M_S) / angles.DEGREE
-    north, east = (case.scene.departures[name] * slowness for name in ("flow_north", "flow_east"))
+    north, east = (comparison.scene.departures[name] * slowness for name in ("flow_north", "flow_east"))
     return np.concatenate([waves * north[:, None], -waves * east[:, None]], axis=1)
 
 
-def low_rank_noise(view: FittedModel, slow: SlowNoiseBasis, water: SlowNoiseParams) -> LowRankNoise | None:
+def low_rank_noise(freed: FittedModel, slow: SlowNoiseBasis, slow_noise: SlowNoise) -> LowRankNoise | None:
     """Express slow noise as directions of increased variance of the whitened noise; None without slow noise.
 
     Args:
-        view: fitted model whose whitener excludes slow water.
+        freed: fitted model whose whitener excludes slow water.
     """
-    variance = slow.variances(water)
+    variance = slow.variances(slow_noise)
     present = variance > 0.0
-    scale = np.sqrt(variance[present]) * view.response / view.sigma
-    white = view.whitener(slow.columns[:, present].astype(np.float32)).astype(float) * scale
+    scale = np.sqrt(variance[present]) * freed.response / freed.sigma
+    white = freed.whitener(slow.columns[:, present].astype(np.float32)).astype(float) * scale
     if not white.shape[1]:
         return None
     values, vectors = np.linalg.eigh(white.T @ white)
@@ -200,20 +202,20 @@ def low_rank_noise(view: FittedModel, slow: SlowNoiseBasis, water: SlowNoisePara
     return LowRankNoise(basis.astype(np.float32), 1.0 / np.sqrt(1.0 + values[loud]))
 
 
-def storm_finding(state: FittedModel, alarm: float = 0.006) -> Finding | None:
+def storm_finding(fitted: FittedModel, alarm: float = 0.006) -> Finding | None:
     """Test whether directions scatter with the storm index; None if they do not, or without an index.
 
     Args:
-        state: fitted model with all terms that were found.
+        fitted: fitted model with all terms that were found.
         alarm: probability of a false finding from noise alone.
     """
-    scene, width = state.case.scene, state.whitener.width_deg
-    if (IndexedDisturbance.name, CANCELS) in state.case.not_testable or "storm_index" not in scene.departures:
+    scene, width = fitted.comparison.scene, fitted.whitener.width_deg
+    if (IndexedDisturbance.name, CANCELS) in fitted.comparison.not_testable or "storm_index" not in scene.departures:
         return None
-    known = np.isfinite(width) & np.isfinite(state.residual_deg)
+    known = np.isfinite(width) & np.isfinite(fitted.residual_deg)
     index = scene.departures["storm_index"]
     unit = index / scene.horizontal_nT / angles.DEGREE  # degrees for 1 nT per unit of ap
-    ratio = np.clip(state.residual_deg[known] / width[known], -finding.MOST_WIDTHS, finding.MOST_WIDTHS)
+    ratio = np.clip(fitted.residual_deg[known] / width[known], -finding.MOST_WIDTHS, finding.MOST_WIDTHS)
     squares, share = ratio**2, (unit[known] / width[known]) ** 2
     if not share.any() or (chance := _chance_of_shifts(scene.time_s[known], squares, share)) > alarm:
         return None
@@ -222,11 +224,11 @@ def storm_finding(state: FittedModel, alarm: float = 0.006) -> Finding | None:
     sizes = np.array([_storm_size(squares[block != k], share[block != k]) for k in range(STORM_BLOCKS)])  # jackknife
     gains = np.array([_storm_gains(x, squares, share)[block == k].sum() for k, x in enumerate(sizes.tolist())])
     sigma = float(np.std(sizes) * np.sqrt(STORM_BLOCKS - 1))
-    spread, rms_deg = 1.96 * float(np.std(gains) * np.sqrt(STORM_BLOCKS)), angles.rms(state.residual_deg[known])
+    spread, rms_deg = 1.96 * float(np.std(gains) * np.sqrt(STORM_BLOCKS)), angles.rms(fitted.residual_deg[known])
     interval = float(gains.sum()) - spread, float(gains.sum()) + spread
     low, high = np.quantile(index, [STORMY_QUANTILE, 1.0]).tolist()
     return build_finding(
-        state.case,
+        fitted.comparison,
         IndexedDisturbance(),
         equal_chances(IndexedDisturbance.name),
         {"nT_ap": Parameter(size, sigma, "nT")},

@@ -11,8 +11,8 @@ from compasslib.effects import Effect
 from compasslib.inference import design, noise
 from compasslib.inference.blocks import Option
 from compasslib.inference.design import FittedModel
-from compasslib.inference.noise import SlowNoiseBasis, SlowNoiseParams
-from compasslib.inference.search import Entered, Evidence, LinearModel, Products, linearize
+from compasslib.inference.linear_model import Entered, Evidence, LinearModel, Products, linearize
+from compasslib.inference.noise import SlowNoise, SlowNoiseBasis
 from compasslib.types import Floats
 
 MOST_ROUNDS = 4  # exchanges of terms; limits the run time
@@ -43,7 +43,7 @@ class Place:
 class Settled:
     """A fitted model, linearized, with the options in the place of each of its terms."""
 
-    state: FittedModel
+    fitted: FittedModel
     model: LinearModel
     entered: Entered
     places: tuple[Place, ...]
@@ -74,22 +74,22 @@ class Settled:
 
 
 def settle(
-    state: FittedModel,
+    fitted: FittedModel,
     slow: SlowNoiseBasis | None,
-    waters: Sequence[SlowNoiseParams | None],
+    slow_noises: Sequence[SlowNoise | None],
     amplitudes: Sequence[float],
     odds: float,
 ) -> Settled:
     """Linearize a model, and replace or remove terms that are not the likeliest ones in their places."""
     before = dict[frozenset[type[Effect]], Settled]()
     for rounds in range(1, MOST_ROUNDS + 1):
-        model = linearize(state, slow)
-        entered = _located(model, state, amplitudes)
+        model = linearize(fitted, slow)
+        entered = _located(model, fitted, amplitudes)
         places = []
         for k in range(len(entered)):
-            weighed = model.weigh(waters, [*entered[:k], *entered[k + 1 :]])
+            weighed = model.weigh(slow_noises, [*entered[:k], *entered[k + 1 :]])
             places.append(Place(probabilities(model.options, weighed, odds), weighed))
-        settled = Settled(state, model, entered, tuple(places))
+        settled = Settled(fitted, model, entered, tuple(places))
         better = _better(model, entered, places)
         kinds = frozenset(type(model.options[k].term) for k, _ in better)
         before[frozenset(settled.kinds)] = settled
@@ -99,8 +99,8 @@ def settle(
             other = before[kinds]
             both = settled.averaged(other), other.averaged(settled)
             return max(both, key=Settled.held)
-        water = model.weigh(waters, better).likeliest_water()
-        state, amplitudes = fit_terms(state, model, better, water), [size for _, size in better]
+        slow_noise = model.weigh(slow_noises, better).likeliest_noise()
+        fitted, amplitudes = fit_terms(fitted, model, better, slow_noise), [size for _, size in better]
     return settled
 
 
@@ -113,7 +113,7 @@ def _better(model: LinearModel, entered: Entered, places: Sequence[Place]) -> li
         if place.none > UNLIKELY:
             return list(others)
         if type(model.options[k].term) is not type(model.options[chosen].term):
-            return sorted([*others, (k, model.likeliest_amplitude(k, place.evidence.likeliest_water(k), others))])
+            return sorted([*others, (k, model.likeliest_amplitude(k, place.evidence.likeliest_noise(k), others))])
     return list(entered)
 
 
@@ -165,27 +165,27 @@ def likeliest_option(options: Sequence[Option], evidence: Evidence, taken: Colle
     return max(alike, key=lambda k: float(log[k]))
 
 
-def _located(model: LinearModel, state: FittedModel, amplitudes: Sequence[float]) -> list[tuple[int, float]]:
+def _located(model: LinearModel, fitted: FittedModel, amplitudes: Sequence[float]) -> list[tuple[int, float]]:
     """Locate the terms of a model among the options that are linearized at it, with their amplitudes."""
-    zero_terms = [term.at(0.0 * term.values) for term in state.simulation.terms]
+    zero_terms = [term.at(0.0 * term.values) for term in fitted.simulation.terms]
     places = {option.term: k for k, option in enumerate(model.options)}
     return [(places[term], size) for term, size in zip(zero_terms, amplitudes, strict=True)]
 
 
-def fit_terms(state: FittedModel, model: LinearModel, entered: Entered, water: SlowNoiseParams | None) -> FittedModel:
+def fit_terms(fitted: FittedModel, model: LinearModel, entered: Entered, slow_noise: SlowNoise | None) -> FittedModel:
     """Fit options in the forward model, with slow noise of given parameters in the whitener."""
     terms = [
-        model.options[k].term.at(values) for (k, _), values in zip(entered, model.fit(entered, water), strict=True)
+        model.options[k].term.at(values) for (k, _), values in zip(entered, model.fit(entered, slow_noise), strict=True)
     ]
     usual = {type(model.options[k].term): size * model.options[k].usual for k, size in entered}
-    state = replace(state, case=replace(state.case, usual={**state.case.usual, **usual}))
-    learnt = learn_current(model, entered, water)
-    return design.refit(with_slow_noise(state, model.view, learnt, water), terms)
+    fitted = replace(fitted, comparison=replace(fitted.comparison, usual={**fitted.comparison.usual, **usual}))
+    learnt = learn_current(model, entered, slow_noise)
+    return design.refit(with_slow_noise(fitted, model.freed, learnt, slow_noise), terms)
 
 
-def learn_current(model: LinearModel, entered: Entered, water: SlowNoiseParams | None) -> SlowNoiseBasis | None:
+def learn_current(model: LinearModel, entered: Entered, slow_noise: SlowNoise | None) -> SlowNoiseBasis | None:
     """Set the variances of the current in the slow noise to their estimate beside some options."""
-    current = model.current(entered, water)
+    current = model.current(entered, slow_noise)
     if current is None or model.slow is None:
         return model.slow
     excluded = model.slow.current == 0.0 if model.slow.current is not None else np.zeros(len(current.variances), bool)
@@ -193,26 +193,26 @@ def learn_current(model: LinearModel, entered: Entered, water: SlowNoiseParams |
 
 
 def with_slow_noise(
-    state: FittedModel, view: FittedModel, slow: SlowNoiseBasis | None, water: SlowNoiseParams | None
+    fitted: FittedModel, freed: FittedModel, slow: SlowNoiseBasis | None, slow_noise: SlowNoise | None
 ) -> FittedModel:
     """Add slow noise to the noise model of a fitted model.
 
     Args:
-        view: fitted model whose whitener excludes slow noise.
+        freed: fitted model whose whitener excludes slow noise.
     """
-    low_rank = None if slow is None or water is None else noise.low_rank_noise(view, slow, water)
-    return design.evaluate_model(replace(state.case, low_rank=low_rank), state.simulation, state.nuisance)
+    low_rank = None if slow is None or slow_noise is None else noise.low_rank_noise(freed, slow, slow_noise)
+    return design.evaluate_model(replace(fitted.comparison, low_rank=low_rank), fitted.simulation, fitted.nuisance)
 
 
 def with_likeliest_noise(
-    state: FittedModel, slow: SlowNoiseBasis | None, waters: Sequence[SlowNoiseParams | None]
+    fitted: FittedModel, slow: SlowNoiseBasis | None, slow_noises: Sequence[SlowNoise | None]
 ) -> FittedModel:
     """Add the likeliest slow noise without effects to the noise model of a fitted model."""
     if slow is None:
-        return state
-    white = state.whiten_and_project(slow.columns.astype(np.float32)) * np.float32(state.response / state.sigma)
-    model = LinearModel(state, (), slow, white, 1.0)
-    return with_slow_noise(state, state, slow, model.weigh(waters).likeliest_water())
+        return fitted
+    white = fitted.whiten_and_project(slow.columns.astype(np.float32)) * np.float32(fitted.response / fitted.sigma)
+    model = LinearModel(fitted, (), slow, white, 1.0)
+    return with_slow_noise(fitted, fitted, slow, model.weigh(slow_noises).likeliest_noise())
 
 
 def marginalize(information: Floats, score: Floats, n: int, variance: Floats) -> tuple[Floats, Floats, float]:

@@ -134,7 +134,7 @@ def limit_precision(member: WeightedCompass, fit: DeviationFit) -> WeightedCompa
 
 
 @dataclass(frozen=True)
-class Product:
+class CorrectionModel:
     """The correction of a record."""
 
     fit: DeviationFit  # the compass; as configured if no compass-side effect was found
@@ -161,7 +161,7 @@ class Product:
         }
 
 
-def from_json(content: Mapping[str, Any]) -> Product:
+def from_json(content: Mapping[str, Any]) -> CorrectionModel:
     """Read the product from a deviation.json."""
 
     block = content["applied"]
@@ -171,7 +171,7 @@ def from_json(content: Mapping[str, Any]) -> Product:
         )
         for entry in block["compasses"]
     )
-    return Product(
+    return CorrectionModel(
         fit=fit_from_json(content),
         effects=tuple(block["effects"]),
         applied=applied,
@@ -182,7 +182,9 @@ def from_json(content: Mapping[str, Any]) -> Product:
     )
 
 
-def equivalent_pairs(product: Product, pairs: Pairs, record: Record, field: EarthField, series: Series) -> Pairs:
+def equivalent_pairs(
+    product: CorrectionModel, pairs: Pairs, record: Record, field: EarthField, series: Series
+) -> Pairs:
     """Convert the pairs to what the compass would have recorded without the other effects.
 
     Methods that are limited to five coefficients can then be applied to them.
@@ -200,7 +202,9 @@ def equivalent_pairs(product: Product, pairs: Pairs, record: Record, field: Eart
     return replace(pairs, heading_deg=angles.wrap360(pairs.heading_deg + shift), upper_east=east, upper_north=north)
 
 
-def compass_along_record(product: Product, record: Record, field: EarthField, series: Series) -> CompassSeries | None:
+def compass_along_record(
+    product: CorrectionModel, record: Record, field: EarthField, series: Series
+) -> CompassSeries | None:
     """Evaluate the compass at every sample of the record; None if the fit alone applies.
 
     Args:

@@ -11,8 +11,8 @@ from compasslib.effects.composed import ComposedEffect, as_current
 from compasslib.inference.blocks import scaled_option
 from compasslib.inference.current import coupled_drivers
 from compasslib.inference.finding import SURE
-from compasslib.inference.noise import SlowNoiseParams
-from compasslib.inference.search import Entered, Evidence, LinearModel
+from compasslib.inference.linear_model import Entered, Evidence, LinearModel
+from compasslib.inference.noise import SlowNoise
 from compasslib.types import Floats
 
 READING = ("compass", "reading")
@@ -31,16 +31,16 @@ class Rival:
 def find_rivals(
     model: LinearModel,
     entered: Entered,
-    water: SlowNoiseParams | None,
-    waters: Sequence[SlowNoiseParams | None],
+    slow_noise: SlowNoise | None,
+    slow_noises: Sequence[SlowNoise | None],
 ) -> dict[frozenset[str], Rival]:
     """Find a rival for each group of drivers that vary together and that the current is likely to follow.
 
     Args:
-        water: the likeliest slow noise.
-        waters: kinds of slow noise that are not improbable.
+        slow_noise: the likeliest slow noise.
+        slow_noises: kinds of slow noise that are not improbable.
     """
-    current, rivals = model.current(entered, water), dict[frozenset[str], Rival]()
+    current, rivals = model.current(entered, slow_noise), dict[frozenset[str], Rival]()
     if current is None or model.slow is None:
         return rivals
     present = np.mean(current.values != 0.0, axis=0) >= SURE
@@ -53,14 +53,14 @@ def find_rivals(
             if option.block[:2] == READING and option.term.driver in group and option.block not in taken
         ]
         if readings:
-            rivals[group] = _compare(model, entered, waters, group, readings)
+            rivals[group] = _compare(model, entered, slow_noises, group, readings)
     return rivals
 
 
 def _compare(
     model: LinearModel,
     entered: Entered,
-    waters: Sequence[SlowNoiseParams | None],
+    slow_noises: Sequence[SlowNoise | None],
     group: frozenset[str],
     readings: Sequence[int],
 ) -> Rival:
@@ -71,9 +71,9 @@ def _compare(
     shares = np.array([model.options[k].share for k in readings])
     shares -= np.logaddexp.reduce(shares)
     place = [(number, size) for number, (_, size) in enumerate(entered)]
-    of_compass = _log_evidence(without.weigh(waters, entered), readings) + shares
-    in_same_form = _log_evidence(alike.weigh(waters, place), range(len(entered), len(alike.options))) + shares
-    noise = model.weigh(waters, entered)
+    of_compass = _log_evidence(without.weigh(slow_noises, entered), readings) + shares
+    in_same_form = _log_evidence(alike.weigh(slow_noises, place), range(len(entered), len(alike.options))) + shares
+    noise = model.weigh(slow_noises, entered)
     as_noise = np.logaddexp.reduce(noise.log_prior[:, 0] + noise.none[:, 0])
     of_current = np.log(CURRENT_ODDS) + np.logaddexp(np.logaddexp.reduce(in_same_form), as_noise)
     ratio = float(np.clip(of_current - np.logaddexp.reduce(of_compass), -MOST_LOG, MOST_LOG))
@@ -92,9 +92,9 @@ def _as_current(model: LinearModel, entered: Entered, readings: Sequence[int]) -
     for k in readings:
         term = model.options[k].term
         assert isinstance(term, ComposedEffect)
-        turned.append(scaled_option(model.view, as_current(term)))
+        turned.append(scaled_option(model.freed, as_current(term)))
     options = (*(model.options[k] for k, _ in entered), *turned)
     columns = np.concatenate([option.columns for option in options], axis=1)
-    unit = np.float32(model.view.response / model.view.sigma / np.sqrt(model.scatter))
-    white = [model.view.whiten_and_project(columns) * unit, model.white[:, model.products.ends[-1] :]]
+    unit = np.float32(model.freed.response / model.freed.sigma / np.sqrt(model.scatter))
+    white = [model.freed.whiten_and_project(columns) * unit, model.white[:, model.products.ends[-1] :]]
     return replace(model, options=options, white=np.concatenate(white, axis=1))

@@ -1,346 +1,351 @@
-"""Linear Gaussian model of a recording: all options beside slow noise, their evidence, and surrogates.
+"""The search: effects enter the model one after the other, and the noise is fitted again under each.
 
-    y = base b + slow noise c + options w + white noise,   w ~ N(0, a^2) in units of each option, c ~ N(0, variances)
-
-Products of the whitened columns with each other and with the residual are sufficient for every hypothesis (Bishop,
-Pattern Recognition and Machine Learning, 2006, section 3.5). Amplitudes a and parameters of slow noise are marginalized
-over grids. Surrogates are further residuals, drawn from the noise: only their products with the columns are needed.
+An effect is detected if its evidence ranks among the highest of surrogates, records simulated without it. Which effect
+it is, is a matter of probability: every option is weighed in the place of each effect that entered, beside the others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import zlib
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
-from compasslib.inference import design
-from compasslib.inference.blocks import Option, enumerate_options
-from compasslib.inference.current import CurrentPosterior, infer_current
-from compasslib.inference.design import FittedModel
-from compasslib.inference.noise import SlowNoiseBasis, SlowNoiseParams
-from compasslib.statistics.resampling import (
-    EVEN_BLOCKS,
-    blocks_by_span,
-    cluster_variance_inflation,
+from compasslib.effects import SLOW_WATER, Effect
+from compasslib.effects.composed import COMPOSED, ComposedEffect
+from compasslib.effects.effect import HOUR_S
+from compasslib.inference import design, noise
+from compasslib.inference.design import Estimate, FittedModel
+from compasslib.inference.finding import Detection, FindingPosterior, compare_names
+from compasslib.inference.limits import detection_limits
+from compasslib.inference.linear_model import LEAST_PROBABILITY, Entered, Evidence, LinearModel
+from compasslib.inference.noise import SlowNoise, SlowNoiseBasis
+from compasslib.inference.places import (
+    UNLIKELY,
+    Place,
+    fit_terms,
+    learn_current,
+    likeliest_option,
+    marginalize,
+    name_probabilities,
+    probabilities,
+    settle,
+    side_probabilities,
+    with_likeliest_noise,
 )
-from compasslib.statistics.whitening import whitened_basis
-from compasslib.types import DAY_S, Floats
+from compasslib.inference.rivals import Rival, find_rivals
+from compasslib.statistics.whitening import correlation_time, sampling_interval_s, scaled_inverse
+from compasslib.types import Floats
 
-AMPLITUDES_DEG = np.array([0.5, 1.0, 2.0, 4.0, 8.0])  # rms of an effect, equally probable
-BLOCK_S = 3 * DAY_S  # longer than the autocorrelation that the filter leaves
-FAINT = 1e-3  # variance over that of white noise below which a column of slow noise is left out
-FEWEST_WATERS, LEAST_WATER = 8, 1e-3  # kinds of slow noise for surrogates and covariances: fewest, least probability
-
-Entered = Sequence[tuple[int, float]]  # index and amplitude, degrees, of options that are part of the noise
-
-
-@dataclass(frozen=True)
-class Products:
-    """Products of whitened columns with each other and with residuals: those of the options first, then of noise."""
-
-    information: Floats  # (m, m)
-    score: Floats  # (m, r)
-    ends: NDArray[np.intp]  # (g + 1,) boundaries between the columns of the options
-    amplitudes: Floats  # (a, g) prior rms of each option, degrees, equally probable
-
-    def columns(self, option: int) -> NDArray[np.intp]:
-        """Indices of an option's columns."""
-        return np.arange(self.ends[option], self.ends[option + 1])
-
-    def marginalize(self, variance: Floats, entered: Entered = ()) -> Marginal:
-        """Marginalize the columns of noise, with given prior variances, and the entered options."""
-        active = np.flatnonzero(variance * np.diag(self.information)[self.ends[-1] :] > FAINT)
-        at = np.concatenate([self.ends[-1] + active, *(self.columns(k) for k, _ in entered)])
-        sizes = (np.full(len(self.columns(k)), size) for k, size in entered)
-        root = np.concatenate([np.sqrt(variance[active]), *sizes])
-        precision = np.eye(len(root)) + root[:, None] * self.information[np.ix_(at, at)] * root
-        return Marginal(self, at, root, np.linalg.cholesky(precision))
+MOST_EFFECTS = 3  # in a record; limits the run time
+LEAST_WEIGHT = 0.05  # probability below which a combination of effects does not enter the correction
+SUGGESTED_P = 0.1  # rank up to which an effect that is not detected enters it, by its probability
+LIKELY = -float(np.log(UNLIKELY / (1.0 - UNLIKELY)))  # log Bayes factor from which an effect enters with even odds
+STEADY = 1e-8  # ridge relative to a column's information, which stabilizes the inverse
 
 
 @dataclass(frozen=True)
-class Marginal:
-    """Products with some columns marginalized."""
+class Inference:
+    """The effects that were detected, refitted, with the probability of every option in the place of each."""
 
-    products: Products
-    at: NDArray[np.intp]  # the marginalized columns
-    root: Floats  # square roots of their prior variances
-    lower: Floats  # Cholesky factor of their posterior precision, in units of these
-
-    def half(self, columns: Floats) -> Floats:
-        """Compute the part of products, (m, ...), that the marginalized columns take, as a square root."""
-        scaled = self.root[:, None] * columns[self.at]
-        return np.asarray(solve_triangular(self.lower, scaled, lower=True, check_finite=False))
-
-    @cached_property
-    def taken(self) -> Floats:
-        """The part of the products with the residuals, (a, r)."""
-        return self.half(self.products.score)
+    fitted: FittedModel  # fitted with its terms, slow noise in the whitener
+    model: LinearModel  # linearized at this model
+    chosen: tuple[int, ...]  # option of each term, in order
+    amplitudes: tuple[float, ...]  # prior rms of each, degrees
+    places: tuple[Place, ...]  # of each term
+    further: Place  # of one more effect, which was not detected
+    detections: tuple[Detection, ...]  # of each term, and of one more
+    odds: float  # prior odds of a fault of compass or clock
+    seed: int  # of the surrogates
 
     @property
-    def mean(self) -> Floats:
-        """Posterior means of the coefficients of the marginalized columns for the first residual, (a,)."""
-        unit = solve_triangular(self.lower, self.taken[:, 0], lower=True, trans="T", check_finite=False)
-        return np.asarray(self.root * unit)
-
-    def left(self, at: NDArray[np.intp]) -> tuple[Floats, Floats]:
-        """Compute the products of some columns with each other, (k, k), and with the residuals, (k, r)."""
-        half = self.half(self.products.information[:, at])
-        information = self.products.information[np.ix_(at, at)] - half.T @ half
-        return information, self.products.score[at] - half.T @ self.taken
-
-    def fit(self, chosen: Entered) -> Floats:
-        """Compute the posterior mean of the coefficients of some options together, (k, r)."""
-        at = np.concatenate([self.products.columns(k) for k, _ in chosen])
-        size = np.concatenate([np.full(len(self.products.columns(k)), a) for k, a in chosen])
-        information, score = self.left(at)
-        precision = np.eye(len(at)) + size[:, None] * information * size
-        return np.asarray(size[:, None] * np.linalg.solve(precision, size[:, None] * score))
+    def entered(self) -> Entered:
+        """The chosen options with their amplitudes."""
+        return tuple(zip(self.chosen, self.amplitudes, strict=True))
 
     @cached_property
-    def _options(self) -> list[tuple[NDArray[np.intp], Floats, Floats]]:
-        """Options of each number of columns: eigenvalues, (g, k), and squared scores along them, (g, k, r)."""
-        ends, result = self.products.ends, []
-        cross = self.half(self.products.information[:, : ends[-1]])
-        left = self.products.score[: ends[-1]] - cross.T @ self.taken
-        sizes = np.diff(ends)
-        for size in np.unique(sizes):
-            options = np.flatnonzero(sizes == size)
-            index = ends[options][:, None] + np.arange(size)
-            part = cross[:, index.ravel()].reshape(len(self.at), *index.shape)
-            information = self.products.information[index[:, :, None], index[:, None, :]]
-            values, vectors = np.linalg.eigh(information - np.einsum("qgi,qgj->gij", part, part, optimize=True))
-            along = np.einsum("gki,gkr->gir", vectors, left[index], optimize=True) ** 2
-            result.append((options, np.maximum(values, 0.0), along))
-        return result
+    def slow(self) -> SlowNoiseBasis | None:
+        """Slow noise, with the estimated variances of the current."""
+        return learn_current(self.model, self.entered, self.slow_noise)
 
     @cached_property
-    def by_amplitude(self) -> Floats:
-        """Log Bayes factor of each option over none at each amplitude, (a, g, r)."""
-        result = np.empty((*self.products.amplitudes.shape, self.products.score.shape[1]))
-        for options, values, along in self._options:
-            for a, amplitude in enumerate(self.products.amplitudes[:, options, None]):
-                result[a, options] = log_bayes_factors(values, along, amplitude)
-        return result
+    def slow_noise(self) -> SlowNoise | None:
+        """The likeliest slow noise beside the chosen effects."""
+        return self.further.evidence.likeliest_noise()
 
-    @property
-    def evidence(self) -> Floats:
-        """Log Bayes factor of each option over none, (g, r)."""
-        return np.asarray(np.logaddexp.reduce(self.by_amplitude, axis=0) - np.log(len(self.products.amplitudes)))
-
-    @property
-    def none(self) -> Floats:
-        """Log likelihood without options, relative to white noise, (r,)."""
-        return np.asarray(0.5 * np.sum(self.taken**2, axis=0) - np.sum(np.log(np.diag(self.lower))))
-
-
-def log_bayes_factors(
-    values: Floats, along: Floats, amplitude: Floats | float, square: Floats | None = None, freedom: float = np.inf
-) -> Floats:
-    """Compute the log Bayes factor of options over none at a prior amplitude, (g, r).
-
-    If the variance of the noise is unknown, its Student's law of few residuals is used, and all are in its units.
-
-    Args:
-        values: eigenvalues of each option's information, (g, k).
-        along: squared scores along the eigenvectors, (g, k, r).
-        square: sum of squares of the residuals without options, (r,).
-        freedom: degrees of freedom of the noise's variance; infinite if it is known.
-    """
-    grown = amplitude**2 * values
-    gain = np.einsum("gi,gir->gr", 0.5 * amplitude**2 / (1.0 + grown), along)
-    if square is not None:
-        gain = -0.5 * freedom * np.log1p(-2.0 * gain / square)
-    return np.asarray(gain - 0.5 * np.log1p(grown).sum(axis=1)[:, None])
-
-
-@dataclass(frozen=True)
-class LinearModel:
-    """All options and slow noise, linearized at a fitted model; p columns of options, then q of slow noise."""
-
-    view: FittedModel  # whose whitener excludes slow noise
-    options: tuple[Option, ...]
-    slow: SlowNoiseBasis | None
-    white: Floats  # (n, p + q) float32 whitened columns, in units of the white noise
-    scatter: float  # variance of the scores between blocks of days over that of homogeneous noise
-
-    @cached_property
-    def residual(self) -> Floats:
-        """Whitened residual in units of the white noise, (n,) float32."""
-        return (self.view.innovation / self.view.sigma / np.sqrt(self.scatter)).astype(np.float32)
-
-    @cached_property
-    def products(self) -> Products:
-        """Products of the columns with each other and with the residual."""
-        ends = np.cumsum([0, *(option.columns.shape[1] for option in self.options)])
-        information, score = self.white.T @ self.white, self.white.T @ self.residual[:, None]
-        sized = np.array([option.sized for option in self.options], dtype=bool)
-        amplitudes = np.where(sized, 1.0, AMPLITUDES_DEG[:, None])
-        return Products(information.astype(float), score.astype(float), ends, amplitudes)
-
-    def noise_variances(self, water: SlowNoiseParams | None) -> Floats:
-        """Compute the prior variance of the coefficient of each column of slow noise, (q,)."""
-        return np.zeros(0) if self.slow is None or water is None else self.slow.variances(water)
-
-    def marginalized(self, water: SlowNoiseParams | None, entered: Entered = ()) -> Marginal:
-        """Marginalize slow noise and the entered options."""
-        return self.products.marginalize(self.noise_variances(water), entered)
-
-    def weigh(
-        self, waters: Sequence[SlowNoiseParams | None], entered: Entered = (), score: Floats | None = None
-    ) -> Evidence:
-        """Compute the evidence of each option alone beside the entered ones.
+    def sides(self, dropped: Collection[str] = ()) -> dict[str, float]:
+        """Compute the probability of each side; if several act, it counts for the first in SIDES_IN_ORDER.
 
         Args:
-            score: products of other residuals with the columns, (p + q, r); by default of the recording's.
+            dropped: names of effects to ignore.
         """
-        products = self.products if score is None else replace(self.products, score=score)
-        each = [products.marginalize(self.noise_variances(water), entered) for water in waters]
-        shares = np.array([option.share for option in self.options])
-        none, options = zip(*((marginal.none, marginal.evidence.astype(np.float32)) for marginal in each), strict=True)
-        return Evidence(tuple(waters), shares, np.array(none), np.array(options))
-
-    def draw(
-        self, evidence: Evidence, count: int, seed: int, entered: Entered = (), residual: Floats | None = None
-    ) -> Floats:
-        """Draw whitened residuals of the recording without further effects, (n, count) float32.
-
-        Args:
-            evidence: of the recording, by whose probabilities slow noise is drawn.
-            residual: the recording's own without any effect, (n,), whose blocks get random signs, in place of simulated
-                noise: the wild cluster bootstrap (Cameron, Gelbach and Miller, Rev. Econ. Stat. 90, 414, 2008).
-        """
-        rng = np.random.default_rng(seed)
-        if residual is not None:
-            block = blocks_by_span(self.view.case.scene.time_s, BLOCK_S)
-            sign = rng.choice(np.array([-1.0, 1.0], dtype=np.float32), (block[-1] + 1, count))
-            surrogates: Floats = residual[:, None] * sign[block]
-        else:
-            chosen = rng.choice(len(evidence.waters), count, p=evidence.water_probability())
-            deviations = np.sqrt([self.noise_variances(water) for water in evidence.waters]).T
-            slow = rng.normal(size=(len(deviations), count)) * deviations[:, chosen]
-            surrogates = self.white[:, self.products.ends[-1] :] @ slow.astype(np.float32)
-            surrogates += rng.normal(size=surrogates.shape).astype(np.float32)
-        surrogates[~np.isfinite(self.view.whitener.width_deg)] = 0.0
-        for k, size in entered:
-            at = self.products.columns(k)
-            surrogates += self.white[:, at] @ (size * rng.normal(size=(len(at), count))).astype(np.float32)
-        return self.view.project_out_nuisance(surrogates)
-
-    def without(self, chosen: Entered, water: SlowNoiseParams | None) -> Floats:
-        """Subtract some options and the current, fitted together, from the whitened residual, (n,) float32."""
-        marginal = self.marginalized(water, chosen)
-        slow = self.white.shape[1] - (0 if self.slow is None else len(self.slow.drivers))
-        taken = (marginal.at < self.products.ends[-1]) | (marginal.at >= slow)
-        return self.residual - self.white[:, marginal.at[taken]] @ marginal.mean[taken].astype(np.float32)
-
-    def scores(self, residuals: Floats) -> Floats:
-        """Compute the products of the columns with whitened residuals, (n, r)."""
-        return (self.white.T @ residuals).astype(float)
-
-    def fit(self, chosen: Entered, water: SlowNoiseParams | None) -> list[Floats]:
-        """Compute the posterior means of the parameters of some options together, in the terms' units."""
-        if not chosen:
-            return []
-        mean = self.marginalized(water).fit(chosen)[:, 0]
-        ends = np.cumsum([len(self.products.columns(k)) for k, _ in chosen])[:-1]
-        return [x * self.options[k].usual for x, (k, _) in zip(np.split(mean, ends), chosen, strict=True)]
-
-    def current(self, chosen: Entered, water: SlowNoiseParams | None) -> CurrentPosterior | None:
-        """Infer the drivers of the current beside some options; None if the noise has no current."""
-        if self.slow is None or water is None or not self.slow.drivers:
-            return None
-        at = np.arange(self.white.shape[1] - len(self.slow.drivers), self.white.shape[1])
-        variance = self.slow.without_current(self.slow.drivers).variances(water)
-        information, score = self.products.marginalize(variance, chosen).left(at)
-        return infer_current(self.slow.drivers, information, score[:, 0])
-
-    def likeliest_amplitude(self, option: int, water: SlowNoiseParams | None, entered: Entered = ()) -> float:
-        """Find the likeliest amplitude of an option, degrees."""
-        by_amplitude = self.marginalized(water, entered).by_amplitude
-        return float(self.products.amplitudes[int(np.argmax(by_amplitude[:, option, 0])), option])
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """Evidence of no further effect and of each option, under each kind of slow noise, for r residuals."""
-
-    waters: tuple[SlowNoiseParams | None, ...]
-    shares: Floats  # (g,) log prior probability of each option, given one effect
-    none: Floats  # (w, r)
-    options: Floats  # (w, g, r) log Bayes factor over none
+        everywhere = [self.model.options] * len(self._all_places)
+        result = side_probabilities(everywhere, self._all_places, dropped)
+        before = result["none"]
+        rivals = 1.0 - float(np.prod([1.0 - rival.probability for rival in self.rivals.values()]))
+        # What is not detected is not more probable than beforehand.
+        instead = min(before * rivals, max(self.odds / (1.0 + self.odds) - (1.0 - before), 0.0))
+        return result | {"none": before - instead, "compass": result["compass"] + instead}
 
     @cached_property
-    def log_prior(self) -> Floats:
-        """Log prior of each kind of slow noise, (w, 1)."""
-        return np.array([[0.0 if water is None else water.log_prior] for water in self.waters])
-
-    @cached_property
-    def log_bayes_factors(self) -> Floats:
-        """Log Bayes factor of each option over none, times its prior share, slow noise marginalized, (g, r)."""
-        none = self.none + self.log_prior
-        total = np.logaddexp.reduce(none, axis=0)
-        return np.logaddexp.reduce(none[:, None] - total + self.options, axis=0) + self.shares[:, None]
-
-    @cached_property
-    def statistic(self) -> Floats:
-        """Log Bayes factor of any option over none, (r,), by which an effect is detected."""
-        return np.asarray(np.logaddexp.reduce(self.log_bayes_factors, axis=0))
-
-    def water_probability(self, option: int | None = None) -> Floats:
-        """Compute the probability of each kind of slow noise for the first residual, given an option or none, (w,)."""
-        log = self.none[:, 0] + self.log_prior[:, 0] + (0.0 if option is None else self.options[:, option, 0])
-        weight = np.exp(log - log.max())
-        return np.asarray(weight / weight.sum())
+    def rivals(self) -> dict[frozenset[str], Rival]:
+        """Readings that may follow the drivers of the current in its place, by groups of drivers that vary together."""
+        return find_rivals(self.model, self.entered, self.slow_noise, self.further.evidence.likely_noises)
 
     @property
-    def likely_waters(self) -> list[SlowNoiseParams | None]:
-        """The kinds of slow noise that are not improbable without a further effect."""
-        probability = self.water_probability()
-        most = max(FEWEST_WATERS, int(np.sum(probability > LEAST_WATER)))
-        return [self.waters[w] for w in np.argsort(-probability)[:most]]
+    def lacks_effect(self) -> bool:
+        """Whether a further effect is detected beside as many as are searched for."""
+        return len(self.chosen) == MOST_EFFECTS and _stands_out(self.detections[-1], self.further)
 
-    def likeliest_water(self, option: int | None = None) -> SlowNoiseParams | None:
-        """Select the likeliest slow noise for the first residual, given an option or none."""
-        return self.waters[int(np.argmax(self.water_probability(option)))]
+    @cached_property
+    def limits(self) -> dict[str, float | None]:
+        """Detection limit of each listed effect that was not found, visible rms degrees; None if there is none."""
+        last = self.detections[-1]
+        if last.threshold is None:
+            return {}
+        drawings = self.model.draw(self.further.evidence, last.n_surrogates, self.seed + len(self.chosen), self.entered)
+        least = max(last.threshold, LIKELY - float(np.log(self.odds)))  # from which an effect is found
+        return detection_limits(self.model, self.further.evidence, self.entered, drawings, least)
+
+    @cached_property
+    def current_visible(self) -> Floats:
+        """Mean products of the columns of the current with the compass projected out, square degrees."""
+        slow = self.model.slow
+        count = 0 if slow is None else len(slow.drivers)
+        columns = (
+            np.zeros((len(self.fitted.comparison), 0))
+            if slow is None
+            else slow.columns[:, slow.columns.shape[1] - count :]
+        )
+        turned = self.model.freed.visible(columns)
+        return turned.T @ turned / len(turned)
+
+    def further_size_deg(self, k: int) -> float:
+        """Compute the visible size of an option beside the chosen effects, rms degrees."""
+        entered = (*self.entered, (k, self.model.likeliest_amplitude(k, self.slow_noise, self.entered)))
+        values = self.model.fit(entered, self.slow_noise)[-1]
+        usual = self.model.options[k].usual
+        turn = self.model.options[k].columns @ (values / np.where(usual > 0.0, usual, 1.0))
+        return float(np.sqrt(np.mean(self.model.freed.visible(turn[:, None]) ** 2)))
+
+    @property
+    def _all_places(self) -> tuple[Place, ...]:
+        return (*self.places, self.further)
+
+    @cached_property
+    def finding_posteriors(self) -> tuple[FindingPosterior, ...]:
+        """Probability of each term's effect and of its alternatives, slow water among them."""
+        result = []
+        for k, place in zip(self.chosen, self.places, strict=True):
+            names = name_probabilities(self.model.options, place) | {SLOW_WATER: place.none}
+            result.append(compare_names(self.model.options[k].name, names))
+        return tuple(result)
+
+    def display_name(self, effect: str, place: Place) -> str:
+        """Name an effect as in a diagnosis: a composed one as composed:ACTS_ON/DRIVER/FORM, by its larger component."""
+        if not effect.startswith(COMPOSED):
+            return effect
+        alike = [k for k, option in enumerate(self.model.options) if option.name == effect]
+        k = max(alike, key=lambda k: float(place.probability[k]))
+        slow_noise = place.evidence.likeliest_noise(k)
+        (values,) = self.model.fit([(k, self.model.likeliest_amplitude(k, slow_noise))], slow_noise)
+        term = self.model.options[k].term.at(values)
+        assert isinstance(term, ComposedEffect)
+        return COMPOSED + "/".join(term.reported_composition())
+
+    def estimate(self, fitted: FittedModel) -> Estimate:
+        """Compute the covariance of all parameters of a refitted model, averaged over slow noise.
+
+        Args:
+            state: model of this recording, with any terms.
+        """
+        without_slow = design.evaluate_model(
+            replace(fitted.comparison, low_rank=None), fitted.simulation, fitted.nuisance
+        )
+        columns = (
+            without_slow.base if self.slow is None else np.concatenate([without_slow.base, self.slow.columns], axis=1)
+        )
+        scale = np.linalg.norm(without_slow.base, axis=0)
+        scale = np.where(scale > 0.0, scale, 1.0)
+        unit = 1.0 / without_slow.sigma / np.sqrt(self.model.scatter)
+        white = without_slow.whitener(columns) * without_slow.response * unit
+        white[:, : len(scale)] /= scale
+        information, score = white.T @ white, white.T @ without_slow.innovation * unit
+        known = STEADY * np.diag(information)[: len(scale)]
+        ridge = np.diag(without_slow.base_ridge * (without_slow.response / without_slow.sigma / scale) ** 2 + known)
+        ridge += without_slow.external_information()[0] / np.outer(scale, scale)
+        evidence = self.further.evidence
+        weight = evidence.noise_probability()
+        likely = np.flatnonzero(weight > LEAST_PROBABILITY * weight.max())
+        weight = weight[likely] / weight[likely].sum()
+        steps, covariances = [], []
+        for w in likely:
+            slow_noise = evidence.slow_noises[w]
+            variance = np.zeros(0) if self.slow is None or slow_noise is None else self.slow.variances(slow_noise)
+            left, score_left, _ = marginalize(information, score, len(scale), variance)
+            covariances.append(scaled_inverse(left + ridge))
+            steps.append(covariances[-1] @ score_left)
+        step = np.array(steps) - weight @ np.array(steps)
+        covariance = np.einsum("w,wij->ij", weight, np.array(covariances)) + (weight[:, None] * step).T @ step
+        return Estimate(fitted, covariance / np.outer(scale, scale))
+
+    @cached_property
+    def combinations(self) -> list[tuple[float, tuple[int, ...]]]:
+        """Combinations of options that may act, with their probabilities; dates and places of one form are one.
+
+        In each place, the alternatives are combined with the chosen effects of all other places.
+        """
+        each = [self._alternatives(place, k) for place, k in zip(self._all_places, (*self.chosen, None), strict=True)]
+        taken = [options[k] for options, k in zip(each, (*self.chosen, None), strict=True)]
+        # Where a further effect is likely but not in the model, the chosen effects still are the first approximation.
+        taken[-1] = max(taken[-1], 0.5)
+        main = float(np.prod(taken))
+        result = [(main, self.chosen)]
+        for place, options in enumerate(each):
+            for k, probability in options.items():
+                others = [*self.chosen[:place], *self.chosen[place + 1 :]]
+                if k != (*self.chosen, None)[place] and k not in others:
+                    combination = tuple(sorted([*others, *([] if k is None else [k])]))
+                    result.append((main * probability / max(taken[place], 1e-12), combination))
+        for rival in self.rivals.values():
+            result.append((result[0][0] * rival.probability, tuple(sorted([*self.chosen, rival.option]))))
+            result[0] = result[0][0] * (1.0 - rival.probability), self.chosen
+        sums: dict[tuple[int, ...], float] = {}
+        for probability, combination in result:
+            sums[combination] = sums.get(combination, 0.0) + probability
+        merged = [(probability, combination) for combination, probability in sums.items()]
+        return sorted(merged, key=lambda item: (item[1] != self.chosen, -item[0]))
+
+    def _alternatives(self, place: Place, chosen: int | None) -> dict[int | None, float]:
+        """Sum the probability of each form at its likeliest date, the chosen option representing its own form."""
+        sums: dict[int | None, float] = {None: place.none}
+        options = self.model.options
+        best: dict[type[Effect], int] = {} if chosen is None else {type(options[chosen].term): chosen}
+        for k in np.argsort(-place.probability).tolist():
+            first = best.setdefault(type(options[k].term), k)
+            sums[first] = sums.get(first, 0.0) + float(place.probability[k])
+        return {chosen: 0.0} | sums
+
+    @cached_property
+    def weighted(self) -> list[tuple[float, FittedModel]]:
+        """Fitted models that correct the record, with their probabilities, which sum to at most 1; the chosen first."""
+        suggested = self.detections[-1].rank_p is not None and self.detections[-1].rank_p <= SUGGESTED_P
+        likely = {
+            each: p
+            for p, each in self.combinations
+            if each == self.chosen
+            or (p >= LEAST_WEIGHT and (suggested or len(each) <= len(self.chosen) or self._is_rival(each)))
+        }
+        for (
+            p,
+            each,
+        ) in self.combinations:  # the chosen effects and an unlikely further one: the chosen ones represent it
+            if each not in likely and set(self.chosen) < set(each):
+                likely[self.chosen] += p
+        return [(p, self.fitted if each == self.chosen else self._refitted(each)) for each, p in likely.items()]
+
+    def _is_rival(self, combination: tuple[int, ...]) -> bool:
+        return any(rival.option in combination for rival in self.rivals.values())
+
+    def _refitted(self, combination: tuple[int, ...]) -> FittedModel:
+        known = dict(self.entered)
+        amplitudes = [
+            known[k] if k in known else self.model.likeliest_amplitude(k, self.slow_noise) for k in combination
+        ]
+        model, slow = self.model, self.model.slow
+        instead = [group for group, rival in self.rivals.items() if rival.option in combination]
+        if instead and slow is not None:
+            model = replace(model, slow=slow.without_current(frozenset[str]().union(*instead)))
+        return fit_terms(self.fitted, model, list(zip(combination, amplitudes, strict=True)), self.slow_noise)
 
 
-def linearize(state: FittedModel, slow: SlowNoiseBasis | None) -> LinearModel:
-    """Linearize all options at a fitted model, whose terms are freed, and compute the products of their columns."""
-    view, half = design.freed_model(state)
-    options = enumerate_options(view, half)
-    slow_columns = np.zeros((len(view.case), 0), dtype=np.float32) if slow is None else slow.columns
-    columns = np.concatenate([*(option.columns for option in options), slow_columns], axis=1, dtype=np.float32)
-    scatter = _score_inflation(state, options)
-    sigma = view.sigma * np.sqrt(scatter)
-    white = view.whiten_and_project(columns) * np.float32(view.response / sigma)
-    return LinearModel(view, options, slow, white, scatter)
-
-
-def _score_inflation(state: FittedModel, options: Sequence[Option]) -> float:
-    """Estimate by how much scores vary more between blocks of days than homogeneous noise explains, at least 1.
-
-    Real directions scatter more in some weeks than their widths imply: the median of a cluster-robust variance over the
-    blocks (Liang and Zeger, Biometrika 73, 13, 1986).
+def infer(initial: FittedModel, odds: float, surrogates: int) -> Inference:
+    """Detect the effects that act in addition to the fitted compass, and weigh all options in their places.
 
     Args:
-        state: model whose whitener contains slow noise.
+        initial: the fitted simulation without terms.
+        odds: prior odds of a fault of compass or clock.
+        surrogates: number of records simulated without a further effect, of each kind; without any, none is detected.
     """
-    first = list({option.block: option for option in reversed(options)}.values())
-    white = state.whiten_and_project(np.concatenate([option.columns for option in first], axis=1))
-    block = blocks_by_span(state.case.scene.time_s, BLOCK_S)
-    ends = np.cumsum([option.columns.shape[1] for option in first])[:-1]
-    inflation, count = [], []
-    for part in np.split(white, ends, axis=1):
-        basis = whitened_basis(part).astype(float)
-        if basis.shape[1]:
-            each = cluster_variance_inflation(basis, state.innovation, block, state.sigma**2)
-            inflation.append(each[0])
-            count.append(each[1])
-    weight = np.array(count) / (np.array(count) + EVEN_BLOCKS)
-    order = np.argsort(inflation)
-    middle = np.searchsorted(np.cumsum(weight[order]), weight.sum() / 2.0)
-    return max(float(np.array(inflation)[order][middle]), 1.0) if len(order) else 1.0
+    slow = noise.slow_noise_basis(initial.comparison)
+    slow_noises: Sequence[SlowNoise | None] = [None] if slow is None else slow.slow_noises()
+    seed = zlib.crc32(np.ascontiguousarray(initial.comparison.recorded_deg).tobytes())
+    fitted, amplitudes, detections = with_likeliest_noise(initial, slow, slow_noises), list[float](), list[Detection]()
+    visited = set[frozenset[type[Effect]]]()
+    while True:
+        settled = settle(fitted, slow, slow_noises, amplitudes, odds)
+        model, entered = settled.model, list(settled.entered)
+        evidence, kinds = model.weigh(slow_noises, entered), frozenset(type(model.options[k].term) for k, _ in entered)
+        detections = [*detections[: len(entered)], detect(model, evidence, entered, surrogates, seed + len(entered))]
+        further = Place(probabilities(model.options, evidence, odds, [k for k, _ in entered]), evidence)
+        if not detections[-1].significant:
+            further = further.not_favoured(odds)
+        if len(entered) == MOST_EFFECTS or kinds in visited or not _stands_out(detections[-1], further):
+            break
+        visited.add(kinds)
+        k = likeliest_option(model.options, evidence, kinds)
+        slow_noise = evidence.likeliest_noise(k)
+        entered = sorted([*entered, (k, model.likeliest_amplitude(k, slow_noise, entered))])
+        fitted, amplitudes = fit_terms(settled.fitted, model, entered, slow_noise), [size for _, size in entered]
+    chosen = tuple(k for k, _ in entered)
+    sizes = tuple(size for _, size in entered)
+    return Inference(settled.fitted, model, chosen, sizes, settled.places, further, tuple(detections), odds, seed)
+
+
+def _stands_out(detection: Detection, place: Place) -> bool:
+    """Return whether a further effect is detected, and likelier than none."""
+    return detection.significant and place.none <= UNLIKELY
+
+
+def detect(model: LinearModel, evidence: Evidence, entered: Entered, surrogates: int, seed: int) -> Detection:
+    """Rank the evidence of a further effect among surrogates without it.
+
+    Two kinds are drawn: simulated noise, and, for records whose noise the model does not describe, the record's own
+    residual without any likely effect, with random signs of its blocks.
+    """
+    statistics = []
+    for residual in (None, _residual(model, evidence, entered)) if surrogates else ():
+        score = model.scores(model.draw(evidence, surrogates, seed, entered, residual))
+        statistics.append(model.weigh(evidence.likely_noises, entered, score).statistic)
+    return Detection.by_rank(float(evidence.statistic[0]), statistics)
+
+
+def _residual(model: LinearModel, evidence: Evidence, entered: Entered) -> Floats:
+    """Compute the residual without the entered options and all further ones that are likely, at least one."""
+    slow_noises, effects = evidence.likely_noises, list(entered)
+    while len(effects) == len(entered) or (len(effects) < MOST_EFFECTS and evidence.statistic[0] > LIKELY):
+        k = int(np.argmax(evidence.log_bayes_factors[:, 0]))
+        slow_noise = evidence.likeliest_noise(k)
+        effects.append((k, model.likeliest_amplitude(k, slow_noise, effects)))
+        evidence = model.weigh(slow_noises, effects)
+    return model.without(effects, evidence.likeliest_noise())
+
+
+SLOW = {"slow_rms_deg": "veer.size", "slow_memory_days": "veer.memory_days", "slow_shear_m_s": "shear.size"}
+
+
+def summarize_noise(inferred: Inference) -> dict[str, tuple[float, float]]:
+    """Estimate the parameters of the noise, each with its standard error."""
+    fitted, evidence = inferred.fitted, inferred.further.evidence
+    time_s, weight = fitted.comparison.scene.time_s, evidence.noise_probability()
+    hours, step = float(np.ptp(time_s)) / HOUR_S, sampling_interval_s(time_s) / HOUR_S
+    short = correlation_time(fitted.whitener) * step
+    width = fitted.whitener.width_deg
+    white = float(np.median(width[np.isfinite(width)]))
+    result = {
+        "white_deg": (white, white * float(np.sqrt((step + 2.0 * short) / (2.0 * hours)))),
+        "short_hours": (short, short * float(np.sqrt(2.0 * (step + short) / hours))),
+    }
+    for name, path in SLOW.items():
+        process, value = path.split(".")
+        each = np.array(
+            [
+                0.0 if slow_noise is None else getattr(getattr(slow_noise, process), value)
+                for slow_noise in evidence.slow_noises
+            ]
+        )
+        mean = float(weight @ each)
+        result[name] = (mean, float(np.sqrt(weight @ (each - mean) ** 2)))
+    return result

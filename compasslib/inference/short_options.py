@@ -17,7 +17,7 @@ from compasslib.effects.composed import bump, compose_effect, place_effect
 from compasslib.effects.effect import Effect
 from compasslib.inference import short_fit
 from compasslib.inference.blocks import DATE_MARGIN, MOST_DATES, PAIRS_SHARE, Option, block_of, with_shares
-from compasslib.inference.search import log_bayes_factors
+from compasslib.inference.linear_model import log_bayes_factors
 from compasslib.inference.short_fit import FittedHypothesis, ShortComparison
 from compasslib.statistics.noise import PHI, THETA, arma_innovations, arma_variance_ratio
 from compasslib.statistics.resampling import EVEN_BLOCKS, cluster_variance_inflation

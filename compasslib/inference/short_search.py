@@ -21,7 +21,7 @@ from compasslib.inference.blocks import Option
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import LISTED_SHARE
 from compasslib.inference.finding import Detection, FindingPosterior, RankedEffect, compare_names
-from compasslib.inference.inference import MOST_EFFECTS
+from compasslib.inference.linear_model import Evidence
 from compasslib.inference.places import (
     UNLIKELY,
     Place,
@@ -30,7 +30,7 @@ from compasslib.inference.places import (
     probabilities,
     side_probabilities,
 )
-from compasslib.inference.search import Evidence
+from compasslib.inference.search import MOST_EFFECTS
 from compasslib.inference.short_fit import FittedHypothesis, ShortComparison
 from compasslib.inference.short_options import Law, laws, log_evidence, score_scatter, short_options
 from compasslib.statistics.noise import arma_innovations, arma_series
@@ -63,7 +63,7 @@ class ShortPlace:
 
     def law(self, option: int | None) -> Law:
         """Select the likeliest law of the noise, given an option or none."""
-        return laws(self.base.comparison)[int(np.argmax(self.evidence.water_probability(option)))]
+        return laws(self.base.comparison)[int(np.argmax(self.evidence.noise_probability(option)))]
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ def _draw(place: ShortPlace, count: int, resampled: bool) -> Floats:
         length = int(np.max(np.bincount(short_fit.memory_blocks(noise))))
         return arma_series(resample_blocks(white - white.mean(), length, count, seed).T, law)
     rng = np.random.default_rng(seed)
-    chosen = rng.choice(len(known), count, p=place.evidence.water_probability())
+    chosen = rng.choice(len(known), count, p=place.evidence.noise_probability())
     innovations = noise.scale_deg * rng.normal(size=(len(noise.evident), count))
     return np.stack(
         [arma_series(x[:, None], known[k])[:, 0] for x, k in zip(innovations.T, chosen, strict=True)], axis=1

@@ -33,17 +33,17 @@ class HeadingCluster:
     rms_deg: float  # rms heading error that it causes in the whole record
 
 
-def sticking_sector(state: FittedModel) -> HeadingCluster | None:
+def sticking_sector(fitted: FittedModel) -> HeadingCluster | None:
     """Find the largest cluster of readings at one heading, None where there is none."""
-    known = np.isfinite(state.heading_deg)
-    recorded = state.case.recorded_deg[known]
+    known = np.isfinite(fitted.heading_deg)
+    recorded = fitted.comparison.recorded_deg[known]
     values = np.unique(recorded)
     if len(values) < 2 or np.median(np.diff(values)) > CELL_DEG / 4.0:
         return None
-    time_s = state.case.scene.time_s[known]
+    time_s = fitted.comparison.scene.time_s[known]
     block = np.floor((time_s - time_s[0]) / SECTOR_BLOCK_S).astype(np.intp)
     cells = int(360.0 / CELL_DEG)
-    cell = (angles.wrap360(state.heading_deg[known]) / CELL_DEG).astype(np.intp) % cells
+    cell = (angles.wrap360(fitted.heading_deg[known]) / CELL_DEG).astype(np.intp) % cells
     counts = np.bincount(block * cells + cell, minlength=(block[-1] + 1) * cells).reshape(-1, cells).astype(float)
     # Predict each cell's count by a parabola through its neighbours, (blocks, cells).
     away = np.arange(NEAREST_CELL, FARTHEST_CELL + 1.0)
@@ -66,11 +66,11 @@ def sticking_sector(state: FittedModel) -> HeadingCluster | None:
     reach = int(np.argmax(both_sides >= EMPTIED_SHARE * dense))
     inside = float(around[middle - reach : middle + reach + 1].sum())
     width = CELL_DEG * (2 * reach + 1)
-    share = inside / len(state.case)
+    share = inside / len(fitted.comparison)
     return HeadingCluster(float(angles.mean(recorded[cell == k])), width, width / float(np.sqrt(12.0 / share)))
 
 
-def observed_outside(case: LongComparison, cluster: HeadingCluster) -> Floats:
+def observed_outside(comparison: LongComparison, cluster: HeadingCluster) -> Floats:
     """Mask the observed headings, (n,) degrees, with NaN where the reading sticks."""
-    away = np.abs(angles.difference(case.recorded_deg, cluster.recorded_deg))
-    return np.where(away > cluster.width_deg / 2.0, case.observed_deg, np.nan)
+    away = np.abs(angles.difference(comparison.recorded_deg, cluster.recorded_deg))
+    return np.where(away > cluster.width_deg / 2.0, comparison.observed_deg, np.nan)

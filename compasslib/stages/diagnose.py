@@ -22,7 +22,7 @@ from compasslib.inference import diagnosis as diagnoses
 from compasslib.inference.conclusion import Conclusion, conclude
 from compasslib.inference.joint import SiblingInformation
 from compasslib.inference.joint_compass import Member
-from compasslib.inference.product import Product
+from compasslib.inference.product import CorrectionModel
 from compasslib.preparation.references import combine_references
 from compasslib.records import EarthField, Pairs, Record
 
@@ -118,7 +118,7 @@ def _search(
     wide: str,
     options: Mapping[str, Any],
     shared: SharedInformation | None = None,
-    with_effects: Callable[[Product, bool], Product] = lambda made, searched: made,
+    with_effects: Callable[[CorrectionModel, bool], CorrectionModel] = lambda made, searched: made,
 ) -> Conclusion:
     """Search the pairs of a mooring for effects and conclude; other arguments as for ``diagnose`` and ``conclude``.
 
@@ -206,7 +206,7 @@ def diagnose_jointly(
         fitted = fit_with_siblings(siblings, near, along, upper, tilt=tilt)
         configured = deviation_json(fitted, upper)
 
-    def with_effects(made: Product, searched: bool) -> Product:
+    def with_effects(made: CorrectionModel, searched: bool) -> CorrectionModel:
         if searched or not (siblings.effects and options["enabled"] and options["apply"]):
             return made
         return joint.apply_shared_effects(

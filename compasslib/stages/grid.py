@@ -19,7 +19,7 @@ from compasslib.deviation.doubts import evaluate_doubts
 from compasslib.deviation.reference import declination_sigma, reference_compass
 from compasslib.inference import covariates
 from compasslib.inference import product as products
-from compasslib.inference.product import Product
+from compasslib.inference.product import CorrectionModel
 from compasslib.product.cells import average_angle, compare_at_seam, describe_seam
 from compasslib.product.errors import (
     AffectedHeadings,
@@ -38,7 +38,7 @@ class _Affected:
     source: Source
     survey: Survey
     corrected: CorrectedRecord
-    made_by: Product
+    made_by: CorrectionModel
     pairs: Pairs
     headings: AffectedHeadings
     doubtful: bool  # whether velocities of flag 3 are used, as there are no better ones

@@ -11,7 +11,7 @@ from compasslib.effects.composed import compose_effect, place_effect
 from compasslib.effects.effect import YEAR_S
 from compasslib.effects.iron import TemperatureOfField, TemperatureOfReading
 from compasslib.inference import comparison, covariates, experiments, finding, wording
-from compasslib.inference.experiments import ANYTHING, Rows
+from compasslib.inference.experiments import ANYTHING
 from compasslib.inference.kinds import mooring
 from compasslib.records import take
 from tests.world.sea import pairs
@@ -143,18 +143,18 @@ def test_separating_observations_are_stated():
 def test_free_nuisances_reduce_the_information_of_an_observation():
     rng = np.random.default_rng(3)
     known = rng.normal(size=(50, 2))
-    free = Rows(known, np.ones((50, 1)), np.full(1, 1.0 / ANYTHING)).information
+    free = experiments._information(known, np.ones((50, 1)), np.full(1, 1.0 / ANYTHING))
     centred = known - known.mean(axis=0)
     np.testing.assert_allclose(free, centred.T @ centred, rtol=1e-5)
-    fixed = Rows(known, np.ones((50, 1)), np.full(1, 1e9)).information
+    fixed = experiments._information(known, np.ones((50, 1)), np.full(1, 1e9))
     np.testing.assert_allclose(fixed, known.T @ known, rtol=1e-5)
 
 
 def test_a_trend_is_extrapolated_and_other_series_are_repeated():
     time_s = np.arange(1000.0)
     falling, season = 40.0 - 0.004 * time_s, np.sin(time_s / 30.0)
-    np.testing.assert_allclose(experiments._continued(falling, time_s, 1000.0), falling - 4.0)
-    np.testing.assert_array_equal(experiments._continued(season, time_s, 1000.0), season)
+    np.testing.assert_allclose(experiments.extrapolate(falling, time_s, 1000.0), falling - 4.0)
+    np.testing.assert_array_equal(experiments.extrapolate(season, time_s, 1000.0), season)
 
 
 def test_the_share_of_single_names_follows_the_verdict():

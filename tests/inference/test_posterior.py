@@ -12,18 +12,18 @@ from benchmarks.discrepancy import field_of, fitted
 from compasslib import angles
 from compasslib.deviation.tilt import CompassSeries, average_compasses
 from compasslib.effects import SIDES, SLOW_WATER
-from compasslib.inference import blocks, design, heldout, inference, noise
+from compasslib.inference import blocks, design, heldout, noise, search
 from compasslib.inference.current import infer_current
 from compasslib.inference.finding import Detection
 from compasslib.inference.kinds.mooring import diagnose
-from compasslib.inference.search import AMPLITUDES_DEG, linearize
+from compasslib.inference.linear_model import AMPLITUDES_DEG, linearize
 from tests.world import pairs as world
 from tests.world.diagnosed import seen, state_of
 
 
 def inferred(wanted, seed, n=6000):
     drawn = world.planted(world.make(seed, wide=True, n=n), wanted)
-    return drawn, inference.infer(design.refit(state_of(drawn), []), 1.0, 199)
+    return drawn, search.infer(design.refit(state_of(drawn), []), 1.0, 199)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def test_probabilities_add_up(lobes, iron):
     for _, found in (lobes, iron):
         for place in (*found.places, found.further):
             assert place.probability.sum() + place.none == pytest.approx(1.0)
-            assert place.evidence.water_probability().sum() == pytest.approx(1.0)
+            assert place.evidence.noise_probability().sum() == pytest.approx(1.0)
         assert sum(found.sides().values()) == pytest.approx(1.0)
         assert sum(weight for weight, _ in found.weighted) <= 1.0 + 1e-9
         for slot in found.finding_posteriors:
@@ -65,9 +65,9 @@ def test_prior_probabilities_of_the_options_add_up(lobes):
 def test_products_give_the_evidence_of_the_gaussian_model(lobes):
     """The log Bayes factor of one option equals that of the dense covariance of the whitened residual."""
     _, found = lobes
-    model, water, option = found.model, found.water, 0
+    model, water, option = found.model, found.slow_noise, 0
     rows = np.linspace(0, len(model.residual) - 1, 300).astype(int)  # a part of the record, to invert its covariance
-    part = replace(model, white=model.white[rows], view=replace(model.view, innovation=model.view.innovation[rows]))
+    part = replace(model, white=model.white[rows], freed=replace(model.freed, innovation=model.freed.innovation[rows]))
     white, ends = part.white.astype(float), part.products.ends
     slow = white[:, ends[-1] :] * np.sqrt(model.noise_variances(water))
     columns = white[:, ends[option] : ends[option + 1]]
@@ -85,21 +85,21 @@ def test_an_effect_at_its_limit_is_detected_in_nine_of_ten_simulations(iron):
     _, found = iron
     model, last = found.model, found.detections[-1]
     k = next(k for k, option in enumerate(model.options) if option.name == "octantal")
-    visible = model.view.visible(model.options[k].columns)
+    visible = model.freed.visible(model.options[k].columns)
     rng = np.random.default_rng(3)
     direction = rng.normal(size=(2, 199))
     direction *= found.limits["octantal"] / np.sqrt(np.mean((visible @ direction) ** 2, axis=0))
     drawn = model.draw(found.further.evidence, 199, 77, found.entered)
     planted = drawn + model.white[:, model.products.columns(k)] @ direction.astype(np.float32)
     score = model.scores(planted)
-    statistic = model.weigh(found.further.evidence.likely_waters, found.entered, score).statistic
+    statistic = model.weigh(found.further.evidence.likely_noises, found.entered, score).statistic
     assert 0.8 < np.mean(statistic >= last.threshold) < 0.97
 
 
 def test_a_step_is_dated_to_the_sample():
     drawn = world.planted(world.make(8, wide=True, n=6000), {"hard_iron_step": 4.0})
     state = design.refit(state_of(drawn), [])
-    kind = next(kind for kind in state.case.terms if kind.name == "hard_iron_step")
+    kind = next(kind for kind in state.comparison.terms if kind.name == "hard_iron_step")
     dates, shares = blocks.search_dates(state, design.term_columns(state, kind()))
     assert shares.sum() == pytest.approx(1.0) and len(dates) < 150
     assert np.abs(dates - drawn.truth["hard_iron_step"]["date_s"]).min() <= 3600.0
@@ -139,10 +139,10 @@ def test_an_uninformative_record_states_no_current():
     drivers = ("speed", "depth", "tide", "tilt", "motion", "flow_direction", "velocity_bias", "beam_gain")
     unknown = infer_current(drivers, 1e-9 * np.eye(8), np.zeros(8))
     assert unknown.acting == pytest.approx(0.5, abs=0.01)
-    probability, stated = unknown.state(16.0 * np.eye(8), 0.5)
+    probability, stated = unknown.statements(16.0 * np.eye(8), 0.5)
     assert probability < 0.51 and not stated
     known = infer_current(drivers, np.diag([1e3, *[1e-9] * 7]), np.array([1e3, *[0.0] * 7]))
-    probability, stated = known.state(16.0 * np.eye(8), 0.5)
+    probability, stated = known.statements(16.0 * np.eye(8), 0.5)
     assert probability > 0.95 and stated[0].driver == "speed" and 3.5 < stated[0].size_deg < 4.5
 
 
@@ -157,8 +157,8 @@ def test_slow_noise_is_the_alternative_to_a_weak_drift():
 
 def test_slow_noise_columns_have_the_variance_of_the_process(lobes):
     _, found = lobes
-    slow = noise.slow_noise_basis(found.state.case)
-    water = noise.SlowNoiseParams(noise.Process(3.0, 20.0), noise.Process(0.0, 5.0), 0.0)
+    slow = noise.slow_noise_basis(found.fitted.comparison)
+    water = noise.SlowNoise(noise.Process(3.0, 20.0), noise.Process(0.0, 5.0), 0.0)
     count = len(slow.frequency)
     square = slow.columns[:, :count] ** 2 @ slow.variances(water)[:count]
     # Periods below eight days are not represented; the variance is larger at both ends of the recording.
@@ -167,7 +167,7 @@ def test_slow_noise_columns_have_the_variance_of_the_process(lobes):
 
 def test_tidal_columns_represent_tidal_shear(lobes):
     drawn, found = lobes
-    slow, pairs = noise.slow_noise_basis(found.state.case), drawn.pairs
+    slow, pairs = noise.slow_noise_basis(found.fitted.comparison), drawn.pairs
     waves = slow.columns[:, 3 * len(slow.frequency) : -len(slow.drivers)]
     moon = np.sin(2.0 * np.pi * (pairs.time_s - pairs.time_s[0]) / 3600.0 / 12.4206)
     still = angles.direction(pairs.lower_east, pairs.lower_north)
