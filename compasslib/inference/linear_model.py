@@ -113,10 +113,10 @@ class Marginal:
         for size in np.unique(sizes):
             options = np.flatnonzero(sizes == size)
             index = ends[options][:, None] + np.arange(size)
-            part = cross[:, index.ravel()].reshape(len(self.at), *index.shape)
+            part = cross[:, index.ravel()].T.reshape(*index.shape, len(self.at))
             information = self.products.information[index[:, :, None], index[:, None, :]]
-            values, vectors = np.linalg.eigh(information - np.einsum("qgi,qgj->gij", part, part, optimize=True))
-            along = np.einsum("gki,gkr->gir", vectors, left[index], optimize=True) ** 2
+            values, vectors = np.linalg.eigh(information - part @ part.transpose(0, 2, 1))
+            along = (vectors.transpose(0, 2, 1) @ left[index]) ** 2
             result.append((options, np.maximum(values, 0.0), along))
         return result
 
@@ -154,7 +154,7 @@ def log_bayes_factors(
         freedom: degrees of freedom of the noise's variance; infinite if it is known.
     """
     grown = amplitude**2 * values
-    gain = np.einsum("gi,gir->gr", 0.5 * amplitude**2 / (1.0 + grown), along)
+    gain = ((0.5 * amplitude**2 / (1.0 + grown))[:, None, :] @ along)[:, 0]
     if square is not None:
         gain = -0.5 * freedom * np.log1p(-2.0 * gain / square)
     return np.asarray(gain - 0.5 * np.log1p(grown).sum(axis=1)[:, None])
