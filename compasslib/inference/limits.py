@@ -91,10 +91,10 @@ def _statistics(
     direction /= np.sqrt(np.mean((visible @ direction) ** 2, axis=0))
     planted = []
     for prior, marginal in marginals:
-        midpoint, taken = marginal.midpoint(model.products.information[:, at]) @ direction, marginal.taken[:, part]
+        half, taken = marginal.half(model.products.information[:, at]) @ direction, marginal.taken[:, part]
         information, left = marginal.left(at)
         values, vectors = np.linalg.eigh(information)
-        none = np.array([marginal.none[part], np.sum(midpoint * taken, axis=0), 0.5 * np.sum(midpoint**2, axis=0)])
+        none = np.array([marginal.none[part], np.sum(half * taken, axis=0), 0.5 * np.sum(half**2, axis=0)])
         along = np.array([vectors.T @ left[:, part], vectors.T @ information @ direction])
         planted.append(_Planted(prior, none, along, np.maximum(values, 0.0), model.products.amplitudes[:, k]))
     for size in SIZES_DEG:

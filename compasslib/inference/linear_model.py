@@ -73,7 +73,7 @@ class Marginal:
     root: Floats  # square roots of their prior variances
     lower: Floats  # Cholesky factor of their posterior precision, in units of these
 
-    def midpoint(self, columns: Floats) -> Floats:
+    def half(self, columns: Floats) -> Floats:
         """Compute the part of products, (m, ...), that the marginalized columns take, as a square root."""
         scaled = self.root[:, None] * columns[self.at]
         return np.asarray(solve_triangular(self.lower, scaled, lower=True, check_finite=False))
@@ -81,7 +81,7 @@ class Marginal:
     @cached_property
     def taken(self) -> Floats:
         """The part of the products with the residuals, (a, r)."""
-        return self.midpoint(self.products.score)
+        return self.half(self.products.score)
 
     @property
     def mean(self) -> Floats:
@@ -91,9 +91,9 @@ class Marginal:
 
     def left(self, at: NDArray[np.intp]) -> tuple[Floats, Floats]:
         """Compute the products of some columns with each other, (k, k), and with the residuals, (k, r)."""
-        midpoint = self.midpoint(self.products.information[:, at])
-        information = self.products.information[np.ix_(at, at)] - midpoint.T @ midpoint
-        return information, self.products.score[at] - midpoint.T @ self.taken
+        half = self.half(self.products.information[:, at])
+        information = self.products.information[np.ix_(at, at)] - half.T @ half
+        return information, self.products.score[at] - half.T @ self.taken
 
     def fit(self, chosen: Entered) -> Floats:
         """Compute the posterior mean of the coefficients of some options together, (k, r)."""
@@ -106,8 +106,8 @@ class Marginal:
     @cached_property
     def _options(self) -> list[tuple[NDArray[np.intp], Floats, Floats]]:
         """Options of each number of columns: eigenvalues, (g, k), and squared scores along them, (g, k, r)."""
-        ends, result = self.products.ends, []
-        cross = self.midpoint(self.products.information[:, : ends[-1]])
+        ends, result = self.products.ends, list[tuple[NDArray[np.intp], Floats, Floats]]()
+        cross = self.half(self.products.information[:, : ends[-1]])
         left = self.products.score[: ends[-1]] - cross.T @ self.taken
         sizes = np.diff(ends)
         for size in np.unique(sizes):
