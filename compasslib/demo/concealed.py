@@ -83,6 +83,27 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
     Path(truth_path).write_text(json.dumps(told) + "\n", encoding="utf-8")
 
 
+def signal_to_noise(speed: Floats, heading_deg: Floats, turn: Floats, noise: Floats, *, bands: int = 24) -> float:
+    """Compute the signal-to-noise ratio z of a cause, beyond what five coefficients fit, where the noise is known.
+
+    The logarithm of the likelihood ratio of a tool that knows cause and noise is z^2 / 2 on average.
+
+    Args:
+        speed: of the current, m/s, (n,).
+        turn: of the readings by the cause, radians, (n,).
+        noise: difference of the currents at both depths across the flow, m/s, (n,); its spectrum is taken by bands.
+    """
+    angle = np.deg2rad(heading_deg)
+    waves = [wave(k * angle) for k in (1, 2) for wave in (np.cos, np.sin)]
+    columns = speed[:, None] * np.stack([turn, np.ones(len(angle)), *waves], axis=1)
+    power = np.abs(np.fft.rfft(noise)[1:]) ** 2
+    band = np.searchsorted(np.geomspace(4.0, len(power), bands), np.arange(1, len(power) + 1))
+    known = (np.bincount(band, power) / np.maximum(np.bincount(band), 1))[band]
+    white = np.fft.rfft(columns, axis=0)[1:] / np.sqrt(known)[:, None]
+    signal, fitted = np.concatenate([white.real, white.imag])[:, 0], np.concatenate([white.real, white.imag])[:, 1:]
+    return float(np.sqrt(2.0) * np.linalg.norm(signal - fitted @ np.linalg.lstsq(fitted, signal, rcond=None)[0]))
+
+
 def visible_deg(ground: Ground, effects: list[Effect]) -> float:
     """Compute the rms change of the readings by effects that five coefficients of a deviation cannot fit, degrees."""
     time = ground.stamp_s
