@@ -1,7 +1,8 @@
 """Power of the search against the size of concealed causes, in simulated and in real water.
 
-    python benchmarks/power.py 240 1 --rows ROWS            moorings by seed 1; an interrupted run resumes
-    python benchmarks/power.py 240 1 --rows ROWS --keep     and docs/proof/power.json and docs/power.png by the rows
+    python benchmarks/power.py 100 1 --rows ROWS            moorings by seed 1; an interrupted run resumes
+    python benchmarks/power.py 100 1 --rows ROWS --keep     and docs/proof/power.json and docs/power.png by the rows
+    python benchmarks/power.py --moored 2007                and the moorings on real water of results/concealed.html
 
 A cause has the signal-to-noise ratio z if the likelihood ratio of a tool that knows the noise is z^2 / 2 on average
 (compasslib.demo.concealed.signal_to_noise). Sizes are given as z over the z that such a test of two unknown
@@ -13,8 +14,8 @@ from __future__ import annotations
 
 import itertools
 import json
-import subprocess
 from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +26,14 @@ import targets
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
+from benchmarks.proof import standing
 from benchmarks.proof.score import first, says
 from compasslib.demo.concealed import signal_to_noise
 from compasslib.effects import driver_of
 from compasslib.inference.comparison import Options
+from compasslib.inference.wording import display_name
 from compasslib.plots.page import BLUE, GREEN, VERMILION, page
+from compasslib.stages.recordings import conclude
 from tests.world import pairs as sea
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -40,12 +44,21 @@ MEASURES = {"detected": "fault of the compass detected", "driver": "its driver n
 EDGES = (0.5, 1.0, 1.5, 2.25, 4.0)  # of the size over the limit; moorings are drawn evenly over their logarithms
 DETECTED = float(chi2.isf(0.01, 2))
 LIMIT = float(np.sqrt(brentq(lambda squared: ncx2.sf(DETECTED, 2, squared) - 0.9, 1.0, 100.0)))  # as z
-# Drivers of the causes of tests/world/pairs.py that the catalogue does not list.
+# Causes of tests/world/pairs.py that the catalogue does not list: their drivers, and what they are.
 UNLISTED = {
-    "sector": "heading", "teeth": "heading", "hour": "hour time", "episode": "time", "wander": "time",
-    "depth_threshold": "depth", "warm_sextantal": "temperature heading temperature*heading heading*temperature",
-    "tilt_squared": "tilt",
+    "sector": ("heading", "readings wrong in one sector of headings"),
+    "teeth": ("heading", "a reading that errs with the teeth of a wheel"),
+    "hour": ("hour time", "a reading that follows the hour of the day"),
+    "episode": ("time", "a compass turned for some weeks and turned back"),
+    "wander": ("time", "a compass that turns to and fro over some months"),
+    "depth_threshold": ("depth", "a compass turned below a certain depth"),
+    "warm_sextantal": (
+        "temperature heading temperature*heading heading*temperature", "a lobed card whose lobes follow the temperature"
+    ),
+    "tilt_squared": ("tilt", "a reading that errs with the square of the tilt"),
 }  # fmt: skip
+MOORED = PROJECT / "compasslib/demo/recordings/moored.json"
+INSTRUMENTS = {"eh2": "RDI 300 kHz, 47.6° N 124.6° W, 2006", "papa": "RDI 75 kHz, 50.0° N 144.3° W, 2013–14"}
 
 
 def plant(world: sea.World, names: Sequence[str], z: float) -> tuple[sea.Drawn, float]:
@@ -66,6 +79,16 @@ def plant(world: sea.World, names: Sequence[str], z: float) -> tuple[sea.Drawn, 
     return drawn, min((reached(name, size) for name, size in sizes.items()), default=0.0)
 
 
+def choose(kind: str, world: sea.World, rng: np.random.Generator) -> list[str]:
+    """Draw the names of the causes of a mooring from those whose driver varies there."""
+    needed = {"supply_voltage": world.voltage, "temperature": world.temperature, "depth_threshold": world.depth}
+    needed |= {"warm_sextantal": world.temperature, "heeling": world.tilt[0], "tilt_squared": world.tilt[0]}
+    possible = [n for n in (*bench.LISTED, *sea.UNKNOWN) if n not in needed or np.ptp(needed[n]) > 0.0]
+    among = [name for name in possible if (name in sea.UNKNOWN) == (kind == "unlisted")]
+    names: list[str] = rng.permutation(among)[: {"pair": 2, "null": 0}.get(kind, 1)].tolist()
+    return names
+
+
 def measure(kind: str, index: int, seed: int) -> dict[str, Any]:
     """Diagnose one mooring and return its row."""
     own = 1_000_000 * seed + 10_000 * (1 + [*KINDS, "null"].index(kind)) + index
@@ -80,13 +103,8 @@ def measure(kind: str, index: int, seed: int) -> dict[str, Any]:
     else:
         slow = sea.some_slow_water(np.random.default_rng(own))
         world = sea.make(own, wide=bool(rng.integers(2)), slow_water=slow)
-    needed = {"supply_voltage": world.voltage, "temperature": world.temperature, "depth_threshold": world.depth}
-    needed |= {"warm_sextantal": world.temperature, "heeling": world.tilt[0], "tilt_squared": world.tilt[0]}
-    possible = [n for n in (*bench.LISTED, *sea.UNKNOWN) if n not in needed or np.ptp(needed[n]) > 0.0]
-    among = [name for name in possible if (name in sea.UNKNOWN) == (kind == "unlisted")]
-    names = rng.permutation(among)[: {"pair": 2, "null": 0}.get(kind, 1)].tolist()
-    z = LIMIT * float(np.exp(rng.uniform(*np.log([EDGES[0], EDGES[-1]]))))
-    drawn, z = plant(world, names, z)
+    names = choose(kind, world, rng)
+    drawn, z = plant(world, names, LIMIT * float(np.exp(rng.uniform(*np.log([EDGES[0], EDGES[-1]])))))
     if water == "real":
         drawn = injected.in_water_of(drawn, seen)
     else:
@@ -97,6 +115,31 @@ def measure(kind: str, index: int, seed: int) -> dict[str, Any]:
         "kind": kind, "index": index, "water": water, "record": record, "relative": z / LIMIT,
         **named(names, found.to_json()),
     }  # fmt: skip
+
+
+def moored(record: str, kind: str, seed: int) -> dict[str, Any]:
+    """Diagnose a whole real record whose compass is re-read near simulated iron, with a cause drawn by a seed."""
+    seen = injected.seen(injected.Case(record, 0, injected.GAPS[record][0], 0, 1, injected.LOGGED[0]))
+    world = injected.world(seen, 1000 * seed + 10 * list(INSTRUMENTS).index(record) + [*KINDS, "null"].index(kind))
+    names, wanted = choose(kind, world, world.rng), float(world.rng.uniform(4.0, 15.0))
+    drawn, z = plant(world, names, wanted)
+    drawn = bench.referred(injected.in_water_of(drawn, seen), 0, seed)
+    fit, field, found, _ = bench.diagnosed(drawn, 0.0, Options(reference_magnetic=False))
+    made = injected.errors(drawn, seen, fit, field, found)
+    return {
+        "record": record,
+        "instrument": INSTRUMENTS[record],
+        "pairs": len(drawn.pairs),
+        "days": round(float(np.ptp(drawn.pairs.time_s)) / 86400.0),
+        "planted": [UNLISTED[name][1] if name in UNLISTED else display_name(name) for name in names],
+        "listed": kind != "unlisted",
+        "z": round(z, 1) if names else None,
+        "verdict": found.verdict,
+        "conclusion": conclude(found),
+        **named(names, found.to_json()),
+        **{key: round(made[f"error_{key}"], 2) for key in ("recorded", "plain", "after", "published")},
+        "covered": round(made["covered"], 3),
+    }
 
 
 def named(names: Sequence[str], diagnosis: dict[str, Any]) -> dict[str, bool]:
@@ -110,10 +153,10 @@ def named(names: Sequence[str], diagnosis: dict[str, Any]) -> dict[str, bool]:
 
     def right(name: str, one: dict[str, Any]) -> bool:
         if name in UNLISTED:
-            return one["effect"] == "composed" and one["composition"]["driver"] in UNLISTED[name].split()
+            return one["effect"] == "composed" and one["composition"]["driver"] in UNLISTED[name][0].split()
         return says(first(one), name)
 
-    wanted = [UNLISTED.get(name, driver_of(name)).split() for name in names]
+    wanted = [(UNLISTED[name][0] if name in UNLISTED else driver_of(name)).split() for name in names]
     driver = bool(names) and all(drivers & set(each) for each in wanted)
     return {
         "detected": likely or diagnosis["unexplained"] is not None,
@@ -124,8 +167,6 @@ def named(names: Sequence[str], diagnosis: dict[str, Any]) -> dict[str, bool]:
 
 def summary(rows: Sequence[dict[str, Any]], seed: int) -> dict[str, Any]:
     """Count moorings and successes by water, kind and size; moorings without a cause are false alarms."""
-    git = ["git", "-C", str(PROJECT), "rev-parse", "--short=12", "HEAD"]
-    commit = subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip()
 
     def count(some: Sequence[dict[str, Any]]) -> dict[str, int]:
         return {"n": len(some)} | {what: sum(row[what] for row in some) for what in MEASURES}
@@ -140,7 +181,7 @@ def summary(rows: Sequence[dict[str, Any]], seed: int) -> dict[str, Any]:
     }  # fmt: skip
     return {
         "command": f"benchmarks/power.py {1 + max(row['index'] for row in rows)} {seed} --rows ROWS --keep",
-        "commit": commit,
+        "commit": standing.commit()[: standing.DIGITS],
         "seed": seed,
         "limit_z": round(LIMIT, 2),
         "relative_size": EDGES,
@@ -200,7 +241,14 @@ def report(made: dict[str, Any]) -> None:
 def main() -> None:
     parser = targets.parser(__doc__, 60, (*KINDS, "null"), rows=True)
     parser.add_argument("--keep", action="store_true", help="write docs/proof/power.json and docs/power.png")
+    parser.add_argument("--moored", type=int, metavar="SEED", help="write the moorings on real water of a seed")
     asked = parser.parse_args()
+    if asked.moored is not None:
+        made = [moored(record, kind, asked.moored) for record in INSTRUMENTS for kind in ("listed", "unlisted", "null")]
+        commit, command = standing.commit()[: standing.DIGITS], f"benchmarks/power.py --moored {asked.moored}"
+        kept = {"command": command, "commit": commit, "date": f"{datetime.now(UTC):%Y-%m-%d}", "moorings": made}
+        MOORED.write_text(json.dumps(kept, ensure_ascii=False) + "\n")
+        return
     kinds = [asked.kind] if asked.kind else [*KINDS, "null"]
     wanted = [(kind, index) for index in range(asked.count) for kind in kinds]
     rows = targets.resumed(asked.rows, {"seed": asked.seed}, wanted, lambda k, index: measure(k, index, asked.seed))
