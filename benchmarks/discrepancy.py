@@ -75,11 +75,16 @@ def draw(
         wanted = {"temperature": size}
     drawn = sea.planted(world, wanted)
     if slow:
-        shown = {"slow_shear": profile(slow, world)} if kind == "slip" else {}
-        drawn = replace(drawn, pairs=replace(drawn.pairs, veer_deg=mean_veer(slow, world.flow), **shown))
+        drawn = in_slow_water(drawn, slow, world, profiled=kind == "slip")
     if kind == "control" and size:  # the logged temperature is not the cause
         drawn.covariates["temperature"] = np.roll(drawn.covariates["temperature"], 24 * world.rng.integers(50, 110))
     return drawn, wanted
+
+
+def in_slow_water(drawn: sea.Drawn, slow: sea.SlowWater, world: sea.World, *, profiled: bool) -> sea.Drawn:
+    """State the turn of slow water over the record, and its shear if the affected instrument is a profiler."""
+    shown = {"slow_shear": profile(slow, world)} if profiled else {}
+    return replace(drawn, pairs=replace(drawn.pairs, veer_deg=mean_veer(slow, world.flow), **shown))
 
 
 def profile(slow: sea.SlowWater, world: sea.World) -> SlowShear | None:

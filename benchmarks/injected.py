@@ -186,9 +186,13 @@ def draw(case: Case, own: Seen, kind: str, turn: int, seed: int) -> tuple[sea.Dr
             wanted = dict.fromkeys(bench.two(here.rng), size)
     elif kind == "unknown":
         wanted = {unknown[turn % len(unknown)]: size}
-    drawn = sea.planted(here, wanted)
+    return in_water_of(sea.planted(here, wanted), own), max(wanted.values(), default=0.0)
+
+
+def in_water_of(drawn: sea.Drawn, own: Seen) -> sea.Drawn:
+    """State the slow water of the real record, and its logged covariates."""
     pairs = replace(drawn.pairs, veer_deg=own.pairs.veer_deg, slow_shear=own.pairs.slow_shear)
-    return replace(drawn, pairs=pairs, covariates=own.logged), max(wanted.values(), default=0.0)
+    return replace(drawn, pairs=pairs, covariates=own.logged)
 
 
 def errors(drawn: sea.Drawn, own: Seen, fit, field, found) -> dict[str, float]:

@@ -1,5 +1,6 @@
-"""Demonstration moorings C1 to C4, whose errors are drawn by a seed and recorded in ``concealed/NAME.json`` only.
+"""Demonstration moorings C1 to C4, whose causes are drawn by a seed and recorded in ``concealed/NAME.json`` only.
 
+C1 has two causes, C2 one that the catalogue does not list, C3 one whose effect its record cannot decide, C4 none.
 ``python -m compasslib.demo.concealed FOLDER SEED`` writes a cruise of these moorings with another seed.
 """
 
@@ -14,14 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.demo import sealed
+from compasslib.demo import adcp, sealed
 from compasslib.demo.sealed import Effect, Ground, Wish
-from compasslib.demo.water import HOUR_S, Floats
+from compasslib.demo.water import HOUR_S, STEP_S, Floats, red_noise
 
-BEGIN_S = 1406851200.0  # 1 August 2014
-IRON_NT, SMALLEST_DEG, LARGEST_DEG = 250.0, 2.5, 4.0
 AXES = ("forward", "starboard", "down")
-SHEAR = 2.2  # shear of the currents at C4 relative to the other moorings
 
 
 @dataclass(frozen=True)
@@ -31,18 +29,16 @@ class Cause:
     words: str
     driver: str
     effect: Callable[[float], Effect]  # as a function of its size
+    name: str = ""  # in the catalogue; empty if it does not list the cause
     date_s: float | None = None
     along: Floats | None = None  # (n,) driver on which its iron depends linearly; None if it is not iron
-    unit: str = "nT"  # of the field of the iron per unit of ``along``
 
     def field(self, effect: Effect) -> dict[str, int | str] | None:
-        """Compute the field of its iron forward, to starboard and down, per unit of ``along``; None without iron."""
+        """Compute the field of its iron forward, to starboard and down, nT, at the largest ``along``; None without."""
         if self.along is None or effect.body_nt is None:
             return None
-        first, last = int(np.argmin(self.along)), int(np.argmax(self.along))
-        change = effect.body_nt[last] - effect.body_nt[first]
-        field = change / np.ptp(self.along) if np.ptp(self.along) else effect.body_nt[0]
-        return {name: round(float(x)) for name, x in zip(AXES, field, strict=True)} | {"unit": self.unit}
+        field = effect.body_nt[int(np.argmax(self.along))]
+        return {name: round(float(x)) for name, x in zip(AXES, field, strict=True)} | {"unit": "nT"}
 
 
 @dataclass(frozen=True)
@@ -52,29 +48,38 @@ class Case:
     title: str
     wish: Wish
     causes: Callable[[Ground, np.random.Generator], list[Cause]]
-    shear: float = 1.0
+    shear: float = 1.0  # of the currents, relative to the other moorings
+    lean_deg: float = 0.0  # rms of each tilt that the current does not drive
+    undecidable: str = ""  # why the record shows the driver only
 
 
 def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: int) -> None:
-    """Write the raw files of one mooring into ``raw_dir/name``, and planted causes and headings to a separate file."""
+    """Write the raw files of one mooring into ``raw_dir/name``, and planted causes and headings to a separate file.
+
+    The signal-to-noise ratio z of each cause is drawn evenly from 4, the limit of a tool that knows the noise, to 15.
+    """
     case, rng = CASES[name], np.random.default_rng([seed, *name.encode()])
     ground = sealed.make(seed, name, case.wish)
-    layers = ground.currents.layers.times(np.full(ground.currents.time_s.size, case.shear))
-    ground = replace(ground, currents=replace(ground.currents, layers=layers))
+    water, motion, count = ground.currents, ground.motion, ground.currents.time_s.size
+    layers = water.layers.times(np.full(count, case.shear))
+    leans = [red_noise(rng, count, memory=30.0 * HOUR_S / STEP_S, deviation=case.lean_deg) for _ in range(2)]
+    motion = replace(motion, pitch_deg=motion.pitch_deg + leans[0], roll_deg=motion.roll_deg + leans[1])
+    ground = replace(ground, currents=replace(water, layers=layers), motion=motion)
     planted, effects = [], []
     for cause in case.causes(ground, rng):
-        effect, size_deg = _sized(ground, cause.effect, float(rng.uniform(SMALLEST_DEG, LARGEST_DEG)))
+        effect, z, size_deg = _sized(ground, cause.effect, float(rng.uniform(4.0, 15.0)))
         effects.append(effect)
         date = None if cause.date_s is None else str(np.datetime64(round(cause.date_s), "s"))
         planted.append(
-            {"what": cause.words, "driver": cause.driver, "date": date, "size_deg": round(size_deg, 2)}
-            | {"field": cause.field(effect)}
+            {"what": cause.words, "driver": cause.driver, "effect": cause.name, "date": date, "z": round(z, 1)}
+            | {"size_deg": round(size_deg, 2), "field": cause.field(effect)}
         )
     truth = sealed.write(ground, effects, Path(raw_dir) / name, sealed.Export())
     told = {
         "mooring": name,
         "title": case.title,
         "seed": seed,
+        "undecidable": case.undecidable,
         "planted": planted,
         "time_s": truth.time_s.tolist(),
         "heading_deg": [None if np.isnan(x) else round(x, 3) for x in truth.heading_deg.tolist()],
@@ -83,30 +88,52 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
     Path(truth_path).write_text(json.dumps(told) + "\n", encoding="utf-8")
 
 
-def visible_deg(ground: Ground, effects: list[Effect]) -> float:
-    """Compute the rms change of the readings by effects that five coefficients of a deviation cannot fit, degrees."""
-    time = ground.stamp_s
-    plain, changed = sealed.read(ground, [], time), sealed.read(ground, effects, time)
-    turn = np.exp(1j * np.deg2rad(changed.recorded_deg - plain.recorded_deg))
-    off, angle = np.rad2deg(np.angle(turn)), np.deg2rad(plain.heading_deg)
-    waves = [wave(k * angle) for k in (1, 2) for wave in (np.cos, np.sin)]
-    columns = np.stack([np.ones(len(angle)), *waves], axis=1)
-    return float(np.std(off - columns @ np.linalg.lstsq(columns, off, rcond=None)[0]))
+def signal_to_noise(speed: Floats, heading_deg: Floats, turn: Floats, noise: Floats, *, bands: int = 24) -> float:
+    """Compute the signal-to-noise ratio z of a cause, beyond what five coefficients fit, where the noise is known.
+
+    The logarithm of the likelihood ratio of a tool that knows cause and noise is z^2 / 2 on average.
+
+    Args:
+        speed: of the current, m/s, (n,).
+        turn: of the readings by the cause, radians, (n,).
+        noise: difference of the currents at both depths across the flow, m/s, (n,); its spectrum is taken by bands.
+    """
+    columns = speed[:, None] * np.column_stack([turn, waves(heading_deg)])
+    power = np.abs(np.fft.rfft(noise)[1:]) ** 2
+    band = np.searchsorted(np.geomspace(4.0, len(power), bands), np.arange(1, len(power) + 1))
+    known = (np.bincount(band, power) / np.maximum(np.bincount(band), 1))[band]
+    white = np.fft.rfft(columns, axis=0)[1:] / np.sqrt(known)[:, None]
+    return float(np.sqrt(2.0) * np.linalg.norm(beyond(np.concatenate([white.real, white.imag]))))
 
 
-def _sized(ground: Ground, effect: Callable[[float], Effect], wanted_deg: float) -> tuple[Effect, float]:
-    """Scale an effect iteratively to a visible size near the wanted one."""
-    size, visible = 1.0, 0.0
-    for _ in range(4):
-        visible = visible_deg(ground, [effect(size)])
-        if abs(visible - wanted_deg) < 0.1 * wanted_deg:
-            break
-        size *= float(np.clip(wanted_deg / max(visible, 1e-3), 0.2, 5.0))
-    return effect(size), visible
+def waves(heading_deg: Floats) -> Floats:
+    """Compute what five coefficients of a deviation can fit, (n, 5)."""
+    angle = np.deg2rad(heading_deg)
+    return np.column_stack([np.ones(len(angle)), *(wave(k * angle) for k in (1, 2) for wave in (np.cos, np.sin))])
 
 
-def _unit(series: Floats) -> Floats:
-    return np.asarray((series - series.mean()) / series.std())
+def beyond(columns: Floats) -> Floats:
+    """Subtract from the first column, (n, k), what the others fit."""
+    first, others = columns[:, 0], columns[:, 1:]
+    return np.asarray(first - others @ np.linalg.lstsq(others, first, rcond=None)[0])
+
+
+def _sized(ground: Ground, effect: Callable[[float], Effect], wanted: float) -> tuple[Effect, float, float]:
+    """Scale an effect to a signal-to-noise ratio; return it with the ratio and its visible size, degrees rms."""
+    bare = sealed.read(ground, [], ground.stamp_s)
+    upper = adcp.near_bins(sealed.TOP, bare, ground.currents)
+    lower = adcp.near_bins(sealed.DEEP, sealed.deep_stance(ground, []), ground.currents)
+    noise = np.imag((lower - upper) * np.conj(upper) / np.abs(upper)) + ground.random("z").normal(
+        0.0, 0.017, len(upper)
+    )
+    size, z = 1.0, 1.0
+    for _ in range(4):  # iron is not quite proportional to its size
+        size *= wanted / z
+        read = sealed.read(ground, [effect(size)], ground.stamp_s).recorded_deg
+        turn = np.angle(np.exp(1j * np.deg2rad(read - bare.recorded_deg)))
+        z = signal_to_noise(np.abs(upper), bare.heading_deg, turn, noise)
+    left = beyond(np.column_stack([turn, waves(bare.heading_deg)]))
+    return effect(size), z, float(np.rad2deg(np.std(left)))
 
 
 def _along(ground: Ground, series: Floats) -> Floats:
@@ -115,7 +142,7 @@ def _along(ground: Ground, series: Floats) -> Floats:
 
 
 def _iron(series: Floats, direction: Floats) -> Callable[[float], Effect]:
-    return lambda size: Effect("iron", body_nt=IRON_NT * size * series[:, None] * direction)
+    return lambda size: Effect("iron", body_nt=250.0 * size * series[:, None] * direction)
 
 
 def _shift(series: Floats) -> Callable[[float], Effect]:
@@ -130,51 +157,47 @@ def _direction(rng: np.random.Generator) -> Floats:
 def _knocked(ground: Ground, rng: np.random.Generator) -> list[Cause]:
     date = float(ground.stamp_s[int(rng.uniform(0.3, 0.7) * ground.stamp_s.size)])
     after = (ground.stamp_s > date).astype(float)
-    upright = _iron(np.ones(ground.stamp_s.size), np.array([0.0, 0.0, 4.0 * rng.choice([-1.0, 1.0])]))
+    effect = _iron(after, _direction(rng))
+    return [Cause("the sphere's iron changed at once", "time", effect, "hard_iron_step", date, after)]
+
+
+def _knocked_and_leaning(ground: Ground, rng: np.random.Generator) -> list[Cause]:
+    always = np.ones(ground.stamp_s.size)
+    upright = _iron(always, np.array([0.0, 0.0, rng.choice([-1.0, 1.0])]))
     heeling = "vertical iron, which reaches the compass as the sphere leans (heeling)"
-    return [
-        Cause("the sphere's iron changed at once", "time", _iron(after, _direction(rng)), date, after),
-        Cause(heeling, "tilt", upright, along=0.0 * after),
-    ]
+    return [*_knocked(ground, rng), Cause(heeling, "tilt", upright, "heeling", along=always)]
 
 
 def _unlisted(ground: Ground, rng: np.random.Generator) -> list[Cause]:
-    time, speed = ground.stamp_s, _along(ground, np.abs(ground.currents.surface + ground.currents.column))
-    every, near = rng.uniform(20.0, 60.0) * HOUR_S, rng.uniform(0.12, 0.3)
-    turns = ((time - time[0]) / every) % 1.0
-    passing = np.exp(-0.5 * (np.minimum(turns, 1.0 - turns) / near) ** 2)
-    strummed = np.exp(-0.5 * ((speed - np.quantile(speed, rng.uniform(0.4, 0.7))) / (0.3 * speed.std())) ** 2)
-    warm = _unit(_along(ground, ground.temperature_c))
-    bent = _unit(np.gradient(np.convolve(warm, np.ones(12) / 12.0, "same")))
-    often = f"a profiler passed on the wire every {every / HOUR_S:.0f} hours"
-    causes = [
-        Cause(often, "time", _iron(passing, _direction(rng)), along=passing),
-        Cause("the wire strummed at one speed and shook the compass", "speed", _shift(strummed)),
-        Cause("a circuit board of the compass bent while it warmed or cooled", "temperature", _shift(bent)),
-    ]
-    return [causes[int(rng.integers(len(causes)))]]
-
-
-def _warmed(ground: Ground, rng: np.random.Generator) -> list[Cause]:
     warm = _along(ground, ground.temperature_c)
-    effect = _iron(_unit(warm), _direction(rng))
-    return [Cause("the iron's magnetism changed with temperature", "temperature", effect, along=warm, unit="nT/K")]
+    core, share = warm.copy(), 1.0 - np.exp(-1.0 / rng.uniform(6.0, 18.0))  # that it loses of the difference in an hour
+    for k in range(1, warm.size):
+        core[k] = core[k - 1] + share * (warm[k] - core[k - 1])
+    bent = "the compass's board bent while its core was still colder or warmer than the water"
+    return [Cause(bent, "temperature", _shift((warm - core) / np.std(warm - core)))]
 
 
 def _wish(latitude: float, longitude: float, depth_m: float, *, wide: bool, strength: float) -> Wish:
-    return Wish(wide=wide, hours=3000, site=(latitude, longitude, depth_m), begin_s=BEGIN_S, strength=strength)
+    begin = np.datetime64("2014-08-01").astype("datetime64[s]").astype(float)
+    return Wish(wide=wide, hours=3000, site=(latitude, longitude, depth_m), begin_s=float(begin), strength=strength)
 
 
 CASES = {
-    "C1": Case("iron that changed, and heeling", _wish(60.5, -41.2, 420.0, wide=True, strength=0.25), _knocked),
+    "C1": Case(
+        "iron that changed, and heeling",
+        _wish(60.5, -41.2, 420.0, wide=True, strength=0.25),
+        _knocked_and_leaning,
+        lean_deg=2.0,
+    ),
     "C2": Case("a cause that nobody listed", _wish(61.0, -40.1, 510.0, wide=True, strength=0.2), _unlisted),
     "C3": Case(
-        "a two-valued compass, and iron that depends on temperature",
-        _wish(62.1, -38.6, 380.0, wide=True, strength=1.3),
-        _warmed,
+        "changed iron or a slipped compass",
+        _wish(62.1, -38.6, 380.0, wide=False, strength=0.3),
+        _knocked,
+        undecidable="where the headings vary little, changed iron and a slip turn them alike",
     ),
     "C4": Case(
-        "nothing, though it looks so", _wish(63.4, -36.0, 600.0, wide=False, strength=0.3), lambda *_: [], SHEAR
+        "nothing, though it looks so", _wish(63.4, -36.0, 600.0, wide=False, strength=0.3), lambda *_: [], shear=2.2
     ),
 }
 

@@ -228,7 +228,8 @@ def write(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) 
     return Written(ground.stamp_s[present], heading[present], recorded.heading_deg[present])
 
 
-def _deep_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
+def deep_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
+    """Simulate the reference: its depth, attitude, and recorded headings."""
     rng = ground.random("deep compass")
     time = ground.stamp_s + DEEP_SAMPLE_S
     sphere = np.interp(time, ground.motion.time_s, ground.motion.sphere_depth_m)
@@ -250,7 +251,7 @@ def _deep_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
 
 
 def _write_deep(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) -> None:
-    stance, rng = _deep_stance(ground, effects), ground.random("deep")
+    stance, rng = deep_stance(ground, effects), ground.random("deep")
     if export.deep == "pd0":
         instrument = Adcp(DEEP, noise_m_s=0.02, sample_s=DEEP_SAMPLE_S)
         made = adcp.measure(rng, instrument, stance, ground.currents, latitude_deg=ground.latitude_deg)

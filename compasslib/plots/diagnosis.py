@@ -95,7 +95,7 @@ def _draw(
     proven = [entry for entry in diagnosis["findings"] if entry.get("heldout")]
     ranked = [] if dated else [entry for entry in diagnosis.get("hypotheses", []) if entry["score"] > 0.0][:10]
     short = Rows([_short(entry) for entry in proven])
-    full = Rows([wording.display_name(entry["effect"]) for entry in ranked])
+    full = Rows([_short(entry) for entry in ranked])
     heights = [1.9] * len(curves) + [0.6 + rows.height_in for rows in (short, full) if rows.names]
     with page(path, sum(heights or [1.0]) + 0.4) as figure:
         panels = list(figure.subplots(max(len(heights), 1), 1, height_ratios=heights or None, squeeze=False)[:, 0])
@@ -242,10 +242,11 @@ def _held_out(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: Rows) -> 
     axes.set_xlim(0.0, 1.15 * max([*before, *after, 1e-9]))
 
 
-def _short(finding: Mapping[str, Any]) -> str:
-    if composed := finding.get("composition"):
-        return f"unlisted, by {composed['driver'].replace('_', ' ')}"
-    return wording.display_name(finding["effect"])
+def _short(entry: Mapping[str, Any]) -> str:
+    """Name an effect; of one that is not listed, its driver."""
+    name = entry["effect"]
+    driver = name.split("/")[1] if name.startswith("composed:") else (entry.get("composition") or {}).get("driver")
+    return f"unlisted, by {driver.replace('_', ' ')}" if driver else wording.display_name(name)
 
 
 def _ranking(

@@ -20,6 +20,7 @@ from compasslib.preparation.references import combine_references
 from compasslib.records import BAD
 from compasslib.report import sections, words, write_page
 from compasslib.report.results import ReportedFinding, ReportFigure
+from compasslib.stages.real import FOLDER
 from compasslib.statistics.resampling import NORMAL_95, block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
 
@@ -40,8 +41,10 @@ def concealed(
     errors = {name: heading_errors(truth, read_headings(root / name)) for name, truth in known.items()}
     reach = error_reach([error for x in errors.values() for error in (x.fit_deg, x.corrected_deg)])
     moorings = [reveal(name, root, truth, errors[name], reach) for name, truth in known.items()]
-    real = read_json(recordings)["recordings"]
-    write_page(page, "concealed.html", real=real, moorings=moorings, software=provenance.software())
+    real, stored = read_json(recordings)["recordings"], read_json(FOLDER / "moored.json")
+    rows = count_named(real, stored["moorings"], moorings)
+    content = {"rows": rows, "real": real, "stored": stored, "moorings": moorings}
+    write_page(page, "concealed.html", **content, software=provenance.software())
     say(f"{page}: {len(moorings)} moorings beside the truth")
 
 
@@ -85,8 +88,16 @@ class HeadingErrors:
 
     @property
     def understated(self) -> bool:
-        """Whether the stated uncertainty is too small: the coverage is significantly below 95 %."""
-        return self.coverage is not None and self.coverage[2] < 0.95
+        """Whether the stated uncertainty is too small, by the intervals: of the coverage, or of the rms error."""
+        if self.coverage is None or (mean := self._mean(self.corrected_deg**2)) is None:
+            return False
+        return bool(self.coverage[2] < 0.95 or np.sqrt(mean[1]) > self.sigma_rms_deg)
+
+    @property
+    def worsened(self) -> bool:
+        """Whether the final correction is worse than that by the coefficients alone, beyond both intervals."""
+        final, alone = self._mean(self.corrected_deg**2), self._mean(self.fit_deg**2)
+        return final is not None and alone is not None and final[1] > alone[2]
 
     @property
     def sigma_rms_deg(self) -> float:
@@ -141,21 +152,57 @@ def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingError
     picture, size = read_pictures(root / name)["diagnosis"]
     caption = sections.diagnosis_caption(diagnosis)
     figures.append(ReportFigure("Diagnosis", caption, f"{name}/figures/diagnosis.png", picture, *size))
-    drivers = [entry.get("driver") or "" for entry in diagnosis["findings"]]
     fields = {cause["driver"]: cause.get("field") or {} for cause in truth["planted"]}
-    findings = sections.report_findings(diagnosis, product=True)
-    known = [_with_truth(said, fields.get(driver, {})) for said, driver in zip(findings, drivers, strict=False)]
+    findings, stated = sections.report_findings(diagnosis, product=True), diagnosis["findings"]
+    known = [_with_truth(said, fields.get(driver_of(x), {})) for said, x in zip(findings, stated, strict=False)]
+    of_compass = [x for x in stated if x["side"] in ("compass", "clock")]
     return {
         "name": name,
-        "truth": truth,
+        "truth": truth | {"planted": [cause | {"level": named_level(cause, stated)} for cause in truth["planted"]]},
         "verdict": diagnosis["verdict"],
         "answer": sections.describe_findings(diagnosis),
-        "drivers": drivers,
+        "false": [x for x in of_compass if driver_of(x) not in {cause["driver"] for cause in truth["planted"]}],
+        "use": read_json(root / name / "assessment.json")["use"],
+        "sensitivity": " ".join(words.paragraphs("diagnosis", "sensitivity", d=diagnosis)),
         "findings": (*known, *findings[len(known) :]),
         "errors": errors,
         "figures": figures,
         "href": f"report.html#mooring-{name}",
     }
+
+
+def driver_of(finding: Mapping[str, Any]) -> str:
+    """Return the driver of a finding, one for both axes of the tilt."""
+    driver = finding.get("driver") or ""
+    return "tilt" if driver in ("pitch", "roll") else driver
+
+
+def named_level(cause: Mapping[str, Any], findings: Sequence[Mapping[str, Any]]) -> str:
+    """Return how much of a cause findings state with 0.95: its effect, its driver, or nothing (an empty text)."""
+    levels = {
+        "effect" if x["level"] == "effect" and x["effect"] == (cause["effect"] or "composed") else "driver"
+        for x in findings
+        if x["level"] in ("driver", "effect") and driver_of(x) == cause["driver"]
+    }
+    return min(levels, key=("effect", "driver").index, default="")
+
+
+def count_named(
+    real: Sequence[Mapping[str, Any]], stored: Sequence[Mapping[str, Any]], simulated: Sequence[Mapping[str, Any]]
+) -> list[tuple[str, int, int, int, int, int]]:
+    """Count causes, those whose driver and whose effect was named, cases without a cause, and those accused."""
+    logs = [item["cases"] for item in real if item["effects"] and item["figures"] and len(item["cases"]) > 1]
+    named, controls = [cases[0]["expected"] for cases in logs], [x["expected"] for cases in logs for x in cases[1:]]
+    with_cause, none = [x for x in stored if x["planted"]], [x for x in stored if not x["planted"]]
+    causes = [cause["level"] for item in simulated for cause in item["truth"]["planted"]]
+    nulls = [item for item in simulated if not item["truth"]["planted"]]
+    return [
+        ("Real compasses, levelling withheld", len(logs), sum(named), sum(named), len(controls), controls.count(False)),
+        ("Real water, simulated iron", len(with_cause), sum(x["driver"] for x in with_cause),
+         sum(x["effect"] for x in with_cause), len(none), sum(x["detected"] for x in none)),
+        ("Simulated moorings", len(causes), sum(map(bool, causes)), causes.count("effect"), len(nulls),
+         sum(bool(item["false"]) for item in nulls)),
+    ]  # fmt: skip
 
 
 def _with_truth(said: ReportedFinding, field: Mapping[str, Any]) -> ReportedFinding:

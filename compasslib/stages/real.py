@@ -91,10 +91,14 @@ def _levelled(log: Log) -> Log:
 
 
 def _shifted(log: Log) -> Log:
-    """Shift the tilts by half the log, so that they are no longer those that turned the heading."""
+    """Shift the tilts by half the log, so that they are no longer those that turned the heading.
+
+    The axes become direction cosines, whose heading is the same: their horizontal modulus, which is levelled with the
+    tilts, would follow the shifted ones.
+    """
     assert log.pitch_deg is not None and log.roll_deg is not None
-    half = len(log.raw) // 2
-    return replace(log, pitch_deg=np.roll(log.pitch_deg, half), roll_deg=np.roll(log.roll_deg, half))
+    half, cosines = len(log.raw) // 2, log.raw / np.linalg.norm(log.raw, axis=1, keepdims=True)
+    return replace(log, raw=cosines, pitch_deg=np.roll(log.pitch_deg, half), roll_deg=np.roll(log.roll_deg, half))
 
 
 WITHHELD, COMPLETE, SHIFTED = "tilt correction withheld", "nothing withheld", "withheld, and the tilts shifted in time"

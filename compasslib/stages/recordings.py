@@ -9,10 +9,9 @@ from typing import Any
 
 from compasslib.archive.files import embed_png, write_json
 from compasslib.inference import wording
-from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
-from compasslib.plots.diagnosis import draw_calibration
-from compasslib.report import sections, words
+from compasslib.plots.diagnosis import count_outside, draw_calibration
+from compasslib.report import words
 from compasslib.stages.real import RECORDINGS, Recording
 
 
@@ -24,12 +23,17 @@ def recordings(*, made: str, say: Callable[[str], None]) -> None:
 
 
 def describe(recording: Recording) -> dict[str, Any]:
-    """Diagnose a recording, and describe each case; the first one has a figure."""
+    """Diagnose a recording, and describe each case; of the first one, residual and hypotheses are drawn."""
     diagnoses = recording.diagnose()
-    content = [diagnosis.to_json() for diagnosis in diagnoses.values()]
+    first = next(iter(diagnoses.values())).to_json()
+    named = [finding | {"heldout": None} for finding in first["findings"]]
+    shown = [first | {"hypotheses": []}, first | {"curves": [], "findings": named}] if first["curves"] else []
+    figures = []
     with tempfile.TemporaryDirectory() as folder:
-        draw_calibration(file := Path(folder) / "diagnosis.png", content[0])
-        picture, size = embed_png(file)
+        for content in shown:
+            draw_calibration(file := Path(folder) / "diagnosis.png", content)
+            picture, size = embed_png(file)
+            figures.append([picture, *size])
     return {
         "name": recording.name,
         "title": recording.title,
@@ -37,8 +41,8 @@ def describe(recording: Recording) -> dict[str, Any]:
         "truth": recording.known_by,
         "effects": recording.effects,
         "cases": [_case(recording, what, diagnosis) for what, diagnosis in diagnoses.items()],
-        "figure": [picture, *size] if content[0]["curves"] else None,
-        "caption": sections.diagnosis_caption(content[0]) if content[0]["curves"] else "",
+        "figures": figures,
+        "outside": count_outside(first) if figures else None,
     }
 
 
@@ -49,13 +53,14 @@ def _case(recording: Recording, what: str, diagnosis: Diagnosis) -> dict[str, An
     return {
         "what": what,
         "verdict": diagnosis.verdict,
-        "conclusion": _conclusion(diagnosis),
+        "conclusion": conclude(diagnosis),
         "expected": recording.as_expected(what, named, followed, diagnosis.verdict),
         "heldout_deg": None if first is None else [first.held_out.rms_before_deg, first.held_out.rms_after_deg],
     }
 
 
-def _conclusion(diagnosis: Diagnosis) -> str:
+def conclude(diagnosis: Diagnosis) -> str:
+    """Say in a line what was named, with the probabilities, or why nothing was."""
     if diagnosis.verdict == "insufficient":
         return diagnosis.why
     names = [
@@ -68,4 +73,4 @@ def _conclusion(diagnosis: Diagnosis) -> str:
     if (left := diagnosis.unexplained) is not None:
         along = " and ".join(name.replace("_", " ") for name in left.covariates)
         names.append(f"a mismatch of {left.rms_effect_deg:.1f}° rms along {along} that no listed effect explains")
-    return "; ".join(names) or f"nothing of {Options().min_effect_deg:g}° rms or more"
+    return "; ".join(names) or "no mismatch was noticed"

@@ -431,14 +431,21 @@ def planted(world: World, wanted: dict[str, float], made: Mapping[str, Effect] |
     Args:
         made: effects to use instead of those drawn by ``effect``, by their names in ``wanted``.
     """
-    parts, truth, seen = [], {}, {}
+    parts = {}
     for name, target in wanted.items():
         part = made[name] if made and name in made else effect(world, name)
         size = 1.0 if part.clock is not None else target / max(visible(world, part, 1.0), 0.02)
         for _ in range(2 * (part.clock is None)):
             size *= np.clip(target / max(visible(world, part, size), 1e-3), 0.3, 3.0)
         size = np.clip(size, -STRONGEST.get(name, np.inf), STRONGEST.get(name, np.inf))
-        parts.append((part, size))
+        parts[name] = part, size
+    return recorded(world, parts)
+
+
+def recorded(world: World, named: Mapping[str, tuple[Effect, float]]) -> Drawn:
+    """Simulate the recording with effects by their names, times their sizes."""
+    parts, truth, seen = list(named.values()), {}, {}
+    for name, (part, size) in named.items():
         truth[name] = {k: v * size if k != "date_s" else v for k, v in part.parameters.items()}
         seen[name] = visible(world, part, size)
     gamma, veer, clock = combined(world, parts)
