@@ -217,27 +217,6 @@ use rule grid as grid_with_daily_means with:
         mooring=guard.only(name for name, files in MOORINGS.gridded.items() if files[1:]),
 
 
-rule compare:
-    """Compare forms of the curve by prediction of held-out pairs; no other stage needs it."""
-    input:
-        pairs="results/{mooring}/work/pairs/overlap.nc",
-        deviation="results/{mooring}/deviation.json",
-    output:
-        forms="results/{mooring}/forms.json",
-        job="results/{mooring}/logs/compare.json",
-    log:
-        "results/{mooring}/logs/compare.log",
-    benchmark:
-        "results/{mooring}/benchmarks/compare.tsv"
-    priority: -1  # runs on cores that are idle otherwise
-    group:
-        lambda wildcards: group_of_mooring(wildcards, "mooring")
-    params:
-        **parameters("correct.compare"),
-    script:
-        "../scripts/stage.py"
-
-
 rule figures:
     """Draw the equivalents of von Appen's Figs 6 to 9 and time series, with thumbnails for the report."""
     input:
