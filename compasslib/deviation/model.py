@@ -279,29 +279,6 @@ def transfer_coefficients(
     return TransferredCoefficients(there @ found, covariance, there @ found + residual, warning)
 
 
-def separate_iron(
-    here: ArrayLike, there: ArrayLike, field: FieldAtPlace, field_there: FieldAtPlace, *, min_dip_change: float = 0.2
-) -> dict[str, dict[str, float]] | None:
-    """Separate hard from vertically induced iron by A to E, (5,), at two dips; None if the dips are too similar.
-
-    Args:
-        min_dip_change: relative change of Z/H between two places that separates hard and induced iron.
-
-    Returns:
-        For B and C: hard_nT and induced_nT at the first place, both over lambda.
-    """
-    ratios = [each.vertical_nT / each.horizontal_nT for each in (field, field_there)]
-    if abs(ratios[0] - ratios[1]) < min_dip_change * max(map(abs, ratios)):
-        return None
-    design = np.concatenate([iron_design(place)[1:3, 1:5] for place in (field, field_there)])
-    iron = np.linalg.solve(design, np.concatenate([np.asarray(each, dtype=float)[1:3] for each in (here, there)]))
-    induced = iron[2:] * field.vertical_nT
-    return {
-        letter: {"hard_nT": float(hard), "induced_nT": float(part)}
-        for letter, hard, part in zip("BC", iron[:2], induced, strict=True)
-    }
-
-
 def _transfer_warning(covariance: Floats, noise: Floats, away: FieldAtPlace) -> str:
     """Tell an uncertainty of B and C that a transfer adds, from 0.6 degrees on; empty if it is less."""
     if weak := weak_field_warnings(away.horizontal_nT):

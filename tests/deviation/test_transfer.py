@@ -12,7 +12,6 @@ from compasslib.deviation.model import (
     FieldAtPlace,
     PlacedCoefficients,
     iron_design,
-    separate_iron,
     transfer_coefficients,
 )
 from compasslib.records import EarthField
@@ -75,16 +74,6 @@ def test_a_compass_moored_where_it_was_calibrated_is_unchanged():
     stayed = transfer_coefficients([here], BREST)
     assert stayed.coefficients == pytest.approx(here.coefficients, abs=1e-4)  # the prior takes a thousandth of sigma
     assert np.diag(stayed.covariance) == pytest.approx(np.diag(here.covariance), rel=1e-2) and stayed.warning == ""
-
-
-def test_two_places_separate_hard_and_induced_iron():
-    parts = separate_iron(at(GREENLAND), at(BREST), GREENLAND, BREST)
-    only_hard = at(GREENLAND, SOFT * np.array([1.0, 1.0, 0.0]) + np.diag([0.0, 0.0, 1.0]))
-    for k, letter in ((1, "B"), (2, "C")):
-        assert parts[letter]["hard_nT"] == pytest.approx(only_hard[k] * GREENLAND.horizontal_nT, abs=1e-6)
-        total = parts[letter]["hard_nT"] + parts[letter]["induced_nT"]
-        assert total == pytest.approx(at(GREENLAND)[k] * GREENLAND.horizontal_nT)
-    assert separate_iron(at(BREST), at(BREST), BREST, BREST) is None
 
 
 def test_a_weak_field_is_warned_of():

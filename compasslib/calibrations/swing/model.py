@@ -172,7 +172,6 @@ class Swing:
     declination_deg: float
     declination_sigma_deg: float
     marks: tuple[tuple[float, float], ...] = ()  # (recorded, true) headings by a visual mark or the sun
-    horizontal_nT: float | None = None  # the earth's horizontal field, None where unknown
 
     @property
     def has_speed(self) -> bool:
