@@ -43,7 +43,7 @@ def held_out_headings(pairs: Pairs, fit: DeviationFit) -> Floats:
     block = _blocks(pairs.time_s) % FOLDS
     for fold in range(FOLDS):
         left_out, training = block == fold, take(pairs, block != fold)
-        again = fit_deviation(fit.method, training, near=fit, dip_ratio=fit.dip_ratio)
+        again = fit_deviation(fit.method, training, near=fit)
         decision = correct_headings(readings_at_pairs(pairs), again, training)
         heading[left_out] = decision.heading_deg[left_out]
     return heading

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
+from compasslib.deviation.average import CompassSeries
 from compasslib.deviation.likelihood import CELL_CENTRES, CELLS, FINE, UNEXPLAINED_DENSITY, compass_noise_density
 from compasslib.deviation.model import DeviationFit
-from compasslib.deviation.tilt import CompassSeries
 from compasslib.records import Readings
 from compasslib.types import Complexes, Floats
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles, compass, earthfield
 from compasslib.deviation import find_implausibility
+from compasslib.deviation.average import CompassAverage, CompassSeries, average_compasses, compass_series
 from compasslib.deviation.branches import PRECISION_DEG, HeadingDecision, choose_branches, open_branches, shows_branch
 from compasslib.deviation.doubts import Doubt, doubt_whole_record, evaluate_doubts
 from compasslib.deviation.exact import MIN_SLOPE
@@ -17,7 +18,6 @@ from compasslib.deviation.likelihood import scatter_density, scatter_widths, squ
 from compasslib.deviation.model import UNKNOWN_COVARIANCE, DeviationFit, observed_heading, pair_speeds
 from compasslib.deviation.reference import declination_sigma
 from compasslib.deviation.series import invert_series, series_design, series_sigma, series_slope
-from compasslib.deviation.tilt import CompassAverage, CompassSeries, average_compasses, compass_series
 from compasslib.records import (
     BAD,
     GOOD,

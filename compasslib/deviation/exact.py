@@ -163,14 +163,6 @@ def _overlap(pairs: Pairs) -> Overlap:
     return Overlap(pairs.heading_deg, observed, squared_chords(observed), *pair_speeds(pairs))
 
 
-def scores_at(coefficients: Floats, pairs: Pairs, fit: DeviationFit) -> tuple[float, Floats]:
-    """Compute the log-likelihood at given A..E under a fit's scatter, and each pair's gradient, (n, 5)."""
-    data = _overlap(pairs).sample(fit.noise, FINE, EXACT)
-    parameters = np.append(coefficients, np.log(fit.noise.compass_deg))
-    value = log_likelihood(parameters, data, fit.heading_density, FINE)
-    return value, pair_scores(parameters, data, fit.heading_density, FINE)[:, :5]
-
-
 @dataclass(frozen=True)
 class Overlap:
     """Columns of the pairs that the fit uses, (n,) each."""

@@ -54,15 +54,13 @@ class DeviationFit:
     method: str  #: von_appen | exact (fitted); calibration | coefficients (exact compass known beforehand)
     n_pairs: int  #: number of pairs
     coefficients: Floats = field(default_factory=_empty)  #: (5,) A..E, degrees for von_appen, dimensionless for exact
-    covariance: Floats = field(default_factory=_empty)  #: (5, 5) of A..E, (6, 6) with ``heeling``
+    covariance: Floats = field(default_factory=_empty)  #: (5, 5) of A..E
     n_effective: float = 0.0  #: effective number of independent pairs, allowing for autocorrelated residuals
     residual_rms_deg: float = float("nan")  #: degrees, of the pairs
     #: range of headings that the compass can record, clockwise, degrees; the second may exceed 360; None if unknown
     recorded_range_deg: tuple[float, float] | None = None
     folded: bool = False  #: whether a recorded heading can have two correct ones
     noise: ScatterNoise = ScatterNoise()  #: estimated by the exact fit only
-    heeling: float = 0.0  #: K, vertical hard iron over the horizontal field; sixth row of the covariance
-    dip_ratio: float = 0.0  #: Z/H used to fit the tilt; 0 for a level model
     heading_density: Floats = field(default_factory=_empty)  #: prior of the correct heading on its cells, sums to 1
     why: str = ""  #: the reason why nothing was fitted, else empty
     warnings: tuple[str, ...] = ()  #: sentences for the report
@@ -85,8 +83,6 @@ class DeviationFit:
             "recorded_range_deg": self.recorded_range_deg,
             "folded": self.folded,
             "noise": vars(self.noise),
-            "heeling": self.heeling if self.tilted else None,
-            "dip_ratio": self.dip_ratio if self.tilted else None,
             "heading_density": self.heading_density.tolist(),
             "why": self.why,
             "warnings": self.warnings,
@@ -107,11 +103,6 @@ class DeviationFit:
         """Whether it is an exact compass known beforehand, which the pairs check but do not change."""
         return self.method in ("calibration", "coefficients")
 
-    @property
-    def tilted(self) -> bool:
-        """Whether the model includes pitch and roll."""
-        return self.dip_ratio != 0.0
-
 
 def fit_from_json(content: Mapping[str, Any]) -> DeviationFit:
     """Build a fit from the content of deviation.json."""
@@ -126,8 +117,6 @@ def fit_from_json(content: Mapping[str, Any]) -> DeviationFit:
         recorded_range_deg=None if span is None else (span[0], span[1]),
         folded=content["folded"],
         noise=ScatterNoise(**content["noise"]),
-        heeling=content.get("heeling") or 0.0,
-        dip_ratio=content.get("dip_ratio") or 0.0,
         heading_density=np.array(content["heading_density"], dtype=float),
         why=content["why"],
         warnings=tuple(content.get("warnings", ())),

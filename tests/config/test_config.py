@@ -358,7 +358,6 @@ compromised: tpo -> compromised
 reference: bottom -> reference
 reference: top -> reference
 latitud: 65 -> latitud
-fit: {method: von_appen, tilt: true} -> fit.tilt
 fit: {method: exakt} -> fit.method
 fit: exact -> fit
 fit: {method: coefficients} -> fit.coefficients

@@ -14,6 +14,7 @@ from compasslib.deviation.assessment import (
     assess_correction,
     vector_correlation,
 )
+from compasslib.deviation.average import compass_series
 from compasslib.deviation.branches import MERGED_DEG, MotionModel, WaterTurns, _water_turns, forward_backward
 from compasslib.deviation.correction import (
     MIN_PROBABILITY,
@@ -27,7 +28,6 @@ from compasslib.deviation.exact import fit_exact
 from compasslib.deviation.likelihood import CELL_CENTRES, CELLS
 from compasslib.deviation.model import unfitted
 from compasslib.deviation.series import fit_series
-from compasslib.deviation.tilt import compass_series
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, take
 from tests.world.sea import FOLDED, MILD, field_of, pairs, record_of
 

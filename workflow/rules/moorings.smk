@@ -145,7 +145,7 @@ use rule diagnose as diagnose_jointly with:
     group:
         lambda wildcards: group_of_mooring(wildcards, "mooring")
     params:
-        **parameters("diagnose.diagnose_jointly", MOORINGS.diagnose_jointly, zip(CRUISE.moorings)),
+        **parameters("diagnose.diagnose_jointly", MOORINGS.diagnose, zip(CRUISE.moorings)),
 
 
 rule correct:

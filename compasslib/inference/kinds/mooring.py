@@ -285,7 +285,7 @@ def _repair_clock(pairs: Pairs, fit: DeviationFit, clock: ClockError) -> tuple[R
     again = repair_pairs(pairs, clock)
     if not (short := len(again) < FEWEST_PAIRS):
         start = fit if fit.known_beforehand or fit.prior is not None else None  # else the fit contains the clock error
-        freed = fit_deviation(fit.method, again, start, dip_ratio=fit.dip_ratio)
+        freed = fit_deviation(fit.method, again, start)
         clock_result = clock_findings(pairs, again, (fit, freed), clock)
         if freed.fitted and not any(finding.held_out.refuted for finding in clock_result):
             return Repair(again, freed, clock_result), ()
