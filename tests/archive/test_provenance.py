@@ -218,21 +218,9 @@ def test_software_url_gives_programs_of_a_deposit_an_address(processed, monkeypa
     assert without == {"tiltmeter", workflow, "compasslib"}
 
 
-def test_deposit_has_required_datacite_fields_and_no_invented_ones(unpacked):
-    cited = json.loads((unpacked / deposit.DATACITE).read_text())
-    affiliation = {"name": "A. Fram", "nameType": "Personal", "affiliation": [{"name": "Sea"}]}
-    assert cited["creators"] == [affiliation] and cited["publisher"] == {"name": "Sea"} and "doi" not in cited
-    assert cited["titles"] == [{"title": "Compass deviations corrected: Größe"}]
-    assert cited["rightsList"] == [{"rights": "CC-BY-4.0"}] and len(cited["publicationYear"]) == 4
-    (place,) = cited["geoLocations"]
-    assert place["geoLocationPoint"] == {"pointLatitude": 65.3333, "pointLongitude": -32.955}
-    assert cited["dates"][0]["dateType"] == "Collected" and cited["dates"][0]["date"].startswith("2007-09-04/2007")
-
-
 def test_deposit_of_changed_results_is_refused(archive, tmp_path, capsys):
     assert main(["export", "--cruise", str(archive), "--to", "rocrate", "--into", str(tmp_path / "by_command")]) == 0
     asked = capsys.readouterr().err.splitlines()
-    assert "  doi: of the deposit, once reserved" in asked
     assert any(line.startswith("  manufacturer, model") and line.endswith(": of M1's instrument top") for line in asked)
     (archive / "results/M1/corrected.nc").write_bytes(b"other")
     with pytest.raises(InputError, match=r"results/M1/corrected\.nc: expected the file that the manifest lists"):
