@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import glob
 import io
-import itertools
 import shutil
 import sys
 from argparse import Namespace
@@ -23,7 +21,6 @@ from compasslib.archive.attributes import SENSOR_KEYS
 from compasslib.archive.deposit import OPTIONAL, deposit
 from compasslib.archive.files import (
     CHUNK,
-    HALF_WRITTEN,
     atomic_write,
     open_netcdf,
     read_attribute,
@@ -106,23 +103,15 @@ def _export_cruise(asked: Namespace) -> int:
 
 
 def _available_files(into: Path, *names: str) -> list[Path]:
-    """Return the paths of files to write, none of which may exist, and delete incomplete files of a killed export.
-
-    A file gets its name after its note does, and the first file after all others. If the first is missing, others that
-    have a note were therefore left by a killed export, and are overwritten.
+    """Return the paths of files to write.
 
     Raises:
         InputError: one of the files exists.
     """
     files = [into / name for name in names]
-    if taken := next(
-        (item for item in files if item.exists() and (files[0].exists() or not _note_path(item).exists())), None
-    ):
+    if taken := next((item for item in files if item.exists()), None):
         advice = "name another folder with --into, or move that file away"
         raise InputError(str(taken), expected="a file that is not there yet", found="it there", advice=advice)
-    for name, dots in itertools.product(names, (".", "..")):  # two dots: an incomplete file of an incomplete file
-        for half in into.glob(f"{dots}{glob.escape(name)}.*{HALF_WRITTEN}"):
-            half.unlink(missing_ok=True)
     return files
 
 
