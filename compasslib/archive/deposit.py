@@ -159,10 +159,6 @@ def pack_wheel() -> bytes:
 def describe_superseded(file: Path, configuration: Sequence[str], root: Path) -> dict[str, Any]:
     """Describe the earlier deposit of a mooring: keys of its YAML files that differ, and hashes of its input files.
 
-    Args:
-        file: the ZIP file of the deposit.
-        configuration: YAML files of the mooring, relative to the cruise folder ``root``.
-
     Raises:
         InputError: the file is not a deposit.
     """

@@ -35,7 +35,6 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     """Estimate the constant difference of an observatory's declination from the model, the quiet day and the storms.
 
     Args:
-        files: IAGA-2002 files of one observatory.
         settings: ``latitude``, ``longitude``, which override the headers'; ``declination``: auto, or a number that
             replaces the model; ``table_step_deg``.
 

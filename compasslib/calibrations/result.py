@@ -91,7 +91,6 @@ def compare_all(name: str, content: Mapping[str, Any], earlier: Mapping[str, Map
     """Compare a calibration with others, as the keys of calibration.json that need them.
 
     Args:
-        content: of the calibration's file.
         earlier: contents of the calibrations to compare it with, by name.
     """
     made = from_json(content)

@@ -35,9 +35,6 @@ def held_out_headings(pairs: Pairs, fit: DeviationFit) -> Floats:
 
     The exact fit starts from the fit to all pairs, so the right fold is assumed to be known. A calibration made
     elsewhere used no pairs and is not refitted.
-
-    Args:
-        fit: the fit to all pairs; its method is repeated.
     """
     heading = np.full(len(pairs), np.nan)
     block = _blocks(pairs.time_s) % FOLDS
@@ -152,7 +149,6 @@ def _contradicted(pairs: Pairs, fit: DeviationFit, *, contradicted: float = 28.5
     """Report if the pairs show a significantly different compass than the given one; empty if they do not.
 
     Args:
-        pairs: pairs with further effects on the compass removed.
         contradicted, least_apart_deg: chi-squared, 4 degrees of freedom, p = 1e-5; and rms of the difference.
     """
     if not (fit.fitted and fit.known_beforehand and fit.covariance_known) or len(pairs) < 4 * MIN_PAIRS:
@@ -264,9 +260,6 @@ def answer_use(
     """Answer whether the corrected directions can be used: yes, with care, or no, from verdict, flags and uncertainty.
 
     Args:
-        diagnosis: content of diagnosis.json.
-        flags: of the corrected headings, (n,).
-        sigma_deg: their standard deviations, (n,); NaN where there is no correction.
         most_unsure, most_bad: shares of headings of flags 2 and 3, and of flags 3 and 4.
         usual_sigma_deg: a larger median uncertainty needs care; like the shares chosen, not measured.
         covered_sigmas: a mismatch beyond this many standard deviations is not covered by the uncertainty; chosen.

@@ -70,9 +70,6 @@ def correct(
     """Correct a record; headings that cannot be corrected are NaN with flag 4.
 
     Args:
-        record: the affected instrument's record, cut to the deployment.
-        fit: the deviation model, possibly without coefficients.
-        pairs: overlapping measurements with the reference.
         at: the compass at each sample, if effects beyond those of the fit acted on it.
         unmodelled_deg: standard deviation of known unmodelled effects, degrees.
         doubts: periods whose headings are flagged as doubtful, with increased uncertainty.
@@ -187,10 +184,6 @@ def correct_headings(
     """Estimate the correct heading, its standard deviation and the probability of its branch.
 
     Args:
-        readings: readings of the compass, n samples.
-        fit: the deviation model, possibly without coefficients.
-        pairs: overlapping measurements that help to choose the branch; their times must be among those of the readings.
-        at: the compass at each sample, if effects beyond those of the fit acted on it.
         left_out_by_tilt: uncertainty per degree of tilt of a level model, degrees: at 5 degrees of tilt a vertical
             field of the iron of 4 % of H, or one of 1 % induced where Z is four times H, each deflect the compass by
             some 0.2 degrees along either axis.
@@ -271,22 +264,12 @@ def readings_at_pairs(pairs: Pairs) -> Readings:
 
 
 def to_body_frame(east: Floats, north: Floats, recorded_deg: Floats) -> Complexes:
-    """Rotate a current into the instrument's frame: speed times e^{i alpha}, alpha clockwise from forward.
-
-    Args:
-        east: by the recorded heading, m/s, (n,).
-        north: by the recorded heading, m/s, (n,).
-        recorded_deg: recorded headings, (n,), degrees.
-    """
+    """Rotate a current into the instrument's frame: speed times e^{i alpha}, alpha clockwise from forward."""
     return (north + 1j * east) * np.conj(angles.phasor(recorded_deg))
 
 
 def record_readings(record: Record) -> Readings:
-    """Extract the affected compass's readings, with headings flagged bad set to NaN.
-
-    Args:
-        record: the affected instrument's record.
-    """
+    """Extract the affected compass's readings, with headings flagged bad set to NaN."""
     heading = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
     return Readings(record.time_s, heading, record.pitch_deg, record.roll_deg, _water(record))
 
@@ -311,11 +294,7 @@ LOOKUP_COLUMNS = ("recorded_deg", "corrected_deg", "deviation_deg", "sigma_deg",
 
 
 def correct_roots(fit: DeviationFit, recorded_deg: Floats) -> Floats:
-    """Invert recorded headings by the method's own inverse, (n, 2) degrees, NaN where there is no root.
-
-    Args:
-        recorded_deg: recorded headings, (n,) degrees.
-    """
+    """Invert recorded headings by the method's own inverse, (n, 2) degrees, NaN where there is no root."""
     if fit.method != "von_appen":
         return compass.inverse(fit.coefficients, recorded_deg)
     beta = invert_series(fit.coefficients, recorded_deg)
@@ -331,7 +310,6 @@ def tabulate_deviation(
     compass, the precision of a reading, known unmodelled effects, and doubts about the whole record.
 
     Args:
-        unmodelled_deg: standard deviation of known unmodelled effects, degrees.
         doubts: only those about the whole record are included.
         min_reading_slope: lower bound of the slope by which the precision of a reading is divided.
 

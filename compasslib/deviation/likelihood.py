@@ -98,12 +98,7 @@ def squared_chords(observed_deg: Floats) -> Floats:
 
 
 def scatter_density(squared_chord: Floats, width_deg: Floats, outliers: float) -> Floats:
-    """Compute K, the density of the observed heading about each cell's centre, per degree, (n, CELLS).
-
-    Args:
-        squared_chord: of the observed headings, (n, CELLS), square degrees.
-        outliers: share of uniformly distributed directions.
-    """
+    """Compute K, the density of the observed heading about each cell's centre, per degree, (n, CELLS)."""
     ratio = squared_chord / (STUDENT_DOF * width_deg[:, None] ** 2)
     ratio += 1.0
     np.reciprocal(ratio, out=ratio)
@@ -117,12 +112,7 @@ def scatter_density(squared_chord: Floats, width_deg: Floats, outliers: float) -
 def bin_sample(
     recorded_deg: Floats, scatter_density: Floats, grid: HeadingGrid, form: CurveForm = EXACT
 ) -> BinnedSample:
-    """Sort the pairs by the recorded heading's bin.
-
-    Args:
-        scatter_density: K, (n, CELLS).
-        form: the curve to be fitted.
-    """
+    """Sort the pairs, and their K, (n, CELLS), by the recorded heading's bin."""
     bins = grid.bin_of(recorded_deg)
     order = np.argsort(bins, kind="stable")
     occupied, begins, row = np.unique(bins[order], return_index=True, return_inverse=True)
@@ -130,11 +120,7 @@ def bin_sample(
 
 
 def compass_noise_density(offset_deg: Floats, compass_deg: float) -> Floats:
-    """Compute G, the density of recorded headings about the predicted ones, per degree, in the shape of the offsets.
-
-    Args:
-        offset_deg: recorded minus predicted heading, degrees.
-    """
+    """Compute G, the density of recorded minus predicted headings, per degree, in the shape of the offsets."""
     return np.exp(-0.5 * (offset_deg / compass_deg) ** 2) / (compass_deg * np.sqrt(2.0 * np.pi))
 
 

@@ -187,12 +187,7 @@ IRON_NT, SPHERE_NT = 2500.0, 4000.0
 
 
 def weak_field_warnings(horizontal_nT: ArrayLike, *, min_horizontal_nt: float = 5000.0) -> tuple[str, ...]:
-    """Warn below the horizontal field in which no correction is reliable (Le Menn et al. 2023, section 7).
-
-    Args:
-        horizontal_nT: horizontal field along time or at a calibration, nT; empty or NaN if unknown.
-        min_horizontal_nt: horizontal field below which no correction is reliable (Le Menn et al. 2023).
-    """
+    """Warn below the horizontal field in which no correction is reliable (Le Menn et al. 2023, section 7)."""
     least = float(np.nanmin(horizontal_nT, initial=np.inf))
     if least >= min_horizontal_nt:
         return ()

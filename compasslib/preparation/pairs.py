@@ -382,7 +382,6 @@ def match_ready_pairs(
 
     Args:
         columns: time (UTC seconds), heading (degrees), velocities of both instruments by role, (n,) each.
-        record: the affected instrument's record, cut to the deployment.
         agreeing_deg: median difference of headings above which the pairs may belong to another record.
     """
     order = np.argsort(columns["time"], kind="stable")

@@ -235,8 +235,6 @@ def find_speed_changes(
     bins as far apart as the reference. Without such bins nothing is tested.
 
     Args:
-        pairs: those of one reference.
-        upper: samples of the affected record at the pairs.
         fewest: pairs in a window; a profiler passes twice a day.
         sigmas: least change in standard deviations between own bins.
         lasts: windows that a change lasts; of 24 combinations of bins of eh2 one reaches two, none three.

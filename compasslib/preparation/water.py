@@ -159,7 +159,6 @@ def predict_water(
     """Predict the water velocity at given depths; None if the profile does not suffice.
 
     Args:
-        depth_m: depth of the reference's cell at each sample, (n,).
         bins: number of bins in the published mean, for comparison.
         nearest: bins used for a prediction.
         step: cells; resolution of the distance to the reference for which weights are computed.
@@ -238,11 +237,7 @@ def fails_speed_check(
 
 
 def veer_of_nearest_bins(record: Record, depth_m: Floats, bins: int) -> Veer:
-    """Estimate the veer between the mean of the nearest bins and the reference's cell.
-
-    Args:
-        depth_m: depth of that cell at each sample, (n,).
-    """
+    """Estimate the veer between the mean of the nearest bins and the reference's cell."""
     away_m = np.median(record.bin_depth_m() - depth_m[:, None], axis=0)
     cells_m = np.diff(np.sort(away_m[np.isfinite(away_m)]))
     if not np.any(cells_m > 0.0):
