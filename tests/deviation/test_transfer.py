@@ -90,6 +90,6 @@ def test_a_mooring_in_a_weak_field_is_warned_of_at_sea_too(tmp_path, horizontal,
     netcdf.write_record(tmp_path / "record.nc", record_of(seen))
     write_json(tmp_path / "field.json", vars(along))
     fit_stage.fit("M", record=tmp_path / "record.nc", pairs=tmp_path / "pairs.nc", field=tmp_path / "field.json",
-                  fit=tmp_path / "fit.json", method="exact", tilt=False, given=None, sphere=False,
+                  fit=tmp_path / "fit.json", method="exact", given=None, sphere=False,
                   say=print)  # fmt: skip
     assert any("no correction is reliable" in text for text in read_json(tmp_path / "fit.json")["warnings"]) == warns

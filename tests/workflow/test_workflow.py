@@ -51,7 +51,7 @@ def test_results_satisfy_the_contract(done):
     }
 
 
-AFTER_FIT = ("diagnose", "compare", "correct", "grid", "figures", "sections")
+AFTER_FIT = ("diagnose", "correct", "grid", "figures", "sections")
 OF_ALL = ("summary", "cruise_figures", "report", "provenance")
 
 
