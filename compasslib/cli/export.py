@@ -19,14 +19,7 @@ from compasslib import angles
 from compasslib.archive import provenance, variables
 from compasslib.archive.attributes import SENSOR_KEYS
 from compasslib.archive.deposit import OPTIONAL, deposit
-from compasslib.archive.files import (
-    CHUNK,
-    atomic_write,
-    open_netcdf,
-    read_attribute,
-    read_series,
-    write_json,
-)
+from compasslib.archive.files import CHUNK, atomic_write, open_netcdf, read_attribute, read_series, write_json
 from compasslib.archive.netcdf import days_since_1950, seconds_since_1970
 from compasslib.cli import results
 from compasslib.config import cruise as config

@@ -10,10 +10,7 @@ from compasslib import angles
 from compasslib.archive import netcdf
 from compasslib.archive.attributes import Site
 from compasslib.deviation import deviation_json, find_implausibility
-from compasslib.deviation.assessment import (
-    assess_correction,
-    vector_correlation,
-)
+from compasslib.deviation.assessment import assess_correction, vector_correlation
 from compasslib.deviation.average import compass_series
 from compasslib.deviation.branches import MERGED_DEG, MotionModel, WaterTurns, _water_turns, forward_backward
 from compasslib.deviation.correction import (
