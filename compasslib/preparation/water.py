@@ -88,7 +88,7 @@ def fit_structure(record: Record) -> StructureFunction | None:
     """Fit the structure function of velocity against the distance of two bins; None if there are too few."""
     usable = usable_velocities(record)
     range_m, share = np.median(record.bin_range_m, axis=0), usable.mean(axis=0)
-    near = _sound_bins(share, range_m)  # velocities of all bins would take too much memory
+    near = _sound_bins(share, range_m)
     velocity = np.where(usable[:, near], record.east[:, near] + 1j * record.north[:, near], np.nan)
     return fit_structure_function(velocity, range_m[near])
 
@@ -97,7 +97,7 @@ def _sound_bins(share: Floats, range_m: Floats, *, looked_at: int = 8) -> NDArra
     """Select the bins next to the instrument that are good nearly as often as the best, nearest first.
 
     Args:
-        looked_at: bins next to the sphere used to fit the structure; their largest distance in cells.
+        looked_at: number of bins; velocities of all would take too much memory.
     """
     sound = np.flatnonzero(share >= LEAST_GOOD * share.max(initial=0.0))
     return sound[np.argsort(np.abs(range_m[sound]))[:looked_at]]
@@ -115,7 +115,7 @@ def fit_structure_function(
     """Fit the structure function to velocities, (n, m) m/s, at ranges, (m,) m; None if there are too few.
 
     Args:
-        reach: bins next to the sphere used to fit the structure; their largest distance in cells.
+        reach: largest distance of two bins, in cells.
         fewest, fewest_bins: least samples per pair of bins, and bins: two distances cannot constrain decorrelation.
         least_noise: least noise, as a share of half the mean squared difference of adjacent bins.
     """
@@ -227,8 +227,8 @@ def fails_speed_check(
     Speeds do not depend on headings, but do reveal a wrong depth or layers that differ.
 
     Args:
-        sure: longer than speeds are correlated; standard errors of a significant difference.
-        block_s: longer than speeds are correlated; standard errors of a significant difference.
+        sure: standard errors of a significant difference.
+        block_s: longer than speeds are correlated.
     """
     off = [(np.abs(series) - np.abs(trusted)) ** 2 for series in (mean, predicted)]
     block = np.unique(np.floor(time_s / block_s), return_inverse=True)[1]
