@@ -195,24 +195,6 @@ def predict_water(
     return WaterPrediction(velocity * angles.phasor(-turned), expected, published, veer)
 
 
-def depth_shift_by_speed(record: Record, depth_m: Floats, speed_m_s: Floats, *, clearly: float = 0.5) -> float:
-    """Estimate the depth shift at which the profile matches the reference's speeds clearly best, m, else 0.
-
-    Only the depths of the profile's cells are tried, as predictions beyond the profile are vague.
-
-    Args:
-        clearly: ratio of mean squares below which a fit is clearly better.
-    """
-    bins = record.bin_depth_m()
-    away = np.median(bins, axis=0) - float(np.median(depth_m))
-    shifts = [0.0, *away[np.isfinite(away)].tolist()]
-    learnt = fit_structure(record)
-    flows = [predict_water(record, depth_m + shift, 1, learnt) for shift in shifts]
-    off = [float(np.nanmean((np.abs(series.velocity) - speed_m_s) ** 2)) if series else np.inf for series in flows]
-    best = int(np.argmin(off))
-    return shifts[best] if off[best] < clearly * off[0] else 0.0
-
-
 def fails_speed_check(
     time_s: Floats,
     mean: Complexes,
