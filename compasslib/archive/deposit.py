@@ -25,7 +25,7 @@ from compasslib.archive import crate, provenance
 from compasslib.archive.crate import Entity
 from compasslib.archive.files import atomic_write
 from compasslib.archive.verification import read_manifest
-from compasslib.config.cruise import LARGEST_BYTES, Cruise, parse, read
+from compasslib.config.cruise import Cruise, parse, read
 from compasslib.errors import InputError
 from compasslib.readers.files import DAMAGE_ERRORS
 
@@ -78,7 +78,6 @@ compare the results with those of this deposit:
     .venv/bin/compass diff deposited results
 """
 WHEEL = f"compasslib-{__version__}-py3-none-any.whl"
-LARGEST_JSON = 1 << 24  # bytes; the manifest of the demonstration cruise, of 11 moorings, has 0.25 MB
 
 
 def deposit(cruise: Cruise, to: str | Path) -> int:
@@ -164,12 +163,8 @@ def describe_superseded(file: Path, configuration: Sequence[str], root: Path) ->
     """
     new = {name: read(root, name) for name in configuration}
     with open_deposit(file, "correct supersedes in config/config.yaml") as packed:
-        manifest, there = _read_entry(packed, crate.FILE, LARGEST_JSON), {*packed.namelist()}
-        old = {
-            name: parse(_read_entry(packed, name, LARGEST_BYTES), f"{file}: {name}")
-            for name in configuration
-            if name in there
-        }
+        manifest, there = packed.read(crate.FILE), {*packed.namelist()}
+        old = {name: parse(packed.read(name), f"{file}: {name}") for name in configuration if name in there}
         for options in (old, new):
             options.get("config/config.yaml", {}).pop("supersedes", None)
         page = json.loads(manifest)
@@ -192,24 +187,11 @@ def open_deposit(file: str | Path, advice: str) -> Iterator[zipfile.ZipFile]:
         InputError: it is not a deposit.
     """
     try:
-        if not Path(file).is_file():
-            raise ValueError("no file, or a pipe or device")
         with zipfile.ZipFile(file) as packed:
-            # zipfile unpacks other methods without a limit of memory; no deposit has them.
-            if {entry.compress_type for entry in packed.infolist()} - {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
-                raise ValueError("files packed by another method than deflate")
             yield packed
     except (*DAMAGE_ERRORS, zipfile.BadZipFile) as error:
         expected, found = "the ZIP of compass export --to rocrate", f"{type(error).__name__}: {error}"
         raise InputError(str(file), expected=expected, found=found, advice=advice) from error
-
-
-def _read_entry(packed: zipfile.ZipFile, name: str, largest: int) -> bytes:
-    with packed.open(name) as stream:
-        content = stream.read(largest + 1)
-    if len(content) > largest:
-        raise ValueError(f"{name} of more than {largest} bytes")
-    return content
 
 
 def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], packed: Mapping[str, str], root: Path) -> Entity:
