@@ -56,7 +56,6 @@ class CorrectedPieces:
             yield _turned(take(self.record, stretch), take(self.decision, stretch), self.field, self.declination_deg)
 
 
-@single_threaded()
 def correct(
     record: Record,
     fit: DeviationFit,
@@ -67,17 +66,12 @@ def correct(
     unmodelled_deg: float = 0.0,
     doubts: Sequence[Doubt] = (),
 ) -> CorrectedRecord:
-    """Correct a record; headings that cannot be corrected are NaN with flag 4.
-
-    Args:
-        at: the compass at each sample, if effects beyond those of the fit acted on it.
-        unmodelled_deg: standard deviation of known unmodelled effects, degrees.
-        doubts: periods whose headings are flagged as doubtful, with increased uncertainty.
-    """
-    decided = _decided(record, fit, pairs, at, unmodelled_deg, doubts)
-    return _turned(record, decided, field, _declination_sigma(fit, field))
+    """Correct a record; headings that cannot be corrected are NaN with flag 4. Arguments as ``correct_in_pieces``."""
+    made = correct_in_pieces(record, fit, field, pairs, at, unmodelled_deg=unmodelled_deg, doubts=doubts)
+    return _turned(record, made.decision, field, made.declination_deg)
 
 
+@single_threaded()
 def correct_in_pieces(
     record: Record,
     fit: DeviationFit,
@@ -88,19 +82,13 @@ def correct_in_pieces(
     unmodelled_deg: float = 0.0,
     doubts: Sequence[Doubt] = (),
 ) -> CorrectedPieces:
-    """Correct like ``correct``, in pieces along time, so that a decade of velocities fits in memory."""
-    decided = _decided(record, fit, pairs, at, unmodelled_deg, doubts)
-    return CorrectedPieces(record, decided, field, _declination_sigma(fit, field))
+    """Correct a record in pieces along time, so that a decade of velocities fits in memory.
 
-
-def _decided(
-    record: Record,
-    fit: DeviationFit,
-    pairs: Pairs,
-    at: CompassSeries | None,
-    unmodelled_deg: float,
-    doubts: Sequence[Doubt],
-) -> HeadingDecision:
+    Args:
+        at: the compass at each sample, if effects beyond those of the fit acted on it.
+        unmodelled_deg: standard deviation of known unmodelled effects, degrees.
+        doubts: periods whose headings are flagged as doubtful, with increased uncertainty.
+    """
     decision = correct_headings(record_readings(record), fit, pairs, at)
     if not fit.covariance_known:
         doubts = (*doubts, doubt_whole_record(angles.UNIFORM_SIGMA_DEG, UNKNOWN_COVARIANCE))
@@ -114,7 +102,8 @@ def _decided(
         for known, further in ((decision.sigma_deg, rounded_deg**2), (decision.common_deg, 0.0))
     )
     probability = np.where(doubted, np.minimum(decision.probability, 0.0), decision.probability)
-    return replace(decision, sigma_deg=whole, common_deg=common, probability=probability)
+    decision = replace(decision, sigma_deg=whole, common_deg=common, probability=probability)
+    return CorrectedPieces(record, decision, field, _declination_sigma(fit, field))
 
 
 def _declination_sigma(fit: DeviationFit, field: EarthField) -> float:
