@@ -4,7 +4,7 @@
     python benchmarks/accuracy.py CRUISE     any cruise folder with truth/NAME.csv or truth_NAME.csv
     python benchmarks/accuracy.py --product  only the existing results of the cruise, including the search
 
-Copies of the cruise are run by ``exact``, by ``exact`` with tilt and by ``von_appen``. Without a truth file, the
+Copies of the cruise are run by ``exact`` and by ``von_appen``. Without a truth file, the
 recorded headings of a mooring are taken as the truth.
 """
 
@@ -32,7 +32,7 @@ from compasslib.deviation.model import observed_heading
 from compasslib.deviation.series import fit_series_about_mean, invert_series
 from compasslib.preparation.references import combine_references
 
-METHODS = ("exact", "exact, tilt: true", "von_appen")
+METHODS = ("exact", "von_appen")
 HEAD_OF_CURRENTS = ("mooring", "cells", "rms of U and V, gridded", "a corrected mean per bin", "U, V within 95 %")
 
 

@@ -115,11 +115,6 @@ def model_sigma(horizontal_nT: float, constant_deg: float = 0.26, by_field_nT: f
     return float(np.hypot(constant_deg, by_field_nT / horizontal_nT))
 
 
-def dip_ratio(field: EarthField) -> float:
-    """Compute the mean of Z/H over the deployment."""
-    return float(np.mean(field.vertical_nT / field.horizontal_nT))
-
-
 def field_from_json(content: Mapping[str, Any]) -> EarthField:
     """Build the field from the content of field.json."""
     texts: dict[str, Any] = {"source": content["source"], "warnings": tuple(content["warnings"])}

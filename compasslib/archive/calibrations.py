@@ -38,13 +38,7 @@ class StoredCalibration:
 def write(
     *, page: Mapping[str, Any], made: Calibration, calibration: str | Path, table: str | Path, points: str | Path
 ) -> None:
-    """Write a calibration's files, each complete or not at all.
-
-    Args:
-        page: content of calibration.json.
-        table: path of table.csv; only its header is written where there is no table.
-        points: path of points.csv.
-    """
+    """Write a calibration's files, each complete or not at all."""
     deviations = made.table or DeviationTable(*np.zeros((3, 0)))
     rows = (deviations.heading_deg, deviations.deviation_deg, deviations.sigma_deg)
     write_csv(table, TABLE_COLUMNS, rows, ("{:.4g}", "{:.3f}", "{:.3f}"))

@@ -22,15 +22,14 @@ from urllib.parse import quote
 
 from compasslib import __version__
 from compasslib.archive import crate, provenance
-from compasslib.archive.attributes import Site
 from compasslib.archive.crate import Entity
 from compasslib.archive.files import atomic_write
 from compasslib.archive.verification import read_manifest
-from compasslib.config.cruise import LARGEST_BYTES, Cruise, parse, read
+from compasslib.config.cruise import Cruise, parse, read
 from compasslib.errors import InputError
 from compasslib.readers.files import DAMAGE_ERRORS
 
-METADATA, README, DATACITE = "ro-crate-metadata.json", "README.md", "datacite.json"
+METADATA, README = "ro-crate-metadata.json", "README.md"
 WORKFLOW_FILE, RUN = "workflow/Snakefile", "#run"
 PROFILES = {
     "https://w3id.org/ro/wfrun/process/0.5": ("Process Run Crate", "0.5"),
@@ -48,7 +47,6 @@ OWNERS = {
 OPTIONAL = {
     "principal_investigator_orcid": "https://orcid.org/...",
     "software_url": "where the version of this software that was used is kept (recommended)",
-    "doi": "of the deposit, once reserved",
 }
 SNAKEMAKE = "https://w3id.org/workflowhub/workflow-ro-crate#snakemake"
 CONTEXTUAL: tuple[Entity, ...] = (
@@ -68,9 +66,8 @@ CONTEXTUAL: tuple[Entity, ...] = (
 ABOUT = """# {title}
 
 Moored current records whose compass was corrected, as one Workflow Run Crate. `results/` holds the products, `config/`
-and `raw/` the files they were made from, `ro-crate-metadata.json` the description of all files, `datacite.json` the
-metadata for registering a DOI. The license of the data is {license}. The software (rules and profiles in `workflow/`,
-the library `{wheel}`) has its own, `workflow/LICENSE`.
+and `raw/` the files they were made from, `ro-crate-metadata.json` the description of all files. The license of the data
+is {license}. The software (rules and profiles in `workflow/`, the library `{wheel}`) has its own, `workflow/LICENSE`.
 
 In this folder, with Python 3.11 or later: install the software, compare all files with the manifest, run again, and
 compare the results with those of this deposit:
@@ -81,8 +78,6 @@ compare the results with those of this deposit:
     .venv/bin/compass diff deposited results
 """
 WHEEL = f"compasslib-{__version__}-py3-none-any.whl"
-VON_APPEN = "10.1175/JTECH-D-14-00043.1"  # DOI of the method
-LARGEST_JSON = 1 << 24  # bytes; the manifest of the demonstration cruise, of 11 moorings, has 0.25 MB
 
 
 def deposit(cruise: Cruise, to: str | Path) -> int:
@@ -105,11 +100,9 @@ def deposit(cruise: Cruise, to: str | Path) -> int:
     hashed = {name: provenance.sha256(path) for name, path in rules.items()}
     described = compose(page, attributes, hashed | {WHEEL: hashlib.sha256(wheel).hexdigest()}, root)
     whole = next(x for x in described["@graph"] if x["@id"] == "./")
-    cited = describe_datacite(cruise, title=whole["name"], published=whole["datePublished"])
     texts: dict[str, str | bytes] = {
         METADATA: json.dumps(described, indent=1, ensure_ascii=False) + "\n",
         README: ABOUT.format(title=whole["name"], license=attributes["license"], wheel=WHEEL),
-        DATACITE: json.dumps(cited, indent=1, ensure_ascii=False) + "\n",
         WHEEL: wheel,
     }
     with atomic_write(to) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -165,21 +158,13 @@ def pack_wheel() -> bytes:
 def describe_superseded(file: Path, configuration: Sequence[str], root: Path) -> dict[str, Any]:
     """Describe the earlier deposit of a mooring: keys of its YAML files that differ, and hashes of its input files.
 
-    Args:
-        file: the ZIP file of the deposit.
-        configuration: YAML files of the mooring, relative to the cruise folder ``root``.
-
     Raises:
         InputError: the file is not a deposit.
     """
     new = {name: read(root, name) for name in configuration}
     with open_deposit(file, "correct supersedes in config/config.yaml") as packed:
-        manifest, there = _read_entry(packed, crate.FILE, LARGEST_JSON), {*packed.namelist()}
-        old = {
-            name: parse(_read_entry(packed, name, LARGEST_BYTES), f"{file}: {name}")
-            for name in configuration
-            if name in there
-        }
+        manifest, there = packed.read(crate.FILE), {*packed.namelist()}
+        old = {name: parse(packed.read(name), f"{file}: {name}") for name in configuration if name in there}
         for options in (old, new):
             options.get("config/config.yaml", {}).pop("supersedes", None)
         page = json.loads(manifest)
@@ -202,24 +187,11 @@ def open_deposit(file: str | Path, advice: str) -> Iterator[zipfile.ZipFile]:
         InputError: it is not a deposit.
     """
     try:
-        if not Path(file).is_file():
-            raise ValueError("no file, or a pipe or device")
         with zipfile.ZipFile(file) as packed:
-            # zipfile unpacks other methods without a limit of memory; no deposit has them.
-            if {entry.compress_type for entry in packed.infolist()} - {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
-                raise ValueError("files packed by another method than deflate")
             yield packed
     except (*DAMAGE_ERRORS, zipfile.BadZipFile) as error:
         expected, found = "the ZIP of compass export --to rocrate", f"{type(error).__name__}: {error}"
         raise InputError(str(file), expected=expected, found=found, advice=advice) from error
-
-
-def _read_entry(packed: zipfile.ZipFile, name: str, largest: int) -> bytes:
-    with packed.open(name) as stream:
-        content = stream.read(largest + 1)
-    if len(content) > largest:
-        raise ValueError(f"{name} of more than {largest} bytes")
-    return content
 
 
 def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], packed: Mapping[str, str], root: Path) -> Entity:
@@ -251,8 +223,8 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], packed: Mapp
     }  # fmt: skip
     if "software_url" in attributes:
         entities[WORKFLOW_FILE]["url"] = str(attributes["software_url"])
-    for name, form in ((README, "text/markdown"), (DATACITE, "application/json")):
-        entities[name] = {"@id": name, "@type": "File", "name": name, "encodingFormat": form, "about": {"@id": "./"}}
+    about = {"name": README, "encodingFormat": "text/markdown", "about": {"@id": "./"}}
+    entities[README] = {"@id": README, "@type": "File"} | about
     files = [identifier for identifier, entity in entities.items() if "File" in entity["@type"]]
     entities["./"] |= {
         "conformsTo": _references(PROFILES), "mainEntity": {"@id": WORKFLOW_FILE}, "hasPart": _references(files),
@@ -292,45 +264,3 @@ def _entry(name: str) -> zipfile.ZipInfo:
     entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
     entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
     return entry
-
-
-def describe_datacite(cruise: Cruise, *, title: str, published: str) -> dict[str, Any]:
-    """Compose the DataCite metadata of a cruise.
-
-    Args:
-        cruise: its attributes must include those that a deposit requires.
-        published: date of the results, ISO 8601.
-    """
-    given = {key: str(value) for key, value in cruise.options.attributes.items()}
-    affiliation = [{"name": given["institution"]}]
-    creator = {"name": given["principal_investigator"], "nameType": "Personal", "affiliation": affiliation}
-    if orcid := given.get("principal_investigator_orcid"):
-        scheme = {"nameIdentifierScheme": "ORCID", "schemeUri": "https://orcid.org/"}
-        creator["nameIdentifiers"] = [{"nameIdentifier": orcid, **scheme}]
-    moorings = {name.partition("/")[0]: mooring for name, mooring in cruise.moorings.items()}
-    places = []
-    for name, mooring in moorings.items():
-        longitude = Site(name, mooring.latitude, mooring.longitude).signed_longitude()
-        point = {"pointLatitude": mooring.latitude, "pointLongitude": longitude}
-        places.append({"geoLocationPlace": name, "geoLocationPoint": point})
-    spans = dict.fromkeys(f"{mooring.start:%Y-%m-%d}/{mooring.end:%Y-%m-%d}" for mooring in moorings.values())
-    dates = [{"date": span, "dateType": "Collected"} for span in spans]
-    terms, abstract = given["license"], given.get("summary", f"{title}. Processed by {provenance.software()}.")
-    method = {"relatedIdentifier": VON_APPEN, "relatedIdentifierType": "DOI", "relationType": "References"}
-    described = {
-        "schemaVersion": "http://datacite.org/schema/kernel-4",
-        "types": {"resourceTypeGeneral": "Dataset", "resourceType": "Moored current records with corrected headings"},
-        "titles": [{"title": title}],
-        "creators": [creator],
-        "publisher": {"name": given["institution"]},
-        "publicationYear": published[:4],
-        "dates": [*dates, {"date": published, "dateType": "Created"}],
-        "rightsList": [{"rights": terms, **({"rightsUri": terms} if "://" in terms else {})}],
-        "subjects": [{"subject": "ocean currents"}, {"subject": "compass deviation"}],
-        "descriptions": [{"description": abstract, "descriptionType": "Abstract"}],
-        "relatedIdentifiers": [method],
-        "geoLocations": places,
-        "formats": ["application/x-netcdf", "application/json", "text/csv"],
-        **({"doi": given["doi"]} if "doi" in given else {}),
-    }
-    return {key: value for key, value in described.items() if value}

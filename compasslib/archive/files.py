@@ -121,9 +121,6 @@ def write_csv(
 def read_csv(path: str | Path, texts: Sequence[str] = ()) -> dict[str, NDArray[Any]]:
     """Read the columns of a table written by ``write_csv``, NaN where a number is missing.
 
-    Args:
-        texts: names of the text columns.
-
     Raises:
         InputError: the file is missing or damaged.
     """
@@ -205,9 +202,6 @@ def write_variable(
     """Write a variable or a piece of it, with non-finite values as its fill value.
 
     Args:
-        nc: the open file, in which the variable's dimensions are defined.
-        variable: its definition.
-        values: its values, in the shape of its dimensions or of the piece.
         level: zlib compression level; 0 for none.
         rows: the piece along TIME; None for the whole variable.
     """

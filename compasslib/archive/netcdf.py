@@ -165,22 +165,22 @@ def read_applied_declinations(paths: Iterable[str | Path]) -> dict[str, float]:
     return applied
 
 
+# Attributes of overlap.nc that hold a field of ``Pairs`` as JSON; all but warnings only where there is one.
+PAIR_NOTES = {"warnings": "warnings", "reference_compass": "compass"} | {
+    name: name for name in ("slow_shear", "doubts", "slowed")
+}
+
+
 def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, object] | None = None) -> None:
     """Write overlap.nc, possibly without pairs."""
     with create_netcdf(path) as nc:
         nc.setncatts({"Conventions": "CF-1.11", "title": "pairs of overlapping velocities"} | plain(attributes or {}))
-        nc.setncattr("warnings", json.dumps(pairs.warnings))
+        notes = {name: getattr(pairs, field) for name, field in PAIR_NOTES.items()}
+        written = {name: note for name, note in notes.items() if note or name == "warnings"}
+        nc.setncatts({name: json.dumps(note, default=vars) for name, note in written.items()})
         if pairs.expected_m_s is not None:
             nc.setncattr("water_error_of_mean_and_of_prediction_m_s", np.array(pairs.expected_m_s))
         nc.setncattr("water_turned_for_good_deg", pairs.veer_deg)
-        if pairs.compass is not None:
-            nc.setncattr("reference_compass", json.dumps(vars(pairs.compass)))
-        if pairs.slow_shear is not None:
-            nc.setncattr("slow_shear", json.dumps(vars(pairs.slow_shear)))
-        if pairs.doubts:
-            nc.setncattr("doubts", json.dumps(pairs.doubts))
-        if pairs.slowed:
-            nc.setncattr("slowed", json.dumps(pairs.slowed))
         nc.createDimension("TIME", len(pairs))
         for name, variable in variables.PAIRS.items():
             write_variable(nc, variable, getattr(pairs, name))
@@ -206,23 +206,14 @@ def read_pairs(path: str | Path) -> Pairs:
             name: read_variable(nc, variable.name) for name, variable in (variables.PAIRS | there).items()
         }
         errors = getattr(nc, "water_error_of_mean_and_of_prediction_m_s", None)
-        expected = None if errors is None else (float(errors[0]), float(errors[1]))
+        values["expected_m_s"] = None if errors is None else tuple(map(float, errors))
         names = nc[variables.REFERENCE_INDEX].flag_meanings.split() if "reference_index" in there else []
-        warnings = tuple(json.loads(nc.getncattr("warnings")))
-        values |= {"warnings": warnings, "expected_m_s": expected, "reference_names": tuple(names)}
-        values["veer_deg"] = float(getattr(nc, "water_turned_for_good_deg", 0.0))
-        doubts = json.loads(getattr(nc, "doubts", "[]"))
-        values["slowed"] = tuple(
-            (k, begin, end, ratio) for k, begin, end, ratio in json.loads(getattr(nc, "slowed", "[]"))
-        )
-        compass = json.loads(getattr(nc, "reference_compass", "null"))
-        slow_shear = json.loads(getattr(nc, "slow_shear", "null"))
-        return Pairs(
-            **values,
-            doubts=tuple((sigma_deg, why) for sigma_deg, why in doubts),
-            compass=None if compass is None else ReferenceCompass(**compass),
-            slow_shear=None if slow_shear is None else SlowShear(**slow_shear),
-        )
+        values |= {"reference_names": tuple(names), "veer_deg": float(getattr(nc, "water_turned_for_good_deg", 0.0))}
+        notes = {field: json.loads(getattr(nc, name, "null")) for name, field in PAIR_NOTES.items()}
+        values |= {field: tuple(map(tuple, notes[field] or ())) for field in ("doubts", "slowed")}
+        for field, made in (("compass", ReferenceCompass), ("slow_shear", SlowShear)):
+            values[field] = None if notes[field] is None else made(**notes[field])
+        return Pairs(**values, warnings=tuple(notes["warnings"]))
 
 
 # corrected.nc (CF, ACDD and OceanSITES): written in pieces along time, to bound the memory that a decade takes.

@@ -101,7 +101,6 @@ def origin(what: str, sources: Mapping[str, str], superseded: Mapping[str, Any] 
     """Compose the attributes that state the provenance of a netCDF file.
 
     Args:
-        what: description of the processing step for ``history``.
         sources: SHA-256 of the files that it was made from, by the names to be stated.
         superseded: the earlier deposit, as returned by ``deposit.describe_superseded``.
     """

@@ -352,9 +352,7 @@ def profile_variable(name: str, kind: str, beams: bool) -> Variable:
     """Create the variable that stores one of a record's ``profiles`` between two stages.
 
     Args:
-        name: its key in ``profiles``.
         kind: data type of the values: ``f4``, ``i2``, or ``u1``, which is stored as ``i1`` with ``_Unsigned``.
-        beams: whether it has one value per beam.
     """
     base, dimensions = CORRECTED[PROFILES[name]], BEAMS if beams else BINS
     if kind == "u1":

@@ -176,12 +176,7 @@ def verify(
 
 
 def to_make_again(page: Mapping[str, Any], entries: Iterable[str]) -> list[str]:
-    """List results that differ, and one file of each job that read a changed raw file; none for a missing raw file.
-
-    Args:
-        page: the manifest.
-        entries: lines of ``differences``.
-    """
+    """List results that differ, and one file of each job that read a changed raw file; none for a missing raw file."""
     outputs: dict[str, None] = {}
     for what, _, told in (line.partition(": ") for line in entries):
         path = told.rpartition(" (")[0] if what == "changed" else told

@@ -11,7 +11,7 @@ import numpy as np
 from compasslib import angles, compass
 from compasslib.calibrations.curves import EMPIRICAL
 from compasslib.calibrations.result import LETTERS
-from compasslib.deviation.exact import fit_exact, smooth_density
+from compasslib.deviation.exact import smooth_density
 from compasslib.deviation.likelihood import CELLS
 from compasslib.deviation.model import (
     IRON_NT,
@@ -139,32 +139,6 @@ def evaluate_on_record(fit: DeviationFit, record: Record, pairs: Pairs) -> Devia
         recorded_range_deg=compass.recorded_range(fit.coefficients),
         folded=not compass.turns_full_circle(fit.coefficients),
         heading_density=smooth_density(1e-6 + count),
-    )
-
-
-def contradiction(
-    fit: DeviationFit, pairs: Pairs, *, max_chi_square: float = 36.0, min_contradiction_deg: float = 5.0
-) -> str:
-    """Explain why a calibration contradicts the compass fitted to the pairs; empty if it does not.
-
-    A constant difference is ignored, as the mounting or a mean veer may cause it.
-
-    Args:
-        max_chi_square: chi-square of four coefficients: by chance once in four million.
-    """
-    fitted = fit_exact(pairs)
-    if not (fit.fitted and fitted.fitted):
-        return ""
-    iron, both = slice(1, 5), fit.covariance[:5, :5] + fitted.covariance[:5, :5]
-    off = fitted.coefficients[iron] - fit.coefficients[iron]
-    chi_square = float(off @ np.linalg.solve(both[iron, iron], off))
-    turned = [compass.recorded_heading(np.append(0.0, each.coefficients[iron]), HEADINGS_DEG) for each in (fitted, fit)]
-    size = angles.rms(angles.difference(*turned))
-    if chi_square < max_chi_square or size < min_contradiction_deg:
-        return ""
-    return (
-        f"it differs from the compass that the overlap with the reference shows by {size:.0f}° rms, more than the "
-        "uncertainty of both: it is of another compass, or the iron near it changed"
     )
 
 

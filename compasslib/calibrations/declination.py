@@ -6,7 +6,7 @@ No compass is calibrated: A is the observed minus the model's declination, B to 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,6 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     """Estimate the constant difference of an observatory's declination from the model, the quiet day and the storms.
 
     Args:
-        files: IAGA-2002 files of one observatory.
         settings: ``latitude``, ``longitude``, which override the headers'; ``declination``: auto, or a number that
             replaces the model; ``table_step_deg``.
 
@@ -138,30 +137,44 @@ def _stamp(time_s: float) -> str:
     return f"{np.datetime64(round(time_s), 's')}Z"
 
 
-@dataclass(frozen=True)
-class FieldMedian:
-    """Median field over a period of one file; NaN where unknown."""
-
-    where: str
-    time_s: float
-    declination_deg: float
-    horizontal_nT: float
-    vertical_nT: float
-    latitude: float
-    longitude: float
-
-
-def check_field(series: FieldSeries, place: tuple[float, float]) -> list[str]:
+def check_field(
+    series: FieldSeries,
+    place: tuple[float, float],
+    *,
+    impossible_nT: float = 5000.0,
+    no_baseline: float = 0.1,
+    no_baseline_deg: float = 0.3,
+) -> list[str]:
     """Warn if an observatory's field is not the model's at its place, (latitude, longitude), provided that is known.
+
+    Args:
+        impossible_nT: more than any crustal field at an observatory.
+        no_baseline, no_baseline_deg: share of the model's horizontal field, and declination, below which a series is a
+            variation about zero.
 
     Raises:
         InputError: a mistake that affects the declination is identified, or the field is impossible at that place.
     """
-    if not np.isfinite(place).all():
-        return []
-    months = reversed(list(_medians(series, place)))
-    warnings = {key: text for month in months for key, text in _field_warnings(month).items()}
-    return list(reversed(warnings.values()))
+    warnings: dict[str, str] = {}
+    for where, time_s, declination, horizontal, vertical in _medians(series) if np.isfinite(place).all() else ():
+        model = [float(x[0]) for x in earthfield.igrf(*place, [time_s])]
+        across = model[1] * angles.DEGREE * float(np.abs(angles.chord(angles.difference(declination, model[0]))))
+        if not np.nanmax([across, abs(horizontal - model[1]), abs(vertical - model[2]), 0.0]) > CRUST_NT:
+            continue
+        if not np.isfinite(declination):
+            continue
+        variation = abs(declination) < no_baseline_deg < abs(model[0]) or horizontal < no_baseline * model[1]
+        why = f"rocks rarely make more than {CRUST_NT:.0f} nT; check columns, units, place and dates"
+        why = "a variation about zero: the baseline is missing" if variation else why
+        known = ((" H", horizontal, ".0f"), (" Z", vertical, "+.0f"))
+        parts = "".join(f",{name} {value:{form}} nT" for name, value, form in known if np.isfinite(value))
+        found = f"D {declination:+.2f} degrees{parts} ({why})"
+        year = np.datetime64(int(time_s), "s").astype("datetime64[Y]")
+        by_model = "D {:+.1f} degrees, H {:.0f} nT, Z {:+.0f} nT at {:g} N {:g} E in {}".format(*model, *place, year)
+        if variation or across > impossible_nT:
+            raise InputError(where, expected=f"about {by_model}, as IGRF has", found=found, advice=ADVICE)
+        warnings.setdefault(where, f"{where}: {found}, where IGRF has {by_model}")
+    return list(warnings.values())
 
 
 def with_observatory_warnings(
@@ -209,8 +222,8 @@ def with_observatory_warnings(
     return replace(field, warnings=(*field.warnings, *warnings))
 
 
-def _medians(series: FieldSeries, place: tuple[float, float]) -> Iterator[FieldMedian]:
-    """Yield the median field of each month of each file."""
+def _medians(series: FieldSeries) -> Iterator[tuple[str, float, float, float, float]]:
+    """Yield file, time, and median declination, horizontal and vertical field of each month of each file."""
     file = series.origin if len(series.origin) == len(series) else np.zeros(len(series), dtype=np.intp)
     stretch = np.stack([file, np.floor(series.time_s / (observatory.BLOCK_DAYS * DAY_S)).astype(np.intp)])
     for number in np.unique(stretch, axis=1).T:
@@ -223,66 +236,4 @@ def _medians(series: FieldSeries, place: tuple[float, float]) -> Iterator[FieldM
             for column in (turned, series.horizontal_nT[part], series.vertical_nT[part])
         )
         where = series.files[number[0]] if series.files else series.station
-        time_s, declination = float(np.median(series.time_s[part])), float(angles.wrap180(first + off))
-        yield FieldMedian(where, time_s, declination, horizontal, vertical, *place)
-
-
-def _field_warnings(
-    median: FieldMedian, *, impossible_nT: float = 5000.0, no_baseline: float = 0.1, no_baseline_deg: float = 0.3
-) -> dict[str, str]:
-    """Warn of one month's field if it is not the model's; raise an error if its declination cannot be right.
-
-    Args:
-        impossible_nT: more than any crustal field at an observatory.
-        no_baseline, no_baseline_deg: share of the model's horizontal field, and declination, below which a series is a
-            variation about zero.
-    """
-    misfit = _misfit(median)
-    across, worst = misfit.get("across", 0.0), max(misfit.values(), default=0.0)
-    if worst <= CRUST_NT or not np.isfinite(median.declination_deg):
-        return {}
-    declination, horizontal, _ = _model_field(median)
-    variation = abs(median.declination_deg) < no_baseline_deg < abs(declination)
-    variation |= median.horizontal_nT < no_baseline * horizontal
-    why = (
-        "a variation about zero: the baseline is missing"
-        if variation
-        else (f"rocks rarely make more than {CRUST_NT:.0f} nT; check columns, units, place and dates")
-    )
-    if variation or across > impossible_nT:
-        expected = f"about {_describe_model(median)}, as IGRF has"
-        raise InputError(median.where, expected=expected, found=_describe_field(median, why), advice=ADVICE)
-    return {median.where: f"{median.where}: {_describe_field(median, why)}, where IGRF has {_describe_model(median)}"}
-
-
-def _misfit(median: FieldMedian) -> dict[str, float]:
-    """Compute the misfit of each known component to the model, nT."""
-    declination, horizontal, vertical = _model_field(median)
-    off_deg = angles.difference(median.declination_deg, declination)
-    off = {
-        "across": horizontal * angles.DEGREE * float(np.abs(angles.chord(off_deg))),
-        "H": abs(median.horizontal_nT - horizontal),
-        "Z": abs(median.vertical_nT - vertical),
-    }
-    return {name: value for name, value in off.items() if np.isfinite(value)}
-
-
-def _model_field(median: FieldMedian) -> tuple[float, float, float]:
-    declination, horizontal, vertical = earthfield.igrf(median.latitude, median.longitude, [median.time_s])
-    return float(declination[0]), float(horizontal[0]), float(vertical[0])
-
-
-def _describe_model(median: FieldMedian) -> str:
-    declination, horizontal, vertical = _model_field(median)
-    return (
-        f"D {declination:+.1f} degrees, H {horizontal:.0f} nT, Z {vertical:+.0f} nT at {median.latitude:g} N "
-        f"{median.longitude:g} E in {np.datetime64(int(median.time_s), 's').astype('datetime64[Y]')}"
-    )
-
-
-def _describe_field(median: FieldMedian, why: str) -> str:
-    horizontal, vertical = (
-        f", {name} {value:{form}} nT" if np.isfinite(value) else ""
-        for name, value, form in (("H", median.horizontal_nT, ".0f"), ("Z", median.vertical_nT, "+.0f"))
-    )
-    return f"D {median.declination_deg:+.2f} degrees{horizontal}{vertical} ({why})"
+        yield where, float(np.median(series.time_s[part])), float(angles.wrap180(first + off)), horizontal, vertical

@@ -40,7 +40,6 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     """Calibrate a compass on a bench.
 
     Args:
-        files: CSV files with the magnetic reference direction and the recorded heading, degrees.
         settings: ``columns``, ``withhold``, the keys of tables, ``table_step_deg``, ``budget``, ``uncertainty``;
             ``mounting_deg``, clockwise angle from the bench's direction to the instrument's;
             ``declination_deg`` of the place; ``observatory`` and ``spun``, those of the files that record the field

@@ -14,7 +14,7 @@ from compasslib.calibrations import budget
 from compasslib.calibrations.bench import changes_by_object, describe_object
 from compasslib.calibrations.budget import COVERAGE_FACTOR, Source
 from compasslib.calibrations.settings import resolve_settings
-from compasslib.deviation.model import FieldAtPlace, separate_iron, weak_field_warnings
+from compasslib.deviation.model import weak_field_warnings
 from compasslib.types import Floats
 
 LETTERS = "ABCDE"
@@ -91,12 +91,11 @@ def compare_all(name: str, content: Mapping[str, Any], earlier: Mapping[str, Map
     """Compare a calibration with others, as the keys of calibration.json that need them.
 
     Args:
-        content: of the calibration's file.
         earlier: contents of the calibrations to compare it with, by name.
     """
-    made, field = from_json(content), content["place"]["field"]
+    made = from_json(content)
     return {
-        "comparison": next((compare(made, page, other, field) for other, page in earlier.items()), None),
+        "comparison": next((compare(made, page, other) for other, page in earlier.items()), None),
         "compared": _compared(name, made, earlier),
     } | _object(content, earlier)
 
@@ -184,7 +183,6 @@ def compare(
     after: Calibration,
     before: Mapping[str, Any],
     name: str,
-    field: Mapping[str, float] | None = None,
     *,
     significance: float = 0.05,
     min_p_value: float = 0.001,
@@ -194,8 +192,7 @@ def compare(
 
     Le Menn et al. 2023, sections 3 and 4, compare curves by eye and by their phase shift. Here the difference of each
     coefficient is given with its uncertainty, and with the p-value (chi square) of no difference. The budgets are
-    not included, as errors common to both calibrations cancel. Calibrations at different dips separate hard iron from
-    the iron induced by the vertical field, if the field at the later one is known.
+    not included, as errors common to both calibrations cancel.
 
     Args:
         significance: p-value below which two calibrations differ significantly.
@@ -230,35 +227,12 @@ def compare(
         "with": name,
         "one_cycle": {"amplitude_deg": size, "phase_deg": phase},
         "difference": difference,
-        "iron": _separate(after, before, field),
         "p_value": p_value,
         "differ": p_value < significance,
         "text": f"This calibration and {name} {'differ' if p_value < significance else 'do not differ significantly'} "
         f"({chance}). The one-cycle part goes from {size['before']:.2f} to {size['after']:.2f} degrees, by "
         f"{size['difference']:+.2f} ± {2 * size['sigma']:.2f} (k = 2); {moved}.",
     }
-
-
-def _separate(
-    after: Calibration, before: Mapping[str, Any], field: Mapping[str, float] | None
-) -> dict[str, Any] | None:
-    """Separate hard and induced iron of a compass that was calibrated before at another dip; None if not possible."""
-    home, exact = before["place"]["field"], _numbers((before["exact"] or {}).get("coefficients"))
-    if not (field and home and exact.size and after.exact.size):
-        return None
-    places = [FieldAtPlace(each["horizontal_nT"], each["vertical_nT"]) for each in (field, home)]
-    parts = separate_iron(after.exact, exact, *places)
-    if parts is None:
-        return None
-    hard, induced = parts["B"]["hard_nT"], parts["B"]["induced_nT"]
-    text = f"Of B hard iron makes {hard:+.0f} nT and the vertical field induces {induced:+.0f} nT here, over lambda"
-    if after.kind == "swing":
-        side = "aft" if induced * places[0].vertical_nT > 0.0 else "forward"
-        text += (
-            f": a Flinders bar {side} of the compass, its upper end level with the card, takes away the second, its "
-            "length by the maker's table for that pull, and longitudinal magnets the first"
-        )
-    return {**parts, "text": text}
 
 
 def _polar(coefficients: Floats, covariance: Floats) -> tuple[float, float, float, float]:

@@ -17,7 +17,6 @@ from compasslib.archive.attributes import DATES
 from compasslib.archive.files import open_netcdf, read_json, read_variable
 from compasslib.calibrations.result import DeviationTable
 from compasslib.cli import results
-from compasslib.readers.netcdf.variables import refuse_size
 from compasslib.report import words
 from compasslib.types import Floats
 
@@ -122,8 +121,6 @@ def _software(folder: Path) -> str:
 
 def _read_mooring(folder: Path) -> MooringRun:
     with open_netcdf(folder / "corrected.nc") as nc:
-        for variable in nc.variables.values():
-            refuse_size(folder / "corrected.nc", variable)
         series = {name: read_variable(nc, name) for name in dict.fromkeys([*REQUIRED_VARIABLES, *nc.variables])}
         attributes = {name: nc.getncattr(name) for name in nc.ncattrs() if name not in EXPECTED_ATTRIBUTES}
     files = (results.read_content(folder / f"{file}.json") for file in ("deviation", "diagnosis", "assessment"))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import glob
 import io
-import itertools
 import shutil
 import sys
 from argparse import Namespace
@@ -21,15 +19,7 @@ from compasslib import angles
 from compasslib.archive import provenance, variables
 from compasslib.archive.attributes import SENSOR_KEYS
 from compasslib.archive.deposit import OPTIONAL, deposit
-from compasslib.archive.files import (
-    CHUNK,
-    HALF_WRITTEN,
-    atomic_write,
-    open_netcdf,
-    read_attribute,
-    read_series,
-    write_json,
-)
+from compasslib.archive.files import CHUNK, atomic_write, open_netcdf, read_attribute, read_series, write_json
 from compasslib.archive.netcdf import days_since_1950, seconds_since_1970
 from compasslib.cli import results
 from compasslib.config import cruise as config
@@ -106,23 +96,15 @@ def _export_cruise(asked: Namespace) -> int:
 
 
 def _available_files(into: Path, *names: str) -> list[Path]:
-    """Return the paths of files to write, none of which may exist, and delete incomplete files of a killed export.
-
-    A file gets its name after its note does, and the first file after all others. If the first is missing, others that
-    have a note were therefore left by a killed export, and are overwritten.
+    """Return the paths of files to write.
 
     Raises:
         InputError: one of the files exists.
     """
     files = [into / name for name in names]
-    if taken := next(
-        (item for item in files if item.exists() and (files[0].exists() or not _note_path(item).exists())), None
-    ):
+    if taken := next((item for item in files if item.exists()), None):
         advice = "name another folder with --into, or move that file away"
         raise InputError(str(taken), expected="a file that is not there yet", found="it there", advice=advice)
-    for name, dots in itertools.product(names, (".", "..")):  # two dots: an incomplete file of an incomplete file
-        for half in into.glob(f"{dots}{glob.escape(name)}.*{HALF_WRITTEN}"):
-            half.unlink(missing_ok=True)
     return files
 
 

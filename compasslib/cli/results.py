@@ -18,7 +18,6 @@ from compasslib.archive.files import RERUN, read_json
 from compasslib.config import compasses, cruise
 from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
-from compasslib.readers.files import refuse_large_arrays
 from compasslib.report import sections
 from compasslib.report.results import QUESTION, ReportSection, read_calibration, read_mooring
 
@@ -67,7 +66,7 @@ def unpack_deposit(place: str) -> Iterator[str]:
     """Yield a place to read from: a deposited ZIP unpacked for the duration of the block, anything else unchanged.
 
     Raises:
-        InputError: the ZIP is damaged, or its results unpack to more memory than is allowed.
+        InputError: the ZIP is damaged.
     """
     if not (Path(place).is_file() and zipfile.is_zipfile(place)):
         yield place
@@ -75,13 +74,8 @@ def unpack_deposit(place: str) -> Iterator[str]:
     with tempfile.TemporaryDirectory() as temporary:
         folder = f"{temporary}/{Path(place).name}"  # so that messages name it
         with deposit.open_deposit(place, "fetch the deposit again") as packed:
-            results = [x for x in packed.infolist() if x.filename.startswith(f"{crate.FOLDER}/")]
-            compared = [x for x in results if x.filename.endswith(COMPARED)]
-            for entry in compared:
-                if not entry.filename.endswith(".nc") and entry.file_size > deposit.LARGEST_JSON:
-                    raise ValueError(f"{entry.filename} of {entry.file_size} bytes")
-            refuse_large_arrays(place, sum(x.file_size for x in compared), Path(place).stat().st_size)
-            packed.extractall(folder, compared)
+            results = [name for name in packed.namelist() if name.startswith(f"{crate.FOLDER}/")]
+            packed.extractall(folder, [name for name in results if name.endswith(COMPARED)])
         yield folder
 
 

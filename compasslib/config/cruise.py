@@ -15,8 +15,6 @@ from typing import Any, TypeVar, get_args, get_origin
 import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import PydanticCustomError
-from yaml.composer import Composer
-from yaml.constructor import SafeConstructor
 
 from compasslib.config import compasses
 from compasslib.config.calibrations import MODELS, CalibrationFile, KindKey, check_comparisons
@@ -304,76 +302,33 @@ def _dotted(place: Sequence[Any]) -> str:
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part[:SHOWN]}" for part in place).lstrip(".")
 
 
-# Strict YAML: plain mappings, lists, strings, booleans and numbers; constructs that are mostly mistakes are refused.
-#
-# Dates and numbers with leading zeros remain strings, to avoid unintended conversions.
+# YAML without aliases, repeated keys and conversions that are mostly mistakes: dates and leading zeros remain text.
 
 LARGEST_BYTES = 1_000_000
-DEEPEST = 20  # levels of nesting; a mooring needs five
-
-_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
 
 
-class _Refused(Exception):
-    """Valid YAML that is not allowed in the files of a cruise."""
-
-    def __init__(self, mark: Any, expected: str, actual: str, advice: str):
-        super().__init__(expected)
-        self.mark, self.words = mark, {"expected": expected, "found": actual, "advice": advice}
-
-
-class _Strict(Composer, SafeConstructor):
-    """Safe loading without dates, octal and sexagesimal numbers, anchors, tags and repeated keys."""
+class _Loader(yaml.SafeLoader):
+    """Safe loading without dates, octal and sexagesimal numbers, aliases and repeated keys."""
 
     # Not the inherited table: only null, bool, int and float, added below, are resolved; all else is a string.
     yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012
-    depth = 0
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Compose one node; refuse aliases, anchors, tags, deep nesting and control characters."""
-        event = self.peek_event()  # type: ignore[attr-defined]
-        plain = "write the value out in full"
-        if isinstance(event, yaml.AliasEvent):
-            raise _Refused(event.start_mark, "plain values without aliases", f"*{event.anchor}", plain)
-        if getattr(event, "anchor", None):
-            raise _Refused(event.start_mark, "plain values without anchors", f"&{event.anchor}", plain)
-        if getattr(event, "tag", None):
-            raise _Refused(event.start_mark, "plain values without tags", f"the tag {event.tag}", "delete the tag")
-        self.depth += 1
-        if self.depth > DEEPEST:
-            mark, nested = event.start_mark, f"deeper nesting than {DEEPEST} levels"
-            raise _Refused(mark, "mappings and lists a few levels deep", nested, "check the brackets and indentation")
-        node: Any = super().compose_node(parent, index)
-        self.depth -= 1
-        # Escape sequences in double quotes can produce characters that are not allowed in the file itself.
-        match = _CONTROL.search(node.value) if isinstance(node, yaml.ScalarNode) else None
-        if match:
-            actual = f"the control character {ord(match[0]):#04x}"
-            raise _Refused(node.start_mark, "printable text", actual, "delete it")
-        return node
+        """Compose one node; refuse aliases, which may refer to what contains them."""
+        if self.check_event(yaml.AliasEvent):
+            event = self.peek_event()
+            raise yaml.MarkedYAMLError(None, None, f"the alias *{event.anchor}; write the value out", event.start_mark)
+        return super().compose_node(parent, index)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         """Construct a mapping with its keys as unconverted strings; refuse repeated keys."""
-        lines: dict[str, int] = {}
-        for key, _ in node.value:
-            if not isinstance(key, yaml.ScalarNode):
-                raise _Refused(key.start_mark, "a word as key", "a list or mapping", "check braces and colons")
-            if key.value in lines:
-                actual = f"{key.value!r} again, first in line {lines[key.value]}"
-                raise _Refused(key.start_mark, "every key once", actual, "delete one of the two")
-            lines[key.value] = key.start_mark.line + 1
-        return {key.value: self.construct_object(value, deep=True) for key, value in node.value}
-
-
-_Libyaml: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # absent if PyYAML was built without libyaml
-
-
-class _Loader(_Strict, _Libyaml):
-    """The strict loader with the parser of libyaml."""
-
-    def __init__(self, text: str):
-        _Libyaml.__init__(self, text)
-        Composer.__init__(self)
+        content: dict[str, Any] = {}
+        for key, value in node.value:
+            if not isinstance(key, yaml.ScalarNode) or key.value in content:
+                what = f"{key.value!r} again" if isinstance(key, yaml.ScalarNode) else "a list or mapping as a key"
+                raise yaml.MarkedYAMLError(None, None, what, key.start_mark)
+            content[key.value] = self.construct_object(value, deep=True)
+        return content
 
 
 def _number(loader: Any, node: Any) -> int | float | str:
@@ -436,13 +391,12 @@ def parse(data: bytes, name: str, example: str = "key: value") -> dict[str, Any]
 def _parsed(text: str, name: str) -> Any:
     try:
         return yaml.load(text, Loader=_Loader)
-    except _Refused as error:
-        mark, words = error.mark, error.words
     except yaml.MarkedYAMLError as error:
-        mark, advice = error.problem_mark or error.context_mark, "check indentation, colons, quotes and brackets"
-        words = {"expected": "YAML", "found": f"a mistake of form ({error.problem})", "advice": advice}
+        mark: Any = error.problem_mark or error.context_mark
+        where, found = f"{name}: line {mark.line + 1}, column {mark.column + 1}", f"a mistake of form ({error.problem})"
     except yaml.reader.ReaderError as error:
-        where = f"{name}: line {text.count(chr(10), 0, error.position) + 1}"
-        raise InputError(where, expected="printable text", found="a control character", advice="delete it") from None
-    where = f"{name}: line {mark.line + 1}, column {mark.column + 1}"
-    raise InputError(where, **words)
+        where, found = f"{name}: line {text.count(chr(10), 0, error.position) + 1}", "a control character"
+    except RecursionError:
+        where, found = name, "very many levels of brackets"
+    advice = "check indentation, colons, quotes and brackets"
+    raise InputError(where, expected="YAML", found=found, advice=advice) from None

@@ -143,7 +143,6 @@ class FitOptions(Section):
         "exact, von_appen, calibration, coefficients or pairs", "exact", "exact"
     )
     name: Names = key("the NAME of config/calibrations/NAME.yaml, or [before, after]", "aqd2022", ())
-    tilt: Switch = key("true or false", "true", False)
     model: Literal["exact", "von_appen"] = key("exact or von_appen", "exact", "exact")
     coefficients: Coefficients | None = key("the five numbers A to E", "{A: 0, B: 0.3, C: 0.1, D: 0, E: 0}", None)
     covariance: Covariance | None = key("five rows of five numbers, a covariance", "[[...], ...]", None)
@@ -165,8 +164,6 @@ class FitOptions(Section):
                 raise problem(name, f"it only with method: {methods}", f"it with {self.method}", "delete it")
         if missing := [name for name in needed.get(self.method, ()) if getattr(self, name) is None]:
             raise problem(missing[0], f"it with method: {self.method}", "nothing", "add it, see config/README.md")
-        if self.tilt and self.fitted != "exact":
-            raise problem("tilt", "it only with method: exact", f"it with {self.method}", "delete it")
         if self.method == "calibration" and not self.name:
             advice = "write fit: {method: calibration, name: NAME}"
             raise problem("name", "the NAME of config/calibrations/NAME.yaml", "nothing", advice)

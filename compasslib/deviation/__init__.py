@@ -29,7 +29,6 @@ from compasslib import compass
 from compasslib.deviation.exact import MAX_SOFT_IRON, fit_exact
 from compasslib.deviation.model import DeviationFit
 from compasslib.deviation.series import fit_series, invert_series
-from compasslib.deviation.tilt import coefficients_along, fit_tilt
 from compasslib.records import BAD, Pairs, Record
 from compasslib.statistics import single_threaded
 
@@ -52,20 +51,16 @@ METHODS: dict[str, Callable[[Pairs, DeviationFit | None], DeviationFit]] = {
 
 
 @single_threaded()
-def fit_deviation(
-    method: str, pairs: Pairs, near: DeviationFit | None = None, *, dip_ratio: float = 0.0
-) -> DeviationFit:
+def fit_deviation(method: str, pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
     """Fit a deviation model to overlapping measurements.
 
     Args:
         method: ``exact`` or ``von_appen``; ``calibration`` and ``coefficients`` return ``near``.
         near: a fit of the same method to similar pairs, to start from.
-        dip_ratio: Z/H of the earth's field, to include tilt in the model (``exact`` only); 0 for a level model.
     """
     if near is not None and near.fixed:
         return near
-    result = METHODS[method](pairs, near)
-    return fit_tilt(pairs, result, dip_ratio) if dip_ratio and result.fitted else result
+    return METHODS[method](pairs, near)
 
 
 def correctable_fraction(fit: DeviationFit, record: Record) -> float:
@@ -76,8 +71,7 @@ def correctable_fraction(fit: DeviationFit, record: Record) -> float:
         return 0.0
     if fit.method == "von_appen":
         return float(np.isfinite(invert_series(fit.coefficients, recorded)).mean())
-    coefficients = coefficients_along(fit, record.pitch_deg[usable], record.roll_deg[usable])
-    return float(np.isfinite(compass.inverse(coefficients, recorded)).any(axis=1).mean())
+    return float(np.isfinite(compass.inverse(fit.coefficients, recorded)).any(axis=1).mean())
 
 
 def find_implausibility(
@@ -105,9 +99,8 @@ def find_implausibility(
     recorded = record.heading_deg[usable]
     if not (fit.fitted and recorded.size) or fit.method == "von_appen":
         return ""
-    coefficients = coefficients_along(fit, record.pitch_deg[usable], record.roll_deg[usable])
     near = [recorded + share * beyond * fit.noise.compass_deg for share in (0.0, -0.5, 0.5, -1.0, 1.0)]
-    possible = np.any([np.isfinite(compass.inverse(coefficients, x)).any(axis=1) for x in near], axis=0)
+    possible = np.any([np.isfinite(compass.inverse(fit.coefficients, x)).any(axis=1) for x in near], axis=0)
     if possible.mean() > 1.0 - most_impossible:
         return ""
     return (
@@ -129,7 +122,6 @@ def describe_fit(name: str, fit: DeviationFit) -> str:
     unit = " degrees" if fit.method == "von_appen" else ""
     letters = ", ".join(f"{k} {x:+.3f}" for k, x in zip("ABCDE", fit.coefficients, strict=True))
     kind = "two-valued" if fit.folded else "full circle"
-    heeling = f", heeling K {fit.heeling:+.3f}" if fit.tilted else ""
     residual = f", residual {fit.residual_rms_deg:.1f}° rms" if np.isfinite(fit.residual_rms_deg) else ""
-    first = f"{name}: {fit.method} {letters}{unit}{heeling}; {kind}{residual}"
+    first = f"{name}: {fit.method} {letters}{unit}; {kind}{residual}"
     return "\n".join([first, *(f"{name}: warning: {warning}" for warning in fit.warnings)])

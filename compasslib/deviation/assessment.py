@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from compasslib import angles, compass
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.correction import correct_headings, readings_at_pairs
-from compasslib.deviation.exact import fit_exact, held_out_scores
+from compasslib.deviation.exact import fit_exact
 from compasslib.deviation.histograms import count_differences
-from compasslib.deviation.likelihood import EXACT, FORMS
 from compasslib.deviation.model import MIN_PAIRS, DeviationFit
 from compasslib.records import PROBABLY_BAD, PROBABLY_GOOD, Pairs, take
 from compasslib.statistics import single_threaded
@@ -28,12 +27,6 @@ from compasslib.types import DAY_S, Complexes, Floats
 
 BLOCK_S = 10 * DAY_S  # of pairs held out together
 FOLDS = 2
-FEWEST_FOR_FORMS = 4 * MIN_PAIRS
-SURE_SIGMAS = 2.0  # standard errors of a significant difference
-SERIES = {
-    "series_in_correct": "the Fourier series in correct heading",
-    "series_in_recorded": "that in recorded heading",
-}
 WATER = ("mean_of_bins", "predicted")  # expected rms error of one component at the reference's depth
 
 
@@ -42,47 +35,15 @@ def held_out_headings(pairs: Pairs, fit: DeviationFit) -> Floats:
 
     The exact fit starts from the fit to all pairs, so the right fold is assumed to be known. A calibration made
     elsewhere used no pairs and is not refitted.
-
-    Args:
-        fit: the fit to all pairs; its method is repeated.
     """
     heading = np.full(len(pairs), np.nan)
     block = _blocks(pairs.time_s) % FOLDS
     for fold in range(FOLDS):
         left_out, training = block == fold, take(pairs, block != fold)
-        again = fit_deviation(fit.method, training, near=fit, dip_ratio=fit.dip_ratio)
+        again = fit_deviation(fit.method, training, near=fit)
         decision = correct_headings(readings_at_pairs(pairs), again, training)
         heading[left_out] = decision.heading_deg[left_out]
     return heading
-
-
-@single_threaded()
-def compare_forms(pairs: Pairs, fit: DeviationFit, form_pairs: int = 1500) -> dict[str, Any] | None:
-    """Cross-validate each form of the curve against the exact compass on held-out pairs.
-
-    The result is None if another method was fitted or the pairs are too few.
-
-    The score is the mean log-likelihood per pair, with contiguous blocks held out in turn; the standard error of its
-    difference from the exact compass is based on block sums, because neighbouring hours are correlated.
-
-    Args:
-        form_pairs: number of evenly spaced pairs that are used; more only take longer.
-    """
-    if fit.method != EXACT.name or len(pairs) < FEWEST_FOR_FORMS:
-        return None
-    pairs = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // form_pairs)))
-    block = _blocks(pairs.time_s)
-    near = {EXACT.name: fit}
-    scores = {f.name: held_out_scores(f, pairs, block % FOLDS, near.get(f.name)) for f in FORMS}
-    result = {}
-    for name, score in scores.items():
-        gain = score - scores[EXACT.name]
-        sums, counts = np.bincount(block, gain), np.bincount(block)
-        blocks = int(np.sum(counts > 0))
-        spread = float(np.sqrt(np.sum((sums - counts * gain.mean()) ** 2) * blocks / max(blocks - 1, 1)) / len(gain))
-        sizes = {"minus_exact": float(gain.mean()), "minus_exact_sigma": spread}
-        result[name] = {"mean_log_score": float(score.mean()), **sizes}
-    return result
 
 
 def _block_length(time_s: Floats) -> float:
@@ -175,7 +136,7 @@ def _worse(before: dict[str, Any], after: dict[str, Any]) -> str:
     if not after["n"]:
         return ""
     sigma = float(np.hypot(before["rms_deg_sigma"], after["rms_deg_sigma"]))
-    if after["rms_deg"] - before["rms_deg"] <= SURE_SIGMAS * sigma:
+    if after["rms_deg"] - before["rms_deg"] <= 2.0 * sigma:
         return ""
     return (
         f"on held-out pairs directions differ by {after['rms_deg']:.0f}° rms after the correction and by "
@@ -188,10 +149,9 @@ def _contradicted(pairs: Pairs, fit: DeviationFit, *, contradicted: float = 28.5
     """Report if the pairs show a significantly different compass than the given one; empty if they do not.
 
     Args:
-        pairs: pairs with further effects on the compass removed.
         contradicted, least_apart_deg: chi-squared, 4 degrees of freedom, p = 1e-5; and rms of the difference.
     """
-    if not (fit.fitted and fit.known_beforehand and fit.covariance_known) or len(pairs) < FEWEST_FOR_FORMS:
+    if not (fit.fitted and fit.known_beforehand and fit.covariance_known) or len(pairs) < 4 * MIN_PAIRS:
         return ""
     if not (own := fit_exact(pairs)).fitted:
         return ""
@@ -221,25 +181,6 @@ def describe_assessment(name: str, verdict: dict[str, Any]) -> str:
         f"on {after['n']} of {before['n']} pairs, each held out from its fit"
     )
     return f"{line}\n{name}: warning: {verdict['refuted']}" if verdict["refuted"] else line
-
-
-def describe_forms(name: str, compared: dict[str, Any] | None) -> str:
-    """Describe the comparison of forms in a log line.
-
-    Args:
-        compared: the forms, or None.
-    """
-    if compared is None:
-        return f"{name}: forms of the curve not compared (no exact fit, or too few pairs)"
-    judged = [f"{words} predicts {_judged(compared[series])}" for series, words in SERIES.items()]
-    return f"{name}: cross-validation: {', '.join(judged)}, in log score per pair"
-
-
-def _judged(score: dict[str, Any]) -> str:
-    """Describe how a series predicts held-out pairs relative to the exact compass."""
-    difference, sigma = score["minus_exact"], score["minus_exact_sigma"]
-    how = "as well as" if abs(difference) < SURE_SIGMAS * sigma else "worse than" if difference < 0.0 else "better than"
-    return f"{how} the exact compass ({difference:+.3f} ± {sigma:.3f})"
 
 
 def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:
@@ -319,9 +260,6 @@ def answer_use(
     """Answer whether the corrected directions can be used: yes, with care, or no, from verdict, flags and uncertainty.
 
     Args:
-        diagnosis: content of diagnosis.json.
-        flags: of the corrected headings, (n,).
-        sigma_deg: their standard deviations, (n,); NaN where there is no correction.
         most_unsure, most_bad: shares of headings of flags 2 and 3, and of flags 3 and 4.
         usual_sigma_deg: a larger median uncertainty needs care; like the shares chosen, not measured.
         covered_sigmas: a mismatch beyond this many standard deviations is not covered by the uncertainty; chosen.

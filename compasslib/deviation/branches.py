@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
+from compasslib.deviation.average import CompassSeries
 from compasslib.deviation.likelihood import CELL_CENTRES, CELLS, FINE, UNEXPLAINED_DENSITY, compass_noise_density
 from compasslib.deviation.model import DeviationFit
-from compasslib.deviation.tilt import CompassSeries
 from compasslib.records import Readings
 from compasslib.types import Complexes, Floats
 
@@ -54,8 +54,6 @@ def choose_branches(
     """Choose the heading at each sample of a compass that may be folded.
 
     Args:
-        along: the compass at each sample.
-        fit: the fitted exact compass, for its noise and the distribution of headings.
         overlap: indices of the samples at which the reference overlaps, (k,).
         scatter: density of the heading observed there, on the cells, (k, CELLS).
         chunk: samples whose likelihood is evaluated on the fine headings at a time.
@@ -97,7 +95,6 @@ def open_branches(
     """Reduce the branch probability to 0.5 or less if too few pairs show which branch is right.
 
     Args:
-        shown: number of pairs that show their branch, see ``shows_branch``.
         fewest_shown, share_shown: least number of pairs that show their branch, or their share if pairs are few.
     """
     if shown >= min(fewest_shown, share_shown * pairs):
@@ -112,7 +109,6 @@ def shows_branch(roots_deg: Floats, width_deg: Floats, *, branches_apart: float 
     """Find the overlaps whose directions show the branch: only one root, or two far apart, (n,).
 
     Args:
-        roots_deg: correct headings of each recorded one, (n, 2), NaN where there is none.
         branches_apart: separation of two roots that directions resolve, in widths of the scatter.
     """
     single = np.isfinite(roots_deg).sum(axis=1) == 1
@@ -142,9 +138,7 @@ def forward_backward(evidence: Floats, moves: WaterTurns, habit: MotionModel, st
     """Compute the posterior of the hidden heading by the forward-backward recursion, (n, CELLS).
 
     Args:
-        evidence: likelihood of the observations at each sample, (n, CELLS).
         moves: changes of the current between the samples.
-        stationary: prior distribution of the heading, (CELLS,).
     """
     kernels, last = _kernels(moves, [habit], stationary), len(evidence) - 1
     forward, backward = np.empty((2, last + 1, CELLS))

@@ -90,7 +90,6 @@ def find_constant_offset(
 
     Args:
         fit: the fitted compass; for a calibration made elsewhere the constant is the mean residual of the pairs.
-        declination_deg: mean declination of the deployment, east positive.
         heading_bias_deg: by instrument, the heading bias EB that was subtracted from its directions.
 
     Returns:

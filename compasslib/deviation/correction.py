@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles, compass, earthfield
 from compasslib.deviation import find_implausibility
+from compasslib.deviation.average import CompassAverage, CompassSeries, average_compasses, compass_series
 from compasslib.deviation.branches import PRECISION_DEG, HeadingDecision, choose_branches, open_branches, shows_branch
 from compasslib.deviation.doubts import Doubt, doubt_whole_record, evaluate_doubts
 from compasslib.deviation.exact import MIN_SLOPE
@@ -17,7 +18,6 @@ from compasslib.deviation.likelihood import scatter_density, scatter_widths, squ
 from compasslib.deviation.model import UNKNOWN_COVARIANCE, DeviationFit, observed_heading, pair_speeds
 from compasslib.deviation.reference import declination_sigma
 from compasslib.deviation.series import invert_series, series_design, series_sigma, series_slope
-from compasslib.deviation.tilt import CompassAverage, CompassSeries, average_compasses, compass_series
 from compasslib.records import (
     BAD,
     GOOD,
@@ -56,7 +56,6 @@ class CorrectedPieces:
             yield _turned(take(self.record, stretch), take(self.decision, stretch), self.field, self.declination_deg)
 
 
-@single_threaded()
 def correct(
     record: Record,
     fit: DeviationFit,
@@ -67,20 +66,12 @@ def correct(
     unmodelled_deg: float = 0.0,
     doubts: Sequence[Doubt] = (),
 ) -> CorrectedRecord:
-    """Correct a record; headings that cannot be corrected are NaN with flag 4.
-
-    Args:
-        record: the affected instrument's record, cut to the deployment.
-        fit: the deviation model, possibly without coefficients.
-        pairs: overlapping measurements with the reference.
-        at: the compass at each sample, if effects beyond those of the fit acted on it.
-        unmodelled_deg: standard deviation of known unmodelled effects, degrees.
-        doubts: periods whose headings are flagged as doubtful, with increased uncertainty.
-    """
-    decided = _decided(record, fit, pairs, at, unmodelled_deg, doubts)
-    return _turned(record, decided, field, _declination_sigma(fit, field))
+    """Correct a record; headings that cannot be corrected are NaN with flag 4. Arguments as ``correct_in_pieces``."""
+    made = correct_in_pieces(record, fit, field, pairs, at, unmodelled_deg=unmodelled_deg, doubts=doubts)
+    return _turned(record, made.decision, field, made.declination_deg)
 
 
+@single_threaded()
 def correct_in_pieces(
     record: Record,
     fit: DeviationFit,
@@ -91,19 +82,13 @@ def correct_in_pieces(
     unmodelled_deg: float = 0.0,
     doubts: Sequence[Doubt] = (),
 ) -> CorrectedPieces:
-    """Correct like ``correct``, in pieces along time, so that a decade of velocities fits in memory."""
-    decided = _decided(record, fit, pairs, at, unmodelled_deg, doubts)
-    return CorrectedPieces(record, decided, field, _declination_sigma(fit, field))
+    """Correct a record in pieces along time, so that a decade of velocities fits in memory.
 
-
-def _decided(
-    record: Record,
-    fit: DeviationFit,
-    pairs: Pairs,
-    at: CompassSeries | None,
-    unmodelled_deg: float,
-    doubts: Sequence[Doubt],
-) -> HeadingDecision:
+    Args:
+        at: the compass at each sample, if effects beyond those of the fit acted on it.
+        unmodelled_deg: standard deviation of known unmodelled effects, degrees.
+        doubts: periods whose headings are flagged as doubtful, with increased uncertainty.
+    """
     decision = correct_headings(record_readings(record), fit, pairs, at)
     if not fit.covariance_known:
         doubts = (*doubts, doubt_whole_record(angles.UNIFORM_SIGMA_DEG, UNKNOWN_COVARIANCE))
@@ -117,7 +102,8 @@ def _decided(
         for known, further in ((decision.sigma_deg, rounded_deg**2), (decision.common_deg, 0.0))
     )
     probability = np.where(doubted, np.minimum(decision.probability, 0.0), decision.probability)
-    return replace(decision, sigma_deg=whole, common_deg=common, probability=probability)
+    decision = replace(decision, sigma_deg=whole, common_deg=common, probability=probability)
+    return CorrectedPieces(record, decision, field, _declination_sigma(fit, field))
 
 
 def _declination_sigma(fit: DeviationFit, field: EarthField) -> float:
@@ -187,10 +173,6 @@ def correct_headings(
     """Estimate the correct heading, its standard deviation and the probability of its branch.
 
     Args:
-        readings: readings of the compass, n samples.
-        fit: the deviation model, possibly without coefficients.
-        pairs: overlapping measurements that help to choose the branch; their times must be among those of the readings.
-        at: the compass at each sample, if effects beyond those of the fit acted on it.
         left_out_by_tilt: uncertainty per degree of tilt of a level model, degrees: at 5 degrees of tilt a vertical
             field of the iron of 4 % of H, or one of 1 % induced where Z is four times H, each deflect the compass by
             some 0.2 degrees along either axis.
@@ -271,22 +253,12 @@ def readings_at_pairs(pairs: Pairs) -> Readings:
 
 
 def to_body_frame(east: Floats, north: Floats, recorded_deg: Floats) -> Complexes:
-    """Rotate a current into the instrument's frame: speed times e^{i alpha}, alpha clockwise from forward.
-
-    Args:
-        east: by the recorded heading, m/s, (n,).
-        north: by the recorded heading, m/s, (n,).
-        recorded_deg: recorded headings, (n,), degrees.
-    """
+    """Rotate a current into the instrument's frame: speed times e^{i alpha}, alpha clockwise from forward."""
     return (north + 1j * east) * np.conj(angles.phasor(recorded_deg))
 
 
 def record_readings(record: Record) -> Readings:
-    """Extract the affected compass's readings, with headings flagged bad set to NaN.
-
-    Args:
-        record: the affected instrument's record.
-    """
+    """Extract the affected compass's readings, with headings flagged bad set to NaN."""
     heading = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
     return Readings(record.time_s, heading, record.pitch_deg, record.roll_deg, _water(record))
 
@@ -311,11 +283,7 @@ LOOKUP_COLUMNS = ("recorded_deg", "corrected_deg", "deviation_deg", "sigma_deg",
 
 
 def correct_roots(fit: DeviationFit, recorded_deg: Floats) -> Floats:
-    """Invert recorded headings by the method's own inverse, (n, 2) degrees, NaN where there is no root.
-
-    Args:
-        recorded_deg: recorded headings, (n,) degrees.
-    """
+    """Invert recorded headings by the method's own inverse, (n, 2) degrees, NaN where there is no root."""
     if fit.method != "von_appen":
         return compass.inverse(fit.coefficients, recorded_deg)
     beta = invert_series(fit.coefficients, recorded_deg)
@@ -331,7 +299,6 @@ def tabulate_deviation(
     compass, the precision of a reading, known unmodelled effects, and doubts about the whole record.
 
     Args:
-        unmodelled_deg: standard deviation of known unmodelled effects, degrees.
         doubts: only those about the whole record are included.
         min_reading_slope: lower bound of the slope by which the precision of a reading is divided.
 

@@ -79,7 +79,6 @@ def find_doubtful_windows(
     If the windows contain a large share of the pairs, the whole record is doubtful: the fit may be to the wrong part.
 
     Args:
-        pairs: overlapping measurements as the compass of the fit alone would have recorded them.
         min_windows: needed for a median.
         large_share: share of the pairs in outlying windows above which the fit may be to the wrong part: a file may
             hold another instrument's record from some day on.

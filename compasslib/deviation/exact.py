@@ -73,11 +73,7 @@ NOISE_PRIOR = np.array([np.log(8.0), np.log(2.5), -4.0])  # means of weak priors
 
 
 def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
-    """Fit the exact compass to the pairs' directions, given the recorded headings, by penalized maximum likelihood.
-
-    Args:
-        near: a fit to start from, if the right fold is already known.
-    """
+    """Fit the exact compass to the pairs by penalized maximum likelihood, from ``near`` if its fold is known."""
     if len(pairs) < MIN_PAIRS:
         return unfitted("exact", len(pairs))
     overlap, prior = _overlap(pairs), None if near is None else near.prior
@@ -124,12 +120,7 @@ def start_from_prior(prior: CoefficientPrior, pairs: Pairs) -> DeviationFit:
 def held_out_scores(
     form: CurveForm, pairs: Pairs, fold: NDArray[np.signedinteger], near: DeviationFit | None = None
 ) -> Floats:
-    """Compute the log-likelihood of each pair under a form fitted to the other folds, (n,).
-
-    Args:
-        fold: number of the fold that each pair belongs to, (n,).
-        near: a fit of the same form to all pairs, to start from.
-    """
+    """Compute the log-likelihood of each pair under a form fitted to the other folds, (n,)."""
     overlap, scores = _overlap(pairs), np.empty(len(pairs))
     whole = _start(overlap, form) if near is None else _at(near)
     for k in np.unique(fold):
@@ -161,14 +152,6 @@ def _start_turned(overlap: Overlap, angle_deg: float) -> OptimizerState:
 def _overlap(pairs: Pairs) -> Overlap:
     observed = observed_heading(pairs)
     return Overlap(pairs.heading_deg, observed, squared_chords(observed), *pair_speeds(pairs))
-
-
-def scores_at(coefficients: Floats, pairs: Pairs, fit: DeviationFit) -> tuple[float, Floats]:
-    """Compute the log-likelihood at given A..E under a fit's scatter, and each pair's gradient, (n, 5)."""
-    data = _overlap(pairs).sample(fit.noise, FINE, EXACT)
-    parameters = np.append(coefficients, np.log(fit.noise.compass_deg))
-    value = log_likelihood(parameters, data, fit.heading_density, FINE)
-    return value, pair_scores(parameters, data, fit.heading_density, FINE)[:, :5]
 
 
 @dataclass(frozen=True)
@@ -309,11 +292,7 @@ def _maximise(
 
 
 def smooth_density(mass: Floats, *, prior_smoothing_deg: float = 12.0, prior_floor: float = 0.1) -> Floats:
-    """Smooth a distribution of headings and add a uniform floor; the result sums to 1.
-
-    Args:
-        mass: counts on the cells, (CELLS,), not all zero.
-    """
+    """Smooth a distribution of headings and add a uniform floor; the result sums to 1."""
     distance = angles.wrap180(CELL_CENTRES)
     kernel = np.exp(-0.5 * (distance / prior_smoothing_deg) ** 2)
     smooth = np.fft.irfft(np.fft.rfft(mass) * np.fft.rfft(kernel / kernel.sum()), len(mass))

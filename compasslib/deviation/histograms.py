@@ -29,24 +29,14 @@ QUANTITIES = {
 
 
 def count_angles(angle_deg: ArrayLike, from_deg: float = 0.0) -> Counts:
-    """Count angles in bins of 5 degrees over one turn, (72,).
-
-    Args:
-        angle_deg: angles of any shape, degrees; NaN is ignored.
-        from_deg: lower edge of the first bin, degrees.
-    """
+    """Count angles, without NaN, in bins of 5 degrees over one turn from a lower edge, (72,)."""
     angle = np.asarray(angle_deg, dtype=float)
     turn = angles.wrap360(angle[np.isfinite(angle)] - from_deg)
     return np.bincount((turn / BIN_DEG).astype(int), minlength=BINS)[:BINS]
 
 
 def count_differences(east: Floats, north: Floats, pairs: Pairs) -> Counts:
-    """Count the directions of a current at the pairs minus the reference's, (72,) from -180 degrees.
-
-    Args:
-        east: eastward velocity of the affected instrument, (n,).
-        north: northward velocity of the affected instrument, (n,).
-    """
+    """Count the directions of a current at the pairs minus the reference's, (72,) from -180 degrees."""
     lower = angles.direction(pairs.lower_east, pairs.lower_north)
     return count_angles(angles.difference(angles.direction(east, north), lower), -180.0)
 
@@ -77,8 +67,6 @@ def build_histograms(
     """Count headings of the record, directions at the pairs and held-out differences, for each of ``QUANTITIES``.
 
     Args:
-        record: the affected instrument's record; headings flagged bad are ignored.
-        heading_corrected_deg: (n,), NaN where there is no correction.
         differences: counts ``before`` and ``after`` of assessment.json.
     """
     usable = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)

@@ -13,9 +13,9 @@ conditional on gamma, and d appears on one side only, so noise of the lower dire
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,64 +34,19 @@ CELL_CENTRES = CELL_DEG * np.arange(CELLS)
 Indices = NDArray[np.intp]
 
 
-Sides = tuple[Floats, Floats]
-
-
-class CurveForm(Protocol):
-    """A curve between correct heading beta and recorded heading gamma with five coefficients."""
-
-    @property
-    def name(self) -> str:
-        """Name in the results."""
-
-    def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
-        """Evaluate both sides of the curve's equation, equal at the true heading, (k,) and (f,) degrees."""
-
-    def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
-        """Compute the derivative of the second side minus the first by A..E, (5, 1 or k, 1 or f) degrees."""
-
-
 @dataclass(frozen=True)
-class ExactForm:
-    """The exact compass, gamma = arg q(beta), for any strength of iron (compass.py)."""
+class CurveForm:
+    """A curve of the recorded against the correct heading, (f,) degrees, with five coefficients A..E."""
 
-    name: str = "exact"
-
-    def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
-        return recorded_deg, compass.recorded_heading(coefficients, heading_deg)
-
-    def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
-        return compass.gradient(coefficients, heading_deg)[:, None, :]
+    recorded: Callable[[Floats, Floats], Floats]  # coefficients and correct headings -> recorded headings
+    gradient: Callable[[Floats, Floats], Floats]  # the same -> derivative by the coefficients, (5, f) degrees per unit
 
 
-@dataclass(frozen=True)
-class SeriesInCorrect:
-    """Smith's series in the correct heading, gamma = beta - Delta(beta) (von Appen 2015, eq. 1)."""
-
-    name: str = "series_in_correct"
-
-    def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
-        return recorded_deg, heading_deg - series_deviation(coefficients, heading_deg) / angles.DEGREE
-
-    def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
-        return -series_design(heading_deg).T[:, None, :] / angles.DEGREE
-
-
-@dataclass(frozen=True)
-class SeriesInRecorded:
-    """The same series in the recorded heading, beta = gamma + Delta(gamma) (Moncunill 2023, eq. 1; Le Menn 2023, 5)."""
-
-    name: str = "series_in_recorded"
-
-    def sides(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Sides:
-        return recorded_deg + series_deviation(coefficients, recorded_deg) / angles.DEGREE, heading_deg
-
-    def slopes(self, coefficients: Floats, recorded_deg: Floats, heading_deg: Floats) -> Floats:
-        return -series_design(recorded_deg).T[:, :, None] / angles.DEGREE
-
-
-EXACT = ExactForm()
-FORMS: tuple[CurveForm, ...] = (EXACT, SeriesInCorrect(), SeriesInRecorded())
+EXACT = CurveForm(compass.recorded_heading, compass.gradient)
+SERIES = CurveForm(  # Smith's series in the correct heading, gamma = beta - Delta(beta) (von Appen 2015, eq. 1)
+    lambda coefficients, heading_deg: heading_deg - series_deviation(coefficients, heading_deg) / angles.DEGREE,
+    lambda coefficients, heading_deg: -series_design(heading_deg).T / angles.DEGREE,
+)
 
 
 @dataclass(frozen=True)
@@ -143,12 +98,7 @@ def squared_chords(observed_deg: Floats) -> Floats:
 
 
 def scatter_density(squared_chord: Floats, width_deg: Floats, outliers: float) -> Floats:
-    """Compute K, the density of the observed heading about each cell's centre, per degree, (n, CELLS).
-
-    Args:
-        squared_chord: of the observed headings, (n, CELLS), square degrees.
-        outliers: share of uniformly distributed directions.
-    """
+    """Compute K, the density of the observed heading about each cell's centre, per degree, (n, CELLS)."""
     ratio = squared_chord / (STUDENT_DOF * width_deg[:, None] ** 2)
     ratio += 1.0
     np.reciprocal(ratio, out=ratio)
@@ -162,12 +112,7 @@ def scatter_density(squared_chord: Floats, width_deg: Floats, outliers: float) -
 def bin_sample(
     recorded_deg: Floats, scatter_density: Floats, grid: HeadingGrid, form: CurveForm = EXACT
 ) -> BinnedSample:
-    """Sort the pairs by the recorded heading's bin.
-
-    Args:
-        scatter_density: K, (n, CELLS).
-        form: the curve to be fitted.
-    """
+    """Sort the pairs, and their K, (n, CELLS), by the recorded heading's bin."""
     bins = grid.bin_of(recorded_deg)
     order = np.argsort(bins, kind="stable")
     occupied, begins, row = np.unique(bins[order], return_index=True, return_inverse=True)
@@ -175,11 +120,7 @@ def bin_sample(
 
 
 def compass_noise_density(offset_deg: Floats, compass_deg: float) -> Floats:
-    """Compute G, the density of recorded headings about the predicted ones, per degree, in the shape of the offsets.
-
-    Args:
-        offset_deg: recorded minus predicted heading, degrees.
-    """
+    """Compute G, the density of recorded minus predicted headings, per degree, in the shape of the offsets."""
     return np.exp(-0.5 * (offset_deg / compass_deg) ** 2) / (compass_deg * np.sqrt(2.0 * np.pi))
 
 
@@ -271,8 +212,8 @@ def _laid_out(
         reach: standard deviations of the compass noise; beyond, its density is 1e-14 of its peak and far below e0.
     """
     width = float(np.exp(parameters[5]))
-    sides = form.sides(parameters[:5], grid.heading_deg[occupied], grid.heading_deg)
-    near = nearby_headings(*sides, min(reach * width, 180.0))
+    predicted = form.recorded(parameters[:5], grid.heading_deg)
+    near = nearby_headings(grid.heading_deg[occupied], predicted, min(reach * width, 180.0))
     cells, weights = _splines(grid)
     prior_fine = _hats(grid) @ prior
     # take() copies whole rows and needs a third of the time of indexing with brackets.
@@ -289,9 +230,7 @@ def _sum_cells(cell: NDArray[np.intp], share: Floats, rows: int) -> Floats:
 
 def _form_slopes(parameters: Floats, data: BinnedSample, grid: HeadingGrid, parts: _Layout) -> Floats:
     """Compute minus the derivative of the nearby offsets by A..E, (5, k) degrees."""
-    slopes = data.form.slopes(parameters[:5], grid.heading_deg[data.occupied], grid.heading_deg)
-    _, rows, columns = slopes.shape  # one of them is 1, and the slopes vary along the other
-    return slopes.reshape(5, -1).T.take(parts.near.row if rows > columns else parts.near.column, axis=0).T
+    return data.form.gradient(parameters[:5], grid.heading_deg).T.take(parts.near.column, axis=0).T
 
 
 @cache
@@ -323,17 +262,11 @@ class NearbyHeadings:
 
     row: Indices  # (k,) index of the recorded heading
     column: Indices  # (k,) index of the correct heading
-    offset: Floats  # (k,) first side minus second, degrees
+    offset: Floats  # (k,) recorded minus predicted heading, degrees
 
 
 def nearby_headings(recorded_deg: Floats, predicted_deg: Floats, reach_deg: float) -> NearbyHeadings:
-    """Find all pairs of elements of the two sides that differ by less than a reach.
-
-    Args:
-        recorded_deg: one side, (r,), degrees.
-        predicted_deg: the other, (f,), degrees.
-        reach_deg: at most 180 degrees.
-    """
+    """Find the pairs of recorded, (r,), and predicted headings, (f,), that differ by less than at most 180 degrees."""
     recorded, predicted = angles.wrap360(recorded_deg), angles.wrap360(predicted_deg)
     order = np.argsort(predicted, kind="stable")
     ring = np.concatenate([predicted[order] + turn for turn in (-360.0, 0.0, 360.0)])

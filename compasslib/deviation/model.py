@@ -54,15 +54,13 @@ class DeviationFit:
     method: str  #: von_appen | exact (fitted); calibration | coefficients (exact compass known beforehand)
     n_pairs: int  #: number of pairs
     coefficients: Floats = field(default_factory=_empty)  #: (5,) A..E, degrees for von_appen, dimensionless for exact
-    covariance: Floats = field(default_factory=_empty)  #: (5, 5) of A..E, (6, 6) with ``heeling``
+    covariance: Floats = field(default_factory=_empty)  #: (5, 5) of A..E
     n_effective: float = 0.0  #: effective number of independent pairs, allowing for autocorrelated residuals
     residual_rms_deg: float = float("nan")  #: degrees, of the pairs
     #: range of headings that the compass can record, clockwise, degrees; the second may exceed 360; None if unknown
     recorded_range_deg: tuple[float, float] | None = None
     folded: bool = False  #: whether a recorded heading can have two correct ones
     noise: ScatterNoise = ScatterNoise()  #: estimated by the exact fit only
-    heeling: float = 0.0  #: K, vertical hard iron over the horizontal field; sixth row of the covariance
-    dip_ratio: float = 0.0  #: Z/H used to fit the tilt; 0 for a level model
     heading_density: Floats = field(default_factory=_empty)  #: prior of the correct heading on its cells, sums to 1
     why: str = ""  #: the reason why nothing was fitted, else empty
     warnings: tuple[str, ...] = ()  #: sentences for the report
@@ -85,8 +83,6 @@ class DeviationFit:
             "recorded_range_deg": self.recorded_range_deg,
             "folded": self.folded,
             "noise": vars(self.noise),
-            "heeling": self.heeling if self.tilted else None,
-            "dip_ratio": self.dip_ratio if self.tilted else None,
             "heading_density": self.heading_density.tolist(),
             "why": self.why,
             "warnings": self.warnings,
@@ -107,11 +103,6 @@ class DeviationFit:
         """Whether it is an exact compass known beforehand, which the pairs check but do not change."""
         return self.method in ("calibration", "coefficients")
 
-    @property
-    def tilted(self) -> bool:
-        """Whether the model includes pitch and roll."""
-        return self.dip_ratio != 0.0
-
 
 def fit_from_json(content: Mapping[str, Any]) -> DeviationFit:
     """Build a fit from the content of deviation.json."""
@@ -126,8 +117,6 @@ def fit_from_json(content: Mapping[str, Any]) -> DeviationFit:
         recorded_range_deg=None if span is None else (span[0], span[1]),
         folded=content["folded"],
         noise=ScatterNoise(**content["noise"]),
-        heeling=content.get("heeling") or 0.0,
-        dip_ratio=content.get("dip_ratio") or 0.0,
         heading_density=np.array(content["heading_density"], dtype=float),
         why=content["why"],
         warnings=tuple(content.get("warnings", ())),
@@ -198,12 +187,7 @@ IRON_NT, SPHERE_NT = 2500.0, 4000.0
 
 
 def weak_field_warnings(horizontal_nT: ArrayLike, *, min_horizontal_nt: float = 5000.0) -> tuple[str, ...]:
-    """Warn below the horizontal field in which no correction is reliable (Le Menn et al. 2023, section 7).
-
-    Args:
-        horizontal_nT: horizontal field along time or at a calibration, nT; empty or NaN if unknown.
-        min_horizontal_nt: horizontal field below which no correction is reliable (Le Menn et al. 2023).
-    """
+    """Warn below the horizontal field in which no correction is reliable (Le Menn et al. 2023, section 7)."""
     least = float(np.nanmin(horizontal_nT, initial=np.inf))
     if least >= min_horizontal_nt:
         return ()
@@ -277,29 +261,6 @@ def transfer_coefficients(
     covariance = (covariance + covariance.T) / 2.0 + np.outer(change, change) / 12.0
     warning = _transfer_warning(covariance, noise * np.mean(level / away.horizontal_nT) ** 2, away)
     return TransferredCoefficients(there @ found, covariance, there @ found + residual, warning)
-
-
-def separate_iron(
-    here: ArrayLike, there: ArrayLike, field: FieldAtPlace, field_there: FieldAtPlace, *, min_dip_change: float = 0.2
-) -> dict[str, dict[str, float]] | None:
-    """Separate hard from vertically induced iron by A to E, (5,), at two dips; None if the dips are too similar.
-
-    Args:
-        min_dip_change: relative change of Z/H between two places that separates hard and induced iron.
-
-    Returns:
-        For B and C: hard_nT and induced_nT at the first place, both over lambda.
-    """
-    ratios = [each.vertical_nT / each.horizontal_nT for each in (field, field_there)]
-    if abs(ratios[0] - ratios[1]) < min_dip_change * max(map(abs, ratios)):
-        return None
-    design = np.concatenate([iron_design(place)[1:3, 1:5] for place in (field, field_there)])
-    iron = np.linalg.solve(design, np.concatenate([np.asarray(each, dtype=float)[1:3] for each in (here, there)]))
-    induced = iron[2:] * field.vertical_nT
-    return {
-        letter: {"hard_nT": float(hard), "induced_nT": float(part)}
-        for letter, hard, part in zip("BC", iron[:2], induced, strict=True)
-    }
 
 
 def _transfer_warning(covariance: Floats, noise: Floats, away: FieldAtPlace) -> str:

@@ -78,12 +78,7 @@ class ReferenceErrors:
         return vars(self) | {"iron": self.iron.tolist()}
 
     def further_deg(self, constant_deg: float, sigma_deg: float) -> float:
-        """Compute the standard deviation of the constant error of all headings that the covariance lacks, degrees.
-
-        Args:
-            constant_deg: the fitted constant A.
-            sigma_deg: its standard error by the scatter of the pairs.
-        """
+        """Compute the standard deviation of the constant error of all headings that the covariance lacks, degrees."""
         whole = constant_sigma(constant_deg, sigma_deg, float(np.hypot(self.constant_deg, self.veer_deg)))
         included = self.veer_deg if self.veer_included else 0.0
         return float(np.sqrt(self.share * max(whole**2 - included**2, 0.0)))

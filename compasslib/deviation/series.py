@@ -34,11 +34,7 @@ def series_deviation(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
 
 
 def fit_series(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
-    """Fit the least-squares series to the scatter of deviation against correct heading.
-
-    Args:
-        near: not used; all starts are tried each time.
-    """
+    """Fit the least-squares series to deviation against correct heading, from all starts; ``near`` is not used."""
     if len(pairs) < MIN_PAIRS:
         return unfitted("von_appen", len(pairs))
     heading, deviation = observed_heading(pairs), observed_deviation(pairs)
@@ -74,11 +70,7 @@ def fit_series_about_mean(pairs: Pairs) -> Floats:
 
 
 def series_range(coefficients: Floats) -> tuple[tuple[float, float], bool]:
-    """Compute the range of recorded headings that a series inverts, degrees, and whether the series folds.
-
-    Args:
-        coefficients: A, B, C, D, E, degrees, (5,).
-    """
+    """Compute the range of recorded headings that a series inverts, degrees, and whether the series folds."""
     if not series_folds(coefficients):
         return (0.0, 360.0), False
     recorded = inverse_table(coefficients)[0]
@@ -103,9 +95,6 @@ def inverse_table(coefficients: ArrayLike, headings_deg: ArrayLike | None = None
 
     Without a fold the region is the whole circle. With a fold it is the interval around the minimum of d gamma / d beta
     in which the compass turns backwards (green curves of the paper's Fig. 7), or the one that contains most headings.
-
-    Args:
-        headings_deg: correct headings, (n,), to select the region that contains most of them.
     """
     grid = np.arange(0.0, 360.0, STEP_DEG)
     steepness = series_slope(coefficients, grid)
@@ -127,11 +116,7 @@ def inverse_table(coefficients: ArrayLike, headings_deg: ArrayLike | None = None
 
 
 def invert_series(coefficients: ArrayLike, recorded_deg: ArrayLike, headings_deg: ArrayLike | None = None) -> Floats:
-    """Invert the series for each recorded heading, NaN outside the inverted region.
-
-    Args:
-        headings_deg: correct headings, (n,), see ``inverse_table``.
-    """
+    """Invert the series for each recorded heading, NaN outside the inverted region."""
     gamma, beta = inverse_table(coefficients, headings_deg)
     recorded = np.asarray(recorded_deg, dtype=float)
     with np.errstate(invalid="ignore"):
@@ -148,12 +133,7 @@ def series_sigma(fit: DeviationFit, heading_deg: ArrayLike) -> Floats:
 
 
 def multistart_least_squares(columns: Floats, deviation: Floats) -> Floats:
-    """Find the coefficients with the least sum of squared, wrapped residuals over all starts, (5,) degrees.
-
-    Args:
-        columns: columns of eq. (1) at the correct headings, (n, 5).
-        deviation: beta - gamma, (n,), degrees.
-    """
+    """Find the coefficients with the least squared, wrapped residuals of beta - gamma over all starts, (5,) degrees."""
     eight = [tuple(map(float, angles.sin_cos(direction))) for direction in range(0, 360, 45)]
     starts = [np.zeros(5), *(np.array([0.0, r * s, r * c, 0.0, 0.0]) for r in STARTS_DEG for s, c in eight)]
     solver = np.linalg.pinv(columns)

@@ -19,7 +19,7 @@ from compasslib.deviation.model import DeviationFit
 from compasslib.types import Floats
 
 # Equally probable prior scales: of B and C, the iron's field over the earth's horizontal one, and of A, the
-# instrument's alignment in radians. D and E are induced and have a tenth of the former; the last is that of heeling K.
+# instrument's alignment in radians. D and E are induced and have a tenth of the former.
 IRON_SCALES, ALIGNMENT_SCALES = (0.05, 0.15, 0.5, 1.5), (0.05, 0.35)
 
 
@@ -30,7 +30,6 @@ def average_with_none(
     temperature: float = 0.5,
     induced_share: float = 0.1,
     least_induced: float = 0.02,
-    heeling_scale: float = 0.3,
 ) -> tuple[DeviationFit, float | None]:
     """Average a fitted exact compass with one that has no deviation, and compute the probability of the latter.
 
@@ -44,16 +43,15 @@ def average_with_none(
     """
     if fit.method != "exact" or not fit.fitted or fit.folded or fit.fixed or fit.prior is not None:
         return fit, None
-    size = len(fit.covariance)
-    estimate = np.append(fit.coefficients, fit.heeling)[:size]
+    estimate = fit.coefficients
     deviated = [
-        np.array([align, iron, iron, *2 * [max(induced_share * iron, least_induced)], heeling_scale])[:size]
+        np.array([align, iron, iron, *2 * [max(induced_share * iron, least_induced)]])
         for iron, align in product(IRON_SCALES, ALIGNMENT_SCALES)
     ]
-    prior = np.array([np.diag(scale**2) for scale in (np.zeros(size), *deviated)])
+    prior = np.array([np.diag(scale**2) for scale in (np.zeros(5), *deviated)])
     none = 0.0 if fit.iron_declared else no_deviation_prior
     chance = np.append(none, np.full(len(deviated), (1.0 - none) / len(deviated)))
-    constant, iron = _reference_covariance(fit, size)
+    constant, iron = _reference_covariance(fit)
     gain = prior @ np.linalg.inv(fit.covariance + iron + prior)
     total = fit.covariance + iron + constant + prior
     misfit = np.einsum("i,kij,j->k", estimate, np.linalg.inv(total), estimate)
@@ -62,27 +60,26 @@ def average_with_none(
     weight /= weight.sum()
     means = gain @ estimate
     mean = weight @ means
-    unknown = np.eye(size) - gain  # the iron is not included: it has modes of its own
+    unknown = np.eye(5) - gain  # the iron is not included: it has modes of its own
     spread = gain @ fit.covariance @ gain.transpose(0, 2, 1) + unknown @ prior @ unknown.transpose(0, 2, 1)
     spread += np.einsum("ki,kj->kij", means - mean, means - mean)
     covariance = np.einsum("k,kij->ij", weight, spread)
     reference = fit.reference
     if reference is not None:  # a compass without deviation does not follow the reference's errors
         kept = np.einsum("k,kij->ij", weight, gain)
-        reference = replace(reference, iron=kept[:5, :5] @ reference.iron, share=float(1.0 - weight[0]))
-    averaged = replace(fit, coefficients=mean[:5], covariance=(covariance + covariance.T) / 2.0, reference=reference)
-    return replace(averaged, heeling=float(mean[5]) if size > 5 else fit.heeling), float(weight[0])
+        reference = replace(reference, iron=kept @ reference.iron, share=float(1.0 - weight[0]))
+    averaged = replace(fit, coefficients=mean, covariance=(covariance + covariance.T) / 2.0, reference=reference)
+    return averaged, float(weight[0])
 
 
-def _reference_covariance(fit: DeviationFit, size: int) -> tuple[Floats, Floats]:
-    """Compute the covariance of the coefficients by the reference's constant and by its iron, (size, size) each.
+def _reference_covariance(fit: DeviationFit) -> tuple[Floats, Floats]:
+    """Compute the covariance of the coefficients by the reference's constant and by its iron, (5, 5) each.
 
     A constant turn e of all directions multiplies u by e^{-ie} and v by e^{ie}: with Re u = 1 again, the coefficients
     change by e (1 + A^2, AB, AC, AD + E, AE - D).
     """
-    constant, iron = np.zeros((size, size)), np.zeros((size, size))
-    if fit.reference is not None:
-        a, b, c, d, e = fit.coefficients
-        turned = np.array([1.0 + a**2, a * b, a * c, a * d + e, a * e - d]) * fit.reference.constant_deg * angles.DEGREE
-        constant[:5, :5], iron[:5, :5] = np.outer(turned, turned), fit.reference.iron @ fit.reference.iron.T
-    return constant, iron
+    if fit.reference is None:
+        return np.zeros((5, 5)), np.zeros((5, 5))
+    a, b, c, d, e = fit.coefficients
+    turned = np.array([1.0 + a**2, a * b, a * c, a * d + e, a * e - d]) * fit.reference.constant_deg * angles.DEGREE
+    return np.outer(turned, turned), fit.reference.iron @ fit.reference.iron.T

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles
-from compasslib.calibrations import at_mooring
 from compasslib.deviation import find_implausibility
 from compasslib.deviation.assessment import assess_correction
 from compasslib.deviation.constant import ConstantOffset
@@ -118,7 +117,7 @@ def conclude(
     agreement = assess_correction(pairs, made.fit, plain)
     refuted = agreement["refuted"] or (diagnosis.why if diagnosis.refutes_fit else "")
     denied = refuted or find_implausibility(made.fit, record) or find_implausibility(fit, record)
-    if calibration and (denied := denied or at_mooring.contradiction(fit, pairs)):
+    if calibration and denied:
         denied = f"calibration {calibration}: {denied}"
     suspected = () if fit.known_beforehand else pairs.doubts  # errors of the pairs do not affect a given fit
     nothing_known = (why for sigma_deg, why in suspected if sigma_deg >= angles.UNIFORM_SIGMA_DEG)

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles, compass
+from compasslib.deviation.average import CompassSeries
+from compasslib.deviation.average import compass_series as along_of_fit
 from compasslib.deviation.doubts import Doubt, doubts_from_json
 from compasslib.deviation.exact import positive_part
 from compasslib.deviation.model import LETTERS, DeviationFit, fit_from_json, nearest_root, observed_heading
-from compasslib.deviation.tilt import CompassSeries
-from compasslib.deviation.tilt import compass_series as along_of_fit
 from compasslib.effects import Scene
 from compasslib.effects.forward import (
     ForwardModel,

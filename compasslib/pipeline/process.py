@@ -20,7 +20,7 @@ from compasslib.statistics import single_threaded
 
 FILES = (
     *("work/field.json", "work/pairs/wide.nc", "work/fit.json", "work/agreement.json", "diagnosis.json"),
-    *("deviation.json", "corrected.nc", "overlap.nc", "assessment.json", "table.csv", "histograms.csv", "forms.json"),
+    *("deviation.json", "corrected.nc", "overlap.nc", "assessment.json", "table.csv", "histograms.csv"),
 )
 ALONE = ("diagnosis", "deviation", "agreement")  # of a record of a shared compass by itself
 Say = Callable[[str], None]
@@ -54,28 +54,23 @@ def process_mooring(cruise: str | Path, mooring: str, folder: str | Path, say: S
 
 
 @single_threaded()
-def process(
-    cruise: Cruise, mooring: str, folder: Path, say: Say = lambda line: None, *, compared_and_gridded: bool = True
-) -> None:
+def process(cruise: Cruise, mooring: str, folder: Path, say: Say = lambda line: None, *, gridded: bool = True) -> None:
     """Read, find pairs, fit, search for effects and correct, for each affected instrument of a mooring; then grid.
 
     The cruise is the working folder; files in ``folder`` are overwritten. Calibrations and other moorings of the
-    compass are processed below ``work``. Forms of the curve are compared, and velocities gridded if configured, unless
-    ``compared_and_gridded`` is false.
+    compass are processed below ``work``. Velocities are gridded if configured, unless ``gridded`` is false.
     """
     settings, parts = Moorings(cruise), []
     for part in settings.parts(mooring):
         files = _fit(cruise, part, folder / part.removeprefix(mooring).strip("/"), say)
         if part in Compasses(cruise).moorings:
             files["joined"] = _combine_records(cruise, part, files)
-            _call(diagnose.diagnose_jointly, part, files, settings.diagnose_jointly(part))
+            _call(diagnose.diagnose_jointly, part, files, settings.diagnose(part))
         else:
             _call(diagnose.diagnose, part, files, settings.diagnose(part))
         _call(correct.correct, part, files, settings.correct(part))
-        if compared_and_gridded:
-            _call(correct.compare, part, files, {})
         parts.append(files)
-    if compared_and_gridded and mooring in settings.gridded:
+    if gridded and mooring in settings.gridded:
         stems = {f"{stem}s": stem for stem in ("record", "deviation", "assessment", "field")}
         stems |= {"corrected": "corrected", "pairs": "overlap"}
         lists = {name: [files[stem] for files in parts] for name, stem in stems.items()}

@@ -20,7 +20,6 @@ from compasslib.preparation.clocks import ClockOffset, SpeedSeries, compare_spee
 from compasslib.preparation.gridding import grid_indices, interpolate_series, nearest_index
 from compasslib.preparation.references import find_speed_changes
 from compasslib.preparation.water import (
-    depth_shift_by_speed,
     fails_speed_check,
     predict_water,
     usable_velocities,
@@ -214,12 +213,9 @@ def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int, *, surpr
     off = float(np.sqrt(np.mean((np.abs(predicted[known]) - np.abs(trusted[known])) ** 2)))
     notes = []
     if off >= surprise * max(prediction.expected_m_s, NOISE_M_S):
-        shift = depth_shift_by_speed(upper, depth_m, np.abs(trusted))
-        side = "below" if shift > 0 else "above"
-        where = f"; they agree best with the water {abs(shift):.0f} m {side} it" if shift else ""
         notes.append(
             f"the speeds of the reference differ by {100.0 * off:.1f} cm/s rms from those predicted at its depth, "
-            f"far more than expected from the profile{where}: check depths, clocks and units of both"
+            "far more than expected from the profile: check depths, clocks and units of both"
         )
     return replace(
         pairs,
@@ -382,7 +378,6 @@ def match_ready_pairs(
 
     Args:
         columns: time (UTC seconds), heading (degrees), velocities of both instruments by role, (n,) each.
-        record: the affected instrument's record, cut to the deployment.
         agreeing_deg: median difference of headings above which the pairs may belong to another record.
     """
     order = np.argsort(columns["time"], kind="stable")

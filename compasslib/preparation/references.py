@@ -33,7 +33,7 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
 
     Of three or more references, one that disagrees with all others, which agree, is excluded. If two disagree, the
     faulty one cannot be determined: only the first in the mooring's file is used, and the difference is added as a
-    doubt to all headings. A recording that is given twice is used once.
+    doubt to all headings.
     """
     if len(each) == 1:
         return each[0]
@@ -126,13 +126,8 @@ def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], l
     doubted = {k: why for k, pairs in enumerate(each) for _, why in pairs.doubts}
     if len(doubted) == len(each):
         doubted = {}
-    used, notes = list[int](), [f"{names[k]} is left out: {why}" for k, why in doubted.items()]
-    rest = (k for k in range(len(each)) if k not in doubted)
-    for k in sorted(rest, key=lambda k: -len(each[k])):  # of two files of one recording use the longer
-        if (twin := next((j for j in used if _identical(each[j], each[k])), None)) is None:
-            used = sorted([*used, k])
-        else:
-            notes.append(f"the references {names[twin]} and {names[k]} are one recording: {names[k]} is left out")
+    used = [k for k in range(len(each)) if k not in doubted]
+    notes = [f"{names[k]} is left out: {why}" for k, why in doubted.items()]
     off = {(a, b): _apart(each[a], each[b]) for a, b in combinations(used, 2)}
     wrong = {pair: difference for pair, difference in off.items() if difference is not None}
     if not wrong:
@@ -146,15 +141,6 @@ def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], l
     alone = f"{names[used[0]]}, first in reference, is used alone"
     said = f"{'; '.join(texts)}: which is wrong cannot be determined; {alone}"
     return used[:1], [*notes, said], max(abs(size_deg) for _, size_deg in wrong.values())
-
-
-def _identical(first: Pairs, second: Pairs, *, alike_m_s: float = 2e-3, fewest: int = 100) -> bool:
-    """Check whether two references have the same velocities but for rounding, as two files of one recording have."""
-    _, a, b = np.intersect1d(first.time_s, second.time_s, return_indices=True)
-    if len(a) < fewest:
-        return False
-    velocity, other = _flows(take(first, a))[1], _flows(take(second, b))[1]
-    return float(np.median(np.abs(velocity - other))) < alike_m_s
 
 
 def _apart(
@@ -181,9 +167,6 @@ def _apart(
     sums = np.asarray(np.bincount(block, turn.real) + 1j * np.bincount(block, turn.imag), dtype=complex)
     if len(sums) < blocks:
         return None
-    # Stricter than for a constant difference, as the best of many dates.
-    if step := _at_once(sums, time_s[0], days=days, least_deg=least_deg, sigmas=sigmas + 1.0):
-        return step
     mean = complex(sums.sum())
     across = np.imag(sums * np.conj(mean)) / abs(mean)
     sigma = float(np.sqrt(np.sum(across**2))) / abs(mean) / angles.DEGREE
@@ -191,28 +174,6 @@ def _apart(
     if abs(off) < max(least_deg, sigmas * sigma):
         return None
     return f"differ in direction by {off:+.0f} ± {1.96 * sigma:.0f} degrees (95 %) all along", off
-
-
-def _at_once(
-    sums: Complexes, begin_s: float, *, days: float, least_deg: float, sigmas: float
-) -> tuple[str, float] | None:
-    """Describe a significant step in the difference of directions, with its date and size in degrees, else None."""
-    angle = -np.angle(sums * np.conj(sums.sum())) / angles.DEGREE
-    weight = np.abs(sums)
-    best: tuple[float, float, float, int] | None = None
-    for k in range(2, len(sums) - 1):
-        parts = [(angle[:k], weight[:k]), (angle[k:], weight[k:])]
-        means = [float(np.average(x, weights=w)) for x, w in parts]
-        spreads = (np.sqrt(np.sum((w * (x - mean)) ** 2)) for (x, w), mean in zip(parts, means, strict=True))
-        errors = [float(spread / np.sum(w)) for spread, (_, w) in zip(spreads, parts, strict=True)]
-        step, sigma = means[1] - means[0], max(float(np.linalg.norm(errors)), 1e-3)
-        if best is None or abs(step) / sigma > best[0]:
-            best = (abs(step) / sigma, step, sigma, k)
-    if best is None or abs(best[1]) < least_deg or best[0] < sigmas:
-        return None
-    date = str(np.datetime64(round(begin_s + best[3] * days * DAY_S), "s"))[:10]
-    text = f"differ in direction by {best[1]:+.0f} ± {1.96 * best[2]:.0f} degrees (95 %) more from about {date} on"
-    return text, best[1]
 
 
 def _flows(pairs: Pairs) -> tuple[Complexes, Complexes]:
@@ -235,8 +196,6 @@ def find_speed_changes(
     bins as far apart as the reference. Without such bins nothing is tested.
 
     Args:
-        pairs: those of one reference.
-        upper: samples of the affected record at the pairs.
         fewest: pairs in a window; a profiler passes twice a day.
         sigmas: least change in standard deviations between own bins.
         lasts: windows that a change lasts; of 24 combinations of bins of eh2 one reaches two, none three.

@@ -88,7 +88,7 @@ def fit_structure(record: Record) -> StructureFunction | None:
     """Fit the structure function of velocity against the distance of two bins; None if there are too few."""
     usable = usable_velocities(record)
     range_m, share = np.median(record.bin_range_m, axis=0), usable.mean(axis=0)
-    near = _sound_bins(share, range_m)  # velocities of all bins would take too much memory
+    near = _sound_bins(share, range_m)
     velocity = np.where(usable[:, near], record.east[:, near] + 1j * record.north[:, near], np.nan)
     return fit_structure_function(velocity, range_m[near])
 
@@ -97,7 +97,7 @@ def _sound_bins(share: Floats, range_m: Floats, *, looked_at: int = 8) -> NDArra
     """Select the bins next to the instrument that are good nearly as often as the best, nearest first.
 
     Args:
-        looked_at: bins next to the sphere used to fit the structure; their largest distance in cells.
+        looked_at: number of bins; velocities of all would take too much memory.
     """
     sound = np.flatnonzero(share >= LEAST_GOOD * share.max(initial=0.0))
     return sound[np.argsort(np.abs(range_m[sound]))[:looked_at]]
@@ -115,7 +115,7 @@ def fit_structure_function(
     """Fit the structure function to velocities, (n, m) m/s, at ranges, (m,) m; None if there are too few.
 
     Args:
-        reach: bins next to the sphere used to fit the structure; their largest distance in cells.
+        reach: largest distance of two bins, in cells.
         fewest, fewest_bins: least samples per pair of bins, and bins: two distances cannot constrain decorrelation.
         least_noise: least noise, as a share of half the mean squared difference of adjacent bins.
     """
@@ -159,7 +159,6 @@ def predict_water(
     """Predict the water velocity at given depths; None if the profile does not suffice.
 
     Args:
-        depth_m: depth of the reference's cell at each sample, (n,).
         bins: number of bins in the published mean, for comparison.
         nearest: bins used for a prediction.
         step: cells; resolution of the distance to the reference for which weights are computed.
@@ -196,24 +195,6 @@ def predict_water(
     return WaterPrediction(velocity * angles.phasor(-turned), expected, published, veer)
 
 
-def depth_shift_by_speed(record: Record, depth_m: Floats, speed_m_s: Floats, *, clearly: float = 0.5) -> float:
-    """Estimate the depth shift at which the profile matches the reference's speeds clearly best, m, else 0.
-
-    Only the depths of the profile's cells are tried, as predictions beyond the profile are vague.
-
-    Args:
-        clearly: ratio of mean squares below which a fit is clearly better.
-    """
-    bins = record.bin_depth_m()
-    away = np.median(bins, axis=0) - float(np.median(depth_m))
-    shifts = [0.0, *away[np.isfinite(away)].tolist()]
-    learnt = fit_structure(record)
-    flows = [predict_water(record, depth_m + shift, 1, learnt) for shift in shifts]
-    off = [float(np.nanmean((np.abs(series.velocity) - speed_m_s) ** 2)) if series else np.inf for series in flows]
-    best = int(np.argmin(off))
-    return shifts[best] if off[best] < clearly * off[0] else 0.0
-
-
 def fails_speed_check(
     time_s: Floats,
     mean: Complexes,
@@ -228,8 +209,8 @@ def fails_speed_check(
     Speeds do not depend on headings, but do reveal a wrong depth or layers that differ.
 
     Args:
-        sure: longer than speeds are correlated; standard errors of a significant difference.
-        block_s: longer than speeds are correlated; standard errors of a significant difference.
+        sure: standard errors of a significant difference.
+        block_s: longer than speeds are correlated.
     """
     off = [(np.abs(series) - np.abs(trusted)) ** 2 for series in (mean, predicted)]
     block = np.unique(np.floor(time_s / block_s), return_inverse=True)[1]
@@ -238,11 +219,7 @@ def fails_speed_check(
 
 
 def veer_of_nearest_bins(record: Record, depth_m: Floats, bins: int) -> Veer:
-    """Estimate the veer between the mean of the nearest bins and the reference's cell.
-
-    Args:
-        depth_m: depth of that cell at each sample, (n,).
-    """
+    """Estimate the veer between the mean of the nearest bins and the reference's cell."""
     away_m = np.median(record.bin_depth_m() - depth_m[:, None], axis=0)
     cells_m = np.diff(np.sort(away_m[np.isfinite(away_m)]))
     if not np.any(cells_m > 0.0):

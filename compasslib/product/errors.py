@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
+from compasslib.deviation.average import CompassSeries, compass_series
 from compasslib.deviation.correction import MIN_PROBABILITY
 from compasslib.deviation.exact import MIN_SLOPE
 from compasslib.deviation.model import DeviationFit, nearest_root
 from compasslib.deviation.series import series_design, series_slope
-from compasslib.deviation.tilt import CompassSeries, compass_series
 from compasslib.preparation.water import fit_structure_function
 from compasslib.product.cells import Axes, Differences, average_slots
 from compasslib.records import Readings, ReferenceCompass

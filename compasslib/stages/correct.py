@@ -1,4 +1,4 @@
-"""Correct one instrument, and compare forms of the deviation curve on held-out pairs."""
+"""Correct one instrument."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from compasslib import earthfield
 from compasslib.archive import netcdf, provenance, summary
 from compasslib.archive.attributes import Site
 from compasslib.archive.files import read_json, write_json
-from compasslib.deviation.assessment import answer_use, compare_forms, describe_forms
+from compasslib.deviation.assessment import answer_use
 from compasslib.deviation.correction import correct_in_pieces, describe_correction, tabulate_deviation
 from compasslib.deviation.histograms import build_histograms
 from compasslib.inference import covariates, product
@@ -70,11 +70,3 @@ def correct(
     counted = build_histograms(made.record, made.decision.heading_deg, near, judged["difference_counts"])
     summary.write_histograms(histograms, counted)
     say(describe_correction(mooring, made))
-
-
-def compare(mooring: str, *, pairs: str, deviation: str, forms: str, say: Callable[[str], None]) -> None:
-    """Write a comparison of forms of the curve by prediction of held-out pairs; no other stage needs it."""
-    made_by = product.from_json(read_json(deviation))
-    compared = compare_forms(combine_references(netcdf.read_pairs(pairs)), made_by.fit)
-    write_json(forms, {"forms": compared})
-    say(describe_forms(mooring, compared))

@@ -177,7 +177,6 @@ def diagnose_jointly(
     agreement: str,
     options: Mapping[str, Any],
     sphere_distance_m: tuple[float, float] | None,
-    tilt: bool,
     say: Callable[[str], None],
 ) -> None:
     """Write diagnosis, fit and assessment of a record given the others of its compass, if any are consistent with it.
@@ -187,7 +186,6 @@ def diagnose_jointly(
     Args:
         joined: compass.json.
         alone: diagnosis.json, deviation.json and agreement.json of the record by itself.
-        tilt: whether pitch and roll enter the fit.
 
     Raises:
         InputError: an observatory's file cannot be read.
@@ -203,7 +201,7 @@ def diagnose_jointly(
     before = fit_from_json(configured)
     fitted, upper = before, netcdf.read_record(record, velocities=False)
     if before.method != "von_appen":
-        fitted = fit_with_siblings(siblings, near, along, upper, tilt=tilt)
+        fitted = fit_with_siblings(siblings, near, along, upper)
         configured = deviation_json(fitted, upper)
 
     def with_effects(made: CorrectionModel, searched: bool) -> CorrectionModel:
@@ -221,13 +219,10 @@ def diagnose_jointly(
     say(f"{mooring}: {text}\n{made.diagnosis.log_line(mooring)}\n{assessed}")
 
 
-def fit_with_siblings(
-    siblings: SiblingInformation, pairs: Pairs, field: EarthField, record: Record, *, tilt: bool
-) -> DeviationFit:
+def fit_with_siblings(siblings: SiblingInformation, pairs: Pairs, field: EarthField, record: Record) -> DeviationFit:
     """Fit a record's compass with the other records as prior; return the prior where the record determines none."""
     if len(pairs) >= MIN_PAIRS and not siblings.prior.precision[0, 0]:
-        dip_ratio = tilt * earthfield.dip_ratio(field)
-        return fit_deviation("exact", pairs, start_from_prior(siblings.prior, pairs), dip_ratio=dip_ratio)
+        return fit_deviation("exact", pairs, start_from_prior(siblings.prior, pairs))
     covariance = np.linalg.inv(siblings.prior.precision)
     warning = (
         f"corrected by the compass of {', '.join(siblings.others)}; iron that changed in between is in the uncertainty"

@@ -23,7 +23,6 @@ def fit(
     field: str,
     fit: str,
     method: str,
-    tilt: bool,
     given: Mapping[str, Any] | None,
     sphere: bool,
     say: Callable[[str], None],
@@ -31,7 +30,6 @@ def fit(
     """Write the fitted compass, or the one given in the YAML file.
 
     Args:
-        tilt: whether pitch and roll enter the model.
         given: arguments of ``at_mooring.compass_from_coefficients``, None where the compass is fitted.
         sphere: whether iron near the compass is declared.
     """
@@ -39,7 +37,7 @@ def fit(
     there = earthfield.field_from_json(read_json(field))
     weak = weak_field_warnings(there.horizontal_nT)
     if given is None:
-        made, origin = fit_deviation(method, near, dip_ratio=tilt * earthfield.dip_ratio(there)), {}
+        made, origin = fit_deviation(method, near), {}
     else:
         made = at_mooring.compass_from_coefficients(**given, record=upper, pairs=near)
         origin = {"calibration": {"name": "of the mooring's file", "kind": method}}

@@ -109,7 +109,7 @@ class Moorings:
         """Return the arguments of the fit; those of ``at_mooring.compass_from_coefficients`` where they are given."""
         fit = self.mooring(name).fit
         given = fit.model_dump(include={"model", "coefficients", "covariance"}) if fit.coefficients else None
-        return {"method": fit.fitted, "tilt": bool(fit.tilt), "given": given, "sphere": self._sphere(name)}
+        return {"method": fit.fitted, "given": given, "sphere": self._sphere(name)}
 
     def transfer_calibration(self, name: str) -> Arguments:
         parts = list(self._instrument(name, self.mooring(name).compromised).parts)
@@ -126,9 +126,6 @@ class Moorings:
             "options": mooring.diagnose.model_dump() | derived,
             "sphere_distance_m": mooring.instruments[mooring.compromised].sphere_distance_m,
         }
-
-    def diagnose_jointly(self, name: str) -> Arguments:
-        return self.diagnose(name) | {"tilt": bool(self.mooring(name).fit.tilt)}
 
     def correct(self, name: str) -> Arguments:
         mooring = self.mooring(name)

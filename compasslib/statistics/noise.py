@@ -22,11 +22,7 @@ from compasslib.types import DAY_S, Floats
 
 
 def effective_sample_size(residual: Floats, time_s: Floats, *, longest_s: float = 5 * DAY_S) -> float:
-    """Estimate the effective sample size, n over the summed autocorrelation; for real currents it is much below n.
-
-    Args:
-        longest_s: longest lag included, seconds.
-    """
+    """Estimate the effective sample size, n over the summed autocorrelation; for real currents it is much below n."""
     n = len(residual)
     if n < 3:
         return float(n)
@@ -47,11 +43,7 @@ def effective_sample_size(residual: Floats, time_s: Floats, *, longest_s: float 
 
 
 def lagged_sums(x: Floats, lags: int) -> Floats:
-    """Compute the sums of products of a series with itself at lags 0, 1, ..., (lags + 1,).
-
-    Args:
-        x: the series, 0 where nothing was measured.
-    """
+    """Compute sums of products of a series (0 where not measured) with itself at lags 0, 1, ..., (lags + 1,)."""
     size = 1 << (2 * len(x) - 1).bit_length()
     spectrum = np.fft.rfft(x, size)
     return np.fft.irfft(np.abs(spectrum) ** 2, size)[: lags + 1]
@@ -92,11 +84,7 @@ def arma_correlation(phi: float, theta: float, lags: Ints) -> Floats:
 
 
 def arma_variance_ratio(law: tuple[float, float]) -> float:
-    """Compute the variance of an ARMA(1, 1) series over that of its innovations.
-
-    Args:
-        law: autoregressive and moving-average coefficient.
-    """
+    """Compute the variance of an ARMA(1, 1) series over that of its innovations."""
     phi, theta = law
     return (1.0 + 2.0 * phi * theta + theta**2) / (1.0 - phi**2)
 
@@ -138,22 +126,13 @@ def lag_matrix(n: int) -> Ints:
 
 
 def span_basis(columns: Floats, least: float = 0.0) -> Floats:
-    """Compute an orthonormal basis of the span of columns, without directions of negligible singular value.
-
-    Args:
-        least: smallest singular value of a direction.
-    """
+    """Compute an orthonormal basis of the span of columns, without directions of negligible singular value."""
     left, size, _ = np.linalg.svd(columns, full_matrices=False)
     return left[:, size > max(least, 1e-6 * size.max(initial=0.0))]
 
 
 def arma_covariance(residual: Floats, columns: Floats) -> Floats:
-    """Estimate the covariance of least squares, averaged over the models by their likelihood, (k, k).
-
-    Args:
-        residual: residual of the fit, (n,).
-        columns: derivatives of the fit by its parameters, (n, k).
-    """
+    """Estimate the covariance of least squares, averaged over the models by their likelihood, (k, k)."""
     size = np.linalg.norm(columns, axis=0)
     scale = np.where(size > 0.0, size, 1.0)
     unit = columns / scale
@@ -213,7 +192,6 @@ def estimate_swing_noise(
     """Estimate the scatter, with its correlation by restricted likelihood if blocks are given.
 
     Args:
-        residual: (n,) residual of the current fit.
         basis: (n, rank) orthonormal basis of what the fit can absorb.
         speed_kn: (n,) speed, for courses that scatter more when slow; None for constant scatter.
         blocks: (n,) number of each residual's block in time; None if residuals are independent.

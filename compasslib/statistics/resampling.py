@@ -23,12 +23,7 @@ def blocks_by_span(time_s: Floats, span_s: float) -> NDArray[np.intp]:
 
 
 def block_sums(rows: Floats, block: NDArray[np.intp]) -> Floats:
-    """Sum the rows of each non-empty block, (b, ...).
-
-    Args:
-        rows: (n, ...).
-        block: block number of each row, from 0, (n,).
-    """
+    """Sum the rows of each non-empty block, (b, ...)."""
     order = np.argsort(block, kind="stable")
     return np.add.reduceat(rows[order], np.flatnonzero(np.diff(block[order], prepend=-1)), axis=0)
 
@@ -108,7 +103,6 @@ def angle_resolution(angle_deg: Floats, *, resolution_run: int = 500, max_distin
     """Estimate the resolution of a series of angles, (n,) degrees; 0 where it is too fine to be seen.
 
     Args:
-        angle_deg: (n,) in order of time, NaN where missing.
         resolution_run: samples from which the step is estimated.
         max_distinct: largest share of distinct values among them for which a step is estimated.
     """

@@ -193,7 +193,6 @@ def orthonormal_basis(columns: Floats, least: float = 1e-5) -> Floats:
     """Compute an orthonormal basis of columns, without directions of negligible size, (n, at most k).
 
     Args:
-        columns: (n, k).
         least: singular value relative to the largest below which a direction is ignored.
     """
     scale = np.linalg.norm(columns, axis=0)

@@ -22,16 +22,7 @@ from compasslib.archive.attributes import Site
 from compasslib.archive.files import read_json, write_json
 from compasslib.errors import InputError
 from compasslib.preparation.quality import MASKS
-from compasslib.records import (
-    BAD,
-    GOOD,
-    MISSING,
-    PROBABLY_BAD,
-    PROBABLY_GOOD,
-    PROFILES,
-    join_records,
-    take,
-)
+from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, PROFILES, join_records, take
 from tests.world.products import (
     PROCESSING,
     SITE,

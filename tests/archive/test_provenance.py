@@ -8,7 +8,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tracemalloc
 import zipfile
 from contextlib import redirect_stderr, redirect_stdout
 from datetime import UTC, datetime
@@ -104,13 +103,7 @@ def test_diff_lists_changes_since_the_deposit(unpacked, archive, capsys):
     whole = Path(deposited).read_bytes()
     (archive / "cut.zip").write_bytes(whole[:at] + b"junk" + whole[at + 4 :])
     assert main(["diff", str(archive / "cut.zip"), str(archive)]) == 1
-    with zipfile.ZipFile(archive / "vast.zip", "w", zipfile.ZIP_DEFLATED) as packed:
-        packed.writestr("results/M1/deviation.json", " " * VAST)
-    os.mkfifo(archive / "pipe.zip")
     assert "cut.zip: expected the ZIP of compass export --to rocrate" in capsys.readouterr().err
-    for name, expected in (("vast.zip", f"deviation.json of {VAST} bytes"), ("pipe.zip", "a folder with results")):
-        assert main(["diff", str(archive / name), str(archive)]) == 1
-        assert f"{name}: expected" in (line := capsys.readouterr().err) and expected in line and line.count("\n") == 1
 
 
 def test_product_states_changes_since_the_superseded_deposit(unpacked, archive):
@@ -136,7 +129,6 @@ def test_product_states_changes_since_the_superseded_deposit(unpacked, archive):
         settings.check_cruise(config.load_cruise(archive))
 
 
-VAST, FEW = 128 << 20, 64 << 20  # bytes of content, and of memory: a manifest may have 16 MB, read in pieces
 DEPOSITED = {
     crate.FILE: '{"@graph": [{"@type": "SoftwareApplication", "name": "compasslib", "softwareVersion": "1"}]}',
     "config/config.yaml": "seed: 1\n",
@@ -146,30 +138,21 @@ DEPOSITED = {
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        ({crate.FILE: " "}, "results/ro-crate-metadata.json of more than 16777216 bytes"),
         ({crate.FILE: "[" * 100_000}, "RecursionError"),
         ({crate.FILE: '{"@graph": [5]}'}, "TypeError"),
         ({crate.FILE: '{"@graph": []}'}, "KeyError: 'compasslib'"),
-        ({"config/config.yaml": " "}, "config/config.yaml of more than 1000000 bytes"),
-        (
-            {"config/config.yaml": "a: &a [1]\nb: [*a, *a]\n"},
-            "config/config.yaml: line 1, column 4: .* anchors, found &a",
-        ),
+        ({"config/config.yaml": "a: &a [1]\nb: [*a, *a]\n"}, "config/config.yaml: line 2, column 5: .*the alias .a"),
         ({"config/config.yaml": "[1]"}, "config/config.yaml: expected keys with values, found a list"),
     ],
 )
-def test_deposit_of_odd_or_vast_content_is_refused_in_one_line(tmp_path, content, expected):
-    with zipfile.ZipFile(tmp_path / "v1.zip", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as packed:
+def test_deposit_of_odd_content_is_refused_in_one_line(tmp_path, content, expected):
+    with zipfile.ZipFile(tmp_path / "v1.zip", "w") as packed:
         for name, text in (DEPOSITED | content).items():
-            packed.writestr(name, text * VAST if text == " " else text)
+            packed.writestr(name, text)
     (tmp_path / "config").mkdir()
     (tmp_path / "config/config.yaml").write_text("seed: 2\n")
-    tracemalloc.start()
     with pytest.raises(InputError, match=f"v1.zip: .*{expected}"):
         deposit.describe_superseded(tmp_path / "v1.zip", ["config/config.yaml"], tmp_path)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < FEW
 
 
 def test_deposit_is_a_complete_workflow_run_crate(unpacked):
@@ -218,21 +201,9 @@ def test_software_url_gives_programs_of_a_deposit_an_address(processed, monkeypa
     assert without == {"tiltmeter", workflow, "compasslib"}
 
 
-def test_deposit_has_required_datacite_fields_and_no_invented_ones(unpacked):
-    cited = json.loads((unpacked / deposit.DATACITE).read_text())
-    affiliation = {"name": "A. Fram", "nameType": "Personal", "affiliation": [{"name": "Sea"}]}
-    assert cited["creators"] == [affiliation] and cited["publisher"] == {"name": "Sea"} and "doi" not in cited
-    assert cited["titles"] == [{"title": "Compass deviations corrected: Größe"}]
-    assert cited["rightsList"] == [{"rights": "CC-BY-4.0"}] and len(cited["publicationYear"]) == 4
-    (place,) = cited["geoLocations"]
-    assert place["geoLocationPoint"] == {"pointLatitude": 65.3333, "pointLongitude": -32.955}
-    assert cited["dates"][0]["dateType"] == "Collected" and cited["dates"][0]["date"].startswith("2007-09-04/2007")
-
-
 def test_deposit_of_changed_results_is_refused(archive, tmp_path, capsys):
     assert main(["export", "--cruise", str(archive), "--to", "rocrate", "--into", str(tmp_path / "by_command")]) == 0
     asked = capsys.readouterr().err.splitlines()
-    assert "  doi: of the deposit, once reserved" in asked
     assert any(line.startswith("  manufacturer, model") and line.endswith(": of M1's instrument top") for line in asked)
     (archive / "results/M1/corrected.nc").write_bytes(b"other")
     with pytest.raises(InputError, match=r"results/M1/corrected\.nc: expected the file that the manifest lists"):

@@ -139,23 +139,6 @@ def test_adjustment_leaves_only_the_effect_of_the_drift(first):
     assert "shows 090.0" in first_step["text"] and c == before[2]
 
 
-@pytest.mark.parametrize(("d", "e"), [(4.0, 0.0), (4.0, 2.0), (-3.0, 1.0), (1.0, -5.0)])
-def test_spheres_and_magnets_nullify_their_terms(d, e):
-    """The soft iron of ship and spheres together is isotropic, and the magnets cancel the hard iron of the ship."""
-    iron = angles.sin_cos([0.0, 5.0, -3.0, d, e])[0]
-    soft = np.array([[iron[3], iron[4]], [iron[4], -iron[3]]])
-    placed = adjustment.spheres(d, e, 100.0)
-    across = np.array(angles.sin_cos(placed["slew_deg"])) * [-1.0, 1.0]
-    spheres = 2.0 * (50.0 / placed["distance_mm"]) ** 3 * (3.0 * np.outer(across, across) - np.eye(2))
-    left = soft + spheres
-    assert abs(left[0, 0] - left[1, 1]) < 1e-9 and abs(left[0, 1] + left[1, 0]) < 1e-9
-    magnets = [adjustment.magnet_field(value_deg, 20000.0) for value_deg in (5.0, -3.0)]
-    assert 20000.0 * iron[1:3] + magnets == pytest.approx([0.0, 0.0], abs=1e-9)
-    planned = adjustment.plan(np.array([0.0, 5.0, -3.0, d, e]), 9.0, 20000.0)
-    assert "towards the stern" in planned["text"] and "soft-iron spheres" in planned["text"]
-    assert "text" not in adjustment.plan(np.array([0.0, 1.0, 0.0, 0.0, 0.0]), 1.0, None)
-
-
 def test_the_directive_force_is_that_of_the_exact_compass_at_first_order():  # MM (53)
     exact, heading = np.array([0.0, 0.06, -0.04, 0.03, 0.02]), np.arange(0.0, 360.0, 10.0)
     q = compass.level_field(exact, heading)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import os
 import shutil
 import warnings
 from pathlib import Path
@@ -17,9 +16,7 @@ import pytest
 from compasslib import angles
 from compasslib.archive import netcdf
 from compasslib.archive.attributes import Site
-from compasslib.archive.files import HALF_WRITTEN
 from compasslib.cli import export, main
-from compasslib.errors import InputError
 from compasslib.pipeline.process import process_mooring
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.readers import pd0
@@ -124,38 +121,6 @@ def test_existing_files_are_not_overwritten(world, tmp_path, capsys, form):
     first.write_bytes(b"mine")
     line = refused(capsys, "M1", "--cruise", str(world), "--to", form, "--into", str(tmp_path))
     assert f"{first.name}: expected a file that is not there yet" in line and first.read_bytes() == b"mine"
-
-
-class Killed(BaseException):
-    """Exception that no handler catches, like the end of a process."""
-
-
-@pytest.mark.parametrize("form", ["csv", "pd0"])
-def test_export_can_be_repeated_after_a_kill(world, tmp_path, capsys, monkeypatch, form):
-    """The data file is renamed after its sidecar and so never exists without it; other files are not overwritten."""
-    whole = exported(capsys, world, form, tmp_path / "whole")
-    named = []
-
-    def killed(half, target):
-        if target.name == whole[0].name:
-            raise Killed
-        named.append(target)
-        half.rename(target)
-
-    for half in (f".{whole[1].name}.77{HALF_WRITTEN}", f"..{whole[0].name}.77{HALF_WRITTEN}.77{HALF_WRITTEN}"):
-        (tmp_path / half).write_bytes(b"half")
-    with monkeypatch.context() as patched, pytest.raises(Killed):
-        patched.setattr(os, "replace", killed)
-        exported(capsys, world, form, tmp_path)
-    assert named[-1] == tmp_path / whole[1].name and not (tmp_path / whole[0].name).exists()
-    again = exported(capsys, world, form, tmp_path)
-    assert [file.read_bytes() for file in again] == [file.read_bytes() for file in whole]
-    assert {path.name for path in tmp_path.iterdir()} == {"whole", *(file.name for file in whole)}
-    for name in ("b", "b.json", "c"):
-        (tmp_path / name).touch()
-    assert export._available_files(tmp_path, "a", "b")
-    with pytest.raises(InputError, match="c: expected a file that is not there yet"):
-        export._available_files(tmp_path, "a", "c")
 
 
 # ----------------------------------------------------------------------------------------------------------------- PD0

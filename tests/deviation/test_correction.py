@@ -10,12 +10,8 @@ from compasslib import angles
 from compasslib.archive import netcdf
 from compasslib.archive.attributes import Site
 from compasslib.deviation import deviation_json, find_implausibility
-from compasslib.deviation.assessment import (
-    assess_correction,
-    compare_forms,
-    describe_forms,
-    vector_correlation,
-)
+from compasslib.deviation.assessment import assess_correction, vector_correlation
+from compasslib.deviation.average import compass_series
 from compasslib.deviation.branches import MERGED_DEG, MotionModel, WaterTurns, _water_turns, forward_backward
 from compasslib.deviation.correction import (
     MIN_PROBABILITY,
@@ -29,7 +25,6 @@ from compasslib.deviation.exact import fit_exact
 from compasslib.deviation.likelihood import CELL_CENTRES, CELLS
 from compasslib.deviation.model import unfitted
 from compasslib.deviation.series import fit_series
-from compasslib.deviation.tilt import compass_series
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, take
 from tests.world.sea import FOLDED, MILD, field_of, pairs, record_of
 
@@ -175,19 +170,6 @@ def test_uncertainty_is_at_most_that_of_a_uniform_heading():
     product = correct(record_of(seen), fit_series(seen), field_of(seen), seen)
     assert np.nanmin(product.heading_uncertainty_deg) > 0.0
     assert np.nanmax(product.heading_uncertainty_deg) <= angles.UNIFORM_SIGMA_DEG
-
-
-def test_comparison_of_forms_rejects_the_series_for_a_folded_compass():
-    """A folded compass has winding number 0, which the series cannot fit; under mild iron the forms are equivalent."""
-    seen = [pairs(coefficients, n=6000, seed=4)[0] for coefficients in (FOLDED, (0.0, 0.1, 0.05, 0.0, 0.0))]
-    folded, mild = (compare_forms(p, fit_exact(p)) for p in seen)
-    assert folded["exact"]["minus_exact"] == 0.0
-    for name in ("series_in_correct", "series_in_recorded"):
-        assert folded[name]["minus_exact"] < -2.5 * folded[name]["minus_exact_sigma"] < 0.0
-        assert abs(mild[name]["minus_exact"]) < max(0.01, 3.0 * mild[name]["minus_exact_sigma"])
-    line = describe_forms("M1", folded)
-    assert line.startswith("M1: cross-validation: the Fourier series in correct heading predicts worse than the exact ")
-    assert "that in recorded heading predicts worse than the exact compass (-" in line and "\n" not in line
 
 
 READ_WRONGLY = {"exchanged": lambda z: 1j * np.conj(z), "both signs": np.negative, "sign of north": np.conj}

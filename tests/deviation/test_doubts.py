@@ -14,7 +14,6 @@ import yaml
 from compasslib import angles
 from compasslib.archive import netcdf
 from compasslib.archive.files import read_json
-from compasslib.calibrations import at_mooring
 from compasslib.deviation.assessment import answer_use
 from compasslib.deviation.constant import (
     ConstantOffset,
@@ -254,14 +253,6 @@ def test_uncertainty_includes_the_resolution_of_coarse_headings():
     error = np.abs(angles.difference(found.heading_corrected_deg, heading))
     assert np.mean(error[part] < 1.96 * found.heading_uncertainty_deg[part]) > 0.9
     np.testing.assert_array_equal(found.heading_uncertainty_deg[~part], plain.heading_uncertainty_deg[~part])
-
-
-def test_only_the_calibration_of_another_compass_is_contradicted(mild):
-    seen, _ = mild
-    own = replace(fit_exact(pairs(MILD, n=1500, seed=7)[0]), method="calibration")
-    other = replace(own, coefficients=own.coefficients + np.array([0.0, -1.0, 0.6, 0.0, 0.0]))
-    moved = replace(own, coefficients=own.coefficients + np.array([0.2, 0.0, 0.0, 0.0, 0.0]))
-    assert [bool(at_mooring.contradiction(fit, seen)) for fit in (own, moved, other)] == [False, False, True]
 
 
 def test_samples_inconsistent_with_any_heading_make_the_record_doubtful():

@@ -12,7 +12,6 @@ from compasslib.deviation.model import (
     FieldAtPlace,
     PlacedCoefficients,
     iron_design,
-    separate_iron,
     transfer_coefficients,
 )
 from compasslib.records import EarthField
@@ -77,16 +76,6 @@ def test_a_compass_moored_where_it_was_calibrated_is_unchanged():
     assert np.diag(stayed.covariance) == pytest.approx(np.diag(here.covariance), rel=1e-2) and stayed.warning == ""
 
 
-def test_two_places_separate_hard_and_induced_iron():
-    parts = separate_iron(at(GREENLAND), at(BREST), GREENLAND, BREST)
-    only_hard = at(GREENLAND, SOFT * np.array([1.0, 1.0, 0.0]) + np.diag([0.0, 0.0, 1.0]))
-    for k, letter in ((1, "B"), (2, "C")):
-        assert parts[letter]["hard_nT"] == pytest.approx(only_hard[k] * GREENLAND.horizontal_nT, abs=1e-6)
-        total = parts[letter]["hard_nT"] + parts[letter]["induced_nT"]
-        assert total == pytest.approx(at(GREENLAND)[k] * GREENLAND.horizontal_nT)
-    assert separate_iron(at(BREST), at(BREST), BREST, BREST) is None
-
-
 def test_a_weak_field_is_warned_of():
     carried = transfer_coefficients([placed(BREST)], FieldAtPlace(4000.0, 56000.0))
     assert carried.warning.startswith("the horizontal field is 4000 nT; below 5000 nT no correction is reliable")
@@ -101,6 +90,6 @@ def test_a_mooring_in_a_weak_field_is_warned_of_at_sea_too(tmp_path, horizontal,
     netcdf.write_record(tmp_path / "record.nc", record_of(seen))
     write_json(tmp_path / "field.json", vars(along))
     fit_stage.fit("M", record=tmp_path / "record.nc", pairs=tmp_path / "pairs.nc", field=tmp_path / "field.json",
-                  fit=tmp_path / "fit.json", method="exact", tilt=False, given=None, sphere=False,
+                  fit=tmp_path / "fit.json", method="exact", given=None, sphere=False,
                   say=print)  # fmt: skip
     assert any("no correction is reliable" in text for text in read_json(tmp_path / "fit.json")["warnings"]) == warns

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from compasslib import angles, compass
-from compasslib.deviation.tilt import tilted_coefficients
 from compasslib.effects import CATALOGUE, Scene
 from compasslib.effects.composed import BeamGain, PivotFriction, compose_effect, effect_by_name, place_effect
 from compasslib.effects.effect import turning_scene
@@ -163,7 +162,11 @@ def test_forward_model_without_terms_and_tilt_is_the_exact_compass():
 def test_heeling_is_the_vertical_iron_of_the_tilted_compass():
     level = np.array([0.0, 0.25, -0.2, 0.02, 0.01])  # A = 0: it rotates the reading here and tilts with the iron there
     ours = recorded_heading(ForwardModel(level, H_NT, (Heeling(3000.0),)), SCENE, HEADING)
-    tilted = tilted_coefficients(level, 3000.0 / H_NT, Z_NT / H_NT, SCENE.pitch_deg, SCENE.roll_deg)
+    soft = np.array([[1.02, 0.01, 0.0], [0.01, 0.98, 0.0], [0.0, 0.0, 1.0]])
+    tilted = compass.level_coefficients(
+        soft, np.array([0.25, -0.2, 3000.0 / H_NT]), horizontal_nT=1.0, vertical_nT=Z_NT / H_NT,
+        pitch_deg=SCENE.pitch_deg, roll_deg=SCENE.roll_deg,
+    )  # fmt: skip
     assert np.abs(angles.difference(ours, compass.recorded_heading(tilted, HEADING))).max() < 1e-9
 
 

@@ -10,7 +10,7 @@ import pytest
 from benchmarks import discrepancy as bench
 from benchmarks.discrepancy import field_of, fitted
 from compasslib import angles
-from compasslib.deviation.tilt import CompassSeries, average_compasses
+from compasslib.deviation.average import CompassSeries, average_compasses
 from compasslib.effects import SIDES, SLOW_WATER
 from compasslib.inference import blocks, design, heldout, noise, search
 from compasslib.inference.current import infer_current

@@ -149,7 +149,7 @@ def test_touched_raw_file_causes_no_run(copied):
 def test_changed_raw_file_reruns_its_mooring(copied):
     with (copied / "raw/GOOD/deep.csv").open("a") as stream:
         stream.write("\n")
-    stages = {"read", "overlap", "fit", "diagnose", "correct", "compare", "figures"}
+    stages = {"read", "overlap", "fit", "diagnose", "correct", "figures"}
     assert planned(copied) == {*((stage, "GOOD") for stage in stages), ("usable", ""), *PAGES}
 
 
@@ -161,9 +161,9 @@ def test_changed_calibration_reruns_only_its_own_mooring(copied):
 @pytest.mark.parametrize(("gone", "stages"), [
     ("corrected.nc", "correct figures"),
     ("figures/roses.png", "figures"),
-    ("diagnosis.json", "diagnose correct compare figures"),
-    ("work/fit.json", "fit diagnose correct compare figures"),
-    ("work/top.nc", "read overlap fit diagnose correct compare figures"),
+    ("diagnosis.json", "diagnose correct figures"),
+    ("work/fit.json", "fit diagnose correct figures"),
+    ("work/top.nc", "read overlap fit diagnose correct figures"),
 ])  # fmt: skip
 def test_deleted_result_is_made_again(copied, gone, stages):
     (copied / "results/GOOD" / gone).unlink()

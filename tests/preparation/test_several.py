@@ -98,24 +98,11 @@ def test_outlier_of_three_references_is_excluded(name):
     assert error_deg(combine_references(every), top, heading) < 3.0
 
 
-def test_step_in_a_reference_is_dated():
-    found, *_ = trio(6, {"mid": np.where(np.arange(3000) < 1800, 0.0, 15.0)})
-    (said,) = join_references(found, NAMES).warnings
-    assert "mid is left out" in said and "more from about" in said
-
-
 def test_first_of_two_contradictory_references_is_used():
     found, *_ = trio(7, {"mid": -10.0})
     every = join_references(found[:2], NAMES[:2])
     assert "cannot be determined" in every.warnings[0] and set(every.reference_index) == {0}
     assert every.doubts[0][0] == pytest.approx(10.0, abs=3.0)
-
-
-def test_duplicate_recording_gets_no_second_vote():
-    (right, wrong, _), *_ = trio(8, {"mid": 40.0})
-    every = join_references([right, wrong, take(wrong, slice(0, 2000))], ("right", "wrong", "again"))
-    assert "again is left out" in every.warnings[0] and "cannot be determined" in every.warnings[1]
-    assert set(every.reference_index) == {0} and every.doubts[0][0] == pytest.approx(40.0, abs=4.0)
 
 
 def add_reference(file: Path) -> dict:

@@ -34,7 +34,6 @@ STAGES = {
     "combine_records": "compasses/X/diagnosis.json",
     "diagnose_jointly": "M1/deviation.json",
     "correct": "M1/histograms.csv",
-    "compare": "M1/forms.json",
     "grid": "M1/gridded.nc",
     "figures": "M1/work/pictures.json",
     "sections": "M1/figures/profile.png",

@@ -100,7 +100,7 @@ def stated(folder: Path) -> dict[Job, set[str]]:
         ("transfer_calibration", of.transfer_calibration, carried, of.calibrations),
         ("diagnose", of.diagnose, [name for name in moorings if name not in joined], records),
         ("diagnose_alone", of.diagnose, joined, records),
-        ("diagnose_jointly", of.diagnose_jointly, joined, records, lambda name: [shared.moorings[name]]),
+        ("diagnose_jointly", of.diagnose, joined, records, lambda name: [shared.moorings[name]]),
         ("correct", of.correct, moorings, records),
         ("figures", drawn, moorings),
         ("grid", of.grid, [name for name in gridded if name not in daily], of.references, of.observatory),
@@ -137,7 +137,6 @@ overlap.bins: 1 | overlap
 overlap.predict: false | overlap
 overlap.grid_minutes: 30 | overlap
 overlap.grid_tolerance_minutes: 20 | overlap
-fit.tilt: true | fit diagnose_jointly
 fit.method: von_appen | fit overlap
 diagnose.enabled: true | diagnose diagnose_alone diagnose_jointly diagnose_calibration
 diagnose.apply: false | diagnose diagnose_alone diagnose_jointly diagnose_calibration
@@ -211,7 +210,6 @@ compromised: [mid, top] | usable grid
 instruments.mid.fit.name: [after, before] | usable transfer_calibration
 instruments.mid.parts: [frame, battery] | transfer_calibration
 config/moorings/M3.yaml
-fit.tilt: true | fit diagnose_jointly
 instruments.top.sphere: s2 | combine_records
 instruments.top.sphere_distance_m: 0.6 | diagnose_alone diagnose_jointly
 config/moorings/M4.yaml

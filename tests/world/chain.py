@@ -35,7 +35,7 @@ def make(folder: Path, name: str, into: Path, *, gridded: bool = False) -> Path:
     """Process a mooring as far as corrected.nc, or as gridded.nc, and return the folder of its results."""
     into = into.absolute()
     with chdir(folder):
-        process(load_cruise(Path()), name, into, compared_and_gridded=gridded)
+        process(load_cruise(Path()), name, into, gridded=gridded)
     return into
 
 

@@ -50,7 +50,7 @@ def results(wildcards=None):
     """List all files of moorings, calibrations and compasses that can go on, without the pages of the cruise."""
     moorings, calibrations = usable("moorings"), usable("calibrations")
     gridded = {name: files for name, files in MOORINGS.gridded.items() if set(MOORINGS.parts(name)) & set(moorings)}
-    of_moorings = ("overlap", "fit", "diagnose", "correct", "compare", "figures")
+    of_moorings = ("overlap", "fit", "diagnose", "correct", "figures")
     jobs = [
         *(("read", {"mooring": name, "role": role}) for name in moorings for role in MOORINGS.roles(name)),
         *((rule, {"mooring": name}) for name in moorings for rule in of_moorings),

@@ -145,7 +145,7 @@ use rule diagnose as diagnose_jointly with:
     group:
         lambda wildcards: group_of_mooring(wildcards, "mooring")
     params:
-        **parameters("diagnose.diagnose_jointly", MOORINGS.diagnose_jointly, zip(CRUISE.moorings)),
+        **parameters("diagnose.diagnose_jointly", MOORINGS.diagnose, zip(CRUISE.moorings)),
 
 
 rule correct:
@@ -215,27 +215,6 @@ use rule grid as grid_with_daily_means with:
         job="results/{mooring}/logs/grid.json",
     wildcard_constraints:
         mooring=guard.only(name for name, files in MOORINGS.gridded.items() if files[1:]),
-
-
-rule compare:
-    """Compare forms of the curve by prediction of held-out pairs; no other stage needs it."""
-    input:
-        pairs="results/{mooring}/work/pairs/overlap.nc",
-        deviation="results/{mooring}/deviation.json",
-    output:
-        forms="results/{mooring}/forms.json",
-        job="results/{mooring}/logs/compare.json",
-    log:
-        "results/{mooring}/logs/compare.log",
-    benchmark:
-        "results/{mooring}/benchmarks/compare.tsv"
-    priority: -1  # runs on cores that are idle otherwise
-    group:
-        lambda wildcards: group_of_mooring(wildcards, "mooring")
-    params:
-        **parameters("correct.compare"),
-    script:
-        "../scripts/stage.py"
 
 
 rule figures:

@@ -73,7 +73,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         n=len(solved.log.raw),
         coverage=len(np.unique(solved.headings()[0] // angles.SECTOR_DEG)),
         points=_points(solved),
-        details={**_details(solved, field), "doubts": misfits},
+        details={**_details(solved), "doubts": misfits},
         why=FOLDED if folded else "" if known else NO_DIP,
         warnings=(*warnings, *_warnings(solved), *misfits),
         **(_correction(solved, exact, folded=folded) if known else {}),
@@ -129,7 +129,7 @@ def _points(solved: SolvedIron) -> dict[str, Floats]:
     return columns | {name: values for name, values in extra.items() if values is not None}
 
 
-def _details(solved: SolvedIron, field: Field) -> dict[str, Any]:
+def _details(solved: SolvedIron) -> dict[str, Any]:
     """Collect the details specific to a magnetometer, ready for JSON; null where undetermined."""
     choice, size = solved.choice, solved.choice.scale * solved.gain(solved.iron)
     misalignment = {
@@ -138,40 +138,20 @@ def _details(solved: SolvedIron, field: Field) -> dict[str, Any]:
     }
     undetermined = dict(choice.undetermined)
     undetermined |= {f"turn about {name}": OPEN_TURN for name, angle in misalignment.items() if angle is None}
-    harmonics = None
-    if solved.headed:
-        recorded, corrected = solved.headings()
-        fields = {"before": (solved.readings.field, recorded), "after": (solved.corrected(), corrected)}
-        harmonics = {
-            when: dict(zip(("first", "second"), modulus_harmonics(modulus, heading), strict=True))
-            for when, (each, heading) in fields.items()
-            for modulus in [ellipsoid.modulus(each, solved.down)]
-        }
-    details: dict[str, Any] = {
+    return {
         "model": solved.fitted.model.name,
         "axes": solved.axes.text,
         **_iron(solved),
         "undetermined": list(undetermined),
         "undetermined_why": undetermined,
-        "standard_error_of_field": choice.weakest,
         "scores": choice.scores,
         "noise": size * solved.fitted.noise,
         "field_in_file_unit": size,
         "field_is": "horizontal" if choice.level else "total",
         "modulus_residual_percent": _residuals(solved),
-        "harmonics_percent": harmonics,
         "misalignment_deg": misalignment,
         "left_out": solved.log.left_out,
     }
-    if field is not None:
-        details["counts_per_nT"] = size / _strength(solved, field)
-    return details
-
-
-def _strength(solved: SolvedIron, field: Mapping[str, float]) -> float:
-    """Compute the modulus of the earth's field, nT, horizontal for a level platform, else total."""
-    level = field["horizontal_nT"]
-    return float(level if solved.choice.level else np.hypot(level, field["vertical_nT"]))
 
 
 def _iron(solved: SolvedIron) -> dict[str, Any]:
@@ -305,12 +285,6 @@ def exact_deviation(coefficients: Floats, recorded_deg: Floats) -> Floats:
 def series_coefficients(coefficients: Floats) -> Floats:
     """Fit A..E (5,), degrees, of the series in the recorded heading to an exact compass over the full circle."""
     return np.linalg.lstsq(series_design(GRID_DEG), exact_deviation(coefficients, GRID_DEG), rcond=None)[0]
-
-
-def modulus_harmonics(modulus: Floats, heading_deg: Floats) -> tuple[float, float]:
-    """Fit the first and second harmonic of a modulus against the heading, percent of its mean."""
-    k = np.linalg.lstsq(series_design(heading_deg), modulus, rcond=None)[0]
-    return float(100.0 * np.hypot(k[1], k[2]) / k[0]), float(100.0 * np.hypot(k[3], k[4]) / k[0])
 
 
 def estimate_tilt_misalignment(

@@ -243,7 +243,6 @@ class ModelChoice:
     level: bool = False
     scores: dict[str, float] = field(default_factory=dict)  # rms error of the modulus on held-out blocks, percent
     undetermined: dict[str, str] = field(default_factory=dict)  # parameter -> reason
-    weakest: dict[str, float] = field(default_factory=dict)  # parameter -> standard error relative to the field
     full: FittedEllipsoid | None = None  # the largest model that the readings determine
     why: str = ""
 
@@ -276,7 +275,7 @@ def _choose_spatial(body: Floats) -> ModelChoice | None:
         return None
     models = [model for model in (SPHERE, AXES, ELLIPSOID) if not set(lost) & set(model.free)]
     reasons = {name: _reason(unsure[name], "the orientations leave it") for name in lost}
-    partial = ModelChoice(scale=scale, undetermined=reasons, weakest=unsure)
+    partial = ModelChoice(scale=scale, undetermined=reasons)
     return _select_by_cross_validation(models, readings, centre, partial)
 
 
@@ -310,7 +309,7 @@ def _choose_level(
     reasons = _unobservable(log, unsure, down)
     reasons |= {name: _reason(both[name], "the part of a turn leaves it") for name in lost}
     models = [CIRCLE] if lost else [CIRCLE, ELLIPSE]
-    partial = ModelChoice(scale=scale, level=True, undetermined=reasons, weakest=unsure | standard_errors)
+    partial = ModelChoice(scale=scale, level=True, undetermined=reasons)
     return _select_by_cross_validation(models, readings, centre, partial)
 
 

@@ -81,7 +81,7 @@ def _make_swing(observed: Observations, settings: Mapping[str, Any]) -> Swing:
     sigma = options.declination_sigma_deg
     if sigma is None:
         sigma = earthfield.model_sigma(horizontal or 18_000.0)  # nT, of middle latitudes
-    return Swing(observed, options, float(declination), sigma, _marks(options, place), horizontal)
+    return Swing(observed, options, float(declination), sigma, _marks(options, place))
 
 
 def _place(
@@ -194,6 +194,7 @@ def _make_calibration(shell: Calibration, swing: Swing, series: SwingFit, exact:
     lag_s = [swing.observed.delay_s + float(series.parameters[LAG]), float(np.sqrt(series.covariance[LAG, LAG]))]
     drift = model.separate_drift(swing, series) if swing.observed.over_ground else None
     planned = adjustment.plan_magnets(coefficients, swing.options.table_step_deg)
+    steps, largest = adjustment.adjust(coefficients), planned["largest_deg"]["none"]
     more = {
         "drift": drift,
         "cardinal_without_water": _without_water(shell.details["cardinal"], drift, swing.declination_deg),
@@ -201,7 +202,8 @@ def _make_calibration(shell: Calibration, swing: Swing, series: SwingFit, exact:
         "delay": _describe_delay(swing.observed, *lag_s) if swing.observed.delay_s else None,
         "iso_25862": adjustment.verdict(table, swing.options.vessel_length_m, shell.details["speed_kn"]),
         "nullify": planned,
-        "correctors": adjustment.plan(coefficients, planned["largest_deg"]["none"], swing.horizontal_nT),
+        "correctors": {"steps": steps}
+        | ({"text": " ".join(step["text"] for step in steps)} if largest > adjustment.LIMIT_DEG else {}),
         "directive_force": adjustment.directive_force(coefficients, table.heading_deg),
         "n_effective": series.noises[COURSE].n_effective,
         "exact_residual_rms_deg": angles.rms(exact.residuals[COURSE]),

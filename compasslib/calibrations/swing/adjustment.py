@@ -265,9 +265,6 @@ def _advice(coefficients: Floats, largest: dict[str, float]) -> str:
     )
 
 
-# Adjustment: magnets by the courses of a swing, and spheres for D and E. The field of a soft-iron sphere of radius a
-# and high permeability in a field F is (a/r)^3 (3 (F n) n - F) at the distance r in the direction n.
-
 # By cardinal course: the coefficient that magnets change, its sign in the deviation, and that of E; MM (2) to (5).
 CARDINAL = {"N": ("C", 1.0, 1.0), "E": ("B", 1.0, -1.0), "S": ("C", -1.0, 1.0), "W": ("B", -1.0, -1.0)}
 COURSE_DEG = {"N": 0.0, "E": 90.0, "S": 180.0, "W": 270.0}
@@ -298,59 +295,3 @@ def adjust(
         step = {"course": course, "magnets": LIE[letter], "before_deg": before, "after_deg": (1.0 - share) * before}
         steps.append(step | {"B": letters["B"], "C": letters["C"], "shows_deg": float(shown), "text": text})
     return steps
-
-
-def magnet_field(value_deg: float, horizontal_nT: float) -> float:
-    """Compute the field towards the bow that nullifies B, or towards starboard that nullifies C, nT per unit lambda."""
-    return -float(angles.sin_cos(value_deg)[0]) * horizontal_nT
-
-
-def spheres(
-    d_deg: float, e_deg: float, diameter_mm: float = 180.0, *, min_quadrantal_deg: float = 0.5
-) -> dict[str, float] | None:
-    """Place two spheres of soft iron that nullify D and E; None where both are small.
-
-    3 (a/r)^3 = lambda sqrt(D^2 + E^2), with lambda (0.8 to 1 aboard) taken as 1: an error of 0.1 is 3.5 % of the
-    distance. For positive D the centres lie athwartships; the line is slewed clockwise by half the angle of (D, E).
-
-    Args:
-        diameter_mm: of the spheres; 180 mm in an ordinary binnacle.
-        min_quadrantal_deg: quadrantal deviation below which no spheres are proposed.
-    """
-    d, e = (float(sine) for sine in angles.sin_cos([d_deg, e_deg])[0])
-    size = float(np.hypot(d, e))
-    if size < min_quadrantal_deg * angles.DEGREE:
-        return None
-    slew = float(angles.wrap180(angles.direction(e, d))) / 2.0
-    distance = diameter_mm / 2.0 * (3.0 / size) ** (1.0 / 3.0)
-    return {"slew_deg": slew, "distance_mm": distance, "diameter_mm": diameter_mm}
-
-
-def plan(coefficients: Floats, largest_deg: float, horizontal_nT: float | None) -> dict[str, Any]:
-    """Plan the adjustment of a compass: magnets course by course, their fields, spheres.
-
-    Args:
-        largest_deg: largest deviation; up to 4 degrees no adjustment is needed and none is advised.
-        horizontal_nT: the earth's horizontal field, None if unknown.
-    """
-    letters, steps = dict(zip(LETTERS, coefficients.tolist(), strict=True)), adjust(coefficients)
-    placed = spheres(letters["D"], letters["E"])
-    fields = {k: magnet_field(letters[k], horizontal_nT) for k in "BC"} if horizontal_nT is not None else None
-    content = {"steps": steps, "field_nT": fields, "spheres": placed}
-    if largest_deg <= LIMIT_DEG:
-        return content
-    sentences = [step["text"] for step in steps]
-    if fields:
-        forward, starboard = fields["B"], fields["C"]
-        sentences.append(
-            f"The magnets make {abs(forward):.0f} nT towards the {'bow' if forward > 0 else 'stern'} and "
-            f"{abs(starboard):.0f} nT towards {'starboard' if starboard > 0 else 'port'}, times lambda."
-        )
-    if placed:
-        sense = "clockwise" if placed["slew_deg"] >= 0 else "anticlockwise"
-        sentences.append(
-            f"D {letters['D']:+.1f}° and E {letters['E']:+.1f}° are nullified by two soft-iron spheres of "
-            f"{placed['diameter_mm']:.0f} mm, centres {placed['distance_mm']:.0f} mm from the compass, their line "
-            f"{abs(placed['slew_deg']):.0f}° {sense} of athwartships."
-        )
-    return content | {"text": " ".join(sentences)}

@@ -172,7 +172,6 @@ class Swing:
     declination_deg: float
     declination_sigma_deg: float
     marks: tuple[tuple[float, float], ...] = ()  # (recorded, true) headings by a visual mark or the sun
-    horizontal_nT: float | None = None  # the earth's horizontal field, None where unknown
 
     @property
     def has_speed(self) -> bool:
@@ -382,10 +381,6 @@ def separate_drift(swing: Swing, series: SwingFit) -> dict[str, object]:
     ahead, side = (float(np.sqrt(max(float(x @ water @ x), 0.0))) for x in (along, across))
     sigma_set = float(angles.direction(side, drift)) if drift else 90.0
     described = f"set {set_deg:.0f} ± {1.96 * sigma_set:.0f}° (true), drift {drift:.2f} ± {1.96 * ahead:.2f} {unit}"
-    index = [1, 2, *DRIFT]  # combination of B, C and drift with the largest normalized variance
-    scale = sigma[index]
-    size, vectors = np.linalg.eigh(covariance[np.ix_(index, index)] / np.outer(scale, scale))
-    weakest = dict(zip(("B", "C", "east", "north"), (float(x) for x in vectors[:, -1]), strict=True))
     return {
         "set_deg": set_deg,
         "drift_kn": drift if swing.has_speed else None,
@@ -400,8 +395,6 @@ def separate_drift(swing: Swing, series: SwingFit) -> dict[str, object]:
             for name, k in (("B", 1), ("C", 2))
             for towards, j in (("east", EAST), ("north", NORTH))
         },
-        "left_of_belief": left,
-        "largest_alike": {"share": float(size[-1] / size.sum()), "direction": weakest},
         "log_scale": float(series.parameters[LOG]) if np.isfinite(prior[LOG]) and prior[LOG] > 1e-6 else None,
         "separable": left < MAX_PRIOR_SHARE,
         "described": described,

@@ -148,16 +148,16 @@ class _FittedHeads:
 
 
 def _make_calibration(fitted: _FittedHeads, warnings: tuple[str, ...]) -> Calibration:
-    pairs, clock, series = fitted.pairs, fitted.clock, fitted.series
+    pairs, series = fitted.pairs, fitted.series
     rms = angles.rms(series.residual_deg[series.used])
-    warnings = warnings + clock.warnings + _warnings(fitted)
+    warnings = warnings + fitted.clock.warnings + _warnings(fitted)
     coverage, points = int(series.covered.sum()), _points(fitted)
     if rms > UNRELATED_DEG:
         why = (
             f"b's headings do not follow a's ({rms:.0f}° rms about any constant turn): these heads do not stand on one "
             "frame, or their clocks are farther apart than max_clock_seconds"
         )
-        return replace(_no_calibration(len(pairs), why, warnings + clock.warnings), coverage=coverage, points=points)
+        return replace(_no_calibration(len(pairs), why, warnings), coverage=coverage, points=points)
     # Refused terms are NaN; A is 0 by definition.
     coefficients, covariance = np.full(5, np.nan), np.full((5, 5), np.nan)
     coefficients[: series.terms] = series.coefficients

@@ -256,11 +256,7 @@ def _offset(value: Floats, covariance: Floats) -> tuple[float, float]:
 
 
 def _lattice_peak(
-    a: Motion,
-    b: Motion,
-    max_offset_s: float,
-    *,
-    min_gain_sigmas: float = 5.0,
+    a: Motion, b: Motion, max_offset_s: float, *, min_gain_sigmas: float = 5.0
 ) -> tuple[float, dict[str, float]]:
     """Find the lag at which the rates of tilts and headings correlate best, and both correlations there.
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from compasslib import angles, compass
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.exact import held_out_scores
-from compasslib.deviation.likelihood import EXACT, SeriesInCorrect
+from compasslib.deviation.likelihood import EXACT, SERIES
 from compasslib.deviation.model import DeviationFit, nearest_root, observed_heading, pair_speeds
 from compasslib.deviation.series import invert_series
 from compasslib.effects import Effect
@@ -285,7 +285,7 @@ def _repair_clock(pairs: Pairs, fit: DeviationFit, clock: ClockError) -> tuple[R
     again = repair_pairs(pairs, clock)
     if not (short := len(again) < FEWEST_PAIRS):
         start = fit if fit.known_beforehand or fit.prior is not None else None  # else the fit contains the clock error
-        freed = fit_deviation(fit.method, again, start, dip_ratio=fit.dip_ratio)
+        freed = fit_deviation(fit.method, again, start)
         clock_result = clock_findings(pairs, again, (fit, freed), clock)
         if freed.fitted and not any(finding.held_out.refuted for finding in clock_result):
             return Repair(again, freed, clock_result), ()
@@ -346,9 +346,7 @@ def exact_compass_findings(
     # Score the exact compass against the best series on held-out blocks.
     compared = take(pairs, np.arange(0, len(pairs), max(1, len(pairs) // COMPARED_PAIRS)))
     block = blocks_by_span(compared.time_s, finding.HELD_OUT_BLOCK_S)
-    scores = [
-        held_out_scores(form, compared, block % 2, near) for form, near in ((SeriesInCorrect(), None), (EXACT, fit))
-    ]
+    scores = [held_out_scores(form, compared, block % 2, near) for form, near in ((SERIES, None), (EXACT, fit))]
     left = [held_out_residual(compared, near) for near in (series, fit)]
     proof = finding.bootstrap_gain(scores[1] - scores[0], block, (angles.rms(left[0]), angles.rms(left[1])))
     if proof.p_value > LARGE_DEVIATION_P or proof.refuted:
