@@ -168,7 +168,7 @@ class Record(Labelled):
     counts: dict[str, int] = field(default_factory=dict)  #: numbers of samples read, skipped and flagged
     warnings: tuple[str, ...] = ()  #: sentences for the report
     unstated: tuple[str, ...] = ()  #: keys of the mooring file that its files leave open
-    tests: NDArray[np.int16] | None = None  #: (n, m) bits of the tests that each velocity failed; None without tests
+    tests: NDArray[np.int32] | None = None  #: (n, m) bits of the tests that each velocity failed; None without tests
 
     def bin_depth_m(self) -> Floats:
         """Compute the depth of every bin at every sample, including mooring blow-down, (n, m) metres."""

@@ -135,7 +135,7 @@ RECORD = {
     "quality": quality_variable(Variable("VELOCITY", "", dimensions=BINS)),
     "heading_quality": quality_variable(Variable("HEADING", "")),
     "tests": Variable(
-        "VELOCITY_QC_TESTS", "tests that the velocity failed", "", "status_flag", BINS, "i2", fill=None, also=_TESTS
+        "VELOCITY_QC_TESTS", "tests that the velocity failed", "", "status_flag", BINS, "i4", fill=None, also=_TESTS
     ),
 }
 
@@ -284,7 +284,7 @@ _TABLE = (
     _current("UCUR_UNCERTAINTY", "uncertainty of UCUR", _STANDARD_DEVIATION),
     _current("VCUR_UNCERTAINTY", "uncertainty of VCUR", _STANDARD_DEVIATION),
     Variable(
-        "UCUR_QC_TESTS", "tests that UCUR and VCUR failed", "", "status_flag", BINS, "i2", fill=None, also=_TESTS,
+        "UCUR_QC_TESTS", "tests that UCUR and VCUR failed", "", "status_flag", BINS, "i4", fill=None, also=_TESTS,
         content="qualityInformation", flagged=False,
         comment="Bits of all tests that a velocity failed; names after QARTOD's tests and the IMOS toolbox.",
     ),

@@ -62,6 +62,7 @@ def grid(
     site: Mapping[str, Any],
     attributes: Mapping[str, Any],
     superseded: Mapping[str, Any] | None,
+    by_hand: Sequence[str],
     say: Callable[[str], None],
 ) -> None:
     """Write velocities on fixed depths and times.
@@ -75,6 +76,7 @@ def grid(
         rotors: whether each reference counts its speed by a mechanical rotor.
         attributes: global attributes from the YAML files.
         superseded: the earlier deposit, as returned by ``deposit.describe_superseded``.
+        by_hand: descriptions of the flags that a person gave.
 
     Raises:
         InputError: an observatory's file cannot be read.
@@ -108,7 +110,7 @@ def grid(
     after = sum(int(np.isfinite(part.corrected.heading_corrected_deg).sum()) for part in affected)
     sources = netcdf.read_sources([*records, *references, *pairs])
     described = archive.FileDescription(
-        Site(**site), along, attributes, _describe_processing(affected, along, sources, superseded),
+        Site(**site), along, attributes, _describe_processing(affected, along, sources, superseded, by_hand),
         (before, after), also=_seam_attributes(affected, seams),
     )  # fmt: skip
     means = DailyMeans(axes, errors) if gridded[1:] else None
@@ -166,10 +168,14 @@ def _read_affected(
 
 
 def _describe_processing(
-    affected: Sequence[_Affected], along: EarthField, sources: Mapping[str, str], superseded: Mapping[str, Any] | None
+    affected: Sequence[_Affected],
+    along: EarthField,
+    sources: Mapping[str, str],
+    superseded: Mapping[str, Any] | None,
+    by_hand: Sequence[str],
 ) -> dict[str, Any]:
     """Describe how the headings were corrected; several instruments are listed by name."""
-    each = {part.source.name: provenance.processing(part.made_by, along, sources, superseded) for part in affected}
+    each = {p.source.name: provenance.processing(p.made_by, along, sources, superseded, by_hand) for p in affected}
     first = next(iter(each.values()))
     if len(each) == 1:
         return first
