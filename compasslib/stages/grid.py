@@ -21,12 +21,13 @@ from compasslib.inference import covariates
 from compasslib.inference import product as products
 from compasslib.inference.product import Product
 from compasslib.product.cells import average_angle, compare_at_seam, describe_seam
+from compasslib.product.daily import GODIN_H, DailyMeans
 from compasslib.product.errors import (
     AffectedHeadings,
     compass_modes,
     heading_errors,
 )
-from compasslib.product.grid import DailyMeans, GridRules, Source, Survey, make_axes, survey
+from compasslib.product.grid import GridRules, Source, Survey, make_axes, survey
 from compasslib.product.grid import grid as make_grid
 from compasslib.records import PROBABLY_BAD, CorrectedRecord, EarthField, Pairs
 
@@ -113,10 +114,10 @@ def grid(
         Site(**site), along, attributes, _describe_processing(affected, along, sources, superseded, by_hand),
         (before, after), also=_seam_attributes(affected, seams),
     )  # fmt: skip
-    means = DailyMeans(axes, errors) if gridded[1:] else None
+    means = [DailyMeans(axes, errors, running_h) for running_h in ((), GODIN_H)] if gridded[1:] else []
     counts = archive.write_gridded(gridded[0], whole, described, means)
-    if means is not None:
-        archive.write_daily(gridded[1], whole, described, means)
+    if means:
+        archive.write_daily(gridded[1], whole, described, *means)
     doubtful = [part.source.name for part in affected if part.doubtful]
     only = f"; all of {', '.join(doubtful)} have flag 3" if doubtful else ""
     say(
