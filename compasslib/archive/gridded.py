@@ -19,7 +19,7 @@ from compasslib.archive.files import CHUNK, create_netcdf, open_netcdf, read_var
 from compasslib.archive.netcdf import days_since_1950, seconds_since_1970
 from compasslib.archive.variables import GRIDDED, LOW_PASSED, SECTION_SIGMA, Variable, quality_variable
 from compasslib.errors import InputError
-from compasslib.product.cells import Velocities
+from compasslib.product.cells import Axes, Velocities
 from compasslib.product.daily import DailyMeans
 from compasslib.product.errors import HeadingErrors, sum_sigma, time_variances
 from compasslib.product.grid import GriddedProduct, Piece, Source, empty_piece
@@ -152,18 +152,19 @@ def write_gridded(
     axes = product.axes
     counts = np.zeros(3, dtype=int)
     written, turned = description.compose("gridded", axes.time_s, axes.depth_m)
-    attributes = _column_attributes(turned, product.memory_s)
+    attributes = column_attributes(turned, product.memory_s)
     with create_netcdf(path, "NETCDF4_CLASSIC") as nc:
         nc.setncatts(written)
-        rising = _put_frame(nc, product, description.site, axes.time_s, axes.step_s)
-        _put_headings(nc, product)
+        rising = any(source.rising for source in product.sources)
+        put_frame(nc, product.errors, axes, description.site)
+        put_headings(nc, product.errors, product.deviation_deg, [source.name for source in product.sources])
         for piece in product:
-            _put_columns(nc, _columns(piece, rising), attributes, piece.slots)
+            put_columns(nc, _columns(piece, rising), attributes, piece.slots)
             counts += piece.source.size, np.sum(piece.source >= 0), np.sum(piece.quality == 8)
             for each in daily:
                 each.add(piece)
         if not len(axes.time_s):
-            _put_columns(nc, _columns(empty_piece(len(axes.depth_m), True), rising), {}, slice(0, 0))
+            put_columns(nc, _columns(empty_piece(len(axes.depth_m), True), rising), {}, slice(0, 0))
     return dict(zip(("cells", "filled", "interpolated"), counts.tolist(), strict=True))
 
 
@@ -176,15 +177,15 @@ def write_daily(
     written, turned = description.compose("gridded-daily", means.time_s, product.axes.depth_m)
     with create_netcdf(path, "NETCDF4_CLASSIC") as nc:
         nc.setncatts(written)
-        _put_frame(nc, product, description.site, means.time_s, DAY_S)
-        _put_headings(nc, replace(product, errors=means.errors, deviation_deg=means.deviation_deg))
-        _put_columns(nc, _columns(means.piece, False), _column_attributes(turned, product.memory_s))
-        _put_columns(nc, low_passed, {})
+        put_frame(nc, means.errors, replace(product.axes, time_s=means.time_s, step_s=DAY_S), description.site)
+        put_headings(nc, means.errors, means.deviation_deg, [source.name for source in product.sources])
+        put_columns(nc, _columns(means.piece, False), column_attributes(turned, product.memory_s))
+        put_columns(nc, low_passed, {})
         for name, values in (("N_SAMPLES", means.count), ("SHRINKAGE", means.shrinkage)):
             _put(nc, GRIDDED[name], values, {"QC_indicator": "unknown"})
 
 
-def _column_attributes(turned: Mapping[str, object], memory_s: float) -> dict[str, Mapping[str, object]]:
+def column_attributes(turned: Mapping[str, object], memory_s: float) -> dict[str, Mapping[str, object]]:
     """Return, by name of the variable, the attributes that differ from file to file."""
     averaged: dict[str, object] = {"cell_methods": "TIME: mean"}
     memory: dict[str, object] = {"error_memory_hours": memory_s / HOUR_S}
@@ -192,12 +193,13 @@ def _column_attributes(turned: Mapping[str, object], memory_s: float) -> dict[st
     return {**velocities, "UCUR_UNCERTAINTY": memory, "VCUR_UNCERTAINTY": memory}
 
 
-def _put_columns(
+def put_columns(
     nc: netCDF4.Dataset,
     columns: Mapping[str, NDArray[Any]],
     attributes: Mapping[str, Mapping[str, object]],
     rows: slice | None = None,
 ) -> None:
+    """Write variables of cells or times, by name, with attributes of their own."""
     for name, values in columns.items():
         variable = GRIDDED.get(name) or quality_variable(GRIDDED[name.removesuffix("_QC")])
         _put(nc, variable, values, attributes.get(name, {}), rows)
@@ -298,18 +300,17 @@ def _mean_profile(moments: Complexes, number: Floats) -> MeanProfile:
     return MeanProfile(total, (power + twice.real) / 2.0, (power - twice.real) / 2.0, twice.imag / 2.0)
 
 
-def _put_frame(nc: netCDF4.Dataset, product: GriddedProduct, site: Site, time_s: Floats, step_s: float) -> bool:
-    """Write dimensions and coordinates; return whether vertical velocities were measured."""
-    name = np.frombuffer(site.name.encode(), dtype="S1")
-    shares = product.errors.shares
-    sizes = {"TIME": len(time_s), "DEPTH": len(product.axes.depth_m), "MODE": shares.shape[1]}
+def put_frame(nc: netCDF4.Dataset, errors: HeadingErrors, axes: Axes, site: Site) -> None:
+    """Write dimensions and coordinates."""
+    name, shares = np.frombuffer(site.name.encode(), dtype="S1"), errors.shares
+    sizes = {"TIME": len(axes.time_s), "DEPTH": len(axes.depth_m), "MODE": shares.shape[1]}
     sizes |= {"SOURCES": len(shares), "NAME_LENGTH": len(name), "NV": 2}
     for dimension, size in sizes.items():
         nc.createDimension(dimension, size)
-    write_variable(nc, variables.GRID_TIME, days_since_1950(time_s))
-    write_variable(nc, variables.GRID_DEPTH, product.axes.depth_m)
+    write_variable(nc, variables.GRID_TIME, days_since_1950(axes.time_s))
+    write_variable(nc, variables.GRID_DEPTH, axes.depth_m)
     halves = np.array([-0.5, 0.5])
-    bounds = time_s[:, None] + step_s * halves, product.axes.depth_m[:, None] + product.axes.step_m * halves
+    bounds = axes.time_s[:, None] + axes.step_s * halves, axes.depth_m[:, None] + axes.step_m * halves
     write_variable(nc, variables.BOUNDS["TIME"], days_since_1950(bounds[0]))
     write_variable(nc, variables.BOUNDS["DEPTH"], np.maximum(bounds[1], 0.0))
     write_variable(nc, variables.LATITUDE, site.latitude)
@@ -317,11 +318,10 @@ def _put_frame(nc: netCDF4.Dataset, product: GriddedProduct, site: Site, time_s:
     write_variable(nc, variables.STATION, name)
     write_variable(nc, variables.MODE, np.arange(1, shares.shape[1] + 1))
     write_variable(nc, variables.SOURCES, np.arange(1, len(shares) + 1))
-    return any(source.rising for source in product.sources)
 
 
-def _put_headings(nc: netCDF4.Dataset, product: GriddedProduct) -> None:
-    errors = product.errors
+def put_headings(nc: netCDF4.Dataset, errors: HeadingErrors, deviation_deg: Floats, instruments: Sequence[str]) -> None:
+    """Write the heading errors and corrections, and define SOURCE, affected instruments first."""
     place = {"coordinates": "LATITUDE LONGITUDE", "QC_indicator": "unknown"}
     named = {"mode_names": ", ".join(errors.names), **place}
     memory = {"memory_hours": errors.memory_s / HOUR_S, **place}
@@ -332,14 +332,13 @@ def _put_headings(nc: netCDF4.Dataset, product: GriddedProduct) -> None:
         nc.createDimension("AFFECTED", len(errors.random))
     for name, also, values in (
         ("HEADING_ERROR_RANDOM", memory, errors.random),
-        ("HEADING_CORRECTION", place, product.deviation_deg),
+        ("HEADING_CORRECTION", place, deviation_deg),
     ):
         described = replace(GRIDDED[name], dimensions=("AFFECTED", "TIME")) if several else GRIDDED[name]
         write_variable(nc, _with(described, also), values if several else values[0], level=4)
-    numbers = np.arange(len(product.sources) + 1, dtype=np.int8)
-    meanings = " ".join(["none", *(source.name for source in product.sources)])
+    numbers, meanings = np.arange(len(instruments) + 1, dtype=np.int8), " ".join(["none", *instruments])
     described = _with(GRIDDED["SOURCE"], {"flag_values": numbers, "flag_meanings": meanings})
-    _put(nc, described, np.zeros((0, len(product.axes.depth_m)), dtype=np.int8), {}, slice(0, 0))
+    _put(nc, described, np.zeros((0, len(nc.dimensions["DEPTH"])), dtype=np.int8), {}, slice(0, 0))
 
 
 def _columns(piece: Piece, rising: bool) -> dict[str, NDArray[Any]]:

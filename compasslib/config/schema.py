@@ -74,7 +74,7 @@ KNOWN_SERIES = (
 )
 # Other entries of results/, in lower case as some file systems ignore case.
 RESERVED = (
-    *("calibrations", "compasses", "proof", "logs", "benchmarks", "figures"),
+    *("calibrations", "compasses", "sites", "proof", "logs", "benchmarks", "figures"),
     *("summary.csv", "report.html", "usable.json", "ro-crate-metadata.json"),
 )
 FOLDERS = ("work", "figures", "logs", "benchmarks")  # subfolders of results/NAME
@@ -387,6 +387,7 @@ class Mooring(Section):
     reference: Names = key("the name of the reference instrument, or a list of names", "deep", ())
     instruments: dict[Name, Instrument] = key("a mapping of names to instruments", "{top: {format: pd0, ...}}")
     attributes: Attributes = key(_ATTRIBUTES_WORDS, "{project: My Project}", {})
+    site: Name | None = key("a name that all deployments of one site carry", "denmark_strait", None)
     fit: FitOptions = key("a mapping", "{method: exact}", FitOptions())
     diagnose: Diagnose = key("a mapping", "{apply: true}", Diagnose())
     confirmed: Confirmed = key("a mapping", "{constant: true}", Confirmed())
@@ -422,6 +423,12 @@ class Mooring(Section):
             raise problem("name", expected, shown(self.name), "rename the mooring")
         if self.start_s >= self.end_s:
             raise problem("end", f"a time after start, {iso(self.start_s)}", iso(self.end_s), "correct one of the two")
+        grid = self.product.grid
+        if self.site and not (self.product.daily and grid and grid.step_m and grid.from_m is not None):
+            expected = "product: {daily: true, grid: {step_m: ..., from_m: ...}}, as deployments are joined on one axis"
+            raise problem(
+                "site", expected, "other keys of product", "add them to config.yaml, for all deployments alike"
+            )
         for name, series in self.covariates.items():
             if name in KNOWN_SERIES and series.format == "table":
                 expected = "for a table a name that the search does not use itself"

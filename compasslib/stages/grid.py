@@ -11,7 +11,7 @@ import numpy as np
 
 from compasslib import earthfield
 from compasslib.archive import gridded as archive
-from compasslib.archive import netcdf, provenance
+from compasslib.archive import netcdf, provenance, sites
 from compasslib.archive.attributes import Site
 from compasslib.archive.files import read_json
 from compasslib.deviation.correction import record_readings, reference_modes
@@ -128,6 +128,26 @@ def grid(
     for part, seam in zip(affected, seams, strict=True):
         if sentence := describe_seam(seam):
             say(f"{mooring}: {f'{part.source.name}: ' * (len(affected) > 1)}{sentence}")
+
+
+def join_site(
+    site: str,
+    *,
+    daily: Sequence[str],
+    joined: str,
+    names: Sequence[str],
+    attributes: Mapping[str, Any],
+    say: Callable[[str], None],
+) -> None:
+    """Join the daily means of the deployments of a site, ``names`` in order of time, as far as they have any.
+
+    Raises:
+        InputError: depths of two deployments are not on one axis.
+    """
+    files = {Path(file).parent.name: file for file in daily}
+    there = {name: files[name] for name in names if name in files}
+    seams = sites.join_daily(joined, there, site, attributes)
+    say("\n".join([f"{site}: daily means of {', '.join(there)} joined", *(f"{site}: {seam}" for seam in seams)]))
 
 
 def _read_affected(

@@ -87,6 +87,18 @@ class Moorings:
         wanted = {name: self.mooring(name).product for name in self.cruise.whole}
         return {name: ["gridded.nc", *["gridded_daily.nc"] * each.daily] for name, each in wanted.items() if each.grid}
 
+    @cached_property
+    def sites(self) -> dict[str, list[str]]:
+        """Moorings at each site that has a name, in order of time."""
+        at: dict[str, list[str]] = {}
+        for name in sorted(self.cruise.whole, key=lambda name: self.mooring(name).start_s):
+            if site := self.mooring(name).site:
+                at.setdefault(site, []).append(name)
+        return at
+
+    def join_site(self, site: str) -> Arguments:
+        return {"names": self.sites[site], "attributes": self._attributes(self.parts(self.sites[site][0])[0])}
+
     def read(self, name: str, role: str) -> Arguments:
         return {
             "form": self._instrument(name, role).format,
@@ -356,6 +368,8 @@ def configuration(cruise: Cruise) -> dict[str, list[str]]:
     for name, (moorings, given) in compasses.members(cruise.moorings, cruise.calibrations).items():
         each = [*(cruise.mooring_files[mooring] for mooring in moorings), *(f"{CALIBRATIONS}/{c}.yaml" for c in given)]
         files[f"compass {name}"] = [CONFIG, *each]
+    for site, names in Moorings(cruise).sites.items():
+        files[f"site {site}"] = [CONFIG, *(files[f"mooring {name}"][1] for name in names)]
     return {"": [CONFIG]} | files
 
 
@@ -425,6 +439,16 @@ def check_cruise(cruise: Cruise) -> None:
             raise InputError(f"{file}: name", expected=" or ".join(SIMULATED), found=name, advice=advice)
     for name in cruise.moorings if cruise.options.supersedes else ():
         Moorings(cruise).superseded(name)
+    for first, *others in Moorings(cruise).sites.values():
+        for name in others:
+            grids = [Moorings(cruise).mooring(each).product.grid for each in (first, name)]
+            axes = [f"{{step_m: {grid.step_m:g}, from_m: {grid.from_m:g}}}" for grid in grids if grid]
+            if axes[0] != axes[1]:
+                where, expected = (
+                    f"{cruise.mooring_files[cruise.whole[name][0]]}: product.grid",
+                    f"{axes[0]} as {first}",
+                )
+                raise InputError(where, expected=expected, found=axes[1], advice="write the same for all of the site")
 
 
 def _described(mooring: Mooring) -> dict[str, Any]:

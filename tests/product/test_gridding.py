@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 
 import netCDF4
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from compasslib.archive import gridded, netcdf
+from compasslib.archive import gridded, netcdf, sites
 from compasslib.archive.attributes import Site
 from compasslib.errors import InputError
 from compasslib.plots import timeseries
@@ -354,6 +355,42 @@ def test_filter_removes_tides_and_keeps_slow_currents():
     off = [np.abs(x.piece.cells.velocity[there, 3] - expected[there]).max() for x in (means, filtered)]
     assert off[1] < 0.004 < 0.02 < off[0]  # what a daily mean leaves of diurnal tides, the filter takes
     assert (filtered.piece.noise[there, 3] < means.piece.noise[there, 3]).all()
+
+
+@pytest.mark.filterwarnings("ignore")  # warnings of the checker itself
+@pytest.mark.parametrize("days", [20, 11])
+def test_deployments_of_a_site_are_joined_with_their_errors(written, tmp_path, days):
+    first, later = written[0] / "gridded_daily.nc", tmp_path / "later.nc"
+    shutil.copyfile(first, later)
+    with netCDF4.Dataset(later, "a") as nc:
+        for name in ("TIME", "TIME_bnds"):
+            nc[name][:] = nc[name][:] + days
+        nc["UCUR"][:] = nc["UCUR"][:] + 0.05
+    seams = sites.join_daily(tmp_path / "joined.nc", {"A": first, "B": later}, "S", {})
+    single, both = gridded.open_gridded(first), gridded.open_gridded(tmp_path / "joined.nc")
+    count = len(single.time_s)
+    assert len(both.time_s) == count + days and conventions.remarks(tmp_path / "joined.nc") == []
+    assert both.instruments == ("A_top", "B_top", "A_deep", "B_deep") and both.errors.random.shape[0] == 2
+    alone = min(days, count)
+    assert both.velocity[:alone] == pytest.approx(single.velocity[:alone], nan_ok=True)
+    assert both.velocity[-count + 3 :] == pytest.approx(single.velocity[3:] + 0.05, nan_ok=True)
+    there = np.isfinite(single.velocity) & np.isfinite(single.east_sigma)
+    value, sigma = single.sum_cells(there / there.sum(), 0.0)
+    inside = np.zeros(both.velocity.shape, dtype=bool)
+    inside[:count] = there  # of the first deployment alone, where no day is common
+    if days == 20:
+        assert seams == ["A to B, 0.0 km apart: 7 days between them"]
+        assert both.sum_cells(inside / there.sum(), 0.0) == (pytest.approx(value), pytest.approx(sigma))
+    else:
+        assert "2 common days; later minus earlier" in seams[0]
+        # The fixture's one mode stands for the declination, which is common; the random parts are not.
+        everywhere = np.isfinite(both.velocity) & np.isfinite(both.east_sigma)
+        assert 0.9 * sigma < both.sum_cells(everywhere / everywhere.sum(), 0.0)[1] < 1.1 * sigma
+    with netCDF4.Dataset(later, "a") as nc:
+        for name in ("DEPTH", "DEPTH_bnds"):
+            nc[name][:] = nc[name][:] + 3.0
+    with pytest.raises(InputError, match="site S: B: expected depths on the axis of A, 8 m apart"):
+        sites.join_daily(tmp_path / "other.nc", {"A": first, "B": later}, "S", {})
 
 
 def test_section_figures_are_drawn_with_and_without_velocities(written, tmp_path):
