@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from compasslib.archive import gridded, netcdf, sites
+from compasslib.archive import gridded, netcdf, sites, summary
 from compasslib.archive.attributes import Site
 from compasslib.errors import InputError
-from compasslib.plots import timeseries
+from compasslib.plots import moorings, timeseries
 from compasslib.plots.page import DPI, WIDTH_IN
 from compasslib.product.cells import Differences, Velocities, average_slots
 from compasslib.product.daily import GODIN_H, DailyMeans
@@ -403,6 +403,13 @@ def test_section_figures_are_drawn_with_and_without_velocities(written, tmp_path
             with Image.open(tmp_path / f"{name}.png") as image:
                 colours = image.convert("RGB").getcolors(1 << 20)
                 assert image.width == round(WIDTH_IN * DPI) and (len(colours) > 350) == (name == "some"), draw
+    series = summary.read_depth_series(written[0] / "gridded.nc")
+    assert series.depth_m["recorded"] == series.depth_m["corrected"] and series.step_s == HOUR_S
+    long = np.exp(2j * np.pi * np.arange(40 * 24) / 12.42)
+    for name, flows in (("brief", series.velocity), ("long", dict.fromkeys(series.velocity, long))):
+        moorings.draw_rotary(tmp_path / f"{name}.png", replace(series, velocity=flows))
+        with Image.open(tmp_path / f"{name}.png") as image:
+            assert (len(image.convert("RGB").getcolors(1 << 20)) > 300) == (name == "long")
     some = np.array([[0.02, 0.011], [0.011, 0.01]])
     size, angle = timeseries.principal_axis(gridded.MeanProfile(0j, some[0, 0], some[1, 1], some[0, 1]))
     values, vectors = np.linalg.eigh(some)
