@@ -7,7 +7,7 @@ which the water flows. ``take`` selects samples, ``join_records`` joins the file
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
@@ -22,86 +22,37 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 
-NEEDED = "xarray is needed for labelled data; install it by: pip install 'compasslib[xarray]'"
-# Units by the last word of an array's name; names of velocities have no unit.
-UNITS = {
-    "deg": "degrees",
-    "m": "m",
-    "minutes": "minutes",
-    "dbar": "dbar",
-    "c": "degree_Celsius",
-    "probability": "1",
-    "quality": "1",
-    "index": "1",
-}
-VELOCITIES = ("east", "north", "up", "velocity")  # words in the names of arrays in m/s
-DIMENSIONS = ("time", "bin", "beam")
+def import_xarray() -> Any:
+    """Import xarray, which is needed for labelled data only.
+
+    Raises:
+        ImportError: xarray is not installed.
+    """
+    try:
+        import xarray
+    except ImportError as error:
+        needed = "xarray is needed for labelled data; install it by: pip install 'compasslib[xarray]'"
+        raise ImportError(needed) from error
+    return xarray
 
 
 class Labelled:
-    """Mixin for frozen dataclasses of arrays along ``time_s`` that can be converted to an xarray dataset."""
+    """Mixin for the content of a netCDF file that can be loaded as an xarray dataset."""
 
-    path: str = ""  # of the netCDF file that a product was opened from
+    path: str = ""  # of the file that it was opened from
 
     def to_xarray(self) -> xarray.Dataset:
-        """Load the file of an opened product with its own names (UCUR, TIME, DEPTH ...), flags and attributes.
-
-        Other records become a dataset along ``time`` (UTC), ``bin`` and ``beam``, with units and the names of their
-        fields.
+        """Load the file with its own names (UCUR, TIME, DEPTH ...), flags, attributes, and bounds as coordinates.
 
         Raises:
+            InputError: it was not opened from a file.
             ImportError: xarray is not installed.
         """
-        try:
-            import xarray
-        except ImportError as error:
-            raise ImportError(NEEDED) from error
-        if self.path:
-            data = xarray.load_dataset(self.path)
-            return data.set_coords([each.attrs["bounds"] for each in data.coords.values() if "bounds" in each.attrs])
-        columns, attributes = collect(self)
-        time_s = columns.pop("time_s")
-        variables = {
-            name: (DIMENSIONS[: values.ndim], values, units(name, attributes.get("channel_units", {})))
-            for name, values in columns.items()
-            if values.ndim <= len(DIMENSIONS) and len(values) == len(time_s)
-        }
-        written = {name: value for name, value in attributes.items() if name != "channel_units"}
-        time = np.round(time_s * 1e3).astype("datetime64[ms]").astype("datetime64[ns]")
-        return xarray.Dataset(variables, coords={"time": time}, attrs=written)
-
-
-def collect(instance: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Collect the arrays of a dataclass and of nested dataclasses by name, and all other fields as attributes."""
-    columns, attributes = dict[str, Any](), dict[str, Any]()
-    for name, value in ((each.name, getattr(instance, each.name)) for each in fields(instance)):
-        if is_dataclass(value):
-            inner, more = collect(value)
-            columns |= inner
-            attributes |= more
-        elif isinstance(value, np.ndarray):
-            columns[name] = value
-        elif name in ("channels", "profiles"):
-            columns |= {part: np.asarray(series[:]) for part, series in value.items()}
-        elif isinstance(value, Mapping):
-            attributes |= (
-                {name: dict(value)} if name == "channel_units" else {f"{name}_{k}": v for k, v in value.items()}
-            )
-        elif isinstance(value, bool):
-            attributes[name] = int(value)  # netCDF has no boolean type
-        elif value not in (None, "", ()):
-            attributes[name] = list(value) if isinstance(value, tuple) else value
-    return columns, attributes
-
-
-def units(name: str, of_channels: Mapping[str, str]) -> dict[str, str]:
-    """Return the attribute ``units`` of an array, an empty mapping if it is unknown."""
-    if name in of_channels:
-        return {"units": of_channels[name]}
-    last = name.rpartition("_")[2]
-    if last not in UNITS and any(part in name for part in VELOCITIES):
-        return {"units": "m s-1"}
-    return {"units": UNITS[last]} if last in UNITS else {}
+        if not self.path:
+            advice = "write it by compasslib.write_corrected, and open that file by compasslib.open_product"
+            raise InputError("to_xarray", expected="a product opened from a file", found="one in memory", advice=advice)
+        data: xarray.Dataset = import_xarray().load_dataset(self.path)
+        return data.set_coords([each.attrs["bounds"] for each in data.coords.values() if "bounds" in each.attrs])
 
 
 Flags = NDArray[np.int8]
@@ -125,7 +76,7 @@ class Rows(Protocol):
 
 
 @dataclass(frozen=True)
-class Record(Labelled):
+class Record:
     """Measurements of one instrument, as returned by a reader or prepared by ``apply_deployment``.
 
     Headings are as recorded by the compass, relative to magnetic north, without heading bias and declination;
@@ -168,7 +119,7 @@ class Record(Labelled):
     counts: dict[str, int] = field(default_factory=dict)  #: numbers of samples read, skipped and flagged
     warnings: tuple[str, ...] = ()  #: sentences for the report
     unstated: tuple[str, ...] = ()  #: keys of the mooring file that its files leave open
-    tests: NDArray[np.int16] | None = None  #: (n, m) bits of the tests that each velocity failed; None without tests
+    tests: NDArray[np.int32] | None = None  #: (n, m) bits of the tests that each velocity failed; None without tests
 
     def bin_depth_m(self) -> Floats:
         """Compute the depth of every bin at every sample, including mooring blow-down, (n, m) metres."""
@@ -212,7 +163,7 @@ class ReferenceCompass:
 
 
 @dataclass(frozen=True)
-class Pairs(Labelled):
+class Pairs:
     """Overlapping measurements of the affected (upper) instrument and the reference (lower), true east and north."""
 
     time_s: Floats  #: (n,) UTC seconds since 1970

@@ -40,6 +40,8 @@ CONSTANT: Attributes = {
     "Conventions": CONVENTIONS,
     "featureType": "timeSeriesProfile",
     "cdm_data_type": "TimeSeriesProfile",
+    "cdm_timeseries_variables": "STATION, LATITUDE, LONGITUDE",  # ERDDAP needs both
+    "cdm_profile_variables": "TIME",
     "data_type": "OceanSITES time-series data",
     "format_version": "1.4",
     "data_mode": "D",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import netCDF4
 import numpy as np
@@ -16,13 +17,17 @@ from compasslib.archive import variables
 from compasslib.archive.attributes import Site, declination_attributes, global_attributes
 from compasslib.archive.files import CHUNK, create_netcdf, open_netcdf, read_variable, write_variable
 from compasslib.archive.netcdf import days_since_1950, seconds_since_1970
-from compasslib.archive.variables import GRIDDED, SECTION_SIGMA, Variable, quality_variable
+from compasslib.archive.variables import GRIDDED, LOW_PASSED, SECTION_SIGMA, Variable, quality_variable
 from compasslib.errors import InputError
-from compasslib.product.cells import Velocities
-from compasslib.product.errors import HeadingErrors, sum_sigma
-from compasslib.product.grid import DailyMeans, GriddedProduct, Piece, Source, empty_piece
-from compasslib.records import GOOD, PROBABLY_GOOD, CorrectedRecord, EarthField, Flags, Labelled, Record
+from compasslib.product.cells import Axes, Velocities
+from compasslib.product.daily import DailyMeans
+from compasslib.product.errors import HeadingErrors, sum_sigma, time_variances
+from compasslib.product.grid import GriddedProduct, Piece, Source, empty_piece
+from compasslib.records import GOOD, PROBABLY_GOOD, CorrectedRecord, EarthField, Flags, Labelled, Record, import_xarray
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
+
+if TYPE_CHECKING:
+    import xarray
 
 
 def affected_source(
@@ -134,12 +139,12 @@ class FileDescription:
 
 
 def write_gridded(
-    path: str | Path, product: GriddedProduct, description: FileDescription, daily: DailyMeans | None = None
+    path: str | Path, product: GriddedProduct, description: FileDescription, daily: Sequence[DailyMeans] = ()
 ) -> dict[str, int]:
     """Write gridded.nc piece by piece.
 
     Args:
-        daily: accumulates each piece; None where no daily means are wanted.
+        daily: accumulate each piece; none where no daily means are wanted.
 
     Returns:
         The numbers of all cells, of those with a velocity (``filled``), and of interpolated ones.
@@ -147,35 +152,40 @@ def write_gridded(
     axes = product.axes
     counts = np.zeros(3, dtype=int)
     written, turned = description.compose("gridded", axes.time_s, axes.depth_m)
-    attributes = _column_attributes(turned, product.memory_s)
+    attributes = column_attributes(turned, product.memory_s)
     with create_netcdf(path, "NETCDF4_CLASSIC") as nc:
         nc.setncatts(written)
-        rising = _put_frame(nc, product, description.site, axes.time_s, axes.step_s)
-        _put_headings(nc, product)
+        rising = any(source.rising for source in product.sources)
+        put_frame(nc, product.errors, axes, description.site)
+        put_headings(nc, product.errors, product.deviation_deg, [source.name for source in product.sources])
         for piece in product:
-            _put_columns(nc, _columns(piece, rising), attributes, piece.slots)
+            put_columns(nc, _columns(piece, rising), attributes, piece.slots)
             counts += piece.source.size, np.sum(piece.source >= 0), np.sum(piece.quality == 8)
-            if daily is not None:
-                daily.add(piece)
+            for each in daily:
+                each.add(piece)
         if not len(axes.time_s):
-            _put_columns(nc, _columns(empty_piece(len(axes.depth_m), True), rising), {}, slice(0, 0))
+            put_columns(nc, _columns(empty_piece(len(axes.depth_m), True), rising), {}, slice(0, 0))
     return dict(zip(("cells", "filled", "interpolated"), counts.tolist(), strict=True))
 
 
-def write_daily(path: str | Path, product: GriddedProduct, description: FileDescription, daily: DailyMeans) -> None:
-    """Write gridded_daily.nc from the sums accumulated over the pieces of gridded.nc."""
-    means = daily.means(product)
+def write_daily(
+    path: str | Path, product: GriddedProduct, description: FileDescription, daily: DailyMeans, filtered: DailyMeans
+) -> None:
+    """Write gridded_daily.nc, means of days and tide-free velocities, from the sums accumulated over gridded.nc."""
+    means, tide_free = daily.means(product), _columns(filtered.means(product).piece, False)
+    low_passed = {LOW_PASSED[name]: values for name, values in tide_free.items() if name in LOW_PASSED}
     written, turned = description.compose("gridded-daily", means.time_s, product.axes.depth_m)
     with create_netcdf(path, "NETCDF4_CLASSIC") as nc:
         nc.setncatts(written)
-        _put_frame(nc, product, description.site, means.time_s, DAY_S)
-        _put_headings(nc, replace(product, errors=means.errors, deviation_deg=means.deviation_deg))
-        _put_columns(nc, _columns(means.piece, False), _column_attributes(turned, product.memory_s))
+        put_frame(nc, means.errors, replace(product.axes, time_s=means.time_s, step_s=DAY_S), description.site)
+        put_headings(nc, means.errors, means.deviation_deg, [source.name for source in product.sources])
+        put_columns(nc, _columns(means.piece, False), column_attributes(turned, product.memory_s))
+        put_columns(nc, low_passed, {})
         for name, values in (("N_SAMPLES", means.count), ("SHRINKAGE", means.shrinkage)):
             _put(nc, GRIDDED[name], values, {"QC_indicator": "unknown"})
 
 
-def _column_attributes(turned: Mapping[str, object], memory_s: float) -> dict[str, Mapping[str, object]]:
+def column_attributes(turned: Mapping[str, object], memory_s: float) -> dict[str, Mapping[str, object]]:
     """Return, by name of the variable, the attributes that differ from file to file."""
     averaged: dict[str, object] = {"cell_methods": "TIME: mean"}
     memory: dict[str, object] = {"error_memory_hours": memory_s / HOUR_S}
@@ -183,12 +193,13 @@ def _column_attributes(turned: Mapping[str, object], memory_s: float) -> dict[st
     return {**velocities, "UCUR_UNCERTAINTY": memory, "VCUR_UNCERTAINTY": memory}
 
 
-def _put_columns(
+def put_columns(
     nc: netCDF4.Dataset,
     columns: Mapping[str, NDArray[Any]],
     attributes: Mapping[str, Mapping[str, object]],
     rows: slice | None = None,
 ) -> None:
+    """Write variables of cells or times, by name, with attributes of their own."""
     for name, values in columns.items():
         variable = GRIDDED.get(name) or quality_variable(GRIDDED[name.removesuffix("_QC")])
         _put(nc, variable, values, attributes.get(name, {}), rows)
@@ -289,18 +300,17 @@ def _mean_profile(moments: Complexes, number: Floats) -> MeanProfile:
     return MeanProfile(total, (power + twice.real) / 2.0, (power - twice.real) / 2.0, twice.imag / 2.0)
 
 
-def _put_frame(nc: netCDF4.Dataset, product: GriddedProduct, site: Site, time_s: Floats, step_s: float) -> bool:
-    """Write dimensions and coordinates; return whether vertical velocities were measured."""
-    name = np.frombuffer(site.name.encode(), dtype="S1")
-    shares = product.errors.shares
-    sizes = {"TIME": len(time_s), "DEPTH": len(product.axes.depth_m), "MODE": shares.shape[1]}
+def put_frame(nc: netCDF4.Dataset, errors: HeadingErrors, axes: Axes, site: Site) -> None:
+    """Write dimensions and coordinates."""
+    name, shares = np.frombuffer(site.name.encode(), dtype="S1"), errors.shares
+    sizes = {"TIME": len(axes.time_s), "DEPTH": len(axes.depth_m), "MODE": shares.shape[1]}
     sizes |= {"SOURCES": len(shares), "NAME_LENGTH": len(name), "NV": 2}
     for dimension, size in sizes.items():
         nc.createDimension(dimension, size)
-    write_variable(nc, variables.GRID_TIME, days_since_1950(time_s))
-    write_variable(nc, variables.GRID_DEPTH, product.axes.depth_m)
+    write_variable(nc, variables.GRID_TIME, days_since_1950(axes.time_s))
+    write_variable(nc, variables.GRID_DEPTH, axes.depth_m)
     halves = np.array([-0.5, 0.5])
-    bounds = time_s[:, None] + step_s * halves, product.axes.depth_m[:, None] + product.axes.step_m * halves
+    bounds = axes.time_s[:, None] + axes.step_s * halves, axes.depth_m[:, None] + axes.step_m * halves
     write_variable(nc, variables.BOUNDS["TIME"], days_since_1950(bounds[0]))
     write_variable(nc, variables.BOUNDS["DEPTH"], np.maximum(bounds[1], 0.0))
     write_variable(nc, variables.LATITUDE, site.latitude)
@@ -308,11 +318,10 @@ def _put_frame(nc: netCDF4.Dataset, product: GriddedProduct, site: Site, time_s:
     write_variable(nc, variables.STATION, name)
     write_variable(nc, variables.MODE, np.arange(1, shares.shape[1] + 1))
     write_variable(nc, variables.SOURCES, np.arange(1, len(shares) + 1))
-    return any(source.rising for source in product.sources)
 
 
-def _put_headings(nc: netCDF4.Dataset, product: GriddedProduct) -> None:
-    errors = product.errors
+def put_headings(nc: netCDF4.Dataset, errors: HeadingErrors, deviation_deg: Floats, instruments: Sequence[str]) -> None:
+    """Write the heading errors and corrections, and define SOURCE, affected instruments first."""
     place = {"coordinates": "LATITUDE LONGITUDE", "QC_indicator": "unknown"}
     named = {"mode_names": ", ".join(errors.names), **place}
     memory = {"memory_hours": errors.memory_s / HOUR_S, **place}
@@ -323,14 +332,13 @@ def _put_headings(nc: netCDF4.Dataset, product: GriddedProduct) -> None:
         nc.createDimension("AFFECTED", len(errors.random))
     for name, also, values in (
         ("HEADING_ERROR_RANDOM", memory, errors.random),
-        ("HEADING_CORRECTION", place, product.deviation_deg),
+        ("HEADING_CORRECTION", place, deviation_deg),
     ):
         described = replace(GRIDDED[name], dimensions=("AFFECTED", "TIME")) if several else GRIDDED[name]
         write_variable(nc, _with(described, also), values if several else values[0], level=4)
-    numbers = np.arange(len(product.sources) + 1, dtype=np.int8)
-    meanings = " ".join(["none", *(source.name for source in product.sources)])
+    numbers, meanings = np.arange(len(instruments) + 1, dtype=np.int8), " ".join(["none", *instruments])
     described = _with(GRIDDED["SOURCE"], {"flag_values": numbers, "flag_meanings": meanings})
-    _put(nc, described, np.zeros((0, len(product.axes.depth_m)), dtype=np.int8), {}, slice(0, 0))
+    _put(nc, described, np.zeros((0, len(nc.dimensions["DEPTH"])), dtype=np.int8), {}, slice(0, 0))
 
 
 def _columns(piece: Piece, rising: bool) -> dict[str, NDArray[Any]]:
@@ -369,6 +377,7 @@ class GriddedCurrents(Labelled):
 
     time_s: Floats  #: (t,) middle of each interval, UTC seconds since 1970
     depth_m: Floats  #: (z,) m below the surface, positive down
+    bounds_m: Floats  #: (z, 2) upper and lower bound of each depth
     velocity: Complexes  #: (t, z) m/s, true east + i north
     east_sigma: Floats  #: (t, z) m/s, standard deviation of each cell
     north_sigma: Floats  #: (t, z) m/s, standard deviation of each cell
@@ -386,18 +395,63 @@ class GriddedCurrents(Labelled):
             east: weights of the eastward velocity, broadcast to (t, z); cells without a velocity are left out.
             north: weights of the northward velocity, likewise.
         """
-        there = np.isfinite(self.velocity) & np.isfinite(self.east_sigma)
+        flow, remainder, source = self._terms
+        there = np.asarray(source >= 0)
         east, north = (np.where(there, np.broadcast_to(np.asarray(w, float), there.shape), 0.0) for w in (east, north))
+        step_s = float(np.median(np.diff(self.time_s))) if len(self.time_s) > 1 else HOUR_S
+        sigma = sum_sigma(east, north, flow, remainder, source, self.errors, step_s, memory_s=self.memory_s)
+        return float(np.sum(east * flow.real + north * flow.imag)), sigma
+
+    def transport(self, from_m: float, to_m: float, *, width_m: float, along_deg: float) -> xarray.DataArray:
+        """Compute the volume transport past the mooring between two depths, m3/s, positive towards a direction.
+
+        Times at which one of the depths has no velocity are missing. The coordinate ``sigma`` is the standard
+        deviation of each time; the attributes ``mean`` and ``mean_sigma`` are those of the mean over all other times,
+        with the heading error that they have in common.
+
+        Args:
+            width_m: width of the section that the velocities stand for.
+            along_deg: direction, clockwise from true north.
+
+        Raises:
+            InputError: the depths do not lie within those of the file, or no time has a velocity at all of them.
+            ImportError: xarray is not installed.
+        """
+        upper, lower = self.bounds_m.T if len(self.bounds_m) else np.zeros((2, 1))
+        if not upper[0] <= from_m < to_m <= lower[-1]:
+            expected, advice = f"from_m and to_m within {upper[0]:g} to {lower[-1]:g} m", "name other depths"
+            raise InputError(self.path, expected=expected, found=f"{from_m:g} to {to_m:g}", advice=advice)
+        height_m = np.maximum(np.minimum(lower, to_m) - np.maximum(upper, from_m), 0.0)
+        flow, remainder, source = self._terms
+        whole = np.all(source[:, height_m > 0.0] >= 0, axis=1)
+        if not whole.any():
+            expected, advice = f"a time with velocities at all depths of {from_m:g} to {to_m:g} m", "name other depths"
+            raise InputError(self.path, expected=expected, found="none", advice=advice)
+        sine, cosine = angles.sin_cos(along_deg)
+        east, north = (width_m * height_m * float(part) * whole[:, None] for part in (sine, cosine))
+        series = np.sum(east * flow.real + north * flow.imag, axis=1)
+        sigma = np.sqrt(time_variances(east, north, flow, remainder, source, self.errors))
+        mean, mean_sigma = self.sum_cells(east / whole.sum(), north / whole.sum())
+        with import_xarray().open_dataset(self.path) as data:
+            time = data.TIME.load()
+        made = import_xarray().DataArray(
+            np.where(whole, series, np.nan), coords={"TIME": time}, dims="TIME", name="transport",
+            attrs={"long_name": f"volume transport towards {along_deg:g} degrees, {from_m:g} to {to_m:g} m",
+                   "standard_name": "ocean_volume_transport_across_line", "units": "m3 s-1", "width_m": width_m,
+                   "mean": mean, "mean_sigma": mean_sigma},
+        )  # fmt: skip
+        described = {"long_name": "standard deviation of the transport", "units": "m3 s-1"}
+        return made.assign_coords(sigma=("TIME", np.where(whole, sigma, np.nan), described))
+
+    @cached_property
+    def _terms(self) -> tuple[Complexes, Floats, NDArray[np.intp]]:
+        """Velocities, 0 where there is none, the variance of a component not due to the heading, and the source."""
+        there = np.isfinite(self.velocity) & np.isfinite(self.east_sigma)
         flow = np.where(there, self.velocity, 0.0)
         variances = np.array([self.errors.variance(s) for s in range(len(self.errors.shares))])
         of_heading = variances[np.maximum(self.source, 0), np.arange(len(there))[:, None]] * np.abs(flow) ** 2
         remainder = np.maximum((self.east_sigma**2 + self.north_sigma**2 - of_heading) / 2.0, 0.0)
-        step_s = float(np.median(np.diff(self.time_s))) if len(self.time_s) > 1 else HOUR_S
-        sigma = sum_sigma(
-            east, north, flow, np.where(there, remainder, 0.0), np.where(there, self.source, -1), self.errors, step_s,
-            memory_s=self.memory_s,
-        )  # fmt: skip
-        return float(np.sum(east * flow.real + north * flow.imag)), sigma
+        return flow, np.where(there, remainder, 0.0), np.where(there, self.source, -1)
 
 
 def open_gridded(path: str | Path) -> GriddedCurrents:
@@ -411,15 +465,16 @@ def open_gridded(path: str | Path) -> GriddedCurrents:
         if "HEADING_ERROR_MODE" not in nc.variables:
             advice = "open corrected.nc by compasslib.open_product"
             raise InputError(str(path), expected="gridded velocities", found="another file", advice=advice)
-        names = ("TIME", "DEPTH", "UCUR", "VCUR", "UCUR_UNCERTAINTY", "VCUR_UNCERTAINTY", "HEADING_ERROR_MODE")
-        time, depth_m, east, north, east_sigma, north_sigma, modes = (read_variable(nc, name) for name in names)
+        names = ("TIME", "DEPTH", "DEPTH_bnds", "UCUR", "VCUR", "UCUR_UNCERTAINTY", "VCUR_UNCERTAINTY")
+        time, depth_m, bounds_m, east, north, east_sigma, north_sigma = (read_variable(nc, name) for name in names)
+        modes = read_variable(nc, "HEADING_ERROR_MODE")
         random, memory_h = read_variable(nc, "HEADING_ERROR_RANDOM"), nc["HEADING_ERROR_RANDOM"].memory_hours
         errors = HeadingErrors(
             tuple(nc["HEADING_ERROR_MODE"].mode_names.split(", ")), modes, np.atleast_2d(random), memory_h * HOUR_S,
             read_variable(nc, "HEADING_ERROR_SHARE"),
         )  # fmt: skip
         return GriddedCurrents(
-            seconds_since_1970(time), depth_m, east + 1j * north,
+            seconds_since_1970(time), depth_m, bounds_m, east + 1j * north,
             east_sigma, north_sigma, np.asarray(nc["UCUR_QC"][:]), np.asarray(nc["SOURCE"][:], dtype=np.intp) - 1,
             tuple(nc["SOURCE"].flag_meanings.split()[1:]), errors,
             nc["UCUR_UNCERTAINTY"].error_memory_hours * HOUR_S, str(path),

@@ -410,8 +410,8 @@ def _columns(product: CorrectedRecord, whole: _Whole) -> Columns:
     depth, instrument_depth = record.bin_depth_m(), record.depth_m
     corrected = _flag_missing(product.heading_corrected_quality, product.heading_corrected_deg, BAD)
     true = angles.wrap360(product.heading_corrected_deg + product.declination_deg)
-    tests = np.zeros(record.quality.shape, dtype=np.int16) if record.tests is None else record.tests
-    doubtful = np.where(product.heading_corrected_quality >= PROBABLY_BAD, MASKS["heading"], 0).astype(np.int16)
+    tests = np.zeros(record.quality.shape, dtype=np.int32) if record.tests is None else record.tests
+    doubtful = np.where(product.heading_corrected_quality >= PROBABLY_BAD, MASKS["heading"], 0)
     columns: Columns = {
         "DEPTH": (depth, _judged("DEPTH", depth, nominal, whole.site.holds_water(depth))),
         "INSTRUMENT_DEPTH": (instrument_depth, _judged("INSTRUMENT_DEPTH", instrument_depth, nominal)),

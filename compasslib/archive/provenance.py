@@ -127,7 +127,11 @@ def origin(what: str, sources: Mapping[str, str], superseded: Mapping[str, Any] 
 
 
 def processing(
-    product: CorrectionModel, field: EarthField, sources: Mapping[str, str], superseded: Mapping[str, Any] | None = None
+    product: CorrectionModel,
+    field: EarthField,
+    sources: Mapping[str, str],
+    superseded: Mapping[str, Any] | None = None,
+    by_hand: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Compose the attributes that describe how and when a record was corrected.
 
@@ -135,10 +139,12 @@ def processing(
         field: the earth's field, for the source of its declination.
         sources: SHA-256 of the raw files, by path relative to the cruise folder.
         superseded: the earlier deposit, as for ``origin``.
+        by_hand: descriptions of the flags that a person gave.
     """
     suffix = f" with {', '.join(product.effects)}" if product.effects else ""
     suffix += f" fitted jointly with {', '.join(product.accounted)}" if product.accounted else ""
     made = origin(f"headings corrected, method {product.fit.method}{suffix},", sources, superseded)
+    made["history"] += "".join(f"\n{made['date_created']}: velocities of {given}" for given in by_hand)
     return made | {
         "method": product.fit.method,
         "effects": ", ".join(product.effects),

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib import angles
 from compasslib.archive import netcdf
 from compasslib.archive.files import (
     atomic_write,
@@ -25,7 +26,7 @@ from compasslib.archive.netcdf import seconds_since_1970
 from compasslib.deviation.correction import LOOKUP_COLUMNS
 from compasslib.deviation.histograms import BIN_DEG, BINS, QUANTITIES, Counts
 from compasslib.records import BAD, Pairs
-from compasslib.types import HOUR_S, Complexes, Floats
+from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
 COLUMNS = (
     *("name", "method", "n_pairs", "share_corrected", "rms_before_deg", "rms_after_deg", "max_deviation_deg", "folded"),
@@ -204,6 +205,54 @@ def read_bin_currents(path: str | Path, *, share: float = 0.9) -> BinCurrents:
 
 
 COMPONENTS = (("UCUR_RECORDED", "VCUR_RECORDED"), ("UCUR", "VCUR"))
+
+
+GAP = complex(np.nan, np.nan)
+
+
+@dataclass(frozen=True)
+class DepthSeries:
+    """Gridded currents, each at the depth with most periods of days without a gap."""
+
+    step_s: float
+    latitude: float
+    depth_m: dict[str, float]  # by "recorded", "corrected" and "reference"
+    velocity: dict[str, Complexes]  # (t,) by the same names; NaN where there is none
+
+
+def read_depth_series(path: str | Path, *, unbroken_days: float = 15.0, share: float = 0.9) -> DepthSeries:
+    """Read from gridded.nc the currents of the affected instrument, before and after, and of the reference.
+
+    Args:
+        unbroken_days: length of the periods without a gap. Of the depths with ``share`` as many of them as any, that
+            with most values is taken, for the reference the one nearest to it.
+
+    Raises:
+        InputError: the file is missing, damaged or of another kind.
+    """
+    depths, flows = dict[str, float](), dict[str, Complexes]()
+    with open_netcdf(path) as nc:
+        time_s, depth_m = seconds_since_1970(read_variable(nc, "TIME")), read_variable(nc, "DEPTH")
+        turned, source = np.atleast_2d(read_variable(nc, "HEADING_CORRECTION")), np.asarray(nc["SOURCE"][:])
+        step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else HOUR_S
+        for name, first, last in (("corrected", 1, len(turned)), ("reference", len(turned) + 1, 127)):
+            there = (source >= first) & (source <= last)
+            missing = np.pad(np.cumsum(~there, axis=0), ((1, 0), (0, 0)))
+            length = min(int(unbroken_days * DAY_S / step_s), len(there))
+            unbroken = np.sum(missing[length:] == missing[: len(missing) - length], axis=0)
+            usual = np.flatnonzero(unbroken >= share * unbroken.max())
+            if name == "reference" and "corrected" in depths:
+                level = int(usual[np.argmin(np.abs(depth_m[usual] - depths["corrected"]))])
+            else:
+                level = int(usual[np.argmax(there.sum(axis=0)[usual])])
+            if (here := there[:, level]).any():
+                east, north = (np.asarray(nc[key][:, level], dtype=float) for key in ("UCUR", "VCUR"))
+                depths[name], flows[name] = float(depth_m[level]), np.where(here, east + 1j * north, GAP)
+            if name == "corrected" and here.any():
+                angle = -turned[np.clip(source[:, level], 1, last) - 1, np.arange(len(here))]
+                east, north = angles.turn(flows[name].real, flows[name].imag, angle)
+                depths["recorded"], flows["recorded"] = depths[name], east + 1j * north
+        return DepthSeries(step_s, float(read_variable(nc, "LATITUDE")), depths, flows)
 
 
 def reference_current(pairs: Pairs) -> CurrentSeries:

@@ -135,7 +135,7 @@ RECORD = {
     "quality": quality_variable(Variable("VELOCITY", "", dimensions=BINS)),
     "heading_quality": quality_variable(Variable("HEADING", "")),
     "tests": Variable(
-        "VELOCITY_QC_TESTS", "tests that the velocity failed", "", "status_flag", BINS, "i2", fill=None, also=_TESTS
+        "VELOCITY_QC_TESTS", "tests that the velocity failed", "", "status_flag", BINS, "i4", fill=None, also=_TESTS
     ),
 }
 
@@ -284,7 +284,7 @@ _TABLE = (
     _current("UCUR_UNCERTAINTY", "uncertainty of UCUR", _STANDARD_DEVIATION),
     _current("VCUR_UNCERTAINTY", "uncertainty of VCUR", _STANDARD_DEVIATION),
     Variable(
-        "UCUR_QC_TESTS", "tests that UCUR and VCUR failed", "", "status_flag", BINS, "i2", fill=None, also=_TESTS,
+        "UCUR_QC_TESTS", "tests that UCUR and VCUR failed", "", "status_flag", BINS, "i4", fill=None, also=_TESTS,
         content="qualityInformation", flagged=False,
         comment="Bits of all tests that a velocity failed; names after QARTOD's tests and the IMOS toolbox.",
     ),
@@ -387,6 +387,9 @@ GRID_DEPTH = Variable(
 MODE = Variable("MODE", "number of the mode", "1", "", ("MODE",), "i4", fill=None)
 SOURCES = Variable("SOURCES", "number of the instrument, as in SOURCE", "1", "", ("SOURCES",), "i4", fill=None)
 
+LOW_PASSED = {
+    f"{name}{part}": f"{name}_LOWPASS{part}" for name in CURRENT_CODES for part in ("", "_QC", "_UNCERTAINTY")
+}
 _QUALITY = {"coverage_content_type": "qualityInformation"}
 _MEASURED = {"coverage_content_type": "physicalMeasurement"}
 _HELPERS = ("UV_COVARIANCE", "SOURCE", "N_CELLS", "HEADING_ERROR_MODE", "HEADING_ERROR_RANDOM")
@@ -409,6 +412,17 @@ def _gridded_current(name: str, towards: str, standard_name: str) -> Variable:
 def _uncertainty(name: str, standard_name: str) -> Variable:
     relation = f"{standard_name} standard_error"
     return _cells(f"{name}_UNCERTAINTY", f"uncertainty of {name}", "m s-1", relation, valid=(0.0, 10.0), comment=_TOTAL)
+
+
+def _low_passed(name: str, towards: str) -> tuple[Variable, Variable]:
+    """Describe a low-passed velocity and its uncertainty, without standard names, which select the means."""
+    low, sigma = LOW_PASSED[name], LOW_PASSED[f"{name}_UNCERTAINTY"]
+    velocity = _cells(
+        low, f"{towards} velocity of the water, without tides", "m s-1", valid=(-10.0, 10.0), reference=TRUE,
+        comment="Successive running means of 24, 24 and 25 hours (Godin 1972), at noon; missing where less than 0.99 "
+        "of the weights have a velocity.", ancillary=(f"{low}_QC", sigma), also=_MEASURED,
+    )  # fmt: skip
+    return velocity, _cells(sigma, f"uncertainty of {low}", "m s-1", valid=(0.0, 10.0), comment=_TOTAL)
 
 
 def _number(name: str, long_name: str) -> Variable:
@@ -445,6 +459,8 @@ _GRIDDED = (
         also={"coverage_content_type": "modelResult"},
         comment="Clockwise; its UCUR and VCUR turned back by this angle are those by the recorded heading.",
     ),
+    *_low_passed("UCUR", "eastward"),
+    *_low_passed("VCUR", "northward"),
     _number("N_SAMPLES", "number of times that went into the mean"),
     Variable(
         "SHRINKAGE", "factor by which the heading error shortens a mean velocity", "1", also=_QUALITY,

@@ -134,7 +134,7 @@ def differences(cruise: str | Path, configured: Collection[str] | None) -> list[
     former = Counter[str]()
     for file in results.former:  # by the folder of the mooring, calibration, compass or cruise
         parts = PurePosixPath(file).parts[:-1]
-        former["/".join(parts[: 3 if parts[1:2] and parts[1] in ("calibrations", "compasses") else 2])] += 1
+        former["/".join(parts[: 3 if parts[1:2] and parts[1] in ("calibrations", "compasses", "sites") else 2])] += 1
     differ = []
     for path, known in listed.items():
         if not (root / path).is_file():

@@ -24,7 +24,7 @@ from typing import Any
 from compasslib import __version__
 from compasslib.errors import InputError
 
-FORMS = ("csv", "mat", "pd0", "oceansites", "rocrate")  # formats of compass export
+FORMS = ("csv", "mat", "parquet", "zarr", "pd0", "oceansites", "erddap", "rocrate")  # formats of compass export
 MODULES = {"correct": "check", "explain": "results", "verify": "results"}  # of commands that share a module
 AS_WRITTEN = argparse.RawDescriptionHelpFormatter
 
@@ -110,7 +110,7 @@ def _parser() -> argparse.ArgumentParser:
     export = _command(
         commands,
         "export",
-        "export a corrected record to CSV, MATLAB, PD0 or OceanSITES, or the cruise as a research object crate",
+        "export a product in the form that another program reads, or the cruise as a research object crate",
         "EG4 --cruise my_cruise --to pd0 --into to_deposit",
     )
     export.add_argument("mooring", metavar="MOORING", nargs="?", help="its name; none with rocrate")
@@ -119,8 +119,9 @@ def _parser() -> argparse.ArgumentParser:
         "--to",
         required=True,
         choices=FORMS,
-        help="csv: one row per sample and bin; mat: MATLAB structures; pd0: the raw file with corrected headings; "
-        "oceansites: corrected.nc under its OceanSITES name; rocrate: the whole cruise as one ZIP to deposit",
+        help="csv, parquet: one row per sample and bin; mat: MATLAB structures; zarr: corrected.nc as Zarr; pd0: the "
+        "raw file with corrected headings; oceansites: corrected.nc under its OceanSITES name; erddap: gridded.nc by "
+        "time and depth alone; rocrate: the whole cruise as one ZIP to deposit",
     )
     export.add_argument("--into", metavar="FOLDER", help="folder of the files (default: CRUISE/export)")
 

@@ -1,13 +1,15 @@
-"""``compass export``: write a corrected record as CSV, MATLAB, PD0 or OceanSITES, or a cruise as a crate."""
+"""``compass export``: write a product in the forms that other programs read, or a cruise as a crate."""
 
 from __future__ import annotations
 
 import io
+import json
 import shutil
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -54,16 +56,22 @@ def export(asked: Namespace) -> int:
     if asked.mooring is None:
         advice = "write for example compass export EG4 --to csv"
         raise InputError("MOORING", expected=f"the name of a mooring with --to {asked.to}", found="none", advice=advice)
-    source = results.mooring_folder(asked.cruise, asked.mooring) / "corrected.nc"
+    product = "gridded.nc" if asked.to == "erddap" else "corrected.nc"
+    source = results.mooring_folder(asked.cruise, asked.mooring) / product
     into = Path(asked.into or Path(asked.cruise) / "export")
     if asked.to == "pd0":
         files = _export_pd0(asked, source, into)
     else:
         stem = source.parent.resolve().name
-        name = f"{read_attribute(source, 'id')}.nc" if asked.to == "oceansites" else f"{stem}.{asked.to}"
-        files = _available_files(into, name)
+        names = {
+            "oceansites": f"{read_attribute(source, 'id')}.nc",
+            "erddap": f"{stem}_gridded.nc",
+            "zarr": f"{stem}.zarr.zip",
+        }
+        files = _available_files(into, names.get(asked.to, f"{stem}.{asked.to}"))
         files += [_note_path(files[0])] if asked.to == "csv" else []
         forms: dict[str, Callable[..., None]] = {"csv": write_csv, "mat": write_mat, "oceansites": write_oceansites}
+        forms |= {"erddap": write_erddap, "parquet": write_parquet, "zarr": write_zarr}
         forms[asked.to](source, *files)
     print(*files, sep="\n")
     return 0
@@ -228,14 +236,77 @@ def write_csv(source: Path, table: Path, sidecar: Path) -> None:
     Raises:
         InputError: the file is missing or damaged.
     """
-    import pandas as pd  # takes 0.4 s
-
     with open_netcdf(source) as nc, atomic_write(table) as temporary:
         with temporary.open("w", encoding="utf-8", newline="") as stream:
-            for begin in range(0, max(len(nc.dimensions["TIME"]), 1), CHUNK):
-                rows = pd.DataFrame(dict(_csv_columns(nc, slice(begin, begin + CHUNK))))
-                rows.to_csv(stream, index=False, header=begin == 0, float_format=CSV_FORMAT, lineterminator="\n")
+            for k, rows in enumerate(_tables(nc)):
+                rows.to_csv(stream, index=False, header=k == 0, float_format=CSV_FORMAT, lineterminator="\n")
         write_json(sidecar, _csv_metadata(nc))
+
+
+def write_parquet(source: Path, table: Path) -> None:
+    """Write the rows of the CSV table as Parquet, times as UTC, and its description as metadata ``compasslib``.
+
+    Raises:
+        InputError: the file is missing or damaged, or pyarrow is not installed.
+    """
+    arrow, parquet = _needed("pyarrow"), _needed("pyarrow.parquet")
+    with open_netcdf(source) as nc, atomic_write(table) as temporary, ExitStack() as open_files:
+        described = json.dumps(_csv_metadata(nc), default=lambda value: np.asarray(value).tolist())
+        writer = None
+        for rows in _tables(nc):
+            times = rows["TIME"].str.rstrip("Z").astype("datetime64[ms]").dt.tz_localize("UTC")
+            piece = arrow.Table.from_pandas(rows.assign(TIME=times), preserve_index=False)
+            piece = piece.replace_schema_metadata({"compasslib": described})
+            writer = writer or open_files.enter_context(parquet.ParquetWriter(temporary, piece.schema))
+            writer.write_table(piece)
+
+
+def write_zarr(source: Path, target: Path) -> None:
+    """Write corrected.nc with its own names as Zarr, packed as one ZIP.
+
+    Raises:
+        InputError: the file is missing or damaged, or xarray or zarr is not installed.
+    """
+    data, storage = _needed("xarray").load_dataset(source), _needed("zarr.storage")
+    with atomic_write(target) as temporary, storage.ZipStore(temporary, mode="w") as store:
+        data.to_zarr(store)
+
+
+def write_erddap(source: Path, target: Path) -> None:
+    """Write the variables of gridded.nc by time and depth alone: one set of axes, as ERDDAP's grids have.
+
+    Raises:
+        InputError: the file is missing or damaged, or xarray is not installed.
+    """
+    data = _needed("xarray").load_dataset(source, decode_times=False)
+    one_set = data.drop_dims(["MODE", "SOURCES", "AFFECTED"], errors="ignore")
+    other = [name for name, values in one_set.data_vars.items() if values.dims not in ((), ("TIME", "DEPTH"))]
+    one_set = one_set.drop_vars([*(name for name in other if not str(name).endswith("_bnds")), "STATION"])
+    for values in one_set.data_vars.values():
+        named = str(values.attrs.get("ancillary_variables", "")).split()
+        values.attrs["ancillary_variables"] = " ".join(name for name in named if name in one_set)
+    with atomic_write(target) as temporary:
+        one_set.to_netcdf(temporary, format="NETCDF4_CLASSIC")
+
+
+def _needed(module: str) -> Any:
+    """Import a module of an optional package; raise InputError with the command that installs it."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        package = module.partition(".")[0]
+        advice = f"pip install {package}"
+        raise InputError(
+            "--to", expected=f"the package {package}", found="it is not installed", advice=advice
+        ) from error
+
+
+def _tables(nc: netCDF4.Dataset) -> Iterator[Any]:
+    """Yield the rows of the table, one per sample and bin, in pieces."""
+    import pandas as pd  # takes 0.4 s
+
+    for begin in range(0, max(len(nc.dimensions["TIME"]), 1), CHUNK):
+        yield pd.DataFrame(dict(_csv_columns(nc, slice(begin, begin + CHUNK))))
 
 
 def write_mat(source: Path, target: Path) -> None:

@@ -20,6 +20,7 @@ from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
 from compasslib.report import sections
 from compasslib.report.results import QUESTION, ReportSection, read_calibration, read_mooring
+from compasslib.stages.settings import Moorings
 
 MOORING_FILES = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "work/field.json")
 REQUIRED_KEYS = {
@@ -313,4 +314,5 @@ def _configured_folders() -> list[str]:
     loaded = cruise.load_cruise(Path())
     joined = compasses.members(loaded.moorings, loaded.calibrations)
     names = [*loaded.whole, *(f"calibrations/{name}" for name in loaded.calibrations)]
-    return [f"{crate.FOLDER}/{name}" for name in (*names, *(f"compasses/{name}" for name in joined))]
+    names += [*(f"compasses/{name}" for name in joined), *(f"sites/{name}" for name in Moorings(loaded).sites)]
+    return [f"{crate.FOLDER}/{name}" for name in names]

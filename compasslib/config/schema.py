@@ -20,6 +20,7 @@ from compasslib.config.section import (
     Declination,
     DeclinationApplied,
     Delimiter,
+    Depths,
     Files,
     FitOptions,
     Form,
@@ -41,6 +42,7 @@ from compasslib.config.section import (
     TimeFormat,
     Zone,
     allowed_keys,
+    auto,
     key,
 )
 from compasslib.config.values import iso, problem, shown
@@ -72,7 +74,7 @@ KNOWN_SERIES = (
 )
 # Other entries of results/, in lower case as some file systems ignore case.
 RESERVED = (
-    *("calibrations", "compasses", "proof", "logs", "benchmarks", "figures"),
+    *("calibrations", "compasses", "sites", "proof", "logs", "benchmarks", "figures"),
     *("summary.csv", "report.html", "usable.json", "ro-crate-metadata.json"),
 )
 FOLDERS = ("work", "figures", "logs", "benchmarks")  # subfolders of results/NAME
@@ -118,12 +120,16 @@ class Diagnose(Section):
 
 
 class Quality(Section):
-    """Thresholds of the quality tests of velocities."""
+    """Thresholds of the quality tests of velocities; ``auto``: the maker's default for files of its format, if any."""
+
+    absent = (None, "auto")
 
     percent_good: Number = key("percent from 0 to 100", "25", 25.0, ge=0, le=100)
-    correlation: Number | None = key("counts from 0 to 255", "64", None, ge=0, le=255)
-    error_velocity: Number | None = key("m/s above 0, at most 10", "0.2", None, gt=0, le=10)
+    correlation: Number | None = auto("counts from 0 to 255", "64", ge=0, le=255)
+    error_velocity: Number | None = auto("m/s above 0, at most 10", "0.2", gt=0, le=10)
     echo: Number | None = key("counts from 0 to 255", "40", None, ge=0, le=255)
+    echo_jump: Number | None = key("counts above 0, at most 255", "30", None, gt=0, le=255)
+    spike: Number | None = key("robust standard deviations from 3 to 100", "7", None, ge=3, le=100)
     tilt_deg: Number = key("degrees above 0, at most 90", "45", 45.0, gt=0, le=90)
     speed: Number = key("m/s above 0, at most 20", "5", 5.0, gt=0, le=20)
     side_lobe: Switch = key("true or false", "true", True)
@@ -176,6 +182,19 @@ class Exclusion(Section):
         if self.from_s >= self.to_s:
             raise problem("to", f"a time after from, {iso(self.from_s)}", iso(self.to_s), "correct one of the two")
         return self
+
+
+class HandFlag(Exclusion):
+    """A quality flag that a person gives to velocities of a window and of depths."""
+
+    why: Text = key("a text that gives the reason", "fouled by a fishing line")
+    who: Text = key("the name of the person", "A. Person")
+    flag: Count = key("1 (good), 2 (probably good), 3 (probably bad) or 4 (bad)", "3", ge=1, le=4)
+    depths: Depths | None = key("a range [from, to] of depths, metres", "[20, 60]", None)
+
+    def __str__(self) -> str:
+        where = "all depths" if self.depths is None else f"{self.depths[0]:g} to {self.depths[1]:g} m"
+        return f"flag {self.flag} from {iso(self.from_s)} to {iso(self.to_s)}, {where}, by {self.who}: {self.why}"
 
 
 class Columns(Section):
@@ -266,6 +285,12 @@ class Instrument(TableKeys):
     pressure_offset: Number = key("dbar from -12000 to 12000", "0", 0.0, ge=-12000, le=12000)
     direction_reference: Reference = key("magnetic or true", "magnetic", "magnetic")
     exclude: tuple[Exclusion, ...] = key("a list of windows", "[{from: 2007-10-01, to: 2007-10-02, why: fouled}]", ())
+    flags_by_hand: tuple[HandFlag, ...] = key(
+        "a list of flags",
+        "[{from: 2007-10-01, to: 2007-10-02, depths: [20, 60], flag: 3, who: A. Person, why: fouled}]",
+        (),
+    )
+    depth_from: Name | None = key("the name of another instrument of this mooring", "microcat", None)
     compass: Name | None = key("a name that all records of one compass carry", "wh8104", None)
     sphere: Sphere | None = key("true, or a name that all records in one sphere or frame carry", "sphere3", None)
     compass_sigma_deg: Number | None = key("degrees from 0 to 180", "2", None, ge=0, le=180)
@@ -329,6 +354,7 @@ class Covariate(TableKeys):
     files: Files = key(_FILES_WORDS, "raw/obs/*.min")
     columns: CovariateColumns | None = key("a mapping", "{time: time_utc, value: current_mA}", None)
     unit: Text | None = key("a text", "mA", None)
+    depth: Number | None = key("metres from 0 to 12000", "250", None, ge=0, le=12000)
 
     @model_validator(mode="after")
     def _keys_of_this_format(self) -> Self:
@@ -361,6 +387,7 @@ class Mooring(Section):
     reference: Names = key("the name of the reference instrument, or a list of names", "deep", ())
     instruments: dict[Name, Instrument] = key("a mapping of names to instruments", "{top: {format: pd0, ...}}")
     attributes: Attributes = key(_ATTRIBUTES_WORDS, "{project: My Project}", {})
+    site: Name | None = key("a name that all deployments of one site carry", "denmark_strait", None)
     fit: FitOptions = key("a mapping", "{method: exact}", FitOptions())
     diagnose: Diagnose = key("a mapping", "{apply: true}", Diagnose())
     confirmed: Confirmed = key("a mapping", "{constant: true}", Confirmed())
@@ -396,6 +423,12 @@ class Mooring(Section):
             raise problem("name", expected, shown(self.name), "rename the mooring")
         if self.start_s >= self.end_s:
             raise problem("end", f"a time after start, {iso(self.start_s)}", iso(self.end_s), "correct one of the two")
+        grid = self.product.grid
+        if self.site and not (self.product.daily and grid and grid.step_m and grid.from_m is not None):
+            expected = "product: {daily: true, grid: {step_m: ..., from_m: ...}}, as deployments are joined on one axis"
+            raise problem(
+                "site", expected, "other keys of product", "add them to config.yaml, for all deployments alike"
+            )
         for name, series in self.covariates.items():
             if name in KNOWN_SERIES and series.format == "table":
                 expected = "for a table a name that the search does not use itself"
@@ -431,12 +464,23 @@ class Mooring(Section):
                 expected = f"another method beside compass: {compass}, by which calibrations of it come in already"
                 raise problem("fit.method", expected, shown(method), advice)
         for name, instrument in self.instruments.items():
-            for k, window in enumerate(instrument.exclude):
+            windows: dict[str, tuple[Exclusion, ...]] = {"exclude": instrument.exclude}
+            windows["flags_by_hand"] = instrument.flags_by_hand
+            for place, window in ((f"{of}[{k}]", w) for of, each in windows.items() for k, w in enumerate(each)):
                 if window.to_s < self.start_s or window.from_s > self.end_s:
                     expected = f"a window within the deployment, {iso(self.start_s)} to {iso(self.end_s)}"
                     dates, advice = f"{iso(window.from_s)} to {iso(window.to_s)}", "correct or delete it"
-                    raise problem(f"instruments.{name}.exclude[{k}]", expected, dates, advice)
+                    raise problem(f"instruments.{name}.{place}", expected, dates, advice)
             if instrument.depth is not None and instrument.depth > self.water_depth * DEPTH_SLACK:
                 expected = f"metres from 0 to the water depth, {self.water_depth:g}"
                 raise problem(f"instruments.{name}.depth", expected, shown(instrument.depth), "correct one of the two")
+            if (other := instrument.depth_from) is not None:
+                others = self.instruments | self.covariates
+                if other == name or other not in others or others[other].format == "iaga2002":
+                    expected = "another instrument, or a table of covariates, of this mooring"
+                    raise problem(f"instruments.{name}.depth_from", expected, shown(other), "correct the name")
+                for place, depth in ((name, instrument.depth), (other, others[other].depth)):
+                    if depth is None:
+                        expected, advice = f"depth of {place}, as the distance along the wire is needed", "add it"
+                        raise problem(f"instruments.{name}.depth_from", expected, "none", advice)
         return self

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -49,6 +50,10 @@ Formats = Annotated[
 Coefficients = Annotated[dict[str, float], BeforeValidator(values.coefficients)]
 Covariance = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(values.covariance)]
 Span = Annotated[tuple[float, float], BeforeValidator(values.span, json_schema_input_type=float | list[float])]
+Depths = Annotated[
+    tuple[float, float],
+    BeforeValidator(partial(values.span, from_zero=True), json_schema_input_type=float | list[float]),
+]
 Form = Annotated[str, BeforeValidator(_form, json_schema_input_type=Literal[*readers.FORMATS] | str)]
 WRITTEN = Literal["magnetic", "true", True]  # an unquoted true is read as a truth value
 TRUE = BeforeValidator(lambda value: "true" if value is True else value, json_schema_input_type=WRITTEN)
@@ -91,7 +96,7 @@ class Section(BaseModel):
 FlagValues = Annotated[tuple[int, ...], BeforeValidator(values.quality_flags, json_schema_input_type=int | list[int])]
 
 
-def _auto(expected: str, example: str, **limits: Any) -> Any:
+def auto(expected: str, example: str, **limits: Any) -> Any:
     return key(f"auto, or {expected}", example, None, **limits)
 
 
@@ -100,11 +105,11 @@ class Grid(Section):
 
     absent = (None, "auto")
 
-    step_m: Number | None = _auto("metres from 0.1 to 1000", "8", ge=0.1, le=1000)  # depths are known to 0.5 m at best
-    from_m: Number | None = _auto("metres from 0 to 12000", "20", ge=0, le=12000)
-    to_m: Number | None = _auto("metres from 0 to 12000", "500", ge=0, le=12000)
-    minutes: Number | None = _auto("minutes from 1 to 1440", "60", ge=1, le=1440)
-    max_gap_m: Number | None = _auto("metres from 0 to 1000", "16", ge=0, le=1000)
+    step_m: Number | None = auto("metres from 0.1 to 1000", "8", ge=0.1, le=1000)  # depths are known to 0.5 m at best
+    from_m: Number | None = auto("metres from 0 to 12000", "20", ge=0, le=12000)
+    to_m: Number | None = auto("metres from 0 to 12000", "500", ge=0, le=12000)
+    minutes: Number | None = auto("minutes from 1 to 1440", "60", ge=1, le=1440)
+    max_gap_m: Number | None = auto("metres from 0 to 1000", "16", ge=0, le=1000)
     max_gap_minutes: Number = key("minutes from 0 to 1440", "180", 180.0, ge=0, le=1440)
 
     @model_validator(mode="after")

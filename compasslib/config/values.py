@@ -149,10 +149,10 @@ def figure_formats(value: Any) -> tuple[str, ...]:
     return tuple(sorted({"png", *listed}, reverse=True))
 
 
-def span(value: Any) -> tuple[float, float]:
-    """Check a range of positive numbers, given as [lower, upper] or as a single number for both."""
+def span(value: Any, *, from_zero: bool = False) -> tuple[float, float]:
+    """Check a range of positive numbers, or of those from 0 on, as [lower, upper] or as a single number for both."""
     ends = tuple(number(end) for end in value) if isinstance(value, list) else (number(value),) * 2
-    if len(ends) != 2 or not 0.0 < ends[0] <= ends[1]:
+    if len(ends) != 2 or not 0.0 <= ends[0] <= ends[1] or (ends[0] == 0.0 and not from_zero):
         raise problem()
     return ends[0], ends[1]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from compasslib import angles
-from compasslib.preparation.gridding import nearest_index
+from compasslib.preparation.clocks import nearest_index
 from compasslib.records import BAD, Pairs, Record
 from compasslib.types import Floats
 

@@ -133,7 +133,7 @@ Recorded and corrected heading, share of samples and depth, {{ span | days }}: {
 SECTIONS = (
     Figure(
         "section",
-        lambda path, m: plots.timeseries.draw_section(path, m),
+        lambda path, m: plots.timeseries.draw_section(path, m.means),
         "Sections before and after",
         """\
 Eastward (U) and northward (V) velocity at {{ r.name }} by time and depth, by recorded and by corrected headings, and their difference;
@@ -142,11 +142,20 @@ corrected. Bottom: stated uncertainty of the corrected directions.""",
     ),
     Figure(
         "profile",
-        lambda path, m: plots.timeseries.draw_profile(path, m),
+        lambda path, m: plots.timeseries.draw_profile(path, m.means),
         "Mean profiles",
         """\
 (a), (b) Mean velocity at {{ r.name }} at the depths measured at least 90 % as often as any, with the 95 % range by the heading's uncertainty;
 grey: the reference, which is not corrected. (c) Major axes of the variance.""",
+    ),
+    Figure(
+        "rotary",
+        lambda path, m: plots.moorings.draw_rotary(path, m.series),
+        "Rotary spectra",
+        """\
+Rotary spectra of the current at {{ r.name }} at the depths with most values, from segments of 15 days that overlap by half; the bar is
+their 95 % interval. f: inertial frequency; K1, M2: diurnal and semidiurnal tide. A deviation that
+changes with the heading spreads power over all frequencies.""",
     ),
 )
 CALIBRATION = (

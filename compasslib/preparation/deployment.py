@@ -17,7 +17,7 @@ from compasslib import angles
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.preparation.clocks import check_coverage, find_valid_times, same_samples
-from compasslib.preparation.quality import Thresholds, flag_quality, flag_velocities
+from compasslib.preparation.quality import MASKS, Thresholds, flag_quality, flag_velocities
 from compasslib.readers import table
 from compasslib.records import BAD, MAGNETOMETER, MISSING, Record, take
 from compasslib.types import Bools, Floats
@@ -37,6 +37,7 @@ def apply_deployment(
     clock_drift_seconds: float = 0.0,
     declination_applied: float | Mapping[str, float] = 0.0,
     exclude: Sequence[tuple[float, float]] = (),
+    flags_by_hand: Sequence[Mapping[str, Any]] = (),
     affected: bool = False,
     quality: Mapping[str, Any] | None = None,
 ) -> Record:
@@ -51,6 +52,8 @@ def apply_deployment(
         declination_applied: declination already added to the export's directions, degrees, one value or separately for
             heading and velocity; it is removed.
         exclude: periods (from, to) known to be bad, UTC seconds.
+        flags_by_hand: a person's flags, which replace all others: ``from_s``, ``to_s``, ``depths`` [from, to] or None
+            for all, m, and ``flag``.
         quality: fields of ``quality.Thresholds`` that differ from the defaults.
     """
     thresholds = Thresholds(**(quality or {}))
@@ -80,7 +83,41 @@ def apply_deployment(
     for begin, end in exclude:
         bad |= (record.time_s >= begin) & (record.time_s <= end)
     record = flag_velocities(record, bad[:, None], "excluded")
-    return replace(record, heading_quality=np.where(bad, BAD, record.heading_quality).astype(np.int8))
+    record = replace(record, heading_quality=np.where(bad, BAD, record.heading_quality).astype(np.int8))
+    flags, tests = record.quality.copy(), np.array(record.tests)
+    for by_hand in flags_by_hand:
+        within = (record.time_s >= by_hand["from_s"]) & (record.time_s <= by_hand["to_s"])
+        low, high = by_hand["depths"] or (-np.inf, np.inf)
+        here = within[:, None] & (record.bin_depth_m() >= low) & (record.bin_depth_m() <= high) & (flags != MISSING)
+        flags[here], tests[here] = by_hand["flag"], tests[here] | MASKS["flagged_by_hand"]
+    counts = record.counts | {"flagged_by_hand": int(np.sum(tests & MASKS["flagged_by_hand"] > 0))}
+    return replace(record, quality=flags, tests=tests, counts=counts)
+
+
+def follow_neighbour(
+    record: Record, time_s: Floats, depth_m: Floats, *, depths_m: Sequence[float], water_depth: float, name: str
+) -> Record:
+    """Set the depth of an instrument without pressure from that of a neighbour on the same wire.
+
+    On a straight wire that leans, each point dips in proportion to its length above the anchor. Samples outside the
+    neighbour's record have the depth at its nearer end, which is told.
+
+    Args:
+        time_s: of the neighbour's depths ``depth_m``, by the clock of the record.
+        depths_m: nominal depths of the instrument and of the neighbour.
+
+    Raises:
+        InputError: the neighbour has no depth that varies.
+    """
+    own, other = depths_m
+    known = np.isfinite(depth_m)
+    if not _varies(depth_m):
+        advice = "name another instrument, or delete depth_from"
+        raise InputError(f"depth_from: {name}", expected="a pressure that varies", found="none", advice=advice)
+    dip = np.interp(record.time_s, time_s[known], depth_m[known]) - other
+    outside = np.sum((record.time_s < time_s[known][0]) | (record.time_s > time_s[known][-1]))
+    note = f"depth by the pressure of {name}, {other - own:+.4g} m along the wire; {outside} samples outside its record"
+    return _noted(replace(record, depth_m=own + dip * (water_depth - own) / (water_depth - other)), [note])
 
 
 def to_utc(time_s: Floats, deployed: tuple[float, float], offset_s: float, drift_s: float) -> Floats:
@@ -165,14 +202,19 @@ def _depth(record: Record, nominal: float | None, latitude: float) -> tuple[Floa
     several = record.bin_range_m.shape[1] > 1 and bool((record.bin_range_m[:, 0] == 0.0).all())
     of_bins = several and bool(np.isfinite(record.depth_m).all())
     if _varies(record.pressure_dbar):
-        import gsw  # takes 0.1 s, needed only with a pressure sensor
-
-        return _filled(-gsw.z_from_p(record.pressure_dbar, latitude)), "pressure"
+        return _filled(depth_of_pressure(record.pressure_dbar, latitude)), "pressure"
     if _varies(record.depth_m) or of_bins:
         return _filled(record.depth_m), "depth field"
     if nominal is not None:
         return np.full(record.time_s.shape, float(nominal)), "metadata"
     return record.depth_m.copy(), "depth field"
+
+
+def depth_of_pressure(pressure_dbar: Floats, latitude: float) -> Floats:
+    """Convert pressure to depth, m, by TEOS-10; NaN where it is missing."""
+    import gsw  # takes 0.1 s, needed only with a pressure sensor
+
+    return np.asarray(-gsw.z_from_p(pressure_dbar, latitude))
 
 
 def _varies(x: Floats, moving_m: float = 0.2) -> bool:

@@ -16,8 +16,14 @@ from numpy.typing import NDArray
 
 from compasslib import angles, earthfield
 from compasslib.errors import InputError
-from compasslib.preparation.clocks import ClockOffset, SpeedSeries, compare_speeds
-from compasslib.preparation.gridding import grid_indices, interpolate_series, nearest_index
+from compasslib.preparation.clocks import (
+    ClockOffset,
+    SpeedSeries,
+    compare_speeds,
+    grid_indices,
+    interpolate_series,
+    nearest_index,
+)
 from compasslib.preparation.references import find_speed_changes
 from compasslib.preparation.water import (
     fails_speed_check,

@@ -5,7 +5,7 @@ Impossible values are flagged and counted; values that are possible but uninform
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -21,15 +21,21 @@ class Thresholds:
     """Thresholds of the checks; None disables one."""
 
     percent_good: float = LEAST_PERCENT_GOOD  # minimum, %
-    correlation: float | None = None  # minimum over the beams, counts
+    correlation: float | None = None  # minimum that three beams must reach, counts
     error_velocity: float | None = None  # maximum, m/s
-    echo: float | None = None  # minimum over the beams, counts
+    echo: float | None = None  # minimum that three beams must reach, counts
+    echo_jump: float | None = None  # maximum difference between adjacent bins, counts
+    spike: float | None = None  # maximum difference from the running median, robust standard deviations
     tilt_deg: float = 45.0  # maximum pitch or roll; instruments do not compensate more
     speed: float = 5.0  # maximum, m/s, above any ocean current
     side_lobe: bool = True  # whether to flag cells contaminated by side-lobe echoes from surface or bottom
 
 
 DEFAULT_THRESHOLDS = Thresholds()
+# Defaults of the instruments, commands WC and WE of the WorkHorse and Sentinel V manuals (Teledyne RDI 2015, 2017);
+# the reader of Signature files applies Nortek's 50 %.
+_RDI = {"correlation": 64.0, "error_velocity": 2.0}
+MAKERS: Mapping[str, Mapping[str, float]] = dict.fromkeys(("pd0", "pd12", "rdi_text"), _RDI)  # by format
 
 
 @dataclass(frozen=True)
@@ -49,10 +55,35 @@ class Check:
     heading: bool = False  #: whether the heading is doubtful then
 
 
-def _weakest(record: Record, profile: str) -> Floats:
-    """Compute the least counts of any beam, (n, m); -1 is missing."""
+def _third_beam(record: Record, profile: str) -> Floats:
+    """Compute the counts that three beams reach, as a velocity needs, (n, m); -1 is missing."""
     values = np.asarray(record.profiles[profile][:], dtype=float)
-    return np.asarray(np.where(values < 0.0, np.inf, values).min(axis=2))
+    return np.asarray(np.sort(np.where(values < 0.0, np.inf, values), axis=2)[..., max(values.shape[2] - 3, 0)])
+
+
+def _past_echo_jump(record: Record, most: float, _: float) -> Bools:
+    """Find bins from a jump of the echo in two beams on, in the farther half (IMOS, imosEchoIntensityVelocitySetQC)."""
+    jumps = np.abs(np.diff(np.asarray(record.profiles["echo"][:], dtype=float), axis=1)) > most
+    failed = np.pad(jumps.sum(axis=2) >= 2, ((0, 0), (1, 0)))
+    failed[:, : round(failed.shape[1] / 2)] = False
+    return np.asarray(np.maximum.accumulate(failed, axis=1))
+
+
+def _spikes(record: Record, most: float, _: float) -> Bools:
+    """Find velocities far off the median of five samples and three bins (Hampel's identifier; Davies and Gather 1993).
+
+    The scale of each bin is 1.4826 times the median of the differences.
+    """
+    usable = record.quality <= PROBABLY_GOOD
+    flow = np.where(usable, record.east + 1j * record.north, complex(np.nan, np.nan))
+    around = np.pad(flow, ((2, 2), (1, 1)), constant_values=complex(np.nan, np.nan))
+    failed = np.zeros(usable.shape, dtype=bool)
+    for k in np.flatnonzero(usable.any(axis=0)):
+        here = np.flatnonzero(usable[:, k])
+        window = np.lib.stride_tricks.sliding_window_view(around[:, k : k + 3], 5, axis=0)[here].reshape(len(here), -1)
+        off = np.abs(flow[here, k] - np.nanmedian(window.real, axis=1) - 1j * np.nanmedian(window.imag, axis=1))
+        failed[here, k] = (off > most * 1.4826 * np.median(off)) & (np.median(off) > 0.0)
+    return failed
 
 
 def _impossible_depth(record: Record, _: None, water_depth: float) -> Bools:
@@ -109,13 +140,13 @@ CHECKS = (  # in the order of their bits
     Check("flagged_in_file", "flagged_in_file"),
     Check("low_percent_good", "qartod_percent_good"),
     Check("low_correlation", "qartod_correlation_magnitude",
-          lambda record, least, _: _weakest(record, "correlation") < least,
+          lambda record, least, _: _third_beam(record, "correlation") < least,
           threshold="correlation", profile="correlation", sentence="correlations below {correlation:g} counts"),
     Check("large_error_velocity", "qartod_error_velocity",
           lambda record, most, _: np.abs(np.asarray(record.profiles["error_velocity"][:])) > most,
           threshold="error_velocity", profile="error_velocity",
           sentence="error velocities above {error_velocity:g} m/s"),
-    Check("weak_echo", "qartod_echo_intensity", lambda record, least, _: _weakest(record, "echo") < least,
+    Check("weak_echo", "qartod_echo_intensity", lambda record, least, _: _third_beam(record, "echo") < least,
           threshold="echo", profile="echo", sentence="echoes below {echo:g} counts"),
     Check("impossible_speed", "qartod_current_speed",
           lambda record, most, _: np.hypot(record.east, record.north) > most,
@@ -134,8 +165,13 @@ CHECKS = (  # in the order of their bits
           sentence="bins of no length, whose depths nothing tells"),
     Check("excluded", "excluded_by_operator"),
     Check("heading", "heading"),
+    Check("echo_jump", "imos_echo_intensity_velocity", _past_echo_jump, threshold="echo_jump", profile="echo",
+          sentence="at or beyond a jump of the echo by more than {echo_jump:g} counts"),
+    Check("spike", "qartod_spike", _spikes, threshold="spike",
+          sentence="more than {spike:g} robust standard deviations off the running median"),
+    Check("flagged_by_hand", "flagged_by_operator"),
 )  # fmt: skip
-MASKS = {check.count: np.int16(1 << k) for k, check in enumerate(CHECKS)}
+MASKS = {check.count: np.int32(1 << k) for k, check in enumerate(CHECKS)}
 
 
 def flag_quality(
@@ -166,11 +202,12 @@ def flag_velocities(record: Record, where: Bools, count: str, sentence: str = ""
         where: mask, broadcastable to (n, m).
     """
     failed = np.broadcast_to(where, record.quality.shape) & (record.quality != MISSING)
-    before = np.zeros(failed.shape, dtype=np.int16) if record.tests is None else record.tests
-    tests = np.where(failed, before | MASKS[count], before).astype(np.int16)
+    before = np.zeros(failed.shape, dtype=np.int32) if record.tests is None else record.tests
+    tests = np.where(failed, before | MASKS[count], before).astype(np.int32)
     hit = failed & (record.quality <= PROBABLY_GOOD)
     number = int(np.sum(hit))
-    notes = (f"{number} velocities flagged: {sentence}",) if sentence and number else ()
+    share = 100.0 * number / max(hit.size, 1)
+    notes = (f"{number} velocities flagged: {sentence} ({share:.2g} %)",) if sentence and number else ()
     quality = np.where(hit, BAD, record.quality).astype(np.int8)
     counts = {**record.counts, count: number}
     return replace(record, quality=quality, counts=counts, warnings=record.warnings + notes, tests=tests)
@@ -208,7 +245,7 @@ def _flag_read(record: Record, thresholds: Thresholds) -> Record:
         allowed = flagged & (percent >= least) & (percent < LEAST_PERCENT_GOOD)
         record = replace(record, quality=np.where(allowed, GOOD, record.quality).astype(np.int8))
         flagged &= ~allowed
-    record = replace(record, tests=np.where(flagged, MASKS[name], np.int16(0)).astype(np.int16))
+    record = replace(record, tests=np.where(flagged, MASKS[name], np.int32(0)))
     if percent is None:
         return record
     return flag_velocities(record, percent < least, name, f"fewer than {least:g} % of the pings were good")

@@ -251,15 +251,34 @@ def sum_sigma(
         memory_s: e-folding time of the errors not due to the heading.
         depths_apart: number of independent cells at one time as a fraction of all.
     """
-    flow = np.where(np.isfinite(velocity), velocity, 0.0)
-    turned = weight_east * flow.imag - weight_north * flow.real
-    by_source = np.array([np.where(source == s, turned, 0.0).sum(axis=1) for s in range(len(errors.shares))])
+    by_source = _turned(weight_east, weight_north, velocity, source, errors)
     modes = np.nansum(np.einsum("st,kt,sk->kt", by_source, np.nan_to_num(errors.modes), errors.shares), axis=1)
     random = by_source[: len(errors.random)] * np.nan_to_num(errors.random)
     remembered = sum(_remembered(series, errors.memory_s / step_s) for series in random)
     remainder = np.nan_to_num(other) * (weight_east**2 + weight_north**2)
     inflation = (1.0 + 2.0 * memory_s / step_s) / depths_apart
     return float(np.sqrt(np.sum(modes**2) + remembered + inflation * remainder.sum()))
+
+
+def time_variances(
+    weight_east: Floats, weight_north: Floats, velocity: Complexes, other: Floats, source: NDArray[np.integer],
+    errors: HeadingErrors,
+) -> Floats:  # fmt: skip
+    """Compute the variance of the weighted sum at each single time, (t,); arguments as for ``sum_sigma``."""
+    by_source = _turned(weight_east, weight_north, velocity, source, errors)
+    modes = np.einsum("st,kt,sk->kt", by_source, np.nan_to_num(errors.modes), errors.shares)
+    random = by_source[: len(errors.random)] * np.nan_to_num(errors.random)
+    rest = np.sum(np.nan_to_num(other) * (weight_east**2 + weight_north**2), axis=1)
+    return np.asarray(np.sum(modes**2, axis=0) + np.sum(random**2, axis=0) + rest)
+
+
+def _turned(
+    weight_east: Floats, weight_north: Floats, velocity: Complexes, source: NDArray[np.integer], errors: HeadingErrors
+) -> Floats:
+    """Compute the change of the weighted sum per radian of each instrument's heading, (s, t)."""
+    flow = np.where(np.isfinite(velocity), velocity, 0.0)
+    turned = weight_east * flow.imag - weight_north * flow.real
+    return np.array([np.where(source == s, turned, 0.0).sum(axis=1) for s in range(len(errors.shares))])
 
 
 def _remembered(series: Floats, memory: float) -> float:

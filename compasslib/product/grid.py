@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles
 from compasslib.errors import InputError
-from compasslib.preparation.gridding import common_phase
+from compasslib.preparation.clocks import common_phase
 from compasslib.product.cells import (
-    NONE,
     Axes,
     Cells,
     Differences,
@@ -38,11 +35,10 @@ from compasslib.product.errors import (
     learn_by_depth,
     learn_by_time,
     marginals,
-    mean_factor,
     sphere_motion,
 )
-from compasslib.records import DEEPEST_M, MISSING, PROBABLY_BAD, Flags
-from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
+from compasslib.records import DEEPEST_M, PROBABLY_BAD, Flags
+from compasslib.types import HOUR_S, Complexes, Floats
 
 PIECE, CELLS = 4096, 1 << 21  # times gridded at once, and cells, of some 300 bytes each
 INTERPOLATED = 8  # OceanSITES reference table 2
@@ -355,132 +351,3 @@ def _ends(survey: Survey, step_m: float, phase_m: float, *, rare: float = 0.01) 
     number = np.bincount(level - level[0], survey.count[metre])
     often = np.flatnonzero(number >= rare * number.max()) + level[0]
     return phase_m + step_m * float(often[0]), phase_m + step_m * float(often[-1])
-
-
-# Daily means of the gridded product.
-
-
-@dataclass(frozen=True)
-class Daily:
-    """Daily means over d days."""
-
-    time_s: Floats  # (d,) noon
-    piece: Piece
-    errors: HeadingErrors
-    deviation_deg: Floats  # (a, d)
-    count: NDArray[np.int_]  # (d, z) number of averaged times
-    shrinkage: Floats  # (d,) exp(-heading variance / 2) of the first instrument
-
-
-@dataclass
-class DailyMeans:
-    """Daily sums of a product, accumulated piece by piece."""
-
-    axes: Axes
-    errors: HeadingErrors
-    sums: dict[str, NDArray[Any]] = field(default_factory=dict)
-
-    @property
-    def days(self) -> NDArray[np.intp]:
-        """Day number of each time, counted from the first day, (t,)."""
-        day = np.floor(self.axes.time_s / DAY_S).astype(np.intp)
-        return day - day[0] if len(day) else day
-
-    def add(self, piece: Piece) -> None:
-        """Add a piece to the daily sums."""
-        there, flow, sources = piece.source >= 0, piece.cells.velocity, np.maximum(piece.source, 0)
-        flow = np.where(there, flow, 0.0)
-        modes, random = self.errors.modes[:, piece.slots], self.errors.random[:, piece.slots]
-        of_affected = there & (sources < len(random))
-        here = np.arange(random.shape[1])[:, None]
-        random2 = np.where(of_affected, random[np.minimum(sources, len(random) - 1), here] ** 2, 0.0)
-        quality = piece.quality
-        columns = {
-            "count": there.astype(float), "flow": flow,
-            "noise": np.where(there, piece.noise, 0.0), "spread": np.where(there, piece.spread, 0.0),
-            "cells": np.where(there, piece.cells.count, 0), "interpolated": (quality == INTERPOLATED).astype(float),
-            "east2": np.where(of_affected, random2 * flow.imag**2, 0.0),
-            "north2": np.where(of_affected, random2 * flow.real**2, 0.0),
-            "cross": np.where(of_affected, -random2 * flow.real * flow.imag, 0.0),
-        }  # fmt: skip
-        for k, mode in enumerate(modes):
-            columns[f"mode{k}"] = flow * np.nan_to_num(mode)[:, None] * self.errors.shares[sources, k]
-        for s in range(len(self.errors.shares)):
-            columns[f"source{s}"] = (there & (piece.source == s)).astype(float)
-        worst = np.where(there & (quality != INTERPOLATED), quality, 0)
-        day = self.days[piece.slots]
-        begin = np.flatnonzero(np.diff(day, prepend=-1))
-        for name, values in columns.items():
-            self._total(name, values.dtype, there.shape[1])[day[begin]] += np.add.reduceat(values, begin, axis=0)
-        total = self._total("worst", np.dtype(np.int8), there.shape[1])
-        total[day[begin]] = np.maximum(total[day[begin]], np.maximum.reduceat(worst, begin, axis=0))
-
-    def _total(self, name: str, dtype: np.dtype[Any], depths: int) -> NDArray[Any]:
-        if name not in self.sums:
-            self.sums[name] = np.zeros((int(self.days[-1]) + 1, depths), dtype=dtype)
-        return self.sums[name]
-
-    def means(self, product: GriddedProduct, *, apart_s: float = 6 * HOUR_S, least_share: float = 0.5) -> Daily:
-        """Compute the daily means; errors common to a day's velocities are not reduced by averaging.
-
-        Args:
-            apart_s: lag at which velocities differ as much as those of missing hours from the rest of the day.
-            least_share: fraction of a day's times that a mean needs, except for profilers.
-        """
-        axes, sums, depths = self.axes, self.sums, len(self.axes.depth_m)
-        if not sums:
-            nothing, count = np.zeros(0), np.zeros((0, depths), dtype=int)
-            return Daily(nothing, empty_piece(depths, False), self.errors, product.deviation_deg, count, nothing)
-        count = sums["count"]
-        per_source = np.array([sums[f"source{s}"] for s in range(len(self.errors.shares))])
-        source = np.argmax(per_source, axis=0)
-        moving = np.array([s.profiles for s in product.sources])[source]
-        expected = DAY_S / axes.step_s
-        there = (count > 0) & (moving | (count >= least_share * expected))
-        number = np.maximum(count, 1.0)
-        flow = np.where(there, sums["flow"] / number, NONE)
-        remembered = mean_factor(number, self.errors.memory_s / axes.step_s) / number
-        variances = [sums[name] * remembered for name in ("east2", "north2", "cross")]
-        for k in range(len(self.errors.modes)):
-            turned = sums[f"mode{k}"] / number
-            squares = turned.imag**2, turned.real**2, -turned.real * turned.imag
-            for variance, square in zip(variances, squares, strict=True):
-                variance += square
-        # Missing times are no random sample: they are consecutive, and the current sets the depth of a sphere.
-        apart = float(product.learnt[0].by_time.at(np.array([apart_s]))[0])
-        missing = 0.5 * np.maximum(1.0 - count / expected, 0.0) ** 2 * apart  # means differ less than single values
-        spread = sums["spread"] / number * mean_factor(number, product.memory_s / axes.step_s) + missing
-        noise = sums["noise"] / number**2
-        quality = np.where(sums["interpolated"] > 0.5 * count, INTERPOLATED, np.maximum(sums["worst"], 1))
-        quality = np.where(there, quality, MISSING).astype(np.int8)
-        cells = replace(
-            empty_cells(len(count), depths, False),
-            velocity=flow, quality=quality, count=sums["cells"].astype(np.int32),
-        )  # fmt: skip
-        east, north, cross = (np.where(there, v, np.nan) for v in variances)
-        piece = Piece(
-            slice(0, len(count)), cells, np.where(there, source, -1), quality, east + noise + spread,
-            north + noise + spread, cross, noise, spread,
-        )  # fmt: skip
-        days = self.days
-        first = np.floor(axes.time_s[0] / DAY_S) * DAY_S
-        size = len(count)
-
-        def mean(series: Floats) -> Floats:
-            known = np.isfinite(series)
-            n = np.bincount(days[known], minlength=size)
-            return np.where(n > 0, np.bincount(days[known], series[known], size) / np.maximum(n, 1), np.nan)
-
-        random2 = np.array([mean(series) for series in self.errors.random**2])
-        per_day = np.bincount(days, minlength=size)
-        errors = replace(
-            self.errors,
-            modes=np.array([mean(mode) for mode in self.errors.modes]).reshape(len(self.errors.modes), size),
-            random=np.sqrt(random2 * mean_factor(per_day, self.errors.memory_s / axes.step_s)),
-        )
-        sine, cosine = (np.array([mean(series) for series in part]) for part in angles.sin_cos(product.deviation_deg))
-        return Daily(
-            first + DAY_S * (np.arange(size) + 0.5), piece, errors,
-            np.asarray(angles.wrap180(angles.direction(sine, cosine))), np.where(there, count, 0).astype(int),
-            np.exp(-0.5 * mean(self.errors.variance(0))),
-        )  # fmt: skip

@@ -158,7 +158,7 @@ def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingError
     of_compass = [x for x in stated if x["side"] in ("compass", "clock")]
     return {
         "name": name,
-        "truth": truth | {"planted": [cause | {"level": named_level(cause, stated)} for cause in truth["planted"]]},
+        "truth": {**truth, "planted": [cause | {"level": named_level(cause, stated)} for cause in truth["planted"]]},
         "verdict": diagnosis["verdict"],
         "answer": sections.describe_findings(diagnosis),
         "false": [x for x in of_compass if driver_of(x) not in {cause["driver"] for cause in truth["planted"]}],

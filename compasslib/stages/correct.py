@@ -37,6 +37,7 @@ def correct(
     site: Mapping[str, Any],
     attributes: Mapping[str, Any],
     superseded: Mapping[str, Any] | None,
+    by_hand: Sequence[str],
     say: Callable[[str], None],
 ) -> None:
     """Write the corrected record, whether it can be used, the table of its compass, and histograms before and after.
@@ -47,6 +48,7 @@ def correct(
         references: record files of the reference instruments, possibly none.
         overlap: file to write the pairs to.
         superseded: the earlier deposit, as returned by ``deposit.describe_superseded``.
+        by_hand: descriptions of the flags that a person gave.
 
     Raises:
         InputError: an observatory's file cannot be read.
@@ -60,7 +62,7 @@ def correct(
         whole, made_by.fit, along, near, at, unmodelled_deg=made_by.left_deg, doubts=made_by.doubts
     )
     sources = netcdf.read_sources([record, *references, pairs])
-    processing = provenance.processing(made_by, along, sources, superseded)
+    processing = provenance.processing(made_by, along, sources, superseded, by_hand)
     netcdf.write_corrected(corrected, made, site=Site(**site), attributes=attributes, processing=processing)
     shutil.copyfile(pairs, overlap)
     summary.write_lookup(table, tabulate_deviation(made_by.fit, made_by.left_deg, made_by.doubts))

@@ -148,3 +148,33 @@ def _named(stopped: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
     """Return the reasons by kind and name, such as "mooring EG4", the keys of the configuration."""
     kinds = ("mooring", "calibration")
     return {f"{kind} {name}": why for kind in kinds for name, why in stopped[f"{kind}s"].items()}
+
+
+def report(
+    *,
+    page: str,
+    attributes: Mapping[str, Any],
+    moorings: Mapping[str, Mapping[str, Any]],
+    calibrations: Sequence[str],
+    compasses: Sequence[str],
+    usable: str,
+    say: Callable[[str], None],
+) -> None:
+    """Write the page into the folder of the results; arguments as for ``report.gather``.
+
+    Raises:
+        InputError: a file of the results is missing or damaged.
+    """
+    from compasslib import report as html  # imports templates and tables that no other stage needs
+
+    stopped = read_stopped(usable)
+    content = html.gather(
+        Path(page).parent,
+        attributes=attributes,
+        moorings=moorings,
+        calibrations=[name for name in calibrations if name not in stopped["calibrations"]],
+        compasses=[name for name in compasses if name not in stopped["compasses"]],
+        stopped=stopped,
+    )
+    html.write(page, content)
+    say(html.log_line(page, content))

@@ -62,8 +62,8 @@ def _draw(subject: str, figures: Sequence[str], data: Any) -> None:
 
 
 def sections(mooring: str, *, gridded: str, figures: Sequence[str], pictures: str, say: Callable[[str], None]) -> None:
-    """Draw the section and the mean profile of the gridded velocities."""
-    _draw("sections", figures, read_section(gridded))
+    """Draw the section, the mean profile and the rotary spectra of the gridded velocities."""
+    _draw("sections", figures, SimpleNamespace(means=read_section(gridded), series=summary.read_depth_series(gridded)))
     write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])
     say(f"{mooring}: {len(figures)} figures")
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from compasslib import earthfield
 from compasslib.archive import gridded as archive
-from compasslib.archive import netcdf, provenance
+from compasslib.archive import netcdf, provenance, sites
 from compasslib.archive.attributes import Site
 from compasslib.archive.files import read_json
 from compasslib.deviation.correction import record_readings, reference_modes
@@ -21,12 +21,13 @@ from compasslib.inference import covariates
 from compasslib.inference import product as products
 from compasslib.inference.product import CorrectionModel
 from compasslib.product.cells import average_angle, compare_at_seam, describe_seam
+from compasslib.product.daily import GODIN_H, DailyMeans
 from compasslib.product.errors import (
     AffectedHeadings,
     compass_modes,
     heading_errors,
 )
-from compasslib.product.grid import DailyMeans, GridRules, Source, Survey, make_axes, survey
+from compasslib.product.grid import GridRules, Source, Survey, make_axes, survey
 from compasslib.product.grid import grid as make_grid
 from compasslib.records import PROBABLY_BAD, CorrectedRecord, EarthField, Pairs
 
@@ -62,6 +63,7 @@ def grid(
     site: Mapping[str, Any],
     attributes: Mapping[str, Any],
     superseded: Mapping[str, Any] | None,
+    by_hand: Sequence[str],
     say: Callable[[str], None],
 ) -> None:
     """Write velocities on fixed depths and times.
@@ -75,6 +77,7 @@ def grid(
         rotors: whether each reference counts its speed by a mechanical rotor.
         attributes: global attributes from the YAML files.
         superseded: the earlier deposit, as returned by ``deposit.describe_superseded``.
+        by_hand: descriptions of the flags that a person gave.
 
     Raises:
         InputError: an observatory's file cannot be read.
@@ -108,13 +111,13 @@ def grid(
     after = sum(int(np.isfinite(part.corrected.heading_corrected_deg).sum()) for part in affected)
     sources = netcdf.read_sources([*records, *references, *pairs])
     described = archive.FileDescription(
-        Site(**site), along, attributes, _describe_processing(affected, along, sources, superseded),
+        Site(**site), along, attributes, _describe_processing(affected, along, sources, superseded, by_hand),
         (before, after), also=_seam_attributes(affected, seams),
     )  # fmt: skip
-    means = DailyMeans(axes, errors) if gridded[1:] else None
+    means = [DailyMeans(axes, errors, running_h) for running_h in ((), GODIN_H)] if gridded[1:] else []
     counts = archive.write_gridded(gridded[0], whole, described, means)
-    if means is not None:
-        archive.write_daily(gridded[1], whole, described, means)
+    if means:
+        archive.write_daily(gridded[1], whole, described, *means)
     doubtful = [part.source.name for part in affected if part.doubtful]
     only = f"; all of {', '.join(doubtful)} have flag 3" if doubtful else ""
     say(
@@ -125,6 +128,26 @@ def grid(
     for part, seam in zip(affected, seams, strict=True):
         if sentence := describe_seam(seam):
             say(f"{mooring}: {f'{part.source.name}: ' * (len(affected) > 1)}{sentence}")
+
+
+def join_site(
+    site: str,
+    *,
+    daily: Sequence[str],
+    joined: str,
+    names: Sequence[str],
+    attributes: Mapping[str, Any],
+    say: Callable[[str], None],
+) -> None:
+    """Join the daily means of the deployments of a site, ``names`` in order of time, as far as they have any.
+
+    Raises:
+        InputError: depths of two deployments are not on one axis.
+    """
+    files = {Path(file).parent.name: file for file in daily}
+    there = {name: files[name] for name in names if name in files}
+    seams = sites.join_daily(joined, there, site, attributes)
+    say("\n".join([f"{site}: daily means of {', '.join(there)} joined", *(f"{site}: {seam}" for seam in seams)]))
 
 
 def _read_affected(
@@ -166,10 +189,14 @@ def _read_affected(
 
 
 def _describe_processing(
-    affected: Sequence[_Affected], along: EarthField, sources: Mapping[str, str], superseded: Mapping[str, Any] | None
+    affected: Sequence[_Affected],
+    along: EarthField,
+    sources: Mapping[str, str],
+    superseded: Mapping[str, Any] | None,
+    by_hand: Sequence[str],
 ) -> dict[str, Any]:
     """Describe how the headings were corrected; several instruments are listed by name."""
-    each = {part.source.name: provenance.processing(part.made_by, along, sources, superseded) for part in affected}
+    each = {p.source.name: provenance.processing(p.made_by, along, sources, superseded, by_hand) for p in affected}
     first = next(iter(each.values()))
     if len(each) == 1:
         return first

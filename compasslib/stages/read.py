@@ -13,7 +13,15 @@ from compasslib.archive import netcdf, provenance
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import declination
 from compasslib.deviation.reference import reference_compass
-from compasslib.preparation.deployment import add_covariates, add_field_strength, apply_deployment, describe_record
+from compasslib.preparation.deployment import (
+    add_covariates,
+    add_field_strength,
+    apply_deployment,
+    depth_of_pressure,
+    describe_record,
+    follow_neighbour,
+    to_utc,
+)
 from compasslib.preparation.pairs import (
     PairRules,
     describe_pairs,
@@ -23,6 +31,7 @@ from compasslib.preparation.pairs import (
     widen_rules,
 )
 from compasslib.preparation.references import join_references
+from compasslib.readers import table
 from compasslib.readers.ready_pairs import ROLES, read_ready_pairs
 from compasslib.records import Record, ReferenceCompass
 
@@ -38,6 +47,7 @@ def read(
     reader: Mapping[str, Any],
     deployment: Mapping[str, Any],
     series: Mapping[str, Mapping[str, Any]],
+    neighbour: Mapping[str, Any] | None,
     say: Callable[[str], None],
 ) -> None:
     """Write the record of one instrument.
@@ -49,11 +59,13 @@ def read(
         reader: keys of the mooring's YAML file that are arguments of the reader.
         deployment: arguments of ``deployment.apply_deployment``.
         series: covariates to add to the record: files, columns and unit by name.
+        neighbour: whose pressure gives the depth: ``table`` with time and pressure, or ``raw``, ``form``, ``reader``
+            and ``deployment``; with ``name`` and ``depths_m`` of ``deployment.follow_neighbour``.
 
     Raises:
         InputError: a raw file cannot be read.
     """
-    settled = record_of(raw, form, reader, deployment, series)
+    settled = record_of(raw, form, reader, deployment, series, neighbour)
     sources = provenance.hashes([*raw, *companions])
     made = provenance.origin("record read", sources) | {netcdf.SOURCES: json.dumps(sources)}
     netcdf.write_record(record, settled, attributes=made)
@@ -66,9 +78,24 @@ def record_of(
     reader: Mapping[str, Any],
     deployment: Mapping[str, Any],
     series: Mapping[str, Mapping[str, Any]],
+    neighbour: Mapping[str, Any] | None = None,
 ) -> Record:
     """Return the record of one instrument; arguments and errors as for ``read``."""
     read = readers.read(form, [Path(file) for file in raw], reader)
+    if neighbour is not None:
+        if "table" in neighbour:
+            time_s, pressure, _ = table.read_series(neighbour["table"])
+            depth_m = depth_of_pressure(pressure, deployment["latitude"])
+        else:
+            beside = apply_deployment(
+                readers.read(neighbour["form"], [Path(file) for file in neighbour["raw"]], neighbour["reader"]),
+                **neighbour["deployment"],
+            )
+            time_s, depth_m = beside.time_s, beside.depth_m
+        span, offset = (deployment["start_s"], deployment["end_s"]), deployment["clock_offset_seconds"]
+        utc = replace(read, time_s=to_utc(read.time_s, span, offset, deployment["clock_drift_seconds"]))
+        keys = {"depths_m": neighbour["depths_m"], "name": neighbour["name"], "water_depth": deployment["water_depth"]}
+        read = replace(follow_neighbour(utc, time_s, depth_m, **keys), time_s=read.time_s)
     return add_covariates(add_field_strength(apply_deployment(read, **deployment)), series)
 
 

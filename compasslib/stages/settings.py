@@ -22,6 +22,7 @@ from compasslib.config.schema import Instrument, Mooring
 from compasslib.earthfield import parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.inference import kinds
+from compasslib.preparation.quality import MAKERS
 
 CONCEALED = tuple(f"C{k}" for k in range(1, 5))  # demonstration moorings whose truth is read for one page only
 SIMULATED = (*(f"EG{k}" for k in range(1, 8)), *CONCEALED)  # the moorings of the demonstration cruise
@@ -63,7 +64,9 @@ class Moorings:
     def companion_files(self, name: str, role: str) -> list[str]:
         """List the files besides the raw ones that the settings of an instrument's reading name."""
         series = [file for each in self._series(name, role).values() for file in each["files"]]
-        return [*self._instrument(name, role).pressure_files, *series]
+        neighbour = self._neighbour(name, role) or {}
+        beside = neighbour.get("raw", neighbour.get("table", {}).get("files", ()))
+        return [*self._instrument(name, role).pressure_files, *series, *beside]
 
     def ready_pairs(self, name: str) -> list[str]:
         """List the file of ready-made pairs, none where pairs are found by this software."""
@@ -84,12 +87,25 @@ class Moorings:
         wanted = {name: self.mooring(name).product for name in self.cruise.whole}
         return {name: ["gridded.nc", *["gridded_daily.nc"] * each.daily] for name, each in wanted.items() if each.grid}
 
+    @cached_property
+    def sites(self) -> dict[str, list[str]]:
+        """Moorings at each site that has a name, in order of time."""
+        at: dict[str, list[str]] = {}
+        for name in sorted(self.cruise.whole, key=lambda name: self.mooring(name).start_s):
+            if site := self.mooring(name).site:
+                at.setdefault(site, []).append(name)
+        return at
+
+    def join_site(self, site: str) -> Arguments:
+        return {"names": self.sites[site], "attributes": self._attributes(self.parts(self.sites[site][0])[0])}
+
     def read(self, name: str, role: str) -> Arguments:
         return {
             "form": self._instrument(name, role).format,
             "reader": self._reader(name, role),
             "deployment": self._deployment(name, role),
             "series": self._series(name, role),
+            "neighbour": self._neighbour(name, role),
         }
 
     def overlap(self, name: str) -> Arguments:
@@ -129,10 +145,13 @@ class Moorings:
 
     def correct(self, name: str) -> Arguments:
         mooring = self.mooring(name)
+        roles = dict.fromkeys(role for part in self.parts(name) for role in self.roles(part))
+        by_hand = [f"{role}: {flag}" for role in roles for flag in mooring.instruments[role].flags_by_hand]
         return {
             "site": {"name": mooring.name} | _place(mooring),
             "attributes": self._attributes(name),
             "superseded": self.superseded(name),
+            "by_hand": by_hand,
         }
 
     def grid(self, name: str) -> Arguments:
@@ -183,7 +202,20 @@ class Moorings:
         """Return the settings of covariates in tables, which are read with the affected instrument, by name."""
         mooring = self.mooring(name)
         given = mooring.covariates.items() if role == mooring.compromised else ()
-        return {key: each.model_dump(exclude={"format"}) for key, each in given if each.format == "table"}
+        return {key: each.model_dump(exclude={"format", "depth"}) for key, each in given if each.format == "table"}
+
+    def _neighbour(self, name: str, role: str) -> Arguments | None:
+        """Compose the argument ``neighbour`` of ``read.read``; None where the depth is the instrument's own."""
+        mooring, instrument = self.mooring(name), self._instrument(name, role)
+        if (other := instrument.depth_from) is None:
+            return None
+        if table := mooring.covariates.get(other):
+            nominal, beside = table.depth, Arguments(table=table.model_dump(exclude={"format", "depth"}))
+        else:
+            nominal = mooring.instruments[other].depth
+            beside = {"raw": self.raw_files(name, other), "form": mooring.instruments[other].format}
+            beside |= {"reader": self._reader(name, other), "deployment": self._deployment(name, other)}
+        return {"name": other, "depths_m": [instrument.depth, nominal], **beside}
 
     def _reader(self, name: str, role: str) -> Arguments:
         """Select the keys of an instrument that are arguments of its reader."""
@@ -198,6 +230,7 @@ class Moorings:
         mooring, instrument = self.mooring(name), self._instrument(name, role)
         # Some readers remove the declination themselves: a PD0 file may hold it as heading bias.
         taken = readers.get_format(instrument.format).takes_declination
+        limits = MAKERS.get(instrument.format, {})
         return _plain(instrument, DEPLOYMENT_KEYS) | {
             "start_s": mooring.start_s,
             "end_s": mooring.end_s,
@@ -207,7 +240,8 @@ class Moorings:
             "declination_applied": 0.0 if taken else instrument.declination_applied or 0.0,
             "exclude": [(window.from_s, window.to_s) for window in instrument.exclude],
             "affected": role == mooring.compromised,
-            "quality": mooring.quality.model_dump(),
+            "flags_by_hand": [flag.model_dump(exclude={"who", "why"}) for flag in instrument.flags_by_hand],
+            "quality": {key: limits.get(key) if value is None else value for key, value in mooring.quality},
         }
 
     def _place_and_declination(self, name: str) -> Arguments:
@@ -331,6 +365,8 @@ def configuration(cruise: Cruise) -> dict[str, list[str]]:
     for name, (moorings, given) in compasses.members(cruise.moorings, cruise.calibrations).items():
         each = [*(cruise.mooring_files[mooring] for mooring in moorings), *(f"{CALIBRATIONS}/{c}.yaml" for c in given)]
         files[f"compass {name}"] = [CONFIG, *each]
+    for site, names in Moorings(cruise).sites.items():
+        files[f"site {site}"] = [CONFIG, *(files[f"mooring {name}"][1] for name in names)]
     return {"": [CONFIG]} | files
 
 
@@ -400,6 +436,16 @@ def check_cruise(cruise: Cruise) -> None:
             raise InputError(f"{file}: name", expected=" or ".join(SIMULATED), found=name, advice=advice)
     for name in cruise.moorings if cruise.options.supersedes else ():
         Moorings(cruise).superseded(name)
+    for first, *others in Moorings(cruise).sites.values():
+        for name in others:
+            grids = [Moorings(cruise).mooring(each).product.grid for each in (first, name)]
+            axes = [f"{{step_m: {grid.step_m:g}, from_m: {grid.from_m:g}}}" for grid in grids if grid]
+            if axes[0] != axes[1]:
+                where, expected = (
+                    f"{cruise.mooring_files[cruise.whole[name][0]]}: product.grid",
+                    f"{axes[0]} as {first}",
+                )
+                raise InputError(where, expected=expected, found=axes[1], advice="write the same for all of the site")
 
 
 def _described(mooring: Mooring) -> dict[str, Any]:

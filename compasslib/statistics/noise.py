@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from compasslib.statistics.least_squares import HUBER_CLIP, robust_width
 from compasslib.statistics.resampling import block_sums
-from compasslib.types import DAY_S, Floats
+from compasslib.types import DAY_S, Complexes, Floats
 
 
 def effective_sample_size(residual: Floats, time_s: Floats, *, longest_s: float = 5 * DAY_S) -> float:
@@ -54,6 +54,44 @@ Ints = NDArray[np.int_]
 PHI = np.concatenate([[0.0], 1.0 - np.geomspace(0.85, 0.05, 14)])  # candidate autoregressive coefficients
 THETA = np.array([0.0, -0.2, -0.4, -0.6, -0.8])  # candidate moving-average coefficients
 MIN_DOF = 3.0  # degrees of freedom from which Student's distribution has a finite variance
+
+
+@dataclass(frozen=True)
+class RotarySpectrum:
+    """Power density of a velocity by frequency and sense of rotation."""
+
+    frequency_cpd: Floats  # (k,) cycles per day, above 0
+    clockwise: Floats  # (k,) (m/s)^2 per cycle per day; NaN without a segment
+    counterclockwise: Floats  # (k,)
+    interval: tuple[float, float]  # factors on a density to the ends of its 95 % interval
+
+
+def rotary_spectrum(velocity: Complexes, step_s: float, *, segment_days: float = 15.0) -> RotarySpectrum:
+    """Estimate the rotary spectrum (Gonella 1972) by half-overlapping segments under a Hann window (Welch 1967).
+
+    Segments with a missing value are left out. Degrees of freedom: Percival and Walden (1993, equation 292b).
+
+    Args:
+        velocity: (n,) east + i north, m/s, in even steps.
+        segment_days: length of a segment; by default what M2 and S2 need to part, 1 / (2 - 1.9323) days.
+    """
+    from scipy.special import chdtri
+
+    length = int(segment_days * DAY_S / step_s) // 2 * 2
+    window = np.hanning(length + 1)[:-1]
+    begins = range(0, len(velocity) - length + 1, max(length // 2, 1))
+    parts = [part for begin in begins if np.isfinite(part := velocity[begin : begin + length]).all()]
+    cycles = np.fft.fftfreq(length, step_s / DAY_S)
+    positive = slice(1, length // 2)
+    if not parts:
+        nothing = np.full(len(cycles[positive]), np.nan)
+        return RotarySpectrum(cycles[positive], nothing, nothing, (np.nan, np.nan))
+    powers = [np.abs(np.fft.fft(window * (part - part.mean()))) ** 2 for part in parts]
+    density = np.mean(powers, axis=0) * step_s / DAY_S / np.sum(window**2)
+    shared = (np.sum(window[: length // 2] * window[length // 2 :]) / np.sum(window**2)) ** 2
+    freedom = 2.0 * len(parts) / (1.0 + 2.0 * shared * (1.0 - 1.0 / len(parts)))
+    low, high = (freedom / chdtri(freedom, tail) for tail in (0.025, 0.975))
+    return RotarySpectrum(cycles[positive], density[::-1][: length // 2 - 1], density[positive], (low, high))
 
 
 def arma_likelihoods(residual: Floats, columns: Floats) -> Floats:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import compasslib
-from compasslib.records import Labelled
+from compasslib.errors import InputError
 from tests.world.products import make_product, write
-from tests.world.sea import pairs
 
 
 def test_product_converts_to_xarray_with_dimensions_and_units(tmp_path):
@@ -36,22 +34,11 @@ def test_product_converts_to_xarray_with_dimensions_and_units(tmp_path):
     data.to_netcdf(tmp_path / "again.nc")
 
 
-def test_channels_and_pairs_become_variables(tmp_path):
-    xarray = pytest.importorskip("xarray", reason="xarray is not installed")
-    seen, _ = pairs(n=30)
-    data = seen.to_xarray()
-    assert isinstance(data, xarray.Dataset) and data["lower_east"].dims == ("time",)
-    assert data["separation_minutes"].units == "minutes" and "reference_names" not in data.attrs
-    record = make_product(20, 3).record
-    record = replace(record, channels={"load": np.arange(20.0)}, channel_units={"load": "kN"})
-    record = replace(record, profiles={"echo": np.zeros((20, 3, 4), dtype=np.int16)})
-    data = record.to_xarray()
-    assert data["load"].units == "kN" and data["echo"].dims == ("time", "bin", "beam")
-
-
-def test_missing_xarray_is_reported_with_the_install_command(monkeypatch):
+def test_missing_xarray_and_products_in_memory_are_refused(tmp_path, monkeypatch):
+    product = make_product(20, 3)
+    with pytest.raises(InputError, match="expected a product opened from a file, found one in memory; write it by"):
+        product.to_xarray()
+    opened = compasslib.open_product(write(tmp_path / "corrected.nc", product))
     monkeypatch.setitem(sys.modules, "xarray", None)
-    seen, _ = pairs(n=30)
-    assert isinstance(seen, Labelled)
     with pytest.raises(ImportError, match=r"pip install 'compasslib\[xarray\]'"):
-        seen.to_xarray()
+        opened.to_xarray()

@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import shutil
+import sys
 import warnings
 from pathlib import Path
 
@@ -86,6 +87,38 @@ def test_pandas_reads_the_table_and_its_sidecar(world, tmp_path, capsys):
         assert told["for_all_rows"]["LATITUDE"] == 65.3333 and told["attributes"]["id"] == nc.id
         columns = {column.rsplit("_", 1)[0] if column[-1].isdigit() else column for column in read.columns}
         assert columns == set(told["columns"])
+
+
+def test_parquet_has_the_rows_of_the_table(world, tmp_path, capsys):
+    pandas = pytest.importorskip("pandas")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    (file,) = exported(capsys, world, "parquet", tmp_path)
+    table, sidecar = exported(capsys, world, "csv", tmp_path)
+    read, written = pandas.read_parquet(file), pandas.read_csv(table, parse_dates=["TIME"])
+    assert list(read.columns) == list(written.columns) and (read.TIME == written.TIME).all()
+    np.testing.assert_allclose(read.UCUR, written.UCUR, rtol=1e-6)
+    told = json.loads(parquet.read_schema(file).metadata[b"compasslib"])
+    same = json.loads(sidecar.read_text())
+    assert [*told["columns"]["UCUR"]] == [*same["columns"]["UCUR"]] and told["for_all_rows"] == same["for_all_rows"]
+
+
+def test_erddap_gets_one_set_of_axes(world, tmp_path, capsys):
+    pytest.importorskip("xarray")
+    (file,) = exported(capsys, world, "erddap", tmp_path)
+    with netCDF4.Dataset(file) as nc, netCDF4.Dataset(world / "corrected/M1/gridded.nc") as whole:
+        kept = {name: v.dimensions for name, v in nc.variables.items() if not name.endswith("_bnds")}
+        assert {axes for axes in kept.values() if len(axes) > 1} == {("TIME", "DEPTH")} and "UCUR_UNCERTAINTY" in kept
+        np.testing.assert_array_equal(nc["UCUR"][:], whole["UCUR"][:])
+        assert nc["TIME"].units == whole["TIME"].units and nc.cdm_profile_variables == "TIME"
+        assert set(nc["UCUR"].ancillary_variables.split()) <= set(kept)
+
+
+def test_packages_that_a_form_needs_are_named(world, tmp_path, capsys, monkeypatch):
+    for form, module, package in (("parquet", "pyarrow", "pyarrow"), ("zarr", "zarr.storage", "zarr")):
+        monkeypatch.setitem(sys.modules, module, None)
+        line = refused(capsys, "M1", "--cruise", str(world), "--to", form, "--into", str(tmp_path))
+        assert f"expected the package {package}, found it is not installed; pip install {package}" in line
+    assert not any(tmp_path.iterdir())
 
 
 def test_scipy_reads_the_structures(world, tmp_path, capsys):

@@ -408,6 +408,11 @@ covariates: {obs: {format: iaga2002, files: raw/obs/*.min, unit: nT}} -> covaria
     exclude: [{from: 2007-10-01}] -> instruments.top.exclude[0].to
     exclude: [{from: 2009-01-01, to: 2009-01-02}] -> instruments.top.exclude[0]
     exclude: [{from: 2007-10-02, to: 2007-10-01}] -> instruments.top.exclude[0].to
+    flags_by_hand: [{from: 2007-10-01, to: 2007-10-02, flag: 3, why: w}] -> instruments.top.flags_by_hand[0].who
+    flags_by_hand: [{from: 2007-10-01, to: 2007-10-02, flag: 9, who: P, why: w}] -> instruments.top.flags_by_hand[0].flag
+    flags_by_hand: [{from: 2009-10-01, to: 2009-10-02, flag: 3, who: P, why: w}] -> instruments.top.flags_by_hand[0]
+    depth_from: nobody -> instruments.top.depth_from
+    depth_from: top -> instruments.top.depth_from
     direction_reference: grid -> instruments.deep.direction_reference
 """
 
@@ -574,7 +579,7 @@ def test_damaged_yaml_is_read_or_refused_in_one_line(cruise: Path) -> None:
             read += len(config.load_cruise(cruise).moorings)
         except InputError as error:
             refused.append(str(error))
-    assert [line for line in refused if "\n" in line or len(line) > 580] == []
+    assert [line for line in refused if "\n" in line or len(line) > 620] == []
     assert read + len(refused) == 100
     assert min(read, len(refused)) > 15  # damage is often within a comment
 

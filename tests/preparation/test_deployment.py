@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compasslib.preparation.deployment import apply_deployment
+from compasslib.errors import InputError
+from compasslib.preparation.deployment import apply_deployment, follow_neighbour
+from compasslib.preparation.quality import MASKS
 from compasslib.records import BAD, GOOD
 from tests.world.hourly import HOUR, record, turning
 
@@ -75,6 +77,31 @@ def test_excluded_windows_are_flagged_not_deleted():
     settled = apply_deployment(record(HOUR * np.arange(10)), **SETTINGS, exclude=[(2 * HOUR, 3 * HOUR)])
     assert list(np.flatnonzero(settled.heading_quality == BAD)) == [2, 3]
     assert (settled.quality[2:4] == BAD).all() and len(settled.time_s) == 10
+
+
+def test_flags_by_hand_replace_others_in_their_depths():
+    given = record(HOUR * np.arange(10), ranges=(10.0, 30.0, 110.0))  # the last bin above the surface
+    flags = [
+        {"from_s": 2 * HOUR, "to_s": 3 * HOUR, "depths": (0.0, 75.0), "flag": 3},
+        {"from_s": 3 * HOUR, "to_s": 3 * HOUR, "depths": None, "flag": 2},
+    ]
+    settled = apply_deployment(given, **SETTINGS, flags_by_hand=flags)
+    assert settled.quality[1:5].tolist() == [[1, 1, 4], [1, 3, 4], [2, 2, 2], [1, 1, 4]]
+    assert settled.counts["flagged_by_hand"] == 4 and (settled.heading_quality == GOOD).all()
+    bits = settled.tests & MASKS["flagged_by_hand"] > 0
+    assert np.argwhere(bits).tolist() == [[2, 1], [3, 0], [3, 1], [3, 2]]
+
+
+def test_depth_follows_a_neighbour_on_a_leaning_wire():
+    given, hours = record(HOUR * np.arange(12)), HOUR * np.arange(2, 20)
+    wire = {"depths_m": [100.0, 300.0], "water_depth": 500.0, "name": "deep"}
+    dips = 10.0 * np.sin(hours / HOUR) ** 2
+    placed = follow_neighbour(given, hours, 300.0 + dips, **wire)
+    # 400 m of wire below it and 200 m below the neighbour: it dips twice as far.
+    assert placed.depth_m[2:] == pytest.approx(100.0 + 2.0 * dips[:10])
+    assert "+200 m along the wire; 2 samples outside its record" in placed.warnings[-1]
+    with pytest.raises(InputError, match="depth_from: deep: expected a pressure that varies, found none"):
+        follow_neighbour(given, hours, np.full(len(hours), 300.0), **wire)
 
 
 def test_applied_declination_is_removed():

@@ -7,8 +7,7 @@ import pytest
 
 from compasslib import angles
 from compasslib.errors import InputError
-from compasslib.preparation.clocks import ClockOffset
-from compasslib.preparation.gridding import grid_indices, interpolate_series
+from compasslib.preparation.clocks import ClockOffset, grid_indices, interpolate_series
 from compasslib.preparation.pairs import PairRules, check_pairs, estimate_clock_offset, find_pairs
 from compasslib.records import BAD, EarthField, Record, take
 from tests.world import sea

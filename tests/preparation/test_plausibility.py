@@ -79,7 +79,8 @@ def test_every_fault_is_counted_and_reported(fault):
 
 
 def test_every_count_of_the_deployment_has_a_fault():
-    quiet = {"side_lobe", "beyond_boundary", "excluded", "echo_of_boundary"}  # no faults: natural, or set by the user
+    # No faults: natural, or set by the user.
+    quiet = {"side_lobe", "beyond_boundary", "excluded", "flagged_by_hand", "echo_of_boundary"}
     assert set(apply_deployment(echoes(100.0, 110.0), **LONG).counts) == {*FAULTS, *quiet}
 
 

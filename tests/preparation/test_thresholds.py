@@ -71,6 +71,32 @@ def test_threshold_flags_velocities_and_sets_its_bit(thresholds, bad, test):
     assert ((flagged.tests[0] & MASKS[test] > 0) == value).all()
 
 
+def test_two_weak_beams_of_four_fail_and_one_does_not():
+    weak = np.full((N, M, 4), 100, dtype=np.int16)
+    weak[:, 0, 0], weak[:, 1, :2], weak[:, 2, 0] = 30, 30, -1  # one beam, two beams, one missing
+    flagged = flag_quality(record(profiles={"correlation": weak}, quality=np.ones((N, M), np.int8)), 500.0,
+                           thresholds=Thresholds(correlation=64.0))  # fmt: skip
+    assert bad_bins(flagged) == [1] and "(20 %)" in flagged.warnings[0]
+
+
+def test_bins_from_a_jump_of_the_echo_on_are_flagged_in_the_farther_half():
+    echo = np.full((N, M, 4), 80, dtype=np.int16)
+    echo[:, 0, :], echo[:, 3, :2], echo[:5, 3, 1] = 200, 130, 80  # a school of fish nearby; the surface; one beam only
+    flagged = flag_quality(record(profiles={"echo": echo}, quality=np.ones((N, M), np.int8)), 500.0,
+                           thresholds=Thresholds(echo_jump=30.0))  # fmt: skip
+    assert (flagged.quality[5:, 3:] == BAD).all() and (flagged.quality[:5] == GOOD).all()
+    assert (flagged.quality[:, :3] == GOOD).all() and flagged.counts["echo_jump"] == 2 * (N - 5)
+
+
+def test_single_outliers_are_spikes_and_steps_of_the_current_are_not():
+    sound = record(profiles={}, quality=np.ones((N, M), np.int8))
+    east = sound.east + np.where(np.arange(N) >= 20, 0.8, 0.0)[:, None]
+    east[7, 2] += 3.0
+    flagged = flag_quality(replace(sound, east=east), 500.0, thresholds=Thresholds(spike=10.0))
+    assert np.argwhere(flagged.quality == BAD).tolist() == [[7, 2]]
+    assert flagged.tests[7, 2] == MASKS["spike"] == 1 << 16
+
+
 def test_all_failed_tests_are_recorded_except_for_missing_velocities():
     east, pitch = record().east.copy(), record().pitch_deg.copy()
     east[3, 2], pitch[3] = 7.0, 50.0
@@ -92,7 +118,7 @@ def test_flags_of_the_file_are_kept_without_percent_good():
 
 def test_archive_stores_tests_with_masks_and_meanings(tmp_path):
     product = make_product(30, 4)
-    tests = np.zeros((30, 4), dtype=np.int16)
+    tests = np.zeros((30, 4), dtype=np.int32)
     tests[2, 1] = MASKS["side_lobe"] | MASKS["impossible_speed"]
     product = replace(product, record=replace(product.record, tests=tests))
     write(tmp_path / "corrected.nc", product)

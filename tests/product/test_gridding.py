@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 
 import netCDF4
@@ -9,12 +10,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from compasslib.archive import gridded, netcdf
+from compasslib.archive import gridded, netcdf, sites, summary
 from compasslib.archive.attributes import Site
 from compasslib.errors import InputError
-from compasslib.plots import timeseries
+from compasslib.plots import moorings, timeseries
 from compasslib.plots.page import DPI, WIDTH_IN
 from compasslib.product.cells import Differences, Velocities, average_slots
+from compasslib.product.daily import GODIN_H, DailyMeans
 from compasslib.product.errors import (
     AffectedHeadings,
     HeadingErrors,
@@ -24,7 +26,7 @@ from compasslib.product.errors import (
     marginals,
     sum_sigma,
 )
-from compasslib.product.grid import DailyMeans, GridRules, Source, grid, make_axes, survey
+from compasslib.product.grid import GridRules, Source, grid, make_axes, survey
 from compasslib.records import BAD, GOOD, EarthField, ReferenceCompass
 from tests.world import conventions
 
@@ -246,9 +248,9 @@ def written(tmp_path_factory):
         processing={"method": "exact", "software_version": "1", "date_created": "2020-01-01T00:00:00Z",
                        "history": "2020-01-01T00:00:00Z: made", "declination_source": "IGRF"},
     )  # fmt: skip
-    daily = DailyMeans(product.axes, product.errors)
+    daily = [DailyMeans(product.axes, product.errors, running_h) for running_h in ((), GODIN_H)]
     counts = gridded.write_gridded(folder / "gridded.nc", product, about, daily)
-    gridded.write_daily(folder / "gridded_daily.nc", product, about, daily)
+    gridded.write_daily(folder / "gridded_daily.nc", product, about, *daily)
     assert counts["filled"] == np.sum(piece.source >= 0) and counts["cells"] == piece.source.size
     return folder, product, piece
 
@@ -312,6 +314,85 @@ def test_daily_mean_keeps_common_error_and_reduces_noise(written):
     assert np.ma.getmaskarray(u)[np.asarray(count) == 0].all()
 
 
+def test_transport_has_the_sigma_of_turned_velocities(written):
+    folder, product, piece = written
+    currents = gridded.open_gridded(folder)
+    span = float(product.axes.depth_m[2]) - 1.0, float(product.axes.depth_m[5]) + 2.0  # parts of the outermost cells
+    height = np.zeros(len(product.axes.depth_m))
+    height[2:6] = [5.0, 8.0, 8.0, 6.0]
+    made = currents.transport(*span, width_m=2000.0, along_deg=90.0)
+    whole = (piece.source[:, 2:6] >= 0).all(axis=1)
+    assert made.units == "m3 s-1" and (np.isfinite(made.values) == whole).all() and 0 < whole.sum() < N
+    at = int(np.flatnonzero(whole)[3])
+    flow = currents.velocity[at] * 2000.0 * height
+    assert made.values[at] == pytest.approx(np.nansum(flow.real))
+    turned = [np.nansum(np.where(currents.source[at] == s, flow.imag, 0.0)) for s in range(2)]
+    rest = np.nansum((currents.east_sigma[at] * 2000.0 * height) ** 2)
+    least = np.hypot(0.05 * sum(turned), 0.02 * turned[0])
+    assert least < made.sigma.values[at] <= np.sqrt(least**2 + rest)  # cells' sigma holds the heading's part too
+    assert made.mean_sigma > 0.05 * abs(np.nanmean(np.nansum(currents.velocity.imag * 2000.0 * height, axis=1)[whole]))
+    assert (made.TIME == currents.to_xarray().TIME).all()
+    with pytest.raises(InputError, match=r"expected from_m and to_m within .* found 0 to 900; name other depths"):
+        currents.transport(0.0, 900.0, width_m=1.0, along_deg=0.0)
+
+
+def test_filter_removes_tides_and_keeps_slow_currents():
+    tide = sum(0.3 * np.exp(2j * np.pi * TIMES / (3600.0 * period)) for period in (12.42, 12.0, 23.93, 25.82))
+    slow = 0.2 * np.exp(2j * np.pi * (TIMES - TIMES[0]) / (86400.0 * 40.0))
+    still = source("top", np.full(N, 100.0))
+    values = Velocities((tide + slow)[:, None] + np.zeros((1, 10)), *list(vars(still.rows(slice(None))).values())[1:3])
+    moving = replace(
+        still, rows=lambda rows: Velocities(values.velocity[rows], values.depth_m[rows], values.quality[rows])
+    )
+    product, piece = gridded_of(moving)
+    box, low = (DailyMeans(product.axes, product.errors, running_h) for running_h in ((), GODIN_H))
+    box.add(piece)
+    low.add(piece)
+    means, filtered = box.means(product), low.means(product)
+    there = np.isfinite(filtered.piece.cells.velocity[:, 3].real)
+    assert there.sum() == N // 24 - 2 and not there[[0, -1]].any()  # the ends lack a day and a half
+    expected = np.interp(filtered.time_s, TIMES, slow.real) + 1j * np.interp(filtered.time_s, TIMES, slow.imag)
+    off = [np.abs(x.piece.cells.velocity[there, 3] - expected[there]).max() for x in (means, filtered)]
+    assert off[1] < 0.004 < 0.02 < off[0]  # what a daily mean leaves of diurnal tides, the filter takes
+    assert (filtered.piece.noise[there, 3] < means.piece.noise[there, 3]).all()
+
+
+@pytest.mark.filterwarnings("ignore")  # warnings of the checker itself
+@pytest.mark.parametrize("days", [20, 11])
+def test_deployments_of_a_site_are_joined_with_their_errors(written, tmp_path, days):
+    first, later = written[0] / "gridded_daily.nc", tmp_path / "later.nc"
+    shutil.copyfile(first, later)
+    with netCDF4.Dataset(later, "a") as nc:
+        for name in ("TIME", "TIME_bnds"):
+            nc[name][:] = nc[name][:] + days
+        nc["UCUR"][:] = nc["UCUR"][:] + 0.05
+    seams = sites.join_daily(tmp_path / "joined.nc", {"A": first, "B": later}, "S", {})
+    single, both = gridded.open_gridded(first), gridded.open_gridded(tmp_path / "joined.nc")
+    count = len(single.time_s)
+    assert len(both.time_s) == count + days and conventions.remarks(tmp_path / "joined.nc") == []
+    assert both.instruments == ("A_top", "B_top", "A_deep", "B_deep") and both.errors.random.shape[0] == 2
+    alone = min(days, count)
+    assert both.velocity[:alone] == pytest.approx(single.velocity[:alone], nan_ok=True)
+    assert both.velocity[-count + 3 :] == pytest.approx(single.velocity[3:] + 0.05, nan_ok=True)
+    there = np.isfinite(single.velocity) & np.isfinite(single.east_sigma)
+    value, sigma = single.sum_cells(there / there.sum(), 0.0)
+    inside = np.zeros(both.velocity.shape, dtype=bool)
+    inside[:count] = there  # of the first deployment alone, where no day is common
+    if days == 20:
+        assert seams == ["A to B, 0.0 km apart: 7 days between them"]
+        assert both.sum_cells(inside / there.sum(), 0.0) == (pytest.approx(value), pytest.approx(sigma))
+    else:
+        assert "2 common days; later minus earlier" in seams[0]
+        # The fixture's one mode stands for the declination, which is common; the random parts are not.
+        everywhere = np.isfinite(both.velocity) & np.isfinite(both.east_sigma)
+        assert 0.9 * sigma < both.sum_cells(everywhere / everywhere.sum(), 0.0)[1] < 1.1 * sigma
+    with netCDF4.Dataset(later, "a") as nc:
+        for name in ("DEPTH", "DEPTH_bnds"):
+            nc[name][:] = nc[name][:] + 3.0
+    with pytest.raises(InputError, match="site S: B: expected depths on the axis of A, 8 m apart"):
+        sites.join_daily(tmp_path / "other.nc", {"A": first, "B": later}, "S", {})
+
+
 def test_section_figures_are_drawn_with_and_without_velocities(written, tmp_path):
     shown = gridded.read_section(written[0] / "gridded.nc", 50)
     nothing = np.full(shown.after.shape, complex(np.nan, np.nan))
@@ -322,6 +403,13 @@ def test_section_figures_are_drawn_with_and_without_velocities(written, tmp_path
             with Image.open(tmp_path / f"{name}.png") as image:
                 colours = image.convert("RGB").getcolors(1 << 20)
                 assert image.width == round(WIDTH_IN * DPI) and (len(colours) > 350) == (name == "some"), draw
+    series = summary.read_depth_series(written[0] / "gridded.nc")
+    assert series.depth_m["recorded"] == series.depth_m["corrected"] and series.step_s == HOUR_S
+    long = np.exp(2j * np.pi * np.arange(40 * 24) / 12.42)
+    for name, flows in (("brief", series.velocity), ("long", dict.fromkeys(series.velocity, long))):
+        moorings.draw_rotary(tmp_path / f"{name}.png", replace(series, velocity=flows))
+        with Image.open(tmp_path / f"{name}.png") as image:
+            assert (len(image.convert("RGB").getcolors(1 << 20)) > 300) == (name == "long")
     some = np.array([[0.02, 0.011], [0.011, 0.01]])
     size, angle = timeseries.principal_axis(gridded.MeanProfile(0j, some[0, 0], some[1, 1], some[0, 1]))
     values, vectors = np.linalg.eigh(some)

@@ -17,6 +17,7 @@ from compasslib.statistics.noise import (
     arma_variance_ratio,
     effective_sample_size,
     lag_matrix,
+    rotary_spectrum,
 )
 from compasslib.statistics.resampling import block_jackknife, block_sums, cluster_variance_inflation, resample_blocks
 from compasslib.statistics.whitening import clip_response, clip_standardized, fit_whitener, robust_widths
@@ -206,3 +207,21 @@ def test_correlation_within_blocks_inflates_the_variance():
     assert ratio == pytest.approx(1.0, abs=0.3)  # three standard errors of 200 squares
     ratio, _ = cluster_variance_inflation(basis, shared, block, 1.0)
     assert ratio == pytest.approx(25.0, rel=0.3)
+
+
+def test_rotary_spectrum_parts_senses_and_its_interval_holds_white_noise():
+    hours = np.arange(6000)
+    turning = 0.1 * np.exp(-2j * np.pi * hours / 12.0)  # clockwise, seen from above, twice a day
+    made = rotary_spectrum(turning, 3600.0)
+    step = made.frequency_cpd[1] - made.frequency_cpd[0]
+    assert made.frequency_cpd[np.argmax(made.clockwise)] == pytest.approx(2.0)
+    assert np.sum(made.clockwise) * step == pytest.approx(0.01, rel=0.01) and made.counterclockwise.max() < 1e-8
+    shares, true = [], 2.0 / 24.0  # variance by 24 cycles per day of both senses
+    for seed in range(10):
+        noise = np.random.default_rng(seed).normal(size=(2, 6000)).T @ [1.0, 1j]
+        made = rotary_spectrum(noise, 3600.0)
+        low, high = made.interval
+        shares += [np.mean((d * low < true) & (true < d * high)) for d in (made.clockwise, made.counterclockwise)]
+    assert np.mean(shares) == pytest.approx(0.95, abs=0.015)  # four standard errors of 20 shares, 0.018 each
+    noise[::300] = np.nan  # no segment of 15 days is whole
+    assert np.isnan(rotary_spectrum(noise, 3600.0).clockwise).all()

@@ -58,7 +58,7 @@ def make_record(n: int = 200, m: int = 6, **other: object) -> Record:
         "supply_voltage": rng.normal(40, 1, n),
         "quality": quality,
         "heading_quality": np.ones(n, np.int8),
-        "tests": np.zeros((n, m), np.int16),
+        "tests": np.zeros((n, m), np.int32),
         "beam_angle_deg": 20.0,
         "counts": {"ensembles": n, "bad checksum": 3},
         "warnings": ("one ensemble in three looks down", "Grönland ☂"),

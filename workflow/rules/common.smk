@@ -57,6 +57,7 @@ def results(wildcards=None):
         *(("diagnose_alone", {"mooring": name}) for name in moorings if name in COMPASSES.moorings),
         *(("grid_with_daily_means" if files[1:] else "grid", {"mooring": name}) for name, files in gridded.items()),
         *(("sections", {"mooring": name}) for name in gridded),
+        *(("join_site", {"site": site}) for site, names in MOORINGS.sites.items() if set(names) & set(gridded)),
         *((rule, {"calibration": name}) for name in calibrations for rule in ("calibrate", "compare_calibrations")),
         *(("diagnose_calibration", {"calibration": name}) for name in CALIBRATIONS.diagnosed if name in calibrations),
         *((rule, {"compass": name}) for name in usable("compasses") for rule in ("combine_records", "joined_figures")),

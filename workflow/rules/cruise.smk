@@ -74,7 +74,7 @@ rule report:
         "results/logs/report.log",
     localrule: True
     params:
-        **parameters("report.report", lambda: settings.report(CRUISE)),
+        **parameters("cruise.report", lambda: settings.report(CRUISE)),
     script:
         "../scripts/stage.py"
 

@@ -217,6 +217,26 @@ use rule grid as grid_with_daily_means with:
         mooring=guard.only(name for name, files in MOORINGS.gridded.items() if files[1:]),
 
 
+rule join_site:
+    """Join the daily means of successive deployments of a site, with the errors that they share."""
+    input:
+        daily=lambda wildcards: [
+            f"results/{name}/gridded_daily.nc"
+            for name in MOORINGS.sites[wildcards.site]
+            if set(MOORINGS.parts(name)) & set(usable("moorings"))
+        ],
+    output:
+        joined="results/sites/{site}/gridded_daily.nc",
+        job="results/sites/{site}/logs/join.json",
+    log:
+        "results/sites/{site}/logs/join.log",
+    localrule: True
+    params:
+        **parameters("grid.join_site", MOORINGS.join_site, zip(MOORINGS.sites)),
+    script:
+        "../scripts/stage.py"
+
+
 rule figures:
     """Draw the equivalents of von Appen's Figs 6 to 9 and time series, with thumbnails for the report."""
     input:

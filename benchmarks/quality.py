@@ -1,0 +1,59 @@
+"""Shares of velocities flagged in real records by each quality test: by default, and if a test that is off is made.
+
+    python benchmarks/quality.py [FOLDER]   the folder of recordings, by default ../shared/data
+
+The records are those of benchmarks/proof/records, and are not part of the project.
+"""
+
+from __future__ import annotations
+
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+PROJECT = Path(__file__).resolve().parents[1]
+sys.path.append(str(PROJECT))
+
+from benchmarks.proof.world.records import Described, described  # noqa: E402
+from compasslib import readers  # noqa: E402
+from compasslib.preparation.deployment import apply_deployment  # noqa: E402
+from compasslib.preparation.quality import MAKERS  # noqa: E402
+from compasslib.records import PROBABLY_GOOD, Record  # noqa: E402
+
+OFF = ({"echo_jump": 30.0}, {"spike": 7.0}, {"spike": 10.0}, {"error_velocity": 0.3}, {"correlation": 100.0})
+
+
+def read(one: Described, quality: dict[str, Any]) -> Record:
+    """Read a record by its description, with thresholds of the quality tests."""
+    keys = one.keys
+    start_s, end_s = (
+        datetime.fromisoformat(str(keys[end])).replace(tzinfo=UTC).timestamp() for end in ("start", "end")
+    )
+    raw = readers.read(keys["format"], [one.data / keys["files"]], keys.get("settings", {}))
+    return apply_deployment(
+        raw, start_s=start_s, end_s=end_s, water_depth=keys["water_depth"], latitude=keys["latitude"],
+        nominal_depth=keys["depth"], quality=quality,
+    )  # fmt: skip
+
+
+def shares(one: Described) -> list[str]:
+    """Format the rows of a record: usable share before, by default, and with each test that is off by default."""
+    rows, makers = [], dict(MAKERS.get(one.keys["format"], {}))
+    for name, limits in (("none", {}), ("default", makers), *((str(off), makers | off) for off in OFF)):
+        record = read(one, limits)
+        usable = np.mean(record.quality <= PROBABLY_GOOD)
+        headings = np.mean(record.heading_quality <= PROBABLY_GOOD)
+        name = ", ".join(f"{key} {value:g}" for key, value in limits.items() if value != makers.get(key)) or name
+        rows.append(f"| {one.name} | {name} | {100 * usable:.3f} | {100 * headings:.1f} |")
+    return rows
+
+
+if __name__ == "__main__":
+    data = Path(sys.argv[1]) if sys.argv[1:] else PROJECT.parent / "shared/data"
+    print("| record | thresholds besides percent good, speed, tilt | velocities usable (%) | headings usable (%) |")
+    print("|---|---|---|---|")
+    for each in described(data):
+        print(*shares(each), sep="\n")
