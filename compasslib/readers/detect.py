@@ -333,10 +333,10 @@ class GuessedTable:
 def guess_columns(path: Path) -> GuessedTable | None:
     """Guess the columns of a table from its header, None if it is inconclusive."""
     delimiters = list(delimited.DELIMITERS)[: -1 if _is_delimited(path) else None]  # names may then contain blanks
-    lines = delimited.find_lines(
+    head = delimited.find_head(
         path, lambda names: guess_from_names(names) is not None, must=True, delimiters=delimiters
     )
-    return guess_from_names(lines.header) if lines else None
+    return guess_from_names(head.names) if head else None
 
 
 def _is_delimited(path: Path) -> bool:
@@ -346,8 +346,8 @@ def _is_delimited(path: Path) -> bool:
         return len(names) > 1 and all(re.search(r"[^\W\d_]", name) for name in names)
 
     for delimiter in delimited.DELIMITERS.keys() - {" "}:
-        lines = delimited.find_lines(path, names_columns, must=True, delimiters=[delimiter])
-        whole = [len(row) == len(lines.header) for row in lines.rows] if lines else []
+        head = delimited.find_head(path, names_columns, must=True, delimiters=[delimiter])
+        whole = [len(row) == len(head.names) for row in head.sample] if head else []
         if 2 * sum(whole) > len(whole):
             return True
     return False

@@ -52,7 +52,7 @@ def read(
         InputError: a file or a column is missing, a time or number cannot be parsed, or the table contradicts
             ``scale`` or ``direction_reference``.
     """
-    headers = {role: str(header) for role, header in columns.items() if role != "scale" and header is not None}
+    headers = {role: header for role, header in columns.items() if role != "scale" and header is not None}
     known = vocabularies.parse_flag_settings(flags)
     files = [read_table(path, headers, COLUMN_MAP, Layout.from_settings(layout), known) for path in paths]
     scale, reference, said = _stated(paths, files, columns.get("scale"), direction_reference)

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from compasslib import angles
 from compasslib.errors import InputError, applicable
-from compasslib.readers.delimited import DEFAULT_LAYOUT, Layout, find_lines, parse_table, table_notes
+from compasslib.readers.delimited import DEFAULT_LAYOUT, Layout, find_head, read_table, table_notes
 from compasslib.readers.detect import detect_kind
 from compasslib.readers.files import read_bytes, refuse_mostly_damaged
 from compasslib.readers.mmp.rows import UNKNOWN, Text, parse, parse_profiles
@@ -388,11 +388,11 @@ def _merge(series: Sequence[Companion]) -> Companion:
 def _read_file(path: Path, layout: Layout) -> Companion:
     data = read_bytes(path)
     try:
-        lines = find_lines(path, lambda names: bool(_columns(names)), layout, delimiters=",;\t", must=True)
+        head = find_head(path, lambda names: bool(_columns(names)), layout, delimiters=",;\t", must=True)
     except InputError:  # a binary file
-        lines = None
-    if lines:
-        table = parse_table(path, lines, _columns(lines.header), "correct the header", layout)
+        head = None
+    if head:
+        table = read_table(path, _columns(head.names), "correct the header", layout)
         time_s, pressure = table.columns["time"], table.columns["pressure"]
         number = np.full(table.rows, float(UNKNOWN))
         step = np.diff(time_s)

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.errors import InputError
+from compasslib.readers.cells import LARGEST
 from compasslib.readers.files import refuse_large_arrays
-from compasslib.readers.plain import LARGEST
 from compasslib.readers.times import JULIAN_DAY_1970, Unreadable, parse_origin
 from compasslib.readers.units import ANGLE, FACTORS, KELVIN, SPEED, TEMPERATURE, ZERO_CELSIUS
 from compasslib.types import DAY_S, HOUR_S, Floats
