@@ -32,9 +32,10 @@ READABLE = {
     "mmp_acm": "scans of a Falmouth 3D-ACM",
     "iaga2002": "an IAGA-2002 file",
     "nmea0183": "an NMEA 0183 log",
+    "odv": "an ODV spreadsheet",
 } | dict.fromkeys(("table", "acm_table", "csv"), "a text table")
 BINARY = ("pd0", "pd12", "nortek", "netcdf")
-TEXTS = ("table", "acm_table", "csv", "rdi_text", "iaga2002", "nmea0183")
+TEXTS = ("table", "acm_table", "csv", "rdi_text", "iaga2002", "nmea0183", "odv")
 ELSEWHERE = {
     "iaga2002": "name it under covariates as {format: iaga2002, files: ...}",
     "nmea0183": "a calibration of kind swing reads it with format: nmea0183",
@@ -119,12 +120,7 @@ KINDS = (
         rb"(?:[01]\d{3}(?:[ \t]+[01]\d{3}){3,}\s*\n){3}",
         "convert them by the coefficients of the sensors, and give a text table with format: table",
     ),
-    _kind(
-        "an ODV spreadsheet",
-        None,
-        rb"(?://[^\n]*\n)*Cruise\tStation\t[^\n]*\t(QV:[^\t\n]*)\t[^\n]*\t\1[\t\r\n]",
-        "give every QV column a name of its own in a copy, and name that of the velocities as flag under columns",
-    ),
+    _kind("an ODV spreadsheet", "odv", rb"(?://[^\n]*\n)*Cruise[\t;]Station[\t;]"),
     _kind("a header file of Nortek's conversion", None, rb"\[[^\]\n]*\.(?:aqd|prf|wpr|vec|hdr)\]\s", EXPORT),
 )
 TABLE = _kind("a text table", "table", rb"")
@@ -359,14 +355,14 @@ def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
     >>> guess_from_names(["Date/Time", "Vel East [cm/s]", "Vel North [cm/s]", "Depth (m)"]).columns["east"]
     'Vel East [cm/s]'
     """
-    columns = _roles(names, _WORDS)
+    columns = match_roles(names, _WORDS)
     if {"year", "month"} <= {*map(_plain, names)}:  # day and hour are parts of a time in more than two columns
         columns = {role: header for role, header in columns.items() if role not in ("date", "clock")}
     if "date" in columns and not {"time", "clock"} & set(columns):
         columns["time"] = columns.pop("date")
     timed = "time" in columns or {"date", "clock"} <= set(columns)
     flow = next((roles for roles in _FLOWS if timed and set(roles) <= set(columns)), None)
-    if flow and not ("x" in flow and _roles(names, {"z": _MAGNETOMETER["z"]})):
+    if flow and not ("x" in flow and match_roles(names, {"z": _MAGNETOMETER["z"]})):
         if {"date", "clock"} <= set(columns):
             columns.pop("time", None)
         about = _ABOUT if "time" in columns else ("date", "clock", *_ABOUT)
@@ -376,7 +372,7 @@ def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
         north = units.stated_north({role: [header] for role, header in columns.items()})
         return GuessedTable("instrument", chosen, factors.pop() if len(factors) == 1 else None, north)
     for kind, words, must in _TABLES:
-        roles = _roles(names, words)
+        roles = match_roles(names, words)
         if set(must) <= set(roles):
             return GuessedTable(kind, roles)
     if timed and "pressure" in columns and {*names} <= {*columns.values()}:
@@ -385,7 +381,7 @@ def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
     return GuessedTable("series", {"time": columns["time"], "value": others[0]}) if timed and len(others) == 1 else None
 
 
-def _roles(names: Iterable[str], words: Mapping[str, str]) -> dict[str, str]:
+def match_roles(names: Iterable[str], words: Mapping[str, str] = _WORDS) -> dict[str, str]:
     """Match headers to roles: the first header that fits each role, used only once except for ``clock``."""
     plain = {name: _plain(name) for name in names}
     roles: dict[str, str] = {}

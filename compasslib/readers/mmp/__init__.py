@@ -30,7 +30,7 @@ from compasslib.readers.files import read_bytes, refuse_mostly_damaged
 from compasslib.readers.mmp.rows import UNKNOWN, Text, parse, parse_profiles
 from compasslib.readers.mmp.scans import Scans, follows_previous, interpolate_clock, is_text, read_scans, sample_rates
 from compasslib.readers.times import civil_seconds
-from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
+from compasslib.records import GOOD, PROBABLY_BAD, Record, new_record
 from compasslib.types import Bools, Floats
 
 USUAL_HZ = 2.0  # sample rate if neither the file nor the switching times determine it
@@ -295,22 +295,16 @@ def _record(series: TimedScans, companion: Companion, *, known_depth: bool) -> R
     counts = _counts(series, companion, keep) | {"heading_off_magnetometer": int(compared.off.sum())}
     doubtful = compared.off & compared.agrees
     # Velocities of unknown depth, or rotated by a doubtful heading, must not be used.
-    flags = np.where(np.isfinite(east + north), np.where(remote | doubtful, PROBABLY_BAD, GOOD), MISSING)
-    empty = np.full(len(heading), np.nan)
-    return Record(
-        time_s=series.time_s[keep],
-        east=east[:, None],
-        north=north[:, None],
-        bin_range_m=np.zeros((len(heading), 1)),
+    return new_record(
+        series.time_s[keep],
+        east[:, None],
+        north[:, None],
         heading_deg=heading,
         pitch_deg=scans.values[keep, 1],
         roll_deg=scans.values[keep, 2],
         pressure_dbar=series.pressure_dbar[keep],
-        depth_m=empty,
-        temperature_c=empty,
-        supply_voltage=empty,
-        quality=flags.astype(np.int8)[:, None],
-        heading_quality=np.where(np.isnan(heading), MISSING, np.where(doubtful, PROBABLY_BAD, GOOD)).astype(np.int8),
+        quality=np.where(remote | doubtful, PROBABLY_BAD, GOOD)[:, None],
+        heading_quality=np.where(doubtful, PROBABLY_BAD, GOOD),
         looks_up=False,
         counts=counts,
         warnings=(*series.warnings, *_losses(scans, counts, known_depth, int(remote.sum())), *compared.warnings()),

@@ -24,7 +24,7 @@ from compasslib.readers.netcdf import attributes, frames, variables
 from compasslib.readers.netcdf.variables import File, find, numbers, spans, values
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.units import SPEED
-from compasslib.records import DEEPEST_M, GOOD, MISSING, PROBABLY_BAD, Flags, Record, join_records
+from compasslib.records import DEEPEST_M, GOOD, PROBABLY_BAD, Flags, Record, join_records, new_record
 from compasslib.types import Floats
 
 ATMOSPHERE_DBAR = 10.1325  # IMOS' PRES is absolute pressure
@@ -145,18 +145,17 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
     bins = _bins(file, n, east.shape[1], settings.orientation)
     _refuse_rows(file, time_s, bins)
     quality = vocabularies.worst_flag([quality, time_flags[:, None]])
-    quality = np.where(np.isfinite(east + northward), quality, MISSING).astype(np.int8)
     backwards = bins.range_m.shape[1] > 1 and np.nanmedian(np.diff(bins.range_m, axis=1)) < 0.0
     order = slice(None, None, -1) if backwards else slice(None)
     attributes.note_unlinked(file)
     pitch = _measured(file, "tilt_x", n)
     if file.text("inst_make") == "TRDI":  # dolfyn stores the tilt sensor's pitch, measured inside the roll
         pitch = true_pitch(pitch, _series(file, "tilt_y", n))
-    return Record(
-        time_s=time_s,
-        east=east[:, order],
-        north=northward[:, order],
-        bin_range_m=np.broadcast_to(bins.range_m[:, order], east.shape),
+    return new_record(
+        time_s,
+        east[:, order],
+        northward[:, order],
+        bin_range_m=bins.range_m[:, order],
         heading_deg=heading,
         pitch_deg=pitch,
         roll_deg=_measured(file, "tilt_y", n),
@@ -164,9 +163,8 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
         pressure_dbar=_pressure(file, n),
         depth_m=bins.depth_m,
         temperature_c=_measured(file, "temperature", n),
-        supply_voltage=np.full(n, np.nan),
         quality=quality[:, order],
-        heading_quality=np.where(np.isnan(heading), MISSING, heading_flags).astype(np.int8),
+        heading_quality=heading_flags,
         looks_up=bins.looks_up,
         beam_angle_deg=_beam_angle(file, east.shape[1]),
         direction_reference=settings.reference,
@@ -179,9 +177,7 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
         counts={
             "samples": n,
             "velocities": int(np.isfinite(east).sum()),
-            "velocities_missing": int((quality == MISSING).sum()),
-            "velocities_flagged": int(((quality > 2) & (quality != MISSING)).sum()),
-            "heading_missing": int(np.isnan(heading).sum()),
+            "velocities_flagged": int(((quality > 2) & np.isfinite(east + northward)).sum()),
         },
         warnings=tuple(f"{path.name}: {note}" for note in file.notes),
         unstated=(

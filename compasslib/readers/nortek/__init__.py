@@ -33,7 +33,7 @@ from compasslib.readers.pd0.checks import ADVICE, match_serial_number, refuse_ro
 from compasslib.readers.pd0.currents import map_cells
 from compasslib.readers.pd0.fields import STRAY
 from compasslib.readers.times import FIRST_YEAR, civil_seconds, describe_averages
-from compasslib.records import BAD, GOOD, MAGNETOMETER, MISSING, Record, take
+from compasslib.records import BAD, GOOD, MAGNETOMETER, MISSING, Record, new_record, take
 from compasslib.types import Bools, Floats
 
 
@@ -241,20 +241,19 @@ def read(
         "heading_missing": int(np.isnan(heading).sum()),
     }
     field = {} if whole.magnetometer is None else dict(zip(MAGNETOMETER, whole.magnetometer.T, strict=True))
-    return Record(
-        time_s=whole.time_s,
-        east=east,
-        north=north,
-        bin_range_m=np.broadcast_to(np.array(whole.bin_range_m), east.shape),
+    return new_record(
+        whole.time_s,
+        east,
+        north,
+        bin_range_m=np.array(whole.bin_range_m),
         heading_deg=heading,
         pitch_deg=whole.pitch_deg,
         roll_deg=whole.roll_deg,
         pressure_dbar=whole.pressure_dbar,
-        depth_m=np.full(len(heading), np.nan),
         temperature_c=whole.temperature_c,
         supply_voltage=whole.supply_voltage,
-        quality=np.where(np.isnan(east + north), MISSING, whole.quality).astype(np.int8),
-        heading_quality=np.where(np.isnan(heading), MISSING, whole.heading_quality).astype(np.int8),
+        quality=whole.quality,
+        heading_quality=whole.heading_quality,
         looks_up=up,
         beam_angle_deg=whole.beam_angle_deg,
         heading_bias_deg=inside.heading,
