@@ -304,10 +304,10 @@ class Instrument(TableKeys):
             if taken and self.format not in formats and name not in readers.get_format(self.format).keys:
                 expected = f"this key only with format {' or '.join(formats)}"
                 raise problem(name, expected, f"it with format {self.format}", "delete it or correct the format")
-        netcdf = self.format == "netcdf"
-        for role in ("speed", "direction", "x", "y", "flag") if netcdf else ("range",):
+        arrays = self.format in ("netcdf", "ocean_contour", "mat")
+        for role in ("x", "y", "flag") if arrays else ("range",):
             if self.columns is not None and getattr(self.columns, role):
-                expected = f"this role only with {'tables' if netcdf else 'format netcdf'}"
+                expected = f"this role only with {'tables' if arrays else 'formats netcdf and mat'}"
                 raise problem(f"columns.{role}", expected, f"it with format {self.format}", "delete it")
         inside = parse_applied_declination(self.declination_applied)
         turned = self.format == "mmp_acm" or bool(self.columns and self.columns.x)

@@ -140,7 +140,7 @@ def read_table(
     }
     wanted = {place for several in places.values() for place in several}
     units = _count_units(head, sorted(wanted))
-    rows, cut, notes = _split(path, head, wanted | {head.clock} - {None}, layout, units)
+    rows, cut, notes = _split(path, head, wanted | ({head.clock} if head.clock else set()), layout, units)
     body = _Body(path, head, rows, layout, carried)
     timed = [role for role in places if role in (*TIMES, *DATE_AND_CLOCK)]
     columns, time_note = body.times({role: [body.column(place, role) for place in places[role]] for role in timed})

@@ -33,8 +33,9 @@ READABLE = {
     "iaga2002": "an IAGA-2002 file",
     "nmea0183": "an NMEA 0183 log",
     "odv": "an ODV spreadsheet",
+    "mat": "a MATLAB file",
 } | dict.fromkeys(("table", "acm_table", "csv"), "a text table")
-BINARY = ("pd0", "pd12", "nortek", "netcdf")
+BINARY = ("pd0", "pd12", "nortek", "netcdf", "mat")
 TEXTS = ("table", "acm_table", "csv", "rdi_text", "iaga2002", "nmea0183", "odv")
 ELSEWHERE = {
     "iaga2002": "name it under covariates as {format: iaga2002, files: ...}",
@@ -68,8 +69,8 @@ KINDS = (
     _kind("an RDI PD12 file", "pd12", rb"n\x7f.[\0-\x0f]|.*<SampleData [^>]*>n\x7f"),
     _kind("a Nortek ad2cp file", "nortek", rb"\xa5[\x0a\x0c][\x15-\x2f\xa0]."),
     _kind("a Nortek file (aqd, prf, wpr or vec)", "nortek", rb"\xa5(\x05\x18\0|\x04\x70\0|\0\0\x01)"),
-    _kind("a MATLAB 7.3 file", None, rb"MATLAB 7\.3 MAT-file"),
-    _kind("a MATLAB file", None, rb"MATLAB 5\.0 MAT-file"),
+    _kind("a MATLAB 7.3 file", "mat", rb"MATLAB 7\.3 MAT-file"),
+    _kind("a MATLAB file", "mat", rb"MATLAB 5\.0 MAT-file"),
     _kind("a netCDF file", "netcdf", rb"CDF[\x01\x02\x05]"),
     _kind("a netCDF-4 or HDF5 file", "netcdf", rb"\x89HDF\r\n\x1a\n"),
     _kind("an Excel workbook", None, rb"PK\x03\x04.*xl/(?:workbook|worksheets|styles|_rels)"),

@@ -97,7 +97,9 @@ def to_record(
         bin_range_m=_ranges(table, samples, (n, m)),
         heading_quality=series.get("flag_heading", GOOD),
         **{field: series[role] for role, field in (SERIES | {"heading": "heading_deg"}).items() if role in series},
-        quality=quality if not quality.ndim else np.nan_to_num(_spread(quality, samples, (n, m)), nan=MISSING),
+        quality=quality
+        if not quality.ndim
+        else np.nan_to_num(_spread(quality.astype(float), samples, (n, m)), nan=MISSING),
         looks_up=False,
         direction_reference=reference,
         counts=counts,

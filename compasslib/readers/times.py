@@ -163,7 +163,7 @@ def _read_fields(cells: _Cells, pattern: re.Pattern[str]) -> dict[str, Floats]:
     figures = characters - np.uint8(ZERO)
     shape = np.ascontiguousarray(np.where(figures < 10, np.uint8(ZERO), characters).T)
     shape, length = shape.view(f"S{shape.shape[1]}")[:, 0], column.end - column.begin
-    fields = {name: np.zeros(len(length)) for name in {*pattern.groupindex} - {"part"}}
+    fields: dict[str, Floats] = {name: np.zeros(len(length)) for name in {*pattern.groupindex} - {"part"}}
     fields["zone"] = np.full(len(length), np.nan)
     rest = np.arange(len(length))
     while rest.size:
@@ -217,6 +217,19 @@ def _to_seconds(cells: _Cells, fields: dict[str, Floats], *, packed: bool) -> tu
     return (np.round(time_s * 1e6) + np.round(np.where(leap, 59.999, second) * 1e6)) / 1e6, np.flatnonzero(leap)
 
 
+def from_numbers(values: Floats, scale: str | None = None) -> tuple[Floats, str]:
+    """Convert numbers to UTC seconds since 1970, (n,), NaN where missing, and describe the detected scale.
+
+    Raises:
+        Unreadable: the scale is not stated, and the numbers do not determine it.
+    """
+    known = np.isfinite(values)
+    found = scale or _scale_of(values[known])
+    time_s = np.full(len(values), np.nan)
+    time_s[known] = SCALES[found][0](values[known])
+    return time_s, "" if scale else f"times were read as {SCALES[found][1]}"
+
+
 def from_parts(parts: Sequence[Floats]) -> tuple[Floats, int | None]:
     """Combine columns of a time, (n,) each, to UTC seconds since 1970; also give the first row that is no time.
 
@@ -227,13 +240,13 @@ def from_parts(parts: Sequence[Floats]) -> tuple[Floats, int | None]:
     year, *others = [np.nan_to_num(part, nan=-1.0) for part in parts]
     begin = civil_seconds(*_new_year(year), first_year=YEARS[0])
     if len(others) == 1:
-        time_s = np.round(begin + (others[0] - 1.0) * DAY_S, 3)
+        time_s: Floats = np.round(begin + (others[0] - 1.0) * DAY_S, 3)
         wrong = (others[0] < 1.0) | (time_s >= civil_seconds(*_new_year(year + 1.0), last_year=YEARS[1]))
     else:
         whole = [np.floor(part).astype(np.int64) for part in (year, *others)]
         whole += [np.zeros_like(whole[0])] * (6 - len(whole))
         rest = (others[-1] % 1.0) * (0.0, DAY_S, HOUR_S, 60.0, 1.0)[len(others) - 1]
-        time_s = np.round((civil_seconds(*whole, first_year=YEARS[0]) + rest) * 1e3) / 1e3
+        time_s = np.asarray(np.round((civil_seconds(*whole, first_year=YEARS[0]) + rest) * 1e3) / 1e3, dtype=float)
         wrong = np.any([part % 1.0 != 0.0 for part in (year, *others[:-1])], axis=0)
     wrong |= np.isnan(time_s)
     return time_s, int(np.argmax(wrong)) if wrong.any() else None
@@ -334,6 +347,10 @@ def _detect_scale(cells: _Cells, values: Floats) -> str:
             advice = "take the name out, and write timezone where it is not UTC"
             raise cells.refused(row, f"UTC or an offset instead of {named[1]}", advice)
         raise cells.refused(row)
+    return _scale_of(values)
+
+
+def _scale_of(values: Floats) -> str:
     # Integers of days or years may be anything, such as concatenated dates.
     scales = ("epoch", "epoch_ms", *(("datenum", "decimal_year") if np.any(values % 1.0) else ()))
     if scale := next((scale for scale in scales if _within(scale, values, USUAL_YEARS).all()), None):
