@@ -66,6 +66,7 @@ FORMATS = {
     ),
     "rdi_text": Format("rdi_text", ("orientation",)),
     "pd12": Format("pd12", ("orientation", "bin_size", "first_bin")),
+    "ocean_contour": Format("ocean_contour", ("columns", "orientation", "declination_applied", "direction_reference")),
     "mat": Format("matlab", ("columns", "orientation", "declination_applied", "direction_reference", "time_format")),
     "odv": Format("odv", ("columns", "flags", "direction_reference")),
     "nortek": Format("nortek", ("orientation", "declination_applied", "serial_number")),

@@ -28,14 +28,14 @@ READABLE = {
     "pd12": "an RDI PD12 file",
     "rdi_text": "a text export of RDI's programs",
     "nortek": "a Nortek file",
-    "netcdf": "a netCDF file",
+    **dict.fromkeys(("netcdf", "ocean_contour"), "a netCDF file"),
     "mmp_acm": "scans of a Falmouth 3D-ACM",
     "iaga2002": "an IAGA-2002 file",
     "nmea0183": "an NMEA 0183 log",
     "odv": "an ODV spreadsheet",
     "mat": "a MATLAB file",
 } | dict.fromkeys(("table", "acm_table", "csv"), "a text table")
-BINARY = ("pd0", "pd12", "nortek", "netcdf", "mat")
+BINARY = ("pd0", "pd12", "nortek", "netcdf", "ocean_contour", "mat")
 TEXTS = ("table", "acm_table", "csv", "rdi_text", "iaga2002", "nmea0183", "odv")
 ELSEWHERE = {
     "iaga2002": "name it under covariates as {format: iaga2002, files: ...}",
@@ -113,7 +113,7 @@ KINDS = (
         "a text of Nortek's conversion, which has no header",
         None,
         rb"(?:\s*\d{1,2} +\d{1,2} +\d{4} +\d{1,2} +\d{1,2} +[\d.]+ +[01]{8} +[01]{8} [^\n]*\n)+",
-        RECORDED,
+        "give its .hdr too, in the same folder, with format: nortek; or format: table with columns by their numbers",
     ),
     _kind(
         "raw counts of an Aanderaa logger",
@@ -122,7 +122,7 @@ KINDS = (
         "convert them by the coefficients of the sensors, and give a text table with format: table",
     ),
     _kind("an ODV spreadsheet", "odv", rb"(?://[^\n]*\n)*Cruise[\t;]Station[\t;]"),
-    _kind("a header file of Nortek's conversion", None, rb"\[[^\]\n]*\.(?:aqd|prf|wpr|vec|hdr)\]\s", EXPORT),
+    _kind("a header file of Nortek's conversion", "nortek", rb"\[[^\]\n]*\.(?:aqd|prf|wpr|vec|hdr)\]\s"),
 )
 TABLE = _kind("a text table", "table", rb"")
 PROSE = _kind("a text without columns", None, rb"", EXPORT)

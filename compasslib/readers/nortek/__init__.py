@@ -19,7 +19,7 @@ from compasslib import angles, compass
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.readers.files import ESCAPES_UNDONE, MISSING_COUNT, block_type, list_some
-from compasslib.readers.nortek import signature
+from compasslib.readers.nortek import converted, signature
 from compasslib.readers.nortek.packets import (
     SLANT_DEG,
     Bytes,
@@ -28,6 +28,7 @@ from compasslib.readers.nortek.packets import (
     Samples,
     by_beam,
     find_packets,
+    no_packets,
 )
 from compasslib.readers.pd0.checks import ADVICE, match_serial_number, refuse_rotation
 from compasslib.readers.pd0.currents import map_cells
@@ -215,7 +216,8 @@ def read(
     if not paths:
         expected, advice = "at least one Nortek file", "name the instrument's files"
         raise InputError("files", expected=expected, found="none", advice=advice)
-    files = sorted((_read_file(path) for path in paths), key=lambda each: float(each[1].time_s[0]))
+    sources = dict.fromkeys(converted.header_of(Path(path)) or Path(path) for path in paths)
+    files = sorted((_read_file(path) for path in sources), key=lambda each: float(each[1].time_s[0]))
     where = ", ".join(str(path) for path in paths)
     whole = _concatenate(where, [samples for _, samples in files])
     serial = match_serial_number(where, whole.serial, serial_number)
@@ -272,8 +274,11 @@ def read(
 
 
 def _read_file(path: Path) -> tuple[Packets, Samples]:
-    packets = find_packets(path)
-    samples = signature.decode(packets) if packets.signature else decode(packets)
+    if path.suffix.lower() == converted.HEADER:
+        packets, samples = no_packets(path), converted.decode(path)
+    else:
+        packets = find_packets(path)
+        samples = signature.decode(packets) if packets.signature else decode(packets)
     dated = np.isfinite(samples.time_s)
     if not dated.any():
         advice = "check that format: nortek and the file belong together"
