@@ -17,6 +17,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from compasslib.errors import InputError, TransientError
 from compasslib.readers import delimited, units
@@ -45,6 +46,7 @@ CONVERT = "export it as a text table and write format: table"
 EXPORT = "give the file that the instrument or its program wrote"
 RECORDED = "give the file that the instrument recorded"
 UNPACK = "unpack it"
+BELOW = "write format: table, skip_rows: (the number of lines up to {}) and columns by their numbers, or make it netCDF"
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,8 @@ KINDS = (
         rb"(?:[01]\d{3}(?:[ \t]+[01]\d{3}){3,}\s*\n){3}",
         "convert them by the coefficients of the sensors, and give a text table with format: table",
     ),
+    _kind("an IOS shell file", None, rb"(?:\*[^\n]*\n){1,3}?\*IOS HEADER", BELOW.format("*END OF HEADER")),
+    _kind("an ODF file", None, rb"\s*ODF_HEADER\s*,", BELOW.format("-- DATA --")),
     _kind("an ODV spreadsheet", "odv", rb"(?://[^\n]*\n)*Cruise[\t;]Station[\t;]"),
     _kind("a header file of Nortek's conversion", "nortek", rb"\[[^\]\n]*\.(?:aqd|prf|wpr|vec|hdr)\]\s"),
 )
@@ -290,6 +294,15 @@ _WORDS = {
     "tilt_y": r"roll|tilt_?y|ty",
     "temperature": r"(?:water_?)?temp(?:erature)?",
 }
+_PARTS = {  # of a time in several columns
+    "year": r"y{2,4}|years?",
+    "month": r"mm?|mo|mon|months?",
+    "day": r"dd?|days?",
+    "day_of_year": r"day_?of_?year|year_?day|doy|jday|julian_?day",
+    "hour": r"hh?|hours?|hr",
+    "minute": r"min|minutes?|mi|mn",
+    "second": r"ss?|sec|seconds?",
+}
 _BENCH = {
     "reference_deg": r"reference|ref|bench|platform|table|set|true|known",
     "recorded_deg": r"recorded|rec|compass|heading|hdg|instrument|measured|read(?:ing)?",
@@ -322,7 +335,7 @@ class GuessedTable:
     """Guessed kind, columns, velocity unit and reference north of a table."""
 
     kind: str  # instrument | platform | swing | magnetometer | series | pressure
-    columns: dict[str, str]  # role -> header
+    columns: dict[str, Any]  # role -> header; time may list the headers of its parts
     scale: float | None = None  # factor to m/s, None if the headers do not state the unit
     north: str | None = None  # magnetic or true, None if the headers do not state it
 
@@ -356,9 +369,12 @@ def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
     >>> guess_from_names(["Date/Time", "Vel East [cm/s]", "Vel North [cm/s]", "Depth (m)"]).columns["east"]
     'Vel East [cm/s]'
     """
-    columns = match_roles(names, _WORDS)
-    if {"year", "month"} <= {*map(_plain, names)}:  # day and hour are parts of a time in more than two columns
-        columns = {role: header for role, header in columns.items() if role not in ("date", "clock")}
+    columns: dict[str, Any] = dict(match_roles(names))
+    parts = match_roles(names, _PARTS)
+    if {"year", "month", "day"} <= {*parts} or {"year", "day_of_year"} <= {*parts}:
+        last = ("day_of_year",) if "month" not in parts else ("month", "day", "hour", "minute", "second")
+        columns = {role: header for role, header in columns.items() if role not in ("time", "date", "clock")}
+        columns["time"] = [parts[part] for part in ("year", *last) if part in parts]
     if "date" in columns and not {"time", "clock"} & set(columns):
         columns["time"] = columns.pop("date")
     timed = "time" in columns or {"date", "clock"} <= set(columns)
@@ -376,7 +392,7 @@ def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
         roles = match_roles(names, words)
         if set(must) <= set(roles):
             return GuessedTable(kind, roles)
-    if timed and "pressure" in columns and {*names} <= {*columns.values()}:
+    if timed and "pressure" in columns and all(name in columns.values() for name in names):
         return GuessedTable("pressure", {role: columns[role] for role in ("time", "pressure") if role in columns})
     others = [name for name in names if name not in columns.values()]
     return GuessedTable("series", {"time": columns["time"], "value": others[0]}) if timed and len(others) == 1 else None

@@ -29,9 +29,13 @@ _COLUMN = re.compile(r"^ *(\d+) +(\S.*?)(?:  .*|\t.*| *\([^)]*\) *)?$", re.MULTI
 
 
 def header_of(path: Path) -> Path | None:
-    """Find the header file that belongs to a file, or is it; None without one."""
+    """Find the header file that belongs to a text file, or is it; None without one, or for a recording (A5)."""
     beside = (path, *(path.with_suffix(suffix) for suffix in (HEADER, HEADER.upper())))
-    return next((each for each in beside if each.suffix.lower() == HEADER and each.is_file()), None)
+    found = next((each for each in beside if each.suffix.lower() == HEADER and each.is_file()), None)
+    if found is None or not path.is_file():
+        return found
+    with path.open("rb") as stream:
+        return None if stream.read(1) == b"\xa5" else found
 
 
 def decode(header: Path) -> Samples:
