@@ -126,6 +126,24 @@ class Record:
         return self.depth_m[:, None] + (-1.0 if self.looks_up else 1.0) * self.bin_range_m
 
 
+def new_record(time_s: Floats, east: Floats, north: Floats, **known: Any) -> Record:
+    """Create a record from what is known: series that were not measured are NaN, ranges 0.
+
+    Velocities and headings have the flags ``quality`` and ``heading_quality``, by default GOOD, and MISSING where they
+    are NaN, which is counted.
+    """
+    blank = np.full(len(time_s), np.nan)
+    names = ("heading_deg", "pitch_deg", "roll_deg", "pressure_dbar", "depth_m", "temperature_c", "supply_voltage")
+    values = dict.fromkeys(names, blank) | {"bin_range_m": np.zeros(east.shape)} | known
+    values["bin_range_m"] = np.broadcast_to(values["bin_range_m"], east.shape)
+    lost = {"quality": np.isnan(east + north), "heading_quality": np.isnan(values["heading_deg"])}
+    for name, absent in lost.items():
+        values[name] = np.where(absent, MISSING, values.get(name, GOOD)).astype(np.int8)
+    missing = {"velocities_missing": int(lost["quality"].sum())}
+    missing |= {"heading_missing": int(lost["heading_quality"].sum())} if "heading_deg" in known else {}
+    return Record(time_s, east, north, **values | {"counts": known.get("counts", {}) | missing})
+
+
 @dataclass(frozen=True)
 class Readings:
     """Time series of one compass, and of the current in its instrument's frame, from which headings are estimated."""

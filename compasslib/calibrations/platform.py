@@ -301,7 +301,7 @@ def read_columns(
     where = ", ".join(str(path) for path in paths)
     header = {role: (settings.get("columns") or {}).get(role, role) for role in roles}
     layout = delimited.Layout.from_settings(settings)
-    names = set().union(*(delimited.read_header(path, [*header.values()], layout) for path in paths))
+    names = set().union(*(delimited.read_head(path, [*header.values()], layout).names for path in paths))
     if unknown := sorted(withheld - set(header) - names):
         expected = f"columns of it ({', '.join(sorted(names)) or 'an empty file'})"
         raise InputError(f"{where}: withhold", expected=expected, found=unknown[0], advice="correct withhold")

@@ -25,6 +25,7 @@ from compasslib.errors import InputError
 from compasslib.preparation.affected import ExplainedShare, compare_headings, is_affected
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.readers import detect, iaga2002, nmea
+from compasslib.readers.nortek import converted
 from compasslib.readers.table import read_series
 from compasslib.records import DEEPEST_M, Record
 from compasslib.types import Floats
@@ -32,14 +33,22 @@ from compasslib.types import Floats
 LEFT_OUT = ("config", "results")  # folders of a cruise that hold no exports
 NAMELESS = ("raw", "data", "exports", "")  # names of folders that do not name a mooring
 PIECE = re.compile(r"\.\d{3}$")  # suffix of a PD0 file that was split by its recorder
+RECORDINGS = (".aqd", ".prf", ".wpr")  # of Nortek, from which other files were converted
 SCANS, COMPANION = re.compile(r"A(\d{7})\.\w+$"), re.compile(r"[CE](\d{7})\.\w+$")  # moored profiler
 # Keys of a format that the user must decide; for the draft, the files are read with these values.
 PROVISIONAL: dict[str, dict[str, object]] = {
     "pd12": {"orientation": "up", "bin_size": 1.0, "first_bin": 1.0},
-    "netcdf": {"direction_reference": "magnetic"},
+    **{form: {"direction_reference": "magnetic"} for form in ("netcdf", "ocean_contour", "mat")},
 }
+# Keys by which files are read for the draft where they are refused without; of the north, as the error says.
+RETRIED: tuple[dict[str, object], ...] = (
+    {},
+    {"orientation": "up"},
+    {"direction_reference": "true"},
+    {"orientation": "up", "direction_reference": "true"},
+)
 ASKED = ("orientation", "bin_size", "first_bin")
-TOLD_UP = ("pd0", "nortek", "netcdf", "rdi_text")  # formats that may state the orientation
+TOLD_UP = ("pd0", "nortek", "netcdf", "ocean_contour", "mat", "rdi_text")  # formats that may state the orientation
 SILENT = ("table", "acm_table", "mmp_acm")  # formats that never state whether directions are magnetic or true
 TO_READ = "write one in a copy, or add it by hand with columns"
 TO_CARRY = "where and when it was done: needed to carry it to a mooring"
@@ -129,6 +138,15 @@ def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Conte
     for path in paths:
         kind = detect.detect_kind(path)
         form = kind.form if kind else None
+        if form != "nortek" and converted.header_of(path) in paths:
+            continue  # read together with the header file of its conversion
+        if (recorded := [path.with_suffix(suffix) for suffix in RECORDINGS if path.with_suffix(suffix) in paths]) and (
+            path.suffix.lower() == converted.HEADER
+        ):
+            contents.left.append(f"{path}: converted from {recorded[0].name}, which is read")
+            continue
+        if form == "netcdf" and is_grouped(path):
+            form = "ocean_contour"
         if COMPANION.search(path.name) and any(SCANS.search(other.name) for other in paths):
             continue  # read together with its scans
         if form == "mmp_acm" and (text := path.with_suffix(".TXT")) in paths and text != path:
@@ -254,14 +272,19 @@ def _drafted(
         keys["pressure_files"] = [_inside(path, root) for path in companions]
     settings = {**keys, **PROVISIONAL.get(form, {}), "pressure_files": companions}
     inside = tuple(_inside(path, root) for path in files)
-    try:
-        record = readers.read(form, files, settings)
-    except InputError as error:
+    record, asked, trouble = None, set[str](), ""
+    for retried in RETRIED:
+        if record is None and {*retried} <= asked:
+            try:
+                record = readers.read(form, files, settings | retried)
+                keys |= dict.fromkeys({"orientation"} & {*record.unstated, *retried}, draft.DECIDE)
+            except InputError as error:
+                trouble = trouble or str(error)
+                asked |= {*_named_keys(error, readers.get_format(form).keys)}
+    if record is None:
         unread = ["direction_reference"] * (form == "netcdf")  # what the file says of it is not known yet
-        asked = dict.fromkeys([*_named_keys(error, readers.get_format(form).keys), *unread], draft.DECIDE)
-        return Drafted(form, inside, keys | asked, trouble=str(error))
+        return Drafted(form, inside, keys | dict.fromkeys([*sorted(asked), *unread], draft.DECIDE), trouble=trouble)
     contents.records[inside[0]] = record
-    keys |= dict.fromkeys({"orientation"} & {*record.unstated}, draft.DECIDE)
     drafted = _of_record(form, inside, keys, record, table)
     if form != "netcdf":
         return drafted
@@ -270,6 +293,19 @@ def _drafted(
     where = read_position(files[0])
     both = (where["latitude"], where["longitude"]) if {"latitude", "longitude"} <= set(where) else None
     return replace(drafted, place=both, water_depth_m=where.get("water_depth"))
+
+
+def is_grouped(path: Path) -> bool:
+    """Return whether a netCDF file is OceanContour's."""
+    import netCDF4
+
+    from compasslib.readers.netcdf import ocean_contour
+
+    try:
+        with netCDF4.Dataset(path) as nc:
+            return ocean_contour.is_ocean_contour(nc)
+    except OSError:  # the reader will report the error
+        return False
 
 
 def _named_keys(error: InputError, keys: Iterable[str]) -> list[str]:
@@ -295,7 +331,7 @@ def _of_record(
         sectors=len(np.unique(headings // angles.SECTOR_DEG)),
         depth_m=depth if depth > 0.0 else np.nan,
         depth_range_m=float(np.ptp(np.quantile(level[inside], [0.01, 0.99]))) if inside.any() else np.nan,
-        looks_up=record.looks_up if form in TOLD_UP and "orientation" not in record.unstated else None,
+        looks_up=record.looks_up if form in TOLD_UP and keys.get("orientation") != draft.DECIDE else None,
         heading_bias_deg=None if form in SILENT else record.heading_bias_deg or record.velocity_bias_deg,
         direction_reference=None if "direction_reference" in record.unstated else stated,
         speed=float(np.nanmedian(speed)) if np.isfinite(speed).any() else np.nan,

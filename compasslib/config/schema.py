@@ -15,6 +15,8 @@ from compasslib import readers
 from compasslib.config import values
 from compasslib.config.section import (
     Attributes,
+    Column,
+    Comment,
     Count,
     Decimal,
     Declination,
@@ -39,6 +41,7 @@ from compasslib.config.section import (
     Switch,
     Text,
     Time,
+    TimeColumns,
     TimeFormat,
     Zone,
     allowed_keys,
@@ -91,9 +94,12 @@ def _seconds() -> Any:
 
 
 def _header(unit: str, example: str) -> Any:
-    return key(f"the header of a column ({unit})", example, None)
+    return key(f"the header of a column ({unit}), or its number", example, None)
 
 
+TIME_HEADER = key(
+    "the header of a column (UTC), or a list of the columns of its parts", "[Year, Month, Day, Hour]", None
+)
 DATE_HEADER = key("the header of a column (the date, where the clock stands apart)", "Date", None)
 CLOCK_HEADER = key("the header of a column (the time of day, where the date stands apart)", "Time", None)
 
@@ -200,37 +206,38 @@ class HandFlag(Exclusion):
 class Columns(Section):
     """Headers of the columns of a table, by role, and the factor that converts its speeds to m/s."""
 
-    time: Text | None = _header("UTC", "time_utc")
-    date: Text | None = DATE_HEADER
-    clock: Text | None = CLOCK_HEADER
-    depth: Text | None = _header("metres", "depth_m")
-    pressure: Text | None = _header("dbar", "pressure_dbar")
-    east: Text | None = _header("speed", "u_cm_s")
-    north: Text | None = _header("speed", "v_cm_s")
-    speed: Text | None = _header("speed", "speed_cm_s")
-    direction: Text | None = _header("degrees, towards", "direction_deg")
-    x: Text | None = _header("speed along the instrument's x axis", "vx_cm_s")
-    y: Text | None = _header("speed along the instrument's y axis", "vy_cm_s")
-    heading: Text | None = _header("degrees", "heading_deg")
-    tilt_x: Text | None = _header("degrees", "tilt_x_deg")
-    tilt_y: Text | None = _header("degrees", "tilt_y_deg")
-    temperature: Text | None = _header("degrees Celsius", "temperature_c")
-    flag: Text | None = _header("quality flags, tables only", "qc")
-    range: Text | None = _header("metres from the transducer, netcdf only", "bindist")
+    time: TimeColumns | None = TIME_HEADER
+    date: Column | None = DATE_HEADER
+    clock: Column | None = CLOCK_HEADER
+    depth: Column | None = _header("metres", "depth_m")
+    pressure: Column | None = _header("dbar", "pressure_dbar")
+    east: Column | None = _header("speed", "u_cm_s")
+    north: Column | None = _header("speed", "v_cm_s")
+    speed: Column | None = _header("speed", "speed_cm_s")
+    direction: Column | None = _header("degrees, towards", "direction_deg")
+    x: Column | None = _header("speed along the instrument's x axis", "vx_cm_s")
+    y: Column | None = _header("speed along the instrument's y axis", "vy_cm_s")
+    heading: Column | None = _header("degrees", "heading_deg")
+    tilt_x: Column | None = _header("degrees", "tilt_x_deg")
+    tilt_y: Column | None = _header("degrees", "tilt_y_deg")
+    temperature: Column | None = _header("degrees Celsius", "temperature_c")
+    flag: Column | None = _header("quality flags, tables only", "qc")
+    range: Column | None = _header("metres from the transducer, netcdf only", "bindist")
     scale: Number | None = key("a factor to m/s above 0, at most 1000", "0.01", None, gt=0, le=1000)
 
-    def headers(self) -> dict[str, str]:
-        """Select the headers that are given, by role."""
-        return {role: header for role, header in self if isinstance(header, str)}
+    def headers(self) -> dict[str, Any]:
+        """Select the headers or numbers of columns that are given, by role."""
+        return {role: header for role, header in self if header is not None and role != "scale"}
 
     @model_validator(mode="after")
     def _no_header_twice(self) -> Self:
-        role_of: dict[str, str] = {}
-        for role, header in self.headers().items():
-            if header in role_of:
-                actual = f"{shown(header)}, which {role_of[header]} has already"
-                raise problem(role, "a column of its own", actual, "correct one of the two")
-            role_of[header] = role
+        role_of: dict[str | int, str] = {}
+        for role, given in self.headers().items():
+            for header in given if isinstance(given, tuple) else (given,):
+                if header in role_of:
+                    actual = f"{shown(header)}, which {role_of[header]} has already"
+                    raise problem(role, "a column of its own", actual, "correct one of the two")
+                role_of[header] = role
         return self
 
 
@@ -240,7 +247,7 @@ class TableKeys(Section):
     delimiter: Delimiter | None = key("comma, semicolon, tab or blank", "semicolon", None)
     decimal: Decimal | None = key("point or comma", "comma", None)
     time_format: TimeFormat | None = key(
-        "a strptime format such as '%d/%m/%Y %H:%M', or epoch, epoch_ms, datenum, decimal_year or excel",
+        "a strptime format such as '%d/%m/%Y %H:%M', or epoch, epoch_ms, datenum, matplotlib, decimal_year or excel",
         "'%d/%m/%Y %H:%M'",
         None,
     )
@@ -249,6 +256,14 @@ class TableKeys(Section):
     skip_rows: Count | None = key(
         "a whole number from 0 to 100000 of lines above the header", "3", None, ge=0, le=100000
     )
+    header: Count | None = key("the number of the header line from 1, or 0 for none", "0", None, ge=0, le=1000)
+    comment: Comment | None = key("the mark at the beginning of lines without data", "'#'", None)
+
+    @model_validator(mode="after")
+    def _header_is_found_one_way(self) -> Self:
+        if self.header and self.skip_rows is not None:
+            raise problem("header", "header or skip_rows", "both", "delete one of the two")
+        return self
 
 
 class FlagMeanings(Section):
@@ -314,10 +329,10 @@ class Instrument(TableKeys):
             if taken and self.format not in formats and name not in readers.get_format(self.format).keys:
                 expected = f"this key only with format {' or '.join(formats)}"
                 raise problem(name, expected, f"it with format {self.format}", "delete it or correct the format")
-        netcdf = self.format == "netcdf"
-        for role in ("speed", "direction", "x", "y", "flag") if netcdf else ("range",):
+        arrays = self.format in ("netcdf", "ocean_contour", "mat")
+        for role in ("x", "y", "flag") if arrays else ("range",):
             if self.columns is not None and getattr(self.columns, role):
-                expected = f"this role only with {'tables' if netcdf else 'format netcdf'}"
+                expected = f"this role only with {'tables' if arrays else 'formats netcdf and mat'}"
                 raise problem(f"columns.{role}", expected, f"it with format {self.format}", "delete it")
         inside = parse_applied_declination(self.declination_applied)
         turned = self.format == "mmp_acm" or bool(self.columns and self.columns.x)
@@ -333,7 +348,7 @@ class Instrument(TableKeys):
             headers = self.columns.headers() if self.columns else {}
             values.check_table(headers, self.depth)
             if "direction_reference" not in self.model_fields_set:  # what the headers say stands for the key
-                north = stated_north({role: [header] for role, header in headers.items()})
+                north = stated_north({role: [str(header)] for role, header in headers.items()})
                 object.__setattr__(self, "direction_reference", north or self.direction_reference)
         return self
 
@@ -341,10 +356,10 @@ class Instrument(TableKeys):
 class CovariateColumns(Section):
     """Headers of the table of a covariate."""
 
-    time: Text | None = _header("UTC", "time_utc")
-    date: Text | None = DATE_HEADER
-    clock: Text | None = CLOCK_HEADER
-    value: Text = key("the header of the column that holds the series", "current_mA")
+    time: TimeColumns | None = TIME_HEADER
+    date: Column | None = DATE_HEADER
+    clock: Column | None = CLOCK_HEADER
+    value: Column = key("the header of the column that holds the series", "current_mA")
 
 
 class Covariate(TableKeys):

@@ -26,6 +26,11 @@ Number = Annotated[float, BeforeValidator(values.number)]
 Count = Annotated[int, BeforeValidator(values.count)]
 Switch = Annotated[bool, BeforeValidator(values.switch)]
 Text = Annotated[str, BeforeValidator(values.text)]
+Column = Annotated[str | int, BeforeValidator(values.column)]
+TimeColumns = Annotated[
+    str | int | tuple[str | int, ...], BeforeValidator(values.time_columns, json_schema_input_type=Cell | list[Cell])
+]
+Comment = Annotated[str, BeforeValidator(values.text)]
 Name = Annotated[str, BeforeValidator(values.name)]
 Names = Annotated[tuple[Name, ...], BeforeValidator(values.names, json_schema_input_type=str | list[str])]
 Sphere = Annotated[str | bool, BeforeValidator(values.sphere, json_schema_input_type=str | Literal[True])]

@@ -42,7 +42,7 @@ STATED = (
     *("time_coverage_start", "time_coverage_end", "time_coverage_duration", "time_coverage_resolution"),
 )
 
-TIME_SCALES = ("epoch", "epoch_ms", "datenum", "decimal_year", "excel")  # numeric time scales
+TIME_SCALES = ("epoch", "epoch_ms", "datenum", "matplotlib", "decimal_year", "excel")  # numeric time scales
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _STATED = {name.lower() for name in STATED}
@@ -112,6 +112,20 @@ def text(value: Any) -> str:
     if not isinstance(value, str) or not value.strip():
         raise problem()
     return value
+
+
+def column(value: Any) -> str | int:
+    """Check the header of a column, or its number from 1."""
+    if isinstance(value, int) and not isinstance(value, bool) and value > 0:
+        return value
+    return text(value)
+
+
+def time_columns(value: Any) -> str | int | tuple[str | int, ...]:
+    """Check the column of a time, or the columns of its parts."""
+    if isinstance(value, list | tuple) and not 2 <= len(value) <= 6:
+        raise problem(advice="write [YEAR, DAY_OF_YEAR], or [YEAR, MONTH, DAY, HOUR, MINUTE, SECOND] as far as they go")
+    return tuple(map(column, value)) if isinstance(value, list | tuple) else column(value)
 
 
 def name(value: Any) -> str:
@@ -301,7 +315,7 @@ def stated(attribute: str) -> bool:
     return attribute.lower() in _STATED
 
 
-def check_table(headers: dict[str, str], depth: float | None) -> None:
+def check_table(headers: dict[str, Any], depth: float | None) -> None:
     """Check that the columns of a table provide time, depth and exactly one set of velocity components."""
     check_clock(headers)
     if depth is None and not {"depth", "pressure"} & set(headers):
@@ -321,7 +335,7 @@ def check_table(headers: dict[str, str], depth: float | None) -> None:
         raise problem("columns", "exactly one of east+north, speed+direction and x+y+heading", actual, advice)
 
 
-def check_clock(headers: dict[str, str]) -> None:
+def check_clock(headers: dict[str, Any]) -> None:
     """Check that the columns of a table provide the time, in one column or as separate date and clock."""
     apart = {"date", "clock"} & set(headers)
     if "time" in headers and apart:

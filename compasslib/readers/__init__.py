@@ -46,7 +46,16 @@ class Format:
         return "declination_applied" in self.keys
 
 
-TABLE_KEYS = ("delimiter", "decimal", "time_format", "timezone", "missing", "skip_rows")  # for any text table
+TABLE_KEYS = (
+    "delimiter",
+    "decimal",
+    "time_format",
+    "timezone",
+    "missing",
+    "skip_rows",
+    "header",
+    "comment",
+)  # for any text table
 FORMATS = {
     "pd0": Format("pd0", ("orientation", "declination_applied", "heading_alignment", "serial_number", "sound_speed")),
     "table": Format("table", ("columns", "flags", "direction_reference", *TABLE_KEYS)),
@@ -57,6 +66,9 @@ FORMATS = {
     ),
     "rdi_text": Format("rdi_text", ("orientation",)),
     "pd12": Format("pd12", ("orientation", "bin_size", "first_bin")),
+    "ocean_contour": Format("ocean_contour", ("columns", "orientation", "declination_applied", "direction_reference")),
+    "mat": Format("matlab", ("columns", "orientation", "declination_applied", "direction_reference", "time_format")),
+    "odv": Format("odv", ("columns", "flags", "direction_reference")),
     "nortek": Format("nortek", ("orientation", "declination_applied", "serial_number")),
 }
 

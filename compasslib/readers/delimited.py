@@ -1,4 +1,4 @@
-"""Read text tables with a header line: columns of numbers, times and quality flags.
+"""Read text tables: columns of numbers, times and quality flags, by the names in a header line or by their numbers.
 
 The delimiter, decimal commas, lines above the header, unit lines below it, compression and encoding are detected where
 they are unambiguous, and reported in ``Table.notes``; anything else raises an error that names the key of the YAML file
@@ -10,13 +10,11 @@ still parse as numbers. Only an unterminated last line may be truncated; it is d
 
 from __future__ import annotations
 
-import codecs
 import csv
-import io
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -24,28 +22,29 @@ from typing import Any
 import numpy as np
 
 from compasslib.errors import InputError
-from compasslib.readers import flags, plain, times
-from compasslib.readers.files import GZIP_MAGIC, read_text, read_text_bytes
-from compasslib.readers.plain import MISSING_TEXT, NUMBER
+from compasslib.readers import flags, times
+from compasslib.readers.cells import BLANKS, MISSING_TEXT, NUMBER, WITH_COMMA, Column, Rows, parse_numbers, split_rows
+from compasslib.readers.files import read_text
 from compasslib.records import NOT_CHECKED, PROBABLY_BAD
 from compasslib.types import Floats
 
 COLUMN_MAP = "correct columns in the mooring file"
 TIMES = ("time", "time_utc")  # roles of time columns
-FLAG = "flag"  # role of quality flags: words or values
+FLAG = "flag"  # role of quality flags: words or values; ``flag_ROLE`` are those of one column
 DATE_AND_CLOCK = ("date", "clock")  # roles of the date and the time of day, combined into ``time``
 NUMBER_FORM = "a number or nothing"
 MEND = "mend or remove the line"
-JOIN = "join the columns of the time into one in a copy, as 2007-09-04T00:00:00Z"
+JOIN = "list the columns of the time: time: [YEAR, MONTH, DAY, HOUR, MINUTE, SECOND]"
 DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"}  # in order of preference
-HEAD_LINES = 1000  # searched for the header, and from which the vectorized parser takes the format of a table
+HEAD_LINES = 1000  # searched for the header
 NUMBER_STARTS = tuple("+-.0123456789")
-COMMENT_MARKS = "#%"
-QUOTES = " \t=\"'\u201c\u201d\u2018\u2019"  # stripped around headers and times: left by repeated export, or ="..."
-TYPESETTING = {0x2212: "-", 0xA0: " ", 0x202F: " "}  # typographic minus sign and no-break spaces
-_WITH_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?", re.ASCII)
+COMMENT_MARKS = ("#", "%")
+QUOTES = " \t=\"'"  # stripped around headers and times: left by repeated export, or ="..."
+# Typographic minus sign, no-break spaces and quotation marks.
+TYPESETTING = {"\u2212": "-", "\xa0": " ", "\u202f": " "} | dict.fromkeys("\u201c\u201d\u2018\u2019", "'")
+APART = "\x1f"  # stands between cells that were quoted
+Header = str | int | Sequence[str | int]  # name or number of a column; several are the parts of a time
 _WHOLE = re.compile(r"[-+]?\d+", re.ASCII)
-_ONLY_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+", re.ASCII)
 _WITH_THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:([,.' ])\d{3})+(?!\1)[.,]\d*|[-+]?\d{1,3}(?:[' ]\d{3})+", re.ASCII)
 _WORD = re.compile(r'=?"[^"\n]*"|\S+')
 _FLAGS = re.compile(r"(?i)(?:^|[\W_])(?:qv|qc|flags?)(?:$|[\W_])")  # headers of quality flags
@@ -61,8 +60,10 @@ class Layout:
     decimal: str | None = None  # decimal mark, a point or a comma
     time_format: str | None = None  # strptime format, or a key of ``times.SCALES``
     timezone: str | None = None  # UTC or an offset such as +02:00
-    missing: tuple[str, ...] = ()  # texts that stand for missing values, besides ``plain.MISSING_TEXT``
+    missing: tuple[str, ...] = ()  # texts that stand for missing values, besides ``cells.MISSING_TEXT``
     skip_rows: int | None = None  # number of lines to skip above the header
+    header: int | None = None  # number of the header line, 0 for none
+    comment: str | None = None  # mark at the beginning of lines without data
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Layout:
@@ -70,20 +71,29 @@ class Layout:
         given = {field.name: settings.get(field.name) for field in fields(cls)}
         return cls(**(given | {"missing": tuple(given["missing"] or ())}))
 
+    @property
+    def comments(self) -> tuple[str, ...]:
+        """Marks at the beginning of lines without data."""
+        return (self.comment,) if self.comment else COMMENT_MARKS
+
 
 DEFAULT_LAYOUT = Layout()
 
 
 @dataclass(frozen=True)
-class Lines:
-    """Header and rows of a table without empty lines and comments; the cells of rows are not stripped."""
+class Head:
+    """Header of a table, and its first lines."""
 
-    header: list[str]
-    rows: list[list[str]]
-    numbers: Sequence[int]  # line number of each row in the file, from 1
-    cut: int = 0  # number of truncated last lines dropped
+    source: bytes  # the whole text in UTF-8, all lines terminated by line feeds
+    names: list[str]  # of the columns; NAME.2 for the second of a name, 1, 2, ... without a header
+    line: int  # index of the first line below the header
+    begin: int  # its byte offset
     delimiter: str = ""
     notes: tuple[str, ...] = ()  # detected format, in words
+    text: bytes = b""  # of the header line
+    clock: int | None = None  # index of a column without a name that continues the time before it
+    ended: bool = True  # whether the last line was terminated
+    sample: list[list[str]] = field(default_factory=list)  # cells of the first rows
 
 
 @dataclass(frozen=True)
@@ -95,143 +105,64 @@ class Table:
     cut: int  # number of truncated last lines dropped
     notes: tuple[str, ...]  # detected format, in words
     said: Mapping[str, tuple[str, ...]]  # role -> header, and cells of the unit lines
-    unknown_flags: str = ""  # warning about flags of unknown meaning, empty without any
+    unknown_flags: tuple[str, ...] = ()  # warnings about flags of unknown meaning
 
 
 def read_table(
     path: Path,
-    headers: Mapping[str, str],
+    headers: Mapping[str, Header],
     advice: str = COLUMN_MAP,
     layout: Layout = DEFAULT_LAYOUT,
     meanings: Mapping[str, int] = MappingProxyType({}),
+    *,
+    carried: Collection[str] = (),
 ) -> Table:
     """Read the requested columns of one table.
 
     Args:
-        headers: role -> header; ``time`` and ``time_utc`` hold times, ``date`` and ``clock`` are combined into
-            ``time``, ``flag`` holds quality flags, and all other roles hold numbers.
+        headers: role -> header, or number of the column from 1; ``time`` and ``time_utc`` hold times, or list the
+            columns of their parts, ``date`` and ``clock`` are combined into ``time``, ``flag`` and ``flag_ROLE`` hold
+            quality flags, and all other roles hold numbers.
         advice: advice in the error message for a missing column.
         meanings: flag value or meaning -> OceanSITES flag, see ``flags.parse_flag_settings``.
+        carried: roles whose empty cells repeat the cell above.
 
     Raises:
         InputError: the file or a column is missing, or a time or number is unreadable or ambiguous.
     """
-    fast = _read_plain(path, headers, layout)
-    return fast or parse_table(path, read_lines(path, headers.values(), layout), headers, advice, layout, meanings)
-
-
-def _read_plain(path: Path, headers: Mapping[str, str], layout: Layout) -> Table | None:
-    """Read a table with the vectorized parser below its first lines; None where the rows are not plain enough."""
-    timed = [role for role in headers if role in TIMES]
-    if len(timed) != 1 or {FLAG, *DATE_AND_CLOCK} & {*headers} or layout.decimal == "," or layout.time_format:
-        return None
-    data = read_text_bytes(path).removeprefix(codecs.BOM_UTF8)
-    with path.open("rb") as raw:
-        if raw.read(len(GZIP_MAGIC)) == GZIP_MAGIC or (layout.skip_rows or 0) >= HEAD_LINES:
-            return None
-    if b"\r\n" in data:
-        data = data.replace(b"\r\n", b"\n")
-    begin = 0
-    for _ in range(HEAD_LINES):
-        if not 0 < (begin := data.find(b"\n", begin) + 1) < len(data):
-            return None
-    if not (data.isascii() and data.endswith(b"\n")) or any(data.find(mark, begin) >= 0 for mark in b'\0\r"#%'):
-        return None
-    wanted = {*headers.values()}
-    try:
-        lines = find_lines(path, lambda names: wanted <= {*names}, layout, text=data[:begin].decode("ascii"))
-        assert lines is not None
-        head = parse_table(path, lines, headers, "", layout)
-    except InputError:
-        return None
-    places = {role: lines.header.index(header) for role, header in headers.items()}
-    like = lines.rows[-1][places[timed[0]]].strip() if head.rows else ""
-    if lines.delimiter == " " or "decimal commas" in head.notes or not times.is_iso(like, layout.timezone):
-        return None
-
-    def others(cells: list[str]) -> Floats | None:
-        values, row = plain.parse_texts(cells, ".", layout.missing)
-        return values if row is None else None
-
-    parts = {role: [column] for role, column in head.columns.items()}
-    for cells in plain.split_cells(data, begin, lines.delimiter, len(lines.header)):
-        if cells is None:
-            return None
-        for role, place in places.items():
-            is_time = role in TIMES
-            column = plain.parse_iso(cells, place, like) if is_time else plain.parse_numbers(cells, place, others)
-            if column is None:
-                return None
-            parts[role].append(column if is_time else plain.without_missing(column, layout.missing))
-    columns = {role: np.concatenate(listed) for role, listed in parts.items()}
-    return replace(head, columns=columns, rows=len(columns[timed[0]]))
-
-
-def parse_table(
-    path: Path, lines: Lines, headers: Mapping[str, str], advice: str, layout: Layout,
-    meanings: Mapping[str, int] = MappingProxyType({}),
-) -> Table:  # fmt: skip
-    """Parse the requested columns from the lines of one table; arguments and errors as for ``read_table``."""
-    for role, header in headers.items():
-        if (count := lines.header.count(header)) != 1:
-            # A wrong skip_rows or delimiter may have hidden the column: suggest these keys first.
-            keys = " or ".join(key for key in ("skip_rows", "delimiter") if getattr(layout, key) is not None)
-            advice = f"correct {keys}, else {advice}" if keys else advice
-            if lines.header and all(name[:1] in NUMBER_STARTS for name in lines.header):
-                advice = "write a line of names above the numbers in a copy, with the time in one column or two"
-            raise InputError(
-                f"{path}: column {header!r} ({role})",
-                expected="one of the file's columns",
-                found=f"{count} of that name" if count else ", ".join(lines.header) or "an empty file",
-                advice="give each column a name of its own in a copy" if count else advice,
-            )
     if {*DATE_AND_CLOCK} <= {*headers} and {*TIMES} & {*headers}:
         expected, advice = "a time, or date and clock apart", "keep one of the two under columns"
         raise InputError(f"{path}: columns", expected=expected, found="all three", advice=advice)
-    places = {role: lines.header.index(header) for role, header in headers.items()}
-    lines, unit_lines = _drop_units(lines, list(places.values()))
-    said = {role: (headers[role], *(row[k].strip() for row in unit_lines)) for role, k in places.items()}
-    lines = _join_decimals(path, lines) if (layout.delimiter, layout.decimal) == (",", ",") else lines
-    n = len(lines.header)
-    if long := [k for k, row in enumerate(lines.rows) if len(row) > n and any(cell.strip() for cell in row[n:])]:
-        advice = MEND
-        if len(long) == len(lines.rows) > 1:
-            advice = "if commas are decimals too, write delimiter: comma and decimal: comma, else correct delimiter"
-        shown = f"a line of {len(lines.rows[long[0]])} cells"
-        _refuse_line(path, lines.numbers[long[0]], f"{n} cells as in the header", shown, advice)
+    named = {role: (one,) if isinstance(one, str | int) else (*one,) for role, one in headers.items()}
+    head = read_head(path, [each for several in named.values() for each in several], layout)
+    places = {
+        role: [_place(path, head, role, one, advice, layout) for one in several] for role, several in named.items()
+    }
+    wanted = {place for several in places.values() for place in several}
+    units = _count_units(head, sorted(wanted))
+    rows, cut, notes = _split(path, head, wanted | ({head.clock} if head.clock else set()), layout, units)
+    body = _Body(path, head, rows, layout, carried)
     timed = [role for role in places if role in (*TIMES, *DATE_AND_CLOCK)]
-    columns, time_note = _parse_times(path, lines, {role: places[role] for role in timed}, layout)
-    texts = {role: _column(path, lines, place, role) for role, place in places.items() if role not in timed}
-    unknown = ""
-    if FLAG in texts:
-        cells = texts.pop(FLAG)
-        counts = Counter(cells)
-        known = {cell: NOT_CHECKED if not cell else flags.flag_of(cell, cell, meanings) for cell in counts}
-        codes = {cell: PROBABLY_BAD if flag is None else flag for cell, flag in known.items()}
-        columns[FLAG] = np.array([codes[cell] for cell in cells], dtype=float)
-        nameless = {cell: counts[cell] for cell, flag in known.items() if flag is None}
-        where = f"{path.name}: column {headers[FLAG]}"
-        unknown = flags.describe_unknown_flags(where, nameless) if nameless else ""
-    elif unused := [name for name in dict.fromkeys(lines.header) if _FLAGS.search(name)] * ("north" in headers):
-        unknown = f"{path.name}: flags stand in {', '.join(unused)}, which columns do not name as flag: none was used."
-    decimal, by_comma = _detect_decimal(path, texts, headers, layout)
-    for role, cells in texts.items():
-        columns[role], row = plain.parse_texts(cells, decimal, layout.missing)
-        if row is not None:
-            to_do = "correct decimal" if layout.decimal else _advise_on_word(cells[row])
-            _refuse_line(path, f"{lines.numbers[row]}, {headers[role]}", NUMBER_FORM, repr(cells[row]), to_do)
-    recognised = (
-        ["units below the header"] * bool(unit_lines) + ["decimal commas"] * by_comma + [time_note] * bool(time_note)
-    )
-    return Table(columns, len(lines.rows), lines.cut, (*lines.notes, *recognised), said, unknown)
-
-
-def _advise_on_word(cell: str, longest: int = 20) -> str:
-    """Word the advice on a cell that is not a number; malformed text with digits is not offered as a missing value."""
-    if _WITH_THOUSANDS.fullmatch(cell):
-        return "export numbers without marks between thousands"
-    word = len(cell) <= longest and (NUMBER.fullmatch(cell) or not any(map(str.isdigit, cell)))
-    return f"{MEND}, or write missing: [{cell!r}]" if word else MEND
+    columns, time_note = body.times({role: [body.column(place, role) for place in places[role]] for role in timed})
+    cells = {role: body.column(each[0], role) for role, each in places.items() if role not in timed}
+    flagged, unknown = [role for role in cells if role.partition("_")[0] == FLAG], list[str]()
+    for role in flagged:
+        columns[role], said = body.flags(cells.pop(role), meanings)
+        unknown += said
+    if not flagged and "north" in headers and (unused := [name for name in head.names if _FLAGS.search(name)]):
+        shown = ", ".join(unused)
+        unknown = [f"{path.name}: flags stand in {shown}, which columns do not name as flag: none was used."]
+    numbers, by_comma = body.numbers(cells)
+    notes += ["units below the header"] * (units > 0) + ["decimal commas"] * by_comma + [time_note] * bool(time_note)
+    twice = {one for several in named.values() for one in several if f"{one}.2" in head.names}
+    notes += [f"the first of the columns {name}, of which {name}.2 is the second" for name in sorted(twice)]
+    said_by = {
+        role: tuple(
+            text for place in each for text in (head.names[place], *(row[place].strip() for row in head.sample[:units]))
+        )
+        for role, each in places.items()
+    }
+    return Table(columns | numbers, len(rows.line), cut, (*head.notes, *notes), said_by, tuple(unknown))
 
 
 def date_and_clock(headers: Mapping[str, str], withheld: Collection[str] = ()) -> dict[str, str]:
@@ -245,76 +176,100 @@ def table_notes(tables: Iterable[Table]) -> tuple[str, ...]:
     """Collect the notes on detected formats and unknown flags of several tables, without duplicates."""
     tables = [*tables]
     read = [f"the table was read as it is written: {', '.join(table.notes)}" for table in tables if table.notes]
-    return tuple(dict.fromkeys([*read, *(table.unknown_flags for table in tables if table.unknown_flags)]))
+    return tuple(dict.fromkeys([*read, *(warning for table in tables for warning in table.unknown_flags)]))
 
 
-def read_header(path: Path, needed: Iterable[str], layout: Layout = DEFAULT_LAYOUT) -> list[str]:
-    """Read the column names of a table, empty for an empty file; arguments and errors as for ``read_lines``."""
-    return read_lines(path, needed, layout).header
-
-
-def read_lines(path: Path, needed: Iterable[str], layout: Layout = DEFAULT_LAYOUT) -> Lines:
-    """Read the header and the rows of a table without comments.
-
-    Args:
-        needed: column names that identify the header; if no line contains them all, the first line is the header.
+def read_head(path: Path, needed: Iterable[str | int], layout: Layout = DEFAULT_LAYOUT) -> Head:
+    """Read the header of a table by the names that it contains; if no line has them all, the first line is the header.
 
     Raises:
         InputError: the file cannot be read.
     """
-    wanted = set(needed)
-    lines = find_lines(path, lambda names: wanted <= set(names), layout)
-    assert lines is not None  # without ``must`` the first line is the fallback
-    return lines
+    needed = [*needed]
+    wanted = {name for name in needed if isinstance(name, str)}
+    if needed and not wanted and layout.header is None:
+        layout = replace(layout, header=0)  # columns by their numbers need no header
+    head = find_head(path, lambda names: wanted <= {*names}, layout)
+    assert head is not None  # without ``must`` the first line is the fallback
+    return head
 
 
-def find_lines(
+def find_head(
     path: Path,
     fits: Callable[[Sequence[str]], bool],
     layout: Layout = DEFAULT_LAYOUT,
     *,
     delimiters: Iterable[str] = DELIMITERS,
     must: bool = False,
-    text: str | None = None,
-) -> Lines | None:
-    """Locate the header by a predicate, and split the header and the rows below it into cells.
+) -> Head | None:
+    """Locate the header by a predicate.
 
     Args:
         fits: predicate that accepts the column names of the header.
         delimiters: candidates, in order of preference.
         must: return None if no line fits, instead of taking the first line as the header.
-        text: beginning of the file, if only that is to be parsed.
 
     Raises:
         InputError: the file cannot be read.
     """
-    text, text_notes = read_text(path) if text is None else (text, ())
-    raw = list(io.StringIO(text, newline=""))
-    skipped = min(layout.skip_rows or 0, len(raw))
-    first = next((k for k in range(skipped, len(raw)) if _has_content(raw[k])), skipped)
-    places = range(skipped, min(skipped + HEAD_LINES, len(raw))) if layout.skip_rows is None else [first]
+    source, notes, ended = read_text(path)
+    if not source.isascii():
+        for mark, plain in TYPESETTING.items():
+            source = source.replace(mark.encode(), plain.encode())
+    skipped, end = layout.skip_rows or 0, 0
+    for _ in range(skipped + HEAD_LINES):
+        end = source.find(b"\n", end) + 1 or len(source)
+    raw = source[:end].decode(errors="replace").split("\n")[:-1]
     candidates = [layout.delimiter] if layout.delimiter else list(delimiters)
-    headers = (_find_header(raw, places, candidate, fits) for candidate in candidates)
-    begin, delimiter = next(filter(None, headers), (None, ""))
-    if begin is None:  # numpy.savetxt writes the header as a comment
-        bare = [re.sub(r"^\s*[#%]+\s*", "", line) if line.lstrip()[:1] in COMMENT_MARKS else "" for line in raw]
-        headers = (_find_header(bare, places, candidate, fits) for candidate in candidates)
-        begin, delimiter = next(filter(None, headers), (None, ""))
-        raw = raw if begin is None else [*raw[:begin], bare[begin], *raw[begin + 1 :]]
-    if begin is None and must:
-        return None
-    if begin is None:
-        line = raw[first] if first < len(raw) else ","
-        counts = {candidate: line.count(candidate) for candidate in (",", ";", "\t")}
-        usual = max(counts, key=lambda candidate: counts[candidate]) if any(counts.values()) else " "
-        begin, delimiter = first, layout.delimiter or usual
-    if any(mark in text for mark in map(chr, TYPESETTING)):
-        raw[begin + 1 :] = [line.translate(TYPESETTING) for line in raw[begin + 1 :]]
-    lines = _split_lines(path, raw, begin, delimiter, ended=text.endswith(("\n", "\r")))
-    above = sum(map(_has_content, raw[skipped:begin]))
-    notes = [f"cells between {DELIMITERS.get(delimiter)}"] * (delimiter != "," and layout.delimiter is None)
+    first = next(
+        (k for k, line in enumerate(raw) if k >= skipped and _has_content(line, layout)), min(skipped, len(raw))
+    )
+    bare = [_uncommented(line, layout) for line in raw]
+    found: tuple[int, str] | None = None
+    if layout.header is None:
+        places = range(skipped, len(raw)) if layout.skip_rows is None else [first]
+        kept = ["" if text else line for line, text in zip(raw, bare, strict=True)]
+        tries = (
+            (lines, each) for lines in (kept, bare) for each in candidates
+        )  # numpy.savetxt comments its header out
+        found = next(filter(None, (_find_header(lines, places, each, fits) for lines, each in tries)), None)
+        if found is None and must:
+            return None
+    at, delimiter = found or (layout.header - 1 if layout.header else first, "")
+    if at >= len(raw) and layout.header:
+        raise InputError(
+            str(path), expected=f"a header in line {layout.header}", found=f"{len(raw)} lines", advice="correct header"
+        )
+    line = (bare[at] or raw[at]) if at < len(raw) else ","
+    delimiter = delimiter or layout.delimiter or next((each for each in candidates if each in line.strip()), " ")
+    names = [cell.strip(QUOTES) for cell in _split_line(line, delimiter)] if at < len(raw) else []
+    if layout.header == 0:
+        names, at = [str(k) for k in range(1, len(names) + 1)], at - 1
+    notes += [f"cells between {DELIMITERS.get(delimiter)}"] * (delimiter != "," and layout.delimiter is None)
+    above = sum(map(bool, kept[skipped:at])) if layout.header is None else 0
     notes += [f"{above} line{'s' * (above > 1)} above the header"] * (above > 0)
-    return replace(lines, notes=(*text_notes, *notes, *lines.notes), delimiter=delimiter)
+    sample = [_split_line(line, delimiter) for line in raw[at + 1 :] if _has_content(line, layout)]
+    clock = None
+    if delimiter == " " and sample and all(len(row) == len(names) + 1 for row in sample):  # one name for date and clock
+        clock = next((k for k, cell in enumerate(sample[0]) if k and ":" in cell), None)
+        names = names if clock is None else [*names[:clock], "", *names[clock:]]
+    repeated = Counter[str]()
+    for k, name in enumerate(names):
+        repeated[name] += 1
+        names[k] = name if repeated[name] == 1 else f"{name}.{repeated[name]}"
+    begin = sum(len(line.encode()) + 1 for line in raw[: at + 1])
+    return Head(
+        source,
+        names,
+        at + 1,
+        begin,
+        delimiter,
+        tuple(notes),
+        raw[at].encode() if 0 <= at < len(raw) else b"",
+        clock,
+        ended,
+        sample,
+    )
 
 
 def _find_header(
@@ -322,165 +277,240 @@ def _find_header(
 ) -> tuple[int, str] | None:
     """Find the index of the first line that fits, and its delimiter; None if a row of numbers comes first."""
     for k in places:
-        if k >= len(raw) or not _has_content(raw[k]):
-            continue
-        try:
-            row = _strip_quotes(split_words(raw[k]) if delimiter == " " else next(_reader([raw[k]], delimiter)))
-        except csv.Error:
-            continue
-        if row and fits(row):
+        row = [cell.strip(QUOTES) for cell in _split_line(raw[k], delimiter)] if k < len(raw) else []
+        if any(row) and fits(row):
             return k, delimiter
         if len(row) > 1 and all(cell[:1] in NUMBER_STARTS for cell in row):
             return None
     return None
 
 
-def _has_content(line: str) -> bool:
-    return bool(line.strip(" \t\r\n,;")) and line.lstrip()[0] not in COMMENT_MARKS
+def _has_content(line: str, layout: Layout) -> bool:
+    return bool(line.strip(" \t\r\n,;")) and not line.lstrip().startswith(layout.comments)
 
 
-def _reader(lines: Iterable[str], delimiter: str) -> Any:
-    return csv.reader(lines, delimiter=delimiter, skipinitialspace=True)  # quoted cells may follow blanks
+def _uncommented(line: str, layout: Layout) -> str:
+    """Take the mark off a comment; empty for other lines."""
+    bare = line.lstrip()
+    return next((bare.lstrip(mark).strip() for mark in layout.comments if bare.startswith(mark)), "")
 
 
-def split_words(line: str) -> list[str]:
-    """Split a line at blanks outside quotation marks."""
-    return line.split() if '"' not in line else [cell.strip('="') for cell in _WORD.findall(line)]
-
-
-def _strip_quotes(row: Sequence[str]) -> list[str]:
-    return [cell.strip(QUOTES) for cell in row]
-
-
-def _split_lines(path: Path, raw: list[str], begin: int, delimiter: str, *, ended: bool) -> Lines:
-    """Split the header line and the rows below it into cells."""
+def _split_line(line: str, delimiter: str) -> list[str]:
+    """Split a line at a delimiter outside quotation marks; several blanks count as one."""
     if delimiter == " ":
-        listed = [split_words(line) for line in raw[begin:]]
-    else:
-        reader = _reader(raw[begin:], delimiter)
-        try:
-            listed = list(reader)
-        except csv.Error as error:
-            advice = "check path and format"
-            raise InputError(str(path), expected="a readable CSV file", found=error, advice=advice) from None
-        if len(listed) < reader.line_num:  # a cell spans lines: a stray quotation mark swallows rows
-            reader = _reader(raw[begin:], delimiter)
-            line = next(k for k, _ in enumerate(reader, 1) if reader.line_num > k) + begin
-            _refuse_line(path, line, "cells that end in their line", "a quotation mark that is not closed")
-    filled = [k for k, row in enumerate(listed) if row and (row[0].strip() or any(map(str.strip, row)))]
-    filled = [k for k in filled if listed[k][0].lstrip()[:1] not in COMMENT_MARKS or not listed[k][0].strip()]
-    if not filled:
-        return Lines([], [], [])
-    header = _strip_quotes(listed[filled[0]])
-    # Printed pages and concatenated files repeat the header.
-    again = {k for k in filled[1:] if header[0] in listed[k][0] and _strip_quotes(listed[k]) == header}
-    places = [k for k in filled[1:] if k not in again]
-    rows = [listed[k] for k in places]
-    if delimiter == " " and rows and all(len(row) == len(header) + 1 for row in rows):
-        k = next((k for k, cell in enumerate(rows[0]) if k and ":" in cell), 0)
-        if k and all(":" in row[k] for row in rows):  # one header names date and clock
-            rows = [[*row[: k - 1], f"{row[k - 1]} {row[k]}", *row[k + 1 :]] for row in rows]
-
-    def decimals(row: list[str]) -> int:
-        return len(row[-1].strip().replace(",", ".").partition(".")[2])
-
-    # An unterminated last line is truncated if it lacks cells, or its last cell has fewer decimals than any other.
-    usual = min((decimals(row) for row in rows[:-1] if row[-1].strip()), default=0)
-    cut = bool(rows) and not ended and (len(rows[-1]) < len(header) or decimals(rows[-1]) < usual)
-    notes = (f"{len(again)} more header line{'s' * (len(again) > 1)}",) if again else ()
-    return Lines(header, rows[: len(rows) - cut], [begin + k + 1 for k in places], int(cut), notes=notes)
+        return line.split() if '"' not in line else [cell.strip('="') for cell in _WORD.findall(line)]
+    if '"' not in line:
+        return line.split(delimiter)
+    try:
+        return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    except csv.Error:
+        return []
 
 
-def _drop_units(lines: Lines, places: Sequence[int], most: int = 2) -> tuple[Lines, list[list[str]]]:
-    """Take unit lines from below the header, whose requested cells hold unit-like words instead of numbers."""
+def _place(path: Path, head: Head, role: str, header: str | int, advice: str, layout: Layout) -> int:
+    """Find the index of a column."""
+    if isinstance(header, int) and 0 < header <= len(head.names):
+        return header - 1
+    if header in head.names:
+        return head.names.index(header)
+    # A wrong skip_rows or delimiter may have hidden the column: suggest these keys first.
+    keys = " or ".join(key for key in ("header", "skip_rows", "delimiter") if getattr(layout, key))
+    advice = f"correct {keys}, else {advice}" if keys else advice
+    if head.names and all(name[:1] in NUMBER_STARTS for name in head.names):
+        advice = "a file without a header has its columns by numbers, 1 for the first: columns: {time: 1, ...}"
+    shown = ", ".join(head.names) or "an empty file"
+    raise InputError(
+        f"{path}: column {header!r} ({role})", expected="one of the file's columns", found=shown, advice=advice
+    )
+
+
+def _count_units(head: Head, wanted: Sequence[int], most: int = 2) -> int:
+    """Count unit lines below the header, whose requested cells hold unit-like words instead of numbers."""
     count = 0
-    for row in lines.rows[:most]:
-        cells = [row[k].strip() for k in places if k < len(row)]
+    for row in head.sample[:most] if head.line else ():
+        cells = [row[k].strip() for k in wanted if k < len(row)]
         words = [cell for cell in cells if cell.lower() not in MISSING_TEXT]
-        if not words or len(cells) < len(places) or not all(map(_UNIT.fullmatch, words)):
+        if not words or len(cells) < len(wanted) or not all(map(_UNIT.fullmatch, words)):
             break
         count += 1
-    return replace(lines, rows=lines.rows[count:], numbers=lines.numbers[count:]), lines.rows[:count]
+    return count
 
 
-def _join_decimals(path: Path, lines: Lines) -> Lines:
-    """Rejoin numbers split at decimal commas where the delimiter is a comma too; reject numbers without decimals."""
-    n, rows = len(lines.header), list(lines.rows)
-    for k, row in enumerate(rows):
-        if len(row) <= n:  # quoted numbers were not split
-            continue
-        halves = iter(row)
-        whole = [f"{cell.strip()},{next(halves, '')}" if _WHOLE.fullmatch(cell.strip()) else cell for cell in halves]
-        if len(whole) != n or not all("," not in cell or _WITH_COMMA.fullmatch(cell) for cell in whole):
-            expected, shown = "decimals in every number, as commas part cells too", ",".join(row)
-            advice = "write every number with decimals, or export with semicolons and write delimiter: semicolon"
-            _refuse_line(path, lines.numbers[k], expected, shown, advice)
-        rows[k] = whole
-    return replace(lines, rows=rows)
+def _split(path: Path, head: Head, wanted: Collection[int], layout: Layout, units: int) -> tuple[Rows, int, list[str]]:
+    """Split the lines below the header into rows of cells; also count cut last lines, and note repeated headers."""
+    source, begin, delimiter, text = head.source, head.begin, head.delimiter, head.text
+    if (layout.delimiter, layout.decimal) == (",", ",") or source.find(b'"', begin) >= 0:
+        source, begin, delimiter = _requoted(path, head, layout), 0, APART
+        text = APART.join(_split_line(text.decode(), head.delimiter)).encode()
+    rows = split_rows(source, begin, delimiter, sorted(wanted))
+    content = Column(source, rows.begin, rows.end).strip(BLANKS + delimiter.encode())
+    keep = content.begin < content.end
+    marks = {ord(mark[0]) for mark in layout.comments}
+    for row in np.flatnonzero(keep & np.isin(content.data[content.begin], [*marks])):
+        keep[row] = (
+            not content.source[rows.begin[row] : content.end[row]]
+            .lstrip()
+            .startswith(tuple(map(str.encode, layout.comments)))
+        )
+    again, at = [], begin - 1
+    while text and (at := source.find(text + b"\n", at + 1)) >= 0:
+        if at == 0 or source[at - 1] == ord("\n"):
+            again.append(int(np.searchsorted(rows.begin, at)))
+    keep[again] = False
+    rows = rows[keep][units:]
+    n, last, cut = len(head.names), Column(source, rows.begin, rows.end)[-HEAD_LINES:].texts(), 0
+    if not head.ended and last:
+        # An unterminated last line is truncated if it lacks cells, or its last cell has fewer decimals than any other.
+        cells = [line.split(None if delimiter == " " else delimiter)[-1].strip() for line in last]
+        decimals = [len(cell.replace(",", ".").partition(".")[2]) for cell in cells]
+        usual = min((number for number, cell in zip(decimals[:-1], cells[:-1], strict=True) if cell), default=0)
+        cut = int(rows.width[-1] < n or decimals[-1] < usual)
+        rows = rows[: len(rows.line) - cut]
+    long = np.flatnonzero(rows.width > n)
+    for row in long:
+        cells = (
+            source[rows.begin[row] : rows.end[row]]
+            .decode(errors="replace")
+            .split(None if delimiter == " " else delimiter)
+        )
+        if any(map(str.strip, cells[n:])):
+            every = "if commas are decimals too, write delimiter: comma and decimal: comma, else correct delimiter"
+            advice = every if len(long) == len(rows.line) > 1 else MEND
+            where, shown = f"{path}: line {head.line + rows.line[row] + 1}", f"a line of {rows.width[row]} cells"
+            raise InputError(where, expected=f"{n} cells as in the header", found=shown, advice=advice)
+    return rows, cut, [f"{len(again)} more header line{'s' * (len(again) > 1)}"] * bool(again)
 
 
-def _column(path: Path, lines: Lines, place: int, role: str) -> list[str]:
-    if min(map(len, lines.rows), default=place + 1) <= place:
-        row = next(k for k, row in enumerate(lines.rows) if len(row) <= place)
-        expected = times.TIME_FORM if role in (*TIMES, *DATE_AND_CLOCK) else NUMBER_FORM
-        where, shown = f"{lines.numbers[row]}, {lines.header[place]}", f"a line of {len(lines.rows[row])} cells"
-        _refuse_line(path, where, expected, shown)
-    return [row[place].strip() for row in lines.rows]
+def _requoted(path: Path, head: Head, layout: Layout) -> bytes:
+    """Write the rows anew with a separator that no cell holds, without quotation marks and with decimals rejoined.
+
+    Raises:
+        InputError: a quotation mark is not closed, or a number between commas has no decimals.
+    """
+    lines, n, made = head.source[head.begin :].decode(errors="replace").split("\n")[:-1], len(head.names), []
+    both = (layout.delimiter, layout.decimal) == (",", ",")
+    for k, line in enumerate(lines, head.line + 1):
+        if line.count('"') % 2:
+            expected, shown = "cells that end in their line", "a quotation mark that is not closed"
+            raise InputError(f"{path}: line {k}", expected=expected, found=shown, advice=MEND)
+        row = _split_line(line, head.delimiter)
+        if both and len(row) > n:  # quoted numbers were not split
+            halves = iter(row)
+            row = [f"{cell.strip()},{next(halves, '')}" if _WHOLE.fullmatch(cell.strip()) else cell for cell in halves]
+            if len(row) != n or not all("," not in cell or WITH_COMMA.fullmatch(cell) for cell in row):
+                expected, advice = (
+                    "decimals in every number, as commas part cells too",
+                    "write every number with decimals",
+                )
+                advice += ", or export with semicolons and write delimiter: semicolon"
+                raise InputError(f"{path}: line {k}", expected=expected, found=line, advice=advice)
+        made.append(APART.join(row))
+    return "\n".join([*made, ""]).encode()
 
 
-def _detect_decimal(
-    path: Path, texts: Mapping[str, list[str]], headers: Mapping[str, str], layout: Layout
-) -> tuple[str, bool]:
-    """Detect the decimal mark, and whether it is an inferred comma; reject commas that may separate thousands."""
-    if layout.decimal:
-        return layout.decimal, False
-    with_comma = [
-        (role, cell)
-        for role, cells in texts.items()
-        for cell in cells
-        if "," in cell and (_WITH_COMMA.fullmatch(cell) or _ONLY_THOUSANDS.fullmatch(cell))
-    ]
-    if not with_comma:
-        return ".", False
-    expected, advice = "numbers with decimals behind points", "write decimal: comma or decimal: point"
-    point = next((cell for cells in texts.values() for cell in cells if "." in cell and NUMBER.fullmatch(cell)), None)
-    if point is not None or all(_ONLY_THOUSANDS.fullmatch(cell) for _, cell in with_comma):
-        role, cell = with_comma[0]
-        shown = repr(cell) + (f" beside {point!r}" if point else ", which may be thousands")
-        raise InputError(f"{path}: column {headers[role]!r}", expected=expected, found=shown, advice=advice)
-    return ",", True
+@dataclass(frozen=True)
+class _Body:
+    """Rows of a table, whose errors name file, line and column."""
+
+    path: Path
+    head: Head
+    rows: Rows
+    layout: Layout
+    carried: Collection[str]  # roles whose empty cells repeat the cell above
+
+    def column(self, place: int, role: str) -> tuple[int, Column]:
+        """Select the cells of a column, and its index; empty ones repeat the cell above where they are carried on."""
+        if (short := np.flatnonzero(self.rows.width <= place)).size:
+            expected = times.TIME_FORM if role in (*TIMES, *DATE_AND_CLOCK) else NUMBER_FORM
+            raise self.error(int(short[0]), place, expected, f"a line of {self.rows.width[short[0]]} cells")
+        column = self.rows.columns[place].strip(BLANKS)
+        if role in self.carried:
+            filled = np.where(column.begin < column.end, np.arange(len(column.begin)), 0)
+            column = column[np.maximum.accumulate(filled)]
+        return place, column
+
+    def error(self, row: int | None, place: int, expected: str, shown: str, advice: str = MEND) -> InputError:
+        """Create the error for a cell, or for a column."""
+        line = "" if row is None else f"line {self.head.line + self.rows.line[row] + 1}, "
+        where = f"{self.path}: {line}{self.head.names[place]}"
+        return InputError(where, expected=expected, found=shown, advice=advice)
+
+    def times(self, texts: Mapping[str, Sequence[tuple[int, Column]]]) -> tuple[dict[str, Floats], str]:
+        """Parse the time columns by role, with date and clock or parts combined, and describe the detected format."""
+        layout, columns, note = self.layout, dict[str, Floats](), ""
+        around = "".join({*QUOTES} - {*(layout.time_format or "")}).encode()  # never characters of the format itself
+        if {*DATE_AND_CLOCK} <= {*texts}:
+            (place, dates), (_, clocks) = (texts[role][0] for role in DATE_AND_CLOCK)
+            texts = {"time": [(place, dates.strip(around).joined(clocks.strip(around)))]}
+        for role, cells in texts.items():
+            if len(cells) > 1:
+                parts = self.numbers({str(place): (place, column) for place, column in cells})[0]
+                columns[role], row = times.from_parts([*parts.values()])
+                if row is not None:
+                    shown = " ".join(column[row : row + 1].texts()[0] for _, column in cells)
+                    raise self.error(row, cells[0][0], "year and day of the year, or year, month, day and so on", shown)
+                ahead_s = times.parse_zone(layout.timezone)
+                columns[role] -= ahead_s
+                continue
+            place, column = cells[0]
+            if self.head.clock == place + 1:
+                column = column.joined(self.rows.columns[place + 1])
+            try:
+                columns[role], note = times.parse_times(
+                    column.strip(around), form=layout.time_format, zone=layout.timezone, decimal=layout.decimal
+                )
+            except times.Unreadable as error:
+                quoted = error.row is not None and re.search("[\"']", column[error.row : error.row + 1].texts()[0])
+                advice = "delete the quotation marks" if quoted else error.advice
+                advice = JOIN if _PART.fullmatch(self.head.names[place]) else advice
+                advice = advice or f"{MEND}; {times.SETTLE} for another form"
+                raise self.error(error.row, place, error.expected, error.shown, advice) from None
+        return columns, note
+
+    def flags(self, cells: tuple[int, Column], meanings: Mapping[str, int]) -> tuple[Floats, list[str]]:
+        """Convert words or values of quality flags to those of OceanSITES, and warn of unknown ones."""
+        texts = cells[1].texts()
+        counts = Counter(texts)
+        known = {cell: NOT_CHECKED if not cell else flags.flag_of(cell, cell, meanings) for cell in counts}
+        codes = {cell: PROBABLY_BAD if flag is None else flag for cell, flag in known.items()}
+        nameless = {cell: counts[cell] for cell, flag in known.items() if flag is None}
+        where = f"{self.path.name}: column {self.head.names[cells[0]]}"
+        said = [flags.describe_unknown_flags(where, nameless)] if nameless else []
+        return np.fromiter(map(codes.__getitem__, texts), dtype=float, count=len(texts)), said
+
+    def numbers(self, texts: Mapping[str, tuple[int, Column]]) -> tuple[dict[str, Floats], bool]:
+        """Parse columns of numbers by role; also whether commas were found to be their decimal marks.
+
+        Raises:
+            InputError: a cell is no number, or commas may stand between thousands.
+        """
+        layout = self.layout
+        parsed = {role: parse_numbers(column, layout.decimal, layout.missing) for role, (_, column) in texts.items()}
+        if commas := [role for role, each in parsed.items() if each.comma is not None and not layout.decimal]:
+            pointed = next((role for role, each in parsed.items() if each.point is not None), None)
+            if pointed or all(parsed[role].thousands for role in commas):
+                shown = repr(self._cell(texts[commas[0]], parsed[commas[0]].comma))
+                beside = pointed and f" beside {self._cell(texts[pointed], parsed[pointed].point)!r}"
+                where, advice = (
+                    f"{self.path}: column {self.head.names[texts[commas[0]][0]]!r}",
+                    "write decimal: comma or decimal: point",
+                )
+                expected, found = "numbers with decimals behind points", shown + (beside or ", which may be thousands")
+                raise InputError(where, expected=expected, found=found, advice=advice)
+        for role, each in parsed.items():
+            if each.wrong is not None:
+                cell = self._cell(texts[role], each.wrong)
+                advice = "correct decimal" if layout.decimal else _advise_on_word(cell)
+                raise self.error(each.wrong, texts[role][0], NUMBER_FORM, repr(cell), advice)
+        return {role: each.values for role, each in parsed.items()}, bool(commas)
+
+    def _cell(self, cells: tuple[int, Column], row: int | None) -> str:
+        return cells[1][row : (row or 0) + 1].texts()[0]
 
 
-def _parse_times(path: Path, lines: Lines, places: Mapping[str, int], layout: Layout) -> tuple[dict[str, Floats], str]:
-    """Parse the time columns by role, with date and clock combined, and describe the detected format."""
-    around = "".join({*QUOTES} - {*(layout.time_format or "")})  # never strip characters of the format itself
-    texts = {}
-    for role, place in places.items():
-        texts[role] = [cell.strip(around) for cell in _column(path, lines, place, role)], lines.header[place]
-    if set(DATE_AND_CLOCK) <= set(texts):
-        (dates, date), (clocks, clock) = (texts[role] for role in DATE_AND_CLOCK)
-        texts = {"time": ([f"{day} {time}" for day, time in zip(dates, clocks, strict=True)], f"{date} and {clock}")}
-    columns, note = {}, ""
-    for role, (cells, header) in texts.items():
-
-        def numbers(cells: list[str] = cells) -> Floats | None:
-            """Parse times as numbers, None unless all are; commas are decimal, as times have no thousands separator."""
-            by_comma = layout.decimal is None and any("," in cell for cell in cells)
-            values, row = plain.parse_texts(cells, "," if by_comma else layout.decimal or ".", ())
-            return values if row is None else None
-
-        try:
-            columns[role], note = times.parse_times(cells, numbers, form=layout.time_format, zone=layout.timezone)
-        except times.Unreadable as error:
-            line = "" if error.row is None else f"line {lines.numbers[error.row]}, "
-            quoted = error.row is not None and any(mark in cells[error.row] for mark in "\"'")
-            advice = "delete the quotation marks" if quoted else error.advice
-            advice = JOIN if _PART.fullmatch(header) else advice
-            advice = advice or f"{MEND}; {times.SETTLE} for another form"
-            where = f"{path}: {line}{header}"
-            raise InputError(where, expected=error.expected, found=error.shown, advice=advice) from None
-    return columns, note
-
-
-def _refuse_line(path: Path, line: int | str, expected: str, shown: str, advice: str = MEND) -> None:
-    raise InputError(f"{path}: line {line}", expected=expected, found=shown, advice=advice) from None
+def _advise_on_word(cell: str, longest: int = 20) -> str:
+    """Word the advice on a cell that is not a number; malformed text with digits is not offered as a missing value."""
+    if _WITH_THOUSANDS.fullmatch(cell):
+        return "export numbers without marks between thousands"
+    word = len(cell) <= longest and (NUMBER.fullmatch(cell) or not any(map(str.isdigit, cell)))
+    return f"{MEND}, or write missing: [{cell!r}]" if word else MEND

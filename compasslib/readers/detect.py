@@ -17,6 +17,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from compasslib.errors import InputError, TransientError
 from compasslib.readers import delimited, units
@@ -28,13 +29,15 @@ READABLE = {
     "pd12": "an RDI PD12 file",
     "rdi_text": "a text export of RDI's programs",
     "nortek": "a Nortek file",
-    "netcdf": "a netCDF file",
+    **dict.fromkeys(("netcdf", "ocean_contour"), "a netCDF file"),
     "mmp_acm": "scans of a Falmouth 3D-ACM",
     "iaga2002": "an IAGA-2002 file",
     "nmea0183": "an NMEA 0183 log",
+    "odv": "an ODV spreadsheet",
+    "mat": "a MATLAB file",
 } | dict.fromkeys(("table", "acm_table", "csv"), "a text table")
-BINARY = ("pd0", "pd12", "nortek", "netcdf")
-TEXTS = ("table", "acm_table", "csv", "rdi_text", "iaga2002", "nmea0183")
+BINARY = ("pd0", "pd12", "nortek", "netcdf", "ocean_contour", "mat")
+TEXTS = ("table", "acm_table", "csv", "rdi_text", "iaga2002", "nmea0183", "odv")
 ELSEWHERE = {
     "iaga2002": "name it under covariates as {format: iaga2002, files: ...}",
     "nmea0183": "a calibration of kind swing reads it with format: nmea0183",
@@ -43,6 +46,7 @@ CONVERT = "export it as a text table and write format: table"
 EXPORT = "give the file that the instrument or its program wrote"
 RECORDED = "give the file that the instrument recorded"
 UNPACK = "unpack it"
+BELOW = "write format: table, skip_rows: (the number of lines up to {}) and columns by their numbers, or make it netCDF"
 
 
 @dataclass(frozen=True)
@@ -67,8 +71,8 @@ KINDS = (
     _kind("an RDI PD12 file", "pd12", rb"n\x7f.[\0-\x0f]|.*<SampleData [^>]*>n\x7f"),
     _kind("a Nortek ad2cp file", "nortek", rb"\xa5[\x0a\x0c][\x15-\x2f\xa0]."),
     _kind("a Nortek file (aqd, prf, wpr or vec)", "nortek", rb"\xa5(\x05\x18\0|\x04\x70\0|\0\0\x01)"),
-    _kind("a MATLAB 7.3 file", None, rb"MATLAB 7\.3 MAT-file"),
-    _kind("a MATLAB file", None, rb"MATLAB 5\.0 MAT-file"),
+    _kind("a MATLAB 7.3 file", "mat", rb"MATLAB 7\.3 MAT-file"),
+    _kind("a MATLAB file", "mat", rb"MATLAB 5\.0 MAT-file"),
     _kind("a netCDF file", "netcdf", rb"CDF[\x01\x02\x05]"),
     _kind("a netCDF-4 or HDF5 file", "netcdf", rb"\x89HDF\r\n\x1a\n"),
     _kind("an Excel workbook", None, rb"PK\x03\x04.*xl/(?:workbook|worksheets|styles|_rels)"),
@@ -111,7 +115,7 @@ KINDS = (
         "a text of Nortek's conversion, which has no header",
         None,
         rb"(?:\s*\d{1,2} +\d{1,2} +\d{4} +\d{1,2} +\d{1,2} +[\d.]+ +[01]{8} +[01]{8} [^\n]*\n)+",
-        RECORDED,
+        "give its .hdr too, in the same folder, with format: nortek; or format: table with columns by their numbers",
     ),
     _kind(
         "raw counts of an Aanderaa logger",
@@ -119,13 +123,10 @@ KINDS = (
         rb"(?:[01]\d{3}(?:[ \t]+[01]\d{3}){3,}\s*\n){3}",
         "convert them by the coefficients of the sensors, and give a text table with format: table",
     ),
-    _kind(
-        "an ODV spreadsheet",
-        None,
-        rb"(?://[^\n]*\n)*Cruise\tStation\t[^\n]*\t(QV:[^\t\n]*)\t[^\n]*\t\1[\t\r\n]",
-        "give every QV column a name of its own in a copy, and name that of the velocities as flag under columns",
-    ),
-    _kind("a header file of Nortek's conversion", None, rb"\[[^\]\n]*\.(?:aqd|prf|wpr|vec|hdr)\]\s", EXPORT),
+    _kind("an IOS shell file", None, rb"(?:\*[^\n]*\n){1,3}?\*IOS HEADER", BELOW.format("*END OF HEADER")),
+    _kind("an ODF file", None, rb"\s*ODF_HEADER\s*,", BELOW.format("-- DATA --")),
+    _kind("an ODV spreadsheet", "odv", rb"(?://[^\n]*\n)*Cruise[\t;]Station[\t;]"),
+    _kind("a header file of Nortek's conversion", "nortek", rb"\[[^\]\n]*\.(?:aqd|prf|wpr|vec|hdr)\]\s"),
 )
 TABLE = _kind("a text table", "table", rb"")
 PROSE = _kind("a text without columns", None, rb"", EXPORT)
@@ -293,6 +294,15 @@ _WORDS = {
     "tilt_y": r"roll|tilt_?y|ty",
     "temperature": r"(?:water_?)?temp(?:erature)?",
 }
+_PARTS = {  # of a time in several columns
+    "year": r"y{2,4}|years?",
+    "month": r"mm?|mo|mon|months?",
+    "day": r"dd?|days?",
+    "day_of_year": r"day_?of_?year|year_?day|doy|jday|julian_?day",
+    "hour": r"hh?|hours?|hr",
+    "minute": r"min|minutes?|mi|mn",
+    "second": r"ss?|sec|seconds?",
+}
 _BENCH = {
     "reference_deg": r"reference|ref|bench|platform|table|set|true|known",
     "recorded_deg": r"recorded|rec|compass|heading|hdg|instrument|measured|read(?:ing)?",
@@ -325,7 +335,7 @@ class GuessedTable:
     """Guessed kind, columns, velocity unit and reference north of a table."""
 
     kind: str  # instrument | platform | swing | magnetometer | series | pressure
-    columns: dict[str, str]  # role -> header
+    columns: dict[str, Any]  # role -> header; time may list the headers of its parts
     scale: float | None = None  # factor to m/s, None if the headers do not state the unit
     north: str | None = None  # magnetic or true, None if the headers do not state it
 
@@ -333,10 +343,10 @@ class GuessedTable:
 def guess_columns(path: Path) -> GuessedTable | None:
     """Guess the columns of a table from its header, None if it is inconclusive."""
     delimiters = list(delimited.DELIMITERS)[: -1 if _is_delimited(path) else None]  # names may then contain blanks
-    lines = delimited.find_lines(
+    head = delimited.find_head(
         path, lambda names: guess_from_names(names) is not None, must=True, delimiters=delimiters
     )
-    return guess_from_names(lines.header) if lines else None
+    return guess_from_names(head.names) if head else None
 
 
 def _is_delimited(path: Path) -> bool:
@@ -346,8 +356,8 @@ def _is_delimited(path: Path) -> bool:
         return len(names) > 1 and all(re.search(r"[^\W\d_]", name) for name in names)
 
     for delimiter in delimited.DELIMITERS.keys() - {" "}:
-        lines = delimited.find_lines(path, names_columns, must=True, delimiters=[delimiter])
-        whole = [len(row) == len(lines.header) for row in lines.rows] if lines else []
+        head = delimited.find_head(path, names_columns, must=True, delimiters=[delimiter])
+        whole = [len(row) == len(head.names) for row in head.sample] if head else []
         if 2 * sum(whole) > len(whole):
             return True
     return False
@@ -359,14 +369,17 @@ def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
     >>> guess_from_names(["Date/Time", "Vel East [cm/s]", "Vel North [cm/s]", "Depth (m)"]).columns["east"]
     'Vel East [cm/s]'
     """
-    columns = _roles(names, _WORDS)
-    if {"year", "month"} <= {*map(_plain, names)}:  # day and hour are parts of a time in more than two columns
-        columns = {role: header for role, header in columns.items() if role not in ("date", "clock")}
+    columns: dict[str, Any] = dict(match_roles(names))
+    parts = match_roles(names, _PARTS)
+    if {"year", "month", "day"} <= {*parts} or {"year", "day_of_year"} <= {*parts}:
+        last = ("day_of_year",) if "month" not in parts else ("month", "day", "hour", "minute", "second")
+        columns = {role: header for role, header in columns.items() if role not in ("time", "date", "clock")}
+        columns["time"] = [parts[part] for part in ("year", *last) if part in parts]
     if "date" in columns and not {"time", "clock"} & set(columns):
         columns["time"] = columns.pop("date")
     timed = "time" in columns or {"date", "clock"} <= set(columns)
     flow = next((roles for roles in _FLOWS if timed and set(roles) <= set(columns)), None)
-    if flow and not ("x" in flow and _roles(names, {"z": _MAGNETOMETER["z"]})):
+    if flow and not ("x" in flow and match_roles(names, {"z": _MAGNETOMETER["z"]})):
         if {"date", "clock"} <= set(columns):
             columns.pop("time", None)
         about = _ABOUT if "time" in columns else ("date", "clock", *_ABOUT)
@@ -376,16 +389,16 @@ def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
         north = units.stated_north({role: [header] for role, header in columns.items()})
         return GuessedTable("instrument", chosen, factors.pop() if len(factors) == 1 else None, north)
     for kind, words, must in _TABLES:
-        roles = _roles(names, words)
+        roles = match_roles(names, words)
         if set(must) <= set(roles):
             return GuessedTable(kind, roles)
-    if timed and "pressure" in columns and {*names} <= {*columns.values()}:
+    if timed and "pressure" in columns and all(name in columns.values() for name in names):
         return GuessedTable("pressure", {role: columns[role] for role in ("time", "pressure") if role in columns})
     others = [name for name in names if name not in columns.values()]
     return GuessedTable("series", {"time": columns["time"], "value": others[0]}) if timed and len(others) == 1 else None
 
 
-def _roles(names: Iterable[str], words: Mapping[str, str]) -> dict[str, str]:
+def match_roles(names: Iterable[str], words: Mapping[str, str] = _WORDS) -> dict[str, str]:
     """Match headers to roles: the first header that fits each role, used only once except for ``clock``."""
     plain = {name: _plain(name) for name in names}
     roles: dict[str, str] = {}

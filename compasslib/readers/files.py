@@ -90,25 +90,32 @@ def read_text_bytes(path: Path) -> bytes:
     return b"".join(blocks)
 
 
-def read_text(path: Path) -> tuple[str, tuple[str, ...]]:
-    """Read the text of a file, and describe its compression and encoding unless it is plain UTF-8.
+def read_text(path: Path) -> tuple[bytes, list[str], bool]:
+    """Read a text as UTF-8 with line feeds at the ends of all lines, and whether the last one was terminated.
+
+    Also describe its compression and encoding unless it is plain UTF-8.
 
     Raises:
         InputError: the file cannot be read, or contains bytes that are not text.
     """
     data = read_text_bytes(path)
     with Path(path).open("rb") as raw:
-        notes = ("packed by gzip",) * (raw.read(len(GZIP_MAGIC)) == GZIP_MAGIC)
+        notes = ["packed by gzip"] * (raw.read(len(GZIP_MAGIC)) == GZIP_MAGIC)
     encoding = detect_utf16(data)
     try:
         if encoding:
-            return data[: len(data) // 2 * 2].decode(encoding), (*notes, "in UTF-16")
-        return data.decode("utf-8-sig"), notes
-    except UnicodeDecodeError as error:
+            data, notes = data[: len(data) // 2 * 2].decode(encoding).encode(), [*notes, "in UTF-16"]
+        elif not data.isascii():
+            data = data.decode("utf-8-sig").encode()
+    except UnicodeError as error:
         if encoding or data.translate(None, _TEXT + _LATIN):
             expected, advice = "a readable CSV file in UTF-8, UTF-16 or Latin-1", "check path and format"
             raise InputError(str(path), expected=expected, found=error, advice=advice) from None
-    return data.decode("latin-1"), (*notes, "in Latin-1")
+        data, notes = data.decode("latin-1").encode(), [*notes, "in Latin-1"]
+    if b"\r" in data:
+        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    ended = data.endswith(b"\n")
+    return data if ended or not data else data + b"\n", notes, ended
 
 
 def detect_utf16(data: bytes, sample: int = 4096) -> str | None:

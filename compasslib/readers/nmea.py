@@ -21,7 +21,7 @@ import numpy as np
 from compasslib import angles
 from compasslib.errors import InputError
 from compasslib.readers.files import count_unprintable, read_bytes, refuse_large_text, refuse_mostly_damaged, unreadable
-from compasslib.types import Floats
+from compasslib.types import Bools, Floats
 
 HEADINGS, COURSES = ("HDG", "HDM"), ("RMC", "VTG")
 USUAL = (HEADINGS[0], COURSES[0])
@@ -104,6 +104,12 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC", ta
     log = _pair(fixes, values, heading, counts)
     lost = [f"{counts[key]} {what}" for key, what in LOSSES.items() if counts[key]]
     warnings = [f"left out of the log: {', '.join(lost)}"] if lost else []
+    if counts["in_blocks"]:
+        side = "before" if values[heading][0][0] < fixes[0].line else "behind"
+        warnings.append(
+            f"{heading} and {course} come in blocks of one each: {counts['in_blocks']} courses were paired with the "
+            f"heading {side} them, in the order in which the log begins"
+        )
     if counts["corrected"]:
         warnings.append(
             f"{counts['corrected']} HDG sentences state a deviation of their own; "
@@ -232,7 +238,10 @@ def _pair(fixes: list[_Fix], values: _Values, heading: str, counts: Counter[str]
     table = np.array([list(vars(fix).values()) for fix in fixes])
     line, time_s = table[:, 0], table[:, 1]
     value, apart_s = _nearest(values[heading], line, time_s)
-    near = ~(apart_s > 2.5)  # without a clock the nearest heading in the stream is used
+    in_block, of_block = _of_block(values[heading], line, time_s)
+    near = ~(apart_s > 2.5) | in_block  # without a clock the nearest heading in the stream is used
+    value = np.where(in_block, of_block, value)
+    counts["in_blocks"] = int(in_block.sum())
     # Receivers may send sentences twice in a row; only a log concatenated with itself repeats rows after a step back.
     back = np.append(False, np.cumsum(np.diff(time_s) < -2.5) > 0)
     rows = np.nan_to_num(np.column_stack([table[:, 1:], value]), nan=-1.0)
@@ -247,6 +256,16 @@ def _pair(fixes: list[_Fix], values: _Values, heading: str, counts: Counter[str]
     series["true_heading_deg"] = _nearest(values["HDT"], line, time_s)[0]
     series["water_speed_kn"] = _nearest(values["VHW"], line, time_s)[0]
     return {name: column[near] for name, column in series.items()}
+
+
+def _of_block(values: list[tuple[int, float]], line: Floats, time_s: Floats) -> tuple[Bools, Floats]:
+    """Find the headings of blocks of one heading and one course more than 2.5 s apart, in the order of the first."""
+    at, value = np.transpose(values)
+    before = np.searchsorted(at, line)
+    first = int(before[0] > 0)  # whether a block begins with its heading
+    single = np.diff(before, prepend=0) == 1 if first else np.diff(before, append=len(at)) == 1
+    rare = len(line) > 1 and float(np.nanmedian(np.diff(time_s))) > 2.5
+    return single & rare, value[np.clip(before - first, 0, len(at) - 1)]
 
 
 def _nearest(values: list[tuple[int, float]], line: Floats, time_s: Floats) -> tuple[Floats, Floats]:

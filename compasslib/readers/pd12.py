@@ -22,7 +22,7 @@ from compasslib.readers.files import refuse_large_arrays, refuse_mostly_damaged
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.pd0.fields import LAST_YEAR, from_hundredths
 from compasslib.readers.times import civil_seconds
-from compasslib.records import GOOD, MISSING, Record
+from compasslib.records import Record, new_record
 from compasslib.types import Floats
 
 MARK = b"\x6e\x7f"
@@ -68,30 +68,25 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
     lost = int((np.maximum(steps // (int(np.median(steps)) if len(steps) else 1), 1) - 1).sum())
     counts |= {"bad_dates": int(np.sum(~dated)), "ensembles": len(heads), "lost": lost}
     heading = np.where(heads["heading"] < 36000, heads["heading"] / 100.0, np.nan)
-    known = np.isfinite(east + north)
     pitch, roll = from_hundredths(heads["pitch"]), from_hundredths(heads["roll"])
     # Shift the bin distances of ensembles that start at a later bin.
     bins = east.shape[1]
     stride = np.maximum(heads["components"] >> 4, 1)
     later = (heads["first"] - heads["first"].min(initial=255).astype(int)) / stride
-    return Record(
-        time_s=time_s,
-        east=east,
-        north=north,
+    return new_record(
+        time_s,
+        east,
+        north,
         bin_range_m=(first_bin + bin_size * (later[:, None] + np.arange(bins))),
         heading_deg=heading,
         pitch_deg=true_pitch(pitch, roll),
         roll_deg=roll,
         pressure_dbar=heads["pressure"] / 1000.0,
-        depth_m=np.full(len(heads), np.nan),
         temperature_c=from_hundredths(heads["temperature"]),
-        supply_voltage=np.full(len(heads), np.nan),
-        quality=np.where(known, GOOD, MISSING).astype(np.int8),
-        heading_quality=np.where(np.isnan(heading), MISSING, GOOD).astype(np.int8),
         looks_up=orientation == "up",
         beam_angle_deg=BEAM_ANGLE_DEG,
         profiles={"up": up.astype(np.float32), "error_velocity": error.astype(np.float32)},
-        counts=counts | {"velocities_missing": int(np.sum(~known)), "heading_missing": int(np.isnan(heading).sum())},
+        counts=counts,
         warnings=_warnings(counts),
     )
 

@@ -21,7 +21,7 @@ from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.pd0.fields import LAST_YEAR
 from compasslib.readers.pd12 import BEAM_ANGLE_DEG
 from compasslib.readers.times import FIRST_YEAR, civil_seconds, describe_averages
-from compasslib.records import GOOD, MISSING, Record, join_records
+from compasslib.records import Record, join_records, new_record
 from compasslib.types import Floats
 
 CLOCK = ("YR", "MO", "DA", "HH", "MM", "SS", "HH")  # the second HH: hundredths
@@ -74,19 +74,18 @@ def _to_record(table: _Table, orientation: str | None) -> Record:
     east, north, cells = _currents(table)
     heading = _series(table, "Hea", n)
     heading = np.where((heading >= 0.0) & (heading <= 360.0), angles.wrap360(np.nan_to_num(heading)), np.nan)
-    pitch, roll, known = _series(table, "Pit", n), _series(table, "Rol", n), np.isfinite(east + north)
-    missing = {"velocities_missing": int((~known).sum()), "heading_missing": int(np.isnan(heading).sum())}
+    pitch, roll = _series(table, "Pit", n), _series(table, "Rol", n)
     # Upward and error velocities, if exported for the same number of bins, (n, m) m/s.
     profiles = {}
     for name, key in VERTICAL.items():
         places = table.places(name)
         if len(places) == east.shape[1] and (unit := table.units[places[0]]) in SPEEDS:
             profiles[key] = SPEEDS[unit] * np.column_stack([_column(table, k) for k in places]).astype(np.float32)
-    return Record(
-        time_s=time_s,
-        east=east,
-        north=north,
-        bin_range_m=np.broadcast_to(table.first_bin + table.bin_size * (cells - 1.0), east.shape),
+    return new_record(
+        time_s,
+        east,
+        north,
+        bin_range_m=table.first_bin + table.bin_size * (cells - 1.0),
         heading_deg=heading,
         pitch_deg=true_pitch(pitch, roll),
         roll_deg=roll,
@@ -94,12 +93,10 @@ def _to_record(table: _Table, orientation: str | None) -> Record:
         depth_m=_series(table, "Dep", n),
         temperature_c=_series(table, "Tem", n),
         supply_voltage=_series(table, "Bat", n),
-        quality=np.where(known, GOOD, MISSING).astype(np.int8),
-        heading_quality=np.where(np.isnan(heading), MISSING, GOOD).astype(np.int8),
         looks_up=_looks_up(table, orientation),
         beam_angle_deg=BEAM_ANGLE_DEG,
         profiles=profiles,
-        counts={"rows": n + table.cut, "rows_cut": table.cut} | missing,
+        counts={"rows": n + table.cut, "rows_cut": table.cut},
         warnings=(
             NO_BIAS,
             *["the last line was cut short and left out"] * table.cut,

@@ -16,15 +16,20 @@ from compasslib.errors import InputError
 from compasslib.readers import flags as vocabularies
 from compasslib.readers import units
 from compasslib.readers.delimited import COLUMN_MAP, Layout, Table, read_table, table_notes
-from compasslib.records import GOOD, MISSING, Record
+from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record, new_record
 from compasslib.types import Bools, Floats
 
 MAGNETIC, TRUE = "magnetic", "true"
+SERIES = {  # role -> field of a record
+    "tilt_x": "pitch_deg", "tilt_y": "roll_deg", "pressure": "pressure_dbar", "depth": "depth_m",
+    "temperature": "temperature_c",
+}  # fmt: skip
 LOSSES = {
     "rows_cut": "last lines were cut short and left out",
     "rows_repeated": "rows repeat time and depth of another and were left out",
     "rows_contradict": "rows repeat time and depth of another with other values; none of them was used",
     "directions_impossible": "headings or directions are no angles and count as missing",
+    "values_flagged": "pressures, depths, tilts or temperatures are flagged as bad and count as missing",
     "fillers": "fill values (speeds of nines only) count as missing",
     "rows_sorted": "rows are earlier than the one before; all were put in order: check the form of the times",
 }
@@ -33,7 +38,7 @@ LOSSES = {
 def read(
     paths: Sequence[Path],
     *,
-    columns: Mapping[str, str | float | None],
+    columns: Mapping[str, Any],
     flags: Mapping[str, Sequence[object]] | None = None,
     direction_reference: str | None = None,
     **layout: Any,
@@ -41,9 +46,9 @@ def read(
     """Read one record from one or several tables, sorted by their first times.
 
     Args:
-        columns: role -> header: time, or date and clock; depth or pressure; east+north, speed+direction, or x+y+heading
-            (x forward, y to port); tilt_x, tilt_y, temperature; flag. ``scale`` is the factor of velocities to m/s, by
-            default that of the unit in headers or unit lines, else 1.
+        columns: role -> header or number: time (several: its parts), or date and clock; depth or pressure; east+north,
+            speed+direction, or x+y+heading (x forward, y to port); tilt_x, tilt_y, temperature; flag. ``scale`` is the
+            factor of velocities to m/s, by default that of the unit in headers or unit lines, else 1.
         flags: good, bad and unchecked -> flag meanings or values that are in no known vocabulary.
         direction_reference: magnetic or true; None uses that stated in headers or unit lines, else magnetic.
         **layout: format of the files, by the fields of ``delimited.Layout``.
@@ -52,12 +57,21 @@ def read(
         InputError: a file or a column is missing, a time or number cannot be parsed, or the table contradicts
             ``scale`` or ``direction_reference``.
     """
-    headers = {role: str(header) for role, header in columns.items() if role != "scale" and header is not None}
-    known = vocabularies.parse_flag_settings(flags)
-    files = [read_table(path, headers, COLUMN_MAP, Layout.from_settings(layout), known) for path in paths]
-    scale, reference, said = _stated(paths, files, columns.get("scale"), direction_reference)
+    headers = {role: column for role, column in columns.items() if role != "scale" and column is not None}
+    known, form = vocabularies.parse_flag_settings(flags), Layout.from_settings(layout)
+    tables = [read_table(path, headers, COLUMN_MAP, form, known) for path in paths]
+    return to_record(paths, tables, columns.get("scale"), direction_reference)
+
+
+def to_record(
+    paths: Sequence[Path], files: Sequence[Table], stated_scale: float | None, direction_reference: str | None
+) -> Record:
+    """Convert the tables of one instrument to a record; arguments and errors as for ``read``."""
+    scale, reference, said = _stated(paths, files, stated_scale, direction_reference)
     # The files may be listed in any order.
-    tables = sorted(map(_in_units, files), key=lambda table: float(np.nanmin(table["time"], initial=np.inf)))
+    tables = sorted(
+        (_in_units(file, said) for file in files), key=lambda table: float(np.nanmin(table["time"], initial=np.inf))
+    )
     rows, cut = sum(file.rows for file in files), sum(file.cut for file in files)
     joined = {role: np.concatenate([table[role] for table in tables]) for role in tables[0]}
     table, counts = _clean(joined, {"rows": rows + cut, "rows_cut": cut})
@@ -71,30 +85,27 @@ def read(
     else:
         components = angles.turn(-table["y"], table["x"], table["heading"])
     east, north = (_spread(scale * x, samples, (n, m)) for x in components)
-    quality = np.full((n, m), GOOD) if "flag" not in table else _spread(table["flag"], samples, (n, m))
+    of_flow = ["flag", "flag_time", *(f"flag_{role}" for role in (*units.FLOWS, "direction"))]
+    quality = vocabularies.worst_flag([GOOD, *(table[role].astype(int) for role in of_flow if role in table)])
     series = {role: values[samples.first] for role, values in table.items()}
-    empty = np.full(n, np.nan)
-    heading = series.get("heading", empty)
-    return Record(
-        time_s=samples.time_s,
-        east=east,
-        north=north,
+    if (heading := series.get("heading")) is not None:
+        series["heading"] = np.where(np.isfinite(heading), angles.wrap360(heading), np.nan)
+    return new_record(
+        samples.time_s,
+        east,
+        north,
         bin_range_m=_ranges(table, samples, (n, m)),
-        heading_deg=np.where(np.isfinite(heading), angles.wrap360(heading), np.nan),
-        pitch_deg=series.get("tilt_x", empty),
-        roll_deg=series.get("tilt_y", empty),
-        pressure_dbar=series.get("pressure", empty),
-        depth_m=series.get("depth", empty),
-        temperature_c=series.get("temperature", empty),
-        supply_voltage=empty,
-        quality=np.where(np.isfinite(east + north), quality, MISSING).astype(np.int8),
-        heading_quality=np.where(np.isfinite(heading), GOOD, MISSING).astype(np.int8),
+        heading_quality=series.get("flag_heading", GOOD),
+        **{field: series[role] for role, field in (SERIES | {"heading": "heading_deg"}).items() if role in series},
+        quality=quality
+        if not quality.ndim
+        else np.nan_to_num(_spread(quality.astype(float), samples, (n, m)), nan=MISSING),
         looks_up=False,
         direction_reference=reference,
-        counts=counts | {"velocities_missing": int(np.sum(~np.isfinite(east + north)))},
+        counts=counts,
         warnings=(
             *table_notes(files),
-            *said,
+            *dict.fromkeys(said),
             *(f"{counts[key]} {text}" for key, text in LOSSES.items() if counts[key]),
         ),
     )
@@ -131,30 +142,34 @@ def _stated(
     return 1.0 if factor is None else factor, reference or MAGNETIC, said
 
 
-def _in_units(file: Table) -> dict[str, Floats]:
+def _in_units(file: Table, said: list[str]) -> dict[str, Floats]:
     """Convert the columns of a table other than velocities to the units of records, by headers and unit lines."""
     columns = dict(file.columns)
     for role in units.FACTORS.keys() & columns.keys() - {*units.FLOWS}:
         if found := units.stated_factor(role, file.said[role]):
             shift = units.ZERO_CELSIUS if role == "temperature" and found[1] in units.KELVIN else 0.0
             columns[role] = found[0] * columns[role] - shift
+            said += [f"{role} was converted from {found[1]}"] * (found[0] != 1.0 or shift > 0.0)
     return columns
 
 
 def _clean(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, Floats], dict[str, int]]:
-    """Set fill values and invalid angles to NaN, drop repeated rows, and count what is removed."""
+    """Set fill values, invalid angles and flagged series to NaN, drop repeated rows, and count what is removed."""
     filled = _fillers(table)
     with np.errstate(invalid="ignore"):
         directions = {role: table[role] for role in ("heading", "direction") if role in table}
         wrong = {role: (degrees < -180.0) | (degrees > 360.0) for role, degrees in directions.items()}
-    blank = {role: filled for role in units.FLOWS if role in table} | wrong
+    flagged = {role: table[flag] >= PROBABLY_BAD for role in SERIES if (flag := f"flag_{role}") in table}
+    blank = {role: filled for role in units.FLOWS if role in table} | wrong | flagged
     table = {role: np.where(blank[role], np.nan, x) if role in blank else x for role, x in table.items()}
     keep, repeated, contradict = _first_of_repeated(table)
-    table = {role: column[keep] for role, column in table.items()}
+    if not keep.all():
+        table = {role: column[keep] for role, column in table.items()}
     return table, counts | {
         "rows_repeated": repeated,
         "rows_contradict": contradict,
         "directions_impossible": int(sum(where.sum() for where in wrong.values())),
+        "values_flagged": int(sum(where.sum() for where in flagged.values())),
         "fillers": int(filled.sum()),
     }
 
@@ -186,21 +201,16 @@ def _fillers(table: Mapping[str, Floats], far: float = 2.0) -> Bools:
     Unless both components hold it, it exceeds the largest measured speed by a factor ``far``.
     """
     speeds = [table[role] for role in units.FLOWS if role in table]
-    nines = []
-    for column in speeds:
-        distinct, where = np.unique(column, return_inverse=True)
-        with np.errstate(divide="ignore"):
-            of_nines = np.abs(distinct) > 9.8 * 10.0 ** np.floor(np.log10(np.abs(distinct)))
-        for k in np.flatnonzero(of_nines):
-            text = f"{abs(distinct[k]):g}"
-            of_nines[k] = {*text.replace(".", "")} == {"9"} and len(text) > 2
-        nines.append(of_nines[where.ravel()])
+    texts = ("9" * whole + ".9"[: 2 * bool(rest)] + "9" * (rest - 1) for whole in range(7) for rest in range(6))
+    known = np.unique([float(text) for text in texts if 2 <= text.count("9") <= 6 and len(text) > 2 and text[0] == "9"])
+    nines = [np.isin(np.abs(column), known) for column in speeds]
     alike = np.logical_and.reduce(nines) & (speeds[0] == speeds[-1]) & (len(speeds) > 1)
     filled = alike if alike.sum() > 1 else np.zeros(alike.shape, dtype=bool)
     for column, nine in zip(speeds, nines, strict=True):
-        others = np.abs(column[~nine & np.isfinite(column)])
-        beyond = nine & (np.abs(column) > far * others.max(initial=0.0))
-        filled = filled | (beyond if beyond.sum() > 1 else False)
+        if nine.any():
+            others = np.abs(column[~nine & np.isfinite(column)])
+            beyond = nine & (np.abs(column) > far * others.max(initial=0.0))
+            filled = filled | (beyond if beyond.sum() > 1 else False)
     return np.asarray(filled)
 
 

@@ -1,8 +1,8 @@
-"""Parse time cells to UTC seconds: unambiguous formats are detected, all others require ``time_format``.
+"""Parse time cells to UTC seconds since 1970: unambiguous formats are detected, all others require ``time_format``.
 
 All rows of a column must have the same format. A numeric day and month are distinguished by a value above 12, with
 which all rows and their order must agree. Numeric times are identified by their magnitude: seconds and milliseconds
-since 1970, MATLAB's datenum, and decimal years.
+since 1970, MATLAB's datenum, and decimal years. Cells that differ in their digits only are parsed together.
 """
 
 from __future__ import annotations
@@ -10,10 +10,14 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib.readers.cells import ZERO, Column, parse_numbers
 from compasslib.types import DAY_S, HOUR_S, Bools, Floats
 
 Ints = NDArray[np.int64]
@@ -21,11 +25,13 @@ Ints = NDArray[np.int64]
 TIME_FORM = "an ISO time like 2007-09-04T00:00:00Z"
 SETTLE = "write time_format, for example '%d/%m/%Y %H:%M'"
 DATENUM_1970 = 719529.0  # 1970-01-01 in MATLAB's day numbers
+ORDINAL_1970 = 719163.0  # the same in matplotlib's day numbers before version 3.3
 JULIAN_DAY_1970 = 2440588  # Julian day number of noon on 1970-01-01; EPIC's of that day
 FARTHEST_ZONE_H = 14  # hours, largest UTC offset in use
 FIRST_YEAR, LAST_YEAR = 1980, 2100  # accepted years of instrument clocks
 YEARS, USUAL_YEARS = (1950, 2101), (1980, 2030)  # numeric times: accepted, and those in which a scale is detected
 MONTHS = "january february march april may june july august september october november december"
+NUMBER_OF = {name: k for k, long in enumerate(MONTHS.split(), 1) for name in (long, long[:3])} | {"sept": 9}
 
 _CLOCK = (
     r"(?:[T ] *(?P<H>\d{1,2})(?::(?P<M>\d\d)(?::(?P<S>\d\d(?:[.,]\d{1,9})?))?)?(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?)?"
@@ -43,17 +49,22 @@ _PATTERNS = {form: re.compile(date + _CLOCK, re.ASCII) for form, date in _FORMS.
 _PATTERNS["run together"] = re.compile(
     _FORMS["compact"] + r"[T ]?(?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)?(?:Z| ?(?P<zone>[+-]\d\d:?\d\d))?", re.ASCII
 )
+_NOTES = {"compact": "dates as yyyymmdd", "run together": "times as yyyymmddhhmm"}
+DIRECTIVES = {  # of strptime
+    "Y": r"(?P<y>\d{4})", "y": r"(?P<short>\d\d)", "m": r"(?P<m>\d{1,2})", "d": r"(?P<d>\d{1,2})",
+    "j": r"(?P<day>\d{1,3})", "b": r"(?P<name>[A-Za-z]{3,9})", "B": r"(?P<name>[A-Za-z]{3,9})",
+    "H": r"(?P<H>\d{1,2})", "I": r"(?P<H>\d{1,2})", "M": r"(?P<M>\d{1,2})", "S": r"(?P<S>\d{1,2})",
+    "f": r"(?P<f>\d{1,9})", "p": r"(?P<half>[AaPp])[Mm]", "z": r"(?:Z|(?P<zone>[+-]\d\d:?\d\d))", "%": "%",
+}  # fmt: skip
+_SHORTHAND = {"%T": "%H:%M:%S", "%R": "%H:%M", "%F": "%Y-%m-%d", "%D": "%m/%d/%y"}
 _SINCE = re.compile(
     r"(?:(?P<packed>\d{8})|(?P<y>[+-]?\d{1,4})(?:(?P<part>[-/])(?P<m>\d{1,2})(?:(?P=part)(?P<d>\d{1,2}))?)?)"
     r"(?:(?: *T| +) *(?P<H>\d{1,2})(?::(?P<M>\d{1,2})(?::(?P<S>\d{1,2}(?:\.\d*)?))?)?"
     r" *(?:Z|UTC|GMT|(?P<zone>(?:[+-]| +[+-]?)\d{1,2}(?::?\d\d)?))?| *(?:Z|UTC|GMT))?",
     re.ASCII | re.IGNORECASE,
 )
-_ISO = re.compile(r"\d{4}-\d\d-\d\d(?:[T ]\d\d(?::\d\d(?::\d\d(?:\.\d{1,6})?)?)?)?Z?", re.ASCII)
-_SECOND_60 = re.compile(r"((?<!\d)\d\d:\d\d:)60(?!\d|[.,]\d*[1-9])", re.ASCII)
 _SHORT_YEAR = re.compile(r"\d{1,2}[-/. ](?:\d{1,2}|[A-Za-z]{3,9})[-/. ]\d\d(?:[T ].*)?", re.ASCII)
 _ZONE_NAME = re.compile(r".*\d ?(?:[AaPp]\.?[Mm]\.? )? ?([A-Z]{2,5}\d?)", re.ASCII)
-_NUMBERLIKE = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?", re.ASCII)
 
 
 class Unreadable(Exception):
@@ -64,66 +75,194 @@ class Unreadable(Exception):
         self.row, self.shown, self.expected, self.advice = row, shown, expected, advice
 
 
-def _refused(cells: Sequence[str], row: int, expected: str = TIME_FORM, advice: str = "") -> Unreadable:
-    return Unreadable(row, repr(cells[row]), expected, advice)
+@dataclass(frozen=True)
+class _Cells:
+    """Time cells, and the form that all must have."""
+
+    column: Column
+    expected: str = TIME_FORM
+    advice: str = ""
+
+    def refused(self, row: int, expected: str | None = None, advice: str | None = None) -> Unreadable:
+        """Create the error for the cell of a row."""
+        advice = self.advice if advice is None and expected is None else advice or ""
+        return Unreadable(row, repr(self.text(row)), expected or self.expected, advice)
+
+    def text(self, row: int) -> str:
+        """Decode the cell of a row."""
+        return self.column[row : row + 1].texts()[0]
 
 
 def parse_times(
-    cells: Sequence[str], numbers: Callable[[], Floats | None], *, form: str | None = None, zone: str | None = None
+    column: Column, *, form: str | None = None, zone: str | None = None, decimal: str | None = None
 ) -> tuple[Floats, str]:
     """Parse cells as UTC seconds since 1970, (n,), and describe the detected format; empty for ISO or a given format.
 
     Args:
-        numbers: function that parses the cells as numbers, (n,), or gives None if they are not all numbers.
-        form: a strptime format, or a scale: epoch, epoch_ms, datenum, decimal_year, excel.
+        form: a strptime format, or a scale of ``SCALES``.
         zone: time zone of cells that state none, UTC or an offset such as +02:00.
+        decimal: decimal mark of times that are numbers; None accepts both.
 
     Raises:
         Unreadable: a cell is not a valid time, or is ambiguous.
     """
-    if leap := [row for row, cell in enumerate(cells) if ":60" in cell and _SECOND_60.search(cell)]:
-        given = [_SECOND_60.sub(r"\g<1>59", cell) for cell in cells]
-        time_s, note = parse_times(given, numbers, form=form, zone=zone)
-        time_s[leap] += 0.999  # before the next minute, whose row is another
-        return time_s, f"{note}{', ' * bool(note)}second 60 as a leap second ({cells[leap[0]]})"
-    ahead_s = 0.0 if zone in (None, "UTC") else _offset_s(str(zone))
-    if form is None and all(map(_ISO.fullmatch, cells)):
-        time_s = _parse_iso(cells)
-        row = next((k for k, cell in enumerate(cells) if cell.endswith("Z")), None)
-        if row is not None and ahead_s:
-            raise _refused(cells, row, "times without a zone beside timezone", "correct or delete timezone")
-        return time_s - ahead_s, ""
-    if form in SCALES:
-        return _from_scale(str(form), cells, numbers()) - ahead_s, ""
-    if form is not None:
-        return _parse_format(cells, form, ahead_s), ""
-    if (parsed := _parse_fields(cells)) is None:
-        scale = _detect_scale(cells, numbers())
-        return _from_scale(scale, cells, numbers()) - ahead_s, f"times as {SCALES[scale][1]}"
-    clock_s, zone_s, note = parsed
-    return clock_s - _zone_offset_s(cells, zone_s, zone, ahead_s), note
+    ahead_s, cells = parse_zone(zone), _Cells(column)
+    if not len(column.begin):
+        return np.zeros(0), ""
+    if form is None:
+        first = cells.text(0)
+        found = next((name for name, pattern in _PATTERNS.items() if pattern.fullmatch(first)), None)
+        pattern = None if found is None else _PATTERNS[found]
+        if found != "iso":
+            cells = _Cells(column, f"a time like {first!r}, as in the first row", f"mend the line, or {SETTLE}")
+    else:
+        found, cells = "", _Cells(column, f"a time like {form}", "mend the line or correct time_format")
+        pattern = None if form in SCALES else _pattern_of(form)
+    if pattern is None:
+        values = parse_numbers(column, decimal, ()).values
+        values = np.where(np.isfinite(values), values, np.nan)
+        scale = form or _detect_scale(_Cells(column), values)
+        return _from_scale(scale, _Cells(column), values) - ahead_s, "" if form else f"times as {SCALES[scale][1]}"
+    fields = _read_fields(cells, pattern)
+    note = _NOTES.get(str(found), "months by their names" * ("name" in fields and form is None))
+    if "a" in fields:
+        fields["d"], fields["m"], note = _day_and_month(cells, fields["a"], fields["b"], fields["y"])
+    if "half" in fields and (written := fields["half"] > 0.0).any():  # 12-hour clock with AM or PM
+        if (wrong := ~written | (fields["H"] < 1.0) | (fields["H"] > 12.0)).any():
+            raise cells.refused(int(np.argmax(wrong)), "an hour from 1 to 12 with AM or PM, as in other rows")
+        fields["H"] = fields["H"] % 12.0 + 12.0 * (fields["half"] - 1.0)
+    clock_s, leap = _to_seconds(cells, fields, packed=found in _NOTES)
+    if len(leap):
+        note += f"{', ' * bool(note)}second 60 as a leap second ({cells.text(int(leap[0]))})"
+    return clock_s - _zone_offset_s(cells, fields["zone"], zone, ahead_s), note
 
 
-def is_iso(cell: str, zone: str | None) -> bool:
-    """Return whether a cell is an ISO time in UTC, which needs neither ``time_format`` nor a note."""
-    return zone in (None, "UTC") and _ISO.fullmatch(cell) is not None
+def _pattern_of(form: str) -> re.Pattern[str]:
+    """Translate a strptime format.
 
-
-def _parse_iso(cells: Sequence[str]) -> Floats:
+    Raises:
+        Unreadable: it has another directive, or one twice.
+    """
+    for short, long in _SHORTHAND.items():
+        form = form.replace(short, long)
+    parts = re.split(r"(%.|\s+)", form, flags=re.DOTALL)
     try:
-        return np.array([cell.rstrip("Z") for cell in cells], dtype="datetime64[us]").astype(np.int64) / 1e6
-    except ValueError:
-        for row, cell in enumerate(cells):
-            try:
-                np.datetime64(cell.rstrip("Z"))
-            except ValueError:
-                raise Unreadable(row, repr(cell)) from None
-        raise
+        parts = [DIRECTIVES[part[1:]] if part[:1] == "%" else re.escape(part) for part in parts if part.strip()]
+        return re.compile(r"\s*".join(parts) if " " in form else "".join(parts), re.ASCII)
+    except (KeyError, re.error) as error:
+        known = " ".join(f"%{letter}" for letter in DIRECTIVES)
+        raise Unreadable(None, repr(form), f"a format of {known}", f"correct time_format ({error})") from None
 
 
-def _offset_s(zone: str) -> float:
-    digits = zone[1:].replace(":", "").ljust(4, "0")
-    return (60 * int(digits[:2]) + int(digits[2:])) * (-60.0 if zone[0] == "-" else 60.0)
+def _read_fields(cells: _Cells, pattern: re.Pattern[str]) -> dict[str, Floats]:
+    """Read the numbers of the named groups of a pattern, (n,) each, from cells that differ in their digits only.
+
+    Zero stands for an absent one; ``half`` is 1 for AM and 2 for PM, ``zone`` in seconds ahead of UTC, NaN if absent.
+    """
+    characters, column = cells.column.characters(), cells.column
+    figures = characters - np.uint8(ZERO)
+    shape = np.ascontiguousarray(np.where(figures < 10, np.uint8(ZERO), characters).T)
+    shape, length = shape.view(f"S{shape.shape[1]}")[:, 0], column.end - column.begin
+    fields: dict[str, Floats] = {name: np.zeros(len(length)) for name in {*pattern.groupindex} - {"part"}}
+    fields["zone"] = np.full(len(length), np.nan)
+    rest = np.arange(len(length))
+    while rest.size:
+        row = int(rest[0])
+        if (match := pattern.fullmatch(text := cells.text(row))) is None:
+            raise cells.refused(row)
+        alike = (shape[rest] == shape[row]) & (length[rest] == length[row])
+        here: Any = slice(None) if alike.all() and len(rest) == len(length) else rest[alike]
+        for name in fields.keys() & match.groupdict().keys():
+            begin, end = match.span(name)
+            at = [k for k in range(begin, end) if text[k].isdigit()]
+            number = reduce(lambda value, k: 10.0 * value + figures[k, here], at, 0.0)
+            if name == "name" and (number := NUMBER_OF.get(text[begin:end].lower(), 0)) == 0:
+                raise cells.refused(row, "an English name of a month", "write the months in figures or in English")
+            if name == "half":
+                number = 0.0 if begin < 0 else 1.0 + (text[begin] in "pP")
+            if name == "S":
+                number = number / 10.0 ** max(len(at) - 2, 0)
+            if name == "f":
+                number = number / 10.0 ** len(at)
+            if name == "zone" and at:
+                number = 60.0 * (60.0 * (number // 100.0) + number % 100.0) if len(at) > 2 else number * HOUR_S
+                number = -number if text[begin] == "-" else number
+            if name != "zone" or at:
+                fields[name][here] = number
+        if text[-1] in "ZCT":  # Z, UTC, GMT
+            fields["zone"][here] = 0.0
+        rest = rest[~alike]
+    return fields
+
+
+def _to_seconds(cells: _Cells, fields: dict[str, Floats], *, packed: bool) -> tuple[Floats, Ints]:
+    """Convert dates and times of day to seconds since 1970, and find the leap seconds; refuse invalid ones."""
+    zero = np.zeros(len(cells.column.begin))
+    if "short" in fields:
+        fields["y"] = fields["short"] + np.where(fields["short"] < 69.0, 2000.0, 1900.0)  # as POSIX has it
+    month, day = fields.get("m", fields.get("name", zero + 1.0)), fields.get("d", zero + 1.0)
+    second = fields.get("S", zero) + fields.get("f", zero)
+    leap = second == 60.0
+    whole = (fields["y"], month, day, fields.get("H", zero), fields.get("M", zero), zero)
+    time_s = civil_seconds(*(part.astype(np.int64) for part in whole), first_year=1, last_year=9999)
+    wrong = np.isnan(time_s) | (second >= 60.0) & ~leap | (np.abs(np.nan_to_num(fields["zone"])) > 14.99 * HOUR_S)
+    if packed:  # eight figures may be anything
+        wrong |= (fields["y"] < YEARS[0]) | (fields["y"] >= 2100.0)
+    if "day" in fields:
+        time_s = time_s + (fields["day"] - 1.0) * DAY_S
+        wrong |= (fields["day"] < 1.0) | (time_s >= civil_seconds(*_new_year(fields["y"] + 1.0), last_year=9999))
+    if wrong.any():
+        raise cells.refused(int(np.argmax(wrong)))
+    # Before the next minute, whose row is another.
+    return (np.round(time_s * 1e6) + np.round(np.where(leap, 59.999, second) * 1e6)) / 1e6, np.flatnonzero(leap)
+
+
+def from_numbers(values: Floats, scale: str | None = None) -> tuple[Floats, str]:
+    """Convert numbers to UTC seconds since 1970, (n,), NaN where missing, and describe the detected scale.
+
+    Raises:
+        Unreadable: the scale is not stated, and the numbers do not determine it.
+    """
+    known = np.isfinite(values)
+    found = scale or _scale_of(values[known])
+    time_s = np.full(len(values), np.nan)
+    time_s[known] = SCALES[found][0](values[known])
+    return time_s, "" if scale else f"times were read as {SCALES[found][1]}"
+
+
+def from_parts(parts: Sequence[Floats]) -> tuple[Floats, int | None]:
+    """Combine columns of a time, (n,) each, to UTC seconds since 1970; also give the first row that is no time.
+
+    Args:
+        parts: year and day of the year, 1.0 on 1 January at 0 h; or year, month, day, and hour, minute and second as
+            far as they are known. The last one may have a fraction.
+    """
+    year, *others = [np.nan_to_num(part, nan=-1.0) for part in parts]
+    begin = civil_seconds(*_new_year(year), first_year=YEARS[0])
+    if len(others) == 1:
+        time_s: Floats = np.round(begin + (others[0] - 1.0) * DAY_S, 3)
+        wrong = (others[0] < 1.0) | (time_s >= civil_seconds(*_new_year(year + 1.0), last_year=YEARS[1]))
+    else:
+        whole = [np.floor(part).astype(np.int64) for part in (year, *others)]
+        whole += [np.zeros_like(whole[0])] * (6 - len(whole))
+        rest = (others[-1] % 1.0) * (0.0, DAY_S, HOUR_S, 60.0, 1.0)[len(others) - 1]
+        time_s = np.asarray(np.round((civil_seconds(*whole, first_year=YEARS[0]) + rest) * 1e3) / 1e3, dtype=float)
+        wrong = np.any([part % 1.0 != 0.0 for part in (year, *others[:-1])], axis=0)
+    wrong |= np.isnan(time_s)
+    return time_s, int(np.argmax(wrong)) if wrong.any() else None
+
+
+def _new_year(year: Floats) -> tuple[Ints, ...]:
+    one = np.ones(len(year), dtype=np.int64)
+    return (year.astype(np.int64), one, one, 0 * one, 0 * one, 0 * one)
+
+
+def parse_zone(zone: str | None) -> float:
+    """Parse UTC or an offset such as +02:00 as seconds ahead of UTC."""
+    if zone in (None, "UTC"):
+        return 0.0
+    digits = str(zone)[1:].replace(":", "").ljust(4, "0")
+    return (60 * int(digits[:2]) + int(digits[2:])) * (-60.0 if str(zone)[0] == "-" else 60.0)
 
 
 def parse_origin(text: str, calendar: str) -> float:
@@ -160,6 +299,11 @@ def parse_origin(text: str, calendar: str) -> float:
     return (day - JULIAN_DAY_1970) * DAY_S + HOUR_S * clock[0] + 60.0 * clock[1] + clock[2] - ahead_s
 
 
+def _matplotlib(days: Floats) -> Floats:
+    """Convert days since 1970, or since the end of the year 0 as before version 3.3."""
+    return np.round(np.where(days > ORDINAL_1970, days - ORDINAL_1970, days) * DAY_S, 3)
+
+
 def _decimal_years(years: Floats) -> Floats:
     whole = np.floor(years)
     begin, end = ((whole + k - 1970.0).astype("datetime64[Y]").astype("datetime64[s]").astype(float) for k in (0, 1))
@@ -170,18 +314,19 @@ SCALES: dict[str, tuple[Callable[[Floats], Floats], str]] = {
     "epoch": (lambda x: x, "seconds since 1970"),
     "epoch_ms": (lambda x: x / 1e3, "milliseconds since 1970"),
     "datenum": (lambda x: np.round((x - DATENUM_1970) * DAY_S, 3), "MATLAB's datenum"),
+    "matplotlib": (_matplotlib, "matplotlib's days"),
     "excel": (lambda x: np.round((x - 25569.0) * DAY_S, 3), "Excel's days"),
     "decimal_year": (_decimal_years, "years with a fraction of their own length"),
 }
 
 
-def _from_scale(scale: str, cells: Sequence[str], values: Floats | None) -> Floats:
-    if values is None or not np.isfinite(values).all():
-        row = next((k for k, cell in enumerate(cells) if values is None or not np.isfinite(values[k])), 0)
-        raise _refused(cells, row, f"a number ({SCALES[scale][1]})", "mend the line or correct time_format")
+def _from_scale(scale: str, cells: _Cells, values: Floats) -> Floats:
+    if (lost := np.isnan(values)).any():
+        expected = f"a number ({SCALES[scale][1]})"
+        raise cells.refused(int(np.argmax(lost)), expected, "mend the line or correct time_format")
     if (beyond := np.flatnonzero(~_within(scale, values, YEARS))).size:
         expected = f"{SCALES[scale][1]} between {YEARS[0]} and {YEARS[1] - 1}"
-        raise _refused(cells, int(beyond[0]), expected, "mend the line or correct time_format")
+        raise cells.refused(int(beyond[0]), expected, "mend the line or correct time_format")
     return SCALES[scale][0](values)
 
 
@@ -192,128 +337,57 @@ def _within(scale: str, values: Floats, years: tuple[int, int]) -> Bools:
     return (time_s >= low) & (time_s < high)
 
 
-def _detect_scale(cells: Sequence[str], values: Floats | None) -> str:
+def _detect_scale(cells: _Cells, values: Floats) -> str:
     """Detect the scale on which all numbers lie between 1980 and 2030."""
-    if values is None or not np.isfinite(values).all() or not len(values):
-        row = next((k for k, cell in enumerate(cells) if values is None or not np.isfinite(values[k])), 0)
-        row = next((k for k, cell in enumerate(cells) if not _NUMBERLIKE.fullmatch(cell)), row)
-        if _SHORT_YEAR.fullmatch(cells[row]):
-            raise _refused(cells, row, "years of four figures", "write time_format, for example '%d/%m/%y'")
-        if named := _ZONE_NAME.fullmatch(cells[row]):
+    if (lost := np.isnan(values)).any():
+        row = int(np.argmax(lost))
+        if _SHORT_YEAR.fullmatch(cells.text(row)):
+            raise cells.refused(row, "years of four figures", "write time_format, for example '%d/%m/%y'")
+        if named := _ZONE_NAME.fullmatch(cells.text(row)):
             advice = "take the name out, and write timezone where it is not UTC"
-            raise _refused(cells, row, f"UTC or an offset instead of {named[1]}", advice)
-        raise _refused(cells, row)
+            raise cells.refused(row, f"UTC or an offset instead of {named[1]}", advice)
+        raise cells.refused(row)
+    return _scale_of(values)
+
+
+def _scale_of(values: Floats) -> str:
     # Integers of days or years may be anything, such as concatenated dates.
     scales = ("epoch", "epoch_ms", *(("datenum", "decimal_year") if np.any(values % 1.0) else ()))
     if scale := next((scale for scale in scales if _within(scale, values, USUAL_YEARS).all()), None):
         return scale
-    advice = "write time_format: epoch, epoch_ms, datenum, decimal_year or excel"
+    advice = "write time_format: epoch, epoch_ms, datenum, matplotlib, decimal_year or excel"
     raise Unreadable(None, f"numbers from {np.min(values):.10g} to {np.max(values):.10g}", "times", advice)
 
 
-def _parse_format(cells: Sequence[str], form: str, ahead_s: float) -> Floats:
-    import pandas as pd  # imported only for a given format, as this takes longer than parsing a table
-
-    try:
-        parsed = pd.to_datetime(pd.Index(cells, dtype=object), format=form, errors="coerce", utc=True)
-    except ValueError as error:
-        raise Unreadable(None, repr(form), "a strptime format", f"correct time_format ({error})") from None
-    lost = np.flatnonzero(parsed.isna())
-    if len(lost):
-        row = int(lost[0])
-        raise _refused(cells, row, f"a time like {form}", "mend the line or correct time_format")
-    time_s = parsed.to_numpy(dtype="datetime64[us]").astype(np.int64) / 1e6
-    return time_s - (0.0 if "%z" in form else ahead_s)
-
-
-def _parse_fields(cells: Sequence[str]) -> tuple[Floats, Floats, str] | None:
-    """Parse cells by the format of the first one, as (local time, UTC offset, note); None if no known format matches.
-
-    Local times are seconds since 1970, offsets seconds ahead of UTC, (n,) each; offsets are NaN where not stated.
-    """
-    form = next((form for form, pattern in _PATTERNS.items() if cells and pattern.fullmatch(cells[0])), None)
-    if form is None:
-        return None
-    matches = list(map(_PATTERNS[form].fullmatch, cells))
-    if None in matches:
-        row = matches.index(None)
-        expected = TIME_FORM if form == "iso" else f"a time like {cells[0]!r}, as in the first row"
-        raise _refused(cells, row, expected, "" if form == "iso" else f"mend the line, or {SETTLE}")
-    names = list(_PATTERNS[form].groupindex)
-    groups = dict(zip(names, zip(*(match.groups() for match in matches if match), strict=True), strict=True))
-    n = len(cells)
-    column = {
-        name: np.array([float(text.replace(",", ".")) if text else 0.0 for text in groups[name]])
-        for name in ("y", "m", "d", "a", "b", "H", "M", "S")
-        if name in groups
-    }
-    note = {"iso": "", "compact": "dates as yyyymmdd", "run together": "times as yyyymmddhhmm"}.get(form, "")
-    if form == "figures":
-        column["d"], column["m"], note = _day_and_month(cells, column["a"], column["b"], column["y"])
-    if "name" in groups:
-        number = {name: k for k, long in enumerate(MONTHS.split(), 1) for name in (long, long[:3])} | {"sept": 9}
-        for row, name in enumerate(groups["name"]):
-            if name.lower() not in number:
-                advice = "write the months in figures or in English"
-                raise _refused(cells, row, "an English name of a month", advice)
-        column["m"], note = np.array([float(number[name.lower()]) for name in groups["name"]]), "months by their names"
-    hour, half = column.get("H", np.zeros(n)), groups.get("half", (None,) * n)
-    if any(half):  # 12-hour clock with AM or PM
-        wrong = next((k for k, letter in enumerate(half) if not letter or not 1 <= hour[k] <= 12), None)
-        if wrong is not None:
-            raise _refused(cells, wrong, "an hour from 1 to 12 with AM or PM, as in other rows")
-        hour = hour % 12.0 + 12.0 * np.array([letter in "pP" for letter in half if letter])
-    zones = [np.nan if zone is None else _offset_s(zone) for zone in groups["zone"]] if any(groups["zone"]) else []
-    zone_s = np.array(zones) if zones else np.full(n, np.nan)
-    zone_s[np.isnan(zone_s) & np.array([cell[-1] in "ZCT" for cell in cells])] = 0.0  # Z, UTC, GMT
-    clock = hour, column.get("M", np.zeros(n)), column.get("S", np.zeros(n))
-    return _fields_to_seconds(cells, column["y"], column["m"], column["d"], *clock), zone_s, note
-
-
-def _day_and_month(cells: Sequence[str], a: Floats, b: Floats, year: Floats) -> tuple[Floats, Floats, str]:
+def _day_and_month(cells: _Cells, a: Floats, b: Floats, year: Floats) -> tuple[Floats, Floats, str]:
     """Distinguish days from months in numeric dates, and describe the row that decides; reject ambiguous columns."""
     first, second = np.flatnonzero(a > 12.0), np.flatnonzero(b > 12.0)
     expected = "dates in which day and month can be told apart"
     if len(first) and len(second):
-        row = int(max(first[0], second[0]))
-        raise Unreadable(row, f"{cells[row]!r} beside {cells[int(min(first[0], second[0]))]!r}", expected, SETTLE)
+        other, row = sorted((int(first[0]), int(second[0])))
+        raise Unreadable(row, f"{cells.text(row)!r} beside {cells.text(other)!r}", expected, SETTLE)
     if not len(first) and not len(second) and (a != b).any():
         row = int(np.flatnonzero(a != b)[0])
         advice = "write time_format: '%d/%m/%Y ...' or '%m/%d/%Y ...' with the file's own signs"
-        raise Unreadable(row, f"{cells[row]!r}, and no row with a number above 12", expected, advice)
+        raise Unreadable(row, f"{cells.text(row)!r}, and no row with a number above 12", expected, advice)
     day, month, which, settles = (b, a, "month first", second) if len(second) else (a, b, "day first", first)
     order = np.diff(year * 372.0 + month * 31.0 + day)
     if (order < 0.0).any() and (order > 0.0).any():
         back = int(np.flatnonzero(order * np.sign(np.sum(np.sign(order)) or 1.0) < 0.0)[0]) + 1
-        shown = f"{cells[back]!r} behind {cells[back - 1]!r}, which goes back if it is {which}"
+        shown = f"{cells.text(back)!r} behind {cells.text(back - 1)!r}, which goes back if it is {which}"
         raise Unreadable(back, shown, expected, SETTLE)
-    return day, month, f"dates {which}" + (f" ({cells[settles[0]]} settles it)" if len(settles) else "")
+    return day, month, f"dates {which}" + (f" ({cells.text(int(settles[0]))} settles it)" if len(settles) else "")
 
 
-def _fields_to_seconds(
-    cells: Sequence[str], year: Floats, month: Floats, day: Floats, hour: Floats, minute: Floats, second: Floats
-) -> Floats:
-    """Convert date and time fields, (n,) each, to seconds since 1970; reject invalid dates and times."""
-    months = ((year - 1970.0) * 12.0 + np.clip(month, 1.0, 12.0) - 1.0).astype(np.int64).astype("datetime64[M]")
-    days = months.astype("datetime64[D]") + (day - 1.0).astype("timedelta64[D]")
-    wrong: Bools = (days.astype("datetime64[M]") != months) | (month < 1.0) | (month > 12.0)
-    wrong |= (hour > 23.0) | (minute > 59.0) | (second >= 60.0)
-    if wrong.any():
-        row = int(np.flatnonzero(wrong)[0])
-        raise _refused(cells, row)
-    clock_us = np.round((hour * HOUR_S + minute * 60.0 + second) * 1e6)
-    return (days.astype("datetime64[us]").astype(np.int64) + clock_us) / 1e6
-
-
-def _zone_offset_s(cells: Sequence[str], zone_s: Floats, zone: str | None, ahead_s: float) -> Floats:
+def _zone_offset_s(cells: _Cells, zone_s: Floats, zone: str | None, ahead_s: float) -> Floats:
     """Determine the UTC offset of each cell, (n,) seconds ahead: as stated in the cell, or else the given zone."""
     stated = np.isfinite(zone_s)
     unstated = np.flatnonzero(~stated)
     if len(unstated) and np.any(zone_s[stated] != 0.0) and zone is None:
-        raise _refused(cells, int(unstated[0]), "an offset from UTC as in other rows", "write timezone")
+        raise cells.refused(int(unstated[0]), "an offset from UTC as in other rows", "write timezone")
     if zone is not None and np.any(zone_s[stated] != ahead_s):
         row = int(np.flatnonzero(stated & (zone_s != ahead_s))[0])
-        raise _refused(cells, row, f"times at {zone}, as timezone says", "correct or delete timezone")
+        raise cells.refused(row, f"times at {zone}, as timezone says", "correct or delete timezone")
     return np.where(stated, zone_s, ahead_s)
 
 
@@ -336,10 +410,10 @@ def describe_averages(average_s: float, time_s: Floats, *, least_s: float = 120.
 
 def civil_seconds(
     year: Ints, month: Ints, day: Ints, hour: Ints, minute: Ints, second: Ints, hundredths: Ints | int = 0, *,
-    last_year: int = LAST_YEAR,
+    first_year: int = FIRST_YEAR, last_year: int = LAST_YEAR,
 ) -> Floats:  # fmt: skip
     """Convert dates and times of day, (n,) each, to UTC seconds since 1970; NaN for invalid dates or times."""
-    real = (year >= FIRST_YEAR) & (year <= last_year) & (month >= 1) & (month <= 12)
+    real = (year >= first_year) & (year <= last_year) & (month >= 1) & (month <= 12)
     months = np.where(real, 12 * (year - 1970) + month - 1, 0)
     first, following = (
         m.astype("datetime64[M]").astype("datetime64[D]").astype(np.int64) for m in (months, months + 1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import sys
 
 import numpy as np
 import pytest
@@ -114,32 +113,28 @@ def test_ready_made_pairs_of_tables_and_matlab_files_are_the_same(tmp_path, name
 @pytest.mark.parametrize(
     ("odd", "expected"),
     [
-        (np.array([*SEEN.heading_deg], dtype=object), r"v_heading \(heading\): .* found cell, 1 x 400"),
-        ({"degrees": SEEN.heading_deg}, r"v_heading \(heading\): .* found struct, 1 x 1"),
-        (SEEN.heading_deg.reshape(20, 20), r"v_heading \(heading\): .* found double, 20 x 20"),
-        (SEEN.heading_deg + 1j, "v_heading: expected real numbers, found complex ones"),
+        (np.array([*SEEN.heading_deg], dtype=object), r"v_heading \(heading\): expected real numbers, found others"),
+        ({"degrees": SEEN.heading_deg}, r"v_heading \(heading\): expected real numbers, found a structure"),
+        (SEEN.heading_deg.reshape(20, 20), r"v_heading \(heading\): .* found 20 x 20"),
+        (SEEN.heading_deg + 1j, r"v_heading \(heading\): expected real numbers, found complex ones"),
         (np.zeros(10**7), "expected variables of one length, found v_time 400, v_heading 10000000"),
     ],
 )
 def test_matlab_variables_other_than_series_of_one_length_are_refused(tmp_path, odd, expected):
-    """Before they are read: 80 MB of zeros take 80 kB in the file."""
     rows = {f"v_{role}": column for role, column in ROWS.items()} | {"v_heading": odd}
     savemat(tmp_path / "a.mat", rows, do_compression=True)
     with pytest.raises(InputError, match=f"a.mat: {expected}"):
         read_ready_pairs(tmp_path / "a.mat", COLUMNS)
 
 
-def test_errors_of_ready_made_pairs_are_one_line_or_a_warning(tmp_path, monkeypatch):
+def test_errors_of_ready_made_pairs_are_one_line_or_a_warning(tmp_path):
     path = written(tmp_path / "a.mat", DATENUM, "mat")
     with pytest.raises(InputError, match=r"a.mat: speed \(heading\): expected one of its variables, found v_heading"):
         read_ready_pairs(path, COLUMNS | {"heading": "speed"})
     with pytest.raises(InputError, match=r"expected times as datenum or as seconds since 1970, found 5289\.0"):
         read_ready_pairs(written(tmp_path / "b.mat", DATENUM - 728000.0, "mat"), COLUMNS)
     (tmp_path / "c.mat").write_bytes(bytes(512) + b"\x89HDF\r\n\x1a\n")
-    with pytest.raises(InputError, match=r"expected (a whole MATLAB file|h5py)"):
-        read_ready_pairs(tmp_path / "c.mat", COLUMNS)
-    monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(InputError, match=r"expected h5py, .* found it not installed; pip install"):
+    with pytest.raises(InputError, match=r"expected a whole MATLAB file"):
         read_ready_pairs(tmp_path / "c.mat", COLUMNS)
     later = match_ready_pairs(ROWS | {"time": SEEN.time_s + 5.0 * 3600.0}, 1.0, RECORD, field_of(SEEN))
     assert len(later) == 395 and later.warnings[0] == "5 of 400 ready-made pairs lie at no usable sample of the record"

@@ -137,7 +137,7 @@ def _select_columns(
 ) -> dict[str, str]:
     """Map roles to the headers of the columns present, always including x and y, and a separate clock if named."""
     needed = [names.get(axis) or axis for axis in "xy"]
-    there = set.intersection(*(set(delimited.read_header(path, needed, layout)) for path in paths))
+    there = set.intersection(*(set(delimited.read_head(path, needed, layout).names) for path in paths))
     wanted = delimited.date_and_clock(names, withhold)
     for role, usual in {**ROLES, "time": TIME, "temperature": TEMPERATURE}.items():
         named = names.get(role, names.get(usual))

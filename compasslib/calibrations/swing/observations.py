@@ -245,7 +245,7 @@ def _read_table(path: Path, settings: Mapping[str, Any]) -> tuple[dict[str, Floa
     """Read the columns of one table by role, and notes; withheld columns are ignored."""
     mapped, withheld = settings.get("columns") or {}, set(settings.get("withhold") or ())
     layout, headers = delimited.Layout.from_settings(settings), {role: str(mapped.get(role) or role) for role in ROLES}
-    names = delimited.read_header(path, [headers["compass_deg"]], layout)
+    names = delimited.read_head(path, [headers["compass_deg"]], layout).names
     wanted = {role: header for role, header in headers.items() if not {role, header} & withheld}
     for role, header in wanted.items():
         if header not in names and (mapped.get(role) or role == "compass_deg"):

@@ -24,13 +24,13 @@ from numpy.typing import ArrayLike
 
 from compasslib import angles
 from compasslib.errors import InputError, applicable
-from compasslib.readers.delimited import DEFAULT_LAYOUT, Layout, find_lines, parse_table, table_notes
+from compasslib.readers.delimited import DEFAULT_LAYOUT, Layout, find_head, read_table, table_notes
 from compasslib.readers.detect import detect_kind
 from compasslib.readers.files import read_bytes, refuse_mostly_damaged
 from compasslib.readers.mmp.rows import UNKNOWN, Text, parse, parse_profiles
 from compasslib.readers.mmp.scans import Scans, follows_previous, interpolate_clock, is_text, read_scans, sample_rates
 from compasslib.readers.times import civil_seconds
-from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
+from compasslib.records import GOOD, PROBABLY_BAD, Record, new_record
 from compasslib.types import Bools, Floats
 
 USUAL_HZ = 2.0  # sample rate if neither the file nor the switching times determine it
@@ -295,22 +295,16 @@ def _record(series: TimedScans, companion: Companion, *, known_depth: bool) -> R
     counts = _counts(series, companion, keep) | {"heading_off_magnetometer": int(compared.off.sum())}
     doubtful = compared.off & compared.agrees
     # Velocities of unknown depth, or rotated by a doubtful heading, must not be used.
-    flags = np.where(np.isfinite(east + north), np.where(remote | doubtful, PROBABLY_BAD, GOOD), MISSING)
-    empty = np.full(len(heading), np.nan)
-    return Record(
-        time_s=series.time_s[keep],
-        east=east[:, None],
-        north=north[:, None],
-        bin_range_m=np.zeros((len(heading), 1)),
+    return new_record(
+        series.time_s[keep],
+        east[:, None],
+        north[:, None],
         heading_deg=heading,
         pitch_deg=scans.values[keep, 1],
         roll_deg=scans.values[keep, 2],
         pressure_dbar=series.pressure_dbar[keep],
-        depth_m=empty,
-        temperature_c=empty,
-        supply_voltage=empty,
-        quality=flags.astype(np.int8)[:, None],
-        heading_quality=np.where(np.isnan(heading), MISSING, np.where(doubtful, PROBABLY_BAD, GOOD)).astype(np.int8),
+        quality=np.where(remote | doubtful, PROBABLY_BAD, GOOD)[:, None],
+        heading_quality=np.where(doubtful, PROBABLY_BAD, GOOD),
         looks_up=False,
         counts=counts,
         warnings=(*series.warnings, *_losses(scans, counts, known_depth, int(remote.sum())), *compared.warnings()),
@@ -388,11 +382,11 @@ def _merge(series: Sequence[Companion]) -> Companion:
 def _read_file(path: Path, layout: Layout) -> Companion:
     data = read_bytes(path)
     try:
-        lines = find_lines(path, lambda names: bool(_columns(names)), layout, delimiters=",;\t", must=True)
+        head = find_head(path, lambda names: bool(_columns(names)), layout, delimiters=",;\t", must=True)
     except InputError:  # a binary file
-        lines = None
-    if lines:
-        table = parse_table(path, lines, _columns(lines.header), "correct the header", layout)
+        head = None
+    if head:
+        table = read_table(path, _columns(head.names), "correct the header", layout)
         time_s, pressure = table.columns["time"], table.columns["pressure"]
         number = np.full(table.rows, float(UNKNOWN))
         step = np.diff(time_s)

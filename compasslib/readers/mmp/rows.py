@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib.readers.cells import parse_figures
 from compasslib.readers.files import CHUNK_BYTES
-from compasslib.readers.plain import parse_figures
 from compasslib.readers.times import civil_seconds
 from compasslib.types import Bools, Floats
 
@@ -243,7 +243,7 @@ def _row_chunk(octets: Octets, form: Form, begins: Ints, ends: Ints) -> tuple[_R
     time_s, stamp_good = rows.stamps()
     good = rows.number_good() & stamp_good
     begin, end = (places[good][rows.numbers].ravel() for places in (rows.begin, rows.end))
-    numbers, plain = parse_figures(octets, begin, end)
+    numbers, plain, _ = parse_figures(octets, begin, end)
     for k in np.flatnonzero(~plain):  # more digits than the fast parser converts exactly
         numbers[k] = float(octets[begin[k] : end[k]].tobytes())
     piece = _RowChunk(begins[good], time_s[good], numbers.reshape(-1, form[1]), rows.texture()[good])

@@ -5,8 +5,7 @@ Corrupted values go unnoticed in an HDF5 file without checksums, which is the us
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,11 +19,11 @@ from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.readers import flags as vocabularies
 from compasslib.readers import nortek
-from compasslib.readers.netcdf import attributes, frames, variables
+from compasslib.readers.netcdf import attributes, frames, ocean_contour, variables
 from compasslib.readers.netcdf.variables import File, find, numbers, spans, values
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.units import SPEED
-from compasslib.records import DEEPEST_M, GOOD, MISSING, PROBABLY_BAD, Flags, Record, join_records
+from compasslib.records import DEEPEST_M, GOOD, PROBABLY_BAD, Flags, Record, join_records, new_record
 from compasslib.types import Floats
 
 ATMOSPHERE_DBAR = 10.1325  # IMOS' PRES is absolute pressure
@@ -66,6 +65,7 @@ class _Settings:
     reference: str
     declination: AppliedDeclination | None
     alignment: float | None
+    grouped: bool  # whether the file is OceanContour's
 
 
 @dataclass(frozen=True)
@@ -84,6 +84,7 @@ def read(
     direction_reference: str,
     heading_alignment: float | None = None,
     flags: Mapping[str, Sequence[object]] | None = None,
+    grouped: bool = False,
 ) -> Record:
     """Read the files of one instrument in order of time, with currents relative to ``direction_reference``.
 
@@ -93,26 +94,27 @@ def read(
         declination_applied: declination contained in headings and velocities, degrees; overrides the file's.
         heading_alignment: degrees to add to headings; required if the file states a nonzero heading alignment EA.
         flags: good, bad and unchecked -> flag meanings or values that are in no known vocabulary.
+        grouped: whether the series stand in the groups of OceanContour.
 
     Raises:
         InputError: a file is unreadable, or its variables, units, bins or reference north are undetermined.
     """
     named = {role: name for role, name in (columns or {}).items() if name is not None}
     declination, meanings = parse_applied_declination(declination_applied), vocabularies.parse_flag_settings(flags)
-    settings = _Settings(named, meanings, orientation, direction_reference, declination, heading_alignment)
+    settings = _Settings(named, meanings, orientation, direction_reference, declination, heading_alignment, grouped)
     return join_records([_read_file(Path(path), settings) for path in paths])
 
 
 def _read_file(path: Path, settings: _Settings) -> Record:
     try:
         with netCDF4.Dataset(path) as nc:
-            return _record(path, nc, settings)
+            return _record(path, ocean_contour.find_series(path, nc) if settings.grouped else nc, settings)
     except DAMAGE_ERRORS as error:
         shown = f"{type(error).__name__}: {error}"
         raise InputError(str(path), expected="a whole netCDF file", found=shown, advice=ADVICE) from None
 
 
-def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
+def _record(path: Path, nc: Any, settings: _Settings) -> Record:
     file, time_s, time_flags = _open(path, nc, settings)
     east, northward, quality, pair = _velocities(file)
     file, n = _with_bins(file, pair[0]), len(time_s)
@@ -145,18 +147,17 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
     bins = _bins(file, n, east.shape[1], settings.orientation)
     _refuse_rows(file, time_s, bins)
     quality = vocabularies.worst_flag([quality, time_flags[:, None]])
-    quality = np.where(np.isfinite(east + northward), quality, MISSING).astype(np.int8)
     backwards = bins.range_m.shape[1] > 1 and np.nanmedian(np.diff(bins.range_m, axis=1)) < 0.0
     order = slice(None, None, -1) if backwards else slice(None)
     attributes.note_unlinked(file)
     pitch = _measured(file, "tilt_x", n)
     if file.text("inst_make") == "TRDI":  # dolfyn stores the tilt sensor's pitch, measured inside the roll
         pitch = true_pitch(pitch, _series(file, "tilt_y", n))
-    return Record(
-        time_s=time_s,
-        east=east[:, order],
-        north=northward[:, order],
-        bin_range_m=np.broadcast_to(bins.range_m[:, order], east.shape),
+    return new_record(
+        time_s,
+        east[:, order],
+        northward[:, order],
+        bin_range_m=bins.range_m[:, order],
         heading_deg=heading,
         pitch_deg=pitch,
         roll_deg=_measured(file, "tilt_y", n),
@@ -164,9 +165,8 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
         pressure_dbar=_pressure(file, n),
         depth_m=bins.depth_m,
         temperature_c=_measured(file, "temperature", n),
-        supply_voltage=np.full(n, np.nan),
         quality=quality[:, order],
-        heading_quality=np.where(np.isnan(heading), MISSING, heading_flags).astype(np.int8),
+        heading_quality=heading_flags,
         looks_up=bins.looks_up,
         beam_angle_deg=_beam_angle(file, east.shape[1]),
         direction_reference=settings.reference,
@@ -179,9 +179,7 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
         counts={
             "samples": n,
             "velocities": int(np.isfinite(east).sum()),
-            "velocities_missing": int((quality == MISSING).sum()),
-            "velocities_flagged": int(((quality > 2) & (quality != MISSING)).sum()),
-            "heading_missing": int(np.isnan(heading).sum()),
+            "velocities_flagged": int(((quality > 2) & np.isfinite(east + northward)).sum()),
         },
         warnings=tuple(f"{path.name}: {note}" for note in file.notes),
         unstated=(
@@ -191,13 +189,12 @@ def _record(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> Record:
     )
 
 
-def _open(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> tuple[File, Floats, Flags]:
+def _open(path: Path, nc: Any, settings: _Settings) -> tuple[File, Floats, Flags]:
     """Open the file along its time dimension; read times, and flags that are GOOD unless the time is doubtful."""
     columns = settings.columns
     if nc.groups and not nc.variables:
-        advice = "write the group with the velocities as a file of its own, name its variables under columns"
-        if degrees := sum(_declinations(nc)):
-            advice += f", and write declination_applied: {degrees:g}, which other groups state"
+        advice = "write the group with the velocities as a file of its own"
+        advice = "write format: ocean_contour" if ocean_contour.is_ocean_contour(nc) else advice
         shown = f"groups {', '.join(nc.groups)}"
         raise InputError(str(path), expected="variables at the top", found=shown, advice=advice)
     system = str(getattr(nc, "coord_sys", "earth"))
@@ -219,13 +216,6 @@ def _open(path: Path, nc: netCDF4.Dataset, settings: _Settings) -> tuple[File, F
     time_s, time_flags = variables.read_times(file, time), attributes.read_flags(file, time)
     bad = np.full(len(time_s), GOOD) if time_flags is None else np.where(time_flags < PROBABLY_BAD, GOOD, time_flags)
     return file, time_s, bad.astype(np.int8)
-
-
-def _declinations(group: netCDF4.Dataset) -> Iterator[float]:
-    """Yield the declinations that the groups of OceanContour state: that of the program and that of the instrument."""
-    yield from (float(group.getncattr(name)) for name in group.ncattrs() if re.search(r"(?i)declination$|_decl$", name))
-    for inner in group.groups.values():
-        yield from _declinations(inner)
 
 
 def _refuse_ragged(file: File) -> None:
@@ -268,16 +258,29 @@ def _with_bins(file: File, variable: netCDF4.Variable) -> File:
 
 def _velocities(file: File) -> tuple[Floats, Floats, Flags, tuple[netCDF4.Variable, ...]]:
     """Read east and north velocities as recorded, (n, m) m/s, their flags, and their variables."""
-    parts = [_component(file, role) for role in ("east", "north")]
+    roles = _flow_roles(file)
+    parts = [_component(file, role) for role in roles]
     east, northward = (
         values(_with_bins(file, variable), role, variable, part)
-        for role, (variable, part) in zip(("east", "north"), parts, strict=True)
+        for role, (variable, part) in zip(roles, parts, strict=True)
     )
+    if roles[0] == "direction":
+        east, northward = angles.components(northward, np.where((east < -180.0) | (east > 360.0), np.nan, east))
     n = file.nc.dimensions[file.time].size
     each = [attributes.read_flags(_with_bins(file, variable), variable, part) for variable, part in parts]
     known = [flag for flag in each if flag is not None] or [np.full(east.shape, GOOD)]
     worst = vocabularies.worst_flag(known).reshape(n, -1)
-    return east.reshape(n, -1), northward.reshape(n, -1), worst, tuple(variable for variable, _ in parts)
+    pair = tuple(parts[0 if roles[0] == "direction" else k][0] for k in (0, 1))  # a direction has no other frame
+    return east.reshape(n, -1), northward.reshape(n, -1), worst, pair
+
+
+def _flow_roles(file: File) -> tuple[str, str]:
+    """Choose direction and speed where the mooring file names them, or the file has no other velocities."""
+    if {"east", "north"} & {*file.columns} or _all_components(file, "east") is not None:
+        return "east", "north"
+    lengths = [(file.time, name) for name in file.nc.dimensions if name != file.time]
+    there = {role for role in ("east", "direction") if find(file, role, *lengths, (file.time,)) is not None}
+    return ("direction", "speed") if "direction" in {*file.columns} or there == {"direction"} else ("east", "north")
 
 
 def _headings(file: File, n: int, variable: netCDF4.Variable | None) -> Floats:
@@ -317,9 +320,7 @@ def _component(file: File, role: str) -> tuple[netCDF4.Variable, tuple[str, int]
             advice = f"{velocity.name} has no components E and N: save the file after rotate2(ds, 'earth')"
         elif words := frames.other_frames(file):
             there, advice = words, frames.ADVICE
-        elif {"HCSP", "CSPD"} & {*file.nc.variables}:  # Copernicus, IMOS
-            advice = "it has speed and direction: write east and north, speed times sine and cosine, into a copy"
-        raise file.refuse(role, f"a variable of the {role}ward velocity", there, advice)
+        raise file.refuse(role, f"a variable of the velocity ({role})", there, advice)
     return variable, None
 
 

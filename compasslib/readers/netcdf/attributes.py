@@ -218,6 +218,9 @@ def _by_masks(
 # true), IMOS (``UCUR_MAG``, ``compass_correction_applied``), dolfyn (``declination``), ADCPy
 # (``magnetic_variation_applied``), stglib (in its history) and this program's product (``reference``, ``DECLINATION``).
 
+TRUE_BY_NAME = (  # CF standard names
+    *("eastward_sea_water_velocity", "sea_water_velocity_to_direction", "direction_of_sea_water_velocity"),
+)
 MAGNETIC, TRUE = "magnetic", "true"
 STGLIB = re.compile(r"[Rr]otating heading and horizontal velocities by ([-+]?[\d.]+) degrees")
 # For example IMOS' compass_correction_applied, EPIC's magnetic_variation_applied, WHOI's magnetic_correction_applied.
@@ -335,7 +338,7 @@ def _velocity_north(file: File, east: netCDF4.Variable) -> tuple[str, Floats | N
     words = _words(file, east)
     if MAGNETIC in words:
         return MAGNETIC, np.zeros(()), east.name
-    if "true north" in words or file.text("standard_name", east) == "eastward_sea_water_velocity":
+    if "true north" in words or file.text("standard_name", east) in TRUE_BY_NAME:
         series = find(file, "declination", (file.time,), ())
         degrees = None if series is None else values(file, "declination", series)
         why = "standard_name" if "true north" not in words else "reference"

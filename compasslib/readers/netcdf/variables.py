@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.errors import InputError
+from compasslib.readers.cells import LARGEST
 from compasslib.readers.files import refuse_large_arrays
-from compasslib.readers.plain import LARGEST
-from compasslib.readers.times import JULIAN_DAY_1970, Unreadable, parse_origin
+from compasslib.readers.times import DATENUM_1970, JULIAN_DAY_1970, Unreadable, parse_origin
 from compasslib.readers.units import ANGLE, FACTORS, KELVIN, SPEED, TEMPERATURE, ZERO_CELSIUS
 from compasslib.types import DAY_S, HOUR_S, Floats
 
 EPIC_DAY, EPIC_MS = "true julian day", "msec since 0:00 gmt"
+DATENUM = "MatlabTimeStamp"  # of OceanContour
 DOLFYN = ("vel", "vel_avg")  # all components in one variable: of single pings, and of averages
 UNIT_WORDS = {  # duration of a unit in seconds -> its UDUNITS names, without plurals
     604800.0: ("week",),
@@ -44,21 +45,25 @@ PLACE_NAMES = {  # variables of one value, or attributes: OceanSITES, IMOS (imos
     "water_depth": ("water_depth", "WATER_DEPTH", "site_nominal_depth", "sea_floor_depth_below_sea_surface"),
 }
 NAMES = {  # variable names of each role, by preference
-    "east": "UCUR_RECORDED UCUR_MAG UCUR EWCT u_1205 LCEWAP01 east vel_east u",
-    "north": "VCUR_RECORDED VCUR_MAG VCUR NSCT v_1206 LCNSAP01 north vel_north v",
-    "heading": "HEADING HEADING_MAG Hdg_1215 heading Hdg",
-    "tilt_x": "PITCH Ptch_1216 pitch Ptch",
-    "tilt_y": "ROLL Roll_1217 roll",
-    "pressure": "PRES_REL PRES PRESSURE P_1 P_1ac pressure",
+    "east": "UCUR_RECORDED UCUR_MAG UCUR EWCT u_1205 LCEWAP01 east vel_east Velocity_East Vel_East u",
+    "north": "VCUR_RECORDED VCUR_MAG VCUR NSCT v_1206 LCNSAP01 north vel_north Velocity_North Vel_North v",
+    "speed": "HCSP CSPD",
+    "direction": "HCDT CDIR CDIR_MAG",
+    "heading": "HEADING HEADING_MAG Hdg_1215 heading Hdg Heading",
+    "tilt_x": "PITCH Ptch_1216 pitch Ptch Pitch",
+    "tilt_y": "ROLL Roll_1217 roll Roll",
+    "pressure": "PRES_REL PRES PRESSURE P_1 P_1ac pressure Pressure",
     "depth": "INSTRUMENT_DEPTH instrument_depth DEPTH DEPH D_3 depth",
-    "temperature": "TEMP TEMPERATURE Tx_1211 T_1211 T_28 T_20 temp temperature",
+    "temperature": "TEMP TEMPERATURE Tx_1211 T_1211 T_28 T_20 temp temperature WaterTemperature",
     "declination": "DECLINATION MAGNETIC_DECLINATION",
-    "range": "HEIGHT_ABOVE_SENSOR DIST_ALONG_BEAMS BIN_RANGE bindist range distance DISTANCE",
+    "range": "HEIGHT_ABOVE_SENSOR DIST_ALONG_BEAMS BIN_RANGE bindist range distance DISTANCE Range",
     "cell_depth": "DEPTH bin_depth depth DEPTHS DEPH",
 }
 STANDARD_NAMES = {  # minus: opposite sign
     "east": "eastward_sea_water_velocity magnetic_eastward_sea_water_velocity",
     "north": "northward_sea_water_velocity magnetic_northward_sea_water_velocity",
+    "speed": "sea_water_speed",
+    "direction": "sea_water_velocity_to_direction direction_of_sea_water_velocity",
     "heading": "platform_orientation platform_yaw platform_azimuth_angle",
     "tilt_x": "platform_pitch platform_pitch_fore_up -platform_pitch_fore_down",
     "tilt_y": "platform_roll platform_roll_starboard_down -platform_roll_starboard_up",
@@ -241,7 +246,7 @@ def time_variable(file_columns: str | None, nc: netCDF4.Dataset) -> netCDF4.Vari
     flows = [nc.variables[name] for name in (*NAMES["east"].split(), *DOLFYN) if name in nc.variables]
     candidates = [*coordinates, *named, *epic, *since]
     along_flow = [v for flow in flows for v in candidates if v.dimensions[0] in flow.dimensions]
-    return next(iter([*along_flow, *candidates]), None)
+    return next(iter([*along_flow, *candidates]), nc.variables.get(DATENUM))
 
 
 def read_times(file: File, variable: netCDF4.Variable) -> Floats:
@@ -252,6 +257,8 @@ def read_times(file: File, variable: netCDF4.Variable) -> Floats:
     """
     unit, calendar = _unit(variable), str(getattr(variable, "calendar", "")).lower()
     value = arranged(file, variable, numbers(file, variable)).ravel()
+    if variable.name == DATENUM:
+        return (value - DATENUM_1970) * DAY_S
     if unit.startswith(EPIC_DAY):
         time2 = next((v for v in file.nc.variables.values() if _unit(v) == EPIC_MS), None)
         if time2 is None:

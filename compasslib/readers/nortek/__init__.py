@@ -19,7 +19,7 @@ from compasslib import angles, compass
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.readers.files import ESCAPES_UNDONE, MISSING_COUNT, block_type, list_some
-from compasslib.readers.nortek import signature
+from compasslib.readers.nortek import converted, signature
 from compasslib.readers.nortek.packets import (
     SLANT_DEG,
     Bytes,
@@ -28,12 +28,13 @@ from compasslib.readers.nortek.packets import (
     Samples,
     by_beam,
     find_packets,
+    no_packets,
 )
 from compasslib.readers.pd0.checks import ADVICE, match_serial_number, refuse_rotation
 from compasslib.readers.pd0.currents import map_cells
 from compasslib.readers.pd0.fields import STRAY
 from compasslib.readers.times import FIRST_YEAR, civil_seconds, describe_averages
-from compasslib.records import BAD, GOOD, MAGNETOMETER, MISSING, Record, take
+from compasslib.records import BAD, GOOD, MAGNETOMETER, MISSING, Record, new_record, take
 from compasslib.types import Bools, Floats
 
 
@@ -215,7 +216,8 @@ def read(
     if not paths:
         expected, advice = "at least one Nortek file", "name the instrument's files"
         raise InputError("files", expected=expected, found="none", advice=advice)
-    files = sorted((_read_file(path) for path in paths), key=lambda each: float(each[1].time_s[0]))
+    sources = dict.fromkeys(converted.header_of(Path(path)) or Path(path) for path in paths)
+    files = sorted((_read_file(path) for path in sources), key=lambda each: float(each[1].time_s[0]))
     where = ", ".join(str(path) for path in paths)
     whole = _concatenate(where, [samples for _, samples in files])
     serial = match_serial_number(where, whole.serial, serial_number)
@@ -241,20 +243,19 @@ def read(
         "heading_missing": int(np.isnan(heading).sum()),
     }
     field = {} if whole.magnetometer is None else dict(zip(MAGNETOMETER, whole.magnetometer.T, strict=True))
-    return Record(
-        time_s=whole.time_s,
-        east=east,
-        north=north,
-        bin_range_m=np.broadcast_to(np.array(whole.bin_range_m), east.shape),
+    return new_record(
+        whole.time_s,
+        east,
+        north,
+        bin_range_m=np.array(whole.bin_range_m),
         heading_deg=heading,
         pitch_deg=whole.pitch_deg,
         roll_deg=whole.roll_deg,
         pressure_dbar=whole.pressure_dbar,
-        depth_m=np.full(len(heading), np.nan),
         temperature_c=whole.temperature_c,
         supply_voltage=whole.supply_voltage,
-        quality=np.where(np.isnan(east + north), MISSING, whole.quality).astype(np.int8),
-        heading_quality=np.where(np.isnan(heading), MISSING, whole.heading_quality).astype(np.int8),
+        quality=whole.quality,
+        heading_quality=whole.heading_quality,
         looks_up=up,
         beam_angle_deg=whole.beam_angle_deg,
         heading_bias_deg=inside.heading,
@@ -273,8 +274,11 @@ def read(
 
 
 def _read_file(path: Path) -> tuple[Packets, Samples]:
-    packets = find_packets(path)
-    samples = signature.decode(packets) if packets.signature else decode(packets)
+    if path.suffix.lower() == converted.HEADER:
+        packets, samples = no_packets(path), converted.decode(path)
+    else:
+        packets = find_packets(path)
+        samples = signature.decode(packets) if packets.signature else decode(packets)
     dated = np.isfinite(samples.time_s)
     if not dated.any():
         advice = "check that format: nortek and the file belong together"

@@ -74,6 +74,12 @@ class Packets:
         return np.lib.stride_tricks.sliding_window_view(self.data, length)[begin]
 
 
+def no_packets(path: Path) -> Packets:
+    """Create the records of a text file, which has none."""
+    nothing = np.zeros(0, dtype=np.int64)
+    return Packets(path, nothing.astype(np.uint8), False, nothing, nothing, nothing, nothing, 0)
+
+
 def find_packets(path: str | Path) -> Packets:
     """Find the records of a file, in the Signature's format if it contains any such record.
 

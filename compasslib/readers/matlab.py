@@ -1,0 +1,260 @@
+"""Read MATLAB files of version 4 to 7.3: exports of WinADCP, structures of rdradcp, others by columns.
+
+A file of version 7.3 is HDF5, which netCDF4 reads. Sources: WinADCP User's Guide (names and units of exported series);
+R. Pawlowicz, rdradcp.m.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compasslib import angles
+from compasslib.earthfield import parse_applied_declination
+from compasslib.errors import InputError
+from compasslib.readers import times
+from compasslib.readers.files import DAMAGE_ERRORS, refuse_large_arrays
+from compasslib.readers.pd0.currents import true_pitch
+from compasslib.readers.pd12 import BEAM_ANGLE_DEG
+from compasslib.records import Record, join_records, new_record
+from compasslib.types import Floats
+
+_Found = tuple[dict[str, Floats], dict[str, Any], list[str]]  # series by role, what the file states, and notes
+HDF5 = b"\x89HDF"  # after the text header of 512 bytes in a file of version 7.3
+CLOCK = ("SerYear", "SerMon", "SerDay", "SerHour", "SerMin", "SerSec")
+WINADCP = {  # role -> name, and factor to the unit of records
+    "east": ("SerEmmpersec", 0.001), "north": ("SerNmmpersec", 0.001), "up": ("SerVmmpersec", 0.001),
+    "error_velocity": ("SerErmmpersec", 0.001), "heading": ("AnH100thDeg", 0.01), "tilt_x": ("AnP100thDeg", 0.01),
+    "tilt_y": ("AnR100thDeg", 0.01), "depth": ("AnDepthmm", 0.001), "temperature": ("AnT100thDeg", 0.01),
+}  # fmt: skip
+RDRADCP = {
+    "time": "mtime", "east": "east_vel", "north": "north_vel", "up": "vert_vel", "error_velocity": "error_vel",
+    "heading": "heading", "tilt_x": "pitch", "tilt_y": "roll", "depth": "depth", "temperature": "temperature",
+    "range": "config.ranges",
+}  # fmt: skip
+FIELDS = {"heading": "heading_deg", "pressure": "pressure_dbar", "depth": "depth_m", "temperature": "temperature_c"}
+MISSING_COUNT = 32768  # of RDI, whichever its sign
+NO_BIAS = "WinADCP does not export the heading bias EB: none was taken out but for declination_applied."
+
+
+def read(
+    paths: Sequence[Path],
+    *,
+    columns: Mapping[str, Any] | None,
+    orientation: str | None,
+    declination_applied: float | Mapping[str, float] | None,
+    direction_reference: str,
+    time_format: str | None = None,
+) -> Record:
+    """Read the files of one instrument in order of time.
+
+    Args:
+        columns: role -> name of a variable, with dots for fields of structures, as adcp.mtime (time may list its
+            parts); needed for files of other programs.
+        orientation: up or down; None uses that stated in the file.
+        declination_applied: declination contained in headings and velocities, degrees; overrides the file's.
+        time_format: scale of the times, as for tables; None recognises it.
+
+    Raises:
+        InputError: a file is damaged, lacks time or velocities, or does not state what only the mooring file can.
+    """
+    named = {role: name for role, name in (columns or {}).items() if name is not None}
+    records = []
+    for path in map(Path, paths):
+        variables = load(path)
+        adcp = next((x for x in variables.values() if isinstance(x, Mapping) and {"mtime", "east_vel"} <= {*x}), None)
+        if {*CLOCK, "SerEmmpersec"} <= {*variables}:
+            series, stated, notes = _of_winadcp(path, variables)
+        elif adcp is not None:
+            series, stated, notes = _of_rdradcp(path, adcp)
+        elif named:
+            series, stated, notes = {}, {}, []
+        else:
+            advice = "name its variables in the mooring file: columns: {time: NAME, east: NAME, north: NAME}"
+            expected, shown = "an export of WinADCP or a structure of rdradcp", ", ".join(variables) or "nothing"
+            raise InputError(str(path), expected=expected, found=shown, advice=advice)
+        series |= _named_series(path, variables, named)
+        applied = parse_applied_declination(declination_applied)
+        inside = parse_applied_declination(stated.get("declination", 0.0)) if applied is None else applied
+        stated |= {"orientation": orientation or stated.get("orientation"), "reference": direction_reference}
+        stated["named"] = {*named}
+        is_dated = isinstance(named.get("time"), tuple | list) or ("SerYear" in variables and "time" not in named)
+        records.append(
+            _to_record(path, series, stated | {"inside": inside}, "epoch" if is_dated else time_format, notes)
+        )
+    return join_records(records)
+
+
+def load(path: Path) -> dict[str, Any]:
+    """Load the variables of a MATLAB file, structures as dictionaries.
+
+    Raises:
+        InputError: the file cannot be read within the limits of raw files.
+    """
+    from scipy.io import loadmat, whosmat  # only where such a file is given
+    from scipy.io.matlab import MatReadError
+
+    advice = "copy it again, or save it in MATLAB with save -v7"
+    try:
+        with path.open("rb") as stream:
+            stream.seek(512)
+            is_hdf5 = stream.read(len(HDF5)) == HDF5
+        if is_hdf5:
+            import netCDF4
+
+            with netCDF4.Dataset(path) as file:
+                return _group(path, file)
+        sizes = [int(np.prod(shape)) for _, shape, form in whosmat(path) if form != "struct"]
+        refuse_large_arrays(str(path), 8 * sum(sizes), path.stat().st_size)
+        return {name: x for name, x in loadmat(path, simplify_cells=True).items() if not name.startswith("__")}
+    except (*DAMAGE_ERRORS, MatReadError) as error:
+        raise InputError(str(path), expected="a whole MATLAB file", found=error, advice=advice) from error
+
+
+def _group(path: Path, group: Any) -> dict[str, Any]:
+    """Read a group of an HDF5 file, whose arrays MATLAB stores in reverse order and whose texts are numbers."""
+    found: dict[str, Any] = {name: _group(path, inner) for name, inner in group.groups.items() if name[0] != "#"}
+    for name, variable in group.variables.items():
+        refuse_large_arrays(f"{path}: {name}", 8 * variable.size, path.stat().st_size)
+        values = np.ma.getdata(variable[...]).T
+        is_text = str(getattr(variable, "MATLAB_class", "")) == "char"
+        found[name] = "".join(map(chr, values.ravel())) if is_text else np.squeeze(values)
+    return found
+
+
+def _of_winadcp(path: Path, variables: Mapping[str, Any]) -> _Found:
+    """Select the series that WinADCP exports, as counts of hundredths of degrees, millimetres and so on."""
+    counts = {
+        role: (np.asarray(variables[name], float), factor)
+        for role, (name, factor) in WINADCP.items()
+        if name in variables
+    }
+    series = {role: np.where(np.abs(x) == MISSING_COUNT, np.nan, factor * x) for role, (x, factor) in counts.items()}
+    year, *others = (np.atleast_1d(np.asarray(variables[name], float)) for name in CLOCK)
+    year = year + np.where(year >= 1900.0, 0.0, np.where(year >= times.FIRST_YEAR - 1900, 1900.0, 2000.0))
+    others[-1] = others[-1] + np.asarray(variables.get("SerHund", 0.0), float) / 100.0
+    series["time"], wrong = times.from_parts([year, *others])
+    if wrong is not None:
+        shown = " ".join(f"{part[wrong]:g}" for part in (year, *others))
+        raise InputError(
+            f"{path}: SerYear to SerSec", expected="a date and a time", found=shown, advice="export it again"
+        )
+    if {"RDIBin1Mid", "RDIBinSize", "SerBins"} <= {*variables}:
+        bins = np.atleast_1d(np.asarray(variables["SerBins"], float))
+        series["range"] = float(variables["RDIBin1Mid"]) + float(variables["RDIBinSize"]) * (bins - 1.0)
+    up = np.atleast_1d(np.asarray(variables.get("AnOrienUP", []), float))
+    average_s = float(variables.get("RDIPingsPerEns", 0.0)) * float(variables.get("RDISecPerPing", 0.0))
+    notes = [NO_BIAS, *times.describe_averages(average_s, series["time"])]
+    if len(up) and (other := int(np.sum(up != np.round(np.mean(up))))):
+        notes.append(f"AnOrienUP differs from the others in {other} of {len(up)} ensembles.")
+    word = ("up" if np.mean(up) > 0.5 else "down") if len(up) else None
+    return series, {"orientation": word, "beam_angle_deg": BEAM_ANGLE_DEG}, notes
+
+
+def _of_rdradcp(path: Path, adcp: Mapping[str, Any]) -> _Found:
+    """Select the fields of rdradcp's structure."""
+    config = adcp["config"] if isinstance(adcp.get("config"), Mapping) else {}
+    system, alignment = str(config.get("coord_sys", "earth")), float(config.get("xducer_misalign", 0.0))
+    if system != "earth" or alignment:
+        shown, advice = f"{system} coordinates, EA {alignment:g}", "give the instrument's PD0 file: format: pd0"
+        raise InputError(
+            str(path), expected="earth coordinates and a heading alignment EA of 0", found=shown, advice=advice
+        )
+    there = {role: name for role, name in RDRADCP.items() if name in adcp}
+    series = {role: np.asarray(adcp[name], float).T for role, name in there.items()}  # cells come first
+    series |= {"range": np.abs(np.asarray(config["ranges"], float))} if "ranges" in config else {}
+    bias = float(config.get("magnetic_var", 0.0))
+    notes = [f"The heading bias EB of {bias:g} degrees was taken out of the directions."] * (bias != 0.0)
+    angle = float(config.get("beam_angle", 0.0))
+    return series, {"orientation": config.get("orientation"), "declination": bias, "beam_angle_deg": angle}, notes
+
+
+def find_numbers(path: Path, variables: Mapping[str, Any], name: str, role: str) -> Floats:
+    """Find an array of numbers by the name of its variable, with dots for the fields of structures.
+
+    Raises:
+        InputError: it does not exist, or is something else.
+    """
+    value: Any = variables
+    for part in str(name).split("."):
+        if not isinstance(value, Mapping) or part not in value:
+            there = ", ".join(sorted(value)) if isinstance(value, Mapping) else type(value).__name__
+            advice = "correct columns in the mooring file; fields of structures have dots, as adcp.mtime"
+            raise InputError(f"{path}: {name} ({role})", expected="one of its variables", found=there, advice=advice)
+        value = value[part]
+    if isinstance(value, Mapping) or (array := np.asarray(value)).dtype.kind not in "iuf":
+        shown = "a structure" if isinstance(value, Mapping) else "complex ones" if np.iscomplexobj(value) else "others"
+        raise InputError(f"{path}: {name} ({role})", expected="real numbers", found=shown, advice="correct columns")
+    return array.astype(float)
+
+
+def _named_series(path: Path, variables: Mapping[str, Any], named: Mapping[str, Any]) -> dict[str, Floats]:
+    """Select the series that columns name."""
+    series = dict[str, Floats]()
+    for role in (role for role in named if role != "scale"):
+        names = named[role] if isinstance(named[role], tuple | list) else [named[role]]
+        parts = [np.atleast_1d(find_numbers(path, variables, name, role)) for name in names]
+        series[role] = times.from_parts(parts)[0] if len(parts) > 1 else parts[0]
+        if role in ("east", "north", "speed"):
+            series[role] = float(named.get("scale", 1.0)) * series[role]
+    return series
+
+
+def _to_record(
+    path: Path, series: dict[str, Floats], stated: Mapping[str, Any], time_format: str | None, notes: Sequence[str]
+) -> Record:
+    """Convert series by role to a record."""
+    flow = ("speed", "direction") if "speed" in series else ("east", "north")
+    if lacking := [role for role in ("time", *flow) if role not in series]:
+        advice = f"name it in the mooring file: columns: {{{lacking[0]}: NAME}}"
+        raise InputError(str(path), expected=" and ".join(lacking), found=", ".join(series) or "none", advice=advice)
+    try:
+        time_s, note = times.from_numbers(series.pop("time").ravel(), time_format)
+    except times.Unreadable as error:
+        raise InputError(f"{path}: time", expected=error.expected, found=error.shown, advice=error.advice) from None
+    n = len(time_s)
+    for role, x in series.items():
+        along = [k for k, size in enumerate(x.shape) if size == n]
+        if role != "range" and x.size != 1:
+            if not along or (len(along) == 2 and role in stated["named"]):
+                expected, shown = f"one axis of {n}, the number of times", " x ".join(map(str, x.shape))
+                raise InputError(f"{path}: {role}", expected=expected, found=shown, advice="correct columns")
+            series[role] = np.moveaxis(x, along[0], 0)
+    east, north = (series[role].reshape(n, -1) for role in flow)
+    if flow[0] == "speed":
+        east, north = angles.components(east, north)
+    if stated["reference"] == "magnetic" and stated["inside"].velocity:
+        east, north = angles.turn(east, north, -stated["inside"].velocity)
+    cells, heading = east.shape[1], series.get("heading")
+    if cells > 1 and ("range" not in series or not stated["orientation"]):
+        missing = "range" if "range" not in series else "orientation"
+        advice = "write columns: {range: NAME}" if missing == "range" else "write orientation: up or down"
+        raise InputError(str(path), expected=f"the {missing} of the bins", found="none in the file", advice=advice)
+    known = {field: np.broadcast_to(series[role].ravel(), n) for role, field in FIELDS.items() if role in series}
+    if heading is not None:
+        known["heading_deg"] = angles.wrap360(
+            np.where((heading < -180.0) | (heading > 360.0), np.nan, heading) - stated["inside"].heading
+        )
+    pitch, roll = (series.get(role, np.full(n, np.nan)).ravel() for role in ("tilt_x", "tilt_y"))
+    return new_record(
+        time_s,
+        east,
+        north,
+        bin_range_m=np.abs(series["range"].ravel()) if cells > 1 else np.zeros(1),
+        pitch_deg=true_pitch(pitch, roll) if "beam_angle_deg" in stated else pitch,
+        roll_deg=roll,
+        **known,
+        profiles={
+            role: series[role].reshape(n, -1).astype(np.float32) for role in ("up", "error_velocity") if role in series
+        },
+        looks_up=stated["orientation"] == "up",
+        beam_angle_deg=stated.get("beam_angle_deg", 0.0),
+        direction_reference=stated["reference"],
+        heading_bias_deg=stated["inside"].heading,
+        velocity_bias_deg=stated["inside"].velocity,
+        warnings=(*notes, *([note] if note else [])),
+        unstated=("orientation",) * (not stated["orientation"]),
+    )

@@ -1,0 +1,81 @@
+"""Find the series of Nortek's OceanContour in its netCDF files: groups Data/Avg, Data/Burst ... and Config.
+
+The declinations that the instrument and the program added to the directions stand in Config and add up; the
+orientation stands in the status word of each sample. Sources: aodn/imos-toolbox, OceanContour parser; Nortek,
+Integrators Guide AD2CP.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+
+from compasslib.errors import InputError
+
+DECLINATIONS = ("DataInfo_transformsAndCorrections_magneticDeclination", "Instrument_user_decl")
+NAMES = {  # attribute as in other files -> of Config
+    "beam_angle": "DataInfo_slantAngles", "serial_number": "Instrument_serialNumberDoppler",
+    "model": "Instrument_instrumentName",
+}  # fmt: skip
+ORIENTATIONS = {4: "up", 5: "down"}  # bits 25 to 27 of the status word: Z up, Z down
+
+
+class Series:
+    """A group of series with its dimensions, and attributes by the names of other netCDF files."""
+
+    def __init__(self, group: netCDF4.Group, attributes: Mapping[str, Any]):
+        self.variables, self.dimensions, self.groups = group.variables, dict[str, Any](), dict[str, Any]()
+        self._attributes = attributes
+        holder: Any = group
+        while holder is not None:
+            self.dimensions = {**holder.dimensions, **self.dimensions}
+            holder = holder.parent
+
+    def ncattrs(self) -> list[str]:
+        """List the names of the attributes."""
+        return [*self._attributes]
+
+    def getncattr(self, name: str) -> Any:
+        """Read an attribute."""
+        return self._attributes[name]
+
+
+def is_ocean_contour(nc: netCDF4.Dataset) -> bool:
+    """Return whether a file has the groups of OceanContour."""
+    return {"Data", "Config"} <= {*nc.groups}
+
+
+def find_series(path: Path, nc: netCDF4.Dataset) -> Series:
+    """Find the averages of a file, or else its bursts.
+
+    Raises:
+        InputError: it has no series of velocities to east and north.
+    """
+    data = dict(_groups(nc.groups["Data"])) if is_ocean_contour(nc) else {}
+    flows = {name: group for name, group in data.items() if any(re.search("(?i)vel.*east", v) for v in group.variables)}
+    if not flows:
+        expected, advice = "a group below Data with velocities to east and north", "export them from OceanContour"
+        raise InputError(str(path), expected=expected, found=", ".join(data) or "none", advice=advice)
+    name = next((name for name in flows if name.lower().startswith("av")), next(iter(flows)))
+    config = nc.groups["Config"]
+    stated = {key: config.getncattr(key) for key in config.ncattrs()}
+    attributes: dict[str, Any] = {
+        "magnetic_declination_applied": sum(float(stated.get(key) or 0.0) for key in DECLINATIONS)
+    }
+    attributes |= {key: stated[there] for key, there in NAMES.items() if there in stated}
+    if (status := flows[name].variables.get("Status")) is not None:
+        words = np.ma.compressed(status[...]).astype(np.int64) >> 25 & 7
+        found = ORIENTATIONS.get(int(np.bincount(words).argmax())) if len(words) else None
+        attributes |= {"orientation": found} if found else {}
+    return Series(flows[name], attributes)
+
+
+def _groups(group: netCDF4.Group) -> Iterator[tuple[str, netCDF4.Group]]:
+    for name, inner in group.groups.items():
+        yield name, inner
+        yield from _groups(inner)
