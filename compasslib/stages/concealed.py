@@ -197,7 +197,8 @@ def count_named(
     causes = [cause["level"] for item in simulated for cause in item["truth"]["planted"]]
     nulls = [item for item in simulated if not item["truth"]["planted"]]
     return [
-        ("Real compasses, levelling withheld", len(logs), sum(named), sum(named), len(controls), controls.count(False)),
+        ("Real compasses, a correction withheld", len(logs), sum(named), sum(named), len(controls),
+         controls.count(False)),
         ("Real water, simulated iron", len(with_cause), sum(x["driver"] for x in with_cause),
          sum(x["effect"] for x in with_cause), len(none), sum(x["detected"] for x in none)),
         ("Simulated moorings", len(causes), sum(map(bool, causes)), causes.count("effect"), len(nulls),

@@ -37,6 +37,7 @@ class Recording:
     kind: str = "magnetometer"
     settings: Mapping[str, Any] = field(default_factory=dict)
     remaining: tuple[str, ...] = ()  # effects that act on it even if nothing is withheld
+    control: str = ""  # column of headings that the instrument corrected itself
 
     def as_expected(self, what: str, named: set[str], followed: set[str], verdict: str) -> bool:
         """Return whether a case ended as it should.
@@ -51,6 +52,8 @@ class Recording:
             return not followed & {"pitch", "roll", "tilt"}
         if what == COMPLETE:
             return named <= {*self.remaining}
+        if what == CORRECTED:
+            return not named & {*self.effects}
         return set(self.effects) <= named
 
     @property
@@ -74,9 +77,16 @@ class Recording:
     def diagnose(self) -> dict[str, Diagnosis]:
         """Diagnose the recording with a correction withheld, and its controls, by what was done to it."""
         options, settings = Options(surrogates=SURROGATES), resolve_settings({"kind": self.kind} | dict(self.settings))
+        found = dict[str, Diagnosis]()
         if self.kind != "magnetometer":
-            return {"as recorded": kinds.diagnose(self.kind, [self.file], settings, options)}
-        log, found = self.read_log(), dict[str, Diagnosis]()
+            cases: dict[str, Any] = {RECORDED: {}} | (
+                {CORRECTED: {"columns": {"recorded_deg": self.control}}} if self.control else {}
+            )
+            return {
+                what: kinds.diagnose(self.kind, [self.file], {**settings, **columns}, options)
+                for what, columns in cases.items()
+            }
+        log = self.read_log()
         for what, made in VARIANTS.items():
             found[what] = magnetometer.diagnose_log(made(log), field=None, options=options)
             if found[what].verdict == "insufficient":
@@ -101,6 +111,7 @@ def _shifted(log: Log) -> Log:
     return replace(log, raw=cosines, pitch_deg=np.roll(log.pitch_deg, half), roll_deg=np.roll(log.roll_deg, half))
 
 
+RECORDED, CORRECTED = "as recorded", "corrected by the instrument, with its gyroscopes"
 WITHHELD, COMPLETE, SHIFTED = "tilt correction withheld", "nothing withheld", "withheld, and the tilts shifted in time"
 VARIANTS: Mapping[str, Callable[[Log], Log]] = {
     WITHHELD: lambda log: log,
@@ -126,10 +137,11 @@ RECORDINGS = (
         "car_circles",
         "Compass in a car that drives circles, iron stronger than the earth's horizontal field",
         "the exact compass: the simulation is the five-term series",
-        "the course over ground by GNSS, which the heading of a car follows; its constant and delay are in A",
+        "the course over ground by GNSS, which a car's heading follows: that of its gyroscopes differs by 1.3° rms",
         ("large_deviation",),
         "platform",
         {"latitude": 42.34, "longitude": -71.09, "date": "2025-11-19"},
+        control="own_deg",
     ),
     _acm("acm_2018_06_10", "10 June 2018"),
     Recording(

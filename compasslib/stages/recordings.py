@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from compasslib import calibrations
+from compasslib.archive.calibrations import StoredCalibration
 from compasslib.archive.files import embed_png, write_json
+from compasslib.calibrations import result
+from compasslib.calibrations.result import DeviationTable
 from compasslib.inference import wording
 from compasslib.inference.diagnosis import Diagnosis
+from compasslib.plots.calibrations import draw_deviation
 from compasslib.plots.diagnosis import count_outside, draw_calibration
 from compasslib.report import words
 from compasslib.stages.real import RECORDINGS, Recording
@@ -23,17 +31,22 @@ def recordings(*, made: str, say: Callable[[str], None]) -> None:
 
 
 def describe(recording: Recording) -> dict[str, Any]:
-    """Diagnose a recording, and describe each case; of the first one, residual and hypotheses are drawn."""
+    """Diagnose a recording and describe each case; of the first one, deviation or residual and hypotheses are drawn."""
     diagnoses = recording.diagnose()
     first = next(iter(diagnoses.values())).to_json()
-    named = [finding | {"heldout": None} for finding in first["findings"]]
-    shown = [first | {"hypotheses": []}, first | {"curves": [], "findings": named}] if first["curves"] else []
+    drawings = dict[str, Callable[[Path], None]]()
+    if recording.kind == "platform" and first["curves"]:
+        drawings = {"deviation": partial(draw_deviation, shown=stored(recording))}
+    elif first["curves"]:
+        named = [finding | {"heldout": None} for finding in first["findings"]]
+        contents = {"residual": first | {"hypotheses": []}, "hypotheses": first | {"curves": [], "findings": named}}
+        drawings = {what: partial(draw_calibration, diagnosis=content) for what, content in contents.items()}
     figures = []
     with tempfile.TemporaryDirectory() as folder:
-        for content in shown:
-            draw_calibration(file := Path(folder) / "diagnosis.png", content)
-            picture, size = embed_png(file)
-            figures.append([picture, *size])
+        for what, draw in drawings.items():
+            draw(file := Path(folder) / f"{what}.png")
+            picture, (width, height) = embed_png(file)
+            figures.append({"what": what, "picture": picture, "width": width, "height": height})
     return {
         "name": recording.name,
         "title": recording.title,
@@ -44,6 +57,14 @@ def describe(recording: Recording) -> dict[str, Any]:
         "figures": figures,
         "outside": count_outside(first) if figures else None,
     }
+
+
+def stored(recording: Recording) -> StoredCalibration:
+    """Calibrate a recording, in the form in which figures read it."""
+    settings = calibrations.resolve_settings({"kind": recording.kind, **recording.settings})
+    made = calibrations.calibrate(recording.kind, [recording.file], settings)
+    table = made.table or DeviationTable(*np.zeros((3, 0)))
+    return StoredCalibration(result.to_json(recording.name, made, settings), table, made.points)
 
 
 def _case(recording: Recording, what: str, diagnosis: Diagnosis) -> dict[str, Any]:
