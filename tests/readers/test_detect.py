@@ -42,10 +42,15 @@ WRITTEN = [
     (b"* Sea-Bird SBE 37 Data File:\n* FileName = a.cnv\n*END*\n 1 2\n", "a Sea-Bird file"),
     (b"$HCHDG,9.0,,,10,E*2B\r\n" * 9, "an NMEA 0183 log"),
     (b" Format                 IAGA-2002                                   |\n" * 9, "an IAGA-2002 file"),
-    (b"MATLAB 5.0 MAT-file, Platform: GLNXA64" + bytes(200), "a MATLAB file"),
+    (b"MATLAB 5.0 MAT-file, Platform: GLNXA64" + bytes(200), "a MATLAB file; write format: mat"),
     (b"Broadband 307.2 kHz\nPings/Ens = 45\nTime/Ping = 00:01.00\n", "a text export of RDI's programs"),
     (b"This is a letter about a mooring.\n" * 30, "a text without columns"),
     (b"$PNORS,011626,010336,00000000,3EC40002,23.7*7B\r\n" * 9, "telemetry of a Nortek instrument"),
+    (
+        b"*2006/07/14 09:34:44.28\n*IOS HEADER VERSION 2.0\n*FILE\n" * 3,
+        "an IOS shell file; write format: table",
+    ),
+    (b"ODF_HEADER,\n FILE_SPECIFICATION='x',\n" * 9, "an ODF file; write format: table, skip_rows"),
     (b"\0" * 5000, "a file of nothing but zeros"),
     (TABLE, "a text table"),
 ]

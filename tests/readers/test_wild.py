@@ -26,6 +26,8 @@ UNKNOWN = "UCUR_QC: the meaning of the flags low_percent_good (8 samples), side_
 CM_S = {"time": "time", "east": "east (cm/s)", "north": "north (cm/s)", "heading": "heading (deg)"}
 ODV = {"time": "time_ISO8601", "east": "EWCT [Metres per second]", "north": "NSCT [Metres per second]"}
 BY_HAND = {"time": "time", "east": "u", "north": "v"}
+SIX = {"columns": {"time": ["Year", "Month", "Day", "Hour", "Minute", "Second"], "east": "East (m/s)",
+       "north": "North (m/s)"}}  # fmt: skip
 FIRST = (0.0320, 0.0161)  # E[0], N[0] of the series that most files of the second table hold
 # File, format, settings, words of the refusal or of a warning, number of velocities with each flag, E[0] and N[0].
 FILES = [
@@ -53,15 +55,22 @@ FILES = [
     ("netcdf_flag_meanings_list.nc", "netcdf", TRUE_UP, "", {1: 20, 4: 20}, FIRST),
     ("netcdf_flag_meanings_list.nc", "netcdf", TRUE_UP | {"flags": {"bad": ["good value"]}}, "", {4: 40}, None),
     ("netcdf_heading_cdegrees.nc", "netcdf", TRUE_UP, "", {1: 100}, FIRST),
-    ("netcdf_speed_direction.nc", "netcdf", TRUE_UP, "it has speed and direction: write east and north", {}, None),
-    ("netcdf_oceancontour_groups.nc", "netcdf", TRUE_UP, "write declination_applied: -17", {}, None),
-    ("table_six_time_columns.csv", "table", {"columns": BY_HAND | {"time": "Year", "east": "East (m/s)",
-     "north": "North (m/s)"}}, "join the columns of the time into one", {}, None),
+    ("netcdf_speed_direction.nc", "netcdf", TRUE_UP, "", {1: 100}, FIRST),
+    ("netcdf_speed_direction.nc", "netcdf", UP, "found true north by HCDT's reference", {}, None),
+    ("netcdf_oceancontour_groups.nc", "netcdf", TRUE_UP, "write format: ocean_contour", {}, None),
+    ("netcdf_oceancontour_groups.nc", "ocean_contour", TRUE_UP, "", {1: 80}, FIRST),
+    ("netcdf_oceancontour_groups.nc", "ocean_contour", UP, "-17.00 degrees of declination", {1: 80}, (0.0353, 0.0060)),
+    ("netcdf_oceancontour_groups.nc", "ocean_contour", {}, "write orientation: up or down", {}, None),
+    ("table_six_time_columns.csv", "table", SIX, "", {1: 149}, FIRST),
+    ("table_six_time_columns.csv", "table", {"columns": SIX["columns"] | {"time": "Year"}},
+     "list the columns of the time: time: [YEAR, MONTH", {}, None),
     ("table_numpy_hash_header.csv", "table", {"columns": BY_HAND}, "", {1: 119}, FIRST),
-    ("aquadopp_ascii.dat", "nortek", {}, "Nortek's conversion, which has no header; give the file that", {}, None),
+    ("aquadopp_ascii.dat", "nortek", {}, "Nortek's conversion, which has no header; give its .hdr too", {}, None),
     ("aquadopp_ascii.dat", "table", {"columns": BY_HAND}, "Nortek's conversion, which has no header", {}, None),
+    ("aquadopp_ascii.dat", "table", {"columns": {"time": [3, 1, 2, 4, 5, 6], "east": 9, "north": 10}}, "", {1: 120},
+     (0.032, 0.016)),
+    ("odv_timeseries.txt", "odv", {}, "", {1: 70, 4: 70}, FIRST),
     ("odv_timeseries.txt", "table", {"columns": ODV}, "flags stand in QV:SEADATANET", {1: 140}, FIRST),
-    ("odv_timeseries.txt", "table", {"columns": ODV | {"flag": "QV:SEADATANET"}}, "found an ODV spreadsheet", {}, None),
     ("aanderaa_rcm8_raw.Asc", "table", {"columns": BY_HAND}, "found raw counts of an Aanderaa logger", {}, None),
 ]  # fmt: skip
 
@@ -111,9 +120,11 @@ DRAFTS = [  # file, keys left to decide, words of the draft or of the line that 
     ("seaguard_tab.txt", set(), "direction_reference: magnetic"),
     ("pd0_junk_before.000", {"declination_applied"}, "format: pd0"),
     ("swing_two_talkers.nmea", {"talker"}, "HC, AP send headings"),
-    ("table_six_time_columns.csv", None, "no known columns, its time in one or two; write one in a copy"),
-    ("aquadopp_ascii.dat", None, "give the file that the instrument recorded"),
-    ("odv_timeseries.txt", None, "an ODV spreadsheet; give every QV column a name of its own"),
+    ("table_six_time_columns.csv", {"direction_reference"}, "time: [Year, Month, Day, Hour, Minute, Second]"),
+    ("netcdf_speed_direction.nc", {"orientation"}, "direction_reference: 'true'  # as the files say"),
+    ("netcdf_oceancontour_groups.nc", {"orientation"}, "format: ocean_contour"),
+    ("aquadopp_ascii.dat", None, "give its .hdr too"),
+    ("odv_timeseries.txt", {"direction_reference"}, "format: odv"),
     ("aanderaa_rcm8_raw.Asc", None, "raw counts of an Aanderaa logger; convert them"),
     ("nortek_pnors.nmea", None, "telemetry of a Nortek instrument"),
 ]

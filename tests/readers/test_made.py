@@ -1,0 +1,59 @@
+"""Would catch a layout or format whose times, velocities, headings or flags are read as other values than it holds."""
+
+import re
+
+import numpy as np
+import pytest
+
+from compasslib import readers
+from compasslib.cli import main
+from tests.world import made_files
+
+DRAWN = [(kind, seed) for kind in made_files.KINDS for seed in (1, 2)]
+
+
+@pytest.mark.parametrize(("kind", "seed"), DRAWN)
+def test_made_file_is_read_as_it_was_written(tmp_path, kind, seed):
+    form, suffix, cells, write, has_headings, has_flags = made_files.KINDS[kind]
+    truth = made_files.draw(np.random.default_rng(seed), cells)
+    path = tmp_path / f"made{suffix}"
+    settings = {"orientation": None} | write(path, truth)
+    record = readers.read(form, [path], settings)
+    assert np.abs(record.time_s - truth.time_s).max() < 2e-3  # 1e-8 days are 0.9 ms
+    assert np.abs(record.east - truth.east).max() < 1e-9 and np.abs(record.north - truth.north).max() < 1e-9
+    if has_headings:
+        assert np.abs((record.heading_deg - truth.heading + 180.0) % 360.0 - 180.0).max() < 1e-9
+    assert (record.quality[:, 0] == (truth.flag if has_flags else 1)).all()
+
+
+SAID = {  # lines of the draft; what the file does not say is DECIDE
+    "WinADCP": {"format: mat", "orientation: up", "declination_applied: DECIDE"},
+    "rdradcp": {"format: mat", "orientation: down", "declination_applied: DECIDE"},
+    "arrays by columns": {"format: mat"},
+    "odv": {"format: odv", "direction_reference: DECIDE"},
+    "Aquadopp": {"format: nortek", "orientation: up", "declination_applied: DECIDE"},
+    "Aquadopp profiler": {"format: nortek", "orientation: up"},
+    "OceanContour": {"format: ocean_contour", "orientation: down"},
+    "speed and direction": {"format: netcdf", "direction_reference: 'true'"},
+    "year and day of the year": {"format: table", "time: [YEAR, DAY_OF_YEAR]"},
+    "decimal commas and cm/s": {"format: table", "scale: 0.01"},
+}
+
+
+@pytest.mark.parametrize("kind", SAID)
+def test_init_says_of_a_folder_what_its_files_say(tmp_path, capsys, kind):
+    _, suffix, cells, write, *_ = made_files.KINDS[kind]
+    (tmp_path / "raw").mkdir()
+    write(tmp_path / f"raw/made{suffix}", made_files.draw(np.random.default_rng(3), cells))
+    assert main(["init", str(tmp_path / "raw"), "--into", str(tmp_path), "--name", "M"]) == 0
+    text = (tmp_path / "config/moorings/M.yaml").read_text()
+    lines = {re.sub(r"\s+#.*", "", line).strip() for line in text.splitlines()}
+    assert SAID[kind] <= lines and "left out" not in capsys.readouterr().err
+
+
+def test_recording_beside_its_conversion_is_drafted_once(tmp_path):
+    (tmp_path / "raw").mkdir()
+    made_files.KINDS["Aquadopp"][3](tmp_path / "raw/made.hdr", made_files.draw(np.random.default_rng(3)))
+    (tmp_path / "raw/made.aqd").write_bytes(b"\xa5\x05\x18\x00AQD 9330" + bytes(range(200, 240)))
+    main(["init", str(tmp_path / "raw"), "--into", str(tmp_path), "--name", "M"])
+    assert "made.hdr" not in (tmp_path / "config/moorings/M.yaml").read_text()
