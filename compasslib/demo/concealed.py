@@ -70,10 +70,10 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
         effect, z, size_deg = _sized(ground, cause.effect, float(rng.uniform(4.0, 15.0)))
         effects.append(effect)
         date = None if cause.date_s is None else str(np.datetime64(round(cause.date_s), "s"))
-        planted.append(
-            {"what": cause.words, "driver": cause.driver, "effect": cause.name, "date": date, "z": round(z, 1)}
-            | {"size_deg": round(size_deg, 2), "field": cause.field(effect)}
-        )
+        planted.append({
+            "what": cause.words, "driver": cause.driver, "effect": cause.name, "date": date, "z": round(z, 1),
+            "size_deg": round(size_deg, 2), "field": cause.field(effect),
+        })  # fmt: skip
     truth = sealed.write(ground, effects, Path(raw_dir) / name, sealed.Export())
     told = {
         "mooring": name,

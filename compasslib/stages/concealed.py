@@ -100,6 +100,11 @@ class HeadingErrors:
         return final is not None and alone is not None and final[1] > alone[2]
 
     @property
+    def mean_deg(self) -> float:
+        """Mean error of the corrected headings."""
+        return float(np.nanmean(self.corrected_deg))
+
+    @property
     def sigma_rms_deg(self) -> float:
         """Rms of the stated standard deviation over the corrected headings."""
         return angles.rms(self.sigma_deg[np.isfinite(self.corrected_deg + self.sigma_deg)])

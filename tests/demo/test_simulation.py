@@ -100,7 +100,7 @@ def test_compass_reproduces_known_solutions():
 
 @pytest.mark.parametrize(
     ("name", "strength"),
-    [("EG1", 0.35), ("EG2", 0.1), ("EG3", 0.55), ("EG4", 1.3), ("EG5", 0.75), ("EG6", 1.5), ("EG7", 0.45)],
+    [("EG1", 0.35), ("EG2", 0.1), ("EG3", 0.55), ("EG4", 3.2), ("EG5", 0.75), ("EG6", 1.5), ("EG7", 0.45)],
 )
 def test_iron_has_the_intended_strength(name, strength):
     iron, (horizontal, vertical) = demonstration.spec_of(name).iron, (11_985.0, 52_078.0)
