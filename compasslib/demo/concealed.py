@@ -96,7 +96,8 @@ def signal_to_noise(speed: Floats, heading_deg: Floats, turn: Floats, noise: Flo
     Args:
         speed: of the current, m/s, (n,).
         turn: of the readings by the cause, radians, (n,).
-        noise: difference of the currents at both depths across the flow, m/s, (n,); its spectrum is taken by bands.
+        noise: difference of the currents at both depths across the flow, m/s, (n,). Its spectrum is taken by bands;
+            that of the slowest is not known from one series, so that z of a slow cause is an upper limit.
     """
     columns = speed[:, None] * np.column_stack([turn, waves(heading_deg)])
     power = np.abs(np.fft.rfft(noise)[1:]) ** 2
