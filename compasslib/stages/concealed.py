@@ -183,7 +183,7 @@ def driver_of(finding: Mapping[str, Any]) -> str:
 
 
 def named_level(cause: Mapping[str, Any], findings: Sequence[Mapping[str, Any]]) -> str:
-    """Return how much of a cause findings state with 0.95: its effect, its driver, or nothing (an empty text)."""
+    """Grade what findings state of a cause with 0.95: its effect, its driver, or nothing (an empty text)."""
     levels = {
         "effect" if x["level"] == "effect" and x["effect"] == (cause["effect"] or "composed") else "driver"
         for x in findings
