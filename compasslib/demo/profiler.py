@@ -185,13 +185,13 @@ def plan(
     near_s: float = 230.0,
     dwell_s: float = 10.0,
     stuck_s: float = 60.0,
-    every_s: tuple[float, float] = (2.0, 32.0),
+    step_s: tuple[float, float] = (2.0, 32.0),
 ) -> Plan:
     """Plan the profiles: odd numbers ascend, even ones descend, and none reaches the top while it is stuck.
 
     Args:
         near_s, dwell_s: time in which it passes the uppermost water, and at the bumper.
-        every_s: time between two scans in the uppermost water and below.
+        step_s: time between two scans in the uppermost water and below.
     """
     start = np.arange(span_s[0] + profiler.first_s, span_s[1] - 4 * HOUR_S, 12 * HOUR_S)
     number = np.arange(start.size) + 1
@@ -200,7 +200,7 @@ def plan(
     top = np.rint(start + np.where(ascending, way_s, 30.0))
     blown = np.interp(top, motion.time_s, motion.sphere_depth_m) - NOMINAL_M
     stuck = _stuck_depths(rng, blown, profiler.bottom_m)
-    down = np.concatenate([np.arange(-dwell_s, near_s, every_s[0]), np.arange(near_s, np.floor(way_s), every_s[1])])
+    down = np.concatenate([np.arange(-dwell_s, near_s, step_s[0]), np.arange(near_s, np.floor(way_s), step_s[1])])
     parked = 120.0 + np.arange(stuck_s)
     times = [
         begin + parked if held else at - down[::-1] if up else at + down

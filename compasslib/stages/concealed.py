@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from compasslib.plots.timeseries import draw_errors, error_reach
 from compasslib.preparation.references import combine_references
 from compasslib.records import BAD
 from compasslib.report import sections, words, write_page
-from compasslib.report.results import ReportedFinding, ReportFigure
+from compasslib.report.results import ReportFigure
 from compasslib.stages.real import FOLDER
 from compasslib.statistics.resampling import NORMAL_95, block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
@@ -157,19 +157,17 @@ def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingError
     picture, size = read_pictures(root / name)["diagnosis"]
     caption = sections.diagnosis_caption(diagnosis)
     figures.append(ReportFigure("Diagnosis", caption, f"{name}/figures/diagnosis.png", picture, *size))
-    fields = {cause["driver"]: cause.get("field") or {} for cause in truth["planted"]}
-    findings, stated = sections.report_findings(diagnosis, product=True), diagnosis["findings"]
-    known = [_with_truth(said, fields.get(driver_of(x), {})) for said, x in zip(findings, stated, strict=False)]
+    stated = diagnosis["findings"]
     of_compass = [x for x in stated if x["side"] in ("compass", "clock")]
     return {
         "name": name,
-        "truth": truth | {"planted": [cause | {"level": named_level(cause, stated)} for cause in truth["planted"]]},
+        "truth": {**truth, "planted": [cause | {"level": named_level(cause, stated)} for cause in truth["planted"]]},
         "verdict": diagnosis["verdict"],
         "answer": sections.describe_findings(diagnosis),
         "false": [x for x in of_compass if driver_of(x) not in {cause["driver"] for cause in truth["planted"]}],
         "use": read_json(root / name / "assessment.json")["use"],
         "sensitivity": " ".join(words.paragraphs("diagnosis", "sensitivity", d=diagnosis)),
-        "findings": (*known, *findings[len(known) :]),
+        "findings": sections.report_findings(diagnosis, product=True),
         "errors": errors,
         "figures": figures,
         "href": f"report.html#mooring-{name}",
@@ -208,13 +206,3 @@ def count_named(
         ("Simulated moorings", len(causes), sum(map(bool, causes)), causes.count("effect"), len(nulls),
          sum(bool(item["false"]) for item in nulls)),
     ]  # fmt: skip
-
-
-def _with_truth(said: ReportedFinding, field: Mapping[str, Any]) -> ReportedFinding:
-    """Add the true field to the parameters of a finding if iron with the same driver was planted."""
-    if said.parameters is None or not field:
-        return said
-    known = {row: next((field[way] for way in field if row[0].endswith(way)), None) for row in said.parameters.rows}
-    unit = f"{words.SPACE}{field['unit']}"
-    rows = tuple((*row, words.number(x, 0) + unit * (x is not None)) for row, x in known.items())
-    return replace(said, parameters=replace(said.parameters, header=(*said.parameters.header, "Truth"), rows=rows))
