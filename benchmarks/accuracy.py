@@ -94,7 +94,8 @@ def row(source: Path, folder: Path, name: str, method: str) -> list[str]:
 def product(source: Path) -> None:
     """Print the tables of existing results."""
     names = [path.stem for path in sorted((source / "config/moorings").glob("*.yaml"))]
-    print(numbers.table([row(source, source, name, "product") for name in names]))
+    ways = ("product", numbers.BY_EYE)
+    print(numbers.table([row(source, source, name, way) for name in names for way in ways]))
     print(f"\n{numbers.table([currents(source, name) for name in names], HEAD_OF_CURRENTS)}")
 
 

@@ -23,23 +23,20 @@ from compasslib.deviation import fit_deviation
 from compasslib.deviation.correction import correct_headings, readings_at_pairs
 from compasslib.deviation.model import DeviationFit, nearest_root, pair_speeds
 from compasslib.effects import CATALOGUE, SIDES, side_of
-from compasslib.inference import design, diagnosis, noise, places, product
+from compasslib.inference import design, diagnosis, product
 from compasslib.inference.comparison import Options, compare_pairs
 from compasslib.inference.kinds.mooring import diagnose
-from compasslib.inference.linear_model import linearize
 from compasslib.preparation import water
 from compasslib.records import EarthField, SlowShear
 from tests.world import pairs as sea
 
 QUIET = ("current_shear_slow", "reference_deviation")  # correct findings if no effect was planted
-KINDS = ("null", "single", "two", "unknown", "control", "clock", "limit", "slip")
-SIZES = {"control": (3.0, 0.0), "clock": (0.0,), "null": (0.0,), "limit": (0.0,), "slip": (3.0,)}
+KINDS = ("null", "single", "two", "unknown", "control", "clock", "limit")
+SIZES = {"control": (3.0, 0.0), "clock": (0.0,), "null": (0.0,), "limit": (0.0,)}
 SIZES |= dict.fromkeys(("single", "two", "unknown"), (1.5, 3.0))
 SINGLES = tuple(x for x in sea.SINGLES if sea.FAMILIES[x] != "clock")
 LISTED = tuple(name for name in SINGLES if side_of(name) == "compass")
-SLIPS = ("heading_slip", "compass_drift")
 BINS, SPREAD = 6, 0.4  # bins of a profile, and spread of the logarithm of the shear between them (eh2, papa: 1.5 x)
-SURROGATES, RARE = 199, 0.01  # of a test by rank, as that of the search
 PRODUCT = (
     *("heeling", "hard_iron_drift", "compass_drift", "hard_iron_step", "heading_slip", "supply_voltage", "temperature"),
     *("sextantal", "octantal", "compass_lag"),
@@ -63,8 +60,6 @@ def draw(
     wanted = dict(given or {})
     if kind == "single":
         wanted = {SINGLES[turn % len(SINGLES)]: size}
-    elif kind == "slip":
-        wanted = {SLIPS[index % 2]: size}
     elif kind == "clock":
         wanted = {("clock_offset", "clock_drift")[index % 2]: 1.0}
     elif kind == "two":
@@ -75,7 +70,7 @@ def draw(
         wanted = {"temperature": size}
     drawn = sea.planted(world, wanted)
     if slow:
-        drawn = in_slow_water(drawn, slow, world, profiled=kind == "slip")
+        drawn = in_slow_water(drawn, slow, world, profiled=False)
     if kind == "control" and size:  # the logged temperature is not the cause
         drawn.covariates["temperature"] = np.roll(drawn.covariates["temperature"], 24 * world.rng.integers(50, 110))
     return drawn, wanted
@@ -136,7 +131,7 @@ def fitted(drawn: sea.Drawn) -> DeviationFit:
 def measure(kind: str, index: int, seed: int, *, red: bool = False) -> dict:
     """Diagnose one mooring and return its row of the score."""
     drawn, wanted = draw(kind, index, seed, red=red)
-    plain, drawn = drawn, referred(drawn, index, seed)
+    drawn = referred(drawn, index, seed)
     if kind == "limit":  # an effect at the limit that the same mooring states without it
         name = LISTED[index % len(LISTED)]
         *_, before, row = diagnosed(drawn, 0.0)
@@ -148,8 +143,6 @@ def measure(kind: str, index: int, seed: int, *, red: bool = False) -> dict:
     fit, field, found, row = diagnosed(drawn, max(wanted.values(), default=0.0))
     if found.current and "current_veer" in drawn.truth:  # otherwise it describes the slow shear of the simulation
         row["sets"].append(["current_veer"])
-    if kind == "slip":
-        row["known_p"] = known_noise_p(plain, fit, field)
     row |= {"kind": kind, "index": index, "applied": bool(found.applied)}
     scored = kind in ("null", "single", "two") and set(drawn.truth) <= {*PRODUCT, "current_veer"}
     return row | against_oracle(drawn, fit, field, found) if scored and found.verdict != "insufficient" else row
@@ -185,27 +178,6 @@ def against_oracle(drawn, fit, field, found) -> dict:
         "covered": float(np.nanmean(np.abs(off) < 1.96 * made.sigma_deg)),
         "z": errors_over_sigma([one for one in found.findings if not one.alternatives], drawn.truth),
     }
-
-
-def known_noise_p(drawn: sea.Drawn, fit: DeviationFit, field: EarthField) -> float:
-    """Rank the likelihood ratio of the planted effect at any date among simulations, the noise and its name known.
-
-    Args:
-        drawn: with a reference that is correct.
-    """
-    assert drawn.world is not None and drawn.world.slow_water is not None
-    case = compare_pairs(drawn.pairs, drawn.covariates, fit, field)
-    empty = design.evaluate_model(case, case.simulation, np.zeros(case.nuisance.shape[1]))
-    slow, true = noise.slow_noise_basis(case), drawn.world.slow_water
-    assert slow is not None
-    known = noise.Process(true.veer_deg, true.veer_days), noise.Process(true.shear_m_s, true.shear_days)
-    of_water, waters = slow.without_current(slow.drivers), [noise.SlowNoise(*known, 0.0)]
-    model = linearize(places.with_slow_noise(empty, empty, of_water, waters[0]), of_water)
-    evidence = model.weigh(waters)
-    named = [option.name in drawn.truth for option in model.options]
-    among = model.weigh(waters, score=model.scores(model.draw(evidence, SURROGATES, 0)))
-    ratio, others = (np.logaddexp.reduce(each.log_bayes_factors[named], axis=0) for each in (evidence, among))
-    return float((1 + np.sum(others >= ratio[0])) / (1 + SURROGATES))
 
 
 def errors_over_sigma(findings, truth) -> list[float]:
@@ -296,10 +268,6 @@ def report(rows: list[dict]) -> bool:
         some = [r for r in kind["single"] if name in r["truth"]]
         each = [targets.share_of(detected(r) for r in some if r["size"] == size) for size in SIZES["single"]]
         line(f"- {name}: detected at {SIZES['single']}", ", ".join(each))
-    slips = kind["slip"]
-    line("slips and drifts of 3 degrees, with a profile: truth in the set", targets.share_of(map(covered, slips)))
-    known = targets.share_of(r["known_p"] <= RARE for r in slips)
-    line("likelihood ratio with known noise and name: detected", known)
     clock = kind["clock"]
     line("clocks: named", targets.share_of(covered(r) for r in clock))
     line("clocks: nothing else named", targets.share_of(len(r["sets"]) == 1 for r in clock if covered(r)))

@@ -22,17 +22,20 @@ from typing import Any
 PROJECT = Path(__file__).resolve().parents[1]
 sys.path.append(str(PROJECT))
 
+import targets  # noqa: E402
+
 from benchmarks.proof import standing  # noqa: E402
 from compasslib import __version__  # noqa: E402
 
 MEASURED = PROJECT / "docs/background/measured.json"
 PAGES = (PROJECT / "README.md", *sorted((PROJECT / "docs").glob("*.md")), *sorted((PROJECT / "docs").glob("*/*.md")))
 CARD = PROJECT / "docs/proof/seed-3574276947"  # of record
-# Goals of the card that README gives, by what they begin with.
-GOALS = (
-    *("no fault: attributed", "all: diagnosis", "effects stated at", "all: headings worsened"),
-    "headings within their 95 % interval: all",
-)
+POWER, MEASURES = PROJECT / "docs/proof/power.json", ("detected", "driver", "effect")
+WATERS = {
+    "eh2": "real: eh2",
+    "papa": "real: papa",
+    "aqd9330": "real, unseen: aqd9330, whose own neighbours in time stand in for a reference",
+}
 BY_EYE = "von_appen, as an author would"  # fitted about the mean deviation, inverted where most pairs lie
 HEADINGS = (
     *("mooring", "method", "share corrected", "rms before", "rms after", "median after", "stated 1σ", "within 95 %"),
@@ -89,20 +92,19 @@ def product() -> str:
     kept = json.loads(MEASURED.read_text())
     column = HEADINGS.index
     after = column("rms after")
-    published = {row[0]: row for row in rows_of(kept["methods"]) if row[1] == BY_EYE}
+    published = {row[0]: row for row in rows_of(kept["products"]) if row[1] == BY_EYE}
     rows, inside = [], []
-    for name, _, _, before, corrected, _, sigma, within, *_ in rows_of(kept["products"]):
-        if name in published:
+    for name, way, _, before, corrected, _, sigma, within, *_ in rows_of(kept["products"]):
+        if way != BY_EYE:
             share = float(published[name][column("share corrected")].split()[0])
             part = f" ({share:.0f} %)" if share < 100.0 else ""
             rows.append([name + NOTES.get(name, ""), before, corrected, sigma, published[name][after] + part])
             inside.append(int(within.split()[0]))
-    older = ", an older engine" * (kept["methods"]["engine"] != kept["products"]["engine"])
     untouched, weak, strong = rows_of(kept["eh2"])
     return (
         "Heading errors of the demonstration cruise, rms (`.venv/bin/python benchmarks/accuracy.py --product`:\n"
         f"{measured(kept['products'])}):\n\n"
-        f"{table(rows, ('mooring', 'before', 'product', 'stated 1σ, rms', f'von Appen (2015){older}'))}\n\n"
+        f"{table(rows, ('mooring', 'before', 'product', 'stated 1σ, rms', 'von Appen (2015)'))}\n\n"
         f"{min(inside)} to {max(inside)} % of the headings lie in their stated 95 % interval.\n\n"
         "On a real record (eh2) re-read by a compass near iron the error falls from "
         f"{weak[column('rms before')]} to {weak[after]},\nnear iron of 1.3 times the earth's field from "
@@ -115,17 +117,6 @@ def tables_of(name: str, most: int | None = None) -> str:
     kept = json.loads(MEASURED.read_text())[name]
     tables = "\n\n".join("\n".join(lines) for lines in kept["tables"][:most])
     return f"`{kept['command']}`, {measured(kept)}:\n\n{tables}\n"
-
-
-def card() -> str:
-    """Some goals of the sealed proof of record, for README."""
-    made = json.loads((CARD / "scorecard.json").read_text())
-    chosen = [goal for what in GOALS for goal in made["goals"] if goal["what"].startswith(what)]
-    return (
-        "Concealed effects in an independent simulation "
-        f"([scorecard](docs/proof/{CARD.name}/scorecard.md) of\n{_moorings(made)}; "
-        f"[known misses](docs/proof/known-misses.md)):\n\n{_goals(chosen)}\n"
-    )
 
 
 def goals(folder: str = "../proof/", *, missed_only: bool = False) -> str:
@@ -147,8 +138,22 @@ def _moorings(made: dict[str, Any]) -> str:
     return f"{seal['count'] + seal['real']} moorings{older}"
 
 
+def power() -> str:
+    """The power of the search over all moorings with a cause, and how often it accuses a sound compass."""
+    made = json.loads(POWER.read_text())
+    rows = []
+    for record, one in made["all"].items():
+        rows.append([WATERS.get(record, record), *(targets.text_of(one[what], one["n"]) for what in MEASURES)])
+    total = {key: sum(one[key] for one in made["all"].values()) for key in ("n", *MEASURES)}
+    rows.insert(0, ["all", *(targets.text_of(total[what], total["n"]) for what in MEASURES)])
+    sound = {key: sum(one[key] for one in made["no_cause"].values()) for key in ("n", "detected")}
+    false = f"Of {sound['n']} without a cause {sound['detected']} were accused. The published method names nothing."
+    head = ("water", "fault of the compass detected", "driver named", "effect named")
+    return f"`{made['command']}`, commit {made['commit']}:\n\n{table(rows, head)}\n\n{false}\n"
+
+
 PARTS: dict[str, Callable[[], str]] = {
-    "card": card,
+    "power": power,
     "product": product,
     "goals": goals,
     "missed": partial(goals, "", missed_only=True),

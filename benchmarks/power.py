@@ -4,10 +4,12 @@
     python benchmarks/power.py 100 1 --rows ROWS --keep     and docs/proof/power.json and docs/power.png by the rows
     python benchmarks/power.py --moored 2007                and the moorings on real water of results/concealed.html
 
-A cause has the signal-to-noise ratio z if the likelihood ratio of a tool that knows the noise is z^2 / 2 on average
-(compasslib.demo.concealed.signal_to_noise). Sizes are given as z over the z that such a test of two unknown
-parameters detects in 90 % of moorings at p <= 0.01. The published method fits one deviation and tests nothing else: it
-detects none. Moorings in real water are those of benchmarks/injected.py; without ../shared/data they are left out.
+A cause has the signal-to-noise ratio z if the likelihood ratio of a tool that knows the noise is z^2 / 2 on average: in
+simulated water by the processes that were simulated, in real water by the spectrum of the difference of the currents,
+where z of slow causes is an upper limit (compasslib.demo.concealed.signal_to_noise). Sizes are given as z over the z
+that such a test of two unknown parameters detects in 90 % of moorings at p <= 0.01. The published method fits one
+deviation and tests nothing else: it detects none. Moorings in real water are those of benchmarks/injected.py; without
+../shared/data they are left out.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ from scipy.stats import chi2, ncx2
 
 from benchmarks.proof import standing
 from benchmarks.proof.score import first, says
-from compasslib.demo.concealed import signal_to_noise
+from compasslib.demo.concealed import beyond, signal_to_noise, waves
 from compasslib.effects import driver_of
 from compasslib.inference.comparison import Options
 from compasslib.inference.wording import display_name
@@ -41,7 +43,8 @@ KEPT, PICTURE = PROJECT / "docs/proof/power.json", PROJECT / "docs/power.png"
 KINDS = {"listed": "one listed cause", "unlisted": "one cause that is not listed", "pair": "two listed causes"}
 WATERS = ("simulated", "real")
 MEASURES = {"detected": "fault of the compass detected", "driver": "its driver named", "effect": "the effect named"}
-EDGES = (0.5, 1.0, 1.5, 2.25, 4.0)  # of the size over the limit; moorings are drawn evenly over their logarithms
+DRAWN = (0.5, 4.0)  # size over the limit, by spectra; its logarithm is drawn evenly
+EDGES = (0.25, 0.5, 1.0, 1.5, 2.25, 4.0)
 DETECTED = float(chi2.isf(0.01, 2))
 LIMIT = float(np.sqrt(brentq(lambda squared: ncx2.sf(DETECTED, 2, squared) - 0.9, 1.0, 100.0)))  # as z
 # Causes of tests/world/pairs.py that the catalogue does not list: their drivers, and what they are.
@@ -67,16 +70,39 @@ def plant(world: sea.World, names: Sequence[str], z: float) -> tuple[sea.Drawn, 
     noise = np.imag(world.difference * np.conj(world.flow) / np.abs(world.flow))
     bare, speed = sea.compass(world), np.abs(world.flow)
 
-    def reached(name: str, size: float) -> float:
-        turn = np.deg2rad(sea.wrap(sea.combined(world, [(made[name], size)])[0] - bare))
-        return signal_to_noise(speed, world.heading, turn, noise)
+    def turn(name: str) -> np.ndarray:
+        return np.deg2rad(sea.wrap(sea.combined(world, [(made[name], sizes[name])])[0] - bare))
 
     sizes = dict.fromkeys(names, 1.0)
     for name in (*names, *names):  # twice, as the effect of iron is not quite proportional to its size
-        most = sea.STRONGEST.get(name, np.inf)
-        sizes[name] = float(np.clip(sizes[name] * z / max(reached(name, sizes[name]), 1e-3), -most, most))
+        most, reached = sea.STRONGEST.get(name, np.inf), signal_to_noise(speed, world.heading, turn(name), noise)
+        sizes[name] = float(np.clip(sizes[name] * z / max(reached, 1e-3), -most, most))
     drawn = sea.recorded(world, {name: (made[name], size) for name, size in sizes.items()})
-    return drawn, min((reached(name, size) for name, size in sizes.items()), default=0.0)
+    ratio = known_noise_ratio if world.slow_water else lambda _, x: signal_to_noise(speed, world.heading, x, noise)
+    return drawn, min((ratio(world, turn(name)) for name in names), default=0.0)
+
+
+def known_noise_ratio(world: sea.World, turn: np.ndarray) -> float:
+    """Compute the signal-to-noise ratio of a turn of the readings, radians, by the simulated processes of the noise.
+
+    The Kalman filter of first-order turn and shear (slow), and red noise, whitens the turn and what is fitted.
+    """
+    slow, (red_m_s, red_h, white_m_s) = world.slow_water, world.noise
+    assert slow is not None
+    speed, angle = np.abs(world.flow), np.angle(world.flow)
+    deviations = [np.deg2rad(slow.veer_deg), *[slow.shear_m_s] * 2, *[red_m_s] * 2]
+    memories_h = np.array([24.0 * slow.veer_days, *[24.0 * slow.shear_days] * 2, *[red_h] * 2])
+    across = np.array([speed, -np.sin(angle), np.cos(angle), -np.sin(angle), np.cos(angle)]).T
+    columns = speed[:, None] * np.column_stack([turn, waves(world.heading)])
+    keep, spread = np.exp(-1.0 / memories_h), np.diag(np.square(deviations))
+    state, covariance, white = np.zeros((5, columns.shape[1])), spread, np.empty_like(columns)
+    for k, row in enumerate(across):
+        variance = row @ covariance @ row + white_m_s**2 + (np.deg2rad(0.5) * speed[k]) ** 2  # 0.5 deg: of a reading
+        gain, left = covariance @ row / variance, columns[k] - row @ state
+        white[k] = left / np.sqrt(variance)
+        state = keep[:, None] * (state + np.outer(gain, left))
+        covariance = np.outer(keep, keep) * (covariance - np.outer(gain, gain) * variance - spread) + spread
+    return float(np.linalg.norm(beyond(white)))
 
 
 def choose(kind: str, world: sea.World, rng: np.random.Generator) -> list[str]:
@@ -104,7 +130,7 @@ def measure(kind: str, index: int, seed: int) -> dict[str, Any]:
         slow = sea.some_slow_water(np.random.default_rng(own))
         world = sea.make(own, wide=bool(rng.integers(2)), slow_water=slow)
     names = choose(kind, world, rng)
-    drawn, z = plant(world, names, LIMIT * float(np.exp(rng.uniform(*np.log([EDGES[0], EDGES[-1]])))))
+    drawn, z = plant(world, names, LIMIT * float(np.exp(rng.uniform(*np.log(DRAWN)))))
     if water == "real":
         drawn = injected.in_water_of(drawn, seen)
     else:

@@ -5,7 +5,7 @@
 Nulls and recordings with one known effect are simulated (tests.world.recordings). A null that is attributed to an
 effect or called unexplained is a false alarm; the target is at most 1 %. A set is right if it contains the truth;
 parameters are right if the rms of their errors over their standard errors is 0.9 to 1.1. Real recordings with a
-concealed effect are part of the sealed proof.
+concealed effect are part of the demonstration.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from benchmarks.proof import recordings, run, standing, steps
+from benchmarks.proof import run, standing, steps
 from benchmarks.proof.world import draw
 
 DATA = standing.PROJECT.parent / "shared" / "data"
@@ -36,7 +36,6 @@ def main(given: Sequence[str] | None = None) -> int:
     parser.add_argument("--work", type=Path, default=Path("build/proof"), help="folder of moorings and truth")
     parser.add_argument("--out", type=Path, default=Path("results/proof"), help="folder of the scorecard")
     parser.add_argument("--no-published", dest="published", action="store_false", help="without the published case")
-    parser.add_argument("--no-recordings", dest="recordings", action="store_false", help="without real recordings")
     asked = parser.parse_args(given)
     try:
         if asked.commit or asked.card:
@@ -55,10 +54,7 @@ def prove(asked: argparse.Namespace) -> int:
     wanted = [name for name in names if not (work / "results" / name).exists()]
     run.each(partial(steps.correct, work), wanted, asked.cores, "run")
     standing.publish(asked.out / "left.json", work, [f for name in names for f in steps.left(work / "results" / name)])
-    if asked.recordings:
-        recordings.run(work / "recordings", asked.data, asked.cores)
-    concealed = recordings.scored(work / "recordings", asked.data) if asked.recordings else []
-    made = steps.write(asked.out, work, concealed)
+    made = steps.write(asked.out, work)
     print((asked.out / "scorecard.md").read_text().split("## Every mooring")[0])
     print(f"The truth is in {work / 'locked'}; the whole card in {asked.out}.")
     return int(any(one["missed"] for one in made["goals"]))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import targets
-from benchmarks.proof import score, tally
+from benchmarks.proof import tally
 
 DEFINITIONS = (
     "No fault: nothing is wrong with the compass; its current may be named. Listed effects stand in the catalogue, "
@@ -56,7 +56,6 @@ def _tables(made: dict[str, Any]) -> list[Table]:
     scores = ["probability of", "n", "base rate"]
     for rule in ("Brier score", "log score"):
         scores += [rule, "base rate's", "improvement"]
-    concealed = ["recording", "withheld", "truth", "diagnosis", "score", "best tool that ignores the data"]
     return [
         ("Targets", ["measure", "value", "target"], goals),
         ("Scores", ["tool", *tally.PLACES, "this pipeline minus tool"], _points(made["points"])),
@@ -67,7 +66,6 @@ def _tables(made: dict[str, Any]) -> list[Table]:
         ("Single effects by visible size", sizes, power),
         ("First name by planted effect", ["planted", "named first"], named),
         ("The case of the paper, fitted by its method", ["measure", "value"], _paper(made["published"])),
-        ("Real recordings with a cause withheld", concealed, _recordings(made["recordings"])),
         ("Every mooring", of_moorings, [_mooring(row) for row in made["moorings"]]),
     ]  # fmt: skip
 
@@ -127,31 +125,6 @@ def _paper(paper: dict[str, Any] | None) -> list[list[str]]:
 
 def _errors(one: dict[str, Any]) -> str:
     return f"{_text(one['after_deg'])}°, {_text(one['median_deg'])}°"
-
-
-def _recordings(found: Sequence[dict[str, Any]]) -> list[list[str]]:
-    lines = []
-    for one in found:
-        own = _text(one["points"].get(score.OWN))
-        lines.append([one["name"], one["concealed"], one["known"], one["said"], own, *_blind([one])])
-    for cause, what in ((True, "with a cause withheld"), (False, "with nothing withheld")):
-        some = [one for one in found if one["points"] and one["cause"] == cause]
-        if some:
-            own = _text(_over(some, score.OWN))
-            listed = f"; {_text(_over(some, score.WHOLE))} ({score.WHOLE})"
-            lines.append([f"{len(some)} {what}", "", "", "", own, _blind(some)[0] + listed])
-    return lines
-
-
-def _blind(found: Sequence[dict[str, Any]]) -> list[str]:
-    """Format the best score of the tools that ignore the data."""
-    names = [name for name in found[0]["points"] if name.startswith(("no ", "always"))]
-    best = max(names, key=lambda name: _over(found, name), default="")
-    return [f"{_text(_over(found, best))} ({best})" if best else "–"]
-
-
-def _over(found: Sequence[dict[str, Any]], tool: str) -> float:
-    return sum(float(one["points"][tool]) for one in found) / len(found)
 
 
 def _mooring(row: dict[str, Any]) -> list[str]:

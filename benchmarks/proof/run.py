@@ -1,6 +1,6 @@
-"""Run the pipeline: moorings one by one through the stages of the workflow, real recordings by the workflow itself.
+"""Run the pipeline: moorings one by one through the stages of the workflow, with the same values.
 
-Both give the same values (tests/pipeline/test_process.py); the first does not start an interpreter for each stage.
+It does not start an interpreter for each stage (tests/pipeline/test_process.py).
 """
 
 from __future__ import annotations
@@ -8,7 +8,6 @@ from __future__ import annotations
 import multiprocessing
 import os
 import shutil
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -56,16 +55,6 @@ def process(cruise: Path, name: str, folder: Path) -> str:
         elif path.name not in KEPT:
             path.unlink()
     return ""
-
-
-def workflow(cruise: Path, wanted: Sequence[str], cores: int) -> str:
-    """Create files of a cruise by Snakemake, as a user would, and return an error in one line, if any."""
-    options = ("--workflow-profile", "none", "--keep-going", "--quiet", "rules", "progress")
-    command = runs.snakemake(cruise, *options, "--", *wanted, cores=cores)
-    ran = subprocess.run(command, capture_output=True, text=True, check=False, env=runs.environment(date=None))
-    said = [line.strip() for line in ran.stderr.splitlines() if line.strip()]
-    errors = [line for line in said if "error: " in line or "Exception" in line]
-    return (errors or said or ["no reason was given"])[0] if ran.returncode else ""
 
 
 def _named(job: Callable[[str], str], name: str) -> tuple[str, str]:

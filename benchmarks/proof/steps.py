@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -75,7 +74,7 @@ def left(folder: Path) -> list[Path]:
     return [folder / file for file in (*run.SCORED, "stopped.txt") if (folder / file).exists()]
 
 
-def write(out: Path, work: Path, concealed: Sequence[dict[str, Any]] = ()) -> dict[str, Any]:
+def write(out: Path, work: Path) -> dict[str, Any]:
     """Check all hashes, unseal the truth, score, and write the scorecard.
 
     Raises:
@@ -106,7 +105,6 @@ def write(out: Path, work: Path, concealed: Sequence[dict[str, Any]] = ()) -> di
         "power": tally.power(rows),
         "confusion": tally.confusion(rows),
         "published": found,
-        "recordings": list(concealed),
         "moorings": rows,
     }
     figures.write(out / "figures", made)

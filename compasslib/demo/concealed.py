@@ -62,8 +62,8 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
     ground = sealed.make(seed, name, case.wish)
     water, motion, count = ground.currents, ground.motion, ground.currents.time_s.size
     layers = water.layers.times(np.full(count, case.shear))
-    leans = [red_noise(rng, count, memory=30.0 * HOUR_S / STEP_S, deviation=case.lean_deg) for _ in range(2)]
-    motion = replace(motion, pitch_deg=motion.pitch_deg + leans[0], roll_deg=motion.roll_deg + leans[1])
+    tilts = [red_noise(rng, count, memory=30.0 * HOUR_S / STEP_S, deviation=case.lean_deg) for _ in range(2)]
+    motion = replace(motion, pitch_deg=motion.pitch_deg + tilts[0], roll_deg=motion.roll_deg + tilts[1])
     ground = replace(ground, currents=replace(water, layers=layers), motion=motion)
     planted, effects = [], []
     for cause in case.causes(ground, rng):
@@ -94,7 +94,8 @@ def signal_to_noise(speed: Floats, heading_deg: Floats, turn: Floats, noise: Flo
     Args:
         speed: of the current, m/s, (n,).
         turn: of the readings by the cause, radians, (n,).
-        noise: difference of the currents at both depths across the flow, m/s, (n,); its spectrum is taken by bands.
+        noise: difference of the currents at both depths across the flow, m/s, (n,). Its spectrum is taken by bands;
+            that of the slowest is not known from one series, so that z of a slow cause is an upper limit.
     """
     columns = speed[:, None] * np.column_stack([turn, waves(heading_deg)])
     power = np.abs(np.fft.rfft(noise)[1:]) ** 2
@@ -118,8 +119,8 @@ def beyond(columns: Floats) -> Floats:
 
 def _sized(ground: Ground, effect: Callable[[float], Effect], wanted: float) -> tuple[Effect, float, float]:
     """Scale an effect to a signal-to-noise ratio; return it with the ratio and its visible size, degrees rms."""
-    bare = sealed.read(ground, [], ground.stamp_s)
-    upper = adcp.near_bins(sealed.TOP, bare, ground.currents)
+    plain = sealed.read(ground, [], ground.stamp_s)
+    upper = adcp.near_bins(sealed.TOP, plain, ground.currents)
     lower = adcp.near_bins(sealed.DEEP, sealed.deep_stance(ground, []), ground.currents)
     noise = np.imag((lower - upper) * np.conj(upper) / np.abs(upper)) + ground.random("z").normal(
         0.0, 0.017, len(upper)
@@ -128,9 +129,9 @@ def _sized(ground: Ground, effect: Callable[[float], Effect], wanted: float) -> 
     for _ in range(4):  # iron is not quite proportional to its size
         size *= wanted / z
         read = sealed.read(ground, [effect(size)], ground.stamp_s).recorded_deg
-        turn = np.angle(np.exp(1j * np.deg2rad(read - bare.recorded_deg)))
-        z = signal_to_noise(np.abs(upper), bare.heading_deg, turn, noise)
-    left = beyond(np.column_stack([turn, waves(bare.heading_deg)]))
+        turn = np.angle(np.exp(1j * np.deg2rad(read - plain.recorded_deg)))
+        z = signal_to_noise(np.abs(upper), plain.heading_deg, turn, noise)
+    left = beyond(np.column_stack([turn, waves(plain.heading_deg)]))
     return effect(size), z, float(np.rad2deg(np.std(left)))
 
 
@@ -162,7 +163,7 @@ def _knocked(ground: Ground, rng: np.random.Generator) -> list[Cause]:
 def _knocked_and_leaning(ground: Ground, rng: np.random.Generator) -> list[Cause]:
     always = np.ones(ground.stamp_s.size)
     upright = _iron(always, np.array([0.0, 0.0, rng.choice([-1.0, 1.0])]))
-    heeling = "vertical iron, which reaches the compass as the sphere leans (heeling)"
+    heeling = "vertical iron, which reaches the compass as the sphere tilts (heeling)"
     return [*_knocked(ground, rng), Cause(heeling, "tilt", upright, "heeling", along=always)]
 
 

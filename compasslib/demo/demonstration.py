@@ -238,13 +238,14 @@ MOORINGS = (
         top=_top(8103, coordinates="beam"),
         deep=_long_ranger(7513, 52, minutes=7.0, looks_up=True, cell_m=8.0, first_bin_m=10.0), deep_depth_m=524.0,
     ),
-    # The large one of Fig. 7: 1.3 times the field, at headings where the reading decreases (beta near arg p + 180).
+    # The large one of Fig. 7, whose fitted series folds as published: it is inverted from 29 to 84 degrees.
+    # Three times the field, at headings where the reading decreases (beta near arg p + 180).
     MooringSpec(
         "EG4", 65 + 20.0 / 60, -(32 + 57.3 / 60), 894.0,
         climate=Climate(mean_m_s=0.28, cyclone_m_s=0.35),
-        rig=Rig(2900.0, heading_offset_deg=-30.0, wobble_deg=14.0, rest_pitch_deg=-3.0, rest_roll_deg=3.4),
-        iron=_iron(hard_nt=(8300.0, -13000.0, 1500.0),
-                   soft_percent=((2.0, 0.5, 0.3), (-0.4, -1.0, -0.4), (0.2, 0.5, 1.0))),
+        rig=Rig(2900.0, heading_offset_deg=-34.0, wobble_deg=18.0, rest_pitch_deg=-3.0, rest_roll_deg=3.4),
+        iron=_iron(hard_nt=(21500.0, -32000.0, 2000.0),
+                   soft_percent=((2.2, -1.9, 0.3), (-1.9, -2.2, -0.4), (0.2, 0.5, 1.0))),
         top=_top(8104), deep=_long_ranger(7514, 86, minutes=2.0, looks_up=False, cell_m=4.0, first_bin_m=5.6),
     ),
     # Three quarters of the horizontal field, with vertical iron that affects the heading when tilted.

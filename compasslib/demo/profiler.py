@@ -1,8 +1,8 @@
 """Simulation of a McLane profiler with a Falmouth 3D-ACM, two profiles a day, and of the files of the meter.
 
-A real profiler logs its whole profile at 2 Hz, about 600 MB per mooring and year. Here the ACM is switched on for the
-uppermost 60 m of each profile only, next to the bumper under the sphere, and logs four minutes at 1 Hz: 20 MB. While
-the wire leans too much, the profiler is stuck at depth for days and logs one minute of each profile there.
+A real profiler logs its whole profile at 2 Hz, about 600 MB per mooring and year. Here the scans are thinned to 20 MB:
+one in two seconds in the uppermost 60 m, next to the bumper under the sphere, and one every 8 m down to the bottom.
+While the wire leans too much, the profiler is stuck at depth for days and logs one minute of each profile there.
 """
 
 from __future__ import annotations
@@ -160,14 +160,20 @@ class Profiler:
 
 @dataclass(frozen=True)
 class Plan:
-    """All profiles of the deployment, (p,) each."""
+    """All profiles of the deployment, (p,) each, and their r scans."""
 
     number: NDArray[np.int64]
     ascending: NDArray[np.bool_]
-    begin_s: Floats  # first scan
     scans: NDArray[np.int64]
+    time_s: Floats  # (r,) of the scans
     top_s: Floats  # time at the bumper: arrival or departure
     stuck_m: Floats  # depth at which it is stuck, NaN if it moves
+    bottom_m: float
+
+    @property
+    def first(self) -> NDArray[np.int64]:
+        """Index of the first scan of each profile, (p,)."""
+        return np.asarray(np.cumsum(self.scans) - self.scans)
 
 
 def plan(
@@ -176,11 +182,17 @@ def plan(
     motion: Motion,
     span_s: tuple[float, float],
     *,
-    logged_s: int = 240,
-    dwell_s: int = 10,
-    stuck_s: int = 60,
+    near_s: float = 230.0,
+    dwell_s: float = 10.0,
+    stuck_s: float = 60.0,
+    step_s: tuple[float, float] = (2.0, 32.0),
 ) -> Plan:
-    """Plan the profiles: odd numbers ascend, even ones descend, and none reaches the top while it is stuck."""
+    """Plan the profiles: odd numbers ascend, even ones descend, and none reaches the top while it is stuck.
+
+    Args:
+        near_s, dwell_s: time in which it passes the uppermost water, and at the bumper.
+        step_s: time between two scans in the uppermost water and below.
+    """
     start = np.arange(span_s[0] + profiler.first_s, span_s[1] - 4 * HOUR_S, 12 * HOUR_S)
     number = np.arange(start.size) + 1
     ascending = number % 2 == 1
@@ -188,18 +200,20 @@ def plan(
     top = np.rint(start + np.where(ascending, way_s, 30.0))
     blown = np.interp(top, motion.time_s, motion.sphere_depth_m) - NOMINAL_M
     stuck = _stuck_depths(rng, blown, profiler.bottom_m)
-    running = np.isnan(stuck)
-    before = np.where(ascending, logged_s - dwell_s, dwell_s)
-    begin = np.where(running, top - before, np.rint(start + 120.0))
-    return Plan(number, ascending, begin, np.where(running, logged_s, stuck_s), top, stuck)
+    down = np.concatenate([np.arange(-dwell_s, near_s, step_s[0]), np.arange(near_s, np.floor(way_s), step_s[1])])
+    parked = 120.0 + np.arange(stuck_s)
+    times = [
+        begin + parked if held else at - down[::-1] if up else at + down
+        for begin, at, up, held in zip(np.rint(start), top, ascending, ~np.isnan(stuck), strict=True)
+    ]
+    scans = np.array([time.size for time in times])
+    return Plan(number, ascending, scans, np.concatenate(times), top, stuck, profiler.bottom_m)
 
 
 def log(rng: np.random.Generator, schedule: Plan, water: Water, motion: Motion, *, field: Field) -> Scans:
     """Simulate the data logged by the current meter."""
-    count = schedule.number.size
+    count, first, time = schedule.number.size, schedule.first, schedule.time_s
     profile = np.repeat(np.arange(count), schedule.scans)
-    first = np.cumsum(schedule.scans) - schedule.scans
-    time = schedule.begin_s[profile] + np.arange(profile.size) - first[profile]
     sphere = np.interp(time, motion.time_s, motion.sphere_depth_m)
     depth, sinking = _position(schedule, profile, time, sphere)
     flow = sea.velocity(water, time, depth)
@@ -211,17 +225,18 @@ def log(rng: np.random.Generator, schedule: Plan, water: Water, motion: Motion, 
     # The first scan after switching on is aliased.
     reading[first] += rng.normal(0.0, (30.0, 3.0, 3.0, 0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 2.0), (count, 10))
     reading[:, 0] = circle(np.round(reading[:, 0], 2))
-    on = schedule.begin_s - rng.integers(5, 11, count)
-    off = schedule.begin_s + schedule.scans
+    on, off = time[first] - rng.integers(5, 11, count), time[first + schedule.scans - 1] + 1.0
     return Scans(schedule.number, schedule.scans, on.astype(int), off.astype(int), time.astype(int), reading)
 
 
 def write_engineering(path: Path, schedule: Plan, motion: Motion, latitude_deg: float) -> None:
-    """Write the profiler's own table of time and pressure, around the logged part of each profile."""
-    steps = 5 + schedule.scans // 10
-    profile = np.repeat(np.arange(steps.size), steps)
-    position = np.arange(profile.size) - (np.cumsum(steps) - steps)[profile]
-    time = schedule.begin_s[profile] + 10 * (position - 2.0)
+    """Write the profiler's own table of time and pressure, every 10 s near the top and half a minute below."""
+    ends = schedule.time_s[schedule.first], schedule.time_s[schedule.first + schedule.scans - 1]
+    times = []
+    for begin, end, top in zip(*ends, schedule.top_s, strict=True):
+        whole = np.arange(begin - 20.0, end + 30.0, 10.0)
+        times.append(whole[(np.abs(whole - top) < 300.0) | (np.arange(whole.size) % 3 == 0)])
+    profile, time = np.repeat(np.arange(len(times)), [each.size for each in times]), np.concatenate(times)
     depth = _position(schedule, profile, time, np.interp(time, motion.time_s, motion.sphere_depth_m))[0]
     stamps = np.datetime_as_string(time.astype("datetime64[s]")).tolist()
     pairs = zip(stamps, sea.pressure(depth, latitude_deg).tolist(), strict=True)
@@ -252,22 +267,23 @@ def _position(schedule: Plan, profile: NDArray[np.intp], time_s: Floats, sphere_
     away = np.where(schedule.ascending, -1.0, 1.0)[profile]
     since = away * (time_s - schedule.top_s[profile])
     running = np.isnan(schedule.stuck_m)[profile]
-    below = BUMPER_M + SPEED_M_S * np.maximum(since, 0.0)
-    depth = np.where(running, sphere_m + below, schedule.stuck_m[profile])
-    return depth, np.where(running & (since > 0), SPEED_M_S * away, 0.0)
+    below = sphere_m + BUMPER_M + SPEED_M_S * np.maximum(since, 0.0)
+    depth = np.where(running, np.minimum(below, schedule.bottom_m), schedule.stuck_m[profile])
+    return depth, np.where(running & (since > 0) & (below < schedule.bottom_m), SPEED_M_S * away, 0.0)
 
 
 def _swing(
     rng: np.random.Generator, flow: Complexes, time_s: Floats, profile: NDArray[np.intp], first: NDArray[np.intp]
 ) -> tuple[Floats, Floats]:
     """Simulate the heading, oscillating about the upstream direction, degrees, and its rate of change, rad/s."""
-    mean = np.add.reduceat(flow, first)
-    middle = sea.direction(mean) + 180.0 + rng.normal(0.0, 15.0, first.size)
+    parts = np.unique(np.concatenate([first, np.arange(0, flow.size, 40)]))  # stretches whose mean current it follows
+    middle = np.repeat(sea.direction(np.add.reduceat(flow, parts)), np.diff(np.append(parts, flow.size)))
+    middle = middle + 180.0 + rng.normal(0.0, 15.0, first.size)[profile]
     angular = 2 * np.pi / rng.uniform(60.0, 100.0, first.size)
     amplitude, start = np.abs(rng.normal(4.0, 1.5, first.size)), rng.uniform(0.0, 2 * np.pi, first.size)
     phase = angular[profile] * (time_s - time_s[first][profile]) + start[profile]
     rate = np.deg2rad(amplitude * angular)[profile] * np.cos(phase)
-    return middle[profile] + amplitude[profile] * np.sin(phase), rate
+    return middle + amplitude[profile] * np.sin(phase), rate
 
 
 def _compass(

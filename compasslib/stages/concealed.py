@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from compasslib.plots.timeseries import draw_errors, error_reach
 from compasslib.preparation.references import combine_references
 from compasslib.records import BAD
 from compasslib.report import sections, words, write_page
-from compasslib.report.results import ReportedFinding, ReportFigure
+from compasslib.report.results import ReportFigure
 from compasslib.stages.real import FOLDER
 from compasslib.statistics.resampling import NORMAL_95, block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
@@ -100,6 +100,11 @@ class HeadingErrors:
         return final is not None and alone is not None and final[1] > alone[2]
 
     @property
+    def mean_deg(self) -> float:
+        """Mean error of the corrected headings."""
+        return float(np.nanmean(self.corrected_deg))
+
+    @property
     def sigma_rms_deg(self) -> float:
         """Rms of the stated standard deviation over the corrected headings."""
         return angles.rms(self.sigma_deg[np.isfinite(self.corrected_deg + self.sigma_deg)])
@@ -152,9 +157,7 @@ def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingError
     picture, size = read_pictures(root / name)["diagnosis"]
     caption = sections.diagnosis_caption(diagnosis)
     figures.append(ReportFigure("Diagnosis", caption, f"{name}/figures/diagnosis.png", picture, *size))
-    fields = {cause["driver"]: cause.get("field") or {} for cause in truth["planted"]}
-    findings, stated = sections.report_findings(diagnosis, product=True), diagnosis["findings"]
-    known = [_with_truth(said, fields.get(driver_of(x), {})) for said, x in zip(findings, stated, strict=False)]
+    stated = diagnosis["findings"]
     of_compass = [x for x in stated if x["side"] in ("compass", "clock")]
     return {
         "name": name,
@@ -164,7 +167,7 @@ def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingError
         "false": [x for x in of_compass if driver_of(x) not in {cause["driver"] for cause in truth["planted"]}],
         "use": read_json(root / name / "assessment.json")["use"],
         "sensitivity": " ".join(words.paragraphs("diagnosis", "sensitivity", d=diagnosis)),
-        "findings": (*known, *findings[len(known) :]),
+        "findings": sections.report_findings(diagnosis, product=True),
         "errors": errors,
         "figures": figures,
         "href": f"report.html#mooring-{name}",
@@ -178,7 +181,7 @@ def driver_of(finding: Mapping[str, Any]) -> str:
 
 
 def named_level(cause: Mapping[str, Any], findings: Sequence[Mapping[str, Any]]) -> str:
-    """Return how much of a cause findings state with 0.95: its effect, its driver, or nothing (an empty text)."""
+    """Grade what findings state of a cause with 0.95: its effect, its driver, or nothing (an empty text)."""
     levels = {
         "effect" if x["level"] == "effect" and x["effect"] == (cause["effect"] or "composed") else "driver"
         for x in findings
@@ -204,13 +207,3 @@ def count_named(
         ("Simulated moorings", len(causes), sum(map(bool, causes)), causes.count("effect"), len(nulls),
          sum(bool(item["false"]) for item in nulls)),
     ]  # fmt: skip
-
-
-def _with_truth(said: ReportedFinding, field: Mapping[str, Any]) -> ReportedFinding:
-    """Add the true field to the parameters of a finding if iron with the same driver was planted."""
-    if said.parameters is None or not field:
-        return said
-    known = {row: next((field[way] for way in field if row[0].endswith(way)), None) for row in said.parameters.rows}
-    unit = f"{words.SPACE}{field['unit']}"
-    rows = tuple((*row, words.number(x, 0) + unit * (x is not None)) for row, x in known.items())
-    return replace(said, parameters=replace(said.parameters, header=(*said.parameters.header, "Truth"), rows=rows))

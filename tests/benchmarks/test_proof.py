@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks import targets
 from benchmarks.proof import __main__ as command
-from benchmarks.proof import recordings, score, standing, steps, tally
+from benchmarks.proof import score, standing, steps, tally
 from benchmarks.proof.world import compass, draw, families, records, scene, seas
 
 HOURS, SEED = 800, 3
@@ -47,7 +47,7 @@ TRUTHS = [
 
 @pytest.fixture(scope="module")
 def proof(tmp_path_factory):
-    """Run a proof of two short moorings, without the published ones and recordings."""
+    """Run a proof of two short moorings, without the published ones."""
     folder = tmp_path_factory.mktemp("proof")
     assert command.main(asked(folder)) == 0
     return folder
@@ -57,7 +57,7 @@ def asked(folder: Path) -> list[str]:
     places = ["--work", str(folder / "work"), "--out", str(folder / "out"), "--data", str(folder / "none")]
     return [
         *("--seed", str(SEED), "--count", "2", "--cores", "1", "--hours", str(HOURS), *places),
-        *("--no-published", "--no-recordings"),
+        "--no-published",
     ]
 
 
@@ -149,13 +149,6 @@ def test_perfect_tool_scores_one_and_blind_tools_low():
 def test_outcomes_and_points_of_verdicts(true, diagnosis, outcome, points):
     assert score.judge(true, diagnosis) == outcome
     assert score.points(true, diagnosis) == pytest.approx(points)
-
-
-def test_listing_all_effects_scores_low_on_real_recordings():
-    for one in (*recordings.MOORINGS, *recordings.CALIBRATIONS):
-        true = recordings.truth_of(one)
-        assert score.points(true, score.perfect(true)) == 1.0
-        assert score.points(true, score.said(list(score.CATALOGUE))) < 0.1
 
 
 def test_calibrated_probabilities_beat_the_base_rate():
@@ -280,12 +273,6 @@ def test_moorings_are_drawn_in_the_stated_shares():
     assert waters == [{"made", "eh2", "papa"}, {"eh2", "papa", "aqd"}]  # stand-in references are never extended
     assert draw.draw(1, (200, 100), 8800, there) == drawn != draw.draw(2, (200, 100), 8800, there)
     assert {one.kind for one in draw.draw(1, (9, 3), 8800, there, kind="undecidable")} == {"undecidable"}
-
-
-def test_recording_is_run_through_the_workflow(tmp_path):
-    recordings.run(tmp_path, tmp_path / "no data", cores=1)  # the files of all recordings but one are absent
-    made = {one["name"]: one for one in recordings.scored(tmp_path, tmp_path / "no data")}["eight_headings"]
-    assert made["outcome"] == "right" and made["points"][score.OWN] == 1.0, made["said"]
 
 
 def test_results_are_older_unless_the_engine_is_the_same_or_differs_only_in_an_error(monkeypatch):

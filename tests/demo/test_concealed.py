@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,7 +17,7 @@ from compasslib.archive import crate, netcdf
 from compasslib.archive.files import write_json
 from compasslib.demo import concealed
 from compasslib.stages import real
-from compasslib.stages.concealed import HeadingErrors
+from compasslib.stages.concealed import HeadingErrors, named_level
 from compasslib.stages.concealed import concealed as set_beside
 from compasslib.stages.recordings import describe
 from tests.world.launch import PROJECT, snakemake
@@ -47,11 +48,47 @@ def test_causes_depend_on_the_seed_and_have_the_stated_sizes(tmp_path, name):
     first, second = (told(tmp_path / f"{seed}", name) for seed in (1, 2))
     assert first["heading_deg"] != second["heading_deg"]
     assert (tmp_path / f"1/raw/{name}/top.000").read_bytes() != (tmp_path / f"2/raw/{name}/top.000").read_bytes()
-    lowest, highest = 0.8 * concealed.SMALLEST_DEG, 1.2 * concealed.LARGEST_DEG
-    assert all(lowest < cause["size_deg"] < highest for cause in first["planted"] + second["planted"])
+    assert all(3.5 < cause["z"] < 15.5 for cause in first["planted"] + second["planted"])
     assert [len(x["planted"]) for x in (first, second)] == [{"C1": 2, "C4": 0}.get(name, 1)] * 2
     start, end = (np.datetime64(text).astype("datetime64[s]").astype(float) for text in ("2014-08-01", "2014-12-04"))
     assert start <= first["time_s"][0] < first["time_s"][-1] <= end  # as in config/moorings
+
+
+def test_signal_to_noise_is_that_of_generalized_least_squares():
+    """Against the exact covariance of white and slow noise; of a slow cause the ratio is an upper limit."""
+    rng, hours = np.random.default_rng(5), np.arange(2000.0)
+    speed, heading = 0.2 + 0.05 * rng.random(2000), rng.uniform(0.0, 360.0, 2000)
+    covariance = 0.02**2 * (np.eye(2000) + np.exp(-np.abs(hours[:, None] - hours) / 120.0))
+    root, fitted = np.linalg.cholesky(covariance), concealed.waves(heading)
+    noises = [root @ rng.normal(size=2000) for _ in range(10)]
+    for turn, least, most in ((np.sin(np.deg2rad(3.0 * heading)), 0.95, 1.05), (hours > 800.0, 1.0, 2.0)):
+        exact = concealed.beyond(np.linalg.solve(root, speed[:, None] * np.column_stack([turn, fitted])))
+        found = [concealed.signal_to_noise(speed, heading, turn, noise) for noise in noises]
+        assert least < np.mean(found) / np.linalg.norm(exact) < most
+
+
+def test_the_board_of_c2_bends_after_it_warms():
+    ground = concealed.sealed.make(1, "C2", concealed.CASES["C2"].wish)
+    (cause,) = concealed.CASES["C2"].causes(ground, np.random.default_rng(1))
+    bent = cause.effect(1.0).reading(np.zeros((len(ground.stamp_s), 1)))[:, 0]
+    late = np.where(ground.currents.time_s > ground.stamp_s[1000], 5.0, 0.0)
+    (other,) = concealed.CASES["C2"].causes(
+        replace(ground, temperature_c=ground.temperature_c + late), np.random.default_rng(1)
+    )
+    again = other.effect(1.0).reading(np.zeros((len(ground.stamp_s), 1)))[:, 0]
+    before = slice(0, 1000)  # what happens later changes its scale only
+    assert np.corrcoef(bent[before], again[before])[0, 1] > 1.0 - 1e-12
+
+
+def test_what_is_named_of_a_cause_and_what_has_no_cause():
+    cause = {"driver": "tilt", "effect": "heeling"}
+    stated = {"side": "compass", "level": "effect", "effect": "heeling", "driver": "tilt"}
+    assert named_level(cause, [stated | {"level": "side"}]) == ""
+    assert named_level(cause, [stated | {"level": "driver", "driver": "pitch"}]) == "driver"
+    assert named_level(cause, [stated | {"effect": "moving_iron"}, stated]) == "effect"
+    assert (
+        named_level(cause | {"effect": ""}, [stated]) == "driver"
+    )  # a listed effect is not the one that is not listed
 
 
 @pytest.mark.parametrize(("scatter", "understated"), [(1.0, False), (2.0, True)])
@@ -71,10 +108,11 @@ def processed(tmp_path_factory):
     assert ran.returncode == 0, ran.stderr
     product = netcdf.read_corrected(made / "corrected.nc", velocities=False)
     off = np.where(np.arange(400) < 200, 2.0, -2.0)
-    planted = {"what": "a <planted> change", "driver": "time", "date": "2007-09-10T00:00:00", "size_deg": 2.0}
+    planted = {"what": "a <planted> change", "driver": "time", "effect": "hard_iron_step", "z": 7.0}
+    planted |= {"date": "2007-09-10T00:00:00", "size_deg": 2.0}
     planted |= {"field": {"forward": 12, "starboard": -3, "down": 4, "unit": "nT"}}
     truth = {
-        "mooring": "C1", "title": "a case", "seed": 7, "planted": [planted],
+        "mooring": "C1", "title": "a case", "seed": 7, "undecidable": "", "planted": [planted],
         "time_s": product.record.time_s.tolist(),
         "heading_deg": [None, *(product.heading_corrected_deg - off)[1:].tolist()],
     }  # fmt: skip

@@ -13,10 +13,13 @@ import yaml
 
 from compasslib.demo import adcp, compass, demonstration, water
 from compasslib.demo.demonstration import DEPLOYED_S, MOORINGS, RECOVERED_S
+from compasslib.deviation.model import observed_heading
+from compasslib.deviation.series import fit_series_about_mean, inverse_table
 from compasslib.readers.mmp import scans as mmp_scans
 from compasslib.readers.pd0 import currents, decode
 from compasslib.readers.pd0.fields import Coordinates
-from tests.world import pairs
+from compasslib.records import Pairs
+from tests.world import pairs as sea
 
 PROJECT = Path(__file__).resolve().parents[2]
 VECTORS = PROJECT.parent / "shared" / "data" / "vectors.json"
@@ -100,7 +103,7 @@ def test_compass_reproduces_known_solutions():
 
 @pytest.mark.parametrize(
     ("name", "strength"),
-    [("EG1", 0.35), ("EG2", 0.1), ("EG3", 0.55), ("EG4", 1.3), ("EG5", 0.75), ("EG6", 1.5), ("EG7", 0.45)],
+    [("EG1", 0.35), ("EG2", 0.1), ("EG3", 0.55), ("EG4", 3.2), ("EG5", 0.75), ("EG6", 1.5), ("EG7", 0.45)],
 )
 def test_iron_has_the_intended_strength(name, strength):
     iron, (horizontal, vertical) = demonstration.spec_of(name).iron, (11_985.0, 52_078.0)
@@ -116,6 +119,25 @@ def test_sphere_tilts_as_published(worlds, name):
     assert 4.0 < np.median(tilt) < 6.0
     assert np.percentile(tilt, 1) > 2.5
     assert tilt.max() < 10.0
+
+
+def test_series_of_eg4_folds_as_published(worlds):
+    """Von Appen 2015, Fig. 7: inverted from 29 to 84 degrees, where 55 recorded are some 185 correct ones."""
+    world = worlds["EG4"]
+    top, deep = demonstration.top_stance(world), demonstration.deep_stance(world, world.spec.deep)
+    wet, white = top.in_water, water.white_vector(np.random.default_rng(0), top.in_water.sum(), 0.02)
+    upper, lower = (
+        water.clockwise(adcp.near_bins(spec.setup, stance, world.currents)[wet], -top.declination_deg[wet])
+        for spec, stance in ((world.spec.top, top), (world.spec.deep, deep))
+    )
+    upper, none = water.clockwise(upper + white, (top.recorded_deg - top.heading_deg)[wet]), np.zeros(wet.sum())
+    pairs = Pairs(
+        top.time_s[wet], top.recorded_deg[wet], none, none, upper.real, upper.imag, lower.real, lower.imag, none, none,
+        none, none,
+    )  # fmt: skip
+    recorded, correct = inverse_table(fit_series_about_mean(pairs), observed_heading(pairs))
+    assert (recorded[0] % 360.0, recorded[-1] % 360.0) == pytest.approx((29.0, 84.0), abs=4.0)
+    assert np.ptp(recorded) == pytest.approx(55.0, abs=5.0) and 160.0 < np.ptp(correct) < 190.0
 
 
 def test_deep_moorings_are_blown_down(worlds):
@@ -264,20 +286,21 @@ def test_profiler_sticks_and_its_climb_rate_is_measured(cruise):
     up, down = (np.abs(sinking - speed) < 0.02 for speed in (-0.25, 0.25))
     assert np.median((x - np.sqrt(2) * values[:, 9])[up]) == pytest.approx(-25.0, abs=0.5)
     assert np.median((-x + np.sqrt(2) * values[:, 7])[down]) == pytest.approx(25.0, abs=0.5)
+    assert (np.percentile(depth, 0.1), depth.max()) == pytest.approx((102.0, 1158.0), abs=5.0)  # Table 1
 
 
 def test_files_stay_small_enough(cruise):
     for name in WRITTEN:
         size = sum((cruise / "raw" / file).stat().st_size for file in demonstration.raw_files(name))
-        assert size < 32e6, name
+        assert size < 34e6, name
 
 
 def test_missing_samples_do_not_shift_the_reference_flow():
     """With gaps, as in real records, the reference's flow belongs to the time of a sample and not to its index."""
-    whole = pairs.make(3, wide=True, n=400)
+    whole = sea.make(3, wide=True, n=400)
     kept = np.flatnonzero(np.arange(400) % 7 != 3)
     some = {name: x[..., kept] for name, x in vars(whole).items() if np.ndim(x) and np.shape(x)[-1] == 400}
-    drawn = pairs.planted(replace(whole, **some), {})
+    drawn = sea.planted(replace(whole, **some), {})
     lower = (whole.flow + whole.difference)[kept]
     assert len(drawn.pairs) == len(kept)
     assert np.allclose(drawn.pairs.lower_east + 1j * drawn.pairs.lower_north, lower)
@@ -285,16 +308,16 @@ def test_missing_samples_do_not_shift_the_reference_flow():
 
 @pytest.mark.parametrize("logged", [True, False])
 def test_reference_errs_by_constant_and_iron_of_its_own_heading(logged):
-    bare = pairs.planted(pairs.make(3, wide=True, n=500), {})
-    constant, sine, cosine = pairs.reference_sizes((11_980.0, 52_078.0))
+    bare = sea.planted(sea.make(3, wide=True, n=500), {})
+    constant, sine, cosine = sea.reference_sizes((11_980.0, 52_078.0))
     # 525 nT of 11,980 are 2.51 degrees, and 0.4 degrees times the dip's tangent of 4.35 are 1.74.
     assert (constant, sine, cosine) == pytest.approx((2.0, 3.05, 3.05), abs=0.01)
-    made = pairs.refer(bare, np.array([5.0, 3.0, 0.0]), np.random.default_rng(1), logged=logged)
-    before, after = (pairs.towards(x.pairs.lower_east + 1j * x.pairs.lower_north) for x in (bare, made))
-    wrong = pairs.wrap(after - before)
+    made = sea.refer(bare, np.array([5.0, 3.0, 0.0]), np.random.default_rng(1), logged=logged)
+    before, after = (sea.towards(x.pairs.lower_east + 1j * x.pairs.lower_north) for x in (bare, made))
+    wrong = sea.wrap(after - before)
     np.testing.assert_allclose(wrong, made.reference_deg, atol=1e-9)
     own = made.pairs.lower_heading_deg
     assert (own is not None) == logged
-    heading = own - wrong if logged else pairs.towards(bare.world.water)
+    heading = own - wrong if logged else sea.towards(bare.world.water)
     # A vane lies along the flow within 10 degrees, of whose sine the tenth part of 3 degrees is 0.5.
     assert np.std(wrong - 5.0 - 3.0 * np.sin(np.deg2rad(heading))) < (1e-9 if logged else 0.6)
