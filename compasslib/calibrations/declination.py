@@ -168,12 +168,12 @@ def check_field(
         why = "a variation about zero: the baseline is missing" if variation else why
         known = ((" H", horizontal, ".0f"), (" Z", vertical, "+.0f"))
         parts = "".join(f",{name} {value:{form}} nT" for name, value, form in known if np.isfinite(value))
-        found = f"D {declination:+.2f} degrees{parts} ({why})"
+        observed = f"D {declination:+.2f} degrees{parts} ({why})"
         year = np.datetime64(int(time_s), "s").astype("datetime64[Y]")
         by_model = "D {:+.1f} degrees, H {:.0f} nT, Z {:+.0f} nT at {:g} N {:g} E in {}".format(*model, *place, year)
         if variation or across > impossible_nT:
-            raise InputError(where, expected=f"about {by_model}, as IGRF has", found=found, advice=ADVICE)
-        warnings.setdefault(where, f"{where}: {found}, where IGRF has {by_model}")
+            raise InputError(where, expected=f"about {by_model}, as IGRF has", found=observed, advice=ADVICE)
+        warnings.setdefault(where, f"{where}: {observed}, where IGRF has {by_model}")
     return list(warnings.values())
 
 

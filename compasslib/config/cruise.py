@@ -393,10 +393,13 @@ def _parsed(text: str, name: str) -> Any:
         return yaml.load(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
         mark: Any = error.problem_mark or error.context_mark
-        where, found = f"{name}: line {mark.line + 1}, column {mark.column + 1}", f"a mistake of form ({error.problem})"
+        where, actual = (
+            f"{name}: line {mark.line + 1}, column {mark.column + 1}",
+            f"a mistake of form ({error.problem})",
+        )
     except yaml.reader.ReaderError as error:
-        where, found = f"{name}: line {text.count(chr(10), 0, error.position) + 1}", "a control character"
+        where, actual = f"{name}: line {text.count(chr(10), 0, error.position) + 1}", "a control character"
     except RecursionError:
-        where, found = name, "very many levels of brackets"
+        where, actual = name, "very many levels of brackets"
     advice = "check indentation, colons, quotes and brackets"
-    raise InputError(where, expected="YAML", found=found, advice=advice) from None
+    raise InputError(where, expected="YAML", found=actual, advice=advice) from None

@@ -103,12 +103,9 @@ def correct_in_pieces(
     )
     probability = np.where(doubted, np.minimum(decision.probability, 0.0), decision.probability)
     decision = replace(decision, sigma_deg=whole, common_deg=common, probability=probability)
-    return CorrectedPieces(record, decision, field, _declination_sigma(fit, field))
-
-
-def _declination_sigma(fit: DeviationFit, field: EarthField) -> float:
-    """Return the declination's standard deviation; 0 where the fit's reference is true, and the headings hold it."""
-    return declination_sigma(field) if fit.reference is None or fit.reference.magnetic else 0.0
+    # Where the fit's reference is true, the headings include the error of the declination.
+    declination_deg = declination_sigma(field) if fit.reference is None or fit.reference.magnetic else 0.0
+    return CorrectedPieces(record, decision, field, declination_deg)
 
 
 def _slope(fit: DeviationFit, heading_deg: Floats) -> Floats:

@@ -120,10 +120,6 @@ def _in_side_lobe(record: Record, wanted: bool, water_depth: float) -> Bools:
     return wanted & (record.bin_range_m > reach) & ~_beyond(record, None, water_depth) & (steps.size > 0)
 
 
-def _without_length(record: Record, _: None, water_depth: float) -> Bools:
-    return (np.diff(record.bin_range_m, axis=1) == 0.0).any(axis=1)[:, None]  # as where the cell length was lost
-
-
 def _frozen(record: Record, _: None, water_depth: float) -> Bools:
     """Find runs of samples whose velocities repeat the previous ones in all bins; all-zero samples are not tested."""
     steps = max(len(record.time_s) - 1, 0)
@@ -161,7 +157,8 @@ CHECKS = (  # in the order of their bits
           sentence="out of the water by the instrument's own depth; correct start and end of the deployment"),
     Check("side_lobe", "imos_side_lobe", _in_side_lobe, threshold="side_lobe"),
     Check("beyond_boundary", "beyond_surface_or_bottom", _beyond),
-    Check("bins_without_length", "bins_without_length", _without_length,
+    Check("bins_without_length", "bins_without_length",  # as where the cell length was lost
+          lambda record, _, depth: (np.diff(record.bin_range_m, axis=1) == 0.0).any(axis=1)[:, None],
           sentence="bins of no length, whose depths nothing tells"),
     Check("excluded", "excluded_by_operator"),
     Check("heading", "heading"),
