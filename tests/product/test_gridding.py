@@ -332,6 +332,8 @@ def test_transport_has_the_sigma_of_turned_velocities(written):
     assert least < made.sigma.values[at] <= np.sqrt(least**2 + rest)  # cells' sigma holds the heading's part too
     assert made.mean_sigma > 0.05 * abs(np.nanmean(np.nansum(currents.velocity.imag * 2000.0 * height, axis=1)[whole]))
     assert (made.TIME == currents.to_xarray().TIME).all()
+    part = currents.transport(*span, width_m=2000.0, along_deg=90.0, least_share=0.5)
+    assert np.isfinite(part.values).sum() > whole.sum() and (part.values[whole] == made.values[whole]).all()
     with pytest.raises(InputError, match=r"expected from_m and to_m within .* found 0 to 900; name other depths"):
         currents.transport(0.0, 900.0, width_m=1.0, along_deg=0.0)
 
