@@ -402,46 +402,53 @@ class GriddedCurrents(Labelled):
         sigma = sum_sigma(east, north, flow, remainder, source, self.errors, step_s, memory_s=self.memory_s)
         return float(np.sum(east * flow.real + north * flow.imag)), sigma
 
-    def transport(self, from_m: float, to_m: float, *, width_m: float, along_deg: float) -> xarray.DataArray:
+    def transport(
+        self, from_m: float, to_m: float, *, width_m: float, along_deg: float, least_share: float = 1.0
+    ) -> xarray.DataArray:
         """Compute the volume transport past the mooring between two depths, m3/s, positive towards a direction.
 
-        Times at which one of the depths has no velocity are missing. The coordinate ``sigma`` is the standard
-        deviation of each time; the attributes ``mean`` and ``mean_sigma`` are those of the mean over all other times,
-        with the heading error that they have in common.
+        The coordinate ``sigma`` is the standard deviation of each time. The attributes ``mean_transport`` and
+        ``mean_sigma`` are of the mean over all times with a transport, whose heading errors are partly common.
 
         Args:
             width_m: width of the section that the velocities stand for.
             along_deg: direction, clockwise from true north.
+            least_share: share of the range that must have velocities; what has none is taken to move as the mean of the
+                rest, without an uncertainty of its own.
 
         Raises:
-            InputError: the depths do not lie within those of the file, or no time has a velocity at all of them.
+            InputError: the depths do not lie within those of the file, or no time has velocities at enough of them.
             ImportError: xarray is not installed.
         """
         upper, lower = self.bounds_m.T if len(self.bounds_m) else np.zeros((2, 1))
         if not upper[0] <= from_m < to_m <= lower[-1]:
             expected, advice = f"from_m and to_m within {upper[0]:g} to {lower[-1]:g} m", "name other depths"
             raise InputError(self.path, expected=expected, found=f"{from_m:g} to {to_m:g}", advice=advice)
-        height_m = np.maximum(np.minimum(lower, to_m) - np.maximum(upper, from_m), 0.0)
         flow, remainder, source = self._terms
-        whole = np.all(source[:, height_m > 0.0] >= 0, axis=1)
-        if not whole.any():
-            expected, advice = f"a time with velocities at all depths of {from_m:g} to {to_m:g} m", "name other depths"
-            raise InputError(self.path, expected=expected, found="none", advice=advice)
-        sine, cosine = angles.sin_cos(along_deg)
-        east, north = (width_m * height_m * float(part) * whole[:, None] for part in (sine, cosine))
+        height_m = np.maximum(np.minimum(lower, to_m) - np.maximum(upper, from_m), 0.0) * (source >= 0)
+        share = height_m.sum(axis=1) / (to_m - from_m)
+        enough = share >= least_share - 1e-6
+        if not enough.any():
+            expected = f"a time with velocities at {100 * least_share:g} % of {from_m:g} to {to_m:g} m"
+            advice = "name other depths, or a smaller least_share"
+            raise InputError(self.path, expected=expected, found=f"{100 * share.max():.3g} %", advice=advice)
+        area = width_m * height_m * np.where(enough, 1.0 / np.maximum(share, 1e-6), 0.0)[:, None]
+        east, north = (area * float(part) for part in angles.sin_cos(along_deg))
         series = np.sum(east * flow.real + north * flow.imag, axis=1)
         sigma = np.sqrt(time_variances(east, north, flow, remainder, source, self.errors))
-        mean, mean_sigma = self.sum_cells(east / whole.sum(), north / whole.sum())
+        mean, mean_sigma = self.sum_cells(east / enough.sum(), north / enough.sum())
         with import_xarray().open_dataset(self.path) as data:
             time = data.TIME.load()
-        made = import_xarray().DataArray(
-            np.where(whole, series, np.nan), coords={"TIME": time}, dims="TIME", name="transport",
-            attrs={"long_name": f"volume transport towards {along_deg:g} degrees, {from_m:g} to {to_m:g} m",
-                   "standard_name": "ocean_volume_transport_across_line", "units": "m3 s-1", "width_m": width_m,
-                   "mean": mean, "mean_sigma": mean_sigma},
-        )  # fmt: skip
+        attributes = {
+            "long_name": f"volume transport towards {along_deg:g} degrees, {from_m:g} to {to_m:g} m",
+            "standard_name": "ocean_volume_transport_across_line", "units": "m3 s-1", "width_m": width_m,
+            "mean_transport": mean, "mean_sigma": mean_sigma,
+        }  # fmt: skip
         described = {"long_name": "standard deviation of the transport", "units": "m3 s-1"}
-        return made.assign_coords(sigma=("TIME", np.where(whole, sigma, np.nan), described))
+        return import_xarray().DataArray(
+            np.where(enough, series, np.nan), dims="TIME", name="transport", attrs=attributes,
+            coords={"TIME": time, "sigma": ("TIME", np.where(enough, sigma, np.nan), described)},
+        )  # fmt: skip
 
     @cached_property
     def _terms(self) -> tuple[Complexes, Floats, NDArray[np.intp]]:

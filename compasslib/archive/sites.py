@@ -84,9 +84,9 @@ def join_daily(
         level = (d.values["DEPTH"][0] - top_m) / step_m
         if abs(d.step_m - step_m) > 1e-6 or abs(level - round(level)) > 1e-3:
             expected = f"depths on the axis of {first.name}, {step_m:g} m apart from {first.values['DEPTH'][0]:g} m"
-            found = f"{d.step_m:g} m apart from {d.values['DEPTH'][0]:g} m"
+            actual = f"{d.step_m:g} m apart from {d.values['DEPTH'][0]:g} m"
             advice = "write the same product: {grid: {step_m: ..., from_m: ...}} for all"
-            raise InputError(f"site {site}: {d.name}", expected=expected, found=found, advice=advice)
+            raise InputError(f"site {site}: {d.name}", expected=expected, found=actual, advice=advice)
     days = [np.floor(d.values["TIME"]).astype(int) for d in each]
     rows = [x - min(y[0] for y in days) for x in days]
     columns = [np.rint((d.values["DEPTH"] - top_m) / step_m).astype(int) for d in each]
@@ -95,7 +95,7 @@ def join_daily(
     axes = Axes(noon_s, DAY_S, top_m + step_m * np.arange(shape[1]), step_m)
     errors, turned, shrinkage, numbers = _join_headings(each, rows, shape[0])
     cells = _join_cells(each, rows, columns, shape, numbers)
-    seams = [_describe_seam(*two) for two in pairwise(zip(each, rows, columns, strict=True))]
+    seams = [_describe_seam(*pair) for pair in pairwise(zip(each, rows, columns, strict=True))]
     written = _describe(site, each, axes, attributes, deployments.values()) | {"seams": "; ".join(seams)}
     instruments = [""] * len(errors.shares)
     for d, number in zip(each, numbers, strict=True):
@@ -122,18 +122,18 @@ def _join_headings(
     shrinkage, numbers = np.full(days, np.nan), []
     begin, mode, other = 0, 1, affected
     for d, row in zip(each, rows, strict=True):
-        own, more = d.affected, len(d.instruments) - d.affected
-        number = np.array([0, *range(begin + 1, begin + own + 1), *range(other + 1, other + more + 1)])
+        affected_d, more = d.affected, len(d.instruments) - d.affected
+        number = np.array([0, *range(begin + 1, begin + affected_d + 1), *range(other + 1, other + more + 1)])
         place = np.array([0, *range(mode, mode + len(d.modes) - 1)])
         known = np.isfinite(d.values["HEADING_ERROR_MODE"])
         joined = modes[np.ix_(place, row)]
         modes[np.ix_(place, row)] = np.where(known, d.values["HEADING_ERROR_MODE"], joined)
         shares[np.ix_(number[1:] - 1, place)] = d.values["HEADING_ERROR_SHARE"]
-        random[begin : begin + own, row] = d.values["HEADING_ERROR_RANDOM"]
-        turned[begin : begin + own, row] = d.values["HEADING_CORRECTION"]
+        random[begin : begin + affected_d, row] = d.values["HEADING_ERROR_RANDOM"]
+        turned[begin : begin + affected_d, row] = d.values["HEADING_CORRECTION"]
         shrinkage[row] = np.fmin(shrinkage[row], d.values["SHRINKAGE"])
         numbers.append(number)
-        begin, mode, other = begin + own, mode + len(d.modes) - 1, other + more
+        begin, mode, other = begin + affected_d, mode + len(d.modes) - 1, other + more
     memory_s = HOUR_S * max(d.memory_h[0] for d in each)
     return HeadingErrors(tuple(names), modes, random, memory_s, shares), turned, shrinkage, numbers
 
@@ -159,17 +159,17 @@ def _join_cells(
     return joined
 
 
-def _describe_seam(one: tuple[Any, ...], two: tuple[Any, ...]) -> str:
+def _describe_seam(earlier: tuple[Any, ...], later: tuple[Any, ...]) -> str:
     """Describe the gap between two deployments, or their differences on common days."""
-    before, after = one[0], two[0]
+    before, after = earlier[0], later[0]
     lat, lon = (np.array([float(d.values[axis]) for d in (before, after)]) for axis in ("LATITUDE", "LONGITUDE"))
     east = float(angles.wrap180(np.diff(lon))[0]) * float(angles.sin_cos(lat.mean())[1])
     apart_km = 111.2 * float(np.hypot(np.diff(lat)[0], east))  # of one degree on a sphere of 6371 km
     said = f"{before.name} to {after.name}, {apart_km:.1f} km apart: "
-    days, levels = np.intersect1d(one[1], two[1]), np.intersect1d(one[2], two[2])
+    days, levels = (np.intersect1d(earlier[k], later[k]) for k in (1, 2))
     if not len(days):
-        return said + f"{two[1][0] - one[1][-1] - 1} days between them"
-    flows = [d.velocity[np.ix_(np.isin(row, days), np.isin(column, levels))] for d, row, column in (one, two)]
+        return said + f"{later[1][0] - earlier[1][-1] - 1} days between them"
+    flows = [d.velocity[np.ix_(np.isin(row, days), np.isin(column, levels))] for d, row, column in (earlier, later)]
     off = flows[1] - flows[0]
     off = 100.0 * off[np.isfinite(off)]
     if not off.size:

@@ -279,14 +279,14 @@ def write_erddap(source: Path, target: Path) -> None:
         InputError: the file is missing or damaged, or xarray is not installed.
     """
     data = _needed("xarray").load_dataset(source, decode_times=False)
-    one_set = data.drop_dims(["MODE", "SOURCES", "AFFECTED"], errors="ignore")
-    other = [name for name, values in one_set.data_vars.items() if values.dims not in ((), ("TIME", "DEPTH"))]
-    one_set = one_set.drop_vars([*(name for name in other if not str(name).endswith("_bnds")), "STATION"])
-    for values in one_set.data_vars.values():
+    grid = data.drop_dims(["MODE", "SOURCES", "AFFECTED"], errors="ignore")
+    other = [name for name, values in grid.data_vars.items() if values.dims not in ((), ("TIME", "DEPTH"))]
+    grid = grid.drop_vars([*(name for name in other if not str(name).endswith("_bnds")), "STATION"])
+    for values in grid.data_vars.values():
         named = str(values.attrs.get("ancillary_variables", "")).split()
-        values.attrs["ancillary_variables"] = " ".join(name for name in named if name in one_set)
+        values.attrs["ancillary_variables"] = " ".join(name for name in named if name in grid)
     with atomic_write(target) as temporary:
-        one_set.to_netcdf(temporary, format="NETCDF4_CLASSIC")
+        grid.to_netcdf(temporary, format="NETCDF4_CLASSIC")
 
 
 def _needed(module: str) -> Any:

@@ -481,7 +481,7 @@ class Mooring(Section):
         for name, instrument in self.instruments.items():
             windows: dict[str, tuple[Exclusion, ...]] = {"exclude": instrument.exclude}
             windows["flags_by_hand"] = instrument.flags_by_hand
-            for place, window in ((f"{of}[{k}]", w) for of, each in windows.items() for k, w in enumerate(each)):
+            for place, window in ((f"{key_}[{k}]", w) for key_, each in windows.items() for k, w in enumerate(each)):
                 if window.to_s < self.start_s or window.from_s > self.end_s:
                     expected = f"a window within the deployment, {iso(self.start_s)} to {iso(self.end_s)}"
                     dates, advice = f"{iso(window.from_s)} to {iso(window.to_s)}", "correct or delete it"

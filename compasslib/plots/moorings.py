@@ -196,29 +196,29 @@ SYNTHETIC_B_DEG = {0.0: BLACK, 20.0: SKY, 45.0: GREEN, 57.29: PURPLE, 90.0: ORAN
 def draw_rotary(path: str | Path, series: DepthSeries) -> None:
     """Draw rotary spectra with their 95 % interval, and the inertial, diurnal and semidiurnal frequencies."""
     spectra = {name: rotary_spectrum(flow, series.step_s) for name, flow in series.velocity.items()}
-    drawn = {name: each for name, each in spectra.items() if np.isfinite(each.clockwise).any()}
+    known = {name: each for name, each in spectra.items() if np.isfinite(each.clockwise).any()}
     sidereal_cpd = 1.00273791  # turns of the earth in a day, the frequency of K1
     inertial_cpd = 2.0 * abs(float(angles.sin_cos(series.latitude)[0])) * sidereal_cpd
     marks = {"K1": sidereal_cpd, "M2": 24.0 / 12.4206, "f": inertial_cpd}  # cycles per day
     with page(path, 4.4) as figure:
         panels = figure.subplots(2, 1, sharex=True, sharey=True)
-        if not drawn:
+        if not known:
             empty(*panels, words="no 15 days without a gap")
             return
         for axes, sense in zip(panels, ("clockwise", "counterclockwise"), strict=True):
-            for name in (name for name in SERIES if name in drawn):
-                density = CM**2 * getattr(drawn[name], sense)
-                axes.loglog(drawn[name].frequency_cpd, density, color=SERIES[name], linewidth=1.0)
+            for name in (name for name in SERIES if name in known):
+                density = CM**2 * getattr(known[name], sense)
+                axes.loglog(known[name].frequency_cpd, density, color=SERIES[name], linewidth=1.0)
             for frequency in marks.values():
                 axes.axvline(frequency, color="#444444", linewidth=0.5, linestyle=":")
             axes.xaxis.set_major_formatter("{x:g}")
             axes.yaxis.set_major_formatter("{x:g}")
             axes.set_title(sense.capitalize())
             axes.set_ylabel("Density ((cm/s)²/cpd)")
-        low, high = np.array([drawn[name].interval for name in drawn]).T
-        floor = CM**2 * min(float(np.nanmin(each.clockwise)) for each in drawn.values())
+        low, high = np.array([known[name].interval for name in known]).T
+        floor = CM**2 * min(float(np.nanmin(each.clockwise)) for each in known.values())
         at = floor * np.array([low.min(), 1.0, high.max()]) * 3.0
-        left = 1.3 * min(float(each.frequency_cpd[0]) for each in drawn.values())
+        left = 1.3 * min(float(each.frequency_cpd[0]) for each in known.values())
         panels[0].errorbar(left, at[1], [[at[1] - at[0]], [at[2] - at[1]]], color=BLACK, capsize=2.0, linewidth=0.8)
         panels[0].annotate("95 %", (left, at[1]), xytext=(4.0, 0.0), textcoords="offset points", va="center")
         for name, frequency in marks.items():
@@ -226,7 +226,7 @@ def draw_rotary(path: str | Path, series: DepthSeries) -> None:
             place: dict[str, Any] = {"textcoords": "offset points", "va": "top", **side}
             panels[int(name == "f")].annotate(name, (frequency, 1.0), xycoords=("data", "axes fraction"), **place)
         panels[1].set_xlabel("Frequency (cycles per day)")
-        labels = {name: f"{name}, {series.depth_m[name]:g} m" for name in SERIES if name in drawn}
+        labels = {name: f"{name}, {series.depth_m[name]:g} m" for name in SERIES if name in known}
         legend(figure, [Line2D([], [], color=SERIES[name], label=label) for name, label in labels.items()])
 
 

@@ -109,15 +109,17 @@ def follow_neighbour(
     Raises:
         InputError: the neighbour has no depth that varies.
     """
-    own, other = depths_m
+    nominal_m, neighbour_m = depths_m
     known = np.isfinite(depth_m)
     if not _varies(depth_m):
         advice = "name another instrument, or delete depth_from"
         raise InputError(f"depth_from: {name}", expected="a pressure that varies", found="none", advice=advice)
-    dip = np.interp(record.time_s, time_s[known], depth_m[known]) - other
+    dip = np.interp(record.time_s, time_s[known], depth_m[known]) - neighbour_m
     outside = np.sum((record.time_s < time_s[known][0]) | (record.time_s > time_s[known][-1]))
-    note = f"depth by the pressure of {name}, {other - own:+.4g} m along the wire; {outside} samples outside its record"
-    return _noted(replace(record, depth_m=own + dip * (water_depth - own) / (water_depth - other)), [note])
+    along_m = neighbour_m - nominal_m
+    note = f"depth by the pressure of {name}, {along_m:+.4g} m along the wire; {outside} samples outside its record"
+    depth_m = nominal_m + dip * (water_depth - nominal_m) / (water_depth - neighbour_m)
+    return _noted(replace(record, depth_m=depth_m), [note])
 
 
 def to_utc(time_s: Floats, deployed: tuple[float, float], offset_s: float, drift_s: float) -> Floats:

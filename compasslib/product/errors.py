@@ -268,8 +268,8 @@ def time_variances(
     by_source = _turned(weight_east, weight_north, velocity, source, errors)
     modes = np.einsum("st,kt,sk->kt", by_source, np.nan_to_num(errors.modes), errors.shares)
     random = by_source[: len(errors.random)] * np.nan_to_num(errors.random)
-    rest = np.sum(np.nan_to_num(other) * (weight_east**2 + weight_north**2), axis=1)
-    return np.asarray(np.sum(modes**2, axis=0) + np.sum(random**2, axis=0) + rest)
+    remainder = np.sum(np.nan_to_num(other) * (weight_east**2 + weight_north**2), axis=1)
+    return np.asarray(np.sum(modes**2, axis=0) + np.sum(random**2, axis=0) + remainder)
 
 
 def _turned(

@@ -93,7 +93,7 @@ class GridRules:
 class Survey:
     """Summary of an instrument's velocities, from one pass through them."""
 
-    count: NDArray[np.int_]  # number of usable velocities at each metre of depth
+    share: Floats  # of the samples, or of a profiler's profiles, with a velocity within half a cell of each metre
     flow: Complexes  # (n,) mean over the usable bins
     blocks: tuple[Complexes, ...]  # velocities of consecutive samples, (k, m) each
     range_m: Floats  # (m,) median distance of the bins from the instrument
@@ -102,7 +102,7 @@ class Survey:
     @property
     def empty(self) -> bool:
         """Whether no velocity is usable."""
-        return not self.count.any()
+        return not self.share.any()
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,8 @@ def survey(source: Source, *, blocks_kept: int = 8) -> Survey:
     """Summarize an instrument's velocities in one pass, of which some ``blocks_kept`` short blocks are kept."""
     n = len(source.time_s)
     count, flow = np.zeros(DEEPEST_M, dtype=int), np.full(n, complex(np.nan, np.nan))
-    blocks, ranges, steps = [], [], []
+    blocks, ranges, steps, samples = [], [], [], 0
+    scans = source.bins == 1 and source.profiles
     stride = max(1, -(-n // PIECE) // blocks_kept)
     for number, begin in enumerate(range(0, n, PIECE)):
         rows = slice(begin, begin + PIECE)
@@ -220,7 +221,12 @@ def survey(source: Source, *, blocks_kept: int = 8) -> Survey:
         usable = np.isfinite(here.velocity.real) & np.isfinite(here.depth_m)
         metre = here.depth_m[usable]
         metre = np.rint(metre[(metre >= 0.0) & (metre < DEEPEST_M - 0.5)]).astype(int)
-        count += np.bincount(metre, minlength=DEEPEST_M)
+        if scans:  # each metre between two scans that follow each other is passed once
+            ends = np.minimum(metre[1:], metre[:-1]), np.maximum(metre[1:], metre[:-1])
+            count += np.cumsum(np.subtract(*(np.bincount(end, minlength=DEEPEST_M) for end in ends)))
+        else:
+            count += np.bincount(metre, minlength=DEEPEST_M)
+        samples += int(usable.any(axis=1).sum())
         total = np.where(usable, here.velocity, 0.0).sum(axis=1)
         number_of = usable.sum(axis=1)
         flow[rows] = np.where(number_of > 0, total / np.maximum(number_of, 1), np.nan)
@@ -230,11 +236,13 @@ def survey(source: Source, *, blocks_kept: int = 8) -> Survey:
             steps.append(np.abs(np.diff(here.depth_m[:BLOCK], axis=1)))
     away = np.concatenate(ranges) if ranges else np.zeros((0, source.bins))
     known = np.concatenate([step[np.isfinite(step)] for step in steps]) if steps else np.zeros(0)
-    return Survey(
-        count, flow, tuple(blocks),
-        np.nanmedian(away, axis=0) if np.isfinite(away).any() else np.zeros(source.bins),
-        round(float(np.median(known)), 2) if known.size else 0.0,
-    )  # fmt: skip
+    cell_m = round(float(np.median(known)), 2) if known.size else 0.0
+    if scans and count.any():  # how often the metre of a typical passage is passed
+        passed = np.sort(count)
+        samples = int(passed[np.searchsorted(np.cumsum(passed), passed.sum() / 2.0)])
+    around = np.convolve(count, np.ones(max(round(cell_m), 1)), "same") * (count > 0)
+    range_m = np.nanmedian(away, axis=0) if np.isfinite(away).any() else np.zeros(source.bins)
+    return Survey(around / max(samples, 1), flow, tuple(blocks), range_m, cell_m)
 
 
 def make_axes(
@@ -344,10 +352,30 @@ def _depth_phase(source: Source, survey: Survey, step_m: float, *, dives: float 
     return round(float(np.median(nearest)), 1) if nearest.size else 0.0
 
 
-def _ends(survey: Survey, step_m: float, phase_m: float, *, rare: float = 0.01) -> tuple[float, float]:
-    """Find the first and last level, m, with more than a fraction ``rare`` of the samples of the fullest level."""
-    metre = np.flatnonzero(survey.count)
-    level = np.rint((metre - phase_m) / step_m).astype(int)
-    number = np.bincount(level - level[0], survey.count[metre])
-    often = np.flatnonzero(number >= rare * number.max()) + level[0]
-    return phase_m + step_m * float(often[0]), phase_m + step_m * float(often[-1])
+def _ends(survey: Survey, step_m: float, phase_m: float, *, often: float = 0.1) -> tuple[float, float]:
+    """Find the first and last level, m, that at least a fraction ``often`` of the samples or profiles have.
+
+    A mean at a depth that few profiles, or strong currents only, reach is biased.
+    """
+    metre = np.flatnonzero(survey.share >= min(often, survey.share.max()))
+    first, last = np.rint((metre[[0, -1]] - phase_m) / step_m)
+    return phase_m + step_m * float(first), phase_m + step_m * float(last)
+
+
+def describe_parking(source: Source, *, least_s: float = 6 * HOUR_S) -> str:
+    """Describe the stretches in which a profiler measured without climbing for hours; empty where there are none."""
+    known = np.isfinite(source.depth_m)
+    time_s, depth_m = source.time_s[known], source.depth_m[known]
+    if not source.profiles or source.bins > 1 or len(time_s) < 2:
+        return ""
+    steps_s = np.diff(time_s)
+    still = (np.abs(np.diff(depth_m)) < PROFILER_M_S * steps_s) & (steps_s <= 3.0 * np.median(steps_s))  # no gaps
+    edges = np.diff(np.concatenate([[False], still, [False]]).astype(int))
+    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    lasting = time_s[ends] - time_s[begins] >= least_s
+    if not lasting.any():
+        return ""
+    begins, ends = begins[lasting], ends[lasting]
+    hours = float(np.sum(time_s[ends] - time_s[begins])) / HOUR_S
+    depths = np.concatenate([depth_m[b : e + 1] for b, e in zip(begins, ends, strict=True)])
+    return f"{source.name} was parked {len(begins)} times, {hours:.0f} hours in all, near {np.median(depths):.0f} m"

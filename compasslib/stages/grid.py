@@ -27,7 +27,7 @@ from compasslib.product.errors import (
     compass_modes,
     heading_errors,
 )
-from compasslib.product.grid import GridRules, Source, Survey, make_axes, survey
+from compasslib.product.grid import GridRules, Source, Survey, describe_parking, make_axes, survey
 from compasslib.product.grid import grid as make_grid
 from compasslib.records import PROBABLY_BAD, CorrectedRecord, EarthField, Pairs
 
@@ -118,6 +118,9 @@ def grid(
     counts = archive.write_gridded(gridded[0], whole, described, means)
     if means:
         archive.write_daily(gridded[1], whole, described, *means)
+    for source in instruments:
+        if parked := describe_parking(source):
+            say(f"{mooring}: {parked}")
     doubtful = [part.source.name for part in affected if part.doubtful]
     only = f"; all of {', '.join(doubtful)} have flag 3" if doubtful else ""
     say(

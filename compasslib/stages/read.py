@@ -47,8 +47,8 @@ def read(
     reader: Mapping[str, Any],
     deployment: Mapping[str, Any],
     series: Mapping[str, Mapping[str, Any]],
-    neighbour: Mapping[str, Any] | None,
     say: Callable[[str], None],
+    neighbour: Mapping[str, Any] | None = None,
 ) -> None:
     """Write the record of one instrument.
 
@@ -87,11 +87,11 @@ def record_of(
             time_s, pressure, _ = table.read_series(neighbour["table"])
             depth_m = depth_of_pressure(pressure, deployment["latitude"])
         else:
-            beside = apply_deployment(
+            measured = apply_deployment(
                 readers.read(neighbour["form"], [Path(file) for file in neighbour["raw"]], neighbour["reader"]),
                 **neighbour["deployment"],
             )
-            time_s, depth_m = beside.time_s, beside.depth_m
+            time_s, depth_m = measured.time_s, measured.depth_m
         span, offset = (deployment["start_s"], deployment["end_s"]), deployment["clock_offset_seconds"]
         utc = replace(read, time_s=to_utc(read.time_s, span, offset, deployment["clock_drift_seconds"]))
         keys = {"depths_m": neighbour["depths_m"], "name": neighbour["name"], "water_depth": deployment["water_depth"]}

@@ -65,8 +65,8 @@ class Moorings:
         """List the files besides the raw ones that the settings of an instrument's reading name."""
         series = [file for each in self._series(name, role).values() for file in each["files"]]
         neighbour = self._neighbour(name, role) or {}
-        beside = neighbour.get("raw", neighbour.get("table", {}).get("files", ()))
-        return [*self._instrument(name, role).pressure_files, *series, *beside]
+        pressure = neighbour.get("raw", neighbour.get("table", {}).get("files", ()))
+        return [*self._instrument(name, role).pressure_files, *series, *pressure]
 
     def ready_pairs(self, name: str) -> list[str]:
         """List the file of ready-made pairs, none where pairs are found by this software."""
@@ -210,12 +210,12 @@ class Moorings:
         if (other := instrument.depth_from) is None:
             return None
         if table := mooring.covariates.get(other):
-            nominal, beside = table.depth, Arguments(table=table.model_dump(exclude={"format", "depth"}))
+            nominal, keys = table.depth, Arguments(table=table.model_dump(exclude={"format", "depth"}))
         else:
             nominal = mooring.instruments[other].depth
-            beside = {"raw": self.raw_files(name, other), "form": mooring.instruments[other].format}
-            beside |= {"reader": self._reader(name, other), "deployment": self._deployment(name, other)}
-        return {"name": other, "depths_m": [instrument.depth, nominal], **beside}
+            keys = {"raw": self.raw_files(name, other), "form": mooring.instruments[other].format}
+            keys |= {"reader": self._reader(name, other), "deployment": self._deployment(name, other)}
+        return {"name": other, "depths_m": [instrument.depth, nominal], **keys}
 
     def _reader(self, name: str, role: str) -> Arguments:
         """Select the keys of an instrument that are arguments of its reader."""

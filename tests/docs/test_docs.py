@@ -75,11 +75,11 @@ def test_notebook_runs_and_states_the_transport_uncertainty(tmp_path):
     made = compasslib.process_mooring(cruise(tmp_path / "c", ("EG4",), n=300), "EG4", tmp_path / "made")
     (tmp_path / "results").mkdir()
     made.rename(tmp_path / "results/EG4")
-    page = json.loads((PROJECT / "docs/notebooks/section_and_transport.ipynb").read_text())
+    page = json.loads((PROJECT / "examples/currents.ipynb").read_text())
     code = "\n".join("".join(cell["source"]) for cell in page["cells"] if cell["cell_type"] == "code")
     assert not any(cell.get("outputs") for cell in page["cells"])
     said = python("-c", code, cwd=tmp_path, env=os.environ | {"MPLBACKEND": "agg"})
-    along, joined, alone = map(float, re.findall(r"(-?[0-9.]+) ± ([0-9.]+) m²/s \(95 %\); ± ([0-9.]+)", said)[0])
+    along, joined, alone = map(float, re.findall(r"(-?[0-9.]+) ± ([0-9.]+) m³/s \(95 %\); ± ([0-9.]+)", said)[0])
     assert abs(along) > joined > alone > 0.0  # a heading error is common to all cells of a time
 
 

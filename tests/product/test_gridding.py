@@ -26,7 +26,7 @@ from compasslib.product.errors import (
     marginals,
     sum_sigma,
 )
-from compasslib.product.grid import GridRules, Source, grid, make_axes, survey
+from compasslib.product.grid import GridRules, Source, describe_parking, grid, make_axes, survey
 from compasslib.records import BAD, GOOD, EarthField, ReferenceCompass
 from tests.world import conventions
 
@@ -131,6 +131,21 @@ def test_profiler_keeps_its_times_and_reference_takes_precedence():
     both, overlapping = gridded_of(source("top", np.full(N, 100.0), up=False), point)
     level = int(np.argmin(np.abs(both.axes.depth_m - 140.0)))
     assert (overlapping.source[:, level] == 1).all() and (overlapping.source[:, level - 1] == 0).all()
+
+
+def test_depths_that_few_profiles_or_strong_currents_reach_are_left_out():
+    seconds = 1.2e9 + 6.0 * np.arange(24 * 3600 // 6 * 12)  # twelve days, hourly profiles
+    turning = 200.0 + 100.0 * np.abs((seconds / 3600.0) % 2.0 - 1.0)
+    deep = np.where(seconds < seconds[0] + 2 * 3600.0, turning + 400.0, turning)  # two of 288 go deeper
+    parked = np.where(seconds > seconds[-1] - 24 * 3600.0, 250.0, deep)
+    mmp = source("mmp", parked, bins=1, up=False, time_s=seconds)
+    assert mmp.profiles
+    axes = make_axes([mmp], [survey(mmp)], GridRules(step_m=10.0, from_m=None))
+    assert (axes.depth_m[0], axes.depth_m[-1]) == (200.0, 300.0)
+    assert describe_parking(mmp) == "mmp was parked 1 times, 24 hours in all, near 250 m"
+    dives = np.where(np.arange(N) % 20 == 0, 160.0, 100.0)  # one time in twenty
+    product, _ = gridded_of(source("top", dives))
+    assert (product.axes.depth_m[0], product.axes.depth_m[-1]) == (16.0, 96.0)  # not 152
 
 
 def test_samples_are_averaged_on_the_configured_levels():
@@ -332,6 +347,8 @@ def test_transport_has_the_sigma_of_turned_velocities(written):
     assert least < made.sigma.values[at] <= np.sqrt(least**2 + rest)  # cells' sigma holds the heading's part too
     assert made.mean_sigma > 0.05 * abs(np.nanmean(np.nansum(currents.velocity.imag * 2000.0 * height, axis=1)[whole]))
     assert (made.TIME == currents.to_xarray().TIME).all()
+    part = currents.transport(*span, width_m=2000.0, along_deg=90.0, least_share=0.5)
+    assert np.isfinite(part.values).sum() > whole.sum() and (part.values[whole] == made.values[whole]).all()
     with pytest.raises(InputError, match=r"expected from_m and to_m within .* found 0 to 900; name other depths"):
         currents.transport(0.0, 900.0, width_m=1.0, along_deg=0.0)
 
