@@ -22,8 +22,8 @@ from runs import DATA
 
 from compasslib import angles, compass, readers
 from compasslib.deviation import fit_deviation
+from compasslib.deviation.average import average_with_none
 from compasslib.deviation.model import nearest_root
-from compasslib.deviation.shrinkage import average_with_none
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.preparation.pairs import PairRules, find_pairs, mean_of_nearest_bins
 from compasslib.preparation.water import predict_water, usable_velocities

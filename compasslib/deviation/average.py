@@ -1,9 +1,17 @@
-"""Any compass along the samples of a record, and the average of the headings over all possible compasses."""
+"""Averages over possible compasses: along a record over alternatives, and of a fitted compass with none.
+
+Between two depths real water veers for months, depending on flow direction and season, and a fit attributes part of it
+to iron: an undisturbed compass would be changed by several degrees. The coefficients therefore have priors of physical
+size, and a further hypothesis is that there is no deviation. The likelihood is the normal distribution of the fit with
+its robust covariance, so the evidence of each hypothesis has a closed form. It includes errors of the reference, which
+a fit cannot distinguish from a deviation.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -80,3 +88,70 @@ def compass_series(fit: DeviationFit, readings: Readings) -> CompassSeries:
         return (-columns / np.copysign(np.maximum(np.abs(slope), MIN_SLOPE), slope)).T
 
     return CompassSeries(readings.heading_deg, fit.coefficients, fit.covariance, sensitivity)
+
+
+# Equally probable prior scales: of B and C, the iron's field over the earth's horizontal one, and of A, the
+# instrument's alignment in radians. D and E are induced and have a tenth of the former.
+IRON_SCALES, ALIGNMENT_SCALES = (0.05, 0.15, 0.5, 1.5), (0.05, 0.35)
+
+
+def average_with_none(
+    fit: DeviationFit,
+    *,
+    no_deviation_prior: float = 0.2,
+    temperature: float = 0.5,
+    induced_share: float = 0.1,
+    least_induced: float = 0.02,
+) -> tuple[DeviationFit, float | None]:
+    """Average a fitted exact compass with one that has no deviation, and compute the probability of the latter.
+
+    The covariance is that of the average, including the spread between the hypotheses. Well-determined coefficients
+    hardly change. Where iron is declared, no deviation is no hypothesis. A two-valued compass, which cannot be free of
+    iron, a fixed compass and one with a prior from other records are not averaged; their probability is None.
+
+    Args:
+        no_deviation_prior, temperature: prior probability, and exponent of the likelihood, as veer that a fit
+            attributes to iron is not independent noise.
+    """
+    if fit.method != "exact" or not fit.fitted or fit.folded or fit.fixed or fit.prior is not None:
+        return fit, None
+    estimate = fit.coefficients
+    deviated = [
+        np.array([align, iron, iron, *2 * [max(induced_share * iron, least_induced)]])
+        for iron, align in product(IRON_SCALES, ALIGNMENT_SCALES)
+    ]
+    prior = np.array([np.diag(scale**2) for scale in (np.zeros(5), *deviated)])
+    none = 0.0 if fit.iron_declared else no_deviation_prior
+    chance = np.append(none, np.full(len(deviated), (1.0 - none) / len(deviated)))
+    constant, iron = _reference_covariance(fit)
+    gain = prior @ np.linalg.inv(fit.covariance + iron + prior)
+    total = fit.covariance + iron + constant + prior
+    misfit = np.einsum("i,kij,j->k", estimate, np.linalg.inv(total), estimate)
+    log_likelihood = -temperature * 0.5 * (np.linalg.slogdet(total).logabsdet + misfit)
+    weight = chance * np.exp(log_likelihood - log_likelihood.max())
+    weight /= weight.sum()
+    means = gain @ estimate
+    mean = weight @ means
+    unknown = np.eye(5) - gain  # the iron is not included: it has modes of its own
+    spread = gain @ fit.covariance @ gain.transpose(0, 2, 1) + unknown @ prior @ unknown.transpose(0, 2, 1)
+    spread += np.einsum("ki,kj->kij", means - mean, means - mean)
+    covariance = np.einsum("k,kij->ij", weight, spread)
+    reference = fit.reference
+    if reference is not None:  # a compass without deviation does not follow the reference's errors
+        kept = np.einsum("k,kij->ij", weight, gain)
+        reference = replace(reference, iron=kept @ reference.iron, share=float(1.0 - weight[0]))
+    averaged = replace(fit, coefficients=mean, covariance=(covariance + covariance.T) / 2.0, reference=reference)
+    return averaged, float(weight[0])
+
+
+def _reference_covariance(fit: DeviationFit) -> tuple[Floats, Floats]:
+    """Compute the covariance of the coefficients by the reference's constant and by its iron, (5, 5) each.
+
+    A constant turn e of all directions multiplies u by e^{-ie} and v by e^{ie}: with Re u = 1 again, the coefficients
+    change by e (1 + A^2, AB, AC, AD + E, AE - D).
+    """
+    if fit.reference is None:
+        return np.zeros((5, 5)), np.zeros((5, 5))
+    a, b, c, d, e = fit.coefficients
+    turned = np.array([1.0 + a**2, a * b, a * c, a * d + e, a * e - d]) * fit.reference.constant_deg * angles.DEGREE
+    return np.outer(turned, turned), fit.reference.iron @ fit.reference.iron.T

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from compasslib.deviation.average import average_with_none
 from compasslib.deviation.model import DeviationFit
-from compasslib.deviation.shrinkage import average_with_none
 from compasslib.inference import wording
 from compasslib.inference.comparison import Comparison, Options
 from compasslib.inference.current import SEPARATED_BY, CurrentStatement

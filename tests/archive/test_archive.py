@@ -398,10 +398,9 @@ OCEANSITES = {
 }
 
 
-@pytest.mark.parametrize("name", OCEANSITES)
-def test_attributes_required_by_oceansites_are_present(corrected_nc, name):
+def test_attributes_required_by_oceansites_are_present(corrected_nc):
     with netCDF4.Dataset(corrected_nc) as nc:
-        assert nc.getncattr(name) == OCEANSITES[name]
+        assert {name: nc.getncattr(name) for name in OCEANSITES} == OCEANSITES
 
 
 def test_variables_have_sensor_vocabulary_and_standard_names(corrected_nc):

@@ -367,14 +367,17 @@ def test_diff_reports_each_kind_of_change(runs, copied, capsys, file, keys, show
     assert re.search(shown, capsys.readouterr().out.splitlines()[1])
 
 
-def test_diff_reports_lost_headings_and_changed_variables(runs, copied, capsys):
+def test_diff_reports_lost_headings_changed_flags_and_variables(runs, copied, capsys):
     with netCDF4.Dataset(copied / "corrected.nc", "a") as nc:
         nc["HEADING_CORRECTED"][:300] = nc["HEADING_CORRECTED"]._FillValue
+        nc["HEADING_CORRECTED_QC"][:100] = 3
+        nc["HEADING_CORRECTED_QC"][100:120] = 4
         nc["PITCH"][:] = 7.0
         nc.license = "another"
     assert main(["diff", str(runs / "old"), str(copied)]) == 0
     row = capsys.readouterr().out.splitlines()[1]
     assert "100.0\N{NO-BREAK SPACE}% → 50.0\N{NO-BREAK SPACE}%" in row and "PITCH, attribute license" in row
+    assert "120 of 600 (1 → 3: 100, 1 → 4: 20)" in row
 
 
 def test_diff_lists_moorings_that_it_cannot_compare(runs, copied, capsys):
@@ -451,14 +454,6 @@ def test_diff_lists_changed_settings_and_raw_files(tmp_path):
 def _software(folder: Path) -> str:
     with netCDF4.Dataset(folder / "corrected.nc") as nc:
         return nc.software_version
-
-
-def test_diff_counts_changed_flags(runs, copied, capsys):
-    with netCDF4.Dataset(copied / "corrected.nc", "a") as nc:
-        nc["HEADING_CORRECTED_QC"][:100] = 3
-        nc["HEADING_CORRECTED_QC"][100:120] = 4
-    assert main(["diff", str(runs / "old"), str(copied)]) == 0
-    assert "120 of 600 (1 → 3: 100, 1 → 4: 20)" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("lost", ["HEADING_CORRECTED_UNCERTAINTY", "HEADING_CORRECTED_QC", "DECLINATION", "PITCH"])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from compasslib import angles, compass
+from compasslib.deviation.average import average_with_none
 from compasslib.deviation.exact import ScatterData, fit_exact, scatter_log_likelihood, smooth_density
 from compasslib.deviation.likelihood import (
     CELL_DEG,
@@ -29,7 +30,6 @@ from compasslib.deviation.model import (
     pair_speeds,
     unfitted,
 )
-from compasslib.deviation.shrinkage import average_with_none
 from tests.world.sea import FOLDED, MILD, pairs
 
 
