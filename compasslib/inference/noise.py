@@ -191,6 +191,7 @@ def low_rank_noise(freed: FittedModel, slow: SlowNoiseBasis, slow_noise: SlowNoi
         freed: fitted model whose whitener excludes slow water.
     """
     variance = slow.variances(slow_noise)
+    variance[0] = 0.0  # a constant veer looks like A, which would be lost in rounding errors beside it
     present = variance > 0.0
     scale = np.sqrt(variance[present]) * freed.response / freed.sigma
     white = freed.whitener(slow.columns[:, present].astype(np.float32)).astype(float) * scale

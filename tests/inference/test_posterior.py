@@ -12,7 +12,7 @@ from benchmarks.discrepancy import field_of, fitted
 from compasslib import angles
 from compasslib.deviation.average import CompassSeries, average_compasses
 from compasslib.effects import SIDES, SLOW_WATER
-from compasslib.inference import blocks, design, heldout, noise, search
+from compasslib.inference import blocks, design, heldout, noise, places, search
 from compasslib.inference.current import infer_current
 from compasslib.inference.finding import Detection
 from compasslib.inference.kinds.mooring import diagnose
@@ -237,3 +237,14 @@ def test_surrogates_with_random_signs_keep_the_noise_of_each_time():
     drawn = model.draw(model.weigh([None]), 50, 1, (), np.where(calm, 0.0, 1.0).astype(np.float32))
     assert np.std(drawn[calm]) < 0.2 * np.std(drawn[~calm])
     assert abs(np.mean(drawn[~calm])) < 0.2 * np.std(drawn[~calm])
+
+
+def test_the_constant_is_not_lost_beside_slow_noise():
+    """A constant veer looks like A: with it in the noise, rounding errors moved A by 9 degrees here."""
+    initial = design.refit(state_of(world.planted(world.make(7, wide=False, n=3000), {"hard_iron_step": 3.0})), [])
+    slow, constants = noise.slow_noise_basis(initial.comparison), []
+    for size_deg in (0.001, 10.0):
+        slow_noise = noise.SlowNoise(noise.Process(size_deg, 170.0), noise.Process(0.0, 5.0), 0.0)
+        fitted = design.refit(places.with_slow_noise(initial, initial, slow, slow_noise), [])
+        constants.append(np.rad2deg(fitted.simulation.coefficients[0]))
+    assert abs(constants[1] - constants[0]) < 1.0
