@@ -146,10 +146,10 @@ def power() -> str:
         rows.append([WATERS.get(record, record), *(targets.text_of(one[what], one["n"]) for what in MEASURES)])
     total = {key: sum(one[key] for one in made["all"].values()) for key in ("n", *MEASURES)}
     rows.insert(0, ["all", *(targets.text_of(total[what], total["n"]) for what in MEASURES)])
-    sound = {key: sum(one[key] for one in made["no_cause"].values()) for key in ("n", "detected")}
-    false = f"Of {sound['n']} without a cause {sound['detected']} were accused. The published method names nothing."
+    for water, one in made["no_cause"].items():
+        rows.append([f"no cause, {water}: falsely", *(targets.text_of(one[what], one["n"]) for what in MEASURES)])
     head = ("water", "fault of the compass detected", "driver named", "effect named")
-    return f"`{made['command']}`, commit {made['commit']}:\n\n{table(rows, head)}\n\n{false}\n"
+    return f"`{made['command']}`, commit {made['commit']}:\n\n{table(rows, head)}\n"
 
 
 PARTS: dict[str, Callable[[], str]] = {

@@ -169,11 +169,15 @@ def moored(record: str, kind: str, seed: int) -> dict[str, Any]:
 
 
 def named(names: Sequence[str], diagnosis: dict[str, Any]) -> dict[str, bool]:
-    """Return whether a fault was detected, and whether drivers and effects of all causes were named with 0.95."""
+    """Return whether a fault was detected, and whether drivers and effects of all causes were named with 0.95.
+
+    Without a cause, whether any driver and any effect of the compass or clock was.
+    """
     sides = diagnosis["sides"] or {}
     likely = sides.get("compass", 0.0) + sides.get("clock", 0.0) >= 0.5
     stated = [one for one in diagnosis["findings"] if one["level"] in ("driver", "effect")]
-    stated = [one for one in stated if one["side"] == "compass" or one["level"] == "driver"]
+    accused = ("compass",) if names else ("compass", "clock")
+    stated = [one for one in stated if one["side"] in accused or (names and one["level"] == "driver")]
     drivers = {"tilt" if one["driver"] in ("pitch", "roll") else one["driver"] for one in stated}
     effects = [one for one in stated if one["level"] == "effect"]
 
@@ -183,11 +187,11 @@ def named(names: Sequence[str], diagnosis: dict[str, Any]) -> dict[str, bool]:
         return says(first(one), name)
 
     wanted = [(UNLISTED[name][0] if name in UNLISTED else driver_of(name)).split() for name in names]
-    driver = bool(names) and all(drivers & set(each) for each in wanted)
+    driver = all(drivers & set(each) for each in wanted) if names else bool(stated)
     return {
         "detected": likely or diagnosis["unexplained"] is not None,
         "driver": driver,
-        "effect": driver and all(any(right(name, one) for one in effects) for name in names),
+        "effect": driver and all(any(right(name, one) for one in effects) for name in names) and bool(effects),
     }
 
 
