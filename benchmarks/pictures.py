@@ -93,6 +93,12 @@ def sea(folder: Path) -> None:
     measured.draw(measured.profiles(), DOCS / "sea.png")
 
 
+def power(folder: Path) -> None:
+    import power as measured
+
+    measured.draw(json.loads(measured.KEPT.read_text()), DOCS / "power.png")
+
+
 def papers(folder: Path) -> None:
     from compasslib.plots import moorings
 
@@ -132,6 +138,7 @@ MAKERS = {
         "Figures 4 and 5 of von Appen 2015", (PAGE, "compasslib/plots/moorings.py"),
         drawn=("angles.png", "synthetic.png"), draw=papers,
     ),
+    "power": Maker("Power of the search", (PAGE, "benchmarks/power.py"), drawn=("power.png",), draw=power),
     "sea": Maker("Water between bins", (PAGE, "benchmarks/sea.py"), drawn=("sea.png",), draw=sea),
 }  # fmt: skip
 

@@ -25,6 +25,7 @@ import discrepancy as bench
 import injected
 import numpy as np
 import targets
+from matplotlib.lines import Line2D
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
@@ -34,7 +35,7 @@ from compasslib.demo.concealed import beyond, signal_to_noise, waves
 from compasslib.effects import driver_of
 from compasslib.inference.comparison import Options
 from compasslib.inference.wording import display_name
-from compasslib.plots.page import BLUE, GREEN, VERMILION, page
+from compasslib.plots.page import BLUE, GREEN, GREY, VERMILION, WIDE_IN, legend, page
 from compasslib.stages.recordings import conclude
 from tests.world import pairs as sea
 
@@ -169,11 +170,15 @@ def moored(record: str, kind: str, seed: int) -> dict[str, Any]:
 
 
 def named(names: Sequence[str], diagnosis: dict[str, Any]) -> dict[str, bool]:
-    """Return whether a fault was detected, and whether drivers and effects of all causes were named with 0.95."""
+    """Return whether a fault was detected, and whether drivers and effects of all causes were named with 0.95.
+
+    Without a cause, whether any driver and any effect of the compass or clock was.
+    """
     sides = diagnosis["sides"] or {}
     likely = sides.get("compass", 0.0) + sides.get("clock", 0.0) >= 0.5
     stated = [one for one in diagnosis["findings"] if one["level"] in ("driver", "effect")]
-    stated = [one for one in stated if one["side"] == "compass" or one["level"] == "driver"]
+    accused = ("compass",) if names else ("compass", "clock")
+    stated = [one for one in stated if one["side"] in accused or (names and one["level"] == "driver")]
     drivers = {"tilt" if one["driver"] in ("pitch", "roll") else one["driver"] for one in stated}
     effects = [one for one in stated if one["level"] == "effect"]
 
@@ -183,11 +188,11 @@ def named(names: Sequence[str], diagnosis: dict[str, Any]) -> dict[str, bool]:
         return says(first(one), name)
 
     wanted = [(UNLISTED[name][0] if name in UNLISTED else driver_of(name)).split() for name in names]
-    driver = bool(names) and all(drivers & set(each) for each in wanted)
+    driver = all(drivers & set(each) for each in wanted) if names else bool(stated)
     return {
         "detected": likely or diagnosis["unexplained"] is not None,
         "driver": driver,
-        "effect": driver and all(any(right(name, one) for one in effects) for name in names),
+        "effect": driver and all(any(right(name, one) for one in effects) for name in names) and bool(effects),
     }
 
 
@@ -224,26 +229,30 @@ def draw(made: dict[str, Any], path: Path) -> None:
     """Draw shares with their 95 % intervals against the size, a panel for each kind of water and cause."""
     edges = np.array(made["relative_size"])
     middles = np.sqrt(edges[:-1] * edges[1:])
-    with page(path, 4.6) as figure:
+    with page(path, 5.6, width_in=WIDE_IN) as figure:
         panels = figure.subplots(2, 3, sharex=True, sharey=True)
         for (row, water), (column, kind) in ((w, k) for w in enumerate(WATERS) for k in enumerate(KINDS)):
             axes, bins = panels[row, column], made["curves"][water][kind]
-            axes.plot(edges[[0, -1]], [0.0, 0.0], color="0.4", linewidth=2.0)
+            axes.plot(edges[[0, -1]], [0.0, 0.0], color=GREY, linewidth=2.0)
             for k, (what, colour) in enumerate(zip(MEASURES, (BLUE, GREEN, VERMILION), strict=True)):
                 there = [(x, each[what], each["n"]) for x, each in zip(middles, bins, strict=True) if each["n"]]
-                x = np.array([one[0] for one in there]) * 1.05 ** (k - 1)
+                x = np.array([one[0] for one in there]) * 1.06 ** (k - 1)
                 share = np.array([100.0 * hits / n for _, hits, n in there])
                 ends = np.array([targets.interval(hits, n) for _, hits, n in there]).T.reshape(2, -1) * 100.0
-                axes.errorbar(x, share, np.abs(ends - share), color=colour, marker="os^"[k], markersize=4, capsize=2)
-            axes.set_title(f"{KINDS[kind].removeprefix('one ')}, {water} water (n = {sum(e['n'] for e in bins)})")
+                look = {"color": colour, "marker": "os^"[k], "markersize": 4.0, "capsize": 2.0, "elinewidth": 0.8}
+                axes.errorbar(x, share, np.abs(ends - share), **look)
+            axes.set_title(f"{kind}, {water}, n = {sum(each['n'] for each in bins)}")
             axes.set(xscale="log", ylim=(-4.0, 104.0), xticks=(0.5, 1, 2, 4), xticklabels=("0.5", "1", "2", "4"))
             axes.minorticks_off()
-        lines = [*panels[0, 0].containers, panels[0, 0].lines[0]]
-        figure.legend(
-            lines, [*MEASURES.values(), "published method"], loc="outside lower center", ncols=4, frameon=False
-        )
-        figure.supxlabel("Size over the limit of a likelihood ratio with known noise", fontsize="medium")
-        figure.supylabel("Moorings (%)", fontsize="medium")
+        for axes in panels[1]:
+            axes.set_xlabel("Size over the limit")
+        for axes in panels[:, 0]:
+            axes.set_ylabel("Moorings (%)")
+        legend(figure, [
+            *(Line2D([], [], color=colour, marker=mark, markersize=4.0, label=what)
+              for what, colour, mark in zip(MEASURES.values(), (BLUE, GREEN, VERMILION), "os^", strict=True)),
+            Line2D([], [], color=GREY, linewidth=2.0, label="published method: nothing"),
+        ])  # fmt: skip
 
 
 def report(made: dict[str, Any]) -> None:
