@@ -93,7 +93,7 @@ def _draw(
 ) -> None:
     """Draw all panels, with names and units of the covariates as ``said``; if ``dated``, time is UTC."""
     proven = [entry for entry in diagnosis["findings"] if entry.get("heldout")]
-    ranked = [] if dated else [entry for entry in diagnosis.get("hypotheses", []) if (entry["score"] or 0.0) > 0.0][:10]
+    ranked = [] if dated else [entry for entry in diagnosis.get("hypotheses", []) if entry["score"] > 0.0][:10]
     short = Rows([_short(entry) for entry in proven])
     full = Rows([wording.display_name(entry["effect"]) for entry in ranked])
     heights = [1.9] * len(curves) + [0.6 + rows.height_in for rows in (short, full) if rows.names]
