@@ -134,9 +134,8 @@ def _of_winadcp(path: Path, variables: Mapping[str, Any]) -> _Found:
     }
     series = {role: np.where(np.abs(x) == MISSING_COUNT, np.nan, factor * x) for role, (x, factor) in counts.items()}
     year, *others = (np.atleast_1d(np.asarray(variables[name], float)) for name in CLOCK)
-    year = year + np.where(year >= 1900.0, 0.0, np.where(year >= times.FIRST_YEAR - 1900, 1900.0, 2000.0))
     others[-1] = others[-1] + np.asarray(variables.get("SerHund", 0.0), float) / 100.0
-    series["time"], wrong = times.from_parts([year, *others])
+    series["time"], wrong = times.from_parts([times.full_years(year), *others])
     if wrong is not None:
         shown = " ".join(f"{part[wrong]:g}" for part in (year, *others))
         raise InputError(

@@ -230,6 +230,11 @@ def from_numbers(values: Floats, scale: str | None = None) -> tuple[Floats, str]
     return time_s, "" if scale else f"times were read as {SCALES[found][1]}"
 
 
+def full_years(year: Floats) -> Floats:
+    """Complete years of two figures by the century in which instruments have clocks."""
+    return year + np.where(year >= 1900.0, 0.0, np.where(year >= FIRST_YEAR - 1900, 1900.0, 2000.0))
+
+
 def from_parts(parts: Sequence[Floats]) -> tuple[Floats, int | None]:
     """Combine columns of a time, (n,) each, to UTC seconds since 1970; also give the first row that is no time.
 

@@ -194,7 +194,7 @@ def _open(path: Path, nc: Any, settings: _Settings) -> tuple[File, Floats, Flags
     columns = settings.columns
     if nc.groups and not nc.variables:
         advice = "write the group with the velocities as a file of its own"
-        advice = "write format: ocean_contour" if ocean_contour.is_ocean_contour(nc) else advice
+        advice = "write format: ocean_contour" if ocean_contour.is_ocean_contour(path) else advice
         shown = f"groups {', '.join(nc.groups)}"
         raise InputError(str(path), expected="variables at the top", found=shown, advice=advice)
     system = str(getattr(nc, "coord_sys", "earth"))
