@@ -134,9 +134,11 @@ def read_table(
     if {*DATE_AND_CLOCK} <= {*headers} and {*TIMES} & {*headers}:
         expected, advice = "a time, or date and clock apart", "keep one of the two under columns"
         raise InputError(f"{path}: columns", expected=expected, found="all three", advice=advice)
-    named = {role: (one,) if isinstance(one, str | int) else (*one,) for role, one in headers.items()}
+    named = {role: (header,) if isinstance(header, str | int) else (*header,) for role, header in headers.items()}
     head = read_head(path, [each for several in named.values() for each in several], layout)
-    places = {role: [_place(path, head, role, one, advice, layout) for one in each] for role, each in named.items()}
+    places = {
+        role: [_place(path, head, role, header, advice, layout) for header in each] for role, each in named.items()
+    }
     wanted = {place for several in places.values() for place in several}
     units = _count_units(head, sorted(wanted))
     body, notes = open_body(path, head, wanted, layout, skip=units)
@@ -153,7 +155,7 @@ def read_table(
         unknown = [f"{path.name}: flags stand in {shown}, which columns do not name as flag: none was used."]
     numbers, by_comma = body.numbers(cells)
     notes += ["units below the header"] * (units > 0) + ["decimal commas"] * by_comma + [time_note] * bool(time_note)
-    twice = {one for several in named.values() for one in several if f"{one}.2" in head.names}
+    twice = {header for several in named.values() for header in several if f"{header}.2" in head.names}
     notes += [f"the first of the columns {name}, of which {name}.2 is the second" for name in sorted(twice)]
     above = [head.names, *head.sample[:units]]
     said_by = {role: tuple(row[place].strip() for place in each for row in above) for role, each in places.items()}
@@ -216,12 +218,12 @@ def find_head(
         end = source.find(b"\n", end) + 1 or len(source)
     raw = source[:end].decode(errors="replace").split("\n")[:-1]
     candidates = [layout.delimiter] if layout.delimiter else list(delimiters)
-    found = _header_line(raw, layout, candidates, fits)
-    if found is None and must:
+    located = _header_line(raw, layout, candidates, fits)
+    if located is None and must:
         return None
     skipped = min(layout.skip_rows or 0, len(raw))
     first = next((k for k in range(skipped, len(raw)) if _has_content(raw[k], layout)), skipped)
-    at, delimiter = found or (layout.header - 1 if layout.header else first, "")
+    at, delimiter = located or (layout.header - 1 if layout.header else first, "")
     if layout.header and at >= len(raw):
         expected, shown = f"a header in line {layout.header}", f"{len(raw)} lines"
         raise InputError(str(path), expected=expected, found=shown, advice="correct header")
@@ -250,11 +252,11 @@ def _header_line(
     raw: Sequence[str], layout: Layout, candidates: Sequence[str], fits: Callable[[Sequence[str]], bool]
 ) -> tuple[int, str] | None:
     """Find the index and delimiter of the first line that fits; None if a row of numbers comes first."""
-    bare = [_uncommented(line, layout) for line in raw]  # numpy.savetxt writes the header as a comment
-    kept = ["" if text else line for line, text in zip(raw, bare, strict=True)]
-    places = [k for k in range(layout.skip_rows or 0, len(raw)) if _has_content(raw[k], layout) or bare[k]]
-    places = places if layout.skip_rows is None else [k for k in places if not bare[k]][:1]
-    for lines, delimiter in product((kept, bare), candidates if layout.header is None else ()):
+    uncommented = [_uncommented(line, layout) for line in raw]  # numpy.savetxt writes the header as a comment
+    rows_only = ["" if text else line for line, text in zip(raw, uncommented, strict=True)]
+    places = [k for k in range(layout.skip_rows or 0, len(raw)) if _has_content(raw[k], layout) or uncommented[k]]
+    places = places if layout.skip_rows is None else [k for k in places if not uncommented[k]][:1]
+    for lines, delimiter in product((rows_only, uncommented), candidates if layout.header is None else ()):
         for k in places:
             row = [cell.strip(QUOTES) for cell in _split_line(lines[k], delimiter)]
             if any(row) and fits(row):
@@ -270,8 +272,8 @@ def _has_content(line: str, layout: Layout) -> bool:
 
 def _uncommented(line: str, layout: Layout) -> str:
     """Take the mark off a comment; empty for other lines."""
-    bare = line.lstrip()
-    return next((bare.lstrip(mark).strip() for mark in layout.comments if bare.startswith(mark)), "")
+    text = line.lstrip()
+    return next((text.lstrip(mark).strip() for mark in layout.comments if text.startswith(mark)), "")
 
 
 def _split_line(line: str, delimiter: str) -> list[str]:
@@ -343,7 +345,10 @@ def open_body(
     keep[again] = False
     rows, lines = rows[keep][skip:], lines[keep][skip:]
     by = None if delimiter == " " else delimiter
-    cut = 0 if head.ended else _count_cut([line.split(by) for line in lines[-HEAD_LINES:].texts()], n)
+    last, cut = [] if head.ended else [line.split(by) for line in lines[-HEAD_LINES:].texts()], 0
+    if last:  # truncated if it lacks cells, or its last cell has fewer decimals than any other
+        decimals = [len(row[-1].strip().replace(",", ".").partition(".")[2]) for row in last if row[-1].strip()]
+        cut = int(len(last[-1]) < n or not last[-1][-1].strip() or decimals[-1] < min(decimals[:-1], default=0))
     rows = rows[: len(rows.line) - cut]
     long = np.flatnonzero(rows.width > n)
     for row, line in zip(long, lines[long].texts(), strict=True):
@@ -354,13 +359,6 @@ def open_body(
             raise InputError(where, expected=f"{n} cells as in the header", found=shown, advice=advice)
     notes = [f"{len(again)} more header line{'s' * (len(again) > 1)}"] * bool(again)
     return Body(path, head, rows, layout, cut), notes
-
-
-def _count_cut(last: Sequence[Sequence[str]], n: int) -> int:
-    """Count the truncated rows: the last one if it lacks cells, or its last cell has fewer decimals than any other."""
-    decimals = [len(row[-1].strip().replace(",", ".").partition(".")[2]) for row in last if row and row[-1].strip()]
-    usual = min(decimals[:-1], default=0)
-    return int(bool(last) and (len(last[-1]) < n or not last[-1][-1].strip() or decimals[-1] < usual))
 
 
 def _requoted(path: Path, head: Head, layout: Layout) -> bytes:
@@ -473,13 +471,13 @@ class Body:
             pointed = next((role for role, each in parsed.items() if each.point is not None), None)
             if pointed or all(parsed[role].thousands for role in commas):
                 shown = repr(self._cell(texts[commas[0]], parsed[commas[0]].comma))
-                beside = pointed and f" beside {self._cell(texts[pointed], parsed[pointed].point)!r}"
+                also = pointed and f" beside {self._cell(texts[pointed], parsed[pointed].point)!r}"
                 where, advice = (
                     f"{self.path}: column {self.head.names[texts[commas[0]][0]]!r}",
                     "write decimal: comma or decimal: point",
                 )
-                expected, found = "numbers with decimals behind points", shown + (beside or ", which may be thousands")
-                raise InputError(where, expected=expected, found=found, advice=advice)
+                expected, shown = "numbers with decimals behind points", shown + (also or ", which may be thousands")
+                raise InputError(where, expected=expected, found=shown, advice=advice)
         for role, each in parsed.items():
             if each.wrong is not None:
                 cell = self._cell(texts[role], each.wrong)

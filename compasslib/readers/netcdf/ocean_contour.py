@@ -74,8 +74,8 @@ def find_series(path: Path, nc: netCDF4.Dataset) -> Series:
     attributes |= {key: stated[there] for key, there in NAMES.items() if there in stated}
     if (status := flows[name].variables.get("Status")) is not None:
         words = np.ma.compressed(status[...]).astype(np.int64) >> 25 & 7
-        found = ORIENTATIONS.get(int(np.bincount(words).argmax())) if len(words) else None
-        attributes |= {"orientation": found} if found else {}
+        orientation = ORIENTATIONS.get(int(np.bincount(words).argmax())) if len(words) else None
+        attributes |= {"orientation": orientation} if orientation else {}
     return Series(flows[name], attributes)
 
 
