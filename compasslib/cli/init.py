@@ -25,6 +25,7 @@ from compasslib.errors import InputError
 from compasslib.preparation.affected import ExplainedShare, compare_headings, is_affected
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.readers import detect, iaga2002, nmea
+from compasslib.readers.netcdf import ocean_contour
 from compasslib.readers.nortek import converted
 from compasslib.readers.table import read_series
 from compasslib.records import DEEPEST_M, Record
@@ -41,12 +42,8 @@ PROVISIONAL: dict[str, dict[str, object]] = {
     **{form: {"direction_reference": "magnetic"} for form in ("netcdf", "ocean_contour", "mat")},
 }
 # Keys by which files are read for the draft where they are refused without; of the north, as the error says.
-RETRIED: tuple[dict[str, object], ...] = (
-    {},
-    {"orientation": "up"},
-    {"direction_reference": "true"},
-    {"orientation": "up", "direction_reference": "true"},
-)
+UP, TRUE = {"orientation": "up"}, {"direction_reference": "true"}
+RETRIED: tuple[dict[str, str], ...] = ({}, UP, TRUE, UP | TRUE)
 ASKED = ("orientation", "bin_size", "first_bin")
 TOLD_UP = ("pd0", "nortek", "netcdf", "ocean_contour", "mat", "rdi_text")  # formats that may state the orientation
 SILENT = ("table", "acm_table", "mmp_acm")  # formats that never state whether directions are magnetic or true
@@ -140,13 +137,11 @@ def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Conte
         form = kind.form if kind else None
         if form != "nortek" and converted.header_of(path) in paths:
             continue  # read together with the header file of its conversion
-        if (recorded := [path.with_suffix(suffix) for suffix in RECORDINGS if path.with_suffix(suffix) in paths]) and (
-            path.suffix.lower() == converted.HEADER
-        ):
-            contents.left.append(f"{path}: converted from {recorded[0].name}, which is read")
+        recorded = next((each for each in map(path.with_suffix, RECORDINGS) if each in paths), None)
+        if path.suffix.lower() == converted.HEADER and recorded:
+            contents.left.append(f"{path}: converted from {recorded.name}, which is read")
             continue
-        if form == "netcdf" and is_grouped(path):
-            form = "ocean_contour"
+        form = "ocean_contour" if form == "netcdf" and ocean_contour.is_ocean_contour(path) else form
         if COMPANION.search(path.name) and any(SCANS.search(other.name) for other in paths):
             continue  # read together with its scans
         if form == "mmp_acm" and (text := path.with_suffix(".TXT")) in paths and text != path:
@@ -162,9 +157,7 @@ def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Conte
         if form is None:
             contents.left.append(f"{path}: {f'{kind.name}; {kind.advice}' if kind else 'its kind is not known'}")
         elif form == "table" and table is None:
-            contents.left.append(
-                f"{path}: a table whose header names no known columns, its time in one or two; {TO_READ}"
-            )
+            contents.left.append(f"{path}: a table whose header names no known columns; {TO_READ}")
         elif table and table.kind == "pressure":
             continue  # read together with scans, or reported as unused below
         elif form in ("iaga2002", "nmea0183") or (table and table.kind != "instrument"):
@@ -293,19 +286,6 @@ def _drafted(
     where = read_position(files[0])
     both = (where["latitude"], where["longitude"]) if {"latitude", "longitude"} <= set(where) else None
     return replace(drafted, place=both, water_depth_m=where.get("water_depth"))
-
-
-def is_grouped(path: Path) -> bool:
-    """Return whether a netCDF file is OceanContour's."""
-    import netCDF4
-
-    from compasslib.readers.netcdf import ocean_contour
-
-    try:
-        with netCDF4.Dataset(path) as nc:
-            return ocean_contour.is_ocean_contour(nc)
-    except OSError:  # the reader will report the error
-        return False
 
 
 def _named_keys(error: InputError, keys: Iterable[str]) -> list[str]:

@@ -260,7 +260,7 @@ class TableKeys(Section):
     comment: Comment | None = key("the mark at the beginning of lines without data", "'#'", None)
 
     @model_validator(mode="after")
-    def _header_is_found_one_way(self) -> Self:
+    def _header_or_skip_rows(self) -> Self:
         if self.header and self.skip_rows is not None:
             raise problem("header", "header or skip_rows", "both", "delete one of the two")
         return self

@@ -121,13 +121,13 @@ def split_rows(source: bytes, begin: int, delimiter: str, wanted: Sequence[int],
             ends = behind[last - 1]
         from_cell = np.append(0, last[:-1])
         width = last - from_cell
-        for k, found in places.items():
+        for k, located in places.items():
             cell, there = np.minimum(from_cell + k, max(len(first) - 1, 0)), width > k
             at = (np.where(there, edge[cell], ends) if len(edge) else ends for edge in (first, behind))
-            found.append(begin + np.stack([*at]))
+            located.append(begin + np.stack([*at]))
         lines.append(np.stack([begin + np.append(0, ends[:-1] + 1), begin + ends, width]))
         begin = stop
-    columns = {k: Column(source, *np.concatenate(found, axis=1)) for k, found in places.items()}
+    columns = {k: Column(source, *np.concatenate(located, axis=1)) for k, located in places.items()}
     each = np.concatenate(lines, axis=1)
     return Rows(columns, np.arange(each.shape[1]), *each)
 
@@ -169,7 +169,7 @@ def parse_numbers(column: Column, decimal: str | None, missing: Sequence[str], s
         marks[begin : begin + size] = mark
     for text in (text.replace(",", ".") for text in missing):
         values[values == float(text) if NUMBER.fullmatch(text) else np.isnan(values)] = np.nan
-    point, comma = ((int(np.argmax(found)) if (found := marks == ord(each)).any() else None) for each in ".,")
+    point, comma = ((int(np.argmax(located)) if (located := marks == ord(each)).any() else None) for each in ".,")
     return Numbers(values, wrong, point, comma, thousands)
 
 

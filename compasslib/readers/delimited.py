@@ -15,6 +15,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from itertools import product
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -133,15 +134,15 @@ def read_table(
     if {*DATE_AND_CLOCK} <= {*headers} and {*TIMES} & {*headers}:
         expected, advice = "a time, or date and clock apart", "keep one of the two under columns"
         raise InputError(f"{path}: columns", expected=expected, found="all three", advice=advice)
-    named = {role: (one,) if isinstance(one, str | int) else (*one,) for role, one in headers.items()}
+    named = {role: (header,) if isinstance(header, str | int) else (*header,) for role, header in headers.items()}
     head = read_head(path, [each for several in named.values() for each in several], layout)
     places = {
-        role: [_place(path, head, role, one, advice, layout) for one in several] for role, several in named.items()
+        role: [_place(path, head, role, header, advice, layout) for header in each] for role, each in named.items()
     }
     wanted = {place for several in places.values() for place in several}
     units = _count_units(head, sorted(wanted))
-    rows, cut, notes = _split(path, head, wanted | ({head.clock} if head.clock else set()), layout, units)
-    body = _Body(path, head, rows, layout, carried)
+    body, notes = open_body(path, head, wanted, layout, skip=units)
+    body = replace(body, carried=carried)
     timed = [role for role in places if role in (*TIMES, *DATE_AND_CLOCK)]
     columns, time_note = body.times({role: [body.column(place, role) for place in places[role]] for role in timed})
     cells = {role: body.column(each[0], role) for role, each in places.items() if role not in timed}
@@ -154,15 +155,11 @@ def read_table(
         unknown = [f"{path.name}: flags stand in {shown}, which columns do not name as flag: none was used."]
     numbers, by_comma = body.numbers(cells)
     notes += ["units below the header"] * (units > 0) + ["decimal commas"] * by_comma + [time_note] * bool(time_note)
-    twice = {one for several in named.values() for one in several if f"{one}.2" in head.names}
+    twice = {header for several in named.values() for header in several if f"{header}.2" in head.names}
     notes += [f"the first of the columns {name}, of which {name}.2 is the second" for name in sorted(twice)]
-    said_by = {
-        role: tuple(
-            text for place in each for text in (head.names[place], *(row[place].strip() for row in head.sample[:units]))
-        )
-        for role, each in places.items()
-    }
-    return Table(columns | numbers, len(rows.line), cut, (*head.notes, *notes), said_by, tuple(unknown))
+    above = [head.names, *head.sample[:units]]
+    said_by = {role: tuple(row[place].strip() for place in each for row in above) for role, each in places.items()}
+    return Table(columns | numbers, len(body.rows.line), body.cut, (*head.notes, *notes), said_by, tuple(unknown))
 
 
 def date_and_clock(headers: Mapping[str, str], withheld: Collection[str] = ()) -> dict[str, str]:
@@ -216,37 +213,27 @@ def find_head(
     if not source.isascii():
         for mark, plain in TYPESETTING.items():
             source = source.replace(mark.encode(), plain.encode())
-    skipped, end = layout.skip_rows or 0, 0
-    for _ in range(skipped + HEAD_LINES):
+    end = 0
+    for _ in range((layout.skip_rows or 0) + HEAD_LINES):
         end = source.find(b"\n", end) + 1 or len(source)
     raw = source[:end].decode(errors="replace").split("\n")[:-1]
     candidates = [layout.delimiter] if layout.delimiter else list(delimiters)
-    first = next(
-        (k for k, line in enumerate(raw) if k >= skipped and _has_content(line, layout)), min(skipped, len(raw))
-    )
-    bare = [_uncommented(line, layout) for line in raw]
-    found: tuple[int, str] | None = None
-    if layout.header is None:
-        places = range(skipped, len(raw)) if layout.skip_rows is None else [first]
-        kept = ["" if text else line for line, text in zip(raw, bare, strict=True)]
-        tries = (
-            (lines, each) for lines in (kept, bare) for each in candidates
-        )  # numpy.savetxt comments its header out
-        found = next(filter(None, (_find_header(lines, places, each, fits) for lines, each in tries)), None)
-        if found is None and must:
-            return None
-    at, delimiter = found or (layout.header - 1 if layout.header else first, "")
-    if at >= len(raw) and layout.header:
-        raise InputError(
-            str(path), expected=f"a header in line {layout.header}", found=f"{len(raw)} lines", advice="correct header"
-        )
-    line = (bare[at] or raw[at]) if at < len(raw) else ","
+    located = _header_line(raw, layout, candidates, fits)
+    if located is None and must:
+        return None
+    skipped = min(layout.skip_rows or 0, len(raw))
+    first = next((k for k in range(skipped, len(raw)) if _has_content(raw[k], layout)), skipped)
+    at, delimiter = located or (layout.header - 1 if layout.header else first, "")
+    if layout.header and at >= len(raw):
+        expected, shown = f"a header in line {layout.header}", f"{len(raw)} lines"
+        raise InputError(str(path), expected=expected, found=shown, advice="correct header")
+    line = (_uncommented(raw[at], layout) or raw[at]) if at < len(raw) else ""
     delimiter = delimiter or layout.delimiter or next((each for each in candidates if each in line.strip()), " ")
     names = [cell.strip(QUOTES) for cell in _split_line(line, delimiter)] if at < len(raw) else []
     if layout.header == 0:
         names, at = [str(k) for k in range(1, len(names) + 1)], at - 1
     notes += [f"cells between {DELIMITERS.get(delimiter)}"] * (delimiter != "," and layout.delimiter is None)
-    above = sum(map(bool, kept[skipped:at])) if layout.header is None else 0
+    above = sum(_has_content(line, layout) for line in raw[skipped : max(at, 0)]) * (layout.header is None)
     notes += [f"{above} line{'s' * (above > 1)} above the header"] * (above > 0)
     sample = [_split_line(line, delimiter) for line in raw[at + 1 :] if _has_content(line, layout)]
     clock = None
@@ -257,31 +244,25 @@ def find_head(
     for k, name in enumerate(names):
         repeated[name] += 1
         names[k] = name if repeated[name] == 1 else f"{name}.{repeated[name]}"
-    begin = sum(len(line.encode()) + 1 for line in raw[: at + 1])
-    return Head(
-        source,
-        names,
-        at + 1,
-        begin,
-        delimiter,
-        tuple(notes),
-        raw[at].encode() if 0 <= at < len(raw) else b"",
-        clock,
-        ended,
-        sample,
-    )
+    begin, text = sum(len(line.encode()) + 1 for line in raw[: at + 1]), "".join(raw[max(at, 0) : at + 1]).encode()
+    return Head(source, names, at + 1, begin, delimiter, tuple(notes), text, clock, ended, sample)
 
 
-def _find_header(
-    raw: Sequence[str], places: Iterable[int], delimiter: str, fits: Callable[[Sequence[str]], bool]
+def _header_line(
+    raw: Sequence[str], layout: Layout, candidates: Sequence[str], fits: Callable[[Sequence[str]], bool]
 ) -> tuple[int, str] | None:
-    """Find the index of the first line that fits, and its delimiter; None if a row of numbers comes first."""
-    for k in places:
-        row = [cell.strip(QUOTES) for cell in _split_line(raw[k], delimiter)] if k < len(raw) else []
-        if any(row) and fits(row):
-            return k, delimiter
-        if len(row) > 1 and all(cell[:1] in NUMBER_STARTS for cell in row):
-            return None
+    """Find the index and delimiter of the first line that fits; None if a row of numbers comes first."""
+    uncommented = [_uncommented(line, layout) for line in raw]  # numpy.savetxt writes the header as a comment
+    rows_only = ["" if text else line for line, text in zip(raw, uncommented, strict=True)]
+    places = [k for k in range(layout.skip_rows or 0, len(raw)) if _has_content(raw[k], layout) or uncommented[k]]
+    places = places if layout.skip_rows is None else [k for k in places if not uncommented[k]][:1]
+    for lines, delimiter in product((rows_only, uncommented), candidates if layout.header is None else ()):
+        for k in places:
+            row = [cell.strip(QUOTES) for cell in _split_line(lines[k], delimiter)]
+            if any(row) and fits(row):
+                return k, delimiter
+            if len(row) > 1 and all(cell[:1] in NUMBER_STARTS for cell in row):
+                break
     return None
 
 
@@ -291,8 +272,8 @@ def _has_content(line: str, layout: Layout) -> bool:
 
 def _uncommented(line: str, layout: Layout) -> str:
     """Take the mark off a comment; empty for other lines."""
-    bare = line.lstrip()
-    return next((bare.lstrip(mark).strip() for mark in layout.comments if bare.startswith(mark)), "")
+    text = line.lstrip()
+    return next((text.lstrip(mark).strip() for mark in layout.comments if text.startswith(mark)), "")
 
 
 def _split_line(line: str, delimiter: str) -> list[str]:
@@ -336,49 +317,48 @@ def _count_units(head: Head, wanted: Sequence[int], most: int = 2) -> int:
     return count
 
 
-def _split(path: Path, head: Head, wanted: Collection[int], layout: Layout, units: int) -> tuple[Rows, int, list[str]]:
-    """Split the lines below the header into rows of cells; also count cut last lines, and note repeated headers."""
-    source, begin, delimiter, text = head.source, head.begin, head.delimiter, head.text
+def open_body(
+    path: Path, head: Head, wanted: Collection[int], layout: Layout = DEFAULT_LAYOUT, *, skip: int = 0
+) -> tuple[Body, list[str]]:
+    """Split the lines below the header into rows of cells, and note headers that are repeated between them.
+
+    Args:
+        wanted: indices of the columns to read.
+        skip: number of rows below the header that hold no data.
+
+    Raises:
+        InputError: a line has more cells than the header, or a quotation mark is not closed.
+    """
+    source, begin, delimiter, text, n = head.source, head.begin, head.delimiter, head.text, len(head.names)
     if (layout.delimiter, layout.decimal) == (",", ",") or source.find(b'"', begin) >= 0:
         source, begin, delimiter = _requoted(path, head, layout), 0, APART
         text = APART.join(_split_line(text.decode(), head.delimiter)).encode()
-    rows = split_rows(source, begin, delimiter, sorted(wanted))
+    rows = split_rows(source, begin, delimiter, sorted({*wanted, *([head.clock] if head.clock else [])}))
     content = Column(source, rows.begin, rows.end).strip(BLANKS + delimiter.encode())
     keep = content.begin < content.end
-    marks = {ord(mark[0]) for mark in layout.comments}
-    for row in np.flatnonzero(keep & np.isin(content.data[content.begin], [*marks])):
-        keep[row] = (
-            not content.source[rows.begin[row] : content.end[row]]
-            .lstrip()
-            .startswith(tuple(map(str.encode, layout.comments)))
-        )
-    again, at = [], begin - 1
+    marked = keep & np.isin(content.data[content.begin], [ord(mark[0]) for mark in layout.comments])
+    lines = Column(source, rows.begin, rows.end)
+    keep[marked] = [not line.lstrip().startswith(layout.comments) for line in lines[marked].texts()]
+    again, at = list[int](), begin - 1
     while text and (at := source.find(text + b"\n", at + 1)) >= 0:
-        if at == 0 or source[at - 1] == ord("\n"):
-            again.append(int(np.searchsorted(rows.begin, at)))
+        again += [int(np.searchsorted(rows.begin, at))] * (at == 0 or source[at - 1 : at] == b"\n")
     keep[again] = False
-    rows = rows[keep][units:]
-    n, last, cut = len(head.names), Column(source, rows.begin, rows.end)[-HEAD_LINES:].texts(), 0
-    if not head.ended and last:
-        # An unterminated last line is truncated if it lacks cells, or its last cell has fewer decimals than any other.
-        cells = [line.split(None if delimiter == " " else delimiter)[-1].strip() for line in last]
-        decimals = [len(cell.replace(",", ".").partition(".")[2]) for cell in cells]
-        usual = min((number for number, cell in zip(decimals[:-1], cells[:-1], strict=True) if cell), default=0)
-        cut = int(rows.width[-1] < n or decimals[-1] < usual)
-        rows = rows[: len(rows.line) - cut]
+    rows, lines = rows[keep][skip:], lines[keep][skip:]
+    by = None if delimiter == " " else delimiter
+    last, cut = [] if head.ended else [line.split(by) for line in lines[-HEAD_LINES:].texts()], 0
+    if last:  # truncated if it lacks cells, or its last cell has fewer decimals than any other
+        decimals = [len(row[-1].strip().replace(",", ".").partition(".")[2]) for row in last if row[-1].strip()]
+        cut = int(len(last[-1]) < n or not last[-1][-1].strip() or decimals[-1] < min(decimals[:-1], default=0))
+    rows = rows[: len(rows.line) - cut]
     long = np.flatnonzero(rows.width > n)
-    for row in long:
-        cells = (
-            source[rows.begin[row] : rows.end[row]]
-            .decode(errors="replace")
-            .split(None if delimiter == " " else delimiter)
-        )
-        if any(map(str.strip, cells[n:])):
-            every = "if commas are decimals too, write delimiter: comma and decimal: comma, else correct delimiter"
-            advice = every if len(long) == len(rows.line) > 1 else MEND
+    for row, line in zip(long, lines[long].texts(), strict=True):
+        if any(map(str.strip, line.split(by)[n:])):
+            advice = "if commas are decimals too, write delimiter: comma and decimal: comma, else correct delimiter"
             where, shown = f"{path}: line {head.line + rows.line[row] + 1}", f"a line of {rows.width[row]} cells"
+            advice = advice if len(long) == len(rows.line) > 1 else MEND
             raise InputError(where, expected=f"{n} cells as in the header", found=shown, advice=advice)
-    return rows, cut, [f"{len(again)} more header line{'s' * (len(again) > 1)}"] * bool(again)
+    notes = [f"{len(again)} more header line{'s' * (len(again) > 1)}"] * bool(again)
+    return Body(path, head, rows, layout, cut), notes
 
 
 def _requoted(path: Path, head: Head, layout: Layout) -> bytes:
@@ -409,14 +389,15 @@ def _requoted(path: Path, head: Head, layout: Layout) -> bytes:
 
 
 @dataclass(frozen=True)
-class _Body:
+class Body:
     """Rows of a table, whose errors name file, line and column."""
 
     path: Path
     head: Head
     rows: Rows
     layout: Layout
-    carried: Collection[str]  # roles whose empty cells repeat the cell above
+    cut: int  # number of truncated last lines dropped
+    carried: Collection[str] = ()  # roles whose empty cells repeat the cell above
 
     def column(self, place: int, role: str) -> tuple[int, Column]:
         """Select the cells of a column, and its index; empty ones repeat the cell above where they are carried on."""
@@ -490,13 +471,13 @@ class _Body:
             pointed = next((role for role, each in parsed.items() if each.point is not None), None)
             if pointed or all(parsed[role].thousands for role in commas):
                 shown = repr(self._cell(texts[commas[0]], parsed[commas[0]].comma))
-                beside = pointed and f" beside {self._cell(texts[pointed], parsed[pointed].point)!r}"
+                also = pointed and f" beside {self._cell(texts[pointed], parsed[pointed].point)!r}"
                 where, advice = (
                     f"{self.path}: column {self.head.names[texts[commas[0]][0]]!r}",
                     "write decimal: comma or decimal: point",
                 )
-                expected, found = "numbers with decimals behind points", shown + (beside or ", which may be thousands")
-                raise InputError(where, expected=expected, found=found, advice=advice)
+                expected, shown = "numbers with decimals behind points", shown + (also or ", which may be thousands")
+                raise InputError(where, expected=expected, found=shown, advice=advice)
         for role, each in parsed.items():
             if each.wrong is not None:
                 cell = self._cell(texts[role], each.wrong)

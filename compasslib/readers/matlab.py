@@ -16,13 +16,13 @@ from compasslib import angles
 from compasslib.earthfield import parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.readers import times
-from compasslib.readers.files import DAMAGE_ERRORS, refuse_large_arrays
+from compasslib.readers.files import DAMAGE_ERRORS, MISSING_COUNT, refuse_large_arrays
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.pd12 import BEAM_ANGLE_DEG
 from compasslib.records import Record, join_records, new_record
 from compasslib.types import Floats
 
-_Found = tuple[dict[str, Floats], dict[str, Any], list[str]]  # series by role, what the file states, and notes
+_Selection = tuple[dict[str, Floats], dict[str, Any], list[str]]  # series by role, what the file states, and notes
 HDF5 = b"\x89HDF"  # after the text header of 512 bytes in a file of version 7.3
 CLOCK = ("SerYear", "SerMon", "SerDay", "SerHour", "SerMin", "SerSec")
 WINADCP = {  # role -> name, and factor to the unit of records
@@ -36,7 +36,6 @@ RDRADCP = {
     "range": "config.ranges",
 }  # fmt: skip
 FIELDS = {"heading": "heading_deg", "pressure": "pressure_dbar", "depth": "depth_m", "temperature": "temperature_c"}
-MISSING_COUNT = 32768  # of RDI, whichever its sign
 NO_BIAS = "WinADCP does not export the heading bias EB: none was taken out but for declination_applied."
 
 
@@ -116,27 +115,26 @@ def load(path: Path) -> dict[str, Any]:
 
 def _group(path: Path, group: Any) -> dict[str, Any]:
     """Read a group of an HDF5 file, whose arrays MATLAB stores in reverse order and whose texts are numbers."""
-    found: dict[str, Any] = {name: _group(path, inner) for name, inner in group.groups.items() if name[0] != "#"}
+    content: dict[str, Any] = {name: _group(path, inner) for name, inner in group.groups.items() if name[0] != "#"}
     for name, variable in group.variables.items():
         refuse_large_arrays(f"{path}: {name}", 8 * variable.size, path.stat().st_size)
         values = np.ma.getdata(variable[...]).T
         is_text = str(getattr(variable, "MATLAB_class", "")) == "char"
-        found[name] = "".join(map(chr, values.ravel())) if is_text else np.squeeze(values)
-    return found
+        content[name] = "".join(map(chr, values.ravel())) if is_text else np.squeeze(values)
+    return content
 
 
-def _of_winadcp(path: Path, variables: Mapping[str, Any]) -> _Found:
+def _of_winadcp(path: Path, variables: Mapping[str, Any]) -> _Selection:
     """Select the series that WinADCP exports, as counts of hundredths of degrees, millimetres and so on."""
     counts = {
         role: (np.asarray(variables[name], float), factor)
         for role, (name, factor) in WINADCP.items()
         if name in variables
     }
-    series = {role: np.where(np.abs(x) == MISSING_COUNT, np.nan, factor * x) for role, (x, factor) in counts.items()}
+    series = {role: np.where(np.abs(x) == -MISSING_COUNT, np.nan, factor * x) for role, (x, factor) in counts.items()}
     year, *others = (np.atleast_1d(np.asarray(variables[name], float)) for name in CLOCK)
-    year = year + np.where(year >= 1900.0, 0.0, np.where(year >= times.FIRST_YEAR - 1900, 1900.0, 2000.0))
     others[-1] = others[-1] + np.asarray(variables.get("SerHund", 0.0), float) / 100.0
-    series["time"], wrong = times.from_parts([year, *others])
+    series["time"], wrong = times.from_parts([times.full_years(year), *others])
     if wrong is not None:
         shown = " ".join(f"{part[wrong]:g}" for part in (year, *others))
         raise InputError(
@@ -154,7 +152,7 @@ def _of_winadcp(path: Path, variables: Mapping[str, Any]) -> _Found:
     return series, {"orientation": word, "beam_angle_deg": BEAM_ANGLE_DEG}, notes
 
 
-def _of_rdradcp(path: Path, adcp: Mapping[str, Any]) -> _Found:
+def _of_rdradcp(path: Path, adcp: Mapping[str, Any]) -> _Selection:
     """Select the fields of rdradcp's structure."""
     config = adcp["config"] if isinstance(adcp.get("config"), Mapping) else {}
     system, alignment = str(config.get("coord_sys", "earth")), float(config.get("xducer_misalign", 0.0))

@@ -80,15 +80,15 @@ def find_columns(head: delimited.Head) -> dict[str, str]:
     names = [name for name in head.names if name and not _FLAGS.fullmatch(name)]
     preamble = head.source[: head.begin].decode(errors="replace")
     parameter = {_plain(subject): code for subject, code in _SUBJECT.findall(preamble)}
-    found: dict[str, str] = {}
+    columns: dict[str, str] = {}
     for name in names:
         code = parameter.get(_plain(name), "")
         role = next((role for begin, role in PARAMETERS.items() if code.startswith(begin)), None)
-        found |= {role: name} if role and role not in found else {}
-    roles = detect.match_roles(name for name in names if name not in found.values())
+        columns |= {role: name} if role and role not in columns else {}
+    roles = detect.match_roles(name for name in names if name not in columns.values())
     roles = {role: name for role, name in roles.items() if role not in delimited.DATE_AND_CLOCK}
     times = sorted(filter(_TIME.fullmatch, names), key=lambda name: not name.startswith("time"))
-    return roles | ({"time": times[0]} if times else {}) | found
+    return roles | ({"time": times[0]} if times else {}) | columns
 
 
 def _flag_columns(head: delimited.Head, headers: Mapping[str, Any]) -> tuple[dict[str, str], dict[str, int]]:

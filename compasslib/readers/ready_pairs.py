@@ -32,14 +32,14 @@ def read_ready_pairs(path: Path, columns: Mapping[str, str]) -> dict[str, Floats
     for role, name in columns.items():
         values = np.atleast_1d(matlab.find_numbers(path, variables, name, role))
         if values.ndim > 1:
-            found = " x ".join(map(str, values.shape))
+            shown = " x ".join(map(str, values.shape))
             raise InputError(
-                f"{path}: {name} ({role})", expected="a series, 1 x n or n x 1", found=found, advice=ADVICE
+                f"{path}: {name} ({role})", expected="a series, 1 x n or n x 1", found=shown, advice=ADVICE
             )
         series[role] = values
     if len({len(values) for values in series.values()}) != 1:
-        found = ", ".join(f"{columns[role]} {len(values)}" for role, values in series.items())
-        raise InputError(str(path), expected="variables of one length", found=found, advice=ADVICE)
+        shown = ", ".join(f"{columns[role]} {len(values)}" for role, values in series.items())
+        raise InputError(str(path), expected="variables of one length", found=shown, advice=ADVICE)
     first = float(np.nanmin(series["time"], initial=np.inf))
     if DATENUMS[0] < first < DATENUMS[1]:
         series["time"] = (series["time"] - DATENUM_1970) * DAY_S

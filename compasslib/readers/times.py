@@ -25,7 +25,6 @@ Ints = NDArray[np.int64]
 TIME_FORM = "an ISO time like 2007-09-04T00:00:00Z"
 SETTLE = "write time_format, for example '%d/%m/%Y %H:%M'"
 DATENUM_1970 = 719529.0  # 1970-01-01 in MATLAB's day numbers
-ORDINAL_1970 = 719163.0  # the same in matplotlib's day numbers before version 3.3
 JULIAN_DAY_1970 = 2440588  # Julian day number of noon on 1970-01-01; EPIC's of that day
 FARTHEST_ZONE_H = 14  # hours, largest UTC offset in use
 FIRST_YEAR, LAST_YEAR = 1980, 2100  # accepted years of instrument clocks
@@ -111,27 +110,33 @@ def parse_times(
         return np.zeros(0), ""
     if form is None:
         first = cells.text(0)
-        found = next((name for name, pattern in _PATTERNS.items() if pattern.fullmatch(first)), None)
-        pattern = None if found is None else _PATTERNS[found]
-        if found != "iso":
+        name = next((name for name, pattern in _PATTERNS.items() if pattern.fullmatch(first)), None)
+        pattern = None if name is None else _PATTERNS[name]
+        if name != "iso":
             cells = _Cells(column, f"a time like {first!r}, as in the first row", f"mend the line, or {SETTLE}")
     else:
-        found, cells = "", _Cells(column, f"a time like {form}", "mend the line or correct time_format")
+        name, cells = "", _Cells(column, f"a time like {form}", "mend the line or correct time_format")
         pattern = None if form in SCALES else _pattern_of(form)
     if pattern is None:
         values = parse_numbers(column, decimal, ()).values
         values = np.where(np.isfinite(values), values, np.nan)
         scale = form or _detect_scale(_Cells(column), values)
-        return _from_scale(scale, _Cells(column), values) - ahead_s, "" if form else f"times as {SCALES[scale][1]}"
+        expected, advice = (
+            f"{SCALES[scale][1]} between {YEARS[0]} and {YEARS[1] - 1}",
+            "mend the line or correct time_format",
+        )
+        if (wrong := ~_within(scale, values, YEARS)).any():
+            raise cells.refused(int(np.argmax(wrong)), expected, advice)
+        return SCALES[scale][0](values) - ahead_s, "" if form else f"times as {SCALES[scale][1]}"
     fields = _read_fields(cells, pattern)
-    note = _NOTES.get(str(found), "months by their names" * ("name" in fields and form is None))
+    note = _NOTES.get(str(name), "months by their names" * ("name" in fields and form is None))
     if "a" in fields:
         fields["d"], fields["m"], note = _day_and_month(cells, fields["a"], fields["b"], fields["y"])
     if "half" in fields and (written := fields["half"] > 0.0).any():  # 12-hour clock with AM or PM
         if (wrong := ~written | (fields["H"] < 1.0) | (fields["H"] > 12.0)).any():
             raise cells.refused(int(np.argmax(wrong)), "an hour from 1 to 12 with AM or PM, as in other rows")
         fields["H"] = fields["H"] % 12.0 + 12.0 * (fields["half"] - 1.0)
-    clock_s, leap = _to_seconds(cells, fields, packed=found in _NOTES)
+    clock_s, leap = _to_seconds(cells, fields, packed=name in _NOTES)
     if len(leap):
         note += f"{', ' * bool(note)}second 60 as a leap second ({cells.text(int(leap[0]))})"
     return clock_s - _zone_offset_s(cells, fields["zone"], zone, ahead_s), note
@@ -165,13 +170,13 @@ def _read_fields(cells: _Cells, pattern: re.Pattern[str]) -> dict[str, Floats]:
     shape, length = shape.view(f"S{shape.shape[1]}")[:, 0], column.end - column.begin
     fields: dict[str, Floats] = {name: np.zeros(len(length)) for name in {*pattern.groupindex} - {"part"}}
     fields["zone"] = np.full(len(length), np.nan)
-    rest = np.arange(len(length))
-    while rest.size:
-        row = int(rest[0])
+    unread = np.arange(len(length))
+    while unread.size:
+        row = int(unread[0])
         if (match := pattern.fullmatch(text := cells.text(row))) is None:
             raise cells.refused(row)
-        alike = (shape[rest] == shape[row]) & (length[rest] == length[row])
-        here: Any = slice(None) if alike.all() and len(rest) == len(length) else rest[alike]
+        alike = (shape[unread] == shape[row]) & (length[unread] == length[row])
+        here: Any = slice(None) if alike.all() and len(unread) == len(length) else unread[alike]
         for name in fields.keys() & match.groupdict().keys():
             begin, end = match.span(name)
             at = [k for k in range(begin, end) if text[k].isdigit()]
@@ -191,7 +196,7 @@ def _read_fields(cells: _Cells, pattern: re.Pattern[str]) -> dict[str, Floats]:
                 fields[name][here] = number
         if text[-1] in "ZCT":  # Z, UTC, GMT
             fields["zone"][here] = 0.0
-        rest = rest[~alike]
+        unread = unread[~alike]
     return fields
 
 
@@ -224,10 +229,15 @@ def from_numbers(values: Floats, scale: str | None = None) -> tuple[Floats, str]
         Unreadable: the scale is not stated, and the numbers do not determine it.
     """
     known = np.isfinite(values)
-    found = scale or _scale_of(values[known])
+    name = scale or _scale_of(values[known])
     time_s = np.full(len(values), np.nan)
-    time_s[known] = SCALES[found][0](values[known])
-    return time_s, "" if scale else f"times were read as {SCALES[found][1]}"
+    time_s[known] = SCALES[name][0](values[known])
+    return time_s, "" if scale else f"times were read as {SCALES[name][1]}"
+
+
+def full_years(year: Floats) -> Floats:
+    """Complete years of two figures by the century in which instruments have clocks."""
+    return year + np.where(year >= 1900.0, 0.0, np.where(year >= FIRST_YEAR - 1900, 1900.0, 2000.0))
 
 
 def from_parts(parts: Sequence[Floats]) -> tuple[Floats, int | None]:
@@ -245,16 +255,16 @@ def from_parts(parts: Sequence[Floats]) -> tuple[Floats, int | None]:
     else:
         whole = [np.floor(part).astype(np.int64) for part in (year, *others)]
         whole += [np.zeros_like(whole[0])] * (6 - len(whole))
-        rest = (others[-1] % 1.0) * (0.0, DAY_S, HOUR_S, 60.0, 1.0)[len(others) - 1]
-        time_s = np.asarray(np.round((civil_seconds(*whole, first_year=YEARS[0]) + rest) * 1e3) / 1e3, dtype=float)
+        fraction = (others[-1] % 1.0) * (0.0, DAY_S, HOUR_S, 60.0, 1.0)[len(others) - 1]
+        time_s = np.asarray(np.round((civil_seconds(*whole, first_year=YEARS[0]) + fraction) * 1e3) / 1e3, dtype=float)
         wrong = np.any([part % 1.0 != 0.0 for part in (year, *others[:-1])], axis=0)
     wrong |= np.isnan(time_s)
     return time_s, int(np.argmax(wrong)) if wrong.any() else None
 
 
 def _new_year(year: Floats) -> tuple[Ints, ...]:
-    one = np.ones(len(year), dtype=np.int64)
-    return (year.astype(np.int64), one, one, 0 * one, 0 * one, 0 * one)
+    ones = np.ones(len(year), dtype=np.int64)
+    return (year.astype(np.int64), ones, ones, 0 * ones, 0 * ones, 0 * ones)
 
 
 def parse_zone(zone: str | None) -> float:
@@ -299,11 +309,6 @@ def parse_origin(text: str, calendar: str) -> float:
     return (day - JULIAN_DAY_1970) * DAY_S + HOUR_S * clock[0] + 60.0 * clock[1] + clock[2] - ahead_s
 
 
-def _matplotlib(days: Floats) -> Floats:
-    """Convert days since 1970, or since the end of the year 0 as before version 3.3."""
-    return np.round(np.where(days > ORDINAL_1970, days - ORDINAL_1970, days) * DAY_S, 3)
-
-
 def _decimal_years(years: Floats) -> Floats:
     whole = np.floor(years)
     begin, end = ((whole + k - 1970.0).astype("datetime64[Y]").astype("datetime64[s]").astype(float) for k in (0, 1))
@@ -314,20 +319,13 @@ SCALES: dict[str, tuple[Callable[[Floats], Floats], str]] = {
     "epoch": (lambda x: x, "seconds since 1970"),
     "epoch_ms": (lambda x: x / 1e3, "milliseconds since 1970"),
     "datenum": (lambda x: np.round((x - DATENUM_1970) * DAY_S, 3), "MATLAB's datenum"),
-    "matplotlib": (_matplotlib, "matplotlib's days"),
+    "matplotlib": (  # since 1970, or since the end of the year 0 as before version 3.3
+        lambda x: np.round(np.where(x > DATENUM_1970 - 366.0, x - DATENUM_1970 + 366.0, x) * DAY_S, 3),
+        "matplotlib's days",
+    ),
     "excel": (lambda x: np.round((x - 25569.0) * DAY_S, 3), "Excel's days"),
     "decimal_year": (_decimal_years, "years with a fraction of their own length"),
 }
-
-
-def _from_scale(scale: str, cells: _Cells, values: Floats) -> Floats:
-    if (lost := np.isnan(values)).any():
-        expected = f"a number ({SCALES[scale][1]})"
-        raise cells.refused(int(np.argmax(lost)), expected, "mend the line or correct time_format")
-    if (beyond := np.flatnonzero(~_within(scale, values, YEARS))).size:
-        expected = f"{SCALES[scale][1]} between {YEARS[0]} and {YEARS[1] - 1}"
-        raise cells.refused(int(beyond[0]), expected, "mend the line or correct time_format")
-    return SCALES[scale][0](values)
 
 
 def _within(scale: str, values: Floats, years: tuple[int, int]) -> Bools:

@@ -97,7 +97,7 @@ MATRIX = {
     "junk inside":     "R X X R R R R X X R R R",
     "junk at the end": "R X X R R R R R X R R R",
     "a tail of FF":    "R X X R R R R R X R R R",
-    "a tail of 00":    "R R R R R R R R X R R R",
+    "a tail of 00":    "R R R R R R R R R R R R",
     "twice":           "R R R R R R R R X R R R",
     "reversed":        "R X X R X R X X X X X X",
     "empty":           "X X X X X X X X X X X X",

@@ -69,8 +69,8 @@ def test_orientation_comes_from_the_file_or_is_required(tmp_path):
         ("1st Bin Range (m)", "Range (m)", "1st Bin Range"),
         ("mm/s", "knots", "unit knots"),
         ("\t15\t8\t30\t", "\t15\t2\t30\t", "YR MO DA HH MM SS"),
-        ("\t7.30\t", "\twarm\t", "column Tem"),
-        ("\t45.0\tUp\t0\t160\t", "\t45.0\tUp\t0\t", "line 16: expected 24 cells"),
+        ("\t7.30\t", "\twarm\t", "line 16, Tem: expected a number"),
+        ("\t45.0\tUp\t0\t160\t", "\t45.0\tUp\t0\t", "line 16, Ens: expected 24 cells"),
         ("\t", "   ", "WinADCP"),
     ],
 )

@@ -261,7 +261,7 @@ def _starts(scans: Scans, companion: Companion, offset: float, rate: Floats) -> 
             found=f"{len(companion.starts)} profile starts for {len(stated)} profiles without a common number",
             advice="give the E files of the same profiles",
         )
-    count = np.array([scans.place[end - 1] + 1 for _, end in _limits(scans)])
+    count = scans.place[np.cumsum(np.bincount(scans.profile, minlength=len(stated))) - 1] + 1
     with np.errstate(invalid="ignore", divide="ignore"):
         shown = count / (np.array([start.off_s for start in starts]) - begin)
         shown = np.where(np.isfinite(shown) & (shown > 0.0), shown, np.nan)
@@ -273,11 +273,6 @@ def _starts(scans: Scans, companion: Companion, offset: float, rate: Floats) -> 
     if assumed:
         notes.append(f"no file states the sample rate of {assumed} profiles: {USUAL_HZ:g} Hz was assumed")
     return begin, np.where(np.isfinite(rate), rate, USUAL_HZ), notes
-
-
-def _limits(scans: Scans) -> list[tuple[int, int]]:
-    ends = np.cumsum(np.bincount(scans.profile, minlength=len(scans.blocks)))
-    return list(zip([0, *ends[:-1].tolist()], ends.tolist(), strict=True))
 
 
 def _record(series: TimedScans, companion: Companion, *, known_depth: bool) -> Record:

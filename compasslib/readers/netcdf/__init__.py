@@ -150,6 +150,9 @@ def _record(path: Path, nc: Any, settings: _Settings) -> Record:
     backwards = bins.range_m.shape[1] > 1 and np.nanmedian(np.diff(bins.range_m, axis=1)) < 0.0
     order = slice(None, None, -1) if backwards else slice(None)
     attributes.note_unlinked(file)
+    angle = file.attribute("beam_angle", "RDI_Beam_Angle", "TRDI_Beam_Angle")
+    if angle is None and east.shape[1] > 1:
+        file.notes.append("The file does not state the angle of the beams: bins that side lobes reach are not flagged.")
     pitch = _measured(file, "tilt_x", n)
     if file.text("inst_make") == "TRDI":  # dolfyn stores the tilt sensor's pitch, measured inside the roll
         pitch = true_pitch(pitch, _series(file, "tilt_y", n))
@@ -168,7 +171,7 @@ def _record(path: Path, nc: Any, settings: _Settings) -> Record:
         quality=quality[:, order],
         heading_quality=heading_flags,
         looks_up=bins.looks_up,
-        beam_angle_deg=_beam_angle(file, east.shape[1]),
+        beam_angle_deg=0.0 if angle is None else float(np.asarray(angle).ravel()[0]),
         direction_reference=settings.reference,
         heading_bias_deg=float(np.median(in_heading)) if in_heading is not None else 0.0,
         velocity_bias_deg=float(np.median(in_velocity)),
@@ -194,7 +197,7 @@ def _open(path: Path, nc: Any, settings: _Settings) -> tuple[File, Floats, Flags
     columns = settings.columns
     if nc.groups and not nc.variables:
         advice = "write the group with the velocities as a file of its own"
-        advice = "write format: ocean_contour" if ocean_contour.is_ocean_contour(nc) else advice
+        advice = "write format: ocean_contour" if ocean_contour.is_ocean_contour(path) else advice
         shown = f"groups {', '.join(nc.groups)}"
         raise InputError(str(path), expected="variables at the top", found=shown, advice=advice)
     system = str(getattr(nc, "coord_sys", "earth"))
@@ -421,13 +424,6 @@ def _looks_up(file: File, orientation: str | None, by_sign: str | None) -> bool:
     if not (orientation or stated):
         raise file.refuse("orientation", "up or down", "neither in the file", "write orientation: up or down")
     return (orientation or stated) == "up"
-
-
-def _beam_angle(file: File, bins: int) -> float:
-    angle = file.attribute("beam_angle", "RDI_Beam_Angle", "TRDI_Beam_Angle")
-    if angle is None and bins > 1:
-        file.notes.append("The file does not state the angle of the beams: bins that side lobes reach are not flagged.")
-    return float(np.asarray(angle).ravel()[0]) if angle is not None else 0.0
 
 
 def _profiles(file: File, up: Floats | None, shape: tuple[int, ...], order: slice) -> dict[str, NDArray[Any]]:

@@ -45,9 +45,13 @@ class Series:
         return self._attributes[name]
 
 
-def is_ocean_contour(nc: netCDF4.Dataset) -> bool:
-    """Return whether a file has the groups of OceanContour."""
-    return {"Data", "Config"} <= {*nc.groups}
+def is_ocean_contour(path: Path) -> bool:
+    """Return whether a netCDF file has the groups of OceanContour; not if it cannot be opened."""
+    try:
+        with netCDF4.Dataset(path) as nc:
+            return {"Data", "Config"} <= {*nc.groups}
+    except OSError:
+        return False
 
 
 def find_series(path: Path, nc: netCDF4.Dataset) -> Series:
@@ -56,7 +60,7 @@ def find_series(path: Path, nc: netCDF4.Dataset) -> Series:
     Raises:
         InputError: it has no series of velocities to east and north.
     """
-    data = dict(_groups(nc.groups["Data"])) if is_ocean_contour(nc) else {}
+    data = dict(_groups(nc.groups["Data"])) if {"Data", "Config"} <= {*nc.groups} else {}
     flows = {name: group for name, group in data.items() if any(re.search("(?i)vel.*east", v) for v in group.variables)}
     if not flows:
         expected, advice = "a group below Data with velocities to east and north", "export them from OceanContour"
@@ -70,8 +74,8 @@ def find_series(path: Path, nc: netCDF4.Dataset) -> Series:
     attributes |= {key: stated[there] for key, there in NAMES.items() if there in stated}
     if (status := flows[name].variables.get("Status")) is not None:
         words = np.ma.compressed(status[...]).astype(np.int64) >> 25 & 7
-        found = ORIENTATIONS.get(int(np.bincount(words).argmax())) if len(words) else None
-        attributes |= {"orientation": found} if found else {}
+        orientation = ORIENTATIONS.get(int(np.bincount(words).argmax())) if len(words) else None
+        attributes |= {"orientation": orientation} if orientation else {}
     return Series(flows[name], attributes)
 
 

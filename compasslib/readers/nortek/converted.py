@@ -30,12 +30,12 @@ _COLUMN = re.compile(r"^ *(\d+) +(\S.*?)(?:  .*|\t.*| *\([^)]*\) *)?$", re.MULTI
 
 def header_of(path: Path) -> Path | None:
     """Find the header file that belongs to a text file, or is it; None without one, or for a recording (A5)."""
-    beside = (path, *(path.with_suffix(suffix) for suffix in (HEADER, HEADER.upper())))
-    found = next((each for each in beside if each.suffix.lower() == HEADER and each.is_file()), None)
-    if found is None or not path.is_file():
-        return found
+    candidates = (path, *(path.with_suffix(suffix) for suffix in (HEADER, HEADER.upper())))
+    match = next((each for each in candidates if each.suffix.lower() == HEADER and each.is_file()), None)
+    if match is None or not path.is_file():
+        return match
     with path.open("rb") as stream:
-        return None if stream.read(1) == b"\xa5" else found
+        return None if stream.read(1) == b"\xa5" else match
 
 
 def decode(header: Path) -> Samples:
@@ -62,7 +62,7 @@ def decode(header: Path) -> Samples:
     wanted = {name: names[name] for name in SENSORS if name in names}
     velocities = [k for name, k in names.items() if name.startswith("velocity")]
     wanted |= {f"velocity {beam}": k for beam, k in enumerate(velocities)}
-    table = read_table(_beside(header, source), {"time": [names[part] for part in CLOCK], **wanted}, layout=LAYOUT)
+    table = read_table(_sibling(header, source), {"time": [names[part] for part in CLOCK], **wanted}, layout=LAYOUT)
     values = {name: table.columns.get(name, np.full(table.rows, np.nan)) for name in SENSORS}
     cells, ranges = 1, (0.0,)
     if velocities:
@@ -77,10 +77,10 @@ def decode(header: Path) -> Samples:
     heading = np.where((values["heading"] >= 0.0) & (values["heading"] <= 360.0), values["heading"], np.nan)
     matrix: tuple[tuple[float, ...], ...] = ()
     if system == Coordinates.BEAM:
-        if (found := re.search(r"Transformation matrix((?:\s+-?\d+\.\d+){9})", text)) is None:
+        if (match := re.search(r"Transformation matrix((?:\s+-?\d+\.\d+){9})", text)) is None:
             advice = "give the file that the instrument recorded"
             raise InputError(str(header), expected="a transformation matrix of 9 numbers", found="none", advice=advice)
-        matrix = tuple(map(tuple, np.reshape(found[1].split(), (3, 3)).astype(float).tolist()))
+        matrix = tuple(map(tuple, np.reshape(match[1].split(), (3, 3)).astype(float).tolist()))
     return Samples(
         offset=np.zeros(table.rows, dtype=np.int64),
         time_s=table.columns["time"],
@@ -122,7 +122,7 @@ def _number(header: Path, text: str, name: str) -> float:
     return float(match[1]) * (0.01 if match[2] == "cm" else 1.0)
 
 
-def _beside(header: Path, suffix: str) -> Path:
+def _sibling(header: Path, suffix: str) -> Path:
     """Find a file of the same conversion, whose suffix may have capital letters."""
     there = [header.with_suffix(f".{each}") for each in (suffix, suffix.upper())]
     if path := next(filter(Path.is_file, there), None):
@@ -133,7 +133,7 @@ def _beside(header: Path, suffix: str) -> Path:
 
 def _matrix(header: Path, suffix: str, cells: int, rows: int) -> Floats:
     """Read one component or beam of all profiles, (n, cells), behind any counters of bursts."""
-    path = _beside(header, suffix)
+    path = _sibling(header, suffix)
     width = len(read_head(path, [1], LAYOUT).names)
     table = read_table(path, {str(k): width - cells + k for k in range(1, cells + 1)}, layout=LAYOUT)
     if table.rows != rows:
