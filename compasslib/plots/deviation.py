@@ -270,6 +270,11 @@ def _hexagons(axes: Axes, title: str, xy: tuple[Floats, Floats], begin: float) -
 SHARED_BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "lw": 0}
 
 
+def draw_shared(figure: str, path: str | Path, content: Mapping[str, Any]) -> None:
+    """Draw the figure ``coefficients`` or ``curve`` of a shared compass."""
+    {"coefficients": draw_shared_coefficients, "curve": draw_shared_curve}[figure](path, content)
+
+
 def draw_shared_coefficients(path: str | Path, content: Mapping[str, Any]) -> None:
     """Draw coefficients and effects by each record alone and of the shared compass, with 95 % intervals."""
     deployments = [entry for entry in content["deployments"] if entry["coefficients"]]
