@@ -40,7 +40,7 @@ verify: install  ## does an archive still hold what its manifest lists? make ver
 	$(BIN)/compass verify "$(CRUISE)"
 
 check-archive: .venv/test  ## CF and ACDD against a cruise's products
-	$(BIN)/compliance-checker --test cf:1.11 --test acdd:1.3 $(wildcard $(CRUISE)/results/*/corrected.nc $(CRUISE)/results/*/gridded.nc)
+	$(BIN)/compliance-checker --test cf:1.11 --test acdd:1.3 $(wildcard $(CRUISE)/results/*/corrected.nc $(CRUISE)/results/*/gridded*.nc $(CRUISE)/results/sites/*/*.nc)
 
 test: .venv/test  ## the tests
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder

@@ -100,10 +100,10 @@ def power(folder: Path) -> None:
 
 
 def papers(folder: Path) -> None:
-    from compasslib.plots import moorings
+    from benchmarks import papers
 
-    moorings.draw_angles(DOCS / "angles.png")
-    moorings.draw_synthetic_curves(DOCS / "synthetic.png")
+    papers.draw_angles(DOCS / "angles.png")
+    papers.draw_synthetic_curves(DOCS / "synthetic.png")
 
 
 COMMAND = ".venv/bin/python benchmarks/pictures.py "
@@ -135,7 +135,7 @@ MAKERS = {
         drawn=("diagnosis.png", "concealed_errors.png"), draw=concealed, cruise=".",
     ),
     "papers": Maker(
-        "Figures 4 and 5 of von Appen 2015", (PAGE, "compasslib/plots/moorings.py"),
+        "Figures 4 and 5 of von Appen 2015", (PAGE, "benchmarks/papers.py"),
         drawn=("angles.png", "synthetic.png"), draw=papers,
     ),
     "power": Maker("Power of the search", (PAGE, "benchmarks/power.py"), drawn=("power.png",), draw=power),

@@ -145,7 +145,7 @@ def _join_cells(
     """Join the variables of cells, each cell from the deployment with most samples."""
     names = [name for name, values in each[0].values.items() if values.shape == each[0].values["UCUR"].shape]
     joined: dict[str, NDArray[Any]] = {}
-    for name in (name for name in names if not name.endswith("_bnds")):
+    for name in (name for name in names if not name.endswith("_bnds") and not name.startswith("HEADING_")):
         kind, empty = each[0].values[name].dtype, MISSING if name.endswith("_QC") else 0
         joined[name] = np.full(shape, np.nan if kind.kind == "f" else empty, dtype=kind)
     for d, row, column, number in zip(each, rows, columns, numbers, strict=True):

@@ -30,6 +30,7 @@ SWAPPED = "check the sign and the order of latitude and longitude"
 # all others, including those with a default (title, institution, ...).
 STATED = (
     *("Conventions", "featureType", "cdm_data_type", "data_type", "data_mode", "format_version", "update_interval"),
+    *("cdm_timeseries_variables", "cdm_profile_variables"),
     *("standard_name_vocabulary", "id", "product_version", "processing_level", "QC_indicator"),
     *("headings_recorded", "headings_corrected", "correction_method", "correction_coefficients", "effects"),
     *("declination_source", "software_version", "source_files", "history"),

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.records import BAD, GOOD, LEAST_PERCENT_GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Record
@@ -55,15 +56,17 @@ class Check:
     heading: bool = False  #: whether the heading is doubtful then
 
 
-def _third_beam(record: Record, profile: str) -> Floats:
+def _third_beam(record: Record, profile: str) -> NDArray[np.int16]:
     """Compute the counts that three beams reach, as a velocity needs, (n, m); -1 is missing."""
-    values = np.asarray(record.profiles[profile][:], dtype=float)
-    return np.asarray(np.sort(np.where(values < 0.0, np.inf, values), axis=2)[..., max(values.shape[2] - 3, 0)])
+    counts = np.asarray(record.profiles[profile][:]).astype(np.int16)
+    counts[counts < 0] = np.iinfo(np.int16).max
+    counts.sort(axis=2)
+    return np.asarray(counts[..., max(counts.shape[2] - 3, 0)])
 
 
 def _past_echo_jump(record: Record, most: float, _: float) -> Bools:
     """Find bins from a jump of the echo in two beams on, in the farther half (IMOS, imosEchoIntensityVelocitySetQC)."""
-    jumps = np.abs(np.diff(np.asarray(record.profiles["echo"][:], dtype=float), axis=1)) > most
+    jumps = np.abs(np.diff(np.asarray(record.profiles["echo"][:]).astype(np.int16), axis=1)) > most
     failed = np.pad(jumps.sum(axis=2) >= 2, ((0, 0), (1, 0)))
     failed[:, : round(failed.shape[1] / 2)] = False
     return np.asarray(np.maximum.accumulate(failed, axis=1))

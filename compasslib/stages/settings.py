@@ -96,6 +96,11 @@ class Moorings:
                 at.setdefault(site, []).append(name)
         return at
 
+    def daily_means(self, site: str, usable: Sequence[str]) -> list[str]:
+        """List the daily means of the moorings at a site of which an instrument can go on."""
+        there = [name for name in self.sites[site] if set(self.parts(name)) & set(usable)]
+        return [f"results/{name}/gridded_daily.nc" for name in there]
+
     def join_site(self, site: str) -> Arguments:
         return {"names": self.sites[site], "attributes": self._attributes(self.parts(self.sites[site][0])[0])}
 

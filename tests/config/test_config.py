@@ -372,6 +372,7 @@ attributes: {Software_Version: 9} -> attributes.Software_Version
     attributes: {date_created: 1970-01-01} -> instruments.top.attributes.date_created
 attributes: {a b: c} -> attributes
 covariates: {obs: {format: iaga2002, files: raw/obs/*.hor}} -> covariates.obs.files
+site: denmark_strait -> site
 covariates: {echo: {format: table, files: raw/obs/lrv1.min, columns: {time: t, value: x}}} -> covariates.echo
 covariates: {obs: {format: table, files: raw/obs/lrv1.min}} -> covariates.obs.columns
 covariates: {supply: {format: table, files: raw/EG4/deep.csv, columns: {time: t}}} -> covariates.supply.columns.value

@@ -41,9 +41,23 @@ def processed(tmp_path_factory) -> Path:
     cells = (row.split(",") for row in rows)
     rows = [f"{time},{depth},{-float(east)},{-float(north)}" for time, depth, east, north in cells]
     (folder / "raw/M2/deep.csv").write_text("\n".join([head, *rows]))
-    ran = snakemake(folder, *(f"results/M{k}/gridded.nc" for k in (1, 2)))
+    with (folder / "config/config.yaml").open("a") as stream:
+        stream.write("product: {daily: true, grid: {step_m: 4, from_m: 80}}\n")
+    for k in (1, 2):
+        change(folder / f"config/moorings/M{k}.yaml", site="S")
+    wanted = [f"results/M{k}/gridded.nc" for k in (1, 2)]
+    ran = snakemake(folder, *wanted, "results/sites/S/gridded_daily.nc")
     assert ran.returncode == 0, ran.stderr
     return folder
+
+
+def test_daily_means_of_a_site_are_joined(processed):
+    with netCDF4.Dataset(processed / "results/sites/S/gridded_daily.nc") as nc:
+        names = nc["HEADING_ERROR_MODE"].mode_names.split(", ")
+        assert names[:2] == ["declination", "M1: compass of deep"] and "M2: compass of deep" in names
+        assert nc["SOURCE"].flag_meanings == "none M1_top M2_top M1_deep M2_deep" and nc.deployments == "M1, M2"
+        assert "common days; later minus earlier" in nc.seams
+    assert "S: daily means of M1, M2 joined" in (processed / "results/sites/S/logs/join.log").read_text()
 
 
 @pytest.mark.parametrize(("mooring", "refuted"), [("M1", False), ("M2", True)])

@@ -20,6 +20,7 @@ from matplotlib.image import imread
 from matplotlib.text import Text
 from PIL import Image
 
+from benchmarks.papers import SYNTHETIC_B_DEG, draw_angles, draw_synthetic_curves
 from compasslib import angles, compass
 from compasslib.archive import files as archive_files
 from compasslib.archive import summary as archive_currents
@@ -34,7 +35,7 @@ from compasslib.plots import deviation, diagnosis, timeseries
 from compasslib.plots import moorings as moorings_together
 from compasslib.plots import page as plots_page
 from compasslib.plots.deviation import BACKWARDS, GIVEN_UP, INVERTED, deviation_curve
-from compasslib.plots.moorings import NAMED, SYNTHETIC_B_DEG, draw_angles, draw_array, draw_synthetic_curves
+from compasslib.plots.moorings import NAMED, draw_array
 from compasslib.plots.page import BLACK, DPI, WIDTH_IN
 from compasslib.records import BAD, CorrectedRecord, EarthField, Pairs, Record, take
 from compasslib.report.sections import diagnosis_caption

@@ -220,11 +220,7 @@ use rule grid as grid_with_daily_means with:
 rule join_site:
     """Join the daily means of successive deployments of a site, with the errors that they share."""
     input:
-        daily=lambda wildcards: [
-            f"results/{name}/gridded_daily.nc"
-            for name in MOORINGS.sites[wildcards.site]
-            if set(MOORINGS.parts(name)) & set(usable("moorings"))
-        ],
+        daily=lambda wildcards: MOORINGS.daily_means(wildcards.site, usable("moorings")),
     output:
         joined="results/sites/{site}/gridded_daily.nc",
         job="results/sites/{site}/logs/join.json",
