@@ -15,7 +15,6 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from datetime import UTC, date, datetime
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +37,12 @@ HEADINGS = (
     *("mooring", "method", "share corrected", "rms before", "rms after", "median after", "stated 1σ", "within 95 %"),
     *("share sure", "rms where sure"),
 )
+# Columns of stored tables that no page shows.
+DROPPED = {
+    *("method", "share corrected", "median after", "rms where sure", "cells", "filled within the gaps", "made up"),
+    "CPU s a year",
+}
+WATERS = ("eh2", "papa", "aqd9330", "all")  # real records of the water
 # What README says of moorings beside their names.
 TWICE = ", two pairs a day"
 NOTES = {"EG4": ", two-valued", "EG5": TWICE, "EG6": f"{TWICE}, two-valued", "EG7": TWICE}
@@ -79,9 +84,9 @@ def measured(kept: dict[str, Any]) -> str:
     return f"version {kept['version']}{commit}{older}, {day.day} {day:%B %Y}"
 
 
-def rows_of(kept: dict[str, Any]) -> list[list[str]]:
-    """Return the rows of the first table of a measurement."""
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in kept["tables"][0][2:]]
+def rows_of(kept: dict[str, Any], which: int = 0) -> list[list[str]]:
+    """Return the rows of one table of a measurement."""
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in kept["tables"][which][2:]]
 
 
 def product() -> str:
@@ -110,35 +115,99 @@ def product() -> str:
     )
 
 
-def tables_of(name: str, most: int | None = None) -> str:
-    """Write the tables of one measurement, all or the first ones."""
+def tables_of(name: str) -> str:
+    """Write the tables of one measurement, without the columns that no page needs."""
     kept = json.loads(MEASURED.read_text())[name]
-    tables = "\n\n".join("\n".join(lines) for lines in kept["tables"][:most])
-    return f"`{kept['command']}`, {measured(kept)}:\n\n{tables}\n"
+    parts = [_measured_by(kept)]
+    for which, lines in enumerate(kept["tables"]):
+        head = [cell.strip() for cell in lines[0].strip("|").split("|")]
+        shown = [column for column, title in enumerate(head) if title not in DROPPED]
+        rows = [[row[column] for column in shown] for row in rows_of(kept, which)]
+        parts.append(table(rows, [head[column] for column in shown]))
+    return "\n\n".join(parts) + "\n"
+
+
+def _measured_by(kept: dict[str, Any]) -> str:
+    return f"`{kept['command']}`, {measured(kept)}:"
+
+
+def methods() -> str:
+    """The errors of the product beside those of the fit alone and of the published method, per mooring."""
+    kept = json.loads(MEASURED.read_text())
+    column = HEADINGS.index
+    after, share = column("rms after"), column("share corrected")
+    known = {(row[0], row[1]): row for row in rows_of(kept["methods"])}
+    gridded = {row[0]: row[2:4] for row in rows_of(kept["products"], 1)}
+    head = ("mooring", "recorded", "`exact` alone", "product", "stated 1σ", "within 95 %", "`von_appen`", "by eye")
+    rows = []
+    for row in rows_of(kept["products"]):
+        published = (known[row[0], name] for name in ("von_appen", BY_EYE))
+        errors = (f"{one[after]} ({float(one[share].split()[0]):.0f} %)" for one in published)
+        stated = (row[after], row[column("stated 1σ")], row[column("within 95 %")])
+        fit = known[row[0], "exact"][after]
+        rows.append([row[0], row[column("rms before")], fit, *stated, *errors, *gridded[row[0]]])
+    commands = f"{_measured_by(kept['products'])[:-1]};\n{_measured_by(kept['methods'])}"
+    return f"{commands}\n\n{table(rows, (*head, 'gridded U, V', 'mean per bin'))}\n"
+
+
+def calibrations() -> str:
+    """The coverage of the intervals of simulated calibrations: lowest and highest of all kinds."""
+    kept = json.loads(MEASURED.read_text())["calibrations"]
+    rows = []
+    for what in ("coefficients", "table", "tilts"):
+        some = [row for row in rows_of(kept, 1) if what in row[0]]
+        shares = sorted((float(value.split()[0]), value) for _, value, _ in some)
+        missed = sum("MISSED" in row[2] for row in some)
+        rows.append([what, str(len(some)), shares[0][1], shares[-1][1], f"{some[0][2]}, {missed} missed"])
+    head = ("within 95 %", "kinds", "lowest", "highest", "target")
+    return f"{_measured_by(kept)}\n\n{table(rows, head)}\n"
+
+
+def injected() -> str:
+    """The results of the search in real water without a fault, a column per record."""
+    kept = json.loads(MEASURED.read_text())["injected"]
+    found: dict[str, dict[str, str]] = {}
+    what = ""
+    for measure, value, _ in rows_of(kept):
+        if measure.startswith("no effect: "):
+            what, place = measure.removeprefix("no effect: "), "all"
+        elif measure.startswith("null, "):
+            place, _, what = re.sub(r" \(\d+ of \d+ fitted\)", "", measure.removeprefix("null, ")).partition(": ")
+        else:
+            place = measure.removeprefix("- ")
+        found.setdefault(what, {})[place] = value
+    complete = {name: values for name, values in found.items() if {*WATERS} <= {*values}}
+    rows = [[name, *(values[place] for place in WATERS)] for name, values in complete.items()]
+    return f"{_measured_by(kept)}\n\n{table(rows, ('no effect', *WATERS))}\n"
 
 
 def card() -> str:
     """Some goals of the sealed proof of record, for README."""
     made = json.loads((CARD / "scorecard.json").read_text())
     chosen = [goal for what in GOALS for goal in made["goals"] if goal["what"].startswith(what)]
+    rows = [[goal["what"], goal["value"], goal["target"] + ", missed" * goal["missed"]] for goal in chosen]
     return (
         "Concealed effects in an independent simulation "
         f"([scorecard](docs/proof/{CARD.name}/scorecard.md) of\n{_moorings(made)}; "
-        f"[known misses](docs/proof/known-misses.md)):\n\n{_goals(chosen)}\n"
+        f"[why some are missed](docs/background/proof.md#missed-targets)):\n\n"
+        f"{table(rows, ('measure', 'value (95 % interval)', 'wanted'))}\n"
     )
 
 
-def goals(folder: str = "../proof/", *, missed_only: bool = False) -> str:
-    """The goals of the sealed proof of record, all or those that are missed."""
-    made = json.loads((CARD / "scorecard.json").read_text())
-    some = [goal for goal in made["goals"] if goal["missed"] or not missed_only]
-    figure = "" if missed_only else f"\n![True errors of headings]({folder}{CARD.name}/figures/headings.png)\n"
-    return f"[Scorecard]({folder}{CARD.name}/scorecard.md) of {_moorings(made)}:\n\n{_goals(some)}\n{figure}"
-
-
-def _goals(some: Sequence[dict[str, Any]]) -> str:
-    rows = [[goal["what"], goal["value"], goal["target"] + ", missed" * goal["missed"]] for goal in some]
-    return table(rows, ("measure", "value (95 % interval)", "wanted"))
+def goals() -> str:
+    """The rates of the sealed proof of record beside those of the second world."""
+    made, kept = json.loads((CARD / "scorecard.json").read_text()), json.loads(MEASURED.read_text())["second"]
+    second = {what: value + ", missed" * ("MISSED" in target) for what, value, target in rows_of(kept)}
+    rows = [
+        [goal["what"], goal["value"] + ", missed" * goal["missed"], second[goal["what"]], goal["target"]]
+        for goal in made["goals"]
+        if goal["what"] in second and goal["target"] != "> 0"
+    ]
+    return (
+        f"[Scorecard](../proof/{CARD.name}/scorecard.md) of {_moorings(made)};\nsecond world: {_measured_by(kept)}\n\n"
+        f"{table(rows, ('measure', 'value (95 % interval)', 'second world', 'wanted'))}\n\n"
+        f"![True errors of headings](../proof/{CARD.name}/figures/headings.png)\n"
+    )
 
 
 def _moorings(made: dict[str, Any]) -> str:
@@ -151,8 +220,9 @@ PARTS: dict[str, Callable[[], str]] = {
     "card": card,
     "product": product,
     "goals": goals,
-    "missed": partial(goals, "", missed_only=True),
-    "second": partial(tables_of, "second", 1),
+    "methods": methods,
+    "calibrations": calibrations,
+    "injected": injected,
 }
 
 

@@ -1,7 +1,8 @@
-"""Write the scorecard as JSON and as a Markdown page with the figures."""
+"""Write the scorecard as JSON, as a Markdown page with the figures, and its long tables as CSV."""
 
 from __future__ import annotations
 
+import csv
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,15 +23,24 @@ DEFINITIONS = (
     "intervals: Clopper and Pearson's of rates, else by resampling the moorings."
 )
 Table = tuple[str, list[str], list[list[str]]]
+# Tables that are files of their own.
+LONG = {"Rates": "rates.csv", "First name by planted effect": "names.csv", "Every mooring": "moorings.csv"}
 
 
 def write(out: Path, made: dict[str, Any]) -> None:
-    """Write scorecard.json and scorecard.md."""
+    """Write scorecard.json, scorecard.md and the long tables."""
     out.mkdir(parents=True, exist_ok=True)
     (out / "scorecard.json").write_text(json.dumps(made, indent=1) + "\n")
     tables = [table for table in _tables(made) if table[2]]
     figures = [f"![{path.stem}](figures/{path.name})" for path in sorted((out / "figures").glob("*.png"))]
-    parts = [_heading(made), DEFINITIONS, _markdown(tables[0]), *figures, *map(_markdown, tables[1:])]
+    short = [_markdown(table) for table in tables if table[0] not in LONG]
+    links = []
+    for title, head, rows in tables:
+        if title in LONG:
+            links.append(f"[{title}]({LONG[title]})")
+            with (out / LONG[title]).open("w", newline="", encoding="utf-8") as file:
+                csv.writer(file, lineterminator="\n").writerows([head, *rows])
+    parts = [_heading(made), DEFINITIONS, f"Tables: {', '.join(links)}.", short[0], *figures, *short[1:]]
     (out / "scorecard.md").write_text("\n\n".join(parts) + "\n")
 
 
