@@ -40,8 +40,15 @@ HEADINGS = (
 # Columns of stored tables that no page shows.
 DROPPED = {
     *("method", "share corrected", "median after", "rms where sure", "cells", "filled within the gaps", "made up"),
-    "CPU s a year",
+    *("CPU s a year", "stated / real rms", "worst", "A off, over its σ, rms"),
 }
+LEFT_OUT = {"eh2": (1,)}  # tables that no page shows, by measurement
+# Measures of real water without a fault.
+NULLS = (
+    *("attributed to compass or clock", "P(compass) + P(clock) at least 1/2", "unexplained"),
+    "rms error in degrees: recorded, published method, fit, product, best five coefficients",
+    *("worse than the fit by over 0.1 degree", "headings within 95 %; the same without their mean error"),
+)
 WATERS = ("eh2", "papa", "aqd9330", "all")  # real records of the water
 # What README says of moorings beside their names.
 TWICE = ", two pairs a day"
@@ -120,6 +127,8 @@ def tables_of(name: str) -> str:
     kept = json.loads(MEASURED.read_text())[name]
     parts = [_measured_by(kept)]
     for which, lines in enumerate(kept["tables"]):
+        if which in LEFT_OUT.get(name, ()):
+            continue
         head = [cell.strip() for cell in lines[0].strip("|").split("|")]
         shown = [column for column, title in enumerate(head) if title not in DROPPED]
         rows = [[row[column] for column in shown] for row in rows_of(kept, which)]
@@ -137,7 +146,6 @@ def methods() -> str:
     column = HEADINGS.index
     after, share = column("rms after"), column("share corrected")
     known = {(row[0], row[1]): row for row in rows_of(kept["methods"])}
-    gridded = {row[0]: row[2:4] for row in rows_of(kept["products"], 1)}
     head = ("mooring", "recorded", "`exact` alone", "product", "stated 1σ", "within 95 %", "`von_appen`", "by eye")
     rows = []
     for row in rows_of(kept["products"]):
@@ -145,9 +153,9 @@ def methods() -> str:
         errors = (f"{one[after]} ({float(one[share].split()[0]):.0f} %)" for one in published)
         stated = (row[after], row[column("stated 1σ")], row[column("within 95 %")])
         fit = known[row[0], "exact"][after]
-        rows.append([row[0], row[column("rms before")], fit, *stated, *errors, *gridded[row[0]]])
+        rows.append([row[0], row[column("rms before")], fit, *stated, *errors])
     commands = f"{_measured_by(kept['products'])[:-1]};\n{_measured_by(kept['methods'])}"
-    return f"{commands}\n\n{table(rows, (*head, 'gridded U, V', 'mean per bin'))}\n"
+    return f"{commands}\n\n{table(rows, head)}\n"
 
 
 def calibrations() -> str:
@@ -176,8 +184,7 @@ def injected() -> str:
         else:
             place = measure.removeprefix("- ")
         found.setdefault(what, {})[place] = value
-    complete = {name: values for name, values in found.items() if {*WATERS} <= {*values}}
-    rows = [[name, *(values[place] for place in WATERS)] for name, values in complete.items()]
+    rows = [[name, *(found[name][place] for place in WATERS)] for name in NULLS]
     return f"{_measured_by(kept)}\n\n{table(rows, ('no effect', *WATERS))}\n"
 
 

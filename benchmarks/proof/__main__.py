@@ -59,7 +59,7 @@ def prove(asked: argparse.Namespace) -> int:
         recordings.run(work / "recordings", asked.data, asked.cores)
     concealed = recordings.scored(work / "recordings", asked.data) if asked.recordings else []
     made = steps.write(asked.out, work, concealed)
-    print((asked.out / "scorecard.md").read_text())
+    print((asked.out / "targets.csv").read_text())
     print(f"The truth is in {work / 'locked'}; the whole card in {asked.out}.")
     return int(any(one["missed"] for one in made["goals"]))
 

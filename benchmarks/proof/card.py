@@ -1,4 +1,4 @@
-"""Write the scorecard as JSON, as a Markdown page with the figures, and its long tables as CSV."""
+"""Write the scorecard as JSON, its tables as CSV, and a Markdown page that shows them with the figures."""
 
 from __future__ import annotations
 
@@ -23,24 +23,22 @@ DEFINITIONS = (
     "intervals: Clopper and Pearson's of rates, else by resampling the moorings."
 )
 Table = tuple[str, list[str], list[list[str]]]
-# Tables that are files of their own.
-LONG = {"Rates": "rates.csv", "First name by planted effect": "names.csv", "Every mooring": "moorings.csv"}
 
 
 def write(out: Path, made: dict[str, Any]) -> None:
-    """Write scorecard.json, scorecard.md and the long tables."""
+    """Write scorecard.json, scorecard.md and a CSV file for each of its tables."""
     out.mkdir(parents=True, exist_ok=True)
     (out / "scorecard.json").write_text(json.dumps(made, indent=1) + "\n")
-    tables = [table for table in _tables(made) if table[2]]
-    figures = [f"![{path.stem}](figures/{path.name})" for path in sorted((out / "figures").glob("*.png"))]
-    short = [_markdown(table) for table in tables if table[0] not in LONG]
-    links = []
-    for title, head, rows in tables:
-        if title in LONG:
-            links.append(f"[{title}]({LONG[title]})")
-            with (out / LONG[title]).open("w", newline="", encoding="utf-8") as file:
+    links, shown = [], []
+    for title, head, rows in _tables(made):
+        if rows:
+            name = f"{title.partition(',')[0].lower().replace(' ', '_')}.csv"
+            with (out / name).open("w", newline="", encoding="utf-8") as file:
                 csv.writer(file, lineterminator="\n").writerows([head, *rows])
-    parts = [_heading(made), DEFINITIONS, f"Tables: {', '.join(links)}.", short[0], *figures, *short[1:]]
+            links.append(f"[{title}]({name})")
+            shown.append(f"```{{csv-table}} {title}\n:file: {name}\n:header-rows: 1\n```")
+    figures = [f"![{path.stem}](figures/{path.name})" for path in sorted((out / "figures").glob("*.png"))]
+    parts = [_heading(made), DEFINITIONS, f"Tables: {', '.join(links)}.", shown[0], *figures, *shown[1:]]
     (out / "scorecard.md").write_text("\n\n".join(parts) + "\n")
 
 
@@ -185,9 +183,3 @@ def _text(value: float | None) -> str:
 
 def _percent(value: float | None) -> str:
     return "–" if value is None else f"{100.0 * value:.0f} %"
-
-
-def _markdown(table: Table) -> str:
-    title, head, rows = table
-    lines = [f"## {title}", "", "| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
-    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
