@@ -10,8 +10,8 @@ from compasslib.effects import CATALOGUE, Effect
 
 HEAD = """# The catalogue of unmodelled effects
 
-Made from `compasslib/effects/` by `python -m compasslib.effects.page`; a test fails where it is stale. Effects act in
-this order. Only effects of side *compass* enter the corrected headings.
+Made from `compasslib/effects/` by `python -m compasslib.effects.page`. Effects act in this order; only those of side
+*compass* enter the headings. *Against* gives what distinguishes an effect from another.
 """
 
 
@@ -27,7 +27,7 @@ def _form(form: type[Effect]) -> str:
         f"* {form.side}, on {form.acts_on}; source: {form.literature}",
         *([f"* needs: {', '.join(form.needs)}"] if form.needs else []),
         *(f"* `{f.name}`, {f.metadata['unit']}: {f.metadata['meaning']}" for f in fields(form)),
-        *(f"* distinguished from {', '.join(names)} by: {how}" for how, names in others),
+        *(f"* against {', '.join(names)}: {how}" for how, names in others),
     ]
     return " ".join((inspect.getdoc(form) or "").split()) + "\n\n" + "\n".join(lines) + "\n"
 

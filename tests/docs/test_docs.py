@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import doctest
 import importlib
 import importlib.util
@@ -96,6 +97,17 @@ def test_public_names_are_documented_and_imported_lazily():
         assert getattr(compasslib, name).__doc__, name
         assert f"`{name}`" in page, f"{name} is public and not on {LIBRARY.name}"
     python("-c", "import sys, compasslib; dir(compasslib); sys.exit('numpy' in sys.modules)")
+
+
+@pytest.mark.parametrize(
+    "paper", sorted((PROJECT / "docs/background/papers").glob("*.csv")), ids=lambda path: path.stem
+)
+def test_results_of_a_paper_are_held_by_existing_tests(paper):
+    with paper.open(encoding="utf-8", newline="") as file:
+        held = [row["test"] for row in csv.DictReader(file) if row["test"]]
+    assert len(held) > 10
+    for path, _, name in (test.partition("::") for test in held):
+        assert f"def {name}(" in (PROJECT / "tests" / path).read_text(), (path, name)
 
 
 def test_citation_files_agree_in_version_and_authors():
