@@ -7,8 +7,8 @@ The bins of one profile share their compass: they differ by the water only, and 
 bin is the reference, turned by the errors of a compass of its own; the headings of those beyond a gap are re-read by a
 compass near iron (tests/world/pairs.py). Of aqd9330, a point meter, the mean of the hours 3 h before and after is the
 second instrument. In two of three nulls the logged covariates are reversed in time or shifted by weeks. eh2 and papa
-were used to tune the layers of the simulated currents (docs/sea.md), and eh2 the largest lag of the water; aqd9330 was
-used for no choice. Needs ../shared/data.
+were used to tune the layers of the simulated currents, and eh2 the largest lag of the water; aqd9330 was used for no
+choice. Needs ../shared/data.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ root_doc = "index"
 exclude_patterns = ["proof/*/figures"]
 
 myst_heading_anchors = 4
+autodoc_default_options = {"members": True}
 autodoc_member_order = "bysource"
 autodoc_type_aliases = {name: name for name in ("Bools", "Complexes", "Floats")}
 python_use_unqualified_type_names = True

@@ -55,7 +55,7 @@ def prove(asked: argparse.Namespace) -> int:
     run.each(partial(steps.correct, work), wanted, asked.cores, "run")
     standing.publish(asked.out / "left.json", work, [f for name in names for f in steps.left(work / "results" / name)])
     made = steps.write(asked.out, work)
-    print((asked.out / "scorecard.md").read_text().split("## Every mooring")[0])
+    print((asked.out / "targets.csv").read_text())
     print(f"The truth is in {work / 'locked'}; the whole card in {asked.out}.")
     return int(any(one["missed"] for one in made["goals"]))
 

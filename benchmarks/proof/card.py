@@ -1,7 +1,8 @@
-"""Write the scorecard as JSON and as a Markdown page with the figures."""
+"""Write the scorecard as JSON, its tables as CSV, and a Markdown page that shows them with the figures."""
 
 from __future__ import annotations
 
+import csv
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,16 +22,26 @@ DEFINITIONS = (
     "every effect but a wrong clock was taken out, so that the scatter of the current remains. Brackets are 95 % "
     "intervals: Clopper and Pearson's of rates, else by resampling the moorings."
 )
+NOT_SHOWN = ("First name by planted effect", "Every mooring")  # on the page: a figure shows the one, the other is long
 Table = tuple[str, list[str], list[list[str]]]
 
 
 def write(out: Path, made: dict[str, Any]) -> None:
-    """Write scorecard.json and scorecard.md."""
+    """Write scorecard.json, scorecard.md and a CSV file for each of its tables."""
     out.mkdir(parents=True, exist_ok=True)
     (out / "scorecard.json").write_text(json.dumps(made, indent=1) + "\n")
-    tables = [table for table in _tables(made) if table[2]]
+    links, shown = [], []
+    for title, head, rows in _tables(made):
+        if rows:
+            name = f"{title.partition(',')[0].lower().replace(' ', '_')}.csv"
+            with (out / name).open("w", newline="", encoding="utf-8") as file:
+                plain = [[cell.replace("> 0", "above 0") for cell in row] for row in rows]  # else a quotation
+                csv.writer(file, lineterminator="\n").writerows([head, *plain])
+            links.append(f"[{title}]({name})")
+            if title not in NOT_SHOWN:
+                shown.append(f"```{{csv-table}} {title}\n:file: {name}\n:header-rows: 1\n```")
     figures = [f"![{path.stem}](figures/{path.name})" for path in sorted((out / "figures").glob("*.png"))]
-    parts = [_heading(made), DEFINITIONS, _markdown(tables[0]), *figures, *map(_markdown, tables[1:])]
+    parts = [_heading(made), DEFINITIONS, f"Tables: {', '.join(links)}.", shown[0], *figures, *shown[1:]]
     (out / "scorecard.md").write_text("\n\n".join(parts) + "\n")
 
 
@@ -148,9 +159,3 @@ def _text(value: float | None) -> str:
 
 def _percent(value: float | None) -> str:
     return "–" if value is None else f"{100.0 * value:.0f} %"
-
-
-def _markdown(table: Table) -> str:
-    title, head, rows = table
-    lines = [f"## {title}", "", "| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
-    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])

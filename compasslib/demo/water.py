@@ -2,7 +2,7 @@
 
 A mean along-slope flow, tides, inertial oscillations, red noise and passing cyclones, each with its own vertical
 structure (orders of magnitude of von Appen 2014b); and layers that decorrelate with distance and over hours to
-months, compared with real profiles in docs/sea.md.
+months, compared with real profiles in docs/background/method.md.
 """
 
 from __future__ import annotations

@@ -237,7 +237,7 @@ def bump(heading_deg: Floats, centre_deg: float, reach_deg: float) -> Floats:
 class ComposedEffect(Effect):
     """An effect composed of a target, a driver and a form."""
 
-    literature: ClassVar[str] = "none: composed by the search of what it acts on, its driver and its form"
+    literature: ClassVar[str] = "none: composed by the search"
     composition: ClassVar[tuple[str, str, str]]  # target, driver, form
     scale: ClassVar[float]
 

@@ -10,8 +10,8 @@ from compasslib.effects import CATALOGUE, Effect
 
 HEAD = """# The catalogue of unmodelled effects
 
-Made from `compasslib/effects/` by `python -m compasslib.effects.page`; a test fails where it is stale. Effects act in
-this order. *Side* says what an effect may change: only those of the compass enter the corrected headings.
+Made from `compasslib/effects/` by `python -m compasslib.effects.page`. Effects act in this order; only those of side
+*compass* enter the headings. *Against* gives what distinguishes an effect from another.
 """
 
 
@@ -22,15 +22,14 @@ def page() -> str:
 
 
 def _form(form: type[Effect]) -> str:
+    others = groupby(form.separated_by, form.separated_by.__getitem__)
     lines = [
-        " ".join((inspect.getdoc(form) or "").split()),
-        f"* side: {form.side}; acts on: {form.acts_on}; stage: {form.stage}",
-        f"* source: {form.literature}",
+        f"* {form.side}, on {form.acts_on}; source: {form.literature}",
         *([f"* needs: {', '.join(form.needs)}"] if form.needs else []),
         *(f"* `{f.name}`, {f.metadata['unit']}: {f.metadata['meaning']}" for f in fields(form)),
-        *(f"* distinguished from {other} by: {how}" for other, how in form.separated_by.items()),
+        *(f"* against {', '.join(names)}: {how}" for how, names in others),
     ]
-    return lines[0] + "\n\n" + "\n".join(lines[1:]) + "\n"
+    return " ".join((inspect.getdoc(form) or "").split()) + "\n\n" + "\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":

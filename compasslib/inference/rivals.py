@@ -16,7 +16,7 @@ from compasslib.inference.noise import SlowNoise
 from compasslib.types import Floats
 
 READING = ("compass", "reading")
-CURRENT_ODDS = 3.0  # of the current: in three of three real records directions differ by its speed (docs/sea.md)
+CURRENT_ODDS = 3.0  # of the current: in real records directions differ by its speed (docs/background/method.md)
 MOST_LOG = 700.0  # logarithm of a ratio that can still be represented
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import doctest
 import importlib
 import importlib.util
@@ -36,8 +37,7 @@ PROJECT = Path(__file__).resolve().parents[2]
 NAMES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "paper.md", "config/README.md", "tests/README.md")
 SITE = sorted((PROJECT / "docs").rglob("*.md"))
 PAGES = [PROJECT / name for name in NAMES] + [page for page in SITE if page.parent.parent.name != "proof"]
-LIBRARY, PLUGINS = PROJECT / "docs/howto/library.md", PROJECT / "docs/howto/plugins.md"
-TUTORIAL = PROJECT / "docs/tutorial.md"
+LIBRARY, TUTORIAL = PROJECT / "docs/howto/library.md", PROJECT / "docs/tutorial.md"
 WITH_YAML = [PROJECT / "README.md", *sorted((PROJECT / "docs/howto").glob("*.md"))]
 
 
@@ -96,6 +96,17 @@ def test_public_names_are_documented_and_imported_lazily():
         assert getattr(compasslib, name).__doc__, name
         assert f"`{name}`" in page, f"{name} is public and not on {LIBRARY.name}"
     python("-c", "import sys, compasslib; dir(compasslib); sys.exit('numpy' in sys.modules)")
+
+
+@pytest.mark.parametrize(
+    "paper", sorted((PROJECT / "docs/background/papers").glob("*.csv")), ids=lambda path: path.stem
+)
+def test_results_of_a_paper_are_held_by_existing_tests(paper):
+    with paper.open(encoding="utf-8", newline="") as file:
+        held = [row["test"] for row in csv.DictReader(file) if row["test"]]
+    assert len(held) > 10
+    for path, _, name in (test.partition("::") for test in held):
+        assert f"def {name}(" in (PROJECT / "tests" / path).read_text(), (path, name)
 
 
 def test_citation_files_agree_in_version_and_authors():
@@ -182,7 +193,7 @@ def site(tmp_path_factory) -> Path:
     return folder
 
 
-def test_site_loads_nothing_external(site):
+def test_site_loads_nothing_external_and_shows_docstrings(site):
     pages = sorted(site.rglob("*.html"))
     assert len(pages) >= len(SITE)
     for page in pages:
@@ -191,10 +202,7 @@ def test_site_loads_nothing_external(site):
         assert not [one for pair in loaded for one in pair if re.match(r"\w+:|//", one)], page
     for sheet in site.rglob("*.css"):
         assert not re.search(r"@import|url\([\"']?(?:https?:)?//", sheet.read_text()), sheet
-
-
-def test_site_resolves_links_and_shows_docstrings(site):
-    assert not [page for page in site.rglob("*.html") if 'class="xref myst"' in page.read_text()]  # unresolved links
+    assert not [page for page in pages if 'class="xref myst"' in page.read_text()]  # unresolved links
     assert "compasslib.deviation.fit_deviation" in (site / "reference/modules.html").read_text()
     assert "water_depth" in (site / "reference/keys.html").read_text()
 
