@@ -189,35 +189,6 @@ def goals() -> str:
 def power() -> str:
     """The power of the search over all moorings with a cause, and how often it accuses a sound compass."""
     made = json.loads(POWER.read_text())
-    rows = []
-    for record, one in made["all"].items():
-        rows.append([WATERS.get(record, record), *(targets.text_of(one[what], one["n"]) for what in MEASURES)])
-    total = {key: sum(one[key] for one in made["all"].values()) for key in ("n", *MEASURES)}
-    rows.insert(0, ["all", *(targets.text_of(total[what], total["n"]) for what in MEASURES)])
-    for water, one in made["no_cause"].items():
-        rows.append([f"no cause, {water}: falsely", *(targets.text_of(one[what], one["n"]) for what in MEASURES)])
-    head = ("water", "fault of the compass detected", "driver named", "effect named")
-    return f"`{made['command']}`, commit {made['commit']}:\n\n{table(rows, head)}\n"
-
-
-def headline() -> str:
-    """The power of the search in a sentence, over all moorings: real water, unseen, and stand-ins too."""
-    made = json.loads(POWER.read_text())
-    (n, *named), (sound, *false) = (
-        [sum(one[key] for one in made[part].values()) for key in ("n", *MEASURES)] for part in ("all", "no_cause")
-    )
-    real, stand_in = n - made["all"]["simulated"]["n"], made["all"]["aqd9330"]["n"]
-    shares = [targets.text_of(hits, n).replace(f" of {n}", "") for hits in named]
-    return (
-        f"Of {n} moorings with a concealed cause, {real} of them in real water ({stand_in} unseen, with a stand-in\n"
-        f"reference), a fault was detected in {shares[0]}, its driver named in {shares[1]}, its\n"
-        f"effect in {shares[2]}. Of {sound} without a cause {false[0]} were suspected, {false[1]} wrongly named.\n"
-    )
-
-
-def power() -> str:
-    """The power of the search over all moorings with a cause, and how often it accuses a sound compass."""
-    made = json.loads(POWER.read_text())
     titles = dict(zip(MEASURES, ("fault of the compass detected", "driver named", "effect named"), strict=True))
     total = {key: sum(part[key] for part in made["all"].values()) for key in ("n", *MEASURES)}
     parts = {"all": total} | {WATERS.get(record, record): part for record, part in made["all"].items()}
