@@ -25,11 +25,11 @@ import targets
 from runs import DATA
 
 from compasslib import readers
-from compasslib.readers import delimited
 from compasslib.readers.pd0 import decode
 from compasslib.readers.pd0.frames import iter_chunks
 from tests.world import nortek_encoder as encoder
 
+SCANS = DATA / "acm/mmp_global_A0000001.TXT"
 RAW, AQUADOPP = DATA / "pd0/eh2_20060530_20060717_0007m.000", DATA / "moored/aqd9330.aqd"
 KEYS = {
     "pd0": {"orientation": "down", "declination_applied": None, "heading_alignment": None},
@@ -93,22 +93,33 @@ def as_netcdf(path: Path) -> Path:
     return made
 
 
-def of_table(folder: Path) -> None:
-    """Time reading a plain table of 20 MB, and the same by pandas."""
+def of_tables(folder: Path, n: int = 300_000) -> None:
+    """Time reading tables of several layouts, and unpacked scans of a moored profiler, by records."""
     import pandas as pd
 
-    path, n = folder / "deep.csv", 400_000
-    dates = np.datetime64("2007-09-04T00:00:00") + np.timedelta64(600, "s") * np.arange(n)
-    drawn = np.random.default_rng(1).normal(0.0, 20.0, (n, 4)).round(3)
-    pd.DataFrame(drawn, columns=list("zuvt")).assign(time=dates.astype(str)).to_csv(path, index=False)
+    dates = pd.DatetimeIndex(np.datetime64("2007-09-04T00:00:00") + np.timedelta64(600, "s") * np.arange(n))
+    drawn = pd.DataFrame(np.random.default_rng(1).normal(0.0, 20.0, (n, 4)).round(3), columns=list("zuvt"))
+    plain = drawn.assign(time=dates.strftime("%Y-%m-%dT%H:%M:%S"))
+    flags = plain.assign(q=np.where(np.arange(n) % 7, "good_data", "bad_data"))
+    parts = drawn.assign(Y=dates.year, M=dates.month, D=dates.day, h=dates.hour, m=dates.minute, s=0)
     columns = {"time": "time", "depth": "z", "east": "u", "north": "v", "temperature": "t"}
-    ways = {
-        "cells": lambda one: delimited.read_table(one, columns),
-        "record": lambda one: readers.read("table", [one], {"columns": columns}),
-        "pandas": lambda one: pd.read_csv(one, parse_dates=["time"]),
+    by_number = {"time": [5, 6, 7, 8, 9, 10], "depth": 1, "east": 2, "north": 3, "temperature": 4}
+    cases = {
+        "plain": (plain, {}, columns),
+        "flags": (flags, {}, columns | {"flag": "q"}),
+        "d/m/y": (drawn.assign(time=dates.strftime("%d/%m/%Y %H:%M")), {}, columns),
+        "decimal commas": (plain, {"sep": ";", "decimal": ","}, columns),
+        "no header, six columns of time": (parts, {"header": False}, by_number),
     }
-    told = ", ".join(f"{name} {speed(path, way, 2):.1f}" for name, way in ways.items())
-    print(f"\nA table of {path.stat().st_size / 1e6:.0f} MB, MB/s: {told}")
+    print()
+    for name, (frame, layout, headers) in cases.items():
+        frame.to_csv(folder / "deep.csv", index=False, **layout)
+        read = speed(folder / "deep.csv", lambda one, by=headers: readers.read("table", [one], {"columns": by}), 3)
+        print(f"table, {name}: {read:.1f} MB/s")
+    if SCANS.exists():
+        (folder / SCANS.name).write_bytes(SCANS.read_bytes() * 8)
+        read = speed(folder / SCANS.name, lambda one: readers.read("mmp_acm", [one], {"pressure_files": ()}), 3)
+        print(f"scans of a moored profiler, text: {read:.1f} MB/s")
 
 
 def main(raw: Path) -> None:
@@ -131,7 +142,7 @@ def main(raw: Path) -> None:
             theirs, plain = library(other), speed(path, Path.read_bytes)
             told = (f"{theirs:.1f}", f"{ours / theirs:.1f}") if isinstance(theirs, float) else (theirs, "–")
             targets.line(path.name, f"{path.stat().st_size / 1e6:.1f}", f"{ours:.1f}", *told, f"{ours / plain:.3f}")
-        of_table(folder)
+        of_tables(folder)
         print(f"\nPD0 by decode() alone, currents not turned: {speed(large, decode):.1f} MB/s")
 
 
