@@ -75,7 +75,7 @@ def report(cruise: Path) -> None:
 def concealed(cruise: Path) -> None:
     """Take the diagnosis of C1 and draw its heading errors, on the axis that all concealed moorings share."""
     from compasslib.archive.files import read_json
-    from compasslib.plots.timeseries import draw_errors, error_reach
+    from compasslib.plots.diagnosis import draw_errors, error_reach
     from compasslib.stages.concealed import heading_errors, read_headings
 
     shutil.copyfile(cruise / "results/C1/figures/diagnosis.png", DOCS / "diagnosis.png")
@@ -94,10 +94,10 @@ def sea(folder: Path) -> None:
 
 
 def papers(folder: Path) -> None:
-    from compasslib.plots import moorings
+    from benchmarks.papers import draw_angles, draw_synthetic_curves
 
-    moorings.draw_angles(DOCS / "angles.png")
-    moorings.draw_synthetic_curves(DOCS / "synthetic.png")
+    draw_angles(DOCS / "angles.png")
+    draw_synthetic_curves(DOCS / "synthetic.png")
 
 
 COMMAND = ".venv/bin/python benchmarks/pictures.py "
@@ -129,7 +129,7 @@ MAKERS = {
         drawn=("diagnosis.png", "concealed_errors.png"), draw=concealed, cruise=".",
     ),
     "papers": Maker(
-        "Figures 4 and 5 of von Appen 2015", (PAGE, "compasslib/plots/moorings.py"),
+        "Figures 4 and 5 of von Appen 2015", (PAGE, "benchmarks/papers.py"),
         drawn=("angles.png", "synthetic.png"), draw=papers,
     ),
     "sea": Maker("Water between bins", (PAGE, "benchmarks/sea.py"), drawn=("sea.png",), draw=sea),

@@ -22,7 +22,7 @@ from compasslib import angles, compass
 from compasslib.archive.calibrations import StoredCalibration
 from compasslib.calibrations import MODELS
 from compasslib.calibrations.curves import harmonic_design
-from compasslib.calibrations.result import LETTERS, Calibration
+from compasslib.calibrations.result import LETTERS
 from compasslib.calibrations.swing import adjustment
 from compasslib.deviation.series import series_design
 from compasslib.plots import instruments
@@ -43,7 +43,6 @@ from compasslib.plots.page import (
     nearest_turn,
     page,
     signed,
-    thinned,
 )
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Floats
@@ -58,17 +57,27 @@ GAMMA, DEVIATION = "Recorded heading γ (° magnetic)", "Deviation β − γ (°
 def draw_figure(figure: str, path: str | Path, shown: StoredCalibration) -> None:
     """Draw one figure of a calibration: ``compared``, or one of ``calibrations.FIGURES`` or ``calibrations.KINDS``."""
     common = {"deviation": draw_deviation, "residuals": draw_residuals, "certificate": draw_certificate}
-    if draw := (common | {"compared": draw_compared}).get(figure):
+    if draw := (common | {"compared": draw_compared, "swing": draw_swing}).get(figure):
         draw(path, shown)
     else:
-        own = draw_swing if figure == "swing" else getattr(instruments, f"draw_{figure}")
-        own(path, shown.calibration)
+        getattr(instruments, f"draw_{figure}")(path, shown.calibration)
 
 
 def draw_deviation(path: str | Path, shown: StoredCalibration) -> None:
     """Draw the readings, the chosen curve with its 95 % band, and the other curves for comparison."""
     with page(path, 3.9) as figure:
         legend(figure, deviation_panel(figure.subplots(), shown), columns=1)
+
+
+def draw_swing(path: str | Path, shown: StoredCalibration) -> None:
+    """Draw the readings of a swing, the curve with its 95 % band, and the limit of ISO 25862."""
+    with page(path, 3.9) as figure:
+        axes = figure.subplots()
+        if handles := deviation_panel(axes, shown):
+            for limit in (-adjustment.LIMIT_DEG, adjustment.LIMIT_DEG):
+                axes.axhline(limit, **EDGE)
+            handles.append(Line2D([], [], **EDGE, label=f"{adjustment.LIMIT_DEG:g}° (ISO 25862)"))
+        legend(figure, handles, columns=1)
 
 
 def deviation_panel(axes: Axes, shown: StoredCalibration) -> list[Artist]:
@@ -320,48 +329,3 @@ def _table(shown: StoredCalibration, columns: int = 3) -> list[str]:
 
 def _number(value: float | None, form: str) -> str:
     return UNKNOWN if value is None or not np.isfinite(value) else format(value, form)
-
-
-# A swing.
-
-SWING_POINT: dict[str, Any] = {"color": "#333333", "marker": "o", "linestyle": ""}
-SWING_BAND: dict[str, Any] = {"color": BLUE, "alpha": 0.2, "linewidth": 0}
-LIMIT: dict[str, Any] = {"color": VERMILION, "linewidth": 0.8, "linestyle": "--"}
-
-
-def draw_swing(path: str | Path, result: Calibration) -> None:
-    """Draw the readings of a swing, the curve with its 95 % interval, and the limit of ISO 25862."""
-    with page(path, 3.2) as figure:
-        axes, shown = figure.subplots(), result.points.get("deviation_deg")
-        degrees(axes.xaxis, (0.0, 360.0))
-        axes.set(xlabel="Recorded heading γ (°)", ylabel=DEVIATION)
-        if result.table is None or shown is None:
-            empty(axes, words="no curve")
-        else:
-            columns = series_design(TURN_DEG)
-            curve = columns @ result.coefficients
-            variance = np.einsum("ij,jk,ik->i", columns, result.covariance, columns)
-            half = NORMAL_95 * np.sqrt(variance)
-            few = thinned(len(shown))
-            size = 2.0 if len(shown) > MOST_BARS else 4.0
-            axes.fill_between(TURN_DEG, curve - half, curve + half, **SWING_BAND)
-            look = SWING_POINT | {"markersize": size, "markeredgewidth": 0}
-            axes.plot(result.points["recorded_deg"][few], shown[few], **look)
-            axes.plot(TURN_DEG, curve, color=BLUE)
-            limits = (-adjustment.LIMIT_DEG, adjustment.LIMIT_DEG)
-            for limit in limits:
-                axes.axhline(limit, **LIMIT)
-            values = np.concatenate([curve - half, curve + half, *np.percentile(shown, [[1.0], [99.0]]), limits])
-            low, high = float(values.min()), float(values.max())
-            axes.set_ylim(low - 0.06 * (high - low), high + 0.06 * (high - low))
-            axes.yaxis.set_major_formatter(lambda x, _: signed(x, "g"))
-            axes.axhline(0.0, color=GREY, linewidth=0.5)
-        if result.table is not None:
-            readings = "courses corrected for drift" if result.details.get("drift") else "true headings"
-            handles = [
-                Line2D([], [], **SWING_POINT, markersize=3, label=readings),
-                Line2D([], [], color=BLUE, label="fitted series"),
-                Patch(**SWING_BAND, label="95 % of the fit"),
-                Line2D([], [], **LIMIT, label="4° (ISO 25862)"),
-            ]
-            legend(figure, handles)

@@ -12,26 +12,21 @@ from matplotlib import colormaps
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Arc, Patch
-from matplotlib.ticker import FixedLocator, MaxNLocator
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator, NullLocator
 
 from compasslib import angles, earthfield
 from compasslib.deviation.histograms import BIN_DEG, BINS
 from compasslib.deviation.model import DeviationFit
-from compasslib.deviation.series import inverse_table, series_deviation, series_slope
 from compasslib.plots.deviation import GIVEN_UP, deviation_curve
 from compasslib.plots.page import (
     BLACK,
     BLUE,
     CM,
+    COLOURS,
     CORRECTED,
-    GREEN,
     GREY,
-    ORANGE,
-    PURPLE,
     RECORDED,
-    REFERENCE,
-    SKY,
     VERMILION,
     WIDE_IN,
     Rows,
@@ -44,7 +39,6 @@ from compasslib.plots.timeseries import round_down
 from compasslib.types import Complexes, Floats
 
 NAMED = 20  # number of moorings above which a figure shows no names
-SERIES = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE}
 
 
 @dataclass(frozen=True)
@@ -102,8 +96,10 @@ def draw_differences(path: str | Path, moorings: list[AssessedMooring]) -> None:
     with page(path, 0.9 + max(panel, 0.8), width_in=WIDE_IN) as figure:
         axes, intervals = figure.subplots(1, 2, width_ratios=(3.0, 1.0), sharey=True)
         degrees(axes.xaxis, (-180.0, 180.0), as_is=True)
-        axes.set_xlabel("Affected minus reference, held-out pairs (°)")
+        axes.set_xlabel("Affected minus reference, held out pairs (°)")
         intervals.set_xlabel("Rms, 95 % (°)")
+        axes.set_title("difference")
+        intervals.set_title("rms")
         if not shown:
             empty(axes, intervals)
             return
@@ -159,7 +155,7 @@ def draw_currents(path: str | Path, moorings: list[AssessedMooring]) -> None:
                 points = cell - middle + outline
                 below = series == "reference"
                 look: dict[str, Any] = {"linewidth": 3.5, "alpha": 0.6} if below else {"linewidth": 1.2}
-                axes.plot(points.real, points.imag, color=SERIES[series], **look)
+                axes.plot(points.real, points.imag, color=COLOURS[series], **look)
             axes.plot((cell - middle).real, (cell - middle).imag, "k+", markersize=6)
             if named:
                 axes.text(cell.real, cell.imag + 0.45 * high, name, ha="center", va="center")
@@ -167,7 +163,7 @@ def draw_currents(path: str | Path, moorings: list[AssessedMooring]) -> None:
         axes.set_ylim(high * (0.5 - lines) - 0.15 * wide, high * 0.5)
         scale, left = round_down(wide / 3.0), axes.get_xlim()[0]
         axes.plot([left, left + scale], [high * (0.5 - lines) - 0.1 * wide] * 2, color=BLACK)
-        handles = [Line2D([], [], color=colour, label=name) for name, colour in SERIES.items()]
+        handles = [Line2D([], [], color=COLOURS[name], label=name) for name in ("recorded", "corrected", "reference")]
         handles.append(Line2D([], [], color=BLACK, label=f"{scale:g} cm/s; north is up"))
         legend(figure, handles, columns=4)
 
@@ -188,7 +184,6 @@ def _outline_currents(currents: Mapping[str, Any]) -> dict[str, Complexes]:
 
 ROLES = {"affected": VERMILION, "reference": BLUE, "other": GREY}
 MARKERS = {"up": "^", "down": "v", None: "o"}
-SYNTHETIC_B_DEG = {0.0: BLACK, 20.0: SKY, 45.0: GREEN, 57.29: PURPLE, 90.0: ORANGE, 135.0: VERMILION}
 
 
 def draw_array(path: str | Path, moorings: Sequence[Mapping[str, Any]], apart_km: float = 30.0) -> None:
@@ -240,7 +235,7 @@ def _draw_section(axes: Axes, moorings: Sequence[Mapping[str, Any]], deepest_m: 
         _draw_mooring(axes, float(at), mooring)
     axes.set_xlim(x[0], x[-1])
     several = MaxNLocator(len(moorings), steps=[1, 2, 5, 10])
-    axes.xaxis.set_major_locator(several if len(moorings) > 1 else FixedLocator([0.0]))
+    axes.xaxis.set_major_locator(several if len(moorings) > 1 else NullLocator())
 
 
 def _along_array(moorings: Sequence[Mapping[str, Any]]) -> Floats:
@@ -265,64 +260,3 @@ def _draw_mooring(axes: Axes, at: float, mooring: Mapping[str, Any]) -> None:
         else:
             marker, size = MARKERS[each["orientation"]], 8.0 if each["role"] == "affected" else 5.0
             axes.plot(at, each["depth_m"], marker=marker, color=colour, markersize=size, markeredgewidth=0, zorder=3)
-
-
-def draw_synthetic_curves(path: str | Path) -> None:
-    """Draw deviation, recorded heading and lookup table of series with B alone, dashed where they are not inverted."""
-    beta = np.linspace(-180.0, 180.0, 721)
-    with page(path, 3.4, width_in=WIDE_IN) as figure:
-        panels, handles = figure.subplots(1, 3), []
-        for b, colour in SYNTHETIC_B_DEG.items():
-            coefficients = (0.0, b, 0.0, 0.0, 0.0)
-            deviation, (gamma, inverted) = series_deviation(coefficients, beta), inverse_table(coefficients)
-            folded = series_slope(coefficients, beta).min() < 0.0
-            here = angles.wrap360(beta - inverted.min()) <= np.ptp(inverted) if folded else np.full(beta.shape, True)
-            for panel, y in ((panels[0], deviation), (panels[1], beta - deviation)):
-                panel.plot(beta, y, color=colour, linewidth=0.9, linestyle=(0, (3, 2)))
-                panel.plot(beta, np.where(here, y, np.nan), color=colour)
-            shown = (angles.wrap180(gamma), angles.wrap180(inverted))
-            breaks = np.any([np.abs(np.diff(x, append=x[-1])) > 180.0 for x in shown], axis=0)
-            panels[2].plot(shown[0], np.where(breaks, np.nan, shown[1]), color=colour)
-            handles.append(Line2D([], [], color=colour, label=f"B = {b:.3g}°"))
-        for panel in panels:
-            degrees(panel.xaxis, (-180.0, 180.0), as_is=True)
-        panels[0].set(xlabel="Correct heading β (°)", ylabel="Deviation β − γ (°)")
-        panels[1].set(xlabel="Correct heading β (°)", ylabel="Recorded heading γ (°)")
-        panels[2].set(xlabel="Recorded heading γ (°)", ylabel="Correct heading β (°)")
-        handles.append(Line2D([], [], color=BLACK, linewidth=0.9, linestyle=(0, (3, 2)), label="not inverted"))
-        legend(figure, handles, columns=4)
-
-
-def draw_angles(path: str | Path) -> None:
-    """Draw the directions and angles of von Appen (2015), Fig. 4, seen from above, true north up."""
-    magnetic, recorded, forward, current = -23.5, 26.5, 61.5, 131.5  # degrees from geographic north
-    arrows = {
-        "geographic north": (0.0, BLACK),
-        "magnetic north": (magnetic, BLUE),
-        "needle's north": (recorded, VERMILION),
-        "forward, beam 3": (forward, GREEN),
-        "current": (current, PURPLE),
-    }
-    arcs = {
-        "δ": (0.0, magnetic, 0.35),
-        "β": (magnetic, forward, 0.75),
-        "γ": (recorded, forward, 0.5),
-        "α": (forward, current, 0.6),
-    }
-    with page(path, 2.7) as figure:
-        axes = figure.subplots()
-        axes.set_axis_off()
-        axes.set_aspect("equal")
-        for name, (towards, colour) in arrows.items():
-            x, y = (float(each) for each in angles.components(1.0, towards))
-            axes.annotate("", (x, y), (0.0, 0.0), arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.6})
-            side = "left" if x > 0.1 else "right" if x < -0.1 else "center"
-            place = (1.06 * x, 1.06 * y + 0.06 * (side == "center"))
-            axes.text(*place, name, color=colour, ha=side, va="bottom" if y > 0.9 else "center")
-        for name, (begin, end, radius) in arcs.items():
-            low, high = sorted((90.0 - begin, 90.0 - end))
-            axes.add_patch(Arc((0.0, 0.0), 2.0 * radius, 2.0 * radius, theta1=low, theta2=high, linewidth=0.8))
-            x, y = (float(each) for each in angles.components(radius + 0.08, (begin + end) / 2.0))
-            axes.text(x, y, name, ha="center", va="center")
-        axes.set_xlim(-1.3, 1.75)
-        axes.set_ylim(-0.75, 1.2)

@@ -13,7 +13,7 @@ from compasslib.archive import gridded, netcdf
 from compasslib.archive.attributes import Site
 from compasslib.errors import InputError
 from compasslib.plots import timeseries
-from compasslib.plots.page import DPI, WIDTH_IN
+from compasslib.plots.page import DPI, WIDE_IN, WIDTH_IN
 from compasslib.product.cells import Differences, Velocities, average_slots
 from compasslib.product.errors import (
     AffectedHeadings,
@@ -317,11 +317,11 @@ def test_section_figures_are_drawn_with_and_without_velocities(written, tmp_path
     nothing = np.full(shown.after.shape, complex(np.nan, np.nan))
     none = tuple(replace(p, mean=nothing[0]) for p in shown.profiles)
     for name, content in (("some", shown), ("none", replace(shown, before=nothing, after=nothing, profiles=none))):
-        for draw in (timeseries.draw_section, timeseries.draw_profile):
+        for draw, width_in in ((timeseries.draw_section, WIDE_IN), (timeseries.draw_profile, WIDTH_IN)):
             draw(tmp_path / f"{name}.png", content)
             with Image.open(tmp_path / f"{name}.png") as image:
                 colours = image.convert("RGB").getcolors(1 << 20)
-                assert image.width == round(WIDTH_IN * DPI) and (len(colours) > 350) == (name == "some"), draw
+                assert image.width == round(width_in * DPI) and (len(colours) > 350) == (name == "some"), draw
     some = np.array([[0.02, 0.011], [0.011, 0.01]])
     size, angle = timeseries.principal_axis(gridded.MeanProfile(0j, some[0, 0], some[1, 1], some[0, 1]))
     values, vectors = np.linalg.eigh(some)
