@@ -115,6 +115,12 @@ def plain(name: str) -> str:
     return name.replace("_", " ")
 
 
+def effect_title(finding: Mapping[str, Any]) -> str:
+    """Name the effect of a finding, or the driver of one outside the catalogue."""
+    composed = finding.get("composition")
+    return f"unlisted, driven by {plain(composed['driver'])}" if composed else plain(finding["effect"])
+
+
 def parameter(name: str, unit: str) -> str:
     """Convert the name of a parameter to plain words, without the suffix of its unit."""
     return plain(name.removesuffix(f"_{'deg' if unit in ('degrees', '°') else unit}"))
@@ -147,9 +153,8 @@ def observations(separated_by: str | None) -> list[str]:
 
 
 FILTERS = (
-    confirmed,
-    number, degrees, significant, with_sigma, percent, chance, current, count, plural, days, plain, parameter, listed,
-    sentence, observations,
+    confirmed, number, degrees, significant, with_sigma, percent, chance, current, count, plural, days, plain,
+    effect_title, parameter, listed, sentence, observations,
 )  # fmt: skip
 
 

@@ -62,6 +62,23 @@ rule cruise_figures:
         "../scripts/stage.py"
 
 
+rule explore:
+    """Write the series and sections of all moorings to one page to look at, that needs no network."""
+    input:
+        summary="results/summary.csv",
+        files=of_usable("moorings", "corrected.nc", "overlap.nc", "deviation.json", "diagnosis.json"),
+        gridded=lambda wildcards: expand("results/{name}/gridded.nc", name=gridded()),
+    output:
+        page=report("results/explore.html", caption="../report/explore.rst", category="Cruise"),
+        job="results/logs/explore.json",
+    log:
+        "results/logs/explore.log",
+    params:
+        **parameters("report.explore", lambda: {"project": CRUISE.options.attributes.get("project", "")}),
+    script:
+        "../scripts/stage.py"
+
+
 rule report:
     """Write all results to one page that needs no network."""
     input:
