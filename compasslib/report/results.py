@@ -65,11 +65,10 @@ class ReportSection:
     use: str = ""  # whether a mooring can be used: yes, with care, no
     picture: tuple[tuple[str, str], ...] = ()  # lines of the small picture of a mooring: colour, and points of an SVG
     to_do: tuple[str, ...] = ()  # sentences: actions left to the user
-    finding_figures: tuple[ReportFigure, ...] = ()  # figures shown with the findings
     findings: tuple[ReportedFinding, ...] = ()
     limits: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
-    figures: tuple[ReportFigure, ...] = ()  # all others
+    figures: tuple[ReportFigure, ...] = ()
     tables: tuple[ReportTable, ...] = ()
     links: tuple[tuple[str, str], ...] = ()  # text, URL relative to the page
     cells: tuple[str, ...] = ()  # its row in the overview

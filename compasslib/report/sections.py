@@ -149,7 +149,6 @@ def mooring_section(results: MooringResults, root: Path, *, small: bool) -> Repo
         use=results.assessment["use"]["answer"],
         picture=draw_differences(results.assessment),
         to_do=words.paragraphs("mooring", "actions", r=results),
-        finding_figures=(pictures.pop("diagnosis"),) if findings and "diagnosis" in pictures else (),
         findings=findings,
         warnings=results.warnings,
         figures=tuple(pictures.values()),
@@ -191,7 +190,6 @@ def calibration_section(results: CalibrationResults, root: Path, *, small: bool)
         verdict=diagnosis.get("verdict", ""),
         summary=words.paragraphs("calibration", "summary", c=content, diagnosis=diagnosis, findings=said, texts=texts),
         facts=words.facts("calibration", "facts", c=content),
-        finding_figures=(figures.pop("diagnosis"),) if findings and "diagnosis" in figures else (),
         findings=findings,
         limits=(
             *words.paragraphs("calibration", "limits", c=content),

@@ -99,7 +99,6 @@ def hostile(name: str = "M") -> ReportSection:
         tables=(parameters,),
         use="with care",
         picture=(("recorded", HOSTILE),),
-        finding_figures=(figure,),
         figures=(figure, replace(figure, data="data:image/png;base64,", width=3, height=5)),
     )
 
@@ -417,7 +416,7 @@ def test_large_fleet_has_thumbnails_of_its_currents(done, tmp_path, monkeypatch)
     sites["M1"] |= {"end": "2007-10-04T00:00:00Z", "instruments": {"affected": "top", "reference": "deep"}}
     one = report.gather(done / "results", attributes={}, moorings=sites, calibrations=["few"] * 3)
     (section,) = one.moorings.sections
-    shown, linked = section.figures[:3], (*section.finding_figures, *section.figures[3:])
+    shown, linked = section.figures[:3], section.figures[3:]
     assert one.small and [figure.width for figure in shown] == [files.SMALL_PIXELS] * 3
     assert all(not figure.data and figure.href for figure in linked)
     few, many = (written(tmp_path / f"{n}.html", [replace(section, anchor=f"m{k}") for k in range(n)]) for n in (1, 21))
