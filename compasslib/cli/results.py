@@ -19,7 +19,7 @@ from compasslib.config import compasses, cruise
 from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
 from compasslib.readers.files import refuse_large_arrays
-from compasslib.report import glossary, sections
+from compasslib.report import sections, words
 from compasslib.report.results import QUESTION, ReportSection, read_calibration, read_mooring
 
 MOORING_FILES = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "work/field.json")
@@ -265,9 +265,9 @@ def explanation_lines(section: ReportSection, folder: Path) -> list[str]:
     tables = [(table.caption, [", ".join(map(" ".join, table.rows))]) for table in sections.limits_table(diagnosis)]
     for title, sentences in (("Limits of this record", section.limits), *tables, ("Warnings", section.warnings)):
         lines += ["", title, *_wrap(sentences)] if sentences else []
-    said = glossary.occurring(lines)
+    said = words.occurring(lines)
     if (folder.parents[1] / f"concealed/{section.name}.json").exists():
-        said |= {section.name: glossary.definitions().get(glossary.CONCEALED, "")}
+        said |= {section.name: words.definitions().get(words.CONCEALED, "")}
     return [*lines, "", "Terms", *_wrap(f"{term}: {what}" for term, what in said.items())] if said else lines
 
 

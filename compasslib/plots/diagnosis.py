@@ -1,7 +1,7 @@
 """Figure of the diagnosis of a mooring or calibration: residuals by covariate, without and with identified effects.
 
 Below them, the size of each effect on held-out days and as predicted by the other days, and the heading error
-without it; for a calibration, the residual on held-out data and the log evidence of each effect alone.
+without it; for a calibration, the residual on held-out data.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
+from matplotlib.ticker import MaxNLocator
 
 from compasslib.inference import wording
 from compasslib.plots.page import (
@@ -64,7 +64,7 @@ def draw_mooring(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
 
 
 def draw_calibration(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
-    """Draw a calibration's diagnosis, and its hypotheses, from the content of its diagnosis.json."""
+    """Draw a calibration's diagnosis from the content of its diagnosis.json."""
     curves = []
     for curve in _shown(diagnosis):
         x = curve["centre"]
@@ -95,10 +95,10 @@ def _draw(
 ) -> None:
     """Draw all panels, with names and units of the covariates as ``said``; if ``dated``, time is UTC."""
     proven = [entry for entry in diagnosis["findings"] if entry.get("heldout")]
-    ranked = [] if dated else [entry for entry in diagnosis.get("hypotheses", []) if entry["score"] > 0.0][:10]
-    short = Rows([_short(entry) for entry in proven])
-    full = Rows([wording.display_name(entry["effect"]) for entry in ranked])
-    heights = [1.9] * len(curves) + [0.6 + rows.height_in for rows in (short, full) if rows.names]
+    drivers = [(entry.get("composition") or {}).get("driver", "").replace("_", " ") for entry in proven]
+    labels = [f"unlisted, by {driver}" if driver else "" for driver in drivers]
+    short = Rows([label or wording.display_name(x["effect"]) for label, x in zip(labels, proven, strict=True)])
+    heights = [1.9] * len(curves) + [0.6 + short.height_in] * bool(proven)
     with page(path, sum(heights or [1.0]) + 0.4) as figure:
         panels = list(figure.subplots(max(len(heights), 1), 1, height_ratios=heights or None, squeeze=False)[:, 0])
         if not heights:
@@ -108,13 +108,14 @@ def _draw(
             axes = panels.pop(0)
             _residual(axes, curve, _label(curve["covariate"], *said), _band_sigmas(curves), dated=dated)
             _follow(axes, curve, proven)
-            if _along_time(curve) and dated:
-                marked += _mark_dates(axes, diagnosis["findings"])
+            if _along_time(curve) and dated:  # mark when effects begin or end within the record
+                low, high = axes.get_xlim()
+                texts = {(x.get("when") or {}).get(end) for x in diagnosis["findings"] for end in ("from", "to")}
+                days = [np.datetime64(text.removesuffix("Z"), "s").astype(float) / DAY_S for text in texts if text]
+                marked += [axes.axvline(day, **DATE) for day in days if 0.02 < (day - low) / (high - low) < 0.98]
         sized = [entry for entry in proven if entry["heldout"].get("amplitude_deg")]
         if proven:
             (_sizes if len(sized) == len(proven) else _held_out)(panels.pop(0), proven, short)
-        if ranked:
-            _ranking(panels.pop(0), ranked, full, [entry["effect"] for entry in diagnosis["findings"]])
         handles = [Line2D([], [], **AFTER, label="residual of the fit")]
         if diagnosis["findings"]:
             handles = [Line2D([], [], **BEFORE, label="without correction")]
@@ -183,15 +184,6 @@ def _follow(axes: Axes, curve: Mapping[str, Any], proven: Sequence[Mapping[str, 
         axes.set_title(f"held-out days: {', '.join(texts)}")
 
 
-def _mark_dates(axes: Axes, findings: Sequence[Mapping[str, Any]]) -> list[Line2D]:
-    """Mark the dates within the record at which effects begin or end."""
-    low, high = axes.get_xlim()
-    texts = filter(None, {(entry.get("when") or {}).get(end) for entry in findings for end in ("from", "to")})
-    days = [np.datetime64(text.removesuffix("Z")).astype("datetime64[s]").astype(float) / DAY_S for text in texts]
-    margin = 0.02 * (high - low)
-    return [axes.axvline(day, **DATE) for day in days if low + margin < day < high - margin]
-
-
 def _columns(curve: Mapping[str, Any]) -> tuple[Floats, ...]:
     """Collect centre, residual before and after, and standard error of each bin, (n,) each, sorted by centre."""
     names = ("centre", "before_deg", "after_deg", "sigma_deg")
@@ -242,29 +234,6 @@ def _held_out(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: Rows) -> 
     axes.set_xlabel("Rms residual, held-out data (°)")
     axes.xaxis.set_major_locator(MaxNLocator(4))
     axes.set_xlim(0.0, 1.15 * max([*before, *after, 1e-9]))
-
-
-def _short(finding: Mapping[str, Any]) -> str:
-    if composed := finding.get("composition"):
-        return f"unlisted, by {composed['driver'].replace('_', ' ')}"
-    return wording.display_name(finding["effect"])
-
-
-def _ranking(
-    axes: Axes, ranked: Sequence[Mapping[str, Any]], rows: Rows, named: Sequence[str], linear: float = 10.0
-) -> None:
-    """Draw the log evidence of each effect alone, logarithmic above ``linear``, with the identified highlighted."""
-    colours = [VERMILION if entry["effect"] in named else GREY for entry in ranked]
-    most = max(entry["score"] for entry in ranked)
-    axes.barh(rows.places, [entry["score"] for entry in ranked], color=colours, height=0.7)
-    if most > linear:
-        axes.set_xscale("symlog", linthresh=linear)
-        powers = np.arange(1, int(np.log10(most)) + 1)
-        axes.xaxis.set_major_locator(FixedLocator([0.0, *10.0 ** powers[:: -(-len(powers) // 3)]]))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    rows.name(axes)
-    axes.set_xlabel("Log evidence of each effect alone")
-    axes.set_xlim(0.0, max(linear, 1.1 * most))
 
 
 # Heading errors where the truth is known.

@@ -1,4 +1,4 @@
-"""The figures of the results, a row each, from which follow the files of the rules, the report and its thumbnails.
+"""The figures of the results, a row each, from which follow the files of the rules and the report.
 
 A new figure is a function in this package and a row here. A row is read without matplotlib, which its function imports.
 """
@@ -23,13 +23,13 @@ class Figure:
     title: str
     caption: str = ""  # template of r, of a calibration or compass c: the results
     note: str = ""  # how it is read, once for all moorings
-    place: str = ""  # in the report: "currents", first and with a thumbnail; "linked", not embedded
+    linked: bool = False  # not embedded in the report
     of_pairs: bool = False  # whether it is left out where there are neither pairs nor a curve
 
 
-def names(subject: str, place: str | None = None) -> list[str]:
-    """List the names of the figures of a subject, all or those of one place in the report."""
-    return [figure.name for figure in FIGURES[subject] if place in (None, figure.place)]
+def names(subject: str) -> list[str]:
+    """List the names of the figures of a subject."""
+    return [figure.name for figure in FIGURES[subject]]
 
 
 def _calibration(name: str) -> Callable[[str, Any], None]:
@@ -50,7 +50,6 @@ Means of {{ r.averaging(sticks=true) }} at {{ r.depth }}; mean {{ before }} reco
 {{- ", " ~ after ~ " corrected" if after != unknown else "; none is corrected" }}.
 {% endif %}""",
         note="Each stick begins at its date and points where the water flows, north up; the scale is in the figure.",
-        place="currents",
     ),
     Figure(
         "progressive",
@@ -58,7 +57,6 @@ Means of {{ r.averaging(sticks=true) }} at {{ r.depth }}; mean {{ before }} reco
         "Progressive vector diagram",
         """{{ "Daily means" if r.averaging() == 24 | plural("hour") else "Means of " ~ r.averaging() }} at {{ r.depth }}.""",
         note="Displacement by the current of one place, over the times common to all series; not a trajectory.",
-        place="currents",
     ),
     Figure(
         "roses",
@@ -68,7 +66,6 @@ Means of {{ r.averaging(sticks=true) }} at {{ r.depth }}; mean {{ before }} reco
 At {{ r.depth }}; headings {{ span(r.headings.recorded_span_deg) }} recorded
 {%- if r.headings.corrected %}, {{ span(r.headings.corrected_span_deg) }} corrected{% endif %}.""",
         note="The range of headings, clockwise, holds their central 90 %. Share of the samples in sectors of 10°: current direction, the reference's at the pairs, and instrument heading.",
-        place="currents",
     ),
     Figure(
         "diagnosis",
@@ -157,19 +154,11 @@ CALIBRATION = (
         """\
 {% if c.coefficients %}
 Deviation against recorded heading: {{ c.n | plural("reading") }}, the curve ({{ models.get(c.model) or c.model | plain }}) with
-its 95 % band. Coefficients in degrees:
+its 95 % band; residuals, {{ c.residual_rms_deg | degrees(2) }} rms. Coefficients in degrees:
 {% for k, x in c.coefficients.items() %}{{ k }} {{ x | number(2) }}{{ "." if loop.last else ", " }}{% endfor %}
 {% else %}
 Deviation against recorded heading: {{ c.n }} readings, no curve.
 {% endif %}""",
-    ),
-    Figure(
-        "residuals",
-        _calibration("residuals"),
-        "Residuals of the curve",
-        """\
-Residuals of {{ c.n | plural("reading") }} against recorded heading:
-{{ "%s rms." | format(c.residual_rms_deg | degrees(2)) if c.residual_rms_deg is not none else "none, as there is no curve." }}""",
     ),
     Figure(
         "certificate",
@@ -179,7 +168,7 @@ Residuals of {{ c.n | plural("reading") }} against recorded heading:
 Certificate on one page: coefficients, table of deviations and budget;
 {{ "expanded uncertainty %s (k = 2)" | format(c.uncertainty.expanded_deg | degrees(2)) if c.uncertainty.expanded_deg else "no uncertainty could be stated" }}.
 All its numbers are in the tables here.""",
-        place="linked",
+        linked=True,
     ),
     Figure(
         "magnetometer",
@@ -191,14 +180,6 @@ Magnetometer readings before and after correction for hard and soft iron.
 {% if left.get("after") is none %}{{ c.why | sentence }}{% else %}
 The modulus of the field scatters by {{ left.before | number(2) }} % before and {{ left.after | number(2) }} % after.
 {% endif %}""",
-    ),
-    Figure(
-        "swing",
-        _calibration("swing"),
-        "The swing",
-        """\
-The swing: courses against compass headings, {{ c.n | plural("sample") }}.
-{{ (c.get("drift") or {}).get("text", "") }} {{ (c.get("iso_25862") or {}).get("text", "") }}""",
     ),
     Figure(
         "difference",

@@ -6,7 +6,7 @@ templates ``*.html``, which escape all texts.
 Numbers are formatted with their uncertainty:
 
 >>> from compasslib.plots.figures import CRUISE, MOORING, SECTIONS
-from compasslib.report import glossary, words
+from compasslib.report import words
 >>> words.with_sigma(-12.3456, 0.21, "°").replace(words.SPACE, " ")
 '−12.35 ± 0.21°'
 >>> words.degrees(float("nan"))  # what is not known is a dash
@@ -27,7 +27,7 @@ from compasslib.archive.files import atomic_write
 from compasslib.archive.summary import STOPPED
 from compasslib.inference.wording import VERDICTS
 from compasslib.plots.figures import CRUISE, MOORING, SECTIONS
-from compasslib.report import glossary, words
+from compasslib.report import words
 from compasslib.report.results import (
     MAX_SECTIONS,
     Overview,
@@ -61,7 +61,7 @@ class Report:
     software: str
     date: str
     figures: tuple[ReportFigure, ...] = ()  # figures of all moorings together
-    small: bool = False  # whether there are too many sections for figures of full size
+    small: bool = False  # whether there are too many sections for embedded figures
     compasses: Overview = NO_COMPASSES
     concealed: tuple[str, ...] = ()  # moorings whose errors the processing was not told
     tables: tuple[ReportTable, ...] = ()  # deployments, and coefficients of the compasses
@@ -150,7 +150,7 @@ def title(of_page: str, project: object) -> str:
 
 def write(path: str | Path, report: Report) -> None:
     """Write the page; the same results give the same bytes."""
-    write_page(path, "report.html", report=report, terms=glossary.Links())
+    write_page(path, "report.html", report=report, terms=words.Links())
 
 
 def write_page(

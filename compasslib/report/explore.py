@@ -22,6 +22,7 @@ from compasslib.archive.files import open_netcdf, read_json, read_variable
 from compasslib.archive.gridded import read_section
 from compasslib.preparation.references import combine_references
 from compasslib.report import STYLE, words, write_page
+from compasslib.report.results import read_summary
 from compasslib.types import Floats
 
 VARIABLES = {
@@ -31,41 +32,35 @@ VARIABLES = {
 MISSING = np.iinfo(np.uint16).max  # in place of NaN
 
 
-def write(path: str | Path, title: str, moorings: Sequence[Mapping[str, Any]]) -> None:
-    """Write the page with the series of all moorings, the library that draws them and its policy of no network."""
-    data = json.dumps(moorings, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")  # as HTML ends a script
+def write(path: str | Path, title: str, names: Sequence[str]) -> None:
+    """Write the page of the moorings whose results are beside it, with the library that draws them."""
+    root, share = Path(path).parent, min(1.0, 20.0 / max(len(names), 1))  # so that a thousand moorings have 20 MB
+    rows = read_summary(root / "summary.csv") if names else {}
+    data = json.dumps([collect(name, root, rows[name], share) for name in names], separators=(",", ":"))
+    given = {"title": title, "software": provenance.software(), "data": data.replace("<", "\\u003c")}  # ends no script
     scripts = ("vendor/uPlot.iife.min.js", "templates/explore.js")
-    styles = (STYLE, "vendor/uPlot.min.css")
-    write_page(
-        path, "explore.html", styles=styles, scripts=scripts, title=title, data=data, software=provenance.software()
-    )
+    write_page(path, "explore.html", styles=(STYLE, "vendor/uPlot.min.css"), scripts=scripts, **given)
 
 
-def collect(root: Path, names: Sequence[str], rows: Mapping[str, Mapping[str, str]]) -> list[dict[str, Any]]:
-    """Collect what the page shows of each mooring, less of each where there are many: ``rows`` are of summary.csv."""
-    moorings, share = [], min(1.0, 20.0 / max(len(names), 1))  # a thousand moorings have 20 MB
-    for name in names:
-        time_s, series, depth_m = read_series(root / name, most=int(10_000 * share))
-        packed = [time_s.tobytes()]
-        about = {key: pack(values, packed) for key, values in series.items() if np.isfinite(values).any()}
-        gridded, section = root / name.partition("/")[0] / "gridded.nc", {}
-        if gridded.exists():
-            means = read_section(gridded, columns=int(400 * share) + 1)
-            # The recorded heading says nothing of the reference's velocities.
-            by_reference = np.where(np.nan_to_num(means.reference_share) >= 0.5, 1.0, 0.0)
-            parts = {"u_recorded": means.before.real, "v_recorded": means.before.imag}
-            parts |= {"u_corrected": means.after.real, "v_corrected": means.after.imag}
-            section = {key: pack(100.0 * values, packed, levels=400) for key, values in parts.items()}
-            section |= {"edges": means.edges_s[[0, -1]].tolist(), "depths": means.depth_m.tolist()}
-            section["reference"] = by_reference.tolist()
-        bytes_ = base64.b64encode(zlib.compress(b"".join(packed), 9)).decode()
-        row = rows[name]
-        moorings.append({
-            "name": name, "use": row["use"], "verdict": row["verdict"], "sigma": row["use_sigma_deg"], "n": len(time_s),
-            "depth": None if np.isnan(depth_m) else round(depth_m), "series": about, "section": section,
-            "spans": list(describe_spans(root / name)), "bytes": bytes_,
-        })  # fmt: skip
-    return moorings
+def collect(name: str, root: Path, row: Mapping[str, str], share: float) -> dict[str, Any]:
+    """Collect what the page shows of a mooring: its row of summary.csv, series, section, and spans to mark."""
+    time_s, series, depth_m = read_series(root / name, most=int(10_000 * share))
+    packed = [time_s.tobytes()]
+    about = {key: pack(values, packed) for key, values in series.items() if np.isfinite(values).any()}
+    gridded, section = root / name.partition("/")[0] / "gridded.nc", dict[str, Any]()
+    if gridded.exists():
+        means = read_section(gridded, columns=int(400 * share) + 1)
+        parts = {"u_recorded": means.before.real, "v_recorded": means.before.imag}
+        parts |= {"u_corrected": means.after.real, "v_corrected": means.after.imag}
+        section = {key: pack(100.0 * values, packed, levels=400) for key, values in parts.items()}
+        section |= {"edges": means.edges_s[[0, -1]].tolist(), "depths": means.depth_m.tolist()}
+        section["reference"] = (np.nan_to_num(means.reference_share) >= 0.5).tolist()  # which has no recorded heading
+    return {
+        "name": name, "use": row["use"], "verdict": row["verdict"], "sigma": row["use_sigma_deg"], "n": len(time_s),
+        "depth": None if np.isnan(depth_m) else round(depth_m), "series": about, "section": section,
+        "spans": list(describe_spans(root / name)),
+        "bytes": base64.b64encode(zlib.compress(b"".join(packed), 9)).decode(),
+    }  # fmt: skip
 
 
 def read_series(folder: Path, most: int) -> tuple[Floats, dict[str, Floats], float]:
@@ -92,8 +87,8 @@ def read_series(folder: Path, most: int) -> tuple[Floats, dict[str, Floats], flo
         series[f"direction_{key}"] = angles.direction(flow.real, flow.imag)
         if key != "recorded":  # a heading does not change a speed
             series[f"speed_{key}"] = 100.0 * np.abs(flow)
-    every = slice(None, None, -(-max(len(time_s), 1) // most))
-    time_s, series = time_s[every], {key: values[every] for key, values in series.items()}
+    thin = slice(None, None, -(-max(len(time_s), 1) // most))
+    time_s, series = time_s[thin], {key: values[thin] for key, values in series.items()}
     step = np.diff(time_s)
     gaps = np.flatnonzero(step > 3.0 * np.median(step)) + 1 if len(step) else np.zeros(0, dtype=int)
     between = (time_s[gaps] + time_s[gaps - 1]) / 2.0

@@ -275,9 +275,9 @@ def _percentiles(values: Floats, at: tuple[float, float]) -> tuple[float, float]
     return float(low), float(high)
 
 
-# Figures embedded in the page: with a colour palette; on a page of many sections small and few.
+# Figures embedded in the page with a colour palette; on a page of many sections they are linked.
 
-MAX_SECTIONS = 50  # above which figures are not embedded at full size; a thousand moorings would need 400 MB
+MAX_SECTIONS = 50  # above which figures are not embedded; a thousand moorings would need 400 MB
 
 
 def collect_figures(
@@ -288,15 +288,15 @@ def collect_figures(
     Args:
         folder: folder of its results, with the PNG files in ``figures``.
         subjects: in ``plots.figures.FIGURES``.
-        small: whether the page has too many sections for figures of full size, here and below.
+        small: whether the page has too many sections for embedded figures, here and below.
         **given: results that the captions describe.
     """
-    made, collected = files.read_pictures(folder, small=small), dict[str, ReportFigure]()
+    made, collected = {} if small else files.read_pictures(folder), dict[str, ReportFigure]()
     for row in (row for subject in subjects for row in FIGURES[subject]):
         if not (path := folder / f"figures/{row.name}.png").exists():
             continue
         picture, size = made.get(row.name, ("", (0, 0)))
-        if row.name not in made and row.place != "linked" and not small:
+        if row.name not in made and not row.linked and not small:
             picture, size = files.embed_png(path)
         caption = words.caption(row.caption, **given)
         collected[row.name] = ReportFigure(row.title, caption, relative_link(path, root), picture, *size)

@@ -14,7 +14,7 @@ from compasslib.calibrations import budget, result, swing
 from compasslib.calibrations.result import Calibration
 from compasslib.deviation.series import series_deviation
 from compasslib.errors import InputError
-from compasslib.plots.calibrations import draw_swing as page
+from compasslib.plots.calibrations import draw_deviation as page
 from compasslib.plots.page import DPI, WIDTH_IN
 from tests.world import recordings
 from tests.world import swing as world

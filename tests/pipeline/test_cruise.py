@@ -18,7 +18,7 @@ from tests.world.sea import cruise, pairs
 
 HOURS = 60
 NAMES = ("GOOD", "BAD", "CARRIED", "TURNED")  # TURNED is the fourth, which is simulated with seed 13
-PAGES = {("summary", ""), ("cruise_figures", ""), ("explore", ""), ("report", ""), ("provenance", "")}
+PAGES = {("summary", ""), ("cruise_figures", ""), ("report", ""), ("provenance", "")}
 OPTIONS = "{fit: {method: von_appen}, diagnose: {enabled: false}, product: {grid: false}}\n"
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from compasslib import report
-from compasslib.archive import calibrations, files
+from compasslib.archive import calibrations
 from compasslib.archive.files import write_json
 from compasslib.calibrations import calibrate, result, tilt, two_heads
 from compasslib.effects import SIDES
@@ -28,7 +28,7 @@ from compasslib.inference.finding import CovariateRange, HeldOut, Parameter, Une
 from compasslib.inference.finding import Finding as Found
 from compasslib.plots import instruments
 from compasslib.plots.figures import MOORING
-from compasslib.report import explore, glossary, sections, words
+from compasslib.report import explore, sections, words
 from compasslib.report.results import (
     Overview,
     ReportedFinding,
@@ -172,7 +172,7 @@ def test_every_figure_has_an_alternative_text_and_a_caption(done, document):
     """All but the certificates are embedded, with distinct alternative texts; a caption begins with its title."""
     pictures, captions = document.all("img"), [one.text for one in document.all("figcaption")]
     drawn = [path for path in (done / "results").rglob("figures/*.png") if path.stem != "certificate"]
-    assert len(drawn) == 2 * 10 + 4 + 2 * 3 and len(pictures) == len(drawn) - sum(
+    assert len(drawn) == 2 * 10 + 4 + 2 * 2 and len(pictures) == len(drawn) - sum(
         row.of_pairs for row in MOORING
     )  # ALONE has no pairs
     assert len({one.attributes["alt"] for one in pictures}) == len(pictures)
@@ -409,20 +409,19 @@ def test_two_heads_with_a_diagnosis_have_their_section(tmp_path):
     assert section.cells[-2] == "explained" and "Corrected in the product" not in dict(section.findings[0].facts)
 
 
-def test_large_fleet_has_thumbnails_of_its_currents(done, tmp_path, monkeypatch):
-    """Thumbnails link to the full figures, other figures are only linked; each mooring adds less than 60 kB."""
+def test_large_fleet_has_links_to_its_figures(done, tmp_path, monkeypatch):
+    """No figure is embedded, each is linked; each mooring adds less than 20 kB."""
     monkeypatch.setattr(report, "MAX_SECTIONS", 3)
     sites = {"M1": {"latitude": 60.0, "longitude": 5.0, "water_depth_m": 500.0, "start": "2007-09-04T00:00:00Z"}}
     sites["M1"] |= {"end": "2007-10-04T00:00:00Z", "instruments": {"affected": "top", "reference": "deep"}}
     one = report.gather(done / "results", attributes={}, moorings=sites, calibrations=["few"] * 3)
     (section,) = one.moorings.sections
-    shown, linked = section.figures[:3], section.figures[3:]
-    assert one.small and [figure.width for figure in shown] == [files.SMALL_PIXELS] * 3
-    assert all(not figure.data and figure.href for figure in linked)
+    assert one.small and len(section.figures) == 10
+    assert all(not figure.data and (done / "results" / figure.href).exists() for figure in section.figures)
     few, many = (written(tmp_path / f"{n}.html", [replace(section, anchor=f"m{k}") for k in range(n)]) for n in (1, 21))
-    assert any("the currents are small pictures" in " ".join(one.text.split()) for one in few.all("li"))
+    assert any("all figures are links" in one.text for one in few.all("li"))
     assert len(many.all("details")) == 21
-    assert (tmp_path / "21.html").stat().st_size - (tmp_path / "1.html").stat().st_size < 20 * 60_000
+    assert (tmp_path / "21.html").stat().st_size - (tmp_path / "1.html").stat().st_size < 20 * 20_000
 
 
 def test_stopped_mooring_is_listed_among_the_results(tmp_path):
@@ -692,9 +691,9 @@ def test_spans_are_the_dated_effects_and_the_doubts(tmp_path):
 
 
 def test_terms_are_linked_once_a_section_with_the_definition_of_the_documentation(document):
-    known = glossary.definitions()
-    assert {"ambiguous", "twins", "held out", glossary.CONCEALED} <= set(known)
-    links = glossary.Links()
+    known = words.definitions()
+    assert {"ambiguous", "twins", "held out", words.CONCEALED} <= set(known)
+    links = words.Links()
     text = str(links("A <b> held out pair, another held-outer, and a pair."))
     assert text.count('href="#term-held-out"') == 1 and "&lt;b&gt;" in text and "another held-outer" in text
     assert text.count('href="#term-overlap-pair"') == 1 and f'title="{known["held out"]}"' in text

@@ -40,7 +40,6 @@ STAGES = {
     "sections": "M1/figures/profile.png",
     "summary": "summary.csv",
     "cruise_figures": "figures/curves.png",
-    "explore": "explore.html",
     "report": "report.html",
     "provenance": "ro-crate-metadata.json",
     "complete": "logs/complete.json",

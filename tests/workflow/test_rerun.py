@@ -115,7 +115,6 @@ def stated(folder: Path) -> dict[Job, set[str]]:
         ("usable", needed, [()], lambda: [*cruise.moorings, *cruise.calibrations]),
         ("summary", lambda: {"roles": {name: of.roles(name) for name in cruise.moorings}}, [()]),
         ("cruise_figures", lambda: {"array": settings.array(cruise)} | drawn(), [()]),
-        ("explore", lambda: {"project": cruise.options.attributes.get("project", "")}, [()]),
         ("report", lambda: settings.report(cruise), [()]),
         ("provenance", described, [()]),
     ]

@@ -52,7 +52,7 @@ def test_results_satisfy_the_contract(done):
 
 
 AFTER_FIT = ("diagnose", "compare", "correct", "grid", "figures", "sections")
-OF_ALL = ("summary", "cruise_figures", "explore", "report", "provenance")
+OF_ALL = ("summary", "cruise_figures", "report", "provenance")
 
 
 def test_summary_is_shown_with_warnings_last(done):

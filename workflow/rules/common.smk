@@ -46,29 +46,21 @@ def made_by(rule, **of):
     return [str(file).removeprefix(f"{STORAGE_ROOT}/").format(**of) for file in getattr(rules, rule).output]
 
 
-def gridded(wildcards=None):
-    """List the moorings with gridded velocities of which an affected instrument can go on."""
-    moorings = set(usable("moorings"))
-    return [name for name in MOORINGS.gridded if moorings & set(MOORINGS.parts(name))]
-
-
 def results(wildcards=None):
     """List all files of moorings, calibrations and compasses that can go on, without the pages of the cruise."""
     moorings, calibrations = usable("moorings"), usable("calibrations")
+    gridded = {name: files for name, files in MOORINGS.gridded.items() if set(MOORINGS.parts(name)) & set(moorings)}
     of_moorings = ("overlap", "fit", "diagnose", "correct", "compare", "figures")
     jobs = [
         *(("read", {"mooring": name, "role": role}) for name in moorings for role in MOORINGS.roles(name)),
         *((rule, {"mooring": name}) for name in moorings for rule in of_moorings),
         *(("diagnose_alone", {"mooring": name}) for name in moorings if name in COMPASSES.moorings),
-        *(
-            (rule, {"mooring": name})
-            for name in gridded()
-            for rule in ("grid_with_daily_means" if MOORINGS.gridded[name][1:] else "grid", "sections")
-        ),
+        *(("grid_with_daily_means" if files[1:] else "grid", {"mooring": name}) for name, files in gridded.items()),
+        *(("sections", {"mooring": name}) for name in gridded),
         *((rule, {"calibration": name}) for name in calibrations for rule in ("calibrate", "compare_calibrations")),
         *(("diagnose_calibration", {"calibration": name}) for name in CALIBRATIONS.diagnosed if name in calibrations),
         *((rule, {"compass": name}) for name in usable("compasses") for rule in ("combine_records", "joined_figures")),
-        *((rule, {}) for rule in ("summary", "cruise_figures", "explore") if CRUISE.moorings),
+        *((rule, {}) for rule in ("summary", "cruise_figures") if CRUISE.moorings),
         *((rule, {}) for rule in ("recordings", "concealed") if CONCEALED),
     ]
     # Of rules that are named in a loop, which Snakemake 9.1 does not find by their names.

@@ -62,36 +62,19 @@ rule cruise_figures:
         "../scripts/stage.py"
 
 
-rule explore:
-    """Write the series and sections of all moorings to one page to look at, that needs no network."""
-    input:
-        summary="results/summary.csv",
-        files=of_usable("moorings", "corrected.nc", "overlap.nc", "deviation.json", "diagnosis.json"),
-        gridded=lambda wildcards: expand("results/{name}/gridded.nc", name=gridded()),
-    output:
-        page=report("results/explore.html", caption="../report/explore.rst", category="Cruise"),
-        job="results/logs/explore.json",
-    log:
-        "results/logs/explore.log",
-    params:
-        **parameters("report.explore", lambda: {"project": CRUISE.options.attributes.get("project", "")}),
-    script:
-        "../scripts/stage.py"
-
-
 rule report:
-    """Write all results to one page that needs no network."""
+    """Write all results to one page, and all series to another to look at; neither needs a network."""
     input:
         results,
         usable="results/usable.json",
     output:
-        page=report("results/report.html", caption="../report/page.rst", category="Cruise"),
+        pages=report(["results/report.html", "results/explore.html"], caption="../report/page.rst", category="Cruise"),
         job="results/logs/report.json",
     log:
         "results/logs/report.log",
     localrule: True
     params:
-        **parameters("report.report", lambda: settings.report(CRUISE)),
+        **parameters("cruise.report", lambda: settings.report(CRUISE)),
     script:
         "../scripts/stage.py"
 

@@ -49,7 +49,7 @@ async function unpack(m) {
 const kindOf = () => shown("corrected") ? "corrected" : shown("recorded") ? "recorded" : null;
 
 function cell(m, part, kind, column, row) {
-  const reference = m.section.reference[row] > 0;
+  const reference = m.section.reference[row];
   const from = reference ? (shown("reference") ? "corrected" : null) : kind;
   return from && m.values[`${part}_${from}`][column * m.section.depths.length + row];
 }
