@@ -75,7 +75,7 @@ def report(cruise: Path) -> None:
 def concealed(cruise: Path) -> None:
     """Take the diagnosis of C1 and draw its heading errors, on the axis that all concealed moorings share."""
     from compasslib.archive.files import read_json
-    from compasslib.plots.timeseries import draw_errors, error_reach
+    from compasslib.plots.diagnosis import draw_errors, error_reach
     from compasslib.stages.concealed import heading_errors, read_headings
 
     shutil.copyfile(cruise / "results/C1/figures/diagnosis.png", DOCS / "diagnosis.png")

@@ -154,7 +154,7 @@ def read_histograms(path: str | Path) -> dict[str, NDArray[np.int_]]:
 # The current of one bin.
 
 AVERAGING_HOURS = (1, 6, 24, 48, 120, 240, 720, 2400)  # possible averaging intervals
-MAX_MEANS, MAX_STICKS = 420, 90
+MAX_MEANS, MAX_STICKS = 420, 70
 
 
 @dataclass(frozen=True)

@@ -36,8 +36,7 @@ class Kind:
     """Module, figures and file formats of a kind of calibration."""
 
     module: str  # in this package; its calibrate(files, settings) returns the Calibration
-    # Drawn by draw_NAME(path, calibration) of plots.instruments, that of a swing of plots.calibrations.
-    figures: tuple[str, ...] = ()
+    figures: tuple[str, ...] = ()  # drawn by draw_NAME(path, calibration) of plots.instruments
     by_heading: bool = True  # whether it has a deviation curve, and thus the common ``FIGURES``
     formats: tuple[str, ...] = ("table",)  # of its files, the default first
 
@@ -46,11 +45,11 @@ KINDS: dict[str, Kind] = {
     "platform": Kind("platform"),
     "tilt": Kind("tilt", ("tilt",), by_heading=False),
     "magnetometer": Kind("magnetometer", ("magnetometer",), formats=("table", "mmp_acm")),
-    "swing": Kind("swing", ("swing",), formats=("table", "nmea0183")),
+    "swing": Kind("swing", formats=("table", "nmea0183")),
     "declination": Kind("declination", ("series", "disturbance"), by_heading=False, formats=("iaga2002",)),
     "two_heads": Kind("two_heads", ("difference", "tilt_check", "along_time"), formats=("pd0",)),
 }
-FIGURES = ("deviation", "residuals", "certificate")  # common to all kinds with a deviation curve
+FIGURES = ("deviation", "certificate")  # common to all kinds with a deviation curve
 
 MODELS = {  # descriptions of the deviation curves
     "smith": "Smith's five terms",

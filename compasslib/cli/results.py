@@ -18,7 +18,7 @@ from compasslib.archive.files import RERUN, read_json
 from compasslib.config import compasses, cruise
 from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
-from compasslib.report import sections
+from compasslib.report import sections, words
 from compasslib.report.results import QUESTION, ReportSection, read_calibration, read_mooring
 from compasslib.stages.settings import Moorings
 
@@ -237,7 +237,7 @@ def _mooring_section(folder: Path) -> ReportSection:
         anchor="",
         verdict=read.diagnosis["verdict"],
         summary=sections.summary_sentences(read),
-        question=QUESTION,
+        use=read.assessment["use"]["answer"],
         facts=sections.measures(read),
         findings=sections.report_findings(read.diagnosis, product=True),
         limits=sections.describe_limits(read.diagnosis),
@@ -247,7 +247,7 @@ def _mooring_section(folder: Path) -> ReportSection:
 
 def explanation_lines(section: ReportSection, folder: Path) -> list[str]:
     """Compose the lines of ``compass explain`` from a section of the report."""
-    lines = [f"{section.name}: {section.verdict or 'not searched'}", *filter(None, [section.question])]
+    lines = [f"{section.name}: {section.verdict or 'not searched'}", *[QUESTION] * bool(section.use)]
     lines += _wrap(section.summary)
     lines += ["", *_wrap(f"{name}: {value}" for name, value in section.facts)]
     for finding in section.findings:
@@ -260,7 +260,10 @@ def explanation_lines(section: ReportSection, folder: Path) -> list[str]:
     tables = [(table.caption, [", ".join(map(" ".join, table.rows))]) for table in sections.limits_table(diagnosis)]
     for title, sentences in (("Limits of this record", section.limits), *tables, ("Warnings", section.warnings)):
         lines += ["", title, *_wrap(sentences)] if sentences else []
-    return lines
+    said = words.occurring(lines)
+    if (folder.parents[1] / f"concealed/{section.name}.json").exists():
+        said |= {section.name: words.definitions().get(words.CONCEALED, "")}
+    return [*lines, "", "Terms", *_wrap(f"{term}: {what}" for term, what in said.items())] if said else lines
 
 
 def _wrap(sentences: Iterable[str], *, width: int = 100) -> list[str]:

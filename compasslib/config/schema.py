@@ -148,7 +148,7 @@ class Confirmed(Section):
 
 
 class Figures(Section):
-    """File formats of the figures; PNG, which the report shows, is always included."""
+    """File formats of the figures; PNG, which the report shows, is included unless the list is empty."""
 
     formats: Formats = key("a list of png and pdf", "[png, pdf]", ("png",))
 

@@ -157,11 +157,11 @@ def names(value: Any) -> Any:
 
 
 def figure_formats(value: Any) -> tuple[str, ...]:
-    """Check the formats of figures and add png, which always comes first."""
+    """Check the formats of figures, and add png, which comes first, unless there is none."""
     listed = names(value)
     if any(item not in ("png", "pdf") for item in listed):
         raise problem()
-    return tuple(sorted({"png", *listed}, reverse=True))
+    return tuple(sorted({"png", *listed}, reverse=True)) if listed else ()
 
 
 def span(value: Any, *, from_zero: bool = False) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Figures of a calibration: the deviation with its curves, residuals, certificate, and a swing.
+"""Figures of a calibration: the deviation with its curves and residuals, and the certificate.
 
 They draw what is available: recorded_deg, deviation_deg and residual_deg of the points, the table, and ``models``.
 Those of other kinds are in ``instruments``.
@@ -22,7 +22,7 @@ from compasslib import angles, compass
 from compasslib.archive.calibrations import StoredCalibration
 from compasslib.calibrations import MODELS
 from compasslib.calibrations.curves import harmonic_design
-from compasslib.calibrations.result import LETTERS, Calibration
+from compasslib.calibrations.result import LETTERS
 from compasslib.calibrations.swing import adjustment
 from compasslib.deviation.series import series_design
 from compasslib.plots import instruments
@@ -43,13 +43,13 @@ from compasslib.plots.page import (
     nearest_turn,
     page,
     signed,
-    thinned,
 )
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Floats
 
 COLOURS = {"smith": GREEN, "exact": SKY, "polynomial": ORANGE, "one_cycle": PURPLE, "empirical": BLUE}
 PALE_BAND: dict[str, Any] = BAND | {"alpha": 0.22}
+LIMIT: dict[str, Any] = {"color": VERMILION, "linewidth": 0.8, "linestyle": "--"}
 EDGE: dict[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (4, 2))}
 MOST_BARS = 100  # points above which no error bars are drawn
 GAMMA, DEVIATION = "Recorded heading γ (° magnetic)", "Deviation β − γ (°)"
@@ -57,18 +57,36 @@ GAMMA, DEVIATION = "Recorded heading γ (° magnetic)", "Deviation β − γ (°
 
 def draw_figure(figure: str, path: str | Path, shown: StoredCalibration) -> None:
     """Draw one figure of a calibration: ``compared``, or one of ``calibrations.FIGURES`` or ``calibrations.KINDS``."""
-    common = {"deviation": draw_deviation, "residuals": draw_residuals, "certificate": draw_certificate}
-    if draw := (common | {"compared": draw_compared}).get(figure):
+    common = {"deviation": draw_deviation, "certificate": draw_certificate, "compared": draw_compared}
+    if draw := common.get(figure):
         draw(path, shown)
     else:
-        own = draw_swing if figure == "swing" else getattr(instruments, f"draw_{figure}")
-        own(path, shown.calibration)
+        getattr(instruments, f"draw_{figure}")(path, shown.calibration)
 
 
 def draw_deviation(path: str | Path, shown: StoredCalibration) -> None:
-    """Draw the readings, the chosen curve with its 95 % band, and the other curves for comparison."""
-    with page(path, 3.9) as figure:
-        legend(figure, deviation_panel(figure.subplots(), shown), columns=1)
+    """Draw readings, curves with the 95 % band of the chosen one, a swing's limit of ISO 25862, and residuals."""
+    with page(path, 5.6) as figure:
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))
+        handles = deviation_panel(above, shown)
+        above.set(xlabel="", title="")
+        if handles and shown.content["kind"] == "swing":
+            for limit in (-adjustment.LIMIT_DEG, adjustment.LIMIT_DEG):
+                above.axhline(limit, **LIMIT)
+            handles.append(Line2D([], [], **LIMIT, label=f"{adjustment.LIMIT_DEG:g}° (ISO 25862)"))
+        off, recorded = shown.points.get("residual_deg"), shown.points.get("recorded_deg")
+        if off is None or recorded is None or not np.isfinite(off).any():
+            empty(below, words="no residuals")
+        else:
+            below.plot(recorded, off, **_point(len(off)))
+            expanded = shown.content["uncertainty"]["expanded_deg"] or 0.0
+            for edge in (-expanded, expanded):
+                below.axhline(edge, **EDGE)
+            below.axhline(0.0, color=BLACK, linewidth=0.6)
+            below.set(xlabel=GAMMA, ylabel="Observed minus\ncurve (°)")
+            handles.append(Line2D([], [], **EDGE, label="expanded uncertainty (k = 2)"))
+        figure.align_ylabels()
+        legend(figure, handles, columns=1)
 
 
 def deviation_panel(axes: Axes, shown: StoredCalibration) -> list[Artist]:
@@ -124,25 +142,6 @@ def _shift_label(compared: Mapping[str, Any], *, first: bool) -> str:
     shift = f"shift {signed(phase['shift'], '+.0f')}° ± {2.0 * phase['sigma']:.0f}°" if phase else "no phase"
     grown = f", amplitude {signed(size['difference'], '+.1f')}° ± {2.0 * size['sigma']:.1f}°" if size else ""
     return f"{name}: {shift}{grown}"
-
-
-def draw_residuals(path: str | Path, shown: StoredCalibration) -> None:
-    """Draw the residual of each reading and the expanded uncertainty (k = 2)."""
-    with page(path, 2.6) as figure:
-        axes = figure.subplots()
-        off, recorded = shown.points.get("residual_deg"), shown.points.get("recorded_deg")
-        if off is None or recorded is None or not np.isfinite(off).any():
-            empty(axes, words="no curve")
-            return
-        axes.plot(recorded, off, **_point(len(off)))
-        expanded = shown.content["uncertainty"]["expanded_deg"] or 0.0
-        for edge in (-expanded, expanded):
-            axes.axhline(edge, **EDGE)
-        axes.axhline(0.0, color=BLACK, linewidth=0.6)
-        degrees(axes.xaxis, (0.0, 360.0))
-        axes.set(xlabel=GAMMA, ylabel="Observed minus curve (°)")
-        readings = Line2D([], [], **POINT, label=f"{len(off)} readings")
-        legend(figure, [readings, Line2D([], [], **EDGE, label="expanded uncertainty (k = 2)")])
 
 
 def draw_certificate(path: str | Path, shown: StoredCalibration) -> None:
@@ -320,48 +319,3 @@ def _table(shown: StoredCalibration, columns: int = 3) -> list[str]:
 
 def _number(value: float | None, form: str) -> str:
     return UNKNOWN if value is None or not np.isfinite(value) else format(value, form)
-
-
-# A swing.
-
-SWING_POINT: dict[str, Any] = {"color": "#333333", "marker": "o", "linestyle": ""}
-SWING_BAND: dict[str, Any] = {"color": BLUE, "alpha": 0.2, "linewidth": 0}
-LIMIT: dict[str, Any] = {"color": VERMILION, "linewidth": 0.8, "linestyle": "--"}
-
-
-def draw_swing(path: str | Path, result: Calibration) -> None:
-    """Draw the readings of a swing, the curve with its 95 % interval, and the limit of ISO 25862."""
-    with page(path, 3.2) as figure:
-        axes, shown = figure.subplots(), result.points.get("deviation_deg")
-        degrees(axes.xaxis, (0.0, 360.0))
-        axes.set(xlabel="Recorded heading γ (°)", ylabel=DEVIATION)
-        if result.table is None or shown is None:
-            empty(axes, words="no curve")
-        else:
-            columns = series_design(TURN_DEG)
-            curve = columns @ result.coefficients
-            variance = np.einsum("ij,jk,ik->i", columns, result.covariance, columns)
-            half = NORMAL_95 * np.sqrt(variance)
-            few = thinned(len(shown))
-            size = 2.0 if len(shown) > MOST_BARS else 4.0
-            axes.fill_between(TURN_DEG, curve - half, curve + half, **SWING_BAND)
-            look = SWING_POINT | {"markersize": size, "markeredgewidth": 0}
-            axes.plot(result.points["recorded_deg"][few], shown[few], **look)
-            axes.plot(TURN_DEG, curve, color=BLUE)
-            limits = (-adjustment.LIMIT_DEG, adjustment.LIMIT_DEG)
-            for limit in limits:
-                axes.axhline(limit, **LIMIT)
-            values = np.concatenate([curve - half, curve + half, *np.percentile(shown, [[1.0], [99.0]]), limits])
-            low, high = float(values.min()), float(values.max())
-            axes.set_ylim(low - 0.06 * (high - low), high + 0.06 * (high - low))
-            axes.yaxis.set_major_formatter(lambda x, _: signed(x, "g"))
-            axes.axhline(0.0, color=GREY, linewidth=0.5)
-        if result.table is not None:
-            readings = "courses corrected for drift" if result.details.get("drift") else "true headings"
-            handles = [
-                Line2D([], [], **SWING_POINT, markersize=3, label=readings),
-                Line2D([], [], color=BLUE, label="fitted series"),
-                Patch(**SWING_BAND, label="95 % of the fit"),
-                Line2D([], [], **LIMIT, label="4° (ISO 25862)"),
-            ]
-            legend(figure, handles)

@@ -24,13 +24,13 @@ from compasslib.deviation.histograms import BIN_DEG, BINS, Counts, directions_at
 from compasslib.deviation.model import DeviationFit, observed_deviation, observed_heading, pair_speeds
 from compasslib.deviation.series import inverse_table, series_design, series_deviation, series_slope
 from compasslib.plots.page import (
+    BAND,
     BLACK,
     BLUE,
-    CORRECTED,
+    COLOURS,
     GREEN,
     GREY,
     MAGNETIC,
-    RECORDED,
     REFERENCE,
     TRUE,
     VERMILION,
@@ -54,7 +54,6 @@ STRETCH_COLOURS = {GIVEN_UP: VERMILION, INVERTED: GREEN, BACKWARDS: BLUE}
 PUBLISHED_STRETCHES = {INVERTED: "fit, invertible", GIVEN_UP: "fit, not invertible"}
 FOLDED_STRETCHES = {INVERTED: "fit, reading turns with the instrument", BACKWARDS: "fit, reading turns backwards"}
 WHOLE_STRETCH = {INVERTED: "fit, invertible"}
-BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 2.5, "color": "#333333", "markeredgewidth": 0}
 RING: dict[str, Any] = {**POINT, "color": BLACK, "markerfacecolor": "white", "markeredgewidth": 0.7}
 CORRECT, RECORDS, DEVIATES = "Correct β (°)", "Recorded γ (°)", "Deviation β − γ (°)"
@@ -156,13 +155,16 @@ def _deviation_axes(
     beta, delta = points
     line = (curve.deviation_deg, curve.recorded_deg) if curve else (np.zeros(0), np.zeros(0))
     heading, recorded = (begin, begin + 360.0), span_of(beta - delta, line[1])
-    for axes, x in zip(panels, (heading, heading, recorded), strict=True):
-        degrees(axes.xaxis, x)
-    for axes, y in zip(panels, (span_of(delta, line[0]), recorded, heading), strict=True):
-        degrees(axes.yaxis, y, as_is=axes is panels[0])
-    panels[0].set(xlabel="Correct heading β (°)", ylabel=DEVIATES)
-    panels[1].set(xlabel=CORRECT, ylabel=RECORDS)
-    panels[2].set(xlabel=RECORDS, ylabel=CORRECT)
+    rows = (
+        (heading, span_of(delta, line[0]), CORRECT, DEVIATES, "deviation"),
+        (heading, recorded, CORRECT, RECORDS, "recorded"),
+        (recorded, heading, RECORDS, CORRECT, "inverse"),
+    )
+    for axes, (across, up, xlabel, ylabel, title) in zip(panels, rows, strict=True):
+        degrees(axes.xaxis, across)
+        degrees(axes.yaxis, up, as_is=ylabel == DEVIATES)
+        axes.set(xlabel=xlabel, ylabel=ylabel)
+        axes.set_title(title)
 
 
 def _draw_points(panels: Sequence[Axes], beta: Floats, delta: Floats, pairs: Pairs) -> None:
@@ -217,7 +219,6 @@ def _deviation_handles(pairs: Pairs, fit: DeviationFit, curve: DeviationByHeadin
 # Agreement of current directions before and after.
 
 COUNTS = ListedColormap(colormaps["viridis_r"](np.linspace(0.1, 1.0, 256)))  # the palest colours vanish on white
-BAR: dict[str, Any] = {"aspect": 40, "location": "top", "pad": 0.02, "label": "Pairs per hexagon"}
 
 
 def draw_scatter(path: str | Path, pairs: Pairs, product: CorrectedRecord) -> None:
@@ -228,20 +229,28 @@ def draw_scatter(path: str | Path, pairs: Pairs, product: CorrectedRecord) -> No
     record = product.record
     lower, upper, corrected = directions_at_pairs(pairs, record.time_s, product.heading_corrected_deg)
     begin = emptiest(lower)
-    with page(path, 2.7) as figure:
-        panels = figure.subplots(1, 2, sharey=True)
+    with page(path, 3.0) as figure:
+        layout = figure.subplot_mosaic([["recorded", "corrected"], ["bar", "bar"]], height_ratios=(1.0, 0.06))
+        panels = layout["recorded"], layout["corrected"]
+        panels[1].tick_params(labelleft=False)
         panels_of_hexagons = (
             _hexagons(panels[0], "recorded", (lower, upper), begin),
             _hexagons(panels[1], "corrected", (lower, corrected), begin),
         )
-        panels[0].set_ylabel(f"Affected, towards {TRUE}")
-        figure.supxlabel(f"Reference, towards {TRUE}", fontsize=8.0)
+        panels[0].set_ylabel(f"Affected {TRUE}")
+        for axes in panels:
+            axes.set_xlabel(f"Reference {TRUE}")
+        layout["bar"].set_label("<colorbar>")
         if counted := [hexagons for hexagons in panels_of_hexagons if hexagons is not None]:
             most = max(5.0, *(float(np.max(np.asarray(hexagons.get_array()))) for hexagons in counted))
             for hexagons in counted:  # on a common colour scale
                 hexagons.set_norm(LogNorm(1.0, most))
             ticks, text = LogLocator(subs=(1.0, 2.0, 5.0)), FuncFormatter(lambda count, _: f"{count:g}")
-            figure.colorbar(counted[0], ax=panels, ticks=ticks, format=text, **BAR).minorticks_off()
+            bar = figure.colorbar(counted[0], cax=layout["bar"], ticks=ticks, format=text, orientation="horizontal")
+            bar.minorticks_off()
+            bar.set_label("Pairs per hexagon, of all pairs")
+        else:
+            layout["bar"].remove()
 
 
 def _hexagons(axes: Axes, title: str, xy: tuple[Floats, Floats], begin: float) -> PolyCollection | None:
@@ -266,13 +275,6 @@ def _hexagons(axes: Axes, title: str, xy: tuple[Floats, Floats], begin: float) -
 
 
 # A compass that several records share.
-
-SHARED_BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "lw": 0}
-
-
-def draw_shared(figure: str, path: str | Path, content: Mapping[str, Any]) -> None:
-    """Draw the figure ``coefficients`` or ``curve`` of a shared compass."""
-    {"coefficients": draw_shared_coefficients, "curve": draw_shared_curve}[figure](path, content)
 
 
 def draw_shared_coefficients(path: str | Path, content: Mapping[str, Any]) -> None:
@@ -316,7 +318,7 @@ def draw_shared_curve(path: str | Path, content: Mapping[str, Any]) -> None:
             axes.plot(heading, _exact_deviation(values, heading), color=colour, linewidth=0.8)
         if content["coefficients"]:
             middle, spread = _shared_curve(content, deployments, heading)
-            axes.fill_between(heading, middle - NORMAL_95 * spread, middle + NORMAL_95 * spread, **SHARED_BAND)
+            axes.fill_between(heading, middle - NORMAL_95 * spread, middle + NORMAL_95 * spread, **BAND)
             axes.plot(heading, middle, color=GREEN)
         axes.axhline(0.0, color=GREY, linewidth=0.5)
         handles = [Line2D([], [], color=BLUE, linewidth=0.8, label="a record alone, A left out")]
@@ -347,7 +349,7 @@ def _shared_iron(
             middle = float(weight @ np.array(list(content["coefficients"].values()))) / scale
             variance = weight @ np.array(content["covariance"]) @ weight + between**2
             half = NORMAL_95 * (float(np.sqrt(variance)) / scale)
-            axes.fill_betweenx([k - 0.35, k + 0.35], middle - half, middle + half, **SHARED_BAND)
+            axes.fill_betweenx([k - 0.35, k + 0.35], middle - half, middle + half, **BAND)
 
 
 def _shared_design(horizontal_nT: float, vertical_nT: float) -> Floats:
@@ -363,7 +365,7 @@ def _shared_effect(axes: Axes, names: Rows, effect: Mapping[str, Any], k: int) -
     name, parameter = effect["effect"].replace("_", " "), effect["parameters"][k].split("_")[0]
     axes.set_title(f"{name}, {parameter} ({unit})")
     value, sigma = effect["values"][k], effect["sigma"][k]
-    axes.axvspan(value - NORMAL_95 * sigma, value + NORMAL_95 * sigma, **SHARED_BAND)
+    axes.axvspan(value - NORMAL_95 * sigma, value + NORMAL_95 * sigma, **BAND)
     place = dict(zip(names.names, names.places, strict=True))
     for name, entry in effect["each"].items():
         half = NORMAL_95 * entry["sigma"][k]
@@ -387,24 +389,28 @@ def _exact_deviation(values: Floats, heading: Floats) -> Floats:
     return angles.difference(heading, compass.recorded_heading(values, heading))
 
 
-COLOURS = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE, "before": RECORDED, "after": CORRECTED}
-STATISTICS = {"mean_deg": "mean", "median_absolute_deg": "median |Δ|", "rms_deg": "rms"}  # degrees
+STATISTICS = {"mean_deg": "mean", "median_absolute_deg": "median", "rms_deg": "rms"}  # degrees
 
 
 def draw_histograms(path: str | Path, counts: Mapping[str, Counts], assessment: Mapping[str, Any]) -> None:
     """Draw histograms of headings, directions and held-out differences, from histograms.csv and assessment.json."""
-    groups = [("heading", f"Heading {MAGNETIC}"), ("direction", f"Current towards {TRUE}")]
+    groups = {
+        "heading": ("instrument heading", f"Heading {MAGNETIC}"),
+        "direction": ("current, all pairs", f"Towards {TRUE}"),
+    }
     with page(path, 5.9) as figure:
-        panels = figure.subplots(4, 1, height_ratios=(1.0, 1.0, 1.0, 0.5))
-        for axes, (group, label) in zip(panels, groups, strict=False):
+        panels = figure.subplots(4, 1, height_ratios=(1.0, 1.0, 1.0, 0.7))
+        for axes, (group, (title, label)) in zip(panels, groups.items(), strict=False):
             known = {name.partition("_")[2]: n for name, n in counts.items() if name.startswith(group) and n.any()}
             centres = [np.repeat(BIN_DEG * (np.arange(BINS) + 0.5), n) for n in known.values()]
             begin = emptiest(np.concatenate([*centres, np.zeros(0)]))
             _draw_counts(axes, known, (begin, begin + 360.0), 0.0)
             axes.set_xlabel(label)
+            axes.set_title(title)
         differences = {when: counts[f"difference_{when}"] for when in ("before", "after")}
         _draw_counts(panels[2], {when: n for when, n in differences.items() if n.any()}, (-180.0, 180.0), -180.0)
-        panels[2].set_xlabel("Affected minus reference, held-out pairs (°)")
+        panels[2].set_xlabel("Affected minus reference (°)")
+        panels[2].set_title("difference, held out pairs")
         for axes in panels[:3]:
             axes.set_ylabel("Share (%)")
         figure.align_ylabels(panels[:3])
@@ -445,7 +451,7 @@ def _write_statistics(axes: Axes, assessment: Mapping[str, Any]) -> None:
             low, high = (signed(bound, ".1f") for bound in entry["interval_95"][key])
             cells.append(f"{signed(entry[key], '+.1f' if key == 'mean_deg' else '.1f')} ({low}, {high})")
         rows.append([f"{when} (°)", str(entry["n"]), *cells])
-    for texts, x in zip(rows, (-0.12, 0.11, 0.62), strict=True):
+    for texts, x in zip(rows, (-0.02, 0.15, 0.58), strict=True):
         for row, text in enumerate(texts):
             colour = COLOURS.get(texts[0].partition(" ")[0], "#444444") if row == 0 else "#222222"
-            axes.text(x, 1.0 - 0.25 * row, text, transform=axes.transAxes, color=colour, va="top", fontsize=8.0)
+            axes.text(x, 1.0 - 0.2 * row, text, transform=axes.transAxes, color=colour, va="top", fontsize=8.0)

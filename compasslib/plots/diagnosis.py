@@ -1,7 +1,7 @@
 """Figure of the diagnosis of a mooring or calibration: residuals by covariate, without and with identified effects.
 
 Below them, the size of each effect on held-out days and as predicted by the other days, and the heading error
-without it; for a calibration, the residual on held-out data and the log evidence of each effect alone.
+without it; for a calibration, the residual on held-out data.
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ from statistics import NormalDist
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
+from matplotlib.ticker import MaxNLocator
 
 from compasslib.inference import wording
 from compasslib.plots.page import (
@@ -32,6 +33,7 @@ from compasslib.plots.page import (
     legend,
     page,
 )
+from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import DAY_S, HOUR_S, Floats
 
 NAMES = {
@@ -52,7 +54,7 @@ SIZES: tuple[tuple[dict[str, Any], str], ...] = (
     ({"color": BLACK, "marker": "o", "markersize": 5.0, "mfc": "none", "linestyle": ""}, "as other days predict"),
     ({"color": VERMILION, "marker": "D", "markersize": 4.0, "linestyle": ""}, "heading error without it"),
 )
-BAND: dict[str, Any] = {"color": GREY, "alpha": 0.25, "linewidth": 0}
+NOISE: dict[str, Any] = {"color": GREY, "alpha": 0.25, "linewidth": 0}
 LEFT_OUT: dict[str, Any] = {"color": CORRECTED, "alpha": 0.25, "linewidth": 0}
 
 
@@ -62,7 +64,7 @@ def draw_mooring(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
 
 
 def draw_calibration(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
-    """Draw a calibration's diagnosis, and its hypotheses, from the content of its diagnosis.json."""
+    """Draw a calibration's diagnosis from the content of its diagnosis.json."""
     curves = []
     for curve in _shown(diagnosis):
         x = curve["centre"]
@@ -93,10 +95,8 @@ def _draw(
 ) -> None:
     """Draw all panels, with names and units of the covariates as ``said``; if ``dated``, time is UTC."""
     proven = [entry for entry in diagnosis["findings"] if entry.get("heldout")]
-    ranked = [] if dated else [entry for entry in diagnosis.get("hypotheses", []) if entry["score"] > 0.0][:10]
     short = Rows([_short(entry) for entry in proven])
-    full = Rows([_short(entry) for entry in ranked])
-    heights = [1.9] * len(curves) + [0.6 + rows.height_in for rows in (short, full) if rows.names]
+    heights = [1.9] * len(curves) + [0.6 + short.height_in] * bool(proven)
     with page(path, sum(heights or [1.0]) + 0.4) as figure:
         panels = list(figure.subplots(max(len(heights), 1), 1, height_ratios=heights or None, squeeze=False)[:, 0])
         if not heights:
@@ -106,20 +106,21 @@ def _draw(
             axes = panels.pop(0)
             _residual(axes, curve, _label(curve["covariate"], *said), _band_sigmas(curves), dated=dated)
             _follow(axes, curve, proven)
-            if _along_time(curve) and dated:
-                marked += _mark_dates(axes, diagnosis["findings"])
+            if _along_time(curve) and dated:  # mark when effects begin or end within the record
+                low, high = axes.get_xlim()
+                texts = {(x.get("when") or {}).get(end) for x in diagnosis["findings"] for end in ("from", "to")}
+                days = [np.datetime64(text.removesuffix("Z"), "s").astype(float) / DAY_S for text in texts if text]
+                marked += [axes.axvline(day, **DATE) for day in days if 0.02 < (day - low) / (high - low) < 0.98]
         sized = [entry for entry in proven if entry["heldout"].get("amplitude_deg")]
         if proven:
             (_sizes if len(sized) == len(proven) else _held_out)(panels.pop(0), proven, short)
-        if ranked:
-            _ranking(panels.pop(0), ranked, full, [entry["effect"] for entry in diagnosis["findings"]])
         handles = [Line2D([], [], **AFTER, label="residual of the fit")]
         if diagnosis["findings"]:
             handles = [Line2D([], [], **BEFORE, label="without correction")]
             handles.append(Line2D([], [], **AFTER, label="with correction"))
             handles += [Line2D([], [], **EFFECT, label="identified effect")] if curves else []
         handles += [Line2D([], [], **DATE, label="date of the change")] if marked else []
-        noise = [Patch(**BAND, label="95 % range of noise")] if curves else []
+        noise = [Patch(**NOISE, label="95 % range of noise")] if curves else []
         if any(entry["heldout"].get("slope") for entry in proven):
             noise.append(Patch(**LEFT_OUT, label="slope of held-out days, 95 %"))
         of_sizes = [Line2D([], [], **look, label=label) for look, label in SIZES] if proven and sized == proven else []
@@ -144,7 +145,7 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *,
     # A bin extends half-way to its neighbours, and less far into a gap.
     reached, edge = np.minimum(step, GAP * np.median(step)) / 2.0, np.median(step) / 2.0
     low, high = x - np.insert(reached, 0, edge), x + np.append(reached, edge)
-    axes.bar(low, 2.0 * half, high - low, -half, align="edge", **BAND)
+    axes.bar(low, 2.0 * half, high - low, -half, align="edge", **NOISE)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     if np.any(before != after):
         apart = np.flatnonzero(np.diff(x) > GAP * np.median(np.diff(x))) + 1
@@ -157,7 +158,7 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *,
     effect = covariate.removeprefix(wording.SIZE_PREFIX)
     sized = effect != covariate
     axes.set_ylabel("Size (° rms)" if sized else "Residual (°)")
-    axes.set_title(wording.display_name(effect) if sized else curve.get("compared", ""))
+    axes.set_title(wording.display_name(effect) if sized else curve.get("compared", "residual"))
     if label:
         axes.set_xlabel(label)
     if covariate == "heading":
@@ -179,15 +180,6 @@ def _follow(axes: Axes, curve: Mapping[str, Any], proven: Sequence[Mapping[str, 
         texts.append(f"{wording.rank_text(proof['placebo'])} simulations without it")
     if any(texts):
         axes.set_title(f"held-out days: {', '.join(texts)}")
-
-
-def _mark_dates(axes: Axes, findings: Sequence[Mapping[str, Any]]) -> list[Line2D]:
-    """Mark the dates within the record at which effects begin or end."""
-    low, high = axes.get_xlim()
-    texts = filter(None, {(entry.get("when") or {}).get(end) for entry in findings for end in ("from", "to")})
-    days = [np.datetime64(text.removesuffix("Z")).astype("datetime64[s]").astype(float) / DAY_S for text in texts]
-    margin = 0.02 * (high - low)
-    return [axes.axvline(day, **DATE) for day in days if low + margin < day < high - margin]
 
 
 def _columns(curve: Mapping[str, Any]) -> tuple[Floats, ...]:
@@ -249,18 +241,51 @@ def _short(entry: Mapping[str, Any]) -> str:
     return f"unlisted, by {driver.replace('_', ' ')}" if driver else wording.display_name(name)
 
 
-def _ranking(
-    axes: Axes, ranked: Sequence[Mapping[str, Any]], rows: Rows, named: Sequence[str], linear: float = 10.0
-) -> None:
-    """Draw the log evidence of each effect alone, logarithmic above ``linear``, with the identified highlighted."""
-    colours = [VERMILION if entry["effect"] in named else GREY for entry in ranked]
-    most = max(entry["score"] for entry in ranked)
-    axes.barh(rows.places, [entry["score"] for entry in ranked], color=colours, height=0.7)
-    if most > linear:
-        axes.set_xscale("symlog", linthresh=linear)
-        powers = np.arange(1, int(np.log10(most)) + 1)
-        axes.xaxis.set_major_locator(FixedLocator([0.0, *10.0 ** powers[:: -(-len(powers) // 3)]]))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    rows.name(axes)
-    axes.set_xlabel("Log evidence of each effect alone")
-    axes.set_xlim(0.0, max(linear, 1.1 * most))
+# Heading errors where the truth is known.
+
+ERROR: dict[str, Any] = {"linestyle": "", "marker": "o", "markeredgewidth": 0}
+
+
+def error_reach(errors_deg: Sequence[Floats]) -> float:
+    """Compute a limit of the vertical axis that contains 99 % of the heading errors of several moorings, degrees."""
+    known = np.concatenate([np.abs(error[np.isfinite(error)]) for error in errors_deg] or [np.zeros(0)])
+    return 5.0 * float(np.ceil(np.quantile(known, 0.99) / 5.0)) if known.size else 5.0
+
+
+def draw_errors(
+    path: str | Path, time_s: Floats, fit_deg: Floats, corrected_deg: Floats, sigma_deg: Floats,
+    dates_utc: Sequence[str | None], reach_deg: float,
+) -> None:  # fmt: skip
+    """Draw heading errors of the fitted coefficients alone and of the corrected headings, with the stated 95 % range.
+
+    Args:
+        fit_deg: heading by the fitted coefficients minus truth, (n,), NaN if missing.
+        corrected_deg: corrected heading minus truth, (n,).
+        sigma_deg: stated standard deviation of the corrected headings, (n,).
+        dates_utc: dates of true changes, which are marked; None are ignored.
+        reach_deg: limit of the vertical axis; larger errors are drawn at its edge.
+    """
+    day, half = time_s / DAY_S, NORMAL_95 * sigma_deg
+    marks = [np.datetime64(date).astype("datetime64[s]").astype(float) / DAY_S for date in dates_utc if date]
+    beyond = np.abs(corrected_deg) > half
+    with page(path, 4.2) as figure:
+        panels = figure.subplots(2, 1, sharex=True, sharey=True)
+        panels[0].plot(day, np.clip(fit_deg, -reach_deg, reach_deg), color="#555555", **ERROR, markersize=1.5)
+        panels[0].set_title("coefficients alone")
+        panels[1].fill_between(day, -half, half, color=CORRECTED, alpha=0.25, linewidth=0)
+        for here, colour in ((~beyond, CORRECTED), (beyond, VERMILION)):
+            panels[1].plot(
+                day[here], np.clip(corrected_deg[here], -reach_deg, reach_deg), color=colour, **ERROR, markersize=1.5
+            )
+        panels[1].set_title("as corrected")
+        for axes in panels:
+            axes.axhline(0.0, color="#444444", linewidth=0.5)
+            axes.set_ylabel("Heading error (°)")
+            for mark in marks:
+                axes.axvline(mark, color=BLACK, linestyle=":")
+        panels[1].set_ylim(-1.05 * reach_deg, 1.05 * reach_deg)
+        dates(panels[1], (float(time_s[0]), float(time_s[-1])))
+        handles: list[Artist] = [Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="stated 95 % range")]
+        handles.append(Line2D([], [], color=VERMILION, **ERROR, markersize=3.0, label="errors outside it"))
+        handles += [Line2D([], [], color=BLACK, linestyle=":", label="true change")] if marks else []
+        legend(figure, handles)

@@ -1,4 +1,4 @@
-"""The figures of the results, a row each, from which follow the files of the rules, the report and its thumbnails.
+"""The figures of the results, a row each, from which follow the files of the rules and the report.
 
 A new figure is a function in this package and a row here. A row is read without matplotlib, which its function imports.
 """
@@ -22,13 +22,14 @@ class Figure:
     draw: Callable[[str, Any], None]  # draws the data of its subject into a file; see ``stages.figures``
     title: str
     caption: str = ""  # template of r, of a calibration or compass c: the results
-    place: str = ""  # in the report: "currents", first and with a thumbnail; "linked", not embedded
+    note: str = ""  # how it is read, once for all moorings
+    linked: bool = False  # not embedded in the report
     of_pairs: bool = False  # whether it is left out where there are neither pairs nor a curve
 
 
-def names(subject: str, place: str | None = None) -> list[str]:
-    """List the names of the figures of a subject, all or those of one place in the report."""
-    return [figure.name for figure in FIGURES[subject] if place in (None, figure.place)]
+def names(subject: str) -> list[str]:
+    """List the names of the figures of a subject."""
+    return [figure.name for figure in FIGURES[subject]]
 
 
 def _calibration(name: str) -> Callable[[str, Any], None]:
@@ -45,35 +46,34 @@ MOORING = (
 {% if before == unknown %}
 No bin has a current to show.
 {% else %}
-Current at {{ r.depth }}: each stick is a mean of {{ r.averaging(sticks=true) }}, from its date towards the flow, north up. Mean current
-{{ before }} by the recorded heading{{ ", " ~ after ~ " by the corrected one" if after != unknown else "; none is corrected" }}.
+Means of {{ r.averaging(sticks=true) }} at {{ r.depth }}; mean {{ before }} recorded
+{{- ", " ~ after ~ " corrected" if after != unknown else "; none is corrected" }}.
 {% endif %}""",
-        place="currents",
+        note="Each stick begins at its date and points where the water flows, north up; the scale is in the figure.",
     ),
     Figure(
         "progressive",
         lambda path, m: plots.timeseries.draw_progressive(path, m.averaged),
         "Progressive vector diagram",
-        """\
-{% set daily = "daily means" if r.averaging() == 24 | plural("hour") else "means of " ~ r.averaging() %}
-Progressive vector diagram of the current at {{ r.depth }}, {{ daily }} (times common to all series; not a trajectory).""",
-        place="currents",
+        """{{ "Daily means" if r.averaging() == 24 | plural("hour") else "Means of " ~ r.averaging() }} at {{ r.depth }}.""",
+        note="Displacement by the current of one place, over the times common to all series; not a trajectory.",
     ),
     Figure(
         "roses",
         lambda path, m: plots.timeseries.draw_roses(path, m.shown, m.reference, m.headings),
-        "Direction frequencies before and after",
+        "Direction frequencies",
         """\
-Frequency of the current direction at {{ r.depth }} and of the instrument heading; the current of the reference at the pairs.
-The central 90 % of the recorded headings lie {{ span(r.headings.recorded_span_deg) }}
-{%- if r.headings.corrected %}, of the corrected ones {{ span(r.headings.corrected_span_deg) }}{% endif %}.""",
-        place="currents",
+At {{ r.depth }}; headings {{ span(r.headings.recorded_span_deg) }} recorded
+{%- if r.headings.corrected %}, {{ span(r.headings.corrected_span_deg) }} corrected{% endif %}.""",
+        note="The range of headings, clockwise, holds their central 90 %. Share of the samples in sectors of 10°: current direction, the reference's at the pairs, and instrument heading.",
     ),
     Figure(
         "diagnosis",
         lambda path, m: plots.diagnosis.draw_mooring(path, m.diagnosis),
         "Residual of the fit",
         "{{ about(r.diagnosis) }}",
+        note="The verdict rests on tests of whole curves, not on single bins; the last quantity is the one that the residual follows best, which "
+        "is no proof: one always is.",
         of_pairs=True,
     ),
     Figure(
@@ -85,20 +85,17 @@ The central 90 % of the recorded headings lie {{ span(r.headings.recorded_span_d
 {% if not fit.coefficients %}
 No curve was fitted. {{ r.fit.why | sentence }}
 {% else %}
-Top: deviation by correct heading β; bottom: recorded heading γ by correct heading and its inverse, with the
-{{ methods.get(fit.method, fit.method) }} and its 95 % band, and
-{{ fit.n_pairs | plural("pair") if fit.n_pairs else "no pair of this mooring" }}. Each recorded heading corresponds to
-{{ "two correct headings" if fit.folded else "one correct heading" }}.
+{{ methods.get(fit.method, fit.method) | capitalize }}, {{ fit.n_pairs | plural("pair") if fit.n_pairs else "no pair of this mooring" }};
+{{ "two correct headings" if fit.folded else "one correct heading" }} for each recorded one.
 {% endif %}""",
+        note="Deviation by correct heading β; recorded heading γ by correct heading, and its inverse; bands are 95 % intervals of the fit.",
         of_pairs=True,
     ),
     Figure(
         "histograms",
         lambda path, m: plots.deviation.draw_histograms(path, m.histograms, m.assessment),
         "Histograms before and after",
-        """\
-Frequency of the instrument heading, of the current direction at all pairs, and of its difference from the reference on pairs
-held out from the fit; bottom: mean, median size and rms of the difference with 95 % intervals.""",
+        note="All headings, directions at all pairs, differences on held out pairs. Bottom: mean, median size and rms of the difference from the reference, with 95 % intervals.",
         of_pairs=True,
     ),
     Figure(
@@ -107,11 +104,11 @@ held out from the fit; bottom: mean, median size and rms of the difference with 
         "Direction compared with the reference",
         """\
 {% if r.assessment.before.n %}
-Direction of the current at the affected instrument against that of the reference, all pairs, by the recorded and by the
-corrected heading; the line is equality.
+All pairs, those of the fit included.
 {% else %}
 There are no pairs: no reference measured near enough to compare.
 {% endif %}""",
+        note="The line is equality.",
         of_pairs=True,
     ),
     Figure(
@@ -123,11 +120,9 @@ There are no pairs: no reference measured near enough to compare.
 {% if not h.n %}
 The record has no sample inside the deployment.
 {% else %}
-{% set span = {"from": h.attributes.time_coverage_start, "to": h.attributes.time_coverage_end} %}
-Recorded and corrected heading, share of samples and depth, {{ span | days }}: {{ (h.corrected / h.n) | percent }} corrected
-({{ (h.doubtful / h.n) | percent }} doubtful), {{ ((h.n - h.corrected) / h.n) | percent }} not corrected.
-{% if h.corrected %}The uncertainty is {{ h.sigma_deg[0] | degrees }} (1σ, median).{% endif %}
+{{ (h.corrected / h.n) | percent }} corrected, {{ (h.doubtful / h.n) | percent }} doubtful.
 {% endif %}""",
+        note="Recorded and corrected headings with one standard deviation; daily share of each flag; depth of the instrument.",
     ),
 )
 SECTIONS = (
@@ -135,18 +130,14 @@ SECTIONS = (
         "section",
         lambda path, m: plots.timeseries.draw_section(path, m.means),
         "Sections before and after",
-        """\
-Eastward (U) and northward (V) velocity at {{ r.name }} by time and depth, by recorded and by corrected headings, and their difference;
-grey where nothing was measured. At the right edge: depths of the affected instrument (blue) and of the reference (grey), which is not
-corrected. Bottom: stated uncertainty of the corrected directions.""",
+        note="Recorded velocities and differences are those of the affected instrument; the corrected section includes the reference, at "
+        "the depths with a grey edge. Light grey: nothing was measured. Bottom: standard uncertainty of the corrected directions.",
     ),
     Figure(
         "profile",
         lambda path, m: plots.timeseries.draw_profile(path, m.means),
         "Mean profiles",
-        """\
-(a), (b) Mean velocity at {{ r.name }} at the depths measured at least 90 % as often as any, with the 95 % range by the heading's uncertainty;
-grey: the reference, which is not corrected. (c) Major axes of the variance.""",
+        note="Depths measured at least 90 % as often as any, with the 95 % range by the heading's uncertainty; major axes of the variance.",
     ),
     Figure(
         "rotary",
@@ -172,19 +163,11 @@ CALIBRATION = (
         """\
 {% if c.coefficients %}
 Deviation against recorded heading: {{ c.n | plural("reading") }}, the curve ({{ models.get(c.model) or c.model | plain }}) with
-its 95 % band. Coefficients in degrees:
+its 95 % band; residuals, {{ c.residual_rms_deg | degrees(2) }} rms. Coefficients in degrees:
 {% for k, x in c.coefficients.items() %}{{ k }} {{ x | number(2) }}{{ "." if loop.last else ", " }}{% endfor %}
 {% else %}
 Deviation against recorded heading: {{ c.n }} readings, no curve.
 {% endif %}""",
-    ),
-    Figure(
-        "residuals",
-        _calibration("residuals"),
-        "Residuals of the curve",
-        """\
-Residuals of {{ c.n | plural("reading") }} against recorded heading:
-{{ "%s rms." | format(c.residual_rms_deg | degrees(2)) if c.residual_rms_deg is not none else "none, as there is no curve." }}""",
     ),
     Figure(
         "certificate",
@@ -194,7 +177,7 @@ Residuals of {{ c.n | plural("reading") }} against recorded heading:
 Certificate on one page: coefficients, table of deviations and budget;
 {{ "expanded uncertainty %s (k = 2)" | format(c.uncertainty.expanded_deg | degrees(2)) if c.uncertainty.expanded_deg else "no uncertainty could be stated" }}.
 All its numbers are in the tables here.""",
-        place="linked",
+        linked=True,
     ),
     Figure(
         "magnetometer",
@@ -206,14 +189,6 @@ Magnetometer readings before and after correction for hard and soft iron.
 {% if left.get("after") is none %}{{ c.why | sentence }}{% else %}
 The modulus of the field scatters by {{ left.before | number(2) }} % before and {{ left.after | number(2) }} % after.
 {% endif %}""",
-    ),
-    Figure(
-        "swing",
-        _calibration("swing"),
-        "The swing",
-        """\
-The swing: courses against compass headings, {{ c.n | plural("sample") }}.
-{{ (c.get("drift") or {}).get("text", "") }} {{ (c.get("iso_25862") or {}).get("text", "") }}""",
     ),
     Figure(
         "difference",
@@ -290,32 +265,30 @@ CRUISE = (
         lambda path, m: plots.moorings.draw_array(path, m.array),
         "The array",
         """\
-The moorings along the line on which they stand, as configured: water depth, nominal depths, which way each instrument looks. Moorings
-further than 30 km from the next stand in a panel of their own.""",
+The moorings along the line on which they stand: water depth and nominal depths, as configured. Moorings more than 30 km apart have
+panels of their own.""",
     ),
     Figure(
         "curves",
         lambda path, m: plots.moorings.draw_curves(path, m.moorings),
         "Deviations",
         """\
-Deviation of the compass of each mooring by correct heading, from the fit of its product; a series is drawn where it can be
-inverted.""",
+Deviation of each compass by correct heading, where it can be inverted.""",
     ),
     Figure(
         "differences",
         lambda path, m: plots.moorings.draw_differences(path, m.moorings),
         "Differences from the reference",
         """\
-Direction of the current minus that of the reference, held-out pairs, before and after; each row is scaled to its highest bin.
-Right: rms with its 95 % interval.""",
+Direction of the current minus that of the reference on held out pairs; each row is scaled to its highest bin. Right: rms with its
+95 % interval.""",
     ),
     Figure(
         "currents",
         lambda path, m: plots.moorings.draw_currents(path, m.moorings),
         "Mean currents and variance ellipses",
         """\
-Mean current of each mooring at the pairs, from the cross, and the ellipse of one standard deviation along its principal axes:
-recorded, corrected (held-out pairs) and of the reference.""",
+Mean current at the pairs, from the cross, and ellipse of one standard deviation; corrected: held out pairs.""",
     ),
 )
 FIGURES = {

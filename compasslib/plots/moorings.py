@@ -13,7 +13,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FixedLocator, MaxNLocator
+from matplotlib.ticker import MaxNLocator, NullLocator
 
 from compasslib import angles, earthfield
 from compasslib.archive.summary import DepthSeries
@@ -24,6 +24,7 @@ from compasslib.plots.page import (
     BLACK,
     BLUE,
     CM,
+    COLOURS,
     CORRECTED,
     GREY,
     RECORDED,
@@ -41,7 +42,6 @@ from compasslib.statistics.noise import rotary_spectrum
 from compasslib.types import Complexes, Floats
 
 NAMED = 20  # number of moorings above which a figure shows no names
-SERIES = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE}
 
 
 @dataclass(frozen=True)
@@ -99,8 +99,10 @@ def draw_differences(path: str | Path, moorings: list[AssessedMooring]) -> None:
     with page(path, 0.9 + max(panel, 0.8), width_in=WIDE_IN) as figure:
         axes, intervals = figure.subplots(1, 2, width_ratios=(3.0, 1.0), sharey=True)
         degrees(axes.xaxis, (-180.0, 180.0), as_is=True)
-        axes.set_xlabel("Affected minus reference, held-out pairs (°)")
+        axes.set_xlabel("Affected minus reference, held out pairs (°)")
         intervals.set_xlabel("Rms, 95 % (°)")
+        axes.set_title("difference")
+        intervals.set_title("rms")
         if not shown:
             empty(axes, intervals)
             return
@@ -156,7 +158,7 @@ def draw_currents(path: str | Path, moorings: list[AssessedMooring]) -> None:
                 points = cell - middle + outline
                 below = series == "reference"
                 look: dict[str, Any] = {"linewidth": 3.5, "alpha": 0.6} if below else {"linewidth": 1.2}
-                axes.plot(points.real, points.imag, color=SERIES[series], **look)
+                axes.plot(points.real, points.imag, color=COLOURS[series], **look)
             axes.plot((cell - middle).real, (cell - middle).imag, "k+", markersize=6)
             if named:
                 axes.text(cell.real, cell.imag + 0.45 * high, name, ha="center", va="center")
@@ -164,7 +166,7 @@ def draw_currents(path: str | Path, moorings: list[AssessedMooring]) -> None:
         axes.set_ylim(high * (0.5 - lines) - 0.15 * wide, high * 0.5)
         scale, left = round_down(wide / 3.0), axes.get_xlim()[0]
         axes.plot([left, left + scale], [high * (0.5 - lines) - 0.1 * wide] * 2, color=BLACK)
-        handles = [Line2D([], [], color=colour, label=name) for name, colour in SERIES.items()]
+        handles = [Line2D([], [], color=COLOURS[name], label=name) for name in ("recorded", "corrected", "reference")]
         handles.append(Line2D([], [], color=BLACK, label=f"{scale:g} cm/s; north is up"))
         legend(figure, handles, columns=4)
 
@@ -184,6 +186,7 @@ def _outline_currents(currents: Mapping[str, Any]) -> dict[str, Complexes]:
 
 
 ROLES = {"affected": VERMILION, "reference": BLUE, "other": GREY}
+SERIES = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE}
 MARKERS = {"up": "^", "down": "v", None: "o"}
 
 
@@ -273,7 +276,7 @@ def _draw_section(axes: Axes, moorings: Sequence[Mapping[str, Any]], deepest_m: 
         _draw_mooring(axes, float(at), mooring)
     axes.set_xlim(x[0], x[-1])
     several = MaxNLocator(len(moorings), steps=[1, 2, 5, 10])
-    axes.xaxis.set_major_locator(several if len(moorings) > 1 else FixedLocator([0.0]))
+    axes.xaxis.set_major_locator(several if len(moorings) > 1 else NullLocator())
 
 
 def _along_array(moorings: Sequence[Mapping[str, Any]]) -> Floats:

@@ -1,14 +1,13 @@
 """Common parts of all figures: size, style, colours, axes in degrees and dates, legend, and the output file.
 
-A figure has the width of one printed column, which is readable also on a phone. The caption is not part of it but
-of the HTML of the report.
+A figure has the width of one printed column, which is readable also on a phone, or of a page, and letters of 8 points.
+The caption is not part of it but of the HTML of the report.
 """
 
 from __future__ import annotations
 
 import re
 import textwrap
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,7 +23,7 @@ from matplotlib.collections import Collection, QuadMesh
 from matplotlib.dates import DAILY, HOURLY, MINUTELY, MONTHLY, SECONDLY, AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
-from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.gridspec import GridSpec
 from matplotlib.textpath import text_to_path
 from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, MultipleLocator
 from numpy.typing import ArrayLike
@@ -37,16 +36,22 @@ from compasslib.types import DAY_S, Floats
 
 Limits = tuple[float, float]
 
-WIDTH_IN, WIDE_IN, DPI = 3.5, 7.0, 200  # one column of print, and two
+WIDTH_IN, WIDE_IN, DPI = (
+    3.5,
+    7.0,
+    300,
+)  # of a column and of a page, and dots per inch, as journals of the AGU and AMS ask for
+GAP_IN = 0.06  # between labels of neighbouring panels, and at the edge of the page
 CM = 100.0  # in a metre
 GAP = 3.0  # multiple of the median step above which there are no data between two points
 LETTERS = FontProperties(family="DejaVu Sans", size=8.0)
-COLLAPSED = "constrained_layout not applied"  # matplotlib's warning where labels leave a panel no room
 MAX_VECTORS = 2000  # points or lines of one artist above which it is rasterized in a PDF
 # Colours that the colour-blind can tell apart (Okabe and Ito 2008).
 BLACK, GREY = "#000000", "#8C8C8C"
 ORANGE, SKY, GREEN, BLUE, VERMILION, PURPLE = "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7"
 RECORDED, CORRECTED, REFERENCE = ORANGE, BLUE, GREY
+COLOURS = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE, "before": RECORDED, "after": CORRECTED}
+BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}  # the 95 % interval of a fit
 STYLE: dict[Any, Any] = {
     "font.size": 8.0,
     "axes.titlesize": 8.0,
@@ -56,7 +61,6 @@ STYLE: dict[Any, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "figure.titlesize": 9.0,
-    "figure.constrained_layout.wspace": 0.06,
     "legend.fontsize": 8.0,
     "legend.frameon": False,
     "legend.handlelength": 1.4,
@@ -78,13 +82,12 @@ def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, titl
     without a caption has a title.
 
     Raises:
-        UserWarning: if the labels leave no room for a panel.
+        ValueError: if the labels leave no room for a panel.
     """
     with matplotlib.rc_context():
         matplotlib.rcdefaults()  # ignore a user's matplotlibrc
         matplotlib.rcParams.update(STYLE)
-        layout = ConstrainedLayoutEngine()
-        figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout=layout)
+        figure = Figure(figsize=(width_in, height_in), dpi=DPI)
         canvas = FigureCanvasAgg(figure)
         if title:
             figure.suptitle(title)
@@ -98,11 +101,8 @@ def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, titl
             for text in (axes.title, axes._left_title, axes.xaxis.label, axes.yaxis.label):  # type: ignore[attr-defined]
                 text.set_text(re.sub(r"\S+", lambda word: wrapped(word[0], 1.8), text.get_text()))
                 text.set_wrap(True)
-        # The layout as in savefig, but without its additional drawing of all artists.
-        with warnings.catch_warnings():
-            warnings.filterwarnings("error", COLLAPSED)
-            layout.execute(figure)
-        figure.set_layout_engine("none")
+        for _ in range(2):  # titles wrap at the width that the first pass sets
+            _arrange(figure)
         if Path(path).suffix == ".pdf":
             for artist in figure.findobj(Collection):  # rasterize large sets of points and lines
                 # The cells of a mesh are counted by its values, as creating a path for each is slow.
@@ -116,6 +116,55 @@ def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, titl
         pixels = np.asarray(canvas.buffer_rgba())[..., :3]  # the page is opaque
         with atomic_write(path) as temporary:  # level 3 takes half the time of the usual 6
             Image.fromarray(np.ascontiguousarray(pixels)).save(temporary, "PNG", dpi=(DPI, DPI), compress_level=3)
+
+
+def _arrange(figure: Figure) -> None:
+    """Set margins and gaps of the grid of panels from one measurement of their labels.
+
+    The constrained layout of matplotlib measures all artists, twice, and takes as long as drawing them.
+    """
+    panels = [axes for axes in figure.axes if axes.get_subplotspec() is not None]
+    if not panels:
+        return
+    renderer, page = figure.canvas.get_renderer(), figure.bbox  # type: ignore[attr-defined]
+    gap = GAP_IN * figure.dpi
+    grid = panels[0].get_subplotspec().get_gridspec()  # type: ignore[union-attr]
+    assert isinstance(grid, GridSpec)
+    beside, above = np.zeros((grid.ncols, 2)), np.zeros((grid.nrows, 2))  # pixels, before and after each panel
+    for axes in panels:
+        place, labels = axes.get_subplotspec(), axes.get_tightbbox(renderer, bbox_extra_artists=axes.child_axes)
+        box = axes.get_window_extent(renderer)
+        if place is None or labels is None:
+            continue
+        for reached, span, before, after in (
+            (beside, place.colspan, box.x0 - labels.x0, labels.x1 - box.x1),
+            (above, place.rowspan, labels.y1 - box.y1, box.y0 - labels.y0),
+        ):
+            reached[span.start, 0] = max(reached[span.start, 0], before)
+            reached[span.stop - 1, 1] = max(reached[span.stop - 1, 1], after)
+    bottom = sum(each.get_window_extent(renderer).height + gap for each in figure.legends)
+    common = [text for text in (figure._supxlabel, figure._supylabel, figure._suptitle) if text]  # type: ignore[attr-defined]
+    wide = {text: text.get_window_extent(renderer) for text in common}
+    if (label := figure._supxlabel) is not None:  # type: ignore[attr-defined]
+        label.set(y=(bottom + gap) / page.height, verticalalignment="bottom")
+        bottom += wide[label].height + gap
+    aside = [wide[text].width + gap for text in common if text is figure._supylabel]  # type: ignore[attr-defined]
+    over = [wide[text].height + gap for text in common if text is figure._suptitle]  # type: ignore[attr-defined]
+    left, right = sum(aside) + beside[0, 0] + gap, page.width - beside[-1, 1] - gap
+    low, high = bottom + above[-1, 1] + gap, page.height - sum(over) - above[0, 0] - gap
+    spaces = []
+    for reached, span in ((beside, right - left), (above, high - low)):
+        between = max((reached[:-1, 1] + reached[1:, 0] + gap), default=0.0)
+        each = (span - between * (len(reached) - 1)) / len(reached)  # mean size of a panel
+        if each <= 0.0:
+            raise ValueError(f"the labels leave no room for a panel: {[axes.get_ylabel() for axes in panels]}")
+        spaces.append(between / each)
+    grid.update(
+        left=left / page.width, right=right / page.width, bottom=low / page.height, top=high / page.height,
+        wspace=spaces[0], hspace=spaces[1],
+    )  # fmt: skip
+    for axes in panels:  # a grid moves the panels of pyplot's figures only
+        axes.set_position(axes.get_subplotspec().get_position(figure))  # type: ignore[union-attr]
 
 
 def wrapped(text: str, width_in: float) -> str:
@@ -206,7 +255,7 @@ def empty(*panels: Axes, words: str = "no data") -> None:
 def legend(figure: Figure, handles: Sequence[Artist], *, columns: int = 2) -> None:
     """Add one legend below all panels, with at most ``columns`` columns."""
     if handles:
-        figure.legend(handles=handles, loc="outside lower center", ncols=min(columns, len(handles)))
+        figure.legend(handles=handles, loc="lower center", borderaxespad=0.2, ncols=min(columns, len(handles)))
 
 
 def thinned(count: int, most: int = 10_000) -> slice:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, QuadMesh
 from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, StepPatch
 from matplotlib.projections.polar import PolarAxes
@@ -25,6 +24,7 @@ from compasslib.archive.summary import MAX_MEANS, BinCurrents, CurrentSeries, av
 from compasslib.plots.page import (
     BLACK,
     CM,
+    COLOURS,
     CORRECTED,
     GAP,
     GREEN,
@@ -35,7 +35,7 @@ from compasslib.plots.page import (
     REFERENCE,
     SKY,
     TRUE,
-    VERMILION,
+    WIDE_IN,
     dates,
     degrees,
     emptiest,
@@ -52,18 +52,20 @@ from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.2, "markeredgewidth": 0}
 KINDS = {
-    "sure": ("corrected (flags 1, 2)", CORRECTED),
-    "doubtful": ("doubtful (flag 3)", SKY),
-    "ambiguous": ("doubtful (flag 3), two headings fit", PURPLE),
-    "missing": ("not corrected (flag 4)", BLACK),
+    "sure": ("corrected, flag 1 or 2", CORRECTED),
+    "doubtful": ("doubtful, flag 3", SKY),
+    "ambiguous": ("two headings fit, flag 3", PURPLE),
+    "missing": ("not corrected, flag 4", BLACK),
 }
 
 
 def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> None:
     """Draw time series of recorded and corrected headings with their quality, and of the instrument's depth."""
     time_s = product.record.time_s
-    with page(path, 5.6) as figure:
+    with page(path, 5.2) as figure:
         panels = figure.subplots(4, 1, sharex=True, height_ratios=(3.0, 3.0, 1.0, 1.4))
+        for axes, title in zip(panels, ("recorded", "corrected", "samples by flag", "instrument"), strict=True):
+            axes.set_title(title)
         if not len(time_s):
             empty(*panels)
             return
@@ -76,10 +78,8 @@ def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> N
         if np.isin(kind, ("sure", "doubtful", "ambiguous")).any():
             handles.insert(0, Line2D([], [], linestyle="", marker="o", markersize=3, color=RECORDED, markeredgewidth=0))
             handles[0].set_label("recorded")
-            handles.append(Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="stated uncertainty, 1σ"))
-        legend(
-            figure, [*handles, *([Patch(color=GREEN, label="days with reference")] if len(pairs) else [])], columns=1
-        )
+            handles.append(Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="uncertainty, 1σ"))
+        legend(figure, [*handles, *([Patch(color=GREEN, label="days with reference")] if len(pairs) else [])])
         figure.align_ylabels(panels)
 
 
@@ -108,9 +108,9 @@ def _draw_headings(above: Axes, below: Axes, product: CorrectedRecord, kind: NDA
     for k in ("sure", "doubtful", "ambiguous"):
         here = (kind == k) & subset
         below.plot(day[here], placed(corrected[here], begin), color=KINDS[k][1], **POINT)
-    for axes, name, plotted in ((above, "Recorded", record.heading_deg), (below, "Corrected", corrected)):
+    for axes, plotted in ((above, record.heading_deg), (below, corrected)):
         degrees(axes.yaxis, (begin, begin + 360.0))
-        axes.set_ylabel(f"{name} heading\n{MAGNETIC}")
+        axes.set_ylabel(f"Heading\n{MAGNETIC}")
         if not np.isfinite(plotted).any():
             axes.annotate("none", (0.5, 0.5), xycoords="axes fraction", ha="center")
 
@@ -170,7 +170,6 @@ def _draw_depth(axes: Axes, product: CorrectedRecord) -> None:
 
 # Currents.
 
-COLOURS = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE}
 LINES: dict[str, dict[str, Any]] = {name: {"color": colour} for name, colour in COLOURS.items()}
 LINES["reference"] |= {"linewidth": 3.0, "alpha": 0.6, "zorder": 1.5}  # the corrected one often lies on it
 STICK: dict[str, Any] = {
@@ -206,15 +205,21 @@ def average_currents(shown: BinCurrents, reference: CurrentSeries, most: int = M
 
 
 def draw_sticks(path: str | Path, plotted: AveragedCurrents) -> None:
-    """Draw stick plots of the mean currents, pointing in the direction of flow, north up."""
-    with page(path, 0.75 + 0.95 * max(len(plotted.means), 1)) as figure:
-        panels = figure.subplots(max(len(plotted.means), 1), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    """Draw stick plots of the mean currents, pointing in the direction of flow, north up, none of them cut."""
+    count = max(len(plotted.means), 1)
+    with page(path, 0.75 + 0.95 * count) as figure:
+        panels = figure.subplots(count, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
         if not plotted.means:
             empty(panels[0])
             return
-        north = CM * np.concatenate([[0.0], *(mean.imag for mean in plotted.means.values())])
-        low, high = float(np.nanmin(north)), float(np.nanmax(north))
+        flow = CM * np.concatenate([np.zeros(1), *plotted.means.values()])
+        low, high = float(np.nanmin(flow.imag)), float(np.nanmax(flow.imag))
         room = max(0.05 * (high - low), 0.5)
+        half_s = plotted.hours * HOUR_S / 2.0
+        first, last = float(plotted.middle_s[0]) - half_s, float(plotted.middle_s[-1]) + half_s
+        # What a stick reaches along the axis: its scale is that of the vertical axis, of a panel 2.8 by 0.65 inches.
+        second = (last - first) / 2.8 * 0.65 / (high - low + 2.0 * room)
+        tips = np.concatenate([plotted.middle_s + second * CM * mean.real for mean in plotted.means.values()])
         for axes, (name, mean) in zip(panels, plotted.means.items(), strict=True):
             there = np.isfinite(mean)
             u, v = CM * mean[there].real, CM * mean[there].imag
@@ -223,11 +228,11 @@ def draw_sticks(path: str | Path, plotted: AveragedCurrents) -> None:
                 scale = round_down(float(np.percentile(np.hypot(u, v), 90.0)))
                 axes.quiverkey(sticks, 0.8, 1.12, scale, f"{scale:g} cm/s", labelpos="E", fontproperties=LETTERS)
             axes.axhline(0.0, color=COLOURS[name], linewidth=0.5)
-            axes.set_ylabel(f"{name.capitalize()}\n(cm/s)")
+            axes.set_title(name)
+            axes.set_ylabel("North\n(cm/s)")
             axes.set_ylim(low - room, high + room)
             axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-        half_s = plotted.hours * HOUR_S / 2.0
-        dates(panels[-1], (plotted.middle_s[0] - half_s, plotted.middle_s[-1] + half_s))
+        dates(panels[-1], (min(first, float(np.nanmin(tips))), max(last, float(np.nanmax(tips)))))
         figure.align_ylabels(panels)
 
 
@@ -271,106 +276,128 @@ def draw_roses(path: str | Path, shown: BinCurrents, reference: CurrentSeries, h
     """Draw roses of the current direction and of the ``recorded`` and ``corrected`` headings."""
     flows = {"recorded": shown.recorded, "corrected": shown.corrected, "reference": reference}
     towards = {name: angles.direction(flow.velocity.real, flow.velocity.imag) for name, flow in flows.items()}
-    handles: dict[str, Any] = {name: Line2D([], [], color=colour, label=name) for name, colour in COLOURS.items()}
+    handles: dict[str, Any] = {name: Line2D([], [], color=COLOURS[name], label=name) for name in flows}
     handles["reference"] = Patch(color=REFERENCE, alpha=0.5, linewidth=0, label="reference")
     with page(path, 2.6) as figure:
         visible: set[str] = set()
-        for k, (title, series) in enumerate(
-            ((f"Current towards\n{TRUE}", towards), (f"Heading\n{MAGNETIC}", headings))
-        ):
+        titles = (f"current towards\n{TRUE}", f"heading\n{MAGNETIC}")
+        panels = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
+        for axes, title, series in zip(panels, titles, (towards, headings), strict=True):
             known = {name: angle for name, angle in series.items() if np.isfinite(angle).any()}
-            _draw_rose(figure, k, title, known)
+            axes.set_title(title)
+            _draw_rose(axes, known)
             visible |= set(known)
         legend(figure, [handle for name, handle in handles.items() if name in visible], columns=3)
 
 
-def _draw_rose(figure: Figure, place: int, title: str, series: Mapping[str, Floats]) -> None:
-    """Draw a rose whose radius is the share of the samples in each sector of 10 degrees."""
-    axes = figure.add_subplot(1, 2, place + 1, projection="polar")
-    assert isinstance(axes, PolarAxes)
+def _draw_rose(axes: PolarAxes, series: Mapping[str, Floats]) -> None:
+    """Draw a rose whose radius is the share of the samples in each sector of 10 degrees, each ring labelled."""
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
-    for name in sorted(series, key=list(COLOURS).index, reverse=True):
-        shares = sectors(series[name], 0.0)
-        colour = COLOURS[name]
-        edges = np.linspace(0.0, 2.0 * np.pi, len(shares) + 1)
-        around, radius = np.repeat(edges, 2)[1:-1], np.repeat(shares, 2)
-        if name == "reference":
-            axes.fill(around, radius, color=colour, alpha=0.5, linewidth=0)
-        else:
-            axes.plot(np.append(around, around[0]), np.append(radius, radius[0]), color=colour, linewidth=1.2)
     axes.set_xticks(np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False), ["N", "E", "S", "W"])
     axes.tick_params(axis="x", pad=-1.0)
-    axes.yaxis.set_major_locator(MaxNLocator(2, integer=True))
-    axes.yaxis.set_major_formatter("{x:.0f} %")
-    axes.grid(linewidth=0.4)
-    quarters = np.sum([sectors(x, 0.0) for x in series.values()] or [np.zeros(36)], axis=0).reshape(4, -1)
-    axes.set_rlabel_position(45.0 + 90.0 * float(np.argmin(quarters.max(axis=1))))  # least covered by data
-    axes.set_title(title)
     axes.set_xlabel("% of samples per 10°")
     if not series:
         axes.set_yticks([])
         axes.annotate("no data", (0.5, 0.5), xycoords="axes fraction", ha="center", va="center")
-
-
-COLOUR_MAP, ADDED = "RdBu_r", "corrected minus recorded"
+        return
+    shares = {name: sectors(series[name], 0.0) for name in reversed(COLOURS) if name in series}
+    for name, share in shares.items():
+        edges = np.linspace(0.0, 2.0 * np.pi, len(share) + 1)
+        around, radius = np.repeat(edges, 2)[1:-1], np.repeat(share, 2)
+        if name == "reference":
+            axes.fill(around, radius, color=COLOURS[name], alpha=0.5, linewidth=0)
+        else:
+            axes.plot(np.append(around, around[0]), np.append(radius, radius[0]), color=COLOURS[name], linewidth=1.2)
+    most = 1.02 * max(float(share.max()) for share in shares.values())
+    ticks = MaxNLocator(3, steps=[1, 2, 5, 10], integer=True).tick_values(0.0, most)
+    rings = [ring for ring in ticks if 0.0 < ring < most]
+    quarters = np.sum(list(shares.values()), axis=0).reshape(4, -1)
+    free = 45.0 + 90.0 * float(np.argmin(quarters.max(axis=1)))  # the quarter least covered by data
+    white = {"facecolor": "white", "alpha": 0.7, "linewidth": 0, "pad": 0.5}
+    axes.set_rgrids(rings, [f"{ring:g} %" for ring in rings], angle=free, ha="center", va="center", bbox=white)
+    axes.set_rmax(most)
+    axes.grid(linewidth=0.4)
 
 
 def draw_section(path: str | Path, section: SectionMeans) -> None:
     """Draw velocity by time and depth before and after correction, the difference, and the uncertainty of direction."""
-    fields = {
-        f"{name}, {when}": part(values)
-        for name, part in (("U", np.real), ("V", np.imag))
-        for when, values in (
-            ("recorded", section.before),
-            ("corrected", section.after),
-            (ADDED, section.after - section.before),
-        )
-    }
-    with page(path, 8.4) as figure:
-        panels = figure.subplots(7, 1, sharex=True, height_ratios=[2.0] * 6 + [1.3])
+    by_reference = np.nan_to_num(section.reference_share) >= 0.5
+    before = np.where(by_reference, complex(np.nan, np.nan), section.before)  # a reference is not corrected
+    after = section.after.copy()
+    after[:, by_reference] = _as_columns(after[:, by_reference])
+    rows = {"recorded": before, "corrected": after, "corrected minus recorded": section.after - before}
+    with page(path, 6.6, width_in=WIDE_IN) as figure:
+        ratios = [2.0, 2.0, 2.0, 1.2]
+        layout: list[Any] = [[f"U, {row}", f"V, {row}"] for row in rows]
+        panels = figure.subplot_mosaic([*layout, ["σ", "σ"]], height_ratios=ratios)
         if not np.isfinite(section.after).any():
-            empty(*panels)
+            empty(*panels.values())
             return
-        step = float(np.median(np.diff(section.depth_m))) if len(section.depth_m) > 1 else 1.0
-        depths = np.append(section.depth_m - step / 2.0, section.depth_m[-1] + step / 2.0)
-        there = np.flatnonzero(np.isfinite(section.after).any(axis=0))
-        drawn, share = dict(zip(fields, panels, strict=False)), section.reference_share
-        for added in (False, True):
-            shown = {title: values for title, values in fields.items() if title.endswith(ADDED) == added}
-            known = np.abs(np.concatenate([x[np.isfinite(x)] for x in shown.values()]))
-            limit = max(CM * float(np.percentile(known, 98.0)), 1.0)
-            for title, values in shown.items():
-                axes = drawn[title]
-                image = axes.pcolormesh(
-                    section.edges_s / DAY_S, depths, CM * values.T, cmap=COLOUR_MAP, norm=Normalize(-limit, limit),
-                    rasterized=True,
-                )  # fmt: skip
-                axes.set_title(title)
-                axes.set_facecolor("#DDDDDD")
-                axes.set_ylim(depths[there[-1] + 1], depths[there[0]])
-                axes.set_ylabel("Depth (m)")
-                axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-                # At the right edge, the instrument that provides most values at each depth.
-                edge: dict[str, Any] = {"linewidth": 4.0, "transform": axes.get_yaxis_transform(), "clip_on": False}
-                for here, colour in ((share < 0.5, CORRECTED), (share >= 0.5, REFERENCE)):
-                    middle = section.depth_m[here]
-                    across = np.full(len(middle), 1.015)
-                    axes.vlines(across, middle - step / 2.0, middle + step / 2.0, colors=colour, **edge)
-            place: dict[str, Any] = {"ax": list(panels[:6]), "location": "right" if not added else "bottom"}
-            bar = figure.colorbar(image, aspect=40, pad=0.02, extend="both", **place)
-            bar.set_label(f"{ADDED.capitalize()} (cm/s)" if added else "Recorded, corrected (cm/s)")
-        # Draw the standard deviation of the affected instrument's directions.
-        middle = (section.edges_s[1:] + section.edges_s[:-1]) / 2.0
-        panels[6].plot(middle / DAY_S, section.heading_sigma_deg, color=CORRECTED, linewidth=0.8)
-        known = section.heading_sigma_deg[np.isfinite(section.heading_sigma_deg)]
-        panels[6].set_ylim(0.0, 1.15 * float(known.max()) if known.size else 1.0)
-        panels[6].set_title("Direction, stated uncertainty (1σ)")
-        panels[6].set_ylabel("σ (°)")
-        dates(panels[6], (float(section.edges_s[0]), float(section.edges_s[-1])))
-        figure.align_ylabels(panels)
+        span = (float(section.edges_s[0]), float(section.edges_s[-1]))
+        for row, values in rows.items():
+            scale = [values] if row not in ("recorded", "corrected") else [before, after]
+            known = np.abs(np.concatenate([part(x[np.isfinite(x)]) for x in scale for part in (np.real, np.imag)]))
+            limit = max(CM * float(np.percentile(known, 98.0)), 1.0) if known.size else 1.0
+            for name, part in (("U", np.real), ("V", np.imag)):
+                axes = panels[f"{name}, {row}"]
+                axes.set_title(f"{name}, {row}")
+                image = _draw_cells(axes, section, CM * part(values), Normalize(-limit, limit))
+                dates(axes, span)
+                axes.set_xlabel("")
+                axes.tick_params(labelbottom=row == "corrected minus recorded", labelleft=name == "U")
+                if name == "U":
+                    axes.set_ylabel("Depth (m)")
+            bar = figure.colorbar(image, cax=axes.inset_axes((1.06, 0.0, 0.025, 1.0)), extend="both")
+            bar.set_label("cm/s")
+            if row == "corrected":  # at the right edge, the instrument that provides most values at each depth
+                half = _half_step(section)
+                inside = (section.depth_m < axes.get_ylim()[0]) & (section.depth_m > axes.get_ylim()[1])
+                for there, colour in ((~by_reference & inside, CORRECTED), (by_reference & inside, REFERENCE)):
+                    place: dict[str, Any] = {
+                        "transform": axes.get_yaxis_transform(),
+                        "clip_on": False,
+                        "linewidth": 4.0,
+                    }
+                    depth = section.depth_m[there]
+                    axes.vlines(np.full(len(depth), 1.02), depth - half, depth + half, colors=colour, **place)
+        # Standard deviation of the affected instrument's directions.
+        middle, sigma = (section.edges_s[1:] + section.edges_s[:-1]) / 2.0, section.heading_sigma_deg
+        panels["σ"].plot(middle / DAY_S, sigma, color=CORRECTED, linewidth=0.8)
+        panels["σ"].set_ylim(0.0, 1.15 * float(np.nanmax(sigma)) if np.isfinite(sigma).any() else 1.0)
+        panels["σ"].set_title("uncertainty of the corrected directions (1σ)")
+        panels["σ"].set_ylabel("σ (°)")
+        dates(panels["σ"], span)
         sources = {"affected instrument": CORRECTED, "reference": REFERENCE}
         legend(figure, [Line2D([], [], color=colour, linewidth=4.0, label=name) for name, colour in sources.items()])
+
+
+def _half_step(section: SectionMeans) -> float:
+    return float(np.median(np.diff(section.depth_m))) / 2.0 if len(section.depth_m) > 1 else 0.5
+
+
+def _as_columns(values: Complexes) -> Complexes:
+    """Widen profiles that are further apart than the intervals of time, each to half-way to the next."""
+    there = np.flatnonzero(np.isfinite(values).any(axis=1))
+    if not 1 < len(there) < 0.5 * len(values):
+        return values
+    near = there[np.abs(np.arange(len(values))[:, None] - there).argmin(axis=1)]
+    reached = np.abs(np.arange(len(values)) - near) <= np.median(np.diff(there)) / 2.0
+    return np.where(reached[:, None], values[near], complex(np.nan, np.nan))
+
+
+def _draw_cells(axes: Axes, section: SectionMeans, values: Floats, norm: Normalize, least: float = 0.1) -> QuadMesh:
+    """Draw values by time and depth, over the depths measured at least ``least`` times as often as any."""
+    half = _half_step(section)
+    edges = np.append(section.depth_m - half, section.depth_m[-1] + half)
+    image = axes.pcolormesh(section.edges_s / DAY_S, edges, values.T, cmap="RdBu_r", norm=norm, rasterized=True)
+    axes.set_facecolor("#DDDDDD")
+    often = np.isfinite(values).sum(axis=0)
+    shown = np.flatnonzero(often >= max(least * often.max(initial=0), 1))
+    if shown.size:
+        axes.set_ylim(edges[shown[-1] + 1], edges[shown[0]])
+    axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+    return image
 
 
 def draw_profile(path: str | Path, section: SectionMeans) -> None:
@@ -392,15 +419,16 @@ def draw_profile(path: str | Path, section: SectionMeans) -> None:
                 mean = np.where(here, CM * getattr(profile.mean, part), np.nan)
                 axes.plot(mean, section.depth_m, color=colour, marker="o", markersize=2.5)
             axes.axvline(0.0, color="#444444", linewidth=0.5)
-            axes.set_xlabel(f"Mean {name}\n(cm/s)")
+            axes.set_title(f"mean {name}")
+            axes.set_xlabel("(cm/s)")
             axes.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
         shown = there[:: max(1, -(-len(there) // 8))]
         _draw_axes(panels[2], section.depth_m, (before, after), shown, reference)
         room = 0.12 * float(np.ptp(section.depth_m[there])) + 1.0  # for the axes at the ends
         panels[0].set_ylim(section.depth_m[there[-1]] + room, section.depth_m[there[0]] - room)
         panels[0].set_ylabel("Depth (m)")
-        names = {name: colour for name, colour in COLOURS.items() if name != "reference" or reference[there].any()}
-        handles: list[Artist] = [Line2D([], [], color=colour, label=name) for name, colour in names.items()]
+        names = ["recorded", "corrected", *["reference"] * bool(reference[there].any())]
+        handles: list[Artist] = [Line2D([], [], color=COLOURS[name], label=name) for name in names]
         legend(figure, [*handles, Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="95 %, heading alone")])
 
 
@@ -427,53 +455,6 @@ def _draw_axes(
             headwidth=0.0, headlength=0.0, headaxislength=0.0,
         )  # fmt: skip
     axes.set_xlim(-0.6 * longest, 0.6 * longest)
-    axes.set_xlabel("Principal axes\n(cm/s, north up)")
+    axes.set_title("principal axes")
+    axes.set_xlabel("(cm/s), north up")
     axes.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
-
-
-# Heading errors where the truth is known.
-
-ERROR: dict[str, Any] = POINT | {"markersize": 1.5}
-
-
-def error_reach(errors_deg: Sequence[Floats]) -> float:
-    """Compute a limit of the vertical axis that contains 99 % of the heading errors of several moorings, degrees."""
-    known = np.concatenate([np.abs(error[np.isfinite(error)]) for error in errors_deg] or [np.zeros(0)])
-    return 5.0 * float(np.ceil(np.quantile(known, 0.99) / 5.0)) if known.size else 5.0
-
-
-def draw_errors(
-    path: str | Path, time_s: Floats, fit_deg: Floats, corrected_deg: Floats, sigma_deg: Floats,
-    dates_utc: Sequence[str | None], reach_deg: float,
-) -> None:  # fmt: skip
-    """Draw heading errors of the fitted coefficients alone and of the corrected headings, with the stated 95 % range.
-
-    Args:
-        fit_deg: heading by the fitted coefficients minus truth, (n,), NaN if missing.
-        corrected_deg: corrected heading minus truth, (n,).
-        sigma_deg: stated standard deviation of the corrected headings, (n,).
-        dates_utc: dates of true changes, which are marked; None are ignored.
-        reach_deg: limit of the vertical axis; larger errors are drawn at its edge.
-    """
-    day, half = time_s / DAY_S, NORMAL_95 * sigma_deg
-    marks = [np.datetime64(date).astype("datetime64[s]").astype(float) / DAY_S for date in dates_utc if date]
-    beyond = np.abs(corrected_deg) > half
-    with page(path, 4.2) as figure:
-        panels = figure.subplots(2, 1, sharex=True, sharey=True)
-        panels[0].plot(day, np.clip(fit_deg, -reach_deg, reach_deg), color="#555555", **ERROR)
-        panels[0].set_title("coefficients alone")
-        panels[1].fill_between(day, -half, half, color=CORRECTED, alpha=0.25, linewidth=0)
-        for here, colour in ((~beyond, CORRECTED), (beyond, VERMILION)):
-            panels[1].plot(day[here], np.clip(corrected_deg[here], -reach_deg, reach_deg), color=colour, **ERROR)
-        panels[1].set_title("as corrected")
-        for axes in panels:
-            axes.axhline(0.0, color="#444444", linewidth=0.5)
-            axes.set_ylabel("Heading error (°)")
-            for mark in marks:
-                axes.axvline(mark, color=BLACK, linestyle=":")
-        panels[1].set_ylim(-1.05 * reach_deg, 1.05 * reach_deg)
-        dates(panels[1], (float(time_s[0]), float(time_s[-1])))
-        handles: list[Artist] = [Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="stated 95 % range")]
-        handles.append(Line2D([], [], color=VERMILION, **(POINT | {"markersize": 3.0}), label="errors outside it"))
-        handles += [Line2D([], [], color=BLACK, linestyle=":", label="true change")] if marks else []
-        legend(figure, handles)

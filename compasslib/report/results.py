@@ -61,15 +61,14 @@ class ReportSection:
     anchor: str
     verdict: str  # one of ``inference.wording.VERDICTS``, ``stopped``, or empty
     summary: tuple[str, ...]  # sentences; the first is the conclusion, which the top of the page repeats
-    facts: tuple[tuple[str, str], ...]
-    question: str = ""  # that the first sentence of the summary answers
+    facts: tuple[tuple[str, str], ...] = ()
+    use: str = ""  # whether a mooring can be used: yes, with care, no
+    picture: tuple[tuple[str, str], ...] = ()  # lines of the small picture of a mooring: colour, and points of an SVG
     to_do: tuple[str, ...] = ()  # sentences: actions left to the user
-    first: tuple[ReportFigure, ...] = ()  # figures shown first, such as currents before and after
-    finding_figures: tuple[ReportFigure, ...] = ()  # figures shown with the findings
     findings: tuple[ReportedFinding, ...] = ()
     limits: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
-    figures: tuple[ReportFigure, ...] = ()  # all others
+    figures: tuple[ReportFigure, ...] = ()
     tables: tuple[ReportTable, ...] = ()
     links: tuple[tuple[str, str], ...] = ()  # text, URL relative to the page
     cells: tuple[str, ...] = ()  # its row in the overview
@@ -86,15 +85,14 @@ def table(template: str, block: str, **given: Any) -> tuple[ReportTable, ...]:
 
 def stopped_section(part: str, name: str, why: str, header: Sequence[str]) -> ReportSection:
     """Compose the section of a mooring or calibration that has no results."""
-    known = {"Verdict": "stopped", "Usable": "no", "Warnings": "1"}
+    known = {"Verdict": "stopped", QUESTION: "no", "Warnings": "1"}
     answer, to_do = words.paragraphs("mooring", "stopped", why=why)
     return ReportSection(
         name=name,
         anchor=f"{part}-{name}",
         verdict="stopped",
         summary=(answer,),
-        question=QUESTION * (part == "mooring"),
-        facts=(),
+        use="no" * (part == "mooring"),
         to_do=(to_do,),
         links=(("logs", f"{'calibrations/' * (part == 'calibration')}{name}/logs"),),
         cells=(name, *(known.get(column, "") for column in header[1:])),
@@ -139,7 +137,6 @@ class MooringResults:
     assessment: Mapping[str, Any]
     headings: Mapping[str, Any]  # statistics of the corrected record
     currents: summary.BinCurrents  # of the bin shown in figures
-    inputs: Mapping[str, Mapping[str, int]]  # counts of the samples of each instrument, by kind
     seam: str  # affected minus reference velocities, in a sentence
 
     @property
@@ -172,18 +169,17 @@ def read_summary(table: str | Path) -> dict[str, dict[str, str]]:
         return {row["name"]: row for row in csv.DictReader(stream)}
 
 
-def read_mooring(name: str, root: Path, row: Mapping[str, str], roles: Iterable[str] | None = None) -> MooringResults:
-    """Read the files of one mooring; ``roles`` are the names of its instruments, see ``summary.record_paths``."""
+def read_mooring(name: str, root: Path, row: Mapping[str, str]) -> MooringResults:
+    """Read the files of one mooring."""
     folder = root / name
     fit, diagnosis, assessment = (
         read_json(folder / f"{file}.json") for file in ("deviation", "diagnosis", "assessment")
     )
-    inputs = {path.stem: netcdf.read_notes(path, "counts") for path in summary.record_paths(folder, roles)}
     product = folder / "corrected.nc"
     shown = summary.read_bin_currents(product)
     seam = describe_seam(compare_at_seam(netcdf.read_pairs(folder / "overlap.nc"), assessment))
     headings = _summarize_headings(product)
-    return MooringResults(name, folder, row, fit, diagnosis, assessment, headings, shown, inputs, seam)
+    return MooringResults(name, folder, row, fit, diagnosis, assessment, headings, shown, seam)
 
 
 @dataclass(frozen=True)
@@ -213,6 +209,7 @@ def _summarize_headings(path: str | Path) -> dict[str, Any]:
             read_variable(nc, name)
             for name in ("HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY", "DEVIATION", "DECLINATION")
         )
+        common = read_variable(nc, "HEADING_COMMON_UNCERTAINTY")
         flags = read_variable(nc, "HEADING_CORRECTED_QC")
         attributes = {name: nc.getncattr(name) for name in SHOWN_ATTRIBUTES if name in nc.ncattrs()}
         missing = archive_attributes.missing(nc.ncattrs())
@@ -226,6 +223,7 @@ def _summarize_headings(path: str | Path) -> dict[str, Any]:
         "corrected": int(there.sum()),
         "doubtful": int(np.sum(there & (flags == PROBABLY_BAD))),
         "sigma_deg": _percentiles(sigma[there], (50.0, 95.0)),
+        "removed_deg": error_removed(deviation[there], common[there]),
         "largest_deviation_deg": float(np.max(np.abs(deviation[there]))) if there.any() else float("nan"),
         "recorded_span_deg": heading_span(recorded),
         "corrected_span_deg": heading_span(corrected),
@@ -233,6 +231,33 @@ def _summarize_headings(path: str | Path) -> dict[str, Any]:
         "attributes": attributes,
         "missing": missing,  # global attributes required by the conventions
     }
+
+
+def error_removed(deviation_deg: Floats, common_deg: Floats) -> tuple[float, float]:
+    """Compute the rms of the deviations and its standard uncertainty, degrees, if their common errors agree in sign.
+
+    The error of √(Σδ²/n) is Σδε/√(nΣδ²) for errors ε of the deviations δ, at most Σ|δ|σ/√(nΣδ²) where all of them have
+    one source; errors that are independent from sample to sample cancel.
+    """
+    known = np.isfinite(deviation_deg + common_deg)
+    rms = angles.rms(deviation_deg[known])
+    if not known.any() or rms == 0.0:
+        return rms, float("nan")
+    return rms, float(np.mean(np.abs(deviation_deg[known]) * common_deg[known])) / rms
+
+
+def draw_differences(assessment: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+    """Compose the lines of a small picture: frequency of the differences from the reference, before and after."""
+    shares = {}
+    for kind, when in (("recorded", "before"), ("corrected", "after")):
+        counts = np.asarray(assessment["difference_counts"][when], dtype=float)
+        shares[kind] = counts / max(float(counts.sum()), 1.0)
+    most = max(1e-9, *(float(share.max()) for share in shares.values()))
+    return tuple(
+        (kind, " ".join(f"{k - 35.5:g},{24.0 * (1.0 - share / most):.1f}" for k, share in enumerate(each)))
+        for kind, each in shares.items()
+        if each.any()
+    )
 
 
 def heading_span(heading_deg: Floats) -> tuple[float, float]:
@@ -250,9 +275,9 @@ def _percentiles(values: Floats, at: tuple[float, float]) -> tuple[float, float]
     return float(low), float(high)
 
 
-# Figures embedded in the page: with a colour palette; on a page of many sections small and few.
+# Figures embedded in the page with a colour palette; on a page of many sections they are linked.
 
-MAX_SECTIONS = 50  # above which figures are not embedded at full size; a thousand moorings would need 400 MB
+MAX_SECTIONS = 50  # above which figures are not embedded; a thousand moorings would need 400 MB
 
 
 def collect_figures(
@@ -263,15 +288,15 @@ def collect_figures(
     Args:
         folder: folder of its results, with the PNG files in ``figures``.
         subjects: in ``plots.figures.FIGURES``.
-        small: whether the page has too many sections for figures of full size, here and below.
+        small: whether the page has too many sections for embedded figures, here and below.
         **given: results that the captions describe.
     """
-    made, collected = files.read_pictures(folder, small=small), dict[str, ReportFigure]()
+    made, collected = {} if small else files.read_pictures(folder), dict[str, ReportFigure]()
     for row in (row for subject in subjects for row in FIGURES[subject]):
         if not (path := folder / f"figures/{row.name}.png").exists():
             continue
         picture, size = made.get(row.name, ("", (0, 0)))
-        if row.name not in made and row.place != "linked" and not small:
+        if row.name not in made and not row.linked and not small:
             picture, size = files.embed_png(path)
         caption = words.caption(row.caption, **given)
         collected[row.name] = ReportFigure(row.title, caption, relative_link(path, root), picture, *size)

@@ -14,16 +14,16 @@ from compasslib.archive.files import read_json
 from compasslib.effects import COMPOSED, meanings
 from compasslib.effects.composed import effect_formula
 from compasslib.inference import wording
-from compasslib.plots.figures import MOORING, names
+from compasslib.plots.figures import MOORING
 from compasslib.report import words
 from compasslib.report.results import (
-    QUESTION,
     CalibrationResults,
     MooringResults,
     ReportedFinding,
     ReportSection,
     ReportTable,
     collect_figures,
+    draw_differences,
     links,
     relative_link,
     table,
@@ -49,7 +49,7 @@ def report_findings(diagnosis: Mapping[str, Any], *, product: bool, most: int = 
     findings = []
     for entry in diagnosis["findings"]:
         parts = entry.get("composition")
-        title = words.plain(f"{COMPOSED}{'/'.join(parts.values())}" if parts else entry["effect"])
+        title = words.effect_title(entry)
         others = candidate_names(entry)[1:]
         if rest := others[most + 1 :]:
             others = [*others[:most], f"{len(rest) + 1} others, listed in diagnosis.json"]
@@ -118,67 +118,40 @@ def diagnosis_caption(diagnosis: Mapping[str, Any]) -> str:
 
     curves = [curve["covariate"] for curve in wording.displayed_residuals(diagnosis)]
     parts = [entry["composition"] for entry in diagnosis["findings"] if entry.get("composition")]
-    shown = {"heading", "time", *((entry.get("where") or {}).get("covariate") for entry in diagnosis["findings"])}
-    others = [] if diagnosis["unexplained"] else [name for name in curves[-1:] if name not in shown]
     return " ".join(words.paragraphs(
         "diagnosis", "figure", d=diagnosis, outside=count_outside(diagnosis) if curves else (),
         turns=[name for name in curves if name.startswith(wording.TURN_PREFIX)],
         slopes=[entry for entry in diagnosis["findings"] if (entry.get("heldout") or {}).get("slope")],
-        candidate="".join(name for name in others if not name.startswith((wording.TURN_PREFIX, wording.SIZE_PREFIX))),
         composed=[(entry["acts_on"], effect_formula(**entry)) for entry in parts],
     ))  # fmt: skip
 
 
 # Sections of moorings, calibrations and compasses.
 
-FILES = (
-    *("corrected.nc", "gridded.nc", "overlap.nc", "deviation.json", "diagnosis.json", "assessment.json"),
-    *("table.csv", "histograms.csv", "figures", "logs"),
-)
+FILES = ("corrected.nc", "gridded.nc", "deviation.json", "diagnosis.json", "table.csv", "figures", "logs")
 
 
-def mooring_section(results: MooringResults, root: Path, site: Mapping[str, Any], *, small: bool) -> ReportSection:
-    """Compose one mooring's section.
-
-    Args:
-        site: latitude, longitude, water_depth_m, instruments (role and description).
-    """
+def mooring_section(results: MooringResults, root: Path, *, small: bool) -> ReportSection:
+    """Compose one mooring's section."""
     folders = [results.folder, *([results.folder.parent] if "/" in results.name else [])]  # also of the whole mooring
     given = {"r": results, "about": diagnosis_caption}
-    collected = [collect_figures(folder, root, ("sections", "mooring"), small=small, **given) for folder in folders]
+    collected = [collect_figures(folder, root, ("mooring", "sections"), small=small, **given) for folder in folders]
     pictures = {name: figure for figures in collected for name, figure in figures.items()}
     if not (results.fit["n_pairs"] or results.fit["coefficients"]):
         of_pairs = {row.name for row in MOORING if row.of_pairs}
         pictures = {name: figure for name, figure in pictures.items() if name not in of_pairs}
     findings = report_findings(results.diagnosis, product=True)
-    counts = dict.fromkeys(name for of_role in results.inputs.values() for name in of_role)
-    nonzero = [name for name in counts if any(of_role.get(name) for of_role in results.inputs.values())]
-    zero = [words.plain(name) for name in counts if name not in nonzero]
     return ReportSection(
         name=results.name,
         anchor=f"mooring-{results.name}",
         verdict=results.diagnosis["verdict"],
         summary=summary_sentences(results),
-        question=QUESTION,
+        use=results.assessment["use"]["answer"],
+        picture=draw_differences(results.assessment),
         to_do=words.paragraphs("mooring", "actions", r=results),
-        facts=(
-            *words.facts("mooring", "place", r=results, site=site),
-            *measures(results),
-            *words.facts("mooring", "more", r=results),
-        ),
-        first=tuple(pictures.pop(name) for name in names("mooring", "currents") if name in pictures),
-        finding_figures=(pictures.pop("diagnosis"),) if findings and "diagnosis" in pictures else (),
         findings=findings,
-        limits=describe_limits(results.diagnosis),
         warnings=results.warnings,
         figures=tuple(pictures.values()),
-        tables=(
-            *table("mooring", "agreement", r=results),
-            *table("mooring", "coefficients", r=results),
-            *limits_table(results.diagnosis),
-            *table("diagnosis", "hypotheses", d=results.diagnosis),
-            *table("mooring", "inputs", inputs=results.inputs, names=nonzero, zero=zero),
-        ),
         links=tuple(
             (file, relative_link(there, root))
             for file in FILES
@@ -195,8 +168,8 @@ def summary_sentences(results: MooringResults) -> tuple[str, ...]:
 
 
 def measures(results: MooringResults) -> tuple[tuple[str, str], ...]:
-    """List method, number of corrected samples, uncertainty and largest deviation."""
-    return words.facts("mooring", "measures", r=results)
+    """List method, number of corrected samples, uncertainty, possible readings and agreement with the reference."""
+    return (*words.facts("mooring", "measures", r=results), *words.facts("mooring", "more", r=results))
 
 
 CALIBRATION_FILES = ("calibration.json", "table.csv", "points.csv", "diagnosis.json", "figures", "logs")
@@ -217,14 +190,13 @@ def calibration_section(results: CalibrationResults, root: Path, *, small: bool)
         verdict=diagnosis.get("verdict", ""),
         summary=words.paragraphs("calibration", "summary", c=content, diagnosis=diagnosis, findings=said, texts=texts),
         facts=words.facts("calibration", "facts", c=content),
-        finding_figures=(figures.pop("diagnosis"),) if findings and "diagnosis" in figures else (),
         findings=findings,
         limits=(
             *words.paragraphs("calibration", "limits", c=content),
             *(describe_limits(diagnosis) if diagnosis else ()),
         ),
         warnings=tuple(content["warnings"]),
-        first=tuple(figures.values()),
+        figures=tuple(figures.values()),
         tables=(
             *(each for name in TABLES for each in table("calibration", name, c=content)),
             *((*limits_table(diagnosis), *table("diagnosis", "hypotheses", d=diagnosis)) if diagnosis else ()),
@@ -264,7 +236,7 @@ def compass_section(name: str, root: Path, *, small: bool) -> ReportSection:
         limits=describe_limits(diagnosis),
         warnings=words.paragraphs("compass", "warnings", c=content),
         tables=(*table("compass", "records", c=content), *table("compass", "iron", c=content)),
-        first=tuple(figures.values()),
+        figures=tuple(figures.values()),
         links=links(folder, root, COMPASS_FILES),
         cells=words.cells("compass", "row", name=name, c=content, d=diagnosis)[0],
     )

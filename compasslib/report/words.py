@@ -7,18 +7,21 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import datetime
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from compasslib import angles
+from compasslib.archive import provenance
 from compasslib.calibrations import MODELS
 from compasslib.inference.finding import is_confirmed
 
 if TYPE_CHECKING:
     import jinja2
+    from markupsafe import Markup
 
 UNKNOWN = "\N{EN DASH}"
 MINUS, SPACE = "\N{MINUS SIGN}", "\N{NO-BREAK SPACE}"
@@ -115,6 +118,12 @@ def plain(name: str) -> str:
     return name.replace("_", " ")
 
 
+def effect_title(finding: Mapping[str, Any]) -> str:
+    """Name the effect of a finding, or the driver of one outside the catalogue."""
+    composed = finding.get("composition")
+    return f"unlisted, driven by {plain(composed['driver'])}" if composed else plain(finding["effect"])
+
+
 def parameter(name: str, unit: str) -> str:
     """Convert the name of a parameter to plain words, without the suffix of its unit."""
     return plain(name.removesuffix(f"_{'deg' if unit in ('degrees', '°') else unit}"))
@@ -147,9 +156,8 @@ def observations(separated_by: str | None) -> list[str]:
 
 
 FILTERS = (
-    confirmed,
-    number, degrees, significant, with_sigma, percent, chance, current, count, plural, days, plain, parameter, listed,
-    sentence, observations,
+    confirmed, number, degrees, significant, with_sigma, percent, chance, current, count, plural, days, plain,
+    effect_title, parameter, listed, sentence, observations,
 )  # fmt: skip
 
 
@@ -218,3 +226,82 @@ def facts(template: str, block: str, **given: Any) -> tuple[tuple[str, str], ...
 def cells(template: str, block: str, **given: Any) -> list[tuple[str, ...]]:
     """Render a block of a template and split each line into the cells of a row at vertical bars."""
     return [tuple(cell.strip(" ") for cell in line.split("|")) for line in lines(template, block, **given)]
+
+
+# Terms of docs/glossary.md, each with its first sentence: one text for report, ``compass explain`` and documentation.
+
+CONCEALED = "concealed mooring"
+
+
+@cache
+def definitions() -> Mapping[str, str]:
+    """Read the first sentence about each term, links removed; empty where the documentation is not installed."""
+    path = provenance.RELEASE_FILES / "docs/glossary.md"
+    text = path.read_text(encoding="utf-8") if path.is_file() else ""
+    entries = re.sub(r"\[([^]]+)\]\([^)]+\)|`", r"\1", text).split("\n## ")[1:]
+    parts = (entry.partition("\n") for entry in entries)
+    return MappingProxyType({term: re.split(r"(?<=\.)\s", " ".join(what.split()))[0] for term, _, what in parts})
+
+
+def occurring(texts: Iterable[str]) -> dict[str, str]:
+    """Select the terms that occur in texts, with their definitions."""
+    terms = {_term(match[0]) for text in texts for match in _pattern().finditer(text)}
+    return {term: what for term, what in definitions().items() if term in terms}
+
+
+@cache
+def _names() -> Mapping[str, str]:
+    return {name.lower(): term for term in definitions() for name in term.split(", ")}
+
+
+def _term(word: str) -> str:
+    names = _names()
+    return names.get(word.lower()) or names[word.lower().removesuffix("s")]
+
+
+@cache
+def _pattern() -> re.Pattern[str]:
+    """Match any term as a word of its own, the longest first; nothing without a glossary."""
+    names = sorted(map(re.escape, _names()), key=len, reverse=True)
+    return re.compile(rf"(?<![\w-])(?:{'|'.join(names)})s?(?![\w-])" if names else r"(?!)", re.IGNORECASE)
+
+
+class Links:
+    """Links of the terms of a page: the first occurrence in a section leads to the definition, which is its title."""
+
+    def __init__(self) -> None:
+        self.used: set[str] = set()
+        self._linked: set[str] = set()
+
+    def restart(self) -> str:
+        """Begin a section, in which each term is linked again."""
+        self._linked = set()
+        return ""
+
+    def definition(self, term: str) -> str:
+        """Give the definition of a term, which needs no link where it stands."""
+        return definitions().get(term, "")
+
+    def listed(self) -> list[tuple[str, str, str]]:
+        """List the terms that were linked: term, anchor and definition."""
+        return [(term, f"term-{anchor(term)}", what) for term, what in definitions().items() if term in self.used]
+
+    def __call__(self, text: str) -> Markup:
+        """Escape a text and link its terms."""
+        from markupsafe import Markup, escape  # deferred with jinja2
+
+        parts, at = [], 0
+        for match in _pattern().finditer(text):
+            term = _term(match[0])
+            if term not in self._linked:
+                link = Markup('<a class="term" href="#term-{}" title="{}">{}</a>')
+                parts += [escape(text[at : match.start()]), link.format(anchor(term), definitions()[term], match[0])]
+                at = match.end()
+                self._linked.add(term)
+        self.used |= self._linked
+        return Markup("").join([*parts, escape(text[at:])])
+
+
+def anchor(term: str) -> str:
+    """Compose the anchor of a term on a page."""
+    return re.sub(r"\W+", "-", term)

@@ -15,7 +15,7 @@ from compasslib.archive import netcdf, provenance
 from compasslib.archive.files import embed_png, read_json, read_pictures
 from compasslib.deviation.correction import correct_headings, record_readings
 from compasslib.deviation.model import fit_from_json
-from compasslib.plots.timeseries import draw_errors, error_reach
+from compasslib.plots.diagnosis import draw_errors, error_reach
 from compasslib.preparation.references import combine_references
 from compasslib.records import BAD
 from compasslib.report import sections, words, write_page
@@ -154,9 +154,10 @@ def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingError
         drawn = embed_png(file)
     caption = " ".join(words.paragraphs("concealed", "figure", planted=truth["planted"], reach=reach_deg))
     figures = [ReportFigure("Heading errors along time", caption, "", drawn[0], *drawn[1])]
-    picture, size = read_pictures(root / name)["diagnosis"]
-    caption = sections.diagnosis_caption(diagnosis)
-    figures.append(ReportFigure("Diagnosis", caption, f"{name}/figures/diagnosis.png", picture, *size))
+    if "diagnosis" in (pictures := read_pictures(root / name)):
+        picture, size = pictures["diagnosis"]
+        caption = sections.diagnosis_caption(diagnosis)
+        figures.append(ReportFigure("Diagnosis", caption, f"{name}/figures/diagnosis.png", picture, *size))
     stated = diagnosis["findings"]
     of_compass = [x for x in stated if x["side"] in ("compass", "clock")]
     return {

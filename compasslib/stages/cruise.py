@@ -1,4 +1,4 @@
-"""Stages of the whole cruise: what can go on, summary, manifest, and checks of the archive."""
+"""Stages of the whole cruise: what can go on, summary, pages, manifest, and checks of the archive."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from compasslib import report as html
 from compasslib.archive import crate
 from compasslib.archive import summary as table
 from compasslib.archive.files import read_json, read_reason, write_json
 from compasslib.errors import Stopped
+from compasslib.report import explore
 
 CALIBRATIONS = "results/calibrations"
 FOLLOWS = "it needs calibration"
@@ -103,6 +105,36 @@ def summary(*, summary: str, usable: str, roles: Mapping[str, Sequence[str]], sa
     say(f"{summary}: {len(rows)} mooring{'s' * (len(rows) != 1)}")
 
 
+def report(
+    *,
+    pages: Sequence[str],
+    attributes: Mapping[str, Any],
+    moorings: Mapping[str, Mapping[str, Any]],
+    calibrations: Sequence[str],
+    compasses: Sequence[str],
+    usable: str,
+    say: Callable[[str], None],
+) -> None:
+    """Write two ``pages`` into the folder of the results: all results, and the series of the moorings to look at.
+
+    Raises:
+        InputError: a file of the results is missing or damaged.
+    """
+    (page, series), stopped = pages, read_stopped(usable)
+    content = html.gather(
+        Path(page).parent,
+        attributes=attributes,
+        moorings=moorings,
+        calibrations=[name for name in calibrations if name not in stopped["calibrations"]],
+        compasses=[name for name in compasses if name not in stopped["compasses"]],
+        stopped=stopped,
+    )
+    html.write(page, content)
+    title = html.title("Series of the moorings", attributes.get("project"))
+    explore.write(series, title, [name for name in moorings if name not in stopped["moorings"]])
+    say(html.log_line(page, content))
+
+
 def provenance(
     *,
     jobs: Sequence[str],
@@ -148,33 +180,3 @@ def _named(stopped: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
     """Return the reasons by kind and name, such as "mooring EG4", the keys of the configuration."""
     kinds = ("mooring", "calibration")
     return {f"{kind} {name}": why for kind in kinds for name, why in stopped[f"{kind}s"].items()}
-
-
-def report(
-    *,
-    page: str,
-    attributes: Mapping[str, Any],
-    moorings: Mapping[str, Mapping[str, Any]],
-    calibrations: Sequence[str],
-    compasses: Sequence[str],
-    usable: str,
-    say: Callable[[str], None],
-) -> None:
-    """Write the page into the folder of the results; arguments as for ``report.gather``.
-
-    Raises:
-        InputError: a file of the results is missing or damaged.
-    """
-    from compasslib import report as html  # imports templates and tables that no other stage needs
-
-    stopped = read_stopped(usable)
-    content = html.gather(
-        Path(page).parent,
-        attributes=attributes,
-        moorings=moorings,
-        calibrations=[name for name in calibrations if name not in stopped["calibrations"]],
-        compasses=[name for name in compasses if name not in stopped["compasses"]],
-        stopped=stopped,
-    )
-    html.write(page, content)
-    say(html.log_line(page, content))

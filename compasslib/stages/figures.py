@@ -14,7 +14,7 @@ from compasslib.archive.gridded import read_section
 from compasslib.inference import product as products
 from compasslib.plots import page
 from compasslib.plots import timeseries as water
-from compasslib.plots.figures import FIGURES, names
+from compasslib.plots.figures import FIGURES
 from compasslib.plots.moorings import AssessedMooring
 from compasslib.preparation.references import combine_references
 
@@ -50,7 +50,7 @@ def figures(
         histograms=summary.read_histograms(histograms),
     )
     _draw("mooring", figures, data)
-    write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")], names("mooring", "currents"))
+    write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])
     say(f"{mooring}: {len(figures)} figures")
 
 

@@ -31,16 +31,14 @@ def recordings(*, made: str, say: Callable[[str], None]) -> None:
 
 
 def describe(recording: Recording) -> dict[str, Any]:
-    """Diagnose a recording and describe each case; of the first one, deviation or residual and hypotheses are drawn."""
+    """Diagnose a recording and describe each case; of the first one, deviation or residual is drawn."""
     diagnoses = recording.diagnose()
     first = next(iter(diagnoses.values())).to_json()
     drawings = dict[str, Callable[[Path], None]]()
     if recording.kind == "platform" and first["curves"]:
         drawings = {"deviation": partial(draw_deviation, shown=stored(recording))}
     elif first["curves"]:
-        named = [finding | {"heldout": None} for finding in first["findings"]]
-        contents = {"residual": first | {"hypotheses": []}, "hypotheses": first | {"curves": [], "findings": named}}
-        drawings = {what: partial(draw_calibration, diagnosis=content) for what, content in contents.items()}
+        drawings = {"residual": partial(draw_calibration, diagnosis=first)}
     figures = []
     with tempfile.TemporaryDirectory() as folder:
         for what, draw in drawings.items():

@@ -9,11 +9,12 @@ import pytest
 from matplotlib.image import imread
 
 from compasslib import angles, compass
-from compasslib.calibrations import budget, swing
+from compasslib.archive.calibrations import StoredCalibration
+from compasslib.calibrations import budget, result, swing
 from compasslib.calibrations.result import Calibration
 from compasslib.deviation.series import series_deviation
 from compasslib.errors import InputError
-from compasslib.plots.calibrations import draw_swing as page
+from compasslib.plots.calibrations import draw_deviation as page
 from compasslib.plots.page import DPI, WIDTH_IN
 from tests.world import recordings
 from tests.world import swing as world
@@ -453,10 +454,12 @@ def test_real_nmea_log():
 def test_swing_figure_is_reproducible(tmp_path, eight):
     found = swing.calibrate([eight], {"declination_deg": DECLINATION, "latitude": 43.4, "longitude": -3.4})
     refused = swing.calibrate([written(tmp_path, compass_deg=[1.0], true_deg=[2.0])], SURE)
-    for name, result in (("fitted", found), ("refused", refused)):
+    for name, made in (("fitted", found), ("refused", refused)):
         path = tmp_path / f"{name}.png"
-        page(path, result)
+        table = made.table or result.DeviationTable(*np.zeros((3, 0)))
+        shown = StoredCalibration(result.to_json(name, made, {}), table, made.points)
+        page(path, shown)
         first = path.read_bytes()
-        page(path, result)
+        page(path, shown)
         assert path.read_bytes() == first
         assert imread(path).shape[1] == WIDTH_IN * DPI

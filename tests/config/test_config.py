@@ -197,6 +197,13 @@ def test_mooring_file_overrides_cruise_options(cruise: Path) -> None:
     assert (general.diagnose.enabled, general.diagnose.apply, general.diagnose.min_effect_deg) == (True, False, 2.0)
 
 
+@pytest.mark.parametrize(("given", "drawn"), [("[]", ()), ("[pdf]", ("png", "pdf")), ("[png]", ("png",))])
+def test_figures_are_drawn_in_the_formats_that_are_listed(cruise: Path, given: str, drawn: tuple[str, ...]) -> None:
+    """Of an empty list none; otherwise PNG too, which the report shows."""
+    write(cruise, "config/config.yaml", f"figures: {{formats: {given}}}\n")
+    assert config.load_cruise(cruise).options.figures.formats == drawn
+
+
 def test_keys_of_the_other_formats_are_read(cruise: Path) -> None:
     instruments = """\
 instruments:

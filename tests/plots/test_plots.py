@@ -23,6 +23,7 @@ from PIL import Image
 from benchmarks.papers import SYNTHETIC_B_DEG, draw_angles, draw_synthetic_curves
 from compasslib import angles, compass
 from compasslib.archive import files as archive_files
+from compasslib.archive import gridded
 from compasslib.archive import summary as archive_currents
 from compasslib.deviation import assessment
 from compasslib.deviation.correction import correct, correct_roots
@@ -36,7 +37,7 @@ from compasslib.plots import moorings as moorings_together
 from compasslib.plots import page as plots_page
 from compasslib.plots.deviation import BACKWARDS, GIVEN_UP, INVERTED, deviation_curve
 from compasslib.plots.moorings import NAMED, draw_array
-from compasslib.plots.page import BLACK, DPI, WIDTH_IN
+from compasslib.plots.page import BLACK, DPI, WIDE_IN, WIDTH_IN
 from compasslib.records import BAD, CorrectedRecord, EarthField, Pairs, Record, take
 from compasslib.report.sections import diagnosis_caption
 from compasslib.report.words import SPACE
@@ -178,7 +179,8 @@ def sentences(figure: Figure) -> list[str]:
 def boxes(figure: Figure):
     """Return the bounding boxes of the legends and of each panel with its labels, pixels."""
     artists = [*figure.legends, *figure.axes]
-    return [artist.get_tightbbox(figure.canvas.get_renderer()) for artist in artists]
+    with matplotlib.rc_context(plots_page.STYLE):  # the number of ticks depends on the size of letters
+        return [artist.get_tightbbox(figure.canvas.get_renderer()) for artist in artists]
 
 
 @pytest.mark.parametrize(("kind", "figure"), [(k, each) for k, own in CHECKED.items() for each in own])
@@ -242,7 +244,7 @@ def test_diagnosis_figure_shows_each_effect_and_held_out_days(tmp_path):
     assert [text.get_text() for text in held_out.get_yticklabels()] == ["unlisted, by depth", "unlisted, by tilt"]
     assert held_out.get_xlabel() == "Size (° rms)"
     said = diagnosis_caption(content)
-    assert "z = (x − middle)/range" in said and "on held-out days" in said
+    assert "z = (x − middle)/range" in said and "on held out days" in said
 
 
 def test_diagnosis_figure_shows_the_held_out_slope(tmp_path):
@@ -258,10 +260,10 @@ def test_diagnosis_figure_shows_the_held_out_slope(tmp_path):
     check_page(tmp_path / "d.png", page)
     turn, heading, sized, _ = page.axes
     assert sized.get_title("left") == "(c) temperature" and "date of the change" in words(page)
-    assert "outside are 25 of 36 bins without, 0 with correction" in diagnosis_caption(content).replace(SPACE, " ")
+    assert "of 95 %: 25 of 36 without, 0 with correction" in diagnosis_caption(content).replace(SPACE, " ")
     title = turn.get_title("left").replace("\n", " ")
     slope_title = "(a) held-out days: slope 0.50 (−0.25 to 1.25), better predicted than 17 of 19 simulations without it"
-    assert title == slope_title and heading.get_title("left") == "(b)"
+    assert title == slope_title and heading.get_title("left") == "(b) residual"
     (wedge,) = turn.collections[0].get_paths()
     assert {(-2.0, 0.5), (-2.0, -2.5), (4.0, -1.0), (4.0, 5.0)} <= {tuple(point) for point in wedge.vertices.round(9)}
     assert "1 where form and size are right" in (said := diagnosis_caption(content)) and "along heading" not in said
@@ -297,7 +299,7 @@ def test_diagnosis_panels_keep_their_size_with_long_names(tmp_path, name, panels
 
 def test_labels_without_room_are_an_error(tmp_path):
     with (
-        pytest.raises(UserWarning, match="constrained_layout not applied"),
+        pytest.raises(ValueError, match="the labels leave no room for a panel"),
         plots_page.page(tmp_path / "a.png", 1.0) as figure,
     ):
         figure.subplots().set_yticks([0.0], [3 * LONG])
@@ -427,6 +429,23 @@ def test_synthetic_curves_and_angles_match_the_published_figures(tmp_path):
     assert all(name in sketch for name in ("α", "β", "γ", "δ", "magnetic north", "current"))
 
 
+def test_section_masks_the_reference_in_recorded_and_draws_its_profiles_as_columns(tmp_path):
+    """Of 40 hours the reference at 300 m has every eighth; it is not corrected, and reaches half-way to the next."""
+    flow = np.full((40, 2), 0.1 + 0.2j)
+    flow[np.arange(40) % 8 != 7, 1] = complex(np.nan, np.nan)
+    nothing = gridded.MeanProfile(flow[0], *np.zeros((3, 2)))
+    section = gridded.SectionMeans(
+        START_S + 3600.0 * np.arange(41.0), np.array([100.0, 300.0]), flow, flow, np.full(40, 2.0), (nothing, nothing),
+        (np.zeros(2), np.zeros(2)), np.array([0.0, 1.0]),
+    )  # fmt: skip
+    page = saved(lambda: timeseries.draw_section(tmp_path / "s.png", section))
+    assert imread(tmp_path / "s.png").shape[1] == round(WIDE_IN * DPI)
+    cells = {axes.get_title("left")[4:]: axes.collections[0].get_array() for axes in page.axes[:6]}
+    for name in ("U, recorded", "V, corrected minus recorded"):
+        assert np.ma.getmaskarray(np.ma.masked_invalid(cells[name]))[1].all() and np.isfinite(cells[name][0]).all()
+    assert np.isfinite(cells["V, corrected"][1]).sum() == 37  # nothing is drawn long before the first profile
+
+
 def test_pdf_is_reproducible_with_large_scatters_rasterized(moorings, tmp_path, monkeypatch):
     monkeypatch.setattr(plots_page, "MAX_VECTORS", 500)
     for name in ("a", "b"):
@@ -473,7 +492,7 @@ def test_failed_save_keeps_the_previous_figure(moorings, monkeypatch, tmp_path):
         ("no fit and no pairs", "scatter", "no pairs"),
         ("no fit and no pairs", "histograms", "no data"),
         ("no fit and no pairs", "timeline", "none"),
-        ("no fit and no pairs", "sticks", "Recorded"),
+        ("no fit and no pairs", "sticks", "recorded"),
         ("too few pairs", "scatter", "no pairs"),
         ("nothing recorded", "roses", "no data"),
         ("nothing recorded", "timeline", "unknown"),

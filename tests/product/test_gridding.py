@@ -14,7 +14,7 @@ from compasslib.archive import gridded, netcdf, sites, summary
 from compasslib.archive.attributes import Site
 from compasslib.errors import InputError
 from compasslib.plots import moorings, timeseries
-from compasslib.plots.page import DPI, WIDTH_IN
+from compasslib.plots.page import DPI, WIDE_IN, WIDTH_IN
 from compasslib.product.cells import Differences, Velocities, average_slots
 from compasslib.product.daily import GODIN_H, DailyMeans
 from compasslib.product.errors import (
@@ -415,11 +415,11 @@ def test_section_figures_are_drawn_with_and_without_velocities(written, tmp_path
     nothing = np.full(shown.after.shape, complex(np.nan, np.nan))
     none = tuple(replace(p, mean=nothing[0]) for p in shown.profiles)
     for name, content in (("some", shown), ("none", replace(shown, before=nothing, after=nothing, profiles=none))):
-        for draw in (timeseries.draw_section, timeseries.draw_profile):
+        for draw, width_in in ((timeseries.draw_section, WIDE_IN), (timeseries.draw_profile, WIDTH_IN)):
             draw(tmp_path / f"{name}.png", content)
             with Image.open(tmp_path / f"{name}.png") as image:
                 colours = image.convert("RGB").getcolors(1 << 20)
-                assert image.width == round(WIDTH_IN * DPI) and (len(colours) > 350) == (name == "some"), draw
+                assert image.width == round(width_in * DPI) and (len(colours) > 350) == (name == "some"), draw
     series = summary.read_depth_series(written[0] / "gridded.nc")
     assert series.depth_m["recorded"] == series.depth_m["corrected"] and series.step_s == HOUR_S
     long = np.exp(2j * np.pi * np.arange(40 * 24) / 12.42)

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from compasslib import report
-from compasslib.archive import calibrations, files
+from compasslib.archive import calibrations
 from compasslib.archive.files import write_json
 from compasslib.calibrations import calibrate, result, tilt, two_heads
 from compasslib.effects import SIDES
@@ -28,7 +28,7 @@ from compasslib.inference.finding import CovariateRange, HeldOut, Parameter, Une
 from compasslib.inference.finding import Finding as Found
 from compasslib.plots import instruments
 from compasslib.plots.figures import MOORING
-from compasslib.report import sections, words
+from compasslib.report import explore, sections, words
 from compasslib.report.results import (
     Overview,
     ReportedFinding,
@@ -36,6 +36,7 @@ from compasslib.report.results import (
     ReportSection,
     ReportTable,
     collect_figures,
+    error_removed,
     read_mooring,
     stopped_section,
     table,
@@ -96,8 +97,8 @@ def hostile(name: str = "M") -> ReportSection:
         verdict="consistent",
         findings=(replace(filled(ReportedFinding, HOSTILE), parameters=parameters),),
         tables=(parameters,),
-        first=(figure,),
-        finding_figures=(figure,),
+        use="with care",
+        picture=(("recorded", HOSTILE),),
         figures=(figure, replace(figure, data="data:image/png;base64,", width=3, height=5)),
     )
 
@@ -126,7 +127,7 @@ def test_attributes_names_and_warnings_of_a_cruise_are_escaped(done, document):
     text = (done / "results/report.html").read_text()
     assert not document.all("script") and "<b>1" not in text and "Søn <i>" not in text
     assert HOSTILE in document.all("h1")[0].text
-    assert any("<b>1</b>" in one.text for one in document.all("dd"))
+    assert any("<b>1</b>" in one.text for one in document.all("td"))
 
 
 def test_page_loads_nothing_external(done, document):
@@ -168,20 +169,22 @@ def test_headings_are_nested_landmarks_unique_and_tables_have_captions(document)
 
 
 def test_every_figure_has_an_alternative_text_and_a_caption(done, document):
-    """All but the certificates are embedded, with distinct alternative texts; at most two captions agree."""
+    """All but the certificates are embedded, with distinct alternative texts; a caption begins with its title."""
     pictures, captions = document.all("img"), [one.text for one in document.all("figcaption")]
     drawn = [path for path in (done / "results").rglob("figures/*.png") if path.stem != "certificate"]
-    assert len(drawn) == 2 * 11 + 4 + 2 * 3 and len(pictures) == len(drawn) - sum(
+    assert len(drawn) == 2 * 11 + 4 + 2 * 2 and len(pictures) == len(drawn) - sum(
         row.of_pairs for row in MOORING
     )  # ALONE has no pairs
     assert len({one.attributes["alt"] for one in pictures}) == len(pictures)
-    assert all(len(caption) > 50 for caption in captions) and len(set(captions)) >= len(captions) - 1
+    assert all(
+        caption.strip().startswith(one.text) for caption, one in zip(captions, document.all("strong"), strict=True)
+    )
 
 
 def test_page_begins_with_one_sentence_per_result(done, document):
     """One sentence per mooring and calibration with its numbers; a mooring begins with advice and its currents."""
-    answers = [one.text for one in document.all("li") if one.inside[-1] == "ul" and "section" in one.inside][:4]
-    assert [text.split()[0] for text in answers] == [ALONE, "M1", "bench", "few"]
+    overview = [one.text for one in document.all("th") if one.attributes["scope"] == "row"][:4]
+    assert overview == [ALONE, "M1", "bench", "few"]
     diagnosis, assessment = (
         json.loads((done / f"results/M1/{x}.json").read_text()) for x in ("diagnosis", "assessment")
     )
@@ -191,11 +194,10 @@ def test_page_begins_with_one_sentence_per_result(done, document):
         sigma = float(np.nanmedian(nc["HEADING_CORRECTED_UNCERTAINTY"][:].filled(np.nan)))
     answer = assessment["use"]["answer"]
     assert answer == ("yes" if sigma <= 5.0 else "with care")
-    assert f"{answer.capitalize()}, with an uncertainty of {sigma:.1f}° (1σ, median)" in answers[1]
-    assert "No. No heading is corrected: no overlapping pairs" in answers[0]
-    assert document.all("h2")[0].text == "In short"
-    after = [one.text for one in document.all("h4", "h3")]
-    assert after[after.index(f"M1 {diagnosis['verdict']}") + 1 :][0] == "Can it be used?"
+    said = [one.text for one in document.all("p") if one.attributes.get("class") == "answer"]
+    assert "No. No heading is corrected: no overlapping pairs" in said[0]
+    assert f"{answer.capitalize()}, with an uncertainty of {sigma:.1f}° (1σ, median)" in said[1]
+    assert [one.text for one in document.all("h2")][:3] == ["Can it be used?", "The cruise", "Moorings"]
 
 
 def test_absent_deviation_is_stated_without_a_deviation_value(done):
@@ -212,7 +214,7 @@ def test_only_the_held_out_agreement_is_reported(done, document):
     text = (done / "results/report.html").read_text().split('id="mooring-M1"')[1].split('id="calibrations"')[0]
     low, high = assessed["after"]["interval_95"]["rms_deg"]
     after = f"{words.degrees(assessed['after']['rms_deg'])} ({words.number(low)} to {words.number(high)})"
-    assert f"{after} rms after" in text and text.count(after) == 2  # in the sentence and in its table
+    assert f"{after} after" in text and text.count(after) == 1
     others = {float(x.replace(words.MINUS, "-")) for x in re.findall(r"([\d.]+)[^\d<]{0,12}°[^<]{0,3} rms", text)}
     assert not {round(fit["residual_rms_deg"], 1)} & (others - {round(assessed["after"]["rms_deg"], 2)})
 
@@ -220,15 +222,15 @@ def test_only_the_held_out_agreement_is_reported(done, document):
 def test_numbers_agree_with_the_results(done, document):
     rows = {row["name"]: row for row in csv.DictReader((done / "results/summary.csv").read_text().splitlines())}
     shown = [one.text for one in document.all("td", "th")]
-    at = shown.index("M1")
-    assert (
-        shown[at + 1 : at + 3] == [rows["M1"]["use"], rows["M1"]["verdict"]]
-        and shown[at + 8] == f"{float(rows['M1']['rms_before_deg']):.1f}°"
-    )
-    assert shown[at + 9] == f"{float(rows['M1']['rms_after_deg']):.1f}°" and "\N{NO-BREAK SPACE}%" in shown[at + 6]
-    alone = shown[shown.index(ALONE) :]
-    assert alone[1:3] == ["no", "insufficient"] and alone[6] == f"0.0{words.SPACE}%"
-    assert alone[7] == alone[8] == words.UNKNOWN
+    at = shown.index("M1") + 2  # after the picture
+    results = read_mooring("M1", done / "results", rows["M1"])
+    removed = words.with_sigma(*results.headings["removed_deg"], "°")
+    assert [text.strip() for text in shown[at : at + 4]] == [
+        *(rows["M1"]["use"], f"{results.headings['sigma_deg'][0]:.1f}°", removed, rows["M1"]["verdict"]),
+    ]
+    assert shown[at + 5 : at + 7] == [f"{float(rows['M1'][f'rms_{when}_deg']):.1f}°" for when in ("before", "after")]
+    alone = [text.strip() for text in shown[shown.index(ALONE) + 2 :]]
+    assert alone[:4] == ["no", words.UNKNOWN, words.UNKNOWN, "insufficient"] and alone[5] == words.UNKNOWN
     text = " ".join(one.text for one in document.all("p", "li"))
     assert rows[ALONE]["warnings"].split(" | ")[0][1:40] in text
 
@@ -249,7 +251,7 @@ def test_report_of_a_cruise_of_calibrations_only(done, tmp_path):
     only = report.gather(done / "results", attributes={}, moorings={}, calibrations=["bench", "few"])
     report.write(tmp_path / "r.html", only)
     made = page.read(tmp_path / "r.html")
-    assert [one.text for one in made.all("h2")] == ["In short", "Calibrations", "How to read this page"]
+    assert [one.text for one in made.all("h2")] == ["Overview", "Calibrations", "Methods and terms"]
     assert only.counts() == f"2{words.SPACE}calibrations."
 
 
@@ -273,8 +275,7 @@ def test_finding_is_reported_with_alternatives_and_held_out_proof():
         *("Heeling", "It heels."),
         "the reading is not compensated for tilt (tilt uncompensated)",
     )
-    assert facts["Acts on"] == "compass" and facts["Size"] == "3.1° rms"
-    assert facts["When"] == "4 Sep 2007 to 4 Oct 2008" and facts["Where"] == "Along pitch from 4 to 11 degrees."
+    assert facts["Acts on"] == "compass" and facts["When"] == "4 Sep 2007 to 4 Oct 2008"
     assert facts["Residual on held-out days"] == "11.90° before, 11.30° after rms (p ≤ 0.001)"
     assert facts["Corrected in the product"] == "yes"
     assert [cell.replace(words.SPACE, " ") for cell in told.parameters.rows[0]] == ["field down", "2100 ± 140 nT"]
@@ -403,31 +404,32 @@ def test_two_heads_with_a_diagnosis_have_their_section(tmp_path):
     assert section.verdict == "explained" and section.findings[0].title == "Heeling"
     assert set(made.details["cannot_tell"]) < set(section.limits)
     assert made.details["frame"]["text"].rstrip(".") in " ".join(section.summary)
-    assert section.first[0].title == "Difference of the two compasses"
-    assert all("offset is" in figure.caption for figure in section.first[::2])
+    assert section.figures[0].title == "Difference of the two compasses"
+    assert all("offset is" in figure.caption for figure in section.figures[::2])
     assert section.cells[-2] == "explained" and "Corrected in the product" not in dict(section.findings[0].facts)
 
 
-def test_large_fleet_has_thumbnails_of_its_currents(done, tmp_path, monkeypatch):
-    """Thumbnails link to the full figures, other figures are only linked; each mooring adds less than 60 kB."""
+def test_large_fleet_has_links_to_its_figures(done, tmp_path, monkeypatch):
+    """No figure is embedded, each is linked; each mooring adds less than 20 kB."""
     monkeypatch.setattr(report, "MAX_SECTIONS", 3)
     sites = {"M1": {"latitude": 60.0, "longitude": 5.0, "water_depth_m": 500.0, "start": "2007-09-04T00:00:00Z"}}
-    sites["M1"] |= {"end": "2007-10-04T00:00:00Z", "instruments": {}, "roles": ["top", "deep"]}
+    sites["M1"] |= {"end": "2007-10-04T00:00:00Z", "instruments": {"affected": "top", "reference": "deep"}}
     one = report.gather(done / "results", attributes={}, moorings=sites, calibrations=["few"] * 3)
     (section,) = one.moorings.sections
-    assert one.small and [figure.width for figure in section.first] == [files.SMALL_PIXELS] * 3
-    assert all(not figure.data and figure.href for figure in (*section.finding_figures, *section.figures))
+    assert one.small and len(section.figures) == 10
+    assert all(not figure.data and (done / "results" / figure.href).exists() for figure in section.figures)
     few, many = (written(tmp_path / f"{n}.html", [replace(section, anchor=f"m{k}") for k in range(n)]) for n in (1, 21))
-    assert any("the currents are small pictures" in " ".join(one.text.split()) for one in few.all("p"))
-    assert len(many.all("h3")) == 21
-    assert (tmp_path / "21.html").stat().st_size - (tmp_path / "1.html").stat().st_size < 20 * 60_000
+    assert any("all figures are links" in one.text for one in few.all("li"))
+    assert len(many.all("details")) == 21
+    assert (tmp_path / "21.html").stat().st_size - (tmp_path / "1.html").stat().st_size < 20 * 20_000
 
 
 def test_stopped_mooring_is_listed_among_the_results(tmp_path):
     made = written(
         tmp_path / "r.html", [stopped_section("mooring", "M", "raw/top.000: expected a PD0 file", ("", "Verdict"))]
     )
-    assert "M stopped No. There are no results" in " ".join(made.all("li")[0].text.split())
+    assert "M: No. There are no results" in " ".join(made.all("li")[0].text.split())
+    assert {"stopped", "no"} <= {one.text for one in made.all("span")}
 
 
 def test_damaged_figure_is_reported_in_one_line(done, tmp_path):
@@ -566,9 +568,10 @@ def test_keyboard_reaches_the_results_with_visible_focus(done, chromium):
     assert chromium.ask("document.activeElement.innerText") == ALONE
     chromium.press("Enter")
     assert chromium.ask("location.hash") == f"#mooring-{ALONE}"
+    assert chromium.ask("document.querySelector('details').open")  # its link opens a fold
     chromium.ask("document.querySelector('summary').focus()")
     chromium.press("Enter")
-    assert chromium.ask("document.activeElement.parentElement.open")
+    assert not chromium.ask("document.activeElement.parentElement.open")
 
 
 @needs_browser
@@ -592,3 +595,121 @@ def test_print_layout_opens_details_and_hides_controls(done, chromium):
     )
     chromium.send("Emulation.setEmulatedMedia", media="")
     assert chromium.paper().startswith(b"%PDF")
+
+
+# The series to look at.
+
+DRAWN = "new Promise(ok => { const wait = () => document.body.dataset.drawn ? ok() : setTimeout(wait, 20); wait(); })"
+SPANS = "charts.map(c => c.scales.x.max - c.scales.x.min)"
+
+
+@pytest.fixture
+def series(done, chromium):
+    """Open the page of the series at a width, and wait until it has drawn M1."""
+
+    def opened(width: int) -> browser.Page:
+        chromium.open(done / "results/explore.html", width)
+        chromium.ask(f"{DRAWN}.then(() => choose('M1'))")
+        return chromium
+
+    return opened
+
+
+@needs_browser
+@pytest.mark.parametrize("width", (390, 1400))
+def test_series_are_drawn_without_a_network_or_an_error(done, series, width):
+    page_ = series(width)
+    asked = [event["request"]["url"] for event in page_.happened("Network.requestWillBeSent")]
+    assert [url for url in asked if not url.startswith("data:")] == [(done / "results/explore.html").as_uri()]
+    assert not page_.happened("Runtime.exceptionThrown") and not page_.happened("Log.entryAdded")
+    assert not page_.happened("Runtime.consoleAPICalled")
+    assert page_.ask("document.documentElement.scrollWidth") == width
+    titles = page_.ask("[...document.querySelectorAll('figcaption')].map(e => e.textContent.split(' ')[0])")
+    assert titles[:3] == ["Heading", "Direction", "Speed"] and "Eastward" in titles and titles[-1] == "Flag"
+    painted = "c => { const d = c.ctx.getImageData(0, 0, c.ctx.canvas.width, c.ctx.canvas.height).data;"
+    assert page_.ask(f"charts.every({painted} return d.some((v, k) => k % 4 === 3 && v > 0); }})")
+    page_.ask(f"choose('{ALONE}')")  # without a reference and without a corrected heading
+    assert page_.ask("charts.length") >= 5 and not page_.happened("Runtime.exceptionThrown")
+
+
+@needs_browser
+def test_series_are_zoomed_together_by_button_mouse_and_key(series):
+    page_ = series(1400)
+    (whole, *others) = page_.ask(SPANS)
+    assert others and all(span == whole for span in others)
+    page_.ask("document.getElementById('in').click()")
+    assert page_.ask(SPANS) == pytest.approx([whole / 2.0] * (1 + len(others)))
+    page_.drag("charts[1].over", 0.25, 0.75)
+    assert page_.ask(SPANS) == pytest.approx([whole / 4.0] * (1 + len(others)), rel=0.02)
+    page_.ask("document.getElementById('plots').focus()")
+    page_.press("Home")
+    assert page_.ask(SPANS) == pytest.approx([whole] * (1 + len(others)))
+
+
+@needs_browser
+def test_series_are_toggled_and_have_the_values_of_the_archive(done, series):
+    page_ = series(1400)
+    page_.ask("document.getElementById('plots').focus()")
+    page_.press("ArrowRight")
+    told = page_.ask("document.getElementById('values').textContent")
+    index = page_.ask(
+        "current.times.indexOf(Date.parse(document.getElementById('values').textContent.slice(0, 16) + 'Z') / 1000)"
+    )
+    with netCDF4.Dataset(done / "results/M1/corrected.nc") as nc:
+        for name, variable in (("heading recorded", "HEADING"), ("heading corrected", "HEADING_CORRECTED")):
+            value = float(re.search(rf"{name} ([\d.]+)", told)[1])
+            assert value == pytest.approx(float(nc[variable][index]), abs=0.1)
+        flags = page_.ask("current.values.flag")
+        np.testing.assert_array_equal([f for f in flags if f is not None], nc["HEADING_CORRECTED_QC"][:])
+    assert page_.ask("charts[0].series.slice(1).map(s => s.show)") == [True] * page_.ask("charts[0].series.length - 1")
+    page_.ask("document.getElementById('recorded').click()")
+    assert page_.ask("charts[0].series.slice(1).map(s => s.show)")[:2] == [False, True]
+
+
+def test_vendored_library_has_the_stated_hashes():
+    folder = Path(report.__file__).parent / "vendor"
+    stated = dict(line.split()[::-1] for line in (folder / "README.md").read_text().splitlines() if line[:4] == "    ")
+    assert len(stated) == 3
+    for name, known in stated.items():
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == known, name
+
+
+def test_spans_are_the_dated_effects_and_the_doubts(tmp_path):
+    dated, whole = (
+        {"effect": name, "when": when}
+        for name, when in (("hard_iron_step", {"from": "2014-09-24T00:00:00Z", "to": None}), ("heeling", None))
+    )
+    write_json(tmp_path / "diagnosis.json", {"findings": [dated, whole]})
+    doubt = {"from": None, "to": "2014-08-02T00:00:00Z", "sigma_deg": 9.0, "why": "it stands still"}
+    write_json(tmp_path / "deviation.json", {"applied": {"doubts": [doubt]}})
+    first, second = explore.describe_spans(tmp_path)
+    assert (first["text"], first["from"], first["to"]) == ("hard iron step", 1411516800.0, None)
+    assert (second["kind"], second["from"], second["to"]) == ("doubt", None, 1406937600.0)
+
+
+# Terms.
+
+
+def test_terms_are_linked_once_a_section_with_the_definition_of_the_documentation(document):
+    known = words.definitions()
+    assert {"ambiguous", "twins", "held out", words.CONCEALED} <= set(known)
+    links = words.Links()
+    text = str(links("A <b> held out pair, another held-outer, and a pair."))
+    assert text.count('href="#term-held-out"') == 1 and "&lt;b&gt;" in text and "another held-outer" in text
+    assert text.count('href="#term-overlap-pair"') == 1 and f'title="{known["held out"]}"' in text
+    listed = {
+        one.attributes["id"].removeprefix("term-"): one.text for one in document.all("dt") if "id" in one.attributes
+    }
+    used = {
+        one.attributes["href"].removeprefix("#term-")
+        for one in document.all("a")
+        if one.attributes.get("class") == "term"
+    }
+    assert used == set(listed) and used
+
+
+def test_error_removed_has_the_uncertainty_of_a_common_error():
+    """A deviation known only up to one factor has the relative uncertainty of that factor."""
+    deviation = np.array([10.0, -20.0, 5.0, np.nan])
+    rms, sigma = error_removed(deviation, 0.1 * np.abs(deviation))
+    assert rms == pytest.approx(np.sqrt(175.0)) and sigma == pytest.approx(0.1 * rms)

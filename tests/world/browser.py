@@ -14,7 +14,7 @@ from typing import Any
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 OPTIONS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars")
-KEYS = {"Tab": 9, "Enter": 13, "Space": 32}
+KEYS = {"Tab": 9, "Enter": 13, "Space": 32, "Home": 36, "ArrowRight": 39}
 
 
 def program() -> str | None:
@@ -84,6 +84,19 @@ class Page:
             extra = {"text": text} if text and kind == "keyDown" else {}
             code = KEYS[key]
             self.send("Input.dispatchKeyEvent", type=kind, key=name, code=key, windowsVirtualKeyCode=code, **extra)
+
+    def drag(self, element: str, begin: float, end: float) -> None:
+        """Drag the mouse across an element, a JavaScript expression, from one share of its width to another."""
+        box = self.ask(f"(r => [r.x, r.y, r.width, r.height])({element}.getBoundingClientRect())")
+        y = box[1] + box[3] / 2.0
+        for kind, share in (
+            ("mouseMoved", begin),
+            ("mousePressed", begin),
+            ("mouseMoved", end),
+            ("mouseReleased", end),
+        ):
+            extra = {} if kind == "mouseMoved" and share == begin else {"button": "left", "buttons": 1, "clickCount": 1}
+            self.send("Input.dispatchMouseEvent", type=kind, x=box[0] + share * box[2], y=y, **extra)
 
     def picture(self, path: Path, *, whole: bool = True) -> None:
         """Write a PNG of the whole page or of the window."""

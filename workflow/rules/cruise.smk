@@ -63,12 +63,12 @@ rule cruise_figures:
 
 
 rule report:
-    """Write all results to one page that needs no network."""
+    """Write all results to one page, and all series to another to look at; neither needs a network."""
     input:
         results,
         usable="results/usable.json",
     output:
-        page=report("results/report.html", caption="../report/page.rst", category="Cruise"),
+        pages=report(["results/report.html", "results/explore.html"], caption="../report/page.rst", category="Cruise"),
         job="results/logs/report.json",
     log:
         "results/logs/report.log",

@@ -234,7 +234,7 @@ rule join_site:
 
 
 rule figures:
-    """Draw the equivalents of von Appen's Figs 6 to 9 and time series, with thumbnails for the report."""
+    """Draw the equivalents of von Appen's Figs 6 to 9 and time series, and encode them for the report."""
     input:
         diagnosis="results/{mooring}/diagnosis.json",
         deviation="results/{mooring}/deviation.json",
