@@ -249,3 +249,23 @@ def parse_applied_declination(stated: float | Mapping[str, float] | None) -> App
     if isinstance(stated, Mapping):
         return AppliedDeclination(float(stated["heading"]), float(stated["velocity"]))
     return AppliedDeclination(float(stated), float(stated))
+
+
+def resolve_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Add ``field`` and ``declination_deg`` to the keys of a YAML file, as all kinds require them.
+
+    The field is a mapping of horizontal_nT, vertical_nT and declination_deg if latitude, longitude and date are given,
+    else None. The declination is the number given, else that of the field, else None.
+
+    Raises:
+        InputError: the date lies outside the model of the earth's field.
+    """
+    given = settings.get("declination", "auto")
+    by_model = given in (None, "auto")
+    latitude, longitude, date_s = (settings.get(key) for key in ("latitude", "longitude", "date_s"))
+    if latitude is None or longitude is None or date_s is None:
+        return {**settings, "field": None, "declination_deg": None if by_model else given}
+    at = date_s if by_model else covered_by_igrf(date_s)
+    declination, horizontal, vertical = (float(x[0]) for x in igrf(latitude, longitude, at))
+    field = {"horizontal_nT": horizontal, "vertical_nT": vertical, "declination_deg": declination}
+    return {**settings, "field": field, "declination_deg": declination if by_model else given}

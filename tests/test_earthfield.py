@@ -6,7 +6,7 @@ import numpy as np
 import ppigrf
 import pytest
 
-from compasslib import calibrations, earthfield
+from compasslib import earthfield
 from compasslib.errors import InputError
 
 DECEMBER_2007, EG4 = 1196467200.0, (65.3, -33.0)
@@ -84,6 +84,6 @@ def test_the_advice_for_dates_after_the_model_works():
     assert any("IGRF ends with 2029" in said for said in field.warnings)
     assert not any("IGRF ends" in said for said in earthfield.field_along(*EG4, 1.6e9, 1.7e9, -20.0).warnings)
     place = {"latitude": EG4[0], "longitude": EG4[1], "date_s": end_s}
-    assert calibrations.resolve_settings({**place, "declination": -18.0})["field"]["horizontal_nT"] > 1e4
+    assert earthfield.resolve_settings({**place, "declination": -18.0})["field"]["horizontal_nT"] > 1e4
     with pytest.raises(InputError, match="found 2031-06-01"):
-        calibrations.resolve_settings({**place, "declination": "auto"})
+        earthfield.resolve_settings({**place, "declination": "auto"})

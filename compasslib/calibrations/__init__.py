@@ -65,28 +65,6 @@ def figure_names(kind: str) -> list[str]:
     return [*(FIGURES if KINDS[kind].by_heading else ()), *KINDS[kind].figures]
 
 
-def resolve_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Add ``field`` and ``declination_deg`` to the keys of a YAML file, as all kinds require them.
-
-    The field is a mapping of horizontal_nT, vertical_nT and declination_deg if latitude, longitude and date are given,
-    else None. The declination is the number given, else that of the field, else None.
-
-    Raises:
-        InputError: the date lies outside the model of the earth's field.
-    """
-    given = settings.get("declination", "auto")
-    by_model = given in (None, "auto")
-    latitude, longitude, date_s = (settings.get(key) for key in ("latitude", "longitude", "date_s"))
-    if latitude is None or longitude is None or date_s is None:
-        return {**settings, "field": None, "declination_deg": None if by_model else given}
-    from compasslib import earthfield  # imported late: only needed with a place
-
-    at = date_s if by_model else earthfield.covered_by_igrf(date_s)
-    declination, horizontal, vertical = (float(x[0]) for x in earthfield.igrf(latitude, longitude, at))
-    field = {"horizontal_nT": horizontal, "vertical_nT": vertical, "declination_deg": declination}
-    return {**settings, "field": field, "declination_deg": declination if by_model else given}
-
-
 @single_threaded()
 def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
     """Calibrate a compass from raw files in the order of the YAML file, with its keys as settings.
@@ -94,10 +72,12 @@ def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any
     Raises:
         InputError: a file cannot be read.
     """
+    from compasslib import earthfield  # imported late: the Snakefile needs ``KINDS`` only
+
     offered, module = KINDS[kind].formats, import_module(f"compasslib.calibrations.{KINDS[kind].module}")
     form = settings.get("format") or offered[0]
     series = set(settings.get("observatory") or ())  # these have another format
     tables = [file for file in files if str(file) not in series]
     with detect.format_hints(form, tables, offered=offered, advice="correct file or kind in the calibration's file"):
-        made: Calibration = module.calibrate(files, resolve_settings(settings))
+        made: Calibration = module.calibrate(files, earthfield.resolve_settings(settings))
     return made

@@ -179,7 +179,7 @@ def _inspect_calibration(name: str, cruise: Cruise) -> Inspection:
     rules = Calibrations(cruise)
     settings, raw = rules.calibrate(name), rules.raw_files(name)
     try:
-        made = calibrations.calibrate(settings["kind"], raw, calibrations.resolve_settings(settings["settings"]))
+        made = calibrations.calibrate(settings["kind"], raw, earthfield.resolve_settings(settings["settings"]))
     except InputError as error:
         return Inspection((), (f"{CALIBRATIONS}/{name}.yaml: {error}",), usable=False)
     unusable = [f"{CALIBRATIONS}/{name}.yaml: no coefficients: {made.why}"] if made.why else []

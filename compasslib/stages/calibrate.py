@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from compasslib import calibrations as calibrations
+from compasslib import calibrations, earthfield
 from compasslib.archive import calibrations as archive
 from compasslib.archive import provenance
 from compasslib.archive.files import read_json, write_json
@@ -33,7 +33,7 @@ def calibrate(
     Raises:
         InputError: a raw file cannot be read.
     """
-    settled = calibrations.resolve_settings(settings)
+    settled = earthfield.resolve_settings(settings)
     made = calibrations.calibrate(kind, raw, settled)
     page = result.to_json(name, made, settled) | provenance.stamp(raw)
     archive.write(page=page, made=made, calibration=calibration, table=table, points=points)

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.calibrations import resolve_settings
 from compasslib.calibrations.magnetometer import log as magnetometer_log
 from compasslib.calibrations.magnetometer.log import Log
+from compasslib.earthfield import resolve_settings
 from compasslib.inference import kinds
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from compasslib import calibrations
+from compasslib import calibrations, earthfield
 from compasslib.archive.calibrations import StoredCalibration
 from compasslib.archive.files import embed_png, write_json
 from compasslib.calibrations import result
@@ -59,7 +59,7 @@ def describe(recording: Recording) -> dict[str, Any]:
 
 def stored(recording: Recording) -> StoredCalibration:
     """Calibrate a recording, in the form in which figures read it."""
-    settings = calibrations.resolve_settings({"kind": recording.kind, **recording.settings})
+    settings = earthfield.resolve_settings({"kind": recording.kind, **recording.settings})
     made = calibrations.calibrate(recording.kind, [recording.file], settings)
     table = made.table or DeviationTable(*np.zeros((3, 0)))
     return StoredCalibration(result.to_json(recording.name, made, settings), table, made.points)

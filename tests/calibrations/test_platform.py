@@ -9,7 +9,7 @@ from tempfile import mkdtemp
 import numpy as np
 import pytest
 
-from compasslib import angles, calibrations, compass
+from compasslib import angles, calibrations, compass, earthfield
 from compasslib.archive import calibrations as calibration_files
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import MODELS, at_mooring, budget, platform, result
@@ -253,11 +253,11 @@ def test_details_cannot_override_common_keys(tmp_path):
 def test_field_and_declination_follow_from_place_and_date():
     """H and Z of the physics page, section 3, at 65.3 N 33 W on 1 December 2007."""
     place = {"latitude": 65.3, "longitude": -33.0, "date_s": 1196467200.0}
-    settled = calibrations.resolve_settings(place | {"declination": "auto"})
+    settled = earthfield.resolve_settings(place | {"declination": "auto"})
     assert settled["field"]["horizontal_nT"] == pytest.approx(11980.0, abs=15.0)
     assert settled["declination_deg"] == pytest.approx(-23.50, abs=0.05)
-    assert calibrations.resolve_settings(place | {"declination": 3.0})["declination_deg"] == 3.0
-    nowhere = calibrations.resolve_settings({"declination": "auto", "latitude": 65.3, "longitude": -33.0})
+    assert earthfield.resolve_settings(place | {"declination": 3.0})["declination_deg"] == 3.0
+    nowhere = earthfield.resolve_settings({"declination": "auto", "latitude": 65.3, "longitude": -33.0})
     assert nowhere["field"] is None and nowhere["declination_deg"] is None
 
 

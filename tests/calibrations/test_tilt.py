@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from compasslib import calibrations
+from compasslib import calibrations, earthfield
 from compasslib.archive.calibrations import StoredCalibration
 from compasslib.calibrations import budget, result, tilt
 from compasslib.calibrations.result import DeviationTable
@@ -48,7 +48,7 @@ def test_both_axes_are_recovered_for_any_sign_of_the_reference(tmp_path, sign):
         assert fit["form"] == "cubic" and np.all(np.abs(np.subtract(found, (a, b, 0.0, 0.0))) < 3.5 * sigma)
         assert abs(fit["max_error_deg"]) == pytest.approx(abs(a) + 20.0 * abs(b), abs=0.25)
         assert fit["expanded_deg"] == pytest.approx(np.hypot(0.384, 2.0 * 0.1), abs=0.08)
-    page = result.to_json("tilts", made, calibrations.resolve_settings(BREST))
+    page = result.to_json("tilts", made, earthfield.resolve_settings(BREST))
     assert set(page["uncertainty"]["rows"]) == {"slope_deg", "ruggedness_deg", "protractor_deg", budget.FIT_RESIDUAL}
     assert made.details["heading_error"]["expanded_deg"] > 1.5 * page["uncertainty"]["expanded_deg"]
     assert any("sign" in text for text in made.warnings) != np.array_equal(sign, 1.0)

@@ -16,7 +16,7 @@ import pytest
 import yaml
 
 import compasslib
-from compasslib import angles, calibrations
+from compasslib import angles, calibrations, earthfield
 from compasslib.archive import calibrations as calibration_files
 from compasslib.archive import summary
 from compasslib.archive.files import write_json
@@ -481,7 +481,7 @@ def calibrated(tmp_path_factory) -> Path:
 def _calibrate(folder: Path, run: str, name: str, seen: BenchReadings) -> None:
     there = folder / run / "calibrations" / name
     there.mkdir(parents=True)
-    settings = calibrations.resolve_settings({"uncertainty": {}, "budget": None, "table_step_deg": 10.0})
+    settings = earthfield.resolve_settings({"uncertainty": {}, "budget": None, "table_step_deg": 10.0})
     made = calibrations.calibrate("platform", [write_table(folder / "raw.csv", seen)], settings)
     files = {"calibration": there / "calibration.json", "table": there / "table.csv", "points": there / "points.csv"}
     calibration_files.write(page=result.to_json(name, made, settings), made=made, **files)

@@ -32,12 +32,12 @@ def diagnose(
     Raises:
         InputError: a file that cannot be read.
     """
-    from compasslib import calibrations
+    from compasslib import earthfield
     from compasslib.inference import diagnosis
 
     if options is None or kind in NO_HEADINGS:
         return diagnosis.insufficient(DISABLED if options is None else NO_HEADINGS[kind])
-    resolved = calibrations.resolve_settings(settings)
+    resolved = earthfield.resolve_settings(settings)
     made: Diagnosis = import_module(f"{__name__}.{kind}").diagnose(files, resolved, options)
     return made
 
