@@ -24,6 +24,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from compasslib.calibrations.settings import resolve_settings
 from compasslib.readers import detect
 from compasslib.statistics import single_threaded
 
@@ -64,28 +65,6 @@ MODELS = {  # descriptions of the deviation curves
 def figure_names(kind: str) -> list[str]:
     """List the names of the figures of a kind of calibration."""
     return [*(FIGURES if KINDS[kind].by_heading else ()), *KINDS[kind].figures]
-
-
-def resolve_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Add ``field`` and ``declination_deg`` to the keys of a YAML file, as all kinds require them.
-
-    The field is a mapping of horizontal_nT, vertical_nT and declination_deg if latitude, longitude and date are given,
-    else None. The declination is the number given, else that of the field, else None.
-
-    Raises:
-        InputError: the date lies outside the model of the earth's field.
-    """
-    given = settings.get("declination", "auto")
-    by_model = given in (None, "auto")
-    latitude, longitude, date_s = (settings.get(key) for key in ("latitude", "longitude", "date_s"))
-    if latitude is None or longitude is None or date_s is None:
-        return {**settings, "field": None, "declination_deg": None if by_model else given}
-    from compasslib import earthfield  # imported late: only needed with a place
-
-    at = date_s if by_model else earthfield.covered_by_igrf(date_s)
-    declination, horizontal, vertical = (float(x[0]) for x in earthfield.igrf(latitude, longitude, at))
-    field = {"horizontal_nT": horizontal, "vertical_nT": vertical, "declination_deg": declination}
-    return {**settings, "field": field, "declination_deg": declination if by_model else given}
 
 
 @single_threaded()
