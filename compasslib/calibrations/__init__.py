@@ -24,7 +24,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from compasslib.calibrations.settings import resolve_settings
 from compasslib.readers import detect
 from compasslib.statistics import single_threaded
 

@@ -13,7 +13,6 @@ from compasslib import angles
 from compasslib.calibrations import budget
 from compasslib.calibrations.bench import changes_by_object, describe_object
 from compasslib.calibrations.budget import COVERAGE_FACTOR, Source
-from compasslib.calibrations.settings import resolve_settings
 from compasslib.deviation.model import weak_field_warnings
 from compasslib.earthfield import resolve_settings
 from compasslib.types import Floats

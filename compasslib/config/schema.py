@@ -1,7 +1,6 @@
 """Schema of a cruise's YAML files: every key with its default, unit and bounds, as immutable models.
 
 An error message shows the description of a field after the word "expected", and its example as advice.
-Rules on several keys are validators after the fields. ``cruise.validate`` reports a violation in one line.
 """
 
 from __future__ import annotations
