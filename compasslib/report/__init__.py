@@ -5,8 +5,7 @@ templates ``*.html``, which escape all texts.
 
 Numbers are formatted with their uncertainty:
 
->>> from compasslib.plots.figures import CRUISE, MOORING, SECTIONS
-from compasslib.report import words
+>>> from compasslib.report import words
 >>> words.with_sigma(-12.3456, 0.21, "°").replace(words.SPACE, " ")
 '−12.35 ± 0.21°'
 >>> words.degrees(float("nan"))  # what is not known is a dash

@@ -279,7 +279,8 @@ class Links:
         return ""
 
     def definition(self, term: str) -> str:
-        """Give the definition of a term, which needs no link where it stands."""
+        """Give the definition of a term, which needs no link where it stands, and list the term."""
+        self.used.add(term)
         return definitions().get(term, "")
 
     def listed(self) -> list[tuple[str, str, str]]:
