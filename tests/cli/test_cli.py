@@ -261,8 +261,9 @@ def test_explain_prints_findings_and_warnings(copied, capsys):
         "M1: ambiguous",
         "Finding: Heeling",
         "Alternatives: the tilt sensors are stuck, and the compass is compensated with their last values",
-        "Size: 3.1° rms",
+        "Acts on: compass",
         "few pairs in spring",
+        "  ambiguous: Verdict: a further error is established",
     ):
         assert said in told, said
     assert "field down: 2100\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}140\N{NO-BREAK SPACE}nT" in told
