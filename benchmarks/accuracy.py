@@ -33,7 +33,11 @@ from compasslib.deviation.series import fit_series_about_mean, invert_series
 from compasslib.preparation.references import combine_references
 
 METHODS = ("exact", "von_appen")
-HEAD_OF_CURRENTS = ("mooring", "cells", "rms of U and V, gridded", "a corrected mean per bin", "U, V within 95 %")
+HEADINGS = (
+    *("mooring", "method", "share corrected", "rms before", "rms after", "median after", "stated 1σ", "within 95 %"),
+    *("share sure", "rms where sure"),
+)
+CURRENTS = ("mooring", "cells", "rms of U and V, gridded", "a corrected mean per bin", "U, V within 95 %")
 
 
 def run(source: Path, folder: Path, method: str) -> None:
@@ -69,7 +73,7 @@ def truth(source: Path, name: str, time_s: np.ndarray, recorded: np.ndarray) -> 
 
 
 def row(source: Path, folder: Path, name: str, method: str) -> list[str]:
-    """Compute the cells of ``numbers_of_pages.HEADINGS``; the published method by eye has no stated uncertainty."""
+    """Compute the cells of ``HEADINGS``; the published method by eye has no stated uncertainty."""
     with netCDF4.Dataset(folder / "results" / name / "corrected.nc") as nc:
         names = ("TIME", "HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY", "BRANCH_PROBABILITY")
         days, recorded, corrected, sigma, probability = (np.ma.filled(nc[v][:].astype(float), np.nan) for v in names)
@@ -94,9 +98,12 @@ def row(source: Path, folder: Path, name: str, method: str) -> list[str]:
 def product(source: Path) -> None:
     """Print the tables of existing results."""
     names = [path.stem for path in sorted((source / "config/moorings").glob("*.yaml"))]
-    ways = ("product", numbers.BY_EYE)
-    print(numbers.table([row(source, source, name, way) for name in names for way in ways]))
-    print(f"\n{numbers.table([currents(source, name) for name in names], HEAD_OF_CURRENTS)}")
+    print_table([row(source, source, name, "product") for name in names], HEADINGS)
+    print_table([currents(source, name) for name in names], CURRENTS)
+
+
+def print_table(rows: list[list[str]], head: tuple[str, ...]) -> None:
+    print(numbers.table([dict(zip(head, cells, strict=True)) for cells in rows], dropped=()))
 
 
 def currents(source: Path, name: str) -> list[str]:
@@ -139,7 +146,7 @@ def methods(source: Path) -> None:
         for path in sorted((source / "config/moorings").glob("*.yaml")):
             rows += [row(source, Path(scratch) / str(k), path.stem, method) for k, method in enumerate(METHODS)]
             rows.append(row(source, Path(scratch) / str(len(METHODS) - 1), path.stem, numbers.BY_EYE))
-    print(numbers.table(rows))
+    print_table(rows, HEADINGS)
 
 
 def main() -> None:

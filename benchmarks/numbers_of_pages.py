@@ -13,7 +13,7 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
@@ -70,9 +70,9 @@ def keep(name: str, command: Sequence[str]) -> int:
     return ran.returncode
 
 
-def table(rows: Rows) -> str:
-    """Write rows as a table in Markdown, without the columns that no page shows."""
-    shown = [{title: cell for title, cell in row.items() if title not in DROPPED} for row in rows]
+def table(rows: Rows, dropped: Collection[str] = DROPPED) -> str:
+    """Write rows as a table in Markdown, by default without the columns that no page shows."""
+    shown = [{title: cell for title, cell in row.items() if title not in dropped} for row in rows]
     lines = [f"| {' | '.join(cells)} |" for cells in (shown[0], *(row.values() for row in shown))]
     return "\n".join([lines[0], "|---" * len(shown[0]) + "|", *lines[1:]]) + "\n"
 

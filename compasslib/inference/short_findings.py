@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -123,14 +123,23 @@ def held_out_base(fitted: FittedHypothesis, part: slice) -> HeldOut:
     return held_out_gain(without, fitted, fitted.terms)
 
 
-def held_out_gain(less: FittedHypothesis, fitted: FittedHypothesis, terms: Sequence[Effect]) -> HeldOut:
-    """Score a fit on held-out stretches against one with other terms or fewer parameters."""
+def held_out_gain(
+    less: FittedHypothesis,
+    fitted: FittedHypothesis,
+    terms: Sequence[Effect],
+    error: Callable[[FittedHypothesis], Floats] = lambda fitted: fitted.residual_deg,
+) -> HeldOut:
+    """Score a fit on held-out stretches against one with other terms or fewer parameters.
+
+    Args:
+        error: of each reading by a fit, (n,) degrees; by default its residual.
+    """
     block, left = short_fit.memory_blocks(fitted), []
     folds = block.max() + 1 if fitted.comparison.independent else min(finding.FOLDS, block.max() + 1)
     for near, free in ((less, terms), (fitted, fitted.terms)):
         residual = np.empty(len(block))
         for out in (block % folds == fold for fold in range(folds)):
-            residual[out] = short_fit.fit_hypothesis(near.comparison, free, near=near, use=~out).residual_deg[out]
+            residual[out] = error(short_fit.fit_hypothesis(near.comparison, free, near=near, use=~out))[out]
         left.append(residual)
     return finding.compare_residuals(left[0], left[1], max(robust_width(left[0]), short_fit.FINEST_DEG), block)
 

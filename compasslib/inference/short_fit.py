@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from compasslib import angles
+from compasslib import angles, compass
+from compasslib.deviation.model import nearest_root
 from compasslib.deviation.series import series_design
 from compasslib.effects.composed import ComposedEffect
 from compasslib.effects.effect import Effect, Scene, parameter_slices
-from compasslib.effects.forward import ForwardModel, invert_readout, recorded_heading, water_veer
+from compasslib.effects.forward import ForwardModel, invert_heading, invert_readout, recorded_heading, water_veer
 from compasslib.inference import finding
 from compasslib.inference.comparison import Comparison
 from compasslib.statistics.least_squares import MISFIT_TOLERANCE, gauss_newton, robust_width
@@ -102,6 +103,16 @@ class CompassResidual:
         simulation = ForwardModel(base, float(np.mean(self.scene.horizontal_nT)), terms)
         correct = self.correct_deg - water_veer(simulation, self.scene)
         return angles.difference(recorded_heading(simulation, self.scene, correct), self.recorded_deg)
+
+    def heading_error(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
+        """Return correct minus simulated correct heading, (n,) degrees; of readings beyond a fold, that of the fold."""
+        simulation = ForwardModel(base, float(np.mean(self.scene.horizontal_nT)), terms)
+        correct = self.correct_deg - water_veer(simulation, self.scene)
+        root = nearest_root(invert_heading(simulation, self.scene, self.recorded_deg), correct)
+        turn = np.arange(0.0, 360.0, 0.5)
+        off = angles.difference(compass.recorded_heading(base, turn), self.recorded_deg[:, None])
+        fold = turn[np.argmin(np.abs(off), axis=1)]
+        return angles.difference(correct, np.where(np.isfinite(root), root, fold))
 
 
 @dataclass(frozen=True)

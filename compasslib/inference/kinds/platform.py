@@ -16,6 +16,7 @@ from compasslib import angles, compass
 from compasslib.calibrations import curves, platform
 from compasslib.calibrations.curves import EXACT, SMITH, FittedCurve, Points
 from compasslib.deviation.series import series_design
+from compasslib.effects.composed import ComposedEffect
 from compasslib.effects.effect import Effect
 from compasslib.effects.forward import COMPASS_STEPS
 from compasslib.effects.iron import HardIronStep, HardIronTrend
@@ -173,5 +174,13 @@ def too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options: 
     evidence = short_search.weigh(series, option, series.evident[:, None])
     if not short_search.detect(ShortPlace(series, option, evidence, exact), options.surrogates).significant:
         return []
-    proof = short_findings.held_out_gain(series, exact, exact.terms)
+    proof = short_findings.held_out_gain(series, exact, exact.terms, _heading_error)
     return [] if proof.refuted else [comparison.large_deviation(series.comparison, angles.rms(apart), proof)]
+
+
+def _heading_error(fitted: FittedHypothesis) -> Floats:
+    """Compute the error of the corrected headings: the residual of the exact compass is that of the recorded ones."""
+    of_compass, listed = fitted.comparison.residual, tuple(x for x in fitted.terms if not isinstance(x, ComposedEffect))
+    if isinstance(of_compass, short_fit.CompassResidual) and len(listed) == len(fitted.terms):
+        return of_compass.heading_error(fitted.base, listed)
+    return fitted.residual_deg
