@@ -9,10 +9,10 @@ let charts = [], current = null, view = null;
 
 // Panels in order: title, series, unit; angles are points, as a line would cross the cut at north.
 const panelsOf = (m) => [
-  {title: "Heading (° magnetic)", keys: ["heading_recorded", "heading_corrected", "heading_reference"], angle: true},
+  {title: "Heading (° magnetic)", keys: ["heading_recorded", "heading_reference", "heading_corrected"], angle: true},
   {title: `Direction of the current${m.depth === null ? "" : ` at ${m.depth} m`} (° true)`, angle: true,
-   keys: ["direction_recorded", "direction_corrected", "direction_reference"]},
-  {title: `Speed${m.depth === null ? "" : ` at ${m.depth} m`} (cm/s)`, keys: ["speed_corrected", "speed_reference"], zero: true},
+   keys: ["direction_recorded", "direction_reference", "direction_corrected"]},
+  {title: `Speed${m.depth === null ? "" : ` at ${m.depth} m`} (cm/s)`, keys: ["speed_reference", "speed_corrected"], zero: true},
   {title: "Eastward velocity U by depth (m)", section: "u"},
   {title: "Northward velocity V by depth (m)", section: "v"},
   {title: "Tilt (°)", keys: ["tilt"], zero: true},
@@ -84,7 +84,7 @@ function drawSection(u, m, image) {
   context.restore();
 }
 
-// Identified effects and doubtful spans, named: shaded, or in a section outlined.
+// Identified effects and doubtful spans: named in the first panel; shaded, or in a section outlined, unless they last throughout.
 function mark(u, what) {
   if (!shown("spans")) return;
   const {left, top, width, height} = u.bbox, context = u.ctx, ratio = devicePixelRatio;
@@ -95,10 +95,12 @@ function mark(u, what) {
     const x0 = span.from === null ? left : clamp(u.valToPos(span.from, "x", true));
     const x1 = span.to === null ? left + width : clamp(u.valToPos(span.to, "x", true));
     if (x1 <= x0) return;
+    const times = current.times, whole = !(span.from > times[0]) && (span.to === null || span.to >= times[times.length - 1]);
     context.fillStyle = colour(span.kind) + "30";
     context.strokeStyle = colour(span.kind);
-    if (what === "shade") return context.fillRect(x0, top, x1 - x0, height);
-    if (what === "outline") context.strokeRect(x0, top, x1 - x0, height);
+    if (what === "shade") return whole || context.fillRect(x0, top, x1 - x0, height);
+    if (what === "outline" && !whole) context.strokeRect(x0, top, x1 - x0, height);
+    if (charts.length && charts[0] !== u) return;
     context.fillStyle = colour("ink");
     context.fillText(span.text, x0 + 4 * ratio, top + (13 + 14 * (k % 3)) * ratio);
   });
