@@ -77,7 +77,7 @@ KNOWN_SERIES = (
 # Other entries of results/, in lower case as some file systems ignore case.
 RESERVED = (
     *("calibrations", "compasses", "sites", "proof", "logs", "benchmarks", "figures"),
-    *("summary.csv", "report.html", "usable.json", "ro-crate-metadata.json"),
+    *("summary.csv", "report.html", "explore.html", "usable.json", "ro-crate-metadata.json"),
 )
 FOLDERS = ("work", "figures", "logs", "benchmarks")  # subfolders of results/NAME
 COVARIATE_ADVICE = "add for example columns: {time: time_utc, value: current_mA}"
