@@ -207,7 +207,7 @@ def flag_velocities(record: Record, where: Bools, count: str, sentence: str = ""
     hit = failed & (record.quality <= PROBABLY_GOOD)
     number = int(np.sum(hit))
     share = 100.0 * number / max(hit.size, 1)
-    notes = (f"{number} velocities flagged: {sentence} ({share:.2g} %)",) if sentence and number else ()
+    notes = (f"{number} velocities flagged: {sentence} ({float(f'{share:.2g}'):g} %)",) if sentence and number else ()
     quality = np.where(hit, BAD, record.quality).astype(np.int8)
     counts = {**record.counts, count: number}
     return replace(record, quality=quality, counts=counts, warnings=record.warnings + notes, tests=tests)

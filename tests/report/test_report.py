@@ -416,7 +416,7 @@ def test_large_fleet_has_links_to_its_figures(done, tmp_path, monkeypatch):
     sites["M1"] |= {"end": "2007-10-04T00:00:00Z", "instruments": {"affected": "top", "reference": "deep"}}
     one = report.gather(done / "results", attributes={}, moorings=sites, calibrations=["few"] * 3)
     (section,) = one.moorings.sections
-    assert one.small and len(section.figures) == 10
+    assert one.small and len(section.figures) == 11
     assert all(not figure.data and (done / "results" / figure.href).exists() for figure in section.figures)
     few, many = (written(tmp_path / f"{n}.html", [replace(section, anchor=f"m{k}") for k in range(n)]) for n in (1, 21))
     assert any("all figures are links" in one.text for one in few.all("li"))

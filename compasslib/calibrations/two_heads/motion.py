@@ -255,8 +255,20 @@ def _offset(value: Floats, covariance: Floats) -> tuple[float, float]:
     return float(value[0]), float(np.sqrt(covariance[0, 0] + RESOLUTION_S**2))
 
 
-def _lattice_peak(a: Motion, b: Motion, max_offset_s: float) -> tuple[float, dict[str, float]]:
-    """Find the lag at which the rates of tilts and headings correlate best, and both correlations there."""
+def _lattice_peak(
+    a: Motion,
+    b: Motion,
+    max_offset_s: float,
+    *,
+    min_gain_sigmas: float = 5.0,
+) -> tuple[float, dict[str, float]]:
+    """Find the lag at which the rates of tilts and headings correlate best, and both correlations there.
+
+    If the tilts alone correlate clearly better at another lag, that lag is used, because a compass may be delayed.
+
+    Args:
+        min_gain_sigmas: gain in Fisher's z required of the tilts at a lag of their own, in standard errors.
+    """
     lattice = min(step(a.time_s), step(b.time_s))
     begin = min(a.time_s[0], b.time_s[0])
     end = max(a.time_s[-1], b.time_s[-1])
@@ -269,6 +281,10 @@ def _lattice_peak(a: Motion, b: Motion, max_offset_s: float) -> tuple[float, dic
     lags = lattice * np.where(place > len(grid) // 2, place - len(grid), place)
     reachable = np.abs(lags) <= max(max_offset_s, lattice / 2.0)
     best = int(np.argmax(np.where(reachable, squares, -1.0)))
+    by_tilts = int(np.argmax(np.where(reachable, peaks[0], -1.0)))
+    clearer = np.arctanh(min(peaks[0][by_tilts], 0.999)) - np.arctanh(min(peaks[0][best], 0.999))
+    if abs(lags[by_tilts] - lags[best]) > 1.5 * lattice and clearer > min_gain_sigmas * np.sqrt(20.0 / len(b.time_s)):
+        best = by_tilts
     return float(lags[best]), {"tilts": float(peaks[0][best]), "headings": float(peaks[1][best])}
 
 
