@@ -62,7 +62,7 @@ def test_rules_scripts_and_captions_come_from_git(there):
     """In the form of Snakemake's catalogue; what is made is not made again on the way to the default target."""
     ran = use(there, "results/summary.csv")
     assert ran.returncode == 0 and (there / "cruise/results/M1/corrected.nc").is_file(), ran.stderr
-    left = {"compare", "grid", "figures", "sections", "cruise_figures", "report", "provenance"}
+    left = {"grid", "figures", "sections", "cruise_figures", "report", "provenance"}
     assert {rule for rule, _ in jobs_in(use(there, "--dry-run").stdout)} == left
     made = use(there, "--report", "page.html", "results/summary.csv")
     assert made.returncode == 0 and "One row per mooring." in (there / "cruise/page.html").read_text(), made.stderr

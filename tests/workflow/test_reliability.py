@@ -240,7 +240,7 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
         "reference instrument has no usable velocity",
     ),
     "all velocities missing": (profiles(2, 2, struct.pack("<h", -32768) * 16), "has no usable velocity"),
-    "30 m/s": (profiles(2, 2, struct.pack("<h", 30000) * 16), "velocities flagged: faster than 5 m/s"),
+    "30 m/s": (profiles(2, 2, struct.pack("<h", 30000) * 16), "velocities flagged: error velocities above 2 m/s"),
     "all under the noise": (
         table(lambda i, row: [*row[:2], f"0.{i % 9}1", f"-0.{i % 5}2"]),
         "their directions are noise",
