@@ -122,9 +122,8 @@ def _sized(ground: Ground, effect: Callable[[float], Effect], wanted: float) -> 
     plain = sealed.read(ground, [], ground.stamp_s)
     upper = adcp.near_bins(sealed.TOP, plain, ground.currents)
     lower = adcp.near_bins(sealed.DEEP, sealed.deep_stance(ground, []), ground.currents)
-    noise = np.imag((lower - upper) * np.conj(upper) / np.abs(upper)) + ground.random("z").normal(
-        0.0, 0.017, len(upper)
-    )
+    noise = np.imag((lower - upper) * np.conj(upper) / np.abs(upper))
+    noise += ground.random("z").normal(0.0, 0.017, len(upper))
     size, z = 1.0, 1.0
     for _ in range(4):  # iron is not quite proportional to its size
         size *= wanted / z

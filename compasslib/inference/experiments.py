@@ -193,11 +193,8 @@ def _update(
         probability: of each hypothesis beforehand, (h,).
         draws: of outcomes, for a standard error of 2.5 % of a probability.
     """
-    known, score, slow = (
-        recording.rows.T @ recording.rows,
-        recording.score,
-        recording.ends[-1] + len(recording.variance),
-    )
+    known, score = recording.rows.T @ recording.rows, recording.score
+    slow = recording.ends[-1] + len(recording.variance)
     present = np.flatnonzero(recording.variance > 0.0)
     free = np.arange(slow, len(known))
     prior = np.concatenate([1.0 / recording.variance[present], (np.diag(known)[free] + 1.0) / ANYTHING])

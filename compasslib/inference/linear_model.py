@@ -33,10 +33,8 @@ from compasslib.types import DAY_S, Floats
 AMPLITUDES_DEG = np.array([0.5, 1.0, 2.0, 4.0, 8.0])  # rms of an effect, equally probable
 BLOCK_S = 3 * DAY_S  # longer than the autocorrelation that the filter leaves
 FAINT = 1e-3  # variance over that of white noise below which a column of slow noise is left out
-FEWEST_NOISES, LEAST_PROBABILITY = (
-    8,
-    1e-3,
-)  # kinds of slow noise for surrogates and covariances: fewest, least probability
+# Kinds of slow noise for surrogates and covariances: fewest, and least probability relative to the likeliest.
+FEWEST_NOISES, LEAST_PROBABILITY = 8, 1e-3
 
 Entered = Sequence[tuple[int, float]]  # index and amplitude, degrees, of options that are part of the noise
 

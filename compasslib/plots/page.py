@@ -36,11 +36,8 @@ from compasslib.types import DAY_S, Floats
 
 Limits = tuple[float, float]
 
-WIDTH_IN, WIDE_IN, DPI = (
-    3.5,
-    7.0,
-    300,
-)  # of a column and of a page, and dots per inch, as journals of the AGU and AMS ask for
+# Widths of a column and of a page, and dots per inch, as journals of the AGU and AMS ask for.
+WIDTH_IN, WIDE_IN, DPI = 3.5, 7.0, 300
 GAP_IN = 0.06  # between labels of neighbouring panels, and at the edge of the page
 CM = 100.0  # in a metre
 GAP = 3.0  # multiple of the median step above which there are no data between two points

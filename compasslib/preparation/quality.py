@@ -206,8 +206,8 @@ def flag_velocities(record: Record, where: Bools, count: str, sentence: str = ""
     tests = np.where(failed, before | MASKS[count], before).astype(np.int32)
     hit = failed & (record.quality <= PROBABLY_GOOD)
     number = int(np.sum(hit))
-    share = float(f"{100.0 * number / max(hit.size, 1):.2g}")
-    notes = (f"{number} velocities flagged: {sentence} ({float(f'{share:.2g}'):g} %)",) if sentence and number else ()
+    share = float(f"{100.0 * number / max(hit.size, 1):.2g}")  # without exponent
+    notes = (f"{number} velocities flagged: {sentence} ({share:g} %)",) if sentence and number else ()
     quality = np.where(hit, BAD, record.quality).astype(np.int8)
     counts = {**record.counts, count: number}
     return replace(record, quality=quality, counts=counts, warnings=record.warnings + notes, tests=tests)
