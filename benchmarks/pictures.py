@@ -1,24 +1,20 @@
 """Redraw the pictures of README and docs.
 
-    python benchmarks/pictures.py                  all of them, about ten minutes
-    python benchmarks/pictures.py sea papers    those of these makers
-    python benchmarks/pictures.py --from CRUISE demonstration    from a cruise that has been run already
-
-docs/pictures.json contains the SHA-256 of each picture and of the code that draws it; tests/docs/test_docs.py
-compares both.
+python benchmarks/pictures.py                  all of them, about ten minutes
+python benchmarks/pictures.py sea papers    those of these makers
+python benchmarks/pictures.py --from CRUISE demonstration    from a cruise that has been run already
 """
 
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -27,17 +23,14 @@ from PIL import Image
 PROJECT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(PROJECT))
 
-from benchmarks.proof.standing import statements  # noqa: E402
-
-DOCS, RECORD = PROJECT / "docs", PROJECT / "docs/pictures.json"
+DOCS = PROJECT / "docs"
 
 
 @dataclass(frozen=True)
 class Maker:
-    """Some of the pictures, and what they depend on."""
+    """Some of the pictures, and how they are drawn."""
 
     title: str
-    code: Sequence[str]  # patterns of the files that draw them, relative to the project
     copied: Mapping[str, str] = field(default_factory=dict)  # pictures, relative to docs, of results of a cruise
     drawn: Sequence[str] = ()  # pictures drawn by ``draw`` from the folder of a cruise that was run, or an empty one
     draw: Callable[[Path], None] | None = None
@@ -108,64 +101,31 @@ def papers(folder: Path) -> None:
 
 COMMAND = ".venv/bin/python benchmarks/pictures.py "
 BY_HAND = {"tutorial": f"{COMMAND}--from CRUISE tutorial    # the cruise of the tutorial"}
-PAGE, TIMESERIES, DEVIATION = (f"compasslib/plots/{name}.py" for name in ("page", "timeseries", "deviation"))
 MAKERS = {
     "demonstration": Maker(
-        "EG4 of the demonstration cruise before and after, and the top of the report",
-        (PAGE, TIMESERIES, DEVIATION, "compasslib/demo/demonstration.py"),
+        "EG4 of the demonstration cruise before and after",
         {f"eg4_{name}.png": f"EG4/figures/{name}.png" for name in ("deviation", "scatter", "section")},
         ("currents.png",), beside, cruise=".",
     ),
     "report": Maker(
-        "The top of the demonstration's report, as Chromium shows it",
-        ("compasslib/report/templates/*",), drawn=("report.png",), draw=report, cruise=".",
+        "The top of the demonstration's report, as Chromium shows it", drawn=("report.png",), draw=report, cruise="."
     ),
     "tutorial": Maker(
-        "The mooring of the tutorial", (PAGE, TIMESERIES, DEVIATION),
+        "The mooring of the tutorial",
         {f"tutorial/{name}.png": f"EG4/figures/{name}.png" for name in ("sticks", "deviation", "scatter")},
     ),
     "redeployed": Maker(
         "One compass by all its records",
-        (PAGE, DEVIATION, "tests/world/redeployed.py", "examples/redeployed/config/**/*.yaml"),
         {"redeployed.png": "compasses/wh8104/figures/coefficients.png"}, cruise="examples/redeployed",
     ),
     "concealed": Maker(
         "The diagnosis of C1 and its heading errors",
-        (PAGE, "compasslib/plots/diagnosis.py", TIMESERIES, "compasslib/demo/concealed.py"),
         drawn=("diagnosis.png", "concealed_errors.png"), draw=concealed, cruise=".",
     ),
-    "papers": Maker(
-        "Figures 4 and 5 of von Appen 2015", (PAGE, "benchmarks/papers.py"),
-        drawn=("angles.png", "synthetic.png"), draw=papers,
-    ),
-    "power": Maker("Power of the search", (PAGE, "benchmarks/power.py"), drawn=("power.png",), draw=power),
-    "sea": Maker("Water between bins", (PAGE, "benchmarks/sea.py"), drawn=("sea.png",), draw=sea),
+    "papers": Maker("Figures 4 and 5 of von Appen 2015", drawn=("angles.png", "synthetic.png"), draw=papers),
+    "power": Maker("Power of the search", drawn=("power.png",), draw=power),
+    "sea": Maker("Water between bins", drawn=("sea.png",), draw=sea),
 }  # fmt: skip
-
-
-def code(patterns: Iterable[str]) -> str:
-    """Compute one SHA-256 of files, regardless of comments, docstrings and formatting of Python files.
-
-    Raises:
-        FileNotFoundError: if a pattern matches no file.
-    """
-    whole = hashlib.sha256()
-    for pattern in patterns:
-        files = sorted(PROJECT.glob(pattern))
-        if not files:
-            raise FileNotFoundError(f"benchmarks/pictures.py: no file {pattern} in the project")
-        for path in files:
-            whole.update(statements(path.read_text()).encode() if path.suffix == ".py" else path.read_bytes())
-    return whole.hexdigest()
-
-
-def record(maker: Maker) -> dict[str, dict[str, str]]:
-    """Compute the hashes of a maker's pictures and of the code that draws them."""
-    drawn = code(maker.code)
-    return {
-        name: {"picture": hashlib.sha256((DOCS / name).read_bytes()).hexdigest(), "code": drawn}
-        for name in maker.pictures
-    }
 
 
 def run(cruise: str, folder: Path) -> Path:
@@ -192,7 +152,7 @@ def gallery() -> str:
 
 
 def main() -> None:
-    """Draw pictures and record their hashes."""
+    """Draw pictures, and write the gallery."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("makers", nargs="*", help=f"of {', '.join(MAKERS)}; all where none is named")
     parser.add_argument("--from", dest="cruise", type=Path, help="a cruise that has been run already, of one maker")
@@ -211,8 +171,6 @@ def main() -> None:
             if asked.cruise or not maker.cruise:
                 ready[maker.cruise] = asked.cruise or own
             maker.make(ready.get(maker.cruise) or ready.setdefault(maker.cruise, run(maker.cruise, own)))
-            known = json.loads(RECORD.read_text()) if RECORD.exists() else {}
-            RECORD.write_text(json.dumps(known | record(maker), indent=1, sort_keys=True) + "\n")
             (DOCS / "gallery.md").write_text(gallery())
             print(f"{name}: {', '.join(maker.pictures)}")
 

@@ -18,9 +18,6 @@ def main(given: Sequence[str] | None = None) -> int:
     """Run one proof; return exit status 1 if a target is missed."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.proof", description=__doc__)
     parser.add_argument("--commit", nargs="?", const="HEAD", metavar="REV", help="print the seed of a commit, and exit")
-    parser.add_argument(
-        "--card", action="store_true", help="print which engine the published scorecards are of, and exit"
-    )
     parser.add_argument("--frozen", default="HEAD", metavar="REV", help="commit that gives the seed (HEAD)")
     parser.add_argument("--seed", type=int, help="another seed, chosen by hand; the scorecard says so")
     parser.add_argument("--count", type=int, default=16, help="moorings in simulated water (16)")
@@ -38,8 +35,8 @@ def main(given: Sequence[str] | None = None) -> int:
     parser.add_argument("--no-published", dest="published", action="store_false", help="without the published case")
     asked = parser.parse_args(given)
     try:
-        if asked.commit or asked.card:
-            print(standing.explained(asked.commit) if asked.commit else "\n".join(standing.cards()))
+        if asked.commit:
+            print(standing.explained(asked.commit))
             return 0
         return prove(asked)
     except standing.Broken as broken:

@@ -49,7 +49,7 @@ def _heading(made: dict[str, Any]) -> str:
     seal = made["seal"]
     title = f"# Sealed proof, seed {seal['seed']}: {seal['count']} moorings in simulated water, {seal['real']} in real"
     sealed = f"Truth sealed as {seal['sha256']}, before the pipeline ran. Seed: {seal['seed_of']}. "
-    sealed += f"Families of effects {seal['families']}. Engine {seal['engine']}. "
+    sealed += f"Families of effects {seal['families']}. Commit {seal['commit']}. "
     sealed += f"Simulated records last {seal['hours']} hours; real ones: {', '.join(seal['records']) or 'none'}."
     return f"{title}\n\n{sealed}"
 

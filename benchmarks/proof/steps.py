@@ -25,7 +25,7 @@ def said(asked: argparse.Namespace) -> dict[str, Any]:
         "seed": asked.seed if by_hand else standing.seed(asked.frozen),
         "seed_of": "chosen by hand" if by_hand else f"commit {standing.commit(asked.frozen)} and the sealed families",
         "count": asked.count, "real": real, "hours": asked.hours, "records": there, "published": asked.published,
-        "second": asked.second, "families": families, "engine": standing.engine(),
+        "second": asked.second, "families": families, "commit": standing.commit(),
         **({"kind": asked.kind} if asked.kind else {}),
     }  # fmt: skip
 

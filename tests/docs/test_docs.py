@@ -15,17 +15,13 @@ import sys
 import tempfile
 import tomllib
 import zipfile
-from functools import cache
 from pathlib import Path
 
-import numbers_of_pages
 import numpy as np
-import pictures
 import pytest
 import yaml
 
 import compasslib
-from benchmarks.proof import standing
 from compasslib import angles
 from compasslib.cli import _parser
 from compasslib.config.cruise import load_cruise
@@ -126,16 +122,6 @@ def test_conda_environment_matches_the_project_requirements():
     other = {"matplotlib-base": "matplotlib", "snakemake-minimal": "snakemake"}  # conda's names
     entries = {re.sub(r"^[\w-]+", lambda m: other.get(m[0], m[0]), line).lower() for line in (*listed, *pip["pip"])}
     assert entries - {"pip", ".", f"python{project['requires-python']}"} == {line.lower() for line in wanted}
-
-
-@pytest.mark.parametrize("name", pictures.MAKERS)
-def test_pictures_are_up_to_date_with_their_code(name):
-    """Compare the hashes that benchmarks/pictures.py recorded when it made them; nothing is drawn here."""
-    maker, known = pictures.MAKERS[name], json.loads(pictures.RECORD.read_text())
-    for picture, hashes in pictures.record(maker).items():
-        if picture != "report.png":  # drawn by a browser
-            again = pictures.BY_HAND.get(name, f"{pictures.COMMAND}{name}")
-            assert known[picture] == hashes, f"docs/{picture} is older than the code that draws it: {again}"
 
 
 @pytest.mark.parametrize("page", WITH_YAML, ids=lambda page: page.stem)
@@ -270,19 +256,6 @@ def test_wheel_declares_the_command_and_the_licence(installed):
     assert "compass = compasslib.cli:main" in (described / "entry_points.txt").read_text()
     assert "License-Expression: MIT" in (described / "METADATA").read_text()
     assert (described / "licenses/LICENSE").read_text() == (PROJECT / "LICENSE").read_text()
-
-
-@pytest.fixture(scope="module")
-def hashed_once():
-    """Hash the statements of the engine once for all pages, as each hash takes a second."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(standing, "engine", cache(standing.engine))
-        yield
-
-
-@pytest.mark.parametrize("page", numbers_of_pages.PAGES, ids=lambda page: page.name)
-def test_measured_numbers_on_pages_are_up_to_date(hashed_once, page):
-    assert page.read_text() == numbers_of_pages.filled(page), "run .venv/bin/python benchmarks/numbers_of_pages.py"
 
 
 GREY, GREEN = (153, 153, 153), (44, 160, 44)  # colours of recorded and corrected sticks
