@@ -1,7 +1,7 @@
 """Redraw the pictures of README and docs.
 
 python benchmarks/pictures.py                  all of them, about ten minutes
-python benchmarks/pictures.py sea papers    those of these makers
+python benchmarks/pictures.py power papers    those of these makers
 python benchmarks/pictures.py --from CRUISE demonstration    from a cruise that has been run already
 """
 
@@ -80,12 +80,6 @@ def concealed(cruise: Path) -> None:
     draw_errors(picture, c1.time_s, c1.fit_deg, c1.corrected_deg, c1.sigma_deg, dates, reach)
 
 
-def sea(folder: Path) -> None:
-    import sea as measured
-
-    measured.draw(measured.profiles(), DOCS / "sea.png")
-
-
 def power(folder: Path) -> None:
     import power as measured
 
@@ -124,7 +118,6 @@ MAKERS = {
     ),
     "papers": Maker("Figures 4 and 5 of von Appen 2015", drawn=("angles.png", "synthetic.png"), draw=papers),
     "power": Maker("Power of the search", drawn=("power.png",), draw=power),
-    "sea": Maker("Water between bins", drawn=("sea.png",), draw=sea),
 }  # fmt: skip
 
 

@@ -22,7 +22,7 @@ DEFINITIONS = (
     "every effect but a wrong clock was taken out, so that the scatter of the current remains. Brackets are 95 % "
     "intervals: Clopper and Pearson's of rates, else by resampling the moorings."
 )
-NOT_SHOWN = ("First name by planted effect", "Every mooring")  # on the page: a figure shows the one, the other is long
+NOT_SHOWN = ("Every mooring",)  # on the page: it is long
 Table = tuple[str, list[str], list[list[str]]]
 
 
@@ -63,7 +63,6 @@ def _tables(made: dict[str, Any]) -> list[Table]:
     power = [[f"{x['from_deg']:g} to {x['to_deg']:g}°", *(str(x[key]) for key in keys)] for x in made["power"]]
     goals = [[x["what"], x["value"], f"{x['target']}{', MISSED' if x['missed'] else ''}"] for x in made["goals"]]
     rates = [[x["what"], *(targets.text_of(*x[place]) for place in tally.PLACES)] for x in made["measures"]]
-    named = [[name, ", ".join(f"{x} {n}" for x, n in said.items())] for name, said in made["confusion"].items()]
     scores = ["probability of", "n", "base rate"]
     for rule in ("Brier score", "log score"):
         scores += [rule, "base rate's", "improvement"]
@@ -75,8 +74,6 @@ def _tables(made: dict[str, Any]) -> list[Table]:
         ("Reliability of stated probabilities", ["probability of", "stated", "observed"], _came(made["probabilities"])),
         ("Errors of the heading, rms", of_headings, _headings(made["headings"])),
         ("Single effects by visible size", sizes, power),
-        ("First name by planted effect", ["planted", "named first"], named),
-        ("The case of the paper, fitted by its method", ["measure", "value"], _paper(made["published"])),
         ("Every mooring", of_moorings, [_mooring(row) for row in made["moorings"]]),
     ]  # fmt: skip
 
@@ -115,27 +112,6 @@ def _headings(groups: dict[str, dict[str, Any]]) -> list[list[str]]:
         for name, one in groups.items()
         if one["count"]
     ]
-
-
-def _paper(paper: dict[str, Any] | None) -> list[list[str]]:
-    if paper is None:
-        return []
-    found, series = paper["found"], paper["series"]
-    lost, still = 1.0 - series["share_corrected"], 1.0 - found["share_corrected"]
-    recovered = "none was discarded" if lost <= 0.0 else _percent(max(0.0, 1.0 - still / lost))
-    return [
-        ["verdict", found["verdict"]],
-        ["effects", ", ".join(found["effects"]) or "none"],
-        ["share corrected by the published series alone (published: 87 %)", _percent(series["share_corrected"])],
-        ["share corrected with what was found applied", _percent(found["share_corrected"])],
-        ["of the headings that the series discards, recovered", recovered],
-        ["true error of the heading by the series alone, rms, median", _errors(series)],
-        ["the same with what was found applied", _errors(found)],
-    ]
-
-
-def _errors(one: dict[str, Any]) -> str:
-    return f"{_text(one['after_deg'])}°, {_text(one['median_deg'])}°"
 
 
 def _mooring(row: dict[str, Any]) -> list[str]:

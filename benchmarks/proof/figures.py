@@ -1,8 +1,7 @@
-"""Figures of the scorecard: names, detection by size, heading errors, and reliability of probabilities."""
+"""Figures of the scorecard: detection by size, and heading errors."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -18,32 +17,10 @@ TICKS_DEG = (0.2, 0.5, 1, 2, 5, 10, 20, 50)
 
 
 def write(folder: Path, made: dict[str, Any]) -> None:
-    """Draw naming.png, power.png, headings.png, and reliability.png."""
+    """Draw power.png and headings.png."""
     folder.mkdir(parents=True, exist_ok=True)
-    naming(folder / "naming.png", made["confusion"])
     power(folder / "power.png", made["power"])
     headings(folder / "headings.png", made["moorings"])
-    reliability(folder / "reliability.png", made["probabilities"])
-
-
-def naming(path: Path, confusion: dict[str, dict[str, int]]) -> None:
-    """Draw the first name against the planted effect, with composed effects by what they act on."""
-    planted = list(confusion)
-    counts = {a: Counter[str]() for a in planted}
-    for a in planted:
-        for b, count in confusion[a].items():
-            counts[a][b.split("/")[0]] += count
-    said = sorted({name for own in counts.values() for name in own})
-    table = np.array([[counts[a][b] for b in said] for a in planted])
-    share = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
-    with page(path, 1.8 + 0.24 * len(planted), width_in=WIDE_IN, title="First name by planted effect") as figure:
-        axes = figure.subplots()
-        axes.imshow(share, cmap="Blues", vmin=0.0, vmax=1.4, aspect="auto")
-        for i, j in zip(*np.nonzero(table), strict=True):
-            axes.text(j, i, str(table[i, j]), ha="center", va="center")
-        axes.set_xticks(range(len(said)), [_words(name) for name in said], rotation=90)
-        axes.set_yticks(range(len(planted)), [_words(name) for name in planted])
-        axes.set(xlabel="Named first", ylabel="Planted")
 
 
 def power(path: Path, bins: Sequence[dict[str, Any]]) -> None:
@@ -60,26 +37,6 @@ def power(path: Path, bins: Sequence[dict[str, Any]]) -> None:
             axes.set(xlabel=f"Visible size, {water} water, rms (°)", ylim=(-0.03, 1.03))
         panels[0].set_ylabel("Share")
         panels[0].legend(loc="upper left", ncols=2, bbox_to_anchor=(0.08, 1.15))
-
-
-def reliability(path: Path, stated: dict[str, Any]) -> None:
-    """Draw the observed frequency against the stated probability."""
-    title = "Reliability of stated probabilities\n"
-    title += "Bars are 95 % intervals (Clopper and Pearson), beside them n. On the line, stated and observed agree."
-    drawn = {what: one for what, one in stated.items() if not one.get("weighted")}
-    with page(path, 3.4, width_in=WIDE_IN, title=title) as figure:
-        panels = figure.subplots(1, 2, sharey=True)
-        for axes, (what, one) in zip(panels, drawn.items(), strict=True):
-            axes.plot([0.0, 1.0], [0.0, 1.0], color=GREY, linewidth=0.6)
-            some = one.get("bins", [])
-            at = np.array([each["stated"] for each in some])
-            _bars(axes, at, [(each["hits"], each["count"]) for each in some], BLUE, what)
-            for x, each in zip(at, some, strict=True):
-                up = each["hits"] / each["count"]
-                side = {"ha": "left", "x": 0.02} if x < 0.9 else {"ha": "right", "x": -0.02}
-                axes.text(x + float(side["x"]), up, f"{each['count']}", ha=str(side["ha"]), va="bottom", fontsize=6)
-            axes.set(xlabel=f"Stated probability: {what}", xlim=(-0.04, 1.04), ylim=(-0.04, 1.04))
-        panels[0].set_ylabel("Observed frequency")
 
 
 def _bars(axes: Any, at: np.ndarray, counts: Sequence[tuple[int, int]], colour: str, label: str) -> None:
@@ -107,11 +64,6 @@ def headings(path: Path, rows: Sequence[dict[str, Any]]) -> None:
                 axis.set_major_formatter("{x:g}")
                 axis.set_minor_locator(NullLocator())
         panels[0].set_ylabel("Product (°)")
-
-
-def _words(name: str) -> str:
-    kind = name.strip("()")
-    return f"({tally.QUIET[kind]})" if kind in tally.QUIET else name.replace("_", " ")
 
 
 def _range(one: dict[str, Any]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -69,25 +68,6 @@ def corrected_by(coefficients: dict[str, float], recorded_deg: Floats, near_deg:
         most = np.deg2rad(LONGEST_STEP_DEG)
         heading = heading + np.clip(miss / np.where(np.abs(slope) < 0.05, 0.05, slope), -most, most)
     return np.rad2deg(heading)
-
-
-def published(results: Path, locked: Path) -> dict[str, Any]:
-    """Summarize the published case: verdict, effects, share of headings corrected, and their errors."""
-    left, made = diagnosis(results), product(results)
-    with (locked / "published.csv").open() as stream:
-        rows = list(csv.DictReader(stream))
-    stamps = np.array([row["time_utc"].removesuffix("Z") for row in rows], dtype="datetime64[s]").astype(float)
-    heading = np.array([float(row["heading_true_magnetic_deg"]) for row in rows])
-    at = np.searchsorted(made["time_s"], stamps).clip(0, made["time_s"].size - 1)
-    off = turn(made["corrected"][at], heading)
-    effects = [one["effect"] for one in left["findings"]]
-    return {
-        "verdict": left["verdict"],
-        "effects": effects,
-        "share_corrected": float(np.isfinite(off).mean()),
-        "after_deg": rms(off),
-        "median_deg": float(np.nanmedian(np.abs(off))) if np.isfinite(off).any() else None,
-    }
 
 
 def turn(a_deg: Floats, b_deg: Floats) -> Floats:

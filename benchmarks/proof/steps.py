@@ -10,7 +10,6 @@ from typing import Any
 
 from benchmarks.proof import bounds, card, figures, measure, run, score, standing, tally
 from benchmarks.proof.world import draw, records
-from tests.world import draw as paper
 
 
 def said(asked: argparse.Namespace) -> dict[str, Any]:
@@ -24,7 +23,7 @@ def said(asked: argparse.Namespace) -> dict[str, Any]:
     return {
         "seed": asked.seed if by_hand else standing.seed(asked.frozen),
         "seed_of": "chosen by hand" if by_hand else f"commit {standing.commit(asked.frozen)} and the sealed families",
-        "count": asked.count, "real": real, "hours": asked.hours, "records": there, "published": asked.published,
+        "count": asked.count, "real": real, "hours": asked.hours, "records": there,
         "second": asked.second, "families": families, "commit": standing.commit(),
         **({"kind": asked.kind} if asked.kind else {}),
     }  # fmt: skip
@@ -48,14 +47,10 @@ def make(asked: argparse.Namespace, publish: dict[str, Any], work: Path) -> list
         wanted = [one.name for one in drawn if not (work / "locked" / f"{one.name}.json").exists()]
         run.each(partial(_make, {one.name: one for one in drawn}, work, asked.data, asked.records), wanted, asked.cores,
                  "draw")  # fmt: skip
-        if asked.published:
-            paper.write_published(publish["seed"], work / "cruises" / paper.PUBLISHED, work / "locked")
-            config = work / "cruises" / paper.PUBLISHED / "config/config.yaml"
-            config.write_text("moorings: config/moorings\n")
         standing.publish(published, work / "locked", (work / "locked").iterdir(), **publish)
         (work / "sealed").touch()
     standing.check(published, work / "locked", standing.TRUTH_CHANGED)
-    return [*(one.name for one in drawn), *((paper.PUBLISHED, paper.SERIES) if asked.published else ())]
+    return [one.name for one in drawn]
 
 
 def _make(drawn: dict[str, draw.Drawn], work: Path, data: Path, own: Path | None, name: str) -> str:
@@ -65,8 +60,7 @@ def _make(drawn: dict[str, draw.Drawn], work: Path, data: Path, own: Path | None
 
 def correct(work: Path, name: str) -> str:
     """Run the pipeline on one mooring."""
-    cruise = paper.PUBLISHED if name == paper.SERIES else name
-    return run.process(work / "cruises" / cruise, name, work / "results" / name)
+    return run.process(work / "cruises" / name, name, work / "results" / name)
 
 
 def left(folder: Path) -> list[Path]:
@@ -88,10 +82,6 @@ def write(out: Path, work: Path) -> dict[str, Any]:
     rows = [
         score.row(name, truth, diagnoses[name], _heads(locked, results / name, name)) for name, truth in truths.items()
     ]
-    found = None
-    if (locked / "published.csv").exists():
-        cases = {"found": paper.PUBLISHED, "series": paper.SERIES}
-        found = {what: measure.published(results / name, locked) for what, name in cases.items()}
     sealed = json.loads((out / "seal.json").read_text())
     scored, stated = tally.points(truths, diagnoses), tally.probabilities(rows)
     goals = tally.goals(rows, scored, stated)
@@ -103,8 +93,6 @@ def write(out: Path, work: Path) -> dict[str, Any]:
         "probabilities": stated,
         "headings": tally.headings(rows),
         "power": tally.power(rows),
-        "confusion": tally.confusion(rows),
-        "published": found,
         "moorings": rows,
     }
     figures.write(out / "figures", made)

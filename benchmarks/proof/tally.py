@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from operator import itemgetter
@@ -222,18 +221,6 @@ def power(rows: Sequence[Row]) -> list[dict[str, Any]]:
                 part = {"from_deg": low, "to_deg": high, "place": place, "count": len(some)}
                 result.append(part | {"detected": sum(map(seen, some)), "named": sum(map(covered, some))})
     return result
-
-
-def confusion(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
-    """Count how often each name came first, by planted effect, in moorings with one."""
-    result: dict[str, Counter[str]] = {}
-    for row in rows:
-        if row["kind"] != "pair":
-            planted = row["truth"][0] if row["truth"] else f"({row['kind']})"
-            said = row["sets"][0][0] if row["sets"] else "(unexplained)" if row["unexplained"] else "(nothing)"
-            said = "/".join(said.split("/")[:2]) if said.startswith("composed:") else said
-            result.setdefault(planted, Counter())[said] += 1
-    return {name: dict(sorted(counts.items())) for name, counts in sorted(result.items())}
 
 
 def goals(rows: Sequence[Row], scored: dict[str, Any], stated: dict[str, Any]) -> list[Measured]:

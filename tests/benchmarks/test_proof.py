@@ -47,7 +47,7 @@ TRUTHS = [
 
 @pytest.fixture(scope="module")
 def proof(tmp_path_factory):
-    """Run a proof of two short moorings, without the published ones."""
+    """Run a proof of two short moorings."""
     folder = tmp_path_factory.mktemp("proof")
     assert command.main(asked(folder)) == 0
     return folder
@@ -55,10 +55,7 @@ def proof(tmp_path_factory):
 
 def asked(folder: Path) -> list[str]:
     places = ["--work", str(folder / "work"), "--out", str(folder / "out"), "--data", str(folder / "none")]
-    return [
-        *("--seed", str(SEED), "--count", "2", "--cores", "1", "--hours", str(HOURS), *places),
-        "--no-published",
-    ]
+    return ["--seed", str(SEED), "--count", "2", "--cores", "1", "--hours", str(HOURS), *places]
 
 
 def test_interrupted_run_resumes_with_the_same_scorecard(proof):

@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 import yaml
 
-from compasslib.demo import demonstration, sealed
+from compasslib.demo import sealed
 from compasslib.demo.sealed import DEEP_SAMPLE_S, Export, Ground, Wish
 from tests.world import planting
-
-PUBLISHED, SERIES = "EG4", "EG4_SERIES"  # with findings applied, and by the published method alone
 
 
 @dataclass(frozen=True)
@@ -45,19 +43,6 @@ def write_alone(one: Sealed, folder: Path) -> tuple[Path, Path]:
     locked.mkdir()
     write(one, cruise, locked)
     return cruise, locked
-
-
-def write_published(seed: int, cruise: Path, locked: Path) -> None:
-    """Write the published case: iron of 1.3 times the earth's horizontal field, fitted by the published method."""
-    demonstration.write_mooring(PUBLISHED, cruise / "raw", locked / "published.csv", seed)
-    spec = demonstration.spec_of(PUBLISHED)
-    first, last = demonstration.DEPLOYED_S, demonstration.RECOVERED_S
-    text = _mooring(PUBLISHED, (spec.latitude_deg, spec.longitude_deg, spec.water_depth_m), (first, last))
-    text["fit"] = {"method": "von_appen"}
-    text["instruments"]["deep"] = _pd0(PUBLISHED, "deep", 104, "down")
-    _write_yaml(cruise / f"config/moorings/{PUBLISHED}.yaml", text)
-    text |= {"name": SERIES, "diagnose": {"enabled": False}}
-    _write_yaml(cruise / f"config/moorings/{SERIES}.yaml", text)
 
 
 def _described(one: Sealed, ground: Ground) -> dict[str, Any]:
