@@ -103,7 +103,6 @@ VARIANTS: dict[str, Form] = {
     "ambiguous day and month": Form(time="day_first", few_days=True),
     "excel, settled": Form(time="excel", keys=(("time_format", "excel"),)),
     "decimal comma beside comma": Form(decimal=","),
-    "decimal comma beside comma, settled": Form(decimal=",", fill="NaN", keys=(("delimiter", ","), ("decimal", ","))),
     "ambiguous, settled": Form(time="day_first", few_days=True, keys=(("time_format", "%d/%m/%Y %H:%M:%S"),)),
 }
 
@@ -138,7 +137,7 @@ def settled_by(form: Form) -> str:
         return ""
     if form.time == "excel" or (form.few_days and form.time in DAY_OR_MONTH):
         return "time_format"
-    return "delimiter: comma and decimal: comma" if form.decimal == form.delimiter else ""
+    return "correct delimiter" if form.decimal == form.delimiter else ""
 
 
 # Kinds of tables: currents, currents in the instrument's frame, a covariate, a log of a magnetometer calibration.
