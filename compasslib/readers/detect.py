@@ -305,8 +305,10 @@ def guess_columns(path: Path) -> GuessedTable | None:
         head = delimited.find_head(
             path, lambda names: guess_from_names(names) is not None, must=True, delimiters=[delimiter]
         )
-        # The header must part like most rows: names with blanks are no columns parted by blanks.
-        if head and 2 * sum(len(row) == len(head.names) for row in head.sample) >= len(head.sample):
+        if head and delimiter == " ":  # columns, or words of one name: columns part most rows alike
+            alike = sum(len(row) == len(head.names) for row in head.sample)
+            head = None if 2 * alike < len(head.sample) or re.search("[\t;,]", head.text) else head
+        if head:
             return guess_from_names(head.names)
     return None
 
