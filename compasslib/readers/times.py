@@ -219,7 +219,7 @@ def _to_seconds(cells: _Cells, fields: dict[str, Floats], *, packed: bool) -> Fl
         wrong |= (fields["y"] < YEARS[0]) | (fields["y"] >= 2100.0)
     if "day" in fields:
         time_s = time_s + (fields["day"] - 1.0) * DAY_S
-        wrong |= (fields["day"] < 1.0) | (time_s >= _new_year(fields["y"] + 1.0))
+        wrong |= (fields["day"] < 1.0) | (time_s >= new_year(fields["y"] + 1.0))
     cells.refuse(wrong)
     # A leap second stays before the next minute, whose row is another.
     return np.asarray(np.round(time_s * 1e6) + np.round(np.where(leap, 59.999, second) * 1e6), dtype=float) / 1e6
@@ -269,8 +269,8 @@ def from_parts(parts: Sequence[Floats]) -> tuple[Floats, int | None]:
     """
     year, *others = [np.nan_to_num(part, nan=-1.0) for part in parts]
     if len(others) == 1:
-        time_s: Floats = np.round(_new_year(year) + (others[0] - 1.0) * DAY_S, 3)
-        wrong = (others[0] < 1.0) | (time_s >= _new_year(year + 1.0))
+        time_s: Floats = np.round(new_year(year) + (others[0] - 1.0) * DAY_S, 3)
+        wrong = (others[0] < 1.0) | (time_s >= new_year(year + 1.0))
     else:
         whole = [np.floor(part).astype(np.int64) for part in (year, *others)]
         whole += [np.zeros_like(whole[0])] * (6 - len(whole))
@@ -281,7 +281,7 @@ def from_parts(parts: Sequence[Floats]) -> tuple[Floats, int | None]:
     return time_s, int(np.argmax(wrong)) if wrong.any() else None
 
 
-def _new_year(year: Floats) -> Floats:
+def new_year(year: Floats) -> Floats:
     """Find the beginning of years, UTC seconds since 1970; NaN if they are not in 1 to 9999."""
     real = (year >= 1.0) & (year <= 9999.0)
     begin = (np.where(real, year, 1970.0) - 1970.0).astype("datetime64[Y]").astype("datetime64[s]").astype(float)
@@ -332,7 +332,7 @@ def parse_origin(text: str, calendar: str) -> float:
 
 def _decimal_years(years: Floats) -> Floats:
     whole = np.floor(years)
-    begin, end = _new_year(whole), _new_year(whole + 1.0)
+    begin, end = new_year(whole), new_year(whole + 1.0)
     return np.round(begin + (years - whole) * (end - begin), 3)
 
 
