@@ -1,7 +1,7 @@
 """Read text tables: columns of numbers, times and quality flags, by the names in a header line or by their numbers.
 
-The delimiter, decimal commas, lines above the header, unit lines below it, compression and encoding are detected where
-they are unambiguous, and reported in ``Table.notes``; anything else raises an error that names the key of the YAML file
+The delimiter, decimal commas, lines above the header, unit lines below it and the encoding are detected where they are
+unambiguous, and reported in ``Table.notes``; anything else raises an error that names the key of the YAML file
 (``Layout``) to set. The header is the first line that contains every requested column.
 
 A row with surplus cells, a missing requested cell or a word in place of a number raises an error, as shifted cells can
