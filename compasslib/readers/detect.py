@@ -1,8 +1,4 @@
-"""Detect the kind of a file from its first bytes, both supported formats and common unsupported ones.
-
-The first match in ``KINDS`` applies. Errors can thus name the kind of a misdeclared file:
-
-    raw/x.ad2cp: expected an RDI PD0 file, found a Nortek ad2cp file; write format: nortek
+"""Detect the kind of a file from its first bytes, so that errors can name it and drafts can use it.
 
 Sources: RDI Workhorse Commands and Output Data Format (PD0 7F7F, PD12 7F6E); Nortek System Integrator Guide (A5 05) and
 Signature Principles (A5 0A); Unidata's NetCDF and HDF5 file formats; MAT-File Format; Sea Solutions of Sea-Bird.
@@ -22,7 +18,7 @@ import numpy as np
 
 from compasslib.errors import InputError, TransientError
 from compasslib.readers import delimited, units
-from compasslib.readers.files import GZIP_MAGIC, MEGABYTE, NORTEK_START, TooLarge, detect_utf16, unreadable
+from compasslib.readers.files import GZIP_MAGIC, MEGABYTE, TooLarge, detect_utf16, unreadable
 
 HEAD_BYTES = 65536
 READABLE = {
@@ -63,17 +59,13 @@ class Kind:
 EMPTY = Kind("an empty file", None, rb"\Z", AGAIN)
 ZEROS = Kind("a file of nothing but zeros", None, rb"\0+\Z", AGAIN)
 PD0 = Kind("an RDI PD0 file", "pd0", rb"\x7f\x7f..\0")
-PD12 = Kind("an RDI PD12 file", "pd12", rb"n\x7f.[\0-\x0f]|.*<SampleData [^>]*>n\x7f")
-AD2CP = Kind("a Nortek ad2cp file", "nortek", rb"\xa5[\x0a\x0c][\x15-\x2f\xa0].")
-NORTEK = Kind("a Nortek file (aqd, prf, wpr or vec)", "nortek", rb"\xa5(\x05\x18\0|\x04\x70\0|\0\0\x01)")
-ACM = Kind("a Falmouth 3D-ACM's binary file", "mmp_acm", rb"(?:\x01[A-Z]{2}\d{7}_[^\x02]{21}\x02.{279,320}|.{279})DATA")
 KINDS = (
     EMPTY,
     ZEROS,
     PD0,
-    PD12,
-    AD2CP,
-    NORTEK,
+    Kind("an RDI PD12 file", "pd12", rb"n\x7f.[\0-\x0f]|.*<SampleData [^>]*>n\x7f"),
+    Kind("a Nortek ad2cp file", "nortek", rb"\xa5[\x0a\x0c][\x15-\x2f\xa0]."),
+    Kind("a Nortek file (aqd, prf, wpr or vec)", "nortek", rb"\xa5(\x05\x18\0|\x04\x70\0|\0\0\x01)"),
     Kind("a MATLAB file", "mat", rb"MATLAB (?:5\.0|7\.3) MAT-file"),
     Kind("a netCDF file", "netcdf", rb"CDF[\x01\x02\x05]"),
     Kind("a netCDF-4 or HDF5 file", "netcdf", rb"\x89HDF\r\n\x1a\n"),
@@ -86,7 +78,7 @@ KINDS = (
         rb"(?i)\s*(?:%PDF-|<!doctype html|<html|<\?xml|\{\\rtf)|\x89PNG|\xff\xd8\xff|GIF8[79]a|II\*\0|MM\0\*",
         EXPORT,
     ),
-    ACM,
+    Kind("a Falmouth 3D-ACM's binary file", "mmp_acm", rb"(?:\x01[A-Z]{2}\d{7}_[^\x02]{21}\x02.{279,320}|.{279})DATA"),
     Kind("an IAGA-2002 file", "iaga2002", rb"[^\n]{0,999}Format\s+IAGA-2002"),
     Kind("a Sea-Bird file (cnv or hex)", None, rb"\s*\* ?Sea-?Bird"),
     Kind("unpacked scans of a Falmouth 3D-ACM", "mmp_acm", rb"(?:[^\n]*\n){0,12}[^\n]*\bHDNG[\s,]+TX[\s,]+TY\b"),
@@ -128,13 +120,6 @@ KINDS = (
 TABLE = Kind("a text table", "table")
 PROSE = Kind("a text without columns", None, advice=EXPORT)
 _PLAIN = bytes([*range(9, 14), *range(32, 127), *range(0xA0, 0xFF)])
-# Start of a record: of RDI, of older Nortek instruments, of an ad2cp file, and after the header of a Falmouth 3D-ACM.
-_BINARY_RECORD = re.compile(
-    rb"(?=(?P<pd12>n\x7f)|(?P<pd0>\x7f\x7f)|(?P<nortek>\xa5(?:\x05\x18\0|\x04\x70\0|\0\0\x01))"
-    rb"|(?P<ad2cp>\xa5[\x0a\x0c][\x15-\x2f\xa0])"
-    rb"|(?P<acm>DATA[\0-\x17][\0-;][\0-;][\x01-\x0c][\x01-\x1f](?:[\xbc-\xff]\x07|[\0-\x33]\x08)))",
-    re.DOTALL,
-)
 
 
 def detect_kind(path: str | Path) -> Kind | None:
@@ -151,7 +136,7 @@ def detect_kind(path: str | Path) -> Kind | None:
                 head = zlib.decompressobj(wbits=31).decompress(head, HEAD_BYTES)
             kind = _kind_of_head(head)
             if not packed and (kind is None or kind is ZEROS or (kind.form in TEXTS and not _is_text(head))):
-                kind = _kind_of_record(head + file.read(MEGABYTE)) or kind
+                kind = PD0 if _holds_ensemble(head + file.read(MEGABYTE)) else kind  # behind other bytes
     except zlib.error:
         return Kind("a gzip file", None, advice=UNPACK)
     except OSError as error:
@@ -211,22 +196,15 @@ def _is_text(head: bytes) -> bool:
     return len(head.translate(None, _PLAIN)) <= 0.02 * len(head)
 
 
-def _kind_of_record(data: bytes) -> Kind | None:
-    """Identify a file by the first binary record in it with a valid checksum, regardless of preceding bytes."""
-    for mark in _BINARY_RECORD.finditer(data):
-        begin = mark.start()
-        if mark["acm"]:
-            return ACM
-        size = int.from_bytes(data[begin + 2 : begin + 4], "little")
-        if rdi := mark["pd0"] or mark["pd12"]:
-            total, stated = sum(data[begin : begin + size]), data[begin + size : begin + size + 2]
-        else:  # the last word is the checksum of the record, or of the header in an ad2cp file
-            size = data[begin + 1] if mark["ad2cp"] else 2 * size
-            words, stated = data[begin : begin + size - 2], data[begin + size - 2 : begin + size]
-            total = NORTEK_START + int(np.frombuffer(words[: len(words) // 2 * 2], "<u2").sum(dtype=np.int64))
-        if size > 4 and len(stated) == 2 and total & 0xFFFF == int.from_bytes(stated, "little"):
-            return (PD12 if mark["pd12"] else PD0) if rdi else (AD2CP if mark["ad2cp"] else NORTEK)
-    return None
+def _holds_ensemble(data: bytes) -> bool:
+    """Return whether a PD0 ensemble with a valid checksum is somewhere in the data."""
+    octets = np.frombuffer(data, np.uint8).astype(np.int64)
+    total, words = np.append(0, np.cumsum(octets)), octets[:-1] + 256 * octets[1:]
+    begin = np.flatnonzero(words[:-2] == 0x7F7F)
+    end = begin + words[begin + 2]
+    whole = (end > begin + 4) & (end < len(words))
+    begin, end = begin[whole], end[whole]
+    return bool(((total[end] - total[begin]) % 65536 == words[end]).any())
 
 
 _UNIT = re.compile(

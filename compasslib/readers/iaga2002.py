@@ -32,7 +32,6 @@ SETS = ("D", "XY")  # sets of components that determine the declination
 @dataclass(frozen=True)
 class _File:
     header: Mapping[str, str]
-    letters: str  # of the components
     rows: Floats  # (4, n) time, declination, horizontal and vertical field
     damaged: int  # number of rows
 
@@ -45,15 +44,11 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
     """
     with detect.format_hints("iaga2002", paths, advice=ADVICE):
         files = [_read_file(Path(path)) for path in paths]
-    warnings, stations = list[str](), [file.header.get("iaga code", "").upper() for file in files]
-    for path, file, station in zip(paths, files, stations, strict=True):
+    stations = [file.header.get("iaga code", "").upper() for file in files]
+    for path, station in zip(paths, stations, strict=True):
         if station != stations[0]:
             expected = f"station {stations[0] or 'without code'} as in {paths[0]}"
             raise InputError(str(path), expected=expected, found=station or "no code", advice=ADVICE)
-        reported = file.header.get("reported", "").upper()
-        if reported != file.letters and sorted(reported) == sorted(file.letters):
-            text = f"the header reports {reported}, the line DATE has {file.letters}, which counts"
-            warnings.append(f"{path}: {text}")
     rows = np.concatenate([file.rows for file in files], axis=1)
     _, first = np.unique(rows[0], return_index=True)
     time_s, declination, horizontal, vertical = rows[:, first]
@@ -81,7 +76,7 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
         elevation_m=_number(said["elevation"]),
         definitive=all(file.header.get("data type", "").lower().startswith("definitive") for file in files),
         counts=counts,
-        warnings=(*(f"{counts[key]} {text}" for key, text in texts.items() if counts[key]), *warnings),
+        warnings=tuple(f"{counts[key]} {text}" for key, text in texts.items() if counts[key]),
         files=tuple(map(str, paths)),
         origin=np.repeat(np.arange(len(files)), [file.rows.shape[1] for file in files])[first],
     )
@@ -113,7 +108,7 @@ def _read_file(path: Path) -> _File:
     values = np.where(np.abs(numbers[:, 7:]) >= MISSING, np.nan, numbers[:, 7:])[sound]
     header = {line[:24].strip().lower(): line[24:].rstrip(" |").strip() for line in lines[:begin]}
     field = _field(dict(zip(letters, values.T, strict=True)))
-    return _File(header, letters, np.stack([time_s[sound], *field]), len(texts) - int(sound.sum()))
+    return _File(header, np.stack([time_s[sound], *field]), len(texts) - int(sound.sum()))
 
 
 def _field(values: Mapping[str, Floats]) -> tuple[Floats, Floats, Floats]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -49,6 +47,7 @@ def test_files_are_joined_in_time_and_repeats_count_once(tmp_path):
     found = iaga2002.read([late, first])
     assert len(found) == 48 and (np.diff(found.time_s) == 3600.0).all()
     assert found.counts["repeated"] == 24 and found.latitude == 55.3
+    assert "24 rows repeat an instant; the first of each counts" in found.warnings
 
 
 @pytest.mark.parametrize(
@@ -98,15 +97,6 @@ def test_variation_without_baseline_is_refused_as_declination(tmp_path, letters,
             declination.check_field(found, (found.latitude, found.longitude))
         said.append(str(error.value))
     assert said[0] == said[1] and "a variation about zero: the baseline is missing" in said[0]
-
-
-def test_contradictions_within_files_are_reported(tmp_path):
-    other = write(tmp_path / "b.hor", replace(DAY, declination_deg=DAY.declination_deg + 1.0))
-    found = iaga2002.read([write(tmp_path / "a.hor", DAY), other])
-    assert "24 rows repeat an instant; the first of each counts" in found.warnings
-    text = (tmp_path / "a.hor").read_text().replace("Reported               XYZF", "Reported               YXZF")
-    (tmp_path / "a.hor").write_text(text)
-    assert "the header reports YXZF, the line DATE has XYZF" in iaga2002.read([tmp_path / "a.hor"]).warnings[0]
 
 
 def message(tmp_path, *texts) -> str:
