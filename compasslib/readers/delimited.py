@@ -1,9 +1,6 @@
 """Read text tables: columns of numbers, times and quality flags, by the names in a header line or by their numbers.
 
-The delimiter, decimal commas, lines above the header, unit lines below it and the encoding are detected where they are
-unambiguous, and reported in ``Table.notes``; anything else raises an error that names the key of the YAML file
-(``Layout``) to set. The header is the first line that contains every requested column.
-
+What a ``Layout`` leaves open is detected where it is unambiguous, and reported; else an error names the key to set.
 A row with surplus cells, a missing requested cell or a word in place of a number raises an error, as shifted cells can
 still parse as numbers. Only an unterminated last line may be truncated; it is dropped and counted.
 """
@@ -115,9 +112,8 @@ class Table:
     columns: dict[str, Floats]  # (rows,) each; times in UTC seconds since 1970, NaN where missing
     rows: int
     cut: int  # number of truncated last lines dropped
-    notes: tuple[str, ...]  # detected format, in words
     said: Mapping[str, tuple[str, ...]]  # role -> header, and cells of the unit lines
-    unknown_flags: tuple[str, ...] = ()  # warnings about flags of unknown meaning
+    warnings: tuple[str, ...]  # detected format, in words, and flags of unknown meaning
 
 
 def read_table(
@@ -147,7 +143,7 @@ def read_table(
     places = {role: [_place(path, head, role, header, advice) for header in each] for role, each in named.items()}
     wanted = {place for each in places.values() for place in each}
     units = _count_units(head, sorted(wanted))
-    body, notes = open_body(path, head, wanted, layout, skip=units)
+    body = open_body(path, head, wanted, layout, skip=units)
     said = {
         role: tuple(row[place].strip() for place in each for row in (head.names, *head.sample[:units]))
         for role, each in places.items()
@@ -162,10 +158,12 @@ def read_table(
         shown = ", ".join(unused)
         unknown = [f"{path.name}: flags stand in {shown}, which columns do not name as flag: none was used."]
     numbers, by_comma = body.numbers({role: each[0] for role, each in places.items()})
+    notes = [*head.notes, *[f"{body.headers} more header line{'s' * (body.headers > 1)}"] * (body.headers > 0)]
     notes += ["units below the header"] * (units > 0) + ["decimal commas"] * by_comma + [time_note] * bool(time_note)
     twice = {header for each in named.values() for header in each if f"{header}.2" in head.names}
     notes += [f"the first of the columns {name}, of which {name}.2 is the second" for name in sorted(twice)]
-    return Table(columns | numbers, len(body.rows.width), body.cut, (*head.notes, *notes), said, tuple(unknown))
+    read = [f"the table was read as it is written: {', '.join(notes)}"] if notes else []
+    return Table(columns | numbers, len(body.rows.width), body.cut, said, (*read, *unknown))
 
 
 def date_and_clock(headers: Mapping[str, str], withheld: Collection[str] = ()) -> dict[str, str]:
@@ -176,10 +174,8 @@ def date_and_clock(headers: Mapping[str, str], withheld: Collection[str] = ()) -
 
 
 def table_notes(tables: Iterable[Table]) -> tuple[str, ...]:
-    """Collect the notes on detected formats and unknown flags of several tables, without duplicates."""
-    tables = [*tables]
-    read = [f"the table was read as it is written: {', '.join(table.notes)}" for table in tables if table.notes]
-    return tuple(dict.fromkeys([*read, *(warning for table in tables for warning in table.unknown_flags)]))
+    """Collect the warnings of several tables, without duplicates."""
+    return tuple(dict.fromkeys(warning for table in tables for warning in table.warnings))
 
 
 def read_head(path: Path, needed: Iterable[str | int], layout: Layout = DEFAULT_LAYOUT) -> Head:
@@ -318,8 +314,8 @@ def _count_units(head: Head, wanted: Sequence[int], most: int = 2) -> int:
 
 def open_body(
     path: Path, head: Head, wanted: Collection[int], layout: Layout = DEFAULT_LAYOUT, *, skip: int = 0
-) -> tuple[Body, list[str]]:
-    """Split the lines below the header into rows of cells, and note headers that are repeated between them.
+) -> Body:
+    """Split the lines below the header into rows of cells, without headers that are repeated between them.
 
     Args:
         wanted: indices of the columns to read.
@@ -356,8 +352,7 @@ def open_body(
             where, shown = f"{path}: line {head.line + rows.number[row] + 1}", f"a line of {rows.width[row]} cells"
             advice = "correct delimiter" if len(long) == len(rows.lines) > 1 else MEND
             raise InputError(where, expected=f"{n} cells as in the header", found=shown, advice=advice)
-    notes = [f"{len(again)} more header line{'s' * (len(again) > 1)}"] * bool(again)
-    return Body(path, head, rows, layout, cut), notes
+    return Body(path, head, rows, layout, cut, len(again))
 
 
 def _without_quotes(path: Path, head: Head) -> bytes:
@@ -383,6 +378,7 @@ class Body:
     rows: Rows
     layout: Layout
     cut: int  # number of truncated last lines dropped
+    headers: int  # number of headers between the rows
 
     def column(self, place: int, expected: str = NUMBER_FORM) -> Column:
         """Select the cells of a column.

@@ -57,7 +57,7 @@ def _read_file(path: Path, orientation: str | None) -> Record:
         raise InputError(str(path), expected=expected, found="one without", advice=advice)
     places = {name: _places(head, name) for name in (*CLOCK, "Hea", "Pit", "Rol", "Ori", *SERIES, *VERTICAL)}
     pair, flow, cells, factor = _find_currents(path, head)
-    body, _ = open_body(path, head, {k for each in (*places.values(), *flow) for k in each}, LAYOUT, skip=2)
+    body = open_body(path, head, {k for each in (*places.values(), *flow) for k in each}, LAYOUT, skip=2)
     width = len(head.names) - (head.names[-1] == "")
     if (short := np.flatnonzero(body.rows.width < width)).size:
         shown = f"a line of {body.rows.width[short[0]]} cells"

@@ -1,8 +1,6 @@
-"""Parse time cells to UTC seconds since 1970: unambiguous formats are detected, all others require ``time_format``.
+"""Parse times to UTC seconds since 1970: unambiguous formats are detected, all others require ``time_format``.
 
-All rows of a column must have the same format. A numeric day and month are distinguished by a value above 12, with
-which all rows and their order must agree. Numeric times are identified by their magnitude: seconds and milliseconds
-since 1970, MATLAB's datenum, and decimal years. Cells that differ in their digits only are parsed together.
+A value above 12 tells the day from the month. Cells that differ in their digits only are parsed together.
 """
 
 from __future__ import annotations
