@@ -46,29 +46,20 @@ class Format:
         return "declination_applied" in self.keys
 
 
-TABLE_KEYS = (
-    "delimiter",
-    "decimal",
-    "time_format",
-    "timezone",
-    "missing",
-    "skip_rows",
-    "header",
-    "comment",
-)  # for any text table
+TABLE_KEYS = ("delimiter", "decimal", "time_format", "timezone", "missing", "skip_rows", "header", "comment")
+COLUMN_KEYS = ("columns", "flags", "direction_reference")
+STATED_KEYS = ("columns", "orientation", "declination_applied", "direction_reference")  # what a file may state
 FORMATS = {
     "pd0": Format("pd0", ("orientation", "declination_applied", "heading_alignment", "serial_number", "sound_speed")),
-    "table": Format("table", ("columns", "flags", "direction_reference", *TABLE_KEYS)),
-    "acm_table": Format("table", ("columns", "flags", "direction_reference", *TABLE_KEYS)),
+    "table": Format("table", (*COLUMN_KEYS, *TABLE_KEYS)),
+    "acm_table": Format("table", (*COLUMN_KEYS, *TABLE_KEYS)),
     "mmp_acm": Format("mmp", ("pressure_files", "start_offset_seconds", *TABLE_KEYS)),
-    "netcdf": Format(
-        "netcdf", ("columns", "orientation", "declination_applied", "direction_reference", "heading_alignment", "flags")
-    ),
+    "netcdf": Format("netcdf", (*STATED_KEYS, "heading_alignment", "flags")),
     "rdi_text": Format("rdi_text", ("orientation",)),
     "pd12": Format("pd12", ("orientation", "bin_size", "first_bin")),
-    "ocean_contour": Format("ocean_contour", ("columns", "orientation", "declination_applied", "direction_reference")),
-    "mat": Format("matlab", ("columns", "orientation", "declination_applied", "direction_reference", "time_format")),
-    "odv": Format("odv", ("columns", "flags", "direction_reference")),
+    "ocean_contour": Format("ocean_contour", STATED_KEYS),
+    "mat": Format("matlab", (*STATED_KEYS, "time_format")),
+    "odv": Format("odv", COLUMN_KEYS),
     "nortek": Format("nortek", ("orientation", "declination_applied", "serial_number")),
 }
 

@@ -1,9 +1,9 @@
-"""Find the cells of a text table by their bytes, and parse columns of numbers and texts with vectorized operations."""
+"""Find the cells of a text table by their bytes, and parse columns of numbers with vectorized operations."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,10 +16,7 @@ TENS = 10.0 ** np.arange(19)  # exact, so quotients are the nearest floats, as b
 LARGEST = 1e30  # above any measurement in any unit; its square is still finite
 MISSING_TEXT = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
-WITH_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?", re.ASCII)
-ONLY_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+", re.ASCII)
 BLANKS = b" \t"
-_PLAIN = re.compile(r"[0-9eE+\-.\n]*")
 NEWLINE, BLANK, PLUS, MINUS, ZERO = b"\n +-0"
 
 Bytes = NDArray[np.uint8]
@@ -39,24 +36,29 @@ class Column:
         """The bytes in which the cells lie."""
         return np.frombuffer(self.source, np.uint8)
 
+    def __len__(self) -> int:
+        return len(self.begin)
+
     def __getitem__(self, rows: Any) -> Column:
         return Column(self.source, self.begin[rows], self.end[rows])
+
+    def __iter__(self) -> Iterator[str]:
+        for begin, end in zip(self.begin.tolist(), self.end.tolist(), strict=True):
+            yield self.source[begin:end].decode(errors="replace")
+
+    def text(self, row: int) -> str:
+        """Decode one cell."""
+        return next(iter(self[row : row + 1]))
 
     def strip(self, marks: bytes) -> Column:
         """Leave out certain characters before and after the content of each cell."""
         is_mark, data, begin, end = np.zeros(256, dtype=bool), self.data, self.begin, self.end
         is_mark[list(marks)] = True
-        while len(begin) and (more := is_mark[data[begin]] & (begin < end)).any():
+        while len(self) and (more := is_mark[data[begin]] & (begin < end)).any():
             begin = begin + more
-        while len(end) and (more := is_mark[data[end - 1]] & (begin < end)).any():
+        while len(self) and (more := is_mark[data[end - 1]] & (begin < end)).any():
             end = end - more
         return Column(self.source, begin, end)
-
-    def texts(self) -> list[str]:
-        """Decode the cells."""
-        source = self.source
-        pairs = zip(self.begin.tolist(), self.end.tolist(), strict=True)
-        return [source[begin:end].decode(errors="replace") for begin, end in pairs]
 
     def characters(self) -> Bytes:
         """Copy the bytes of the cells, (longest, rows), with zeros behind the shorter ones."""
@@ -67,7 +69,7 @@ class Column:
 
     def joined(self, other: Column) -> Column:
         """Join the cells of two columns by a blank."""
-        parts = [self.characters(), np.full((1, len(self.begin)), BLANK, np.uint8), other.characters()]
+        parts = [self.characters(), np.full((1, len(self)), BLANK, np.uint8), other.characters()]
         together = np.concatenate(parts).T
         ends = np.cumsum((together > 0).sum(axis=1))
         return Column(together[together > 0].tobytes() + b"\n", np.append(0, ends[:-1])[: len(ends)], ends)
@@ -85,14 +87,13 @@ class Rows:
     """Lines of a table that hold cells."""
 
     columns: Mapping[int, Column]  # the requested ones by index; empty cells where a line has fewer
-    line: Places  # (rows,) index of the line, from the first one that was split
-    begin: Places  # (rows,) byte offsets of the lines
-    end: Places
+    lines: Column
+    number: Places  # (rows,) of the lines, from 0 for the first one that was split
     width: Places  # (rows,) number of cells
 
     def __getitem__(self, rows: Any) -> Rows:
         columns = {k: column[rows] for k, column in self.columns.items()}
-        return Rows(columns, *(each[rows] for each in (self.line, self.begin, self.end, self.width)))
+        return Rows(columns, self.lines[rows], self.number[rows], self.width[rows])
 
 
 def split_rows(source: bytes, begin: int, delimiter: str, wanted: Sequence[int], size: int = 2**20) -> Rows:
@@ -128,65 +129,48 @@ def split_rows(source: bytes, begin: int, delimiter: str, wanted: Sequence[int],
         lines.append(np.stack([begin + np.append(0, ends[:-1] + 1), begin + ends, width]))
         begin = stop
     columns = {k: Column(source, *np.concatenate(located, axis=1)) for k, located in places.items()}
-    each = np.concatenate(lines, axis=1)
-    return Rows(columns, np.arange(each.shape[1]), *each)
+    first, behind, width = np.concatenate(lines, axis=1)
+    return Rows(columns, Column(source, first, behind), np.arange(len(width)), width)
 
 
-@dataclass(frozen=True)
-class Numbers:
-    """Numbers of a column, and the rows that decide on the decimal mark."""
+def parse_numbers(
+    column: Column, decimal: str | None, missing: Sequence[str], size: int = 2**15
+) -> tuple[Floats, Bytes]:
+    """Parse cells as numbers to the nearest floats, and get the decimal mark of each, zero without one; (n,) each.
 
-    values: Floats  # (rows,) NaN where missing
-    wrong: int | None  # first row that holds neither a number nor a text for a missing one
-    point: int | None  # first row with a decimal point
-    comma: int | None  # first row with a comma
-    thousands: bool  # whether every comma may stand between thousands
-
-
-def parse_numbers(column: Column, decimal: str | None, missing: Sequence[str], size: int = 2**15) -> Numbers:
-    """Parse cells as numbers to the nearest floats.
+    Numbers are NaN where the text stands for a missing one, and infinite where it is no number.
 
     Args:
         column: cells without surrounding blanks.
         decimal: decimal mark; None accepts points and commas.
         missing: texts that stand for missing values, besides the usual ones.
     """
-    values, marks = np.empty(len(column.begin)), np.zeros(len(column.begin), np.uint8)
-    wrong, thousands = None, True
+    values, marks = np.empty(len(column)), np.zeros(len(column), np.uint8)
     words = MISSING_TEXT | {text.lower() for text in missing}
-    for begin in range(0, len(values), size):
-        part = column[begin : begin + size]
-        values[begin : begin + size], good, mark = parse_figures(part.data, part.begin, part.end, decimal or ".,")
-        odd = np.flatnonzero(~good)
-        texts = part[odd].texts()
-        values[begin + odd], failed = _parse_odd(texts, decimal or ".,", words)
-        wrong = begin + int(odd[failed]) if failed is not None and wrong is None else wrong
-        if decimal is None:
-            with_comma = [bool(WITH_COMMA.fullmatch(text) or ONLY_THOUSANDS.fullmatch(text)) for text in texts]
-            mark[odd] = np.where(with_comma, ord(","), 0)
-            cells = part[mark == ord(",")].texts() if thousands and (mark == ord(",")).any() else ()
-            thousands = thousands and all(map(ONLY_THOUSANDS.fullmatch, cells))
-        marks[begin : begin + size] = mark
+    for begin in range(0, len(column), size):
+        here = slice(begin, begin + size)
+        part = column[here]
+        values[here], plain, marks[here] = parse_figures(part.data, part.begin, part.end, decimal or ".,")
+        odd = np.flatnonzero(~plain)
+        texts = [*part[odd]]
+        known = {text: _parse_odd(text, decimal or ".,", words) for text in {*texts}}
+        for k, text in zip(begin + odd, texts, strict=True):
+            values[k], marks[k] = known[text]
     for text in (text.replace(",", ".") for text in missing):
-        values[values == float(text) if NUMBER.fullmatch(text) else np.isnan(values)] = np.nan
-    point, comma = ((int(np.argmax(located)) if (located := marks == ord(each)).any() else None) for each in ".,")
-    return Numbers(values, wrong, point, comma, thousands)
+        if NUMBER.fullmatch(text):
+            values[values == float(text)] = np.nan
+    return values, marks
 
 
-def _parse_odd(cells: list[str], marks: str, words: frozenset[str]) -> tuple[Floats, int | None]:
-    """Parse numbers with an exponent or many digits, and texts for missing values; find the first that is neither."""
-    if "," in marks:
-        cells = [cell.replace(",", ".") if "." not in cell else cell + "?" * (marks == ",") for cell in cells]
-    try:
-        values = np.array([*map(float, cells)] if _PLAIN.fullmatch("\n".join(cells)) else None, dtype=float)
-    except ValueError:
-        values = np.array(None, dtype=float)
-    if not values.ndim:
-        of_text = {text: np.nan if text.lower() in words else np.inf for text in dict.fromkeys(cells)}
-        of_text |= {text: float(text) for text, value in of_text.items() if value > 0.0 and NUMBER.fullmatch(text)}
-        values = np.fromiter(map(of_text.__getitem__, cells), dtype=float, count=len(cells))
-    failed = np.flatnonzero(np.abs(values) >= LARGEST)
-    return values, int(failed[0]) if failed.size else None
+def _parse_odd(text: str, decimals: str, words: frozenset[str]) -> tuple[float, int]:
+    """Parse a number with an exponent or many digits, or a text for a missing value, and get its decimal mark."""
+    if text.lower() in words:
+        return np.nan, 0
+    mark = next((mark for mark in decimals if mark in text), "")
+    number = text.replace(",", ".") if mark == "," else text
+    if not NUMBER.fullmatch(number) or ("." in text and "." not in decimals) or abs(float(number)) >= LARGEST:
+        return np.inf, 0
+    return float(number), ord(mark or "\0")
 
 
 def parse_figures(data: Bytes, first: Places, behind: Places, marks: str = ".") -> tuple[Floats, Bools, Bytes]:

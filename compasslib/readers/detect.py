@@ -1,8 +1,4 @@
-"""Detect the kind of a file from its first bytes, both supported formats and common unsupported ones.
-
-The first match in ``KINDS`` (name, format, first bytes) applies. Errors can thus name the kind of a misdeclared file:
-
-    raw/x.ad2cp: expected an RDI PD0 file, found a Nortek ad2cp file; write format: nortek
+"""Detect the kind of a file from its first bytes, so that errors can name it and drafts can use it.
 
 Sources: RDI Workhorse Commands and Output Data Format (PD0 7F7F, PD12 7F6E); Nortek System Integrator Guide (A5 05) and
 Signature Principles (A5 0A); Unidata's NetCDF and HDF5 file formats; MAT-File Format; Sea Solutions of Sea-Bird.
@@ -11,17 +7,18 @@ Signature Principles (A5 0A); Unidata's NetCDF and HDF5 file formats; MAT-File F
 from __future__ import annotations
 
 import re
-import struct
 import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from compasslib.errors import InputError, TransientError
 from compasslib.readers import delimited, units
-from compasslib.readers.files import MEGABYTE, NORTEK_START, TooLarge, detect_utf16, read_bytes, unreadable
+from compasslib.readers.files import GZIP_MAGIC, MEGABYTE, TooLarge, detect_utf16, unreadable
 
 HEAD_BYTES = 65536
 READABLE = {
@@ -35,8 +32,8 @@ READABLE = {
     "nmea0183": "an NMEA 0183 log",
     "odv": "an ODV spreadsheet",
     "mat": "a MATLAB file",
-} | dict.fromkeys(("table", "acm_table", "csv"), "a text table")
-BINARY = ("pd0", "pd12", "nortek", "netcdf", "ocean_contour", "mat")
+    **dict.fromkeys(("table", "acm_table", "csv"), "a text table"),
+}
 TEXTS = ("table", "acm_table", "csv", "rdi_text", "iaga2002", "nmea0183", "odv")
 ELSEWHERE = {
     "iaga2002": "name it under covariates as {format: iaga2002, files: ...}",
@@ -44,8 +41,8 @@ ELSEWHERE = {
 }
 CONVERT = "export it as a text table and write format: table"
 EXPORT = "give the file that the instrument or its program wrote"
-RECORDED = "give the file that the instrument recorded"
 UNPACK = "unpack it"
+AGAIN = "copy or export it again"
 BELOW = "write format: table, skip_rows: (the number of lines up to {}) and columns by their numbers, or make it netCDF"
 
 
@@ -55,89 +52,74 @@ class Kind:
 
     name: str  #: name with article, as used in messages
     form: str | None  #: format that reads it; None if unsupported
-    holds: re.Pattern[bytes]  #: pattern matched at the first byte of the file
+    holds: bytes = b""  #: pattern matched at the first byte of the file
     advice: str = CONVERT  #: advice if no format reads it
 
 
-def _kind(name: str, form: str | None, holds: bytes, advice: str = CONVERT) -> Kind:
-    return Kind(name, form, re.compile(holds, re.DOTALL), advice)
-
-
-ZEROS = _kind("a file of nothing but zeros", None, rb"\0+\Z", "copy or export it again")
+EMPTY = Kind("an empty file", None, rb"\Z", AGAIN)
+ZEROS = Kind("a file of nothing but zeros", None, rb"\0+\Z", AGAIN)
+PD0 = Kind("an RDI PD0 file", "pd0", rb"\x7f\x7f..\0")
 KINDS = (
-    _kind("an empty file", None, rb"\Z", "copy or export it again"),
+    EMPTY,
     ZEROS,
-    _kind("an RDI PD0 file", "pd0", rb"\x7f\x7f..\0"),
-    _kind("an RDI PD12 file", "pd12", rb"n\x7f.[\0-\x0f]|.*<SampleData [^>]*>n\x7f"),
-    _kind("a Nortek ad2cp file", "nortek", rb"\xa5[\x0a\x0c][\x15-\x2f\xa0]."),
-    _kind("a Nortek file (aqd, prf, wpr or vec)", "nortek", rb"\xa5(\x05\x18\0|\x04\x70\0|\0\0\x01)"),
-    _kind("a MATLAB 7.3 file", "mat", rb"MATLAB 7\.3 MAT-file"),
-    _kind("a MATLAB file", "mat", rb"MATLAB 5\.0 MAT-file"),
-    _kind("a netCDF file", "netcdf", rb"CDF[\x01\x02\x05]"),
-    _kind("a netCDF-4 or HDF5 file", "netcdf", rb"\x89HDF\r\n\x1a\n"),
-    _kind("an Excel workbook", None, rb"PK\x03\x04.*xl/(?:workbook|worksheets|styles|_rels)"),
-    _kind("a file of an old Office program (Excel, Word)", None, rb"\xd0\xcf\x11\xe0"),
-    _kind("a zip archive", None, rb"PK[\x03\x05][\x04\x06]", UNPACK),
-    _kind("a gzip file", None, rb"\x1f\x8b\x08", UNPACK),
-    _kind("a packed file (bzip2, xz, 7z or rar)", None, rb"BZh[1-9]|\xfd7zXZ\0|7z\xbc\xaf|Rar!", UNPACK),
-    _kind("a PDF", None, rb"\s*%PDF-", EXPORT),
-    _kind("an image", None, rb"\x89PNG|\xff\xd8\xff|GIF8[79]a|II\*\0|MM\0\*|BM....\0\0\0\0", EXPORT),
-    _kind("an SQLite database (RBR's .rsk is one)", None, rb"SQLite format 3\0"),
-    _kind("a Parquet file", None, rb"PAR1"),
-    _kind("a Falmouth 3D-ACM's binary file", "mmp_acm", rb"(?:\x01[A-Z]{2}\d{7}_[^\x02]{21}\x02.{279,320}|.{279})DATA"),
-    _kind("an IAGA-2002 file", "iaga2002", rb"[^\n]{0,999}Format\s+IAGA-2002"),
-    _kind("a web page", None, rb"(?i)\s*(?:<!doctype html|<html)", EXPORT),
-    _kind("an XML file", None, rb"\s*<\?xml", EXPORT),
-    _kind("a text of a word processor (RTF)", None, rb"\{\\rtf", EXPORT),
-    _kind("a JSON file", None, rb"\s*[{\[]\s*[\"{\[]"),
-    _kind("a Sea-Bird file (cnv or hex)", None, rb"\s*\* ?Sea-?Bird"),
-    _kind(
-        "scans of a Falmouth 3D-ACM behind a logger's time stamps",
+    PD0,
+    Kind("an RDI PD12 file", "pd12", rb"n\x7f.[\0-\x0f]|.*<SampleData [^>]*>n\x7f"),
+    Kind("a Nortek ad2cp file", "nortek", rb"\xa5[\x0a\x0c][\x15-\x2f\xa0]."),
+    Kind("a Nortek file (aqd, prf, wpr or vec)", "nortek", rb"\xa5(\x05\x18\0|\x04\x70\0|\0\0\x01)"),
+    Kind("a MATLAB file", "mat", rb"MATLAB (?:5\.0|7\.3) MAT-file"),
+    Kind("a netCDF file", "netcdf", rb"CDF[\x01\x02\x05]"),
+    Kind("a netCDF-4 or HDF5 file", "netcdf", rb"\x89HDF\r\n\x1a\n"),
+    Kind("a file of Office (Excel, Word)", None, rb"PK\x03\x04.*(?:xl|word)/|\xd0\xcf\x11\xe0"),
+    Kind("a packed file", None, rb"PK[\x03\x05][\x04\x06]|BZh[1-9]|\xfd7zXZ\0|7z\xbc\xaf|Rar!", UNPACK),
+    Kind("a database (SQLite, RBR's .rsk, Parquet or JSON)", None, rb"SQLite format 3\0|PAR1|\s*[{\[]\s*[\"{\[]"),
+    Kind(
+        "an image or a document",
         None,
-        rb"(?:[^\n]*\n){0,40}?[^\n]{0,40}\d[^\n]{0,9}[\s,;>\]]\d\d([-/])\d\d\1\d{4} \d\d:\d\d:\d\d"
-        rb"(?:[ \t,]+-?\d+\.\d+){10}\s",
-        "take the logger's time stamps off: a row begins with the meter's own (MM-DD-YYYY HH:MM:SS)",
+        rb"(?i)\s*(?:%PDF-|<!doctype html|<html|<\?xml|\{\\rtf)|\x89PNG|\xff\xd8\xff|GIF8[79]a|II\*\0|MM\0\*",
+        EXPORT,
     ),
-    _kind("unpacked scans of a Falmouth 3D-ACM", "mmp_acm", rb"(?:[^\n]*\n){0,12}[^\n]*\bHDNG[\s,]+TX[\s,]+TY\b"),
-    _kind(
+    Kind("a Falmouth 3D-ACM's binary file", "mmp_acm", rb"(?:\x01[A-Z]{2}\d{7}_[^\x02]{21}\x02.{279,320}|.{279})DATA"),
+    Kind("an IAGA-2002 file", "iaga2002", rb"[^\n]{0,999}Format\s+IAGA-2002"),
+    Kind("a Sea-Bird file (cnv or hex)", None, rb"\s*\* ?Sea-?Bird"),
+    Kind("unpacked scans of a Falmouth 3D-ACM", "mmp_acm", rb"(?:[^\n]*\n){0,12}[^\n]*\bHDNG[\s,]+TX[\s,]+TY\b"),
+    Kind(
         "telemetry of a Nortek instrument (NMEA sentences $PNOR...)",
         None,
         rb"(?:[^\n]*\n){0,20}[^\n]{0,40}\$PNOR",
-        RECORDED,
+        "give the file that the instrument recorded",
     ),
-    _kind("an NMEA 0183 log", "nmea0183", rb"(?:[^\n]*\n){0,20}[^\n]{0,40}[$!][A-Z]{2}[A-Z0-9]{3},[^\n]*\*[0-9A-F]{2}"),
-    _kind(
+    Kind("an NMEA 0183 log", "nmea0183", rb"(?:[^\n]*\n){0,20}[^\n]{0,40}[$!][A-Z]{2}[A-Z0-9]{3},[^\n]*\*[0-9A-F]{2}"),
+    Kind(
         "a text export of RDI's programs",
         "rdi_text",
         rb"(?:[^\n]*\n){0,20}\s*(?:Pings/Ens|Time/Ping|First Ensemble (?:Date|Time)|1st Bin Range|Ensemble Interval)\b",
     ),
-    _kind(
+    Kind(
         "a text of Nortek's conversion, which has no header",
         None,
         rb"(?:\s*\d{1,2} +\d{1,2} +\d{4} +\d{1,2} +\d{1,2} +[\d.]+ +[01]{8} +[01]{8} [^\n]*\n)+",
         "give its .hdr too, in the same folder, with format: nortek; or format: table with columns by their numbers",
     ),
-    _kind(
+    Kind(
         "raw counts of an Aanderaa logger",
         None,
         rb"(?:[01]\d{3}(?:[ \t]+[01]\d{3}){3,}\s*\n){3}",
         "convert them by the coefficients of the sensors, and give a text table with format: table",
     ),
-    _kind("an IOS shell file", None, rb"(?:\*[^\n]*\n){1,3}?\*IOS HEADER", BELOW.format("*END OF HEADER")),
-    _kind("an ODF file", None, rb"\s*ODF_HEADER\s*,", BELOW.format("-- DATA --")),
-    _kind("an ODV spreadsheet", "odv", rb"(?://[^\n]*\n)*Cruise[\t;]Station[\t;]"),
-    _kind("a header file of Nortek's conversion", "nortek", rb"\[[^\]\n]*\.(?:aqd|prf|wpr|vec|hdr)\]\s"),
+    Kind("an IOS shell file", None, rb"(?:\*[^\n]*\n){1,3}?\*IOS HEADER", BELOW.format("*END OF HEADER")),
+    Kind("an ODF file", None, rb"\s*ODF_HEADER\s*,", BELOW.format("-- DATA --")),
+    Kind("an ODV spreadsheet", "odv", rb"(?://[^\n]*\n)*Cruise[\t;]Station[\t;]"),
+    Kind("a header file of Nortek's conversion", "nortek", rb"\[[^\]\n]*\.(?:aqd|prf|wpr|vec|hdr)\]\s"),
+    Kind(
+        "a binary file written as hexadecimal text",
+        None,
+        rb"(?:[^\n]*\n)?[^\n]{0,80}?(?<![\w.:])(?=\d*[A-Fa-f])[\dA-Fa-f]{40}",
+        "turn the digits into bytes (xxd -r -p)",
+    ),
 )
-TABLE = _kind("a text table", "table", rb"")
-PROSE = _kind("a text without columns", None, rb"", EXPORT)
-_DIGITS = re.compile(rb"(?<![0-9A-Za-z.:])(?:[0-9A-Fa-f]{40,}|(?:[0-9A-Fa-f]{2} ){19,}[0-9A-Fa-f]{2})")
+TABLE = Kind("a text table", "table")
+PROSE = Kind("a text without columns", None, advice=EXPORT)
 _PLAIN = bytes([*range(9, 14), *range(32, 127), *range(0xA0, 0xFF)])
-# Start of a record: of RDI, of older Nortek instruments, of an ad2cp file, and after the header of a Falmouth 3D-ACM.
-_BINARY_RECORD = re.compile(
-    rb"(?=(?P<rdi>[n\x7f]\x7f)|(?P<older>\xa5(?:\x05\x18\0|\x04\x70\0|\0\0\x01))|(?P<ad2cp>\xa5[\x0a\x0c][\x15-\x2f\xa0])"
-    rb"|(?P<acm>DATA[\0-\x17][\0-;][\0-;][\x01-\x0c][\x01-\x1f](?:[\xbc-\xff]\x07|[\0-\x33]\x08)))",
-    re.DOTALL,
-)
 
 
 def detect_kind(path: str | Path) -> Kind | None:
@@ -149,19 +131,20 @@ def detect_kind(path: str | Path) -> Kind | None:
     try:
         with Path(path).open("rb") as file:
             head = file.read(HEAD_BYTES)
+            packed = head.startswith(GZIP_MAGIC)
+            if packed:
+                head = zlib.decompressobj(wbits=31).decompress(head, HEAD_BYTES)
             kind = _kind_of_head(head)
-            if kind is None or kind is ZEROS or (kind.form in TEXTS and not _is_text(head)):
-                kind = _kind_of_record(head + file.read(MEGABYTE)) or kind
+            if not packed and (kind is None or kind is ZEROS or (kind.form in TEXTS and not _is_text(head))):
+                kind = PD0 if _holds_ensemble(head + file.read(MEGABYTE)) else kind  # behind other bytes
+    except zlib.error:
+        return Kind("a gzip file", None, advice=UNPACK)
     except OSError as error:
         raise unreadable(path, error) from None
-    if kind is None or kind.name != "a gzip file":
+    if kind is None or not packed:
         return kind
-    try:
-        inner = _kind_of_head(zlib.decompressobj(wbits=31).decompress(head, HEAD_BYTES))
-    except zlib.error:
-        return kind
-    packed = f"a gzip file that holds {inner.name}" if inner else kind.name
-    return Kind(packed, inner.form if inner is TABLE else None, kind.holds, UNPACK)
+    form = kind.form if kind is TABLE else None
+    return replace(kind, name=f"a gzip file that holds {kind.name}", form=form, advice=UNPACK)
 
 
 @contextmanager
@@ -184,38 +167,19 @@ def format_hints(
     except InputError as error:
         for path in paths:
             kind = detect_kind(path) if Path(path).is_file() else None
-            if kind is None or kind.name == "an empty file" or (kind in (TABLE, PROSE) and form in TEXTS):
+            if kind is None or kind is EMPTY or (kind in (TABLE, PROSE) and form in TEXTS):
                 continue  # the reader's own message says more
             if kind.form is None or READABLE.get(kind.form) != READABLE.get(form):
                 expected = READABLE.get(form, f"a file of format {form}")
                 to_do = advice or ELSEWHERE.get(kind.form or "", kind.advice)
                 to_do = f"write format: {kind.form}" if kind.form in offered else to_do
                 raise InputError(str(path), expected=expected, found=kind.name, advice=to_do) from None
-        if as_text := next((path for path in paths if form in BINARY and _copied_as_text(path)), None):
-            shown = "one copied as text: a carriage return stands before every line feed"
-            to_do = "copy it again from the instrument in binary mode"
-            raise InputError(str(as_text), expected=READABLE[form], found=shown, advice=to_do) from None
         raise error from None
 
 
-def _copied_as_text(path: str | Path, fewest: int = 20) -> bool:
-    """Return whether every line feed of a binary file follows a carriage return, as after a copy in text mode.
-
-    Fewer line feeds may do so by chance.
-    """
-    try:
-        data = read_bytes(path)
-    except InputError:
-        return False
-    feeds = data.count(b"\n")
-    return feeds >= fewest and feeds == data.count(b"\r\n")
-
-
 def _kind_of_head(head: bytes) -> Kind | None:
-    if kind := next((each for each in KINDS if each.holds.match(head)), None):
+    if kind := next((each for each in KINDS if re.match(each.holds, head, re.DOTALL)), None):
         return kind
-    if hexadecimal := _hexadecimal(head):
-        return hexadecimal
     if wide := detect_utf16(head):
         head = head[: len(head) // 2 * 2].decode(wide, errors="replace").encode("latin-1", errors="replace")
     if not _is_text(head):
@@ -228,46 +192,19 @@ def _kind_of_head(head: bytes) -> Kind | None:
     return TABLE if 2 * rows >= len(below) else PROSE
 
 
-def _hexadecimal(head: bytes) -> Kind | None:
-    """Identify a binary file written as hexadecimal text; None unless most lines hold a long run of digits."""
-    lines = [line for line in head.splitlines() if line.strip()]
-    rows = [(line, row[0]) for line in lines if (row := _DIGITS.search(line))]
-    digits = b"".join(row.replace(b" ", b"") for _, row in rows)
-    if 2 * len(rows) <= len(lines) or digits.isdigit():
-        return None
-    octets = bytes.fromhex(digits[: len(digits) // 2 * 2].decode())
-    binary = next((kind for kind in KINDS if kind.form in (*BINARY, "mmp_acm") and kind.holds.match(octets)), None)
-    name = binary.name if binary else "a binary file"
-    stamped = any(b":" in line[: line.find(row)] for line, row in rows)
-    advice = f"turn the digits{' behind the stamps' * stamped} into bytes (xxd -r -p)"
-    advice += f" and write format: {binary.form}" if binary else ""
-    return Kind(f"{name} written as hexadecimal text{' behind time stamps' * stamped}", None, _DIGITS, advice)
-
-
 def _is_text(head: bytes) -> bool:
     return len(head.translate(None, _PLAIN)) <= 0.02 * len(head)
 
 
-def _kind_of_record(data: bytes) -> Kind | None:
-    """Identify a file by the first binary record in it with a valid checksum, regardless of preceding bytes."""
-    view = memoryview(data)
-    for mark in _BINARY_RECORD.finditer(data):
-        record, ad2cp = view[mark.start() :], bool(mark["ad2cp"])
-        if mark["acm"]:
-            return next(kind for kind in KINDS if kind.form == "mmp_acm")
-        if mark["rdi"]:
-            size = int.from_bytes(record[2:4], "little")
-            stated = int.from_bytes(record[size : size + 2], "little")
-            if 4 < size <= len(record) - 2 and sum(record[:size]) & 0xFFFF == stated:
-                return next(kind for kind in KINDS if kind.form == ("pd12" if mark["rdi"][:1] == b"n" else "pd0"))
-            continue
-        # The last word is the checksum of the record, or of the header in an ad2cp file.
-        size = record[1] if ad2cp else 2 * int.from_bytes(record[2:4], "little")
-        if size <= len(record):
-            *words, stated = struct.unpack(f"<{size // 2}H", record[:size])
-            if (sum(words) + NORTEK_START) & 0xFFFF == stated:
-                return next(kind for kind in KINDS if kind.form == "nortek" and ("ad2cp" in kind.name) == ad2cp)
-    return None
+def _holds_ensemble(data: bytes) -> bool:
+    """Return whether a PD0 ensemble with a valid checksum is somewhere in the data."""
+    octets = np.frombuffer(data, np.uint8).astype(np.int64)
+    total, words = np.append(0, np.cumsum(octets)), octets[:-1] + 256 * octets[1:]
+    begin = np.flatnonzero(words[:-2] == 0x7F7F)
+    end = begin + words[begin + 2]
+    whole = (end > begin + 4) & (end < len(words))
+    begin, end = begin[whole], end[whole]
+    return bool(((total[end] - total[begin]) % 65536 == words[end]).any())
 
 
 _UNIT = re.compile(
@@ -342,25 +279,16 @@ class GuessedTable:
 
 def guess_columns(path: Path) -> GuessedTable | None:
     """Guess the columns of a table from its header, None if it is inconclusive."""
-    delimiters = list(delimited.DELIMITERS)[: -1 if _is_delimited(path) else None]  # names may then contain blanks
-    head = delimited.find_head(
-        path, lambda names: guess_from_names(names) is not None, must=True, delimiters=delimiters
-    )
-    return guess_from_names(head.names) if head else None
-
-
-def _is_delimited(path: Path) -> bool:
-    """Return whether a delimiter other than a blank splits most rows into as many cells as the header."""
-
-    def names_columns(names: Sequence[str]) -> bool:
-        return len(names) > 1 and all(re.search(r"[^\W\d_]", name) for name in names)
-
-    for delimiter in delimited.DELIMITERS.keys() - {" "}:
-        head = delimited.find_head(path, names_columns, must=True, delimiters=[delimiter])
-        whole = [len(row) == len(head.names) for row in head.sample] if head else []
-        if 2 * sum(whole) > len(whole):
-            return True
-    return False
+    for delimiter in delimited.DELIMITERS:
+        head = delimited.find_head(
+            path, lambda names: guess_from_names(names) is not None, must=True, delimiters=[delimiter]
+        )
+        if head and delimiter == " ":  # columns, or words of one name: columns part most rows alike
+            alike = sum(len(row) == len(head.names) for row in head.sample)
+            head = None if 2 * alike < len(head.sample) or re.search("[\t;,]", head.text) else head
+        if head:
+            return guess_from_names(head.names)
+    return None
 
 
 def guess_from_names(names: Sequence[str]) -> GuessedTable | None:

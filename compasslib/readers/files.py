@@ -21,6 +21,7 @@ from compasslib.errors import InputError
 MEGABYTE = 1 << 20
 LARGEST_TEXT = 256 * MEGABYTE  # of one file, decompressed; parsing takes some 19 times as much memory
 LARGEST_ARRAYS = 1024 * MEGABYTE  # of one file
+GROWTH = 16  # allowed size of arrays, by that of their files; recordings need less
 CHUNK_BYTES = 2 * MEGABYTE  # read at a time, and searched for escapes
 # What libraries raise on the content of a damaged or foreign file; UnicodeDecodeError is a ValueError.
 DAMAGE_ERRORS = (
@@ -69,7 +70,7 @@ def read_text_bytes(path: Path) -> bytes:
     Raises:
         InputError: the file cannot be read, is too large, or has a line of implausible length.
     """
-    blocks, size = [], 0
+    blocks, size = list[bytes](), 0
     try:
         with Path(path).open("rb") as raw:
             packed = raw.read(len(GZIP_MAGIC)) == GZIP_MAGIC
@@ -80,7 +81,15 @@ def read_text_bytes(path: Path) -> bytes:
                     expected, shown = "lines of less than 1 MB", "a longer one"
                     raise InputError(str(path), expected=expected, found=shown, advice="check that it is a text file")
                 size += len(block)
-                refuse_large_text(Path(path), size)
+                if size > LARGEST_TEXT:
+                    stored = Path(path).stat().st_size
+                    unpacked = f" that unpack to over {LARGEST_TEXT // MEGABYTE} MB" if packed else ""
+                    raise TooLarge(
+                        str(path),
+                        expected=f"a text of up to {LARGEST_TEXT // MEGABYTE} MB",
+                        found=f"{stored / MEGABYTE:.1f} MB{unpacked}",
+                        advice="export means over some minutes instead of every sample, or fewer columns",
+                    )
                 blocks.append(block)
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         advice = "copy it again, or unpack it as far as it goes"
@@ -93,25 +102,23 @@ def read_text_bytes(path: Path) -> bytes:
 def read_text(path: Path) -> tuple[bytes, list[str], bool]:
     """Read a text as UTF-8 with line feeds at the ends of all lines, and whether the last one was terminated.
 
-    Also describe its compression and encoding unless it is plain UTF-8.
+    Also name its encoding unless it is UTF-8.
 
     Raises:
         InputError: the file cannot be read, or contains bytes that are not text.
     """
-    data = read_text_bytes(path)
-    with Path(path).open("rb") as raw:
-        notes = ["packed by gzip"] * (raw.read(len(GZIP_MAGIC)) == GZIP_MAGIC)
+    data, notes = read_text_bytes(path), list[str]()
     encoding = detect_utf16(data)
     try:
         if encoding:
-            data, notes = data[: len(data) // 2 * 2].decode(encoding).encode(), [*notes, "in UTF-16"]
+            data, notes = data[: len(data) // 2 * 2].decode(encoding).encode(), ["in UTF-16"]
         elif not data.isascii():
             data = data.decode("utf-8-sig").encode()
     except UnicodeError as error:
         if encoding or data.translate(None, _TEXT + _LATIN):
             expected, advice = "a readable CSV file in UTF-8, UTF-16 or Latin-1", "check path and format"
             raise InputError(str(path), expected=expected, found=error, advice=advice) from None
-        data, notes = data.decode("latin-1").encode(), [*notes, "in Latin-1"]
+        data, notes = data.decode("latin-1").encode(), ["in Latin-1"]
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     ended = data.endswith(b"\n")
@@ -134,39 +141,22 @@ def count_unprintable(data: bytes) -> int:
     return len(data.translate(None, _TEXT))
 
 
-def refuse_large_text(path: Path, size: int) -> None:
-    """Raise TooLarge for a text of more than 256 MB, of which ``size`` bytes have been read so far."""
-    if size > LARGEST_TEXT:
-        stored = path.stat().st_size
-        unpacked = f" that unpack to over {LARGEST_TEXT // MEGABYTE} MB" if stored < size else ""
-        raise TooLarge(
-            str(path),
-            expected=f"a text of up to {LARGEST_TEXT // MEGABYTE} MB",
-            found=f"{stored / MEGABYTE:.1f} MB{unpacked}",
-            advice="export means over some minutes instead of every sample, or fewer columns",
-        )
-
-
-def refuse_large_arrays(where: str, needed: int, size: int, cells: int | None = None, growth: int = 16) -> None:
+def refuse_large_arrays(where: str, needed: int, size: int, cells: int | None = None) -> None:
     """Raise TooLarge for arrays that need more than 1 GB and more than 16 times the size of their files.
 
     Args:
         needed: bytes of the arrays.
         size: bytes of the files.
         cells: number of bins of the widest profile.
-        growth: allowed multiple of the size; recordings need less.
     """
-    if needed > (allowed := max(LARGEST_ARRAYS, growth * size)):
-        raise TooLarge(
-            where,
-            expected=f"{'arrays' if cells is None else 'profiles'} that take up to {allowed // MEGABYTE} MB of memory",
-            found=f"{needed // MEGABYTE} MB"
-            + ("" if cells is None else f", as one declares {cells} cells,")
-            + f" in {size / MEGABYTE:.1f} MB of files",
-            advice="check that these are the files you mean"
-            if cells is None
-            else "give each configuration of the instrument as files of its own",
-        )
+    if needed > (allowed := max(LARGEST_ARRAYS, GROWTH * size)):
+        what, declared, advice = "arrays", "", "check that these are the files you mean"
+        if cells is not None:
+            what, declared = "profiles", f", as one declares {cells} cells,"
+            advice = "give each configuration of the instrument as files of its own"
+        expected = f"{what} that take up to {allowed // MEGABYTE} MB of memory"
+        found = f"{needed // MEGABYTE} MB{declared} in {size / MEGABYTE:.1f} MB of files"
+        raise TooLarge(where, expected=expected, found=found, advice=advice)
 
 
 def refuse_mostly_damaged(path: str | Path, records: str, *, damaged: int, whole: int) -> None:

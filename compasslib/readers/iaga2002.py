@@ -17,8 +17,9 @@ from compasslib import angles
 from compasslib.errors import InputError
 from compasslib.readers import detect
 from compasslib.readers.files import read_text_bytes, refuse_mostly_damaged
+from compasslib.readers.times import civil_seconds, new_year
 from compasslib.records import FieldSeries
-from compasslib.types import DAY_S, HOUR_S, Floats
+from compasslib.types import DAY_S, Floats
 
 MISSING = 88888.0  # this, 99999 and anything larger is missing: no geomagnetic field is as strong
 CELL = r"(?:\s+|(?=[+-]))([+-]?\d+\.?\d*)"  # a sign may follow the previous number without a blank
@@ -30,10 +31,8 @@ SETS = ("D", "XY")  # sets of components that determine the declination
 
 @dataclass(frozen=True)
 class _File:
-    path: Path
     header: Mapping[str, str]
-    time_s: Floats
-    values: Mapping[str, Floats]  # (n,) by component letter, NaN where missing
+    rows: Floats  # (4, n) time, declination, horizontal and vertical field
     damaged: int  # number of rows
 
 
@@ -45,13 +44,12 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
     """
     with detect.format_hints("iaga2002", paths, advice=ADVICE):
         files = [_read_file(Path(path)) for path in paths]
-    headers = [file.header for file in files]
-    station = headers[0].get("iaga code", "").upper()
-    for file in files[1:]:
-        code = file.header.get("iaga code", "").upper()
-        if code != station:
-            raise _error(file.path, f"station {station or 'without code'} as in {files[0].path}", code or "no code")
-    rows = np.concatenate([np.array([file.time_s, *_field(file.values)]) for file in files], axis=1)
+    stations = [file.header.get("iaga code", "").upper() for file in files]
+    for path, station in zip(paths, stations, strict=True):
+        if station != stations[0]:
+            expected = f"station {stations[0] or 'without code'} as in {paths[0]}"
+            raise InputError(str(path), expected=expected, found=station or "no code", advice=ADVICE)
+    rows = np.concatenate([file.rows for file in files], axis=1)
     _, first = np.unique(rows[0], return_index=True)
     time_s, declination, horizontal, vertical = rows[:, first]
     counts = {
@@ -60,65 +58,57 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
         "repeated": rows.shape[1] - len(first),
         "missing": int(np.sum(~np.isfinite(declination))),
     }
-    order_warnings = []
-    for file in files:
-        reported, letters = file.header.get("reported", "").upper(), "".join(file.values)
-        if reported != letters and sorted(reported) == sorted(letters):
-            text = f"the header reports {reported}, the line DATE has {letters}, which counts"
-            order_warnings.append(f"{file.path}: {text}")
-    names = [_first(headers, label) for label in ("station name", "iaga code")]
     texts = {
         "damaged": "rows are damaged, or their date and day of the year disagree; they are left out",
         "repeated": "rows repeat an instant; the first of each counts",
         "missing": "rows have no declination",
     }
+    labels = ("station name", "iaga code", "geodetic latitude", "geodetic longitude", "elevation")
+    said = {label: next(filter(None, (file.header.get(label) for file in files)), "") for label in labels}
     return FieldSeries(
         time_s=time_s,
         declination_deg=declination,
         horizontal_nT=horizontal,
         vertical_nT=vertical,
-        station=next((name for name in names if name), "unnamed"),
-        latitude=_number(_first(headers, "geodetic latitude")),
-        longitude=_number(_first(headers, "geodetic longitude")),
-        elevation_m=_number(_first(headers, "elevation")),
-        definitive=all(header.get("data type", "").lower().startswith("definitive") for header in headers),
+        station=said["station name"] or said["iaga code"] or "unnamed",
+        latitude=_number(said["geodetic latitude"]),
+        longitude=_number(said["geodetic longitude"]),
+        elevation_m=_number(said["elevation"]),
+        definitive=all(file.header.get("data type", "").lower().startswith("definitive") for file in files),
         counts=counts,
-        warnings=(*(f"{counts[key]} {text}" for key, text in texts.items() if counts[key]), *order_warnings),
-        files=tuple(str(file.path) for file in files),
-        origin=np.repeat(np.arange(len(files)), [len(file.time_s) for file in files])[first],
+        warnings=tuple(f"{counts[key]} {text}" for key, text in texts.items() if counts[key]),
+        files=tuple(map(str, paths)),
+        origin=np.repeat(np.arange(len(files)), [file.rows.shape[1] for file in files])[first],
     )
 
 
 def _read_file(path: Path) -> _File:
     lines = read_text_bytes(path).decode("latin-1").splitlines()
     begin = next((k for k, line in enumerate(lines) if line.startswith("DATE")), None)
-    if begin is None or "IAGA-2002" not in "".join(lines[:1]).upper():
-        shown = "nothing" if not lines else repr(lines[0][:40])
-        raise _error(path, "a header that begins with Format IAGA-2002 and ends with a line DATE", shown)
-    letters = [name[-1].upper() for name in lines[begin].replace("|", " ").split()[3:]]
-    if len(letters) != 4 or not any(set(known) <= set(letters) for known in SETS):
-        shown = f"{''.join(letters) or 'none'} in the line DATE"
+    if begin is None or "IAGA-2002" not in lines[0].upper():
+        expected = "a header that begins with Format IAGA-2002 and ends with a line DATE"
+        raise InputError(str(path), expected=expected, found=repr(lines[0][:40]) if lines else "nothing", advice=ADVICE)
+    letters = "".join(name[-1].upper() for name in lines[begin].replace("|", " ").split()[3:])
+    if len(letters) != 4 or not any({*known} <= {*letters} for known in SETS):
+        shown = f"{letters or 'none'} in the line DATE"
         advice = "variations such as HEZ hold no direction: take a file with D, or with X and Y"
-        raise _error(path, "four components with D, or with X and Y", shown, advice)
-    rows = [line for line in lines[begin + 1 :] if line.strip()]
-    matches = [match.groups() for line in rows if (match := ROW.fullmatch(line))]
+        raise InputError(str(path), expected="four components with D, or with X and Y", found=shown, advice=advice)
+    texts = [line for line in lines[begin + 1 :] if line.strip()]
+    matches = [match.groups() for line in texts if (match := ROW.fullmatch(line))]
     numbers = np.array(matches, dtype=float).reshape(-1, 7 + len(letters))
-    year, month, date, hour, minute, second, day_of_year = numbers[:, :7].T
-    sound = (month >= 1) & (month <= 12) & (date >= 1) & (date <= 31) & (hour <= 23) & (minute <= 59) & (second < 61)
-    months = np.where(sound, 12 * (year - 1970) + month - 1, 0).astype(int)
-    day = months.astype("datetime64[M]").astype("datetime64[D]").astype(int) + np.where(sound, date, 1).astype(int) - 1
-    began = (months // 12).astype("datetime64[Y]").astype("datetime64[D]").astype(int)
-    sound &= day - began + 1 == day_of_year  # and excludes dates such as 30 February, by the month
-    sound &= day.astype("datetime64[D]").astype("datetime64[M]").astype(int) == months
-    time_s = DAY_S * day + HOUR_S * hour + 60.0 * minute + second
-    lost = sum(bool(DATED.match(line)) for line in rows) - int(sound.sum())
+    year, month, day, hour, minute, second, day_of_year = numbers[:, :7].T
+    whole = (part.astype(np.int64) for part in (year, month, day, hour, minute, np.zeros_like(year)))
+    time_s = civil_seconds(*whole, first_year=1, last_year=9999) + second
+    sound = (np.floor((time_s - new_year(year)) / DAY_S) + 1.0 == day_of_year) & (second < 60.0)
+    lost = sum(bool(DATED.match(line)) for line in texts) - int(sound.sum())
     refuse_mostly_damaged(path, "rows", damaged=lost, whole=int(sound.sum()))
     if not sound.any():
-        raise _error(path, "rows of date, time, day of year and four numbers", f"{len(rows)} rows, none of them so")
+        expected, shown = "rows of date, time, day of year and four numbers", f"{len(texts)} rows, none of them so"
+        raise InputError(str(path), expected=expected, found=shown, advice=ADVICE)
     values = np.where(np.abs(numbers[:, 7:]) >= MISSING, np.nan, numbers[:, 7:])[sound]
     header = {line[:24].strip().lower(): line[24:].rstrip(" |").strip() for line in lines[:begin]}
-    columns = dict(zip(letters, values.T, strict=True))
-    return _File(path, header, time_s[sound], columns, len(rows) - int(sound.sum()))
+    field = _field(dict(zip(letters, values.T, strict=True)))
+    return _File(header, np.stack([time_s[sound], *field]), len(texts) - int(sound.sum()))
 
 
 def _field(values: Mapping[str, Floats]) -> tuple[Floats, Floats, Floats]:
@@ -136,17 +126,10 @@ def _field(values: Mapping[str, Floats]) -> tuple[Floats, Floats, Floats]:
     return declination, horizontal, vertical
 
 
-def _first(headers: Sequence[Mapping[str, str]], label: str) -> str:
-    return next((header[label] for header in headers if header.get(label)), "")
-
-
 def _number(text: str) -> float:
+    """Parse the first word of a text, NaN if it is no number."""
     try:
-        value = float(text.split()[0]) if text else float("nan")
+        value = float((text.split() or ["nan"])[0])
     except ValueError:
         return float("nan")
     return value if abs(value) < MISSING else float("nan")
-
-
-def _error(path: Path, expected: str, shown: str, advice: str = "") -> InputError:
-    return InputError(str(path), expected=expected, found=shown, advice=advice or ADVICE)

@@ -6,14 +6,15 @@ R. Pawlowicz, rdradcp.m.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from compasslib import angles
-from compasslib.earthfield import parse_applied_declination
+from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.readers import times
 from compasslib.readers.files import DAMAGE_ERRORS, MISSING_COUNT, refuse_large_arrays
@@ -22,7 +23,6 @@ from compasslib.readers.pd12 import BEAM_ANGLE_DEG
 from compasslib.records import Record, join_records, new_record
 from compasslib.types import Floats
 
-_Selection = tuple[dict[str, Floats], dict[str, Any], list[str]]  # series by role, what the file states, and notes
 HDF5 = b"\x89HDF"  # after the text header of 512 bytes in a file of version 7.3
 CLOCK = ("SerYear", "SerMon", "SerDay", "SerHour", "SerMin", "SerSec")
 WINADCP = {  # role -> name, and factor to the unit of records
@@ -36,7 +36,20 @@ RDRADCP = {
     "range": "config.ranges",
 }  # fmt: skip
 FIELDS = {"heading": "heading_deg", "pressure": "pressure_dbar", "depth": "depth_m", "temperature": "temperature_c"}
+VERTICAL = ("up", "error_velocity")
 NO_BIAS = "WinADCP does not export the heading bias EB: none was taken out but for declination_applied."
+
+
+@dataclass(frozen=True)
+class _Content:
+    """Series by role, (n,), or (n, cells) with the axes in any order, and what the file states."""
+
+    series: dict[str, Floats]
+    orientation: str | None = None
+    declination: float = 0.0  # in headings and velocities, degrees
+    beam_angle_deg: float | None = None  # None if it is not known to be of RDI, whose recorded pitch is no angle
+    dated: bool = False  # whether times are UTC seconds since 1970
+    notes: tuple[str, ...] = ()
 
 
 def read(
@@ -61,29 +74,30 @@ def read(
         InputError: a file is damaged, lacks time or velocities, or does not state what only the mooring file can.
     """
     named = {role: name for role, name in (columns or {}).items() if name is not None}
-    records = []
+    applied, records = parse_applied_declination(declination_applied), []
     for path in map(Path, paths):
         variables = load(path)
         adcp = next((x for x in variables.values() if isinstance(x, Mapping) and {"mtime", "east_vel"} <= {*x}), None)
         if {*CLOCK, "SerEmmpersec"} <= {*variables}:
-            series, stated, notes = _of_winadcp(path, variables)
+            content = _of_winadcp(path, variables)
         elif adcp is not None:
-            series, stated, notes = _of_rdradcp(path, adcp)
+            content = _of_rdradcp(path, adcp)
         elif named:
-            series, stated, notes = {}, {}, []
+            content = _Content({})
         else:
             advice = "name its variables in the mooring file: columns: {time: NAME, east: NAME, north: NAME}"
             expected, shown = "an export of WinADCP or a structure of rdradcp", ", ".join(variables) or "nothing"
             raise InputError(str(path), expected=expected, found=shown, advice=advice)
-        series |= _named_series(path, variables, named)
-        applied = parse_applied_declination(declination_applied)
-        inside = parse_applied_declination(stated.get("declination", 0.0)) if applied is None else applied
-        stated |= {"orientation": orientation or stated.get("orientation"), "reference": direction_reference}
-        stated["named"] = {*named}
-        is_dated = isinstance(named.get("time"), tuple | list) or ("SerYear" in variables and "time" not in named)
-        records.append(
-            _to_record(path, series, stated | {"inside": inside}, "epoch" if is_dated else time_format, notes)
-        )
+        for role in (role for role in named if role != "scale"):
+            names = named[role] if isinstance(named[role], tuple | list) else [named[role]]
+            parts = [np.atleast_1d(find_numbers(path, variables, name, role)) for name in names]
+            values = times.from_parts(parts)[0] if len(parts) > 1 else parts[0]
+            content.series[role] = named.get("scale", 1.0) * values if role in ("east", "north", "speed") else values
+            if role == "time":
+                content = replace(content, dated=len(parts) > 1)
+        content = replace(content, orientation=orientation or content.orientation)
+        inside = applied or AppliedDeclination(content.declination, content.declination)
+        records.append(_to_record(path, content, {*named}, inside, direction_reference, time_format))
     return join_records(records)
 
 
@@ -96,7 +110,6 @@ def load(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat, whosmat  # only where such a file is given
     from scipy.io.matlab import MatReadError
 
-    advice = "copy it again, or save it in MATLAB with save -v7"
     try:
         with path.open("rb") as stream:
             stream.seek(512)
@@ -110,6 +123,7 @@ def load(path: Path) -> dict[str, Any]:
         refuse_large_arrays(str(path), 8 * sum(sizes), path.stat().st_size)
         return {name: x for name, x in loadmat(path, simplify_cells=True).items() if not name.startswith("__")}
     except (*DAMAGE_ERRORS, MatReadError) as error:
+        advice = "copy it again, or save it in MATLAB with save -v7"
         raise InputError(str(path), expected="a whole MATLAB file", found=error, advice=advice) from error
 
 
@@ -124,50 +138,45 @@ def _group(path: Path, group: Any) -> dict[str, Any]:
     return content
 
 
-def _of_winadcp(path: Path, variables: Mapping[str, Any]) -> _Selection:
+def _of_winadcp(path: Path, variables: Mapping[str, Any]) -> _Content:
     """Select the series that WinADCP exports, as counts of hundredths of degrees, millimetres and so on."""
-    counts = {
-        role: (np.asarray(variables[name], float), factor)
-        for role, (name, factor) in WINADCP.items()
-        if name in variables
+    numbers = {
+        name: np.atleast_1d(np.asarray(x, float))
+        for name, x in variables.items()
+        if name.startswith(("Ser", "An", "RDI"))
     }
+    counts = {role: (numbers[name], factor) for role, (name, factor) in WINADCP.items() if name in numbers}
     series = {role: np.where(np.abs(x) == -MISSING_COUNT, np.nan, factor * x) for role, (x, factor) in counts.items()}
-    year, *others = (np.atleast_1d(np.asarray(variables[name], float)) for name in CLOCK)
-    others[-1] = others[-1] + np.asarray(variables.get("SerHund", 0.0), float) / 100.0
+    year, *others = (numbers[name] for name in CLOCK)
+    others[-1] = others[-1] + numbers.get("SerHund", np.zeros(1)) / 100.0
     series["time"], wrong = times.from_parts([times.full_years(year), *others])
     if wrong is not None:
-        shown = " ".join(f"{part[wrong]:g}" for part in (year, *others))
-        raise InputError(
-            f"{path}: SerYear to SerSec", expected="a date and a time", found=shown, advice="export it again"
-        )
-    if {"RDIBin1Mid", "RDIBinSize", "SerBins"} <= {*variables}:
-        bins = np.atleast_1d(np.asarray(variables["SerBins"], float))
-        series["range"] = float(variables["RDIBin1Mid"]) + float(variables["RDIBinSize"]) * (bins - 1.0)
-    up = np.atleast_1d(np.asarray(variables.get("AnOrienUP", []), float))
-    average_s = float(variables.get("RDIPingsPerEns", 0.0)) * float(variables.get("RDISecPerPing", 0.0))
+        shown, expected = " ".join(f"{part[wrong]:g}" for part in (year, *others)), "a date and a time"
+        raise InputError(f"{path}: SerYear to SerSec", expected=expected, found=shown, advice="export it again")
+    if {"RDIBin1Mid", "RDIBinSize", "SerBins"} <= {*numbers}:
+        series["range"] = numbers["RDIBin1Mid"] + numbers["RDIBinSize"] * (numbers["SerBins"] - 1.0)
+    up = numbers.get("AnOrienUP", np.zeros(0))
+    average_s = float(numbers.get("RDIPingsPerEns", np.zeros(1))[0] * numbers.get("RDISecPerPing", np.zeros(1))[0])
     notes = [NO_BIAS, *times.describe_averages(average_s, series["time"])]
+    word = ("up" if np.mean(up) > 0.5 else "down") if len(up) else None
     if len(up) and (other := int(np.sum(up != np.round(np.mean(up))))):
         notes.append(f"AnOrienUP differs from the others in {other} of {len(up)} ensembles.")
-    word = ("up" if np.mean(up) > 0.5 else "down") if len(up) else None
-    return series, {"orientation": word, "beam_angle_deg": BEAM_ANGLE_DEG}, notes
+    return _Content(series, word, beam_angle_deg=BEAM_ANGLE_DEG, dated=True, notes=tuple(notes))
 
 
-def _of_rdradcp(path: Path, adcp: Mapping[str, Any]) -> _Selection:
+def _of_rdradcp(path: Path, adcp: Mapping[str, Any]) -> _Content:
     """Select the fields of rdradcp's structure."""
     config = adcp["config"] if isinstance(adcp.get("config"), Mapping) else {}
     system, alignment = str(config.get("coord_sys", "earth")), float(config.get("xducer_misalign", 0.0))
     if system != "earth" or alignment:
         shown, advice = f"{system} coordinates, EA {alignment:g}", "give the instrument's PD0 file: format: pd0"
-        raise InputError(
-            str(path), expected="earth coordinates and a heading alignment EA of 0", found=shown, advice=advice
-        )
-    there = {role: name for role, name in RDRADCP.items() if name in adcp}
-    series = {role: np.asarray(adcp[name], float).T for role, name in there.items()}  # cells come first
+        expected = "earth coordinates and a heading alignment EA of 0"
+        raise InputError(str(path), expected=expected, found=shown, advice=advice)
+    series = {role: np.asarray(adcp[name], float).T for role, name in RDRADCP.items() if name in adcp}  # (n, cells)
     series |= {"range": np.abs(np.asarray(config["ranges"], float))} if "ranges" in config else {}
-    bias = float(config.get("magnetic_var", 0.0))
-    notes = [f"The heading bias EB of {bias:g} degrees was taken out of the directions."] * (bias != 0.0)
-    angle = float(config.get("beam_angle", 0.0))
-    return series, {"orientation": config.get("orientation"), "declination": bias, "beam_angle_deg": angle}, notes
+    bias, angle = (float(config.get(name, 0.0)) for name in ("magnetic_var", "beam_angle"))
+    notes = (f"The heading bias EB of {bias:g} degrees was taken out of the directions.",) * (bias != 0.0)
+    return _Content(series, config.get("orientation"), bias, angle, notes=notes)
 
 
 def find_numbers(path: Path, variables: Mapping[str, Any], name: str, role: str) -> Floats:
@@ -189,70 +198,61 @@ def find_numbers(path: Path, variables: Mapping[str, Any], name: str, role: str)
     return array.astype(float)
 
 
-def _named_series(path: Path, variables: Mapping[str, Any], named: Mapping[str, Any]) -> dict[str, Floats]:
-    """Select the series that columns name."""
-    series = dict[str, Floats]()
-    for role in (role for role in named if role != "scale"):
-        names = named[role] if isinstance(named[role], tuple | list) else [named[role]]
-        parts = [np.atleast_1d(find_numbers(path, variables, name, role)) for name in names]
-        series[role] = times.from_parts(parts)[0] if len(parts) > 1 else parts[0]
-        if role in ("east", "north", "speed"):
-            series[role] = float(named.get("scale", 1.0)) * series[role]
-    return series
-
-
 def _to_record(
-    path: Path, series: dict[str, Floats], stated: Mapping[str, Any], time_format: str | None, notes: Sequence[str]
+    path: Path,
+    content: _Content,
+    named: Collection[str],
+    inside: AppliedDeclination,
+    reference: str,
+    time_format: str | None,
 ) -> Record:
-    """Convert series by role to a record."""
+    """Convert series by role to a record; those that the mooring file names must have one axis of time."""
+    series = dict(content.series)
     flow = ("speed", "direction") if "speed" in series else ("east", "north")
     if lacking := [role for role in ("time", *flow) if role not in series]:
         advice = f"name it in the mooring file: columns: {{{lacking[0]}: NAME}}"
         raise InputError(str(path), expected=" and ".join(lacking), found=", ".join(series) or "none", advice=advice)
     try:
-        time_s, note = times.from_numbers(series.pop("time").ravel(), time_format)
+        time_s, note = times.from_numbers(series.pop("time").ravel(), "epoch" if content.dated else time_format)
     except times.Unreadable as error:
         raise InputError(f"{path}: time", expected=error.expected, found=error.shown, advice=error.advice) from None
     n = len(time_s)
     for role, x in series.items():
         along = [k for k, size in enumerate(x.shape) if size == n]
         if role != "range" and x.size != 1:
-            if not along or (len(along) == 2 and role in stated["named"]):
+            if not along or (len(along) == 2 and role in named):
                 expected, shown = f"one axis of {n}, the number of times", " x ".join(map(str, x.shape))
                 raise InputError(f"{path}: {role}", expected=expected, found=shown, advice="correct columns")
             series[role] = np.moveaxis(x, along[0], 0)
     east, north = (series[role].reshape(n, -1) for role in flow)
     if flow[0] == "speed":
         east, north = angles.components(east, north)
-    if stated["reference"] == "magnetic" and stated["inside"].velocity:
-        east, north = angles.turn(east, north, -stated["inside"].velocity)
-    cells, heading = east.shape[1], series.get("heading")
-    if cells > 1 and ("range" not in series or not stated["orientation"]):
+    if reference == "magnetic" and inside.velocity:
+        east, north = angles.turn(east, north, -inside.velocity)
+    cells = east.shape[1]
+    if cells > 1 and ("range" not in series or not content.orientation):
         missing = "range" if "range" not in series else "orientation"
         advice = "write columns: {range: NAME}" if missing == "range" else "write orientation: up or down"
         raise InputError(str(path), expected=f"the {missing} of the bins", found="none in the file", advice=advice)
     known = {field: np.broadcast_to(series[role].ravel(), n) for role, field in FIELDS.items() if role in series}
-    if heading is not None:
-        known["heading_deg"] = angles.wrap360(
-            np.where((heading < -180.0) | (heading > 360.0), np.nan, heading) - stated["inside"].heading
-        )
+    if (heading := series.get("heading")) is not None:
+        is_angle = (heading >= -180.0) & (heading <= 360.0)
+        known["heading_deg"] = angles.wrap360(np.where(is_angle, heading, np.nan) - inside.heading)
     pitch, roll = (series.get(role, np.full(n, np.nan)).ravel() for role in ("tilt_x", "tilt_y"))
     return new_record(
         time_s,
         east,
         north,
         bin_range_m=np.abs(series["range"].ravel()) if cells > 1 else np.zeros(1),
-        pitch_deg=true_pitch(pitch, roll) if "beam_angle_deg" in stated else pitch,
+        pitch_deg=pitch if content.beam_angle_deg is None else true_pitch(pitch, roll),
         roll_deg=roll,
         **known,
-        profiles={
-            role: series[role].reshape(n, -1).astype(np.float32) for role in ("up", "error_velocity") if role in series
-        },
-        looks_up=stated["orientation"] == "up",
-        beam_angle_deg=stated.get("beam_angle_deg", 0.0),
-        direction_reference=stated["reference"],
-        heading_bias_deg=stated["inside"].heading,
-        velocity_bias_deg=stated["inside"].velocity,
-        warnings=(*notes, *([note] if note else [])),
-        unstated=("orientation",) * (not stated["orientation"]),
+        profiles={role: series[role].reshape(n, -1).astype(np.float32) for role in VERTICAL if role in series},
+        looks_up=content.orientation == "up",
+        beam_angle_deg=content.beam_angle_deg or 0.0,
+        direction_reference=reference,
+        heading_bias_deg=inside.heading,
+        velocity_bias_deg=inside.velocity,
+        warnings=(*content.notes, *([note] if note else [])),
+        unstated=("orientation",) * (not content.orientation),
     )

@@ -10,7 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import count, product
 from pathlib import Path
@@ -20,8 +20,8 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.errors import InputError
-from compasslib.readers.files import count_unprintable, read_bytes, refuse_large_text, refuse_mostly_damaged, unreadable
-from compasslib.types import Bools, Floats
+from compasslib.readers.files import count_unprintable, read_text_bytes, refuse_mostly_damaged
+from compasslib.types import Floats
 
 HEADINGS, COURSES = ("HDG", "HDM"), ("RMC", "VTG")
 USUAL = (HEADINGS[0], COURSES[0])
@@ -37,6 +37,8 @@ LOSSES = {
 }
 NAN = float("nan")
 FASTEST_KN = 100.0
+FIX = ("time_s", "course_deg", "speed_kn", "latitude", "longitude", "variation_deg")
+APART_S = 2.5  # between a heading and its course
 
 _NUMBERED = re.compile(rb"\$([A-Z]{2})(%s),[^,\s]" % "|".join((*HEADINGS, *COURSES)).encode())
 _Values = dict[str, list[tuple[int, float]]]  # sentence type -> (line, value)
@@ -59,17 +61,6 @@ class NmeaLog:
     warnings: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class _Fix:
-    line: int
-    time_s: float
-    course_deg: float
-    speed_kn: float
-    latitude: float = NAN
-    longitude: float = NAN
-    variation_deg: float = NAN
-
-
 def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC", talker: str | None = None) -> NmeaLog:
     """Read NMEA 0183 logs, pairing each course with the heading nearest in the stream.
 
@@ -82,30 +73,30 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC", ta
         InputError: a file cannot be read, over half of its headings and courses are damaged, several instruments send
             headings, or there are no headings or no courses to pair.
     """
-    counts: Counter[str] = Counter()
-    fixes, values, talkers = _sort_sentences(
-        _sentences(paths, counts, (heading, course)), counts, (heading, course), talker
-    )
+    counts = Counter[str]()
+    fixes, values, talkers = _collect(_sentences(paths, counts, (heading, course)), counts, heading, course, talker)
+    where = ", ".join(map(str, paths))
     if talkers and talker not in (talkers if talker or len(talkers) > 1 else [None]):
+        senders = " and ".join(f"{name} ({n})" for name, n in sorted(talkers.items()))
         raise InputError(
-            ", ".join(map(str, paths)),
+            where,
             expected=f"{heading} of {talker or 'one talker'}",
-            found=f"those of {' and '.join(f'{name} ({n})' for name, n in sorted(talkers.items()))}",
+            found=f"those of {senders}",
             advice=f"write talker: {MAGNETIC if MAGNETIC in talkers else min(talkers)}",
         )
-    if not (fixes and values[heading]):
-        shown = f"{len(values[heading])} {heading} and {len(fixes)} {course} with numbers"
+    if not (len(fixes) and values[heading]):
+        shown = f"{len(values[heading])} {heading} and {len(fixes)} {course} with numbers, {counts['damaged']} damaged"
         raise InputError(
-            ", ".join(map(str, paths)),
+            where,
             expected=f"sentences {heading} and {course} with a right checksum",
-            found=f"{shown}, {counts['damaged']} damaged",
+            found=shown,
             advice="check the file, or name other sentences in columns",
         )
     log = _pair(fixes, values, heading, counts)
     lost = [f"{counts[key]} {what}" for key, what in LOSSES.items() if counts[key]]
     warnings = [f"left out of the log: {', '.join(lost)}"] if lost else []
     if counts["in_blocks"]:
-        side = "before" if values[heading][0][0] < fixes[0].line else "behind"
+        side = "before" if values[heading][0][0] < fixes[0, 0] else "behind"
         warnings.append(
             f"{heading} and {course} come in blocks of one each: {counts['in_blocks']} courses were paired with the "
             f"heading {side} them, in the order in which the log begins"
@@ -124,14 +115,10 @@ def read_any(path: Path) -> tuple[dict[str, str], list[str], NmeaLog] | None:
     Also give the setting ``columns`` of a swing for these sentences, empty for the default ones, and the talkers that
     a user has to choose from, of which the first was read; empty unless several send these headings.
     """
-    sent = {(kind.decode(), talker.decode()) for talker, kind in _NUMBERED.findall(_content(path))}
+    sent = {(kind.decode(), talker.decode()) for talker, kind in _NUMBERED.findall(read_text_bytes(path))}
     for heading, course in product(HEADINGS, COURSES):
-        talkers = sorted(
-            (talker for kind, talker in sent if kind == heading), key=lambda name: (name != MAGNETIC, name)
-        )
-        if not talkers or course not in {kind for kind, _ in sent}:
-            continue
-        for talker in (None, talkers[0]):
+        talkers = sorted((name for kind, name in sent if kind == heading), key=lambda name: (name != MAGNETIC, name))
+        for talker in (None, *talkers[:1]):
             with suppress(InputError):
                 log = read([path], heading=heading, course=course, talker=talker)
                 columns = {"compass_deg": heading, "cog_deg": course} if (heading, course) != USUAL else {}
@@ -139,46 +126,50 @@ def read_any(path: Path) -> tuple[dict[str, str], list[str], NmeaLog] | None:
     return None
 
 
-def _sort_sentences(
-    sentences: Iterator[tuple[int, Any]], counts: Counter[str], wanted: tuple[str, str], talker: str | None
-) -> tuple[list[_Fix], _Values, Counter[str]]:
-    """Sort sentences into courses, and (line, value) of headings and water speed; count the headings by talker."""
-    fixes: list[_Fix] = []
-    clock: list[tuple[int, float]] = []
-    talkers = Counter[str]()
+def _collect(
+    sentences: Iterator[tuple[int, Any]], counts: Counter[str], heading: str, course: str, talker: str | None
+) -> tuple[Floats, _Values, Counter[str]]:
+    """Collect the courses, and (line, value) of headings and water speed; count the headings by talker.
+
+    Returns:
+        line and ``FIX`` of each course, (n, 7); values by sentence type; number of headings by talker.
+    """
+    rows, clock, talkers = list[tuple[float, ...]](), list[tuple[float, float]](), Counter[str]()
     values: _Values = {name: [] for name in (*HEADINGS, "HDT", "VHW")}
     for line, sentence in sentences:
         kind = getattr(sentence, "sentence_type", "")  # absent in proprietary sentences
-        if kind == "RMC" and (fix := _rmc(line, sentence, counts)):
-            clock.append((line, fix.time_s))
-            fixes += [fix] if wanted[1] == "RMC" else []
-        elif kind == "VTG" and wanted[1] == "VTG":
-            fixes.append(_Fix(line, NAN, _number(sentence.true_track), _number(sentence.spd_over_grnd_kts)))
+        if kind == "RMC" and (fix := _rmc(sentence, counts)):
+            clock.append((line, fix[0]))
+            rows += [(line, *fix)] if course == "RMC" else []
+        elif kind == course == "VTG":
+            track, speed = _number(sentence.true_track), _number(sentence.spd_over_grnd_kts)
+            rows.append((line, NAN, track, speed, NAN, NAN, NAN))
         elif kind in values:
             value = _number(sentence.water_speed_knots if kind == "VHW" else sentence.heading)
-            possible = 0.0 <= np.nan_to_num(value) <= (FASTEST_KN if kind == "VHW" else 360.0)
-            talkers[sentence.talker] += kind == wanted[0] and bool(np.isfinite(value))
-            if kind == wanted[0] and talker and sentence.talker != talker:
+            talkers[sentence.talker] += kind == heading and bool(np.isfinite(value))
+            if kind == heading and talker and sentence.talker != talker:
                 continue
-            counts["impossible"] += not possible
-            values[kind] += [(line, value)] if np.isfinite(value) and possible else []
-            counts["corrected"] += kind == wanted[0] == "HDG" and bool(_number(sentence.deviation) > 0.0)
-    numbers = [(fix.course_deg, fix.speed_kn, fix.latitude, fix.longitude) for fix in fixes]
-    at, speed, latitude, longitude = np.nan_to_num(numbers).reshape(-1, 4).T  # missing values are valid
+            counts["corrected"] += kind == heading == "HDG" and bool(_number(sentence.deviation) > 0.0)
+            if not 0.0 <= np.nan_to_num(value) <= (FASTEST_KN if kind == "VHW" else 360.0):
+                counts["impossible"] += 1
+            elif np.isfinite(value):
+                values[kind].append((line, value))
+    fixes = np.reshape(np.array(rows, dtype=float), (-1, 1 + len(FIX)))
+    at, speed, latitude, longitude = np.nan_to_num(fixes[:, 2:6]).T  # missing values are valid
     valid = (at >= 0) & (at <= 360) & (speed >= 0) & (speed <= FASTEST_KN)
     valid &= (np.abs(latitude) <= 90) & (np.abs(longitude) <= 180)
+    complete = np.isfinite(fixes[:, 2:4]).all(axis=1)
     counts["impossible"] += int((~valid).sum())
-    fixes = [fix for fix, is_valid in zip(fixes, valid, strict=True) if is_valid]
-    counts["empty"] += sum(not np.isfinite(fix.course_deg + fix.speed_kn) for fix in fixes)
-    fixes = [fix for fix in fixes if np.isfinite(fix.course_deg + fix.speed_kn)]
+    counts["empty"] += int((valid & ~complete).sum())
+    fixes = fixes[valid & complete]
     if clock:  # times of courses without one are interpolated between the surrounding RMC sentences
-        lines, times = np.transpose(clock)
-        known = [fix.time_s if np.isfinite(fix.time_s) else float(np.interp(fix.line, lines, times)) for fix in fixes]
-        fixes = [replace(fix, time_s=time_s) for fix, time_s in zip(fixes, known, strict=True)]
+        interpolated = np.interp(fixes[:, 0], *np.transpose(clock))
+        fixes[:, 1] = np.where(np.isfinite(fixes[:, 1]), fixes[:, 1], interpolated)
     return fixes, values, +talkers
 
 
-def _rmc(line: int, sentence: Any, counts: Counter[str]) -> _Fix | None:
+def _rmc(sentence: Any, counts: Counter[str]) -> tuple[float, ...] | None:
+    """Get the ``FIX`` of a sentence RMC; None if it is void or damaged."""
     if sentence.status != "A":
         counts["void"] += 1
         return None
@@ -190,7 +181,7 @@ def _rmc(line: int, sentence: Any, counts: Counter[str]) -> _Fix | None:
         return None
     sign = -1.0 if sentence.mag_var_dir == "W" else 1.0
     course, speed = _number(sentence.true_course), _number(sentence.spd_over_grnd)
-    return _Fix(line, time_s, course, speed, *place, sign * _number(sentence.mag_variation))
+    return time_s, course, speed, *place, sign * _number(sentence.mag_variation)
 
 
 def _number(text: object) -> float:
@@ -206,7 +197,7 @@ def _sentences(paths: Sequence[Path], counts: Counter[str], wanted: Sequence[str
 
     line_number = count()
     for path in paths:
-        content = _content(path)
+        content = read_text_bytes(Path(path))
         counts["strange_bytes"] += count_unprintable(content)
         of_wanted = Counter[bool]()
         for text, line in zip(content.decode("ascii", errors="replace").splitlines(), line_number, strict=False):
@@ -226,46 +217,32 @@ def _sentences(paths: Sequence[Path], counts: Counter[str], wanted: Sequence[str
         refuse_mostly_damaged(path, " and ".join(wanted), damaged=of_wanted[False], whole=of_wanted[True])
 
 
-def _content(path: Path) -> bytes:
-    try:
-        refuse_large_text(Path(path), Path(path).stat().st_size)
-    except OSError as error:
-        raise unreadable(path, error) from None
-    return read_bytes(path)
-
-
-def _pair(fixes: list[_Fix], values: _Values, heading: str, counts: Counter[str]) -> dict[str, Floats]:
-    table = np.array([list(vars(fix).values()) for fix in fixes])
-    line, time_s = table[:, 0], table[:, 1]
+def _pair(fixes: Floats, values: _Values, heading: str, counts: Counter[str]) -> dict[str, Floats]:
+    """Pair each course with a heading, and drop those without or repeated."""
+    line, time_s = fixes[:, 0], fixes[:, 1]
+    at, headings = np.transpose(values[heading])
     value, apart_s = _nearest(values[heading], line, time_s)
-    in_block, of_block = _of_block(values[heading], line, time_s)
-    near = ~(apart_s > 2.5) | in_block  # without a clock the nearest heading in the stream is used
-    value = np.where(in_block, of_block, value)
-    counts["in_blocks"] = int(in_block.sum())
-    # Receivers may send sentences twice in a row; only a log concatenated with itself repeats rows after a step back.
-    back = np.append(False, np.cumsum(np.diff(time_s) < -2.5) > 0)
-    rows = np.nan_to_num(np.column_stack([table[:, 1:], value]), nan=-1.0)
-    again = np.ones(len(rows), dtype=bool)
-    again[np.unique(rows, axis=0, return_index=True)[1]] = False
-    repeated = again & back & near
-    counts["repeated"], counts["unpaired"] = int(repeated.sum()), int((~near).sum())
-    near &= ~repeated
-    counts["pairs"] = int(near.sum())
-    series = {field.name: column for field, column in zip(fields(_Fix)[1:], table.T[1:], strict=True)}
-    series["heading_deg"] = angles.wrap360(value)
-    series["true_heading_deg"] = _nearest(values["HDT"], line, time_s)[0]
-    series["water_speed_kn"] = _nearest(values["VHW"], line, time_s)[0]
-    return {name: column[near] for name, column in series.items()}
-
-
-def _of_block(values: list[tuple[int, float]], line: Floats, time_s: Floats) -> tuple[Bools, Floats]:
-    """Find the headings of blocks of one heading and one course more than 2.5 s apart, in the order of the first."""
-    at, value = np.transpose(values)
+    # In blocks of one heading and one course more than 2.5 s apart, the order is that of the first block.
     before = np.searchsorted(at, line)
     first = int(before[0] > 0)  # whether a block begins with its heading
     single = np.diff(before, prepend=0) == 1 if first else np.diff(before, append=len(at)) == 1
-    rare = len(line) > 1 and float(np.nanmedian(np.diff(time_s))) > 2.5
-    return single & rare, value[np.clip(before - first, 0, len(at) - 1)]
+    rare = len(line) > 1 and float(np.nanmedian(np.diff(time_s))) > APART_S
+    in_block = single & rare
+    value = angles.wrap360(np.where(in_block, headings[np.clip(before - first, 0, len(at) - 1)], value))
+    near = ~(apart_s > APART_S) | in_block  # without a clock the nearest heading in the stream is used
+    # Receivers may send sentences twice in a row; only a log concatenated with itself repeats rows after a step back.
+    back = np.append(False, np.cumsum(np.diff(time_s) < -APART_S) > 0)
+    rows = np.nan_to_num(np.column_stack([fixes[:, 1:], value]), nan=-1.0)
+    again = np.ones(len(rows), dtype=bool)
+    again[np.unique(rows, axis=0, return_index=True)[1]] = False
+    repeated = again & back & near
+    counts.update(in_blocks=int(in_block.sum()), repeated=int(repeated.sum()), unpaired=int((~near).sum()))
+    series = dict(zip(FIX, fixes.T[1:], strict=True)) | {
+        "heading_deg": value,
+        "true_heading_deg": _nearest(values["HDT"], line, time_s)[0],
+        "water_speed_kn": _nearest(values["VHW"], line, time_s)[0],
+    }
+    return {name: column[near & ~repeated] for name, column in series.items()}
 
 
 def _nearest(values: list[tuple[int, float]], line: Floats, time_s: Floats) -> tuple[Floats, Floats]:

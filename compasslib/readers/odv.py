@@ -66,7 +66,14 @@ def read(
             raise InputError(str(path), expected=expected, found=", ".join(head.names), advice=advice)
         for role in {"east", "north", "speed", "direction"} - {*flow}:
             headers.pop(role, None)
-        flagged, known = _flag_columns(head, headers)
+        flagged, known = dict[str, str](), dict[str, int]()
+        for role, name in headers.items():
+            after = head.names[head.names.index(name) + 1 :] if name in head.names else []
+            if after and (match := _FLAGS.fullmatch(after[0])):
+                flagged[f"flag_{role}"] = after[0]
+                vocabulary = vocabularies.find_vocabulary(str(match["name"]))[1].items()
+                meanings = {value.lower(): vocabularies.MEANINGS[word] for value, word in vocabulary}
+                known |= meanings or OF_ODV
         known |= vocabularies.parse_flag_settings(flags)
         carried = {"time"} if (match := _TIME.fullmatch(str(headers["time"]))) and match["station"] else ()
         tables.append(delimited.read_table(path, headers | flagged, "correct columns", LAYOUT, known, carried=carried))
@@ -79,10 +86,10 @@ def find_columns(head: delimited.Head) -> dict[str, str]:
     """Find the columns of roles by their parameters, else by their names, without those of flags."""
     names = [name for name in head.names if name and not _FLAGS.fullmatch(name)]
     preamble = head.source[: head.begin].decode(errors="replace")
-    parameter = {_plain(subject): code for subject, code in _SUBJECT.findall(preamble)}
+    parameter = {_without_unit(subject): code for subject, code in _SUBJECT.findall(preamble)}
     columns: dict[str, str] = {}
     for name in names:
-        code = parameter.get(_plain(name), "")
+        code = parameter.get(_without_unit(name), "")
         role = next((role for begin, role in PARAMETERS.items() if code.startswith(begin)), None)
         columns |= {role: name} if role and role not in columns else {}
     roles = detect.match_roles(name for name in names if name not in columns.values())
@@ -91,21 +98,5 @@ def find_columns(head: delimited.Head) -> dict[str, str]:
     return roles | ({"time": times[0]} if times else {}) | columns
 
 
-def _flag_columns(head: delimited.Head, headers: Mapping[str, Any]) -> tuple[dict[str, str], dict[str, int]]:
-    """Find the columns of flags behind those of the roles, and the meanings of their values."""
-    places = {role: head.names.index(name) for role, name in headers.items() if name in head.names}
-    behind = {role: place + 1 for role, place in places.items() if place + 1 < len(head.names)}
-    flagged = {
-        f"flag_{role}": head.names[place] for role, place in behind.items() if _FLAGS.fullmatch(head.names[place])
-    }
-    known = dict[str, int]()
-    for name in flagged.values():
-        match = _FLAGS.fullmatch(name)
-        vocabulary = vocabularies.find_vocabulary(str(match and match["name"]))[1]
-        words = {value: vocabularies.MEANINGS[word] for value, word in vocabulary.items()}
-        known |= {vocabularies.normalize(value): flag for value, flag in words.items()} or OF_ODV
-    return flagged, known
-
-
-def _plain(name: str) -> str:
+def _without_unit(name: str) -> str:
     return name.partition("[")[0].strip()

@@ -2,7 +2,7 @@
 
 The preamble states the range of the first bin and the bin size; the header lines hold column names (one per bin:
 Eas Eas Eas ...), units and bin numbers. Columns are identified by name, in any selection; velocities are Eas and Nor,
-or else Mag and Dir. The ASCII formats of WinRiver and VMDAS are not supported.
+or else Mag and Dir.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from compasslib import angles
 from compasslib.errors import InputError
 from compasslib.readers import times
 from compasslib.readers.delimited import Body, Head, Layout, find_head, open_body
-from compasslib.readers.files import read_text_bytes
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.pd12 import BEAM_ANGLE_DEG
 from compasslib.records import Record, join_records, new_record
@@ -55,17 +54,17 @@ def _read_file(path: Path, orientation: str | None) -> Record:
     if head is None or first is None or size is None:
         expected = "a WinADCP text export: 1st Bin Range, Bin Size, and headers Ens YR MO DA HH MM SS"
         advice = f"{EXPORT}; of another text table write format: table"
-        raise InputError(str(path), expected=expected, found=_kind(path), advice=advice)
+        raise InputError(str(path), expected=expected, found="one without", advice=advice)
     places = {name: _places(head, name) for name in (*CLOCK, "Hea", "Pit", "Rol", "Ori", *SERIES, *VERTICAL)}
     pair, flow, cells, factor = _find_currents(path, head)
-    body, _ = open_body(path, head, {k for each in (*places.values(), *flow) for k in each}, LAYOUT, skip=2)
+    body = open_body(path, head, {k for each in (*places.values(), *flow) for k in each}, LAYOUT, skip=2)
     width = len(head.names) - (head.names[-1] == "")
     if (short := np.flatnonzero(body.rows.width < width)).size:
         shown = f"a line of {body.rows.width[short[0]]} cells"
         raise body.error(int(short[0]), 0, f"{width} cells as in the header", shown)
     time_s = _times(body, [places[name][0] for name in CLOCK], places["HH"][1:])
     alone = {name: each[0] for name, each in places.items() if len(each) == 1 and name != "Ori"}
-    series = {name: _numbers(body, [k])[:, 0] for name, k in alone.items()}
+    series, _ = body.numbers(alone)
     east, north = (_numbers(body, each) for each in flow)
     scaled = (factor * east, factor * north) if pair == "Eas" else angles.components(factor * east, north)
     blank = np.full(len(time_s), np.nan)
@@ -101,26 +100,12 @@ def _places(head: Head, name: str) -> list[int]:
 
 def _numbers(body: Body, places: Sequence[int]) -> Floats:
     """Read columns of numbers, (rows, columns)."""
-    columns, _ = body.numbers({str(k): body.column(k, "") for k in places})
-    return np.column_stack([columns[str(k)] for k in places])
-
-
-def _kind(path: Path) -> str:
-    """Describe the apparent kind of an unsupported file."""
-    data = read_text_bytes(path)
-    if data[:2] == b"\x7f\x7f":
-        return "a binary PD0 file"
-    lines = data.decode("latin-1").splitlines()[:100]
-    if any("Ens" in line and "YR" in line for line in lines):
-        return "such headers without the range of the first bin, its size, or tabs"
-    leader = [line.split() for line in lines[2:4]]
-    if len(leader) == 2 and len(leader[0]) == 7 and len(leader[1]) == 13:
-        return "what looks like the ASCII output of WinRiver, whose headings are corrected by an unknown declination"
-    return f"a file that begins with {data[:16]!r}" if data else "an empty file"
+    columns, _ = body.numbers({str(k): k for k in places})
+    return np.column_stack([*columns.values()])
 
 
 def _times(body: Body, places: Sequence[int], hundredths: Sequence[int]) -> Floats:
-    if not len(body.rows.line):
+    if not len(body.rows.lines):
         raise InputError(str(body.path), expected="a row an ensemble", found="none", advice=EXPORT)
     parts = list(_numbers(body, places).T)
     parts[0] = times.full_years(parts[0])
@@ -128,7 +113,7 @@ def _times(body: Body, places: Sequence[int], hundredths: Sequence[int]) -> Floa
         parts[-1] = parts[-1] + _numbers(body, hundredths)[:, 0] / 100.0
     time_s, wrong = times.from_parts(parts)
     if wrong is not None:
-        shown = " ".join(body.column(k, "")[1][wrong : wrong + 1].texts()[0] for k in places)
+        shown = " ".join(body.column(k).text(wrong) for k in places)
         raise body.error(wrong, places[0], " ".join(("YR", *CLOCK[1:])), shown)
     return time_s
 
@@ -145,14 +130,14 @@ def _find_currents(path: Path, head: Head) -> tuple[str, list[list[int]], Floats
             shown = f"unit {unit or 'none'}, bins {' '.join(numbers[:5])}"
             expected = "a unit of mm/s, cm/s or m/s, and a number a bin below it"
             raise InputError(f"{path}: column {pair[0]}", expected=expected, found=shown, advice=EXPORT)
-        return pair[0], [first, second], np.array([float(number) for number in numbers]), SPEEDS[unit]
+        return pair[0], [first, second], np.array(numbers, dtype=float), SPEEDS[unit]
     expected, there = "columns Eas and Nor, or Mag and Dir, of the same bins", " ".join(head.names)
     raise InputError(str(path), expected=expected, found=there, advice=EXPORT)
 
 
 def _looks_up(body: Body, places: Sequence[int], orientation: str | None) -> bool:
-    words = {text.lower()[:1] for text in body.column(places[0], "")[1].texts()} if places else set()
-    stated = "up" if words == {"u"} else "down" if words == {"d"} else None
+    words = {text.lower()[:1] for text in body.column(places[0])} if places else set()
+    stated = {"u": "up", "d": "down"}.get("".join(words))
     if not (orientation or stated):
         shown = f"{len(words)} kinds of column Ori" if places else "no column Ori"
         advice = "write orientation: up or down"

@@ -8,14 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from compasslib.errors import InputError
-from compasslib.readers import matlab
+from compasslib.readers import matlab, times
 from compasslib.readers.delimited import read_table
-from compasslib.readers.times import DATENUM_1970
-from compasslib.types import DAY_S, Floats
+from compasslib.types import Floats
 
 ROLES = ("time", "heading", "upper_east", "upper_north", "lower_east", "lower_north")
 ADVICE = "correct fit.columns in the mooring file"
-DATENUMS = (6.5e5, 8.0e5)  # years 1780 to 2190; seconds since 1970 are larger
 
 
 def read_ready_pairs(path: Path, columns: Mapping[str, str]) -> dict[str, Floats]:
@@ -40,10 +38,9 @@ def read_ready_pairs(path: Path, columns: Mapping[str, str]) -> dict[str, Floats
     if len({len(values) for values in series.values()}) != 1:
         shown = ", ".join(f"{columns[role]} {len(values)}" for role, values in series.items())
         raise InputError(str(path), expected="variables of one length", found=shown, advice=ADVICE)
-    first = float(np.nanmin(series["time"], initial=np.inf))
-    if DATENUMS[0] < first < DATENUMS[1]:
-        series["time"] = (series["time"] - DATENUM_1970) * DAY_S
-    elif first < DATENUMS[1]:
-        expected = "times as datenum or as seconds since 1970"
-        raise InputError(f"{path}: {columns['time']}", expected=expected, found=first, advice=ADVICE)
+    try:
+        series["time"], _ = times.from_numbers(series["time"])
+    except times.Unreadable as error:
+        where, expected = f"{path}: {columns['time']}", "times as datenum or as seconds since 1970"
+        raise InputError(where, expected=expected, found=error.shown, advice=ADVICE) from None
     return series

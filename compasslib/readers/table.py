@@ -24,6 +24,7 @@ SERIES = {  # role -> field of a record
     "tilt_x": "pitch_deg", "tilt_y": "roll_deg", "pressure": "pressure_dbar", "depth": "depth_m",
     "temperature": "temperature_c",
 }  # fmt: skip
+FLOW_FLAGS = ("flag", "flag_time", *(f"flag_{role}" for role in (*units.FLOWS, "direction")))
 LOSSES = {
     "rows_cut": "last lines were cut short and left out",
     "rows_repeated": "rows repeat time and depth of another and were left out",
@@ -68,46 +69,52 @@ def to_record(
 ) -> Record:
     """Convert the tables of one instrument to a record; arguments and errors as for ``read``."""
     scale, reference, said = _stated(paths, files, stated_scale, direction_reference)
-    # The files may be listed in any order.
-    tables = sorted(
-        (_in_units(file, said) for file in files), key=lambda table: float(np.nanmin(table["time"], initial=np.inf))
-    )
-    rows, cut = sum(file.rows for file in files), sum(file.cut for file in files)
-    joined = {role: np.concatenate([table[role] for table in tables]) for role in tables[0]}
-    table, counts = _clean(joined, {"rows": rows + cut, "rows_cut": cut})
-    table, counts["rows_sorted"] = _sort_rows(table)
-    samples = _Grid(table.pop("time"))
-    n, m = len(samples.first), int(samples.bin.max(initial=0)) + 1
+    tables = [_in_units(file, said) for file in files]
+    tables.sort(key=lambda table: float(np.nanmin(table["time"], initial=np.inf)))  # files may be listed in any order
+    table = {role: np.concatenate([each[role] for each in tables]) for role in tables[0]}
+    cut = sum(file.cut for file in files)
+    counts = {"rows": sum(file.rows for file in files) + cut, "rows_cut": cut} | _remove_invalid(table)
+    keep, counts["rows_repeated"], counts["rows_contradict"] = _unrepeated(table)
+    order, counts["rows_sorted"] = _order({role: column[keep] for role, column in table.items()})
+    table = {role: column[keep][order] for role, column in table.items()}
+
+    # Rows with the same time as the previous row are further bins of its sample.
+    new = np.append(True, np.diff(table["time"]) != 0.0)[: len(table["time"])]
+    first, row = np.flatnonzero(new), np.cumsum(new) - 1
+    cell = np.arange(len(row)) - first[row]
+    shape = len(first), int(cell.max(initial=0)) + 1
+
+    def spread(values: Floats) -> Floats:
+        grid = np.full(shape, np.nan)
+        grid[row, cell] = values
+        return grid
+
     if "east" in table:
         components = table["east"], table["north"]
     elif "speed" in table:
         components = angles.components(table["speed"], table["direction"])
     else:
         components = angles.turn(-table["y"], table["x"], table["heading"])
-    east, north = (_spread(scale * x, samples, (n, m)) for x in components)
-    of_flow = ["flag", "flag_time", *(f"flag_{role}" for role in (*units.FLOWS, "direction"))]
-    quality = vocabularies.worst_flag([GOOD, *(table[role].astype(int) for role in of_flow if role in table)])
-    series = {role: values[samples.first] for role, values in table.items()}
-    if (heading := series.get("heading")) is not None:
-        series["heading"] = np.where(np.isfinite(heading), angles.wrap360(heading), np.nan)
+    of_flow = [table[role] for role in FLOW_FLAGS if role in table]
+    level = table.get("depth", table.get("pressure", np.zeros(len(row))))
+    series = {field: table[role][first] for role, field in SERIES.items() if role in table}
+    if "heading" in table:
+        heading = table["heading"][first]
+        series["heading_deg"] = np.where(np.isfinite(heading), angles.wrap360(heading), np.nan)
+        series["heading_quality"] = table.get("flag_heading", np.full(len(row), GOOD))[first]
+    if of_flow:
+        worst = vocabularies.worst_flag([flag.astype(int) for flag in of_flow])
+        series["quality"] = np.nan_to_num(spread(worst.astype(float)), nan=MISSING)
+    lost = [f"{counts[key]} {text}" for key, text in LOSSES.items() if counts[key]]
     return new_record(
-        samples.time_s,
-        east,
-        north,
-        bin_range_m=_ranges(table, samples, (n, m)),
-        heading_quality=series.get("flag_heading", GOOD),
-        **{field: series[role] for role, field in (SERIES | {"heading": "heading_deg"}).items() if role in series},
-        quality=quality
-        if not quality.ndim
-        else np.nan_to_num(_spread(quality.astype(float), samples, (n, m)), nan=MISSING),
+        table["time"][first],
+        *(spread(scale * component) for component in components),
+        bin_range_m=spread(level - level[first][row]) if shape[1] > 1 else np.zeros(shape),
+        **series,
         looks_up=False,
         direction_reference=reference,
         counts=counts,
-        warnings=(
-            *table_notes(files),
-            *dict.fromkeys(said),
-            *(f"{counts[key]} {text}" for key, text in LOSSES.items() if counts[key]),
-        ),
+        warnings=(*table_notes(files), *dict.fromkeys(said), *lost),
     )
 
 
@@ -125,10 +132,11 @@ def _stated(
         for role in (role for role in units.FLOWS if role in file.said):
             found = units.stated_factor(role, file.said[role])
             if found and factor is not None and not np.isclose(found[0], factor):
-                expected = f"velocities of which one is {factor:g} m/s" + ", as scale says" * (scale is not None)
-                advice = "correct scale" if scale is not None else "write velocities in one unit"
                 raise InputError(
-                    f"{path}: column {file.said[role][0]!r}", expected=expected, found=found[1], advice=advice
+                    f"{path}: column {file.said[role][0]!r}",
+                    expected=f"velocities of which one is {factor:g} m/s",
+                    found=found[1],
+                    advice="correct scale" if scale is not None else "write velocities in one unit",
                 )
             if found and factor is None:
                 factor = found[0]
@@ -153,31 +161,57 @@ def _in_units(file: Table, said: list[str]) -> dict[str, Floats]:
     return columns
 
 
-def _clean(table: dict[str, Floats], counts: dict[str, int]) -> tuple[dict[str, Floats], dict[str, int]]:
-    """Set fill values, invalid angles and flagged series to NaN, drop repeated rows, and count what is removed."""
-    filled = _fillers(table)
-    with np.errstate(invalid="ignore"):
-        directions = {role: table[role] for role in ("heading", "direction") if role in table}
-        wrong = {role: (degrees < -180.0) | (degrees > 360.0) for role, degrees in directions.items()}
+def _remove_invalid(table: dict[str, Floats]) -> dict[str, int]:
+    """Set fill values, invalid angles and flagged series to NaN in place, and count them."""
+    angle_roles = [role for role in ("heading", "direction") if role in table]
+    invalid = {role: (table[role] < -180.0) | (table[role] > 360.0) for role in angle_roles}
     flagged = {role: table[flag] >= PROBABLY_BAD for role in SERIES if (flag := f"flag_{role}") in table}
-    blank = {role: filled for role in units.FLOWS if role in table} | wrong | flagged
-    table = {role: np.where(blank[role], np.nan, x) if role in blank else x for role, x in table.items()}
-    keep, repeated, contradict = _first_of_repeated(table)
-    if not keep.all():
-        table = {role: column[keep] for role, column in table.items()}
-    return table, counts | {
-        "rows_repeated": repeated,
-        "rows_contradict": contradict,
-        "directions_impossible": int(sum(where.sum() for where in wrong.values())),
-        "values_flagged": int(sum(where.sum() for where in flagged.values())),
+    filled = _fillers(table)
+    for role, wrong in (invalid | flagged | {role: filled for role in units.FLOWS if role in table}).items():
+        table[role] = np.where(wrong, np.nan, table[role])
+    return {
+        "directions_impossible": int(sum(wrong.sum() for wrong in invalid.values())),
+        "values_flagged": int(sum(wrong.sum() for wrong in flagged.values())),
         "fillers": int(filled.sum()),
     }
 
 
-def _sort_rows(
-    table: dict[str, Floats], *, unordered: float = 0.1, by_level: float = 0.75
-) -> tuple[dict[str, Floats], int]:
-    """Sort rows by time if they are listed newest first, level by level or unordered; count the last's steps back.
+def _fillers(table: Mapping[str, Floats], far: float = 2.0) -> Bools:
+    """Flag rows whose velocity is a repeated fill value consisting of nines only, such as -99.9 or 9999.
+
+    Unless both components hold it, it exceeds the largest measured speed by a factor ``far``.
+    """
+    speeds = [table[role] for role in units.FLOWS if role in table]
+    known = [(10.0**n - 1.0) / 10.0**k for n in range(2, 7) for k in range(n) if (n, k) != (2, 0)]  # 9.9, 999, 99.9 ...
+    nines = [np.isin(np.abs(column), known) for column in speeds]
+    candidates = [np.logical_and.reduce(nines) & (speeds[0] == speeds[-1]) & (len(speeds) > 1)]
+    for column, nine in zip(speeds, nines, strict=True):
+        others = np.abs(column[~nine & np.isfinite(column)])
+        candidates.append(nine & (np.abs(column) > far * others.max(initial=0.0)))
+    return np.logical_or.reduce([rows if rows.sum() > 1 else np.zeros_like(rows) for rows in candidates])
+
+
+def _unrepeated(table: Mapping[str, Floats]) -> tuple[Bools, int, int]:
+    """Select one of several rows that are equal, and none of those that differ at one time and depth; count the others.
+
+    Returns:
+        mask of the rows to keep, (n,); number of rows that repeat another; number of rows that contradict another.
+    """
+    time_s, keep = table["time"], np.ones(len(table["time"]), dtype=bool)
+    level = np.nan_to_num(table.get("depth", table.get("pressure", np.zeros(len(time_s)))))
+    order = np.lexsort((level, time_s))
+    if not ((np.diff(time_s[order]) == 0.0) & (np.diff(level[order]) == 0.0)).any():
+        return keep, 0, 0
+    rows = np.nan_to_num(np.column_stack([time_s, level, *table.values()]), nan=np.inf)
+    _, distinct = np.unique(rows, axis=0, return_index=True)
+    _, which, size = np.unique(rows[distinct, :2], axis=0, return_inverse=True, return_counts=True)
+    alone = distinct[size[which.ravel()] == 1]
+    keep = np.isin(np.arange(len(rows)), alone)
+    return keep, len(rows) - len(distinct), len(distinct) - len(alone)
+
+
+def _order(table: Mapping[str, Floats], *, unordered: float = 0.1, by_level: float = 0.75) -> tuple[Any, int]:
+    """Find the order in time of rows that are listed newest first, level by level or unordered; count the last's steps.
 
     A few steps back are a clock adjustment, left to the checks of the deployment.
 
@@ -190,69 +224,8 @@ def _sort_rows(
     mixed = back > unordered * (groups - 1)
     levels = {"depth", "pressure"} & set(table) and len(np.unique(table["time"])) <= by_level * groups
     if not back or not (mixed or levels):
-        return table, 0
-    order = np.argsort(table["time"], kind="stable")
-    return {role: column[order] for role, column in table.items()}, back if mixed and (steps > 0.0).any() else 0
-
-
-def _fillers(table: Mapping[str, Floats], far: float = 2.0) -> Bools:
-    """Flag rows whose velocity is a repeated fill value consisting of nines only, such as -99.9 or 9999.
-
-    Unless both components hold it, it exceeds the largest measured speed by a factor ``far``.
-    """
-    speeds = [table[role] for role in units.FLOWS if role in table]
-    texts = ("9" * whole + ".9"[: 2 * bool(rest)] + "9" * (rest - 1) for whole in range(7) for rest in range(6))
-    known = np.unique([float(text) for text in texts if 2 <= text.count("9") <= 6 and len(text) > 2 and text[0] == "9"])
-    nines = [np.isin(np.abs(column), known) for column in speeds]
-    alike = np.logical_and.reduce(nines) & (speeds[0] == speeds[-1]) & (len(speeds) > 1)
-    filled = alike if alike.sum() > 1 else np.zeros(alike.shape, dtype=bool)
-    for column, nine in zip(speeds, nines, strict=True):
-        if nine.any():
-            others = np.abs(column[~nine & np.isfinite(column)])
-            beyond = nine & (np.abs(column) > far * others.max(initial=0.0))
-            filled = filled | (beyond if beyond.sum() > 1 else False)
-    return np.asarray(filled)
-
-
-def _first_of_repeated(table: Mapping[str, Floats]) -> tuple[Bools, int, int]:
-    """Select one of several rows with equal time and depth if they agree, none otherwise; count both kinds of loss."""
-    if (np.diff(table["time"]) > 0.0).all():
-        return np.ones(len(table["time"]), dtype=bool), 0, 0
-    key = np.column_stack([table["time"], np.nan_to_num(table.get("depth", table.get("pressure", 0 * table["time"])))])
-    _, first, which, size = np.unique(key, axis=0, return_index=True, return_inverse=True, return_counts=True)
-    if (size == 1).all():
-        return np.ones(len(key), dtype=bool), 0, 0
-    which = which.ravel()
-    values = np.column_stack([x for role, x in table.items() if role != "time"])
-    same = ((values == values[first[which]]) | (np.isnan(values) & np.isnan(values[first[which]]))).all(axis=1)
-    torn = np.bincount(which, ~same)[which] > 0
-    keep = ~torn & (np.arange(len(key)) == first[which])
-    return keep, int(np.sum(~keep & ~torn)), int(torn.sum())
-
-
-class _Grid:
-    """Sample and bin index of each row; rows with the same time as the previous row are further bins of its sample."""
-
-    def __init__(self, time_s: Floats):
-        new = np.append(True, np.diff(time_s) != 0)[: len(time_s)]
-        self.first = np.flatnonzero(new)
-        self.row = np.cumsum(new) - 1
-        self.bin = np.arange(len(time_s)) - self.first[self.row] if len(time_s) else np.zeros(0, dtype=int)
-        self.time_s = time_s[self.first]
-
-
-def _spread(values: Floats, samples: _Grid, shape: tuple[int, int]) -> Floats:
-    grid = np.full(shape, np.nan)
-    grid[samples.row, samples.bin] = values
-    return grid
-
-
-def _ranges(table: Mapping[str, Floats], samples: _Grid, shape: tuple[int, int]) -> Floats:
-    """Compute the depth of each bin below the first bin of its sample, (n, m)."""
-    level = table.get("depth", table.get("pressure"))
-    if level is None or shape[1] == 1:
-        return np.zeros(shape)
-    return _spread(level - level[samples.first][samples.row], samples, shape)
+        return slice(None), 0
+    return np.argsort(table["time"], kind="stable"), back if mixed and (steps > 0.0).any() else 0
 
 
 def read_series(covariate: Mapping[str, Any]) -> tuple[Floats, Floats, tuple[str, ...]]:

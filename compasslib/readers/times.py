@@ -1,8 +1,6 @@
-"""Parse time cells to UTC seconds since 1970: unambiguous formats are detected, all others require ``time_format``.
+"""Parse times to UTC seconds since 1970: unambiguous formats are detected, all others require ``time_format``.
 
-All rows of a column must have the same format. A numeric day and month are distinguished by a value above 12, with
-which all rows and their order must agree. Numeric times are identified by their magnitude: seconds and milliseconds
-since 1970, MATLAB's datenum, and decimal years. Cells that differ in their digits only are parsed together.
+A value above 12 tells the day from the month. Cells that differ in their digits only are parsed together.
 """
 
 from __future__ import annotations
@@ -55,21 +53,18 @@ DIRECTIVES = {  # of strptime
     "H": r"(?P<H>\d{1,2})", "I": r"(?P<H>\d{1,2})", "M": r"(?P<M>\d{1,2})", "S": r"(?P<S>\d{1,2})",
     "f": r"(?P<f>\d{1,9})", "p": r"(?P<half>[AaPp])[Mm]", "z": r"(?:Z|(?P<zone>[+-]\d\d:?\d\d))", "%": "%",
 }  # fmt: skip
-_SHORTHAND = {"%T": "%H:%M:%S", "%R": "%H:%M", "%F": "%Y-%m-%d", "%D": "%m/%d/%y"}
 _SINCE = re.compile(
     r"(?:(?P<packed>\d{8})|(?P<y>[+-]?\d{1,4})(?:(?P<part>[-/])(?P<m>\d{1,2})(?:(?P=part)(?P<d>\d{1,2}))?)?)"
     r"(?:(?: *T| +) *(?P<H>\d{1,2})(?::(?P<M>\d{1,2})(?::(?P<S>\d{1,2}(?:\.\d*)?))?)?"
     r" *(?:Z|UTC|GMT|(?P<zone>(?:[+-]| +[+-]?)\d{1,2}(?::?\d\d)?))?| *(?:Z|UTC|GMT))?",
     re.ASCII | re.IGNORECASE,
 )
-_SHORT_YEAR = re.compile(r"\d{1,2}[-/. ](?:\d{1,2}|[A-Za-z]{3,9})[-/. ]\d\d(?:[T ].*)?", re.ASCII)
-_ZONE_NAME = re.compile(r".*\d ?(?:[AaPp]\.?[Mm]\.? )? ?([A-Z]{2,5}\d?)", re.ASCII)
 
 
 class Unreadable(Exception):
     """A cell of times, by the index of its row, or a column (None) that cannot be parsed."""
 
-    def __init__(self, row: int | None, shown: str, expected: str = TIME_FORM, advice: str = ""):
+    def __init__(self, row: int | None, shown: str, expected: str, advice: str):
         super().__init__(shown)
         self.row, self.shown, self.expected, self.advice = row, shown, expected, advice
 
@@ -79,17 +74,14 @@ class _Cells:
     """Time cells, and the form that all must have."""
 
     column: Column
-    expected: str = TIME_FORM
-    advice: str = ""
+    expected: str
+    advice: str
 
-    def refused(self, row: int, expected: str | None = None, advice: str | None = None) -> Unreadable:
-        """Create the error for the cell of a row."""
-        advice = self.advice if advice is None and expected is None else advice or ""
-        return Unreadable(row, repr(self.text(row)), expected or self.expected, advice)
-
-    def text(self, row: int) -> str:
-        """Decode the cell of a row."""
-        return self.column[row : row + 1].texts()[0]
+    def refuse(self, wrong: Bools, expected: str = "") -> None:
+        """Raise the error for the first wrong cell, if any is."""
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise Unreadable(row, repr(self.column.text(row)), expected or self.expected, self.advice)
 
 
 def parse_times(
@@ -105,41 +97,38 @@ def parse_times(
     Raises:
         Unreadable: a cell is not a valid time, or is ambiguous.
     """
-    ahead_s, cells = parse_zone(zone), _Cells(column)
-    if not len(column.begin):
+    if not len(column):
         return np.zeros(0), ""
+    first, name = column.text(0), ""
     if form is None:
-        first = cells.text(0)
-        name = next((name for name, pattern in _PATTERNS.items() if pattern.fullmatch(first)), None)
-        pattern = None if name is None else _PATTERNS[name]
-        if name != "iso":
-            cells = _Cells(column, f"a time like {first!r}, as in the first row", f"mend the line, or {SETTLE}")
+        name = next((name for name, pattern in _PATTERNS.items() if pattern.fullmatch(first)), "")
+        expected = f"a time like {first!r}, as in the first row" if name not in ("", "iso") else TIME_FORM
+        cells = _Cells(column, expected, f"mend the line, or {SETTLE} for another form")
+        pattern = _PATTERNS.get(name)
     else:
-        name, cells = "", _Cells(column, f"a time like {form}", "mend the line or correct time_format")
+        expected = SCALES[form][1] if form in SCALES else f"a time like {form}"
+        cells = _Cells(column, expected, "mend the line or correct time_format")
         pattern = None if form in SCALES else _pattern_of(form)
     if pattern is None:
-        values = parse_numbers(column, decimal, ()).values
-        values = np.where(np.isfinite(values), values, np.nan)
-        scale = form or _detect_scale(_Cells(column), values)
-        expected, advice = (
-            f"{SCALES[scale][1]} between {YEARS[0]} and {YEARS[1] - 1}",
-            "mend the line or correct time_format",
-        )
-        if (wrong := ~_within(scale, values, YEARS)).any():
-            raise cells.refused(int(np.argmax(wrong)), expected, advice)
-        return SCALES[scale][0](values) - ahead_s, "" if form else f"times as {SCALES[scale][1]}"
+        values, _ = parse_numbers(column, decimal, ())
+        cells.refuse(~np.isfinite(values))
+        time_s, note = from_numbers(values, form)
+        return time_s - parse_zone(zone), note
     fields = _read_fields(cells, pattern)
-    note = _NOTES.get(str(name), "months by their names" * ("name" in fields and form is None))
+    note = _NOTES.get(name, "months by their names" * ("name" in fields and form is None))
     if "a" in fields:
-        fields["d"], fields["m"], note = _day_and_month(cells, fields["a"], fields["b"], fields["y"])
-    if "half" in fields and (written := fields["half"] > 0.0).any():  # 12-hour clock with AM or PM
-        if (wrong := ~written | (fields["H"] < 1.0) | (fields["H"] > 12.0)).any():
-            raise cells.refused(int(np.argmax(wrong)), "an hour from 1 to 12 with AM or PM, as in other rows")
+        fields["d"], fields["m"], note = _day_and_month(cells, fields["a"], fields["b"])
+    if "half" in fields and (fields["half"] > 0.0).any():  # 12-hour clock with AM or PM
+        wrong = (fields["half"] == 0.0) | (fields["H"] < 1.0) | (fields["H"] > 12.0)
+        cells.refuse(wrong, "an hour from 1 to 12 with AM or PM, as in other rows")
         fields["H"] = fields["H"] % 12.0 + 12.0 * (fields["half"] - 1.0)
-    clock_s, leap = _to_seconds(cells, fields, packed=name in _NOTES)
-    if len(leap):
-        note += f"{', ' * bool(note)}second 60 as a leap second ({cells.text(int(leap[0]))})"
-    return clock_s - _zone_offset_s(cells, fields["zone"], zone, ahead_s), note
+    stated, ahead_s = np.isfinite(fields["zone"]), parse_zone(zone)
+    if zone is not None:
+        cells.refuse(stated & (fields["zone"] != ahead_s), f"times at {zone}, as timezone says")
+    elif np.any(fields["zone"][stated] != 0.0):
+        cells.refuse(~stated, "an offset from UTC as in other rows")
+    time_s = _to_seconds(cells, fields, packed=name in _NOTES)
+    return time_s - np.where(stated, fields["zone"], ahead_s), note
 
 
 def _pattern_of(form: str) -> re.Pattern[str]:
@@ -148,8 +137,6 @@ def _pattern_of(form: str) -> re.Pattern[str]:
     Raises:
         Unreadable: it has another directive, or one twice.
     """
-    for short, long in _SHORTHAND.items():
-        form = form.replace(short, long)
     parts = re.split(r"(%.|\s+)", form, flags=re.DOTALL)
     try:
         parts = [DIRECTIVES[part[1:]] if part[:1] == "%" else re.escape(part) for part in parts if part.strip()]
@@ -164,31 +151,33 @@ def _read_fields(cells: _Cells, pattern: re.Pattern[str]) -> dict[str, Floats]:
 
     Zero stands for an absent one; ``half`` is 1 for AM and 2 for PM, ``zone`` in seconds ahead of UTC, NaN if absent.
     """
-    characters, column = cells.column.characters(), cells.column
+    column, n = cells.column, len(cells.column)
+    characters, length = column.characters(), column.end - column.begin
     figures = characters - np.uint8(ZERO)
     shape = np.ascontiguousarray(np.where(figures < 10, np.uint8(ZERO), characters).T)
-    shape, length = shape.view(f"S{shape.shape[1]}")[:, 0], column.end - column.begin
-    fields: dict[str, Floats] = {name: np.zeros(len(length)) for name in {*pattern.groupindex} - {"part"}}
-    fields["zone"] = np.full(len(length), np.nan)
-    unread = np.arange(len(length))
+    shape = shape.view(f"S{shape.shape[1]}")[:, 0]
+    fields: dict[str, Floats] = {name: np.zeros(n) for name in {*pattern.groupindex} - {"part"}}
+    fields["zone"] = np.full(n, np.nan)
+    unread = np.arange(n)
     while unread.size:
         row = int(unread[0])
-        if (match := pattern.fullmatch(text := cells.text(row))) is None:
-            raise cells.refused(row)
         alike = (shape[unread] == shape[row]) & (length[unread] == length[row])
-        here: Any = slice(None) if alike.all() and len(unread) == len(length) else unread[alike]
+        match = pattern.fullmatch(text := column.text(row))
+        if match is None:
+            cells.refuse(np.arange(n) == row)
+            break
+        here: Any = slice(None) if alike.all() and len(unread) == n else unread[alike]
         for name in fields.keys() & match.groupdict().keys():
             begin, end = match.span(name)
             at = [k for k in range(begin, end) if text[k].isdigit()]
             number = reduce(lambda value, k: 10.0 * value + figures[k, here], at, 0.0)
-            if name == "name" and (number := NUMBER_OF.get(text[begin:end].lower(), 0)) == 0:
-                raise cells.refused(row, "an English name of a month", "write the months in figures or in English")
+            if name == "name":
+                number = NUMBER_OF.get(text[begin:end].lower(), 0)
+                cells.refuse((np.arange(n) == row) & (number == 0), "an English name of a month")
             if name == "half":
                 number = 0.0 if begin < 0 else 1.0 + (text[begin] in "pP")
-            if name == "S":
-                number = number / 10.0 ** max(len(at) - 2, 0)
-            if name == "f":
-                number = number / 10.0 ** len(at)
+            if name in "Sf":  # seconds with a fraction, or the fraction alone
+                number = number / 10.0 ** max(len(at) - 2 * (name == "S"), 0)
             if name == "zone" and at:
                 number = 60.0 * (60.0 * (number // 100.0) + number % 100.0) if len(at) > 2 else number * HOUR_S
                 number = -number if text[begin] == "-" else number
@@ -200,9 +189,22 @@ def _read_fields(cells: _Cells, pattern: re.Pattern[str]) -> dict[str, Floats]:
     return fields
 
 
-def _to_seconds(cells: _Cells, fields: dict[str, Floats], *, packed: bool) -> tuple[Floats, Ints]:
-    """Convert dates and times of day to seconds since 1970, and find the leap seconds; refuse invalid ones."""
-    zero = np.zeros(len(cells.column.begin))
+def _day_and_month(cells: _Cells, a: Floats, b: Floats) -> tuple[Floats, Floats, str]:
+    """Distinguish days from months in numeric dates, and describe the row that decides; reject ambiguous columns."""
+    first, second = np.flatnonzero(a > 12.0), np.flatnonzero(b > 12.0)
+    settling = [cells.column.text(int(rows[0])) for rows in (first, second) if rows.size]
+    if len(settling) != 1 and (a != b).any():
+        row = int(np.argmax(a != b)) if not settling else max(int(first[0]), int(second[0]))
+        shown = " beside ".join(map(repr, settling)) or f"{cells.column.text(row)!r}, and no row with a number above 12"
+        advice = "write time_format: '%d/%m/%Y ...' or '%m/%d/%Y ...' with the file's own signs"
+        raise Unreadable(row, shown, "dates in which day and month can be told apart", advice)
+    day, month, which = (b, a, "month first") if second.size else (a, b, "day first")
+    return day, month, f"dates {which}" + "".join(f" ({text} settles it)" for text in settling)
+
+
+def _to_seconds(cells: _Cells, fields: dict[str, Floats], *, packed: bool) -> Floats:
+    """Convert dates and times of day to seconds since 1970; refuse invalid ones."""
+    zero = np.zeros(len(cells.column))
     if "short" in fields:
         fields["y"] = fields["short"] + np.where(fields["short"] < 69.0, 2000.0, 1900.0)  # as POSIX has it
     month, day = fields.get("m", fields.get("name", zero + 1.0)), fields.get("d", zero + 1.0)
@@ -215,24 +217,40 @@ def _to_seconds(cells: _Cells, fields: dict[str, Floats], *, packed: bool) -> tu
         wrong |= (fields["y"] < YEARS[0]) | (fields["y"] >= 2100.0)
     if "day" in fields:
         time_s = time_s + (fields["day"] - 1.0) * DAY_S
-        wrong |= (fields["day"] < 1.0) | (time_s >= civil_seconds(*_new_year(fields["y"] + 1.0), last_year=9999))
-    if wrong.any():
-        raise cells.refused(int(np.argmax(wrong)))
-    # Before the next minute, whose row is another.
-    return (np.round(time_s * 1e6) + np.round(np.where(leap, 59.999, second) * 1e6)) / 1e6, np.flatnonzero(leap)
+        wrong |= (fields["day"] < 1.0) | (time_s >= new_year(fields["y"] + 1.0))
+    cells.refuse(wrong)
+    # A leap second stays before the next minute, whose row is another.
+    return np.asarray(np.round(time_s * 1e6) + np.round(np.where(leap, 59.999, second) * 1e6), dtype=float) / 1e6
 
 
 def from_numbers(values: Floats, scale: str | None = None) -> tuple[Floats, str]:
     """Convert numbers to UTC seconds since 1970, (n,), NaN where missing, and describe the detected scale.
 
+    The scale is detected as the first on which all numbers lie between 1980 and 2030.
+
     Raises:
-        Unreadable: the scale is not stated, and the numbers do not determine it.
+        Unreadable: the scale is not stated, and the numbers do not determine it; or a number is no time on it.
     """
-    known = np.isfinite(values)
-    name = scale or _scale_of(values[known])
-    time_s = np.full(len(values), np.nan)
-    time_s[known] = SCALES[name][0](values[known])
-    return time_s, "" if scale else f"times were read as {SCALES[name][1]}"
+    known = values[np.isfinite(values)]
+    # Integers of days or years may be anything, such as concatenated dates.
+    detected = ("epoch", "epoch_ms", *(("datenum", "decimal_year") if np.any(known % 1.0) else ()))
+    name = scale or next((name for name in detected if _within(name, known, USUAL_YEARS).all()), None)
+    if name is None:
+        advice = "write time_format: epoch, epoch_ms, datenum, matplotlib, decimal_year or excel"
+        shown = f"numbers from {np.min(known):.10g} to {np.max(known):.10g}"
+        raise Unreadable(None, shown, "times", advice)
+    wrong = np.isfinite(values) & ~_within(name, values, YEARS)
+    if wrong.any():
+        row, expected = int(np.argmax(wrong)), f"{SCALES[name][1]} between {YEARS[0]} and {YEARS[1] - 1}"
+        raise Unreadable(row, repr(float(values[row])), expected, "mend the line or correct time_format")
+    return SCALES[name][0](values), "" if scale else f"times as {SCALES[name][1]}"
+
+
+def _within(scale: str, values: Floats, years: tuple[int, int]) -> Bools:
+    """Return whether each number is a time between two years, the last excluded, (n,)."""
+    low, high = (np.datetime64(f"{year}-01-01", "s").astype(float) for year in years)
+    time_s = SCALES[scale][0](values)
+    return (time_s >= low) & (time_s < high)
 
 
 def full_years(year: Floats) -> Floats:
@@ -248,23 +266,24 @@ def from_parts(parts: Sequence[Floats]) -> tuple[Floats, int | None]:
             far as they are known. The last one may have a fraction.
     """
     year, *others = [np.nan_to_num(part, nan=-1.0) for part in parts]
-    begin = civil_seconds(*_new_year(year), first_year=YEARS[0])
     if len(others) == 1:
-        time_s: Floats = np.round(begin + (others[0] - 1.0) * DAY_S, 3)
-        wrong = (others[0] < 1.0) | (time_s >= civil_seconds(*_new_year(year + 1.0), last_year=YEARS[1]))
+        time_s: Floats = np.round(new_year(year) + (others[0] - 1.0) * DAY_S, 3)
+        wrong = (others[0] < 1.0) | (time_s >= new_year(year + 1.0))
     else:
         whole = [np.floor(part).astype(np.int64) for part in (year, *others)]
         whole += [np.zeros_like(whole[0])] * (6 - len(whole))
         fraction = (others[-1] % 1.0) * (0.0, DAY_S, HOUR_S, 60.0, 1.0)[len(others) - 1]
         time_s = np.asarray(np.round((civil_seconds(*whole, first_year=YEARS[0]) + fraction) * 1e3) / 1e3, dtype=float)
         wrong = np.any([part % 1.0 != 0.0 for part in (year, *others[:-1])], axis=0)
-    wrong |= np.isnan(time_s)
+    wrong |= np.isnan(time_s) | (year < YEARS[0])
     return time_s, int(np.argmax(wrong)) if wrong.any() else None
 
 
-def _new_year(year: Floats) -> tuple[Ints, ...]:
-    ones = np.ones(len(year), dtype=np.int64)
-    return (year.astype(np.int64), ones, ones, 0 * ones, 0 * ones, 0 * ones)
+def new_year(year: Floats) -> Floats:
+    """Find the beginning of years, UTC seconds since 1970; NaN if they are not in 1 to 9999."""
+    real = (year >= 1.0) & (year <= 9999.0)
+    begin = (np.where(real, year, 1970.0) - 1970.0).astype("datetime64[Y]").astype("datetime64[s]").astype(float)
+    return np.where(real, begin, np.nan)
 
 
 def parse_zone(zone: str | None) -> float:
@@ -311,7 +330,7 @@ def parse_origin(text: str, calendar: str) -> float:
 
 def _decimal_years(years: Floats) -> Floats:
     whole = np.floor(years)
-    begin, end = ((whole + k - 1970.0).astype("datetime64[Y]").astype("datetime64[s]").astype(float) for k in (0, 1))
+    begin, end = new_year(whole), new_year(whole + 1.0)
     return np.round(begin + (years - whole) * (end - begin), 3)
 
 
@@ -326,67 +345,6 @@ SCALES: dict[str, tuple[Callable[[Floats], Floats], str]] = {
     "excel": (lambda x: np.round((x - 25569.0) * DAY_S, 3), "Excel's days"),
     "decimal_year": (_decimal_years, "years with a fraction of their own length"),
 }
-
-
-def _within(scale: str, values: Floats, years: tuple[int, int]) -> Bools:
-    """Return whether each number is a time between two years, the last excluded, (n,)."""
-    low, high = (np.datetime64(f"{year}-01-01", "s").astype(float) for year in years)
-    time_s = SCALES[scale][0](values if scale != "decimal_year" else np.clip(values, 1.0, 9999.0))
-    return (time_s >= low) & (time_s < high)
-
-
-def _detect_scale(cells: _Cells, values: Floats) -> str:
-    """Detect the scale on which all numbers lie between 1980 and 2030."""
-    if (lost := np.isnan(values)).any():
-        row = int(np.argmax(lost))
-        if _SHORT_YEAR.fullmatch(cells.text(row)):
-            raise cells.refused(row, "years of four figures", "write time_format, for example '%d/%m/%y'")
-        if named := _ZONE_NAME.fullmatch(cells.text(row)):
-            advice = "take the name out, and write timezone where it is not UTC"
-            raise cells.refused(row, f"UTC or an offset instead of {named[1]}", advice)
-        raise cells.refused(row)
-    return _scale_of(values)
-
-
-def _scale_of(values: Floats) -> str:
-    # Integers of days or years may be anything, such as concatenated dates.
-    scales = ("epoch", "epoch_ms", *(("datenum", "decimal_year") if np.any(values % 1.0) else ()))
-    if scale := next((scale for scale in scales if _within(scale, values, USUAL_YEARS).all()), None):
-        return scale
-    advice = "write time_format: epoch, epoch_ms, datenum, matplotlib, decimal_year or excel"
-    raise Unreadable(None, f"numbers from {np.min(values):.10g} to {np.max(values):.10g}", "times", advice)
-
-
-def _day_and_month(cells: _Cells, a: Floats, b: Floats, year: Floats) -> tuple[Floats, Floats, str]:
-    """Distinguish days from months in numeric dates, and describe the row that decides; reject ambiguous columns."""
-    first, second = np.flatnonzero(a > 12.0), np.flatnonzero(b > 12.0)
-    expected = "dates in which day and month can be told apart"
-    if len(first) and len(second):
-        other, row = sorted((int(first[0]), int(second[0])))
-        raise Unreadable(row, f"{cells.text(row)!r} beside {cells.text(other)!r}", expected, SETTLE)
-    if not len(first) and not len(second) and (a != b).any():
-        row = int(np.flatnonzero(a != b)[0])
-        advice = "write time_format: '%d/%m/%Y ...' or '%m/%d/%Y ...' with the file's own signs"
-        raise Unreadable(row, f"{cells.text(row)!r}, and no row with a number above 12", expected, advice)
-    day, month, which, settles = (b, a, "month first", second) if len(second) else (a, b, "day first", first)
-    order = np.diff(year * 372.0 + month * 31.0 + day)
-    if (order < 0.0).any() and (order > 0.0).any():
-        back = int(np.flatnonzero(order * np.sign(np.sum(np.sign(order)) or 1.0) < 0.0)[0]) + 1
-        shown = f"{cells.text(back)!r} behind {cells.text(back - 1)!r}, which goes back if it is {which}"
-        raise Unreadable(back, shown, expected, SETTLE)
-    return day, month, f"dates {which}" + (f" ({cells.text(int(settles[0]))} settles it)" if len(settles) else "")
-
-
-def _zone_offset_s(cells: _Cells, zone_s: Floats, zone: str | None, ahead_s: float) -> Floats:
-    """Determine the UTC offset of each cell, (n,) seconds ahead: as stated in the cell, or else the given zone."""
-    stated = np.isfinite(zone_s)
-    unstated = np.flatnonzero(~stated)
-    if len(unstated) and np.any(zone_s[stated] != 0.0) and zone is None:
-        raise cells.refused(int(unstated[0]), "an offset from UTC as in other rows", "write timezone")
-    if zone is not None and np.any(zone_s[stated] != ahead_s):
-        row = int(np.flatnonzero(stated & (zone_s != ahead_s))[0])
-        raise cells.refused(row, f"times at {zone}, as timezone says", "correct or delete timezone")
-    return np.where(stated, zone_s, ahead_s)
 
 
 def describe_averages(average_s: float, time_s: Floats, *, least_s: float = 120.0) -> tuple[str, ...]:

@@ -131,7 +131,7 @@ def test_errors_of_ready_made_pairs_are_one_line_or_a_warning(tmp_path):
     path = written(tmp_path / "a.mat", DATENUM, "mat")
     with pytest.raises(InputError, match=r"a.mat: speed \(heading\): expected one of its variables, found v_heading"):
         read_ready_pairs(path, COLUMNS | {"heading": "speed"})
-    with pytest.raises(InputError, match=r"expected times as datenum or as seconds since 1970, found 5289\.0"):
+    with pytest.raises(InputError, match=r"expected times as datenum or as seconds since 1970, found numbers"):
         read_ready_pairs(written(tmp_path / "b.mat", DATENUM - 728000.0, "mat"), COLUMNS)
     (tmp_path / "c.mat").write_bytes(bytes(512) + b"\x89HDF\r\n\x1a\n")
     with pytest.raises(InputError, match=r"expected a whole MATLAB file"):

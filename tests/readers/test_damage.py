@@ -305,16 +305,6 @@ def test_foreign_bytes_between_records_are_not_damage(kinds, tmp_path, name):
     assert whole <= mixed
 
 
-@pytest.mark.parametrize("name", ["nmea0183", "iaga2002"])
-def test_truncation_at_any_byte_of_the_last_rows(kinds, tmp_path, name):
-    """Files of most other formats are truncated in the tests of their readers."""
-    data = kinds[name].whole
-    whole = tried(kinds[name], data, tmp_path)
-    for cut in range(1, 130):
-        found = tried(kinds[name], data[:-cut], tmp_path)
-        assert found <= whole and len(found) >= len(whole) - cut // 60 - 2
-
-
 @pytest.mark.parametrize("name", REAL)
 def test_genuine_files_under_every_fault(kinds, tmp_path, name):
     """The first part of each file is used, truncated as by a full disk."""

@@ -71,7 +71,7 @@ def test_orientation_comes_from_the_file_or_is_required(tmp_path):
         ("\t15\t8\t30\t", "\t15\t2\t30\t", "YR MO DA HH MM SS"),
         ("\t7.30\t", "\twarm\t", "line 16, Tem: expected a number"),
         ("\t45.0\tUp\t0\t160\t", "\t45.0\tUp\t0\t", "line 16, Ens: expected 24 cells"),
-        ("\t", "   ", "WinADCP"),
+        ("\t", "   ", "of another text table write format: table"),
     ],
 )
 def test_invalid_export_is_refused_in_one_line(tmp_path, old, new, line):
@@ -89,9 +89,3 @@ def test_timestamps_at_the_start_of_long_averages_are_reported(tmp_path):
     for apart, half in (("00:05.00", 300), ("00:01.00", 60), ("00:00.50", 0), ("01:00.00", 0)):
         warnings = read(tmp_path / "a.txt", export().replace("00:05.00", apart)).warnings
         assert any(f"its middle is {half} s later" in line for line in warnings) == (half > 0), apart
-
-
-def test_winriver_output_is_refused_by_name(tmp_path):
-    leader = "a note\nanother\n50 25 10 40 1 100 5\n13 7 24 1 26 16 5 1 1 -1.5 0.1 90.3 3.6\n"
-    assert "ASCII output of WinRiver" in refused(tmp_path / "a.txt", leader)
-    assert "format: pd0" in refused(tmp_path / "a.txt", "time,east,north\n")

