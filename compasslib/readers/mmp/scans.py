@@ -22,8 +22,9 @@ from compasslib.errors import InputError
 from compasslib.readers import files
 from compasslib.readers.files import refuse_mostly_damaged
 from compasslib.readers.mmp import rows
-from compasslib.readers.mmp.rows import Ints, ProfileBlock
+from compasslib.readers.mmp.rows import UNKNOWN, Ints, ProfileBlock
 from compasslib.readers.times import civil_seconds
+from compasslib.records import take
 from compasslib.types import DAY_S, Bools, Floats
 
 COLUMNS = ("HDNG", "TX", "TY", "HX", "HY", "HZ", "VPAB", "VPCD", "VPEF", "VPGH")
@@ -46,8 +47,8 @@ class Scans:
     profile: Ints  # (r,) index of the profile of each scan
     blocks: tuple[ProfileBlock, ...]  # (p,) number, rate and times of each profile
     damaged: int  # number of rows or records dropped
-    damaged_files: tuple[str, ...]
-    empty_files: tuple[str, ...]
+    damaged_files: tuple[str, ...] = ()
+    empty_files: tuple[str, ...] = ()
     strange: int = 0  # number of unprintable bytes in text files, ignored
     notes: tuple[str, ...] = ()  # sentences on how files were read
 
@@ -85,37 +86,36 @@ def is_text(data: bytes) -> bool:
     return not data or files.count_unprintable(sample) < 0.05 * len(sample)
 
 
-def _parse_binary(data: bytes) -> tuple[list[ProfileBlock], Ints, Floats, Floats, int, int]:
-    """Parse the scans of a binary file, dropping damaged records, to the arguments of ``_select_possible``."""
+def _parse_binary(data: bytes) -> tuple[Scans, int]:
+    """Parse the records of a binary file, and count those that are recognizable but damaged."""
     blocks: list[ProfileBlock] = []
-    places: list[Ints] = [np.zeros(0, dtype=np.int64)]
+    places, profiles = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     times: list[Floats] = [np.zeros(0)]
     values: list[Floats] = [np.zeros((0, RECORD["values"].shape[0]))]
     damaged, failed, begin = 0, 0, 0
     for span in _spans(data):
-        damaged += span.torn + span.records
-        if span.records:
-            records = np.frombuffer(data, dtype=RECORD, count=span.records, offset=span.begin)
-            time_s, good = _record_times(records)
-            torn = np.zeros(len(records), dtype=bool)
-            if good.any():
-                last = int(np.flatnonzero(good)[-1])
-                # A float of which only the first bytes were written is smaller than any speed.
-                ends_in_zeros = abs(float(records["values"][last, -1])) < 1e-30
-                torn[last] = ends_in_zeros and not any(data[span.begin + (last + 1) * RECORD.itemsize : span.end])
-            good &= ~torn
-            count = int(good.sum())
-            end = begin + count
-            rate = float(np.frombuffer(data, FRONT, 1, span.begin - FRONT.itemsize)["rate_hz"][0])
-            on, off = np.frombuffer(data, TAIL, 1, span.tail)[0].item() if span.tail >= 0 else (np.nan, np.nan)
-            rate = rate if 0 < rate < 100 else np.nan
-            blocks.append(ProfileBlock(begin, end, rate_hz=rate, on_s=float(on), off_s=float(off)))
-            places.append(np.flatnonzero(good))
-            times.append(time_s[good])
-            values.append(records["values"][good].astype(float))
-            failed += _count_failed(data, span, records, good)
-            damaged, begin = damaged - count, begin + count
-    return blocks, np.concatenate(places), np.concatenate(times), np.concatenate(values), damaged, failed
+        damaged += span.torn
+        if not span.records:
+            continue
+        records = np.frombuffer(data, dtype=RECORD, count=span.records, offset=span.begin)
+        time_s, good = _record_times(records)
+        if good.any():
+            last = int(np.flatnonzero(good)[-1])
+            # A float of which only the first bytes were written is smaller than any speed.
+            ends_in_zeros = abs(float(records["values"][last, -1])) < 1e-30
+            good[last] = not ends_in_zeros or any(data[span.begin + (last + 1) * RECORD.itemsize : span.end])
+        end = begin + int(good.sum())
+        rate = float(np.frombuffer(data, FRONT, 1, span.begin - FRONT.itemsize)["rate_hz"][0])
+        on, off = np.frombuffer(data, TAIL, 1, span.tail)[0].item() if span.tail >= 0 else (np.nan, np.nan)
+        profiles.append(np.full(end - begin, len(blocks)))
+        blocks.append(ProfileBlock(begin, end, UNKNOWN, rate if 0 < rate < 100 else np.nan, float(on), float(off)))
+        places.append(np.flatnonzero(good))
+        times.append(time_s[good])
+        values.append(records["values"][good].astype(float))
+        failed += _count_failed(data, span, records, good)
+        damaged, begin = damaged + int(np.sum(~good)), end
+    of_scans = np.concatenate(places), np.concatenate(profiles)
+    return Scans(np.concatenate(times), np.concatenate(values), *of_scans, tuple(blocks), damaged), failed
 
 
 def _count_failed(data: bytes, span: _Span, records: np.ndarray, good: Bools) -> int:
@@ -134,20 +134,21 @@ def _count_failed(data: bytes, span: _Span, records: np.ndarray, good: Bools) ->
 def _read_file(path: Path) -> Scans:
     data, notes = _undo_modem(path, files.read_bytes(path))
     if _is_binary(data):
-        blocks, place, time_s, values, damaged, failed = _parse_binary(data)
-        if len(blocks) == 1:
-            blocks = [replace(blocks[0], number=rows.number_in_name(path))]
-        return replace(_select_possible(path, blocks, place, time_s, values, damaged, failed), notes=notes)
+        scans, failed = _parse_binary(data)
+        if len(scans.blocks) == 1:
+            scans = replace(scans, blocks=(replace(scans.blocks[0], number=rows.number_in_name(path)),))
+        return replace(_select_possible(path, scans, failed), notes=notes)
     text = rows.parse(data if is_text(data) else b"", lambda form: form in (STAMPED, UNSTAMPED))
-    if data.strip() and text.form is None and not rows.statements(text)[0]:
+    if data.strip() and text.form is None and not text.statements:
         shown = f"a file that begins with {data[:24]!r}"
         raise InputError(str(path), expected=EXPECTED, found=shown, advice="check that format and file belong together")
-    profiles, place, damaged = rows.parse_profiles(text, path)
-    values = text.values if text.form == STAMPED else np.full((len(text.offset), len(COLUMNS)), np.nan)
-    if text.form == UNSTAMPED:
-        values[:, 1:] = text.values
-    scans = _select_possible(path, profiles, place, text.time_s, values, damaged, damaged - text.foreign)
-    return replace(scans, strange=files.count_unprintable(data))
+    blocks, place = rows.parse_profiles(text, path)
+    values = np.full((len(place), len(COLUMNS)), np.nan)
+    values[:, len(COLUMNS) - text.values.shape[1] :] = text.values
+    profile = np.repeat(np.arange(len(blocks)), [block.end - block.begin for block in blocks])
+    scans = Scans(text.time_s, values, place, profile, tuple(blocks), len(text.damaged))
+    strange = files.count_unprintable(data)
+    return replace(_select_possible(path, scans, len(text.damaged) - text.foreign), strange=strange)
 
 
 def _is_binary(data: bytes) -> bool:
@@ -182,32 +183,24 @@ def _undo_modem(path: Path, data: bytes) -> tuple[bytes, tuple[str, ...]]:
 
 
 def _count_scans(data: bytes) -> int:
-    return len(_parse_binary(data)[1]) if _is_binary(data) else 0
+    return len(_parse_binary(data)[0].place) if _is_binary(data) else 0
 
 
-def _select_possible(
-    path: Path, blocks: Sequence[ProfileBlock], place: Ints, clock_s: Floats, values: Floats, damaged: int, failed: int
-) -> Scans:
+def _select_possible(path: Path, scans: Scans, failed: int) -> Scans:
     """Drop scans with impossible values; raise an error if more scans are damaged than intact.
 
     Args:
-        damaged: number of rows or records that are not valid scans.
-        failed: number of these that are recognizable as damaged scans: neither padding nor shifted by lost bytes.
+        failed: number of damaged scans that are recognizable as such: neither padding nor shifted by lost bytes.
     """
-    profile = np.repeat(np.arange(len(blocks)), [block.end - block.begin for block in blocks])
-    heading, tilts, field, paths = values[:, 0], values[:, 1:3], values[:, 3:6], values[:, 6:]
-    good = np.isnan(heading) | ((heading >= -180.0) & (heading <= 360.0))
+    heading, tilts, field, paths = np.split(scans.values, (1, 3, 6), axis=1)
+    good = (np.isnan(heading) | ((heading >= -180.0) & (heading <= 360.0)))[:, 0]
     good &= np.isfinite(field).all(axis=1) & (np.abs(tilts) <= 180.0).all(axis=1)  # degrees
-    good &= (np.abs(paths) <= 2000.0).all(axis=1) & ~is_misplaced(clock_s, profile)  # cm/s
+    good &= (np.abs(paths) <= 2000.0).all(axis=1) & ~is_misplaced(scans.clock_s, scans.profile)  # cm/s
     impossible = int(np.sum(~good))
     refuse_mostly_damaged(path, "scans", damaged=failed + impossible, whole=len(good) - impossible)
-    damaged += impossible
-    return Scans(
-        clock_s=clock_s[good],
-        values=values[good],
-        place=place[good],
-        profile=profile[good],
-        blocks=tuple(blocks),
+    damaged = scans.damaged + impossible
+    return replace(
+        take(scans, good),
         damaged=damaged,
         damaged_files=(str(path),) if damaged else (),
         empty_files=() if good.any() else (str(path),),
@@ -216,17 +209,15 @@ def _select_possible(
 
 def _concatenate(parts: Sequence[Scans]) -> Scans:
     """Concatenate the scans of several files, dropping profiles without scans."""
-    sizes = [len(part.blocks) for part in parts]
-    shift = np.cumsum([0, *sizes])
+    shift = np.cumsum([0, *(len(part.blocks) for part in parts)])
     profile = np.concatenate([part.profile + first for part, first in zip(parts, shift[:-1], strict=True)])
     blocks = [block for part in parts for block in part.blocks]
     occupied, profile = np.unique(profile, return_inverse=True)
-    joined: dict[str, Any] = {name: sum(getattr(part, name) for part in parts) for name in ("damaged", "strange")}
-    for name in ("clock_s", "values", "place"):
-        joined[name] = np.concatenate([getattr(part, name) for part in parts])
-    for name in ("damaged_files", "empty_files", "notes"):
-        joined[name] = tuple(line for part in parts for line in getattr(part, name))
-    return Scans(**joined, profile=profile, blocks=tuple(blocks[k] for k in occupied))
+    joined: dict[str, Any] = {}
+    for name, value in vars(parts[0]).items():
+        each = [getattr(part, name) for part in parts]
+        joined[name] = np.concatenate(each) if isinstance(value, np.ndarray) else sum(each, type(value)())
+    return Scans(**joined | {"profile": profile, "blocks": tuple(blocks[k] for k in occupied)})
 
 
 def _precedes_record(data: bytes, end: int) -> bool:
