@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from compasslib import angles
 from compasslib.earthfield import AppliedDeclination
-from compasslib.readers.pd0.fields import STRAY, Coordinates, Ensembles, select
-from compasslib.records import BAD, GOOD, LEAST_PERCENT_GOOD, MISSING, Flags
+from compasslib.readers.pd0.fields import STRAY, Coordinates, Ensembles
+from compasslib.records import BAD, GOOD, LEAST_PERCENT_GOOD, MISSING, Flags, take
 from compasslib.types import Bools, Floats
 
 # Error velocity is a multiple of b1 + b2 - b3 - b4.
@@ -79,7 +79,7 @@ def compute_currents(ensembles: Ensembles, settings: Settings) -> Currents:
     whole, count = np.full((4, *ensembles.velocity.shape[:2]), np.nan), 0
     for code in codes:
         mine = ensembles.coordinates == code
-        part = _turn(select(ensembles, mine), settings, int(code))
+        part = _turn(take(ensembles, mine), settings, int(code))
         whole[:, mine] = part.east, part.north, part.up, part.error
         count += part.three_beam
     return Currents(whole[0], whole[1], whole[2], whole[3], count)
@@ -263,12 +263,6 @@ class SoundCorrection:
     doubtful: Bools  # (n,) whether velocities were kept although EC is not that of the water
     sentence: str = ""  # for the report; empty where EC agrees with the water
 
-    @property
-    def counts(self) -> dict[str, int]:
-        """Numbers of ensembles corrected and in doubt."""
-        corrected, doubtful = int(np.sum(self.factor != 1.0)), int(self.doubtful.sum())
-        return {"sound_speed_corrected": corrected, "sound_speed_doubtful": doubtful}
-
 
 def correct_sound_speed(
     ensembles: Ensembles, choice: str | Mapping[str, float] | None, *, tolerance: float = 0.01, default: float = 35.0
@@ -305,7 +299,7 @@ def correct_sound_speed(
         said += f"{_span(factor[corrected], '.3f')} and ranges by {range_factor:.3f}, those of water of salinity "
         said += f"{_span(es[corrected], 'g')} ({source})"
     if doubtful.any():
-        part = select(ensembles, doubtful)
+        part = take(ensembles, doubtful)
         off = [100.0 * (1.0 / np.median(_true_over_used(part, salinity)) - 1.0) for salinity in reversed(ES)]
         why = "EC cannot be compared with the water, as some have no measured temperature or no possible EC"
         if np.isfinite(off).all():

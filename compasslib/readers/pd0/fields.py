@@ -8,10 +8,9 @@ the identifier of the block. Source: RDI, WorkHorse Commands and Output Data For
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
-from math import prod
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.readers.files import MISSING_COUNT, block_type, refuse_large_arrays
+from compasslib.readers.files import MISSING_COUNT, block_type
 from compasslib.readers.pd0.frames import (
     FIXED_LEADERS,
     VARIABLE_LEADERS,
@@ -28,9 +27,10 @@ from compasslib.readers.pd0.frames import (
     Layout,
     Places,
     Skipped,
-    iter_chunks,
+    find_ensembles,
 )
 from compasslib.readers.times import FIRST_YEAR, civil_seconds
+from compasslib.records import take
 from compasslib.types import Bools, Floats
 
 T = TypeVar("T", bound=np.generic)
@@ -56,7 +56,11 @@ class Block(IntEnum):
 
 
 STRAY = 0.01  # largest share of foreign ensembles that damage with a valid checksum, or time on deck, explains
-DROPPED = ("without_velocity", "bad_dates", "not_of_four_beams")  # why intact ensembles are dropped
+DROPPED = {  # why intact ensembles are dropped
+    "without_velocity": "hold no velocities",
+    "bad_dates": "have an impossible date",
+    "not_of_four_beams": "hold other columns than those of four beams",
+}
 # Identifier, and bit of ``Ensembles.blocks``.
 COUNTS = {"echo": (Block.ECHO, 1), "correlation": (Block.CORRELATION, 2), "percent_good": (Block.PERCENT_GOOD, 4)}
 LAST_YEAR = 2079  # two-digit years are unique from FIRST_YEAR to here; other dates indicate a damaged clock
@@ -151,7 +155,7 @@ def has_velocities(layout: Layout) -> bool:
     return _has_profile(layout, Block.VELOCITY) and _of_four_beams(layout)
 
 
-def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles, Counter[str]]:
+def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles | None, Counter[str]]:
     """Decode the ensembles of several runs in file order, and count those dropped by the reasons in ``DROPPED``."""
     groups: dict[bytes, list[EnsembleRun]] = {}
     dropped = Counter[str]()
@@ -162,96 +166,43 @@ def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles, Counter[str]]:
             dropped["not_of_four_beams"] += len(run.rows)
         else:
             groups.setdefault(run.layout.signature, []).append(run)
+    if not groups:
+        return None, dropped
     ensembles = concatenate([_decode(group[0].layout, group) for group in groups.values()])
     if len(groups) > 1:
-        ensembles = select(ensembles, np.argsort(ensembles.offset))
+        ensembles = take(ensembles, np.argsort(ensembles.offset))
     dated = np.isfinite(ensembles.time_s)
     if not dated.all():
         dropped["bad_dates"] = int(np.sum(~dated))
-        ensembles = select(ensembles, dated)
-    return ensembles, dropped
+        ensembles = take(ensembles, dated)
+    return (ensembles if dated.any() else None), dropped
 
 
 def concatenate(parts: Sequence[Ensembles]) -> Ensembles:
     """Concatenate ensembles, with missing bins padded by NaN (velocity) or 0."""
-    parts = parts or [_decode(_NOTHING, [])]
     if len(parts) == 1:
         return parts[0]
-    most = max(part.velocity.shape[1] for part in parts)
-    columns = {f.name: [getattr(part, f.name) for part in parts] for f in fields(Ensembles)}
-    return Ensembles(**{name: stack_padded(column, most) for name, column in columns.items()})
+    return Ensembles(**{f.name: stack_padded([getattr(part, f.name) for part in parts]) for f in fields(Ensembles)})
 
 
-class GrowableArrays:
-    """Named arrays that grow along the ensemble axis, as joining many pieces would fragment the memory."""
-
-    def __init__(self, where: str, size: int) -> None:
-        """Start empty; ``where`` names the files in error messages, ``size`` is their total size in bytes."""
-        self._where = where
-        self._size, self._used, self._whole = size, 0, dict[str, NDArray[Any]]()
-
-    def __len__(self) -> int:
-        return self._used
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        return self._whole[name][: self._used]
-
-    def add(self, columns: Mapping[str, NDArray[Any]], fill: Mapping[str, int], size: int) -> None:
-        """Append a piece of k ensembles, (k, m, ...) each; differing numbers of bins are padded.
-
-        Args:
-            fill: padding value by name; by default NaN, or 0 for integers.
-            size: bytes of the piece, to extrapolate the number of ensembles in all files; unused room takes no memory.
-
-        Raises:
-            TooLarge: the padded arrays would take far more memory than the size of the files.
-        """
-        more = len(next(iter(columns.values())))
-        end = self._used + more
-        widest = max(part.shape[1] for part in (*columns.values(), *self._whole.values()))
-        each = sum(part.dtype.itemsize * prod(part.shape[2:]) for part in columns.values())
-        refuse_large_arrays(self._where, end * widest * each, self._size, widest)
-        for name, part in columns.items():
-            whole = self._whole.get(name, part[:0])
-            cells, padding = max(whole.shape[1], part.shape[1]), fill.get(name, np.nan if part.dtype.kind == "f" else 0)
-            if end > len(whole) or cells > whole.shape[1]:
-                room = max(end, 2 * len(whole) if len(whole) else more * self._size // size)
-                wider = np.empty((room, cells, *part.shape[2:]), dtype=part.dtype)
-                wider[: self._used, : whole.shape[1]] = whole[: self._used]
-                wider[: self._used, whole.shape[1] :] = padding
-                whole = self._whole[name] = wider
-            whole[self._used : end, : part.shape[1]] = part
-            whole[self._used : end, part.shape[1] :] = padding
-        self._used = end
-
-
-def stack_padded(parts: Sequence[NDArray[T]], cells: int) -> NDArray[T]:
-    """Concatenate arrays, those of two or more axes padded along the second with NaN, or 0 for integers."""
+def stack_padded(parts: Sequence[NDArray[T]], fill: int = 0) -> NDArray[T]:
+    """Concatenate arrays, those of two or more axes padded along the second with NaN, or ``fill`` for integers."""
     if parts[0].ndim == 1:
         return np.concatenate(parts)
+    cells = max(part.shape[1] for part in parts)
     whole = np.empty((sum(len(part) for part in parts), cells, *parts[0].shape[2:]), dtype=parts[0].dtype)
-    padding = np.nan if whole.dtype.kind == "f" else 0
     at = 0
     for part in parts:
         whole[at : at + len(part), : part.shape[1]] = part
-        whole[at : at + len(part), part.shape[1] :] = padding
+        whole[at : at + len(part), part.shape[1] :] = np.nan if whole.dtype.kind == "f" else fill
         at += len(part)
     return whole
 
 
-def select(ensembles: Ensembles, which: Places | Bools) -> Ensembles:
-    """Select some of the ensembles, or all in another order, by indices or (n,) booleans."""
-    return Ensembles(**{f.name: getattr(ensembles, f.name)[which] for f in fields(Ensembles)})
-
-
 def _decode(layout: Layout, runs: Sequence[EnsembleRun]) -> Ensembles:
-    stride = layout.length + 2
-    pieces = [run.rows for run in runs]
-    rows = pieces[0] if len(pieces) == 1 else np.concatenate([np.empty((0, stride), np.uint8), *pieces])
-    places = [run.offset + stride * np.arange(len(run.rows)) for run in runs]
-    offset = np.concatenate([np.empty(0, np.int64), *places])
+    rows = runs[0].rows if len(runs) == 1 else np.concatenate([run.rows for run in runs])
     return Ensembles(
-        offset=offset,
+        offset=np.concatenate([run.offset + rows.shape[1] * np.arange(len(run.rows)) for run in runs]),
         velocity=_velocity(rows, layout),
         correlation=_bytes_of_cells(rows, layout, Block.CORRELATION),
         echo=_bytes_of_cells(rows, layout, Block.ECHO),
@@ -374,9 +325,6 @@ def from_hundredths(counts: NDArray[np.int16]) -> Floats:
     return np.where(counts == MISSING_COUNT, np.nan, counts / 100.0)
 
 
-_NOTHING = Layout(b"", np.empty(0, np.int64), 124, 0, {0x0000: (0, 59), 0x0080: (59, 124), Block.VELOCITY: (124, 124)})
-
-
 # Copy a file with corrected headings: intact ensembles with new checksums, all their other bytes unchanged.
 #
 # Velocities in earth coordinates, including those of the bottom track, rotate with the heading; those in beam,
@@ -404,16 +352,14 @@ def rewrite(source: str | Path, target: str | Path, turn: Turn) -> Rewritten:
     Raises:
         InputError: the source cannot be read.
     """
+    runs, skipped, _ = find_ensembles(source)
     corrected, flagged = 0, 0
-    skipped: list[Skipped] = []
     with Path(target).open("wb") as file:
-        for chunk in iter_chunks(source):
-            skipped += chunk.skipped
-            for run in chunk.runs:
-                leaders = decode_leaders(run)
-                by = turn(leaders) if has_velocities(run.layout) else np.full(len(run.rows), np.nan)
-                file.write(_turn_run(run, leaders, by).tobytes())
-                corrected, flagged = corrected + int(np.isfinite(by).sum()), flagged + int(np.isnan(by).sum())
+        for run in runs:
+            leaders = decode_leaders(run)
+            by = turn(leaders) if has_velocities(run.layout) else np.full(len(run.rows), np.nan)
+            file.write(_turn_run(run, leaders, by).tobytes())
+            corrected, flagged = corrected + int(np.isfinite(by).sum()), flagged + int(np.isnan(by).sum())
     return Rewritten(corrected, flagged, tuple(skipped))
 
 
