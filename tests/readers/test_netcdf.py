@@ -458,22 +458,21 @@ def test_time_origin_is_parsed_completely_or_refused(text, calendar, utc):
         assert parse_origin(text, calendar) == np.datetime64(utc, "ms").astype(np.int64) / 1e3
 
 
-def test_rows_of_several_bins_are_not_read_as_point_meter(tmp_path):
+def test_several_bins_or_instruments_as_rows_of_one_series_are_refused(tmp_path):
     with netCDF4.Dataset(tmp_path / "a.nc", "w") as nc:
-        layouts.dimensions(nc, OBSERVATION=N)
+        layouts.dimensions(nc, OBSERVATION=N, INSTRUMENT=2)
         layouts.put(nc, "TIME", ("OBSERVATION",), np.arange(N) // 3 * 3600.0, units="seconds since 2007-09-04")
         layouts.put(nc, "DEPTH", ("OBSERVATION",), 20.0 + 4.0 * (np.arange(N) % 3), units="m")
         for name in ("UCUR_MAG", "VCUR_MAG"):
             layouts.put(nc, name, ("OBSERVATION",), np.linspace(0.0, 0.2, N), units="m s-1")
+        layouts.put(nc, "count", ("INSTRUMENT",), np.array([20, 40]))
     assert "40 of 60 times repeated at another depth" in refused(tmp_path / "a.nc")
-    with netCDF4.Dataset(tmp_path / "a.nc", "a") as nc:
-        layouts.dimensions(nc, INSTRUMENT=2)
-        layouts.put(nc, "count", ("INSTRUMENT",), np.array([20, 40]), sample_dimension="OBSERVATION")
-    assert "found 2 in one, by count" in refused(tmp_path / "a.nc")
-    with netCDF4.Dataset(tmp_path / "a.nc", "a") as nc:
-        nc["count"].delncattr("sample_dimension")
-        layouts.put(nc, "index", ("OBSERVATION",), np.arange(N) % 2, instance_dimension="INSTRUMENT")
-    assert "found 2 in one, by index" in refused(tmp_path / "a.nc")
+    for name, attribute, dimension in (("count", "sample", "OBSERVATION"), ("DEPTH", "instance", "INSTRUMENT")):
+        with netCDF4.Dataset(tmp_path / "a.nc", "a") as nc:
+            nc[name].setncattr(f"{attribute}_dimension", dimension)
+        assert f"found 2 in one, by {name}" in refused(tmp_path / "a.nc")
+        with netCDF4.Dataset(tmp_path / "a.nc", "a") as nc:
+            nc[name].delncattr(f"{attribute}_dimension")
 
 
 @pytest.mark.parametrize(
