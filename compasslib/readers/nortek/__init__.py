@@ -8,7 +8,6 @@ up on an up-looker, y and z the opposite way on a down-looker. Source: Nortek, t
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
@@ -30,12 +29,12 @@ from compasslib.readers.nortek.packets import (
     find_packets,
     no_packets,
 )
-from compasslib.readers.pd0.checks import ADVICE, match_serial_number, refuse_rotation
+from compasslib.readers.pd0.checks import match_serial_number, refuse_rotation
 from compasslib.readers.pd0.currents import map_cells
 from compasslib.readers.pd0.fields import STRAY
 from compasslib.readers.times import FIRST_YEAR, civil_seconds, describe_averages
-from compasslib.records import BAD, GOOD, MAGNETOMETER, MISSING, Record, new_record, take
-from compasslib.types import Bools, Floats
+from compasslib.records import BAD, GOOD, MAGNETOMETER, MISSING, Record, join_records, new_record, take
+from compasslib.types import Floats
 
 
 class Kind(IntEnum):
@@ -202,7 +201,7 @@ def read(
     declination_applied: float | Mapping[str, float] | None = None,
     serial_number: str | None = None,
 ) -> Record:
-    """Read one record from files sorted by their first times, with currents rotated by the recorded magnetic heading.
+    """Read the files of one instrument in order of time, with currents rotated by the recorded magnetic heading.
 
     Args:
         orientation: up or down, overrides that of the samples; None uses the recorded orientation of each sample.
@@ -217,63 +216,13 @@ def read(
         expected, advice = "at least one Nortek file", "name the instrument's files"
         raise InputError("files", expected=expected, found="none", advice=advice)
     sources = dict.fromkeys(converted.header_of(Path(path)) or Path(path) for path in paths)
-    files = sorted((_read_file(path) for path in sources), key=lambda each: float(each[1].time_s[0]))
-    where = ", ".join(str(path) for path in paths)
-    whole = _concatenate(where, [samples for _, samples in files])
-    serial = match_serial_number(where, whole.serial, serial_number)
-    lying = int(whole.sideways.sum())
-    if orientation is None and lying > STRAY * len(whole.sideways):
-        shown = f"an instrument on its side by its own word in {lying} of {len(whole.sideways)} samples"
-        expected, advice = "one that looks up or down", "give orientation: up or down"
-        raise InputError(where, expected=expected, found=shown, advice=advice)
     stated = parse_applied_declination(declination_applied)
-    inside = AppliedDeclination(whole.declination_deg, whole.declination_deg) if stated is None else stated
-    refuse_rotation(where, inside, is_earth=whole.up is not None)
-    looks_up = whole.looks_up if orientation is None else np.full(len(whole.time_s), orientation == "up")
-    heading = angles.wrap360(whole.heading_deg - inside.heading)
-    east, north, upward = _turn_to_earth(whole, heading, looks_up, inside.velocity)
-    up = bool(np.mean(looks_up) > 0.5)
-    counts = whole.counts | {
-        "samples": len(heading),
-        "records": sum(len(packets.kind) for packets, _ in files),
-        "damaged": sum(packets.damaged for packets, _ in files),
-        "bytes_skipped": sum(packets.bytes_skipped for packets, _ in files),
-        "bytes_total": sum(packets.data.size for packets, _ in files),
-        "orientation_disagrees": int(np.sum(whole.looks_up != up)),
-        "heading_missing": int(np.isnan(heading).sum()),
-    }
-    field = {} if whole.magnetometer is None else dict(zip(MAGNETOMETER, whole.magnetometer.T, strict=True))
-    return new_record(
-        whole.time_s,
-        east,
-        north,
-        bin_range_m=np.array(whole.bin_range_m),
-        heading_deg=heading,
-        pitch_deg=whole.pitch_deg,
-        roll_deg=whole.roll_deg,
-        pressure_dbar=whole.pressure_dbar,
-        temperature_c=whole.temperature_c,
-        supply_voltage=whole.supply_voltage,
-        quality=whole.quality,
-        heading_quality=whole.heading_quality,
-        looks_up=up,
-        beam_angle_deg=whole.beam_angle_deg,
-        heading_bias_deg=inside.heading,
-        velocity_bias_deg=inside.heading if whole.up is None else inside.velocity,
-        serial_number=serial,
-        manufacturer="Nortek",
-        model=whole.model,
-        profiles={"up": upward.astype(np.float32), **whole.profiles},
-        recorded_in={0: "earth", 2: "beam"}.get(whole.recorded, "instrument"),
-        bins_mapped=bool(whole.beams_to_axes),
-        channels=field,
-        channel_units=dict.fromkeys(field, "count"),
-        counts=counts,
-        warnings=(*_describe_files(files), *_describe_settings(whole, counts, stated, up)),
-    )
+    return join_records([_record(path, orientation, stated, serial_number) for path in sources])
 
 
-def _read_file(path: Path) -> tuple[Packets, Samples]:
+def _record(
+    path: Path, orientation: str | None, stated: AppliedDeclination | None, serial_number: str | None
+) -> Record:
     if path.suffix.lower() == converted.HEADER:
         packets, samples = no_packets(path), converted.decode(path)
     else:
@@ -284,43 +233,66 @@ def _read_file(path: Path) -> tuple[Packets, Samples]:
         advice = "check that format: nortek and the file belong together"
         shown = f"{len(dated)} with impossible dates"
         raise InputError(str(path), expected="samples with velocities", found=shown, advice=advice)
-    good = samples if dated.all() else take(samples, dated)
+    undated, samples = int(np.sum(~dated)), samples if dated.all() else take(samples, dated)
+    serial = match_serial_number(str(path), samples.serial, serial_number)
+    n, lying = len(samples.time_s), int(samples.sideways.sum())
+    if orientation is None and lying > STRAY * n:
+        shown = f"an instrument on its side by its own word in {lying} of {n} samples"
+        expected, advice = "one that looks up or down", "give orientation: up or down"
+        raise InputError(str(path), expected=expected, found=shown, advice=advice)
+    inside = AppliedDeclination(samples.declination_deg, samples.declination_deg) if stated is None else stated
+    refuse_rotation(str(path), inside, is_earth=samples.up is not None)
+    looks_up = samples.looks_up if orientation is None else np.full(n, orientation == "up")
+    up = bool(np.mean(looks_up) > 0.5)
+    heading = angles.wrap360(samples.heading_deg - inside.heading)
+    if samples.up is None:
+        side = np.where(looks_up, -1.0, 1.0)[:, None]
+        level = compass.levelling(samples.pitch_deg, samples.roll_deg)  # in axes forward, starboard, down
+        axes = _map_beams(samples, level, side) if samples.beams_to_axes else samples.velocity
+        east, north, upward = turn_axes(axes, level, side, heading)
+    else:
+        (east, north), upward = np.moveaxis(samples.velocity, 2, 0), samples.up
+        if inside.velocity:
+            east, north = angles.turn(east, north, -inside.velocity)
     # Count the samples lost where bytes were skipped, from the time steps across the gaps.
-    steps = np.diff(good.time_s)
-    after = np.searchsorted(good.offset, [first for first, _ in packets.skipped])
-    across = steps[np.unique(after[(after > 0) & (after < len(good.offset))]) - 1]
+    steps = np.diff(samples.time_s)
+    after = np.searchsorted(samples.offset, [first for first, _ in packets.skipped])
+    across = steps[np.unique(after[(after > 0) & (after < n)]) - 1]
     usual = float(np.median(steps)) if len(steps) else 0.0
-    lost = int(np.maximum(np.rint(across / usual) - 1, 0).sum()) if usual > 0.0 else 0
-    return packets, replace(good, counts=samples.counts | {"bad_dates": int(np.sum(~dated)), "lost": lost})
-
-
-def _concatenate(where: str, parts: Sequence[Samples]) -> Samples:
-    first = parts[0]
-    for other in parts[1:]:
-        for name in ("serial", "recorded", "bin_range_m", "beam_angle_deg", "declination_deg", "beams_to_axes"):
-            if getattr(other, name) != getattr(first, name):
-                expected, shown = "files of one instrument in one configuration", f"files that differ in {name}"
-                raise InputError(where, expected=expected, found=shown, advice=ADVICE)
-    columns = [name for name, value in vars(first).items() if isinstance(value, np.ndarray)]
-    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in columns}
-    alike = [name for name in first.profiles if all(name in part.profiles for part in parts)]
-    joined["profiles"] = {name: np.concatenate([part.profiles[name] for part in parts]) for name in alike}
-    notes = tuple(note for part in parts for note in part.notes)
-    counts = {name: sum(part.counts[name] for part in parts) for name in first.counts}
-    return replace(first, **joined, notes=notes, counts=counts) if len(parts) > 1 else first
-
-
-def _turn_to_earth(
-    whole: Samples, heading_deg: Floats, looks_up: Bools, applied_deg: float
-) -> tuple[Floats, Floats, Floats]:
-    """Rotate velocities to magnetic (east, north, up), (n, m) m/s; earth velocities by the applied declination only."""
-    if whole.up is not None:
-        east, north = whole.velocity[..., 0], whole.velocity[..., 1]
-        return *(angles.turn(east, north, -applied_deg) if applied_deg else (east, north)), whole.up
-    side = np.where(looks_up, -1.0, 1.0)[:, None]
-    level = compass.levelling(whole.pitch_deg, whole.roll_deg)  # in axes forward, starboard, down
-    axes = _map_beams(whole, level, side) if whole.beams_to_axes else whole.velocity
-    return turn_axes(axes, level, side, heading_deg)
+    counts = samples.counts | {
+        "samples": n,
+        "records": len(packets.kind),
+        "damaged": packets.damaged,
+        "bytes_skipped": packets.bytes_skipped,
+        "bytes_total": packets.data.size,
+        "bad_dates": undated,
+        "lost": int(np.maximum(np.rint(across / usual) - 1, 0).sum()) if usual > 0.0 else 0,
+        "orientation_disagrees": int(np.sum(samples.looks_up != up)),
+        "heading_missing": int(np.isnan(heading).sum()),
+    }
+    field = {} if samples.magnetometer is None else dict(zip(MAGNETOMETER, samples.magnetometer.T, strict=True))
+    same = ["pitch_deg", "roll_deg", "pressure_dbar", "temperature_c", "supply_voltage"]
+    same += ["quality", "heading_quality", "beam_angle_deg", "model"]
+    return new_record(
+        samples.time_s,
+        east,
+        north,
+        **{name: getattr(samples, name) for name in same},
+        bin_range_m=np.array(samples.bin_range_m),
+        heading_deg=heading,
+        looks_up=up,
+        heading_bias_deg=inside.heading,
+        velocity_bias_deg=inside.heading if samples.up is None else inside.velocity,
+        serial_number=serial,
+        manufacturer="Nortek",
+        profiles={"up": upward.astype(np.float32), **samples.profiles},
+        recorded_in=Coordinates(samples.recorded).name.lower(),
+        bins_mapped=bool(samples.beams_to_axes),
+        channels=field,
+        channel_units=dict.fromkeys(field, "count"),
+        counts=counts,
+        warnings=(*_describe_file(packets, counts), *samples.notes, *_describe_settings(samples, counts, stated, up)),
+    )
 
 
 def turn_axes(axes: Floats, level: Floats, side: Floats, heading_deg: Floats) -> tuple[Floats, Floats, Floats]:
@@ -335,10 +307,10 @@ def turn_axes(axes: Floats, level: Floats, side: Floats, heading_deg: Floats) ->
     return *angles.turn(starboard, forward, heading_deg[:, None]), -down
 
 
-def _map_beams(whole: Samples, level: Floats, side: Floats) -> Floats:
+def _map_beams(samples: Samples, level: Floats, side: Floats) -> Floats:
     """Map beam velocities to the bin depths of a level instrument and convert them to x, y and z, (n, m, 3) m/s."""
-    matrix, ranges = np.array(whole.beams_to_axes), np.array(whole.bin_range_m)
-    beams = whole.velocity
+    matrix, ranges = np.array(samples.beams_to_axes), np.array(samples.bin_range_m)
+    beams = samples.velocity
     if len(ranges) > 1:
         directions = np.linalg.pinv(matrix)  # (k, 3) of the beams in x, y, z
         turned = directions[:, None] * np.concatenate([np.ones_like(side), side, side], axis=1)
@@ -352,36 +324,34 @@ def _map_beams(whole: Samples, level: Floats, side: Floats) -> Floats:
     return beams @ matrix.T
 
 
-def _describe_files(files: Sequence[tuple[Packets, Samples]]) -> Iterator[str]:
-    for packets, samples in files:
-        name, counts = packets.path.name, samples.counts
-        if packets.escaped:
-            yield f"{name} {ESCAPES_UNDONE}; places are those of the bytes after that."
-        if packets.skipped:
-            yield (
-                f"{name}: {packets.bytes_skipped} of {packets.data.size} bytes belong to no good record and were "
-                f"skipped; {packets.damaged} places in them begin like a record and fail its checksum, and by their "
-                f"times {counts['lost']} samples are lost."
-            )
-            yield f"{name}: skipped bytes {list_some([f'{first} to {last}' for first, last in packets.skipped])}."
-        if counts["bad_dates"]:
-            yield f"{name}: {counts['bad_dates']} good samples have an impossible date and were left out."
-        yield from samples.notes
+def _describe_file(packets: Packets, counts: Mapping[str, int]) -> Iterator[str]:
+    name = packets.path.name
+    if packets.escaped:
+        yield f"{name} {ESCAPES_UNDONE}; places are those of the bytes after that."
+    if packets.skipped:
+        yield (
+            f"{name}: {packets.bytes_skipped} of {packets.data.size} bytes belong to no good record and were "
+            f"skipped; {packets.damaged} places in them begin like a record and fail its checksum, and by their "
+            f"times {counts['lost']} samples are lost."
+        )
+        yield f"{name}: skipped bytes {list_some([f'{first} to {last}' for first, last in packets.skipped])}."
+    if counts["bad_dates"]:
+        yield f"{name}: {counts['bad_dates']} good samples have an impossible date and were left out."
 
 
 def _describe_settings(
-    whole: Samples, counts: dict[str, int], stated: AppliedDeclination | None, up: bool
+    samples: Samples, counts: Mapping[str, int], stated: AppliedDeclination | None, up: bool
 ) -> Iterator[str]:
-    n = len(whole.time_s)
-    if stated is None and whole.declination_deg:
-        yield f"The declination of {whole.declination_deg:g} degrees that was set was taken out of the headings."
-    elif stated is not None and {*stated} != {whole.declination_deg}:
-        says = f"the file tells {whole.declination_deg:g}" if whole.declination_deg else "the file tells none"
+    n, inside = len(samples.time_s), samples.declination_deg
+    if stated is None and inside:
+        yield f"The declination of {inside:g} degrees that was set was taken out of the headings."
+    elif stated is not None and {*stated} != {inside}:
+        says = f"the file tells {inside:g}" if inside else "the file tells none"
         yield f"declination_applied of {stated} degrees was taken out of the headings; {says}."
     if counts["orientation_disagrees"] > STRAY * n:
         word, other = ("up", "down") if up else ("down", "up")
-        effect = " though its velocities are turned already" if whole.recorded == Coordinates.EARTH else ""
+        effect = " though its velocities are turned already" if samples.recorded == Coordinates.EARTH else ""
         yield f"{counts['orientation_disagrees']} of {n} samples say that it looked {other}; {word} counts{effect}."
     if counts["heading_missing"]:
         yield f"{counts['heading_missing']} of {n} samples have no valid heading."
-    yield from describe_averages(whole.average_s, whole.time_s)
+    yield from describe_averages(samples.average_s, samples.time_s)
