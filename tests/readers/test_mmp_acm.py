@@ -607,7 +607,7 @@ def test_profile_with_erased_header_is_counted_as_damaged(sound):
     record = read(written(folder, "gone", damaged))
     assert rows_of(record) < rows_of(truth)
     assert record.counts["profiles"] == 2
-    assert record.counts["damaged_rows"] == 30
+    assert 30 <= record.counts["damaged_rows"] <= 37  # estimated from the bytes, which held two headers
     assert any("damaged rows were left out" in w for w in record.warnings)
 
 
