@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,6 @@ from compasslib.demo import demonstration, profiler, water
 from compasslib.demo.demonstration import DEPLOYED_S
 from compasslib.errors import InputError
 from compasslib.readers import mmp as acm
-from compasslib.readers.mmp import compare_headings
 from compasslib.readers.mmp import rows as mmp_rows
 from compasslib.readers.mmp import scans as mmp_scans
 from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
@@ -742,69 +740,3 @@ def test_workflow_separates_companion_files_from_raw_files(tmp_path):
     assert of.raw_files("M", "deep") == ["A1.TXT", "A2.TXT"]
     assert of.companion_files("M", "deep") == ["E1.TXT"] and of.companion_files("M", "top") == []
     assert of.read("M", "deep")["reader"] == {"pressure_files": ["E1.TXT"], "start_offset_seconds": 7.0}
-
-
-# ---------------------------------------------------------------------------------- logged headings, magnetometer
-def with_values(folder: Path, change) -> Path:
-    scans = logged((30, 30))
-    values = scans.values.copy()
-    change(values)
-    values[:, 0] %= 360.0
-    return text_file(folder, replace(scans, values=np.round(values, 4)))
-
-
-def about(record) -> list[str]:
-    return [said for said in record.warnings if "HX HY HZ" in said]
-
-
-def without_tilts(values: np.ndarray) -> None:
-    values[:, 0] = np.rad2deg(np.arctan2(values[:, 4], values[:, 3]))
-
-
-@pytest.mark.parametrize("change", [lambda values: None, without_tilts], ids=["as logged", "without tilt correction"])
-def test_consistent_headings_are_not_flagged(tmp_path, change):
-    record = read(with_values(tmp_path, change))
-    assert record.counts["heading_off_magnetometer"] == 0 and about(record) == []
-
-
-def test_deviating_headings_are_flagged_with_their_currents(tmp_path):
-    def change(values):
-        values[[5, 12, 40], 0] += (9.0, -60.0, 180.0)
-
-    record = read(with_values(tmp_path, change))
-    assert record.counts["heading_off_magnetometer"] == 3
-    wrong = [4, 11, 38]  # the first scan of each profile is dropped
-    assert list(np.flatnonzero(record.heading_quality == PROBABLY_BAD)) == wrong
-    assert list(np.flatnonzero(record.quality[:, 0] == PROBABLY_BAD)) == wrong
-    said = "3 of 58 logged headings stand more than 2 degrees off those of HX HY HZ TX TY and were flagged"
-    assert about(record) == [said]
-
-
-def test_constant_offset_is_reported_without_flags(tmp_path):
-    def change(values):
-        values[:, 0] -= 23.6
-
-    record = read(with_values(tmp_path, change))
-    assert (record.heading_quality == GOOD).all()
-    said = "the logged headings stand -23.6 degrees off those of HX HY HZ TX TY throughout"
-    assert about(record) == [f"{said}: give it as declination_applied if the logger added it"]
-
-
-def test_headings_unrelated_to_the_magnetometer_are_reported(tmp_path):
-    def change(values):
-        values[:, 3:6] = np.random.default_rng(3).normal(size=(60, 3))
-
-    record = read(with_values(tmp_path, change))
-    assert (record.heading_quality == GOOD).all() and record.counts["heading_off_magnetometer"] > 50
-    assert about(record)[0].endswith("one of the two is wrong, which is unknown")
-
-
-@pytest.mark.parametrize("name", [TEXT, BINARY])
-def test_real_log_agrees_and_a_planted_fault_is_found(name):
-    values = mmp_scans.read_scans([real(name)]).values
-    heading = values[:, 0].copy()
-    off, _, warnings = compare_headings(heading, values[:, 3:6], values[:, 1:3])  # a constant would be told
-    assert len(off) == 17917 and not off.any() and warnings == []
-    heading[3000:3100] = heading[2999]  # a compass stuck for 50 s while the meter turns by up to 12.6 degrees
-    found, doubtful, _ = compare_headings(heading, values[:, 3:6], values[:, 1:3])
-    assert 75 < found[3000:3100].sum() == found.sum() == doubtful.sum()  # 77 scans differ from it by over 2.2 degrees

@@ -3,8 +3,7 @@
 Heading, tilts and acoustic paths come from its A files, unpacked or binary; pressure, and the time for scans of early
 instruments, from its engineering (E) or CTD (C) files, or from a table. The first scan of every profile is aliased and
 dropped. Velocities are corrected for the swing of the meter about the wire; like the manufacturer's processing, they
-are not corrected for the small mean tilts. Logged headings are checked against those computed from the meter's
-magnetometer and tilts.
+are not corrected for the small mean tilts. Headings that were not logged are computed from magnetometer and tilts.
 
 Paths VPAB, VPCD, VPEF, VPGH lie along +X, +Y, -X, -Y of the sting: two level, two inclined. x points along the
 heading, y to port, z up. Sources: McLane, MMP User Manual, appendix G; Toole et al. 1999; signs are tested against
@@ -35,7 +34,6 @@ from compasslib.types import Bools, Floats
 
 USUAL_HZ = 2.0  # sample rate if neither the file nor the switching times determine it
 PARKED_S = 180.0  # a profiler rests at either end of a profile before and after the rows of its engineering file
-OFF_DEG = 2.0  # the logger's algorithm reproduces its heading to 0.14 degrees in a genuine record of 17,917 scans
 TIMES = ("time_utc", "time", "datetime", "date_time", "timestamp", "date")
 PRESSURES = ("pressure_dbar", "pressure", "pres", "dbar", "p_dbar")
 PROFILES = ("profile", "profile_number")
@@ -110,7 +108,6 @@ def read(
     keep = timed & ~aliased
     east, north = to_earth(x[keep], y[keep], heading[keep])
     remote = bool(pressure_files) & (companion.distance_s(time_s[keep]) > PARKED_S)
-    off, doubtful, sentences = compare_headings(scans.values[keep, 0], scans.values[keep, 3:6], scans.values[keep, 1:3])
     counts = {  # scans, aliased, damaged and untimed ones add up to the files' content
         "scans": keep.sum(),
         "profiles": len(scans.blocks),
@@ -121,7 +118,6 @@ def read(
         "without_pressure": np.sum(np.isnan(pressure[keep])),
         "headings_by_rule": np.sum(without_heading[keep]),
         "damaged_pressure_rows": companion.damaged,
-        "heading_off_magnetometer": off.sum(),
     }
     untimed, by_rule, remotes = counts["without_time"], counts["headings_by_rule"], remote.sum()
     lines = {
@@ -133,7 +129,6 @@ def read(
         "no pressure_files: the profiler's depth is unknown, the nominal depth has to stand for it": not pressure_files,
         f"no pressure within {PARKED_S:.0f} s of {remotes} scans: flagged, as their depth is unknown": remotes,
     }
-    # Velocities of unknown depth, or rotated by a doubtful heading, must not be used.
     return new_record(
         time_s[keep],
         east[:, None],
@@ -142,11 +137,10 @@ def read(
         pitch_deg=scans.values[keep, 1],
         roll_deg=scans.values[keep, 2],
         pressure_dbar=pressure[keep],
-        quality=np.where(remote | doubtful, PROBABLY_BAD, GOOD)[:, None],
-        heading_quality=np.where(doubtful, PROBABLY_BAD, GOOD),
+        quality=np.where(remote, PROBABLY_BAD, GOOD)[:, None],
         looks_up=False,
         counts={key: int(number) for key, number in counts.items()},
-        warnings=(*notes, *scans.notes, *applicable(lines), *sentences, *companion.notes),
+        warnings=(*notes, *scans.notes, *applicable(lines), *companion.notes),
     )
 
 
@@ -205,34 +199,6 @@ def to_earth(x: Floats, y: Floats, heading_deg: Floats) -> tuple[Floats, Floats]
 def is_aliased(scans: Scans) -> Bools:
     """Flag the first scan of each profile, which is aliased, (r,)."""
     return np.append(True, np.diff(scans.profile) > 0)[: len(scans.profile)]
-
-
-def compare_headings(heading_deg: Floats, field: Floats, tilts_deg: Floats) -> tuple[Bools, Bools, list[str]]:
-    """Compare logged headings with those of the magnetometer (HX, HY, HZ), with or without correction by (TX, TY).
-
-    Flag those that differ by more than tilts explain, apart from a constant, then those that are doubtful, which are
-    the same unless most headings differ; also compose warnings.
-    """
-    rules = [logged_heading(field, *(share * tilts_deg.T)) for share in (1.0, 0.0)]
-    apart = np.array([angles.difference(heading_deg, rule) for rule in rules])
-    known = np.isfinite(apart).all(axis=0)
-    constant = 0.0
-    if known.any():
-        mean = angles.mean(apart[0][known])
-        constant = float(angles.wrap180(mean + np.median(angles.difference(apart[0][known], mean))))
-    off = known & (np.abs(angles.difference(apart, constant)) > OFF_DEG).all(axis=0)
-    if 2 * off.sum() > known.sum():
-        off, constant = known & (np.abs(apart) > OFF_DEG).all(axis=0), 0.0
-    agrees = bool(2 * off.sum() <= known.sum())
-    of_field = "off those of HX HY HZ TX TY"
-    stand = f"{off.sum()} of {known.sum()} logged headings stand more than {OFF_DEG:g} degrees {of_field}"
-    throughout = f"the logged headings stand {constant:+.1f} degrees {of_field} throughout"
-    warnings = {
-        f"{stand}: one of the two is wrong, which is unknown": not agrees,
-        f"{stand} and were flagged": agrees and off.any(),
-        f"{throughout}: give it as declination_applied if the logger added it": agrees and abs(constant) > OFF_DEG,
-    }
-    return off, off & agrees, applicable(warnings)
 
 
 def _scan_times(scans: Scans, companion: Companion, offset: float) -> tuple[Floats, Floats, list[str]]:

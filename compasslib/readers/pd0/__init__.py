@@ -147,10 +147,9 @@ def _read_file(path: Path, settings: Settings) -> _File:
         checks.refuse_alignment(str(path), ensembles, settings.heading_alignment)
         is_earth = bool((ensembles.coordinates == Coordinates.EARTH).all())
         checks.refuse_rotation(str(path), settings.declination_applied, is_earth=is_earth)
-        flow = currents.compute_currents(ensembles, settings)
-        quality = currents.flag_currents(ensembles, flow.east, flow.north)
-        columns = {"east": flow.east, "north": flow.north, "quality": quality}
-        columns |= {"up": flow.up.astype(np.float32), "error_velocity": flow.error.astype(np.float32)}
+        east, north, up, error, three_beam = currents.compute_currents(ensembles, settings)
+        columns = {"east": east, "north": north, "quality": currents.flag_currents(ensembles, east, north)}
+        columns |= {"up": up.astype(np.float32), "error_velocity": error.astype(np.float32)}
         columns |= {name: getattr(ensembles, name) for name in COUNTS}
         near = ensembles.echo[:, :2].astype(float)
         near = np.where(near.any(axis=(1, 2)), near.mean(axis=(1, 2)), np.nan)
@@ -160,9 +159,9 @@ def _read_file(path: Path, settings: Settings) -> _File:
         )
         content.columns.append(columns)
         content.echo.append({"ranges": echo_ranges(ensembles), "near": near})
-        counts["three_beam"] += flow.three_beam
+        counts["three_beam"] += three_beam
         counts["ensembles"] += len(ensembles)
-        widest = max(widest, flow.east.shape[1])
+        widest = max(widest, east.shape[1])
         _refuse_padding(str(path), columns, counts["ensembles"], widest, size)
     _refuse_empty(path, counts["ensembles"], dropped)
     failed, whole = sum(each.failed for each in skipped), counts["ensembles"] + dropped.total()
