@@ -142,20 +142,15 @@ def test_real_ascii_and_binary_files_agree():
         assert record.counts["scans"] == len(record.time_s) == 17916
         assert accounted(record) == 17917
         assert set(record.quality.ravel()) == set(record.heading_quality) == {GOOD}
-    assert (text.time_s == binary.time_s).all()
+    assert (text.time_s == binary.time_s).all() and np.unique(np.diff(binary.time_s)).tolist() == [0.5]
+    # The first second contains one scan only, which is aliased and dropped.
+    assert binary.time_s[0] == np.datetime64("2018-06-10T04:00:18").astype("datetime64[s]").astype(int)
     # Headings have two decimals in the text file.
     assert np.abs(angles.difference(text.heading_deg, binary.heading_deg)).max() < 0.006
     # Path velocities have two decimals (cm/s), and the swing rate comes from rounded headings.
     assert np.hypot(text.east - binary.east, text.north - binary.north).max() < 3e-4
     assert np.abs(text.pitch_deg - binary.pitch_deg).max() < 0.006
     assert np.abs(text.roll_deg - binary.roll_deg).max() < 0.006
-
-
-def test_real_scans_are_half_a_second_apart():
-    record = read(real(BINARY))
-    assert np.unique(np.diff(record.time_s)).tolist() == [0.5]
-    # The first second contains one scan only, which is aliased and dropped.
-    assert record.time_s[0] == np.datetime64("2018-06-10T04:00:18").astype("datetime64[s]").astype(int)
 
 
 @pytest.mark.parametrize("name", [TEXT, BINARY])
@@ -216,11 +211,6 @@ def test_logger_algorithm_compensates_tilt(heading, tilts, strength):
     assert abs(angles.difference(found, heading)[0]) < 1e-9
 
 
-def test_heading_is_nan_without_a_horizontal_field():
-    field = np.array([[0.0, 0.0, -1.0], [np.nan, 0.0, -1.0]])
-    assert np.isnan(acm.logged_heading(field, np.zeros(2), np.zeros(2))).all()
-
-
 @given(amplitude=st.floats(1, 30), period=st.floats(30, 120), rate=st.sampled_from([0.5, 1.0, 2.0, 4.0]))
 @settings(deadline=None, derandomize=True)
 def test_swing_in_still_water_is_removed(amplitude, period, rate):
@@ -257,8 +247,9 @@ def test_profiles_in_one_or_many_files_are_read_identically(tmp_path):
     assert (binary.time_s == record.time_s).all()
     assert np.hypot(binary.east - record.east, binary.north - record.north).max() < 3e-4
     assert record.east.shape == record.quality.shape == record.bin_range_m.shape == (123, 1)
-    assert not record.looks_up
-    assert not record.bin_range_m.any()
+    assert not record.looks_up and not record.bin_range_m.any()
+    late = read(tmp_path / "acm.txt", offset=7.0)
+    assert any(w.startswith("start_offset_seconds has no effect") for w in late.warnings)
     assert (record.pitch_deg[0], record.roll_deg[0]) == pytest.approx(tuple(np.round(scans.values[1, 1:3], 2)))
 
 
@@ -294,14 +285,6 @@ def test_decimated_file_keeps_its_swing(tmp_path):
     east, north = acm.to_earth(*acm.instrument_axes(paths), record.heading_deg)
     # The difference is rounding to two decimals of cm/s; a swing would change velocities by centimetres per second.
     assert np.hypot(record.east[:, 0] - east, record.north[:, 0] - north).max() < 2e-4
-
-
-def test_heading_of_360_degrees_becomes_zero(tmp_path):
-    path = text_file(tmp_path, logged((5,)))
-    lines = path.read_text().split("\n")
-    rows = [k for k, line in enumerate(lines) if is_row(line)]
-    lines[rows[2]] = lines[rows[2]][:22] + "   360.00" + lines[rows[2]][31:]
-    assert read(written(tmp_path, "north.txt", "\n".join(lines))).heading_deg[1] == 0.0
 
 
 # Scans without a clock -----------------------------------------------------------------------------------------------
@@ -390,16 +373,8 @@ def test_missing_sample_rate_is_inferred_or_assumed(tmp_path):
 
 def test_scans_without_any_time_information_are_refused(tmp_path):
     files = bare_profiles(tmp_path, logged(), said=False)
-    expected = (
-        "pressure_files: expected the profiler's engineering (E) files with the starts of the profiles, as scans carry "
-        "no clock, found 0 profile starts for 3 profiles without a common number; give the E files of the same profiles"
-    )
-    assert refused(lambda: read(*files)) == expected
-
-
-def test_start_offset_without_effect_is_reported(tmp_path):
-    record = read(text_file(tmp_path, logged()), offset=7.0)
-    assert any(w.startswith("start_offset_seconds has no effect") for w in record.warnings)
+    found = "found 0 profile starts for 3 profiles without a common number; give the E files of the same profiles"
+    assert refused(lambda: read(*files)).endswith(found)
 
 
 # Pressure ------------------------------------------------------------------------------------------------------------
@@ -486,28 +461,10 @@ def test_without_pressure_files_the_depth_is_unknown(tmp_path):
 )
 def test_pressure_file_of_another_kind_is_refused(tmp_path, content, found):
     path = written(tmp_path, "p.csv", content)
-    assert refused(lambda: acm.read_companions([path])).startswith(
-        f"{path}: expected an unpacked engineering (E) or CTD (C) file of the profiler, or a CSV table with a header "
-        "line and the columns time and pressure (time_utc or time, ISO; pressure_dbar or pressure, dbar), "
-        f"found {found};"
+    line = refused(lambda: acm.read_companions([path]))
+    assert (
+        line.startswith(f"{path}: expected an unpacked engineering (E) or CTD (C) file") and f"found {found};" in line
     )
-
-
-@pytest.mark.parametrize(
-    ("content", "expected"),
-    [
-        (
-            "5.9.2007,3",
-            "line 2, time: expected dates in which day and month can be told apart, found '5.9.2007', and no row "
-            "with a number above 12; write time_format",
-        ),
-        ("2007-09-05,1\n2007-09-06", "line 3, pressure: expected a number or nothing, found a line of 1 cells; mend"),
-        ("2007-09-05,deep", "line 2, pressure: expected a number or nothing, found 'deep'; mend or remove the line"),
-    ],
-)
-def test_unreadable_table_is_refused_with_its_line_number(tmp_path, content, expected):
-    path = written(tmp_path, "p.csv", f"time,pressure\n{content}\n")
-    assert refused(lambda: acm.read_companions([path])).startswith(f"{path}: {expected}")
 
 
 def test_ctd_file_without_times_is_refused(tmp_path):
@@ -609,17 +566,14 @@ def test_profile_with_erased_header_is_counted_as_damaged(sound):
     assert any("damaged rows were left out" in w for w in record.warnings)
 
 
-def test_scan_with_a_misplaced_time_is_dropped(tmp_path):
-    path = text_file(tmp_path, logged((30,)))
-    text = path.read_text()
-    moved = text.replace("13:47:00", "18:47:00", 1)
-    assert moved != text
-    record = read(written(tmp_path, "moved.txt", moved))
-    assert (record.counts["scans"], record.counts["damaged_rows"]) == (28, 1)
-    assert rows_of(record) < rows_of(read(path))
-
-
-MALFORMED = [("09-05-2007", "02-30-2007"), ("13:46:57", "13:61:57"), ("2007 ", "2007_"), (".", ";"), (".", "0")]
+MALFORMED = [
+    ("13:46:57", "18:46:57"),
+    ("09-05-2007", "02-30-2007"),
+    ("13:46:57", "13:61:57"),
+    ("2007 ", "2007_"),
+    (".", ";"),
+    (".", "0"),
+]
 MALFORMED += [("-0.9700", new) for new in ("-0.97-0", "--.9700", "-.97.00", "-0.9700,", "    nan")]
 
 
@@ -721,9 +675,6 @@ def test_reader_is_registered_for_its_format_names(tmp_path):
     table = pressures(tmp_path, [(ON_S, 5), (ON_S + 50, 6)])
     chosen = {"pressure_files": [str(table)], "start_offset_seconds": 0.0, "depth": 3, "columns": None}
     same_record(readers.read("mmp_acm", [path], chosen), read(path, pressure=(table,)))
-    plain = written(tmp_path, "u.csv", "t,u,v\n2007-09-04T00:00:00Z,10,20\n")
-    columns = {"columns": {"time": "t", "east": "u", "north": "v", "scale": 0.01}}
-    assert readers.read("acm_table", [plain], columns).east.tolist() == [[0.1]]
 
 
 def test_workflow_separates_companion_files_from_raw_files(tmp_path):

@@ -7,7 +7,7 @@ import gc
 import io
 import json
 import logging
-import random
+import re
 import time
 import warnings
 from datetime import datetime, timedelta
@@ -28,6 +28,7 @@ from compasslib.readers.pd0 import currents, frames
 from compasslib.readers.pd0.fields import Coordinates
 from compasslib.records import PROBABLY_GOOD, Record, take
 from compasslib.types import Floats
+from tests.world import fuzz
 from tests.world.pd0_encoder import MISSING, START, assemble, ensemble, fixed_leader, variable_leader
 from tests.world.sea import real
 
@@ -280,26 +281,13 @@ def test_junk_before_between_and_after_ensembles_is_skipped(tmp_path: Path) -> N
 
 
 def test_every_byte_is_accounted_for_under_random_damage(tmp_path: Path) -> None:
-    rng = random.Random(20070904)
     clean = b"".join(series(12, percent_good=[[10, 0, 0, 80]] * 3))
-    for i in range(60):
-        data = bytearray(clean)
-        for _ in range(rng.randint(1, 12)):
-            at = rng.randrange(len(data))
-            action = rng.randrange(4)
-            if action == 0:
-                data[at] = rng.choice([0, 0x7F, 0xFF, rng.randrange(256)])
-            elif action == 1:
-                del data[at : at + rng.randint(1, 200)]
-            elif action == 2:
-                data[at:at] = bytes(rng.randrange(256) for _ in range(rng.randint(1, 100)))
-            else:
-                data[at : at + 4] = b"\x7f\x7f\x7f\x7f"
-        path = written(tmp_path, bytes(data), name=f"{i}.000")
-        assert framed(path) == framed(path, rng.randint(1, 400))
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        path = written(tmp_path, fuzz.damaged(clean, rng), name=f"{seed}.000")
+        assert framed(path) == framed(path, int(rng.integers(1, 400)))
         with contextlib.suppress(InputError):
-            record = read(path)
-            assert record.counts["bytes_total"] == len(data)
+            assert read(path).counts["bytes_total"] == path.stat().st_size
 
 
 @pytest.mark.parametrize("filler", [b"\x7f", b"\xff", b"\x00", b"\x7f\x7f\x46\x00\x00\x01\x08\x00"])
@@ -370,11 +358,10 @@ def test_ensembles_without_velocity_are_counted_and_dropped(tmp_path: Path) -> N
 )
 def test_file_without_ensembles_is_refused_in_one_line(content: bytes, found: str, tmp_path: Path) -> None:
     path = written(tmp_path, content)
-    for reader in (read, pd0.decode):
-        with pytest.raises(InputError) as caught:
-            reader(path)
-        advice = "check that format: pd0 and the file belong together"
-        assert str(caught.value) == f"{path}: expected PD0 ensembles (7F 7F) with velocities, found {found}; {advice}"
+    expected = f"expected PD0 ensembles (7F 7F) with velocities, found {found}; check that format: pd0"
+    with pytest.raises(InputError, match=re.escape(expected)):
+        pd0.decode(path)
+    assert expected in refused(path)
 
 
 def test_directory_missing_file_and_no_file_are_refused(tmp_path: Path) -> None:
@@ -411,11 +398,6 @@ def test_every_field_is_decoded_as_encoded(tmp_path: Path) -> None:
     assert ensembles.frequency_khz[0] == 300.0
 
 
-def test_without_a_depth_sensor_pressure_is_missing(tmp_path: Path) -> None:
-    record = read(written(tmp_path, ensemble(PROFILE, fixed={"sensors": 0b0001_1101})))
-    assert np.isnan(record.pressure_dbar[0])
-
-
 def test_short_leaders_of_old_firmware_are_read(tmp_path: Path) -> None:
     old = ensemble(PROFILE, fixed={"length": 42}, length=42, century=19, when=(99, 1, 2, 3, 4, 5, 6))
     record = read(written(tmp_path, old))
@@ -424,6 +406,8 @@ def test_short_leaders_of_old_firmware_are_read(tmp_path: Path) -> None:
     assert record.time_s[0] == datetime.fromisoformat("1999-01-02T03:04:05.060+00:00").timestamp()
     shortest = read(written(tmp_path, ensemble(PROFILE, fixed={"length": 34}, length=28)))
     assert np.isnan(shortest.supply_voltage[0]) and shortest.temperature_c[0] == 4.5
+    no_sensor = read(written(tmp_path, ensemble(PROFILE, fixed={"sensors": 0b0001_1101})))
+    assert np.isnan(no_sensor.pressure_dbar[0])
 
 
 @pytest.mark.parametrize(
@@ -451,8 +435,8 @@ def test_impossible_dates_are_counted_and_dropped(clock: tuple[int, ...], centur
 
 
 def test_ensemble_numbers_continue_past_65535(tmp_path: Path) -> None:
-    path = written(tmp_path, *(ensemble(PROFILE, number=number) for number in (65535, 65536, 65537, 200_000)))
-    assert pd0.decode(path).number.tolist() == [65535, 65536, 65537, 200_000]
+    path = written(tmp_path, *(ensemble(PROFILE, number=number) for number in (65535, 65536, 200_000)))
+    assert pd0.decode(path).number.tolist() == [65535, 65536, 200_000]
 
 
 def test_impossible_heading_becomes_missing_and_flagged(tmp_path: Path) -> None:
@@ -622,10 +606,7 @@ def test_matching_or_unknown_serial_number_is_accepted(file: int, told: object, 
 
 def test_serial_number_contradicting_the_metadata_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path, *series(5, fixed={"serial": 7514}))
-    assert refused(path, serial_number="SN 8104") == (
-        f"{path}: expected serial number SN 8104, found 7514; "
-        "the files may be another instrument's: correct files or serial_number"
-    )
+    assert "expected serial number SN 8104, found 7514" in refused(path, serial_number="SN 8104")
 
 
 def test_short_leader_and_varying_bytes_give_no_serial_number(tmp_path: Path) -> None:
@@ -739,14 +720,10 @@ def test_headings_and_velocities_may_contain_different_declinations(coordinates:
 
 def test_heading_alignment_is_refused_without_a_setting(tmp_path: Path) -> None:
     path = written(tmp_path, ensemble(PROFILE, fixed={"ea": 4500, "ex": EX[INSTRUMENT]}, heading=35000))
-    assert refused(path) == (
-        f"{path}: heading alignment EA: expected 0 degrees, found 45 degrees; "
-        "give heading_alignment: degrees to add to the recorded heading to get beam 3's, or 0 to ignore EA"
-    )
+    assert "expected 0 degrees, found 45 degrees; give heading_alignment" in refused(path)
     ignored, added = read(path, heading_alignment=0.0), read(path, heading_alignment=45.0)
     assert (ignored.heading_deg[0], added.heading_deg[0]) == (350.0, 35.0)
-    turned = angles.turn(ignored.east, ignored.north, 45.0)
-    np.testing.assert_allclose((added.east, added.north), turned)
+    np.testing.assert_allclose((added.east, added.north), angles.turn(ignored.east, ignored.north, 45.0))
     assert "heading alignment EA is 45 degrees" in added.warnings[0]
 
 
@@ -769,13 +746,6 @@ def test_orientation_of_the_metadata_takes_precedence(tmp_path: Path) -> None:
     up = read(path, orientation="up")
     assert up.looks_up and up.counts["orientation_disagrees"] == 2 and up.east[0] == silent.east[1]
     assert up.warnings == ("2 of 3 ensembles say that they looked down; up counts, as the metadata do.",)
-
-
-def test_files_with_equal_start_keep_the_given_order(tmp_path: Path) -> None:
-    a, b = written(tmp_path, *series(2), name="a.000"), written(tmp_path, *series(3), b"tail", name="b.000")
-    record, begin = read(b, a), 3 * len(series(1)[0])
-    assert np.diff(record.time_s).tolist() == [3600.0, 3600.0, -7200.0, 3600.0]
-    assert f"b.000: skipped bytes {begin} to {begin + 3} (not an ensemble)." in record.warnings
 
 
 def test_files_are_sorted_by_time(tmp_path: Path) -> None:
