@@ -23,7 +23,6 @@ from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.pd0.fields import LAST_YEAR, from_hundredths
 from compasslib.readers.times import civil_seconds
 from compasslib.records import Record, new_record
-from compasslib.types import Floats
 
 MARK = b"\x6e\x7f"
 HEADER = np.dtype(
@@ -63,7 +62,14 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
     frames, heads, time_s = [f for f, d in zip(frames, dated, strict=True) if d], heads[dated], time_s[dated]
     widest = int(heads["bins"].max(initial=1))
     refuse_large_arrays(where, 4 * 8 * len(heads) * widest, counts["bytes_total"], widest)
-    east, north, up, error = _velocities(frames, heads)
+    # Velocities by component, (4, n, m) m/s, with missing bins padded by NaN.
+    flow = np.full((4, len(heads), widest), np.nan)
+    for bins in np.unique(heads["bins"]):
+        mine = heads["bins"] == bins
+        sent = b"".join(frames[k][HEADER.itemsize :] for k in np.flatnonzero(mine))
+        components = np.moveaxis(np.frombuffer(sent, "<i2").reshape(-1, 4, bins), 1, 0)
+        flow[:, mine, :bins] = np.where(components == files.MISSING_COUNT, np.nan, components / 1000.0)
+    east, north, up, error = flow
     steps = np.diff(np.unique(heads["number"].astype(np.int64)))
     lost = int((np.maximum(steps // (int(np.median(steps)) if len(steps) else 1), 1) - 1).sum())
     counts |= {"bad_dates": int(np.sum(~dated)), "ensembles": len(heads), "lost": lost}
@@ -146,17 +152,6 @@ def _refuse(where: str, paths: Sequence[Path], heads: NDArray[np.void], counts: 
         shown = f"components {int(heads['components'][partial][0] & FOUR):04b} in {int(partial.sum())} ensembles"
         advice = "take the instrument's own recording, format: pd0"
         raise InputError(where, expected="all four velocities (command PO 1111)", found=shown, advice=advice)
-
-
-def _velocities(frames: Sequence[bytes], heads: NDArray[np.void]) -> Floats:
-    """Decode east, north, up and error velocities, (4, n, m) m/s, with missing bins padded by NaN."""
-    flow = np.full((4, len(frames), int(heads["bins"].max(initial=1))), np.nan)
-    for bins in np.unique(heads["bins"]):
-        mine = heads["bins"] == bins
-        sent = b"".join(f[HEADER.itemsize :] for f, m in zip(frames, mine, strict=True) if m)
-        counts = np.moveaxis(np.frombuffer(sent, "<i2").reshape(-1, 4, bins), 1, 0)
-        flow[:, mine, :bins] = np.where(counts == files.MISSING_COUNT, np.nan, counts / 1000.0)
-    return flow
 
 
 def _warnings(counts: dict[str, int]) -> tuple[str, ...]:

@@ -87,7 +87,11 @@ def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
     offset = np.cumsum([0, *(len(line) + 1 for line in lines)])
     counts = Counter(patterns)
     words = {pattern for pattern in counts if pattern.translate(None, _ROW_CHARACTERS)}
-    forms = {pattern: _form(pattern) for pattern in counts if b"0" in pattern and pattern not in words}
+    forms: dict[bytes, Form] = {}
+    for pattern in counts:
+        if b"0" in pattern and pattern not in words:
+            stamped = b":" in pattern
+            forms[pattern] = stamped, len(pattern.replace(b",", b" ").split()) - 2 * stamped
     often = Counter[Form]()
     for pattern, form in forms.items():
         often[form] += counts[pattern] if form[1] > 0 and wanted(form) else 0
@@ -128,11 +132,6 @@ def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
         foreign=sum(counts[each] for each, (stamp, n) in forms.items() if usual and abs(n + 2 * stamp - width) > 1),
         statements=tuple(statements),
     )
-
-
-def _form(pattern: bytes) -> Form:
-    stamped = b":" in pattern
-    return stamped, len(pattern.replace(b",", b" ").split()) - 2 * stamped
 
 
 def _select_regular(counts: Mapping[bytes, int], alike: float = 0.95) -> set[bytes]:

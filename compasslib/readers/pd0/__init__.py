@@ -23,7 +23,7 @@ from compasslib.readers import files
 from compasslib.readers.pd0 import checks, currents, fields
 from compasslib.readers.pd0.currents import Settings
 from compasslib.readers.pd0.fields import COUNTS, DROPPED, Coordinates, Ensembles
-from compasslib.readers.pd0.frames import Skipped, batches, find_ensembles
+from compasslib.readers.pd0.frames import batches, find_ensembles
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Record
 from compasslib.types import Floats
 
@@ -174,18 +174,14 @@ def _read_file(path: Path, settings: Settings) -> _File:
     counts["damaged"] = sum(each.damaged for each in skipped)
     counts["bytes_skipped"] = sum(each.length for each in skipped)
     counts["bytes_total"] = counts["bytes_skipped"] + sum(run.rows.size for run in runs)
-    counts["lost"] = _count_lost(content.leaders, skipped)
-    return replace(content, warnings=tuple(checks.describe_file(Path(path).name, counts, skipped, escaped=escaped)))
-
-
-def _count_lost(leaders: Sequence[Ensembles], skipped: Sequence[Skipped]) -> int:
-    """Count the ensembles lost where bytes were skipped, from the numbers of the intact ensembles around them."""
-    offset, number = (np.concatenate([getattr(part, name) for part in leaders]) for name in ("offset", "number"))
+    # Count the ensembles lost where bytes were skipped, from the numbers of the intact ensembles around them.
+    offset, number = (np.concatenate([getattr(x, name) for x in content.leaders]) for name in ("offset", "number"))
     after = np.searchsorted(offset, [each.offset for each in skipped])
     inside = after[(after > 0) & (after < len(offset))]
     gaps = number[inside] - number[inside - 1] - 1
     # Decreasing numbers mark the start of a new recording, where the loss is unknown.
-    return int(gaps[gaps > 0].sum())
+    counts["lost"] = int(gaps[gaps > 0].sum())
+    return replace(content, warnings=tuple(checks.describe_file(Path(path).name, counts, skipped, escaped=escaped)))
 
 
 def _refuse_padding(where: str, columns: Columns, count: int, cells: int, size: int) -> None:

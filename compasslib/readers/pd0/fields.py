@@ -8,7 +8,7 @@ the identifier of the block. Source: RDI, WorkHorse Commands and Output Data For
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from pathlib import Path
@@ -150,9 +150,19 @@ def decode_leaders(run: EnsembleRun) -> Leaders:
     return Leaders(**{field.name: columns[field.name] for field in fields(Leaders)})
 
 
-def has_velocities(layout: Layout) -> bool:
-    """Return whether ensembles of a layout hold velocities of exactly four beams or components."""
-    return _has_profile(layout, Block.VELOCITY) and _of_four_beams(layout)
+def misfit(layout: Layout) -> str:
+    """Tell why ensembles of a layout are dropped, by the keys of ``DROPPED``; empty if they hold four beams.
+
+    Blocks with room for a fifth column or a surplus bin are not supported.
+    """
+    if not _has_profile(layout, Block.VELOCITY):
+        return "without_velocity"
+    for identifier in layout.blocks.keys() & _PER_CELL.keys():
+        spare, column = _spare(layout, identifier), _PER_CELL[identifier] // 4 * layout.cells
+        last = layout.blocks[identifier][1] == layout.length  # two reserved bytes precede the checksum
+        if not 0 <= spare - 2 * (last and spare >= 2) < min(column, _PER_CELL[identifier]):
+            return "not_of_four_beams"
+    return ""
 
 
 def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles | None, Counter[str]]:
@@ -160,10 +170,8 @@ def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles | None, Counter[
     groups: dict[bytes, list[EnsembleRun]] = {}
     dropped = Counter[str]()
     for run in runs:
-        if not _has_profile(run.layout, Block.VELOCITY):
-            dropped["without_velocity"] += len(run.rows)
-        elif not _of_four_beams(run.layout):
-            dropped["not_of_four_beams"] += len(run.rows)
+        if reason := misfit(run.layout):
+            dropped[reason] += len(run.rows)
         else:
             groups.setdefault(run.layout.signature, []).append(run)
     if not groups:
@@ -201,12 +209,15 @@ def stack_padded(parts: Sequence[NDArray[T]], fill: int = 0) -> NDArray[T]:
 
 def _decode(layout: Layout, runs: Sequence[EnsembleRun]) -> Ensembles:
     rows = runs[0].rows if len(runs) == 1 else np.concatenate([run.rows for run in runs])
+    counts = _profile(rows, layout, Block.VELOCITY).view("<i2")
+    # Division, unlike multiplication by 0.001, gives the float nearest to 0.123 for 123 mm/s.
+    velocity = counts / 1000.0
+    np.copyto(velocity, np.nan, where=counts == MISSING_COUNT)
+    of_cells: dict[str, Any] = {name: _profile(rows, layout, block) for name, (block, _) in COUNTS.items()}
     return Ensembles(
         offset=np.concatenate([run.offset + rows.shape[1] * np.arange(len(run.rows)) for run in runs]),
-        velocity=_velocity(rows, layout),
-        correlation=_bytes_of_cells(rows, layout, Block.CORRELATION),
-        echo=_bytes_of_cells(rows, layout, Block.ECHO),
-        percent_good=_bytes_of_cells(rows, layout, Block.PERCENT_GOOD),
+        velocity=velocity,
+        **of_cells,
         blocks=np.full(len(rows), sum(bit for block, bit in COUNTS.values() if _has_profile(layout, block)), np.uint8),
         **_decode_fixed(rows, layout),
         **_decode_variable(rows, layout),
@@ -223,33 +234,13 @@ def _has_profile(layout: Layout, identifier: int) -> bool:
     return layout.cells > 0 and _spare(layout, identifier) >= 0
 
 
-def _of_four_beams(layout: Layout) -> bool:
-    """Return whether no block has room for a fifth column or a surplus bin, which are not supported."""
-    for identifier in layout.blocks.keys() & _PER_CELL.keys():
-        spare, column = _spare(layout, identifier), _PER_CELL[identifier] // 4 * layout.cells
-        last = layout.blocks[identifier][1] == layout.length  # two reserved bytes precede the checksum
-        if not 0 <= spare - 2 * (last and spare >= 2) < min(column, _PER_CELL[identifier]):
-            return False
-    return True
-
-
 def _profile(rows: Bytes, layout: Layout, identifier: int) -> Bytes:
-    start = layout.blocks[identifier][0] + 2
-    return np.ascontiguousarray(rows[:, start : start + _PER_CELL[identifier] * layout.cells])
-
-
-def _velocity(rows: Bytes, layout: Layout) -> Floats:
-    counts = _profile(rows, layout, Block.VELOCITY).view("<i2")
-    # Division, unlike multiplication by 0.001, gives the float nearest to 0.123 for 123 mm/s.
-    velocity = counts / 1000.0
-    np.copyto(velocity, np.nan, where=counts == MISSING_COUNT)
-    return velocity.reshape(len(rows), layout.cells, 4)
-
-
-def _bytes_of_cells(rows: Bytes, layout: Layout, identifier: int) -> Bytes:
+    """Extract the bytes of a block by bin, (n, m, 4 or 8), or zeros if it is absent."""
     if not _has_profile(layout, identifier):
         return np.zeros((len(rows), layout.cells, 4), np.uint8)
-    return _profile(rows, layout, identifier).reshape(len(rows), layout.cells, 4)
+    start = layout.blocks[identifier][0] + 2
+    stop = start + _PER_CELL[identifier] * layout.cells
+    return np.ascontiguousarray(rows[:, start:stop]).reshape(len(rows), layout.cells, -1)
 
 
 def _leader(rows: Bytes, layout: Layout, identifiers: tuple[int, ...], form: np.dtype[np.void]) -> tuple[Any, set[str]]:
@@ -357,7 +348,7 @@ def rewrite(source: str | Path, target: str | Path, turn: Turn) -> Rewritten:
     with Path(target).open("wb") as file:
         for run in runs:
             leaders = decode_leaders(run)
-            by = turn(leaders) if has_velocities(run.layout) else np.full(len(run.rows), np.nan)
+            by = np.full(len(run.rows), np.nan) if misfit(run.layout) else turn(leaders)
             file.write(_turn_run(run, leaders, by).tobytes())
             corrected, flagged = corrected + int(np.isfinite(by).sum()), flagged + int(np.isnan(by).sum())
     return Rewritten(corrected, flagged, tuple(skipped))
@@ -368,10 +359,17 @@ def _turn_run(run: EnsembleRun, leaders: Leaders, by: Floats) -> Bytes:
     begin = next(layout.blocks[i][0] for i in VARIABLE_LEADERS if i in layout.blocks) + 18  # of the heading
     hundredths = np.rint(100.0 * angles.wrap360(np.rint(100.0 * (leaders.heading_deg + by)) / 100.0))
     rows[:, begin : begin + 2] = _bytes(np.where(np.isfinite(by), hundredths, _NO_HEADING).astype("<u2"))
-    for begin, stop in _velocities(layout):
+    whole = not misfit(layout)
+    begin, stop = layout.blocks.get(Block.VELOCITY, (0, 0))
+    room = 8 * layout.cells if whole else (stop - begin - 2) // 2 * 2
+    places = [(begin + 2, begin + 2 + room)] * (room > 0)
+    begin, stop = layout.blocks.get(Block.BOTTOM_TRACK, (0, 0))
+    places += [(begin + at, begin + at + 8) for at in TRACKED if begin + at + 8 <= stop]
+    for begin, stop in places:
         counts = np.ascontiguousarray(rows[:, begin:stop]).view("<i2").copy()
-        if has_velocities(layout):
-            _turn(counts.reshape(len(rows), -1, 4), by, (leaders.coordinates == Coordinates.EARTH) & np.isfinite(by))
+        if whole:
+            in_earth = (leaders.coordinates == Coordinates.EARTH) & np.isfinite(by)
+            _turn_counts(counts.reshape(len(rows), -1, 4), by, in_earth)
         counts[np.isnan(by)] = MISSING_COUNT
         rows[:, begin:stop] = _bytes(counts)
     sums = rows[:, : layout.length].sum(axis=1, dtype=np.uint16)  # wraps modulo 65,536, as the checksum does
@@ -383,17 +381,7 @@ def _bytes(numbers: NDArray[np.integer]) -> Bytes:
     return np.ascontiguousarray(numbers).reshape(len(numbers), -1).view(np.uint8)
 
 
-def _velocities(layout: Layout) -> Iterator[tuple[int, int]]:
-    """Locate the velocities as (begin, end) byte ranges of the ensemble."""
-    begin, stop = layout.blocks.get(Block.VELOCITY, (0, 0))
-    room = 8 * layout.cells if has_velocities(layout) else (stop - begin - 2) // 2 * 2
-    if room > 0:
-        yield begin + 2, begin + 2 + room
-    begin, stop = layout.blocks.get(Block.BOTTOM_TRACK, (0, 0))
-    yield from ((begin + at, begin + at + 8) for at in TRACKED if begin + at + 8 <= stop)
-
-
-def _turn(counts: NDArray[np.int16], by: Floats, which: Bools) -> None:
+def _turn_counts(counts: NDArray[np.int16], by: Floats, which: Bools) -> None:
     """Rotate velocities of selected ensembles in place, (k, m, 4) mm/s; missing where the format cannot hold them."""
     known = (counts[..., :2] != MISSING_COUNT).all(axis=-1) & which[:, None]
     turned = np.rint(np.stack(angles.turn(counts[..., 0], counts[..., 1], np.nan_to_num(by)[:, None]), axis=-1))
