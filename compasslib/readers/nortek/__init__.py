@@ -21,7 +21,6 @@ from compasslib.readers.files import ESCAPES_UNDONE, MISSING_COUNT, block_type, 
 from compasslib.readers.nortek import converted, signature
 from compasslib.readers.nortek.packets import (
     SLANT_DEG,
-    Bytes,
     Coordinates,
     Packets,
     Samples,
@@ -58,6 +57,11 @@ _SENSORS = block_type(
     clock=(4, "6u1"), error=(10, "<u2"), battery=(14, "<u2"), heading=(18, "<u2"), pitch=(20, "<i2"), roll=(22, "<i2"),
     pressure_high=(24, "u1"), status=(25, "u1"), pressure_low=(26, "<u2"), temperature=(28, "<i2"),
 )  # fmt: skip
+_USER = block_type(
+    blanking=(6, "<u2"), average_s=(16, "<u2"), beams=(18, "<u2"), coordinates=(32, "<u2"), cells=(34, "<u2"),
+    cell=(36, "<u2"),
+)  # fmt: skip
+_HEAD = block_type(sensors=(4, "u1"), khz=(6, "<u2"), matrix=(30, "(3,3)<i2"))
 
 
 def decode(packets: Packets) -> Samples:
@@ -66,40 +70,62 @@ def decode(packets: Packets) -> Samples:
     Raises:
         InputError: the file lacks a configuration or velocities, has two configurations, or is of another instrument.
     """
-    user, head = (_configuration(packets, kind) for kind in (Kind.USER, Kind.HEAD))
+    user, head = _configuration(packets, Kind.USER, _USER), _configuration(packets, Kind.HEAD, _HEAD)
     kind = _kind(packets)
-    of_kind = packets.kind == kind
+    of_kind, point = packets.kind == kind, kind in POINT
     # A record of another length belongs to another configuration, or has a valid checksum by chance.
     length = packets.end - packets.start
     usual = int(np.bincount(length[of_kind]).argmax())
     mine = of_kind & (length == usual)
-    rows, first = packets.rows(mine), VELOCITY[kind]
-    cells = 1 if kind in POINT else int(_number(user, 34))
+    rows, first, cells = packets.rows(mine), VELOCITY[kind], 1 if point else int(user["cells"])
     if usual < first + BEAMS * cells * 3 + 2 or not cells:
-        raise _contradicts_configuration(packets, usual, first, cells, int(_number(user, 18)))
+        beams = int(user["beams"])
+        level = ", which are level, as of an AWAC that looks sideways" if beams == 2 else ""
+        shown, expected = f"{beams} beam{'s' * (beams > 1)}{level}", f"{BEAMS} slanted beams"
+        advice = "export its velocities with Nortek's program and write format: table"
+        if beams == BEAMS or usual not in (whole := first + beams * cells * 3 + 2, whole + whole % 2):
+            shown, expected = f"{usual} bytes for {cells} cells", "records that hold their cells"
+            advice = "the configuration is of another recording: give each as a file of its own"
+        raise InputError(str(packets.path), expected=expected, found=shown, advice=advice)
     sensors = np.ascontiguousarray(rows[:, : _SENSORS.itemsize]).view(_SENSORS)[:, 0]
-    velocity = _velocity(rows[:, first : first + 6 * cells], sensors["status"])
-    recorded = int(_number(user, 32))
-    up = velocity[..., 2] if recorded == Coordinates.EARTH else None
-    if recorded == Coordinates.EARTH:
-        velocity = velocity[..., :2]
-    matrix = head[30:48].view("<i2").reshape(3, 3) / 4096.0
-    magnetometer = AQUADOPP_MAGNETOMETER.get(kind)
+    counts = np.ascontiguousarray(rows[:, first : first + 6 * cells]).view("<i2").reshape(len(rows), BEAMS, -1)
+    # Division, unlike multiplication by 0.001, gives the float nearest to 0.123 for 123 mm/s.
+    velocity = counts / np.where(sensors["status"] & 2, 10000.0, 1000.0)[:, None, None]
+    velocity[counts == MISSING_COUNT] = np.nan
+    velocity = np.moveaxis(velocity, 1, 2)
+    minute, second, day, hour, year, month = _BCD[sensors["clock"]].astype(np.int64).T
+    century = np.where(year < FIRST_YEAR - 1900, 2000, 1900)
+    # Errors reported by the instrument: failed measurement or compass, tilt beyond the range of the sensor.
+    failed, no_compass = (sensors["error"] & 6) > 0, (sensors["error"] & 1) > 0
+    beyond = (sensors["status"] & 12) > 0
+    flags = np.where(failed | no_compass | beyond, BAD, GOOD)[:, None]
+    heading = sensors["heading"] / 10.0
+    pressure = (65536 * sensors["pressure_high"].astype(np.int64) + sensors["pressure_low"]) / 1000.0
+    recorded, magnetometer = int(user["coordinates"]), AQUADOPP_MAGNETOMETER.get(kind)
     at = np.flatnonzero(packets.kind == Kind.HARDWARE)
     hardware = packets.data[packets.begin[at[0]] : packets.end[at[0]]] if len(at) else np.zeros(0, np.uint8)
-    serial = hardware[4:12].tobytes().decode("ascii", "replace").strip(" \0") if hardware.size >= 18 else ""
+    in_earth, matrix = recorded == Coordinates.EARTH, head["matrix"] / 4096.0
     return Samples(
         offset=packets.start[mine],
-        **_decode_sensors(sensors, velocity, has_pressure=bool(head[4] & 1)),
-        velocity=velocity,
-        bin_range_m=(0.0,) if kind in POINT else _ranges(packets, user, head, cells),
+        time_s=civil_seconds(century + year, month, day, hour, minute, second),
+        heading_deg=np.where(heading < 360.0, heading, np.nan),
+        pitch_deg=sensors["pitch"] / 10.0,
+        roll_deg=sensors["roll"] / 10.0,
+        pressure_dbar=pressure if head["sensors"] & 1 else np.full(len(rows), np.nan),
+        temperature_c=sensors["temperature"] / 100.0,
+        supply_voltage=sensors["battery"] / 10.0,
+        velocity=velocity[..., :2] if in_earth else velocity,
+        up=velocity[..., 2] if in_earth else None,
+        quality=np.where(np.isnan(velocity).any(axis=-1), MISSING, flags).astype(np.int8),
+        heading_quality=np.where(no_compass | beyond, BAD, GOOD).astype(np.int8),
+        looks_up=(sensors["status"] & 1) == 0,
+        bin_range_m=(0.0,) if point else _ranges(packets, user, int(head["khz"])),
         recorded=recorded,
-        beam_angle_deg=0.0 if kind in POINT else SLANT_DEG,
-        serial=serial,
+        beam_angle_deg=0.0 if point else SLANT_DEG,
+        serial=hardware[4:12].tobytes().decode("ascii", "replace").strip(" \0") if hardware.size >= 18 else "",
         beams_to_axes=tuple(map(tuple, matrix.tolist())) if recorded == Coordinates.BEAM else (),
-        average_s=float(_number(user, 16)),
+        average_s=float(user["average_s"]),
         magnetometer=rows[:, magnetometer : magnetometer + 6].copy().view("<i2") * 1.0 if magnetometer else None,
-        up=up,
         profiles={"echo": by_beam(rows, first + 2 * BEAMS * cells, BEAMS, cells)},
         counts={
             "diagnostic_samples": int(np.sum(packets.kind == Kind.DIAGNOSTIC)),
@@ -108,7 +134,7 @@ def decode(packets: Packets) -> Samples:
     )
 
 
-def _configuration(packets: Packets, kind: Kind) -> Bytes:
+def _configuration(packets: Packets, kind: Kind, form: np.dtype[np.void]) -> Any:
     """Get the only configuration of a kind; identical copies are accepted, as in concatenated recordings."""
     mine = packets.kind == kind
     part = "user's" if kind == Kind.USER else "head's"
@@ -121,7 +147,7 @@ def _configuration(packets: Packets, kind: Kind) -> Bytes:
     if rows is None or (rows != rows[0]).any():
         advice = "give each recording as a file of its own"
         raise InputError(str(packets.path), expected=expected, found=f"{len(sizes)} that differ", advice=advice)
-    return rows[0]
+    return np.frombuffer(rows[0].tobytes().ljust(form.itemsize, b"\0"), form, 1)[0]
 
 
 def _kind(packets: Packets) -> int:
@@ -135,63 +161,14 @@ def _kind(packets: Packets) -> int:
     raise InputError(str(packets.path), expected=kinds, found=shown, advice=advice)
 
 
-def _contradicts_configuration(packets: Packets, size: int, first: int, cells: int, beams: int) -> InputError:
-    """Create the error for records of ``size`` bytes that cannot hold the bins of three beams from ``first`` on."""
-    if beams != BEAMS and size in (whole := first + beams * cells * 3 + 2, whole + whole % 2):
-        level = ", which are level, as of an AWAC that looks sideways" if beams == 2 else ""
-        shown, expected = f"{beams} beam{'s' * (beams > 1)}{level}", f"{BEAMS} slanted beams"
-        advice = "export its velocities with Nortek's program and write format: table"
-    else:
-        shown, expected = f"{size} bytes for {cells} cells", "records that hold their cells"
-        advice = "the configuration is of another recording: give each as a file of its own"
-    return InputError(str(packets.path), expected=expected, found=shown, advice=advice)
-
-
-def _number(block: Bytes, at: int) -> np.uint16:
-    return np.uint16(block[at : at + 2].view("<u2")[0])
-
-
-def _velocity(rows: Bytes, status: Bytes) -> Floats:
-    counts = np.ascontiguousarray(rows).view("<i2").reshape(len(rows), BEAMS, -1)
-    # Division, unlike multiplication by 0.001, gives the float nearest to 0.123 for 123 mm/s.
-    velocity = counts / np.where(status & 2, 10000.0, 1000.0)[:, None, None]
-    velocity[counts == MISSING_COUNT] = np.nan
-    return np.moveaxis(velocity, 1, 2)
-
-
-def _decode_sensors(sensors: Any, velocity: Floats, *, has_pressure: bool) -> dict[str, Any]:
-    minute, second, day, hour, year, month = _BCD[sensors["clock"]].astype(np.int64).T
-    century = np.where(year < FIRST_YEAR - 1900, 2000, 1900)
-    # Errors reported by the instrument: failed measurement or compass, tilt beyond the range of the sensor.
-    failed, no_compass = (sensors["error"] & 6) > 0, (sensors["error"] & 1) > 0
-    beyond = (sensors["status"] & 12) > 0
-    flags = np.where(failed | no_compass | beyond, BAD, GOOD)[:, None]
-    heading = sensors["heading"] / 10.0
-    pressure = (65536 * sensors["pressure_high"].astype(np.int64) + sensors["pressure_low"]) / 1000.0
-    return {
-        "time_s": civil_seconds(century + year, month, day, hour, minute, second),
-        "heading_deg": np.where(heading < 360.0, heading, np.nan),
-        "pitch_deg": sensors["pitch"] / 10.0,
-        "roll_deg": sensors["roll"] / 10.0,
-        "pressure_dbar": pressure if has_pressure else np.full(len(sensors), np.nan),
-        "temperature_c": sensors["temperature"] / 100.0,
-        "supply_voltage": sensors["battery"] / 10.0,
-        "looks_up": (sensors["status"] & 1) == 0,
-        "sideways": np.zeros(len(sensors), dtype=bool),
-        "quality": np.where(np.isnan(velocity).any(axis=-1), MISSING, flags).astype(np.int8),
-        "heading_quality": np.where(no_compass | beyond, BAD, GOOD).astype(np.int8),
-    }
-
-
-def _ranges(packets: Packets, user: Bytes, head: Bytes, cells: int) -> tuple[float, ...]:
-    khz = int(_number(head, 6))
+def _ranges(packets: Packets, user: Any, khz: int) -> tuple[float, ...]:
     if khz not in CELL_M:
         expected, advice = f"a head of {', '.join(map(str, CELL_M))} kHz", "give its velocities as a table"
         raise InputError(str(packets.path), expected=expected, found=f"{khz} kHz", advice=advice)
     cosine = float(angles.sin_cos(SLANT_DEG)[1])
-    cell = round(int(_number(user, 36)) / 256 * CELL_M[khz] * cosine, 2)
-    blanking = round(int(_number(user, 6)) * BLANKING_M[khz] * cosine - cell, 2)
-    return tuple((blanking + cell * (1.0 + np.arange(cells))).tolist())
+    cell = round(int(user["cell"]) / 256 * CELL_M[khz] * cosine, 2)
+    blanking = round(int(user["blanking"]) * BLANKING_M[khz] * cosine - cell, 2)
+    return tuple((blanking + cell * (1.0 + np.arange(int(user["cells"])))).tolist())
 
 
 def read(
@@ -235,7 +212,7 @@ def _record(
         raise InputError(str(path), expected="samples with velocities", found=shown, advice=advice)
     undated, samples = int(np.sum(~dated)), samples if dated.all() else take(samples, dated)
     serial = match_serial_number(str(path), samples.serial, serial_number)
-    n, lying = len(samples.time_s), int(samples.sideways.sum())
+    n, lying = len(samples.time_s), 0 if samples.sideways is None else int(samples.sideways.sum())
     if orientation is None and lying > STRAY * n:
         shown = f"an instrument on its side by its own word in {lying} of {n} samples"
         expected, advice = "one that looks up or down", "give orientation: up or down"
