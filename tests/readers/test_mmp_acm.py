@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compasslib import angles, readers
-from compasslib.config.cruise import load_cruise
+from compasslib import angles
 from compasslib.demo import demonstration, profiler, water
 from compasslib.demo.demonstration import DEPLOYED_S
 from compasslib.errors import InputError
@@ -20,7 +19,6 @@ from compasslib.readers import mmp as acm
 from compasslib.readers.mmp import rows as mmp_rows
 from compasslib.readers.mmp import scans as mmp_scans
 from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
-from compasslib.stages.settings import Moorings
 from tests.world.sea import real
 
 TEXT, BINARY = "acm/mmp_global_A0000001.TXT", "acm/mmp_global_A0000001.DAT"
@@ -138,19 +136,17 @@ def accounted(record: Record) -> int:
 def test_real_ascii_and_binary_files_agree():
     text, binary = read(real(TEXT)), read(real(BINARY))
     for record in (text, binary):
-        assert record.counts["aliased_dropped"] == 1
+        assert record.counts["aliased_dropped"] == 1 and accounted(record) == 17917
         assert record.counts["scans"] == len(record.time_s) == 17916
-        assert accounted(record) == 17917
         assert set(record.quality.ravel()) == set(record.heading_quality) == {GOOD}
     assert (text.time_s == binary.time_s).all() and np.unique(np.diff(binary.time_s)).tolist() == [0.5]
     # The first second contains one scan only, which is aliased and dropped.
     assert binary.time_s[0] == np.datetime64("2018-06-10T04:00:18").astype("datetime64[s]").astype(int)
-    # Headings have two decimals in the text file.
+    # Headings and tilts have two decimals in the text file, as have path velocities (cm/s).
     assert np.abs(angles.difference(text.heading_deg, binary.heading_deg)).max() < 0.006
-    # Path velocities have two decimals (cm/s), and the swing rate comes from rounded headings.
+    assert np.abs([text.pitch_deg - binary.pitch_deg, text.roll_deg - binary.roll_deg]).max() < 0.006
+    # The swing rate comes from rounded headings.
     assert np.hypot(text.east - binary.east, text.north - binary.north).max() < 3e-4
-    assert np.abs(text.pitch_deg - binary.pitch_deg).max() < 0.006
-    assert np.abs(text.roll_deg - binary.roll_deg).max() < 0.006
 
 
 @pytest.mark.parametrize("name", [TEXT, BINARY])
@@ -665,29 +661,3 @@ def depths(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     table = np.genfromtxt(folder / "engineering.csv", delimiter=",", skip_header=1, dtype=None, encoding=None)
     time = np.array([row[0].rstrip("Z") for row in table], dtype="datetime64[s]").astype(float)
     return time, np.array([row[1] for row in table])
-
-
-# Where the reader is called ------------------------------------------------------------------------------------------
-
-
-def test_reader_is_registered_for_its_format_names(tmp_path):
-    path = text_file(tmp_path, logged())
-    table = pressures(tmp_path, [(ON_S, 5), (ON_S + 50, 6)])
-    chosen = {"pressure_files": [str(table)], "start_offset_seconds": 0.0, "depth": 3, "columns": None}
-    same_record(readers.read("mmp_acm", [path], chosen), read(path, pressure=(table,)))
-
-
-def test_workflow_separates_companion_files_from_raw_files(tmp_path):
-    (tmp_path / "config" / "moorings").mkdir(parents=True)
-    (tmp_path / "config" / "config.yaml").write_text("moorings: config/moorings\n")
-    for name in ("top.000", "A1.TXT", "A2.TXT", "E1.TXT"):
-        written(tmp_path, name, "x")
-    (tmp_path / "config" / "moorings" / "M.yaml").write_text(
-        "{name: M, latitude: 65, longitude: -33, water_depth: 900, start: 2007-09-04, end: 2007-10-04, "
-        "compromised: top, reference: deep, instruments: {top: {format: pd0, files: top.000, depth: 100}, "
-        "deep: {format: mmp_acm, files: A*.TXT, depth: 102, pressure_files: E*.TXT, start_offset_seconds: 7}}}\n"
-    )
-    of = Moorings(load_cruise(tmp_path))
-    assert of.raw_files("M", "deep") == ["A1.TXT", "A2.TXT"]
-    assert of.companion_files("M", "deep") == ["E1.TXT"] and of.companion_files("M", "top") == []
-    assert of.read("M", "deep")["reader"] == {"pressure_files": ["E1.TXT"], "start_offset_seconds": 7.0}
