@@ -229,13 +229,35 @@ class North:
 
 def find_north(file: File, east: Variable, heading: Variable | None) -> North:
     """Find the reference north that the file states for its velocities and headings."""
-    word, degrees, why = _velocity_north(file, east)
-    in_heading = np.zeros(()) if heading is None else degrees
-    if heading is not None:
-        stated = [_number(heading.attribute(name)) for name in filter(APPLIED.fullmatch, heading.attributes)]
-        in_heading = next((np.asarray(degrees) for degrees in stated if degrees is not None), in_heading)
-        in_heading = np.zeros(()) if MAGNETIC in _words(heading) else in_heading
-    return North(word, degrees, in_heading, why)
+    stated = [(f"{name} {degrees:g}", degrees) for name, degrees in [*_applied(east), *_applied(file)]]
+    stated += [("stglib's history", float(degrees)) for degrees in STGLIB.findall(file.text("history"))[-1:]]
+    if "coord_sys" in file.attributes:  # dolfyn rotates by the declination only, and records it
+        degrees = _number(file.attribute("declination")) or 0.0
+        stated.append((f"dolfyn's declination {degrees:g}", degrees))
+    words, why, in_velocity = _words(east), east.name, None
+    if stated:
+        why, word, in_velocity = stated[0][0], TRUE if stated[0][1] else MAGNETIC, np.asarray(stated[0][1])
+    elif MAGNETIC in words:
+        word, in_velocity = MAGNETIC, np.zeros(())
+    elif "true north" in words or east.text("standard_name") in TRUE_BY_NAME:
+        word, series = TRUE, find(file, "declination", (file.time,), ())
+        why += "'s reference" if "true north" in words else "'s standard_name"
+        if series is not None:
+            why, in_velocity = f"{why} and {series.name}", values(file, "declination", series)
+    else:
+        word = ""
+    in_heading = in_velocity
+    if heading is None or MAGNETIC in _words(heading):
+        in_heading = np.zeros(())
+    elif own := _applied(heading):
+        in_heading = np.asarray(own[0][1])
+    return North(word, in_velocity, in_heading, why)
+
+
+def _applied(holder: Attributes) -> list[tuple[str, float]]:
+    """List the attributes that state a declination in degrees as applied."""
+    names = filter(APPLIED.fullmatch, holder.attributes)
+    return [(name, degrees) for name in names if (degrees := _number(holder.attribute(name))) is not None]
 
 
 def resolve_north(file: File, north: North) -> tuple[Floats, Floats | None]:
@@ -309,28 +331,6 @@ def heading_alignment(file: File, heading: Variable | None) -> float:
     return stated or 0.0
 
 
-def _velocity_north(file: File, east: Variable) -> tuple[str, Floats | None, str]:
-    holders: tuple[Attributes, ...] = (east, file)
-    for holder in holders:
-        for name in filter(APPLIED.fullmatch, holder.attributes):
-            if (applied_deg := _number(holder.attribute(name))) is not None:
-                return (TRUE if applied_deg else MAGNETIC), np.asarray(applied_deg), f"{name} {applied_deg:g}"
-    if rotated := STGLIB.findall(file.text("history")):
-        return TRUE, np.asarray(float(rotated[-1])), "stglib's history"
-    if file.attribute("coord_sys") is not None:  # dolfyn rotates by the declination only, and records it
-        applied_deg = _number(file.attribute("declination")) or 0.0
-        return (TRUE if applied_deg else MAGNETIC), np.asarray(applied_deg), f"dolfyn's declination {applied_deg:g}"
-    words = _words(east)
-    if MAGNETIC in words:
-        return MAGNETIC, np.zeros(()), east.name
-    if "true north" in words or east.text("standard_name") in TRUE_BY_NAME:
-        series = find(file, "declination", (file.time,), ())
-        degrees = None if series is None else values(file, "declination", series)
-        why = "standard_name" if "true north" not in words else "reference"
-        return TRUE, degrees, f"{east.name}'s {why}" + (f" and {series.name}" if series is not None else "")
-    return "", None, ""
-
-
 def _words(variable: Variable) -> str:
     parts = [variable.text(name) for name in ("standard_name", "long_name", "reference", "reference_datum", "units")]
     return " ".join([*parts, "magnetic" * variable.name.upper().endswith("_MAG")]).lower()
@@ -344,5 +344,4 @@ def _number(value: object) -> float | None:
 
 
 def _in_degrees(degrees: Floats) -> str:
-    low, high = float(np.nanmin(degrees)), float(np.nanmax(degrees))
-    return f"{low:.2f} degrees" if high - low < 0.01 else f"{low:.2f} to {high:.2f} degrees"
+    return f"{np.nanmedian(degrees):.2f} degrees"
