@@ -26,7 +26,7 @@ from runs import DATA
 
 from compasslib import readers
 from compasslib.readers.pd0 import decode
-from compasslib.readers.pd0.frames import iter_chunks
+from compasslib.readers.pd0.frames import find_ensembles
 from tests.world import nortek_encoder as encoder
 
 SCANS = DATA / "acm/mmp_global_A0000001.TXT"
@@ -125,7 +125,7 @@ def of_tables(folder: Path, n: int = 300_000) -> None:
 def main(raw: Path) -> None:
     """Write the files, time each way of reading them, and print the table."""
     logging.disable(logging.CRITICAL)
-    good = b"".join(run.rows.tobytes() for chunk in iter_chunks(raw) for run in chunk.runs)  # valid ensembles
+    good = b"".join(run.rows.tobytes() for run in find_ensembles(raw)[0])  # valid ensembles
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         large, small = folder / "large.000", folder / "small.000"

@@ -10,7 +10,7 @@ a genuine file, where their removal makes two of three checksums valid.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,6 @@ from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.pd0.fields import LAST_YEAR, from_hundredths
 from compasslib.readers.times import civil_seconds
 from compasslib.records import Record, new_record
-from compasslib.types import Floats
 
 MARK = b"\x6e\x7f"
 HEADER = np.dtype(
@@ -63,7 +62,14 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
     frames, heads, time_s = [f for f, d in zip(frames, dated, strict=True) if d], heads[dated], time_s[dated]
     widest = int(heads["bins"].max(initial=1))
     refuse_large_arrays(where, 4 * 8 * len(heads) * widest, counts["bytes_total"], widest)
-    east, north, up, error = _velocities(frames, heads)
+    # Velocities by component, (4, n, m) m/s, with missing bins padded by NaN.
+    flow = np.full((4, len(heads), widest), np.nan)
+    for bins in np.unique(heads["bins"]):
+        mine = heads["bins"] == bins
+        sent = b"".join(frames[k][HEADER.itemsize :] for k in np.flatnonzero(mine))
+        components = np.moveaxis(np.frombuffer(sent, "<i2").reshape(-1, 4, bins), 1, 0)
+        flow[:, mine, :bins] = np.where(components == files.MISSING_COUNT, np.nan, components / 1000.0)
+    east, north, up, error = flow
     steps = np.diff(np.unique(heads["number"].astype(np.int64)))
     lost = int((np.maximum(steps // (int(np.median(steps)) if len(steps) else 1), 1) - 1).sum())
     counts |= {"bad_dates": int(np.sum(~dated)), "ensembles": len(heads), "lost": lost}
@@ -94,18 +100,26 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
 def _frames(paths: Sequence[Path]) -> tuple[list[bytes], dict[str, int]]:
     """Find the intact ensembles, with files in order of their first number, and count all other content."""
     by_file = []
-    counts = dict.fromkeys(("bytes_total", "bytes_skipped", "damaged", "escaped", "no_reply", "repeated"), 0)
+    counts = dict.fromkeys(("bytes_total", "bytes_skipped", "damaged", "escaped"), 0)
     for path in paths:
-        data = files.read_bytes(path)
-        candidates = list(_candidates(data))
-        whole = [frame for frame, _, _ in candidates if frame]
+        data, whole, damaged, failed, end = files.read_bytes(path), list[bytes](), 0, 0, 0
+        for mark in re.finditer(MARK, data):
+            start = mark.start()
+            if start < end:
+                continue
+            frame = plain = _whole(data[start : start + LONGEST])
+            if not frame:
+                frame = _whole(files.unescape(data[start : start + 2 * LONGEST]))
+                counts["escaped"] += bool(frame)
+            if frame:
+                whole.append(frame)
+                end = start + len(frame)
+            damaged += not frame
+            failed += not frame and (plain, frame) != (None, None)  # otherwise the mark occurs by chance
         counts["bytes_total"] += len(data)
         counts["bytes_skipped"] += len(data) - sum(len(frame) + 2 for frame in whole)
-        counts["damaged"] += len(candidates) - len(whole)
-        failed = sum(declared and not frame for frame, _, declared in candidates)
+        counts["damaged"] += damaged
         refuse_mostly_damaged(path, "PD12 ensembles", damaged=failed, whole=len(whole))
-        counts["escaped"] += sum(escaped for _, escaped, _ in candidates)
-        counts["no_reply"] += data.count(b"<ERROR type='FAILED'")
         by_file.append(whole)
     by_file.sort(key=lambda frames: int.from_bytes(frames[0][4:8], "little") if frames else 0)
     frames = [frame for whole in by_file for frame in whole]
@@ -113,41 +127,18 @@ def _frames(paths: Sequence[Path]) -> tuple[list[bytes], dict[str, int]]:
     return once, counts | {"repeated": len(frames) - len(once)}
 
 
-def _candidates(data: bytes) -> Iterator[tuple[bytes, bool, bool]]:
-    """Iterate over (ensemble without checksum, empty if damaged; whether it was escaped; whether its header is valid).
+def _whole(data: bytes) -> bytes | None:
+    """Extract the ensemble at the beginning without its checksum; empty if that is invalid, None without a header.
 
-    A header is valid if its length agrees with its bins and components; others are chance occurrences of the mark.
+    The length in a header agrees with its bins and components.
     """
-    end = 0
-    for mark in re.finditer(MARK, data):
-        start = mark.start()
-        if start < end:
-            continue
-        sent = data[start : start + LONGEST]
-        frame, declared = _whole(sent), _declares(sent)
-        escaped = not frame
-        if escaped:
-            sent = files.unescape(data[start : start + 2 * LONGEST])
-            frame, declared = _whole(sent), declared or _declares(sent)
-        end = start + len(frame)
-        yield frame, escaped and bool(frame), declared
-
-
-def _whole(data: bytes) -> bytes:
-    """Extract the ensemble at the beginning without its checksum; empty if length or checksum is invalid."""
-    if not _declares(data):
-        return b""
-    size = int.from_bytes(data[2:4], "little")
-    return data[:size] if sum(data[:size]) & 0xFFFF == int.from_bytes(data[size : size + 2], "little") else b""
-
-
-def _declares(data: bytes) -> bool:
-    """Return whether the data begin with a valid ensemble header and hold as many bytes as it states."""
     size = int.from_bytes(data[2:4], "little")
     if not HEADER.itemsize <= size <= len(data) - 2:
-        return False
+        return None
     *_, components, _, bins = np.frombuffer(data, HEADER, 1)[0].item()
-    return size == HEADER.itemsize + 2 * bins * (components & FOUR).bit_count()
+    if size != HEADER.itemsize + 2 * bins * (components & FOUR).bit_count():
+        return None
+    return data[:size] if sum(data[:size]) & 0xFFFF == int.from_bytes(data[size : size + 2], "little") else b""
 
 
 def _refuse(where: str, paths: Sequence[Path], heads: NDArray[np.void], counts: dict[str, int]) -> None:
@@ -163,26 +154,14 @@ def _refuse(where: str, paths: Sequence[Path], heads: NDArray[np.void], counts: 
         raise InputError(where, expected="all four velocities (command PO 1111)", found=shown, advice=advice)
 
 
-def _velocities(frames: Sequence[bytes], heads: NDArray[np.void]) -> Floats:
-    """Decode east, north, up and error velocities, (4, n, m) m/s, with missing bins padded by NaN."""
-    flow = np.full((4, len(frames), int(heads["bins"].max(initial=1))), np.nan)
-    for bins in np.unique(heads["bins"]):
-        mine = heads["bins"] == bins
-        sent = b"".join(f[HEADER.itemsize :] for f, m in zip(frames, mine, strict=True) if m)
-        counts = np.moveaxis(np.frombuffer(sent, "<i2").reshape(-1, 4, bins), 1, 0)
-        flow[:, mine, :bins] = np.where(counts == files.MISSING_COUNT, np.nan, counts / 1000.0)
-    return flow
-
-
 def _warnings(counts: dict[str, int]) -> tuple[str, ...]:
+    sent = counts["ensembles"] + counts["repeated"] + counts["bad_dates"]
+    whole = f"{counts['escaped']} of {sent} ensembles came with the modem's escapes, which were undone."
     said = {
         "damaged": "places begin like a PD12 ensemble and fail its checksum; they were left out",
-        "no_reply": "times the modem got no reply",
         "lost": "ensembles are missing by their numbers",
         "repeated": "ensembles were sent more than once; each counts once",
         "bad_dates": "ensembles have an impossible date and were left out",
     }
-    sent = counts["ensembles"] + counts["repeated"] + counts["bad_dates"]
-    whole = f"{counts['escaped']} of {sent} ensembles came with the modem's escapes, which were undone."
     lines = [f"{counts[key]} {text}." for key, text in said.items() if counts[key]]
     return (COORDINATES, *[whole] * bool(counts["escaped"]), *lines)

@@ -22,7 +22,7 @@ from compasslib.pipeline.process import process_mooring
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.readers import pd0
 from compasslib.readers.pd0.fields import rewrite
-from compasslib.readers.pd0.frames import iter_chunks
+from compasslib.readers.pd0.frames import find_ensembles
 from compasslib.records import MISSING
 from tests.world.launch import change
 from tests.world.pd0_encoder import ensemble
@@ -208,11 +208,11 @@ def test_only_heading_checksum_and_earth_velocities_change(tmp_path, ex, turned)
     (tmp_path / "raw.000").write_bytes(raw)
     said = rewrite(tmp_path / "raw.000", tmp_path / "new.000", turn)
     old, new = (
-        np.concatenate([run.rows for chunk in iter_chunks(file) for run in chunk.runs])
+        np.concatenate([run.rows for run in find_ensembles(file)[0]])
         for file in (tmp_path / "raw.000", tmp_path / "new.000")
     )
     assert (said.corrected, said.flagged, said.skipped) == (2, 2, ())
-    layout = next(run.layout for chunk in iter_chunks(tmp_path / "new.000") for run in chunk.runs)
+    layout = find_ensembles(tmp_path / "new.000")[0][0].layout
     heading, velocity = layout.blocks[0x80][0] + 18, layout.blocks[0x100][0] + 2
     may = np.zeros(old.shape[1], dtype=bool)
     may[[heading, heading + 1, -2, -1]] = True
@@ -236,7 +236,7 @@ def test_bottom_track_is_rotated_like_the_water_velocities(tmp_path):
     raw = b"".join(ensemble([[300, -40, 5, 1]], number=k, heading=k * 4000, extra=[bytes(track)]) for k in (1, 8))
     (tmp_path / "raw.000").write_bytes(raw)
     rewrite(tmp_path / "raw.000", tmp_path / "new.000", turn)
-    (run,) = (run for chunk in iter_chunks(tmp_path / "new.000") for run in chunk.runs)
+    (run,) = find_ensembles(tmp_path / "new.000")[0]
     at, water = run.layout.blocks[0x0600][0], run.layout.blocks[0x0100][0] + 2
     moved, layer, seen = (run.rows[:, a : a + 8].copy().view("<i2").tolist() for a in (at + 24, at + 50, water))
     assert moved == seen and moved[0] != [300, -40, 5, 1] and moved[1] == [-32768] * 4

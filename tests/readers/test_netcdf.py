@@ -157,7 +157,7 @@ def test_imos_beam_counts_are_read_and_unclear_variables_dropped(tmp_path):
     np.testing.assert_array_equal(record.profiles["echo"], counts)
 
 
-NORTHS = [  # layout, attributes deleted, settings, text of the refusal or rotation of the velocities in degrees
+NORTHS = [  # layout, attributes deleted or added, settings, text of the refusal or rotation of velocities in degrees
     ("oceansites", (), {}, "direction_reference: true"),
     ("oceansites", (), {"declination_applied": DECLINATION}, 0.0),
     ("imos_magnetic", (), {"direction_reference": "true"}, "direction_reference: magnetic"),
@@ -167,6 +167,7 @@ NORTHS = [  # layout, attributes deleted, settings, text of the refusal or rotat
     ("epic", ("magnetic_variation_applied",), {}, 0.0),
     ("epic", ("magnetic_variation_applied",), {"declination_applied": DECLINATION}, 0.0),
     ("epic", (), {"declination_applied": 0}, DECLINATION),
+    ("epic", ("magnetic_variation_applied", "magnetic_variation"), {}, "write declination_applied: -17.4 where the"),
     ("stglib", ("history",), {}, "direction_reference: true"),
 ]
 
@@ -175,7 +176,10 @@ NORTHS = [  # layout, attributes deleted, settings, text of the refusal or rotat
 def test_north_reference_is_determined_or_refused(tmp_path, name, without, settings, expected):
     with layout(tmp_path, name) as nc:
         for attribute in without:
-            nc.delncattr(attribute)
+            if attribute in nc.ncattrs():
+                nc.delncattr(attribute)
+            else:
+                nc.setncattr(attribute, DECLINATION)
     if isinstance(expected, str):
         assert expected in refused(tmp_path / "a.nc", **settings)
         return
@@ -185,13 +189,6 @@ def test_north_reference_is_determined_or_refused(tmp_path, name, without, setti
     close(record.east, east)
     assert untold == any("does not say which north" in line for line in record.warnings)
     assert (record.direction_reference == "true") == (settings.get("direction_reference") == "true")
-
-
-def test_declination_is_refused_unless_its_application_is_stated(tmp_path):
-    with layout(tmp_path, "epic") as nc:
-        nc.delncattr("magnetic_variation_applied")
-        nc.magnetic_variation = DECLINATION
-    assert "write declination_applied: -17.4 where the directions hold it, 0 where" in refused(tmp_path / "a.nc")
 
 
 def test_headings_with_unknown_declination_are_dropped_and_reported(tmp_path):
@@ -325,19 +322,14 @@ def test_unreadable_files_are_refused_with_advice(tmp_path):
     assert "time2" in refused(path)
 
 
-def test_orientation_is_checked_against_the_file(tmp_path):
-    layouts.write(tmp_path / "a.nc", "imos_magnetic")
-    record = read(tmp_path / "a.nc", orientation="down")
-    said = "The file says that it looked up; down counts"
-    assert not record.looks_up and any(said in line for line in record.warnings)
-
-
-def test_atmosphere_is_subtracted_from_absolute_imos_pressure(tmp_path):
+def test_absolute_imos_pressure_and_orientation_of_the_metadata(tmp_path):
     with layout(tmp_path, "imos_magnetic") as nc:
         nc.renameVariable("PRES_REL", "PRES")
         nc["PRES"].standard_name = "sea_water_pressure"
     record = read(tmp_path / "a.nc")
     close(record.pressure_dbar, layouts.truth().pressure_dbar - 10.1325)
+    down, said = read(tmp_path / "a.nc", orientation="down"), "The file says that it looked up; down counts"
+    assert not down.looks_up and any(said in line for line in down.warnings)
 
 
 def test_single_pings_and_averages_are_read_separately(tmp_path):
@@ -432,19 +424,13 @@ def test_flags_of_all_variables_apply_and_orphans_are_reported(tmp_path):
 ORIGINS = [  # text after "since", calendar, UTC
     ("1992-10-8 15:15:42.5 -6:00", "standard", "1992-10-08T21:15:42.5"),
     ("1970-01-01 0", "standard", "1970-01-01"),
-    ("1992/10/8", "standard", "1992-10-08"),
-    ("1992-10", "standard", "1992-10-01"),
-    ("2007-09-04T00:00:00+00:00", "standard", "2007-09-04"),
     ("2007-09-04T12:00:00.000 +0530", "standard", "2007-09-04T06:30"),
     ("2007-09-04 12:00 -330", "standard", "2007-09-04T15:30"),
     ("20070904 12 utc", "standard", "2007-09-04T12:00"),
-    ("1-1-1 00:00:0.0", "standard", "0000-12-30"),
     ("-4713-01-01T00:00:00Z", "julian", "-4713-11-24"),
     ("1970-01-01 00:00:00 EST", "standard", None),
     ("1970-01-01 00:00:00 +15:00", "standard", None),
     ("1970-02-30", "standard", None),
-    ("0000-01-01", "standard", None),
-    ("1970-01-01 24:00", "standard", None),
     ("1970-01-01 00:00:00 and more", "standard", None),
 ]
 
@@ -458,22 +444,21 @@ def test_time_origin_is_parsed_completely_or_refused(text, calendar, utc):
         assert parse_origin(text, calendar) == np.datetime64(utc, "ms").astype(np.int64) / 1e3
 
 
-def test_rows_of_several_bins_are_not_read_as_point_meter(tmp_path):
+def test_several_bins_or_instruments_as_rows_of_one_series_are_refused(tmp_path):
     with netCDF4.Dataset(tmp_path / "a.nc", "w") as nc:
-        layouts.dimensions(nc, OBSERVATION=N)
+        layouts.dimensions(nc, OBSERVATION=N, INSTRUMENT=2)
         layouts.put(nc, "TIME", ("OBSERVATION",), np.arange(N) // 3 * 3600.0, units="seconds since 2007-09-04")
         layouts.put(nc, "DEPTH", ("OBSERVATION",), 20.0 + 4.0 * (np.arange(N) % 3), units="m")
         for name in ("UCUR_MAG", "VCUR_MAG"):
             layouts.put(nc, name, ("OBSERVATION",), np.linspace(0.0, 0.2, N), units="m s-1")
+        layouts.put(nc, "count", ("INSTRUMENT",), np.array([20, 40]))
     assert "40 of 60 times repeated at another depth" in refused(tmp_path / "a.nc")
-    with netCDF4.Dataset(tmp_path / "a.nc", "a") as nc:
-        layouts.dimensions(nc, INSTRUMENT=2)
-        layouts.put(nc, "count", ("INSTRUMENT",), np.array([20, 40]), sample_dimension="OBSERVATION")
-    assert "found 2 in one, by count" in refused(tmp_path / "a.nc")
-    with netCDF4.Dataset(tmp_path / "a.nc", "a") as nc:
-        nc["count"].delncattr("sample_dimension")
-        layouts.put(nc, "index", ("OBSERVATION",), np.arange(N) % 2, instance_dimension="INSTRUMENT")
-    assert "found 2 in one, by index" in refused(tmp_path / "a.nc")
+    for name, attribute, dimension in (("count", "sample", "OBSERVATION"), ("DEPTH", "instance", "INSTRUMENT")):
+        with netCDF4.Dataset(tmp_path / "a.nc", "a") as nc:
+            nc[name].setncattr(f"{attribute}_dimension", dimension)
+        assert f"found 2 in one, by {name}" in refused(tmp_path / "a.nc")
+        with netCDF4.Dataset(tmp_path / "a.nc", "a") as nc:
+            nc[name].delncattr(f"{attribute}_dimension")
 
 
 @pytest.mark.parametrize(
@@ -541,7 +526,6 @@ def test_declared_size_is_checked_before_allocation(tmp_path, of, unlimited):
 def test_declared_chunk_size_is_checked_before_allocation(tmp_path):
     with netCDF4.Dataset(tmp_path / "a.nc", "w") as nc:
         nc.createDimension("time", None)
-        time = nc.createVariable("time", "i1", ("time",), zlib=True, chunksizes=(2**31,))
-        time.units = "hours since 2007-09-04"
+        nc.createVariable("time", "i1", ("time",), zlib=True, chunksizes=(2**31,)).units = "hours since 2007-09-04"
         nc.createVariable("UCUR_MAG", "f4", ("time",))[:] = np.zeros(5)
     assert "found 2048 MB in 0.0 MB of files" in refused(tmp_path / "a.nc")

@@ -3,8 +3,7 @@
 Heading, tilts and acoustic paths come from its A files, unpacked or binary; pressure, and the time for scans of early
 instruments, from its engineering (E) or CTD (C) files, or from a table. The first scan of every profile is aliased and
 dropped. Velocities are corrected for the swing of the meter about the wire; like the manufacturer's processing, they
-are not corrected for the small mean tilts. Logged headings are checked against those computed from the meter's
-magnetometer and tilts.
+are not corrected for the small mean tilts. Headings that were not logged are computed from magnetometer and tilts.
 
 Paths VPAB, VPCD, VPEF, VPGH lie along +X, +Y, -X, -Y of the sting: two level, two inclined. x points along the
 heading, y to port, z up. Sources: McLane, MMP User Manual, appendix G; Toole et al. 1999; signs are tested against
@@ -27,7 +26,7 @@ from compasslib.errors import InputError, applicable
 from compasslib.readers.delimited import DEFAULT_LAYOUT, Layout, find_head, read_table, table_notes
 from compasslib.readers.detect import detect_kind
 from compasslib.readers.files import read_bytes, refuse_mostly_damaged
-from compasslib.readers.mmp.rows import UNKNOWN, Text, parse, parse_profiles
+from compasslib.readers.mmp.rows import UNKNOWN, ProfileBlock, parse, parse_profiles
 from compasslib.readers.mmp.scans import Scans, follows_previous, interpolate_clock, is_text, read_scans, sample_rates
 from compasslib.readers.times import civil_seconds
 from compasslib.records import GOOD, PROBABLY_BAD, Record, new_record
@@ -35,7 +34,6 @@ from compasslib.types import Bools, Floats
 
 USUAL_HZ = 2.0  # sample rate if neither the file nor the switching times determine it
 PARKED_S = 180.0  # a profiler rests at either end of a profile before and after the rows of its engineering file
-OFF_DEG = 2.0  # the logger's algorithm reproduces its heading to 0.14 degrees in a genuine record of 17,917 scans
 TIMES = ("time_utc", "time", "datetime", "date_time", "timestamp", "date")
 PRESSURES = ("pressure_dbar", "pressure", "pres", "dbar", "p_dbar")
 PROFILES = ("profile", "profile_number")
@@ -46,22 +44,13 @@ EXPECTED = (
 DBAR = 2  # index of the pressure column after the time stamp, in E and C files
 
 
-@dataclass(frozen=True)
-class Start:
-    """Switch-on and switch-off times of the sensors for one profile, NaN where unknown."""
-
-    number: int  # profile number, UNKNOWN if not stated
-    on_s: float  # UTC seconds since 1970
-    off_s: float  # UTC seconds since 1970
-
-
 @dataclass(frozen=True, eq=False)
 class Companion:
     """Time series of pressure and start times of profiles, of one file or of all files together."""
 
     time_s: Floats  # (c,) UTC seconds since 1970, increasing if merged from all files
     pressure_dbar: Floats  # (c,)
-    starts: tuple[Start, ...]  # sorted by time if merged from all files
+    starts: tuple[ProfileBlock, ...]  # sorted by time if merged from all files; their rows are not used
     damaged: int = 0  # number of rows dropped
     notes: tuple[str, ...] = ()  # notes on the format of tables
     clocked: bool = True  # whether the samples of a file carry a clock
@@ -87,45 +76,6 @@ class Companion:
         return np.minimum(np.abs(self.time_s[after] - time_s), np.abs(time_s - self.time_s[before]))
 
 
-@dataclass(frozen=True, eq=False)
-class TimedScans:
-    """Scans on their time axis, including the aliased ones."""
-
-    scans: Scans
-    time_s: Floats  # (r,) UTC seconds since 1970, NaN where undetermined
-    heading_deg: Floats  # (r,) magnetic, NaN where undetermined
-    pressure_dbar: Floats  # (r,) NaN where no pressure is available
-    rate_hz: Floats  # (p,) sample rate
-    warnings: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class HeadingComparison:
-    """Comparison of logged headings with those computed from the magnetometer."""
-
-    off: Bools  # (n,) whether they differ by more than tilts explain, after subtraction of the constant
-    known: int  # number of logged headings with a computed one
-    constant_deg: float  # median of logged minus computed heading; 0 if most headings are off
-
-    @property
-    def agrees(self) -> bool:
-        """Whether most logged headings agree with the magnetometer."""
-        return 2 * int(self.off.sum()) <= self.known
-
-    def warnings(self) -> list[str]:
-        """Compose the warnings about logged headings that differ from the magnetometer's."""
-        number = int(self.off.sum())
-        off = "off those of HX HY HZ TX TY"
-        apart = f"{number} of {self.known} logged headings stand more than {OFF_DEG:g} degrees {off}"
-        if not self.agrees:
-            return [f"{apart}: one of the two is wrong, which is unknown"]
-        notes = [f"{apart} and were flagged"] if number else []
-        if abs(self.constant_deg) > OFF_DEG:
-            constant = f"the logged headings stand {self.constant_deg:+.1f} degrees {off} throughout"
-            notes.append(f"{constant}: give it as declination_applied if the logger added it")
-        return notes
-
-
 def read(
     paths: Sequence[Path], *, pressure_files: Sequence[str | Path], start_offset_seconds: float | None, **layout: Any
 ) -> Record:
@@ -145,9 +95,53 @@ def read(
     """
     scans = read_scans(paths)
     companion = read_companions([Path(file) for file in pressure_files or ()], Layout.from_settings(layout))
-    series = _add_times(scans, companion, start_offset_seconds or 0.0)
-    record = _record(series, companion, known_depth=bool(pressure_files))
-    return replace(record, warnings=(*record.warnings, *companion.notes))
+    time_s, rate_hz, notes = _scan_times(scans, companion, start_offset_seconds or 0.0)
+    pressure = companion.at(time_s)
+    by_rule = logged_heading(scans.values[:, 3:6], scans.values[:, 1], scans.values[:, 2])
+    without_heading = np.isnan(scans.values[:, 0])
+    heading = np.where(without_heading, by_rule, angles.wrap360(scans.values[:, 0]))
+    x, y = instrument_axes(scans.values[:, 6:] / 100.0)
+    aliased, timed, rate = is_aliased(scans), np.isfinite(time_s), rate_hz[scans.profile]
+    # The heading of an aliased scan is invalid, and so is the rotation from it to the next scan.
+    joined = follows_previous(scans.clock_s, scans.profile, scans.place, rate) & ~aliased[:-1]
+    y = remove_swing(y, swing_rate(heading, rate, joined))
+    keep = timed & ~aliased
+    east, north = to_earth(x[keep], y[keep], heading[keep])
+    remote = bool(pressure_files) & (companion.distance_s(time_s[keep]) > PARKED_S)
+    counts = {  # scans, aliased, damaged and untimed ones add up to the files' content
+        "scans": keep.sum(),
+        "profiles": len(scans.blocks),
+        "damaged_rows": scans.damaged,
+        "strange_bytes": scans.strange,
+        "aliased_dropped": np.sum(timed & ~keep),
+        "without_time": np.sum(~timed),
+        "without_pressure": np.sum(np.isnan(pressure[keep])),
+        "headings_by_rule": np.sum(without_heading[keep]),
+        "damaged_pressure_rows": companion.damaged,
+    }
+    untimed, by_rule, remotes = counts["without_time"], counts["headings_by_rule"], remote.sum()
+    lines = {
+        f"{scans.damaged} damaged rows were left out ({_listed(scans.damaged_files)})": scans.damaged,
+        f"{scans.strange} bytes are no text and were passed over": scans.strange,
+        f"{len(scans.empty_files)} files hold no scan ({_listed(scans.empty_files)})": scans.empty_files,
+        f"{untimed} scans were left out: no profile start among pressure_files is theirs": untimed,
+        f"{by_rule} headings were computed from HX HY HZ TX TY by the logger's rule": by_rule,
+        "no pressure_files: the profiler's depth is unknown, the nominal depth has to stand for it": not pressure_files,
+        f"no pressure within {PARKED_S:.0f} s of {remotes} scans: flagged, as their depth is unknown": remotes,
+    }
+    return new_record(
+        time_s[keep],
+        east[:, None],
+        north[:, None],
+        heading_deg=heading[keep],
+        pitch_deg=scans.values[keep, 1],
+        roll_deg=scans.values[keep, 2],
+        pressure_dbar=pressure[keep],
+        quality=np.where(remote, PROBABLY_BAD, GOOD)[:, None],
+        looks_up=False,
+        counts={key: int(number) for key, number in counts.items()},
+        warnings=(*notes, *scans.notes, *applicable(lines), *companion.notes),
+    )
 
 
 def logged_heading(field: Floats, tilt_x_deg: ArrayLike, tilt_y_deg: ArrayLike) -> Floats:
@@ -207,22 +201,8 @@ def is_aliased(scans: Scans) -> Bools:
     return np.append(True, np.diff(scans.profile) > 0)[: len(scans.profile)]
 
 
-def compare_headings(heading_deg: Floats, field: Floats, tilts_deg: Floats) -> HeadingComparison:
-    """Compare logged headings with those of the magnetometer (HX, HY, HZ), with or without correction by (TX, TY)."""
-    rules = [logged_heading(field, *(share * tilts_deg.T)) for share in (1.0, 0.0)]
-    apart = np.array([angles.difference(heading_deg, rule) for rule in rules])
-    known = np.isfinite(apart).all(axis=0)
-    constant = 0.0
-    if known.any():
-        mean = angles.mean(apart[0][known])
-        constant = float(angles.wrap180(mean + np.median(angles.difference(apart[0][known], mean))))
-    off = known & (np.abs(angles.difference(apart, constant)) > OFF_DEG).all(axis=0)
-    if 2 * off.sum() > known.sum():
-        off, constant = known & (np.abs(apart) > OFF_DEG).all(axis=0), 0.0
-    return HeadingComparison(off, int(known.sum()), constant)
-
-
-def _add_times(scans: Scans, companion: Companion, start_offset_seconds: float) -> TimedScans:
+def _scan_times(scans: Scans, companion: Companion, offset: float) -> tuple[Floats, Floats, list[str]]:
+    """Determine the times of all scans, NaN where unknown, and the sample rate of each profile; compose warnings."""
     nominal = np.array([block.rate_hz for block in scans.blocks])
     rate = sample_rates(scans.clock_s, scans.profile, scans.place, nominal)
     unclocked, notes = np.isnan(scans.clock_s), []
@@ -233,117 +213,51 @@ def _add_times(scans: Scans, companion: Companion, start_offset_seconds: float) 
         )
     time_s = interpolate_clock(scans.clock_s, scans.profile, nominal[scans.profile])
     if unclocked.any():
-        start, rate, rate_notes = _starts(scans, companion, start_offset_seconds, rate)
+        start, rate, rate_notes = _starts(scans, companion, offset, rate)
         time_s = np.where(unclocked, start[scans.profile] + scans.place / rate[scans.profile], time_s)
         notes += rate_notes
-    elif start_offset_seconds:
+    elif offset:
         notes.append("start_offset_seconds has no effect: the scans carry a clock")
-    recorded = scans.values[:, 0]
-    by_rule = logged_heading(scans.values[:, 3:6], scans.values[:, 1], scans.values[:, 2])
-    heading = np.where(np.isnan(recorded), by_rule, angles.wrap360(recorded))
-    return TimedScans(scans, time_s, heading, companion.at(time_s), rate, tuple(notes))
+    return time_s, rate, notes
 
 
 def _starts(scans: Scans, companion: Companion, offset: float, rate: Floats) -> tuple[Floats, Floats, list[str]]:
     """Determine the time of the first scan and the sample rate, (p,) each, of profiles whose scans carry no clock."""
-    stated = [Start(block.number, block.on_s, block.off_s) for block in scans.blocks]
     # Match by number, or by order if no numbers match.
     by_number = {start.number: start for start in companion.starts if start.number != UNKNOWN}
-    matched = [by_number.get(each.number, Start(UNKNOWN, np.nan, np.nan)) for each in stated]
-    if len(companion.starts) == len(stated) and not any(np.isfinite(each.on_s) for each in matched):
+    matched = [by_number.get(block.number, ProfileBlock(0, 0)) for block in scans.blocks]
+    if len(companion.starts) == len(matched) and not any(np.isfinite(each.on_s) for each in matched):
         matched = list(companion.starts)
-    starts = [a if np.isfinite(a.on_s) else b for a, b in zip(stated, matched, strict=True)]
+    starts = [a if np.isfinite(a.on_s) else b for a, b in zip(scans.blocks, matched, strict=True)]
     begin = np.array([start.on_s for start in starts]) + offset
     if not np.isfinite(begin).any():
         raise InputError(
             "pressure_files",
             expected="the profiler's engineering (E) files with the starts of the profiles, as scans carry no clock",
-            found=f"{len(companion.starts)} profile starts for {len(stated)} profiles without a common number",
+            found=f"{len(companion.starts)} profile starts for {len(starts)} profiles without a common number",
             advice="give the E files of the same profiles",
         )
-    count = scans.place[np.cumsum(np.bincount(scans.profile, minlength=len(stated))) - 1] + 1
+    count = scans.place[np.cumsum(np.bincount(scans.profile, minlength=len(starts))) - 1] + 1
     with np.errstate(invalid="ignore", divide="ignore"):
         shown = count / (np.array([start.off_s for start in starts]) - begin)
         shown = np.where(np.isfinite(shown) & (shown > 0.0), shown, np.nan)
     rate = np.where(np.isfinite(rate), rate, shown)
     assumed = int(np.sum(np.isnan(rate) & np.isfinite(begin)))
     notes = ["scans carry no clock: times are the profiles' starts, start_offset_seconds and the sample rate"]
-    if any(a.number != b.number for a, b in zip(stated, starts, strict=True) if np.isfinite(b.on_s)):
+    if any(a.number != b.number for a, b in zip(scans.blocks, starts, strict=True) if np.isfinite(b.on_s)):
         notes.append("profiles and their starts in pressure_files have no common numbers and were matched in order")
     if assumed:
         notes.append(f"no file states the sample rate of {assumed} profiles: {USUAL_HZ:g} Hz was assumed")
     return begin, np.where(np.isfinite(rate), rate, USUAL_HZ), notes
 
 
-def _record(series: TimedScans, companion: Companion, *, known_depth: bool) -> Record:
-    scans = series.scans
-    rate = series.rate_hz[scans.profile]
-    x, y = instrument_axes(scans.values[:, 6:] / 100.0)
-    # The heading of an aliased scan is invalid, and so is the rotation from it to the next scan.
-    joined = follows_previous(scans.clock_s, scans.profile, scans.place, rate) & ~is_aliased(scans)[:-1]
-    y = remove_swing(y, swing_rate(series.heading_deg, rate, joined))
-    keep = np.isfinite(series.time_s) & ~is_aliased(scans)
-    heading = series.heading_deg[keep]
-    east, north = to_earth(x[keep], y[keep], heading)
-    remote = known_depth & (companion.distance_s(series.time_s[keep]) > PARKED_S)
-    compared = compare_headings(scans.values[keep, 0], scans.values[keep, 3:6], scans.values[keep, 1:3])
-    counts = _counts(series, companion, keep) | {"heading_off_magnetometer": int(compared.off.sum())}
-    doubtful = compared.off & compared.agrees
-    # Velocities of unknown depth, or rotated by a doubtful heading, must not be used.
-    return new_record(
-        series.time_s[keep],
-        east[:, None],
-        north[:, None],
-        heading_deg=heading,
-        pitch_deg=scans.values[keep, 1],
-        roll_deg=scans.values[keep, 2],
-        pressure_dbar=series.pressure_dbar[keep],
-        quality=np.where(remote | doubtful, PROBABLY_BAD, GOOD)[:, None],
-        heading_quality=np.where(doubtful, PROBABLY_BAD, GOOD),
-        looks_up=False,
-        counts=counts,
-        warnings=(*series.warnings, *_losses(scans, counts, known_depth, int(remote.sum())), *compared.warnings()),
-    )
-
-
-def _counts(series: TimedScans, companion: Companion, keep: Bools) -> dict[str, int]:
-    """Count what was read and dropped; scans, aliased, damaged and untimed ones add up to the files' content."""
-    scans, timed = series.scans, np.isfinite(series.time_s)
-    counted = {
-        "scans": keep.sum(),
-        "profiles": len(scans.blocks),
-        "damaged_rows": scans.damaged,
-        "strange_bytes": scans.strange,
-        "aliased_dropped": np.sum(timed & ~keep),
-        "without_time": np.sum(~timed),
-        "without_pressure": np.sum(np.isnan(series.pressure_dbar[keep])),
-        "headings_by_rule": np.sum(np.isnan(scans.values[keep, 0])),
-        "damaged_pressure_rows": companion.damaged,
-    }
-    return {key: int(number) for key, number in counted.items()}
-
-
-def _losses(scans: Scans, counts: dict[str, int], known_depth: bool, remote: int) -> list[str]:
-    untimed, by_rule = counts["without_time"], counts["headings_by_rule"]
-    sentences = {
-        f"{scans.damaged} damaged rows were left out ({_listed(scans.damaged_files)})": scans.damaged,
-        f"{scans.strange} bytes are no text and were passed over": scans.strange,
-        f"{len(scans.empty_files)} files hold no scan ({_listed(scans.empty_files)})": scans.empty_files,
-        f"{untimed} scans were left out: no profile start among pressure_files is theirs": untimed,
-        f"{by_rule} headings were computed from HX HY HZ TX TY by the logger's rule": by_rule,
-        "no pressure_files: the profiler's depth is unknown, the nominal depth has to stand for it": not known_depth,
-        f"no pressure within {PARKED_S:.0f} s of {remote} scans: flagged, as their depth is unknown": remote,
-    }
-    return [*scans.notes, *applicable(sentences)]
-
-
 def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-# Pressure. E rows hold a time stamp, milliamperes, volts, decibars and more; the oldest unpackers write the stamp as
-# six numbers. C rows hold conductivity, temperature and decibars without a clock; they are spread evenly between
-# switch-on and switch-off times, and used only far from samples with a clock. A table is CSV with a header line.
+# Pressure. E rows hold a time stamp, milliamperes, volts, decibars and more. C rows hold conductivity, temperature and
+# decibars without a clock; they are spread evenly between switch-on and switch-off times, and used only far from
+# samples with a clock. A table is CSV with a header line.
 
 
 def read_companions(paths: Sequence[Path], layout: Layout = DEFAULT_LAYOUT) -> Companion:
@@ -390,7 +304,7 @@ def _read_file(path: Path, layout: Layout) -> Companion:
             number = table.columns["profile"]
             new = np.append(True, np.diff(number) != 0)[: len(number)]
         begins = np.flatnonzero(new & np.isfinite(number))
-        starts = tuple(Start(int(number[k]), float(time_s[k]), np.nan) for k in begins)
+        starts = tuple(ProfileBlock(k, k, int(number[k]), on_s=float(time_s[k])) for k in begins.tolist())
         return Companion(time_s, pressure, starts, damaged=table.cut, notes=table_notes([table]))
     if not is_text(data):
         advice, known = "unpack the profiler's binary files with the maker's unpacker", detect_kind(path)
@@ -400,25 +314,17 @@ def _read_file(path: Path, layout: Layout) -> Companion:
         first = data.strip().split(b"\n")[0][:60].decode("latin-1").strip()
         shown = f"a first line {first!r}" if first else "an empty file"
         raise InputError(str(path), expected=EXPECTED, found=shown, advice="correct pressure_files")
-    return _parse_rows(path, _parse_old_stamp(text))
-
-
-def _parse_old_stamp(text: Text) -> Text:
-    """Convert six leading numbers (month, day, year, hour, minute, second) to a time stamp if valid in every row."""
-    if text.form is None or text.form[0] or text.form[1] <= 6 + DBAR:
-        return text
-    month, day, year, *clock = text.values[:, :6].astype(np.int64).T
-    time_s = civil_seconds(year, month, day, *clock)
-    if not np.isfinite(time_s).all():
-        return text
-    return replace(text, form=(True, text.form[1] - 6), time_s=time_s, values=text.values[:, 6:], foreign=0)
-
-
-def _parse_rows(path: Path, text: Text) -> Companion:
-    profiles, _, damaged = parse_profiles(text, path)
-    refuse_mostly_damaged(path, "rows of pressure", damaged=damaged - text.foreign, whole=len(text.offset))
-    stamped = text.form is not None and text.form[0]
-    time_s = text.time_s
+    time_s, values, foreign = text.time_s, text.values, text.foreign
+    stamped, columns = text.form
+    if not stamped and columns > 6 + DBAR:  # the oldest unpackers write the stamp as six numbers
+        month, day, year, *clock = values[:, :6].astype(np.int64).T
+        stamp_s = civil_seconds(year, month, day, *clock)
+        if np.isfinite(stamp_s).all():
+            stamped, time_s, values, foreign = True, stamp_s, values[:, 6:], 0
+            text = replace(text, time_s=time_s)
+    profiles, _ = parse_profiles(text, path)
+    damaged = len(text.damaged)
+    refuse_mostly_damaged(path, "rows of pressure", damaged=damaged - foreign, whole=len(time_s))
     if not stamped:
         if any(not block.off_s > block.on_s for block in profiles):
             expected, shown = "'turned on at' and 'turned off at' lines", "rows without a clock and no such lines"
@@ -427,11 +333,12 @@ def _parse_rows(path: Path, text: Text) -> Companion:
         halves = [(block, np.arange(block.end - block.begin) + 0.5) for block in profiles]
         spread = [block.on_s + half * (block.off_s - block.on_s) / len(half) for block, half in halves]
         time_s = np.concatenate(spread)
-    dbar = text.values[:, DBAR]
-    begins = [b.on_s if np.isfinite(b.on_s) else float(time_s[b.begin]) for b in profiles]
-    starts = tuple(Start(b.number, on_s, b.off_s) for b, on_s in zip(profiles, begins, strict=True))
+    starts = tuple(
+        block if np.isfinite(block.on_s) else replace(block, on_s=float(time_s[block.begin])) for block in profiles
+    )
     # The profiler writes zeros before its first reading.
-    return Companion(time_s, np.where(dbar == 0, np.nan, dbar), starts, damaged, clocked=stamped)
+    pressure = np.where(values[:, DBAR] == 0, np.nan, values[:, DBAR])
+    return Companion(time_s, pressure, starts, damaged, clocked=stamped)
 
 
 def _columns(names: Sequence[str]) -> dict[str, str]:

@@ -4,14 +4,14 @@ An ASCII row is a time stamp and HDNG TX TY HX HY HZ VPAB VPCD VPEF VPGH, separa
 instruments have neither clock nor heading, but nine numbers from TX on. Binary records hold a clock and the same ten.
 
 A binary file (A*.DAT) holds one or several profiles: four bytes of length (big-endian), a header of 279 bytes that ends
-in DATA, records of 47 bytes, and the switch-on and switch-off times. Lengths lead to the next profile; if damaged, the
-next header is searched for.
+in DATA, records of 47 bytes, and the switch-on and switch-off times. Records are found by their content, so that lost
+bytes or a damaged header cost no other record.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,8 +22,9 @@ from compasslib.errors import InputError
 from compasslib.readers import files
 from compasslib.readers.files import refuse_mostly_damaged
 from compasslib.readers.mmp import rows
-from compasslib.readers.mmp.rows import Ints, ProfileBlock
-from compasslib.readers.times import civil_seconds
+from compasslib.readers.mmp.rows import UNKNOWN, Ints, ProfileBlock
+from compasslib.readers.times import FIRST_YEAR, LAST_YEAR, civil_seconds
+from compasslib.records import take
 from compasslib.types import DAY_S, Bools, Floats
 
 COLUMNS = ("HDNG", "TX", "TY", "HX", "HY", "HZ", "VPAB", "VPCD", "VPEF", "VPGH")
@@ -33,7 +34,8 @@ MARK = b"DATA"  # the end of the header
 FRONT = np.dtype([("length", ">u4"), ("settings", "V63"), ("rate_hz", "<f4"), ("instrument", "V208"), ("mark", "S4")])
 RECORD = np.dtype([("clock", "u1", (3,)), ("month", "u1"), ("day", "u1"), ("year", "<u2"), ("values", "<f4", (10,))])
 TAIL = np.dtype([("on_s", ">u4"), ("off_s", ">u4")])  # UTC seconds since 1970
-HEADER_BYTES = FRONT.itemsize - FRONT["length"].itemsize  # of which ``length`` counts all, and the records
+BETWEEN = TAIL.itemsize + FRONT.itemsize  # bytes between the records of two profiles
+PAUSE_S = 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,21 +48,10 @@ class Scans:
     profile: Ints  # (r,) index of the profile of each scan
     blocks: tuple[ProfileBlock, ...]  # (p,) number, rate and times of each profile
     damaged: int  # number of rows or records dropped
-    damaged_files: tuple[str, ...]
-    empty_files: tuple[str, ...]
+    damaged_files: tuple[str, ...] = ()
+    empty_files: tuple[str, ...] = ()
     strange: int = 0  # number of unprintable bytes in text files, ignored
     notes: tuple[str, ...] = ()  # sentences on how files were read
-
-
-@dataclass(frozen=True)
-class _Span:
-    """Byte range of the records of one profile, or of unrecognized bytes outside profiles."""
-
-    begin: int
-    end: int  # after the records and the switch-on and switch-off times
-    records: int
-    tail: int = -1  # offset of those times, -1 if they are lost
-    torn: int = 0  # estimated number of records in bytes that cannot be divided into records
 
 
 def read_scans(paths: Sequence[Path]) -> Scans:
@@ -85,94 +76,126 @@ def is_text(data: bytes) -> bool:
     return not data or files.count_unprintable(sample) < 0.05 * len(sample)
 
 
-def _parse_binary(data: bytes) -> tuple[list[ProfileBlock], Ints, Floats, Floats, int, int]:
-    """Parse the scans of a binary file, dropping damaged records, to the arguments of ``_select_possible``."""
-    blocks: list[ProfileBlock] = []
-    places: list[Ints] = [np.zeros(0, dtype=np.int64)]
-    times: list[Floats] = [np.zeros(0)]
-    values: list[Floats] = [np.zeros((0, RECORD["values"].shape[0]))]
-    damaged, failed, begin = 0, 0, 0
-    for span in _spans(data):
-        damaged += span.torn + span.records
-        if span.records:
-            records = np.frombuffer(data, dtype=RECORD, count=span.records, offset=span.begin)
-            time_s, good = _record_times(records)
-            torn = np.zeros(len(records), dtype=bool)
-            if good.any():
-                last = int(np.flatnonzero(good)[-1])
-                # A float of which only the first bytes were written is smaller than any speed.
-                ends_in_zeros = abs(float(records["values"][last, -1])) < 1e-30
-                torn[last] = ends_in_zeros and not any(data[span.begin + (last + 1) * RECORD.itemsize : span.end])
-            good &= ~torn
-            count = int(good.sum())
-            end = begin + count
-            rate = float(np.frombuffer(data, FRONT, 1, span.begin - FRONT.itemsize)["rate_hz"][0])
-            on, off = np.frombuffer(data, TAIL, 1, span.tail)[0].item() if span.tail >= 0 else (np.nan, np.nan)
-            rate = rate if 0 < rate < 100 else np.nan
-            blocks.append(ProfileBlock(begin, end, rate_hz=rate, on_s=float(on), off_s=float(off)))
-            places.append(np.flatnonzero(good))
-            times.append(time_s[good])
-            values.append(records["values"][good].astype(float))
-            failed += _count_failed(data, span, records, good)
-            damaged, begin = damaged - count, begin + count
-    return blocks, np.concatenate(places), np.concatenate(times), np.concatenate(values), damaged, failed
+def _find_records(data: bytes) -> tuple[Ints, np.ndarray]:
+    """Find the records of a binary file by their content, and give their byte offsets.
+
+    Seven bytes of a date and ten finite numbers are valid by chance once in some 100 MB.
+    """
+    octets, size = np.frombuffer(data, np.uint8), RECORD.itemsize
+    century = octets[6 : max(len(octets) - size + 7, 6)]
+    at = np.flatnonzero((century == FIRST_YEAR >> 8) | (century == LAST_YEAR >> 8))
+    hour, minute, second, month, day = (octets[at + k] for k in range(5))
+    at = at[(hour < 24) & (minute < 60) & (second < 60) & (month > 0) & (month <= 12) & (day > 0) & (day <= 31)]
+    records = octets[at[:, None] + np.arange(size)].view(RECORD)[:, 0]
+    good = np.isfinite(record_times(records)) & np.isfinite(records["values"]).all(axis=1)
+    at, records = at[good], records[good]
+    if (np.diff(at) >= size).all():
+        return at, records
+    apart, end = np.ones(len(at), dtype=bool), 0
+    for k, begin in enumerate(at.tolist()):
+        apart[k] = begin >= end
+        end = begin + size if begin >= end else end
+    return at[apart], records[apart]
 
 
-def _count_failed(data: bytes, span: _Span, records: np.ndarray, good: Bools) -> int:
-    """Count the invalid records of a profile, except padding with one byte and intact records at a shifted position."""
-    octets = records[~good].view(np.uint8).reshape(-1, RECORD.itemsize)
-    failed = int((octets != octets[:, :1]).any(axis=1).sum())
-    if failed <= good.sum():
-        return failed
-    for phase in range(1, RECORD.itemsize):
-        count = (span.end - span.begin - phase) // RECORD.itemsize
-        _, whole = _record_times(np.frombuffer(data, dtype=RECORD, count=count, offset=span.begin + phase))
-        failed -= int(np.sum(whole[:-1] & whole[1:] & ~good[: count - 1]))
-    return max(failed, 0)
+def record_times(records: np.ndarray) -> Floats:
+    """Compute the times of records, UTC seconds since 1970, NaN where invalid."""
+    year, month, day = (records[name].astype(np.int64) for name in ("year", "month", "day"))
+    return civil_seconds(year, month, day, *records["clock"].astype(np.int64).T)
+
+
+def _is_binary(data: bytes) -> bool:
+    at, _ = _find_records(data)
+    return bool((np.diff(at) == RECORD.itemsize).any()) or any(data[k - len(MARK) : k] == MARK for k in at.tolist())
+
+
+def _parse_binary(data: bytes) -> tuple[Scans, int]:
+    """Divide the records of a binary file into profiles, and count the damaged ones, which the memory's fill is not.
+
+    A profile begins behind a header, or behind other bytes of its length if the clock pauses. How many records are lost
+    is estimated from the number of bytes between others.
+    """
+    at, records = _find_records(data)
+    time_s, end = record_times(records), at + RECORD.itemsize
+    marked = np.array([data[k - len(MARK) : k] == MARK for k in at.tolist()]) & (at >= FRONT.itemsize)
+    gap = at[1:] - end[:-1]
+    new = np.append(True, marked[1:] | ((gap >= FRONT.itemsize) & (np.abs(np.diff(time_s)) > PAUSE_S)))
+    begins = np.flatnonzero(new)
+    ends = np.append(begins[1:], len(at))
+    surplus = np.append(at[0] - FRONT.itemsize, gap - np.where(new[1:], BETWEEN, 0))
+    lost = np.ceil(surplus / RECORD.itemsize).astype(np.int64).clip(0)
+    rest = data[end[-1] :]
+    written = rest.rstrip(rest[-1:]) if rest[-1:] in (b"\x00", b"\xff") else rest  # without the fill of erased memory
+    damaged, failed = (
+        int(lost.sum()) + max(0, math.ceil((size - TAIL.itemsize) / RECORD.itemsize))
+        for size in (len(rest), len(written))
+    )
+    if len(rest) <= BETWEEN + RECORD.itemsize:  # at most a header and part of a record
+        damaged = failed = int(lost.sum()) + (len(rest) > TAIL.itemsize)
+    place, good, blocks = np.cumsum(1 + np.where(new, 0, lost)), np.ones(len(at), dtype=bool), list[ProfileBlock]()
+    for first, stop in zip(begins.tolist(), ends.tolist(), strict=True):
+        behind = data[end[stop - 1] : at[stop] - FRONT.itemsize if stop < len(at) else len(data)]
+        # A float of which only the first bytes were written is smaller than any speed.
+        good[stop - 1] = abs(float(records["values"][stop - 1, -1])) >= 1e-30 or any(behind)
+        rate = (
+            float(np.frombuffer(data, FRONT, 1, at[first] - FRONT.itemsize)["rate_hz"][0]) if marked[first] else np.nan
+        )
+        on, off = np.frombuffer(behind, TAIL, 1)[0].item() if len(behind) >= TAIL.itemsize else (np.nan, np.nan)
+        known = abs(on - time_s[first]) < DAY_S and on <= off < on + 30 * DAY_S
+        times = {"on_s": float(on), "off_s": float(off)} if known else {}
+        count = int(good[:stop].sum())
+        blocks.append(
+            ProfileBlock(int(good[:first].sum()), count, UNKNOWN, rate if 0 < rate < 100 else np.nan, **times)
+        )
+    profile = np.cumsum(new) - 1
+    place -= place[begins][profile]
+    values = records["values"][good].astype(float)
+    torn = int(np.sum(~good))
+    scans = Scans(time_s[good], values, place[good], profile[good], tuple(blocks), damaged + torn)
+    return scans, failed + torn
 
 
 def _read_file(path: Path) -> Scans:
     data, notes = _undo_modem(path, files.read_bytes(path))
     if _is_binary(data):
-        blocks, place, time_s, values, damaged, failed = _parse_binary(data)
-        if len(blocks) == 1:
-            blocks = [replace(blocks[0], number=rows.number_in_name(path))]
-        return replace(_select_possible(path, blocks, place, time_s, values, damaged, failed), notes=notes)
+        scans, failed = _parse_binary(data)
+        if len(scans.blocks) == 1:
+            scans = replace(scans, blocks=(replace(scans.blocks[0], number=rows.number_in_name(path)),))
+        return replace(_select_possible(path, scans, failed), notes=notes)
     text = rows.parse(data if is_text(data) else b"", lambda form: form in (STAMPED, UNSTAMPED))
-    if data.strip() and text.form is None and not rows.statements(text)[0]:
+    if data.strip() and text.form is None and not text.statements:
         shown = f"a file that begins with {data[:24]!r}"
         raise InputError(str(path), expected=EXPECTED, found=shown, advice="check that format and file belong together")
-    profiles, place, damaged = rows.parse_profiles(text, path)
-    values = text.values if text.form == STAMPED else np.full((len(text.offset), len(COLUMNS)), np.nan)
-    if text.form == UNSTAMPED:
-        values[:, 1:] = text.values
-    scans = _select_possible(path, profiles, place, text.time_s, values, damaged, damaged - text.foreign)
-    return replace(scans, strange=files.count_unprintable(data))
-
-
-def _is_binary(data: bytes) -> bool:
-    return _precedes_record(data, FRONT.itemsize) or bool(_find_marks(data))
+    blocks, place = rows.parse_profiles(text, path)
+    values = np.full((len(place), len(COLUMNS)), np.nan)
+    values[:, len(COLUMNS) - text.values.shape[1] :] = text.values
+    profile = np.repeat(np.arange(len(blocks)), [block.end - block.begin for block in blocks])
+    scans = Scans(text.time_s, values, place, profile, tuple(blocks), len(text.damaged))
+    strange = files.count_unprintable(data)
+    return replace(_select_possible(path, scans, len(text.damaged) - text.foreign), strange=strange)
 
 
 def _undo_modem(path: Path, data: bytes) -> tuple[bytes, tuple[str, ...]]:
     """Remove the framing and escapes of a modem from the profiles of a file, and describe the changes.
 
-    Frames of other instruments and repeated profiles are dropped. Data that hold no more scans without framing and
+    Frames of other instruments and repeated profiles are dropped. Data without frames that hold no more scans without
     escapes than with them are returned unchanged.
     """
     profiles: list[list[bytes]] = []
     last: dict[str, list[bytes]] = {}  # last profile of each instrument
     for instrument, content in files.payloads(data):
-        if _is_binary(content):
+        if content[FRONT.itemsize - len(MARK) : FRONT.itemsize] == MARK:
             last[instrument] = [content]
             profiles.append(last[instrument])
         elif instrument in last:  # continues the last profile of the instrument
             last[instrument].append(content)
     undone = files.looks_escaped(data)
-    sent = b"".join(dict.fromkeys(b"".join(parts) for parts in profiles))
-    sent = sent or (files.unescape(data) if undone else b"")
-    if not sent or _count_scans(sent) <= _count_scans(data):
-        return data, ()
+    if profiles:
+        sent = b"".join(dict.fromkeys(b"".join(parts) for parts in profiles))
+    else:
+        sent = files.unescape(data) if undone else data
+        if len(_find_records(sent)[0]) <= len(_find_records(data)[0]):
+            return data, ()
     notes = [f"{path.name} {files.ESCAPES_UNDONE}"] * undone
     if len(last) > 1:
         names = " and ".join(last)
@@ -181,33 +204,21 @@ def _undo_modem(path: Path, data: bytes) -> tuple[bytes, tuple[str, ...]]:
     return sent, tuple(notes)
 
 
-def _count_scans(data: bytes) -> int:
-    return len(_parse_binary(data)[1]) if _is_binary(data) else 0
-
-
-def _select_possible(
-    path: Path, blocks: Sequence[ProfileBlock], place: Ints, clock_s: Floats, values: Floats, damaged: int, failed: int
-) -> Scans:
+def _select_possible(path: Path, scans: Scans, failed: int) -> Scans:
     """Drop scans with impossible values; raise an error if more scans are damaged than intact.
 
     Args:
-        damaged: number of rows or records that are not valid scans.
-        failed: number of these that are recognizable as damaged scans: neither padding nor shifted by lost bytes.
+        failed: number of damaged scans that are recognizable as such: neither padding nor shifted by lost bytes.
     """
-    profile = np.repeat(np.arange(len(blocks)), [block.end - block.begin for block in blocks])
-    heading, tilts, field, paths = values[:, 0], values[:, 1:3], values[:, 3:6], values[:, 6:]
-    good = np.isnan(heading) | ((heading >= -180.0) & (heading <= 360.0))
+    heading, tilts, field, paths = np.split(scans.values, (1, 3, 6), axis=1)
+    good = (np.isnan(heading) | ((heading >= -180.0) & (heading <= 360.0)))[:, 0]
     good &= np.isfinite(field).all(axis=1) & (np.abs(tilts) <= 180.0).all(axis=1)  # degrees
-    good &= (np.abs(paths) <= 2000.0).all(axis=1) & ~is_misplaced(clock_s, profile)  # cm/s
+    good &= (np.abs(paths) <= 2000.0).all(axis=1) & ~is_misplaced(scans.clock_s, scans.profile)  # cm/s
     impossible = int(np.sum(~good))
     refuse_mostly_damaged(path, "scans", damaged=failed + impossible, whole=len(good) - impossible)
-    damaged += impossible
-    return Scans(
-        clock_s=clock_s[good],
-        values=values[good],
-        place=place[good],
-        profile=profile[good],
-        blocks=tuple(blocks),
+    damaged = scans.damaged + impossible
+    return replace(
+        take(scans, good),
         damaged=damaged,
         damaged_files=(str(path),) if damaged else (),
         empty_files=() if good.any() else (str(path),),
@@ -216,98 +227,15 @@ def _select_possible(
 
 def _concatenate(parts: Sequence[Scans]) -> Scans:
     """Concatenate the scans of several files, dropping profiles without scans."""
-    sizes = [len(part.blocks) for part in parts]
-    shift = np.cumsum([0, *sizes])
+    shift = np.cumsum([0, *(len(part.blocks) for part in parts)])
     profile = np.concatenate([part.profile + first for part, first in zip(parts, shift[:-1], strict=True)])
     blocks = [block for part in parts for block in part.blocks]
     occupied, profile = np.unique(profile, return_inverse=True)
-    joined: dict[str, Any] = {name: sum(getattr(part, name) for part in parts) for name in ("damaged", "strange")}
-    for name in ("clock_s", "values", "place"):
-        joined[name] = np.concatenate([getattr(part, name) for part in parts])
-    for name in ("damaged_files", "empty_files", "notes"):
-        joined[name] = tuple(line for part in parts for line in getattr(part, name))
-    return Scans(**joined, profile=profile, blocks=tuple(blocks[k] for k in occupied))
-
-
-def _precedes_record(data: bytes, end: int) -> bool:
-    """Return whether a header ends here: a valid record follows, and a valid profile length or DATA precedes."""
-    length = int.from_bytes(data[end - FRONT.itemsize : end - HEADER_BYTES], "big")
-    first = np.frombuffer(data[end : end + RECORD.itemsize].ljust(RECORD.itemsize, b"\0"), dtype=RECORD)
-    good = bool(_record_times(first)[1][0])
-    return good and (_is_profile_length(length) or data[end - len(MARK) : end] == MARK)
-
-
-def _record_times(records: np.ndarray) -> tuple[Floats, Bools]:
-    number = {name: records[name].astype(np.int64) for name in ("year", "month", "day", "clock")}
-    time_s = civil_seconds(number["year"], number["month"], number["day"], *number["clock"].T)
-    return time_s, np.isfinite(time_s) & np.isfinite(records["values"]).all(axis=1)
-
-
-def _is_profile_length(length: int) -> bool:
-    return length >= HEADER_BYTES and (length - HEADER_BYTES) % RECORD.itemsize == 0
-
-
-def _find_marks(data: bytes) -> list[int]:
-    """Find the ends of headers: positions after DATA that precede a record, or whose header resembles the first."""
-    ends: list[int] = []
-    at = data.find(MARK)
-    while at >= 0:
-        end = at + len(MARK)
-        if end >= FRONT.itemsize and (_precedes_record(data, end) or (ends and _like_header(data, ends[0], end))):
-            ends.append(end)
-        at = data.find(MARK, at + 1)
-    return ends
-
-
-def _like_header(data: bytes, first: int, other: int, alike: float = 0.8) -> bool:
-    """Return whether a share of the bytes equals the first header of the file, as settings do not change."""
-    a, b = (np.frombuffer(data, np.uint8, HEADER_BYTES, end - HEADER_BYTES) for end in (first, other))
-    return bool(np.mean(a == b) >= alike)
-
-
-def _spans(data: bytes) -> Iterator[_Span]:
-    """Iterate over profiles; where a length does not lead to a header, continue at the next recognized one."""
-    marks = _find_marks(data) or [FRONT.itemsize]
-    at = 0
-    while at < len(data):
-        mark = at + FRONT.itemsize
-        if mark in marks or (mark < len(data) and _like_header(data, marks[0], mark)):
-            following = marks[bisect_left(marks, mark + FRONT.itemsize) :]
-            span = _span(data, mark, following[0] - FRONT.itemsize if following else len(data), last=not following)
-        else:
-            following = marks[bisect_right(marks, mark) :]
-            limit = following[0] - FRONT.itemsize if following else len(data)
-            # Estimate the lost records by the size, as of a single profile.
-            span = _Span(at, limit, 0, torn=max(1, (limit - mark - TAIL.itemsize) // RECORD.itemsize))
-        yield span
-        at = span.end
-
-
-def _span(data: bytes, mark: int, limit: int, *, last: bool) -> _Span:
-    """Locate the records after a header: as many as its length states, unless the following bytes contradict it.
-
-    A profiler that transmits a subset of the scans of a profile leaves the original length in front of them.
-    """
-    length = int.from_bytes(data[mark - FRONT.itemsize : mark - HEADER_BYTES], "big")
-    stated = (length - HEADER_BYTES) // RECORD.itemsize if _is_profile_length(length) else -1
-    tail = limit - TAIL.itemsize
-    fit, odd = divmod(tail - mark, RECORD.itemsize)
-    if odd == 0 and fit >= 0 and (stated <= fit or not last or _ends_in_switch_times(data, mark, tail)):
-        return _Span(mark, limit, fit, tail)
-    end = mark + stated * RECORD.itemsize
-    if stated >= 0 and end + TAIL.itemsize <= limit:
-        return _Span(mark, end + TAIL.itemsize, stated, end)
-    if stated >= 0 and last and end <= limit:
-        return _Span(mark, limit, stated)
-    fit, odd = divmod(limit - mark, RECORD.itemsize)
-    return _Span(mark, limit, fit, torn=int(odd > 0))
-
-
-def _ends_in_switch_times(data: bytes, begin: int, tail: int) -> bool:
-    """Return whether ``tail`` holds plausible switch-on and switch-off times, near the time of the first record."""
-    first_s, good = _record_times(np.frombuffer(data, dtype=RECORD, count=int(tail > begin), offset=begin))
-    on, off = np.frombuffer(data, TAIL, 1, tail)[0].item()
-    return bool(good.any()) and abs(on - first_s[0]) < DAY_S and on <= off < on + 30 * DAY_S
+    joined: dict[str, Any] = {}
+    for name, value in vars(parts[0]).items():
+        each = [getattr(part, name) for part in parts]
+        joined[name] = np.concatenate(each) if isinstance(value, np.ndarray) else sum(each, type(value)())
+    return Scans(**joined | {"profile": profile, "blocks": tuple(blocks[k] for k in occupied)})
 
 
 def is_misplaced(clock_s: Floats, profile: Ints, jump_s: float = 2.0) -> Bools:

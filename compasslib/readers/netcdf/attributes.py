@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
 from operator import or_
@@ -18,9 +18,8 @@ from typing import Any
 import netCDF4
 import numpy as np
 
-from compasslib.earthfield import AppliedDeclination
 from compasslib.readers import flags as vocabularies
-from compasslib.readers.netcdf.variables import File, find, raw, spans, values
+from compasslib.readers.netcdf.variables import Attributes, File, Variable, find, values
 from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Flags
 from compasslib.types import Floats
 
@@ -32,91 +31,78 @@ _Meaning = tuple[int, tuple[str, ...]]  # OceanSITES flag of a value, and its me
 NAMING = ("conventions", "quality_control_conventions", "sdn_conventions_urn", "references", "long_name", "comment")
 
 
-def read_flags(file: File, variable: netCDF4.Variable, part: tuple[str, int] | None = None) -> Flags | None:
+def read_flags(file: File, variable: Variable | None) -> Flags | None:
     """Read the OceanSITES flags of a variable along its dimensions of time and bins; None if it has none.
-
-    Args:
-        part: a dimension of components and the index along it.
 
     Raises:
         InputError: the flags have dimensions that the variable does not have.
     """
-    each = [_arrange(file, variable, flag, part) for flag in _flag_variables(file, variable)]
+    each = [_arrange(file, variable, flag) for flag in _flag_variables(file, variable)] if variable else []
     return vocabularies.worst_flag(each) if each else None
 
 
 def note_unlinked(file: File) -> None:
     """Note flag variables along time that are not linked to any variable of the file."""
-    variables = file.nc.variables
-    named = {name for variable in variables.values() for name in _ancillary(file, variable)}
-    along = [name for name, v in variables.items() if file.time in spans(v) and _states_flags(file, v)]
-    alone = [name for name in along if name not in named and not _stem(name, variables)]
-    if alone:
+    whole = {name: v for name, v in file.variables.items() if name == v.source.name}
+    linked = {name for variable in whole.values() for name in _ancillary(file, variable)}
+    flags = [name for name, v in whole.items() if file.time in v.spans and _states_flags(v) and not _stem(name, whole)]
+    if alone := [name for name in flags if name not in linked]:
         file.notes.append(
             f"Flags {', '.join(alone[:5])} belong to no variable of the file and were not used; name them in the "
             "ancillary_variables of what they are about."
         )
 
 
-def _flag_variables(file: File, variable: netCDF4.Variable) -> list[netCDF4.Variable]:
+def _flag_variables(file: File, variable: Variable) -> list[Variable]:
     """Find the flag variables of a variable: those listed as ancillary, and those named after it with a suffix."""
-    variables = file.nc.variables
-    listed = [
-        name
-        for name in _ancillary(file, variable)
-        if _states_flags(file, variables[name]) or re.search("|".join(SUFFIXES), name, re.IGNORECASE)
-    ]
-    listed += [name for name in variables if _stem(name, (variable.name,))]
-    names = list(dict.fromkeys(listed))
-    summing = [name for name in names if ROLLUP in file.text("standard_name", variables[name])]
+    suffix = re.compile("|".join(SUFFIXES), re.IGNORECASE)
+    names = [n for n in _ancillary(file, variable) if _states_flags(file.variables[n]) or suffix.search(n)]
+    names += [name for name in file.variables if _stem(name, (variable.source.name,))]
+    names = list(dict.fromkeys(names))
+    summing = [name for name in names if ROLLUP in file.variables[name].text("standard_name")]
     counted = [name for name in names if not name.endswith(TESTS)]
-    return [variables[name] for name in summing or counted or names]
+    component = variable.name.removeprefix(variable.source.name)
+    return [file.variables.get(name + component, file.variables[name]) for name in summing or counted or names]
 
 
-def _ancillary(file: File, variable: netCDF4.Variable) -> list[str]:
-    words = re.split(r"[\s,;]+", file.text("ancillary_variables", variable))
-    return [name for name in words if name in file.nc.variables]
+def _ancillary(file: File, variable: Variable) -> list[str]:
+    return [name for name in re.split(r"[\s,;]+", variable.text("ancillary_variables")) if name in file.variables]
 
 
-def _states_flags(file: File, variable: netCDF4.Variable) -> bool:
-    stated = any(file.attribute(name, variable=variable) is not None for name in STATED)
-    return stated or "flag" in file.text("standard_name", variable)
+def _states_flags(variable: Variable) -> bool:
+    return variable.attribute(*STATED) is not None or "flag" in variable.text("standard_name")
 
 
-def _stem(name: str, among: Any) -> str:
+def _stem(name: str, among: Collection[str]) -> str:
     """Strip the suffix of a flag variable's name; empty unless the stem is among the given names."""
-    lower = name.lower()
-    stems = (name[: -len(suffix)] for suffix in SUFFIXES if lower.endswith(suffix.lower()))
+    stems = (name[: -len(suffix)] for suffix in SUFFIXES if name.lower().endswith(suffix.lower()))
     return next((stem for stem in stems if stem in among), "")
 
 
-def _arrange(file: File, variable: netCDF4.Variable, quality: netCDF4.Variable, part: tuple[str, int] | None) -> Flags:
+def _arrange(file: File, variable: Variable, quality: Variable) -> Flags:
     """Reduce the flags of one flag variable to the time and bin dimensions of the variable they refer to."""
-    codes, names = _decode(file, quality), list(quality.dimensions)
-    if part and part[0] in names:
-        codes = np.take(codes, part[1], axis=names.index(part[0]))
-        names.remove(part[0])
     wanted = [name for name in (file.time, file.bins) if name in variable.dimensions]
-    other = [k for k, name in enumerate(names) if name not in wanted]
-    if any(codes.shape[k] > 1 for k in other):  # the worst flag of beams or tests applies
-        apart = [name for name in spans(quality) - {*wanted} if not re.search("beam|test|dir", name, re.IGNORECASE)]
+    if other := quality.spans - {*wanted}:  # the worst flag of beams or tests applies
+        apart = [name for name in other if not re.search("beam|test|dir", name, re.IGNORECASE)]
         if apart or file.time not in quality.dimensions:
             shown = f"dimensions ({', '.join(quality.dimensions)})"
             advice = f"write them along those of {variable.name}, or take {quality.name} out of the file"
             raise file.refuse(quality.name, f"flags along {', '.join(filter(None, wanted))}", shown, advice)
-    codes = codes.transpose([*(names.index(name) for name in wanted if name in names), *other])
-    sizes = [file.nc.dimensions[name].size if name in names else 1 for name in wanted]
-    codes = vocabularies.worst_flag(list(np.moveaxis(codes.reshape([*sizes, -1]), -1, 0)))
-    return np.broadcast_to(codes, [file.nc.dimensions[name].size for name in wanted])
+    names = quality.dimensions
+    present = [names.index(name) for name in wanted if name in names]
+    codes = _decode(file, quality).transpose([*present, *(k for k in range(len(names)) if k not in present)])
+    codes = codes.reshape([*(file.sizes[name] if name in names else 1 for name in wanted), -1])
+    worst = vocabularies.worst_flag(list(np.moveaxis(codes, -1, 0)))
+    return np.broadcast_to(worst, [file.sizes[name] for name in wanted])
 
 
-def _decode(file: File, quality: netCDF4.Variable) -> Flags:
+def _decode(file: File, quality: Variable) -> Flags:
     """Decode the values of a flag variable to OceanSITES flags of the same shape; note unknown and unset flags."""
-    values = raw(file, quality)
-    if values.dtype.kind in "SUO":
-        values = np.char.strip(np.array(np.ma.filled(values, ""), dtype=bytes if values.dtype.kind == "S" else str))
-        values = np.char.decode(values, "latin-1") if values.dtype.kind == "S" else values
-    distinct, where, counts = np.unique(values, return_inverse=True, return_counts=True)
+    stored = quality.stored()
+    if stored.dtype.kind in "SUO":
+        stored = np.char.strip(np.array(np.ma.filled(stored, ""), dtype=bytes if stored.dtype.kind == "S" else str))
+        stored = np.char.decode(stored, "latin-1") if stored.dtype.kind == "S" else stored
+    distinct, where, counts = np.unique(stored, return_inverse=True, return_counts=True)
     meaning, unknown, empty = _interpreter(file, quality), Counter[str](), 0
     codes = np.full(len(distinct), NOT_CHECKED, dtype=np.int8)
     for k, (value, n) in enumerate(zip(distinct.tolist(), counts.tolist(), strict=True)):
@@ -129,27 +115,27 @@ def _decode(file: File, quality: netCDF4.Variable) -> Flags:
         file.note(f"{quality.name}: {empty} flags were never written; they count as not checked.")
     if unknown:
         file.note(vocabularies.describe_unknown_flags(quality.name, unknown))
-    return codes[where].reshape(values.shape)
+    return codes[where].reshape(stored.shape)
 
 
-def _is_empty(quality: netCDF4.Variable, value: Any) -> bool:
+def _is_empty(quality: Variable, value: Any) -> bool:
     """Return whether a value was never written: a blank, NaN, or a fill value without a stated meaning."""
     if value == "" or value != value:
         return True
     # The default fill value of a byte may be a regular value.
     is_byte = not isinstance(quality.dtype, np.dtype) or quality.dtype.itemsize == 1
     default = None if is_byte else netCDF4.default_fillvals.get(quality.dtype.str[1:])
-    fills = [getattr(quality, "_FillValue", default), getattr(quality, "missing_value", None)]
+    fills = [quality.attributes.get("_fillvalue", default), quality.attribute("missing_value")]
     is_fill = any(np.asarray(fill).size == 1 and np.asarray(fill).item() == value for fill in fills if fill is not None)
-    return is_fill and _label(value) not in _listed(getattr(quality, "flag_values", None))
+    return is_fill and _label(value) not in _listed(quality.attribute("flag_values"))
 
 
-def _interpreter(file: File, quality: netCDF4.Variable) -> Callable[[Any], _Meaning]:
+def _interpreter(file: File, quality: Variable) -> Callable[[Any], _Meaning]:
     """Choose the function that interprets a flag value, by the form in which the variable states meanings."""
-    meanings = file.attribute("flag_meanings", variable=quality)
+    meanings = quality.attribute("flag_meanings")
     words = [word for word in re.split(r"[\s,;]+", meanings.strip()) if word] if isinstance(meanings, str) else []
     words = words or [vocabularies.normalize(word) for word in np.atleast_1d(meanings if meanings is not None else [])]
-    values, masks = (_listed(file.attribute(name, variable=quality)) for name in ("flag_values", "flag_masks"))
+    values, masks = (_listed(quality.attribute(name)) for name in ("flag_values", "flag_masks"))
     is_number = isinstance(quality.dtype, np.dtype) and quality.dtype.kind in "iu"
     if len(values) == 1 < len(words) == len(values[0]):
         values = list(values[0])  # characters joined in one string
@@ -160,9 +146,10 @@ def _interpreter(file: File, quality: netCDF4.Variable) -> Callable[[Any], _Mean
         if not is_number and all(map(str.isdigit, values)):  # characters stated by their codes
             table = {chr(int(value)): word for value, word in table.items()} | table
         return partial(_by_values, file, table)
-    texts = [file.text(name, quality) for name in NAMING]
-    texts += [quality.name, file.text("Conventions"), file.text("data_type")]
-    name, vocabulary = vocabularies.find_vocabulary(*texts)
+    texts = [quality.text(name) for name in NAMING]
+    name, vocabulary = vocabularies.find_vocabulary(
+        *texts, quality.name, file.text("conventions"), file.text("data_type")
+    )
     says = f"those of {name} are taken, which the file names." if name else "the file names no vocabulary."
     file.note(f"{quality.name} does not state what its flags mean: {says}")
     return partial(_by_values, file, {str(ord(value)): word for value, word in vocabulary.items()} | {**vocabulary})
@@ -226,7 +213,7 @@ STGLIB = re.compile(r"[Rr]otating heading and horizontal velocities by ([-+]?[\d
 # For example IMOS' compass_correction_applied, EPIC's magnetic_variation_applied, WHOI's magnetic_correction_applied.
 APPLIED = re.compile(r"(?=.*(?:compass|magnetic|magvar|declination)).*_applied")
 ALIGNMENTS = {"heading_misalign_deg": 1.0, "heading_alignment": 0.01}  # unit, degrees: of dolfyn; of ADCPy and stglib
-ALIGNMENTS |= {"TRDI_Heading_Alignment_Hundredths_of_Deg": 0.01, "TRDI_Heading_Alignment_Hundredths_of_Deg.": 0.01}
+ALIGNMENTS |= {"trdi_heading_alignment_hundredths_of_deg": 0.01, "trdi_heading_alignment_hundredths_of_deg.": 0.01}
 WHICH = "write direction_reference: true, or declination_applied: DEGREES where the declination is to be taken out"
 
 
@@ -240,26 +227,46 @@ class North:
     why: str  # attribute or variable that states it
 
 
-def stated_north(file: File, east: netCDF4.Variable, heading: netCDF4.Variable | None) -> North:
+def find_north(file: File, east: Variable, heading: Variable | None) -> North:
     """Find the reference north that the file states for its velocities and headings."""
-    word, degrees, why = _velocity_north(file, east)
-    in_heading = np.zeros(()) if heading is None else degrees
-    if heading is not None:
-        names = filter(APPLIED.fullmatch, heading.ncattrs())
-        stated = [_number(file.attribute(name, variable=heading)) for name in names]
-        in_heading = next((np.asarray(degrees) for degrees in stated if degrees is not None), in_heading)
-        in_heading = np.zeros(()) if MAGNETIC in _words(file, heading) else in_heading
-    return North(word, degrees, in_heading, why)
+    stated = [(f"{name} {degrees:g}", degrees) for name, degrees in [*_applied(east), *_applied(file)]]
+    stated += [("stglib's history", float(degrees)) for degrees in STGLIB.findall(file.text("history"))[-1:]]
+    if "coord_sys" in file.attributes:  # dolfyn rotates by the declination only, and records it
+        degrees = _number(file.attribute("declination")) or 0.0
+        stated.append((f"dolfyn's declination {degrees:g}", degrees))
+    words, why, in_velocity = _words(east), east.name, None
+    if stated:
+        why, word, in_velocity = stated[0][0], TRUE if stated[0][1] else MAGNETIC, np.asarray(stated[0][1])
+    elif MAGNETIC in words:
+        word, in_velocity = MAGNETIC, np.zeros(())
+    elif "true north" in words or east.text("standard_name") in TRUE_BY_NAME:
+        word, series = TRUE, find(file, "declination", (file.time,), ())
+        why += "'s reference" if "true north" in words else "'s standard_name"
+        if series is not None:
+            why, in_velocity = f"{why} and {series.name}", values(file, "declination", series)
+    else:
+        word = ""
+    in_heading = in_velocity
+    if heading is None or MAGNETIC in _words(heading):
+        in_heading = np.zeros(())
+    elif own := _applied(heading):
+        in_heading = np.asarray(own[0][1])
+    return North(word, in_velocity, in_heading, why)
 
 
-def resolve_north(
-    file: File, north: North, reference: str, applied: AppliedDeclination | None
-) -> tuple[Floats, Floats | None]:
+def _applied(holder: Attributes) -> list[tuple[str, float]]:
+    """List the attributes that state a declination in degrees as applied."""
+    names = filter(APPLIED.fullmatch, holder.attributes)
+    return [(name, degrees) for name in names if (degrees := _number(holder.attribute(name))) is not None]
+
+
+def resolve_north(file: File, north: North) -> tuple[Floats, Floats | None]:
     """Determine the declination to remove from velocities, and from headings unless these cannot be used, degrees.
 
     Raises:
-        InputError: the two contradict each other, or leave the declination undetermined.
+        InputError: mooring file and netCDF file contradict each other, or leave the declination undetermined.
     """
+    reference, applied = file.reference, file.declination
     if applied is not None:
         if applied.velocity and (reference == TRUE or north.word == MAGNETIC):
             said = "direction_reference: true" if reference == TRUE else north.why
@@ -300,7 +307,7 @@ def resolve_north(
     return degrees, degrees if north.heading_degrees is None else north.heading_degrees
 
 
-def heading_alignment(file: File, heading: netCDF4.Variable | None, stated: float | None) -> float:
+def heading_alignment(file: File, heading: Variable | None) -> float:
     """Determine the degrees to add to headings for the instrument's heading alignment EA.
 
     Raises:
@@ -308,10 +315,9 @@ def heading_alignment(file: File, heading: netCDF4.Variable | None, stated: floa
     """
     if heading is None:
         return 0.0
-    holders = [(name, holder) for name in ALIGNMENTS for holder in (heading, None)]
-    values = ((name, _number(file.attribute(name, variable=holder))) for name, holder in holders)
-    name, degrees = next(((name, x) for name, x in values if x), ("heading alignment EA", 0.0))
-    degrees *= ALIGNMENTS.get(name, 1.0)
+    stated, holders = file.alignment, (heading, file)
+    given = ((n, unit * (_number(each.attribute(n)) or 0.0)) for n, unit in ALIGNMENTS.items() for each in holders)
+    name, degrees = next(((name, degrees) for name, degrees in given if degrees), ("heading alignment EA", 0.0))
     if stated is None and degrees:
         advice = "give heading_alignment: degrees to add to the file's heading to get beam 3's, or 0 to ignore EA"
         raise file.refuse(name, "a heading alignment EA of 0 degrees", f"{degrees:g} degrees", advice)
@@ -325,30 +331,8 @@ def heading_alignment(file: File, heading: netCDF4.Variable | None, stated: floa
     return stated or 0.0
 
 
-def _velocity_north(file: File, east: netCDF4.Variable) -> tuple[str, Floats | None, str]:
-    for holder in (east, file.nc):
-        for name in filter(APPLIED.fullmatch, map(str.lower, holder.ncattrs())):
-            if (applied_deg := _number(file.attribute(name, variable=holder))) is not None:
-                return (TRUE if applied_deg else MAGNETIC), np.asarray(applied_deg), f"{name} {applied_deg:g}"
-    if rotated := STGLIB.findall(file.text("history")):
-        return TRUE, np.asarray(float(rotated[-1])), "stglib's history"
-    if file.attribute("coord_sys") is not None:  # dolfyn rotates by the declination only, and records it
-        applied_deg = _number(file.attribute("declination")) or 0.0
-        return (TRUE if applied_deg else MAGNETIC), np.asarray(applied_deg), f"dolfyn's declination {applied_deg:g}"
-    words = _words(file, east)
-    if MAGNETIC in words:
-        return MAGNETIC, np.zeros(()), east.name
-    if "true north" in words or file.text("standard_name", east) in TRUE_BY_NAME:
-        series = find(file, "declination", (file.time,), ())
-        degrees = None if series is None else values(file, "declination", series)
-        why = "standard_name" if "true north" not in words else "reference"
-        return TRUE, degrees, f"{east.name}'s {why}" + (f" and {series.name}" if series is not None else "")
-    return "", None, ""
-
-
-def _words(file: File, variable: netCDF4.Variable) -> str:
-    names = ("standard_name", "long_name", "reference", "reference_datum", "units")
-    parts = [file.text(name, variable) for name in names]
+def _words(variable: Variable) -> str:
+    parts = [variable.text(name) for name in ("standard_name", "long_name", "reference", "reference_datum", "units")]
     return " ".join([*parts, "magnetic" * variable.name.upper().endswith("_MAG")]).lower()
 
 
@@ -360,5 +344,4 @@ def _number(value: object) -> float | None:
 
 
 def _in_degrees(degrees: Floats) -> str:
-    low, high = float(np.nanmin(degrees)), float(np.nanmax(degrees))
-    return f"{low:.2f} degrees" if high - low < 0.01 else f"{low:.2f} to {high:.2f} degrees"
+    return f"{np.nanmedian(degrees):.2f} degrees"

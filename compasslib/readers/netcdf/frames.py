@@ -10,11 +10,10 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import netCDF4
 import numpy as np
 
 from compasslib import angles
-from compasslib.readers.netcdf.variables import File
+from compasslib.readers.netcdf.variables import Attributes, File, Variable
 from compasslib.readers.units import SPEED
 from compasslib.types import Floats
 
@@ -51,10 +50,10 @@ ADVICE = (
 )
 
 
-def other_frame(file: File, pair: Sequence[netCDF4.Variable]) -> str:
+def other_frame(file: File, pair: Sequence[Variable]) -> str:
     """Find the words that give two components another frame than east and north; empty without any."""
     for variable in pair:
-        texts = list(_texts(file, variable))
+        texts = list(_texts(variable))
         is_east = any(_EAST.search(text) for name, text in texts if name != "comment")
         for name, text in texts:
             words = _FROM.sub("", text)
@@ -67,7 +66,7 @@ def other_frame(file: File, pair: Sequence[netCDF4.Variable]) -> str:
                 or (name != "comment" and _TOWARDS.search(words))
             ):
                 return f"{variable.name} ({text})" if name else variable.name
-        stated = [*_systems(variable), *_systems(file.nc)]
+        stated = [*_systems(variable), *_systems(file)]
         if stated and is_east:
             file.note(f"{stated[0]} stands beside {variable.name}, which counts as east and north, as it is named.")
         elif stated:
@@ -77,25 +76,24 @@ def other_frame(file: File, pair: Sequence[netCDF4.Variable]) -> str:
 
 def other_frames(file: File) -> str:
     """List the velocities of a file that are not named as east and north; empty without any."""
-    units = {name: file.text("units", variable).lower() for name, variable in file.nc.variables.items()}
-    flows = [file.nc.variables[name] for name, unit in units.items() if unit in SPEED]
+    flows = [variable for variable in file.variables.values() if variable.text("units").lower() in SPEED]
     return ", ".join(filter(None, (other_frame(file, [variable]) for variable in flows)))
 
 
-def turns_with_heading(file: File, pair: Sequence[netCDF4.Variable]) -> bool:
+def turns_with_heading(file: File, pair: Sequence[Variable]) -> bool:
     """Return whether the components are X and Y of Nortek's XYZ, of which X points along the heading."""
-    words = [text for variable in pair for _, text in _texts(file, variable)]
-    words += [*_systems(file.nc), *(text for variable in pair for text in _systems(variable))]
-    makers = " ".join(str(file.nc.getncattr(name)) for name in file.nc.ncattrs())
+    words = [text for variable in pair for _, text in _texts(variable)]
+    words += [text for holder in (file, *pair) for text in _systems(holder)]
+    makers = " ".join(map(str, file.attributes.values()))
     return any(re.search(r"\bxyz\b", text) for text in words) and not re.search(r"(?i)rdi\b|teledyne|workhorse", makers)
 
 
-def turn_axes(file: File, pair: Sequence[netCDF4.Variable], flow: Sequence[Floats]) -> tuple[Floats, Floats] | None:
+def turn_axes(file: File, pair: Sequence[Variable], flow: Sequence[Floats]) -> tuple[Floats, Floats] | None:
     """Compute east and north from components along two stated directions; None unless these are at right angles.
 
     Both directions may be rounded to whole degrees.
     """
-    texts = [" ".join(text for _, text in _texts(file, variable)) for variable in pair]
+    texts = [" ".join(text for _, text in _texts(variable)) for variable in pair]
     found = [_TOWARDS.search(text) for text in texts]
     if not all(found) or any(map(_NOT_FROM_NORTH.search, texts)):
         return None
@@ -107,21 +105,21 @@ def turn_axes(file: File, pair: Sequence[netCDF4.Variable], flow: Sequence[Float
     return flow[0] * sine[0] + flow[1] * sine[1], flow[0] * cosine[0] + flow[1] * cosine[1]
 
 
-def _texts(file: File, variable: netCDF4.Variable) -> Iterator[tuple[str, str]]:
+def _texts(variable: Variable) -> Iterator[tuple[str, str]]:
     """Yield attribute and text of what describes a variable, the name first, in lower case without underscores."""
     listed: list[tuple[str, Any]] = [("", variable.name)]
-    listed += [(name, file.text(name, variable)) for name in ("standard_name", "long_name", "description", "comment")]
-    listed += [(n, f"towards {variable.getncattr(n)} degrees") for n in variable.ncattrs() if _AZIMUTH.fullmatch(n)]
+    listed += [(name, variable.text(name)) for name in ("standard_name", "long_name", "description", "comment")]
+    listed += [(n, f"towards {value} degrees") for n, value in variable.attributes.items() if _AZIMUTH.fullmatch(n)]
     for name, text in listed:
         if text:
             yield name, re.sub(r"[_\s]+", " ", text).lower().replace("relative to", "relative")
 
 
-def _systems(holder: netCDF4.Variable | netCDF4.Dataset) -> Iterator[str]:
+def _systems(holder: Attributes) -> Iterator[str]:
     """Yield attributes that name another coordinate system than the earth's, or a rotation."""
-    for name in holder.ncattrs():
-        value = str(holder.getncattr(name)).lower()
+    for name, stated in holder.attributes.items():
+        value = str(stated).lower()
         other = _SYSTEM.search(name) and _SYSTEMS.search(value) and not re.search("earth|enu", value)
         angle = _ROTATION.fullmatch(name) and re.fullmatch(r"-?\d+\.?\d*", value) and float(value)
-        if other or angle or (name.lower() in ("comment", "summary") and _ROTATED.search(_FROM.sub("", value))):
+        if other or angle or (name in ("comment", "summary") and _ROTATED.search(_FROM.sub("", value))):
             yield f"{name}: {value}"

@@ -8,7 +8,7 @@ Integrators Guide AD2CP.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,33 +16,14 @@ import netCDF4
 import numpy as np
 
 from compasslib.errors import InputError
+from compasslib.readers.netcdf.variables import attributes_of
 
-DECLINATIONS = ("DataInfo_transformsAndCorrections_magneticDeclination", "Instrument_user_decl")
+DECLINATIONS = ("datainfo_transformsandcorrections_magneticdeclination", "instrument_user_decl")
 NAMES = {  # attribute as in other files -> of Config
-    "beam_angle": "DataInfo_slantAngles", "serial_number": "Instrument_serialNumberDoppler",
-    "model": "Instrument_instrumentName",
+    "beam_angle": "datainfo_slantangles", "serial_number": "instrument_serialnumberdoppler",
+    "model": "instrument_instrumentname",
 }  # fmt: skip
 ORIENTATIONS = {4: "up", 5: "down"}  # bits 25 to 27 of the status word: Z up, Z down
-
-
-class Series:
-    """A group of series with its dimensions, and attributes by the names of other netCDF files."""
-
-    def __init__(self, group: netCDF4.Group, attributes: Mapping[str, Any]):
-        self.variables, self.dimensions, self.groups = group.variables, dict[str, Any](), dict[str, Any]()
-        self._attributes = attributes
-        holder: Any = group
-        while holder is not None:
-            self.dimensions = {**holder.dimensions, **self.dimensions}
-            holder = holder.parent
-
-    def ncattrs(self) -> list[str]:
-        """List the names of the attributes."""
-        return [*self._attributes]
-
-    def getncattr(self, name: str) -> Any:
-        """Read an attribute."""
-        return self._attributes[name]
 
 
 def is_ocean_contour(path: Path) -> bool:
@@ -54,8 +35,8 @@ def is_ocean_contour(path: Path) -> bool:
         return False
 
 
-def find_series(path: Path, nc: netCDF4.Dataset) -> Series:
-    """Find the averages of a file, or else its bursts.
+def find_series(path: Path, nc: netCDF4.Dataset) -> tuple[netCDF4.Group, dict[str, Any]]:
+    """Find the averages of a file, or else its bursts, and attributes by the names of other netCDF files.
 
     Raises:
         InputError: it has no series of velocities to east and north.
@@ -66,8 +47,7 @@ def find_series(path: Path, nc: netCDF4.Dataset) -> Series:
         expected, advice = "a group below Data with velocities to east and north", "export them from OceanContour"
         raise InputError(str(path), expected=expected, found=", ".join(data) or "none", advice=advice)
     name = next((name for name in flows if name.lower().startswith("av")), next(iter(flows)))
-    config = nc.groups["Config"]
-    stated = {key: config.getncattr(key) for key in config.ncattrs()}
+    stated = attributes_of(nc.groups["Config"])
     attributes: dict[str, Any] = {
         "magnetic_declination_applied": sum(float(stated.get(key) or 0.0) for key in DECLINATIONS)
     }
@@ -76,7 +56,7 @@ def find_series(path: Path, nc: netCDF4.Dataset) -> Series:
         words = np.ma.compressed(status[...]).astype(np.int64) >> 25 & 7
         orientation = ORIENTATIONS.get(int(np.bincount(words).argmax())) if len(words) else None
         attributes |= {"orientation": orientation} if orientation else {}
-    return Series(flows[name], attributes)
+    return flows[name], attributes
 
 
 def _groups(group: netCDF4.Group) -> Iterator[tuple[str, netCDF4.Group]]:

@@ -8,7 +8,6 @@ up on an up-looker, y and z the opposite way on a down-looker. Source: Nortek, t
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,6 @@ from compasslib.readers.files import ESCAPES_UNDONE, MISSING_COUNT, block_type, 
 from compasslib.readers.nortek import converted, signature
 from compasslib.readers.nortek.packets import (
     SLANT_DEG,
-    Bytes,
     Coordinates,
     Packets,
     Samples,
@@ -30,12 +28,12 @@ from compasslib.readers.nortek.packets import (
     find_packets,
     no_packets,
 )
-from compasslib.readers.pd0.checks import ADVICE, match_serial_number, refuse_rotation
+from compasslib.readers.pd0.checks import match_serial_number, refuse_rotation
 from compasslib.readers.pd0.currents import map_cells
 from compasslib.readers.pd0.fields import STRAY
 from compasslib.readers.times import FIRST_YEAR, civil_seconds, describe_averages
-from compasslib.records import BAD, GOOD, MAGNETOMETER, MISSING, Record, new_record, take
-from compasslib.types import Bools, Floats
+from compasslib.records import BAD, GOOD, MAGNETOMETER, MISSING, Record, join_records, new_record, take
+from compasslib.types import Floats
 
 
 class Kind(IntEnum):
@@ -59,6 +57,11 @@ _SENSORS = block_type(
     clock=(4, "6u1"), error=(10, "<u2"), battery=(14, "<u2"), heading=(18, "<u2"), pitch=(20, "<i2"), roll=(22, "<i2"),
     pressure_high=(24, "u1"), status=(25, "u1"), pressure_low=(26, "<u2"), temperature=(28, "<i2"),
 )  # fmt: skip
+_USER = block_type(
+    blanking=(6, "<u2"), average_s=(16, "<u2"), beams=(18, "<u2"), coordinates=(32, "<u2"), cells=(34, "<u2"),
+    cell=(36, "<u2"),
+)  # fmt: skip
+_HEAD = block_type(sensors=(4, "u1"), khz=(6, "<u2"), matrix=(30, "(3,3)<i2"))
 
 
 def decode(packets: Packets) -> Samples:
@@ -67,40 +70,62 @@ def decode(packets: Packets) -> Samples:
     Raises:
         InputError: the file lacks a configuration or velocities, has two configurations, or is of another instrument.
     """
-    user, head = (_configuration(packets, kind) for kind in (Kind.USER, Kind.HEAD))
+    user, head = _configuration(packets, Kind.USER, _USER), _configuration(packets, Kind.HEAD, _HEAD)
     kind = _kind(packets)
-    of_kind = packets.kind == kind
+    of_kind, point = packets.kind == kind, kind in POINT
     # A record of another length belongs to another configuration, or has a valid checksum by chance.
     length = packets.end - packets.start
     usual = int(np.bincount(length[of_kind]).argmax())
     mine = of_kind & (length == usual)
-    rows, first = packets.rows(mine), VELOCITY[kind]
-    cells = 1 if kind in POINT else int(_number(user, 34))
+    rows, first, cells = packets.rows(mine), VELOCITY[kind], 1 if point else int(user["cells"])
     if usual < first + BEAMS * cells * 3 + 2 or not cells:
-        raise _contradicts_configuration(packets, usual, first, cells, int(_number(user, 18)))
+        beams = int(user["beams"])
+        level = ", which are level, as of an AWAC that looks sideways" if beams == 2 else ""
+        shown, expected = f"{beams} beam{'s' * (beams > 1)}{level}", f"{BEAMS} slanted beams"
+        advice = "export its velocities with Nortek's program and write format: table"
+        if beams == BEAMS or usual not in (whole := first + beams * cells * 3 + 2, whole + whole % 2):
+            shown, expected = f"{usual} bytes for {cells} cells", "records that hold their cells"
+            advice = "the configuration is of another recording: give each as a file of its own"
+        raise InputError(str(packets.path), expected=expected, found=shown, advice=advice)
     sensors = np.ascontiguousarray(rows[:, : _SENSORS.itemsize]).view(_SENSORS)[:, 0]
-    velocity = _velocity(rows[:, first : first + 6 * cells], sensors["status"])
-    recorded = int(_number(user, 32))
-    up = velocity[..., 2] if recorded == Coordinates.EARTH else None
-    if recorded == Coordinates.EARTH:
-        velocity = velocity[..., :2]
-    matrix = head[30:48].view("<i2").reshape(3, 3) / 4096.0
-    magnetometer = AQUADOPP_MAGNETOMETER.get(kind)
+    counts = np.ascontiguousarray(rows[:, first : first + 6 * cells]).view("<i2").reshape(len(rows), BEAMS, -1)
+    # Division, unlike multiplication by 0.001, gives the float nearest to 0.123 for 123 mm/s.
+    velocity = counts / np.where(sensors["status"] & 2, 10000.0, 1000.0)[:, None, None]
+    velocity[counts == MISSING_COUNT] = np.nan
+    velocity = np.moveaxis(velocity, 1, 2)
+    minute, second, day, hour, year, month = _BCD[sensors["clock"]].astype(np.int64).T
+    century = np.where(year < FIRST_YEAR - 1900, 2000, 1900)
+    # Errors reported by the instrument: failed measurement or compass, tilt beyond the range of the sensor.
+    failed, no_compass = (sensors["error"] & 6) > 0, (sensors["error"] & 1) > 0
+    beyond = (sensors["status"] & 12) > 0
+    flags = np.where(failed | no_compass | beyond, BAD, GOOD)[:, None]
+    heading = sensors["heading"] / 10.0
+    pressure = (65536 * sensors["pressure_high"].astype(np.int64) + sensors["pressure_low"]) / 1000.0
+    recorded, magnetometer = int(user["coordinates"]), AQUADOPP_MAGNETOMETER.get(kind)
     at = np.flatnonzero(packets.kind == Kind.HARDWARE)
     hardware = packets.data[packets.begin[at[0]] : packets.end[at[0]]] if len(at) else np.zeros(0, np.uint8)
-    serial = hardware[4:12].tobytes().decode("ascii", "replace").strip(" \0") if hardware.size >= 18 else ""
+    in_earth, matrix = recorded == Coordinates.EARTH, head["matrix"] / 4096.0
     return Samples(
         offset=packets.start[mine],
-        **_decode_sensors(sensors, velocity, has_pressure=bool(head[4] & 1)),
-        velocity=velocity,
-        bin_range_m=(0.0,) if kind in POINT else _ranges(packets, user, head, cells),
+        time_s=civil_seconds(century + year, month, day, hour, minute, second),
+        heading_deg=np.where(heading < 360.0, heading, np.nan),
+        pitch_deg=sensors["pitch"] / 10.0,
+        roll_deg=sensors["roll"] / 10.0,
+        pressure_dbar=pressure if head["sensors"] & 1 else np.full(len(rows), np.nan),
+        temperature_c=sensors["temperature"] / 100.0,
+        supply_voltage=sensors["battery"] / 10.0,
+        velocity=velocity[..., :2] if in_earth else velocity,
+        up=velocity[..., 2] if in_earth else None,
+        quality=np.where(np.isnan(velocity).any(axis=-1), MISSING, flags).astype(np.int8),
+        heading_quality=np.where(no_compass | beyond, BAD, GOOD).astype(np.int8),
+        looks_up=(sensors["status"] & 1) == 0,
+        bin_range_m=(0.0,) if point else _ranges(packets, user, int(head["khz"])),
         recorded=recorded,
-        beam_angle_deg=0.0 if kind in POINT else SLANT_DEG,
-        serial=serial,
+        beam_angle_deg=0.0 if point else SLANT_DEG,
+        serial=hardware[4:12].tobytes().decode("ascii", "replace").strip(" \0") if hardware.size >= 18 else "",
         beams_to_axes=tuple(map(tuple, matrix.tolist())) if recorded == Coordinates.BEAM else (),
-        average_s=float(_number(user, 16)),
+        average_s=float(user["average_s"]),
         magnetometer=rows[:, magnetometer : magnetometer + 6].copy().view("<i2") * 1.0 if magnetometer else None,
-        up=up,
         profiles={"echo": by_beam(rows, first + 2 * BEAMS * cells, BEAMS, cells)},
         counts={
             "diagnostic_samples": int(np.sum(packets.kind == Kind.DIAGNOSTIC)),
@@ -109,7 +134,7 @@ def decode(packets: Packets) -> Samples:
     )
 
 
-def _configuration(packets: Packets, kind: Kind) -> Bytes:
+def _configuration(packets: Packets, kind: Kind, form: np.dtype[np.void]) -> Any:
     """Get the only configuration of a kind; identical copies are accepted, as in concatenated recordings."""
     mine = packets.kind == kind
     part = "user's" if kind == Kind.USER else "head's"
@@ -122,7 +147,7 @@ def _configuration(packets: Packets, kind: Kind) -> Bytes:
     if rows is None or (rows != rows[0]).any():
         advice = "give each recording as a file of its own"
         raise InputError(str(packets.path), expected=expected, found=f"{len(sizes)} that differ", advice=advice)
-    return rows[0]
+    return np.frombuffer(rows[0].tobytes().ljust(form.itemsize, b"\0"), form, 1)[0]
 
 
 def _kind(packets: Packets) -> int:
@@ -136,63 +161,14 @@ def _kind(packets: Packets) -> int:
     raise InputError(str(packets.path), expected=kinds, found=shown, advice=advice)
 
 
-def _contradicts_configuration(packets: Packets, size: int, first: int, cells: int, beams: int) -> InputError:
-    """Create the error for records of ``size`` bytes that cannot hold the bins of three beams from ``first`` on."""
-    if beams != BEAMS and size in (whole := first + beams * cells * 3 + 2, whole + whole % 2):
-        level = ", which are level, as of an AWAC that looks sideways" if beams == 2 else ""
-        shown, expected = f"{beams} beam{'s' * (beams > 1)}{level}", f"{BEAMS} slanted beams"
-        advice = "export its velocities with Nortek's program and write format: table"
-    else:
-        shown, expected = f"{size} bytes for {cells} cells", "records that hold their cells"
-        advice = "the configuration is of another recording: give each as a file of its own"
-    return InputError(str(packets.path), expected=expected, found=shown, advice=advice)
-
-
-def _number(block: Bytes, at: int) -> np.uint16:
-    return np.uint16(block[at : at + 2].view("<u2")[0])
-
-
-def _velocity(rows: Bytes, status: Bytes) -> Floats:
-    counts = np.ascontiguousarray(rows).view("<i2").reshape(len(rows), BEAMS, -1)
-    # Division, unlike multiplication by 0.001, gives the float nearest to 0.123 for 123 mm/s.
-    velocity = counts / np.where(status & 2, 10000.0, 1000.0)[:, None, None]
-    velocity[counts == MISSING_COUNT] = np.nan
-    return np.moveaxis(velocity, 1, 2)
-
-
-def _decode_sensors(sensors: Any, velocity: Floats, *, has_pressure: bool) -> dict[str, Any]:
-    minute, second, day, hour, year, month = _BCD[sensors["clock"]].astype(np.int64).T
-    century = np.where(year < FIRST_YEAR - 1900, 2000, 1900)
-    # Errors reported by the instrument: failed measurement or compass, tilt beyond the range of the sensor.
-    failed, no_compass = (sensors["error"] & 6) > 0, (sensors["error"] & 1) > 0
-    beyond = (sensors["status"] & 12) > 0
-    flags = np.where(failed | no_compass | beyond, BAD, GOOD)[:, None]
-    heading = sensors["heading"] / 10.0
-    pressure = (65536 * sensors["pressure_high"].astype(np.int64) + sensors["pressure_low"]) / 1000.0
-    return {
-        "time_s": civil_seconds(century + year, month, day, hour, minute, second),
-        "heading_deg": np.where(heading < 360.0, heading, np.nan),
-        "pitch_deg": sensors["pitch"] / 10.0,
-        "roll_deg": sensors["roll"] / 10.0,
-        "pressure_dbar": pressure if has_pressure else np.full(len(sensors), np.nan),
-        "temperature_c": sensors["temperature"] / 100.0,
-        "supply_voltage": sensors["battery"] / 10.0,
-        "looks_up": (sensors["status"] & 1) == 0,
-        "sideways": np.zeros(len(sensors), dtype=bool),
-        "quality": np.where(np.isnan(velocity).any(axis=-1), MISSING, flags).astype(np.int8),
-        "heading_quality": np.where(no_compass | beyond, BAD, GOOD).astype(np.int8),
-    }
-
-
-def _ranges(packets: Packets, user: Bytes, head: Bytes, cells: int) -> tuple[float, ...]:
-    khz = int(_number(head, 6))
+def _ranges(packets: Packets, user: Any, khz: int) -> tuple[float, ...]:
     if khz not in CELL_M:
         expected, advice = f"a head of {', '.join(map(str, CELL_M))} kHz", "give its velocities as a table"
         raise InputError(str(packets.path), expected=expected, found=f"{khz} kHz", advice=advice)
     cosine = float(angles.sin_cos(SLANT_DEG)[1])
-    cell = round(int(_number(user, 36)) / 256 * CELL_M[khz] * cosine, 2)
-    blanking = round(int(_number(user, 6)) * BLANKING_M[khz] * cosine - cell, 2)
-    return tuple((blanking + cell * (1.0 + np.arange(cells))).tolist())
+    cell = round(int(user["cell"]) / 256 * CELL_M[khz] * cosine, 2)
+    blanking = round(int(user["blanking"]) * BLANKING_M[khz] * cosine - cell, 2)
+    return tuple((blanking + cell * (1.0 + np.arange(int(user["cells"])))).tolist())
 
 
 def read(
@@ -202,7 +178,7 @@ def read(
     declination_applied: float | Mapping[str, float] | None = None,
     serial_number: str | None = None,
 ) -> Record:
-    """Read one record from files sorted by their first times, with currents rotated by the recorded magnetic heading.
+    """Read the files of one instrument in order of time, with currents rotated by the recorded magnetic heading.
 
     Args:
         orientation: up or down, overrides that of the samples; None uses the recorded orientation of each sample.
@@ -217,63 +193,13 @@ def read(
         expected, advice = "at least one Nortek file", "name the instrument's files"
         raise InputError("files", expected=expected, found="none", advice=advice)
     sources = dict.fromkeys(converted.header_of(Path(path)) or Path(path) for path in paths)
-    files = sorted((_read_file(path) for path in sources), key=lambda each: float(each[1].time_s[0]))
-    where = ", ".join(str(path) for path in paths)
-    whole = _concatenate(where, [samples for _, samples in files])
-    serial = match_serial_number(where, whole.serial, serial_number)
-    lying = int(whole.sideways.sum())
-    if orientation is None and lying > STRAY * len(whole.sideways):
-        shown = f"an instrument on its side by its own word in {lying} of {len(whole.sideways)} samples"
-        expected, advice = "one that looks up or down", "give orientation: up or down"
-        raise InputError(where, expected=expected, found=shown, advice=advice)
     stated = parse_applied_declination(declination_applied)
-    inside = AppliedDeclination(whole.declination_deg, whole.declination_deg) if stated is None else stated
-    refuse_rotation(where, inside, is_earth=whole.up is not None)
-    looks_up = whole.looks_up if orientation is None else np.full(len(whole.time_s), orientation == "up")
-    heading = angles.wrap360(whole.heading_deg - inside.heading)
-    east, north, upward = _turn_to_earth(whole, heading, looks_up, inside.velocity)
-    up = bool(np.mean(looks_up) > 0.5)
-    counts = whole.counts | {
-        "samples": len(heading),
-        "records": sum(len(packets.kind) for packets, _ in files),
-        "damaged": sum(packets.damaged for packets, _ in files),
-        "bytes_skipped": sum(packets.bytes_skipped for packets, _ in files),
-        "bytes_total": sum(packets.data.size for packets, _ in files),
-        "orientation_disagrees": int(np.sum(whole.looks_up != up)),
-        "heading_missing": int(np.isnan(heading).sum()),
-    }
-    field = {} if whole.magnetometer is None else dict(zip(MAGNETOMETER, whole.magnetometer.T, strict=True))
-    return new_record(
-        whole.time_s,
-        east,
-        north,
-        bin_range_m=np.array(whole.bin_range_m),
-        heading_deg=heading,
-        pitch_deg=whole.pitch_deg,
-        roll_deg=whole.roll_deg,
-        pressure_dbar=whole.pressure_dbar,
-        temperature_c=whole.temperature_c,
-        supply_voltage=whole.supply_voltage,
-        quality=whole.quality,
-        heading_quality=whole.heading_quality,
-        looks_up=up,
-        beam_angle_deg=whole.beam_angle_deg,
-        heading_bias_deg=inside.heading,
-        velocity_bias_deg=inside.heading if whole.up is None else inside.velocity,
-        serial_number=serial,
-        manufacturer="Nortek",
-        model=whole.model,
-        profiles={"up": upward.astype(np.float32), **whole.profiles},
-        recorded_in={0: "earth", 2: "beam"}.get(whole.recorded, "instrument"),
-        bins_mapped=bool(whole.beams_to_axes),
-        channels=field,
-        channel_units=dict.fromkeys(field, "count"),
-        counts=counts,
-        warnings=(*_describe_files(files), *_describe_settings(whole, counts, stated, up)),
-    )
+    return join_records([_record(path, orientation, stated, serial_number) for path in sources])
 
 
-def _read_file(path: Path) -> tuple[Packets, Samples]:
+def _record(
+    path: Path, orientation: str | None, stated: AppliedDeclination | None, serial_number: str | None
+) -> Record:
     if path.suffix.lower() == converted.HEADER:
         packets, samples = no_packets(path), converted.decode(path)
     else:
@@ -284,43 +210,66 @@ def _read_file(path: Path) -> tuple[Packets, Samples]:
         advice = "check that format: nortek and the file belong together"
         shown = f"{len(dated)} with impossible dates"
         raise InputError(str(path), expected="samples with velocities", found=shown, advice=advice)
-    good = samples if dated.all() else take(samples, dated)
+    undated, samples = int(np.sum(~dated)), samples if dated.all() else take(samples, dated)
+    serial = match_serial_number(str(path), samples.serial, serial_number)
+    n, lying = len(samples.time_s), 0 if samples.sideways is None else int(samples.sideways.sum())
+    if orientation is None and lying > STRAY * n:
+        shown = f"an instrument on its side by its own word in {lying} of {n} samples"
+        expected, advice = "one that looks up or down", "give orientation: up or down"
+        raise InputError(str(path), expected=expected, found=shown, advice=advice)
+    inside = AppliedDeclination(samples.declination_deg, samples.declination_deg) if stated is None else stated
+    refuse_rotation(str(path), inside, is_earth=samples.up is not None)
+    looks_up = samples.looks_up if orientation is None else np.full(n, orientation == "up")
+    up = bool(np.mean(looks_up) > 0.5)
+    heading = angles.wrap360(samples.heading_deg - inside.heading)
+    if samples.up is None:
+        side = np.where(looks_up, -1.0, 1.0)[:, None]
+        level = compass.levelling(samples.pitch_deg, samples.roll_deg)  # in axes forward, starboard, down
+        axes = _map_beams(samples, level, side) if samples.beams_to_axes else samples.velocity
+        east, north, upward = turn_axes(axes, level, side, heading)
+    else:
+        (east, north), upward = np.moveaxis(samples.velocity, 2, 0), samples.up
+        if inside.velocity:
+            east, north = angles.turn(east, north, -inside.velocity)
     # Count the samples lost where bytes were skipped, from the time steps across the gaps.
-    steps = np.diff(good.time_s)
-    after = np.searchsorted(good.offset, [first for first, _ in packets.skipped])
-    across = steps[np.unique(after[(after > 0) & (after < len(good.offset))]) - 1]
+    steps = np.diff(samples.time_s)
+    after = np.searchsorted(samples.offset, [first for first, _ in packets.skipped])
+    across = steps[np.unique(after[(after > 0) & (after < n)]) - 1]
     usual = float(np.median(steps)) if len(steps) else 0.0
-    lost = int(np.maximum(np.rint(across / usual) - 1, 0).sum()) if usual > 0.0 else 0
-    return packets, replace(good, counts=samples.counts | {"bad_dates": int(np.sum(~dated)), "lost": lost})
-
-
-def _concatenate(where: str, parts: Sequence[Samples]) -> Samples:
-    first = parts[0]
-    for other in parts[1:]:
-        for name in ("serial", "recorded", "bin_range_m", "beam_angle_deg", "declination_deg", "beams_to_axes"):
-            if getattr(other, name) != getattr(first, name):
-                expected, shown = "files of one instrument in one configuration", f"files that differ in {name}"
-                raise InputError(where, expected=expected, found=shown, advice=ADVICE)
-    columns = [name for name, value in vars(first).items() if isinstance(value, np.ndarray)]
-    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in columns}
-    alike = [name for name in first.profiles if all(name in part.profiles for part in parts)]
-    joined["profiles"] = {name: np.concatenate([part.profiles[name] for part in parts]) for name in alike}
-    notes = tuple(note for part in parts for note in part.notes)
-    counts = {name: sum(part.counts[name] for part in parts) for name in first.counts}
-    return replace(first, **joined, notes=notes, counts=counts) if len(parts) > 1 else first
-
-
-def _turn_to_earth(
-    whole: Samples, heading_deg: Floats, looks_up: Bools, applied_deg: float
-) -> tuple[Floats, Floats, Floats]:
-    """Rotate velocities to magnetic (east, north, up), (n, m) m/s; earth velocities by the applied declination only."""
-    if whole.up is not None:
-        east, north = whole.velocity[..., 0], whole.velocity[..., 1]
-        return *(angles.turn(east, north, -applied_deg) if applied_deg else (east, north)), whole.up
-    side = np.where(looks_up, -1.0, 1.0)[:, None]
-    level = compass.levelling(whole.pitch_deg, whole.roll_deg)  # in axes forward, starboard, down
-    axes = _map_beams(whole, level, side) if whole.beams_to_axes else whole.velocity
-    return turn_axes(axes, level, side, heading_deg)
+    counts = samples.counts | {
+        "samples": n,
+        "records": len(packets.kind),
+        "damaged": packets.damaged,
+        "bytes_skipped": packets.bytes_skipped,
+        "bytes_total": packets.data.size,
+        "bad_dates": undated,
+        "lost": int(np.maximum(np.rint(across / usual) - 1, 0).sum()) if usual > 0.0 else 0,
+        "orientation_disagrees": int(np.sum(samples.looks_up != up)),
+        "heading_missing": int(np.isnan(heading).sum()),
+    }
+    field = {} if samples.magnetometer is None else dict(zip(MAGNETOMETER, samples.magnetometer.T, strict=True))
+    same = ["pitch_deg", "roll_deg", "pressure_dbar", "temperature_c", "supply_voltage"]
+    same += ["quality", "heading_quality", "beam_angle_deg", "model"]
+    return new_record(
+        samples.time_s,
+        east,
+        north,
+        **{name: getattr(samples, name) for name in same},
+        bin_range_m=np.array(samples.bin_range_m),
+        heading_deg=heading,
+        looks_up=up,
+        heading_bias_deg=inside.heading,
+        velocity_bias_deg=inside.heading if samples.up is None else inside.velocity,
+        serial_number=serial,
+        manufacturer="Nortek",
+        profiles={"up": upward.astype(np.float32), **samples.profiles},
+        recorded_in=Coordinates(samples.recorded).name.lower(),
+        bins_mapped=bool(samples.beams_to_axes),
+        channels=field,
+        channel_units=dict.fromkeys(field, "count"),
+        counts=counts,
+        warnings=(*_describe_file(packets, counts), *samples.notes, *_describe_settings(samples, counts, stated, up)),
+    )
 
 
 def turn_axes(axes: Floats, level: Floats, side: Floats, heading_deg: Floats) -> tuple[Floats, Floats, Floats]:
@@ -335,10 +284,10 @@ def turn_axes(axes: Floats, level: Floats, side: Floats, heading_deg: Floats) ->
     return *angles.turn(starboard, forward, heading_deg[:, None]), -down
 
 
-def _map_beams(whole: Samples, level: Floats, side: Floats) -> Floats:
+def _map_beams(samples: Samples, level: Floats, side: Floats) -> Floats:
     """Map beam velocities to the bin depths of a level instrument and convert them to x, y and z, (n, m, 3) m/s."""
-    matrix, ranges = np.array(whole.beams_to_axes), np.array(whole.bin_range_m)
-    beams = whole.velocity
+    matrix, ranges = np.array(samples.beams_to_axes), np.array(samples.bin_range_m)
+    beams = samples.velocity
     if len(ranges) > 1:
         directions = np.linalg.pinv(matrix)  # (k, 3) of the beams in x, y, z
         turned = directions[:, None] * np.concatenate([np.ones_like(side), side, side], axis=1)
@@ -352,36 +301,34 @@ def _map_beams(whole: Samples, level: Floats, side: Floats) -> Floats:
     return beams @ matrix.T
 
 
-def _describe_files(files: Sequence[tuple[Packets, Samples]]) -> Iterator[str]:
-    for packets, samples in files:
-        name, counts = packets.path.name, samples.counts
-        if packets.escaped:
-            yield f"{name} {ESCAPES_UNDONE}; places are those of the bytes after that."
-        if packets.skipped:
-            yield (
-                f"{name}: {packets.bytes_skipped} of {packets.data.size} bytes belong to no good record and were "
-                f"skipped; {packets.damaged} places in them begin like a record and fail its checksum, and by their "
-                f"times {counts['lost']} samples are lost."
-            )
-            yield f"{name}: skipped bytes {list_some([f'{first} to {last}' for first, last in packets.skipped])}."
-        if counts["bad_dates"]:
-            yield f"{name}: {counts['bad_dates']} good samples have an impossible date and were left out."
-        yield from samples.notes
+def _describe_file(packets: Packets, counts: Mapping[str, int]) -> Iterator[str]:
+    name = packets.path.name
+    if packets.escaped:
+        yield f"{name} {ESCAPES_UNDONE}; places are those of the bytes after that."
+    if packets.skipped:
+        yield (
+            f"{name}: {packets.bytes_skipped} of {packets.data.size} bytes belong to no good record and were "
+            f"skipped; {packets.damaged} places in them begin like a record and fail its checksum, and by their "
+            f"times {counts['lost']} samples are lost."
+        )
+        yield f"{name}: skipped bytes {list_some([f'{first} to {last}' for first, last in packets.skipped])}."
+    if counts["bad_dates"]:
+        yield f"{name}: {counts['bad_dates']} good samples have an impossible date and were left out."
 
 
 def _describe_settings(
-    whole: Samples, counts: dict[str, int], stated: AppliedDeclination | None, up: bool
+    samples: Samples, counts: Mapping[str, int], stated: AppliedDeclination | None, up: bool
 ) -> Iterator[str]:
-    n = len(whole.time_s)
-    if stated is None and whole.declination_deg:
-        yield f"The declination of {whole.declination_deg:g} degrees that was set was taken out of the headings."
-    elif stated is not None and {*stated} != {whole.declination_deg}:
-        says = f"the file tells {whole.declination_deg:g}" if whole.declination_deg else "the file tells none"
+    n, inside = len(samples.time_s), samples.declination_deg
+    if stated is None and inside:
+        yield f"The declination of {inside:g} degrees that was set was taken out of the headings."
+    elif stated is not None and {*stated} != {inside}:
+        says = f"the file tells {inside:g}" if inside else "the file tells none"
         yield f"declination_applied of {stated} degrees was taken out of the headings; {says}."
     if counts["orientation_disagrees"] > STRAY * n:
         word, other = ("up", "down") if up else ("down", "up")
-        effect = " though its velocities are turned already" if whole.recorded == Coordinates.EARTH else ""
+        effect = " though its velocities are turned already" if samples.recorded == Coordinates.EARTH else ""
         yield f"{counts['orientation_disagrees']} of {n} samples say that it looked {other}; {word} counts{effect}."
     if counts["heading_missing"]:
         yield f"{counts['heading_missing']} of {n} samples have no valid heading."
-    yield from describe_averages(whole.average_s, whole.time_s)
+    yield from describe_averages(samples.average_s, samples.time_s)

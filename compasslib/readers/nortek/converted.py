@@ -95,7 +95,6 @@ def decode(header: Path) -> Samples:
         quality=np.where(np.isnan(velocity).any(axis=-1), MISSING, flags[:, None]).astype(np.int8),
         heading_quality=np.where((failed & 1 > 0) | (status & 12 > 0), BAD, GOOD).astype(np.int8),
         looks_up=status & 1 == 0,
-        sideways=np.zeros(table.rows, dtype=bool),
         bin_range_m=ranges,
         recorded=system,
         beam_angle_deg=0.0 if velocities else SLANT_DEG,

@@ -176,11 +176,11 @@ class Samples:
     quality: Flags  # (n, m) OceanSITES flags of velocities
     heading_quality: Flags  # (n,) OceanSITES flags of headings
     looks_up: Bools  # (n,) as the instrument states
-    sideways: Bools  # (n,) whether the instrument lay on its side, as it states
     bin_range_m: tuple[float, ...]  # (m,) vertical distance from the head; 0 for a point meter
     recorded: int  # of ``Coordinates``
     beam_angle_deg: float  # from the vertical; 0 for a point meter
     serial: str
+    sideways: Bools | None = None  # (n,) whether the instrument lay on its side, if it states that
     model: str = ""  # empty if the file does not state it
     declination_deg: float = 0.0  # declination that the instrument added to its headings
     beams_to_axes: tuple[tuple[float, ...], ...] = ()  # matrix from beams to x, y, z; empty unless in beam coordinates

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import Any
 
@@ -20,7 +19,6 @@ from compasslib.readers.files import MISSING_COUNT, block_type
 from compasslib.readers.nortek import packets as records
 from compasslib.readers.nortek.packets import (
     SLANT_DEG,
-    Bytes,
     Coordinates,
     Packets,
     Places,
@@ -52,8 +50,9 @@ class Has(IntFlag):
     PERCENT_GOOD = 0x2000
 
 
-# Optional blocks before percent good: bit and size in bytes (None: variable).
-BLOCKS = ((0x0100, 8), (0x0400, 20), (0x0200, None), (0x0800, None), (0x1000, 64))
+ADVICE = "export its velocities, or give them as a table"
+# Blocks between the profiles and percent good: bit and size in bytes (None: any; not in averages).
+BLOCKS: tuple[tuple[int, int | None], ...] = ((0x0100, 8), (0x0400, 20), (0x0200, None), (0x0800, None), (0x1000, 64))
 _HEAD = block_type(
     format=(0, "u1"), offset=(1, "u1"), configuration=(2, "<u2"), serial=(4, "<u4"), clock=(8, "6u1"),
     fraction=(14, "<u2"), temperature=(18, "<i2"), pressure=(20, "<u4"), heading=(24, "<u2"), pitch=(26, "<i2"),
@@ -61,15 +60,6 @@ _HEAD = block_type(
     magnetometer=(40, "3<i2"), scale=(58, "i1"), status=(68, "<u4"), ensemble=(72, "<u4"),
 )  # fmt: skip
 _SAME = (0, 1, 2, 3, 30, 31, 32, 33, 34, 35)  # offsets of bytes that are equal within one configuration
-
-
-@dataclass(frozen=True)
-class _Layout:
-    offset: int  # byte offset of the velocities
-    cells: int
-    beams: int
-    coordinates: int  # of ``Coordinates``
-    configuration: int
 
 
 def decode(packets: Packets) -> Samples:
@@ -84,40 +74,53 @@ def decode(packets: Packets) -> Samples:
     kind = next((kind for kind in (Kind.AVERAGE, Kind.BURST) if (packets.kind == kind).any()), None)
     if kind is None:
         there = ", ".join(f"{k:02X}" for k in np.unique(packets.kind).tolist())
-        advice = "export its velocities, or give them as a table"
-        raise InputError(str(packets.path), expected="averages or bursts", found=f"records {there}", advice=advice)
+        raise InputError(str(packets.path), expected="averages or bursts", found=f"records {there}", advice=ADVICE)
     mine = _most_frequent_configuration(packets, of_kind := np.flatnonzero(packets.kind == kind))
     rows = packets.rows(mine)
     head = np.ascontiguousarray(rows[:, : _HEAD.itemsize]).view(_HEAD)[:, 0]
-    layout = _layout(packets, rows, head[0])
-    raw = _velocity(rows, layout, head["scale"])
-    matrix = (
-        _matrix(text, "AVG" if kind == Kind.AVERAGE else "BURST") if layout.coordinates == Coordinates.BEAM else None
-    )
-    if layout.coordinates == Coordinates.BEAM and (matrix is None or matrix.shape[1] != layout.beams):
-        expected = f"the matrix of its {layout.beams} beams among the text records (GETXFAVG, GETXFBURST)"
+    bits, holds, start = (int(head[name][0]) for name in ("layout", "configuration", "offset"))
+    cells, coordinates, beams = bits & 1023, bits >> 10 & 3, bits >> 12
+    counts_of = [name for name, bit in (("echo", Has.AMPLITUDE), ("correlation", Has.CORRELATION)) if holds & bit]
+    places = [start + (2 + k) * beams * cells for k in range(len(counts_of) + 1)]  # behind the velocities
+    fits = start >= _HEAD.itemsize and places[-1] <= rows.shape[1] and bool(holds & Has.VELOCITY)
+    if head["format"][0] != 3 or beams not in (3, 4) or coordinates > 2 or not cells or not fits:
+        expected = "velocities in data format 3 of three or four beams"
+        shown = f"data format {head['format'][0]}, {beams} beams, {cells} cells"
+        raise InputError(str(packets.path), expected=expected, found=shown, advice=ADVICE)
+    counts = np.ascontiguousarray(rows[:, start : places[0]]).view("<i2").reshape(len(rows), beams, cells)
+    raw = counts / 10.0 ** -head["scale"].astype(float)[:, None, None]
+    raw[counts == MISSING_COUNT] = np.nan
+    raw = np.moveaxis(raw, 1, 2)
+    profiles = {name: records.by_beam(rows, at, beams, cells) for name, at in zip(counts_of, places, strict=False)}
+    between = [size for bit, size in BLOCKS if holds & bit]
+    if holds & Has.PERCENT_GOOD and None not in between:
+        place = places[-1] + sum(size or 0 for size in between)
+        profiles |= {"percent_good": rows[:, place : place + cells].copy()} if place + cells <= rows.shape[1] else {}
+    section = "AVG" if kind == Kind.AVERAGE else "BURST"
+    matrix = _matrix(text, section) if coordinates == Coordinates.BEAM else None
+    if coordinates == Coordinates.BEAM and (matrix is None or matrix.shape[1] != beams):
+        expected = f"the matrix of its {beams} beams among the text records (GETXFAVG, GETXFBURST)"
         shown = "none" if matrix is None else f"one of {matrix.shape[1]}"
         advice = "take the instrument's own file from its first byte on"
         raise InputError(str(packets.path), expected=expected, found=shown, advice=advice)
-    velocity = raw[..., :2] if layout.coordinates == Coordinates.EARTH else raw
-    if layout.coordinates == Coordinates.INSTRUMENT:
-        velocity = raw @ records.axes_of(np.eye(layout.beams)).T
+    velocity = raw[..., :2] if coordinates == Coordinates.EARTH else raw
+    if coordinates == Coordinates.INSTRUMENT:
+        velocity = raw @ records.axes_of(np.eye(beams)).T
     others = int(np.sum((packets.kind != kind) & (packets.kind != Kind.TEXT)))
-    profiles = _profiles(rows, layout)
     bad = np.zeros(velocity.shape[:2], dtype=bool)
     if "correlation" in profiles:
         bad |= profiles["correlation"].min(axis=2) < 50  # percent, recommended by Nortek
     if "percent_good" in profiles:
         bad |= profiles["percent_good"] < LEAST_PERCENT_GOOD
     flags = np.where(np.isnan(velocity).any(axis=-1), MISSING, np.where(bad, BAD, GOOD)).astype(np.int8)
-    counts = {"other_configurations": len(of_kind) - len(mine), "other_kinds": others}
+    left_out = {"other_configurations": len(of_kind) - len(mine), "other_kinds": others}
     return Samples(
         offset=packets.start[mine],
         **_sensors(head),
         velocity=velocity,
         quality=flags,
-        bin_range_m=_ranges(head[0], layout.cells),
-        recorded=layout.coordinates,
+        bin_range_m=_ranges(head[0], cells),
+        recorded=coordinates,
         beam_angle_deg=_setting(text, "BEAMCFGLIST", "THETA", SLANT_DEG),
         serial=str(head["serial"][0] or ""),
         model=next(iter(re.findall(r'^ID,.*?\bSTR="([^"]+)"', text, re.MULTILINE)), ""),
@@ -125,10 +128,10 @@ def decode(packets: Packets) -> Samples:
         beams_to_axes=tuple(map(tuple, records.axes_of(matrix).tolist())) if matrix is not None else (),
         average_s=_setting(text, "GETAVG", "AI", 0.0) if kind == Kind.AVERAGE else 0.0,
         magnetometer=head["magnetometer"] * 1.0,
-        up=raw[..., 2:].mean(axis=-1) if layout.coordinates == Coordinates.EARTH else None,
+        up=raw[..., 2:].mean(axis=-1) if coordinates == Coordinates.EARTH else None,
         profiles=profiles,
-        counts=counts,
-        notes=tuple(_notes(packets, kind, counts, "GETUSER," in text)),
+        counts=left_out,
+        notes=tuple(_notes(packets, kind, left_out, "GETUSER," in text)),
     )
 
 
@@ -151,35 +154,11 @@ def _most_frequent_configuration(packets: Packets, at: Places) -> Places:
     size = packets.end[at] - packets.begin[at]
     long = at[size >= _HEAD.itemsize]
     if not len(long):
-        advice = "export its velocities, or give them as a table"
-        raise InputError(str(packets.path), expected="velocity records", found="shorter ones", advice=advice)
+        raise InputError(str(packets.path), expected="velocity records", found="shorter ones", advice=ADVICE)
     same = packets.data[packets.begin[long][:, None] + np.array(_SAME)]
     key = np.column_stack([same, (packets.end[long] - packets.begin[long])[:, None].view(np.uint8)])
     _, which, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
     return long[which.ravel() == count.argmax()]
-
-
-def _layout(packets: Packets, rows: Bytes, head: Any) -> _Layout:
-    bits = int(head["layout"])
-    layout = _Layout(int(head["offset"]), bits & 1023, bits >> 12, bits >> 10 & 3, int(head["configuration"]))
-    expected = "velocities in data format 3 of three or four beams"
-    shown = f"data format {head['format']}, {layout.beams} beams, {layout.cells} cells"
-    each = 2 + bool(layout.configuration & Has.AMPLITUDE) + bool(layout.configuration & Has.CORRELATION)
-    needed = layout.offset + each * layout.beams * layout.cells
-    fits = needed <= rows.shape[1] and layout.offset >= _HEAD.itemsize
-    whole = fits and bool(layout.configuration & Has.VELOCITY) and layout.cells > 0 and layout.coordinates < 3
-    if head["format"] != 3 or layout.beams not in (3, 4) or not whole:
-        advice = "export its velocities, or give them as a table"
-        raise InputError(str(packets.path), expected=expected, found=shown, advice=advice)
-    return layout
-
-
-def _velocity(rows: Bytes, layout: _Layout, scale: Any) -> Floats:
-    stop = layout.offset + 2 * layout.beams * layout.cells
-    counts = np.ascontiguousarray(rows[:, layout.offset : stop]).view("<i2").reshape(len(rows), layout.beams, -1)
-    velocity = counts / 10.0 ** -scale.astype(float)[:, None, None]
-    velocity[counts == MISSING_COUNT] = np.nan
-    return np.moveaxis(velocity, 1, 2)
 
 
 def _sensors(head: Any) -> dict[str, Any]:
@@ -210,24 +189,6 @@ def _ranges(head: Any, cells: int) -> tuple[float, ...]:
     """Compute the distances of bin centres, metres: blanking plus bin size times the bin number from 1."""
     blanking = float(head["blanking"]) / (100.0 if head["status"] & 2 else 1000.0)  # centimetres or millimetres
     return tuple((blanking + float(head["cell"]) / 1000.0 * (1.0 + np.arange(cells))).tolist())
-
-
-def _profiles(rows: Bytes, layout: _Layout) -> dict[str, Bytes]:
-    """Extract amplitude, correlation and percent good, as far as the records hold them."""
-    each = layout.beams * layout.cells
-    profiles, at = {}, layout.offset + 2 * each
-    for name, bit in (("echo", Has.AMPLITUDE), ("correlation", Has.CORRELATION)):
-        if layout.configuration & bit:
-            profiles[name] = records.by_beam(rows, at, layout.beams, layout.cells)
-            at += each
-    for block, size in BLOCKS:
-        if layout.configuration & block:
-            if size is None:  # raw echoes: size stated in the block, does not occur in averages
-                return profiles
-            at += size
-    if layout.configuration & Has.PERCENT_GOOD and at + layout.cells <= rows.shape[1]:
-        profiles["percent_good"] = rows[:, at : at + layout.cells].copy()
-    return profiles
 
 
 def _notes(packets: Packets, kind: Kind, counts: dict[str, int], states_declination: bool) -> Iterator[str]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -18,25 +19,26 @@ from numpy.typing import NDArray
 
 from compasslib.earthfield import parse_applied_declination
 from compasslib.errors import InputError
-from compasslib.readers.files import refuse_mostly_damaged
+from compasslib.readers import files
 from compasslib.readers.pd0 import checks, currents, fields
-from compasslib.readers.pd0.checks import FileReport
 from compasslib.readers.pd0.currents import Settings
-from compasslib.readers.pd0.fields import COUNTS, Coordinates, Ensembles, GrowableArrays
-from compasslib.readers.pd0.frames import Skipped, is_escaped, iter_chunks
+from compasslib.readers.pd0.fields import COUNTS, DROPPED, Coordinates, Ensembles
+from compasslib.readers.pd0.frames import batches, find_ensembles
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Record
 from compasslib.types import Floats
 
+Columns = dict[str, NDArray[Any]]  # by name, (n, m, ...) each
+
 
 @dataclass(frozen=True, eq=False)
-class _ChunkCurrents:
-    """Results of a chunk that are needed for the record, apart from its currents and profiles."""
+class _File:
+    """Content of one file, in batches."""
 
-    leaders: Ensembles  # without profiles
-    echo_range_m: Floats  # (n, 2) see ``echo_ranges``
-    echo_near: Floats  # (n,) mean echo of the two nearest bins, counts; low where scatterers are few
-    three_beam: int  # number of currents solved from three beams
-    has_percent_good: bool
+    leaders: list[Ensembles]  # without profiles
+    columns: list[Columns]  # profiles of the record
+    echo: list[Columns]  # "ranges", see ``echo_ranges``; "near": mean of the two nearest bins, low where water is clear
+    counts: dict[str, int]
+    warnings: tuple[str, ...]
 
 
 def decode(path: str | Path) -> Ensembles:
@@ -45,10 +47,11 @@ def decode(path: str | Path) -> Ensembles:
     Raises:
         InputError: the file cannot be read or holds no ensemble with velocities.
     """
-    parts = [fields.decode_runs(chunk.runs) for chunk in iter_chunks(path)]
-    ensembles = fields.concatenate([part for part, _ in parts])
-    _refuse_empty(path, len(ensembles), sum((dropped for _, dropped in parts), Counter[str]()))
-    return ensembles
+    runs, _, _ = find_ensembles(path)
+    decoded = [fields.decode_runs(batch) for batch in batches(runs)]
+    parts = [part for part, _ in decoded if part]
+    _refuse_empty(path, sum(map(len, parts)), sum((dropped for _, dropped in decoded), Counter[str]()))
+    return fields.concatenate(parts)
 
 
 def read(
@@ -80,17 +83,9 @@ def read(
     if orientation not in (None, "up", "down"):
         shown, advice = repr(orientation), "write orientation: up"
         raise InputError("orientation", expected="up or down", found=shown, advice=advice)
-
-    def first_time(path: Path) -> float:
-        parts = (fields.decode_runs(chunk.runs)[0] for chunk in iter_chunks(path))
-        return next((float(ensembles.time_s[0]) for ensembles in parts if len(ensembles)), np.inf)
-
     # The files may be listed in any order.
-    ordered = sorted(paths, key=first_time) if len(paths) > 1 else paths
-    where = ", ".join(map(str, paths))
-    arrays = GrowableArrays(where, sum(Path(path).stat().st_size for path in paths if Path(path).is_file()))
-    files = [_read_file(path, settings, arrays) for path in ordered]
-    return _record([part for parts, _ in files for part in parts], arrays, [report for _, report in files], settings)
+    content = sorted((_read_file(path, settings) for path in paths), key=lambda file: float(file.leaders[0].time_s[0]))
+    return _record(", ".join(map(str, paths)), content, settings)
 
 
 def echo_ranges(ensembles: Ensembles, boundary: int = 50, heard: int = 15) -> Floats:
@@ -130,8 +125,7 @@ def _refuse_empty(path: str | Path, count: int, dropped: Counter[str]) -> None:
         raise InputError(str(path), expected=expected, found=shown, advice=checks.FOUR)
     if count:
         return
-    with Path(path).open("rb") as file:
-        beginning = file.read(16)
+    beginning = files.read_bytes(path)[:16]
     shown = f"a file that begins with {beginning!r}" if beginning else "an empty file"
     if dropped:
         shown = f"{dropped.total()} ensembles without velocities or with impossible dates"
@@ -139,78 +133,96 @@ def _refuse_empty(path: str | Path, count: int, dropped: Counter[str]) -> None:
     raise InputError(str(path), expected="PD0 ensembles (7F 7F) with velocities", found=shown, advice=advice)
 
 
-def _read_file(path: str | Path, settings: Settings, arrays: GrowableArrays) -> tuple[list[_ChunkCurrents], FileReport]:
-    """Read one file chunk by chunk, freeing the profiles of each chunk before the next one is read."""
-    parts: list[_ChunkCurrents] = []
-    dropped, skipped, intact_bytes, begin = Counter[str](), list[Skipped](), 0, len(arrays)
-    for chunk in iter_chunks(path):
-        ensembles, left_out = fields.decode_runs(chunk.runs)
-        size = sum(run.rows.size for run in chunk.runs)
+def _read_file(path: Path, settings: Settings) -> _File:
+    """Read one file in batches, of which only the profiles that a record has are kept."""
+    runs, skipped, escaped = find_ensembles(path)
+    size, widest, dropped = Path(path).stat().st_size, 0, Counter[str]()
+    content = _File([], [], [], {"three_beam": 0, "ensembles": 0}, ())
+    counts = content.counts
+    for batch in batches(runs):
+        ensembles, left_out = fields.decode_runs(batch)
         dropped += left_out
-        intact_bytes += size
-        skipped += chunk.skipped
-        if len(ensembles):
-            checks.refuse_alignment(str(path), ensembles, settings.heading_alignment)
-            is_earth = bool((ensembles.coordinates == Coordinates.EARTH).all())
-            checks.refuse_rotation(str(path), settings.declination_applied, is_earth=is_earth)
-            parts.append(_turn_chunk(ensembles, size, settings, arrays))
-    leaders = fields.concatenate([part.leaders for part in parts])
-    _refuse_empty(path, len(leaders), dropped)
-    damaged, whole = sum(each.failed for each in skipped), len(leaders) + dropped.total()
-    refuse_mostly_damaged(path, "PD0 ensembles", damaged=damaged, whole=whole)
-    if not any(part.has_percent_good for part in parts):
+        if ensembles is None:
+            continue
+        checks.refuse_alignment(str(path), ensembles, settings.heading_alignment)
+        is_earth = bool((ensembles.coordinates == Coordinates.EARTH).all())
+        checks.refuse_rotation(str(path), settings.declination_applied, is_earth=is_earth)
+        east, north, up, error, three_beam = currents.compute_currents(ensembles, settings)
+        columns = {"east": east, "north": north, "quality": currents.flag_currents(ensembles, east, north)}
+        columns |= {"up": up.astype(np.float32), "error_velocity": error.astype(np.float32)}
+        columns |= {name: getattr(ensembles, name) for name in COUNTS}
+        near = ensembles.echo[:, :2].astype(float)
+        near = np.where(near.any(axis=(1, 2)), near.mean(axis=(1, 2)), np.nan)
+        none, no_bytes = np.empty((len(ensembles), 0, 4)), np.empty((len(ensembles), 0, 4), np.uint8)
+        content.leaders.append(
+            replace(ensembles, velocity=none, correlation=no_bytes, echo=no_bytes, percent_good=no_bytes)
+        )
+        content.columns.append(columns)
+        content.echo.append({"ranges": echo_ranges(ensembles), "near": near})
+        counts["three_beam"] += three_beam
+        counts["ensembles"] += len(ensembles)
+        widest = max(widest, east.shape[1])
+        _refuse_padding(str(path), columns, counts["ensembles"], widest, size)
+    _refuse_empty(path, counts["ensembles"], dropped)
+    failed, whole = sum(each.failed for each in skipped), counts["ensembles"] + dropped.total()
+    files.refuse_mostly_damaged(path, "PD0 ensembles", damaged=failed, whole=whole)
+    if not any(columns["percent_good"].any() for columns in content.columns):
         # An all-zero percent-good block was never filled, and says nothing about the velocities.
-        flags = arrays["quality"][begin:]
-        flags[flags == BAD] = GOOD
-    return parts, FileReport(
-        path=str(path),
-        bytes_total=intact_bytes + sum(each.length for each in skipped),
-        ensembles=len(leaders),
-        dropped=dropped,
-        three_beam=sum(part.three_beam for part in parts),
-        lost=checks.count_lost_ensembles(leaders.offset, leaders.number, skipped),
-        skipped=tuple(skipped),
-        escaped=is_escaped(path),
-    )
+        for columns in content.columns:
+            columns["quality"][columns["quality"] == BAD] = GOOD
+    counts |= {reason: dropped[reason] for reason in DROPPED}
+    counts["damaged"] = sum(each.damaged for each in skipped)
+    counts["bytes_skipped"] = sum(each.length for each in skipped)
+    counts["bytes_total"] = counts["bytes_skipped"] + sum(run.rows.size for run in runs)
+    # Count the ensembles lost where bytes were skipped, from the numbers of the intact ensembles around them.
+    offset, number = (np.concatenate([getattr(x, name) for x in content.leaders]) for name in ("offset", "number"))
+    after = np.searchsorted(offset, [each.offset for each in skipped])
+    inside = after[(after > 0) & (after < len(offset))]
+    gaps = number[inside] - number[inside - 1] - 1
+    # Decreasing numbers mark the start of a new recording, where the loss is unknown.
+    counts["lost"] = int(gaps[gaps > 0].sum())
+    return replace(content, warnings=tuple(checks.describe_file(Path(path).name, counts, skipped, escaped=escaped)))
 
 
-def _turn_chunk(ensembles: Ensembles, size: int, settings: Settings, arrays: GrowableArrays) -> _ChunkCurrents:
-    flow = currents.compute_currents(ensembles, settings)
-    quality = currents.flag_currents(ensembles, flow.east, flow.north)
-    columns = {"east": flow.east, "north": flow.north, "quality": quality}
-    columns |= {"up": flow.up.astype(np.float32), "error_velocity": flow.error.astype(np.float32)}
-    arrays.add(columns | {name: getattr(ensembles, name) for name in COUNTS}, {"quality": MISSING}, size)
-    near = ensembles.echo[:, :2].astype(float)
-    none, no_bytes = np.empty((len(ensembles), 0, 4)), np.empty((len(ensembles), 0, 4), np.uint8)
-    return _ChunkCurrents(
-        leaders=replace(ensembles, velocity=none, correlation=no_bytes, echo=no_bytes, percent_good=no_bytes),
-        echo_range_m=echo_ranges(ensembles),
-        echo_near=np.where(near.any(axis=(1, 2)), near.mean(axis=(1, 2)), np.nan),
-        three_beam=flow.three_beam,
-        has_percent_good=bool(ensembles.percent_good.any()),
-    )
+def _refuse_padding(where: str, columns: Columns, count: int, cells: int, size: int) -> None:
+    """Reject profiles whose arrays, padded to the widest, would take far more memory than the size of the files."""
+    each = sum(part.dtype.itemsize * prod(part.shape[2:]) for part in columns.values())
+    files.refuse_large_arrays(where, count * cells * each, size, cells)
 
 
-def _record(
-    parts: Sequence[_ChunkCurrents], arrays: GrowableArrays, reports: Sequence[FileReport], settings: Settings
-) -> Record:
-    leaders = fields.concatenate([part.leaders for part in parts])
-    where = ", ".join(report.path for report in reports)
+def _record(where: str, content: Sequence[_File], settings: Settings) -> Record:
+    leaders = fields.concatenate([part for file in content for part in file.leaders])
+    counts = {key: sum(file.counts[key] for file in content) for key in content[0].counts}
     checks.refuse_mixed(where, leaders)
-    serial = checks.serial_number(where, leaders, settings.serial_number)
+    written = str(next(iter(checks.frequent_numbers(leaders.serial)), ""))
+    serial = checks.match_serial_number(where, written, settings.serial_number)
+    batched = [columns for file in content for columns in file.columns]
+    cells = int(leaders.cells.max())
+    _refuse_padding(where, batched[0], len(leaders), cells, counts["bytes_total"])
+    # The pieces of each column are freed before the next one is stacked.
+    arrays = {
+        name: fields.stack_padded([columns.pop(name) for columns in batched], MISSING if name == "quality" else 0)
+        for name in [*batched[0]]
+    }
+    echo = {name: np.concatenate([part[name] for file in content for part in file.echo]) for name in ("ranges", "near")}
     flags, strays, notes = checks.flag_strays(leaders)
     sound = currents.correct_sound_speed(leaders, settings.sound_speed)
     notes += [sound.sentence] if sound.sentence else []
     velocity_flags = np.where(sound.doubtful, np.maximum(flags, PROBABLY_GOOD), flags)
     for name in ("east", "north", "up", "error_velocity"):
-        velocity = arrays[name]
-        velocity *= sound.factor[:, None]
+        arrays[name] *= sound.factor[:, None]
     heading = currents.magnetic_heading(leaders, settings)
-    known = {"velocities": int(np.isfinite(arrays["east"]).sum())}
-    counts = checks.summarize_counts(reports, leaders, heading, settings) | strays | known | sound.counts
+    looks_up = checks.mostly_looks_up(leaders, settings)
+    counts |= strays | {
+        "velocities": int(np.isfinite(arrays["east"]).sum()),
+        "orientation_disagrees": int(np.sum(leaders.looks_up != looks_up)),
+        "heading_missing": int(np.isnan(heading).sum()),
+        "configurations": checks.count_configurations(leaders),
+        "sound_speed_corrected": int(np.sum(sound.factor != 1.0)),
+        "sound_speed_doubtful": int(sound.doubtful.sum()),
+    }
     codes = np.unique(leaders.coordinates)
     # Distances of the bins, (n, m) metres, NaN beyond the last bin of an ensemble.
-    cells = int(leaders.cells.max())
     # With a single configuration all ensembles share one row.
     same = all(np.ptp(column) == 0.0 for column in (leaders.bin1_m, leaders.cell_m, leaders.cells))
     rows = slice(1) if same else slice(None)
@@ -232,7 +244,7 @@ def _record(
         channels={
             "transmit_current": leaders.transmit_current,
             "heading_spread": leaders.heading_spread_deg,
-            "echo": np.concatenate([part.echo_near for part in parts]),
+            "echo": echo["near"],
         },
         channel_units={"transmit_current": "count", "heading_spread": "degree", "echo": "count"},
         profiles=_profiles(arrays, leaders),
@@ -240,20 +252,25 @@ def _record(
         recorded_in=Coordinates(codes[0]).name.lower() if len(codes) == 1 else "several",
         quality=np.maximum(arrays["quality"], velocity_flags[:, None]),
         heading_quality=np.where(np.isnan(heading), MISSING, flags).astype(np.int8),
-        looks_up=checks.mostly_looks_up(leaders, settings),
+        looks_up=looks_up,
         beam_angle_deg=_most_frequent(leaders.beam_angle_deg),
         direction_reference="magnetic",
         heading_bias_deg=_most_frequent(currents.heading_bias(leaders, settings)),
         velocity_bias_deg=_most_frequent(currents.velocity_bias(leaders, settings)),
         serial_number=serial,
-        echo_range_m=np.concatenate([part.echo_range_m for part in parts]) * sound.range_factor,
+        echo_range_m=echo["ranges"] * sound.range_factor,
         counts=counts,
         sound_speed=sound.sentence,
-        warnings=(*checks.describe_reading(reports, leaders, counts, settings), *notes),
+        warnings=(
+            *(line for file in content for line in file.warnings),
+            *checks.describe_headings(leaders, settings),
+            *checks.describe_configuration(leaders, counts, settings),
+            *notes,
+        ),
     )
 
 
-def _profiles(arrays: GrowableArrays, leaders: Ensembles) -> dict[str, NDArray[Any]]:
+def _profiles(arrays: Columns, leaders: Ensembles) -> dict[str, NDArray[Any]]:
     """Collect the profiles recorded with the velocities, without all-zero ones; -1 where an ensemble lacks counts."""
     profiles = {name: arrays[name] for name in ("up", "error_velocity")}
     beyond = np.arange(arrays["east"].shape[1]) >= leaders.cells[:, None]

@@ -8,22 +8,20 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.earthfield import AppliedDeclination
-from compasslib.errors import InputError
+from compasslib.errors import InputError, applicable
 from compasslib.readers import files
 from compasslib.readers.pd0.currents import Settings, looks_up
 from compasslib.readers.pd0.fields import DROPPED, STRAY, Coordinates, Ensembles
-from compasslib.readers.pd0.frames import Places, Skipped
+from compasslib.readers.pd0.frames import Skipped
 from compasslib.readers.times import describe_averages
 from compasslib.records import BAD, GOOD, PROBABLY_BAD, Flags
-from compasslib.types import DAY_S, Bools, Floats
+from compasslib.types import DAY_S, Floats
 
 ADVICE = "give each recording as a file of its own"
 FOUR = "export its four slanted beams, or give the velocities as a table"
@@ -36,7 +34,7 @@ def refuse_mixed(where: str, leaders: Ensembles) -> None:
         InputError: there are more of the second kind than a share STRAY.
     """
     for name, numbers in (("serial number", leaders.serial), ("processor board", leaders.board)):
-        several = _frequent_numbers(numbers)
+        several = frequent_numbers(numbers)
         if len(several) > 1:
             shown = " and ".join(f"{name} {number} in {count}" for number, count in several.items())
             advice = f"name one instrument's files only, or {ADVICE}"
@@ -84,11 +82,6 @@ def refuse_rotation(where: str, stated: AppliedDeclination | None, *, is_earth: 
         raise InputError(f"{where}: declination_applied", expected=expected, found=stated, advice="correct it")
 
 
-def serial_number(where: str, leaders: Ensembles, stated: str | None) -> str:
-    """Determine the instrument's serial number, empty if the file states none; see ``match_serial_number``."""
-    return match_serial_number(where, str(next(iter(_frequent_numbers(leaders.serial)), "")), stated)
-
-
 def match_serial_number(where: str, recorded: str, stated: str | None) -> str:
     """Compare a file's serial number, possibly empty, with that of the metadata, ignoring letters around the digits.
 
@@ -102,19 +95,13 @@ def match_serial_number(where: str, recorded: str, stated: str | None) -> str:
     return recorded
 
 
-def _frequent_numbers(numbers: NDArray[np.int64]) -> dict[int, int]:
+def frequent_numbers(numbers: NDArray[np.int64]) -> dict[int, int]:
     """Count the nonzero numbers that occur too often to be damage, in descending order of frequency.
 
     Values that differ from ensemble to ensemble are not numbers of an instrument.
     """
     most = Counter(numbers[numbers != 0].tolist()).most_common()
     return {number: count for number, count in most if count > max(1.0, STRAY * len(numbers))}
-
-
-def _has_other_number(numbers: NDArray[np.int64]) -> Bools:
-    """Flag ensembles with a serial or board number other than the usual one of the recording, (n,)."""
-    usual = next(iter(_frequent_numbers(numbers)), 0)
-    return (numbers != 0) & (numbers != usual) & (usual != 0)
 
 
 def flag_strays(leaders: Ensembles) -> tuple[Flags, dict[str, int], list[str]]:
@@ -139,9 +126,12 @@ def flag_strays(leaders: Ensembles) -> tuple[Flags, dict[str, int], list[str]]:
 
 def _number_kinds(leaders: Ensembles) -> NDArray[np.int64]:
     """Label ensembles by instrument, (n,): number, frequency, beams, and the usual orientation of each bin layout."""
-    angle = np.nan_to_num(leaders.beam_angle_deg)
-    other = _has_other_number(leaders.serial) | _has_other_number(leaders.board)
-    heads = np.column_stack([np.nan_to_num(leaders.frequency_khz), angle, leaders.convex, leaders.beams, other])
+    other = np.zeros(len(leaders), dtype=bool)
+    for numbers in (leaders.serial, leaders.board):
+        usual = next(iter(frequent_numbers(numbers)), 0)
+        other |= (numbers != 0) & (numbers != usual) & (usual != 0)
+    known = [np.nan_to_num(leaders.frequency_khz), np.nan_to_num(leaders.beam_angle_deg)]
+    heads = np.column_stack([*known, leaders.convex, leaders.beams, other])
     cells = np.column_stack([heads, leaders.cells, leaders.cell_m, leaders.blank_m])
     layout = _number_rows(cells)
     up = np.bincount(layout, leaders.looks_up) / np.bincount(layout) > 0.5
@@ -156,135 +146,85 @@ def _number_rows(rows: Floats) -> NDArray[np.int64]:
     return np.asarray(number.ravel()[np.cumsum(new) - 1], dtype=np.int64)
 
 
-@dataclass(frozen=True)
-class FileReport:
-    """Content of one file; ``skipped`` and the intact ensembles account for all of its bytes."""
-
-    path: str
-    bytes_total: int
-    ensembles: int  # number of intact, dated ensembles with velocities of four beams
-    dropped: Counter[str]
-    three_beam: int  # number of currents solved from three beams, by this reader or by the instrument
-    lost: int  # number of ensembles missing where bytes were skipped, by their numbers
-    skipped: tuple[Skipped, ...]
-    escaped: bool = False  # whether a modem's escapes were removed from the bytes
-
-    @property
-    def bytes_skipped(self) -> int:
-        """Number of bytes that belong to no intact ensemble."""
-        return sum(each.length for each in self.skipped)
-
-    @property
-    def damaged(self) -> int:
-        """Number of places that begin like an ensemble but fail its checksum, including chance pairs of 7F."""
-        return sum(each.damaged for each in self.skipped)
+def describe_file(name: str, counts: Mapping[str, int], skipped: Sequence[Skipped], *, escaped: bool) -> Iterator[str]:
+    """Compose the warnings about one file."""
+    if escaped:
+        yield f"{name} {files.ESCAPES_UNDONE}; places are those of the bytes after that."
+    if skipped:
+        damage = (
+            f"; {counts['damaged']} places in them begin like an ensemble and fail its checksum, chance pairs of 7F "
+            f"included, and by the ensemble numbers {counts['lost']} ensembles are lost"
+        )
+        belong = f"{name}: {counts['bytes_skipped']} of {counts['bytes_total']} bytes belong to no good ensemble"
+        yield f"{belong} and were skipped{damage if counts['damaged'] else ''}."
+        ranges = [f"{each.offset} to {each.offset + each.length - 1} ({each.reason})" for each in skipped]
+        yield f"{name}: skipped bytes {files.list_some(ranges)}."
+    yield from (
+        f"{name}: {counts[key]} good ensembles {reason} and were left out."
+        for key, reason in DROPPED.items()
+        if counts[key]
+    )
 
 
-def count_lost_ensembles(offset: Places, number: Places, skipped: Sequence[Skipped]) -> int:
-    """Count the ensembles lost where bytes were skipped, from the numbers of the intact ensembles around them."""
-    after = np.searchsorted(offset, [each.offset for each in skipped])
-    inside = after[(after > 0) & (after < len(offset))]
-    gaps = number[inside] - number[inside - 1] - 1
-    # Decreasing numbers mark the start of a new recording, where the loss is unknown.
-    return int(gaps[gaps > 0].sum())
+def describe_headings(leaders: Ensembles, settings: Settings) -> Iterator[str]:
+    """Compose the warnings about the headings of a recording."""
+    biases, applied = np.unique(leaders.heading_bias_deg), settings.declination_applied
+    written = _join_numbers(biases)
+    if applied is None and biases.any():
+        yield f"The file's heading bias EB of {written} degrees was taken out of the headings."
+    if applied is not None and np.round(np.subtract.outer(biases, applied), 2).any():
+        reason = f"although the file's heading bias EB is {written} degrees"
+        yield f"declination_applied of {applied} degrees was taken out of the headings, {reason}."
+    if leaders.heading_alignment_deg.any() and settings.heading_alignment is not None:
+        shown = _join_numbers(np.unique(leaders.heading_alignment_deg))
+        added = f"heading_alignment of {settings.heading_alignment:g} degrees was added to the headings"
+        yield f"{added}; the file's heading alignment EA is {shown} degrees."
+    if not leaders.heading_measured.any() and np.ptp(leaders.heading_deg) == 0.0:
+        heading = f"The heading of {leaders.heading_deg[0]:g} degrees was set by hand (EH)"
+        yield f"{heading}, as EZ takes none from the compass: it cannot be corrected."
+    if missing := int(np.isnan(leaders.heading_deg).sum()):
+        yield f"{missing} of {len(leaders)} ensembles have no valid heading."
 
 
-def summarize_counts(
-    reports: Sequence[FileReport], leaders: Ensembles, heading_deg: Floats, settings: Settings
-) -> dict[str, int]:
-    """Summarize the counts of all files for the record."""
-    names = "ensembles damaged lost bytes_skipped bytes_total three_beam"
-    summed = {name: sum(getattr(report, name) for report in reports) for name in names.split()}
-    summed |= {reason: sum(report.dropped[reason] for report in reports) for reason in DROPPED}
-    # Without the distance of bin 1, which varies by centimetres with the speed of sound.
+def describe_configuration(leaders: Ensembles, counts: Mapping[str, int], settings: Settings) -> list[str]:
+    """Compose the warnings about the configuration of a recording."""
+    words = ("up", "down") if mostly_looks_up(leaders, settings) else ("down", "up")
+    says = "the others do, and each was turned by its own" if settings.orientation is None else "the metadata do"
+    disagree, contradicted = counts["orientation_disagrees"], leaders.angle_contradicted
+    level = ~leaders.tilts_used
+    in_earth, in_ship = (level & (leaders.coordinates == code) for code in (Coordinates.EARTH, Coordinates.SHIP))
+    angle = _join_numbers(np.unique(leaders.beam_angle_deg[contradicted]))
+    sentences = {
+        f"{disagree} of {len(leaders)} ensembles say that they looked {words[1]}; {words[0]} counts, as {says}.": (
+            disagree > STRAY * len(leaders)
+        ),
+        f"{counts['three_beam']} of {counts['velocities']} currents come from three beams: one beam is dead or weak, "
+        "and nothing checks the other three.": 2 * counts["three_beam"] > counts["velocities"],
+        f"The recording holds {counts['configurations']} configurations; bins that one lacks are padded, each has its "
+        "ranges.": counts["configurations"] > 1,
+        "Velocities in earth coordinates were turned by the instrument without its tilts.": in_earth.any(),
+        "Velocities in ship coordinates were recorded without tilts; they were turned as the instrument's own.": (
+            in_ship.any()
+        ),
+        "Some ensembles do not say their beam angle; beam velocities of theirs cannot be used.": (
+            np.isnan(leaders.beam_angle_deg).any()
+        ),
+        f"{contradicted.sum()} of {len(leaders)} ensembles state another beam angle in byte 58; the {angle} degrees of "
+        "the system configuration count.": contradicted.any(),
+    }
+    return [*applicable(sentences), *describe_averages(float(np.median(leaders.average_s)), leaders.time_s)]
+
+
+def count_configurations(leaders: Ensembles) -> int:
+    """Count the configurations, without the distance of bin 1, which varies with the speed of sound."""
     columns = leaders.cells, leaders.cell_m, leaders.blank_m, leaders.coordinates
     setups = np.column_stack([*columns, leaders.beam_angle_deg, leaders.frequency_khz])
-    return summed | {
-        "orientation_disagrees": int(np.sum(leaders.looks_up != mostly_looks_up(leaders, settings))),
-        "heading_missing": int(np.isnan(heading_deg).sum()),
-        "configurations": len(np.unique(_number_rows(np.nan_to_num(setups, nan=-1.0)))),
-    }
+    return len(np.unique(_number_rows(np.nan_to_num(setups, nan=-1.0))))
 
 
 def mostly_looks_up(leaders: Ensembles, settings: Settings) -> bool:
     """Return whether the instrument looks up, by the metadata or else by the majority of ensembles."""
     return bool(np.mean(looks_up(leaders, settings)) > 0.5)
-
-
-def describe_reading(
-    reports: Sequence[FileReport], leaders: Ensembles, counts: dict[str, int], settings: Settings
-) -> tuple[str, ...]:
-    """Compose the warnings of the record; ``counts`` are those of ``summarize_counts`` and ``velocities``."""
-    files = [line for report in reports for line in _describe_file(report)]
-    headings = _describe_headings(leaders, counts, settings)
-    return (*files, *headings, *_describe_configuration(leaders, counts, settings))
-
-
-def _describe_file(report: FileReport) -> list[str]:
-    name = Path(report.path).name
-    lines = [f"{name} {files.ESCAPES_UNDONE}; places are those of the bytes after that."] * report.escaped
-    if report.skipped:
-        belong = f"{name}: {report.bytes_skipped} of {report.bytes_total} bytes belong to no good ensemble"
-        damage = (
-            f"; {report.damaged} places in them begin like an ensemble and fail its checksum, chance pairs of 7F "
-            f"included, and by the ensemble numbers {report.lost} ensembles are lost"
-        )
-        lines.append(f"{belong} and were skipped{damage if report.damaged else ''}.")
-        ranges = [f"{s.offset} to {s.offset + s.length - 1} ({s.reason})" for s in report.skipped]
-        lines.append(f"{name}: skipped bytes {files.list_some(ranges)}.")
-    why = "hold no velocities", "have an impossible date", "hold other columns than those of four beams"
-    counts = zip(why, (report.dropped[reason] for reason in DROPPED), strict=True)
-    return lines + [f"{name}: {count} good ensembles {reason} and were left out." for reason, count in counts if count]
-
-
-def _describe_headings(leaders: Ensembles, counts: dict[str, int], settings: Settings) -> list[str]:
-    lines = []
-    biases, applied = np.unique(leaders.heading_bias_deg), settings.declination_applied
-    written = _join_numbers(biases)
-    if applied is None and biases.any():
-        lines.append(f"The file's heading bias EB of {written} degrees was taken out of the headings.")
-    if applied is not None and np.round(np.subtract.outer(biases, applied), 2).any():
-        reason = f"although the file's heading bias EB is {written} degrees"
-        lines.append(f"declination_applied of {applied} degrees was taken out of the headings, {reason}.")
-    if leaders.heading_alignment_deg.any() and settings.heading_alignment is not None:
-        shown = _join_numbers(np.unique(leaders.heading_alignment_deg))
-        added = f"heading_alignment of {settings.heading_alignment:g} degrees was added to the headings"
-        lines.append(f"{added}; the file's heading alignment EA is {shown} degrees.")
-    if not leaders.heading_measured.any() and np.ptp(leaders.heading_deg) == 0.0:
-        heading = f"The heading of {leaders.heading_deg[0]:g} degrees was set by hand (EH)"
-        lines.append(f"{heading}, as EZ takes none from the compass: it cannot be corrected.")
-    if counts["heading_missing"]:
-        lines.append(f"{counts['heading_missing']} of {len(leaders)} ensembles have no valid heading.")
-    return lines
-
-
-def _describe_configuration(leaders: Ensembles, counts: dict[str, int], settings: Settings) -> list[str]:
-    lines = []
-    if counts["orientation_disagrees"] > STRAY * len(leaders):
-        word, other = ("up", "down") if mostly_looks_up(leaders, settings) else ("down", "up")
-        says = "the others do, and each was turned by its own" if settings.orientation is None else "the metadata do"
-        count = counts["orientation_disagrees"]
-        lines.append(f"{count} of {len(leaders)} ensembles say that they looked {other}; {word} counts, as {says}.")
-    if 2 * counts["three_beam"] > counts["velocities"]:
-        shown = f"{counts['three_beam']} of {counts['velocities']} currents"
-        lines.append(f"{shown} come from three beams: one beam is dead or weak, and nothing checks the other three.")
-    if counts["configurations"] > 1:
-        shown = f"The recording holds {counts['configurations']} configurations"
-        lines.append(f"{shown}; bins that one lacks are padded, each has its ranges.")
-    level = ~leaders.tilts_used
-    if (level & (leaders.coordinates == Coordinates.EARTH)).any():
-        lines.append("Velocities in earth coordinates were turned by the instrument without its tilts.")
-    if (level & (leaders.coordinates == Coordinates.SHIP)).any():
-        lines.append(
-            "Velocities in ship coordinates were recorded without tilts; they were turned as the instrument's own."
-        )
-    if np.isnan(leaders.beam_angle_deg).any():
-        lines.append("Some ensembles do not say their beam angle; beam velocities of theirs cannot be used.")
-    if leaders.angle_contradicted.any():
-        angle = _join_numbers(np.unique(leaders.beam_angle_deg[leaders.angle_contradicted]))
-        shown = f"{leaders.angle_contradicted.sum()} of {len(leaders)} ensembles state another beam angle in byte 58"
-        lines.append(f"{shown}; the {angle} degrees of the system configuration count.")
-    return [*lines, *describe_averages(float(np.median(leaders.average_s)), leaders.time_s)]
 
 
 def _join_numbers(values: Floats) -> str:

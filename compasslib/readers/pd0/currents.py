@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from compasslib import angles
 from compasslib.earthfield import AppliedDeclination
-from compasslib.readers.pd0.fields import STRAY, Coordinates, Ensembles, select
-from compasslib.records import BAD, GOOD, LEAST_PERCENT_GOOD, MISSING, Flags
+from compasslib.readers.pd0.fields import STRAY, Coordinates, Ensembles
+from compasslib.records import BAD, GOOD, LEAST_PERCENT_GOOD, MISSING, Flags, take
 from compasslib.types import Bools, Floats
 
 # Error velocity is a multiple of b1 + b2 - b3 - b4.
@@ -60,29 +60,22 @@ def looks_up(ensembles: Ensembles, settings: Settings) -> Bools:
     return ensembles.looks_up if word is None else np.full(len(ensembles), word == "up")
 
 
-@dataclass(frozen=True, eq=False)
-class Currents:
-    """Velocities relative to magnetic north, NaN where missing, of n ensembles with m bins."""
+def compute_currents(ensembles: Ensembles, settings: Settings) -> tuple[Floats, Floats, Floats, Floats, int]:
+    """Compute the velocities of ensembles, whose coordinate systems may be mixed.
 
-    east: Floats  # (n, m) m/s
-    north: Floats  # (n, m) m/s
-    up: Floats  # (n, m) m/s
-    error: Floats  # (n, m) m/s, NaN for three-beam solutions
-    three_beam: int  # number of three-beam solutions
-
-
-def compute_currents(ensembles: Ensembles, settings: Settings) -> Currents:
-    """Compute the currents of ensembles, whose coordinate systems may be mixed."""
+    Return east, north and up relative to magnetic north and the error velocity, (n, m) m/s each, NaN where missing (the
+    error velocity of three-beam solutions too), and the number of three-beam solutions.
+    """
     codes = np.unique(ensembles.coordinates)
     if len(codes) == 1:
         return _turn(ensembles, settings, int(codes[0]))
     whole, count = np.full((4, *ensembles.velocity.shape[:2]), np.nan), 0
     for code in codes:
         mine = ensembles.coordinates == code
-        part = _turn(select(ensembles, mine), settings, int(code))
-        whole[:, mine] = part.east, part.north, part.up, part.error
-        count += part.three_beam
-    return Currents(whole[0], whole[1], whole[2], whole[3], count)
+        *flow, three_beam = _turn(take(ensembles, mine), settings, int(code))
+        whole[:, mine] = flow
+        count += three_beam
+    return whole[0], whole[1], whole[2], whole[3], count
 
 
 def flag_currents(ensembles: Ensembles, east: Floats, north: Floats) -> Flags:
@@ -210,14 +203,14 @@ def _column(per_sample: ArrayLike, like: Floats) -> Floats:
     return values.reshape(values.shape + (1,) * (like.ndim - values.ndim)) if values.ndim else values
 
 
-def _turn(ensembles: Ensembles, settings: Settings, code: int) -> Currents:
-    """Compute the currents of ensembles in a single coordinate system ``code``."""
+def _turn(ensembles: Ensembles, settings: Settings, code: int) -> tuple[Floats, Floats, Floats, Floats, int]:
+    """Compute the velocities of ensembles in a single coordinate system ``code``, see ``compute_currents``."""
     heading = magnetic_heading(ensembles, settings)
     if code == Coordinates.BEAM:
         beams, solved = fill_missing_beam(_map_bins(ensembles, looks_up(ensembles, settings)))
         *xyz, error = beams_to_instrument(beams, ensembles.beam_angle_deg[:, None], ensembles.convex[:, None])
         turned = _turn_with_tilts(ensembles, settings, xyz, heading)
-        return Currents(*turned, np.where(solved, np.nan, error), int(solved.sum()))
+        return *turned, np.where(solved, np.nan, error), int(solved.sum())
     x, y, z, error = np.moveaxis(ensembles.velocity, -1, 0)
     if code == Coordinates.INSTRUMENT:
         turned = _turn_with_tilts(ensembles, settings, (x, y, z), heading)
@@ -233,7 +226,7 @@ def _turn(ensembles: Ensembles, settings: Settings, code: int) -> Currents:
         turned = *(angles.turn(x, y, -bias[:, None]) if bias.any() else (x.copy(), y.copy())), z
     # The instrument's own solutions from three beams have no error velocity.
     missing = np.isnan(ensembles.velocity)
-    return Currents(*turned, error, int(np.sum(missing[..., 3] & ~missing[..., 0])))
+    return *turned, error, int(np.sum(missing[..., 3] & ~missing[..., 0]))
 
 
 def _turn_with_tilts(
@@ -262,12 +255,6 @@ class SoundCorrection:
     range_factor: float  # of the distances of all bins
     doubtful: Bools  # (n,) whether velocities were kept although EC is not that of the water
     sentence: str = ""  # for the report; empty where EC agrees with the water
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Numbers of ensembles corrected and in doubt."""
-        corrected, doubtful = int(np.sum(self.factor != 1.0)), int(self.doubtful.sum())
-        return {"sound_speed_corrected": corrected, "sound_speed_doubtful": doubtful}
 
 
 def correct_sound_speed(
@@ -305,7 +292,7 @@ def correct_sound_speed(
         said += f"{_span(factor[corrected], '.3f')} and ranges by {range_factor:.3f}, those of water of salinity "
         said += f"{_span(es[corrected], 'g')} ({source})"
     if doubtful.any():
-        part = select(ensembles, doubtful)
+        part = take(ensembles, doubtful)
         off = [100.0 * (1.0 / np.median(_true_over_used(part, salinity)) - 1.0) for salinity in reversed(ES)]
         why = "EC cannot be compared with the water, as some have no measured temperature or no possible EC"
         if np.isfinite(off).all():

@@ -8,10 +8,9 @@ the identifier of the block. Source: RDI, WorkHorse Commands and Output Data For
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
-from math import prod
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.readers.files import MISSING_COUNT, block_type, refuse_large_arrays
+from compasslib.readers.files import MISSING_COUNT, block_type
 from compasslib.readers.pd0.frames import (
     FIXED_LEADERS,
     VARIABLE_LEADERS,
@@ -28,9 +27,10 @@ from compasslib.readers.pd0.frames import (
     Layout,
     Places,
     Skipped,
-    iter_chunks,
+    find_ensembles,
 )
 from compasslib.readers.times import FIRST_YEAR, civil_seconds
+from compasslib.records import take
 from compasslib.types import Bools, Floats
 
 T = TypeVar("T", bound=np.generic)
@@ -56,7 +56,11 @@ class Block(IntEnum):
 
 
 STRAY = 0.01  # largest share of foreign ensembles that damage with a valid checksum, or time on deck, explains
-DROPPED = ("without_velocity", "bad_dates", "not_of_four_beams")  # why intact ensembles are dropped
+DROPPED = {  # why intact ensembles are dropped
+    "without_velocity": "hold no velocities",
+    "bad_dates": "have an impossible date",
+    "not_of_four_beams": "hold other columns than those of four beams",
+}
 # Identifier, and bit of ``Ensembles.blocks``.
 COUNTS = {"echo": (Block.ECHO, 1), "correlation": (Block.CORRELATION, 2), "percent_good": (Block.PERCENT_GOOD, 4)}
 LAST_YEAR = 2079  # two-digit years are unique from FIRST_YEAR to here; other dates indicate a damaged clock
@@ -146,116 +150,74 @@ def decode_leaders(run: EnsembleRun) -> Leaders:
     return Leaders(**{field.name: columns[field.name] for field in fields(Leaders)})
 
 
-def has_velocities(layout: Layout) -> bool:
-    """Return whether ensembles of a layout hold velocities of exactly four beams or components."""
-    return _has_profile(layout, Block.VELOCITY) and _of_four_beams(layout)
+def misfit(layout: Layout) -> str:
+    """Tell why ensembles of a layout are dropped, by the keys of ``DROPPED``; empty if they hold four beams.
+
+    Blocks with room for a fifth column or a surplus bin are not supported.
+    """
+    if not _has_profile(layout, Block.VELOCITY):
+        return "without_velocity"
+    for identifier in layout.blocks.keys() & _PER_CELL.keys():
+        spare, column = _spare(layout, identifier), _PER_CELL[identifier] // 4 * layout.cells
+        last = layout.blocks[identifier][1] == layout.length  # two reserved bytes precede the checksum
+        if not 0 <= spare - 2 * (last and spare >= 2) < min(column, _PER_CELL[identifier]):
+            return "not_of_four_beams"
+    return ""
 
 
-def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles, Counter[str]]:
+def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles | None, Counter[str]]:
     """Decode the ensembles of several runs in file order, and count those dropped by the reasons in ``DROPPED``."""
     groups: dict[bytes, list[EnsembleRun]] = {}
     dropped = Counter[str]()
     for run in runs:
-        if not _has_profile(run.layout, Block.VELOCITY):
-            dropped["without_velocity"] += len(run.rows)
-        elif not _of_four_beams(run.layout):
-            dropped["not_of_four_beams"] += len(run.rows)
+        if reason := misfit(run.layout):
+            dropped[reason] += len(run.rows)
         else:
             groups.setdefault(run.layout.signature, []).append(run)
+    if not groups:
+        return None, dropped
     ensembles = concatenate([_decode(group[0].layout, group) for group in groups.values()])
     if len(groups) > 1:
-        ensembles = select(ensembles, np.argsort(ensembles.offset))
+        ensembles = take(ensembles, np.argsort(ensembles.offset))
     dated = np.isfinite(ensembles.time_s)
     if not dated.all():
         dropped["bad_dates"] = int(np.sum(~dated))
-        ensembles = select(ensembles, dated)
-    return ensembles, dropped
+        ensembles = take(ensembles, dated)
+    return (ensembles if dated.any() else None), dropped
 
 
 def concatenate(parts: Sequence[Ensembles]) -> Ensembles:
     """Concatenate ensembles, with missing bins padded by NaN (velocity) or 0."""
-    parts = parts or [_decode(_NOTHING, [])]
     if len(parts) == 1:
         return parts[0]
-    most = max(part.velocity.shape[1] for part in parts)
-    columns = {f.name: [getattr(part, f.name) for part in parts] for f in fields(Ensembles)}
-    return Ensembles(**{name: stack_padded(column, most) for name, column in columns.items()})
+    return Ensembles(**{f.name: stack_padded([getattr(part, f.name) for part in parts]) for f in fields(Ensembles)})
 
 
-class GrowableArrays:
-    """Named arrays that grow along the ensemble axis, as joining many pieces would fragment the memory."""
-
-    def __init__(self, where: str, size: int) -> None:
-        """Start empty; ``where`` names the files in error messages, ``size`` is their total size in bytes."""
-        self._where = where
-        self._size, self._used, self._whole = size, 0, dict[str, NDArray[Any]]()
-
-    def __len__(self) -> int:
-        return self._used
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        return self._whole[name][: self._used]
-
-    def add(self, columns: Mapping[str, NDArray[Any]], fill: Mapping[str, int], size: int) -> None:
-        """Append a piece of k ensembles, (k, m, ...) each; differing numbers of bins are padded.
-
-        Args:
-            fill: padding value by name; by default NaN, or 0 for integers.
-            size: bytes of the piece, to extrapolate the number of ensembles in all files; unused room takes no memory.
-
-        Raises:
-            TooLarge: the padded arrays would take far more memory than the size of the files.
-        """
-        more = len(next(iter(columns.values())))
-        end = self._used + more
-        widest = max(part.shape[1] for part in (*columns.values(), *self._whole.values()))
-        each = sum(part.dtype.itemsize * prod(part.shape[2:]) for part in columns.values())
-        refuse_large_arrays(self._where, end * widest * each, self._size, widest)
-        for name, part in columns.items():
-            whole = self._whole.get(name, part[:0])
-            cells, padding = max(whole.shape[1], part.shape[1]), fill.get(name, np.nan if part.dtype.kind == "f" else 0)
-            if end > len(whole) or cells > whole.shape[1]:
-                room = max(end, 2 * len(whole) if len(whole) else more * self._size // size)
-                wider = np.empty((room, cells, *part.shape[2:]), dtype=part.dtype)
-                wider[: self._used, : whole.shape[1]] = whole[: self._used]
-                wider[: self._used, whole.shape[1] :] = padding
-                whole = self._whole[name] = wider
-            whole[self._used : end, : part.shape[1]] = part
-            whole[self._used : end, part.shape[1] :] = padding
-        self._used = end
-
-
-def stack_padded(parts: Sequence[NDArray[T]], cells: int) -> NDArray[T]:
-    """Concatenate arrays, those of two or more axes padded along the second with NaN, or 0 for integers."""
+def stack_padded(parts: Sequence[NDArray[T]], fill: int = 0) -> NDArray[T]:
+    """Concatenate arrays, those of two or more axes padded along the second with NaN, or ``fill`` for integers."""
     if parts[0].ndim == 1:
         return np.concatenate(parts)
+    cells = max(part.shape[1] for part in parts)
     whole = np.empty((sum(len(part) for part in parts), cells, *parts[0].shape[2:]), dtype=parts[0].dtype)
-    padding = np.nan if whole.dtype.kind == "f" else 0
     at = 0
     for part in parts:
         whole[at : at + len(part), : part.shape[1]] = part
-        whole[at : at + len(part), part.shape[1] :] = padding
+        whole[at : at + len(part), part.shape[1] :] = np.nan if whole.dtype.kind == "f" else fill
         at += len(part)
     return whole
 
 
-def select(ensembles: Ensembles, which: Places | Bools) -> Ensembles:
-    """Select some of the ensembles, or all in another order, by indices or (n,) booleans."""
-    return Ensembles(**{f.name: getattr(ensembles, f.name)[which] for f in fields(Ensembles)})
-
-
 def _decode(layout: Layout, runs: Sequence[EnsembleRun]) -> Ensembles:
-    stride = layout.length + 2
-    pieces = [run.rows for run in runs]
-    rows = pieces[0] if len(pieces) == 1 else np.concatenate([np.empty((0, stride), np.uint8), *pieces])
-    places = [run.offset + stride * np.arange(len(run.rows)) for run in runs]
-    offset = np.concatenate([np.empty(0, np.int64), *places])
+    rows = runs[0].rows if len(runs) == 1 else np.concatenate([run.rows for run in runs])
+    counts = _profile(rows, layout, Block.VELOCITY).view("<i2")
+    # Division, unlike multiplication by 0.001, gives the float nearest to 0.123 for 123 mm/s.
+    velocity = counts / 1000.0
+    np.copyto(velocity, np.nan, where=counts == MISSING_COUNT)
+    of_cells: dict[str, Any] = {name: _profile(rows, layout, block) for name, (block, _) in COUNTS.items()}
     return Ensembles(
-        offset=offset,
-        velocity=_velocity(rows, layout),
-        correlation=_bytes_of_cells(rows, layout, Block.CORRELATION),
-        echo=_bytes_of_cells(rows, layout, Block.ECHO),
-        percent_good=_bytes_of_cells(rows, layout, Block.PERCENT_GOOD),
+        offset=np.concatenate([run.offset + rows.shape[1] * np.arange(len(run.rows)) for run in runs]),
+        velocity=velocity,
+        **of_cells,
         blocks=np.full(len(rows), sum(bit for block, bit in COUNTS.values() if _has_profile(layout, block)), np.uint8),
         **_decode_fixed(rows, layout),
         **_decode_variable(rows, layout),
@@ -272,33 +234,13 @@ def _has_profile(layout: Layout, identifier: int) -> bool:
     return layout.cells > 0 and _spare(layout, identifier) >= 0
 
 
-def _of_four_beams(layout: Layout) -> bool:
-    """Return whether no block has room for a fifth column or a surplus bin, which are not supported."""
-    for identifier in layout.blocks.keys() & _PER_CELL.keys():
-        spare, column = _spare(layout, identifier), _PER_CELL[identifier] // 4 * layout.cells
-        last = layout.blocks[identifier][1] == layout.length  # two reserved bytes precede the checksum
-        if not 0 <= spare - 2 * (last and spare >= 2) < min(column, _PER_CELL[identifier]):
-            return False
-    return True
-
-
 def _profile(rows: Bytes, layout: Layout, identifier: int) -> Bytes:
-    start = layout.blocks[identifier][0] + 2
-    return np.ascontiguousarray(rows[:, start : start + _PER_CELL[identifier] * layout.cells])
-
-
-def _velocity(rows: Bytes, layout: Layout) -> Floats:
-    counts = _profile(rows, layout, Block.VELOCITY).view("<i2")
-    # Division, unlike multiplication by 0.001, gives the float nearest to 0.123 for 123 mm/s.
-    velocity = counts / 1000.0
-    np.copyto(velocity, np.nan, where=counts == MISSING_COUNT)
-    return velocity.reshape(len(rows), layout.cells, 4)
-
-
-def _bytes_of_cells(rows: Bytes, layout: Layout, identifier: int) -> Bytes:
+    """Extract the bytes of a block by bin, (n, m, 4 or 8), or zeros if it is absent."""
     if not _has_profile(layout, identifier):
         return np.zeros((len(rows), layout.cells, 4), np.uint8)
-    return _profile(rows, layout, identifier).reshape(len(rows), layout.cells, 4)
+    start = layout.blocks[identifier][0] + 2
+    stop = start + _PER_CELL[identifier] * layout.cells
+    return np.ascontiguousarray(rows[:, start:stop]).reshape(len(rows), layout.cells, -1)
 
 
 def _leader(rows: Bytes, layout: Layout, identifiers: tuple[int, ...], form: np.dtype[np.void]) -> tuple[Any, set[str]]:
@@ -374,9 +316,6 @@ def from_hundredths(counts: NDArray[np.int16]) -> Floats:
     return np.where(counts == MISSING_COUNT, np.nan, counts / 100.0)
 
 
-_NOTHING = Layout(b"", np.empty(0, np.int64), 124, 0, {0x0000: (0, 59), 0x0080: (59, 124), Block.VELOCITY: (124, 124)})
-
-
 # Copy a file with corrected headings: intact ensembles with new checksums, all their other bytes unchanged.
 #
 # Velocities in earth coordinates, including those of the bottom track, rotate with the heading; those in beam,
@@ -404,16 +343,14 @@ def rewrite(source: str | Path, target: str | Path, turn: Turn) -> Rewritten:
     Raises:
         InputError: the source cannot be read.
     """
+    runs, skipped, _ = find_ensembles(source)
     corrected, flagged = 0, 0
-    skipped: list[Skipped] = []
     with Path(target).open("wb") as file:
-        for chunk in iter_chunks(source):
-            skipped += chunk.skipped
-            for run in chunk.runs:
-                leaders = decode_leaders(run)
-                by = turn(leaders) if has_velocities(run.layout) else np.full(len(run.rows), np.nan)
-                file.write(_turn_run(run, leaders, by).tobytes())
-                corrected, flagged = corrected + int(np.isfinite(by).sum()), flagged + int(np.isnan(by).sum())
+        for run in runs:
+            leaders = decode_leaders(run)
+            by = np.full(len(run.rows), np.nan) if misfit(run.layout) else turn(leaders)
+            file.write(_turn_run(run, leaders, by).tobytes())
+            corrected, flagged = corrected + int(np.isfinite(by).sum()), flagged + int(np.isnan(by).sum())
     return Rewritten(corrected, flagged, tuple(skipped))
 
 
@@ -422,10 +359,17 @@ def _turn_run(run: EnsembleRun, leaders: Leaders, by: Floats) -> Bytes:
     begin = next(layout.blocks[i][0] for i in VARIABLE_LEADERS if i in layout.blocks) + 18  # of the heading
     hundredths = np.rint(100.0 * angles.wrap360(np.rint(100.0 * (leaders.heading_deg + by)) / 100.0))
     rows[:, begin : begin + 2] = _bytes(np.where(np.isfinite(by), hundredths, _NO_HEADING).astype("<u2"))
-    for begin, stop in _velocities(layout):
+    whole = not misfit(layout)
+    begin, stop = layout.blocks.get(Block.VELOCITY, (0, 0))
+    room = 8 * layout.cells if whole else (stop - begin - 2) // 2 * 2
+    places = [(begin + 2, begin + 2 + room)] * (room > 0)
+    begin, stop = layout.blocks.get(Block.BOTTOM_TRACK, (0, 0))
+    places += [(begin + at, begin + at + 8) for at in TRACKED if begin + at + 8 <= stop]
+    for begin, stop in places:
         counts = np.ascontiguousarray(rows[:, begin:stop]).view("<i2").copy()
-        if has_velocities(layout):
-            _turn(counts.reshape(len(rows), -1, 4), by, (leaders.coordinates == Coordinates.EARTH) & np.isfinite(by))
+        if whole:
+            in_earth = (leaders.coordinates == Coordinates.EARTH) & np.isfinite(by)
+            _turn_counts(counts.reshape(len(rows), -1, 4), by, in_earth)
         counts[np.isnan(by)] = MISSING_COUNT
         rows[:, begin:stop] = _bytes(counts)
     sums = rows[:, : layout.length].sum(axis=1, dtype=np.uint16)  # wraps modulo 65,536, as the checksum does
@@ -437,17 +381,7 @@ def _bytes(numbers: NDArray[np.integer]) -> Bytes:
     return np.ascontiguousarray(numbers).reshape(len(numbers), -1).view(np.uint8)
 
 
-def _velocities(layout: Layout) -> Iterator[tuple[int, int]]:
-    """Locate the velocities as (begin, end) byte ranges of the ensemble."""
-    begin, stop = layout.blocks.get(Block.VELOCITY, (0, 0))
-    room = 8 * layout.cells if has_velocities(layout) else (stop - begin - 2) // 2 * 2
-    if room > 0:
-        yield begin + 2, begin + 2 + room
-    begin, stop = layout.blocks.get(Block.BOTTOM_TRACK, (0, 0))
-    yield from ((begin + at, begin + at + 8) for at in TRACKED if begin + at + 8 <= stop)
-
-
-def _turn(counts: NDArray[np.int16], by: Floats, which: Bools) -> None:
+def _turn_counts(counts: NDArray[np.int16], by: Floats, which: Bools) -> None:
     """Rotate velocities of selected ensembles in place, (k, m, 4) mm/s; missing where the format cannot hold them."""
     known = (counts[..., :2] != MISSING_COUNT).all(axis=-1) & which[:, None]
     turned = np.rint(np.stack(angles.turn(counts[..., 0], counts[..., 1], np.nan_to_num(by)[:, None]), axis=-1))

@@ -2,23 +2,22 @@
 
 An ensemble is 7F 7F, its length L without the checksum, a table of offsets, its blocks, and at L the sum of all bytes
 before it modulo 65,536. Runs of ensembles with the same layout are checked as one matrix. Only if that fails are all
-7F 7F of the chunk searched, where a cumulative sum yields the checksums of all candidates at once, so that the cost is
-linear in the length even of malicious input. Source: RDI, WorkHorse Commands and Output Data Format, PD0.
+7F 7F of the next 2 MB searched, where a cumulative sum yields the checksums of all candidates at once, so that the cost
+is linear in the length even of malicious input. Source: RDI, WorkHorse Commands and Output Data Format, PD0.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
-from os import PathLike
+from itertools import groupby
 from pathlib import Path
-from typing import BinaryIO, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.errors import InputError
 from compasslib.readers import files
 
 Bytes: TypeAlias = NDArray[np.uint8]
@@ -50,7 +49,7 @@ class EnsembleRun:
     """Consecutive ensembles of one layout without gaps."""
 
     offset: int  # byte offset of the first ensemble in the file
-    rows: Bytes  # (k, length + 2), a view into the chunk
+    rows: Bytes  # (k, length + 2), a view of the file
     layout: Layout
 
 
@@ -65,122 +64,73 @@ class Skipped:
     failed: int = 0  # number of these with a valid offset of a fixed leader, i.e. not a chance 7F 7F
 
 
-@dataclass(frozen=True)
-class Chunk:
-    """Content of one chunk of the file, in file order."""
-
-    runs: tuple[EnsembleRun, ...]
-    skipped: tuple[Skipped, ...]
-
-
 @dataclass(frozen=True, eq=False)
 class _Candidates:
-    """Sorted byte offsets in a chunk at which an ensemble may start."""
+    """Sorted byte offsets, in one window of the file, at which a complete ensemble may start."""
 
     good: Places  # with a valid checksum
     failed: Places  # with an invalid checksum
-    cut: Places  # truncated by the end of the chunk
+    led: Places  # of the failed, those whose first offset points to a fixed leader directly behind the offsets
 
 
-def iter_chunks(path: str | PathLike[str], chunk_bytes: int = files.CHUNK_BYTES) -> Iterator[Chunk]:
-    """Iterate over the ensembles of a file and the bytes between them; together they cover the whole file.
+def find_ensembles(path: str | Path) -> tuple[list[EnsembleRun], list[Skipped], bool]:
+    """Find the ensembles of a file and the bytes between them; together they cover the whole file.
 
-    Args:
-        chunk_bytes: bytes read at a time; the ensembles and byte ranges found do not depend on it.
+    Also tell whether a modem's escapes were removed from the bytes.
 
     Raises:
-        InputError: the file cannot be opened or read.
+        InputError: the file cannot be read.
     """
-    pending: Skipped | None = None
-    begun = False
-    for items, last in _scan_file(path, max(1, chunk_bytes)):
-        skipped: list[Skipped] = []
-        for item in items:
-            if isinstance(item, Skipped):
-                pending = _merge(pending, item)
-                continue
-            if pending and not begun and pending.reason == NO_ENSEMBLE:
-                pending = replace(pending, reason=BEFORE_THE_FIRST)
-            skipped += [pending] if pending else []
-            pending, begun = None, True
-        # A range may continue in the next chunk: yield it only when an ensemble or the end of the file follows.
-        skipped += [pending] if last and pending else []
-        yield Chunk(tuple(item for item in items if isinstance(item, EnsembleRun)), tuple(skipped))
-
-
-def _merge(before: Skipped | None, after: Skipped) -> Skipped:
-    if before is None:
-        return after
-    added = {name: getattr(before, name) + getattr(after, name) for name in ("length", "damaged", "failed")}
-    return replace(before, **added)
-
-
-def _scan_file(path: str | PathLike[str], chunk_bytes: int) -> Iterator[tuple[list[EnsembleRun | Skipped], bool]]:
-    offset, tail, last = 0, b"", False
-    undo = is_escaped(path)
-    with _opened(path) as file:
-        while not last:
-            piece = _read(file, path, chunk_bytes)
-            while undo and piece.endswith(files.ESCAPE) and (more := _read(file, path, 1)):
-                piece += more
-            piece = files.unescape(piece) if undo else piece
-            last = not piece
-            data = np.frombuffer(tail + piece, dtype=np.uint8)
-            items, used = _scan(data, offset, last)
-            yield items, last
-            offset, tail = offset + used, data[used:].tobytes()
-
-
-def is_escaped(path: str | PathLike[str]) -> bool:
-    """Return whether the file contains a modem's escapes, whose removal yields more intact ensembles at its start."""
-    with _opened(path) as file:
-        sample = _read(file, path, files.CHUNK_BYTES)
-    return files.looks_escaped(sample) and _count_good(files.unescape(sample)) > _count_good(sample)
+    data = files.read_bytes(path)
+    sample = data[: files.CHUNK_BYTES]
+    escaped = files.looks_escaped(sample) and _count_good(files.unescape(sample)) > _count_good(sample)
+    return *scan(files.unescape(data) if escaped else data), escaped
 
 
 def _count_good(data: bytes) -> int:
-    items, _ = _scan(np.frombuffer(data, dtype=np.uint8), 0, True)
-    return sum(len(item.rows) for item in items if isinstance(item, EnsembleRun))
+    return sum(len(run.rows) for run in scan(data)[0])
 
 
-def _opened(path: str | PathLike[str]) -> BinaryIO:
-    try:
-        return Path(path).open("rb", buffering=0)
-    except (OSError, ValueError) as error:
-        raise _unreadable(path, error) from None
+def batches(runs: Sequence[EnsembleRun]) -> Iterator[list[EnsembleRun]]:
+    """Divide runs into batches of some 2 MB, to be decoded together."""
+    batch = np.cumsum([run.rows.size for run in runs]) // files.CHUNK_BYTES
+    for _, group in groupby(range(len(runs)), key=batch.__getitem__):
+        yield [runs[k] for k in group]
 
 
-def _read(file: BinaryIO, path: str | PathLike[str], count: int) -> bytes:
-    try:
-        return file.read(count)
-    except OSError as error:
-        raise _unreadable(path, error) from None
-
-
-def _unreadable(path: str | PathLike[str], error: Exception) -> InputError:
-    shown = getattr(error, "strerror", None) or str(error)
-    advice = "check the path and its permissions, and name files, not folders"
-    return InputError(str(path), expected="a PD0 file that can be read", found=shown, advice=advice)
-
-
-def _scan(data: Bytes, offset: int, last: bool) -> tuple[list[EnsembleRun | Skipped], int]:
-    items: list[EnsembleRun | Skipped] = []
-    candidates: _Candidates | None = None
+def scan(stream: bytes, window: int = files.CHUNK_BYTES) -> tuple[list[EnsembleRun], list[Skipped]]:
+    """Find the ensembles and the bytes between them; the result does not depend on the window of the search."""
+    data = np.frombuffer(stream, dtype=np.uint8)
+    runs, skipped = list[EnsembleRun](), list[Skipped]()
+    candidates = lru_cache(maxsize=1)(lambda begin: _find_candidates(data, begin, begin + window))
     start = 0
     while start < data.size:
         layout = layout_at(data, start)
         count = _count_run(data, start, layout) if layout else 0
         if layout and count:
             stop = start + count * (layout.length + 2)
-            items.append(EnsembleRun(offset + start, data[start:stop].reshape(count, -1), layout))
-        else:
-            candidates = candidates or _find_candidates(data, start, last)
-            stop = _next_start(data, start, candidates, last)
-            if stop == start:
+            runs.append(EnsembleRun(start, data[start:stop].reshape(count, -1), layout))
+            start = stop
+            continue
+        length, left = int.from_bytes(stream[start + 2 : start + 4], "little"), data.size - start
+        reason = NO_ENSEMBLE
+        if stream.startswith(b"\x7f\x7f", start) and (left < _HEADER or _SHORTEST <= length > left - 2):
+            reason = PAST_THE_END
+        stop, damaged, failed = data.size, 0, 0
+        for begin in range(start // window * window, data.size, window):
+            found = candidates(begin)
+            likely = found.good[np.searchsorted(found.good, start) :]
+            stop = next((int(place) for place in likely if layout_at(data, int(place))), data.size)
+            bad = found.failed[slice(*np.searchsorted(found.failed, [start, stop]))]
+            reason = CHECKSUM if len(bad) and bad[0] == start else reason
+            damaged += len(bad)
+            failed += int(np.diff(np.searchsorted(found.led, [start, stop]))[0])
+            if stop < data.size:
+                reason = BEFORE_THE_FIRST if reason == NO_ENSEMBLE and not runs else reason
                 break
-            items.append(_describe_skipped(data, candidates, start, stop, offset))
+        skipped.append(Skipped(start, stop - start, reason, damaged, failed))
         start = stop
-    return items, start
+    return runs, skipped
 
 
 def layout_at(data: Bytes, start: int) -> Layout | None:
@@ -234,12 +184,12 @@ def _layout(signature: bytes) -> Layout | None:
 
 
 def _count_run(data: Bytes, start: int, layout: Layout, window: int = 1 << 19) -> int:
-    """Count the consecutive intact ensembles of one layout from ``start`` on, checked in windows of growing size.
+    """Count the consecutive intact ensembles of one layout from ``start`` on, up to 2 MB.
 
-    A window of at most 0.5 MB stays in the processor's cache.
+    They are checked in windows of growing size, of which the largest stay in the processor's cache.
     """
     stride = layout.length + 2
-    most = (data.size - start) // stride
+    most = min(data.size - start, max(stride, files.CHUNK_BYTES)) // stride
     done, step = 0, 1
     while done < most:
         at = start + done * stride
@@ -256,50 +206,22 @@ def _count_run(data: Bytes, start: int, layout: Layout, window: int = 1 << 19) -
     return done
 
 
-def _find_candidates(whole_data: Bytes, begin: int, last: bool) -> _Candidates:
-    data = whole_data[begin:]
-    marks = np.flatnonzero((data[:-1] == _MARK) & (data[1:] == _MARK))
-    headless = marks + _HEADER > data.size
-    marks, cut = marks[~headless], [marks[headless]]
+def _find_candidates(whole: Bytes, begin: int, end: int) -> _Candidates:
+    data = whole[begin : end + 2**16 + _HEADER]  # an ensemble may end behind the window
+    size = min(end - begin, data.size - 1)
+    marks = np.flatnonzero((data[:size] == _MARK) & (data[1 : size + 1] == _MARK))
+    marks = marks[marks + _HEADER <= data.size]
     length = _pair(data, marks + 2)
-    likely = length >= _SHORTEST
-    whole = marks + length + 2 <= data.size
-    cut.append(marks[likely & ~whole])
-    if not last:
-        # An ensemble may begin in the last bytes of the chunk.
-        cut.append(np.array([max(0, data.size - _HEADER + 1)]))
-    marks, length = marks[likely & whole], length[likely & whole]
+    complete = (length >= _SHORTEST) & (marks + length + 2 <= data.size)
+    marks, length = marks[complete], length[complete]
     sums = np.concatenate([np.zeros(1, np.uint16), np.cumsum(data, dtype=np.uint16)])
     holds = (sums[marks + length] - sums[marks]) == _pair(data, marks + length)
-    return _Candidates(begin + marks[holds], begin + marks[~holds], begin + np.unique(np.concatenate(cut)))
+    failed, length = marks[~holds], length[~holds]
+    leader = 6 + 2 * data[failed + 5].astype(np.int64)
+    fits = (_pair(data, failed + 6) == leader) & (leader + 2 <= length)
+    fits &= np.isin(_pair(data, failed + np.where(fits, leader, 0)), FIXED_LEADERS)
+    return _Candidates(begin + marks[holds], begin + failed, begin + failed[fits])
 
 
 def _pair(data: Bytes, at: Places) -> Places:
     return data[at].astype(np.int64) + 256 * data[at + 1].astype(np.int64)
-
-
-def _next_start(data: Bytes, start: int, candidates: _Candidates, last: bool) -> int:
-    """Find the offset at which the next ensemble begins, or may begin once more of the file is read."""
-    cut = candidates.cut[np.searchsorted(candidates.cut, start) :]
-    undecided = data.size if last else int(cut[0]) if cut.size else start
-    for place in candidates.good[np.searchsorted(candidates.good, start) :]:
-        if place >= undecided:
-            break
-        if layout_at(data, int(place)):
-            return int(place)
-    return undecided
-
-
-def _describe_skipped(data: Bytes, candidates: _Candidates, start: int, stop: int, offset: int) -> Skipped:
-    first, end = np.searchsorted(candidates.failed, [start, stop])
-    # Count failed candidates whose first offset points to a fixed leader directly after the table of offsets.
-    at = candidates.failed[first:end]
-    leader = 6 + 2 * data[at + 5].astype(np.int64)
-    fits = (_pair(data, at + 6) == leader) & (leader + 2 <= _pair(data, at + 2))
-    failed = int(np.sum(fits & np.isin(_pair(data, at + np.where(fits, leader, 0)), FIXED_LEADERS)))
-    reason = NO_ENSEMBLE
-    if first < end and candidates.failed[first] == start:
-        reason = CHECKSUM
-    elif start in candidates.cut:
-        reason = PAST_THE_END
-    return Skipped(offset + start, stop - start, reason, int(end - first), failed)
