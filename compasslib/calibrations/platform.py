@@ -14,7 +14,7 @@ from compasslib.calibrations import bench, budget, curves
 from compasslib.calibrations.budget import Source
 from compasslib.calibrations.curves import EMPIRICAL, EXACT, ONE_CYCLE, POLYNOMIAL, SMITH, FittedCurve
 from compasslib.calibrations.result import Calibration, DeviationTable
-from compasslib.calibrations.tables import read_columns
+from compasslib.calibrations.tables import TWO_TURNS, read_columns
 from compasslib.deviation.series import series_design
 from compasslib.errors import InputError, applicable
 from compasslib.types import Floats
@@ -51,7 +51,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     """
     spun, observatory = list(settings.get("spun") or ()), list(settings.get("observatory") or ())
     files = [file for file in files if str(file) not in {*spun, *observatory}]
-    columns, notes = read_columns(files, settings, (*ROLES, "time_utc") if observatory else ROLES)
+    columns, notes = read_columns(files, settings, (*ROLES, "time_utc") if observatory else ROLES, bounds=TWO_TURNS)
     known = np.isfinite(columns["reference_deg"] + columns["recorded_deg"])
     mounting = settings.get("mounting_deg")
     reference = angles.wrap360(columns["reference_deg"][known] + (mounting or 0.0))
@@ -60,7 +60,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         reference, conditions["observatory"] = bench.correct_field(reference, columns["time_utc"][known], observatory)
     given = settings.get("uncertainty") or {}
     if spun:
-        turned, _ = read_columns(spun, settings, ROLES)
+        turned, _ = read_columns(spun, settings, ROLES, bounds=TWO_TURNS)
         spun_reference = angles.wrap360(turned["reference_deg"] + (mounting or 0.0))
         found = bench.measure_homogeneity(reference, recorded, spun_reference, turned["recorded_deg"])
         conditions["homogeneity"] = found

@@ -4,27 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from compasslib.errors import InputError
 from compasslib.readers import delimited
-from compasslib.readers.nmea import FASTEST_KN
 from compasslib.types import Floats
 
 ADVICE = "correct columns in the calibration's file"
-BOUNDS = {"deg": (-720.0, 720.0), "kn": (0.0, FASTEST_KN)}  # by the unit at the end of a role; angles: two turns
+TWO_TURNS = {"deg": (-720.0, 720.0)}
 
 
 def read_columns(
-    files: Sequence[str | Path], settings: Mapping[str, Any], needed: Sequence[str], optional: Sequence[str] = ()
+    files: Sequence[str | Path],
+    settings: Mapping[str, Any],
+    needed: Sequence[str],
+    optional: Sequence[str] = (),
+    *,
+    bounds: Mapping[str, tuple[float, float]] = MappingProxyType({}),
 ) -> tuple[dict[str, Floats], tuple[str, ...]]:
     """Read columns by role, concatenated over the files, and notes on the tables.
 
     In the settings, ``columns`` gives headers that differ from the roles (``date`` and ``clock`` may replace
     ``time_utc``), ``withhold`` roles or headers to ignore, and the keys of ``delimited.Layout`` the format of the
     tables. An optional column is read if it is named or in all files.
+
+    Args:
+        bounds: least and largest value by unit, with which a role ends.
 
     Raises:
         InputError: a file or column is absent or withheld, or a value cannot be read or is out of bounds.
@@ -49,7 +57,7 @@ def read_columns(
     if "time" in columns:
         columns["time_utc"] = columns.pop("time")
     for role, values in columns.items():
-        low, high = BOUNDS.get(role.rpartition("_")[2], (-np.inf, np.inf))
+        low, high = bounds.get(role.rpartition("_")[2], (-np.inf, np.inf))
         beyond = values[(values < low) | (values > high)]
         if beyond.size:
             raise InputError(

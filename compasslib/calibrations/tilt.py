@@ -15,7 +15,7 @@ from compasslib.calibrations import budget, curves
 from compasslib.calibrations.budget import Source
 from compasslib.calibrations.curves import CurveForm, FittedCurve, Points
 from compasslib.calibrations.result import Calibration
-from compasslib.calibrations.tables import read_columns
+from compasslib.calibrations.tables import TWO_TURNS, read_columns
 from compasslib.types import Floats
 
 KIND = "tilt"
@@ -40,7 +40,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     Raises:
         InputError: a file cannot be read, or a column is absent or is not in degrees.
     """
-    columns, notes = read_columns(files, settings, ROLES)
+    columns, notes = read_columns(files, settings, ROLES, bounds=TWO_TURNS)
     known = np.isfinite(np.sum([columns[role] for role in ROLES], axis=0))
     reference, *recorded = (columns[role][known] for role in ROLES)
     readings, skew, signs = split_axes(reference, np.array(recorded))
