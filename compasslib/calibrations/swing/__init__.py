@@ -361,8 +361,8 @@ def _water_warnings(swing: Swing, series: SwingFit, drift: Mapping[str, Any] | N
                 swing.has_speed and set_and_drift(series.parameters)[1] > widest
             ),
             f"the mark lies in the quadrant of {', '.join(sorted(marked))} and D comes from {', '.join(steered)} "
-            "alone, so that an error of D by higher harmonics enters B and C: steer the quadrantal course of the mark's "
-            "quadrant, between the first two cardinal courses": len(steered) == 1 and not marked <= set(steered),
+            "alone, so that an error of D by higher harmonics enters B and C: steer the quadrantal course of the "
+            "mark's quadrant, between the first two cardinal courses": len(steered) == 1 and not marked <= set(steered),
         }
     )
 
