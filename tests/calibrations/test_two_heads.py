@@ -243,9 +243,7 @@ def test_real_headings_of_87_degrees_are_refused(tmp_path):
     assert found.details["offset_deg"] == pytest.approx(12.0, abs=0.01)
 
 
-@pytest.mark.parametrize(
-    "draw", [instruments.draw_difference, instruments.draw_tilt_check, instruments.draw_along_time]
-)
+@pytest.mark.parametrize("draw", [instruments.draw_tilt_check, instruments.draw_along_time])
 def test_figures_are_drawn(draw, full, narrow, tmp_path):
     for name, found in (
         ("full", full),

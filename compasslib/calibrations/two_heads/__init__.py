@@ -7,6 +7,7 @@ compasses does not show which of them is wrong, nor their constant errors, which
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -130,10 +131,8 @@ def simulated_heading(pairs: PairedHeads, offset_deg: float, frame: Frame) -> Fl
     return frames.turned_heading(pairs.recorded_a, pairs.lean_a, rotation)
 
 
-def _refused(n: int, why: str, warnings: tuple[str, ...], **more: Any) -> Calibration:
-    return Calibration(
-        **{"kind": KIND, "model": "none", "n": n, "coverage": 0, "why": why, "warnings": warnings} | more
-    )
+def _refused(n: int, why: str, warnings: tuple[str, ...], coverage: int = 0) -> Calibration:
+    return Calibration(kind=KIND, model="none", n=n, coverage=coverage, why=why, warnings=warnings)
 
 
 def _make_calibration(
@@ -151,7 +150,7 @@ def _make_calibration(
     points = {
         "time_s": pairs.time_s,
         "recorded_a_deg": pairs.recorded_a,
-        "recorded_b_deg": pairs.recorded_b,
+        "recorded_deg": pairs.recorded_b,
         "simulated_b_deg": angles.wrap360(pairs.recorded_b + difference_deg),
         "deviation_deg": difference_deg,
         "offset_deg": offset_deg - difference_deg,
@@ -175,7 +174,7 @@ def _make_calibration(
             f"b's headings do not follow a's ({rms:.0f}° rms about any constant turn): these heads do not stand on one "
             "frame, or their clocks are farther apart than max_clock_seconds"
         )
-        return _refused(len(pairs), why, warnings, coverage=coverage, points=points)
+        return replace(_refused(len(pairs), why, warnings, coverage), points=points)
     # Refused terms are NaN; A is 0 by definition.
     coefficients, covariance = np.full(5, np.nan), np.full((5, 5), np.nan)
     coefficients[: series.terms] = series.coefficients
