@@ -146,7 +146,7 @@ def run_tilts(steps: int, platforms: int, seed: int) -> Measured:
         true = rng.normal(size=(2, 3)) * [0.5, 0.02, rng.choice([0.0, 0.001])]
         recorded = reference - np.array([np.polynomial.Polynomial(each)(reference) for each in true])
         recorded += rng.normal(0.0, TILT_DEG, recorded.shape)
-        reads = {axis: AxisReadings(reference, each, 0.0) for axis, each in zip(tilt.AXES, recorded, strict=True)}
+        reads = {axis: AxisReadings(reference, each) for axis, each in zip(tilt.AXES, recorded, strict=True)}
         axes, inside = tilt.calibrate_axes(reads, ()).details["axes"], []
         for axis, each in zip(tilt.AXES, true, strict=True):
             at = axes[axis]["table"]

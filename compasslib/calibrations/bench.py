@@ -21,16 +21,18 @@ from compasslib.calibrations.curves import FittedCurve
 from compasslib.readers import iaga2002
 from compasslib.types import Floats
 
+DIPOLE = 3.0  # exponent of the decrease with distance
+FAR_SIZES = 2.0  # distance, in sizes of the object, beyond which it may be a dipole
+EXPONENTS = np.arange(0.5, 8.001, 0.01)
+SAFE_DEG = 0.5  # harmless change of the deviation
+
 
 def correct_field(
     reference_deg: Floats, time_s: Floats, files: Sequence[str], *, max_steps: float = 1.5
 ) -> tuple[Floats, dict[str, Any]]:
     """Correct reference directions, (n,), for changes of the declination about its mean over the readings.
 
-    Readings at an unknown time or far from any sample are not corrected.
-
-    Args:
-        max_steps: largest distance of a reading from the nearest sample, in steps of the series.
+    Readings at an unknown time or farther than ``max_steps`` sampling intervals from any sample are not corrected.
 
     Raises:
         InputError: a file cannot be read.
@@ -43,10 +45,11 @@ def correct_field(
         return reference_deg, {"station": series.station, "corrected": 0, "range_deg": None, "text": text}
     nearest = np.array([np.min(np.abs(at - t)) if np.isfinite(t) else np.inf for t in time_s])
     near = nearest <= max_steps * np.median(np.diff(at))
-    change = np.zeros(reference_deg.shape)
-    change[near] = np.interp(time_s[near], at, declination)
-    change[near] -= np.mean(change[near]) if near.any() else 0.0
-    count, size = int(near.sum()), float(np.ptp(change[near])) if near.any() else 0.0
+    change, count, size = np.zeros(reference_deg.shape), int(near.sum()), 0.0
+    if count:
+        change[near] = np.interp(time_s[near], at, declination)
+        change[near] -= np.mean(change[near])
+        size = float(np.ptp(change[near]))
     text = (
         f"{count} of {len(near)} readings are corrected for changes of the declination at {series.station}, "
         f"{size:.2f} degrees in all; field_deg may then be the noise alone"
@@ -63,19 +66,16 @@ def measure_homogeneity(
     *,
     min_directions: int = 4,
 ) -> dict[str, Any]:
-    """Compare an instrument spun in place, (m,), with the curve fitted to the rotated platform, (n,), degrees.
-
-    Args:
-        min_directions: of a spun instrument.
-    """
+    """Compare an instrument spun in place, (m,), with the curve fitted to the rotated platform, (n,), degrees."""
     points = curves.deviation_points(recorded_deg, reference_deg)
     fits = [curves.fit_curve(form, points) for form in (curves.SMITH, curves.EXACT)]
     fitted = [fit for fit in fits if isinstance(fit, FittedCurve)]
     observed = angles.difference(spun_reference_deg, spun_recorded_deg)
-    known, unknown = np.isfinite(observed), {"max_deg": None, "mean_deg": None}
+    known = np.isfinite(observed)
     if not fitted or known.sum() < min_directions:
         few = f"{known.sum()} directions of the spun instrument, at least {min_directions} tell it"
-        return {**unknown, "text": f"The homogeneity of the field is not determined: {few if fitted else fits[0]}"}
+        text = f"The homogeneity of the field is not determined: {few if fitted else fits[0]}"
+        return {"max_deg": None, "mean_deg": None, "text": text}
     off = angles.difference(observed[known], curves.select_curve(fitted).deviation(spun_recorded_deg[known]))
     largest, mean = float(off[np.argmax(np.abs(off))]), float(np.mean(off))
     text = (
@@ -83,14 +83,6 @@ def measure_homogeneity(
         f"degrees, by {mean:+.2f} on average: the largest is the homogeneity's row of the budget"
     )
     return {"max_deg": largest, "mean_deg": mean, "text": text}
-
-
-# Object near a compass at several distances: its effect, the decrease with distance, and the safe distance.
-
-DIPOLE = 3.0  # exponent of the decrease with distance
-FAR_SIZES = 2.0  # distance, in sizes of the object, beyond which it may be a dipole
-EXPONENTS = np.arange(0.5, 8.001, 0.01)
-SAFE_DEG = 0.5  # harmless change of the deviation
 
 
 @dataclass(frozen=True)
@@ -115,62 +107,74 @@ class ObjectChange:
         return float(np.sqrt(along @ (self.own + self.common) @ along))
 
 
-def describe_object(changes: Sequence[ObjectChange], size_m: float, *, min_distances: int = 4) -> dict[str, Any]:
+def changes_by_object(without: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) -> list[ObjectChange]:
+    """Collect the changes of (B, C) by an object from calibrations that state its distance, nearest first."""
+    found = []
+    for content in others if without["coefficients"] else ():
+        if content.get("object") and content["coefficients"]:
+            change = np.array([content["coefficients"][k] - without["coefficients"][k] for k in "BC"])
+            own, common = (np.array(each["covariance"], dtype=float)[1:3, 1:3] for each in (content, without))
+            found.append(ObjectChange(content["name"], content["object"]["distance_m"], change, own, common))
+    return sorted(found, key=lambda each: each.distance_m)
+
+
+def describe_object(
+    changes: Sequence[ObjectChange],
+    size_m: float,
+    *,
+    min_distances: int = 4,
+    two_sigma_chi2: float = 4.0,
+    min_p_value: float = 0.01,
+) -> dict[str, Any]:
     """Describe the changes by an object, nearest first, their decrease with distance and the safe distance.
+
+    Beyond the safe distance a dipole changes no deviation by more than ``SAFE_DEG``. It follows from the changes beyond
+    twice the object's size unless a dipole cannot cause these.
 
     Args:
         min_distances: needed to fit an exponent.
-    """
-    near = [each for each in changes if each.distance_m <= FAR_SIZES * size_m]
-    far = changes[len(near) :]
-    rows = [
-        {"name": each.name, "distance_m": each.distance_m, "size_deg": each.size_deg, "sigma_deg": each.sigma_deg}
-        | dict(zip("BC", each.change_deg.tolist(), strict=True))
-        for each in changes
-    ]
-    listed = [f"{each.size_deg:.2f} ± {2.0 * each.sigma_deg:.2f}° at {each.distance_m:g} m" for each in changes]
-    texts = [f"The object changes (B, C) by {', '.join(listed)} (k = 2)."]
-    if near:
-        where = ", ".join(f"{each.distance_m:g} m" for each in near)
-        texts.append(f"At {where} it is nearer than twice its size and no dipole: nothing follows for other distances.")
-    content: dict[str, Any] = {"changes": rows, "p_value": None, "exponent": None, "safe_distance_m": None}
-    if far:
-        fall, sentences = _describe_fall(far, size_m, exponent=len(changes) >= min_distances and not near)
-        content, texts = content | fall, texts + sentences
-    return content | {"text": " ".join(texts)}
-
-
-def _describe_fall(
-    far: Sequence[ObjectChange],
-    size_m: float,
-    *,
-    exponent: bool,
-    two_sigma_chi2: float = 4.0,
-    min_p_value: float = 0.01,
-) -> tuple[dict[str, Any], list[str]]:
-    """Describe the decrease of changes beyond twice an object's size: content for JSON, and sentences.
-
-    Args:
         two_sigma_chi2: growth of chi-squared at the ends of an interval of 95 %, one parameter.
         min_p_value: below which changes are not those of a dipole.
     """
     from scipy.special import chdtrc  # imported late: only needed for objects
 
-    strength, covariance, misfit = fit_fall(far, DIPOLE)
-    p_value = float(chdtrc(2 * len(far) - 2, float(misfit))) if len(far) > 1 else None
-    content, texts = dict[str, Any](p_value=p_value), list[str]()
-    if exponent:
+    least_m = FAR_SIZES * size_m  # the object is no dipole at less
+    near, far = ([each for each in changes if (each.distance_m <= least_m) == nearer] for nearer in (True, False))
+    listed = [f"{each.size_deg:.2f} ± {2.0 * each.sigma_deg:.2f}° at {each.distance_m:g} m" for each in changes]
+    texts = [f"The object changes (B, C) by {', '.join(listed)} (k = 2)."]
+    content: dict[str, Any] = {
+        "changes": [
+            {"name": each.name, "distance_m": each.distance_m, "size_deg": each.size_deg, "sigma_deg": each.sigma_deg}
+            | dict(zip("BC", each.change_deg.tolist(), strict=True))
+            for each in changes
+        ],
+        **dict.fromkeys(("p_value", "exponent", "safe_distance_m")),
+    }
+    if near:
+        where = ", ".join(f"{each.distance_m:g} m" for each in near)
+        texts.append(f"At {where} it is nearer than twice its size and no dipole: nothing follows for other distances.")
+    if len(changes) >= min_distances and not near:
         misfits = fit_fall(far, EXPONENTS)[2]
-        within = EXPONENTS[misfits <= misfits.min() + two_sigma_chi2]
-        best = float(EXPONENTS[np.argmin(misfits)])
-        content["exponent"] = n = {"value": best, "low": float(within[0]), "high": float(within[-1])}
-        texts.append(f"They fall with the power {n['value']:.1f} of the distance ({n['low']:.1f} to {n['high']:.1f}).")
-    if p_value is not None and p_value < min_p_value:
-        return content, [*texts, "No dipole falls so: no safe distance follows."]
-    content["safe_distance_m"] = safe = safe_distance(strength, covariance, FAR_SIZES * size_m)
-    law = "By a dipole's fall, which " + ("one distance cannot test" if p_value is None else "they fit")
-    ends = f"{safe['value']:.2f} m on ({safe['low']:.2f} to {safe['high']:.2f} m)"
-    return content, [*texts, f"{law}, no deviation changes by {SAFE_DEG:g}° from {ends}."]
+        within, best = EXPONENTS[misfits <= misfits.min() + two_sigma_chi2], float(EXPONENTS[np.argmin(misfits)])
+        low, high = float(within[0]), float(within[-1])
+        content["exponent"] = {"value": best, "low": low, "high": high}
+        texts.append(f"They fall with the power {best:.1f} of the distance ({low:.1f} to {high:.1f}).")
+    if far:
+        strength, covariance, misfit = fit_fall(far, DIPOLE)
+        p_value = float(chdtrc(2 * len(far) - 2, float(misfit))) if len(far) > 1 else None
+        content["p_value"] = p_value
+        if p_value is not None and p_value < min_p_value:
+            texts.append("No dipole falls so: no safe distance follows.")
+        else:
+            size = float(np.hypot(*strength))
+            sigma = float(np.sqrt(strength @ covariance @ strength)) / max(size, 1e-12)
+            ends = {"value": size, "low": max(size - 2.0 * sigma, 0.0), "high": size + 2.0 * sigma}
+            safe = {name: max((each / SAFE_DEG) ** (1.0 / DIPOLE), least_m) for name, each in ends.items()}
+            content["safe_distance_m"] = safe
+            law = "By a dipole's fall, which " + ("one distance cannot test" if p_value is None else "they fit")
+            where = f"{safe['value']:.2f} m on ({safe['low']:.2f} to {safe['high']:.2f} m)"
+            texts.append(f"{law}, no deviation changes by {SAFE_DEG:g}° from {where}.")
+    return content | {"text": " ".join(texts)}
 
 
 def fit_fall(changes: Sequence[ObjectChange], exponent: ArrayLike) -> tuple[Floats, Floats, Floats]:
@@ -188,25 +192,3 @@ def fit_fall(changes: Sequence[ObjectChange], exponent: ArrayLike) -> tuple[Floa
     strength = np.einsum("...ij,...j->...i", covariance, pull)
     square = np.einsum("ki,kilj,lj", observed, precision, observed) - np.einsum("...i,...i", pull, strength)
     return strength, covariance, np.maximum(square, 0.0)
-
-
-def safe_distance(strength: Floats, covariance: Floats, least_m: float) -> dict[str, float]:
-    """Compute the distance beyond which a dipole changes no deviation by more than ``SAFE_DEG``, with a 95 % interval.
-
-    ``strength`` is the change times distance cubed, (2,) degrees m3. The object is no dipole at less than ``least_m``.
-    """
-    size = float(np.hypot(*strength))
-    sigma = float(np.sqrt(strength @ covariance @ strength)) / max(size, 1e-12)
-    ends = {"value": size, "low": max(size - 2.0 * sigma, 0.0), "high": size + 2.0 * sigma}
-    return {name: max((each / SAFE_DEG) ** (1.0 / DIPOLE), least_m) for name, each in ends.items()}
-
-
-def changes_by_object(without: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) -> list[ObjectChange]:
-    """Collect the changes of (B, C) by an object from calibrations that state its distance, nearest first."""
-    found = []
-    for content in others if without["coefficients"] else ():
-        if content.get("object") and content["coefficients"]:
-            change = np.array([content["coefficients"][k] - without["coefficients"][k] for k in "BC"])
-            own, common = (np.array(each["covariance"], dtype=float)[1:3, 1:3] for each in (content, without))
-            found.append(ObjectChange(content["name"], content["object"]["distance_m"], change, own, common))
-    return sorted(found, key=lambda each: each.distance_m)

@@ -1,14 +1,13 @@
 """Uncertainty budget of a bench, after the Guide to the Expression of Uncertainty in Measurement.
 
-The rows are those of Le Menn et al. 2023, section 2. Rows not given are omitted and reported as missing. Tables
-4 and 5 of the paper are images: the distribution of each row, and whether it applies to directions or tilts, are taken
-from the text. The expanded uncertainty is 0.896 degrees for reference directions (0.90 is printed) and 0.384
-degrees for reference tilts (0.40).
+The rows are those of Le Menn et al. 2023, section 2. Their Tables 4 and 5 are images: the distribution of each row, and
+whether it applies to directions or tilts, are taken from the text. The expanded uncertainty is 0.896 degrees for
+reference directions (0.90 is printed) and 0.384 degrees for reference tilts (0.40).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,42 +59,40 @@ ROWS: dict[str, Row] = {
 }
 
 
-def sources(given: Mapping[str, float | None], budget: str | None = None, kind: str = PLATFORM) -> tuple[Source, ...]:
-    """List the rows of a budget, given in degrees as ``ROWS`` describes them, as standard uncertainties.
+def sources(
+    given: Mapping[str, float | None], budget: str | None = None, kind: str = PLATFORM
+) -> tuple[tuple[Source, ...], list[str]]:
+    """List the rows of a budget as standard uncertainties, with notes on missing rows and on those of another kind.
 
-    The budget ``le_menn`` fills missing rows with the values of that paper, where it has one.
+    Args:
+        given: degrees, in the sense of ``ROWS``.
+        budget: ``le_menn`` fills missing rows with the values of that paper, where it has one.
     """
-    made = []
-    for name, row in _rows_of(kind).items():
+    made, absent, foreign = [], [], []
+    for name, row in ROWS.items():
         value, origin = given.get(name), "given"
+        if kind not in row.kinds:
+            foreign += [name] if value is not None else []
+            continue
         if value is None and budget == LE_MENN:
             value, origin = row.le_menn_deg, "Le Menn et al. 2023, section 2"
-        if value is not None:
+        if value is None:
+            absent.append(name)
+        else:
             made.append(Source(name, value / row.divisor, f"{row.what}: {value:g} degrees, {row.how} ({origin})"))
-    return tuple(made)
-
-
-def notes(given: Mapping[str, float | None], rows: tuple[Source, ...], kind: str = PLATFORM) -> list[str]:
-    """List the missing rows of a budget, and given rows that belong to another kind of calibration."""
-    texts = []
-    foreign = [name for name, row in ROWS.items() if kind not in row.kinds and given.get(name) is not None]
+    notes = []
     if foreign:
-        kinds = ", ".join(sorted({other for name in foreign for other in ROWS[name].kinds}))
-        texts.append(f"rows of kind {kinds} are not part of this budget and are excluded: {', '.join(foreign)}")
-    if absent := [name for name in _rows_of(kind) if name not in {source.name for source in rows}]:
-        holds = "only the scatter about the curve" if not rows else "the other rows only"
-        texts.append(f"the budget has no row {', '.join(absent)}: the expanded uncertainty includes {holds}")
-    return texts
+        notes.append(f"rows that are not of kind {kind} are excluded from the budget: {', '.join(foreign)}")
+    if absent:
+        holds = "the other rows only" if made else "only the scatter about the curve"
+        notes.append(f"the budget has no row {', '.join(absent)}: the expanded uncertainty includes {holds}")
+    return tuple(made), notes
 
 
-def _rows_of(kind: str) -> dict[str, Row]:
-    return {name: row for name, row in ROWS.items() if kind in row.kinds}
-
-
-def physical_field(rows: tuple[Source, ...], horizontal_nT: float = PAPER_FIELD_NT) -> dict[str, Any]:
+def physical_field(rows: Sequence[Source], horizontal_nT: float = PAPER_FIELD_NT) -> dict[str, Any]:
     """Recompute a budget with the deflections of a compass by the paper's changes of the field."""
     sizes = [float(angles.direction(change, horizontal_nT)) for change in PAPER_NT]
-    others = combined(tuple(row for row in rows if row.name != "field_deg"))
+    others = combined([row for row in rows if row.name != "field_deg"])
     totals = [COVERAGE_FACTOR * float(np.hypot(others, size / AT_MOST[0])) for size in sizes]
     text = (
         f"The 0.45 degrees of the field (Le Menn et al. 2023) are 0.125 % of a turn. {PAPER_NT[0]:g} to "
@@ -111,16 +108,16 @@ def residual(scatter_deg: float, dof: int) -> Source:
     return Source(FIT_RESIDUAL, scatter_deg, f"scatter about the curve, {dof} degrees of freedom, by Student's t")
 
 
-def combined(rows: tuple[Source, ...]) -> float:
+def combined(rows: Sequence[Source]) -> float:
     """Combine independent rows into one standard uncertainty, degrees; 0 without rows."""
     return float(np.sqrt(sum(source.standard_deg**2 for source in rows)))
 
 
-def common(rows: tuple[Source, ...]) -> float:
+def common(rows: Sequence[Source]) -> float:
     """Combine the rows that may be common to all headings, excluding those of a single reading, degrees."""
-    return combined(tuple(source for source in rows if source.name not in (FIT_RESIDUAL, MAKER_ACCURACY)))
+    return combined([source for source in rows if source.name not in (FIT_RESIDUAL, MAKER_ACCURACY)])
 
 
-def expanded(rows: tuple[Source, ...]) -> float:
+def expanded(rows: Sequence[Source]) -> float:
     """Compute the expanded uncertainty (k = 2) of independent rows, degrees."""
     return COVERAGE_FACTOR * combined(rows)

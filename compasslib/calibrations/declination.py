@@ -5,7 +5,7 @@ No compass is calibrated: A is the observed minus the model's declination, B to 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,12 +14,11 @@ import numpy as np
 
 from compasslib import angles, earthfield
 from compasslib.calibrations import observatory
-from compasslib.calibrations.observatory import DAY_S, FieldComparison
 from compasslib.calibrations.result import Calibration, DeviationTable, Source
 from compasslib.errors import InputError
 from compasslib.readers import iaga2002
 from compasslib.records import EarthField, FieldSeries
-from compasslib.types import Floats
+from compasslib.types import DAY_S
 
 KIND = "declination"
 CONSTANT_HOW = "blocks of 27 days; under 135 days a middle latitude's spread of daily levels, assumed"
@@ -47,54 +46,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     warnings = [*series.warnings]
     if np.any(np.abs(angles.difference(place, header)) > 0.5):  # degrees
         warnings.append("the file has the station at {:g} N {:g} E; the YAML's place counts".format(*header))
-    if why := observatory.too_short_reason(series):
-        return Calibration(KIND, "none", 0, 0, details=_header(series, place), why=why, warnings=tuple(warnings))
-    field = observatory.model_field(series, settings, str(files[0]))
-    warnings += check_field(series, place)
-    compared = observatory.compare(series, field)
-    if compared.spikes:
-        warnings.append(f"{compared.spikes} isolated outliers: spikes, or storms shorter than three hours")
-    covariance = np.full((5, 5), np.nan)
-    covariance[0, 0] = compared.constant_sigma_deg**2
-    # The same constant at every heading: the correction of headings converted to true with the model's declination.
-    heading = np.arange(0.0, 360.0, float(settings.get("table_step_deg", 10.0)))
-    alike = (np.full(len(heading), x) for x in (compared.constant_deg, compared.constant_sigma_deg))
-    quiet, calm = np.nan_to_num(compared.curve_deg), compared.disturbed_deg[~compared.stormy]
-    return Calibration(
-        kind=KIND,
-        model=f"{'IGRF' if field.source == 'IGRF' else 'the given declination'} plus a constant",
-        n=len(compared.time_s),
-        coverage=0,
-        coefficients=np.append(compared.constant_deg, np.full(4, np.nan)),
-        covariance=covariance,
-        residual_rms_deg=angles.rms(compared.residual_deg - compared.constant_deg),
-        sources=(
-            Source("constant", compared.constant_sigma_deg, CONSTANT_HOW),
-            Source("daily variation", float(np.std(quiet)), f"rms of the curve of {compared.quiet_days} days"),
-            Source("disturbance", angles.rms(calm), "rms of what level and quiet day leave, storms left out"),
-        ),
-        table=DeviationTable(heading, *alike),
-        points=_points(compared),
-        details=_header(series, place) | _details(compared, series, field),
-        warnings=(*warnings, *field.warnings),
-    )
-
-
-def _points(compared: FieldComparison) -> dict[str, Floats]:
-    return {
-        "time_s": compared.time_s,
-        "declination_deg": compared.observed_deg,
-        "model_deg": compared.model_deg,
-        "level_deg": compared.level_deg,
-        "quiet_day_deg": compared.quiet_deg - np.mean(np.nan_to_num(compared.curve_deg)),  # zero mean, as A is a mean
-        "residual_deg": compared.residual_deg - compared.constant_deg,
-        "disturbance_deg": compared.disturbed_deg,
-        "storm": compared.stormy.astype(float),
-    }
-
-
-def _header(series: FieldSeries, place: tuple[float, float]) -> dict[str, Any]:
-    return {
+    of_file = {
         "station": series.station,
         "latitude": _known(place[0]),
         "longitude": _known(place[1]),
@@ -103,30 +55,68 @@ def _header(series: FieldSeries, place: tuple[float, float]) -> dict[str, Any]:
         "definitive": series.definitive,
         "rows": dict(series.counts),
     }
-
-
-def _details(compared: FieldComparison, series: FieldSeries, field: EarthField) -> dict[str, Any]:
-    off_deg, curve = angles.difference(series.declination_deg, compared.observed_deg[0]), compared.curve_deg
-    quiet_day = {
-        "days": compared.quiet_days,
-        "amplitude_deg": float(np.ptp(curve)) / 2.0,
-        "by_hour_deg": curve - np.mean(curve),
-    }
-    return {
-        "constant_deg": compared.constant_deg,
-        "constant_sigma_deg": compared.constant_sigma_deg,
-        "model_source": field.source,
-        "days": compared.days,
-        "from": _stamp(series.time_s[0]),
-        "to": _stamp(series.time_s[-1]),
-        "range_deg": float(np.ptp(off_deg[np.isfinite(off_deg)])),
-        "quiet_day": quiet_day if compared.quiet_days else None,
-        "storms": [
-            {"from": _stamp(x.begin_s), "to": _stamp(x.end_s), "range_deg": x.range_deg, "rms_deg": x.rms_deg}
-            for x in compared.storms
-        ],
-        "cannot_tell": [AMBIGUITY],
-    }
+    if why := observatory.too_short_reason(series):
+        return Calibration(KIND, "none", 0, 0, details=of_file, why=why, warnings=tuple(warnings))
+    field = observatory.model_field(series, settings, str(files[0]))
+    warnings += check_field(series, place)
+    compared = observatory.compare(series, field)
+    if compared.spikes:
+        warnings.append(f"{compared.spikes} isolated outliers: spikes, or storms shorter than three hours")
+    constant, sigma = compared.constant_deg, compared.constant_sigma_deg
+    covariance = np.full((5, 5), np.nan)
+    covariance[0, 0] = sigma**2
+    # The same constant at every heading: the correction of headings converted to true with the model's declination.
+    heading = np.arange(0.0, 360.0, float(settings.get("table_step_deg", 10.0)))
+    curve = compared.curve_deg - np.mean(compared.curve_deg)
+    residual, calm = compared.residual_deg - constant, compared.disturbed_deg[~compared.stormy]
+    observed = angles.difference(series.declination_deg, compared.observed_deg[0])
+    quiet_day = {"days": compared.quiet_days, "amplitude_deg": float(np.ptp(curve)) / 2.0, "by_hour_deg": curve}
+    return Calibration(
+        kind=KIND,
+        model=f"{'IGRF' if field.source == 'IGRF' else 'the given declination'} plus a constant",
+        n=len(compared.time_s),
+        coverage=0,
+        coefficients=np.append(constant, np.full(4, np.nan)),
+        covariance=covariance,
+        residual_rms_deg=angles.rms(residual),
+        sources=(
+            Source("constant", sigma, CONSTANT_HOW),
+            Source(
+                "daily variation",
+                float(np.std(np.nan_to_num(curve))),
+                f"rms of the curve of {compared.quiet_days} days",
+            ),
+            Source("disturbance", angles.rms(calm), "rms of what level and quiet day leave, storms left out"),
+        ),
+        table=DeviationTable(heading, np.full(len(heading), constant), np.full(len(heading), sigma)),
+        points={
+            "time_s": compared.time_s,
+            "declination_deg": compared.observed_deg,
+            "model_deg": compared.model_deg,
+            "level_deg": compared.level_deg,
+            "quiet_day_deg": observatory.interpolate_daily_curve(curve, compared.time_s),
+            "residual_deg": residual,
+            "disturbance_deg": compared.disturbed_deg,
+            "storm": compared.stormy.astype(float),
+        },
+        details=of_file
+        | {
+            "constant_deg": constant,
+            "constant_sigma_deg": sigma,
+            "model_source": field.source,
+            "days": compared.days,
+            "from": _stamp(series.time_s[0]),
+            "to": _stamp(series.time_s[-1]),
+            "range_deg": float(np.ptp(observed[np.isfinite(observed)])),
+            "quiet_day": quiet_day if compared.quiet_days else None,
+            "storms": [
+                {"from": _stamp(x.begin_s), "to": _stamp(x.end_s), "range_deg": x.range_deg, "rms_deg": x.rms_deg}
+                for x in compared.storms
+            ],
+            "cannot_tell": [AMBIGUITY],
+        },
+        warnings=(*warnings, *field.warnings),
+    )
 
 
 def _known(value: float) -> float | None:
@@ -145,7 +135,7 @@ def check_field(
     no_baseline: float = 0.1,
     no_baseline_deg: float = 0.3,
 ) -> list[str]:
-    """Warn if an observatory's field is not the model's at its place, (latitude, longitude), provided that is known.
+    """Warn if the medians of a month of a file are not the model's at its place, (latitude, longitude), if known.
 
     Args:
         impossible_nT: more than any crustal field at an observatory.
@@ -156,21 +146,35 @@ def check_field(
         InputError: a mistake that affects the declination is identified, or the field is impossible at that place.
     """
     warnings: dict[str, str] = {}
-    for where, time_s, declination, horizontal, vertical in _medians(series) if np.isfinite(place).all() else ():
+    known = np.isfinite(series.declination_deg)
+    if not (np.isfinite(place).all() and known.any()):
+        return []
+    file = series.origin if len(series.origin) == len(series) else np.zeros(len(series), dtype=np.intp)
+    months = np.stack([file, np.floor(series.time_s / (observatory.BLOCK_DAYS * DAY_S)).astype(np.intp)])
+    for month in np.unique(months[:, known], axis=1).T:
+        part = np.all(months == month[:, None], axis=0)
+        first = series.declination_deg[part & known][0]
+        off = np.nanmedian(angles.difference(series.declination_deg[part], first))
+        declination = float(angles.wrap180(first + off))
+        horizontal, vertical = (
+            float(np.nanmedian(x[part])) if np.isfinite(x[part]).any() else float("nan")
+            for x in (series.horizontal_nT, series.vertical_nT)
+        )
+        time_s = float(np.median(series.time_s[part]))
         model = [float(x[0]) for x in earthfield.igrf(*place, [time_s])]
         across = model[1] * angles.DEGREE * float(np.abs(angles.chord(angles.difference(declination, model[0]))))
-        if not np.nanmax([across, abs(horizontal - model[1]), abs(vertical - model[2]), 0.0]) > CRUST_NT:
-            continue
-        if not np.isfinite(declination):
+        if not np.nanmax([across, abs(horizontal - model[1]), abs(vertical - model[2])]) > CRUST_NT:
             continue
         variation = abs(declination) < no_baseline_deg < abs(model[0]) or horizontal < no_baseline * model[1]
         why = f"rocks rarely make more than {CRUST_NT:.0f} nT; check columns, units, place and dates"
         why = "a variation about zero: the baseline is missing" if variation else why
-        known = ((" H", horizontal, ".0f"), (" Z", vertical, "+.0f"))
-        parts = "".join(f",{name} {value:{form}} nT" for name, value, form in known if np.isfinite(value))
-        observed = f"D {declination:+.2f} degrees{parts} ({why})"
+        parts = [f"D {declination:+.2f} degrees"]
+        parts += [f" H {horizontal:.0f} nT"] if np.isfinite(horizontal) else []
+        parts += [f" Z {vertical:+.0f} nT"] if np.isfinite(vertical) else []
         year = np.datetime64(int(time_s), "s").astype("datetime64[Y]")
         by_model = "D {:+.1f} degrees, H {:.0f} nT, Z {:+.0f} nT at {:g} N {:g} E in {}".format(*model, *place, year)
+        where = series.files[month[0]] if series.files else series.station
+        observed = f"{','.join(parts)} ({why})"
         if variation or across > impossible_nT:
             raise InputError(where, expected=f"about {by_model}, as IGRF has", found=observed, advice=ADVICE)
         warnings.setdefault(where, f"{where}: {observed}, where IGRF has {by_model}")
@@ -178,18 +182,11 @@ def check_field(
 
 
 def with_observatory_warnings(
-    field: EarthField,
-    files: Sequence[str | Path],
-    place: Mapping[str, float],
-    *,
-    farthest_km: float = 2000.0,
-    covered_share: float = 0.5,
+    field: EarthField, files: Sequence[str | Path], *, covered_share: float = 0.5
 ) -> EarthField:
-    """Add warnings about a mooring's observatory to the mooring's field: mistakes in its file, distance and coverage.
+    """Add warnings about a mooring's observatory to the mooring's field: mistakes in its file, days not covered.
 
-    Args:
-        farthest_km: beyond which storms are hardly similar.
-        covered_share: of the deployment's days that the series should cover.
+    Where a series covers less than ``covered_share`` of the deployment's days, most of the disturbance is zero.
 
     Raises:
         InputError: a file cannot be read, or as for ``check_field``.
@@ -197,20 +194,7 @@ def with_observatory_warnings(
     if not files:
         return field
     series = iaga2002.read(files)
-    there = np.array([series.latitude, series.longitude])
     warnings = check_field(series, (series.latitude, series.longitude))
-    if np.isfinite(there).all():
-        here = place["latitude"], place["longitude"]
-        (sine, cosine), (east, north) = (angles.sin_cos(x) for x in np.transpose([there, here]))
-        station, other = np.stack([cosine * north, cosine * east, sine], axis=-1)
-        across = float(np.linalg.norm(np.cross(station, other)))
-        apart = earthfield.DEGREE_KM * float(angles.argument(complex(station @ other, across)))
-        if apart > farthest_km:
-            warnings.append(
-                f"the observatory {series.station} is {apart:.0f} km from the mooring; disturbances are similar within "
-                f"some {farthest_km:.0f} km: use a nearer one, or check both positions"
-            )
-    # Where the series covers little of the deployment, most of the disturbance is taken as zero.
     days = np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / DAY_S))
     first, last = np.floor(field.time_s[[0, -1]] / DAY_S)
     covered = float(np.sum((days >= first) & (days <= last)) / (last - first + 1.0))
@@ -220,20 +204,3 @@ def with_observatory_warnings(
             "disturbance of the field is taken as zero"
         )
     return replace(field, warnings=(*field.warnings, *warnings))
-
-
-def _medians(series: FieldSeries) -> Iterator[tuple[str, float, float, float, float]]:
-    """Yield file, time, and median declination, horizontal and vertical field of each month of each file."""
-    file = series.origin if len(series.origin) == len(series) else np.zeros(len(series), dtype=np.intp)
-    stretch = np.stack([file, np.floor(series.time_s / (observatory.BLOCK_DAYS * DAY_S)).astype(np.intp)])
-    for number in np.unique(stretch, axis=1).T:
-        part = np.all(stretch == number[:, None], axis=0)
-        known = np.flatnonzero(part & np.isfinite(series.declination_deg))
-        first = series.declination_deg[known[0]] if len(known) else 0.0
-        turned = angles.difference(series.declination_deg[part], first)
-        off, horizontal, vertical = (
-            float(np.nanmedian(column)) if np.isfinite(column).any() else float("nan")
-            for column in (turned, series.horizontal_nT[part], series.vertical_nT[part])
-        )
-        where = series.files[number[0]] if series.files else series.station
-        yield where, float(np.median(series.time_s[part])), float(angles.wrap180(first + off)), horizontal, vertical

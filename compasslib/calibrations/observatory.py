@@ -37,7 +37,6 @@ WINDOW_S = 3 * HOUR_S
 APART_S = 24 * HOUR_S  # windows farther apart belong to separate storms
 MIN_DAYS = 5  # of a record from which its usual day and disturbance are known
 BLOCK_DAYS = 27  # a rotation of the sun
-
 AVERAGED_S = 600.0  # averaging interval of one-minute values: storms last longer
 
 
@@ -56,28 +55,40 @@ def average(series: FieldSeries, step_s: float) -> tuple[Floats, Floats]:
     """Average declinations over time steps, omitting those with too few samples; keep coarser series unchanged."""
     known = np.isfinite(series.declination_deg)
     time_s, declination = series.time_s[known], series.declination_deg[known]
-    interval_s = float(np.median(np.diff(series.time_s))) if len(series) > 1 else step_s
+    interval_s = _step(series.time_s, step_s)
     if interval_s > MIN_SHARE * step_s or not len(time_s):
         return time_s, declination
-    number = np.floor(time_s / step_s)
-    slots, which, count = np.unique(number, return_inverse=True, return_counts=True)
+    slots, which, count = np.unique(np.floor(time_s / step_s), return_inverse=True, return_counts=True)
     middle = declination[0]
     mean = middle + np.bincount(which, angles.difference(declination, middle)) / count
     full = count * interval_s >= MIN_SHARE * step_s
     return (slots[full] + 0.5) * step_s, angles.wrap180(mean[full])
 
 
-def declination_departure(series: FieldSeries, time_s: Floats) -> Floats:
-    """Compute the variation of the declination about its monthly median, (n,) degrees: ``field_disturbance``.
+def _step(time_s: Floats, otherwise_s: float = HOUR_S) -> float:
+    """Compute the sampling interval, seconds."""
+    return float(np.median(np.diff(time_s))) if len(time_s) > 1 else otherwise_s
 
-    It retains storms and daily variation, without the secular variation and the crustal constant.
+
+def covariates(files: Sequence[str | Path], time_s: Floats) -> tuple[Floats, Floats]:
+    """Compute a mooring's covariates from an observatory: field variation across and along its north, (n,) degrees.
+
+    They retain storms and daily variation, without the secular variation and the crustal constant.
+
+    Raises:
+        InputError: a file cannot be read.
     """
-    known = np.flatnonzero(np.isfinite(series.declination_deg))
-    first = series.declination_deg[known[0]] if len(known) else 0.0
-    return _departure(series.time_s, angles.difference(series.declination_deg, first), time_s)
+    series = iaga2002.read(files)
+    # The variation along north, relative to the field, turns a needle where magnetic north has another direction.
+    off = departure(series.time_s, series.horizontal_nT, time_s)
+    strength = np.nanmedian(series.horizontal_nT) if np.isfinite(off).any() else 1.0
+    declination = series.declination_deg
+    first = declination[np.isfinite(declination)][:1] if np.isfinite(declination).any() else 0.0
+    across = departure(series.time_s, angles.difference(declination, first), time_s)
+    return across, np.asarray(off / strength / angles.DEGREE)
 
 
-def _departure(series_s: Floats, values: Floats, time_s: Floats) -> Floats:
+def departure(series_s: Floats, values: Floats, time_s: Floats) -> Floats:
     """Compute hourly means of a series minus the median of the surrounding 27 days, (n,), NaN where unknown."""
     known = np.isfinite(values)
     known_s, off = series_s[known], values[known]
@@ -85,8 +96,7 @@ def _departure(series_s: Floats, values: Floats, time_s: Floats) -> Floats:
         return np.full(len(time_s), np.nan)
     first, last = (np.searchsorted(known_s, time_s + side) for side in (-HOUR_S / 2.0, HOUR_S / 2.0))
     total = np.concatenate([[0.0], np.cumsum(off)])
-    step = float(np.median(np.diff(known_s))) if len(known_s) > 1 else HOUR_S
-    enough = (last - first) >= max(MIN_SHARE * HOUR_S / step, 1.0)
+    enough = (last - first) >= max(MIN_SHARE * HOUR_S / _step(known_s), 1.0)
     mean = np.where(enough, (total[last] - total[first]) / np.maximum(last - first, 1), np.nan)
     days, begins = np.unique(np.floor(known_s / DAY_S), return_index=True)
     levels = np.array([np.median(part) for part in np.split(off, begins[1:])])  # daily, then running medians
@@ -100,46 +110,26 @@ def _running_median(days: Floats, values: Floats, reach: int, least: int = 1) ->
     return np.array([np.median(values[a:b] if b - a >= least else values) for a, b in ends])
 
 
-def covariates(files: Sequence[str | Path], time_s: Floats) -> tuple[Floats, Floats]:
-    """Compute a mooring's covariates from an observatory: field variation across and along its north, (n,) degrees.
-
-    Raises:
-        InputError: a file cannot be read.
-    """
-    series = iaga2002.read(files)
-    # The variation along north, relative to the field, turns a needle where magnetic north has another direction.
-    off = _departure(series.time_s, series.horizontal_nT, time_s)
-    strength = np.nanmedian(series.horizontal_nT) if np.isfinite(off).any() else 1.0
-    return declination_departure(series, time_s), np.asarray(off / strength / angles.DEGREE)
-
-
 def interpolate_daily_curve(curve_deg: Floats, time_s: Floats) -> Floats:
     """Interpolate a daily curve, given at the half hours of UTC (24,), to times, (n,) degrees; 0 if it is unknown."""
     if not np.isfinite(curve_deg).all():
         return np.zeros(len(time_s))
-    hour = (time_s / HOUR_S) % 24.0
-    return np.interp(hour, np.arange(24) + 0.5, curve_deg, period=24.0)
+    return np.interp((time_s / HOUR_S) % 24.0, np.arange(24) + 0.5, curve_deg, period=24.0)
 
 
 def hourly_median(time_s: Floats, off: Floats, chosen: Bools) -> Floats:
     """Compute medians of hourly means by hour of day, (24,), minus the overall median; NaN if an hour is missing."""
-    hours, which = np.unique(np.floor(time_s[chosen] / HOUR_S), return_inverse=True)
-    if not len(hours):
-        return np.full(24, np.nan)
-    mean = np.bincount(which, off[chosen]) / np.bincount(which)
+    hours, which, count = np.unique(np.floor(time_s[chosen] / HOUR_S), return_inverse=True, return_counts=True)
     clock = (hours % 24).astype(int)
     if len(np.unique(clock)) < 24:
         return np.full(24, np.nan)
+    mean = np.bincount(which, off[chosen]) / count
     curve = np.array([np.median(mean[clock == k]) for k in range(24)])
     return curve - np.median(curve)
 
 
 def strongest_disturbance(time_s: Floats, off_deg: Floats, *, max_stretches: int = 12) -> tuple[float, float]:
-    """Find start and end of the strongest disturbance, or of the record if that is disturbed throughout.
-
-    Args:
-        max_stretches: fractions of the maximum; with more stretches, all is disturbed.
-    """
+    """Find start and end of the strongest disturbance, or of the record if many stretches are as strong."""
     size, _ = three_hour_rms(time_s, off_deg)
     at = np.flatnonzero(size >= 0.5 * size.max())
     groups = np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1)
@@ -152,7 +142,7 @@ def strongest_disturbance(time_s: Floats, off_deg: Floats, *, max_stretches: int
 
 def three_hour_rms(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
     """Compute the rms over the three hours around each value, with and without the largest one, (n,) each."""
-    step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else HOUR_S
+    step = _step(time_s)
     slot = np.rint((time_s - time_s[0]) / step).astype(np.intp)
     half = max(int(WINDOW_S / step) // 2, 1)
     gaps = np.concatenate([[0], np.cumsum(np.minimum(np.diff(slot), 4 * half))])  # shorten long gaps, to save memory
@@ -166,7 +156,7 @@ def three_hour_rms(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
     return np.where(full, np.sqrt(total / count), 0.0), np.where(full, without_largest, 0.0)
 
 
-def storms(
+def find_storms(
     time_s: Floats, off: Floats, limit_deg: float, *, min_without_largest: float = 0.5, storm_factor: float = 3.0
 ) -> tuple[Bools, list[tuple[float, ...]], float, int]:
     """Detect storms in the declination without level and quiet-day curve, (n,) degrees.
@@ -188,14 +178,13 @@ def storms(
         near = np.clip(np.searchsorted(within, time_s), 1, len(within))
         before, after = within[near - 1], within[np.minimum(near, len(within) - 1)]
         stormy = np.minimum(np.abs(time_s - before), np.abs(after - time_s)) <= WINDOW_S / 2.0
-    at = np.flatnonzero(stormy & (np.abs(off) >= min_without_largest * limit))
-    groups = np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1) if len(at) else []
-    half = float(np.median(np.diff(time_s))) / 2.0
-    spans = [slice(g[0], g[-1] + 1) for g in groups]
-    ends = [(time_s[g[0]] - half, time_s[g[-1]] + half) for g in groups]
-    rms = [angles.rms(off[span][stormy[span]]) for span in spans]
-    worst = [float(size[group].max()) for group in groups]
-    return stormy, [(*end, *x) for end, *x in zip(ends, rms, worst, strict=True)], ordinary, spikes
+    at, half = np.flatnonzero(stormy & (np.abs(off) >= min_without_largest * limit)), _step(time_s) / 2.0
+    found: list[tuple[float, ...]] = []
+    for group in np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1) if len(at) else []:
+        span = slice(group[0], group[-1] + 1)
+        rms, worst = angles.rms(off[span][stormy[span]]), float(size[group].max())
+        found.append((time_s[group[0]] - half, time_s[group[-1]] + half, rms, worst))
+    return stormy, found, ordinary, spikes
 
 
 @dataclass(frozen=True)
@@ -230,7 +219,7 @@ class FieldComparison:
     @property
     def step_s(self) -> float:
         """Interval between the averaged times, seconds."""
-        return float(np.median(np.diff(self.time_s)))
+        return _step(self.time_s)
 
 
 def model_field(series: FieldSeries, settings: Mapping[str, Any], where: str) -> EarthField:
@@ -259,48 +248,44 @@ def station_place(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[flo
 def too_short_reason(series: FieldSeries) -> str:
     """Explain why a series is too short to be compared with a model; empty if it is not."""
     hours = len(np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / HOUR_S)))
-    if hours >= 12:
-        return ""
-    return f"the series has a declination in {hours} hours; 12 are needed"
+    return "" if hours >= 12 else f"the series has a declination in {hours} hours; 12 are needed"
 
 
 def compare(
-    series: FieldSeries,
-    model: EarthField,
-    *,
-    limit_deg: float = 0.5,
-    bin_s: float = AVERAGED_S,
-    near_days: int = 4,
-    min_near: int = 5,
+    series: FieldSeries, model: EarthField, *, limit_deg: float = 0.5, near_days: int = 4, min_near: int = 5
 ) -> FieldComparison:
     """Separate observed minus model declination into level, quiet-day curve and storms.
 
     Args:
         limit_deg: rms over three hours from which a disturbance is a storm.
-        bin_s: averaging interval of denser samples; reduces the noise of one-minute values.
         near_days, min_near: slow level: half width of the running median, and least number of days in it.
     """
-    time_s, observed = average(series, bin_s)
+    time_s, observed = average(series, AVERAGED_S)
     by_model = earthfield.declination_at(model, time_s)
     off = angles.difference(observed, by_model)
-    by_day, which_day = np.unique(np.floor(time_s / DAY_S), return_inverse=True)
+    days, begins, which_day = np.unique(np.floor(time_s / DAY_S), return_index=True, return_inverse=True)
     first = np.full(24, np.nan)  # median day of all days, if these are not too few
-    if len(by_day) >= MIN_DAYS:
-        begins = np.searchsorted(which_day, np.arange(len(by_day)))
+    if len(days) >= MIN_DAYS:
         middle = np.array([np.median(part) for part in np.split(off, begins[1:])])
         first = hourly_median(time_s, off - middle[which_day], np.ones(len(off), dtype=bool))
-    levels, days = _levels(time_s, off - interpolate_daily_curve(first, time_s))
-    level = _running_median(days, levels, near_days, min_near)[np.searchsorted(days, np.floor(time_s / DAY_S))]
-    rough = off - level - interpolate_daily_curve(first, time_s)
-    quiet = _quiet_days(time_s, rough, storms(time_s, rough, limit_deg)[0])
+    # Level of each day: the median of its calmer half, by the largest change in each hour.
+    left = off - interpolate_daily_curve(first, time_s)
+    change = np.abs(np.diff(left, prepend=left[0], append=left[-1]))
+    hour = np.unique(np.floor(time_s / HOUR_S), return_inverse=True)[1]
+    rough = np.zeros(hour[-1] + 1)
+    np.maximum.at(rough, hour, np.maximum(change[:-1], change[1:]))
+    parts = zip(np.split(left, begins[1:]), np.split(rough[hour], begins[1:]), strict=True)
+    levels = np.array([np.median(x[r <= np.median(r)]) for x, r in parts])
+    level = _running_median(days, levels, near_days, min_near)[which_day]
+    quiet = _quiet_days(time_s, left - level, find_storms(time_s, left - level, limit_deg)[0])
     curve = hourly_median(time_s, off - level, quiet) if quiet.any() else first
     disturbed = off - level - interpolate_daily_curve(curve, time_s)
-    stormy, measures, ordinary, spikes = storms(time_s, disturbed, limit_deg)
+    stormy, measures, ordinary, spikes = find_storms(time_s, disturbed, limit_deg)
     samples = angles.difference(series.declination_deg, earthfield.declination_at(model, series.time_s))
-    found = []
+    storms = []
     for begin_s, end_s, rms_deg, worst_deg in measures:
         inside = samples[(series.time_s >= begin_s) & (series.time_s <= end_s)]
-        found.append(Storm(begin_s, end_s, float(np.nanmax(inside) - np.nanmin(inside)), rms_deg, worst_deg))
+        storms.append(Storm(begin_s, end_s, float(np.nanmax(inside) - np.nanmin(inside)), rms_deg, worst_deg))
     # Daily means, without storms except on days that have no other values.
     calm = ~stormy | (np.bincount(which_day, ~stormy) == 0)[which_day]
     without = off - interpolate_daily_curve(curve - np.mean(curve), time_s)
@@ -311,45 +296,24 @@ def compare(
         model_deg=by_model,
         level_deg=level,
         curve_deg=curve,
-        quiet_days=len(np.unique(np.floor(time_s[quiet] / DAY_S))),
+        quiet_days=len(np.unique(which_day[quiet])),
         disturbed_deg=disturbed,
         stormy=stormy,
-        storms=tuple(found),
+        storms=tuple(storms),
         ordinary_deg=ordinary,
         spikes=spikes,
         constant_deg=float(np.median(each)),
-        constant_sigma_deg=_constant_sigma(each, days, disturbed, limit_deg),
+        constant_sigma_deg=_constant_sigma(each, days, min(angles.rms(disturbed), limit_deg)),
         days=len(days),
     )
-
-
-def _levels(time_s: Floats, off: Floats) -> tuple[Floats, Floats]:
-    """Compute the level of each day, the median of its calmer half, and the day numbers."""
-    number = np.floor(time_s / DAY_S)
-    change = np.abs(np.diff(off, prepend=off[0], append=off[-1]))
-    hour = np.unique(np.floor(time_s / HOUR_S), return_inverse=True)[1]
-    rough = np.zeros(hour[-1] + 1)
-    np.maximum.at(rough, hour, np.maximum(change[:-1], change[1:]))
-    days, begins = np.unique(number, return_index=True)
-    parts = zip(np.split(off, begins[1:]), np.split(rough[hour], begins[1:]), strict=True)
-    return np.array([np.median(x[r <= np.median(r)]) for x, r in parts]), days
 
 
 def _quiet_days(
     time_s: Floats, rough: Floats, stormy: Bools, *, quiet_share: float = 0.2, whole_day: float = 0.9
 ) -> Bools:
-    """Select the values of the quietest days, among complete ones without storms.
-
-    Args:
-        quiet_share: fraction of the days that form the quiet-day curve.
-        whole_day: fraction of its samples required of a quiet day.
-    """
-    number = np.floor(time_s / DAY_S)
-    days, which, count = np.unique(number, return_inverse=True, return_counts=True)
-    step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else HOUR_S
-    whole = (count * step >= whole_day * DAY_S) & (np.bincount(which, stormy) == 0)
-    if not whole.any():
-        return np.zeros(len(time_s), dtype=bool)
+    """Select the values of the quietest share of the days, among those without storms and with most samples."""
+    days, which, count = np.unique(np.floor(time_s / DAY_S), return_inverse=True, return_counts=True)
+    whole = (count * _step(time_s) >= whole_day * DAY_S) & (np.bincount(which, stormy) == 0)
     about = rough - (np.bincount(which, rough) / count)[which]
     size = np.where(whole, np.bincount(which, about**2) / count, np.inf)
     quietest = np.argsort(size)[: max(int(quiet_share * len(days)), 1)]
@@ -359,8 +323,7 @@ def _quiet_days(
 def _constant_sigma(
     each_day: Floats,
     days: Floats,
-    disturbed: Floats,
-    limit_deg: float,
+    disturbance_deg: float,
     *,
     min_blocks: int = 5,
     whole_year_days: int = 330,
@@ -371,14 +334,13 @@ def _constant_sigma(
     """Estimate the standard error of the constant from blocks of days, or from an assumed spread if these are few.
 
     Args:
-        min_blocks: a rotation of the sun.
         day_level_deg, disturbance_share, season_deg: standard deviation of daily means about the annual mean, share of
             the disturbance added to it, and standard deviation of seasonal means. Tuned to Eskdalemuir 1980 and 2003,
             on which the benchmark measures coverage: no independent check.
     """
-    spread = np.hypot(day_level_deg, disturbance_share * min(angles.rms(disturbed), limit_deg))
     blocks = np.unique(np.floor(days / BLOCK_DAYS), return_inverse=True)[1]
     if blocks[-1] + 1 < min_blocks:
+        spread = np.hypot(day_level_deg, disturbance_share * disturbance_deg)
         return float(np.hypot(spread / np.sqrt(len(days)), season_deg))
     each = np.array([np.median(each_day[blocks == k]) for k in range(blocks[-1] + 1)])
     season = season_deg if np.ptp(days) < whole_year_days else 0.0

@@ -18,7 +18,6 @@ from compasslib.earthfield import resolve_settings
 from compasslib.types import Floats
 
 LETTERS = "ABCDE"
-POSITION = ("latitude", "longitude")
 NO_BENCH = "compare_with names no bench without the object, so that its influence is not known"
 
 
@@ -54,8 +53,15 @@ class Calibration:
 
 def to_json(name: str, made: Calibration, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Convert a calibration to the content of calibration.json: keys common to all kinds, then those of its kind."""
-    place = _place(settings, made.details)
-    weak = weak_field_warnings(place["field"]["horizontal_nT"]) if place["field"] else ()
+    # Place and date as given, else as stated in the log, and the earth's field there.
+    details, date_s = made.details, settings.get("date_s")
+    date = details.get("date") if date_s is None else datetime.fromtimestamp(date_s, UTC).strftime("%Y-%m-%d")
+    stated = settings if None not in (settings.get("latitude"), settings.get("longitude")) else details
+    at = {key: stated.get(key) for key in ("latitude", "longitude")}
+    day_s = None if date is None else datetime.fromisoformat(date).replace(tzinfo=UTC).timestamp()
+    field = settings.get("field") or resolve_settings({**at, "date_s": day_s})["field"]
+    declination = settings.get("declination_deg", field and field["declination_deg"])
+    weak = weak_field_warnings(field["horizontal_nT"]) if field else ()
     standard = budget.combined(made.sources) if made.sources and not made.why else None
     common = {
         "name": name,
@@ -73,7 +79,7 @@ def to_json(name: str, made: Calibration, settings: Mapping[str, Any]) -> dict[s
             "expanded_deg": None if standard is None else COVERAGE_FACTOR * standard,
         },
         "exact": {"coefficients": _named(made.exact), "covariance": made.exact_covariance} if made.exact.size else None,
-        "place": place,
+        "place": {**at, "date": date, "declination_deg": declination, "field": field},
         "parts": list(settings.get("parts") or ()),
         "comparison": None,
         "compared": [],
@@ -81,23 +87,34 @@ def to_json(name: str, made: Calibration, settings: Mapping[str, Any]) -> dict[s
         "warnings": [*made.warnings, *weak],
     }
     near = {"object": settings["object"]} if settings.get("object") else {}
-    taken = [key for key in made.details if key in common and made.details[key] != common[key]]
-    if taken:
-        raise ValueError(f"details of kind {made.kind} use the names {taken}, which every calibration has")
-    return {**common, **made.details, **near}
+    return {**common, **details, **near}
 
 
 def compare_all(name: str, content: Mapping[str, Any], earlier: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Compare a calibration with others, as the keys of calibration.json that need them.
 
+    The curves of several calibrations are described with the change of their one-cycle part from the first; an object
+    by its changes relative to the first, the one without it.
+
     Args:
         earlier: contents of the calibrations to compare it with, by name.
     """
-    made = from_json(content)
-    return {
-        "comparison": next((compare(made, page, other) for other, page in earlier.items()), None),
-        "compared": _compared(name, made, earlier),
-    } | _object(content, earlier)
+    if not earlier:
+        alone = {"object": {**content["object"], "text": NO_BENCH}} if content.get("object") else {}
+        return {"comparison": None, "compared": []} | alone
+    first, *others = {**earlier, name: content}
+    made, pages = from_json(content), {**earlier, name: content}
+    compared = [{"name": first, "coefficients": pages[first]["coefficients"], "amplitude_deg": None, "phase_deg": None}]
+    for other in others:
+        against = compare(from_json(pages[other]), pages[first], first)
+        change = against.get("one_cycle") or {"amplitude_deg": None, "phase_deg": None}
+        compared.append({"name": other, "coefficients": pages[other]["coefficients"], **change})
+    result: dict[str, Any] = {"comparison": compare(made, pages[first], first), "compared": compared}
+    if content.get("object"):
+        changes = changes_by_object(pages[first], [pages[other] for other in others])
+        described = describe_object(changes, content["object"]["size_m"]) if changes else {}
+        result["object"] = content["object"] | ({"text": NO_BENCH} if pages[first].get("object") else described)
+    return result
 
 
 def from_json(content: Mapping[str, Any]) -> Calibration:
@@ -121,62 +138,25 @@ def from_json(content: Mapping[str, Any]) -> Calibration:
     )
 
 
+def log_line(content: Mapping[str, Any]) -> str:
+    """Summarize a calibration in one line of the log, followed by its warnings."""
+    name = content["name"]
+    known = {k: x for k, x in (content["coefficients"] or {}).items() if x is not None and np.isfinite(x)}
+    letters = ", ".join(f"{k} {x:+.2f}" for k, x in known.items())
+    expanded = content["uncertainty"]["expanded_deg"]
+    line = f"{name}: {content['kind']}, {content['n']} readings, model {content['model']}"
+    line += f", {letters} degrees" if letters else ""
+    line += "" if expanded is None else f", expanded uncertainty {expanded:.2f} degrees (k = 2)"
+    first = f"{name}: no calibration: {content['why']}" if content["why"] else line
+    return "\n".join([first, *(f"{name}: warning: {text}" for text in content["warnings"])])
+
+
 def _numbers(letters: Mapping[str, float | None] | None) -> Floats:
     return np.array([letters[k] for k in LETTERS] if letters else [], dtype=float)
 
 
-def log_line(content: Mapping[str, Any]) -> str:
-    """Summarize a calibration in one line of the log, followed by its warnings."""
-    name, warnings = content["name"], [f"{content['name']}: warning: {text}" for text in content["warnings"]]
-    if content["why"]:
-        return "\n".join([f"{name}: no calibration: {content['why']}", *warnings])
-    known = {k: x for k, x in (content["coefficients"] or {}).items() if x is not None and np.isfinite(x)}
-    letters = ", ".join(f"{k} {x:+.2f}" for k, x in known.items())
-    expanded = content["uncertainty"]["expanded_deg"]
-    sure = "" if expanded is None else f", expanded uncertainty {expanded:.2f} degrees (k = 2)"
-    first = f"{name}: {content['kind']}, {content['n']} readings, model {content['model']}"
-    return "\n".join([f"{first}{f', {letters} degrees' if letters else ''}{sure}", *warnings])
-
-
 def _named(values: Floats) -> dict[str, float] | None:
     return dict(zip(LETTERS, values.tolist(), strict=True)) if values.size else None
-
-
-def _place(settings: Mapping[str, Any], details: Mapping[str, Any]) -> dict[str, Any]:
-    """Describe place, date and the earth's field there, as given, else as stated in the log."""
-    date = settings.get("date_s")
-    day = details.get("date") if date is None else datetime.fromtimestamp(date, UTC).strftime("%Y-%m-%d")
-    at = {key: settings.get(key) for key in POSITION}
-    at = {key: details.get(key) for key in POSITION} if None in at.values() else at
-    date_s = None if day is None else datetime.fromisoformat(day).replace(tzinfo=UTC).timestamp()
-    field = settings.get("field") or resolve_settings({**at, "date_s": date_s})["field"]
-    declination = settings.get("declination_deg", field and field["declination_deg"])
-    return {**at, "date": day, "declination_deg": declination, "field": field}
-
-
-def _object(content: Mapping[str, Any], earlier: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Describe the effect of an object relative to the first of the earlier calibrations, the one without it."""
-    if not content.get("object"):
-        return {}
-    without, *others = [*earlier.values(), content]
-    if not earlier or without.get("object"):
-        return {"object": {**content["object"], "text": NO_BENCH}}
-    changes = changes_by_object(without, others)
-    return {"object": content["object"] | (describe_object(changes, content["object"]["size_m"]) if changes else {})}
-
-
-def _compared(name: str, made: Calibration, earlier: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Describe the curves of several calibrations and compare the one-cycle part of each with the first."""
-    if not earlier:
-        return []
-    first = next(iter(earlier))
-    curves = [(each, from_json(page)) for each, page in earlier.items()] + [(name, made)]
-    compared = []
-    for each, calibration in curves:
-        against = compare(calibration, earlier[first], first) if each != first else {}
-        part = against.get("one_cycle") or {"amplitude_deg": None, "phase_deg": None}
-        compared.append({"name": each, "coefficients": _named(calibration.coefficients), **part})
-    return compared
 
 
 def compare(
@@ -215,23 +195,24 @@ def compare(
         z = value / sigma if sigma > 0 else float("nan")
         difference[LETTERS[k]] = {"value_deg": value, "sigma_deg": sigma, "z": z}
     here, there = _polar(after.coefficients, after.covariance), _polar(earlier, earlier_covariance)
-    sigma = float(np.hypot(here[1], there[1]))
-    size = {"after": here[0], "before": there[0], "difference": here[0] - there[0], "sigma": sigma}
+    change, sigma = here[0] - there[0], float(np.hypot(here[1], there[1]))
+    size = {"after": here[0], "before": there[0], "difference": change, "sigma": sigma}
     phase, moved = None, "it is too small on one side to have a phase"
     if not min(here[0] / here[1], there[0] / there[1]) < min_amplitude_sigmas:
-        shift, sigma = float(angles.difference(here[2], there[2])), float(np.hypot(here[3], there[3]))
-        phase = {"after": here[2], "before": there[2], "shift": shift, "sigma": sigma}
-        moved = f"its phase moves by {shift:+.0f} ± {2 * sigma:.0f} degrees"
+        shift, spread = float(angles.difference(here[2], there[2])), float(np.hypot(here[3], there[3]))
+        phase = {"after": here[2], "before": there[2], "shift": shift, "sigma": spread}
+        moved = f"its phase moves by {shift:+.0f} ± {2 * spread:.0f} degrees"
+    differ = p_value < significance
     chance = f"p = {p_value:.2g}" if p_value >= min_p_value else f"p < {min_p_value}"
     return {
         "with": name,
         "one_cycle": {"amplitude_deg": size, "phase_deg": phase},
         "difference": difference,
         "p_value": p_value,
-        "differ": p_value < significance,
-        "text": f"This calibration and {name} {'differ' if p_value < significance else 'do not differ significantly'} "
-        f"({chance}). The one-cycle part goes from {size['before']:.2f} to {size['after']:.2f} degrees, by "
-        f"{size['difference']:+.2f} ± {2 * size['sigma']:.2f} (k = 2); {moved}.",
+        "differ": differ,
+        "text": f"This calibration and {name} {'differ' if differ else 'do not differ significantly'} ({chance}). "
+        f"The one-cycle part goes from {there[0]:.2f} to {here[0]:.2f} degrees, by {change:+.2f} ± {2 * sigma:.2f} "
+        f"(k = 2); {moved}.",
     }
 
 

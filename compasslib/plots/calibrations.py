@@ -51,7 +51,7 @@ COLOURS = {"smith": GREEN, "exact": SKY, "polynomial": ORANGE, "one_cycle": PURP
 PALE_BAND: dict[str, Any] = BAND | {"alpha": 0.22}
 LIMIT: dict[str, Any] = {"color": VERMILION, "linewidth": 0.8, "linestyle": "--"}
 EDGE: dict[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (4, 2))}
-MOST_BARS = 100  # points above which no error bars are drawn
+MOST_BARS, LOG = 100, 1000  # points above which no error bars are drawn, and of a log that may have spikes
 GAMMA, DEVIATION = "Recorded heading γ (° magnetic)", "Deviation β − γ (°)"
 
 
@@ -71,103 +71,74 @@ def draw_deviation(path: str | Path, shown: StoredCalibration) -> None:
         handles = deviation_panel(above, shown)
         above.set(xlabel="", title="")
         if handles and shown.content["kind"] == "swing":
-            for limit in (-adjustment.LIMIT_DEG, adjustment.LIMIT_DEG):
-                above.axhline(limit, **LIMIT)
-            handles.append(Line2D([], [], **LIMIT, label=f"{adjustment.LIMIT_DEG:g}° (ISO 25862)"))
+            limits = [above.axhline(edge, **LIMIT) for edge in (-adjustment.LIMIT_DEG, adjustment.LIMIT_DEG)]
+            limits[0].set_label(f"{adjustment.LIMIT_DEG:g}° (ISO 25862)")
+            handles.append(limits[0])
         off, recorded = shown.points.get("residual_deg"), shown.points.get("recorded_deg")
         if off is None or recorded is None or not np.isfinite(off).any():
             empty(below, words="no residuals")
         else:
             below.plot(recorded, off, **_point(len(off)))
             expanded = shown.content["uncertainty"]["expanded_deg"] or 0.0
-            for edge in (-expanded, expanded):
-                below.axhline(edge, **EDGE)
+            edges = [below.axhline(edge, **EDGE) for edge in (-expanded, expanded)]
+            edges[0].set_label("expanded uncertainty (k = 2)")
+            handles.append(edges[0])
             below.axhline(0.0, color=BLACK, linewidth=0.6)
             below.set(xlabel=GAMMA, ylabel="Observed minus\ncurve (°)")
-            handles.append(Line2D([], [], **EDGE, label="expanded uncertainty (k = 2)"))
         figure.align_ylabels()
         legend(figure, handles, columns=1)
 
 
 def deviation_panel(axes: Axes, shown: StoredCalibration) -> list[Artist]:
     """Draw points, band and curves into a panel and return the handles of its legend."""
-    models = {name: model for name, model in shown.content.get("models", {}).items() if "coefficients" in model}
-    order = sorted(models, key=lambda name: name == shown.content["model"])  # the chosen one lies on top
-    curves = {name: _curve(name, models[name]["coefficients"], shown) for name in order}
-    if not (curves or shown.table.heading_deg.size or "deviation_deg" in shown.points):
+    content, points, table = shown.content, shown.points, shown.table
+    models = {name: model for name, model in content.get("models", {}).items() if "coefficients" in model}
+    readings = {"recorded_deg", "deviation_deg"} <= set(points)
+    if not (models or table.heading_deg.size or readings):
         empty(axes, words="no readings")
         return []
-    handles = [*_draw_points(axes, shown), *_draw_band(axes, shown), *_draw_curves(axes, curves, shown)]
-    chosen = curves.get(shown.content["model"], (np.zeros(0),) * 2)[1]
-    half = NORMAL_95 * shown.table.sigma_deg
-    line = np.concatenate([chosen, shown.table.deviation_deg - half, shown.table.deviation_deg + half])
-    axes.axhline(0.0, color=BLACK, linewidth=0.6)
-    degrees(axes.xaxis, (0.0, 360.0))
-    ends = np.concatenate([shown.points.get("deviation_deg", []), line, [0.0]])
-    low, high = float(np.nanmin(ends)), float(np.nanmax(ends))
+    handles, ends = list[Artist](), list[Floats]([np.zeros(1)])
+    if readings:
+        recorded, deviation = points["recorded_deg"], points["deviation_deg"]
+        scatter, bar = content["uncertainty"]["rows"].get("fit_residual", {}).get("standard_deg"), ""
+        if scatter is not None and len(recorded) <= MOST_BARS:
+            axes.errorbar(recorded, deviation, 2.0 * scatter, fmt="none", ecolor=GREY, elinewidth=0.8)
+            bar = f", ±{2.0 * scatter:.2f}° (k = 2)"
+        axes.plot(recorded, deviation, **_point(len(recorded)))
+        handles.append(Line2D([], [], **POINT, label=f"{len(recorded)} readings{bar}"))
+        ends.append(np.percentile(deviation, (0.5, 99.5)) if len(recorded) > LOG else deviation)  # without spikes
+    heading, middle, half = np.append(table.heading_deg, 360.0), table.deviation_deg, NORMAL_95 * table.sigma_deg
+    ends += [middle - half, middle + half]
+    if np.isfinite(half).any():
+        middle, half = (np.append(x, x[0]) for x in (middle, half))
+        kept = slice(None, -1 if content["model"] == "polynomial" else None)  # discontinuous at north
+        axes.fill_between(heading[kept], (middle - half)[kept], (middle + half)[kept], **PALE_BAND)
+        handles.append(Patch(**PALE_BAND, label="95 % interval, budget included"))
+    if not models and table.heading_deg.size:
+        axes.plot(heading, np.append(table.deviation_deg, table.deviation_deg[0]), color=GREEN)
+        name = MODELS.get(content["model"], content["model"])
+        handles.append(Line2D([], [], color=GREEN, label=name))
+    for name in sorted(models, key=lambda name: name == content["model"]):  # the chosen one lies on top
+        chosen = name == content["model"]
+        recorded, off = _curve(name, models[name]["coefficients"], shown)
+        label = f"{MODELS[name]}, cross-validated rms {models[name]['left_out_rms_deg']:.2f}°"
+        look: dict[str, Any] = {"color": COLOURS[name], "linewidth": 1.8 if chosen else 1.0}
+        look |= {} if chosen else {"linestyle": (0, (4, 1.5))}
+        axes.plot(recorded, off, **look)
+        handles.append(Line2D([], [], **look, label=label + (" (used)" if chosen else "")))
+        ends += [off] if chosen else []
+    low, high = float(np.nanmin(np.concatenate(ends))), float(np.nanmax(np.concatenate(ends)))
     room = max(0.08 * (high - low), 0.5)
     axes.set_ylim(low - room, high + room)
+    axes.axhline(0.0, color=BLACK, linewidth=0.6)
+    degrees(axes.xaxis, (0.0, 360.0))
     axes.set(xlabel=GAMMA, ylabel=DEVIATION)
     return handles
 
 
-def draw_compared(path: str | Path, shown: StoredCalibration) -> None:
-    """Draw the series of several calibrations with their shift from the first, and the readings of this one."""
-    curves = [each for each in shown.content["compared"] if each["coefficients"]]
-    with page(path, 3.6) as figure:
-        axes, handles = figure.subplots(), list[Artist]()
-        for colour, each in zip(cycle((BLACK, SKY, ORANGE, GREEN, PURPLE, BLUE, VERMILION)), curves):
-            letters = np.nan_to_num([x if x is not None else np.nan for x in each["coefficients"].values()])
-            axes.plot(TURN_DEG, series_design(TURN_DEG) @ letters, color=colour)
-            handles.append(Line2D([], [], color=colour, label=_shift_label(each, first=each is curves[0])))
-        points = shown.points
-        if {"recorded_deg", "deviation_deg"} <= set(points) and curves:
-            axes.plot(points["recorded_deg"], points["deviation_deg"], **_point(len(points["recorded_deg"])))
-            handles.append(Line2D([], [], **POINT, label="readings of the last"))
-        if not curves:
-            empty(axes, words="no curves")
-            return
-        axes.axhline(0.0, color=BLACK, linewidth=0.6)
-        degrees(axes.xaxis, (0.0, 360.0))
-        axes.set(xlabel=GAMMA, ylabel=DEVIATION)
-        legend(figure, handles, columns=1)
-
-
-def _shift_label(compared: Mapping[str, Any], *, first: bool) -> str:
-    """Compose a label: name, and shift in phase and amplitude of the one-cycle part from the first (k = 2)."""
-    name = textwrap.shorten(compared["name"], 20, placeholder="…")
-    if first:
-        return f"{name} (first)"
-    phase, size = compared["phase_deg"], compared["amplitude_deg"]
-    shift = f"shift {signed(phase['shift'], '+.0f')}° ± {2.0 * phase['sigma']:.0f}°" if phase else "no phase"
-    grown = f", amplitude {signed(size['difference'], '+.1f')}° ± {2.0 * size['sigma']:.1f}°" if size else ""
-    return f"{name}: {shift}{grown}"
-
-
-def draw_certificate(path: str | Path, shown: StoredCalibration) -> None:
-    """Draw the one-page certificate of a calibration: curve, table, coefficients, uncertainty, date and place."""
-    title = f"{shown.content['name']}: calibration of a compass, kind {shown.content['kind']}"
-    text, high = writing(shown), 3.1
-    first = max(len(text.about), len(text.budget)) + 1  # line at which the table begins
-    last = first + len(text.table) + 1
-    height_in = LINE_IN * (last + len(text.notes) + 2)
-    with page(path, high + 0.7 + height_in, width_in=WIDE_IN, title=title) as figure:
-        curve, below = figure.subplots(2, 1, height_ratios=(high, height_in))
-        handles = deviation_panel(curve, shown)
-        if handles:
-            curve.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
-        below.set_axis_off()
-        parts = ((0.0, 0, text.about), (0.52, 0, text.budget), (0.0, first, text.table), (0.0, last, text.notes))
-        for across, down, lines in parts:
-            family = "sans-serif" if lines is text.notes else "monospace"
-            offset = (0.0, -72.0 * LINE_IN * down)
-            below.annotate("\n".join(lines), (across, 1.0), offset, family=family, **TEXT)
-
-
 def _curve(name: str, coefficients: Mapping[str, float], shown: StoredCalibration) -> tuple[Floats, Floats]:
     """Evaluate recorded heading and deviation along a curve, with NaN at jumps by a full turn."""
-    turn = np.arange(0.0, 360.01, 0.5)
-    numbers = np.array(list(coefficients.values()))
+    turn, numbers = np.arange(0.0, 360.01, 0.5), np.array(list(coefficients.values()))
     if name == "polynomial":
         return turn, np.polynomial.Polynomial(numbers)(turn)
     if name == "empirical":
@@ -182,54 +153,63 @@ def _curve(name: str, coefficients: Mapping[str, float], shown: StoredCalibratio
     return recorded, np.where(breaks[0] | breaks[1], np.nan, off)
 
 
-def _draw_points(axes: Axes, shown: StoredCalibration) -> list[Artist]:
-    points, rows = shown.points, shown.content["uncertainty"]["rows"]
-    if not {"recorded_deg", "deviation_deg"} <= set(points):
-        return []
-    scatter = rows.get("fit_residual", {}).get("standard_deg")
-    few = scatter is not None and len(points["recorded_deg"]) <= MOST_BARS
-    if few:
-        axes.errorbar(
-            points["recorded_deg"], points["deviation_deg"], 2.0 * scatter, fmt="none", ecolor=GREY, elinewidth=0.8
-        )
-    axes.plot(points["recorded_deg"], points["deviation_deg"], **_point(len(points["recorded_deg"])))
-    bar = f", ±{2.0 * scatter:.2f}° (k = 2)" if few else ""
-    return [Line2D([], [], **POINT, label=f"{len(points['recorded_deg'])} readings{bar}")]
-
-
 def _point(count: int) -> dict[str, Any]:
     """Choose the style of a number of points: smaller markers for many points."""
     return POINT if count <= MOST_BARS else POINT | {"markersize": 1.6}
 
 
-def _draw_band(axes: Axes, shown: StoredCalibration) -> list[Artist]:
-    table = shown.table
-    if not np.isfinite(table.sigma_deg).any():
-        return []
-    heading = np.append(table.heading_deg, 360.0)
-    middle, half = (np.append(x, x[0]) for x in (table.deviation_deg, NORMAL_95 * table.sigma_deg))
-    if shown.content["model"] == "polynomial":  # discontinuous at north
-        heading, middle, half = heading[:-1], middle[:-1], half[:-1]
-    axes.fill_between(heading, middle - half, middle + half, **PALE_BAND)
-    return [Patch(**PALE_BAND, label="95 % interval, budget included")]
+def draw_compared(path: str | Path, shown: StoredCalibration) -> None:
+    """Draw the series of several calibrations with their shift from the first (k = 2), and the readings of this one."""
+    curves, points = [each for each in shown.content["compared"] if each["coefficients"]], shown.points
+    with page(path, 3.6) as figure:
+        axes, handles = figure.subplots(), list[Artist]()
+        for colour, each in zip(cycle((BLACK, SKY, ORANGE, GREEN, PURPLE, BLUE, VERMILION)), curves):
+            letters = np.nan_to_num(np.array(list(each["coefficients"].values()), dtype=float))
+            axes.plot(TURN_DEG, series_design(TURN_DEG) @ letters, color=colour)
+            label, phase, size = (
+                textwrap.shorten(each["name"], 20, placeholder="…"),
+                each["phase_deg"],
+                each["amplitude_deg"],
+            )
+            if each is curves[0]:
+                label += " (first)"
+            else:
+                shift = (
+                    f"shift {signed(phase['shift'], '+.0f')}° ± {2.0 * phase['sigma']:.0f}°" if phase else "no phase"
+                )
+                label += f": {shift}"
+                if size:
+                    label += f", amplitude {signed(size['difference'], '+.1f')}° ± {2.0 * size['sigma']:.1f}°"
+            handles.append(Line2D([], [], color=colour, label=label))
+        if not curves:
+            empty(axes, words="no curves")
+            return
+        if {"recorded_deg", "deviation_deg"} <= set(points):
+            axes.plot(points["recorded_deg"], points["deviation_deg"], **_point(len(points["recorded_deg"])))
+            handles.append(Line2D([], [], **POINT, label="readings of the last"))
+        axes.axhline(0.0, color=BLACK, linewidth=0.6)
+        degrees(axes.xaxis, (0.0, 360.0))
+        axes.set(xlabel=GAMMA, ylabel=DEVIATION)
+        legend(figure, handles, columns=1)
 
 
-def _draw_curves(axes: Axes, curves: Mapping[str, tuple[Floats, Floats]], shown: StoredCalibration) -> list[Artist]:
-    if not curves and shown.table.heading_deg.size:
-        table = shown.table
-        heading, off = np.append(table.heading_deg, 360.0), np.append(table.deviation_deg, table.deviation_deg[0])
-        axes.plot(heading, off, color=GREEN)
-        return [Line2D([], [], color=GREEN, label=MODELS.get(shown.content["model"], shown.content["model"]))]
-    handles: list[Artist] = []
-    for name, (recorded, off) in curves.items():
-        chosen = name == shown.content["model"]
-        score = shown.content["models"][name]["left_out_rms_deg"]
-        label = f"{MODELS[name]}, cross-validated rms {score:.2f}°" + (" (used)" if chosen else "")
-        look: dict[str, Any] = {"color": COLOURS[name], "linewidth": 1.8 if chosen else 1.0}
-        look |= {} if chosen else {"linestyle": (0, (4, 1.5))}
-        axes.plot(recorded, off, **look)
-        handles.append(Line2D([], [], **look, label=label))
-    return handles
+def draw_certificate(path: str | Path, shown: StoredCalibration) -> None:
+    """Draw the one-page certificate of a calibration: curve, table, coefficients, uncertainty, date and place."""
+    title = f"{shown.content['name']}: calibration of a compass, kind {shown.content['kind']}"
+    text, high = writing(shown), 3.1
+    first = max(len(text.about), len(text.budget)) + 1  # line at which the table begins
+    last = first + len(text.table) + 1
+    height_in = LINE_IN * (last + len(text.notes) + 2)
+    with page(path, high + 0.7 + height_in, width_in=WIDE_IN, title=title) as figure:
+        curve, below = figure.subplots(2, 1, height_ratios=(high, height_in))
+        if handles := deviation_panel(curve, shown):
+            curve.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
+        below.set_axis_off()
+        parts = ((0.0, 0, text.about), (0.52, 0, text.budget), (0.0, first, text.table), (0.0, last, text.notes))
+        for across, line, lines in parts:
+            family = "sans-serif" if lines is text.notes else "monospace"
+            offset = (0.0, -72.0 * LINE_IN * line)
+            below.annotate("\n".join(lines), (across, 1.0), offset, family=family, **TEXT)
 
 
 # Text of a certificate: date, place and model, coefficients, uncertainty budget, and table of deviations.

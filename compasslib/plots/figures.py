@@ -191,12 +191,6 @@ The modulus of the field scatters by {{ left.before | number(2) }} % before and 
 {% endif %}""",
     ),
     Figure(
-        "difference",
-        _calibration("difference"),
-        "Difference of the two compasses",
-        "Heading of the first minus the second instrument against heading. {{ offset(c) }}",
-    ),
-    Figure(
         "tilt_check",
         _calibration("tilt_check"),
         "Tilts of the two instruments",

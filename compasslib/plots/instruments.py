@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 from compasslib import angles, compass
 from compasslib.calibrations.result import Calibration
 from compasslib.calibrations.two_heads.motion import down, lean, tilt_angles
-from compasslib.deviation.series import series_design, series_deviation
+from compasslib.deviation.series import series_deviation
 from compasslib.plots.page import (
     BLACK,
     BLUE,
@@ -28,7 +28,6 @@ from compasslib.plots.page import (
     RECORDED,
     SKY,
     VERMILION,
-    Limits,
     dates,
     degrees,
     empty,
@@ -43,9 +42,15 @@ from compasslib.types import DAY_S, Floats
 TURN_DEG = np.arange(0.0, 361.0, 1.0)
 DOT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.6, "markeredgewidth": 0}
 POINT: dict[str, Any] = DOT | {"markersize": 3.5, "color": BLACK}
+SAMPLE: dict[str, Any] = DOT | {"color": GREY}
+SHOWN: dict[str, Any] = SAMPLE | {"markersize": 3.0}  # in a legend
 BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
-
-# A tilt sensor.
+SERIES: dict[str, Any] = {"color": BLACK, "linestyle": (0, (2.5, 1.5)), "linewidth": 1.0}
+LINE: dict[str, Any] = {"color": BLACK, "linewidth": 0.8}
+MODEL: dict[str, Any] = {"color": GREY, "linewidth": 1.2, "linestyle": (0, (4, 2))}
+STORM: dict[str, Any] = {"color": VERMILION, "alpha": 0.18, "linewidth": 0}
+BLOCKS = 40  # of a record of two heads, of which means are drawn
+FILE_UNIT = "(file's unit)"
 
 
 def draw_tilt(path: str | Path, calibration: Calibration) -> None:
@@ -79,17 +84,16 @@ def draw_tilt(path: str | Path, calibration: Calibration) -> None:
 
 # A magnetometer.
 
-SERIES: dict[str, Any] = {"color": BLACK, "linestyle": (0, (2.5, 1.5)), "linewidth": 1.0}
-
 
 def draw_magnetometer(path: str | Path, calibration: Calibration) -> None:
     """Draw readings before and after calibration, the modulus against the heading, and the deviation."""
-    if not calibration.points:
+    points, table = calibration.points, calibration.table
+    if not points:
         with page(path, 1.0) as figure:
             empty(figure.subplots(), words="nothing fitted")
         return
-    points, rows = calibration.points, ["ab", "cc"]
-    if "recorded_deg" in points or calibration.table is not None:  # the correction needs the dip, or headings
+    rows = ["ab", "cc"]
+    if "recorded_deg" in points or table is not None:  # the correction needs the dip, or headings
         rows += ["dd"]
     with page(path, 2.2 * len(rows)) as figure:
         panels = list(figure.subplot_mosaic("\n".join(rows), height_ratios=(1.1, 1, 1)[: len(rows)]).values())
@@ -99,7 +103,7 @@ def draw_magnetometer(path: str | Path, calibration: Calibration) -> None:
                 look = DOT | {"color": RECORDED, "alpha": _alpha(len(points["z"]))}
                 panels[1].plot(points["recorded_deg"], points["z"], **look)
                 degrees(panels[1].xaxis, (0.0, 360.0))
-                panels[1].set(xlabel="Recorded heading γ (°)", ylabel="z (file's unit)")
+                panels[1].set(xlabel="Recorded heading γ (°)", ylabel=f"z {FILE_UNIT}")
             else:
                 empty(panels[1], words="no z")
         else:
@@ -115,7 +119,7 @@ def draw_magnetometer(path: str | Path, calibration: Calibration) -> None:
             Line2D([], [], color=VERMILION, linewidth=1.0, label=f"fitted {calibration.model}"),
             Line2D([], [], color=BLACK, linewidth=1.0, label="without iron"),
         ]
-        if calibration.table is not None:
+        if table is not None:
             handles += [Line2D([], [], color=GREEN, label="exact correction"), Patch(**BAND, label="95 % band")]
             handles += [Line2D([], [], **SERIES, label="five-term series")]
         legend(figure, handles)
@@ -124,48 +128,44 @@ def draw_magnetometer(path: str | Path, calibration: Calibration) -> None:
 def _draw_level_plane(axes: Axes, calibration: Calibration) -> None:
     """Draw the levelled field q = X - iY in the frame of a compass that turns about the vertical."""
     points, size = calibration.points, calibration.details["field_in_file_unit"]
-    q = points["modulus"] * angles.phasor(points["recorded_deg"])
+    before = points["modulus"] * angles.phasor(points["recorded_deg"])
     after = points["modulus_corrected"] * angles.phasor(points["corrected_deg"])
-    for field, colour in ((q, RECORDED), (after, CORRECTED)):
-        axes.plot(field.real, -field.imag, **DOT, color=colour, alpha=_alpha(len(q)))
-    fitted = size * compass.level_field(calibration.exact, TURN_DEG)
-    for field, colour in ((fitted, VERMILION), (size * angles.phasor(TURN_DEG), BLACK)):
-        axes.plot(field.real, -field.imag, color=colour, linewidth=1.0)
-    _square(axes)
-    axes.set(xlabel="Forward (file's unit)", ylabel="Starboard (file's unit)")
-
-
-def _square(axes: Axes) -> None:
-    axes.axhline(0.0, color=BLACK, linewidth=0.4)
-    axes.axvline(0.0, color=BLACK, linewidth=0.4)
-    axes.set_aspect("equal", adjustable="datalim")
+    fitted, circle = size * compass.level_field(calibration.exact, TURN_DEG), size * angles.phasor(TURN_DEG)
+    readings = [np.stack([field.real, -field.imag]) for field in (before, after)]
+    outlines = [np.stack([field.real, -field.imag]) for field in (fitted, circle)]
+    _draw_field(axes, readings, outlines, ("Forward", "Starboard"))
 
 
 def _draw_plane(axes: Axes, calibration: Calibration, names: tuple[str, str]) -> None:
     """Draw the readings in a plane, with the outlines of the ellipsoid b + F S u, |u| = 1, and of the sphere F u."""
     points, details = calibration.points, calibration.details
-    for ending, colour in (("", RECORDED), ("_corrected", CORRECTED)):
-        axes.plot(*(points[k + ending] for k in names), **DOT, color=colour, alpha=_alpha(len(points["x"])))
     index = ["xyz".index(name) for name in names]
     size, centre, rows = details["field_in_file_unit"], np.array(details["hard_iron"])[index], details["soft_iron"]
     soft = np.array([[float(i == j) if s is None else s for j, s in enumerate(row)] for i, row in enumerate(rows)])
     circle = np.stack(angles.sin_cos(TURN_DEG))
     ellipse = centre[:, None] + size * np.linalg.cholesky((soft @ soft.T)[np.ix_(index, index)]) @ circle
-    axes.plot(*ellipse, color=VERMILION, linewidth=1.0)
-    axes.plot(*(size * circle), color=BLACK, linewidth=1.0)
-    _square(axes)
-    axes.set(xlabel=f"{names[0]} (file's unit)", ylabel=f"{names[1]} (file's unit)")
+    readings = [np.stack([points[name + ending] for name in names]) for ending in ("", "_corrected")]
+    _draw_field(axes, readings, [ellipse, size * circle], names)
+
+
+def _draw_field(axes: Axes, readings: Sequence[Floats], outlines: Sequence[Floats], names: tuple[str, str]) -> None:
+    for field, colour in zip(readings, (RECORDED, CORRECTED), strict=True):
+        axes.plot(*field, **DOT, color=colour, alpha=_alpha(field.shape[1]))
+    for outline, colour in zip(outlines, (VERMILION, BLACK), strict=True):
+        axes.plot(*outline, color=colour, linewidth=1.0)
+    axes.axhline(0.0, color=BLACK, linewidth=0.4)
+    axes.axvline(0.0, color=BLACK, linewidth=0.4)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel=f"{names[0]} {FILE_UNIT}", ylabel=f"{names[1]} {FILE_UNIT}")
 
 
 def _draw_modulus(axes: Axes, calibration: Calibration) -> None:
     """Draw the departure of the modulus from its mean, percent, against the heading if there is one."""
-    points, details = calibration.points, calibration.details
+    points = calibration.points
     axes.axhline(0.0, color=BLACK, linewidth=0.7)
-    axes.set_ylabel(f"{details['field_is'].capitalize()} modulus\noff its mean (%)")
-    for column, heading, colour in (
-        ("modulus", "recorded_deg", RECORDED),
-        ("modulus_corrected", "corrected_deg", CORRECTED),
-    ):
+    axes.set(xlabel="Reading", ylabel=f"{calibration.details['field_is'].capitalize()} modulus\noff its mean (%)")
+    looks = (("modulus", "recorded_deg", RECORDED), ("modulus_corrected", "corrected_deg", CORRECTED))
+    for column, heading, colour in looks:
         off = 100.0 * (points[column] / points[column].mean() - 1.0)
         along = points.get(heading, np.arange(len(off), dtype=float))
         axes.plot(along, off, **DOT, color=colour, alpha=_alpha(len(off)))
@@ -175,11 +175,8 @@ def _draw_modulus(axes: Axes, calibration: Calibration) -> None:
             mean = np.bincount(sector, off, minlength=36) / np.maximum(count, 1)
             middle = angles.SECTOR_DEG * (np.arange(36) + 0.5)
             axes.plot(middle, np.where(count >= 3, mean, np.nan), color=colour)
-    if "recorded_deg" in points:
-        degrees(axes.xaxis, (0.0, 360.0))
-        axes.set_xlabel("Heading, recorded or corrected (°)")
-    else:
-        axes.set_xlabel("Reading")
+            degrees(axes.xaxis, (0.0, 360.0))
+            axes.set_xlabel("Heading, recorded or corrected (°)")
 
 
 def _draw_correction(axes: Axes, calibration: Calibration) -> None:
@@ -193,8 +190,7 @@ def _draw_correction(axes: Axes, calibration: Calibration) -> None:
         heading[-1] = 360.0
         axes.fill_between(heading, value - NORMAL_95 * sigma, value + NORMAL_95 * sigma, **BAND)
         axes.plot(heading, value, color=GREEN)
-        series = series_deviation(calibration.coefficients, TURN_DEG)
-        axes.plot(TURN_DEG, series, **SERIES)
+        axes.plot(TURN_DEG, series_deviation(calibration.coefficients, TURN_DEG), **SERIES)
     axes.axhline(0.0, color=BLACK, linewidth=0.7)
     degrees(axes.xaxis, (0.0, 360.0))
     axes.set(xlabel="Recorded heading γ (°)", ylabel="Deviation β − γ (°)")
@@ -206,63 +202,30 @@ def _alpha(n: int) -> float:
 
 # Two heads on one frame.
 
-BLOCKS = 40
-SAMPLE: dict[str, Any] = DOT | {"color": GREY}
-SHOWN: dict[str, Any] = SAMPLE | {"markersize": 3.0}  # in a legend
-SAMPLES, BLOCK_MEANS = "single samples", "block means"
-
-
-def draw_difference(path: str | Path, result: Calibration) -> None:
-    """Draw the deviation of head b from head a by the recorded heading of b, and the residual of the fitted series."""
-    with page(path, 4.4) as figure:
-        panels = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
-        if not result.points or result.table is None:
-            empty(*panels)
-            return
-        heading, thin = result.points["recorded_b_deg"], thinned(len(result.points["time_s"]))
-        panels[0].plot(heading[thin], result.points["deviation_deg"][thin], **SAMPLE)
-        panels[1].plot(heading[thin], result.points["residual_deg"][thin], **SAMPLE)
-        _draw_offset_curve(panels[0], result)
-        _draw_sector_means(panels[1], result)
-        _set_limits(panels[0], result.points["deviation_deg"], panels[0].lines[-1].get_ydata())
-        _set_limits(panels[1], result.points["residual_deg"])
-        panels[0].set_ylabel("Deviation of b\nagainst a (°)")
-        panels[1].set_ylabel("Residual (°)")
-        panels[1].set_xlabel("Recorded heading of b (° magnetic)")
-        degrees(panels[1].xaxis, (0.0, 360.0))
-        figure.align_ylabels(panels)
-        terms = f"fit of {result.model.split(': ')[-1]}" if result.coefficients.size else "offset only"
-        curve = Line2D([], [], color=GREEN, label=terms)
-        legend(figure, [Line2D([], [], label=SAMPLES, **SHOWN), curve, Patch(label="95 % of the curve", **BAND)])
-
 
 def draw_tilt_check(path: str | Path, result: Calibration) -> None:
     """Draw the tilts of b against those of a rotated to the frame of b, and the residual angle along time."""
+    points = result.points
     with page(path, 4.2) as figure:
         panels = figure.subplot_mosaic([["pitch", "roll"], ["left", "left"]], height_ratios=(2.0, 1.0))
         if "frame" not in result.details:
             empty(*panels.values())
             return
-        there = down(lean(result.points["pitch_a_deg"], result.points["roll_a_deg"]))
+        there = down(lean(points["pitch_a_deg"], points["roll_a_deg"]))
         rotated = there @ np.array(result.details["frame"]["rotation"]).T
-        turned = tilt_angles(rotated[:, 0] + 1j * rotated[:, 1])
-        for key, here in (("pitch", turned[0]), ("roll", turned[1])):
-            axes = panels[key]
-            recorded_tilt, thin = result.points[f"{key}_b_deg"], thinned(len(result.points["time_s"]))
-            axes.plot(here[thin], recorded_tilt[thin], **SAMPLE)
-            low, high = np.percentile(np.concatenate([here, recorded_tilt]), (0.2, 99.8))
+        for key, here in zip(("pitch", "roll"), tilt_angles(rotated[:, 0] + 1j * rotated[:, 1]), strict=True):
+            axes, recorded, thin = panels[key], points[f"{key}_b_deg"], thinned(len(points["time_s"]))
+            axes.plot(here[thin], recorded[thin], **SAMPLE)
+            low, high = np.percentile(np.concatenate([here, recorded]), (0.2, 99.8))
             room = max(0.06 * (high - low), 0.1)
             ends = (low - room, high + room)
-            axes.plot(ends, ends, color=BLACK, linewidth=0.8)
+            axes.plot(ends, ends, **LINE)
             axes.set(xlim=ends, ylim=ends, aspect="equal")
-            axes.set_xlabel(f"{key.capitalize()} of a, turned (°)")
-            axes.set_ylabel(f"{key.capitalize()} of b (°)")
-        _draw_along_time(panels["left"], result, result.points["tilt_residual_deg"])
+            axes.set(xlabel=f"{key.capitalize()} of a, turned (°)", ylabel=f"{key.capitalize()} of b (°)")
+        handles = _draw_along_time(panels["left"], result, points["tilt_residual_deg"])
         panels["left"].set_ylim(bottom=0.0)
-        panels["left"].set_ylabel("Angle between\nverticals (°)")
-        entry = Line2D([], [], color=BLACK, linewidth=0.8, label="equal")
-        mean = Line2D([], [], label=BLOCK_MEANS, **POINT)
-        legend(figure, [Line2D([], [], label=SAMPLES, **SHOWN), entry, mean])
+        panels["left"].set(xlabel="b's clock (UTC)", ylabel="Angle between\nverticals (°)")
+        legend(figure, [*handles, Line2D([], [], **LINE, label="equal")])
 
 
 def draw_along_time(path: str | Path, result: Calibration) -> None:
@@ -272,96 +235,39 @@ def draw_along_time(path: str | Path, result: Calibration) -> None:
         if not result.points or "frame" not in result.details:
             empty(*panels)
             return
-        offset = result.details["offset_deg"]
+        offset, half = result.details["offset_deg"], NORMAL_95 * result.details["offset_sigma_deg"]
         # The heading-dependent part is removed; the remainder should be constant.
-        _draw_along_time(panels[0], result, offset - result.points["residual_deg"])
-        handles = [Line2D([], [], label=SAMPLES, **SHOWN), Line2D([], [], label=BLOCK_MEANS, **POINT)]
-        handles.append(_draw_offset(panels[0], offset, result.details["offset_sigma_deg"], "headings", BLUE))
-        if result.details["offset_from_tilts_deg"] is not None:
-            near = offset + float(angles.difference(result.details["offset_from_tilts_deg"], offset))
-            handles.append(
-                _draw_offset(panels[0], near, result.details["offset_from_tilts_sigma_deg"], "tilts", ORANGE)
-            )
-        panels[0].set_xlabel("")
-        panels[0].set_ylabel("Offset of b\nfrom a (°)")
+        handles = _draw_along_time(panels[0], result, offset - result.points["residual_deg"])
+        panels[0].axhspan(offset - half, offset + half, color=BLUE, alpha=0.25, linewidth=0)
+        label = f"offset {signed(offset, '.2f')}° ± {half:.2f}° (95 %)"
+        handles.append(panels[0].axhline(offset, color=BLUE, linewidth=1.0, label=label))
+        panels[0].set(xlabel="", ylabel="Offset of b\nfrom a (°)")
         thin, days = thinned(len(result.points["time_s"])), result.points["time_s"] / DAY_S
-        for key, colour in (("a", BLUE), ("b", VERMILION)):
-            panels[1].plot(days[thin], result.points[f"recorded_{key}_deg"][thin], **{**SAMPLE, "color": colour})
-            handles.append(Line2D([], [], **{**SHOWN, "color": colour}, label=f"head {key}"))
+        for head, column, colour in (("a", "recorded_a_deg", BLUE), ("b", "recorded_deg", VERMILION)):
+            panels[1].plot(days[thin], result.points[column][thin], **{**SAMPLE, "color": colour})
+            handles.append(Line2D([], [], **{**SHOWN, "color": colour}, label=f"head {head}"))
         degrees(panels[1].yaxis, (0.0, 360.0))
-        panels[1].set_ylabel(f"Recorded heading\n{MAGNETIC}")
-        _by_clock(panels[1])
+        dates(panels[1])
+        panels[1].set(xlabel="b's clock (UTC)", ylabel=f"Recorded heading\n{MAGNETIC}")
         figure.align_ylabels(panels)
         legend(figure, handles, columns=1)
 
 
-def _draw_offset_curve(axes: Axes, result: Calibration) -> None:
-    """Draw the fitted series by its coefficients, and its 95 % band interpolated in the table."""
-    assert result.table is not None
-    fine = np.arange(0.0, 360.5, 1.0)
-    heading = np.append(result.table.heading_deg, 360.0)
-    sigma = np.interp(fine, heading, np.append(result.table.sigma_deg, result.table.sigma_deg[0]))
-    terms = np.isfinite(result.coefficients)
-    value = series_design(fine)[:, : terms.size][:, terms] @ result.coefficients[terms]
-    value = np.where(np.isfinite(sigma), value, np.nan)
-    axes.fill_between(fine, value - NORMAL_95 * sigma, value + NORMAL_95 * sigma, **BAND)
-    axes.plot(fine, value, color=GREEN)
-
-
-def _draw_sector_means(axes: Axes, result: Calibration) -> None:
-    used = result.points["kept"] > 0
-    residual = result.points["residual_deg"][used]
-    sector = (result.points["recorded_b_deg"][used] / 10.0).astype(int)
-    # Each block of time counts once per sector, as successive samples are not independent.
-    visit = np.unique(36 * blocks_by_count(result.points["time_s"], BLOCKS)[used] + sector, return_inverse=True)
-    means = np.bincount(visit[1], residual) / np.bincount(visit[1])
-    place = visit[0] - 36 * (visit[0] // 36)
-    count = np.bincount(place, minlength=36)
-    there = count >= 3
-    mean, square = (np.bincount(place, x, 36)[there] / count[there] for x in (means, means**2))
-    error = NORMAL_95 * np.sqrt(np.maximum(square - mean**2, 0.0) / (count[there] - 1.0))
-    style = {**POINT, "markersize": 3.0, "elinewidth": 0.8}
-    axes.errorbar(10.0 * np.flatnonzero(there) + 5.0, mean, yerr=error, **style)
-    axes.axhline(0.0, color=GREEN, linewidth=0.8)
-
-
-def _set_limits(axes: Axes, points: Floats, line: Any = ()) -> None:
-    """Set vertical limits that contain 99 % of the points and the whole line."""
-    low, high = np.percentile(points, (0.5, 99.5))
-    curve = np.asarray(line, dtype=float)
-    curve = curve[np.isfinite(curve)]
-    low, high = min([low, *curve]), max([high, *curve])
-    room = max(0.08 * (high - low), 0.2)
-    axes.set_ylim(low - room, high + room)
-
-
-def _draw_along_time(axes: Axes, result: Calibration, values: Floats) -> None:
+def _draw_along_time(axes: Axes, result: Calibration, values: Floats) -> list[Artist]:
+    """Draw samples and block means within limits that contain 99 % of the samples; return their legend handles."""
     time, thin = result.points["time_s"], thinned(len(result.points["time_s"]))
     axes.plot(time[thin] / DAY_S, values[thin], **SAMPLE)
-    used = result.points["kept"] > 0
-    stretch = blocks_by_count(time, BLOCKS)
-    for k in np.unique(stretch[used]):
-        mine = used & (stretch == k)
-        axes.plot(time[mine].mean() / DAY_S, values[mine].mean(), **POINT)
-    _set_limits(axes, values)
-    _by_clock(axes)
-
-
-def _draw_offset(axes: Axes, value: float, sigma: float, source: str, colour: str) -> Line2D:
-    axes.axhspan(value - NORMAL_95 * sigma, value + NORMAL_95 * sigma, color=colour, alpha=0.25, linewidth=0)
-    label = f"offset by {source}: {signed(value, '.2f')}° ± {NORMAL_95 * sigma:.2f}° (95 %)"
-    return axes.axhline(value, color=colour, linewidth=1.0, label=label)
-
-
-def _by_clock(axes: Axes) -> None:
+    used, stretch = result.points["kept"] > 0, blocks_by_count(time, BLOCKS)
+    blocks = [used & (stretch == k) for k in np.unique(stretch[used])]
+    axes.plot([time[mine].mean() / DAY_S for mine in blocks], [values[mine].mean() for mine in blocks], **POINT)
+    low, high = np.percentile(values, (0.5, 99.5))
+    room = max(0.08 * (high - low), 0.2)
+    axes.set_ylim(low - room, high + room)
     dates(axes)
-    axes.set_xlabel("b's clock (UTC)")
+    return [Line2D([], [], label="single samples", **SHOWN), Line2D([], [], label="block means", **POINT)]
 
 
 # An observatory's declination.
-
-LINE: dict[str, Any] = {"color": BLACK, "linewidth": 0.8}
-STORM: dict[str, Any] = {"color": VERMILION, "alpha": 0.18, "linewidth": 0}
 
 
 def draw_series(path: str | Path, result: Calibration) -> None:
@@ -374,27 +280,26 @@ def draw_series(path: str | Path, result: Calibration) -> None:
             empty(top)
             return
         points, constant = result.points, result.details["constant_deg"]
-        _draw_line(top, points, points["declination_deg"], **LINE)
-        _draw_line(top, points, points["model_deg"], color=GREY, linewidth=1.2, linestyle=(0, (4, 2)))
-        shown = bool(quiet) and result.details["days"] <= 10  # else it cannot be seen
-        if shown:
-            _draw_line(top, points, points["model_deg"] + constant + points["quiet_day_deg"], color=SKY, linewidth=1.0)
-        _draw_line(top, points, points["model_deg"] + constant, color=GREEN, linewidth=1.2)
-        _finish(top, result, "Declination (° east)")
+        model, sigma = result.model.removesuffix(" plus a constant"), NORMAL_95 * result.details["constant_sigma_deg"]
+        lines: list[tuple[Floats, dict[str, Any]]] = [
+            (points["declination_deg"], LINE | {"label": "observed"}),
+            (points["model_deg"], MODEL | {"label": model}),
+        ]
+        if quiet and result.details["days"] <= 10:  # else it cannot be seen
+            look = {"color": SKY, "linewidth": 1.0, "label": "with the quiet-day variation"}
+            lines.append((points["model_deg"] + constant + points["quiet_day_deg"], look))
+        label = f"{model} {signed(constant, '+.3f')}° ± {sigma:.3f}° (95 %)"
+        lines.append((points["model_deg"] + constant, {"color": GREEN, "linewidth": 1.2, "label": label}))
+        handles = [_draw_line(top, points["time_s"], values, **look) for values, look in lines]
+        handles += _draw_storms(top, result)
+        top.set_ylabel("Declination (° east)")
+        dates(top)
         for axes in below:
             by_hour = np.array(result.details["quiet_day"]["by_hour_deg"])
             axes.plot(np.arange(24) + 0.5, by_hour, color=SKY, marker="o", markersize=3)
             axes.axhline(0.0, color=BLACK, linewidth=0.6)
             axes.set(xlim=(0, 24), xticks=range(0, 25, 3), xlabel="Hour (UTC)", ylabel="Quiet day (°)")
-        model = result.model.removesuffix(" plus a constant")
-        sigma = NORMAL_95 * result.details["constant_sigma_deg"]
-        handles: list[Artist] = [
-            Line2D([], [], label="observed", **LINE),
-            Line2D([], [], color=GREY, linestyle=(0, (4, 2)), label=model),
-            Line2D([], [], color=GREEN, label=f"{model} {signed(constant, '+.3f')}° ± {sigma:.3f}° (95 %)"),
-        ]
-        handles += [Line2D([], [], color=SKY, label="with the quiet-day variation")] if shown else []
-        legend(figure, handles + _storm_handle(result), columns=1)
+        legend(figure, handles, columns=1)
 
 
 def draw_disturbance(path: str | Path, result: Calibration, *, days: float = 3.0) -> None:
@@ -403,55 +308,48 @@ def draw_disturbance(path: str | Path, result: Calibration, *, days: float = 3.0
     Of long records, only ``days`` about the largest storm are shown of the disturbance.
     """
     with page(path, 4.4) as figure:
-        panels = figure.subplots(2, 1)
-        if not result.points:
+        panels, points = figure.subplots(2, 1), result.points
+        if not points:
             empty(*panels)
             return
-        points = result.points
-        _draw_line(panels[0], points, points["residual_deg"], **LINE)
-        _draw_line(panels[0], points, points["level_deg"] - result.details["constant_deg"], color=ORANGE, linewidth=1.2)
-        _draw_line(panels[1], points, points["disturbance_deg"], **LINE)
+        time_s, level = points["time_s"], points["level_deg"] - result.details["constant_deg"]
+        handles = [
+            _draw_line(panels[0], time_s, points["residual_deg"], **LINE, label="observed, 10-minute means or samples"),
+            _draw_line(panels[0], time_s, level, color=ORANGE, linewidth=1.2, label="slow level"),
+        ]
+        _draw_line(panels[1], time_s, points["disturbance_deg"], **LINE)
         calm = points["disturbance_deg"][points["storm"] == 0.0]
         half = float(np.quantile(np.abs(calm), 0.95)) if calm.size else 0.0
-        panels[1].axhspan(-half, half, **BAND)
-        _finish(panels[0], result, "Observed minus model\nand constant (°)")
-        storms, window = result.details["storms"], None
-        if storms and np.ptp(points["time_s"]) >= 3.0 * days * DAY_S:
-            largest = max(storms, key=lambda entry: entry["range_deg"])
-            window = (_day(largest["from"]) - days / 2.0, _day(largest["to"]) + days / 2.0)
-        _finish(panels[1], result, "Without slow level\nand quiet day (°)", window)
+        handles.append(panels[1].axhspan(-half, half, **BAND, label=f"95 % range of calm hours: ±{half:.2f}°"))
+        panels[0].set_ylabel("Observed minus model\nand constant (°)")
+        panels[1].set_ylabel("Without slow level\nand quiet day (°)")
+        storms = [_draw_storms(axes, result) for axes in panels]
+        if storms[1] and np.ptp(time_s) >= 3.0 * days * DAY_S:
+            largest = max(result.details["storms"], key=lambda entry: entry["range_deg"])
+            panels[1].set_xlim(_day(largest["from"]) - days / 2.0, _day(largest["to"]) + days / 2.0)
+        for axes in panels:
+            dates(axes)
         figure.align_ylabels(panels)
-        handles: list[Artist] = [Line2D([], [], label="observed, 10-minute means or samples", **LINE)]
-        handles.append(Line2D([], [], color=ORANGE, label="slow level"))
-        handles.append(Patch(label=f"95 % range of calm hours: ±{half:.2f}°", **BAND))
-        legend(figure, handles + _storm_handle(result), columns=1)
+        legend(figure, [*handles, *storms[0]], columns=1)
 
 
-def _draw_line(axes: Axes, points: Mapping[str, Floats], values: Floats, **look: Any) -> None:
+def _draw_line(axes: Axes, time_s: Floats, values: Floats, **look: Any) -> Artist:
     """Draw a series along time, broken at gaps."""
-    time = points["time_s"]
-    step = np.diff(time)
+    step = np.diff(time_s)
     ends = np.flatnonzero(step > GAP * np.median(step)) + 1
-    axes.plot(np.insert(time, ends, time[ends]) / DAY_S, np.insert(values, ends, np.nan), **look)
+    return axes.plot(np.insert(time_s, ends, time_s[ends]) / DAY_S, np.insert(values, ends, np.nan), **look)[0]
 
 
-def _finish(axes: Axes, result: Calibration, label: str, window: Limits | None = None) -> None:
-    for storm in result.details["storms"]:
-        axes.axvspan(*(_day(storm[end]) for end in ("from", "to")), **STORM)
-    axes.set_ylabel(label)
+def _draw_storms(axes: Axes, result: Calibration) -> list[Artist]:
+    storms = result.details["storms"]
+    for storm in storms:
+        axes.axvspan(_day(storm["from"]), _day(storm["to"]), **STORM)
     axes.margins(x=0.01)
-    if window:
-        axes.set_xlim(window)
-    dates(axes)
+    if not storms:
+        return []
+    largest = max(storm["range_deg"] for storm in storms)
+    return [Patch(label=f"storm: {len(storms)}, largest range {largest:.1f}°", **STORM)]
 
 
 def _day(stamp: str) -> float:
     return float(np.datetime64(stamp.removesuffix("Z"), "s").astype(float)) / DAY_S
-
-
-def _storm_handle(result: Calibration) -> list[Artist]:
-    storms = result.details["storms"]
-    if not storms:
-        return []
-    largest = max(storms, key=lambda entry: entry["range_deg"])
-    return [Patch(label=f"storm: {len(storms)}, largest range {largest['range_deg']:.1f}°", **STORM)]

@@ -129,7 +129,7 @@ def overlap(
     Raises:
         InputError: a file of pairs or of an observatory cannot be read, or a date lies outside the model of the field.
     """
-    along = declination.with_observatory_warnings(earthfield.field_along(**place), observatory, place)
+    along = declination.with_observatory_warnings(earthfield.field_along(**place), observatory)
     write_json(field, vars(along))
     along = earthfield.field_from_json(read_json(field))  # as every later stage reads it
     say(earthfield.describe_field(mooring, along))

@@ -21,13 +21,13 @@ TRUE = {"pitch": (0.8, 0.03), "roll": (-0.5, -0.02)}  # correction: degrees, and
 BREST = {"latitude": 48.4, "longitude": -4.5, "date_s": 1664409600.0}
 
 
-def bench(rng, noise_deg=0.1, sign=1.0, yaw=0.0):
+def bench(rng, noise_deg=0.1, sign=1.0):
     """Return rows of reference tilt, pitch and roll: one run along each axis."""
     rows = []
     for k, (a, b) in enumerate(TRUE.values()):
         recorded = (STEPS - a) / (1.0 + b) + rng.normal(0.0, noise_deg, len(STEPS))
         offset = -list(TRUE.values())[1 - k][0]
-        both = np.stack([recorded, offset + yaw * STEPS + rng.normal(0.0, noise_deg, len(STEPS))])
+        both = np.stack([recorded, offset + rng.normal(0.0, noise_deg, len(STEPS))])
         rows.append(np.stack([sign * STEPS, *(both if k == 0 else both[::-1])]))
     return np.concatenate(rows, axis=1)
 
@@ -50,15 +50,12 @@ def test_both_axes_are_recovered_for_any_sign_of_the_reference(tmp_path, sign):
         assert fit["expanded_deg"] == pytest.approx(np.hypot(0.384, 2.0 * 0.1), abs=0.08)
     page = result.to_json("tilts", made, earthfield.resolve_settings(BREST))
     assert set(page["uncertainty"]["rows"]) == {"slope_deg", "ruggedness_deg", "protractor_deg", budget.FIT_RESIDUAL}
-    assert made.details["heading_error"]["expanded_deg"] > 1.5 * page["uncertainty"]["expanded_deg"]
     assert any("sign" in text for text in made.warnings) != np.array_equal(sign, 1.0)
 
 
-def test_rotated_oblique_and_short_runs_are_reported(tmp_path):
-    rng = np.random.default_rng(2)
-    turned = calibrated(tmp_path, bench(rng, yaw=0.15), uncertainty={"graduation_deg": 0.1})
-    assert any("stood turned by +9 degrees" in text or "stood turned by +8" in text for text in turned.warnings)
-    assert any("of kind platform are not part of this budget" in text for text in turned.warnings)
+def test_oblique_and_short_runs_are_reported(tmp_path):
+    foreign = calibrated(tmp_path, bench(np.random.default_rng(2)), uncertainty={"graduation_deg": 0.1})
+    assert any("not of kind tilt are excluded from the budget" in text for text in foreign.warnings)
     skew = calibrated(tmp_path, [STEPS, 0.7 * STEPS, 0.7 * STEPS])
     assert "no reading leans this axis alone" in skew.why and any("tilt one axis at a time" in x for x in skew.warnings)
     assert result.to_json("x", skew, {})["uncertainty"]["expanded_deg"] is None
@@ -70,7 +67,7 @@ def test_stated_intervals_cover_the_truth():
     """With 300 platforms; benchmarks/calibrations.py simulates 1000."""
     rng, inside = np.random.default_rng(3), []
     for _ in range(300):
-        reads = {axis: AxisReadings(STEPS, (STEPS - a) / (1 + b) + rng.normal(0, 0.1, 17), 0.0)
+        reads = {axis: AxisReadings(STEPS, (STEPS - a) / (1 + b) + rng.normal(0, 0.1, 17))
                  for axis, (a, b) in TRUE.items()}  # fmt: skip
         made = tilt.calibrate_axes(reads, ())
         for axis, (a, b) in TRUE.items():

@@ -157,17 +157,15 @@ def test_an_observatory_series_becomes_a_covariate_of_a_mooring(tmp_path):
     assert abs(begin - START_S - 20 * DAY_S) <= HOUR_S and abs(end - START_S - 21.25 * DAY_S) <= HOUR_S
 
 
-def test_observatory_of_a_mooring_is_checked_for_place_and_time(tmp_path):
-    path, here = write(tmp_path / "a.hor", series(40)), {"latitude": 56.0, "longitude": -5.0}
+def test_observatory_of_a_mooring_is_checked_for_mistakes_and_time(tmp_path):
+    path = write(tmp_path / "a.hor", series(40))
     field = earthfield.field_along(56.0, -5.0, START_S, START_S + 40 * DAY_S)
 
-    def warned(field, path, place=here):
-        return with_observatory_warnings(field, [path], place).warnings
+    def warned(field, path):
+        return with_observatory_warnings(field, [path]).warnings
 
-    assert with_observatory_warnings(field, [], here) is field
+    assert with_observatory_warnings(field, []) is field
     assert warned(field, path) == ()
-    far = warned(field, path, {"latitude": 30.0, "longitude": 5.0})
-    assert len(far) == 1 and far[0].startswith("the observatory Made is 28")
     later = earthfield.field_along(56.0, -5.0, START_S + 30 * DAY_S, START_S + 90 * DAY_S)
     assert "covers 16 % of the deployment's days" in warned(later, path)[0]
     empty = replace(series(40), declination_deg=np.full(960, np.nan))

@@ -44,7 +44,7 @@ def shown(made: Calibration) -> StoredCalibration:
 
 @cache
 def page(case: str) -> StoredCalibration:
-    rows = budget.sources({"maker_accuracy_deg": 2.0}, "le_menn")
+    rows, _ = budget.sources({"maker_accuracy_deg": 2.0}, "le_menn")
     return shown(platform.calibrate_readings("platform", CASES[case], rows))
 
 

@@ -16,10 +16,11 @@ import numpy as np
 
 from compasslib import angles, compass
 from compasslib.calibrations.budget import Source
+from compasslib.calibrations.curves import CIRCLE_DEG, count_sectors
 from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.calibrations.magnetometer import log as magnetometer_log
 from compasslib.calibrations.magnetometer.ellipsoid import FittedEllipsoid, ModelChoice, ScaledReadings
-from compasslib.calibrations.magnetometer.log import Axes, Log, about_down, level_heading, mean_and_scatter, rotation
+from compasslib.calibrations.magnetometer.log import Axes, Log, about_down, level_heading, mean_and_scatter
 from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.deviation.series import series_design, series_deviation
 from compasslib.errors import applicable
@@ -37,286 +38,6 @@ FOLDED = (
 TURNS = ("forward", "starboard", "vertical")
 OPEN_TURN = "an ellipsoid does not depend on how the sensor is turned; only tilts and a logged heading determine it"
 TABLE_DEG = np.arange(0.0, 360.0, 10.0)
-GRID_DEG = np.arange(0.0, 360.0, 5.0)
-Field = Mapping[str, float] | None
-
-
-def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Calibrate a magnetometer from CSV files with x, y and perhaps z, pitch_deg, roll_deg, heading_deg, time_utc.
-
-    The settings are ``columns``, ``withhold`` and ``field`` {horizontal_nT, vertical_nT, ...} or None.
-
-    Raises:
-        InputError: a column is absent or a cell is not a number.
-    """
-    log = magnetometer_log.read(files, settings)
-    if why := magnetometer_log.unusable_reason(log):
-        return _refused(log, why)
-    field = settings.get("field")
-    axes, warnings = magnetometer_log.determine_axes(log)
-    choice = ellipsoid.choose_model(log, log.raw @ axes.matrix.T)
-    far = ellipsoid.find_outliers(choice)
-    if far.any():
-        log = log.take(~far, f"{far.sum()} of {far.size} readings are outliers of the fitted modulus and excluded.")
-        choice = ellipsoid.choose_model(log, log.raw @ axes.matrix.T)
-    solved = solve_iron(log, axes, choice, field)
-    if solved is None:
-        return _refused(log, choice.why)
-    exact = exact_coefficients(solved.iron, solved.dip_ratio)
-    known = bool(np.isfinite(exact).all())
-    folded = known and not compass.turns_full_circle(exact)
-    misfits = _misfits(solved)
-    warnings = [*log.warnings, *warnings]
-    return Calibration(
-        kind=KIND,
-        model=solved.fitted.model.name,
-        n=len(solved.log.raw),
-        coverage=len(np.unique(solved.headings()[0] // angles.SECTOR_DEG)),
-        points=_points(solved),
-        details={**_details(solved), "doubts": misfits},
-        why=FOLDED if folded else "" if known else NO_DIP,
-        warnings=(*warnings, *_warnings(solved), *misfits),
-        **(_correction(solved, exact, folded=folded) if known else {}),
-    )
-
-
-def _refused(log: Log, why: str) -> Calibration:
-    details = {"hard_iron": None, "soft_iron": None, "undetermined": [*ellipsoid.PARAMETERS], "left_out": log.left_out}
-    return Calibration(KIND, NO_MODEL, len(log.raw), 0, details=details, why=why, warnings=log.warnings)
-
-
-def _correction(solved: SolvedIron, exact: Floats, *, folded: bool) -> dict[str, Any]:
-    """Compute coefficients, table and budget of the deviation by the iron; only the exact coefficients if folded."""
-    replicates = np.array([*map(exact_coefficients, solved.replicates, solved.dip_replicates.tolist())])
-    moved = exact_coefficients(solved.moved, solved.dip_ratio)
-    correction: dict[str, Any] = {"exact": exact, "exact_covariance": ellipsoid.covariance(replicates, moved - exact)}
-    if folded:
-        return correction
-    series, value = series_coefficients(exact), exact_deviation(exact, TABLE_DEG)
-    each_series = np.array([series_coefficients(replicate) for replicate in replicates])
-    off = np.array([angles.difference(exact_deviation(each, TABLE_DEG), value) for each in (moved, *replicates)])
-    table = DeviationTable(TABLE_DEG, value, ellipsoid.sigma(off[1:], off[0]))
-    # Misfit of the series: over the readings, or around the circle if these have no headings.
-    if solved.headed:
-        recorded, corrected = solved.headings()
-        deviation = angles.difference(corrected, recorded)
-    else:
-        recorded = GRID_DEG
-        deviation = exact_deviation(exact, recorded)
-    return correction | {
-        "coefficients": series,
-        "covariance": ellipsoid.covariance(each_series, series_coefficients(moved) - series),
-        "residual_rms_deg": angles.rms(deviation - series_deviation(series, recorded)),
-        "sources": _sources(solved, table, series),
-        "table": table,
-    }
-
-
-def _points(solved: SolvedIron) -> dict[str, Floats]:
-    """Tabulate readings and corrected readings, (n,) each, in the file's unit and axes."""
-    scale, field, log = solved.choice.scale, solved.corrected(), solved.log
-    size, down = scale * solved.gain(solved.iron), solved.readings.down
-    axes = "xyz" if log.has_z else "xy"
-    columns = {name: log.raw[:, k] for k, name in enumerate(axes)}
-    columns |= {f"{name}_corrected": size * (field @ solved.axes.matrix)[:, k] for k, name in enumerate(axes)}
-    columns["modulus"] = scale * ellipsoid.modulus(solved.readings.field, down)
-    columns["modulus_corrected"] = size * ellipsoid.modulus(field, down)
-    if solved.headed:
-        recorded, corrected = solved.headings()
-        columns |= {"recorded_deg": recorded, "corrected_deg": corrected}
-        columns["deviation_deg"] = angles.difference(corrected, recorded)
-    extra = {"pitch_deg": log.pitch_deg, "roll_deg": log.roll_deg, "logged_deg": log.heading_deg, "time_s": log.time_s}
-    return columns | {name: values for name, values in extra.items() if values is not None}
-
-
-def _details(solved: SolvedIron) -> dict[str, Any]:
-    """Collect the details specific to a magnetometer, ready for JSON; null where undetermined."""
-    choice, size = solved.choice, solved.choice.scale * solved.gain(solved.iron)
-    misalignment = {
-        name: {"value": float(angle), "sigma": float(sigma)} if np.isfinite(angle) else None
-        for name, angle, sigma in zip(TURNS, solved.turn_deg, solved.turn_sigma_deg, strict=True)
-    }
-    undetermined = dict(choice.undetermined)
-    undetermined |= {f"turn about {name}": OPEN_TURN for name, angle in misalignment.items() if angle is None}
-    return {
-        "model": solved.fitted.model.name,
-        "axes": solved.axes.text,
-        **_iron(solved),
-        "undetermined": list(undetermined),
-        "undetermined_why": undetermined,
-        "scores": choice.scores,
-        "noise": size * solved.fitted.noise,
-        "field_in_file_unit": size,
-        "field_is": "horizontal" if choice.level else "total",
-        "modulus_residual_percent": _residuals(solved),
-        "misalignment_deg": misalignment,
-        "left_out": solved.log.left_out,
-    }
-
-
-def _iron(solved: SolvedIron) -> dict[str, Any]:
-    """Describe hard and soft iron in the file's axes with one standard deviation.
-
-    If the selected model has no soft iron, its uncertainty is taken from the largest model that is determined.
-    """
-    choice, to_body = solved.choice, solved.axes.matrix
-    largest = choice.full.iron()[1] if choice.full and choice.full is not choice.fitted else solved.replicates
-    shift = choice.scale * to_body.T @ (solved.moved - solved.iron)[:3]
-    soft = np.array([to_body.T @ solved.soft(replicate) @ to_body for replicate in largest])
-    arrays = {
-        "hard_iron": choice.scale * to_body.T @ solved.iron[:3],
-        "hard_iron_sigma": ellipsoid.sigma(choice.scale * solved.replicates[:, :3] @ to_body, shift),
-        "soft_iron": to_body.T @ solved.soft(solved.iron) @ to_body,
-        "soft_iron_sigma": ellipsoid.sigma(soft),
-    }
-    shown = {name: values.astype(object) for name, values in arrays.items()}
-    for name in choice.undetermined:
-        for values in shown.values():
-            if name in ellipsoid.CENTRE and values.ndim == 1:
-                values[ellipsoid.CENTRE.index(name)] = None
-            elif name in ellipsoid.PLACES and values.ndim == 2:
-                i, j = ellipsoid.PLACES[name]
-                values[i, j] = values[j, i] = None
-    return {name: values.tolist() for name, values in shown.items()}
-
-
-def _residuals(solved: SolvedIron) -> dict[str, float]:
-    """Compute the scatter of the modulus about its mean before and after correction, percent."""
-    down = solved.readings.down
-    moduli = {"before": ellipsoid.modulus(solved.readings.field, down)}
-    moduli["after"] = ellipsoid.modulus(solved.corrected(), down)
-    return {when: float(100.0 * modulus.std() / modulus.mean()) for when, modulus in moduli.items()}
-
-
-def _warnings(solved: SolvedIron) -> list[str]:
-    """List the conditions under which the correction holds, in sentences."""
-    level, tilted = solved.choice.level, solved.log.tilted
-    sentences_where = {
-        "The logged heading agrees with the corrected axes: it is taken as correct and gives the mounting, A.": (
-            solved.logged_is_correct
-        ),
-        "A is zero by convention: a magnetometer does not observe how it is mounted about the vertical.": (
-            not solved.logged_is_correct
-        ),
-        "No tilts: the readings are taken as level, and the correction is for a level instrument.": level
-        and not tilted,
-        "Hard iron in x and y includes what the vertical field induces there; it changes with the dip.": level,
-        "Soft iron is not determined: hard iron and headings assume that there is none.": (
-            "S11" in solved.choice.undetermined
-        ),
-        "No tilts are logged: a misalignment of the magnetometer is not detected.": not (level or tilted),
-    }
-    return applicable(sentences_where)
-
-
-def _misfits(solved: SolvedIron, *, max_residual_percent: float = 5.0, max_axis_ratio: float = 1.4) -> list[str]:
-    """List misfits that iron fixed to a compass cannot cause and that make the coefficients doubtful.
-
-    Args:
-        max_residual_percent: of the modulus: largest residual of a compass with iron fixed to it.
-        max_axis_ratio: of the largest to the smallest sensitivity of an axis; sensors differ by a quarter, iron by
-            less.
-    """
-    residual, dimensions = _residuals(solved)["after"], 2 if solved.choice.level else 3
-    strengths = np.linalg.svd(solved.soft(solved.iron)[:dimensions, :dimensions], compute_uv=False)
-    texts = []
-    if residual > max_residual_percent:
-        texts.append(
-            f"the modulus varies by {residual:.0f} % after correction for hard and soft iron: iron that moved, axes "
-            "exchanged or of another sign than the tilts', an axis that failed, or readings beyond the scale"
-        )
-    if strengths[0] > max_axis_ratio * strengths[-1]:
-        texts.append(
-            f"one axis measures {strengths[0] / strengths[-1]:.1f} times the field of another: axes in different "
-            "units, or one that is failing; the logged heading may not have this error"
-        )
-    return texts
-
-
-def _sources(
-    solved: SolvedIron, table: DeviationTable, series: Floats, *, tilt_sensor_deg: float = 0.20
-) -> tuple[Source, ...]:
-    """Make the uncertainty budget of a corrected heading.
-
-    Args:
-        tilt_sensor_deg: standard uncertainty; Le Menn et al. 2023, section 2, gives 0.40 degrees expanded.
-    """
-    horizontal = 1.0 / float(np.hypot(1.0, solved.dip_ratio))
-    off = table.deviation_deg - series_deviation(series, table.heading_deg)
-    how = "block jackknife, with what a mean tilt hides of vertical iron, rms over the table"
-    reading_deg = solved.fitted.noise / horizontal / angles.DEGREE
-    sources = [
-        Source("fit", float(np.sqrt(np.mean(table.sigma_deg**2))), how),
-        Source("series", angles.rms(off), "rms of the five terms about the exact deviation"),
-        Source("one reading", reading_deg, "scatter of the modulus, one axis"),
-    ]
-    if solved.log.tilted:
-        ratio = abs(solved.dip_ratio)
-        if solved.choice.level:
-            ratio = float(np.mean(np.abs(np.sum(solved.corrected() * solved.down, axis=1))))
-        how = "0.40° expanded (Le Menn et al. 2023, section 2) times vertical over horizontal field"
-        sources.append(Source("tilt sensor", tilt_sensor_deg * ratio, how))
-    if solved.log.tilted and solved.choice.level:
-        tilt = float(np.sqrt(np.mean(np.var(solved.down[:, :2], axis=0))))
-        hard = float(np.hypot(*solved.iron[:2]))
-        how = "tilt about its mean times a vertical iron as strong as the horizontal one; the tilts do not determine it"
-        sources.append(Source("vertical iron", hard * tilt / angles.DEGREE, how))
-    return tuple(sources)
-
-
-# Iron in the frame of the instrument: the selected ellipsoid, rotated as far as tilts and logged heading determine.
-
-
-def exact_coefficients(iron: Floats, dip_ratio: float) -> Floats:
-    """Compute A..E of the exact compass of a level instrument, (5,).
-
-    ``dip_ratio`` is the downward over the horizontal field; 0 if the modulus is that of the horizontal field alone.
-    """
-    horizontal = 1.0 / np.hypot(1.0, dip_ratio)
-    soft = np.linalg.inv(iron[3:].reshape(3, 3))
-    return compass.level_coefficients(soft, iron[:3], horizontal_nT=horizontal, vertical_nT=dip_ratio * horizontal)
-
-
-def exact_deviation(coefficients: Floats, recorded_deg: Floats) -> Floats:
-    """Compute beta - gamma of an exact compass A..E (5,) at recorded headings, root of larger slope, (n,) degrees."""
-    return angles.difference(compass.inverse(coefficients, recorded_deg)[:, 0], recorded_deg)
-
-
-def series_coefficients(coefficients: Floats) -> Floats:
-    """Fit A..E (5,), degrees, of the series in the recorded heading to an exact compass over the full circle."""
-    return np.linalg.lstsq(series_design(GRID_DEG), exact_deviation(coefficients, GRID_DEG), rcond=None)[0]
-
-
-def estimate_tilt_misalignment(
-    iron: Floats, readings: ScaledReadings, down: Floats, *, max_dilution: float = 10.0
-) -> tuple[Floats, float, Floats]:
-    """Estimate the small rotation from magnetometer to tilt sensor that makes the vertical field constant.
-
-    With the downward direction t, the vertical field t . (h + e x h) is a constant c in every orientation, so
-    t . h = c - e . (h x t) is linear in the rotation e about forward, starboard and down.
-
-    Args:
-        max_dilution: radians of misalignment per relative error of the field: 0.3 % then cause 1.7 degrees.
-
-    Returns:
-        The rotation (3,) in degrees, NaN about axes that the tilts do not determine; c, the sine of the dip; and the
-        iron with the rotation included in G.
-    """
-    field = ellipsoid.corrected(iron, readings)
-    turn, wide = np.eye(3), np.zeros(3, dtype=bool)
-    for _ in range(3):
-        turned = field @ turn.T
-        columns = np.column_stack([np.ones(len(field)), -np.cross(turned, down)])
-        if not wide.any():
-            values, vectors = np.linalg.eigh(columns.T @ columns / len(columns))
-            inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T
-            wide = np.sqrt(np.diag(inverse))[1:] > max_dilution
-        columns[:, 1:] *= ~wide
-        solved = np.linalg.lstsq(columns, np.sum(turned * down, axis=1), rcond=None)[0]
-        turn = rotation(solved[1:]) @ turn
-    vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2.0
-    matrix = turn @ iron[3:].reshape(3, 3)
-    return np.where(wide, np.nan, vector / angles.DEGREE), float(solved[0]), np.append(iron[:3], matrix.ravel())
 
 
 @dataclass(frozen=True)
@@ -376,48 +97,318 @@ class SolvedIron:
         """Compute the soft iron relative to the mean diagonal of the observed axes, body frame, (3, 3)."""
         return np.linalg.inv(iron[3:].reshape(3, 3)) / self.gain(iron)
 
+    def residual_percent(self) -> dict[str, float]:
+        """Compute the scatter of the modulus about its mean before and after correction, percent."""
+        moduli = {"before": ellipsoid.modulus(self.readings.field, self.readings.down)}
+        moduli["after"] = ellipsoid.modulus(self.corrected(), self.readings.down)
+        return {when: float(100.0 * modulus.std() / modulus.mean()) for when, modulus in moduli.items()}
 
-def solve_iron(log: Log, axes: Axes, choice: ModelChoice, field: Field) -> SolvedIron | None:
-    """Express the iron in the frame of the instrument; None if no model was fitted.
 
-    The earth's field {horizontal_nT, vertical_nT} gives the dip without tilts; it is None if unknown.
+def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
+    """Calibrate a magnetometer from CSV files with x, y and perhaps z, pitch_deg, roll_deg, heading_deg, time_utc.
+
+    The settings are ``columns``, ``withhold`` and ``field`` {horizontal_nT, vertical_nT, ...} or None.
+
+    Raises:
+        InputError: a column is absent or a cell is not a number.
     """
+    log, choice = magnetometer_log.read(files, settings), ModelChoice()
+    if not (why := magnetometer_log.unusable_reason(log)):
+        axes, said = magnetometer_log.determine_axes(log)
+        choice = ellipsoid.choose_model(log, log.raw @ axes.matrix.T)
+        far = ellipsoid.find_outliers(choice)
+        if far.any():
+            log = log.take(~far, f"{far.sum()} of {far.size} readings are outliers of the fitted modulus and excluded.")
+            choice = ellipsoid.choose_model(log, log.raw @ axes.matrix.T)
+        why = choice.why
     if choice.fitted is None or choice.readings is None:
-        return None
-    iron, replicates = choice.fitted.iron()
+        undetermined = [*ellipsoid.PARAMETERS]
+        details = {"hard_iron": None, "soft_iron": None, "undetermined": undetermined, "left_out": log.left_out}
+        return Calibration(KIND, NO_MODEL, len(log.raw), 0, details=details, why=why, warnings=log.warnings)
+    solved = _solve_iron(log, axes, choice, choice.fitted, choice.readings, settings.get("field"))
+    exact = exact_coefficients(solved.iron, solved.dip_ratio)
+    known = bool(np.isfinite(exact).all())
+    folded = known and not compass.turns_full_circle(exact)
+    doubts = _doubts(solved)
+    return Calibration(
+        kind=KIND,
+        model=choice.fitted.model.name,
+        n=len(log.raw),
+        coverage=count_sectors(solved.headings()[0]),
+        points=_points(solved),
+        details={**_details(solved), "doubts": doubts},
+        why=FOLDED if folded else "" if known else NO_DIP,
+        warnings=(*log.warnings, *said, *_warnings(solved), *doubts),
+        **(_correction(solved, exact, folded=folded) if known else {}),
+    )
+
+
+def _correction(solved: SolvedIron, exact: Floats, *, folded: bool) -> dict[str, Any]:
+    """Compute coefficients, table and budget of the deviation by the iron; only the exact coefficients if folded."""
+    replicates = np.array([*map(exact_coefficients, solved.replicates, solved.dip_replicates.tolist())])
+    moved = exact_coefficients(solved.moved, solved.dip_ratio)
+    correction: dict[str, Any] = {"exact": exact, "exact_covariance": ellipsoid.covariance(replicates, moved - exact)}
+    if folded:
+        return correction
+    series, value = series_coefficients(exact), exact_deviation(exact, TABLE_DEG)
+    each_series = np.array([series_coefficients(replicate) for replicate in replicates])
+    off = np.array([angles.difference(exact_deviation(each, TABLE_DEG), value) for each in (moved, *replicates)])
+    table = DeviationTable(TABLE_DEG, value, ellipsoid.sigma(off[1:], off[0]))
+    # Misfit of the series: over the readings, or around the circle if these have no headings.
+    recorded, deviation = CIRCLE_DEG, exact_deviation(exact, CIRCLE_DEG)
+    if solved.headed:
+        recorded, corrected = solved.headings()
+        deviation = angles.difference(corrected, recorded)
+    return correction | {
+        "coefficients": series,
+        "covariance": ellipsoid.covariance(each_series, series_coefficients(moved) - series),
+        "residual_rms_deg": angles.rms(deviation - series_deviation(series, recorded)),
+        "sources": _sources(solved, table, series),
+        "table": table,
+    }
+
+
+def _points(solved: SolvedIron) -> dict[str, Floats]:
+    """Tabulate readings and corrected readings, (n,) each, in the file's unit and axes."""
+    scale, field, log = solved.choice.scale, solved.corrected(), solved.log
+    size, down = scale * solved.gain(solved.iron), solved.readings.down
+    axes = "xyz" if log.has_z else "xy"
+    columns = {name: log.raw[:, k] for k, name in enumerate(axes)}
+    columns |= {f"{name}_corrected": size * (field @ solved.axes.matrix)[:, k] for k, name in enumerate(axes)}
+    columns["modulus"] = scale * ellipsoid.modulus(solved.readings.field, down)
+    columns["modulus_corrected"] = size * ellipsoid.modulus(field, down)
+    if solved.headed:
+        recorded, corrected = solved.headings()
+        columns |= {"recorded_deg": recorded, "corrected_deg": corrected}
+        columns["deviation_deg"] = angles.difference(corrected, recorded)
+    extra = {"pitch_deg": log.pitch_deg, "roll_deg": log.roll_deg, "logged_deg": log.heading_deg, "time_s": log.time_s}
+    return columns | {name: values for name, values in extra.items() if values is not None}
+
+
+def _details(solved: SolvedIron) -> dict[str, Any]:
+    """Collect the details specific to a magnetometer, ready for JSON; null where undetermined."""
+    choice, size, to_body = solved.choice, solved.choice.scale * solved.gain(solved.iron), solved.axes.matrix
+    misalignment = {
+        name: {"value": float(angle), "sigma": float(sigma)} if np.isfinite(angle) else None
+        for name, angle, sigma in zip(TURNS, solved.turn_deg, solved.turn_sigma_deg, strict=True)
+    }
+    undetermined = dict(choice.undetermined)
+    undetermined |= {f"turn about {name}": OPEN_TURN for name, angle in misalignment.items() if angle is None}
+    # Iron in the file's axes; where the selected model has no soft iron, its uncertainty is that of the largest model.
+    largest = choice.full.iron()[1] if choice.full and choice.full is not choice.fitted else solved.replicates
+    shift = choice.scale * to_body.T @ (solved.moved - solved.iron)[:3]
+    soft = np.array([to_body.T @ solved.soft(replicate) @ to_body for replicate in largest])
+    iron = {
+        "hard_iron": choice.scale * to_body.T @ solved.iron[:3],
+        "hard_iron_sigma": ellipsoid.sigma(choice.scale * solved.replicates[:, :3] @ to_body, shift),
+        "soft_iron": to_body.T @ solved.soft(solved.iron) @ to_body,
+        "soft_iron_sigma": ellipsoid.sigma(soft),
+    }
+    shown = {name: values.astype(object) for name, values in iron.items()}
+    for name in choice.undetermined:
+        for values in shown.values():
+            if name in ellipsoid.CENTRE and values.ndim == 1:
+                values[ellipsoid.CENTRE.index(name)] = None
+            elif name in ellipsoid.PLACES and values.ndim == 2:
+                i, j = ellipsoid.PLACES[name]
+                values[i, j] = values[j, i] = None
+    return {
+        "model": solved.fitted.model.name,
+        "axes": solved.axes.text,
+        **{name: values.tolist() for name, values in shown.items()},
+        "undetermined": list(undetermined),
+        "undetermined_why": undetermined,
+        "scores": choice.scores,
+        "noise": size * solved.fitted.noise,
+        "field_in_file_unit": size,
+        "field_is": "horizontal" if choice.level else "total",
+        "modulus_residual_percent": solved.residual_percent(),
+        "misalignment_deg": misalignment,
+        "left_out": solved.log.left_out,
+    }
+
+
+def _warnings(solved: SolvedIron) -> list[str]:
+    level, tilted = solved.choice.level, solved.log.tilted
+    return applicable(
+        {
+            "The logged heading agrees with the corrected axes: it is taken as correct and gives the mounting, A.": (
+                solved.logged_is_correct
+            ),
+            "A is zero by convention: a magnetometer does not observe how it is mounted about the vertical.": (
+                not solved.logged_is_correct
+            ),
+            "No tilts: the readings are taken as level, and the correction is for a level instrument.": level
+            and not tilted,
+            "Hard iron in x and y includes what the vertical field induces there; it changes with the dip.": level,
+            "Soft iron is not determined: hard iron and headings assume that there is none.": (
+                "S11" in solved.choice.undetermined
+            ),
+            "No tilts are logged: a misalignment of the magnetometer is not detected.": not (level or tilted),
+        }
+    )
+
+
+def _doubts(solved: SolvedIron, *, max_residual_percent: float = 5.0, max_axis_ratio: float = 1.4) -> list[str]:
+    """List misfits that iron fixed to a compass cannot cause and that make the coefficients doubtful.
+
+    Args:
+        max_residual_percent: of the modulus: largest residual of a compass with iron fixed to it.
+        max_axis_ratio: of the largest to the smallest sensitivity of an axis; sensors differ by a quarter, iron by
+            less.
+    """
+    residual, dimensions = solved.residual_percent()["after"], 2 if solved.choice.level else 3
+    strengths = np.linalg.svd(solved.soft(solved.iron)[:dimensions, :dimensions], compute_uv=False)
+    ratio = strengths[0] / strengths[-1]
+    return applicable(
+        {
+            f"the modulus varies by {residual:.0f} % after correction for hard and soft iron: iron that moved, axes "
+            "exchanged or of another sign than the tilts', an axis that failed, or readings beyond the scale": (
+                residual > max_residual_percent
+            ),
+            f"one axis measures {ratio:.1f} times the field of another: axes in different units, or one that is "
+            "failing; the logged heading may not have this error": ratio > max_axis_ratio,
+        }
+    )
+
+
+def _sources(
+    solved: SolvedIron, table: DeviationTable, series: Floats, *, tilt_sensor_deg: float = 0.20
+) -> tuple[Source, ...]:
+    """Make the uncertainty budget of a corrected heading.
+
+    Args:
+        tilt_sensor_deg: standard uncertainty; Le Menn et al. 2023, section 2, gives 0.40 degrees expanded.
+    """
+    horizontal = 1.0 / float(np.hypot(1.0, solved.dip_ratio))
+    off = table.deviation_deg - series_deviation(series, table.heading_deg)
+    how = "block jackknife, with what a mean tilt hides of vertical iron, rms over the table"
+    reading_deg = solved.fitted.noise / horizontal / angles.DEGREE
+    sources = [
+        Source("fit", float(np.sqrt(np.mean(table.sigma_deg**2))), how),
+        Source("series", angles.rms(off), "rms of the five terms about the exact deviation"),
+        Source("one reading", reading_deg, "scatter of the modulus, one axis"),
+    ]
+    if solved.log.tilted:
+        ratio = abs(solved.dip_ratio)
+        if solved.choice.level:
+            ratio = float(np.mean(np.abs(np.sum(solved.corrected() * solved.down, axis=1))))
+        how = "0.40° expanded (Le Menn et al. 2023, section 2) times vertical over horizontal field"
+        sources.append(Source("tilt sensor", tilt_sensor_deg * ratio, how))
+    if solved.log.tilted and solved.choice.level:
+        tilt = float(np.sqrt(np.mean(np.var(solved.down[:, :2], axis=0))))
+        hard = float(np.hypot(*solved.iron[:2]))
+        how = "tilt about its mean times a vertical iron as strong as the horizontal one; the tilts do not determine it"
+        sources.append(Source("vertical iron", hard * tilt / angles.DEGREE, how))
+    return tuple(sources)
+
+
+def exact_coefficients(iron: Floats, dip_ratio: float) -> Floats:
+    """Compute A..E of the exact compass of a level instrument, (5,).
+
+    ``dip_ratio`` is the downward over the horizontal field; 0 if the modulus is that of the horizontal field alone.
+    """
+    horizontal = 1.0 / np.hypot(1.0, dip_ratio)
+    soft = np.linalg.inv(iron[3:].reshape(3, 3))
+    return compass.level_coefficients(soft, iron[:3], horizontal_nT=horizontal, vertical_nT=dip_ratio * horizontal)
+
+
+def exact_deviation(coefficients: Floats, recorded_deg: Floats) -> Floats:
+    """Compute beta - gamma of an exact compass A..E (5,) at recorded headings, root of larger slope, (n,) degrees."""
+    return angles.difference(compass.inverse(coefficients, recorded_deg)[:, 0], recorded_deg)
+
+
+def series_coefficients(coefficients: Floats) -> Floats:
+    """Fit A..E (5,), degrees, of the series in the recorded heading to an exact compass over the full circle."""
+    return np.linalg.lstsq(series_design(CIRCLE_DEG), exact_deviation(coefficients, CIRCLE_DEG), rcond=None)[0]
+
+
+# Iron in the frame of the instrument: the selected ellipsoid, rotated as far as tilts and logged heading determine.
+
+
+def _solve_iron(
+    log: Log,
+    axes: Axes,
+    choice: ModelChoice,
+    fitted: FittedEllipsoid,
+    readings: ScaledReadings,
+    field: Mapping[str, float] | None,
+) -> SolvedIron:
+    """Express the iron in the frame of the instrument; the earth's field gives the dip where there are no tilts."""
+    iron, replicates = fitted.iron()
     dip = 0.0 if choice.level else np.nan if field is None else field["vertical_nT"] / field["horizontal_nT"]
-    turn, sigma = np.array([np.nan, np.nan, axes.vertical_deg]), np.array([np.nan, np.nan, axes.vertical_sigma_deg])
-    levelling, dips = log.levelling(), np.full(len(replicates), dip)
-    parts = (log, axes, choice, choice.fitted, choice.readings, iron, replicates, levelling, dip, dips, turn, sigma)
-    solved = SolvedIron(*parts, np.zeros((len(replicates), 3)))
-    if log.tilted and not choice.level:
-        solved = _align_to_tilts(solved)
-    return _align_to_heading(solved)
+    solved = SolvedIron(
+        log,
+        axes,
+        choice,
+        fitted,
+        readings,
+        iron,
+        replicates,
+        levelling=log.levelling(),
+        dip_ratio=dip,
+        dip_replicates=np.full(len(replicates), dip),
+        turn_deg=np.array([np.nan, np.nan, axes.vertical_deg]),
+        turn_sigma_deg=np.array([np.nan, np.nan, axes.vertical_sigma_deg]),
+        turn_replicates_deg=np.zeros((len(replicates), 3)),
+    )
+    return _align_to_heading(_align_to_tilts(solved) if log.tilted and not choice.level else solved)
 
 
 def _align_to_tilts(solved: SolvedIron) -> SolvedIron:
     """Rotate the iron into the frame of the tilt sensor, where the vertical field is constant and gives the dip."""
     readings, down, block = solved.readings, solved.down, ellipsoid.blocks(len(solved.readings))
-    turn, sine, turned = estimate_tilt_misalignment(solved.iron, readings, down)
+    turn, dip_ratio, turned = estimate_tilt_misalignment(solved.iron, readings, down)
     parts = [(each, block != k) for k, each in enumerate(solved.replicates)]
     each = [estimate_tilt_misalignment(iron, readings.take(kept), down[kept]) for iron, kept in parts]
-    turns = np.array([replicate[0] for replicate in each])
-    sigma = ellipsoid.sigma(turns)
-    by_heading = np.isfinite(solved.turn_deg)
+    turns, dips, irons = (np.array(column) for column in zip(*each, strict=True))
+    sigma, by_heading = ellipsoid.sigma(turns), np.isfinite(solved.turn_deg)
     return replace(
         solved,
         iron=turned,
-        replicates=np.array([replicate[2] for replicate in each]),
-        dip_ratio=_dip_ratio(sine),
-        dip_replicates=np.array([_dip_ratio(replicate[1]) for replicate in each]),
+        replicates=irons,
+        dip_ratio=dip_ratio,
+        dip_replicates=dips,
         turn_deg=np.where(by_heading, solved.turn_deg + np.nan_to_num(turn), turn),
         turn_sigma_deg=np.where(by_heading, np.hypot(solved.turn_sigma_deg, np.nan_to_num(sigma)), sigma),
         turn_replicates_deg=np.nan_to_num(turns),
     )
 
 
-def _dip_ratio(sine: float) -> float:
-    return sine / float(np.sqrt(max(1.0 - sine**2, 1e-6)))
+def estimate_tilt_misalignment(
+    iron: Floats, readings: ScaledReadings, down: Floats, *, max_dilution: float = 10.0
+) -> tuple[Floats, float, Floats]:
+    """Estimate the small rotation from magnetometer to tilt sensor that makes the vertical field constant.
+
+    With the downward direction t, the vertical field t . (h + e x h) is a constant c in every orientation, so
+    t . h = c - e . (h x t) is linear in the rotation e about forward, starboard and down.
+
+    Args:
+        max_dilution: radians of misalignment per relative error of the field: 0.3 % then cause 1.7 degrees.
+
+    Returns:
+        The rotation (3,) in degrees, NaN about axes that the tilts do not determine; downward over horizontal field;
+        and the iron with the rotation included in G.
+    """
+    from scipy.spatial.transform import Rotation  # imported late: only needed for logs with tilts
+
+    field = ellipsoid.corrected(iron, readings)
+    turn, wide = np.eye(3), np.zeros(3, dtype=bool)
+    for _ in range(3):
+        turned = field @ turn.T
+        columns = np.column_stack([np.ones(len(field)), -np.cross(turned, down)])
+        if not wide.any():
+            values, vectors = np.linalg.eigh(columns.T @ columns / len(columns))
+            inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T
+            wide = np.sqrt(np.diag(inverse))[1:] > max_dilution
+        columns[:, 1:] *= ~wide
+        solved = np.linalg.lstsq(columns, np.sum(turned * down, axis=1), rcond=None)[0]
+        turn = Rotation.from_rotvec(solved[1:]).as_matrix() @ turn
+    vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2.0
+    sine = float(solved[0])  # of the dip
+    dip_ratio = sine / float(np.sqrt(max(1.0 - sine**2, 1e-6)))
+    rotated = np.append(iron[:3], (turn @ iron[3:].reshape(3, 3)).ravel())
+    return np.where(wide, np.nan, vector / angles.DEGREE), dip_ratio, rotated
 
 
 def _align_to_heading(solved: SolvedIron, *, max_scatter_ratio: float = 0.5) -> SolvedIron:
@@ -439,20 +430,19 @@ def _align_to_heading(solved: SolvedIron, *, max_scatter_ratio: float = 0.5) -> 
     for k, replicate in enumerate(solved.replicates):  # each with the readings that it was fitted to
         kept = block != k
         field = ellipsoid.corrected(replicate, solved.readings.take(kept))
-        off = angles.difference(logged[kept], level_heading(field, solved.levelling[kept]))
-        turns_deg[k], _ = mean_and_scatter(off)
+        turns_deg[k], _ = mean_and_scatter(
+            angles.difference(logged[kept], level_heading(field, solved.levelling[kept]))
+        )
     sigma = float(ellipsoid.sigma(angles.difference(turns_deg, centre) + solved.turn_replicates_deg[:, 2]))
-    turns = zip(solved.replicates, turns_deg, strict=True)
+    rotated = [
+        np.append(iron[:3], (about_down(float(by_deg)) @ iron[3:].reshape(3, 3)).ravel())
+        for iron, by_deg in zip((solved.iron, *solved.replicates), (centre, *turns_deg), strict=True)
+    ]
     return replace(
         solved,
-        iron=_about_down(solved.iron, centre),
-        replicates=np.array([_about_down(replicate, float(angle)) for replicate, angle in turns]),
+        iron=rotated[0],
+        replicates=np.array(rotated[1:]),
         turn_deg=np.append(solved.turn_deg[:2], np.nan_to_num(solved.turn_deg[2]) + centre),
         turn_sigma_deg=np.append(solved.turn_sigma_deg[:2], sigma),
         logged_is_correct=True,
     )
-
-
-def _about_down(iron: Floats, angle_deg: float) -> Floats:
-    """Rotate iron about the vertical so that corrected headings increase by an angle."""
-    return np.append(iron[:3], (about_down(angle_deg) @ iron[3:].reshape(3, 3)).ravel())

@@ -14,11 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
+from compasslib.calibrations.curves import count_sectors
 from compasslib.calibrations.magnetometer.log import Log
 from compasslib.statistics.least_squares import robust_width
 from compasslib.statistics.noise import effective_sample_size
@@ -26,15 +28,14 @@ from compasslib.statistics.resampling import student_factor
 from compasslib.types import Bools, Floats
 
 BLOCKS = 20  # of the jackknife: long compared to the noise's correlation time, and enough to estimate a variance
-CENTRE, SOFT = ("x offset", "y offset", "z offset"), ("S11", "S22", "S33", "S12", "S13", "S23")
-PARAMETERS = CENTRE + SOFT
+CENTRE = ("x offset", "y offset", "z offset")
 PLACES = {"S11": (0, 0), "S22": (1, 1), "S33": (2, 2), "S12": (0, 1), "S13": (0, 2), "S23": (1, 2)}
+DIAGONAL, OTHERS, LEVEL_SOFT = ("S11", "S22", "S33"), ("S12", "S13", "S23"), ("S11", "S22", "S12")
+PARAMETERS = CENTRE + DIAGONAL + OTHERS
 MAX_STANDARD_ERROR = 0.05  # relative to the field: parameters with a larger one are undetermined
 # Relative to the field: errors by nonlinearity, cross-axis sensitivity and gradients, which do not average out.
 SYSTEMATIC_ERROR = 0.003
 MAX_SCATTER = 0.25  # about the fitted circle or sphere, relative to the field
-DIAGONAL, OTHERS, LEVEL_SOFT = ("S11", "S22", "S33"), ("S12", "S13", "S23"), ("S11", "S22", "S12")
-UNSEEN_LEVEL = ("z offset", "S33", "S13", "S23")
 
 
 @dataclass(frozen=True)
@@ -54,11 +55,39 @@ class ScaledReadings:
 
 @dataclass(frozen=True)
 class Model:
-    """Free parameters of a model, and their linear map to the centre (3) and the matrix G (9)."""
+    """Free parameters of a model, each with the entries of centre and matrix G that it changes, and by how much."""
 
     name: str
-    free: tuple[str, ...]
-    chain: Floats  # (p, 12)
+    moves: dict[str, dict[str, float]]
+
+    @cached_property
+    def chain(self) -> Floats:
+        """Linear map of the parameters to the centre (3) and the matrix G (9), (p, 12)."""
+        chain = np.zeros((len(self.moves), 12))
+        for row, moves in zip(chain, self.moves.values(), strict=True):
+            for name, by in moves.items():
+                if name in CENTRE:
+                    row[CENTRE.index(name)] = by
+                else:
+                    i, j = PLACES[name]
+                    row[3 + 3 * i + j] = row[3 + 3 * j + i] = by
+        return chain
+
+
+def _alone(*names: str) -> dict[str, dict[str, float]]:
+    return {name: {name: 1.0} for name in names}
+
+
+SCALE = {"scale": dict.fromkeys(DIAGONAL, 1.0)}
+SPHERE = Model("sphere", _alone(*CENTRE) | SCALE)
+AXES = Model("ellipsoid along the axes", _alone(*CENTRE, *DIAGONAL))
+ELLIPSOID = Model("ellipsoid", _alone(*PARAMETERS))
+CIRCLE = Model("circle", _alone(*CENTRE[:2]) | SCALE)
+# The third axis is unobservable: its sensitivity is set to the mean of the other two.
+HALVES = {"S11": {"S11": 1.0, "S33": 0.5}, "S22": {"S22": 1.0, "S33": 0.5}}
+ELLIPSE = Model("ellipse", _alone(*CENTRE[:2]) | HALVES | _alone("S12"))
+# Never fitted: serves to assess which parameters the tilts of a level platform would determine.
+LEVEL_AND_THIRD = Model("ellipse and third axis", _alone(*CENTRE, *DIAGONAL, "S12"))
 
 
 @dataclass(frozen=True)
@@ -75,37 +104,6 @@ class FittedEllipsoid:
         return self.parameters @ self.model.chain, self.replicates @ self.model.chain
 
 
-def _chain(*rows: dict[str, float]) -> Floats:
-    chain = np.zeros((len(rows), 12))
-    for row, moves in zip(chain, rows, strict=True):
-        for name, by in moves.items():
-            if name in CENTRE:
-                row[CENTRE.index(name)] = by
-            else:
-                i, j = PLACES[name]
-                row[3 + 3 * i + j] = row[3 + 3 * j + i] = by
-    return chain
-
-
-X, Y, Z = ({name: 1.0} for name in CENTRE)
-ALIKE, EACH = {"S11": 1.0, "S22": 1.0, "S33": 1.0}, [{name: 1.0} for name in SOFT]
-SPHERE = Model("sphere", (*CENTRE, "scale"), _chain(X, Y, Z, ALIKE))
-AXES = Model("ellipsoid along the axes", (*CENTRE, *SOFT[:3]), _chain(X, Y, Z, *EACH[:3]))
-ELLIPSOID = Model("ellipsoid", PARAMETERS, _chain(X, Y, Z, *EACH))
-CIRCLE = Model("circle", (*CENTRE[:2], "scale"), _chain(X, Y, ALIKE))
-# The third axis is unobservable: its sensitivity is set to the mean of the other two.
-TWO_AXES = {"S11": 1.0, "S33": 0.5}, {"S22": 1.0, "S33": 0.5}, {"S12": 1.0}
-ELLIPSE = Model("ellipse", (*CENTRE[:2], "S11", "S22", "S12"), _chain(X, Y, *TWO_AXES))
-# Never fitted: serves to assess which parameters the tilts of a level platform would determine.
-LEVEL_AND_THIRD = Model("ellipse and third axis", (*CENTRE, *SOFT[:4]), _chain(X, Y, Z, *EACH[:4]))
-
-
-def unpack(model: Model, parameters: Floats) -> tuple[Floats, Floats]:
-    """Split the parameters (p,) into the centre (3,) and the matrix G (3, 3)."""
-    full = parameters @ model.chain
-    return full[:3], full[3:].reshape(3, 3)
-
-
 def corrected(iron: Floats, readings: ScaledReadings) -> Floats:
     """Correct readings for the iron (12,), centre b and G: h = G (m - b), the normalized field (n, 3)."""
     return (readings.field - iron[:3]) @ iron[3:].reshape(3, 3).T
@@ -117,11 +115,8 @@ def modulus(field: Floats, down: Floats) -> Floats:
     return np.sqrt(np.maximum(np.sum(field**2, axis=1) - along**2, 0.0))
 
 
-def solve(model: Model, readings: ScaledReadings, centre: Floats, *, adjusted: bool = True) -> tuple[Floats, float]:
+def solve(model: Model, readings: ScaledReadings, centre: Floats) -> tuple[Floats, float]:
     """Minimise the adjusted loss over the parameters (p,) and estimate the noise variance of one axis.
-
-    Args:
-        adjusted: False for the plain algebraic fit, which the noise biases.
 
     Raises:
         np.linalg.LinAlgError: the readings do not determine the parameters.
@@ -129,8 +124,7 @@ def solve(model: Model, readings: ScaledReadings, centre: Floats, *, adjusted: b
     wanted = np.concatenate([centre, np.eye(3).ravel()])
     parameters = np.linalg.lstsq(model.chain.T, wanted, rcond=None)[0]
     for _ in range(60):
-        variance = _variance(model, parameters, readings) if adjusted else 0.0
-        score, columns = _scores(model, parameters, readings, variance)
+        variance, score, columns = adjusted_scores(model, parameters, readings)
         step = -np.linalg.solve(columns.T @ columns, score.sum(axis=0))
         parameters = parameters + step * min(1.0, 0.3 / max(float(np.linalg.norm(step)), 1e-300))
         if np.max(np.abs(step)) < 1e-11:
@@ -138,19 +132,18 @@ def solve(model: Model, readings: ScaledReadings, centre: Floats, *, adjusted: b
     raise np.linalg.LinAlgError(f"the fit of the {model.name} does not settle")
 
 
-def fit(model: Model, readings: ScaledReadings, centre: Floats) -> FittedEllipsoid:
-    """Fit a model, with a block jackknife that accounts for autocorrelated noise.
-
-    Raises:
-        np.linalg.LinAlgError: the readings do not determine the parameters.
-    """
-    parameters, variance = solve(model, readings, centre)
-    score, columns = _scores(model, parameters, readings, variance)
-    information, replicates = columns.T @ columns, np.tile(parameters, (BLOCKS, 1))
-    for k in range(BLOCKS):  # one Gauss-Newton step of the fit without the block
-        i = blocks(len(readings)) == k
-        if i.any():
-            replicates[k] += np.linalg.solve(information - columns[i].T @ columns[i], score[i].sum(axis=0))
+def fit(model: Model, readings: ScaledReadings, centre: Floats) -> FittedEllipsoid | None:
+    """Fit a model, with a block jackknife for autocorrelated noise; None if the readings do not determine it."""
+    try:
+        parameters, variance = solve(model, readings, centre)
+        _, score, columns = adjusted_scores(model, parameters, readings, variance)
+        information, replicates = columns.T @ columns, np.tile(parameters, (BLOCKS, 1))
+        for k in range(BLOCKS):  # one Gauss-Newton step of the fit without the block
+            i = blocks(len(readings)) == k
+            if i.any():
+                replicates[k] += np.linalg.solve(information - columns[i].T @ columns[i], score[i].sum(axis=0))
+    except np.linalg.LinAlgError:
+        return None
     return FittedEllipsoid(model, parameters, float(np.sqrt(max(variance, 0.0))), replicates)
 
 
@@ -178,59 +171,48 @@ def sigma(replicates: Floats, shift: Floats | float = 0.0) -> Floats:
     return np.sqrt(np.diag(covariance(flat, np.broadcast_to(shift, shape).ravel()))).reshape(shape)
 
 
-def _across(centre: Floats, matrix: Floats, readings: ScaledReadings) -> tuple[Floats, Floats]:
-    """Compute a = N h, the field component that enters the modulus, and w = G^T a, (n, 3) each."""
+def _linearize(iron: Floats, readings: ScaledReadings) -> tuple[Floats, Floats, Floats]:
+    """Compute a = N h, the field component that enters the modulus, w = G^T a and the derivative of |a|^2, (n, 12)."""
+    centre, matrix = iron[:3], iron[3:].reshape(3, 3)
     field = (readings.field - centre) @ matrix.T
     across = field - np.sum(field * readings.down, axis=1)[:, None] * readings.down
-    return across, across @ matrix
-
-
-def _gradient(centre: Floats, readings: ScaledReadings, across: Floats, weight: Floats) -> Floats:
-    """Compute the derivative of the squared modulus with respect to centre and G, (n, 12)."""
+    weight = across @ matrix
     by_matrix = 2.0 * across[:, :, None] * (readings.field - centre)[:, None, :]
-    return np.hstack([-2.0 * weight, by_matrix.reshape(-1, 9)])
+    return across, weight, np.hstack([-2.0 * weight, by_matrix.reshape(-1, 9)])
 
 
-def _traces(matrix: Floats, readings: ScaledReadings) -> tuple[Floats, Floats]:
-    """Compute the traces of M = G^T N G and of its square for each reading, (n,) each."""
-    square, vertical = matrix.T @ matrix, readings.down @ matrix
-    length = np.sum(vertical**2, axis=1)
-    second = np.sum(square**2) - 2.0 * np.sum((vertical @ square) * vertical, axis=1) + length**2
-    return np.trace(square) - length, second
-
-
-def _variance(model: Model, parameters: Floats, readings: ScaledReadings) -> float:
-    """Solve the quadratic for the noise variance s that makes the adjusted loss vanish: the smaller root."""
-    centre, matrix = unpack(model, parameters)
-    across, weight = _across(centre, matrix, readings)
-    rho, (trace, second) = np.sum(across**2, axis=1) - 1.0, _traces(matrix, readings)
-    n, free = len(readings), len(parameters)
-    c = float(np.sum(rho**2)) * n / (n - free)
-    b = 2.0 * float(np.sum(rho * trace)) + 4.0 * float(np.sum(weight**2))
-    a = float(np.sum(trace**2) + 2.0 * np.sum(second))
-    return 2.0 * c / (b + float(np.sqrt(max(b * b - 4.0 * a * c, 0.0))))
-
-
-def _scores(model: Model, parameters: Floats, readings: ScaledReadings, s: float) -> tuple[Floats, Floats]:
+def adjusted_scores(
+    model: Model, parameters: Floats, readings: ScaledReadings, variance: float | None = None
+) -> tuple[float, Floats, Floats]:
     """Compute half the gradient of each reading's adjusted loss, and the columns of its Gauss-Newton matrix, (n, p).
 
-    The loss is (rho - s tr M)^2 - 4 s |M v|^2 + 2 s^2 tr M^2 with v = m - b, rho = v^T M v - 1.
+    The loss is (rho - s tr M)^2 - 4 s |M v|^2 + 2 s^2 tr M^2 with v = m - b, M = G^T N G, rho = v^T M v - 1. Unless the
+    noise variance s is given, it is the smaller root of the quadratic that makes the sum of the losses vanish.
     """
-    centre, matrix = unpack(model, parameters)
-    across, weight = _across(centre, matrix, readings)
-    down, v = readings.down, readings.field - centre
-    rho, (trace, _) = np.sum(across**2, axis=1) - 1.0, _traces(matrix, readings)
+    iron, down, n = parameters @ model.chain, readings.down, len(readings)
+    centre, matrix = iron[:3], iron[3:].reshape(3, 3)
+    across, weight, by_rho = _linearize(iron, readings)
+    rho = np.sum(across**2, axis=1) - 1.0
+    # Traces of M and of its square.
+    square, vertical = matrix.T @ matrix, down @ matrix
+    length = np.sum(vertical**2, axis=1)
+    trace = np.trace(square) - length
+    if variance is None:
+        second = np.sum(square**2) - 2.0 * np.sum((vertical @ square) * vertical, axis=1) + length**2
+        c = float(np.sum(rho**2)) * n / (n - len(parameters))
+        b = 2.0 * float(np.sum(rho * trace)) + 4.0 * float(np.sum(weight**2))
+        a = float(np.sum(trace**2) + 2.0 * np.sum(second))
+        variance = 2.0 * c / (b + float(np.sqrt(max(b * b - 4.0 * a * c, 0.0))))
+    v, s = readings.field - centre, variance
     turned = weight @ matrix.T
     turned -= np.sum(turned * down, axis=1)[:, None] * down  # N G w
-    projected = matrix - down[:, :, None] * (down @ matrix)[:, None, :]  # N G
-    square = np.swapaxes(projected, 1, 2) @ projected  # M, for N N = N
-    by_rho = _gradient(centre, readings, across, weight)
+    projected = matrix - down[:, :, None] * vertical[:, None, :]  # N G
     by_rho[:, 3:] -= 2.0 * s * projected.reshape(-1, 9)
     by_weight = turned[:, :, None] * v[:, None, :] + across[:, :, None] * weight[:, None, :]
-    by_matrix = -4.0 * s * by_weight + 4.0 * s**2 * projected @ square
+    by_matrix = -4.0 * s * by_weight + 4.0 * s**2 * projected @ (np.swapaxes(projected, 1, 2) @ projected)
     noise = np.hstack([4.0 * s * turned @ matrix, by_matrix.reshape(-1, 9)])
     columns = by_rho @ model.chain.T
-    return (rho - s * trace)[:, None] * columns + noise @ model.chain.T, columns
+    return s, (rho - s * trace)[:, None] * columns + noise @ model.chain.T, columns
 
 
 @dataclass(frozen=True)
@@ -266,17 +248,16 @@ def find_outliers(choice: ModelChoice, *, outlier_widths: float = 6.0, max_outli
 def _choose_spatial(body: Floats) -> ModelChoice | None:
     """Choose a sphere or an ellipsoid; None if the readings determine neither."""
     readings, scale, centre = _scaled(body, np.zeros_like(body))
-    sphere = _fit_or_none(SPHERE, readings, centre)
+    sphere = fit(SPHERE, readings, centre)
     if sphere is None or (noise := _noise(ELLIPSOID, sphere, readings))[0] > MAX_SCATTER:
         return None
     unsure = _standard_errors(ELLIPSOID, sphere, readings, noise)
-    lost = _undetermined_groups(unsure, DIAGONAL, OTHERS)
     if any(unsure[name] > MAX_STANDARD_ERROR for name in CENTRE):
         return None
-    models = [model for model in (SPHERE, AXES, ELLIPSOID) if not set(lost) & set(model.free)]
+    lost = _undetermined_groups(unsure, DIAGONAL, OTHERS)
+    models = [model for model in (SPHERE, AXES, ELLIPSOID) if not set(lost) & set(model.moves)]
     reasons = {name: _reason(unsure[name], "the orientations leave it") for name in lost}
-    partial = ModelChoice(scale=scale, undetermined=reasons)
-    return _select_by_cross_validation(models, readings, centre, partial)
+    return _select_by_cross_validation(models, readings, centre, ModelChoice(scale=scale, undetermined=reasons))
 
 
 def _choose_level(
@@ -288,41 +269,38 @@ def _choose_level(
         max_level_tilt_deg, max_level_scatter: largest tilt; without tilts, largest scatter of z relative to the radius.
     """
     down = log.levelling()[:, 2, :]
-    if log.tilted and np.percentile(_tilt(down), 99.0) > max_level_tilt_deg:
+    tilt = float(np.percentile(angles.argument(down[:, 2] + 1j * np.hypot(down[:, 0], down[:, 1])), 99.0))
+    if log.tilted and tilt > max_level_tilt_deg:
         return ModelChoice(why="The orientations neither cover the sphere nor stay level.")
     readings, scale, centre = _scaled(body, down)
-    circle = _fit_or_none(CIRCLE, readings, centre)
+    circle = fit(CIRCLE, readings, centre)
     if circle is None:
         return ModelChoice(why="The readings lie on no circle: the instrument did not turn, or the record is constant.")
     noise = _noise(ELLIPSE, circle, readings)
-    why = _unusable_circle(circle, readings, noise[0])
-    if why or (log.has_z and not log.tilted and readings.field[:, 2].std() > max_level_scatter):
+    if why := _unusable_circle(circle, readings, noise[0]):
+        return ModelChoice(why=why)
+    if log.has_z and not log.tilted and readings.field[:, 2].std() > max_level_scatter:
         level = "The orientations neither cover the sphere nor stay level, and no tilts are logged."
-        return ModelChoice(why=why or level)
-    unsure = _standard_errors(LEVEL_AND_THIRD, circle, readings, noise) if log.tilted else {}
+        return ModelChoice(why=level)
     both = _standard_errors(ELLIPSE, circle, readings, noise)
     lost = _undetermined_groups(both, LEVEL_SOFT)
     standard_errors = _standard_errors(CIRCLE, circle, readings, noise) if lost else both
     if max(standard_errors["x offset"], standard_errors["y offset"]) > MAX_STANDARD_ERROR:
         why = "The readings cover too little of a turn: not even the centre of the circle is determined."
         return ModelChoice(why=why)
-    reasons = _unobservable(log, unsure, down)
+    # What turning about the vertical does not determine.
+    mixed = "turning about the vertical, what the vertical field induces looks like hard iron in x and y"
+    vertical = dict.fromkeys(("z offset", "S33"), "without tilts the horizontal field does not show it")
+    if log.tilted:
+        unsure = _standard_errors(LEVEL_AND_THIRD, circle, readings, noise)
+        vertical = {name: _reason(unsure[name], f"tilts of up to {tilt:.0f}° leave it") for name in vertical}
+    reasons = {**vertical, "S13": mixed, "S23": mixed}
+    if not log.has_z:
+        reasons = dict.fromkeys(reasons, "there is no z")
     reasons |= {name: _reason(both[name], "the part of a turn leaves it") for name in lost}
     models = [CIRCLE] if lost else [CIRCLE, ELLIPSE]
     partial = ModelChoice(scale=scale, level=True, undetermined=reasons)
     return _select_by_cross_validation(models, readings, centre, partial)
-
-
-def _unobservable(log: Log, unsure: dict[str, float], down: Floats) -> dict[str, str]:
-    """List the parameters that turning about the vertical does not determine, with the reason for each."""
-    if not log.has_z:
-        return dict.fromkeys(UNSEEN_LEVEL, "there is no z")
-    mixed = "turning about the vertical, what the vertical field induces looks like hard iron in x and y"
-    if not log.tilted:
-        level = "without tilts the horizontal field does not show it"
-        return {"z offset": level, "S33": level, "S13": mixed, "S23": mixed}
-    spans = f"tilts of up to {np.percentile(_tilt(down), 99.0):.0f}° leave it"
-    return {**{name: _reason(unsure[name], spans) for name in ("z offset", "S33")}, "S13": mixed, "S23": mixed}
 
 
 def _undetermined_groups(unsure: dict[str, float], *groups: tuple[str, ...]) -> list[str]:
@@ -337,16 +315,8 @@ def _reason(unsure: float, spans: str) -> str:
     return f"{spans} {size}; at most {100.0 * MAX_STANDARD_ERROR:.0f} % is accepted"
 
 
-def _tilt(down: Floats) -> Floats:
-    """Compute the angle between the body's third axis and the vertical, (n,) degrees."""
-    return angles.argument(down[:, 2] + 1j * np.hypot(down[:, 0], down[:, 1]))
-
-
 def _scaled(body: Floats, down: Floats) -> tuple[ScaledReadings, float, Floats]:
-    """Scale readings by the radius of the fitted circle or sphere; also give that scale and the scaled centre (3,).
-
-    The fit is linear least squares on the squared modulus.
-    """
+    """Scale readings by the radius of a circle or sphere fitted to the squared modulus; give scale and centre."""
     across = body - np.sum(body * down, axis=1)[:, None] * down
     use = across[:, :2] if down.any() else across
     columns = np.column_stack([2.0 * use, np.ones(len(use))])
@@ -370,8 +340,7 @@ def _unusable_circle(
     arc = 360.0 - float(np.max(np.diff(towards, append=towards[0] + 360.0)))
     if arc < min_arc_deg:
         return f"The instrument turned through {arc:.0f}°, at least {min_arc_deg:.0f}° (a third of a turn) is needed."
-    sectors = len(np.unique(towards // 10.0))
-    if sectors < min_sectors:
+    if (sectors := count_sectors(towards)) < min_sectors:
         return f"The readings repeat {sectors} headings, at least {min_sectors} apart by 10° are needed."
     return ""
 
@@ -384,15 +353,13 @@ def _standard_errors(
     These are magnified by the square root of the diagonal of the inverse information of an average reading, with all
     parameters free. Eigenvalues of the information are bounded below by 1e-14 of the largest.
     """
-    iron = fitted.iron()[0]
-    centre, matrix = iron[:3], iron[3:].reshape(3, 3)
-    across, weight = _across(centre, matrix, readings)
+    _, weight, gradient = _linearize(fitted.iron()[0], readings)
     steepness = 2.0 * np.linalg.norm(weight, axis=1)[:, None]  # |d(squared modulus) / d(reading)|
-    columns = _gradient(centre, readings, across, weight) @ model.chain.T / np.maximum(steepness, 1e-6)
+    columns = gradient @ model.chain.T / np.maximum(steepness, 1e-6)
     values, vectors = np.linalg.eigh(columns.T @ columns / len(readings))
     inverse = (vectors / np.maximum(values, 1e-14 * values[-1])) @ vectors.T
     each = float(np.hypot(noise[0] / np.sqrt(noise[1]), SYSTEMATIC_ERROR))
-    return dict(zip(model.free, (each * np.sqrt(np.diag(inverse))).tolist(), strict=True))
+    return dict(zip(model.moves, (each * np.sqrt(np.diag(inverse))).tolist(), strict=True))
 
 
 def _noise(largest: Model, fitted: FittedEllipsoid, readings: ScaledReadings) -> tuple[float, float]:
@@ -414,30 +381,20 @@ def _noise(largest: Model, fitted: FittedEllipsoid, readings: ScaledReadings) ->
 def _select_by_cross_validation(
     models: Sequence[Model], readings: ScaledReadings, centre: Floats, partial: ModelChoice
 ) -> ModelChoice:
-    """Select the model that best predicts held-out contiguous blocks."""
-    scores = {model.name: _score(model, readings, centre) for model in models}
-    fits = {model.name: fitted for model in models if (fitted := _fit_or_none(model, readings, centre))}
+    """Select the model that best predicts held-out contiguous blocks, by the rms error of the modulus, percent."""
+    fold, scores = blocks(len(readings)) % 5, dict[str, float]()
+    for model in models:
+        off = np.full(len(readings), np.nan)
+        try:
+            for k in range(5):
+                iron = solve(model, readings.take(fold != k), centre)[0] @ model.chain
+                left = readings.take(fold == k)
+                off[fold == k] = modulus(corrected(iron, left), left.down) - 1.0
+            scores[model.name] = float(100.0 * np.sqrt(np.mean(off**2)))
+        except np.linalg.LinAlgError:
+            scores[model.name] = float("inf")
+    fits = {model.name: fitted for model in models if (fitted := fit(model, readings, centre))}
     if not fits:
         return ModelChoice(why="No ellipsoid can be fitted to the readings.")
-    chosen, full = fits[min(fits, key=lambda name: scores[name])], fits[list(fits)[-1]]
+    chosen, full = fits[min(fits, key=lambda name: scores[name])], [*fits.values()][-1]
     return replace(partial, fitted=chosen, readings=readings, scores=scores, full=full)
-
-
-def _fit_or_none(model: Model, readings: ScaledReadings, centre: Floats) -> FittedEllipsoid | None:
-    try:
-        return fit(model, readings, centre)
-    except np.linalg.LinAlgError:
-        return None
-
-
-def _score(model: Model, readings: ScaledReadings, centre: Floats) -> float:
-    """Compute the rms error of the modulus, which should be 1, on held-out blocks, percent."""
-    fold, off = blocks(len(readings)) % 5, np.full(len(readings), np.nan)
-    for k in range(5):
-        try:
-            iron = solve(model, readings.take(fold != k), centre)[0] @ model.chain
-        except np.linalg.LinAlgError:
-            return float("inf")
-        left = readings.take(fold == k)
-        off[fold == k] = modulus(corrected(iron, left), left.down) - 1.0
-    return float(100.0 * np.sqrt(np.mean(off**2)))

@@ -3,34 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from compasslib import angles, compass
+from compasslib.calibrations.tables import read_columns
 from compasslib.errors import InputError
-from compasslib.readers import delimited
 from compasslib.readers.mmp import is_aliased
 from compasslib.readers.mmp import scans as mmp_scans
 from compasslib.types import Bools, Floats
 
-ROLES = {"x": "x", "y": "y", "z": "z", "pitch": "pitch_deg", "roll": "roll_deg", "heading": "heading_deg"}
-TIME = "time_utc"
-TEMPERATURE = "temperature_c"
-COLUMNS = ("pitch_deg", "roll_deg", "heading_deg", "time_s", "temperature_c")
-ABSENT = "name it under columns in the calibration's file"
-NEEDED = {"where": "withhold", "expected": "columns other than x and y", "advice": "take it off the list"}
+MEASURED = ("z", "pitch_deg", "roll_deg", "heading_deg")  # without which a row is incomplete, if they are there
 MIN_READINGS = 50  # different ones
 # Modulus of accelerometer columns in g, m/s^2 and counts of a 16-bit 2 g sensor. Direction cosines have 1 too.
 GRAVITIES = {1.0: "1", 9.80665: "9.81", 16384.0: "16384"}
 MAX_SCATTER_DEG = 40.0  # of logged minus computed headings, beyond which they do not follow the axes
 COSINES = "The axes are direction cosines: the strength of the field, which reveals iron, is lost."
-NAMES = ("forward", "starboard", "down")
-OPPOSITES = ("aft", "port", "up")
-HEADERS = {"x": "HX", "y": "HY", "z": "HZ", "pitch_deg": "TX", "roll_deg": "TY", "heading_deg": "HDNG"}
-PLACES = {role: mmp_scans.COLUMNS.index(header) for role, header in HEADERS.items()}
+DIRECTIONS = ("forward", "starboard", "down"), ("aft", "port", "up")
+HEADERS = {"x": "HX", "y": "HY", "z": "HZ", "pitch_deg": "TX", "roll_deg": "TY", "heading_deg": "HDNG"}  # of an ACM
 
 
 @dataclass(frozen=True)
@@ -56,11 +49,11 @@ class Log:
 
     def take(self, index: Bools, *warnings: str) -> Log:
         """Select readings by a mask (n,) and append warnings that state the reason."""
-        each = {name: getattr(self, name) for name in COLUMNS}
-        columns: dict[str, Any] = {name: None if x is None else x[index] for name, x in each.items()}
-        columns |= {"channels": {name: x[index] for name, x in self.channels.items()}}
-        left_out = self.left_out + int((~index).sum())
-        return replace(self, raw=self.raw[index], left_out=left_out, warnings=(*self.warnings, *warnings), **columns)
+        columns: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        columns = {name: x[index] for name, x in columns.items() if isinstance(x, np.ndarray)}
+        channels = {name: x[index] for name, x in self.channels.items()}
+        left_out, said = self.left_out + int((~index).sum()), (*self.warnings, *warnings)
+        return replace(self, **columns, channels=channels, left_out=left_out, warnings=said)
 
     def levelling(self) -> Floats:
         """Compute the matrices from the body frame to the level frame, (n, 3, 3); the identity without tilts."""
@@ -84,28 +77,21 @@ class Axes:
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
-    """Read the log from files, with the settings ``format``, ``columns`` by role, ``withhold`` and ``covariates``.
+    """Read the log from files, with the settings ``format``, ``columns``, ``withhold`` and ``covariates``.
 
     Raises:
         InputError: x or y is absent or withheld, or a cell is not a number.
     """
-    paths = [Path(file) for file in files]
-    withhold = set(settings.get("withhold") or ())
-    if reader := {"mmp_acm": read_acm}.get(str(settings.get("format"))):
-        return reader(paths, withhold)
-    names, layout = settings.get("columns") or {}, delimited.Layout.from_settings(settings)
+    if settings.get("format") == "mmp_acm":
+        return _read_acm([Path(file) for file in files], set(settings.get("withhold") or ()))
     others = tuple(settings.get("covariates") or ())
-    wanted = _select_columns(paths, names, withhold, layout) | {header: header for header in others}
-    read = [delimited.read_table(path, wanted, ABSENT, layout) for path in paths]
-    columns = {role: np.concatenate([table.columns[role] for table in read]) for role in read[0].columns}
-    needed = ("x", "y", "time", "temperature", *others)
-    columns = {role: v for role, v in columns.items() if role in needed or np.isfinite(v).any()}
-    good = np.all([np.isfinite(columns[role]) for role in columns if role not in needed[2:]], axis=0)
-    columns = {role: values[good] for role, values in columns.items()}
-    warnings = list(delimited.table_notes(read))
+    read, notes = read_columns(files, settings, ("x", "y", *others), (*MEASURED, "time_utc", "temperature_c"))
+    measured = ["x", "y", *(role for role in MEASURED if role in read and np.isfinite(read[role]).any())]
+    good, warnings = np.all([np.isfinite(read[role]) for role in measured], axis=0), list(notes)
     if not good.all():
         warnings.append(f"{int((~good).sum())} of {good.size} rows lack a number and are excluded.")
-    z, pitch, roll = (columns.get(role) for role in ("z", "pitch", "roll"))
+    columns = {role: x[good] for role, x in read.items() if role in measured or role not in MEASURED}
+    z, pitch, roll, heading = (columns.get(role) for role in MEASURED)
     if z is not None and z.size and np.ptp(z) == 0.0:
         warnings.append(f"Column z is {z[0]:g} throughout: the sensor is stuck and the column is not used.")
         z = None
@@ -116,67 +102,86 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
         pitch = roll = None
     if z is None and pitch is not None:
         warnings.append("Without z the tilts cannot be compensated: the readings are taken as level.")
-    if z is None or pitch is None or roll is None:
-        pitch = roll = None
-    raw = np.column_stack([columns["x"], columns["y"], np.zeros(len(columns["x"])) if z is None else z])
-    heading, time_s, left_out = columns.get("heading"), columns.get("time"), int((~good).sum())
-    log = Log(
-        raw, z is not None, pitch, roll, heading, time_s, left_out, tuple(warnings), columns.get("temperature"),
-        channels={header: columns[header] for header in others},
-    )  # fmt: skip
-    if not len(raw):
+    log = _compose(columns, z, pitch, roll, heading, int((~good).sum()), warnings)
+    log = replace(log, temperature_c=columns.get("temperature_c"), channels={name: columns[name] for name in others})
+    if not len(log.raw):
         return log
-    low, high = np.percentile(raw, (1.0, 99.0), axis=0)  # range of the central 98 % of an axis
+    low, high = np.percentile(log.raw, (1.0, 99.0), axis=0)  # range of the central 98 % of an axis
     middle, reach = (low + high) / 2.0, 1.5 * (high - low)
-    spike = np.any((np.abs(raw - middle) > reach) & (reach > 0.0), axis=1)
+    spike = np.any((np.abs(log.raw - middle) > reach) & (reach > 0.0), axis=1)
     return log.take(~spike, f"{spike.sum()} of {spike.size} readings are spikes and excluded.") if spike.any() else log
 
 
-def _select_columns(
-    paths: Sequence[Path], names: Mapping[str, str], withhold: set[str], layout: delimited.Layout
-) -> dict[str, str]:
-    """Map roles to the headers of the columns present, always including x and y, and a separate clock if named."""
-    needed = [names.get(axis) or axis for axis in "xy"]
-    there = set.intersection(*(set(delimited.read_head(path, needed, layout).names) for path in paths))
-    wanted = delimited.date_and_clock(names, withhold)
-    for role, usual in {**ROLES, "time": TIME, "temperature": TEMPERATURE}.items():
-        named = names.get(role, names.get(usual))
-        header = usual if named is None else named
-        if {role, usual, header} & withhold:
-            if role in ("x", "y"):
-                raise InputError(**NEEDED, found=header)
-        elif named not in (None, usual) or header in there or role in ("x", "y"):
-            wanted[role] = header
-    return wanted
+def _compose(
+    columns: Mapping[str, Floats],
+    z: Floats | None,
+    pitch: Floats | None,
+    roll: Floats | None,
+    heading: Floats | None,
+    left_out: int,
+    warnings: Sequence[str],
+) -> Log:
+    if z is None or pitch is None or roll is None:
+        pitch = roll = None
+    raw = np.column_stack([columns["x"], columns["y"], np.zeros(len(columns["x"])) if z is None else z])
+    return Log(raw, z is not None, pitch, roll, heading, columns.get("time_utc"), left_out, tuple(warnings))
+
+
+def _read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
+    """Read the direction cosines, tilts and heading of a Falmouth 3D-ACM, without the aliased first scan of a profile.
+
+    The axes are forward, port, up; TX raises the first and TY the second. The logger levels each axis separately.
+    """
+    known = {*HEADERS, *HEADERS.values(), "time_utc"}
+    needed = {"x", "y", HEADERS["x"], HEADERS["y"]}
+    if wrong := sorted(set(withhold) - (known - needed)):
+        expected = f"columns other than x and y ({', '.join(sorted(known - needed))})"
+        raise InputError("withhold", expected=expected, found=wrong[0], advice="take it off the list")
+    scans = mmp_scans.read_scans(paths)
+    values, aliased = scans.values, is_aliased(scans)
+    keep = ~aliased & np.isfinite(values[:, 3:6]).all(axis=1)
+    columns = {
+        role: values[keep, mmp_scans.COLUMNS.index(header)]
+        for role, header in HEADERS.items()
+        if not {role, header} & set(withhold)
+    }
+    z, pitch, roll, heading = (columns.get(role) for role in MEASURED)
+    warnings = [f"{int(aliased.sum())} first scans of a profile are aliased and excluded."]
+    if pitch is not None and roll is not None and scans.damaged:
+        warnings.append(f"{scans.damaged} damaged rows are excluded.")
+    if heading is not None and np.isnan(heading).any():
+        heading = None
+        warnings.append("The scans carry no heading.")
+    if "time_utc" not in withhold:
+        nominal = np.array([block.rate_hz for block in scans.blocks])
+        columns["time_utc"] = mmp_scans.interpolate_clock(scans.clock_s, scans.profile, nominal[scans.profile])[keep]
+    return replace(_compose(columns, z, pitch, roll, heading, int((~keep).sum()), warnings), axis_by_axis=True)
 
 
 def are_direction_cosines(log: Log) -> bool:
     """Return whether the readings are direction cosines: their modulus is 1 in every orientation but for rounding."""
-    length = np.linalg.norm(log.raw, axis=1)
-    return log.has_z and bool(np.all(np.abs(length - 1.0) < 2e-3))
+    return log.has_z and bool(np.all(np.abs(np.linalg.norm(log.raw, axis=1) - 1.0) < 2e-3))
 
 
-def unusable_reason(log: Log) -> str:
-    """Explain why the readings cannot be a magnetometer's log of a turning instrument; empty if they can."""
+def unusable_reason(log: Log, *, steady_share: float = 0.02) -> str:
+    """Explain why the readings cannot be a magnetometer's log of a turning instrument; empty if they can.
+
+    Columns whose modulus varies by less than ``steady_share`` may hold gravity or direction cosines.
+    """
     raw = log.raw
     for k, name in enumerate("xy"):
         if len(raw) and np.ptp(raw[:, k]) == 0.0:
             return f"Column {name} is {raw[0, k]:g} throughout: the sensor is stuck, or the instrument did not turn."
     if (distinct := len(np.unique(raw, axis=0))) < MIN_READINGS:
         return f"{distinct} different readings in {len(raw)} rows, at least {MIN_READINGS} are needed."
-    return _gravity_reason(log)
-
-
-def _gravity_reason(log: Log, share: float = 0.02) -> str:
-    """Explain why the columns hold gravity, whose modulus is constant, or direction cosines; empty if not."""
-    length = np.linalg.norm(log.raw, axis=1)
+    length = np.linalg.norm(raw, axis=1)
     mean = float(length.mean())
-    if not log.has_z or float(length.std()) >= share * mean:
+    if not log.has_z or float(length.std()) >= steady_share * mean:
         return ""
     if log.axis_by_axis and are_direction_cosines(log):
         return COSINES
     for value, text in GRAVITIES.items():
-        if abs(mean - value) < share * value:
+        if abs(mean - value) < steady_share * value:
             also = " (or direction cosines, whose strength is gone)" if value == 1.0 else ""
             return f"The modulus of x, y, z is {text} throughout: this is gravity, from an accelerometer{also}."
     return ""
@@ -201,15 +206,15 @@ def determine_axes(log: Log, *, max_resultant: float = 0.9, alike_deg: float = 2
     Returns:
         The axes, and warnings.
     """
-    assumed = Axes(np.eye(3), _describe_axes(np.eye(3)) + " (assumed)")
+    usual = _describe_axes(np.eye(3))
+    assumed = Axes(np.eye(3), f"{usual} (assumed)")
     if log.heading_deg is None:
         return assumed, ["No heading is logged: x is taken as forward, y as starboard, z as down."]
     if float(angles.resultant_length(log.heading_deg)) > max_resultant:
         return assumed, ["The logged heading hardly turns: x is taken as forward, y as starboard, z as down."]
     best, scatter, off = search_axes(log)
     if scatter > MAX_SCATTER_DEG:
-        doubt = f"The logged heading does not follow the axes (scatter {scatter:.0f}°)."
-        return assumed, [f"{doubt} {_describe_axes(np.eye(3))}."]
+        return assumed, [f"The logged heading does not follow the axes (scatter {scatter:.0f}°). {usual}."]
     text = _describe_axes(best) + " (from the logged heading)"
     if scatter > alike_deg:
         doubt = f"The logged heading is not that of the raw axes (scatter {scatter:.1f}°): it is levelled or corrected."
@@ -225,9 +230,8 @@ def search_axes(log: Log) -> tuple[Floats, float, float]:
     least, mean = np.inf, 0.0
     # Right-handed axes first; others must be clearly better, as tilts need not distinguish up from down.
     for y, z in ((1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)):
-        matrix = np.diag([1.0, y, z])
         for quarter in range(4):
-            turned = np.round(about_down(90.0 * quarter)) @ matrix
+            turned = np.round(about_down(90.0 * quarter)) @ np.diag([1.0, y, z])
             off = angles.difference(logged, level_heading(log.raw @ turned.T, levelling))
             centre, scatter = mean_and_scatter(off)
             if abs(centre) <= 45.0 and scatter < 0.9 * least:
@@ -247,59 +251,8 @@ def about_down(angle_deg: float) -> Floats:
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def rotation(vector: Floats) -> Floats:
-    """Build the rotation about a vector by its length in radians (Rodrigues), (3, 3)."""
-    length = float(np.linalg.norm(vector))
-    x, y, z = vector / max(length, 1e-300)
-    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    sine, cosine = (float(v) for v in angles.sin_cos(length / angles.DEGREE))
-    return np.eye(3) + sine * across + (1.0 - cosine) * across @ across
-
-
 def _describe_axes(matrix: Floats) -> str:
     """Describe the directions of x, y and z in words."""
     largest = np.argmax(np.abs(matrix), axis=0)
-    return ", ".join(
-        f"{name} {NAMES[axis] if matrix[axis, k] > 0 else OPPOSITES[axis]}"
-        for k, (name, axis) in enumerate(zip("xyz", largest, strict=True))
-    )
-
-
-# Falmouth 3D-ACM compass read as a magnetometer log: direction cosines, tilts and logged heading.
-
-
-def read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
-    """Read the log of an ACM; the first scan of each profile is aliased and excluded.
-
-    The axes are forward, port, up; TX raises the first and TY the second. The logger levels each axis separately.
-
-    Raises:
-        InputError: a file cannot be read, or an unknown or required column is withheld.
-    """
-    known = {*HEADERS, *HEADERS.values(), TIME}
-    if unknown := sorted(set(withhold) - known):
-        expected = f"columns of it ({', '.join(sorted(known))})"
-        raise InputError("withhold", expected=expected, found=unknown[0], advice="correct it")
-    for role in ("x", "y"):
-        if {role, HEADERS[role]} & set(withhold):
-            raise InputError(**NEEDED, found=role)
-    allowed = {role for role, header in HEADERS.items() if not {role, header} & set(withhold)}
-    allowed |= {TIME} - set(withhold)
-    scans = mmp_scans.read_scans(paths)
-    values, aliased = scans.values, is_aliased(scans)
-    keep = ~aliased & np.isfinite(values[:, 3:6]).all(axis=1)
-    columns = {role: values[keep, place] for role, place in PLACES.items() if role in allowed}
-    pitch, roll, heading, z = (columns.get(role) for role in ("pitch_deg", "roll_deg", "heading_deg", "z"))
-    warnings = [f"{int(aliased.sum())} first scans of a profile are aliased and excluded."]
-    if pitch is not None and roll is not None and scans.damaged:
-        warnings.append(f"{scans.damaged} damaged rows are excluded.")
-    if heading is not None and np.isnan(heading).any():
-        heading = None
-        warnings.append("The scans carry no heading.")
-    raw = np.column_stack([columns["x"], columns["y"], np.zeros(keep.sum()) if z is None else z])
-    nominal = np.array([block.rate_hz for block in scans.blocks])
-    time_s = mmp_scans.interpolate_clock(scans.clock_s, scans.profile, nominal[scans.profile])
-    if z is None or pitch is None or roll is None:
-        pitch = roll = None
-    clock, left_out = time_s[keep] if TIME in allowed else None, int((~keep).sum())
-    return Log(raw, z is not None, pitch, roll, heading, clock, left_out, tuple(warnings), axis_by_axis=True)
+    words = [DIRECTIONS[int(matrix[axis, k] < 0)][axis] for k, axis in enumerate(largest)]
+    return ", ".join(f"{name} {word}" for name, word in zip("xyz", words, strict=True))

@@ -26,21 +26,19 @@ from compasslib.errors import InputError, applicable
 from compasslib.types import DAY_S, Floats
 
 KIND, MODEL = "swing", "series"
-BLOCKS = {
+ALLOWED = "anything up to the {} allowed, reduced by the information of the swing"
+WATER = ("set and drift of the water", ALLOWED.format("largest"))
+BUDGET = {  # rows of the budget by block or parameter with a prior, and their origins
     COURSE: ("scatter of the courses about the curve", "least squares, alike neighbours and Student's t allowed for"),
     model.VISUAL: ("visual references", "as given, and the scatter about the curve"),
     model.WATER: ("speed through the water", "scatter of the ship's log about the triangle of speeds"),
-}
-ALLOWED = "anything up to the {} allowed, reduced by the information of the swing"
-WATER = ("set and drift of the water", ALLOWED.format("largest"))
-DELAY = ("delay of the course behind the compass", ALLOWED.format("longest"))
-PRIORS = {
-    model.DECLINATION: ("declination", "as given, or error of the world model at this field strength"),
-    **dict.fromkeys((model.EAST, model.NORTH, model.EAST_CHANGE, model.NORTH_CHANGE), WATER),
-    model.LAG: DELAY,
-    model.LOG: ("scale of the ship's log", "0.1, normal, reduced by the information of the swing"),
+    str(model.DECLINATION): ("declination", "as given, or error of the world model at this field strength"),
+    **dict.fromkeys(map(str, (*model.DRIFT, *model.CHANGES)), WATER),
+    str(model.LAG): ("delay of the course behind the compass", ALLOWED.format("longest")),
+    str(model.LOG): ("scale of the ship's log", "0.1, normal, reduced by the information of the swing"),
 }
 REMEDY = "swing 16 to 24 headings round the full circle"
+MIDDLE_NT = 18_000.0  # horizontal field of middle latitudes
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
@@ -53,24 +51,11 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     Raises:
         InputError: a file or column cannot be used, or the declination is not known.
     """
-    observed = observations.read(files, settings)
-    swing = _make_swing(observed, settings)
-    details = _details(swing, settings)
-    sectors = count_sectors(observed.recorded_deg)
-    shell = Calibration(KIND, MODEL, len(observed), sectors, details=details)
-    if why := _refusal(swing):
-        lost = tuple(f"left out: {n} {what}" for what, n in observed.left_out.items())
-        return replace(shell, why=why, points=_points(swing, None), warnings=lost + observed.warnings)
-    series = model.fit_swing(swing)
-    exact = model.fit_swing(swing, exact=True, start=series.parameters)
-    return _make_calibration(shell, swing, series, exact)
-
-
-def _make_swing(observed: Observations, settings: Mapping[str, Any]) -> Swing:
-    options, place = SwingOptions.from_settings(settings), _place(observed, settings)
-    date_s = _date(observed, settings)
-    declination, field = settings.get("declination_deg"), settings.get("field")
-    horizontal = None if field is None else float(field["horizontal_nT"])
+    observed, options = observations.read(files, settings), SwingOptions.from_settings(settings)
+    place, date_s = _place(observed, settings), settings.get("date_s")
+    if date_s is None and np.isfinite(observed.time_s).any():
+        date_s = float(np.nanmedian(observed.time_s))
+    declination, horizontal = settings.get("declination_deg"), (settings.get("field") or {}).get("horizontal_nT")
     if declination is None:
         if place is None or date_s is None:
             expected = "a number, or position and date for the model of the earth's field"
@@ -78,10 +63,23 @@ def _make_swing(observed: Observations, settings: Mapping[str, Any]) -> Swing:
             raise InputError("declination", expected=expected, found="neither", advice=advice)
         east, level, _ = earthfield.igrf(*place, date_s)
         declination, horizontal = float(east[0]), float(level[0])
-    sigma = options.declination_sigma_deg
-    if sigma is None:
-        sigma = earthfield.model_sigma(horizontal or 18_000.0)  # nT, of middle latitudes
-    return Swing(observed, options, float(declination), sigma, _marks(options, place))
+    sigma = options.declination_sigma_deg or earthfield.model_sigma(horizontal or MIDDLE_NT)
+    swing = Swing(observed, options, float(declination), sigma, _marks(options, place))
+    details = {
+        **_principal_courses(swing),
+        "declination_deg": swing.declination_deg,
+        "latitude": place[0] if place else None,
+        "longitude": place[1] if place else None,
+        "date": None if date_s is None else datetime.fromtimestamp(date_s, UTC).strftime("%Y-%m-%d"),
+        "left_out": dict(observed.left_out),
+        "marks": [{"compass_deg": c, "true_deg": t} for c, t in swing.marks],
+    }
+    made = Calibration(KIND, MODEL, len(observed), count_sectors(observed.recorded_deg), details=details)
+    if why := _refusal(swing):
+        lost = tuple(f"left out: {n} {what}" for what, n in observed.left_out.items())
+        return replace(made, why=why, points=_points(swing, None), warnings=lost + observed.warnings)
+    series = model.fit_swing(swing)
+    return _complete(made, swing, series, exact=model.fit_swing(swing, exact=True, start=series.parameters))
 
 
 def _place(
@@ -101,121 +99,121 @@ def _place(
     return given
 
 
-def _date(observed: Observations, settings: Mapping[str, Any]) -> float | None:
-    """Look up the date of the swing, UTC seconds; if none is given, the median time of the log."""
-    if settings.get("date_s") is not None:
-        return float(settings["date_s"])
-    known = observed.time_s[np.isfinite(observed.time_s)]
-    return float(np.median(known)) if known.size else None
-
-
 def _marks(options: SwingOptions, place: tuple[float, float] | None) -> tuple[tuple[float, float], ...]:
     marks = [(float(mark["compass_deg"]), float(mark["true_deg"])) for mark in options.visual]
-    if options.sun and place is None:
-        advice = "write the position of the swing"
-        raise InputError("sun", expected="latitude and longitude", found="neither", advice=advice)
-    latitude, longitude = place or (0.0, 0.0)
     for sight in options.sun:
+        if place is None:
+            advice = "write the position of the swing"
+            raise InputError("sun", expected="latitude and longitude", found="neither", advice=advice)
         time = sight["time_utc"]
-        if not isinstance(time, int | float):
-            try:
-                at = datetime.fromisoformat(time)
-            except ValueError:
-                expected = "an ISO time like 2021-05-24T11:30:00Z"
-                raise InputError("sun: time_utc", expected=expected, found=repr(time), advice="correct it") from None
+        if isinstance(time, str):
+            at = datetime.fromisoformat(time)
             time = (at if at.tzinfo else at.replace(tzinfo=UTC)).timestamp()
-        marks.append((float(sight["compass_deg"]), azimuth(latitude, longitude, float(time))))
+        marks.append((float(sight["compass_deg"]), azimuth(*place, float(time))))
     return tuple(marks)
 
 
-def _details(swing: Swing, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Collect the details that need no five-term fit: principal courses, position, date, excluded observations."""
-    observed, place, date_s = swing.observed, _place(swing.observed, settings), _date(swing.observed, settings)
+def azimuth(latitude: float, longitude: float, time_s: float) -> float:
+    """Compute the sun's true azimuth, degrees, at a time in UTC seconds since 1970, by VSOP87 (PyEphem)."""
+    import ephem  # imported late: only sun sights need it
+
+    here = ephem.Observer()
+    here.lat, here.lon, here.pressure = str(latitude), str(float(angles.wrap180(longitude))), 0.0
+    here.date = time_s / DAY_S + 25567.5  # from PyEphem's epoch, noon of 31 December 1899
+    return float(angles.wrap360(ephem.Sun(here).az / angles.DEGREE))
+
+
+def _principal_courses(swing: Swing) -> dict[str, Any]:
+    """Compute the coefficients from the principal courses by the formulae of MM, which need no fit.
+
+    Residual B and C follow from one heading (Lushnikov), from two 60 to 120 degrees apart, and from speeds on opposite
+    courses.
+    """
+    observed, declination = swing.observed, swing.declination_deg
     psi = adjustment.pseudo_deviations(observed.course_deg, observed.recorded_deg)
-    principal = adjustment.principal_coefficients(psi, swing.declination_deg)
+    principal = adjustment.principal_coefficients(psi, declination)
+    known, bars = {letter: principal[letter] for letter in "ADE"}, (principal["B_bar"], principal["C_bar"])
     minus_true = None  # A, D and E from courses over ground minus those from true headings (MM Table 3)
     if len(observed) and np.isfinite(observed.also_course_deg).all():
         also = adjustment.pseudo_deviations(observed.also_course_deg, observed.recorded_deg)
-        by_course = adjustment.principal_coefficients(also, swing.declination_deg)
-        minus_true = {letter: by_course[letter] - principal[letter] for letter in "ADE"}
+        by_course = adjustment.principal_coefficients(also, declination)
+        minus_true = {letter: by_course[letter] - known[letter] for letter in known}
     speed = float(np.median(observed.speed_kn)) if swing.has_speed and len(observed) else None
-    ratio = (swing.widest_drift / speed if speed else swing.widest_drift) if observed.over_ground else 0.0
+    ratio = swing.widest_drift / (speed or 1.0) if observed.over_ground else 0.0
+    residual: dict[str, Any] = {}
+    if np.isfinite([*known.values(), *bars]).all():
+        shown = [(c, float(angles.difference(t - declination, c))) for c, t in swing.marks]
+        if shown:
+            (compass_deg, deviation_deg), one = shown[0], adjustment.residual_by_lushnikov(known, bars, *shown[0])
+            residual["one_heading"] = {**one, "compass_deg": compass_deg, "deviation_deg": deviation_deg}
+        if len(shown) > 1:
+            try:
+                b, c = adjustment.residual_from_two_headings(known, shown[0], shown[1])
+                residual["two_headings"] = {"B": b, "C": c}
+            except InputError as error:
+                residual["two_headings"] = {"why": str(error)}
+        if shown and ratio and "B" not in residual.get("two_headings", {}):
+            residual["one_heading"]["drift"] = adjustment.drift_in_one_heading(ratio, sum(shown[0]))
+        if observed.over_ground and swing.has_speed:
+            speeds = adjustment.mean_by_point(observed.speed_kn, observed.course_deg, observed.recorded_deg)
+            if water := adjustment.drift_by_opposite_courses(speeds):
+                by_speed = {"B": bars[0] + water["x"], "C": bars[1] - water["y"]}
+                residual["opposite_courses"] = {**by_speed, **water}
     return {
         "cardinal": _to_json(principal),
         "pseudo_deviation_deg": _to_json(psi),
         "cardinal_bound_deg": float(adjustment.error_bound_deg(ratio)),
         "drift_ratio": ratio,
-        "residual_b_c": _residual_b_c(principal, swing, ratio),
+        "residual_b_c": residual or None,
         "pseudo_minus_true": minus_true,
-        "declination_deg": swing.declination_deg,
-        "latitude": place[0] if place else None,
-        "longitude": place[1] if place else None,
-        "date": datetime.fromtimestamp(date_s, UTC).strftime("%Y-%m-%d") if date_s is not None else None,
         "speed_kn": speed,
-        "left_out": dict(observed.left_out),
-        "marks": [{"compass_deg": c, "true_deg": t} for c, t in swing.marks],
     }
 
 
-def _residual_b_c(principal: Mapping[str, Any], swing: Swing, drift_ratio: float) -> dict[str, Any] | None:
-    """Compute residual B and C by the methods of MM: from one heading (Lushnikov) and two 60 to 120 degrees apart.
-
-    Also computes B and C corrected for the drift from speeds on opposite courses, and the drift error of one heading.
-    """
-    known = {letter: principal[letter] for letter in "ADE"}
-    bars = principal["B_bar"], principal["C_bar"]
-    if not np.isfinite([*known.values(), *bars]).all():
-        return None
-    observed, residual = swing.observed, dict[str, Any]()
-    shown = [(c, float(angles.difference(t - swing.declination_deg, c))) for c, t in swing.marks]
-    if shown:
-        compass_deg, deviation_deg = shown[0]
-        one = {**adjustment.residual_by_lushnikov(known, bars, *shown[0])}
-        residual["one_heading"] = {**one, "compass_deg": compass_deg, "deviation_deg": deviation_deg}
-    if len(shown) > 1:
-        try:
-            b, c = adjustment.residual_from_two_headings(known, shown[0], shown[1])
-            residual["two_headings"] = {"B": b, "C": c}
-        except InputError as error:
-            residual["two_headings"] = {"why": str(error)}
-    if shown and drift_ratio and "B" not in residual.get("two_headings", {}):
-        residual["one_heading"]["drift"] = adjustment.drift_in_one_heading(drift_ratio, sum(shown[0]))
-    if observed.over_ground and swing.has_speed:
-        speeds = adjustment.mean_by_point(observed.speed_kn, observed.course_deg, observed.recorded_deg)
-        if water := adjustment.drift_by_opposite_courses(speeds):
-            by_speed = {"B": bars[0] + water["x"], "C": bars[1] - water["y"]}
-            residual["opposite_courses"] = {**by_speed, **water}
-    return residual or None
+def _to_json(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Convert numbers for JSON, non-finite ones to None."""
+    return {
+        key: _to_json(x) if isinstance(x, Mapping) else (float(x) if np.isfinite(x) else None)
+        for key, x in content.items()
+    }
 
 
-def _make_calibration(shell: Calibration, swing: Swing, series: SwingFit, exact: SwingFit) -> Calibration:
+def _complete(made: Calibration, swing: Swing, series: SwingFit, exact: SwingFit) -> Calibration:
+    """Complete a calibration by the fits: coefficients, table, budget, verdict and magnets."""
+    observed, principal = swing.observed, made.details["cardinal"]
     coefficients, covariance = series.parameters[SERIES], series.covariance[SERIES, SERIES]
     table = adjustment.deviation_table(coefficients, covariance, swing.options.table_step_deg)
-    lag_s = [swing.observed.delay_s + float(series.parameters[LAG]), float(np.sqrt(series.covariance[LAG, LAG]))]
-    drift = model.separate_drift(swing, series) if swing.observed.over_ground else None
-    planned = adjustment.plan_magnets(coefficients, swing.options.table_step_deg)
-    steps, largest = adjustment.adjust(coefficients), planned["largest_deg"]["none"]
-    more = {
-        "drift": drift,
-        "cardinal_without_water": _without_water(shell.details["cardinal"], drift, swing.declination_deg),
-        "lag_s": lag_s if swing.observed.timed else None,
-        "delay": _describe_delay(swing.observed, *lag_s) if swing.observed.delay_s else None,
-        "iso_25862": adjustment.verdict(table, swing.options.vessel_length_m, shell.details["speed_kn"]),
-        "nullify": planned,
-        "correctors": {"steps": steps}
-        | ({"text": " ".join(step["text"] for step in steps)} if largest > adjustment.LIMIT_DEG else {}),
-        "directive_force": adjustment.directive_force(coefficients, table.heading_deg),
-        "n_effective": series.noises[COURSE].n_effective,
-        "exact_residual_rms_deg": angles.rms(exact.residuals[COURSE]),
-    }
+    lag_s = [observed.delay_s + float(series.parameters[LAG]), float(np.sqrt(series.covariance[LAG, LAG]))]
+    drift = model.separate_drift(swing, series) if observed.over_ground else None
+    without_water = None  # B, C, D and E corrected for set and drift, MM (36), (40) to (42)
+    if drift and drift["separable"] and None not in (principal[k] for k in ("B_bar", "C_bar", "D", "E")):
+        water = adjustment.set_and_drift_terms(drift["drift_ratio"], drift["set_deg"] - swing.declination_deg)
+        without_water = {"B": principal["B_bar"] + water["x"], "C": principal["C_bar"] - water["y"]}
+        without_water |= {"D": principal["D"] - water["D"], "E": principal["E"] + water["E"]}
+    delay = None
+    if observed.delay_s:
+        (late, of), (without, left) = ("courses", "readings"), observed.misfit_deg
+        late, of = (late, of) if lag_s[0] > 0.0 else (of, late)
+        text = (
+            f"The {late} are late by {abs(lag_s[0]):.1f} ± {1.96 * lag_s[1]:.1f} s (95 %). They are paired with the "
+            f"{of} of then, and turns are kept: the mean misfit is {left:.1f}° instead of {without:.1f}°."
+        )
+        misfit = {"without": without, "with": left}
+        delay = {"applied_s": observed.delay_s, "misfit_deg": misfit, "text": text}
+    planned, steps = (
+        adjustment.plan_magnets(coefficients, swing.options.table_step_deg),
+        adjustment.adjust(coefficients),
+    )
+    correctors: dict[str, Any] = {"steps": steps}
+    if planned["largest_deg"]["none"] > adjustment.LIMIT_DEG:
+        correctors["text"] = " ".join(step["text"] for step in steps)
     # Uncertainty budget: rms of each source over the table's headings; the squares sum to the table's mean square.
     columns, squares = series_design(table.heading_deg), dict[tuple[str, str], float]()
     for key, part in series.parts.items():
-        name = BLOCKS[key] if key in BLOCKS else PRIORS[int(key)]
-        left = np.einsum("ij,jk,ik->i", columns, part[SERIES, SERIES], columns)
-        squares[name] = squares.get(name, 0.0) + float(np.mean(left))
+        left_over = np.einsum("ij,jk,ik->i", columns, part[SERIES, SERIES], columns)
+        squares[BUDGET[key]] = squares.get(BUDGET[key], 0.0) + float(np.mean(left_over))
     return replace(
-        shell,
+        made,
         coefficients=coefficients,
         covariance=covariance,
         exact=exact.parameters[SERIES],
@@ -224,30 +222,29 @@ def _make_calibration(shell: Calibration, swing: Swing, series: SwingFit, exact:
         sources=tuple(Source(name, float(np.sqrt(x)), how) for (name, how), x in squares.items() if x > 1e-12),
         table=table,
         points=_points(swing, series),
-        details={**shell.details, **more},
-        warnings=_warnings(swing, series, exact),
+        details={
+            **made.details,
+            "drift": drift,
+            "cardinal_without_water": without_water,
+            "lag_s": lag_s if observed.timed else None,
+            "delay": delay,
+            "iso_25862": adjustment.verdict(table, swing.options.vessel_length_m, made.details["speed_kn"]),
+            "nullify": planned,
+            "correctors": correctors,
+            "directive_force": adjustment.directive_force(coefficients, table.heading_deg),
+            "n_effective": series.noises[COURSE].n_effective,
+            "exact_residual_rms_deg": angles.rms(exact.residuals[COURSE]),
+        },
+        warnings=(
+            *_constant_warnings(swing, series),
+            *(f"left out: {n} {why}" for why, n in observed.left_out.items()),
+            *observed.warnings,
+            *_heading_warnings(swing, series),
+            *_water_warnings(swing, series, drift),
+            *_time_warnings(swing, series),
+            *_series_warnings(swing, series, exact),
+        ),
     )
-
-
-def _describe_delay(observed: Observations, lag_s: float, sigma_s: float) -> dict[str, Any]:
-    late, of = ("courses", "readings") if lag_s > 0.0 else ("readings", "courses")
-    without, left = observed.misfit_deg
-    text = (
-        f"The {late} are late by {abs(lag_s):.1f} ± {1.96 * sigma_s:.1f} s (95 %). They are paired with the {of} of "
-        f"then, and turns are kept: the mean misfit is {left:.1f}° instead of {without:.1f}°."
-    )
-    return {"applied_s": observed.delay_s, "misfit_deg": {"without": without, "with": left}, "text": text}
-
-
-def _without_water(
-    principal: Mapping[str, Any], drift: Mapping[str, Any] | None, declination_deg: float
-) -> dict[str, float] | None:
-    """Correct B, C, D and E for set and drift, MM (36), (40) to (42); None if these cannot be separated."""
-    if not drift or not drift["separable"] or None in (principal[k] for k in ("B_bar", "C_bar", "D", "E")):
-        return None
-    water = adjustment.set_and_drift_terms(drift["drift_ratio"], drift["set_deg"] - declination_deg)
-    semicircular = {"B": principal["B_bar"] + water["x"], "C": principal["C_bar"] - water["y"]}
-    return semicircular | {"D": principal["D"] - water["D"], "E": principal["E"] + water["E"]}
 
 
 def _points(swing: Swing, series: SwingFit | None) -> dict[str, Floats]:
@@ -263,24 +260,6 @@ def _points(swing: Swing, series: SwingFit | None) -> dict[str, Floats]:
     return columns
 
 
-def _to_json(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert numbers for JSON, non-finite ones to None."""
-    return {
-        key: _to_json(x) if isinstance(x, Mapping) else (float(x) if np.isfinite(x) else None)
-        for key, x in content.items()
-    }
-
-
-def azimuth(latitude: float, longitude: float, time_s: float) -> float:
-    """Compute the sun's true azimuth, degrees, at a time in UTC seconds since 1970, by VSOP87 (PyEphem)."""
-    import ephem  # imported late: only sun sights need it
-
-    here = ephem.Observer()
-    here.lat, here.lon, here.pressure = str(latitude), str(float(angles.wrap180(longitude))), 0.0
-    here.date = time_s / DAY_S + 25567.5  # from PyEphem's epoch, noon of 31 December 1899
-    return float(angles.wrap360(ephem.Sun(here).az / angles.DEGREE))
-
-
 def _refusal(swing: Swing) -> str:
     """Explain why the five-term series cannot be fitted; empty if it can."""
     observed = swing.observed
@@ -294,133 +273,21 @@ def _refusal(swing: Swing) -> str:
     if len(observed) + len(swing.marks) <= 5:
         return f"{len(observed)} observations leave no degree of freedom for the uncertainty: {REMEDY}"
     gap = observations.widest_gap(observed.recorded_deg)
-    if gap > observations.REFUSED_GAP_DEG:
-        sectors = count_sectors(observed.recorded_deg)
-        if observations.widest_gap(observed.course_deg) <= observations.REFUSED_GAP_DEG:
-            return (
-                f"the courses go round the circle, the compass does not (a gap of {gap:.0f}°): iron stronger than the "
-                "earth's horizontal field gives each reading for two headings; use kind: platform, with "
-                "recorded_deg and, as reference_deg, the course minus the declination"
-            )
+    if gap <= observations.REFUSED_GAP_DEG:
+        return ""
+    if observations.widest_gap(observed.course_deg) <= observations.REFUSED_GAP_DEG:
         return (
-            f"the headings cover {sectors} of 36 sectors and leave a gap of {gap:.0f}°: so narrow an arc does not "
-            f"determine five coefficients; {REMEDY}"
+            f"the courses go round the circle, the compass does not (a gap of {gap:.0f}°): iron stronger than the "
+            "earth's horizontal field gives each reading for two headings; use kind: platform, with "
+            "recorded_deg and, as reference_deg, the course minus the declination"
         )
-    return ""
-
-
-def _warnings(swing: Swing, series: SwingFit, exact: SwingFit, *, series_limit_deg: float = 20.0) -> tuple[str, ...]:
-    """List the conditions under which the curve holds; Smith's series is valid to 20° (Le Menn et al. 2023)."""
-    observed = swing.observed
-    warnings = [
-        *_constant_warnings(swing, series),
-        *(f"left out: {n} {why}" for why, n in observed.left_out.items()),
-        *observed.warnings,
-        *_heading_warnings(swing, series),
-        *_drift_warnings(swing, series),
-        *_quadrant_warnings(swing),
-        *_time_warnings(swing, series),
-    ]
-    stated = observed.variation_deg
-    if np.isfinite(stated) and abs(float(angles.difference(stated, swing.declination_deg))) >= 0.5:
-        warnings.append(f"the log states a declination of {stated:+.1f}°, {swing.declination_deg:+.1f}° is used")
-    columns = series_design(np.arange(0.0, 360.0, angles.SECTOR_DEG))
-    largest = float(np.max(np.abs(columns @ series.parameters[SERIES])))
-    if largest >= series_limit_deg:
-        left, by_exact = angles.rms(series.residuals[COURSE]), angles.rms(exact.residuals[COURSE])
-        warnings.append(
-            f"deviations up to {largest:.0f}° exceed the validity of the five-term series (about 20°): its residual is "
-            f"{left:.1f}° rms, that of the exact compass {by_exact:.1f}°"
-        )
-    return tuple(warnings)
-
-
-def _heading_warnings(
-    swing: Swing, series: SwingFit, *, wide_gap_deg: float = 100.0, structure_deg: float = 2.0
-) -> list[str]:
-    """Warn of few headings, wide gaps, and a residual of a steady swing that reading errors do not explain."""
-    recorded, rms = swing.observed.recorded_deg, angles.rms(series.residuals[COURSE])
-    distinct, gap = observations.distinct_headings(recorded), observations.widest_gap(recorded)
-    warnings = []
-    if distinct < 16:
-        warnings.append(
-            f"{distinct} headings determine at most {distinct} coefficients, 5 of which are fitted"
-            f"{': sin 4 of the heading is not observable' if distinct == 8 else ''}; "
-            f"third and fourth harmonics cannot be tested. To test them, {REMEDY}"
-        )
-    if distinct < (n := len(recorded)) < 100:
-        warnings.append(f"{n - distinct} of {n} observations repeat a heading and do not add to it")
-    if rms > structure_deg and not swing.observed.timed:
-        warnings.append(_harmonic_warning(swing, series, rms))
-    if gap > wide_gap_deg:
-        warnings.append(f"{gap:.0f}° of the circle hold no heading: the table is extrapolated there")
-    return warnings
-
-
-def _harmonic_warning(swing: Swing, series: SwingFit, rms: float) -> str:
-    recorded, residual = swing.observed.recorded_deg, series.residuals[COURSE]
-    size = {}
-    for order, name in ((3, "third"), (4, "fourth")):
-        columns = np.stack(angles.sin_cos(order * recorded), axis=-1)
-        if order == 4 and observations.distinct_headings(recorded) == 8:
-            columns = columns[:, 1:]  # sin 4 of the heading is unobservable
-        both = np.column_stack([series_design(recorded), columns])
-        taken = residual - both @ np.linalg.lstsq(both, residual, rcond=1e-6)[0]
-        size[name] = angles.rms(taken)
     return (
-        f"residual of the series {rms:.2f}° rms; with the third harmonic of the heading {size['third']:.2f}°, with the "
-        f"fourth {size['fourth']:.2f}°: sextantal or octantal deviation is possible"
+        f"the headings cover {count_sectors(observed.recorded_deg)} of 36 sectors and leave a gap of {gap:.0f}°: so "
+        f"narrow an arc does not determine five coefficients; {REMEDY}"
     )
 
 
-def _drift_warnings(swing: Swing, series: SwingFit) -> list[str]:
-    if not swing.observed.over_ground:
-        return []
-    drift, widest = model.separate_drift(swing, series), swing.widest_drift
-    sentences = {
-        f"no speeds were logged: a drift up to {widest:.2f} of the ship's speed is assumed (drift_ratio)": (
-            not swing.has_speed
-        ),
-        str(drift["text"]): not drift["separable"],
-        f"the estimated drift exceeds the {widest:g} kn that are allowed: raise max_drift_kn if that is possible": (
-            swing.has_speed and set_and_drift(series.parameters)[1] > widest
-        ),
-    }
-    return applicable(sentences)
-
-
-def _quadrant_warnings(swing: Swing) -> list[str]:
-    """Warn if the only quadrantal course does not lie in the mark's quadrant (MM section 7.1, point 4)."""
-    psi = adjustment.pseudo_deviations(swing.observed.course_deg, swing.observed.recorded_deg)
-    steered = [point for point in adjustment.POINTS[1::2] if np.isfinite(psi[point])]
-    if len(steered) != 1 or not swing.marks or not swing.observed.over_ground:
-        return []
-    wanted = {adjustment.POINTS[2 * int(angles.wrap360(compass) // 90.0) + 1] for compass, _ in swing.marks}
-    if wanted <= set(steered):
-        return []
-    return [
-        f"the mark lies in the quadrant of {', '.join(sorted(wanted))} and D comes from {steered[0]} alone, so that an "
-        "error of D by higher harmonics enters B and C: steer the quadrantal course of the mark's quadrant, between "
-        "the first two cardinal courses"
-    ]
-
-
-def _time_warnings(swing: Swing, series: SwingFit) -> list[str]:
-    observed, most = swing.observed, swing.options.max_lag_s
-    if not observed.timed:
-        return []
-    sigma, effective = np.sqrt(np.diag(series.covariance)), series.noises[COURSE].n_effective
-    sentences = {
-        f"the delay of the courses is the longest allowed, {most:g} s: raise max_lag_s if a longer one is possible": (
-            observed.delay_s and abs(observed.delay_s) >= most
-        ),
-        f"residuals are autocorrelated; effective sample size {effective:.0f} of {len(observed)}": (
-            effective < len(observed) / 2.0
-        ),
-        "the ship turned one way only, so that the delay of the course cannot be separated from A: swing to both "
-        "sides": abs(series.covariance[0, LAG]) / (sigma[0] * sigma[LAG]) > 0.7,
-    }
-    return applicable(sentences)
+# Conditions under which the curve holds.
 
 
 def _constant_warnings(swing: Swing, series: SwingFit, least_deg: float = 2.0) -> list[str]:
@@ -443,3 +310,94 @@ def _constant_warnings(swing: Swing, series: SwingFit, least_deg: float = 2.0) -
         for times, what in confused.items()
         if abs(float(angles.difference(constant, -times * declination))) < near
     ]
+
+
+def _heading_warnings(
+    swing: Swing, series: SwingFit, *, wide_gap_deg: float = 100.0, structure_deg: float = 2.0
+) -> list[str]:
+    """Warn of few headings, wide gaps, and a residual of a steady swing that reading errors do not explain."""
+    recorded, residual = swing.observed.recorded_deg, series.residuals[COURSE]
+    distinct, gap, n = observations.distinct_headings(recorded), observations.widest_gap(recorded), len(recorded)
+    rms, size = angles.rms(residual), []
+    for order in (3, 4):
+        columns = np.stack(angles.sin_cos(order * recorded), axis=-1)
+        if order == 4 and distinct == 8:
+            columns = columns[:, 1:]  # sin 4 of the heading is unobservable
+        both = np.column_stack([series_design(recorded), columns])
+        size.append(angles.rms(residual - both @ np.linalg.lstsq(both, residual, rcond=1e-6)[0]))
+    return applicable(
+        {
+            f"{distinct} headings determine at most {distinct} coefficients, 5 of which are fitted"
+            f"{': sin 4 of the heading is not observable' if distinct == 8 else ''}; "
+            f"third and fourth harmonics cannot be tested. To test them, {REMEDY}": distinct < 16,
+            f"{n - distinct} of {n} observations repeat a heading and do not add to it": distinct < n < 100,
+            f"residual of the series {rms:.2f}° rms; with the third harmonic of the heading {size[0]:.2f}°, with the "
+            f"fourth {size[1]:.2f}°: sextantal or octantal deviation is possible": (
+                rms > structure_deg and not swing.observed.timed
+            ),
+            f"{gap:.0f}° of the circle hold no heading: the table is extrapolated there": gap > wide_gap_deg,
+        }
+    )
+
+
+def _water_warnings(swing: Swing, series: SwingFit, drift: Mapping[str, Any] | None) -> list[str]:
+    """Warn of what the water may do to B and C.
+
+    If the only quadrantal course does not lie in the mark's quadrant, an error of D enters them (MM section 7.1, 4).
+    """
+    if drift is None:
+        return []
+    widest = swing.widest_drift
+    psi = adjustment.pseudo_deviations(swing.observed.course_deg, swing.observed.recorded_deg)
+    steered = [point for point in adjustment.POINTS[1::2] if np.isfinite(psi[point])]
+    marked = {adjustment.POINTS[2 * int(angles.wrap360(compass) // 90.0) + 1] for compass, _ in swing.marks}
+    return applicable(
+        {
+            f"no speeds were logged: a drift up to {widest:.2f} of the ship's speed is assumed (drift_ratio)": (
+                not swing.has_speed
+            ),
+            str(drift["text"]): not drift["separable"],
+            f"the estimated drift exceeds the {widest:g} kn that are allowed: raise max_drift_kn if that is possible": (
+                swing.has_speed and set_and_drift(series.parameters)[1] > widest
+            ),
+            f"the mark lies in the quadrant of {', '.join(sorted(marked))} and D comes from {', '.join(steered)} "
+            "alone, so that an error of D by higher harmonics enters B and C: steer the quadrantal course of the "
+            "mark's quadrant, between the first two cardinal courses": len(steered) == 1 and not marked <= set(steered),
+        }
+    )
+
+
+def _time_warnings(swing: Swing, series: SwingFit) -> list[str]:
+    observed, most = swing.observed, swing.options.max_lag_s
+    if not observed.timed:
+        return []
+    sigma, effective = np.sqrt(np.diag(series.covariance)), series.noises[COURSE].n_effective
+    return applicable(
+        {
+            f"the delay of the courses is the longest allowed, {most:g} s: raise max_lag_s if it may be longer": (
+                observed.delay_s and abs(observed.delay_s) >= most
+            ),
+            f"residuals are autocorrelated; effective sample size {effective:.0f} of {len(observed)}": (
+                effective < len(observed) / 2.0
+            ),
+            "the ship turned one way only, so that the delay of the course cannot be separated from A: swing to both "
+            "sides": abs(series.covariance[0, LAG]) / (sigma[0] * sigma[LAG]) > 0.7,
+        }
+    )
+
+
+def _series_warnings(swing: Swing, series: SwingFit, exact: SwingFit, *, series_limit_deg: float = 20.0) -> list[str]:
+    """Warn of another declination in the log, and of deviations beyond the validity of the series (Le Menn)."""
+    stated, declination = swing.observed.variation_deg, swing.declination_deg
+    columns = series_design(np.arange(0.0, 360.0, angles.SECTOR_DEG))
+    largest = float(np.max(np.abs(columns @ series.parameters[SERIES])))
+    left, by_exact = angles.rms(series.residuals[COURSE]), angles.rms(exact.residuals[COURSE])
+    return applicable(
+        {
+            f"the log states a declination of {stated:+.1f}°, {declination:+.1f}° is used": (
+                np.isfinite(stated) and abs(float(angles.difference(stated, declination))) >= 0.5
+            ),
+            f"deviations up to {largest:.0f}° exceed the validity of the five-term series (about 20°): its residual is "
+            f"{left:.1f}° rms, that of the exact compass {by_exact:.1f}°": largest >= series_limit_deg,
+        }
+    )

@@ -3,7 +3,7 @@
 A pseudo-deviation is the course over ground minus the compass course. A, D and E derived from it are free of set and
 drift of the water except for second-order terms; B and C contain these in full. A single visual reference, (54) to
 (60), corrects the component across its heading, while drift remains along it. Two references 60 to 120 degrees apart,
-or speeds over ground on opposite courses, remove the drift.
+or speeds over ground on opposite courses, remove the drift. Angles are in degrees.
 """
 
 from __future__ import annotations
@@ -22,10 +22,17 @@ from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Floats
 
 POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
-NAN = float("nan")
 LIMIT_DEG = 4.0  # ISO 25862:2019, Annex G.1; MM section 7.3
+LONGEST_M = 82.5  # ships to which the limit applies
+LEAST_KN = 7.0  # of a swing, MM section 7.3
 LIE = {"B": "longitudinal", "C": "transversal"}  # orientation of the magnets
-NULLIFIED = {"none": "", "B": "B", "C": "C", "both": "BC"}
+# By cardinal course: heading, coefficient that magnets change, its sign in the deviation, and that of E; MM (2) to (5).
+CARDINAL = {
+    "N": (0.0, "C", 1.0, 1.0),
+    "E": (90.0, "B", 1.0, -1.0),
+    "S": (180.0, "C", -1.0, 1.0),
+    "W": (270.0, "B", -1.0, -1.0),
+}
 
 
 def mean_by_point(values: ArrayLike, course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[str, float]:
@@ -37,11 +44,11 @@ def mean_by_point(values: ArrayLike, course_deg: ArrayLike, recorded_deg: ArrayL
     steered = min(headings, key=lambda x: angles.rms(x - 45.0 * np.rint(x / 45.0)))
     nearest, values = np.rint(steered / 45.0).astype(int) % len(POINTS), np.asarray(values, dtype=float)
     on_point = {point: values[nearest == k] for k, point in enumerate(POINTS)}
-    return {point: float(np.mean(on)) if len(on) else NAN for point, on in on_point.items()}
+    return {point: float(np.mean(on)) if len(on) else float("nan") for point, on in on_point.items()}
 
 
 def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[str, float]:
-    """Average course minus compass on each of the eight points, degrees, NaN where none was steered."""
+    """Average course minus compass on each of the eight points, NaN where none was steered."""
     return mean_by_point(angles.difference(course_deg, recorded_deg), course_deg, recorded_deg)
 
 
@@ -51,7 +58,7 @@ def principal_coefficients(
     """Compute A, B bar, C bar, D and E from pseudo-deviations, MM (39), (44) to (50); NaN where a course is missing.
 
     D is the mean over the steered quadrants, which is (47) for all four. With a declination of 0, the
-    pseudo-deviations (degrees, by point) are treated as deviations.
+    pseudo-deviations, by point, are treated as deviations.
 
     Args:
         sin_45: as printed by MM, to reproduce their numbers to the last digit.
@@ -67,19 +74,19 @@ def principal_coefficients(
         "A": a_bar - declination_deg,
         "B_bar": b_bar,
         "C_bar": c_bar,
-        "D": float(np.mean(steered)) if steered else NAN,
+        "D": float(np.mean(steered)) if steered else float("nan"),
         "E": (n + s - e - w) / 4.0,
         "D_from": quadrants,
     }
 
 
 def error_bound_deg(ratio: ArrayLike) -> Floats:
-    """Bound the error of D and E for a ratio of drift to ship's speed, MM (37), (43) and Table 1, degrees."""
+    """Bound the error of D and E for a ratio of drift to ship's speed, MM (37), (43) and Table 1."""
     return 0.5 / angles.DEGREE * np.asarray(ratio, dtype=float) ** 2
 
 
 def set_and_drift_terms(ratio: float, set_deg: float) -> dict[str, float]:
-    """Compute the corrections of the coefficients for set and drift, MM (22), (37) and (43), degrees.
+    """Compute the corrections of the coefficients for set and drift, MM (22), (37) and (43).
 
     B = B bar + x, C = C bar - y, E = E bar + xy (its second-order term), D = D bar - (x2 - y2)/2. The ratio is that of
     drift to the ship's speed, d/S; the set is the magnetic direction towards which the water flows.
@@ -94,7 +101,7 @@ def set_and_drift_terms(ratio: float, set_deg: float) -> dict[str, float]:
 def residual_from_two_headings(
     known: Mapping[str, float], first: tuple[float, float], second: tuple[float, float]
 ) -> tuple[float, float]:
-    """Solve for residual B and C from known A, D, E and (course, deviation) on two headings (MM section 6), degrees.
+    """Solve for residual B and C from known A, D, E and (course, deviation) on two headings (MM section 6).
 
     Raises:
         InputError: the headings are not 60 to 120 degrees apart.
@@ -112,7 +119,7 @@ def residual_from_two_headings(
 def residual_by_lushnikov(
     known: Mapping[str, float], bars: tuple[float, float], compass_deg: float, deviation_deg: float
 ) -> dict[str, float]:
-    """Compute residual B and C from A, D, E, (B bar, C bar) and one visual reference, MM (54) to (60), degrees."""
+    """Compute residual B and C from A, D, E, (B bar, C bar) and one visual reference, MM (54) to (60)."""
     sine, cosine = (float(x) for x in angles.sin_cos(compass_deg + deviation_deg))
     across = _semicircular_part(known, compass_deg + deviation_deg, deviation_deg)
     along = bars[0] * cosine - bars[1] * sine
@@ -120,8 +127,13 @@ def residual_by_lushnikov(
     return residual | {"theta_1": across, "theta_2": along}
 
 
+def _semicircular_part(known: Mapping[str, float], course_deg: float, deviation_deg: float) -> float:
+    sine2, cosine2 = angles.sin_cos(2.0 * course_deg)
+    return deviation_deg - known["A"] - known["D"] * float(sine2) - known["E"] * float(cosine2)
+
+
 def drift_in_one_heading(ratio: float, heading_deg: float) -> dict[str, Any]:
-    """Describe the error of Lushnikov's B and C due to an unknown drift, which MM do not mention, degrees.
+    """Describe the error of Lushnikov's B and C due to an unknown drift, which MM do not mention.
 
     Step (60) takes the component along the heading from B bar and C bar, which include the drift: the error of (B, C)
     is -57.3 (d/S) cos(set - heading) along (cos heading, -sin heading), so the deviation errs most 90 degrees off it.
@@ -148,7 +160,7 @@ def drift_in_one_heading(ratio: float, heading_deg: float) -> dict[str, Any]:
 
 
 def drift_by_opposite_courses(speed_kn: Mapping[str, float], *, speed_scatter: float = 0.02) -> dict[str, float] | None:
-    """Compute x and y of (22) from speeds over ground on the four cardinal courses, degrees; None where one is missing.
+    """Compute x and y of (22) from speeds over ground on the four cardinal courses; None where one is missing.
 
     The ship's speed through the water must be the same on opposite courses: with a relative scatter s of the speed,
     x and y have a standard uncertainty of 57.3 s / sqrt 2.
@@ -159,11 +171,8 @@ def drift_by_opposite_courses(speed_kn: Mapping[str, float], *, speed_scatter: f
     n, e, s, w = (speed_kn[point] for point in "NESW")
     if not np.isfinite([n, e, s, w]).all():
         return None
-    return {
-        "x": (n - s) / (n + s) / angles.DEGREE,
-        "y": (e - w) / (e + w) / angles.DEGREE,
-        "sigma_deg": speed_scatter / np.sqrt(2.0) / angles.DEGREE,
-    }
+    x, y, sigma = (n - s) / (n + s), (e - w) / (e + w), speed_scatter / np.sqrt(2.0)
+    return {"x": x / angles.DEGREE, "y": y / angles.DEGREE, "sigma_deg": sigma / angles.DEGREE}
 
 
 def directive_force(coefficients: Floats, heading_deg: Floats) -> dict[str, Any]:
@@ -175,17 +184,62 @@ def directive_force(coefficients: Floats, heading_deg: Floats) -> dict[str, Any]
     return {"relative": relative.tolist(), "least": float(relative[least]), "on_deg": float(heading_deg[least])}
 
 
-def _semicircular_part(known: Mapping[str, float], course_deg: float, deviation_deg: float) -> float:
-    sine2, cosine2 = angles.sin_cos(2.0 * course_deg)
-    return deviation_deg - known["A"] - known["D"] * float(sine2) - known["E"] * float(cosine2)
-
-
 def deviation_table(coefficients: Floats, covariance: Floats, step_deg: float) -> DeviationTable:
-    """Tabulate the deviation of A..E (5,) and its sigma by recorded heading, north first, degrees."""
+    """Tabulate the deviation of A..E (5,) and its sigma by recorded heading, north first."""
     heading = np.arange(0.0, 360.0 - 1e-9, step_deg)
     columns = series_design(heading)
     sigma = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", columns, covariance, columns), 0.0))
     return DeviationTable(heading, columns @ coefficients, sigma)
+
+
+def verdict(table: DeviationTable, length_m: float | None, speed_kn: float | None) -> dict[str, Any]:
+    """Assess whether deviations stay within 4 degrees (ISO 25862:2019, Annex G.1), and list conditions not verified."""
+    size, half = np.abs(table.deviation_deg), NORMAL_95 * table.sigma_deg
+    worst = int(np.argmax(size))
+    value, on = float(table.deviation_deg[worst]), float(table.heading_deg[worst])
+    largest = f"largest {value:+.1f}° ± {half[worst]:.1f}° (95 %)"
+    if length_m is not None and length_m >= LONGEST_M:
+        word, text = "not judged", f"The limit of 4° is for ships under 82.5 m; this one has {length_m} m. {largest}."
+    elif (size - half > LIMIT_DEG).any():
+        word, text = "exceeds", f"A deviation exceeds 4°: {largest} on {on:03.0f}°."
+    elif (size + half > LIMIT_DEG).any():
+        word, text = "undecided", f"Whether every deviation is within 4° is not decided: {largest}."
+    else:
+        word, text = "within", f"Every deviation is within 4°: {largest}."
+    conditions = []
+    if length_m is None:
+        conditions.append("The length of the ship is not given; the limit of 4° is for ships under 82.5 m.")
+    if speed_kn is None:
+        conditions.append("The speed is not known; the method asks for at least 7 kn.")
+    elif speed_kn < LEAST_KN:
+        conditions.append(f"The swing was made at {speed_kn:.1f} kn; the method asks for at least 7 kn.")
+    return {"verdict": word, "largest_deg": value, "on_deg": on, "conditions": conditions, "text": text}
+
+
+def plan_magnets(coefficients: Floats, step_deg: float) -> dict[str, Any]:
+    """Plan magnets for B and C and tabulate the residual deviation of each choice (MM section 7.2, points 8 and 9)."""
+    size, remains = dict(zip(LETTERS, np.abs(coefficients), strict=True)), {}
+    for choice, letters in {"none": "", "B": "B", "C": "C", "both": "BC"}.items():
+        remaining = coefficients * [letter not in letters for letter in LETTERS]
+        remains[choice] = deviation_table(remaining, np.zeros((5, 5)), step_deg).deviation_deg.tolist()
+    largest = {choice: float(np.max(np.abs(deviations))) for choice, deviations in remains.items()}
+    first, falls = (
+        max("BC", key=lambda letter: size[letter]),
+        f"the largest deviation falls from {largest['none']:.1f}°",
+    )
+    if largest["none"] <= LIMIT_DEG:
+        text = f"No deviation exceeds 4° (largest {largest['none']:.1f}°); nothing need be nullified."
+    elif largest[first] <= LIMIT_DEG:
+        text = f"Nullify {first}: {falls} to {largest[first]:.1f}°."
+    elif largest["both"] <= LIMIT_DEG:
+        text = f"Nullify B and C: {falls} to {largest['both']:.1f}°."
+    else:
+        text = (
+            f"With B and C nullified {largest['both']:.1f}° remain, more than 4°: soft iron near the compass; "
+            "only another place for the compass, or soft-iron correctors, take it away."
+        )
+    magnets = {letter: magnets_for(letter, float(coefficients[LETTERS.index(letter)])) for letter in "BC"}
+    return {"magnets": magnets, "residual_table_deg": remains, "largest_deg": largest, "text": text}
 
 
 def magnets_for(letter: str, value_deg: float) -> dict[str, Any]:
@@ -194,11 +248,13 @@ def magnets_for(letter: str, value_deg: float) -> dict[str, Any]:
     A positive B is a field towards the bow. Above or beside the middle of a magnet, its field opposes the direction
     of the red end: red ends forward cancel B, to starboard a positive C (Handbook of Magnetic Compass Adjustment).
     """
-    b = letter == "B"
-    courses = (90.0 - value_deg, 270.0 + value_deg) if b else (-value_deg, 180.0 + value_deg)
+    if letter == "B":
+        courses, settle = (90.0 - value_deg, 270.0 + value_deg), (90.0, 270.0)
+        red = "forward" if value_deg > 0 else "aft"
+    else:
+        courses, settle = (-value_deg, 180.0 + value_deg), (0.0, 180.0)
+        red = "to starboard" if value_deg > 0 else "to port"
     first, second = (float(x) for x in angles.wrap360(courses))
-    settle = (90.0, 270.0) if b else (0.0, 180.0)
-    red = ("forward" if value_deg > 0 else "aft") if b else ("to starboard" if value_deg > 0 else "to port")
     text = (
         f"To nullify {letter} ({value_deg:+.1f}°): steer {first:05.1f}° (or {second:05.1f}°) by compass, read the "
         f"course over ground, keep it by the receiver, and turn the {LIE[letter]} magnets, red ends {red}, until the "
@@ -206,69 +262,6 @@ def magnets_for(letter: str, value_deg: float) -> dict[str, Any]:
     )
     courses_deg = {"letter": letter, "lie": LIE[letter], "courses_deg": (first, second), "settle_deg": settle}
     return courses_deg | {"red_towards": red, "text": text}
-
-
-def plan_magnets(coefficients: Floats, step_deg: float) -> dict[str, Any]:
-    """Plan magnets for B and C and tabulate the residual deviation of each choice (MM section 7.2, points 8 and 9)."""
-    remains, largest = {}, {}
-    for choice, letters in NULLIFIED.items():
-        remaining = coefficients * [letter not in letters for letter in LETTERS]
-        remains[choice] = deviation_table(remaining, np.zeros((5, 5)), step_deg).deviation_deg.tolist()
-        largest[choice] = float(np.max(np.abs(remains[choice])))
-    magnets = {letter: magnets_for(letter, float(coefficients[LETTERS.index(letter)])) for letter in "BC"}
-    text = _advice(coefficients, largest)
-    return {"magnets": magnets, "residual_table_deg": remains, "largest_deg": largest, "text": text}
-
-
-def verdict(table: DeviationTable, length_m: float | None, speed_kn: float | None) -> dict[str, Any]:
-    """Assess whether deviations stay within 4 degrees (ISO 25862:2019, Annex G.1), and list conditions not verified."""
-    size = np.abs(table.deviation_deg)
-    surely, perhaps = size - NORMAL_95 * table.sigma_deg > LIMIT_DEG, size + NORMAL_95 * table.sigma_deg > LIMIT_DEG
-    word = "exceeds" if surely.any() else "undecided" if perhaps.any() else "within"
-    if length_m is not None and length_m >= 82.5:
-        word = "not judged"
-    worst = int(np.argmax(size))
-    largest = f"largest {table.deviation_deg[worst]:+.1f}° ± {NORMAL_95 * table.sigma_deg[worst]:.1f}° (95 %)"
-    text = {
-        "exceeds": f"A deviation exceeds 4°: {largest} on {table.heading_deg[worst]:03.0f}°.",
-        "undecided": f"Whether every deviation is within 4° is not decided: {largest}.",
-        "within": f"Every deviation is within 4°: {largest}.",
-        "not judged": f"The limit of 4° is for ships under 82.5 m; this one has {length_m} m. {largest}.",
-    }[word]
-    conditions = []
-    if length_m is None:
-        conditions.append("The length of the ship is not given; the limit of 4° is for ships under 82.5 m.")
-    if speed_kn is None:
-        conditions.append("The speed is not known; the method asks for at least 7 kn.")
-    elif speed_kn < 7.0:
-        conditions.append(f"The swing was made at {speed_kn:.1f} kn; the method asks for at least 7 kn.")
-    return {
-        "verdict": word,
-        "largest_deg": float(table.deviation_deg[worst]),
-        "on_deg": float(table.heading_deg[worst]),
-        "conditions": conditions,
-        "text": text,
-    }
-
-
-def _advice(coefficients: Floats, largest: dict[str, float]) -> str:
-    if largest["none"] <= LIMIT_DEG:
-        return f"No deviation exceeds 4° (largest {largest['none']:.1f}°); nothing need be nullified."
-    first = max("BC", key=lambda letter: abs(coefficients[LETTERS.index(letter)]))
-    if largest[first] <= LIMIT_DEG:
-        return f"Nullify {first}: the largest deviation falls from {largest['none']:.1f}° to {largest[first]:.1f}°."
-    if largest["both"] <= LIMIT_DEG:
-        return f"Nullify B and C: the largest deviation falls from {largest['none']:.1f}° to {largest['both']:.1f}°."
-    return (
-        f"With B and C nullified {largest['both']:.1f}° remain, more than 4°: soft iron near the compass; "
-        "only another place for the compass, or soft-iron correctors, take it away."
-    )
-
-
-# By cardinal course: the coefficient that magnets change, its sign in the deviation, and that of E; MM (2) to (5).
-CARDINAL = {"N": ("C", 1.0, 1.0), "E": ("B", 1.0, -1.0), "S": ("C", -1.0, 1.0), "W": ("B", -1.0, -1.0)}
-COURSE_DEG = {"N": 0.0, "E": 90.0, "S": 180.0, "W": 270.0}
-OPPOSITE = {"N": "S", "S": "N", "E": "W", "W": "E"}
 
 
 def adjust(
@@ -281,17 +274,17 @@ def adjust(
     """
     letters = dict(zip(LETTERS, (float(k) for k in coefficients), strict=True))
     drift = {"B": -water_deg[0], "C": water_deg[1]}  # in the pseudo-deviation, MM (23) to (26), first order
-    steps = []
-    for course, share in [(c, 1.0) for c in first] + [(OPPOSITE[c], 0.5) for c in first]:
-        letter, sign, of_e = CARDINAL[course]
+    opposite, steps = dict(zip("NESW", "SWNE", strict=True)), []
+    for course, share in [(c, 1.0) for c in first] + [(opposite[c], 0.5) for c in first]:
+        heading, letter, sign, of_e = CARDINAL[course]
         before = letters["A"] + sign * (letters[letter] + drift[letter]) + of_e * letters["E"]
         letters[letter] -= sign * share * before
-        shown = angles.wrap360(COURSE_DEG[course] - before + share * before)
+        shown = float(angles.wrap360(heading - before + share * before))
         what = "nullify it" if share == 1.0 else "take half of it away"
         text = (
             f"On {course} the compass is off by {before:+.1f}°; {what}: turn the {LIE[letter]} magnets until it "
             f"shows {shown:05.1f}°."
         )
         step = {"course": course, "magnets": LIE[letter], "before_deg": before, "after_deg": (1.0 - share) * before}
-        steps.append(step | {"B": letters["B"], "C": letters["C"], "shows_deg": float(shown), "text": text})
+        steps.append(step | {"B": letters["B"], "C": letters["C"], "shows_deg": shown, "text": text})
     return steps

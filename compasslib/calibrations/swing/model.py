@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,12 @@ class Block:
     groups: NDArray[np.int_] | None = None  # (n,) number of the heading, common to repeated readings
     prior_sigma: float | None = None  # standard deviation of a reading, used without degrees of freedom to estimate it
 
+    def rows(self, parameters: Floats, noise: SwingNoise) -> Floats:
+        """Compute derivatives and residuals, weighted and divided by their scatter, (n, k + 1)."""
+        residual, columns = self.observe(parameters)
+        scaled = np.column_stack([columns, clip_residuals(residual, noise)]) / noise.sigma[:, None]
+        return scaled * np.sqrt(noise.weight)
+
 
 @dataclass(frozen=True)
 class SwingFit:
@@ -72,82 +79,66 @@ def solve(
     """
     parameters, noises = start.astype(float), dict[str, SwingNoise]()
     for _ in range(rounds):
-        noises = _noises(blocks, parameters, sigma, noises)
-        for _ in range(steps):
-            rows = _rows(blocks, parameters, noises)
-            prior = np.column_stack([np.diag(1.0 / sigma), (parameters - mean) / sigma])
-            stacked = np.vstack([*rows.values(), prior])
-            parameters = parameters - np.linalg.lstsq(stacked[:, :-1], stacked[:, -1])[0]
-    return _solution(blocks, parameters, sigma, noises)
-
-
-def _noises(
-    blocks: Sequence[Block],
-    parameters: Floats,
-    sigma: Floats,
-    before: Mapping[str, SwingNoise],
-    *,
-    min_information: float = 2.0,
-) -> dict[str, SwingNoise]:
-    """Estimate the noise of each kind of observation.
-
-    Args:
-        min_information: ratio of prior to data standard deviation above which the data determine a parameter.
-    """
-    noises = dict[str, SwingNoise]()
-    for block in blocks:
-        residual, columns = block.observe(parameters)
-        if block.sigma is not None:
+        before, noises = noises, {}
+        for block in blocks:
             first = next(iter(noises.values())).sigma if noises else np.zeros(1)
-            scatter = np.hypot(block.sigma, np.sqrt(np.mean(first**2)))
-            noises[block.name] = SwingNoise(np.full(residual.shape, scatter), dof=np.inf)
-            continue
-        size = before[block.name].sigma if before else np.full(residual.shape, np.std(residual) + MIN_SCATTER_DEG)
-        # Degrees of freedom of the fit: free parameters, and those that the data determine better than the prior.
-        scaled, known = columns / size[:, None], np.isfinite(sigma)
-        free, by_priors = span_basis(scaled[:, np.isinf(sigma)]), scaled[:, known] * sigma[known]
-        beyond = span_basis(by_priors - free @ (free.T @ by_priors), least=min_information)
-        basis = span_basis(np.column_stack([free, beyond]) * size[:, None])
-        noise = estimate_swing_noise(residual, basis, speed_kn=block.speed_kn, blocks=block.blocks)
-        if block.groups is not None:  # errors common to the readings on one heading do not average out
-            count, total = np.bincount(block.groups), np.bincount(block.groups, residual)
-            occupied = count > 0
-            dof = int(occupied.sum()) - basis.shape[1]
-            if dof < noise.dof:
-                between = np.sqrt(np.sum(total[occupied] ** 2 / count[occupied]) / max(dof, 1))
-                scatter = np.maximum(noise.sigma, between)
-                noise = SwingNoise(scatter, n_effective=float(occupied.sum()), dof=float(max(dof, 0)))
-        if block.prior_sigma is not None and noise.dof < 1.0:  # no degrees of freedom: stated scatter
-            repeats = 1.0 if block.groups is None else len(block.groups) / len(np.unique(block.groups))
-            stated = block.prior_sigma * np.sqrt(repeats)  # repeated readings on a heading share one error
-            noise = replace(noise, sigma=np.maximum(noise.sigma, stated), dof=np.inf)
-        # The scatter of few residuals may be small by chance: they must not overrule the priors.
-        noises[block.name] = replace(noise, weight=noise.weight / student_factor(noise.dof) ** 2)
-    return noises
-
-
-def _rows(blocks: Sequence[Block], parameters: Floats, noises: Mapping[str, SwingNoise]) -> dict[str, Floats]:
-    rows = {}
+            noises[block.name] = _estimate_noise(block, parameters, sigma, before.get(block.name), first)
+        for _ in range(steps):
+            prior = np.column_stack([np.diag(1.0 / sigma), (parameters - mean) / sigma])
+            stacked = np.vstack([*(block.rows(parameters, noises[block.name]) for block in blocks), prior])
+            parameters = parameters - np.linalg.lstsq(stacked[:, :-1], stacked[:, -1])[0]
+    spreads, informations = dict[str, Floats](), []
     for block in blocks:
-        (residual, columns), noise = block.observe(parameters), noises[block.name]
-        scaled = np.column_stack([columns, clip_residuals(residual, noise)]) / noise.sigma[:, None]
-        rows[block.name] = scaled * np.sqrt(noise.weight)
-    return rows
-
-
-def _solution(blocks: Sequence[Block], parameters: Floats, sigma: Floats, noises: Mapping[str, SwingNoise]) -> SwingFit:
-    rows = {name: each[:, :-1] for name, each in _rows(blocks, parameters, noises).items()}
-    priors = {str(k): np.diag((np.arange(len(sigma)) == k) * sigma**-2.0) for k in np.flatnonzero(np.isfinite(sigma))}
-    information = np.sum([*(each.T @ each for each in rows.values()), *priors.values()], axis=0)
-    inverse = np.linalg.inv(information)
-    spreads = {}
-    for block in blocks:
-        noise = noises[block.name]
-        spread = score_covariance(rows[block.name], noise, block.blocks)
+        noise, rows = noises[block.name], block.rows(parameters, noises[block.name])[:, :-1]
+        spread = score_covariance(rows, noise, block.blocks)
         spreads[block.name] = noise.weight * student_factor(noise.dof) ** 2 * spread
+        informations.append(rows.T @ rows)
+    priors = {str(k): np.diag((np.arange(len(sigma)) == k) * sigma**-2.0) for k in np.flatnonzero(np.isfinite(sigma))}
+    inverse = np.linalg.inv(np.sum([*informations, *priors.values()], axis=0))
     parts = {name: inverse @ middle @ inverse for name, middle in (spreads | priors).items()}
     residuals = {block.name: block.observe(parameters)[0] for block in blocks}
     return SwingFit(parameters, np.sum(list(parts.values()), axis=0), parts, residuals, noises)
+
+
+def _estimate_noise(
+    block: Block,
+    parameters: Floats,
+    sigma: Floats,
+    before: SwingNoise | None,
+    first_sigma: Floats,
+    *,
+    min_information: float = 2.0,
+) -> SwingNoise:
+    """Estimate the noise of one kind of observation.
+
+    Args:
+        before: noise of the round before.
+        first_sigma: scatter of the first block.
+        min_information: ratio of prior to data standard deviation above which the data determine a parameter.
+    """
+    residual, columns = block.observe(parameters)
+    if block.sigma is not None:
+        scatter = np.hypot(block.sigma, np.sqrt(np.mean(first_sigma**2)))
+        return SwingNoise(np.full(residual.shape, scatter), dof=np.inf)
+    size = np.full(residual.shape, np.std(residual) + MIN_SCATTER_DEG) if before is None else before.sigma
+    # Degrees of freedom of the fit: free parameters, and those that the data determine better than the prior.
+    scaled, known = columns / size[:, None], np.isfinite(sigma)
+    free, by_priors = span_basis(scaled[:, ~known]), scaled[:, known] * sigma[known]
+    beyond = span_basis(by_priors - free @ (free.T @ by_priors), least=min_information)
+    basis = span_basis(np.column_stack([free, beyond]) * size[:, None])
+    noise, repeats = estimate_swing_noise(residual, basis, speed_kn=block.speed_kn, blocks=block.blocks), 1.0
+    if block.groups is not None:  # errors common to the readings on one heading do not average out
+        _, group, count = np.unique(block.groups, return_inverse=True, return_counts=True)
+        repeats, dof = len(group) / len(count), len(count) - basis.shape[1]
+        if dof < noise.dof:
+            between = np.sqrt(np.sum(np.bincount(group, residual) ** 2 / count) / max(dof, 1))
+            scatter = np.maximum(noise.sigma, between)
+            noise = SwingNoise(scatter, n_effective=float(len(count)), dof=float(max(dof, 0)))
+    if block.prior_sigma is not None and noise.dof < 1.0:  # no degrees of freedom: stated scatter
+        stated = block.prior_sigma * np.sqrt(repeats)  # repeated readings on a heading share one error
+        noise = replace(noise, sigma=np.maximum(noise.sigma, stated), dof=np.inf)
+    # The scatter of few residuals may be small by chance: they must not overrule the priors.
+    return replace(noise, weight=noise.weight / student_factor(noise.dof) ** 2)
 
 
 @dataclass(frozen=True)
@@ -161,6 +152,19 @@ class Prediction:
 
 
 Curve = Callable[[Floats, Floats, Floats], Prediction]  # coefficients, headings, readings, degrees
+
+
+def _series(coefficients: Floats, heading: Floats, recorded: Floats) -> Prediction:
+    columns = series_design(recorded)
+    fitted = recorded + columns @ coefficients
+    return Prediction(angles.difference(heading, fitted), -columns, np.ones(len(recorded)), fitted)
+
+
+def _exact(coefficients: Floats, heading: Floats, recorded: Floats) -> Prediction:
+    residual = angles.difference(compass.recorded_heading(coefficients, angles.wrap360(heading)), recorded)
+    root = compass.inverse(coefficients, recorded)[:, 0]
+    fitted = np.where(np.isfinite(root), root, heading)  # readings outside the compass's range have no root
+    return Prediction(residual, compass.gradient(coefficients, fitted).T, compass.slope(coefficients, fitted), fitted)
 
 
 @dataclass(frozen=True)
@@ -188,24 +192,59 @@ class Swing:
         """Speed over ground (n,), knots; 1 where it is unknown."""
         return self.observed.speed_kn if self.has_speed else np.ones(len(self.observed))
 
+    def by_log(self, *, min_water_kn: float = 0.5) -> Bools:
+        """Flag samples with a logged speed through the water; none unless more than half have one."""
+        observed = self.observed
+        logged = np.nan_to_num(observed.water_speed_kn) > min_water_kn
+        return logged & (observed.over_ground and self.has_speed and len(observed) > 0 and logged.mean() > 0.5)
+
+    def drift(self, parameters: Floats) -> tuple[Floats, Floats]:
+        """Compute the water's velocity at each observation, true east and north, knots."""
+        since = observations.since_middle(self.observed.time_s)
+        east = parameters[EAST] + parameters[EAST_CHANGE] * since
+        return east, parameters[NORTH] + parameters[NORTH_CHANGE] * since
+
+    def through_water(self, parameters: Floats) -> tuple[Floats, Floats]:
+        """Compute the ship's velocity through the water, true east and north, knots."""
+        (east, north), drift = angles.components(self.speed_kn, self.observed.course_deg), self.drift(parameters)
+        return east - drift[0], north - drift[1]
+
+    def offset(self, parameters: Floats) -> Floats:
+        """Compute courses minus magnetic headings due to declination and delay, (n,) degrees."""
+        turn_deg_s = self.observed.steady_turn_deg_s
+        return self.declination_deg + parameters[DECLINATION] - parameters[LAG] * turn_deg_s
+
 
 def fit_swing(swing: Swing, *, exact: bool = False, start: Floats | None = None) -> SwingFit:
     """Fit drift, course delay and the compass, as the exact model (dimensionless) or as the series (degrees)."""
-    mean = np.zeros(SIZE)
+    observed, mean = swing.observed, np.zeros(SIZE)
     mean[LOG] = 1.0
     begin = mean.copy() if start is None else start.copy()
     if start is None:  # start A at the mean offset, lest readings of a misaligned compass be clipped
-        off = angles.mean(swing.observed.course_deg - swing.observed.recorded_deg)
+        off = angles.mean(observed.course_deg - observed.recorded_deg)
         begin[0] = angles.wrap180(off - swing.declination_deg)
     if exact:  # start from magnetic headings: courses corrected for drift and delay
-        ground = swing.observed.over_ground
-        through = angles.direction(*_through_water(begin, swing)) if ground else swing.observed.course_deg
-        w = angles.phasor(angles.wrap360(through - _offset(begin, swing)))
-        g, ones = np.conj(angles.phasor(swing.observed.recorded_deg)), np.ones_like(w)
+        through = angles.direction(*swing.through_water(begin)) if observed.over_ground else observed.course_deg
+        w = angles.phasor(angles.wrap360(through - swing.offset(begin)))
+        g, ones = np.conj(angles.phasor(observed.recorded_deg)), np.ones_like(w)
         # Linear in A to E: Im(e^{-i gamma} q) = 0 (physics page, section 3).
         columns = np.imag(g[:, None] * np.stack([-1j * w, ones, -1j * ones, np.conj(w), -1j * np.conj(w)], axis=-1))
         begin[SERIES] = np.linalg.lstsq(columns, -np.imag(g * w))[0]
-    return solve(_blocks(swing, _exact if exact else _series), mean, prior_widths(swing), begin)
+    in_time, groups, curve = None, None, _exact if exact else _series
+    if observed.timed:  # blocks of 20 s, numbered without the empty ones
+        block = np.floor((observed.time_s - observed.time_s[0]) / observations.BLOCK_S)
+        in_time = np.unique(block, return_inverse=True)[1]
+    else:
+        groups = observations.group_headings(observed.recorded_deg)
+    slow = observed.speed_kn if swing.has_speed and observed.over_ground else None
+    course = partial(_course, swing=swing, curve=curve)
+    blocks = [Block(COURSE, course, slow, in_time, groups=groups, prior_sigma=swing.options.course_sigma_deg)]
+    if swing.marks:
+        observe = partial(_mark, swing=swing, curve=curve)
+        blocks.append(Block(VISUAL, observe, sigma=swing.options.visual_sigma_deg))
+    if swing.by_log().any():
+        blocks.append(Block(WATER, partial(_water, swing=swing), blocks=in_time))
+    return solve(blocks, mean, prior_widths(swing), begin)
 
 
 def prior_widths(
@@ -229,26 +268,25 @@ def prior_widths(
         lasted = float(np.ptp(observed.time_s))
         sigma[CHANGES] = np.maximum(sigma[DRIFT] * min(1.0, lasted / spring_s), fixed_sigma)
         sigma[LAG] = max(swing.options.max_lag_s / 2.0, fixed_sigma)
-    if _by_log(swing).any():
+    if swing.by_log().any():
         sigma[LOG] = log_sigma
     return sigma
 
 
-def _drift(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
-    """Compute the water's velocity at each observation, true east and north, knots."""
-    since = observations.since_middle(swing.observed.time_s)
-    east = parameters[EAST] + parameters[EAST_CHANGE] * since
-    return east, parameters[NORTH] + parameters[NORTH_CHANGE] * since
-
-
-def _through_water(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
-    """Compute the ship's velocity through the water, true east and north, knots."""
-    (east, north), drift = angles.components(swing.speed_kn, swing.observed.course_deg), _drift(parameters, swing)
-    return east - drift[0], north - drift[1]
-
-
-def _offset(parameters: Floats, swing: Swing) -> Floats:
-    return swing.declination_deg + parameters[DECLINATION] - parameters[LAG] * swing.observed.steady_turn_deg_s
+def _course(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Floats]:
+    observed, offset = swing.observed, swing.offset(parameters)
+    heading: Floats = observed.course_deg - offset
+    slopes: Floats = np.zeros((len(observed), SIZE))
+    predicted = curve(parameters[SERIES], heading, observed.settled_deg)
+    if observed.over_ground:
+        alike = predicted.by_compass / predicted.by_heading[:, None]
+        aside, slopes = _drift_angle(parameters, swing, predicted.facing_deg + offset, alike)
+        heading, slopes = heading - aside, -slopes
+    slopes[:, DECLINATION], slopes[:, LAG] = -1.0, observed.steady_turn_deg_s
+    slopes *= predicted.by_heading[:, None]
+    slopes[:, SERIES] = predicted.by_compass
+    unsettled = angles.difference(observed.recorded_deg, observed.settled_deg)
+    return angles.difference(curve(parameters[SERIES], heading, observed.settled_deg).residual_deg, unsettled), slopes
 
 
 def _drift_angle(
@@ -273,13 +311,13 @@ def _drift_angle(
         min_left: least norm of a harmonic of amplitude 1 after projecting out the compass terms.
         min_speed_share: lower bound, relative to the speed, where the drift is faster than the ship.
     """
-    (sine, cosine), (east, north) = angles.sin_cos(facing_deg), _drift(parameters, swing)
+    (sine, cosine), (east, north), time_s = angles.sin_cos(facing_deg), swing.drift(parameters), swing.observed.time_s
     # Noise of the speeds, and of the compass through the heading, would look like varying speeds: both are smoothed.
     along, beside, over_ground = (
-        observations.moving_average(x, swing.observed.time_s, smoothed_s)
+        observations.moving_average(x, time_s, smoothed_s)
         for x in (east * sine + north * cosine, east * cosine - north * sine, swing.speed_kn)
     )
-    least = np.maximum(min_speed_share * over_ground, 1e-3)  # where the drift is faster than the ship
+    least = np.maximum(min_speed_share * over_ground, 1e-3)
     speed = np.maximum(np.sqrt(np.maximum(over_ground**2 - beside**2, 0.0)) - along, least)  # through the water
     east, north = speed * sine + east, speed * cosine + north
     square = np.maximum(east**2 + north**2, (min_speed_share * speed) ** 2)
@@ -289,42 +327,8 @@ def _drift_angle(
     # On five headings only rounding errors remain of the higher harmonics.
     basis, slopes = span_basis(higher, least=min_left), np.zeros((len(speed), SIZE))
     slopes[:, DRIFT] = across - basis @ (basis.T @ across)
-    slopes[:, CHANGES] = across * observations.since_middle(swing.observed.time_s)[:, None]
+    slopes[:, CHANGES] = across * observations.since_middle(time_s)[:, None]
     return angles.difference(angles.direction(east, north), facing_deg), slopes
-
-
-def _blocks(swing: Swing, curve: Curve) -> list[Block]:
-    observed, in_time, groups = swing.observed, None, None
-    if observed.timed:  # blocks of 20 s, numbered without the empty ones
-        block = np.floor((observed.time_s - observed.time_s[0]) / observations.BLOCK_S)
-        in_time = np.unique(block, return_inverse=True)[1]
-    else:
-        groups = observations.group_headings(observed.recorded_deg)
-    slow = observed.speed_kn if swing.has_speed and observed.over_ground else None
-    course = partial(_course, swing=swing, curve=curve)
-    blocks = [Block(COURSE, course, slow, in_time, groups=groups, prior_sigma=swing.options.course_sigma_deg)]
-    if swing.marks:
-        observe = partial(_mark, swing=swing, curve=curve)
-        blocks.append(Block(VISUAL, observe, sigma=swing.options.visual_sigma_deg))
-    if _by_log(swing).any():
-        blocks.append(Block(WATER, partial(_water, swing=swing), blocks=in_time))
-    return blocks
-
-
-def _course(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Floats]:
-    observed, offset = swing.observed, _offset(parameters, swing)
-    heading: Floats = observed.course_deg - offset
-    slopes: Floats = np.zeros((len(observed), SIZE))
-    predicted = curve(parameters[SERIES], heading, observed.settled_deg)
-    if observed.over_ground:
-        alike = predicted.by_compass / predicted.by_heading[:, None]
-        aside, slopes = _drift_angle(parameters, swing, predicted.facing_deg + offset, alike)
-        heading, slopes = heading - aside, -slopes
-    slopes[:, DECLINATION], slopes[:, LAG] = -1.0, observed.steady_turn_deg_s
-    slopes *= predicted.by_heading[:, None]
-    slopes[:, SERIES] = predicted.by_compass
-    unsettled = angles.difference(observed.recorded_deg, observed.settled_deg)
-    return angles.difference(curve(parameters[SERIES], heading, observed.settled_deg).residual_deg, unsettled), slopes
 
 
 def _mark(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Floats]:
@@ -337,33 +341,13 @@ def _mark(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Float
 
 def _water(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
     """Compute the speed through the water minus the scaled speed of the ship's log, knots, and its derivatives."""
-    since, used = observations.since_middle(swing.observed.time_s), _by_log(swing)
-    east, north = _through_water(parameters, swing)
+    since, used = observations.since_middle(swing.observed.time_s), swing.by_log()
+    east, north = swing.through_water(parameters)
     through, logged = np.maximum(np.hypot(east, north), 1e-3), np.where(used, swing.observed.water_speed_kn, 0.0)
     slopes = np.zeros((len(swing.observed), SIZE))
     slopes[:, EAST], slopes[:, NORTH], slopes[:, LOG] = -east / through, -north / through, -logged
-    slopes[:, EAST_CHANGE], slopes[:, NORTH_CHANGE] = slopes[:, EAST] * since, slopes[:, NORTH] * since
+    slopes[:, CHANGES] = slopes[:, DRIFT] * since[:, None]
     return (through - parameters[LOG] * logged) * used, slopes * used[:, None]
-
-
-def _by_log(swing: Swing, *, min_water_kn: float = 0.5) -> Bools:
-    """Flag samples with a logged speed through the water; none unless more than half have one."""
-    observed = swing.observed
-    logged = np.nan_to_num(observed.water_speed_kn) > min_water_kn
-    return logged & (observed.over_ground and swing.has_speed and len(observed) > 0 and logged.mean() > 0.5)
-
-
-def _series(coefficients: Floats, heading: Floats, recorded: Floats) -> Prediction:
-    columns = series_design(recorded)
-    fitted = recorded + columns @ coefficients
-    return Prediction(angles.difference(heading, fitted), -columns, np.ones(len(recorded)), fitted)
-
-
-def _exact(coefficients: Floats, heading: Floats, recorded: Floats) -> Prediction:
-    residual = angles.difference(compass.recorded_heading(coefficients, angles.wrap360(heading)), recorded)
-    root = compass.inverse(coefficients, recorded)[:, 0]
-    fitted = np.where(np.isfinite(root), root, heading)  # readings outside the compass's range have no root
-    return Prediction(residual, compass.gradient(coefficients, fitted).T, compass.slope(coefficients, fitted), fitted)
 
 
 def set_and_drift(parameters: Floats) -> tuple[float, float]:
@@ -371,16 +355,27 @@ def set_and_drift(parameters: Floats) -> tuple[float, float]:
     return float(angles.direction(*parameters[DRIFT])), float(np.hypot(*parameters[DRIFT]))
 
 
-def separate_drift(swing: Swing, series: SwingFit) -> dict[str, object]:
-    """Describe set and drift of the water, how well they are separated from B and C, and what stays confounded."""
+def separate_drift(swing: Swing, series: SwingFit) -> dict[str, Any]:
+    """Describe set and drift of the water, and whether they are separated from B and C."""
     (set_deg, drift), covariance, prior = set_and_drift(series.parameters), series.covariance, prior_widths(swing)
     sigma, water = np.sqrt(np.diag(covariance)), covariance[np.ix_(DRIFT, DRIFT)]
-    left = float(np.max(sigma[DRIFT] / prior[DRIFT]))
-    unit = "kn" if swing.has_speed else "of the ship's speed"
+    separable = bool(np.max(sigma[DRIFT] / prior[DRIFT]) < MAX_PRIOR_SHARE)
     along, across = (np.array(angles.components(1.0, towards)) for towards in (set_deg, set_deg + 90.0))
     ahead, side = (float(np.sqrt(max(float(x @ water @ x), 0.0))) for x in (along, across))
     sigma_set = float(angles.direction(side, drift)) if drift else 90.0
+    unit, ratio = "of the ship's speed", "no speeds"
+    if swing.has_speed:
+        speed = swing.observed.speed_kn
+        unit, ratio = "kn", f"speeds from {speed.min():.1f} to {speed.max():.1f} kn"
     described = f"set {set_deg:.0f} ± {1.96 * sigma_set:.0f}° (true), drift {drift:.2f} ± {1.96 * ahead:.2f} {unit}"
+    text = (
+        f"With {ratio} the current is separated from the compass: {described} (95 %). A steady leeway by wind has the "
+        "same signature."
+        if separable
+        else f"With {ratio} set and drift cannot be separated from B and C: to first order they are the same function "
+        f"of the heading. B and C have ± {sigma[1]:.1f}° and ± {sigma[2]:.1f}°; A, D and E are not affected. A visual "
+        "mark, the sun, a log of the speed through the water, or each heading at two speeds would separate them."
+    )
     return {
         "set_deg": set_deg,
         "drift_kn": drift if swing.has_speed else None,
@@ -390,28 +385,8 @@ def separate_drift(swing: Swing, series: SwingFit) -> dict[str, object]:
         "east": float(series.parameters[EAST]),
         "north": float(series.parameters[NORTH]),
         "covariance": water.tolist(),
-        "correlation": {
-            f"{name}_{towards}": float(covariance[k, j] / (sigma[k] * sigma[j]))
-            for name, k in (("B", 1), ("C", 2))
-            for towards, j in (("east", EAST), ("north", NORTH))
-        },
         "log_scale": float(series.parameters[LOG]) if np.isfinite(prior[LOG]) and prior[LOG] > 1e-6 else None,
-        "separable": left < MAX_PRIOR_SHARE,
+        "separable": separable,
         "described": described,
-        "text": _describe_drift(swing, left, sigma, described),
+        "text": text,
     }
-
-
-def _describe_drift(swing: Swing, left: float, sigma: Floats, water: str) -> str:
-    speed = swing.observed.speed_kn
-    ratio = f"speeds from {speed.min():.1f} to {speed.max():.1f} kn" if swing.has_speed else "no speeds"
-    if left < MAX_PRIOR_SHARE:
-        return (
-            f"With {ratio} the current is separated from the compass: {water} (95 %). A steady leeway by wind has the "
-            "same signature."
-        )
-    return (
-        f"With {ratio} set and drift cannot be separated from B and C: to first order they are the same function of "
-        f"the heading. B and C have ± {sigma[1]:.1f}° and ± {sigma[2]:.1f}°; A, D and E are not affected. A visual "
-        "mark, the sun, a log of the speed through the water, or each heading at two speeds would separate them."
-    )

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.calibrations.curves import count_sectors
+from compasslib.calibrations.tables import read_columns
 from compasslib.deviation.series import series_design
 from compasslib.effects.ship import FilteredCourse
 from compasslib.errors import InputError
-from compasslib.readers import delimited, nmea
+from compasslib.readers import nmea
 from compasslib.types import Bools, Floats
 
-ROLES = ("compass_deg", "cog_deg", "true_deg", "speed_kn", "water_speed_kn", "time_utc")
-SENTENCES = {"compass_deg": "HDG", "cog_deg": "RMC"}  # sentences that replace headers in an NMEA log
+OPTIONAL = ("cog_deg", "true_deg", "speed_kn", "water_speed_kn", "time_utc")
 BOUNDS = {"deg": (-180.0, 360.0), "kn": (0.0, nmea.FASTEST_KN)}
 TURN_WINDOW_S = 20.0  # a receiver's filter and a compass card settle in this time
 BLOCK_S = 20.0  # blocks over which residuals are averaged to estimate their autocorrelation
@@ -38,8 +38,8 @@ class SwingOptions:
     max_drift_kn: float = 1.0  # largest allowed drift of the water (MM section 7.3)
     drift_ratio: float = 1.0 / 7.0  # the same relative to the ship's speed, for files without speeds
     declination_sigma_deg: float | None = None  # standard uncertainty; None: computed from the field strength
-    visual: tuple[Mapping[str, Any], ...] = ()  # {compass_deg, true_deg}: heading for a mark of known true bearing
-    sun: tuple[Mapping[str, Any], ...] = ()  # {compass_deg, time_utc}: heading for the sun
+    visual: Sequence[Mapping[str, Any]] = ()  # {compass_deg, true_deg}: heading for a mark of known true bearing
+    sun: Sequence[Mapping[str, Any]] = ()  # {compass_deg, time_utc}: heading for the sun
     visual_sigma_deg: float = 1.0  # standard uncertainty of such a heading
     course_sigma_deg: float = 1.0  # standard uncertainty of course and reading, if headings are too few to estimate it
     vessel_length_m: float | None = None
@@ -48,9 +48,7 @@ class SwingOptions:
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> SwingOptions:
         """Make options from the settings, with defaults for absent keys."""
-        given = {f.name: settings[f.name] for f in fields(cls) if settings.get(f.name) is not None}
-        marks: dict[str, Any] = {name: tuple(given.pop(name)) for name in ("visual", "sun") if name in given}
-        return cls(**given, **marks)
+        return cls(**{f.name: settings[f.name] for f in fields(cls) if settings.get(f.name) is not None})
 
 
 @dataclass(frozen=True)
@@ -82,11 +80,14 @@ class Observations:
         """Whether all observations have a time."""
         return bool(len(self) and np.isfinite(self.time_s).all())
 
+    def take(self, index: Bools | NDArray[np.intp]) -> Observations:
+        """Select observations by a mask or by indices, (n,)."""
+        return replace(self, **{f.name: getattr(self, f.name)[index] for f in fields(self) if f.type == "Floats"})
+
     def keep(self, good: Bools, why: str) -> Observations:
         """Select observations by a mask, (n,), and count the others by reason."""
-        lost = int((~good).sum())
-        columns = {f.name: getattr(self, f.name)[good] for f in fields(self) if f.type == "Floats"}
-        return replace(self, **columns, left_out={**self.left_out, **({why: lost} if lost else {})})
+        lost = {} if good.all() else {why: int((~good).sum())}
+        return replace(self.take(good), left_out={**self.left_out, **lost})
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observations:
@@ -97,15 +98,28 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
     Raises:
         InputError: a file, a column or a value cannot be read.
     """
-    paths, options = [Path(file) for file in files], SwingOptions.from_settings(settings)
-    raw = (_read_logs if settings.get("format") == "nmea0183" else _read_tables)(paths, settings)
-    known = raw.keep(np.isfinite(raw.recorded_deg + raw.course_deg), "without heading or course")
-    if known.over_ground and np.isfinite(known.speed_kn).any():
+    options, log = SwingOptions.from_settings(settings), settings.get("format") == "nmea0183"
+    columns, more = _read_logs(files, settings) if log else _read_tables(files, settings)
+    empty, over_ground = np.full(columns["compass_deg"].shape, np.nan), "true_deg" not in columns
+    known = Observations(
+        recorded_deg=columns["compass_deg"],
+        course_deg=columns["cog_deg" if over_ground else "true_deg"],
+        over_ground=over_ground,
+        speed_kn=columns.get("speed_kn", empty),
+        water_speed_kn=columns.get("water_speed_kn", empty),
+        time_s=columns.get("time_utc", empty),
+        turn_deg_s=np.zeros(empty.shape),
+        steady_turn_deg_s=np.zeros(empty.shape),
+        settled_deg=columns["compass_deg"],
+        also_course_deg=empty if over_ground else columns.get("cog_deg", empty),
+        **more,
+    )
+    known = known.keep(np.isfinite(known.recorded_deg + known.course_deg), "without heading or course")
+    if over_ground and np.isfinite(known.speed_kn).any():
         known = known.keep(known.speed_kn > options.min_speed_kn, f"not above {options.min_speed_kn:g} kn")
     if not known.timed:
         return known
-    order = np.argsort(known.time_s, kind="stable")
-    known = replace(known, **{f.name: getattr(known, f.name)[order] for f in fields(known) if f.type == "Floats"})
+    known = known.take(np.argsort(known.time_s, kind="stable"))
     known = known.keep(~isolated_readings(known.time_s, known.recorded_deg), "unlike the readings before and after")
     steps = angles.difference(known.recorded_deg[1:], known.recorded_deg[:-1])
     turned = np.cumsum(np.append(known.recorded_deg[:1], steps))
@@ -118,10 +132,39 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
     slow = np.abs(turn) <= options.max_turn_deg_s
     steady, settled = rate_and_heading(known.time_s, turned, slow)
     known = replace(known, turn_deg_s=turn, steady_turn_deg_s=steady, settled_deg=angles.wrap360(settled))
-    known = _with_delay(known, turned, options)
+    known = _with_delay(known, turned, options.max_lag_s)
     if known.delay_s:
         return known
     return known.keep(slow, f"turning quicker than {options.max_turn_deg_s:g} degrees a second, or just after")
+
+
+def _read_logs(files: Sequence[str | Path], settings: Mapping[str, Any]) -> tuple[dict[str, Floats], dict[str, Any]]:
+    named = {"compass_deg": "HDG", "cog_deg": "RMC", **(settings.get("columns") or {})}  # sentences, by role
+    heading, course = str(named["compass_deg"]), str(named["cog_deg"])
+    log = nmea.read([Path(file) for file in files], heading=heading, course=course, talker=settings.get("talker"))
+    known, more = np.isfinite(log.latitude + log.longitude), dict[str, Any](warnings=log.warnings)
+    if known.any():
+        longitude = log.longitude[known]
+        middle = longitude[0] + np.median(angles.difference(longitude, longitude[0]))  # also across the date line
+        more["place"] = float(np.median(log.latitude[known])), float(angles.wrap180(middle))
+    if np.isfinite(log.variation_deg).any():
+        more["variation_deg"] = float(np.nanmedian(log.variation_deg))
+    columns = {"speed_kn": log.speed_kn, "water_speed_kn": log.water_speed_kn, "time_utc": log.time_s}
+    columns = {role: x for role, x in columns.items() if role not in (settings.get("withhold") or ())}
+    columns |= {"compass_deg": log.heading_deg, "cog_deg": log.course_deg}
+    return columns | ({"true_deg": log.true_heading_deg} if "true_deg" in named else {}), more
+
+
+def _read_tables(files: Sequence[str | Path], settings: Mapping[str, Any]) -> tuple[dict[str, Floats], dict[str, Any]]:
+    columns, notes = read_columns(files, settings, ("compass_deg",), OPTIONAL, bounds=BOUNDS)
+    courses = {"cog_deg", "true_deg"} & {*columns}
+    if not courses:
+        expected = "a column of the course over ground (cog_deg) or of the true heading (true_deg)"
+        raise InputError(", ".join(map(str, files)), expected=expected, found="neither", advice="name it under columns")
+    if len(courses) == 2:
+        notes = (*notes, "both true_deg and cog_deg are there: the true heading is used, the course is not")
+    wrapped = {role: angles.wrap360(x) if role.endswith("_deg") else x for role, x in columns.items()}
+    return wrapped, {"warnings": notes}
 
 
 def isolated_readings(time_s: Floats, recorded_deg: Floats, *, readings: int = 3, alike_deg: float = 40.0) -> Bools:
@@ -143,7 +186,7 @@ def isolated_readings(time_s: Floats, recorded_deg: Floats, *, readings: int = 3
 def _with_delay(
     known: Observations,
     turned_deg: Floats,
-    options: SwingOptions,
+    max_lag_s: float,
     *,
     min_lasted_s: float = 480.0,
     max_left: float = 0.7,
@@ -153,12 +196,8 @@ def _with_delay(
     Turns, which reveal a delay, then need not be excluded. The misfit is the mean absolute 20 s average of residuals
     about a series in the recorded heading: it is robust to outliers, the series absorbs a steady drift to first order,
     and averaging the noise by filtering the readings brings no advantage. ``turned_deg`` are unwrapped readings, (n,).
-
-    Args:
-        min_lasted_s: least duration of a log for estimating a delay.
-        max_left: largest ratio of the mean misfits with and without an applied delay: half of the square.
     """
-    time_s, most = known.time_s, options.max_lag_s
+    time_s = known.time_s
     if len(known) < 2 or np.ptp(time_s) < min_lasted_s or np.median(np.diff(time_s)) > APART_S:
         return known
     seconds = np.arange(time_s[0], time_s[-1] + 1.0)
@@ -177,102 +216,21 @@ def _with_delay(
         off -= columns @ np.linalg.lstsq(columns, off)[0]
         return float(np.mean(np.abs(moving_average(off, time_s, BLOCK_S))))
 
-    delays = np.arange(-most, most + 0.25, 0.5).tolist()
+    delays = np.arange(-max_lag_s, max_lag_s + 0.25, 0.5).tolist()
     forms = [(delay, False) for delay in delays] + [(delay, True) for delay in delays if delay > 0.0]
     misfits = [misfit(*form) for form in forms]
     (delay, filtered), left, without = forms[int(np.argmin(misfits))], min(misfits), misfit(0.0, False)
     if left > max_left * without:
         return known
     recorded, on = paired(delay, filtered)
-    rate = on - paired(delay + 1.0, filtered)[1]
     return replace(
         known,
         recorded_deg=angles.wrap360(recorded),
         settled_deg=angles.wrap360(on),
-        steady_turn_deg_s=rate,
+        steady_turn_deg_s=on - paired(delay + 1.0, filtered)[1],
         delay_s=delay,
         misfit_deg=(without, left),
     )
-
-
-def _read_logs(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
-    named = {**SENTENCES, **(settings.get("columns") or {})}
-    sentences = str(named["compass_deg"]), str(named["cog_deg"])
-    log = nmea.read(paths, heading=sentences[0], course=sentences[1], talker=settings.get("talker"))
-    withheld = set(settings.get("withhold") or ())
-    stated = log.variation_deg[np.isfinite(log.variation_deg)]
-    known, place = np.isfinite(log.latitude + log.longitude), None
-    if known.any():
-        longitude = log.longitude[known]
-        middle = longitude[0] + np.median(angles.difference(longitude, longitude[0]))  # also across the date line
-        place = float(np.median(log.latitude[known])), float(angles.wrap180(middle))
-    others = {"speed_kn": log.speed_kn, "water_speed_kn": log.water_speed_kn, "time_utc": log.time_s}
-    columns = {role: column for role, column in others.items() if role not in withheld}
-    columns |= {"compass_deg": log.heading_deg, "cog_deg": log.course_deg}
-    columns |= {"true_deg": log.true_heading_deg} if "true_deg" in named else {}
-    variation = float(np.median(stated)) if stated.size else float("nan")
-    return replace(_observe(columns), place=place, variation_deg=variation, warnings=log.warnings)
-
-
-def _observe(columns: Mapping[str, Floats]) -> Observations:
-    """Make observations from columns by role; rates of turn and averaged headings are left to the caller."""
-    empty, over_ground = np.full(columns["compass_deg"].shape, np.nan), "true_deg" not in columns
-    return Observations(
-        recorded_deg=columns["compass_deg"],
-        course_deg=columns["cog_deg" if over_ground else "true_deg"],
-        over_ground=over_ground,
-        speed_kn=columns.get("speed_kn", empty),
-        water_speed_kn=columns.get("water_speed_kn", empty),
-        time_s=columns.get("time_utc", empty),
-        turn_deg_s=np.zeros(empty.shape),
-        steady_turn_deg_s=np.zeros(empty.shape),
-        settled_deg=columns["compass_deg"],
-        also_course_deg=empty if over_ground else columns.get("cog_deg", empty),
-    )
-
-
-def _read_tables(paths: list[Path], settings: Mapping[str, Any]) -> Observations:
-    tables, notes = zip(*(_read_table(path, settings) for path in paths), strict=True)
-    roles = set(tables[0]).intersection(*tables)
-    columns = {role: np.concatenate([t[role] for t in tables]) for role in roles}
-    both = {"true_deg", "cog_deg"} <= {*columns}
-    ignored = ["both true_deg and cog_deg are there: the true heading is used, the course is not"] * both
-    warnings = dict.fromkeys(note for said in notes for note in said)
-    return replace(_observe(columns), warnings=(*warnings, *ignored))
-
-
-def _read_table(path: Path, settings: Mapping[str, Any]) -> tuple[dict[str, Floats], tuple[str, ...]]:
-    """Read the columns of one table by role, and notes; withheld columns are ignored."""
-    mapped, withheld = settings.get("columns") or {}, set(settings.get("withhold") or ())
-    layout, headers = delimited.Layout.from_settings(settings), {role: str(mapped.get(role) or role) for role in ROLES}
-    names = delimited.read_head(path, [headers["compass_deg"]], layout).names
-    wanted = {role: header for role, header in headers.items() if not {role, header} & withheld}
-    for role, header in wanted.items():
-        if header not in names and (mapped.get(role) or role == "compass_deg"):
-            raise _absent_column(path, f"column {header!r} ({role})", names)
-    there = {role: header for role, header in wanted.items() if header in names}
-    if not {"cog_deg", "true_deg"} & set(there):
-        course = "column of the course over ground (cog_deg) or of the true heading (true_deg)"
-        raise _absent_column(path, course, names)
-    table = delimited.read_table(path, there | delimited.date_and_clock(mapped, withheld), layout=layout)
-    parsed = {"time_utc" if role == "time" else role: column for role, column in table.columns.items()}
-    for role in (role for role in parsed if role != "time_utc"):
-        (low, high), values = BOUNDS[role.rpartition("_")[2]], parsed[role]
-        beyond = values[(values < low) | (values > high)]
-        if beyond.size:
-            raise InputError(
-                f"{path}: column {there[role]!r} ({role})",
-                expected=f"numbers from {low:g} to {high:g}, or nothing",
-                found=f"{beyond.size} beyond, {beyond[0]:g} first",
-                advice="check the column and its unit; leave cells without a reading empty",
-            )
-    turned = {role: angles.wrap360(values) if role.endswith("_deg") else values for role, values in parsed.items()}
-    return turned, delimited.table_notes([table])
-
-
-def _absent_column(path: Path, what: str, names: list[str]) -> InputError:
-    expected, advice = "one of the file's columns", "correct columns in the calibration file"
-    return InputError(f"{path}: {what}", expected=expected, found=", ".join(names) or "an empty file", advice=advice)
 
 
 # Observations in time and around the circle: moving averages, rates of turn, distinct headings.
@@ -291,10 +249,14 @@ def moving_average(values: Floats, time_s: Floats, window_s: float) -> Floats:
 def rate_and_heading(time_s: Floats, turned_deg: Floats, slow: Bools) -> tuple[Floats, Floats]:
     """Compute the rate of turn, a slope over one minute, and headings averaged over 20 s, (n,) each.
 
-    In runs shorter than 20 s, the rate is the difference over a minute and the heading is the reading. Differences of
-    readings are not used otherwise: they share the compass noise with the deviation, which would look like a delay.
-    Single readings are not used as abscissa: effects of water and compass coincide only at the same headings.
-    ``turned_deg`` are unwrapped readings, ``slow`` is the mask of samples outside fast turns, (n,) each.
+    In runs shorter than 20 s, the rate is the difference over a minute and the heading is the reading; near the ends of
+    others, the rate is that of the nearest full minute. Differences of readings are not used otherwise: they share the
+    compass noise with the deviation, which would look like a delay. Single readings are not used as abscissa: effects
+    of water and compass coincide only at the same headings.
+
+    Args:
+        turned_deg: unwrapped readings, (n,).
+        slow: mask of samples outside fast turns, (n,).
     """
     apart = (np.diff(time_s) > APART_S) | (np.diff(slow.astype(int)) != 0)
     ends = np.clip(np.stack([time_s - STEADY_S / 2.0, time_s + STEADY_S / 2.0]), time_s[0], time_s[-1])
@@ -302,21 +264,17 @@ def rate_and_heading(time_s: Floats, turned_deg: Floats, slow: Bools) -> tuple[F
     dense = len(time_s) > 1 and np.median(np.diff(time_s)) <= APART_S
     rate, mean = np.where(dense, rate, 0.0), turned_deg.copy()
     for run in np.split(np.arange(len(time_s)), np.flatnonzero(apart) + 1):
-        if np.ptp(time_s[run]) >= BLOCK_S:
-            rate[run], mean[run] = _smooth_run(time_s[run] - time_s[run[0]], turned_deg[run])
+        since, turned = time_s[run] - time_s[run[0]], turned_deg[run] - turned_deg[run[0]]
+        if since[-1] < BLOCK_S:
+            continue
+        products = since, turned, since**2, since * turned
+        at, on, square, both = (moving_average(x, since, STEADY_S) for x in products)
+        slope = (both - at * on) / np.maximum(square - at**2, 1.0)
+        half = min(STEADY_S, float(since[-1])) / 2.0
+        rate[run] = np.interp(np.clip(since, half, since[-1] - half), since, slope)
+        away = since - moving_average(since, since, BLOCK_S)
+        mean[run] = moving_average(turned_deg[run], since, BLOCK_S) + rate[run] * away
     return rate, mean
-
-
-def _smooth_run(since_s: Floats, turned_deg: Floats) -> tuple[Floats, Floats]:
-    """Compute rate of turn and mean heading of one run; near its ends, the rate of the nearest full minute."""
-    turned = turned_deg - turned_deg[0]
-    products = since_s, turned, since_s**2, since_s * turned
-    at, on, square, both = (moving_average(x, since_s, STEADY_S) for x in products)
-    slope = (both - at * on) / np.maximum(square - at**2, 1.0)
-    half = min(STEADY_S, float(since_s[-1])) / 2.0
-    rate = np.interp(np.clip(since_s, half, since_s[-1] - half), since_s, slope)
-    away = since_s - moving_average(since_s, since_s, BLOCK_S)
-    return rate, moving_average(turned_deg, since_s, BLOCK_S) + rate * away
 
 
 def since_middle(time_s: Floats) -> Floats:
@@ -328,15 +286,10 @@ def since_middle(time_s: Floats) -> Floats:
 
 
 def group_headings(recorded_deg: Floats, *, heading_gap_deg: float = 2.0) -> NDArray[np.int_]:
-    """Assign observations to numbered headings, (n,): repeats of a heading share a number.
-
-    Args:
-        heading_gap_deg: closer headings are repeats of one heading.
-    """
+    """Assign observations to numbered headings, (n,): repeats, closer than the gap, share a number."""
     order = np.argsort(recorded_deg, kind="stable")
-    first = np.append(0.0, np.diff(recorded_deg[order])) > heading_gap_deg
     groups = np.empty(len(order), dtype=int)
-    groups[order] = np.cumsum(first)
+    groups[order] = np.cumsum(np.append(0.0, np.diff(recorded_deg[order])) > heading_gap_deg)
     if len(order) and recorded_deg[order[0]] + 360.0 - recorded_deg[order[-1]] <= heading_gap_deg:
         groups[groups == groups.max()] = 0
     return groups
@@ -350,4 +303,4 @@ def distinct_headings(recorded_deg: Floats) -> int:
 def widest_gap(recorded_deg: Floats) -> float:
     """Find the widest arc without a heading, degrees."""
     ordered = np.sort(recorded_deg)
-    return float(np.max(np.append(np.diff(ordered), ordered[0] + 360.0 - ordered[-1])))
+    return float(np.max(np.diff(ordered, append=ordered[0] + 360.0)))

@@ -1,13 +1,13 @@
 """Two profilers on one rigid frame: compares b's recorded heading with that simulated from a's by a rigid rotation.
 
 Clocks are aligned first, then the frame is fitted to the tilts, then the headings are compared. The difference of two
-compasses does not show which of them is wrong; only the tilts separate its constant from the mounting angle.
+compasses does not show which of them is wrong, nor their constant errors, which the mounting angle includes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -57,44 +57,38 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         expected, advice = "two files, of head a and head b", "write file: [a.000, b.000]"
         raise InputError("file", expected=expected, found=f"{len(files)}", advice=advice)
     a, b = (read_head(path, settings, k) for k, path in enumerate(files))
-    return compare(a, b, settings)
-
-
-def compare(a: Record, b: Record, settings: Mapping[str, Any]) -> Calibration:
-    """Estimate the difference of the compasses of two heads from their records."""
-    max_offset_s = float(setting(settings, "max_clock_seconds", MAX_CLOCK_OFFSET_S))
-    start, end = settings.get("start_s"), settings.get("end_s")
-    first = motion.extract_motion(a, start, end)
-    start, end = None if start is None else start - max_offset_s, None if end is None else end + max_offset_s
-    second = motion.extract_motion(b, start, end)
     warnings = (*a.warnings, *b.warnings)
+    max_offset_s = float(setting(settings, "max_clock_seconds", MAX_CLOCK_OFFSET_S))
+    start, end = (float(setting(settings, key, edge)) for key, edge in (("start_s", -np.inf), ("end_s", np.inf)))
+    first = motion.extract_motion(a, start, end)
+    second = motion.extract_motion(b, start - max_offset_s, end + max_offset_s)
     n = min(len(first.time_s), len(second.time_s))
     if n < MIN_SAMPLES or not overlap_in_time(first, second, max_offset_s):
         why = f"the two heads share no time with {MIN_SAMPLES} usable samples of each ({n} usable)"
-        return _no_calibration(0, why, warnings)
+        return _refused(0, why, warnings)
     fixed = settings.get("clock_offset_seconds")
     if fixed is None:
         clock = motion.estimate_clock_offset(first, second, max_offset_s)
     else:
         clock = known_clock_offset(second, float(fixed))
-    compared = pair_samples(first, second, clock)
-    if len(compared) < MIN_SAMPLES:
-        why = f"{len(compared)} samples of both heads at the same time, at least {MIN_SAMPLES} are needed"
-        return _no_calibration(len(compared), why, warnings + clock.warnings)
-    if not frames.covered_sectors(compared.recorded_b).any():
+    pairs, warnings = pair_samples(first, second, clock), warnings + clock.warnings
+    if len(pairs) < MIN_SAMPLES:
+        why = f"{len(pairs)} samples of both heads at the same time, at least {MIN_SAMPLES} are needed"
+        return _refused(len(pairs), why, warnings)
+    if not frames.covered_sectors(pairs.recorded_b).any():
         why = f"no sector of 10° of headings holds {frames.MIN_IN_SECTOR} samples of both heads"
-        return _no_calibration(len(compared), why, warnings + clock.warnings)
+        return _refused(len(pairs), why, warnings)
     # Fit the rotation as the constant of the series, iteratively, because it enters the effect of tilt too.
-    frame = frames.fit_frame(compared.time_s, compared.lean_a, compared.lean_b)
-    offset = float(angles.mean(angles.difference(compared.recorded_b, compared.recorded_a)))
-    sigma = motion.heading_error_deg(clock, compared.rate_deg_s)
+    frame = frames.fit_frame(pairs.time_s, pairs.lean_a, pairs.lean_b)
+    offset = float(angles.mean(angles.difference(pairs.recorded_b, pairs.recorded_a)))
+    sigma = clock.heading_error_deg(pairs.rate_deg_s)
     for _ in range(3):
-        difference = angles.difference(simulated_heading(compared, offset, frame), compared.recorded_b)
-        series = frames.fit_difference(compared.time_s, compared.recorded_b, difference, sigma)
+        difference = angles.difference(simulated_heading(pairs, offset, frame), pairs.recorded_b)
+        series = frames.fit_difference(pairs.time_s, pairs.recorded_b, difference, sigma)
         if abs(series.coefficients[0]) < 1e-4:
             break
         offset = float(angles.wrap180(offset - series.coefficients[0]))
-    return _make_calibration(_FittedHeads(compared, clock, frame, offset, difference, series), warnings)
+    return _make_calibration(pairs, clock, frame, offset, difference, series, warnings)
 
 
 def read_head(path: str | Path, settings: Mapping[str, Any], which: int) -> Record:
@@ -129,57 +123,6 @@ def pair_samples(a: Motion, b: Motion, clock: ClockDifference) -> PairedHeads:
     return PairedHeads(b.time_s[known], recorded, b.recorded_deg[known], lean[known], b.lean[known], rate[known])
 
 
-@dataclass(frozen=True)
-class _FittedHeads:
-    """Rigid rotation between two heads, and the series fitted to the remaining difference of headings."""
-
-    pairs: PairedHeads
-    clock: ClockDifference
-    frame: Frame
-    offset_deg: float  # of b's forward axis clockwise from a's, from the headings
-    difference_deg: Floats  # (n,) b's heading simulated from a's, minus the recorded one
-    series: HeadingDifference
-
-    @property
-    def constant_difference_deg(self) -> tuple[float, float]:
-        """Mounting angle from the tilts minus offset from the headings, and its standard deviation, degrees."""
-        sigma = float(np.hypot(self.frame.offset_sigma_deg, np.sqrt(self.series.covariance[0, 0])))
-        return float(angles.difference(self.frame.offset_deg, self.offset_deg)), sigma
-
-
-def _make_calibration(fitted: _FittedHeads, warnings: tuple[str, ...]) -> Calibration:
-    pairs, series = fitted.pairs, fitted.series
-    rms = angles.rms(series.residual_deg[series.used])
-    warnings = warnings + fitted.clock.warnings + _warnings(fitted)
-    coverage, points = int(series.covered.sum()), _points(fitted)
-    if rms > UNRELATED_DEG:
-        why = (
-            f"b's headings do not follow a's ({rms:.0f}° rms about any constant turn): these heads do not stand on one "
-            "frame, or their clocks are farther apart than max_clock_seconds"
-        )
-        return replace(_no_calibration(len(pairs), why, warnings), coverage=coverage, points=points)
-    # Refused terms are NaN; A is 0 by definition.
-    coefficients, covariance = np.full(5, np.nan), np.full((5, 5), np.nan)
-    coefficients[: series.terms] = series.coefficients
-    coefficients[0] = 0.0
-    covariance[: series.terms, : series.terms] = series.covariance
-    return Calibration(
-        kind=KIND,
-        model=f"rigid turn, then series in b's recorded heading: {frames.TERM_NAMES[series.terms]}",
-        n=int(series.used.sum()),
-        coverage=coverage,
-        coefficients=coefficients if series.terms > 1 else np.zeros(0),
-        covariance=covariance if series.terms > 1 else np.zeros(0),
-        residual_rms_deg=rms,
-        sources=_sources(fitted),
-        table=frames.deviation_table(series, np.arange(0.0, 360.0, 10.0)),
-        points=points,
-        details=_details(fitted),
-        why="" if series.terms > 1 else series.refused,
-        warnings=warnings,
-    )
-
-
 def simulated_heading(pairs: PairedHeads, offset_deg: float, frame: Frame) -> Floats:
     """Simulate b's heading, (n,) degrees, from a's by a rigid rotation with b's forward axis clockwise by an offset."""
     if frame.verdict in ("mirrored", "not rigid"):
@@ -188,115 +131,134 @@ def simulated_heading(pairs: PairedHeads, offset_deg: float, frame: Frame) -> Fl
     return frames.turned_heading(pairs.recorded_a, pairs.lean_a, rotation)
 
 
-def _no_calibration(n: int, why: str, warnings: tuple[str, ...]) -> Calibration:
-    return Calibration(kind=KIND, model="none", n=n, coverage=0, why=why, warnings=warnings)
+def _refused(n: int, why: str, warnings: tuple[str, ...], coverage: int = 0) -> Calibration:
+    return Calibration(kind=KIND, model="none", n=n, coverage=coverage, why=why, warnings=warnings)
 
 
-def _details(fitted: _FittedHeads) -> dict[str, Any]:
-    pairs, clock, frame, series = fitted.pairs, fitted.clock, fitted.frame, fitted.series
-    (constant, sigma), known = fitted.constant_difference_deg, bool(np.isfinite(frame.offset_sigma_deg))
-    stated = {name: getattr(clock, field) for name, field in CLOCK.items()}
-    return {
-        "offset_deg": fitted.offset_deg,
-        "offset_sigma_deg": float(np.sqrt(series.covariance[0, 0])),
-        "offset_sampling_sigma_deg": float(np.sqrt(series.sampling[0, 0])),
-        "offset_from_tilts_deg": frame.offset_deg if known else None,
-        "offset_from_tilts_sigma_deg": frame.offset_sigma_deg if known else None,
-        "constant_difference_deg": constant if known else None,
-        "constant_difference_sigma_deg": sigma if known else None,
-        "clock": {name: list(x) if isinstance(x, tuple) else x for name, x in stated.items()},
-        "frame": {
-            "verdict": frame.verdict,
-            "text": frame.text,
-            "residual_rms_deg": frame.rms_deg,
-            "tilt_variation_deg": frame.variation_deg,
-            "rotation": frame.rotation.tolist(),
-        },
-        "terms": series.terms,
-        "refused": series.refused,
-        "variance_inflation": {str(k): v.tolist() for k, v in series.inflation.items()},
-        "covered": frames.stretches_deg(series.covered),
-        "turns": float(np.ptp(np.cumsum(angles.difference(pairs.recorded_a[1:], pairs.recorded_a[:-1]))) / 360.0),
-        "n_effective": series.n_effective,
-        "stretches": series.stretches,
-        "spikes": int(np.sum(~series.used)),
-        "cannot_tell": list(AMBIGUITY),
-    }
-
-
-def _points(fitted: _FittedHeads) -> dict[str, Floats]:
-    pairs, difference = fitted.pairs, fitted.difference_deg
+def _make_calibration(
+    pairs: PairedHeads,
+    clock: ClockDifference,
+    frame: Frame,
+    offset_deg: float,
+    difference_deg: Floats,
+    series: HeadingDifference,
+    warnings: tuple[str, ...],
+) -> Calibration:
+    """Compose the result of a rigid rotation by an offset and the series fitted to the difference that remains."""
     pitch_a, roll_a = motion.tilt_angles(pairs.lean_a)
     pitch_b, roll_b = motion.tilt_angles(pairs.lean_b)
-    return {
+    points = {
         "time_s": pairs.time_s,
         "recorded_a_deg": pairs.recorded_a,
-        "recorded_b_deg": pairs.recorded_b,
-        "simulated_b_deg": angles.wrap360(pairs.recorded_b + difference),
-        "deviation_deg": difference,
-        "offset_deg": fitted.offset_deg - difference,
-        "residual_deg": fitted.series.residual_deg,
-        "kept": fitted.series.used.astype(float),
+        "recorded_deg": pairs.recorded_b,
+        "simulated_b_deg": angles.wrap360(pairs.recorded_b + difference_deg),
+        "deviation_deg": difference_deg,
+        "offset_deg": offset_deg - difference_deg,
+        "residual_deg": series.residual_deg,
+        "kept": series.used.astype(float),
         "pitch_a_deg": pitch_a,
         "roll_a_deg": roll_a,
         "pitch_b_deg": pitch_b,
         "roll_b_deg": roll_b,
-        "tilt_residual_deg": fitted.frame.residual_deg,
+        "tilt_residual_deg": frame.residual_deg,
         "turn_rate_deg_s": pairs.rate_deg_s,
     }
+    spikes, rms, coverage = (
+        int(np.sum(~series.used)),
+        angles.rms(series.residual_deg[series.used]),
+        int(series.covered.sum()),
+    )
+    warnings += (*AMBIGUITY, *_warnings(pairs, clock, frame, series, spikes))
+    if rms > UNRELATED_DEG:
+        why = (
+            f"b's headings do not follow a's ({rms:.0f}° rms about any constant turn): these heads do not stand on one "
+            "frame, or their clocks are farther apart than max_clock_seconds"
+        )
+        return replace(_refused(len(pairs), why, warnings, coverage), points=points)
+    # Refused terms are NaN; A is 0 by definition.
+    coefficients, covariance = np.full(5, np.nan), np.full((5, 5), np.nan)
+    coefficients[: series.terms] = series.coefficients
+    coefficients[0] = 0.0
+    covariance[: series.terms, : series.terms] = series.covariance
+    stated = {name: getattr(clock, field) for name, field in CLOCK.items()}
+    return Calibration(
+        kind=KIND,
+        model=f"rigid turn, then series in b's recorded heading: {frames.TERM_NAMES[series.terms]}",
+        n=int(series.used.sum()),
+        coverage=coverage,
+        coefficients=coefficients if series.terms > 1 else np.zeros(0),
+        covariance=covariance if series.terms > 1 else np.zeros(0),
+        residual_rms_deg=rms,
+        sources=_sources(pairs, clock, frame, series, rms),
+        table=frames.deviation_table(series, np.arange(0.0, 360.0, 10.0)),
+        points=points,
+        details={
+            "offset_deg": offset_deg,
+            "offset_sigma_deg": float(np.sqrt(series.covariance[0, 0])),
+            "clock": {name: list(x) if isinstance(x, tuple) else x for name, x in stated.items()},
+            "frame": {
+                "verdict": frame.verdict,
+                "text": frame.text,
+                "residual_rms_deg": frame.rms_deg,
+                "rotation": frame.rotation.tolist(),
+            },
+            "terms": series.terms,
+            "refused": series.refused,
+            "covered": frames.stretches_deg(series.covered),
+            "n_effective": series.n_effective,
+            "stretches": series.stretches,
+            "spikes": spikes,
+            "cannot_tell": list(AMBIGUITY),
+        },
+        why="" if series.terms > 1 else series.refused,
+        warnings=warnings,
+    )
 
 
-def _sources(fitted: _FittedHeads) -> tuple[Source, ...]:
-    pairs, series = fitted.pairs, fitted.series
+def _sources(
+    pairs: PairedHeads, clock: ClockDifference, frame: Frame, series: HeadingDifference, scatter_deg: float
+) -> tuple[Source, ...]:
     table_sigma = frames.deviation_table(series, pairs.recorded_b).sigma_deg
     sampling = float(np.sqrt(max(float(np.nanmean(table_sigma**2)) - series.structure_deg**2, 0.0)))
-    by_clock = float(abs(np.mean(motion.heading_error_deg(fitted.clock, pairs.rate_deg_s))))
+    by_clock = float(abs(np.mean(clock.heading_error_deg(pairs.rate_deg_s))))
     lever = float(np.sqrt(np.mean(np.abs(np.tan(np.abs(pairs.lean_a))) ** 2)))
-    scatter = angles.rms(series.residual_deg[series.used])
     how = f"jackknife over {series.stretches} stretches, the clocks' part below included"
     if series.refused:
         how += f"; refused terms assumed {frames.ALLOWANCE_DEG.tolist()}° (B, C, D, E)"
     return (
         Source("fit", sampling, how),
         Source("structure", series.structure_deg, "rms by sectors of 10° of what the series leaves, beyond noise"),
-        Source("one reading", scatter, "scatter of single differences, both compasses"),
+        Source("one reading", scatter_deg, "scatter of single differences, both compasses"),
         Source("clocks", by_clock, "standard uncertainty of the offset times the mean rate of turn"),
-        Source("tilts", lever * fitted.frame.rms_deg, "what is left of the tilts, times the tangent of the tilt"),
+        Source("tilts", lever * frame.rms_deg, "what is left of the tilts, times the tangent of the tilt"),
         Source("resolution", 0.01 / np.sqrt(12.0), "PD0 headings count hundredths of a degree: uniform"),
     )
 
 
 def _warnings(
-    fitted: _FittedHeads, *, sigmas: float = 2.0, min_constant_deg: float = 1.0, max_interval_s: float = 600.0
-) -> tuple[str, ...]:
-    frame, series = fitted.frame, fitted.series
-    warnings = [*AMBIGUITY]
-    if series.refused:
-        warnings += [
-            series.refused,
-            "a refused term is not zero: its possible leakage into the fitted terms and into offset_deg is included in "
-            "their uncertainty, with assumed standard deviations of 5° (B, C) and 2° (D, E)",
-        ]
-    if series.terms == 1:
-        where = frames.stretches_deg(series.covered)
-        warnings.append(f"offset_deg is the mean difference over {where}; elsewhere the difference may differ")
-    if frame.verdict != "rigid":
-        warnings.append(frame.text)
-    apart, sigma = fitted.constant_difference_deg
-    if np.isfinite(sigma) and abs(apart) >= max(sigmas * sigma, min_constant_deg):
-        warnings.append(
-            f"the tilts turn b by {frame.offset_deg:.1f}° ± {frame.offset_sigma_deg:.1f}° against a, the headings by "
-            f"{fitted.offset_deg:.1f}°: the constants of the compasses differ by {apart:+.1f}° ± {sigma:.1f}°, or the "
-            "tilt sensors are turned in their housings"
-        )
-    pairs, clock, spikes = fitted.pairs, fitted.clock, int(np.sum(~series.used))
+    pairs: PairedHeads,
+    clock: ClockDifference,
+    frame: Frame,
+    series: HeadingDifference,
+    spikes: int,
+    *,
+    max_interval_s: float = 600.0,
+) -> list[str]:
     gain = f"{clock.drift_s_per_day:+.2f} ± {clock.drift_sigma_s_per_day:.2f} s a day"
-    sentences = {
-        f"b's clock gains {gain} on a's; this is corrected": clock.drift_applied,
-        f"the differences are autocorrelated: effective sample size {series.n_effective:.0f} of {len(pairs)}; the "
-        f"uncertainty rests on {series.stretches} blocks": series.stretches == motion.MIN_STRETCHES,
-        f"{spikes} of {len(pairs)} differences are spikes and excluded": spikes > 0,
-        "the heads sample too rarely to resolve a clock error of seconds": motion.step(pairs.time_s) > max_interval_s,
-    }
-    warnings += applicable(sentences)
-    return tuple(warnings)
+    where = frames.stretches_deg(series.covered)
+    return applicable(
+        {
+            series.refused: series.refused,
+            "a refused term is not zero: its possible leakage into the fitted terms and into offset_deg is included in "
+            "their uncertainty, with assumed standard deviations of 5° (B, C) and 2° (D, E)": series.refused,
+            f"offset_deg is the mean difference over {where}; elsewhere the difference may differ": series.terms == 1,
+            frame.text: frame.verdict != "rigid",
+            f"b's clock gains {gain} on a's; this is corrected": clock.drift_applied,
+            f"the differences are autocorrelated: effective sample size {series.n_effective:.0f} of {len(pairs)}; the "
+            f"uncertainty rests on {series.stretches} blocks": series.stretches == frames.MIN_STRETCHES,
+            f"{spikes} of {len(pairs)} differences are spikes and excluded": spikes > 0,
+            "the heads sample too rarely to resolve a clock error of seconds": (
+                motion.step(pairs.time_s) > max_interval_s
+            ),
+        }
+    )

@@ -1,10 +1,10 @@
 """Frame of two heads from their tilts alone, and the difference of their headings as a series.
 
 The downward vectors in the bodies of b and a are related by a constant rotation, v_b = R v_a. The rotation is fitted by
-Procrustes' method (Kabsch, Acta Cryst. A32, 922, 1976), with equal noise in both heads. Its angle about the vertical is
-the mounting angle, determined without compasses. Both orientations use the same body axes forward, starboard, down
-(physics page, section 8), so that upward-looking heads need no special treatment; a mirrored fit reveals a roll with
-reversed sign. A lean is the downward vector in a head's body, forward + i starboard (``motion.lean``).
+Procrustes' method (Kabsch, Acta Cryst. A32, 922, 1976), with equal noise in both heads. Both orientations use the same
+body axes forward, starboard, down (physics page, section 8), so that upward-looking heads need no special treatment; a
+mirrored fit reveals a roll with reversed sign. A lean is the downward vector in a head's body, forward + i starboard
+(``motion.lean``).
 
 The difference of the headings is a series in b's recorded heading with as many terms as the headings determine: Smith's
 (von Appen 2015, eq. 1; Moncunill Marimón et al. 2023, eq. 1), constant, semicircular, quadrantal. Its covariance is a
@@ -16,18 +16,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib import angles, compass
 from compasslib.angles import SECTOR_DEG, SECTORS
 from compasslib.calibrations.result import DeviationTable
-from compasslib.calibrations.two_heads.motion import STRETCHES, down, independent, tilt_angles
+from compasslib.calibrations.two_heads.motion import STRETCHES, down, tilt_angles
 from compasslib.deviation.series import series_design
 from compasslib.statistics.least_squares import robust_width
 from compasslib.statistics.noise import effective_sample_size
-from compasslib.statistics.resampling import block_jackknife, blocks_by_count
+from compasslib.statistics.resampling import block_jackknife, blocks_by_count, student_factor
 from compasslib.types import Bools, Complexes, Floats
 
+MIN_STRETCHES = 5  # blocks of a record, from whose scatter uncertainties follow
 TERM_NAMES = {5: "A, B, C, D, E", 3: "A, B, C", 1: "A"}  # terms of the series by their number
 # Largest variance inflation of a coefficient, which is 1 at full coverage. With 10, three terms need about 160 degrees
 # and five about 230.
@@ -44,17 +44,31 @@ class Frame:
 
     rotation: Floats  # (3, 3) from a's body to b's
     residual_deg: Floats  # (n,) angle between the downward vectors of b and of a after the rotation
-    offset_deg: float  # of b's forward axis clockwise from a's, from the tilts
-    offset_sigma_deg: float  # NaN if the tilts do not determine the offset
     rms_deg: float
-    variation_deg: float  # rms of a's tilt about its mean
     verdict: str  # rigid | doubtful | not rigid | mirrored | not testable
     text: str
 
 
-def fit_frame(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
-    """Fit the constant rotation that best maps a's tilts to b's."""
-    rotation = _rotation(down(lean_b).T @ down(lean_a))
+def fit_frame(
+    time_s: Floats,
+    lean_a: Complexes,
+    lean_b: Complexes,
+    *,
+    rigid_deg: float = 0.5,
+    max_rms_deg: float = 1.5,
+    min_variation_deg: float = 0.3,
+    min_correlation: float = 0.5,
+) -> Frame:
+    """Fit the constant rotation that best maps a's tilts to b's, and decide whether both heads are on one rigid frame.
+
+    Args:
+        rigid_deg: rms difference of two inclinometers according to their makers.
+        max_rms_deg: exceeds the rms difference of any two inclinometers on one frame.
+        min_variation_deg: least rms variation of a's tilts that determines a rotation.
+        min_correlation: correlation of the tilts below which b does not follow a.
+    """
+    left, _, right = np.linalg.svd(down(lean_b).T @ down(lean_a))
+    rotation = np.asarray(left * [1.0, 1.0, np.sign(np.linalg.det(left @ right))] @ right)
     chord = np.linalg.norm(down(lean_a) @ rotation.T - down(lean_b), axis=1)
     residual = 2.0 * np.arcsin(np.minimum(chord / 2.0, 1.0)) / angles.DEGREE
     a, b = lean_a - lean_a.mean(), lean_b - lean_b.mean()
@@ -62,15 +76,31 @@ def fit_frame(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
     # Correlations of b's tilts with a's, and with a's mirrored, up to a rotation.
     proper, mirrored = float(abs(np.sum(np.conj(a) * b))) / scale, float(abs(np.sum(a * b))) / scale
     variation, rms = float(np.sqrt(np.mean(np.abs(a) ** 2))) / angles.DEGREE, float(np.sqrt(np.mean(residual**2)))
-    verdict, text = _verdict(rms, variation, proper, mirrored, residual, blocks_by_count(time_s, STRETCHES))
-    determined = verdict in ("rigid", "doubtful")
-    sigma = _twist_sigma(time_s, lean_a, lean_b, rotation) if determined else float("nan")
-    return Frame(rotation, residual, twist(rotation), sigma, rms, variation, verdict, text)
-
-
-def twist(rotation: Floats) -> float:
-    """Compute the clockwise angle from a's to b's forward axis, degrees, for a rotation (3, 3) on an upright frame."""
-    return float(angles.wrap180(angles.direction(rotation[0, 1], rotation[0, 0])))
+    stretch = blocks_by_count(time_s, STRETCHES)
+    worst = max(float(np.sqrt(np.mean(residual[stretch == k] ** 2))) for k in np.unique(stretch))
+    mapped = (
+        f"One rotation maps a's tilts to b's; residual {rms:.2f}° of {variation:.2f}° rms (worst block {worst:.2f}°)"
+    )
+    if variation < min_variation_deg:
+        verdict = "not testable"
+        text = f"The tilts vary by {variation:.2f}° rms only, too little to test whether the frame is rigid."
+    elif mirrored >= min_correlation and mirrored > proper + 0.2:
+        verdict = "mirrored"
+        text = (
+            "The tilts of b are those of a mirrored: one head counts its roll the other way, or its orientation (up or "
+            "down) is wrong."
+        )
+    elif proper < min_correlation or rms > max_rms_deg:
+        verdict = "not rigid"
+        text = (
+            f"The tilts of b are not those of a by one rotation (residual {rms:.2f}° of {variation:.2f}° rms, "
+            f"correlation {proper:.2f}): the heads are not on one rigid frame, or a tilt sensor is broken."
+        )
+    elif rms <= rigid_deg and worst <= max_rms_deg:
+        verdict, text = "rigid", f"{mapped}: the frame is rigid within the accuracy of inclinometers."
+    else:
+        verdict, text = "doubtful", f"{mapped}: larger than the difference of two good inclinometers."
+    return Frame(rotation, residual, rms, verdict, text)
 
 
 def upright(offset_deg: float, lean_a: Complexes, lean_b: Complexes) -> Floats:
@@ -84,7 +114,7 @@ def upright(offset_deg: float, lean_a: Complexes, lean_b: Complexes) -> Floats:
         cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         least = np.eye(3) + cross + cross @ cross / (1.0 + vertical_a @ vertical_b)  # Rodrigues
         rotation = np.asarray(least) @ turned
-        turn += float(angles.difference(offset_deg, twist(rotation)))
+        turn += float(angles.difference(offset_deg, angles.direction(rotation[0, 1], rotation[0, 0])))
     return rotation
 
 
@@ -96,67 +126,6 @@ def turned_heading(heading_a_deg: Floats, lean_a: Complexes, rotation: Floats) -
     """
     level = compass.levelling(*tilt_angles(lean_a)) @ rotation[0]
     return angles.wrap360(heading_a_deg + angles.direction(level[:, 1], level[:, 0]))
-
-
-def _twist_sigma(time_s: Floats, lean_a: Complexes, lean_b: Complexes, rotation: Floats) -> float:
-    """Estimate the standard deviation of the angle about the vertical by a jackknife over blocks of the record."""
-    a, b = down(lean_a), down(lean_b)
-    back = (b @ rotation)[:, :2] @ np.array([1.0, 1.0j])
-    aside = np.imag(np.conj(lean_a - lean_a.mean()) * (back - lean_a))
-    count, widened = independent(effective_sample_size(aside - aside.mean(), time_s))
-    stretch = blocks_by_count(time_s, count)
-    parts = [b[stretch == k].T @ a[stretch == k] for k in np.unique(stretch)]
-    whole = np.sum(parts, axis=0)
-    away = angles.difference([twist(_rotation(whole - part)) for part in parts], twist(rotation))
-    return float(np.sqrt(np.sum((away - away.mean()) ** 2) * (len(parts) - 1) / len(parts) * widened))
-
-
-def _rotation(moment: Floats) -> Floats:
-    left, _, right = np.linalg.svd(moment)
-    sign = np.sign(np.linalg.det(left @ right))
-    return np.asarray(left * [1.0, 1.0, sign] @ right)
-
-
-def _verdict(
-    rms: float,
-    variation: float,
-    proper: float,
-    mirrored: float,
-    residual: Floats,
-    stretch: NDArray[np.intp],
-    *,
-    rigid_deg: float = 0.5,
-    max_rms_deg: float = 1.5,
-    min_variation_deg: float = 0.3,
-    min_correlation: float = 0.5,
-) -> tuple[str, str]:
-    """Decide whether both heads are on one rigid frame, from rms differences and correlations of their tilts.
-
-    Args:
-        rigid_deg: rms difference of two inclinometers according to their makers.
-        max_rms_deg: exceeds the rms difference of any two inclinometers on one frame.
-        min_variation_deg: least variation of tilts that determines a rotation.
-        min_correlation: correlation of the tilts below which b does not follow a.
-    """
-    if variation < min_variation_deg:
-        shown = f"The tilts vary by {variation:.2f}° rms only"
-        return "not testable", f"{shown}, too little to test whether the frame is rigid."
-    if mirrored >= min_correlation and mirrored > proper + 0.2:
-        return "mirrored", (
-            "The tilts of b are those of a mirrored: one head counts its roll the other way, or its orientation (up or "
-            "down) is wrong. No mounting angle is derived from them."
-        )
-    if proper < min_correlation or rms > max_rms_deg:
-        return "not rigid", (
-            f"The tilts of b are not those of a by one rotation (residual {rms:.2f}° of {variation:.2f}° rms, "
-            f"correlation {proper:.2f}): the heads are not on one rigid frame, or a tilt sensor is broken."
-        )
-    worst = max(float(np.sqrt(np.mean(residual[stretch == k] ** 2))) for k in np.unique(stretch))
-    left = f"residual {rms:.2f}° of {variation:.2f}° rms (worst block {worst:.2f}°)"
-    rotation = f"One rotation maps a's tilts to b's; {left}"
-    if rms <= rigid_deg and worst <= max_rms_deg:
-        return "rigid", rotation + ": the frame is rigid within the accuracy of inclinometers."
-    return "doubtful", rotation + ": larger than the difference of two good inclinometers."
 
 
 @dataclass(frozen=True)
@@ -174,27 +143,45 @@ class HeadingDifference:
     n_effective: float
     stretches: int
     covered: Bools  # (36,) sectors of b's recorded heading
-    inflation: dict[int, Floats]  # number of terms -> variance inflation of each, 1 at full coverage
     refused: str  # which terms were refused and why; empty if none
 
 
 def fit_difference(
-    time_s: Floats, recorded_deg: Floats, difference_deg: Floats, rate_sigma_deg: Floats
+    time_s: Floats,
+    recorded_deg: Floats,
+    difference_deg: Floats,
+    rate_sigma_deg: Floats,
+    *,
+    clip_sigmas: float = 5.0,
+    max_stretches: int = 16,
+    samples_in_stretch: float = 40.0,
 ) -> HeadingDifference:
-    """Fit the largest series that the covered headings determine, with its covariance.
+    """Fit the largest series that the covered headings determine, without spikes, with its covariance.
 
     Args:
         difference_deg: b's heading simulated from a's minus the recorded one, in [-180, 180) about a small mean, (n,).
         rate_sigma_deg: change of each difference by one standard deviation of the clock offset, (n,).
+        clip_sigmas: limit beyond which a difference is a spike.
+        max_stretches, samples_in_stretch: most blocks of a record, and independent samples in each.
     """
     covered = covered_sectors(recorded_deg)
     inflation = {k: variance_inflation(covered, k) for k in TERM_NAMES}
-    terms = next((k for k in TERM_NAMES if inflation[k].max() <= MAX_INFLATION), 1)
+    terms = next((k for k in TERM_NAMES if inflation[k] <= MAX_INFLATION), 1)
     columns, others = np.split(series_design(recorded_deg), [terms], axis=1)
-    coefficients, used = _fit_without_spikes(columns, difference_deg)
-    residual = difference_deg - columns @ coefficients
+    used = np.ones(len(difference_deg), dtype=bool)
+    for _ in range(5):
+        coefficients = np.linalg.lstsq(columns[used], difference_deg[used], rcond=None)[0]
+        residual = difference_deg - columns @ coefficients
+        now = np.abs(residual) <= clip_sigmas * max(robust_width(residual), 0.01)
+        if (now == used).all():
+            break
+        used = now
     effective = effective_sample_size(residual[used], time_s[used])
-    count, widened = independent(effective)
+    # Neighbouring blocks are correlated across their border: blocks of m independent samples show 1 - 1/(2m) of the
+    # variance of long ones (first-order autoregression). Few blocks require Student's t instead of a normal
+    # distribution.
+    count = int(np.clip(effective / samples_in_stretch, MIN_STRETCHES, max_stretches))
+    widened = student_factor(count - 1) ** 2 / (1.0 - 0.5 / max(effective / count, 1.0))
     rows, pulls = columns[used], columns[used] * residual[used][:, None]
     covariance = block_jackknife(rows, pulls, blocks_by_count(time_s, count)[used], rows.T @ rows) * widened
     solver = np.linalg.pinv(columns[used])
@@ -218,8 +205,7 @@ def fit_difference(
         n_effective=effective,
         stretches=count,
         covered=covered,
-        inflation=inflation,
-        refused=_describe_refusal(terms, covered, inflation),
+        refused="" if terms == max(TERM_NAMES) else _describe_refusal(terms, covered, inflation),
     )
 
 
@@ -229,16 +215,26 @@ def covered_sectors(recorded_deg: Floats) -> Bools:
     return np.asarray(count >= max(MIN_IN_SECTOR, 0.001 * len(recorded_deg)))
 
 
-def variance_inflation(covered: Bools, terms: int) -> Floats:
-    """Compute the variance inflation of each coefficient relative to a fit of it alone, from the information matrix.
+def variance_inflation(covered: Bools, terms: int) -> float:
+    """Compute the largest variance inflation of a coefficient relative to a fit of it alone.
 
     All covered sectors have equal weight: many samples at one heading do not help.
     """
     if covered.sum() < terms:
-        return np.full(terms, np.inf)
+        return float("inf")
     columns = series_design(SECTOR_DEG * (np.flatnonzero(covered) + 0.5))[:, :terms]
     information = columns.T @ columns
-    return np.asarray(np.diag(information) * np.diag(np.linalg.pinv(information, rcond=1e-12)))
+    return float(np.max(np.diag(information) * np.diag(np.linalg.pinv(information, rcond=1e-12))))
+
+
+def _describe_refusal(terms: int, covered: Bools, inflation: dict[int, float]) -> str:
+    times = {k: f"{w:.0f} times" if w < 1e4 else "more than 10,000 times" for k, w in inflation.items()}
+    where = f"the headings cover {int(covered.sum())} of {SECTORS} sectors ({stretches_deg(covered)})"
+    five = f"a fit of {TERM_NAMES[5]} would make a coefficient's variance {times[5]} that of the full circle"
+    limit = f"{MAX_INFLATION:.0f} times is allowed"
+    if terms == 3:
+        return f"D and E are refused: {where}; {five}, {limit}"
+    return f"B, C, D and E are refused: {where}; {five} and one of {TERM_NAMES[3]} {times[3]}, {limit}"
 
 
 def deviation_table(series: HeadingDifference, heading_deg: Floats, *, reach_deg: float = 10.0) -> DeviationTable:
@@ -254,11 +250,11 @@ def deviation_table(series: HeadingDifference, heading_deg: Floats, *, reach_deg
     left = np.maximum(np.sum(unseen**2, axis=1), series.structure_deg**2)
     sigma = np.sqrt(np.einsum("ni,ij,nj->n", columns, series.sampling, columns) + left)
     deviation = columns[:, 1:] @ series.coefficients[1:]
-    known: Bools = np.full(heading_deg.shape, True)  # with all terms; otherwise near covered sectors
-    if series.terms != max(TERM_NAMES):
-        centres = SECTOR_DEG * (np.flatnonzero(series.covered) + 0.5)
-        away = np.abs(angles.difference(heading_deg[:, None], centres))
-        known = np.asarray((away <= SECTOR_DEG / 2.0 + reach_deg).any(axis=1))
+    if series.terms == max(TERM_NAMES):
+        return DeviationTable(heading_deg, deviation, sigma)
+    centres = SECTOR_DEG * (np.flatnonzero(series.covered) + 0.5)
+    away = np.abs(angles.difference(heading_deg[:, None], centres))
+    known = (away <= SECTOR_DEG / 2.0 + reach_deg).any(axis=1)
     return DeviationTable(heading_deg, np.where(known, deviation, np.nan), np.where(known, sigma, np.nan))
 
 
@@ -269,34 +265,3 @@ def stretches_deg(covered: Bools) -> str:
     begins = np.flatnonzero(covered & ~np.roll(covered, 1))
     ends = [next(k for k in range(b, b + SECTORS + 1) if not covered[k - SECTORS * (k >= SECTORS)]) for b in begins]
     return ", ".join(f"{10 * b}° to {10 * (e - SECTORS * (e > SECTORS))}°" for b, e in zip(begins, ends, strict=True))
-
-
-def _fit_without_spikes(columns: Floats, difference: Floats, *, clip_sigmas: float = 5.0) -> tuple[Floats, Bools]:
-    """Fit least squares with iterative rejection of spikes; give the coefficients and the mask of used differences.
-
-    Args:
-        clip_sigmas: limit beyond which a difference is a spike.
-    """
-    used = np.ones(len(difference), dtype=bool)
-    for _ in range(5):
-        coefficients = np.linalg.lstsq(columns[used], difference[used], rcond=None)[0]
-        residual = np.abs(difference - columns @ coefficients)
-        now = residual <= clip_sigmas * max(robust_width(residual), 0.01)
-        if (now == used).all():
-            break
-        used = now
-    return coefficients, used
-
-
-def _describe_refusal(terms: int, covered: Bools, inflation: dict[int, Floats]) -> str:
-    if terms == max(TERM_NAMES):
-        return ""
-    worst = {k: float(inflation[k].max()) for k in TERM_NAMES}
-    times = {k: f"{w:.0f} times" if w < 1e4 else "more than 10,000 times" for k, w in worst.items()}
-    where = f"the headings cover {int(covered.sum())} of {SECTORS} sectors ({stretches_deg(covered)})"
-    five = f"a fit of {TERM_NAMES[5]} would make a coefficient's variance {times[5]} that of the full circle"
-    limit = f"{MAX_INFLATION:.0f} times is allowed"
-    if terms == 3:
-        return f"D and E are refused: {where}; {five}, {limit}"
-    three = f"one of {TERM_NAMES[3]} {times[3]}"
-    return f"B, C, D and E are refused: {where}; {five} and {three}, {limit}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.calibrations.observatory import DAY_S
 from compasslib.records import BAD, Record
 from compasslib.statistics.resampling import blocks_by_count, student_factor
-from compasslib.types import Complexes, Floats
+from compasslib.types import DAY_S, Complexes, Floats
 
-MIN_STRETCHES = 5  # blocks of a record, from whose scatter uncertainties follow
 GAP_STEPS = 3.0  # longest gap that is interpolated, in sampling intervals
+STRETCHES = 30
+RESOLUTION_S = 0.01 / np.sqrt(12.0)  # PD0 clocks count hundredths of a second
+UNKNOWN = (float("nan"), float("nan"))
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,10 @@ class GapSpline:
         left = np.clip(left, 0, len(self.time_s) - 2)
         whole = self.time_s[left + 1] - self.time_s[left] <= GAP_STEPS * step(self.time_s)
         there = inside & (whole | (time_s == self.time_s[left]))
-        value = self._spline(time_s - self.time_s[0], derivative)
-        return np.where(there, value, np.nan)
+        return np.where(there, self._spline(time_s - self.time_s[0], derivative), np.nan)
+
+
+Rates = tuple[GapSpline, GapSpline]  # of a quantity measured by both heads: of a, of b
 
 
 @dataclass(frozen=True)
@@ -65,12 +68,18 @@ class Motion:
     @cached_property
     def turn_rate(self) -> GapSpline:
         """Spline of the rate of turn between samples, degrees per second."""
-        return _rate(self.time_s, self.heading_deg)
+        return self._rate(self.heading_deg)
 
     @cached_property
     def lean_rate(self) -> GapSpline:
         """Spline of the rate of tilt between samples, degrees per second."""
-        return _rate(self.time_s, self.lean / angles.DEGREE)
+        return self._rate(self.lean / angles.DEGREE)
+
+    def _rate(self, values: NDArray) -> GapSpline:
+        interval = np.diff(self.time_s)
+        near = interval <= GAP_STEPS * step(self.time_s)
+        middle = (self.time_s[1:] + self.time_s[:-1]) / 2.0
+        return GapSpline(middle[near], (np.diff(values) / interval)[near])
 
 
 @dataclass(frozen=True)
@@ -86,6 +95,33 @@ class PairedHeads:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+
+@dataclass(frozen=True)
+class ClockDifference:
+    """Clock of b minus clock of a at the middle of the record, and its drift."""
+
+    offset_s: float = 0.0
+    sigma_s: float = float("nan")
+    drift_s_per_day: float = 0.0
+    drift_sigma_s_per_day: float = float("nan")
+    drift_applied: bool = False
+    middle_s: float = 0.0  # by b's clock
+    tilt_correlation: float = 0.0  # of the rates, at the offset
+    heading_correlation: float = 0.0
+    from_tilts_s: tuple[float, float] = UNKNOWN  # offset and standard deviation
+    from_headings_s: tuple[float, float] = UNKNOWN
+    determined: bool = False
+    warnings: tuple[str, ...] = ()
+
+    def by_a(self, time_s: Floats) -> Floats:
+        """Convert times of b's clock to a's clock, (n,)."""
+        drift = self.drift_s_per_day / DAY_S if self.drift_applied else 0.0
+        return time_s - self.offset_s - drift * (time_s - self.middle_s)
+
+    def heading_error_deg(self, rate_deg_s: Floats) -> Floats:
+        """Compute the error of heading differences due to one standard deviation of the offset, (n,) degrees."""
+        return rate_deg_s * (self.sigma_s if np.isfinite(self.sigma_s) else 0.0)
 
 
 def step(time_s: Floats) -> float:
@@ -134,54 +170,6 @@ def tilt_angles(lean: Complexes) -> tuple[Floats, Floats]:
     return pitch, angles.wrap180(angles.direction(y, z))
 
 
-def independent(
-    effective: float, parameters: int = 1, *, max_stretches: int = 16, samples_in_stretch: float = 40.0
-) -> tuple[int, float]:
-    """Choose the number of blocks of a record, and the inflation of the variance between them.
-
-    Neighbouring blocks are correlated across their border: blocks of m independent samples show 1 - 1/(2m) of the
-    variance of long ones (first-order autoregression). Few blocks require Student's t instead of a normal distribution.
-    """
-    count = int(np.clip(effective / samples_in_stretch, MIN_STRETCHES, max_stretches))
-    shared = 1.0 - 0.5 / max(effective / count, 1.0)
-    return count, student_factor(count - parameters) ** 2 / shared
-
-
-def _rate(time_s: Floats, values: NDArray) -> GapSpline:
-    interval = np.diff(time_s)
-    near = interval <= GAP_STEPS * step(time_s)
-    return GapSpline(((time_s[1:] + time_s[:-1]) / 2.0)[near], (np.diff(values) / interval)[near])
-
-
-STRETCHES = 30
-RESOLUTION_S = 0.01 / np.sqrt(12.0)  # PD0 clocks count hundredths of a second
-UNKNOWN = (float("nan"), float("nan"))
-_Rates = tuple[GapSpline, GapSpline]  # of a quantity measured by both heads: of a, of b
-
-
-@dataclass(frozen=True)
-class ClockDifference:
-    """Clock of b minus clock of a at the middle of the record, and its drift."""
-
-    offset_s: float = 0.0
-    sigma_s: float = float("nan")
-    drift_s_per_day: float = 0.0
-    drift_sigma_s_per_day: float = float("nan")
-    drift_applied: bool = False
-    middle_s: float = 0.0  # by b's clock
-    tilt_correlation: float = 0.0  # of the rates, at the offset
-    heading_correlation: float = 0.0
-    from_tilts_s: tuple[float, float] = UNKNOWN  # offset and standard deviation
-    from_headings_s: tuple[float, float] = UNKNOWN
-    determined: bool = False
-    warnings: tuple[str, ...] = ()
-
-    def by_a(self, time_s: Floats) -> Floats:
-        """Convert times of b's clock to a's clock, (n,)."""
-        drift = self.drift_s_per_day / DAY_S if self.drift_applied else 0.0
-        return time_s - self.offset_s - drift * (time_s - self.middle_s)
-
-
 def estimate_clock_offset(
     a: Motion,
     b: Motion,
@@ -190,125 +178,56 @@ def estimate_clock_offset(
     min_correlation: float = 0.3,
     disagree_sigmas: float = 4.0,
     disagree_s: float = 0.02,
+    drift_sigmas: float = 3.0,
 ) -> ClockDifference:
     """Estimate the offset of b's clock from a's, with drift; not ``determined`` if the motions are uncorrelated.
 
     Args:
         min_correlation: of rates by which clocks can be compared; 5 / sqrt(n) for short records.
         disagree_sigmas, disagree_s: limits beyond which tilts and headings have different lags.
+        drift_sigmas: less significant drifts are reported but not applied.
     """
     needed = max(min_correlation, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
-    lag, correlation = _lattice_peak(a, b, max_offset_s)
+    lag, tilts, headings = _lattice_peak(a, b, max_offset_s)
     middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
-    correlations: dict[str, Any] = {f"{name[:-1]}_correlation": value for name, value in correlation.items()}
-    rates = {"tilts": (a.lean_rate, b.lean_rate), "headings": (a.turn_rate, b.turn_rate)}
-    use = {name: pair for name, pair in rates.items() if correlation[name] >= needed}
-    if not use:
+    clock = ClockDifference(middle_s=middle, tilt_correlation=tilts, heading_correlation=headings)
+    used = [(a.lean_rate, b.lean_rate)] if tilts >= needed else []
+    used += [(a.turn_rate, b.turn_rate)] if headings >= needed else []
+    if not used:
         warning = "tilts and headings of the two heads hardly change together: the clocks are used uncorrected"
-        return ClockDifference(middle_s=middle, warnings=(warning,), **correlations)
-    alone = {name: _offset(*_solve_lag(pair, np.array([lag]), middle)) for name, pair in use.items()}
-    used = list(use.values())
+        return replace(clock, warnings=(warning,))
+    alone = [_offset(*_solve_lag(rates, np.array([lag]), middle)) for rates in used]
+    by_tilts = alone[0] if tilts >= needed else UNKNOWN
+    by_headings = alone[-1] if headings >= needed else UNKNOWN
     warnings: tuple[str, ...] = ()
-    if len(use) == 2:
-        (tilts, tilts_sigma), (headings, headings_sigma) = alone["tilts"], alone["headings"]
-        apart = abs(tilts - headings)
-        if apart > disagree_s and apart > disagree_sigmas * float(np.hypot(tilts_sigma, headings_sigma)):
-            used = [use["tilts"]]
-            warnings = (
-                f"b's clock differs from a's by {tilts:+.3f} s according to the tilts and by {headings:+.3f} s "
-                "according to the headings: one compass lags behind its tilt sensors; the tilts are used",
-            )
-    return ClockDifference(
-        **_offset_and_drift(used, lag, middle, float(np.ptp(b.time_s))),
-        middle_s=middle,
-        from_tilts_s=alone.get("tilts", UNKNOWN),
-        from_headings_s=alone.get("headings", UNKNOWN),
+    apart = abs(by_tilts[0] - by_headings[0])
+    if apart > disagree_s and apart > disagree_sigmas * float(np.hypot(by_tilts[1], by_headings[1])):
+        used = used[:1]
+        warnings = (
+            f"b's clock differs from a's by {by_tilts[0]:+.3f} s according to the tilts and by {by_headings[0]:+.3f} s "
+            "according to the headings: one compass lags behind its tilt sensors; the tilts are used",
+        )
+    value, covariance = _weighted_mean([_solve_lag(rates, np.array([lag]), middle) for rates in used])
+    both, both_covariance = _weighted_mean([_solve_lag(rates, np.array([value[0], 0.0]), middle) for rates in used])
+    drift, sigma = float(both[1]), float(np.sqrt(both_covariance[1, 1]))
+    applied = abs(drift) > drift_sigmas * sigma and abs(drift) * float(np.ptp(b.time_s)) > RESOLUTION_S
+    offset_s, sigma_s = _offset(both, both_covariance) if applied else _offset(value, covariance)
+    return replace(
+        clock,
+        offset_s=offset_s,
+        sigma_s=sigma_s,
+        drift_s_per_day=drift * DAY_S,
+        drift_sigma_s_per_day=sigma * DAY_S,
+        drift_applied=applied,
+        from_tilts_s=by_tilts,
+        from_headings_s=by_headings,
         determined=True,
         warnings=warnings,
-        **correlations,
     )
-
-
-def _offset_and_drift(
-    used: Sequence[_Rates], lag: float, middle_s: float, span_s: float, *, drift_sigmas: float = 3.0
-) -> dict[str, Any]:
-    """Estimate offset and drift as fields of ``ClockDifference``; insignificant drifts are reported but not applied.
-
-    Args:
-        drift_sigmas: less significant drifts are not applied.
-    """
-    value, covariance = _weighted_mean([_solve_lag(pair, np.array([lag]), middle_s) for pair in used])
-    both, both_covariance = _weighted_mean([_solve_lag(pair, np.array([value[0], 0.0]), middle_s) for pair in used])
-    drift, sigma = float(both[1]), float(np.sqrt(both_covariance[1, 1]))
-    applied = abs(drift) > drift_sigmas * sigma and abs(drift) * span_s > RESOLUTION_S
-    offset = _offset(both, both_covariance) if applied else _offset(value, covariance)
-    return {
-        "offset_s": offset[0],
-        "sigma_s": offset[1],
-        "drift_s_per_day": drift * DAY_S,
-        "drift_sigma_s_per_day": sigma * DAY_S,
-        "drift_applied": applied,
-    }
 
 
 def _offset(value: Floats, covariance: Floats) -> tuple[float, float]:
     return float(value[0]), float(np.sqrt(covariance[0, 0] + RESOLUTION_S**2))
-
-
-def _lattice_peak(
-    a: Motion,
-    b: Motion,
-    max_offset_s: float,
-    *,
-    min_gain_sigmas: float = 5.0,
-) -> tuple[float, dict[str, float]]:
-    """Find the lag at which the rates of tilts and headings correlate best, and both correlations there.
-
-    If the tilts alone correlate clearly better at another lag, that lag is used, because a compass may be delayed.
-
-    Args:
-        min_gain_sigmas: gain in Fisher's z required of the tilts at a lag of their own, in standard errors.
-    """
-    lattice = min(step(a.time_s), step(b.time_s))
-    begin = min(a.time_s[0], b.time_s[0])
-    end = max(a.time_s[-1], b.time_s[-1])
-    grid = np.arange(begin, end + lattice, lattice)
-    pairs = ((a.lean_rate, b.lean_rate), (a.turn_rate, b.turn_rate))
-    rates = ([_interpolate_rate(rate, grid) for rate in pair] for pair in pairs)
-    peaks = [_correlations(*pair) for pair in rates]
-    squares = peaks[0] ** 2 + peaks[1] ** 2
-    place = np.arange(len(grid))
-    lags = lattice * np.where(place > len(grid) // 2, place - len(grid), place)
-    reachable = np.abs(lags) <= max(max_offset_s, lattice / 2.0)
-    best = int(np.argmax(np.where(reachable, squares, -1.0)))
-    by_tilts = int(np.argmax(np.where(reachable, peaks[0], -1.0)))
-    clearer = np.arctanh(min(peaks[0][by_tilts], 0.999)) - np.arctanh(min(peaks[0][best], 0.999))
-    if abs(lags[by_tilts] - lags[best]) > 1.5 * lattice and clearer > min_gain_sigmas * np.sqrt(20.0 / len(b.time_s)):
-        best = by_tilts
-    return float(lags[best]), {"tilts": float(peaks[0][best]), "headings": float(peaks[1][best])}
-
-
-def _interpolate_rate(curve: GapSpline, grid: Floats) -> Complexes:
-    """Interpolate a rate to a regular grid, remove its mean, and fill gaps with zero."""
-    value = np.asarray(np.interp(grid, curve.time_s, curve.values), dtype=complex)
-    after = np.clip(np.searchsorted(curve.time_s, grid), 1, len(curve.time_s) - 1)
-    there = (grid >= curve.time_s[0]) & (grid <= curve.time_s[-1])
-    there &= curve.time_s[after] - curve.time_s[after - 1] <= 3.0 * step(curve.time_s)
-    apart = np.where(there, value - value[there].mean() if there.any() else 0.0, 0.0)
-    # A frame that turns steadily, or not at all, gives no signal to compare clocks by: only rounding errors remain.
-    steady = np.abs(apart).max(initial=0.0) <= 1e-6 * np.abs(value).max(initial=0.0)
-    return np.zeros_like(apart) if steady else apart
-
-
-def _correlations(first: Complexes, second: Complexes) -> Floats:
-    """Compute the modulus of the correlation at each lag, in FFT order, on a zero-padded grid."""
-    size = len(first)
-    product = np.conj(np.fft.fft(first, 2 * size)) * np.fft.fft(second, 2 * size)
-    whole = np.fft.ifft(product)
-    half = size // 2 + 1
-    lags = np.concatenate([whole[:half], whole[2 * size - (size - half) :]])
-    scale = float(np.sqrt(np.sum(np.abs(first) ** 2) * np.sum(np.abs(second) ** 2)))
-    return np.abs(lags) / max(scale, 1e-300)
 
 
 def _weighted_mean(solutions: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
@@ -319,7 +238,54 @@ def _weighted_mean(solutions: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, 
     return np.asarray(whole @ np.sum(parts, axis=0)), np.asarray(whole)
 
 
-def _solve_lag(rates: _Rates, start: Floats, middle_s: float) -> tuple[Floats, Floats]:
+def _lattice_peak(
+    a: Motion, b: Motion, max_offset_s: float, *, min_gain_sigmas: float = 5.0
+) -> tuple[float, float, float]:
+    """Find the lag at which the rates of tilts and headings correlate best, and both correlations there.
+
+    If the tilts alone correlate clearly better at another lag, that lag is used, because a compass may be delayed.
+
+    Args:
+        min_gain_sigmas: gain in Fisher's z required of the tilts at a lag of their own, in standard errors.
+    """
+    lattice = min(step(a.time_s), step(b.time_s))
+    end = max(a.time_s[-1], b.time_s[-1])
+    grid = np.arange(min(a.time_s[0], b.time_s[0]), end + lattice, lattice)
+    tilts, headings = (_correlations(*pair, grid) for pair in ((a.lean_rate, b.lean_rate), (a.turn_rate, b.turn_rate)))
+    place = np.arange(len(grid))
+    lags = lattice * np.where(place > len(grid) // 2, place - len(grid), place)
+    reachable = np.abs(lags) <= max(max_offset_s, lattice / 2.0)
+    best = int(np.argmax(np.where(reachable, tilts**2 + headings**2, -1.0)))
+    by_tilts = int(np.argmax(np.where(reachable, tilts, -1.0)))
+    clearer = np.arctanh(min(tilts[by_tilts], 0.999)) - np.arctanh(min(tilts[best], 0.999))
+    if abs(lags[by_tilts] - lags[best]) > 1.5 * lattice and clearer > min_gain_sigmas * np.sqrt(20.0 / len(b.time_s)):
+        best = by_tilts
+    return float(lags[best]), float(tilts[best]), float(headings[best])
+
+
+def _correlations(first: GapSpline, second: GapSpline, grid: Floats) -> Floats:
+    """Compute the modulus of the correlation of two rates on a grid at each lag, in FFT order, zero-padded."""
+    there, size = [_interpolate_rate(rate, grid) for rate in (first, second)], len(grid)
+    whole = np.fft.ifft(np.conj(np.fft.fft(there[0], 2 * size)) * np.fft.fft(there[1], 2 * size))
+    half = size // 2 + 1
+    lags = np.concatenate([whole[:half], whole[2 * size - (size - half) :]])
+    scale = float(np.sqrt(np.sum(np.abs(there[0]) ** 2) * np.sum(np.abs(there[1]) ** 2)))
+    return np.abs(lags) / max(scale, 1e-300)
+
+
+def _interpolate_rate(curve: GapSpline, grid: Floats) -> Complexes:
+    """Interpolate a rate to a regular grid, remove its mean, and fill gaps with zero."""
+    value = np.asarray(np.interp(grid, curve.time_s, curve.values), dtype=complex)
+    after = np.clip(np.searchsorted(curve.time_s, grid), 1, len(curve.time_s) - 1)
+    there = (grid >= curve.time_s[0]) & (grid <= curve.time_s[-1])
+    there &= curve.time_s[after] - curve.time_s[after - 1] <= GAP_STEPS * step(curve.time_s)
+    apart = np.where(there, value - value[there].mean() if there.any() else 0.0, 0.0)
+    # A frame that turns steadily, or not at all, gives no signal to compare clocks by: only rounding errors remain.
+    steady = np.abs(apart).max(initial=0.0) <= 1e-6 * np.abs(value).max(initial=0.0)
+    return np.zeros_like(apart) if steady else apart
+
+
+def _solve_lag(rates: Rates, start: Floats, middle_s: float) -> tuple[Floats, Floats]:
     """Solve for the offset (and drift, if ``start`` has two parameters) where the correlation's derivative vanishes."""
     solution, time_s = start, rates[1].time_s
     for _ in range(20):
@@ -336,24 +302,17 @@ def _solve_lag(rates: _Rates, start: Floats, middle_s: float) -> tuple[Floats, F
     return solution, inverse @ (parts.T @ parts) @ inverse * widened + floor
 
 
-def _gradient_sums(rates: _Rates, parameters: Floats, middle_s: float) -> tuple[Floats, Floats]:
+def _gradient_sums(rates: Rates, parameters: Floats, middle_s: float) -> tuple[Floats, Floats]:
     """Compute the curvature of the correlation and the contribution of each block to its gradient."""
     other, time_s, value = rates[0], rates[1].time_s, rates[1].values.astype(complex)
     columns = np.stack([np.ones_like(time_s), time_s - middle_s])[: len(parameters)]
     at = time_s - parameters @ columns
     here = other.at(at)
-    known = np.isfinite(here)
-    along = np.sum(np.conj(value[known]) * here[known])
+    along = np.nansum(np.conj(value) * here)
     turned = value * along / max(abs(along), 1e-300)  # samples of b rotated into a's frame
-    first = -np.real(np.conj(turned) * other.at(at, 1))
-    second = np.real(np.conj(turned) * other.at(at, 2))
+    first, second = -np.real(np.conj(turned) * other.at(at, 1)), np.real(np.conj(turned) * other.at(at, 2))
     known = np.isfinite(first) & np.isfinite(second)
     columns, first, second = columns[:, known], first[known], second[known]
     stretch = blocks_by_count(time_s, STRETCHES)[known]
     parts = np.stack([np.bincount(stretch, first * column, STRETCHES) for column in columns], axis=1)
     return np.asarray((columns * second) @ columns.T), np.asarray(parts, dtype=float)
-
-
-def heading_error_deg(clock: ClockDifference, rate_deg_s: Floats) -> Floats:
-    """Compute the error of heading differences due to one standard deviation of the clock offset, (n,) degrees."""
-    return rate_deg_s * (clock.sigma_s if np.isfinite(clock.sigma_s) else 0.0)
