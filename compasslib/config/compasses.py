@@ -1,19 +1,17 @@
-"""Records of a shared compass (``compass: NAME``, never inferred), and contradictions between names and files."""
+"""Records of a shared compass (``compass: NAME``, never inferred)."""
 
 from __future__ import annotations
 
-import hashlib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
-from pathlib import Path
 
 from compasslib.config.calibrations import CalibrationFile
 from compasslib.config.schema import Mooring
-from compasslib.config.values import iso, shown
+from compasslib.config.values import shown
 from compasslib.errors import InputError
-from compasslib.readers.detect import HEAD_BYTES
+from compasslib.records import iso_time
 
 SERIAL_KEYS = ("serial_number", "sensor_serial_number")
 
@@ -65,8 +63,10 @@ def refuse_overlap(name: str, mooring: Mooring, file: str, stays: Deployments) -
                 actual, advice = f"{mooring.name} for both", "rename one of the two"
                 raise InputError(where, expected=expected, found=actual, advice=advice)
             if other.begin_s < mooring.end_s and mooring.start_s < other.end_s:
-                span = iso(other.begin_s) + (f" to {iso(other.end_s)}" if other.end_s > other.begin_s else "")
-                expected = f"a compass that is in one place from {iso(mooring.start_s)} to {iso(mooring.end_s)}"
+                span = " to ".join(dict.fromkeys([iso_time(other.begin_s), iso_time(other.end_s)]))
+                expected = (
+                    f"a compass that is in one place from {iso_time(mooring.start_s)} to {iso_time(mooring.end_s)}"
+                )
                 advice = "correct the dates, or give one of the two compasses another name"
                 raise InputError(where, expected=expected, found=f"{compass} at {other.where}, {span}", advice=advice)
         known.append(Deployment(compass, f"{name} ({role})", mooring.start_s, mooring.end_s))
@@ -102,42 +102,12 @@ def suggest_shared(moorings: Mapping[str, Mooring]) -> list[str]:
     ]
 
 
-# Duplicate records, and several compasses under one name.
+def mixed_serials(moorings: Mapping[str, Mooring], serials: Mapping[str, Mapping[str, str]]) -> list[str]:
+    """Describe each compass whose instruments have different serial numbers, by their files or their attributes.
 
-Identity = frozenset[tuple[object, ...]]
-
-
-def find_contradictions(
-    root: Path, moorings: Mapping[str, Mooring], serials: Mapping[str, Mapping[str, str]]
-) -> list[str]:
-    """Find contradictions between names in the YAML files and the content and serial numbers of the raw files."""
-    identities: dict[tuple[str, str], Identity] = {}  # columns read, size, and hash of the first bytes of each file
-    for name, mooring in moorings.items():
-        for role, instrument in mooring.instruments.items():
-            columns = tuple(sorted(instrument.columns.headers().items())) if instrument.columns else ()
-            files = set()
-            for path in (root / file for file in instrument.files):
-                with path.open("rb") as raw:
-                    files.add((columns, path.stat().st_size, hashlib.sha256(raw.read(HEAD_BYTES)).digest()))
-            identities[name, role] = frozenset(files)
-    return [*_repeated_records(moorings, identities), *_mixed_serials(moorings, serials)]
-
-
-def _repeated_records(moorings: Mapping[str, Mooring], identities: Mapping[tuple[str, str], Identity]) -> Iterator[str]:
-    for name, mooring in moorings.items():
-        for this, other in combinations(mooring.instruments, 2):
-            if identities[name, this] & identities[name, other]:
-                advice = "delete one of the two, or correct its files"
-                yield f"{name}: instruments {this} and {other} are one record, as their files are equal; {advice}"
-    for this, other in combinations(moorings, 2):
-        first, second = moorings[this], moorings[other]
-        together = min(first.end_s, second.end_s) > max(first.start_s, second.start_s)
-        if together and identities[this, first.compromised] & identities[other, second.compromised]:
-            actual = "one mooring under two names, as the files of the affected instrument are equal"
-            yield f"{this} and {other}: {actual}; delete one of the two, or correct its files"
-
-
-def _mixed_serials(moorings: Mapping[str, Mooring], serials: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
+    Args:
+        serials: serial numbers in the files, by mooring and instrument.
+    """
     numbers: dict[str, dict[str, str]] = {}
     for name, mooring in moorings.items():
         for role, instrument in mooring.instruments.items():
@@ -145,12 +115,10 @@ def _mixed_serials(moorings: Mapping[str, Mooring], serials: Mapping[str, Mappin
             number = serials.get(name, {}).get(role, "") or stated
             if instrument.compass is not None and number:
                 numbers.setdefault(instrument.compass, {})[f"{name} ({role})"] = number
-    for compass, places in numbers.items():
-        for (this, first), (other, second) in combinations(places.items(), 2):
-            if not _digits(first) & _digits(second):
-                actual = f"serial number {first} at {this}, {second} at {other}"
-                yield f"compass {compass}: {actual}: two instruments under one name; correct compass or files"
-
-
-def _digits(number: str) -> set[int]:
-    return {int(digits) for digits in re.findall(r"\d+", number)}
+    return [
+        f"compass {compass}: serial number {first} at {this}, {second} at {other}: two instruments under one name; "
+        "correct compass or files"
+        for compass, places in numbers.items()
+        for (this, first), (other, second) in combinations(places.items(), 2)
+        if not {*map(int, re.findall(r"\d+", first))} & {*map(int, re.findall(r"\d+", second))}
+    ]

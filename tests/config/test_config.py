@@ -427,10 +427,10 @@ covariates: {obs: {format: iaga2002, files: raw/obs/*.min, unit: nT}} -> covaria
 
 BAD_COLUMNS = r"""
 {depth: d, east: u, north: v} -> columns.time
-{date: d, east: u, north: v} -> columns.clock
+{date: d, east: u, north: v} -> columns.time
 {time: t, date: d, clock: c, east: u, north: v} -> columns.time
-{time: t, east: u} -> columns.north
-{time: t, x: u, y: v} -> columns.heading
+{time: t, east: u} -> columns
+{time: t, x: u, y: v} -> columns
 {time: t} -> columns
 {time: t, east: u, north: u} -> columns.north
 {time: t, east: 0, north: v} -> columns.east
