@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +20,7 @@ from numpy.typing import NDArray
 from compasslib.records import Record
 from compasslib.types import HOUR_S, Bools, Floats
 
-
-@dataclass(frozen=True)
-class SpeedSeries:
-    """A series of speeds, (n,) each."""
-
-    time_s: Floats
-    speed: Floats  # m/s, NaN where nothing was measured
+SpeedSeries = tuple[Floats, Floats]  # times and speeds, m/s, NaN where nothing was measured, (n,) each
 
 
 @dataclass(frozen=True)
@@ -47,7 +40,7 @@ class ClockOffset:
 class LaggedProducts:
     """Products of the two high-passed speeds in windows of two days at each hourly lag."""
 
-    sums: Floats  # (w, k), normalized so that their sum over windows is the correlation
+    sums: Floats  # (w, k), whose sum over windows is the correlation
     lags_h: NDArray[np.intp]  # (k,)
     shared: Bools  # (w,) whether both measured in the window
     whole: float  # correlation of the speeds before high-passing, clocks as stated
@@ -67,11 +60,11 @@ def compare_speeds(
         as_stated_h: largest delay of currents between two depths, hours.
         near_h: half-width of a peak; the next tidal alias is 12 hours away.
     """
-    if not (len(upper.time_s) and len(lower.time_s)) or (products := _multiply(upper, lower)) is None:
+    if not (len(upper[0]) and len(lower[0])) or (products := _multiply(upper, lower)) is None:
         return ClockOffset()
     lags_h, sums = products.lags_h, products.sums
     stated, best = products.best(np.abs(lags_h) <= as_stated_h), products.best(np.isfinite(lags_h))
-    step_s = max(float(np.median(np.diff(series.time_s))) for series in (upper, lower))
+    step_s = max(float(np.median(np.diff(time_s))) for time_s, _ in (upper, lower))
     searched = step_s <= 2 * HOUR_S and abs(lags_h[best]) <= near_h  # the search resolves these more finely
     if searched or _score(sums[:, best] - sums[:, stated]) <= sigmas:
         return _check_relation(products, stated)
@@ -98,8 +91,8 @@ def _multiply(
         window_h: high-passed speeds decorrelate within half a day.
         fewest: windows.
     """
-    first_s = float(min(upper.time_s[0], lower.time_s[0]))
-    hours = 1 + round((float(max(upper.time_s[-1], lower.time_s[-1])) - first_s) / HOUR_S)
+    first_s = float(min(upper[0][0], lower[0][0]))
+    hours = 1 + round((float(max(upper[0][-1], lower[0][-1])) - first_s) / HOUR_S)
     if hours < fewest * window_h:
         return None
     (x, measured, upper_speed), (y, there, lower_speed) = (_hourly(series, first_s, hours) for series in (upper, lower))
@@ -108,13 +101,18 @@ def _multiply(
         return None
     reach = min(farthest_h, hours // 3)
     edges = np.linspace(0, hours, hours // window_h + 1).astype(int)
-    spans = list(itertools.pairwise(edges))
-    sums = np.array([_lagged(x, y, span, reach) for span in spans])
-    counts = np.sum([_lagged(measured, there, span, reach) for span in spans], axis=0)
+
+    def lagged(first: Floats, second: Floats) -> Floats:
+        around = np.pad(second, reach)
+        spans = itertools.pairwise(edges.tolist())
+        return np.array([np.correlate(around[a : b + 2 * reach], first[a:b], "valid") for a, b in spans])
+
+    counts = lagged(measured, there).sum(axis=0)
     scale = np.maximum(counts, 0.3 * counts.max())  # so that lags with few common hours do not win by chance
     with np.errstate(invalid="ignore", divide="ignore"):  # a constant series has no correlation
         whole = float(np.corrcoef(upper_speed[both], lower_speed[both])[0, 1])
-    return LaggedProducts(sums / scale, np.arange(-reach, reach + 1), np.add.reduceat(both, edges[:-1]) > 0, whole)
+    shared = np.add.reduceat(both, edges[:-1]) > 0
+    return LaggedProducts(lagged(x, y) / scale, np.arange(-reach, reach + 1), shared, whole)
 
 
 def _hourly(series: SpeedSeries, first_s: float, hours: int, reach: int = 36) -> tuple[Floats, Floats, Floats]:
@@ -122,23 +120,14 @@ def _hourly(series: SpeedSeries, first_s: float, hours: int, reach: int = 36) ->
 
     The running mean of ``reach`` hours to both sides is removed, as slow changes of speed do not resolve hours.
     """
-    known = np.isfinite(series.speed)
-    slot = np.rint((series.time_s[known] - first_s) / HOUR_S).astype(int)
+    time_s, speed = (column[np.isfinite(series[1])] for column in series)
+    slot = np.rint((time_s - first_s) / HOUR_S).astype(int)
     count = np.bincount(slot, minlength=hours)
-    mean, present = np.bincount(slot, series.speed[known], hours) / np.maximum(count, 1), (count > 0).astype(float)
+    mean, present = np.bincount(slot, speed, hours) / np.maximum(count, 1), (count > 0).astype(float)
     total, near = (np.convolve(x, np.ones(2 * reach + 1), "same") for x in (mean * present, present))
     fast = (mean - total / np.maximum(near, 1.0)) * present
     rms = np.sqrt(np.sum(fast**2) / max(float(present.sum()), 1.0))
     return np.clip(fast / max(rms, 1e-12), -3.0, 3.0), present, mean  # clipped, as a storm would outweigh months
-
-
-def _lagged(x: Floats, y: Floats, span: tuple[int, int], reach: int) -> Floats:
-    """Compute the summed products of a span of x with y at lags -reach..reach hours, (2 reach + 1,)."""
-    begin, end = span
-    around = np.pad(y, reach)[begin : end + 2 * reach]
-    size = 1 << (2 * len(around)).bit_length()
-    product = np.conj(np.fft.rfft(x[begin:end], size)) * np.fft.rfft(around, size)
-    return np.fft.irfft(product, size)[: 2 * reach + 1]
 
 
 def _score(gain: Floats) -> float:
@@ -192,14 +181,12 @@ def check_coverage(
     """Warn if many samples lie outside the deployment, or if it is covered by less than a share."""
     if not len(time_s):
         return ["there is no sample with a time"]
-    outside = time_s[~inside]
-    span = f"{_day(time_s.min())} to {_day(time_s.max())}"
-    if len(outside) > 0.5 * len(time_s):
-        return [f"{len(outside)} of {len(time_s)} samples ({span}) lie outside the deployment: check clock and dates"]
+    outside, samples = int(np.sum(~inside)), f"samples ({_span(time_s)})"
+    if outside > 0.5 * len(time_s):
+        return [f"{outside} of {len(time_s)} {samples} lie outside the deployment: check clock and dates"]
     covered = np.ptp(time_s[inside]) / (end_s - start_s)
-    if covered < covered_share:
-        return [f"the record covers {covered:.0%} of the deployment ({_span(time_s[inside])})"]
-    return []
+    uncovered = f"the record covers {covered:.0%} of the deployment ({_span(time_s[inside])})"
+    return [uncovered] * bool(covered < covered_share)
 
 
 def _slack(time_s: Floats) -> float:
@@ -253,14 +240,8 @@ def same_samples(record: Record, first: NDArray[np.intp], second: NDArray[np.int
 
 
 def _span(time_s: Floats) -> str:
-    return f"{_day(time_s.min())} to {_day(time_s.max())}"
-
-
-def _day(time_s: float) -> str:
-    try:
-        return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d}"
-    except (ValueError, OverflowError, OSError):
-        return f"{time_s:.3g} s"
+    ends = np.array([time_s.min(), time_s.max()]).astype("datetime64[s]")
+    return " to ".join(ends.astype("datetime64[D]").astype(str))
 
 
 # Samples on a regular time grid, and series, (n,), interpolated to given times, (k,).

@@ -18,7 +18,6 @@ from compasslib import angles, earthfield
 from compasslib.errors import InputError
 from compasslib.preparation.clocks import (
     ClockOffset,
-    SpeedSeries,
     compare_speeds,
     grid_indices,
     interpolate_series,
@@ -86,8 +85,7 @@ def estimate_clock_offset(upper: Record, trusted: Sequence[Record], rules: PairR
     upper = _gridded(upper, rules)
     velocity, depth = mean_of_nearest_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
     cell = _trusted_cell(upper.time_s, depth, trusted[0], _sphere(upper, trusted[0]), widen_rules(rules))
-    trusted_speeds = SpeedSeries(cell.time_s, np.abs(cell.velocity))
-    return compare_speeds(SpeedSeries(upper.time_s, np.abs(velocity)), trusted_speeds)
+    return compare_speeds((upper.time_s, np.abs(velocity)), (cell.time_s, np.abs(cell.velocity)))
 
 
 @single_threaded()

@@ -182,7 +182,7 @@ def flag_quality(
     Args:
         affected: whether the compass is to be corrected, and its unit is tested.
     """
-    record, limits = _flag_read(record, thresholds), asdict(thresholds)
+    record, limits = _flag_read(record, thresholds.percent_good), asdict(thresholds)
     for check in CHECKS:
         limit = limits.get(check.threshold)
         absent = (check.threshold and limit is None) or (check.profile and check.profile not in record.profiles)
@@ -222,11 +222,8 @@ def flag_headings(record: Record, which: Bools, *notes: str) -> Record:
 def flag_unit(record: Record) -> Record:
     """Flag all headings as doubtful where they fill half of a circle to both ends, or are radians."""
     known = np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD)
-    causes = {
-        180.0: "half of the circle was folded on the other (modulo 180, halved, or without a sign)",
-        6.29: "they are radians",
-    }
-    for full, cause in causes.items():
+    folded = "half of the circle was folded on the other (modulo 180, halved, or without a sign)"
+    for full, cause in ((180.0, folded), (6.29, "they are radians")):
         share = record.heading_deg[known] / full
         # Five headings within 2 degrees, or as large a part of radians, of both ends; none beyond.
         if share.max(initial=0.0) <= 1.0 and min(np.sum(share < 1 / 90), np.sum(share > 89 / 90)) >= 5:
@@ -235,20 +232,19 @@ def flag_unit(record: Record) -> Record:
     return record
 
 
-def _flag_read(record: Record, thresholds: Thresholds) -> Record:
+def _flag_read(record: Record, least: float) -> Record:
     """Attribute the reader's flags to a check, and apply a percent-good threshold other than the reader's."""
-    name = "low_percent_good" if "percent_good" in record.profiles else "flagged_in_file"
     flagged = (record.quality > PROBABLY_GOOD) & (record.quality != MISSING)
-    least, percent = thresholds.percent_good, None
-    if name == "low_percent_good" and least != LEAST_PERCENT_GOOD:
-        percent = _percent_good(record)
-        allowed = flagged & (percent >= least) & (percent < LEAST_PERCENT_GOOD)
-        record = replace(record, quality=np.where(allowed, GOOD, record.quality).astype(np.int8))
-        flagged &= ~allowed
-    record = replace(record, tests=np.where(flagged, MASKS[name], np.int32(0)))
-    if percent is None:
-        return record
-    return flag_velocities(record, percent < least, name, f"fewer than {least:g} % of the pings were good")
+    if "percent_good" not in record.profiles:
+        return replace(record, tests=np.where(flagged, MASKS["flagged_in_file"], np.int32(0)))
+    if least == LEAST_PERCENT_GOOD:
+        return replace(record, tests=np.where(flagged, MASKS["low_percent_good"], np.int32(0)))
+    percent = _percent_good(record)
+    allowed = flagged & (percent >= least) & (percent < LEAST_PERCENT_GOOD)
+    quality = np.where(allowed, GOOD, record.quality).astype(np.int8)
+    tests = np.where(flagged & ~allowed, MASKS["low_percent_good"], np.int32(0))
+    sentence = f"fewer than {least:g} % of the pings were good"
+    return flag_velocities(replace(record, quality=quality, tests=tests), percent < least, "low_percent_good", sentence)
 
 
 def _percent_good(record: Record) -> Floats:
@@ -311,24 +307,23 @@ def _stuck(same: Bools, time_s: Floats, *, samples: int = 12, hours: float = 6.0
         same: whether each sample repeats the one before, (n - 1,).
         by_chance: expected number of equally long runs, given how often the rest of the series repeats.
     """
-    edge = np.diff(np.concatenate([[False], same, [False]]).astype(np.int8))
-    runs = np.column_stack([np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)])  # first and last sample of each
-    lasts = time_s[runs[:, 1]] - time_s[runs[:, 0]] >= HOUR_S * hours
-    runs = runs[lasts & (runs[:, 1] - runs[:, 0] >= samples)]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]])))
+    runs = edges.reshape(-1, 2)  # first and last sample of each
+    length = runs[:, 1] - runs[:, 0]
+    runs = runs[(time_s[runs[:, 1]] - time_s[runs[:, 0]] >= HOUR_S * hours) & (length >= samples)]
     stuck = np.zeros(len(time_s), dtype=bool)
     for begin, end in runs:
         stuck[begin + 1 : end + 1] = True
-    others = same[~stuck[1:]]
-    share = float(others.mean()) if others.size else 1.0
-    likely = [end - begin for begin, end in runs if len(time_s) * share ** (end - begin) > by_chance]
-    return stuck & (not likely)
+    share = float(same[~stuck[1:]].mean()) if not stuck[1:].all() else 1.0
+    explained = any(len(time_s) * share ** (end - begin) > by_chance for begin, end in runs)
+    return stuck & (not explained)
 
 
 def _constant_sensors(record: Record) -> Record:
     """Count samples of sensors that never vary, and warn."""
-    counts, notes = {"tilt_frozen": 0, "heading_frozen": 0}, []
     known = [x[np.isfinite(x)] for x in (record.pitch_deg, record.roll_deg, record.heading_deg)]
     no_pitch, no_roll, stuck = (len(x) >= 24 and np.ptp(x) == 0.0 for x in known)
+    counts, notes = {"tilt_frozen": 0, "heading_frozen": 0}, []
     if no_pitch and no_roll:
         counts["tilt_frozen"] = len(known[0])
         notes.append("pitch and roll never change: the tilt sensor is stuck or was not fitted, its tilts tell nothing")
