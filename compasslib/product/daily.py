@@ -140,7 +140,7 @@ class DailyMeans:
         quality = np.where(sums["interpolated"] > 0.5 * weight, INTERPOLATED, np.maximum(sums["worst"], 1))
         quality = np.where(there, quality, MISSING).astype(np.int8)
         cells = replace(
-            empty_cells(len(count), depths, False),
+            empty_cells(len(count), slice(0, depths), False),
             velocity=flow, quality=quality, count=sums["cells"].astype(np.int32),
         )  # fmt: skip
         east, north, cross = (np.where(there, v, np.nan) for v in variances)

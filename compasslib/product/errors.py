@@ -24,7 +24,6 @@ from compasslib.product.cells import Axes, Differences, average_slots
 from compasslib.records import Readings, ReferenceCompass
 from compasslib.types import HOUR_S, Bools, Complexes, Floats
 
-PRESSURE_SIGMA_M, NOMINAL_SIGMA_M = 0.5, 5.0  # of a measured depth (0.25 % of 200 m), and of a nominal depth
 UNMEASURED_MOTION_M_S = 0.005  # of a sphere without a pressure record: a bound, not an estimate
 MIN_MEMORY_S = HOUR_S
 NOTHING = [np.zeros(0, dtype=complex)]

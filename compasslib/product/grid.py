@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,22 +12,19 @@ from numpy.typing import NDArray
 from compasslib.errors import InputError
 from compasslib.preparation.clocks import common_phase
 from compasslib.product.cells import (
+    PROFILER_M_S,
     Axes,
     Cells,
-    Differences,
-    Stance,
-    Velocities,
+    Learnt,
+    Source,
     bridge_gaps,
     empty_cells,
     merge,
-    place_points,
-    place_profiles,
+    place,
     take_slots,
     without,
 )
 from compasslib.product.errors import (
-    NOMINAL_SIGMA_M,
-    PRESSURE_SIGMA_M,
     UNMEASURED_MOTION_M_S,
     HeadingErrors,
     error_memory,
@@ -43,38 +40,7 @@ from compasslib.types import HOUR_S, Complexes, Floats
 PIECE, CELLS = 4096, 1 << 21  # times gridded at once, and cells, of some 300 bytes each
 INTERPOLATED = 8  # OceanSITES reference table 2
 SLOWEST_STEP_S = HOUR_S
-PROFILER_M_S = 0.02  # least vertical speed of an instrument that climbs along the line; spheres dive at some mm/s
 BLOCK = 1500  # largest length of the blocks that structure functions are fitted to
-
-
-@dataclass(frozen=True)
-class Source:
-    """An instrument with n samples whose velocities are gridded."""
-
-    name: str
-    time_s: Floats  # (n,) increasing
-    depth_m: Floats  # (n,) of the instrument
-    tilt_deg: Floats  # (n,) NaN where unknown
-    bins: int
-    beam_angle_deg: float
-    rows: Callable[[slice], Velocities]  # reads a slice of the samples
-    rising: bool = False  # whether vertical velocities were measured
-    slowed: tuple[tuple[float, float], ...] = ()  # periods in which a fouled rotor yields to the affected instruments
-
-    @property
-    def profiles(self) -> bool:
-        """Whether it moves along the line or delivers separate profiles, between which nothing is interpolated."""
-        if self.bins > 1:
-            return self.beam_angle_deg == 0.0
-        known = np.isfinite(self.depth_m)
-        speed = np.abs(np.diff(self.depth_m[known])) / np.maximum(np.diff(self.time_s[known]), 1e-3)
-        return bool(len(speed)) and float(np.percentile(speed, 75)) > PROFILER_M_S
-
-    @cached_property
-    def depth_sigma_m(self) -> float:
-        """Standard deviation of its depth, m; a depth that never varies is nominal, not measured."""
-        known = self.depth_m[np.isfinite(self.depth_m)]
-        return PRESSURE_SIGMA_M if known.size and np.ptp(known) > 0.0 else NOMINAL_SIGMA_M
 
 
 @dataclass(frozen=True)
@@ -106,23 +72,12 @@ class Survey:
 
 
 @dataclass(frozen=True)
-class Learnt:
-    """Structure functions, noise and motion of an instrument, estimated from the records."""
-
-    by_depth: Differences
-    by_time: Differences
-    bin_noise: Floats  # (m,) variance of the noise, summed over both components, (m/s)^2
-    cell_m: float
-    motion: Floats  # (n,) horizontal velocity of the instrument itself, one standard deviation, m/s
-
-
-@dataclass(frozen=True)
 class Piece:
     """The product over a slice of its times, (t, z) each."""
 
     slots: slice
     cells: Cells
-    source: NDArray[np.intp]  # position of the instrument, -1 without any
+    source: NDArray[np.int8]  # position of the instrument, -1 without any
     quality: Flags
     east_variance: Floats
     north_variance: Floats
@@ -156,26 +111,13 @@ class GriddedProduct:
         for begin in range(0, count, size):
             inner = slice(begin, min(begin + size, count))
             wide = range(max(begin - halo, 0), min(inner.stop + halo, count))
-            each = [self._place(k, wide) for k in range(len(self.sources))]
-            offset = inner.start - wide.start
-            yield self._combine([take_slots(c, slice(offset, offset + inner.stop - inner.start)) for c in each], inner)
+            here = slice(inner.start - wide.start, inner.stop - wide.start)
+            each = [take_slots(self._place(k, wide), here) for k in range(len(self.sources))]
+            yield self._combine(each, inner)
 
     def _place(self, k: int, slots: range) -> Cells:
         source, learnt, axes = self.sources[k], self.learnt[k], self.axes
-        ends = axes.time_s[[slots.start, slots.stop - 1]] + axes.step_s * np.array([-0.5, 0.5])
-        rows = slice(*np.searchsorted(source.time_s, ends).tolist())
-        velocities, time_s = source.rows(rows), source.time_s[rows]
-        if source.bins == 1:
-            cells = place_points(
-                velocities, time_s, axes, slots,
-                by_depth=learnt.by_depth, by_time=learnt.by_time, depth_sigma_m=source.depth_sigma_m,
-            )  # fmt: skip
-        else:
-            stance = Stance(source.depth_m[rows], source.tilt_deg[rows], source.beam_angle_deg, source.depth_sigma_m)
-            cells = place_profiles(
-                velocities, time_s, axes, slots, max_gap_m=self.max_gap_m, cell_m=learnt.cell_m,
-                stance=stance, bin_noise=learnt.bin_noise, by_depth=learnt.by_depth, by_time=learnt.by_time,
-            )  # fmt: skip
+        cells = place(source, learnt, axes, slots, self.max_gap_m)
         if not source.profiles:
             cells = bridge_gaps(cells, axes.step_s, self.max_gap_s, learnt.by_time)
         moving = np.full(len(slots), UNMEASURED_MOTION_M_S)
@@ -189,23 +131,24 @@ class GriddedProduct:
         first, last = range(affected, len(each)), [k for k in range(affected, len(each)) if self.sources[k].slowed]
         order = [*first, *range(affected), *last]
         yielding = [np.any([(time_s >= a) & (time_s <= b) for a, b in s.slowed], axis=0) for s in self.sources]
-        cells, taken = merge([*(without(each[k], yielding[k]) for k in first), *(each[k] for k in order[len(first) :])])
-        source = np.where(taken >= 0, np.array(order)[taken], -1)
-        heading = self.heading_variance[:, inner]
-        there = source >= 0
-        variance = np.where(there, heading[np.maximum(source, 0), np.arange(len(source))[:, None]], np.nan)
-        noise, spread = (np.where(there, x, np.nan) for x in (cells.noise, cells.spread))
-        parts = marginals(cells.velocity, variance, noise + spread)
+        ordered = [*(without(each[k], yielding[k]) for k in first), *(each[k] for k in order[len(first) :])]
+        cells, taken = merge(ordered, len(time_s), len(self.axes.depth_m))
+        source, there = np.array([*order, -1], dtype=np.int8)[taken], taken >= 0
+        heading = self.heading_variance[source[there], inner.start + np.nonzero(there)[0]]
+        noise, spread = cells.noise[there], cells.spread[there]
+        parts = [*marginals(cells.velocity[there], heading, noise + spread), noise, spread]
+        columns = np.full((len(parts), *there.shape), np.nan)
+        columns[:, there] = parts
         interpolated = there & ~cells.measured & (cells.quality < PROBABLY_BAD)
         quality = np.where(interpolated, INTERPOLATED, cells.quality)
-        return Piece(inner, cells, source, quality.astype(np.int8), *parts, noise, spread)
+        return Piece(inner, cells, source, quality.astype(np.int8), *columns)
 
 
 def empty_piece(depths: int, rising: bool) -> Piece:
     """Make a piece without times."""
     none = np.zeros((0, depths))
-    cells = empty_cells(0, depths, rising)
-    return Piece(slice(0, 0), cells, none.astype(np.intp), none.astype(np.int8), *[none] * 5)
+    cells = empty_cells(0, slice(0, depths), rising)
+    return Piece(slice(0, 0), cells, none.astype(np.int8), none.astype(np.int8), *[none] * 5)
 
 
 def survey(source: Source, *, blocks_kept: int = 8) -> Survey:
