@@ -90,7 +90,7 @@ def compress(columns: Floats, count: int) -> tuple[Floats, Floats]:
     return leading, np.maximum(np.sum(columns**2, axis=1) - np.sum(leading**2, axis=1), 0.0)
 
 
-def memory_of(heading_deg: Floats, step_s: float) -> float:
+def memory_of(heading_deg: Floats, time_s: Floats) -> float:
     """Estimate the correlation time of a heading, the first lag with an autocorrelation below 1/e, seconds.
 
     Unmodelled errors of a compass depend on heading and tilt, and therefore share the correlation time of these.
@@ -103,6 +103,7 @@ def memory_of(heading_deg: Floats, step_s: float) -> float:
     size = 1 << (2 * len(series) - 1).bit_length()
     power = np.fft.ifft(np.abs(np.fft.fft(series, size)) ** 2).real[: len(series)]
     below = np.flatnonzero(power < power[0] / np.e)
+    step_s = float(np.median(np.diff(time_s)))
     return float(max(below[0] * step_s if len(below) else len(series) * step_s, MIN_MEMORY_S))
 
 
@@ -326,16 +327,6 @@ class AffectedHeadings:
     weights: Floats  # (r,) share of each reference in the pairs that the coefficients are fitted to; zero without pairs
 
 
-@dataclass(frozen=True)
-class _Decomposition:
-    """Heading error of one affected instrument along t times."""
-
-    names: tuple[str, ...]
-    modes: Floats  # (k, t) radians per unit normal
-    random: Floats  # (t,) radians
-    memory_s: float
-
-
 def heading_errors(
     affected: Sequence[AffectedHeadings],
     references: Sequence[ReferenceCompass],
@@ -373,22 +364,33 @@ def heading_errors(
         follows[k] *= min(1.0, each.constant_deg / along) if along else 0.0
     shared = np.hypot.reduce(follows * sizes, axis=1)
     parts = [_decompose(each, axes, max_gap_s, count, float(x)) for each, x in zip(affected, shared, strict=True)]
-    constant = np.repeat(sizes[:, None] * angles.DEGREE, len(axes.time_s), axis=1)
-    named = [(part.names, f" of {each.name}" * (len(parts) > 1)) for part, each in zip(parts, affected, strict=True)]
-    shares = _shares(affected, references, follows, [len(part.modes) for part in parts])
+    own = {f"{name}{f' of {each.name}' * (len(affected) > 1)}": mode
+           for each, (modes, _) in zip(affected, parts, strict=True) for name, mode in modes.items()}  # fmt: skip
+    constant = {name: np.full(len(axes.time_s), size * angles.DEGREE) for name, size in constants.items()}
+    # Factors of the constants, then of the modes of each affected instrument.
+    shares = np.zeros((len(affected) + len(references), len(constant) + len(own)))
+    magnetic = np.array([r.magnetic for r in references], dtype=float)
+    begin = len(constant)
+    for row, each, factors, (modes, _) in zip(shares, affected, follows, parts, strict=False):
+        row[: len(constant)] = factors
+        row[0] = each.weights @ magnetic if np.any(each.weights) else 1.0
+        row[begin : begin + len(modes)] = 1.0
+        begin += len(modes)
+    for k, row in enumerate(shares[len(affected) :]):
+        row[min(1 + k, len(constant) - 1)], row[0] = 1.0, magnetic[k]
     return HeadingErrors(
-        (*constants, *(f"{name}{suffix}" for names, suffix in named for name in names)),
-        np.concatenate([constant, *(part.modes for part in parts)]),
-        np.array([part.random for part in parts]),
-        max(part.memory_s for part in parts),
+        (*constant, *own),
+        np.array([*constant.values(), *own.values()]),
+        np.array([random for _, random in parts]),
+        max(memory_of(each.heading_deg, each.time_s) for each in affected),
         shares,
     )
 
 
 def _decompose(
     affected: AffectedHeadings, axes: Axes, max_gap_s: float, count: int, shared_deg: float
-) -> _Decomposition:
-    """Decompose the heading error of one instrument into modes, at most ``count``, and a random part.
+) -> tuple[dict[str, Floats], Floats]:
+    """Decompose the heading error of one instrument into modes, at most ``count``, and a random part, (t,) radians.
 
     Args:
         shared_deg: part of its constant error that the modes of the references' compasses hold.
@@ -406,37 +408,10 @@ def _decompose(
     leading, left = compress(columns, count - len(by_time))
     random = np.maximum(affected.sigma_deg**2 - within, 0.0) + left
     undecided = (affected.probability > 0.0) & (affected.probability < MIN_PROBABILITY)
-    random = np.where(undecided, np.inf, random)  # either of two headings: the error is not normal
+    random = np.where(undecided, HOPELESS, random)  # either of two headings: the error is not normal
     columns = np.column_stack([*by_time.values(), leading, random]) if samples else np.zeros((0, len(by_time) + 1))
     columns = np.where((affected.used & np.isfinite(affected.heading_deg))[:, None], columns, np.nan)
-    finite = np.where(np.isinf(columns), HOPELESS, columns)
-    along = average_slots(finite, affected.time_s, axes, max_gap_s).T * angles.DEGREE
-    variance = along[-1] * angles.DEGREE
-    step_s = float(np.median(np.diff(affected.time_s))) if samples > 1 else axes.step_s
-    return _Decomposition(
-        (*by_time, *(f"{name} {k + 1}" for k in range(leading.shape[1]))),
-        along[:-1],
-        np.where(np.isfinite(variance), np.sqrt(np.where(variance > 100.0, np.nan, variance)), np.nan),
-        memory_of(affected.heading_deg, step_s),
-    )
-
-
-def _shares(
-    affected: Sequence[AffectedHeadings], references: Sequence[ReferenceCompass], follows: Floats, modes: Sequence[int]
-) -> Floats:
-    """Compute the factor of each mode in the heading error of each instrument, affected ones first.
-
-    Modes are those of the declination, of the references' compasses and of each affected instrument, in this order.
-    """
-    constants = follows.shape[1]
-    shares = np.zeros((len(affected) + len(references), constants + sum(modes)))
-    magnetic = np.array([r.magnetic for r in references], dtype=float)
-    ends = constants + np.cumsum([0, *modes])
-    for k, each in enumerate(affected):
-        shares[k, ends[k] : ends[k + 1]] = 1.0
-        shares[k, :constants] = follows[k]
-        shares[k, 0] = each.weights @ magnetic if np.any(each.weights) else 1.0
-    for k in range(len(references)):
-        shares[len(affected) + k, min(1 + k, constants - 1)] = 1.0
-        shares[len(affected) + k, 0] = magnetic[k]
-    return shares
+    *modes, mean = average_slots(columns, affected.time_s, axes, max_gap_s).T * angles.DEGREE
+    names = (*by_time, *(f"{name} {k + 1}" for k in range(leading.shape[1])))
+    variance = mean * angles.DEGREE
+    return dict(zip(names, modes, strict=True)), np.sqrt(np.where(variance > 100.0, np.nan, variance))
