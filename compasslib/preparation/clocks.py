@@ -50,20 +50,15 @@ class LaggedProducts:
         return int(np.argmax(np.where(allowed, self.sums.sum(axis=0), -np.inf)))
 
 
-def compare_speeds(
-    upper: SpeedSeries, lower: SpeedSeries, *, sigmas: float = 4.0, as_stated_h: int = 1, near_h: int = 6
-) -> ClockOffset:
-    """Estimate the clock offset of the affected instrument (upper) and a reference from their current speeds.
-
-    Args:
-        sigmas: normal score by which a lag must fit better than any other.
-        as_stated_h: largest delay of currents between two depths, hours.
-        near_h: half-width of a peak; the next tidal alias is 12 hours away.
-    """
+def compare_speeds(upper: SpeedSeries, lower: SpeedSeries) -> ClockOffset:
+    """Estimate the clock offset of the affected instrument (upper) and a reference from their current speeds."""
+    sigmas = 4.0  # normal score by which a lag must fit better than any other
+    near_h = 6  # half-width of a peak; the next tidal alias is 12 hours away
     if not (len(upper[0]) and len(lower[0])) or (products := _multiply(upper, lower)) is None:
         return ClockOffset()
     lags_h, sums = products.lags_h, products.sums
-    stated, best = products.best(np.abs(lags_h) <= as_stated_h), products.best(np.isfinite(lags_h))
+    # Currents are delayed by up to an hour between two depths.
+    stated, best = products.best(np.abs(lags_h) <= 1), products.best(np.isfinite(lags_h))
     step_s = max(float(np.median(np.diff(time_s))) for time_s, _ in (upper, lower))
     searched = step_s <= 2 * HOUR_S and abs(lags_h[best]) <= near_h  # the search resolves these more finely
     if searched or _score(sums[:, best] - sums[:, stated]) <= sigmas:
@@ -81,25 +76,18 @@ def compare_speeds(
     return ClockOffset(float(lag_h) if sure else 0.0, (warning,))
 
 
-def _multiply(
-    upper: SpeedSeries, lower: SpeedSeries, *, farthest_h: int = 45 * 24, window_h: int = 48, fewest: int = 10
-) -> LaggedProducts | None:
-    """Compute the lagged products of both series; None if they are too short.
-
-    Args:
-        farthest_h: an error of a month, with a margin.
-        window_h: high-passed speeds decorrelate within half a day.
-        fewest: windows.
-    """
+def _multiply(upper: SpeedSeries, lower: SpeedSeries) -> LaggedProducts | None:
+    """Compute the lagged products of both series, for lags up to 45 days; None if they are too short."""
+    window_h = 48  # high-passed speeds decorrelate within half a day
     first_s = float(min(upper[0][0], lower[0][0]))
     hours = 1 + round((float(max(upper[0][-1], lower[0][-1])) - first_s) / HOUR_S)
-    if hours < fewest * window_h:
+    if hours < 10 * window_h:
         return None
     (x, measured, upper_speed), (y, there, lower_speed) = (_hourly(series, first_s, hours) for series in (upper, lower))
     both = measured * there > 0.0
     if both.sum() < window_h:
         return None
-    reach = min(farthest_h, hours // 3)
+    reach = min(45 * 24, hours // 3)
     edges = np.linspace(0, hours, hours // window_h + 1).astype(int)
 
     def lagged(first: Floats, second: Floats) -> Floats:
@@ -115,16 +103,16 @@ def _multiply(
     return LaggedProducts(lagged(x, y) / scale, np.arange(-reach, reach + 1), shared, whole)
 
 
-def _hourly(series: SpeedSeries, first_s: float, hours: int, reach: int = 36) -> tuple[Floats, Floats, Floats]:
+def _hourly(series: SpeedSeries, first_s: float, hours: int) -> tuple[Floats, Floats, Floats]:
     """Average speeds by the hour; return them high-passed in units of their rms, the hours that have one, and them.
 
-    The running mean of ``reach`` hours to both sides is removed, as slow changes of speed do not resolve hours.
+    The running mean of 73 hours is removed, as slow changes of speed do not resolve hours.
     """
     time_s, speed = (column[np.isfinite(series[1])] for column in series)
     slot = np.rint((time_s - first_s) / HOUR_S).astype(int)
     count = np.bincount(slot, minlength=hours)
     mean, present = np.bincount(slot, speed, hours) / np.maximum(count, 1), (count > 0).astype(float)
-    total, near = (np.convolve(x, np.ones(2 * reach + 1), "same") for x in (mean * present, present))
+    total, near = (np.convolve(x, np.ones(73), "same") for x in (mean * present, present))
     fast = (mean - total / np.maximum(near, 1.0)) * present
     rms = np.sqrt(np.sum(fast**2) / max(float(present.sum()), 1.0))
     return np.clip(fast / max(rms, 1e-12), -3.0, 3.0), present, mean  # clipped, as a storm would outweigh months
@@ -139,10 +127,10 @@ def _score(gain: Floats) -> float:
     return float(np.sign(t) * size)
 
 
-def _check_relation(products: LaggedProducts, stated: int, *, sigmas: float = 3.0, fewest: int = 30) -> ClockOffset:
+def _check_relation(products: LaggedProducts, stated: int) -> ClockOffset:
     """Report if the speeds are uncorrelated over months, as of files of different places or years."""
     shared = products.sums[products.shared, stated]
-    if _score(shared) > sigmas or products.whole > 0.5 or len(shared) < fewest:
+    if _score(shared) > 3.0 or products.whole > 0.5 or len(shared) < 30:
         return ClockOffset()
     why = (
         f"the speeds of the two instruments are uncorrelated ({shared.sum():.2f}) at any clock offset within "
@@ -161,7 +149,7 @@ def find_valid_times(record: Record) -> tuple[Bools, dict[str, int], list[str]]:
     index = np.flatnonzero(keep)
     back = np.flatnonzero(np.diff(time_s[index]) < -_slack(time_s[index])) + 1  # by more than jitter
     runs = sorted(np.split(index, back), key=lambda part: len(part) < 3) if len(index) else []
-    clashing = [run for k, run in enumerate(runs) if _clashes(run, runs, k, record)]
+    clashing = [run for k, run in enumerate(runs) if _clashes(run, runs[:k], record)]
     for run in clashing:
         keep[run] = False
     lost = sum(len(run) for run in clashing)
@@ -175,10 +163,8 @@ def find_valid_times(record: Record) -> tuple[Bools, dict[str, int], list[str]]:
     return keep, {"time_wild": wild, "clock_unsure": lost}, warnings
 
 
-def check_coverage(
-    time_s: Floats, inside: Bools, start_s: float, end_s: float, covered_share: float = 0.9
-) -> list[str]:
-    """Warn if many samples lie outside the deployment, or if it is covered by less than a share."""
+def check_coverage(time_s: Floats, inside: Bools, start_s: float, end_s: float) -> list[str]:
+    """Warn if most samples lie outside the deployment, or if less than 90 % of it is covered."""
     if not len(time_s):
         return ["there is no sample with a time"]
     outside, samples = int(np.sum(~inside)), f"samples ({_span(time_s)})"
@@ -186,7 +172,7 @@ def check_coverage(
         return [f"{outside} of {len(time_s)} {samples} lie outside the deployment: check clock and dates"]
     covered = np.ptp(time_s[inside]) / (end_s - start_s)
     uncovered = f"the record covers {covered:.0%} of the deployment ({_span(time_s[inside])})"
-    return [uncovered] * bool(covered < covered_share)
+    return [uncovered] * bool(covered < 0.9)
 
 
 def _slack(time_s: Floats) -> float:
@@ -208,26 +194,22 @@ def _outlying(time_s: Floats) -> Bools:
     return outlying & ~(np.roll(outlying, 1) | np.roll(outlying, -1))
 
 
-def _clashes(
-    run: NDArray[np.intp], runs: list[NDArray[np.intp]], k: int, record: Record, *, few: float = 0.05, same: float = 0.9
-) -> bool:
+def _clashes(run: NDArray[np.intp], earlier: list[NDArray[np.intp]], record: Record) -> bool:
     """Check whether a run lies within time that earlier runs have filled with other values.
 
-    Args:
-        few: share of the run that may do so; one or two samples may always.
-        same: share of these with the earlier values, from which the run was read twice.
+    One or two samples may do so, or 5 %; where 90 % of them have the earlier values the run was read twice.
     """
-    if k == 0:
+    if not earlier:
         return False
-    before = np.sort(np.concatenate(runs[:k]))
+    before = np.sort(np.concatenate(earlier))
     before = before[np.argsort(record.time_s[before], kind="stable")]
     taken, at = record.time_s[before], record.time_s[run]
     right = np.clip(np.searchsorted(taken, at), 0, len(taken) - 1)
     left = np.clip(np.searchsorted(taken, at, side="right") - 1, 0, len(taken) - 1)
     filled = (at >= taken[left]) & (at <= taken[right]) & (taken[right] - taken[left] <= _slack(taken))
-    if filled.sum() <= max(few * len(run), min(2, len(run) - 1)):
+    if filled.sum() <= max(0.05 * len(run), min(2, len(run) - 1)):
         return False
-    return float(same_samples(record, run[filled], before[left[filled]]).mean()) < same
+    return float(same_samples(record, run[filled], before[left[filled]]).mean()) < 0.9
 
 
 def same_samples(record: Record, first: NDArray[np.intp], second: NDArray[np.intp]) -> Bools:

@@ -142,15 +142,13 @@ def describe_record(name: str, role: str, record: Record) -> str:
     return "\n".join([line, *(f"{name} {role}: warning: {warning}" for warning in record.warnings)])
 
 
-def check_orientation(record: Record, water_depth: float, *, tolerance: float = 1.15) -> Record:
+def check_orientation(record: Record, water_depth: float) -> Record:
     """Count the samples whose echo shows surface or bottom, and warn if most show the one that it does not look at.
 
     A boundary at a distance h appears first in the side lobes, in the bin at h cos(beam angle), and then in the beams
     themselves, in the bin at h. There is no warning if no echo was recorded, or if both boundaries are equally far.
-
-    Args:
-        tolerance: factor on the distance, for tilt, depth and speed of sound.
     """
+    tolerance = 1.15  # of the distance, for tilt, depth and speed of sound
     if record.echo_range_m is None or not len(record.time_s):
         return replace(record, echo_range_m=None)
     boundary, below = record.echo_range_m[:, 0], water_depth - record.depth_m
@@ -227,10 +225,10 @@ def depth_of_pressure(pressure_dbar: Floats, latitude: float) -> Floats:
     return np.asarray(-gsw.z_from_p(pressure_dbar, latitude))
 
 
-def _varies(x: Floats, moving_m: float = 0.2) -> bool:
+def _varies(x: Floats) -> bool:
     """Check whether a depth varies (5th to 95th percentile) by more than a setting rounded in different ways."""
     finite = x[np.isfinite(x)]
-    return finite.size > 1 and float(np.ptp(np.percentile(finite, [5, 95]))) > moving_m
+    return finite.size > 1 and float(np.ptp(np.percentile(finite, [5, 95]))) > 0.2
 
 
 def _depth_warnings(given: Floats, depth: Floats, source: str, nominal: float | None, water_depth: float) -> list[str]:
@@ -273,7 +271,7 @@ def add_covariates(record: Record, series: Mapping[str, Mapping[str, Any]]) -> R
     return replace(record, channels=channels, channel_units=units, warnings=tuple(warnings))
 
 
-def add_field_strength(record: Record, fewest: int = 100) -> Record:
+def add_field_strength(record: Record) -> Record:
     """Add the change of the total field strength, percent, if the instrument logged its magnetometer.
 
     The part that varies with heading, twice the heading or tilt is removed: it is due to iron and scale errors, which
@@ -285,7 +283,7 @@ def add_field_strength(record: Record, fewest: int = 100) -> Record:
     waves = [wave for k in (1.0, 2.0) for wave in angles.sin_cos(k * record.heading_deg)]
     columns = np.column_stack([np.ones(len(size)), *waves, record.pitch_deg, record.roll_deg])
     known = np.isfinite(size + columns.sum(axis=1))
-    if known.sum() < fewest or not np.any(size[known]):
+    if known.sum() < 100 or not np.any(size[known]):
         return record
     percent = 100.0 * size / np.median(size[known])
     fitted = columns @ np.linalg.lstsq(columns[known], percent[known], rcond=None)[0]
@@ -302,11 +300,11 @@ def add_field_strength(record: Record, fewest: int = 100) -> Record:
     )
 
 
-def interpolate_covariate(at_s: Floats, time_s: Floats, value: Floats, longest_gap: float = 3.0) -> Floats:
-    """Interpolate a series to other times, (n,), NaN outside its coverage and in gaps longer than some median steps."""
+def interpolate_covariate(at_s: Floats, time_s: Floats, value: Floats) -> Floats:
+    """Interpolate a series to other times, (n,), NaN outside its coverage and in gaps longer than 3 median steps."""
     if len(time_s) < 2:
         return np.full(len(at_s), np.nan)
     steps = np.diff(time_s)
     after = np.clip(np.searchsorted(time_s, at_s), 1, len(time_s) - 1)
-    inside = (at_s >= time_s[0]) & (at_s <= time_s[-1]) & (steps[after - 1] <= longest_gap * np.median(steps))
+    inside = (at_s >= time_s[0]) & (at_s <= time_s[-1]) & (steps[after - 1] <= 3.0 * np.median(steps))
     return np.where(inside, np.interp(at_s, time_s, value), np.nan)

@@ -162,11 +162,8 @@ def mean_of_nearest_bins(record: Record, distance_from: Floats, bins: int) -> tu
     return (share * velocity).sum(axis=1), (share * depth).sum(axis=1)
 
 
-def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record], *, speeds_apart: float = 5.0) -> Pairs:
+def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
     """Check pairs for input errors, and attach warnings.
-
-    Args:
-        speeds_apart: ratio of median speeds that no two depths 20 m apart reach.
 
     Raises:
         InputError: both instruments have the same serial number, or the affected velocities are in a wrong frame.
@@ -179,7 +176,8 @@ def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record], *, speed
     _refuse_other_frame(pairs)
     speeds = [np.median(np.hypot(e, n)) for e, n in _velocities(pairs)]
     medians = f"median speeds of the pairs are {speeds[0]:.3g} and {speeds[1]:.3g} m/s"
-    apart, slow = not 1.0 / speeds_apart < speeds[0] / speeds[1] < speeds_apart, min(speeds) < NOISE_M_S
+    # No two depths 20 m apart reach a ratio of 5.
+    apart, slow = not 0.2 < speeds[0] / speeds[1] < 5.0, min(speeds) < NOISE_M_S
     if apart and slow:
         why = f"{medians}: the unit or scale of one is wrong, or half are so slow that their directions are noise"
         pairs = replace(pairs, doubts=(*pairs.doubts, (angles.UNIFORM_SIGMA_DEG, why)))
@@ -199,12 +197,8 @@ def find_identical_velocities(pairs: Pairs) -> str:
     return "the two instruments recorded the same velocities: one recording was given twice, and no pair counts"
 
 
-def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int, *, surprise: float = 3.0) -> Pairs | None:
-    """Replace the upper velocities by those predicted at the reference's depth; None if that is impossible or worse.
-
-    Args:
-        surprise: observed over expected rms error from which to warn; 0.8 to 1.5 in 40 cases of two real profiles.
-    """
+def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs | None:
+    """Replace the upper velocities by those predicted at the reference's depth; None if that is impossible or worse."""
     prediction = predict_water(upper, depth_m, bins)
     if prediction is None:
         return None
@@ -216,7 +210,8 @@ def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int, *, surpr
     velocity = np.where(known, predicted, mean)
     off = float(np.sqrt(np.mean((np.abs(predicted[known]) - np.abs(trusted[known])) ** 2)))
     notes = []
-    if off >= surprise * max(prediction.expected_m_s, NOISE_M_S):
+    # The observed over the expected error was 0.8 to 1.5 in 40 cases of two real profiles.
+    if off >= 3.0 * max(prediction.expected_m_s, NOISE_M_S):
         notes.append(
             f"the speeds of the reference differ by {100.0 * off:.1f} cm/s rms from those predicted at its depth, "
             "far more than expected from the profile: check depths, clocks and units of both"
@@ -251,13 +246,9 @@ def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, 
     return _block_averaged(VelocitySeries(lower.time_s[near], velocity[near], at[near]), 60.0 * rules.max_minutes / 2.0)
 
 
-def _block_averaged(point: VelocitySeries, block_s: float, *, dense_s: float = 300.0) -> VelocitySeries:
-    """Average a densely sampled series over blocks of time; return others unchanged.
-
-    Args:
-        dense_s: a series sampled faster than this is averaged first (a profiler passing its top).
-    """
-    if len(point.time_s) < 2 or np.median(np.diff(point.time_s)) >= dense_s:
+def _block_averaged(point: VelocitySeries, block_s: float) -> VelocitySeries:
+    """Average a series sampled faster than every 5 minutes (a profiler passing its top) over blocks of time."""
+    if len(point.time_s) < 2 or np.median(np.diff(point.time_s)) >= 300.0:
         return point
     block = np.floor(point.time_s / block_s)
     begins = np.flatnonzero(np.append(True, np.diff(block) > 0))
@@ -337,24 +328,20 @@ def _unusable(record: Record, *, heading: bool) -> str:
     return ""
 
 
-def _refuse_other_frame(pairs: Pairs, *, slowest: float = 0.25, clearer: float = 1.8) -> None:
+def _refuse_other_frame(pairs: Pairs) -> None:
     """Reject directions that agree with the reference's only after adding or subtracting the heading, or mirroring.
 
     Iron cannot cause this: a compass that turns full circle deviates about the true heading. Where the flow keeps one
-    direction or the compass hardly turns, the test cannot decide and passes.
-
-    Args:
-        slowest: share of the slowest pairs, whose directions are ignored.
-        clearer: factor by which the spread in another frame must be smaller than in the recorded one.
+    direction or the compass hardly turns, the test cannot decide and passes. The slowest quarter is ignored.
     """
     slower = np.min([np.hypot(east, north) for east, north in _velocities(pairs)], axis=0)
-    fast = slower >= np.quantile(slower, slowest)
+    fast = slower >= np.quantile(slower, 0.25)
     upper, lower = (angles.direction(east, north)[fast] for east, north in _velocities(pairs))
     heading = pairs.heading_deg[fast]
     plain = min(_spread(lower - upper), _spread(lower), _spread(heading))
     others = {(sign, k): _spread(lower + sign * upper + k * heading) for sign, k in OTHER_FRAMES}
     best = min(others, key=lambda which: others[which])
-    if len(heading) >= ENOUGH and others[best] * clearer < plain:
+    if len(heading) >= ENOUGH and others[best] * 1.8 < plain:
         shown = f"directions that agree with those of the reference only where they are {OTHER_FRAMES[best]}"
         advice = "check coordinates (EX), orientation, and east and north of both instruments"
         raise InputError("affected instrument", expected="velocities as the file has them", found=shown, advice=advice)
@@ -373,16 +360,13 @@ def _spread(angle_deg: Floats) -> float:
 # Ready-made pairs, read from a table or MATLAB file and matched to the samples of the affected instrument's record.
 
 
-def match_ready_pairs(
-    columns: Mapping[str, Floats], scale: float, record: Record, field: EarthField, *, agreeing_deg: float = 5.0
-) -> Pairs:
+def match_ready_pairs(columns: Mapping[str, Floats], scale: float, record: Record, field: EarthField) -> Pairs:
     """Match ready-made pairs to the nearest samples of the record, dropping those off by over half a sample interval.
 
     Depths and separations are unknown. Both velocities must refer to the same north, true or magnetic.
 
     Args:
         columns: time (UTC seconds), heading (degrees), velocities of both instruments by role, (n,) each.
-        agreeing_deg: median difference of headings above which the pairs may belong to another record.
     """
     order = np.argsort(columns["time"], kind="stable")
     rows = {role: column[order] for role, column in columns.items()}
@@ -418,7 +402,7 @@ def match_ready_pairs(
     left_out = n - len(pairs)
     notes = [f"{left_out} of {n} ready-made pairs lie at no usable sample of the record"] * bool(left_out)
     off = angles.difference(pairs.heading_deg, record.heading_deg[np.searchsorted(samples, pairs.time_s)])
-    if len(pairs) and (size := float(np.median(np.abs(off)))) > agreeing_deg:
+    if len(pairs) and (size := float(np.median(np.abs(off)))) > 5.0:
         notes.append(
             f"headings of the ready-made pairs differ from the record's by {size:.0f}° in the median: check times and "
             "headings of both"

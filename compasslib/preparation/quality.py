@@ -263,13 +263,13 @@ def _percent_good(record: Record) -> Floats:
     return np.where(np.isnan(error), ordered[..., 1], ordered[..., 0])
 
 
-def _flag_stuck_headings(record: Record, still_deg: float = 0.1) -> Record:
+def _flag_stuck_headings(record: Record) -> Record:
     """Flag headings that change by less than a compass's noise between samples for hours."""
     with np.errstate(invalid="ignore"):
-        same = np.abs(angles.difference(record.heading_deg[1:], record.heading_deg[:-1])) <= still_deg
+        same = np.abs(angles.difference(record.heading_deg[1:], record.heading_deg[:-1])) <= 0.1
     still = _stuck(same, record.time_s) & (record.heading_quality < PROBABLY_BAD)
     number = int(still.sum())
-    note = f"{number} headings flagged: the compass stood still within {still_deg:g} degrees for hours"
+    note = f"{number} headings flagged: the compass stood still within 0.1 degrees for hours"
     record = replace(record, counts={**record.counts, "heading_stuck": number})
     return flag_headings(record, still, *[note] * (number > 0))
 
@@ -300,22 +300,21 @@ def _flag_heading_fills(record: Record) -> Record:
     return replace(record, heading_quality=flags, warnings=(*record.warnings, note))
 
 
-def _stuck(same: Bools, time_s: Floats, *, samples: int = 12, hours: float = 6.0, by_chance: float = 1e-3) -> Bools:
-    """Find runs of many repeated samples over hours, (n,), that the rate of repetition elsewhere does not explain.
+def _stuck(same: Bools, time_s: Floats) -> Bools:
+    """Find runs of 12 or more repeated samples over 6 hours, (n,), unless the repetition elsewhere explains them.
 
     Args:
         same: whether each sample repeats the one before, (n - 1,).
-        by_chance: expected number of equally long runs, given how often the rest of the series repeats.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]])))
     runs = edges.reshape(-1, 2)  # first and last sample of each
     length = runs[:, 1] - runs[:, 0]
-    runs = runs[(time_s[runs[:, 1]] - time_s[runs[:, 0]] >= HOUR_S * hours) & (length >= samples)]
+    runs = runs[(time_s[runs[:, 1]] - time_s[runs[:, 0]] >= HOUR_S * 6.0) & (length >= 12)]
     stuck = np.zeros(len(time_s), dtype=bool)
     for begin, end in runs:
         stuck[begin + 1 : end + 1] = True
     share = float(same[~stuck[1:]].mean()) if not stuck[1:].all() else 1.0
-    explained = any(len(time_s) * share ** (end - begin) > by_chance for begin, end in runs)
+    explained = any(len(time_s) * share ** (end - begin) > 1e-3 for begin, end in runs)
     return stuck & (not explained)
 
 

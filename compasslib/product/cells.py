@@ -354,20 +354,20 @@ def take_slots(cells: Cells, which: slice) -> Cells:
     return replace(cells, **parts)
 
 
-def compare_at_seam(pairs: Pairs, assessment: Mapping[str, Any], *, fewest: int = 30) -> dict[str, Any]:
+def compare_at_seam(pairs: Pairs, assessment: Mapping[str, Any]) -> dict[str, Any]:
     """Compare affected and reference velocities by speed, which headings do not affect, and by held-out directions.
 
     The fit makes the directions of its own pairs agree; ``assessment`` therefore uses pairs that were held out.
 
     Returns:
-        Means of affected minus reference, each with its standard error; None for less than ``fewest`` pairs.
+        Means of affected minus reference, each with its standard error; None for less than 30 pairs.
     """
     pairs, speed, sigma = combine_references(pairs), None, None
-    if len(pairs) >= fewest:
+    if len(pairs) >= 30:
         off = np.hypot(pairs.upper_east, pairs.upper_north) - np.hypot(pairs.lower_east, pairs.lower_north)
         speed, sigma = float(off.mean()), float(off.std() / np.sqrt(effective_sample_size(off, pairs.time_s)))
     after = assessment["after"]
-    known = after["n"] >= fewest
+    known = after["n"] >= 30
     independent = (after["rms_deg"] / after["rms_deg_sigma"]) ** 2 / 2.0 if known else 1.0
     return {
         "pairs": len(pairs),

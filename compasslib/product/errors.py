@@ -107,20 +107,12 @@ def memory_of(heading_deg: Floats, time_s: Floats) -> float:
     return float(max(below[0] * step_s if len(below) else len(series) * step_s, MIN_MEMORY_S))
 
 
-def learn_by_depth(
-    velocity: Complexes, range_m: Floats, cell_m: float, *, reach_m: float = 200.0, growth: float = 1.5,
-    fallback_m: float = 150.0,
-) -> Differences:  # fmt: skip
-    """Fit the structure function of velocities (n, m) by depth; for too few bins, scale a fixed one by the variance.
-
-    Args:
-        reach_m: largest tabulated distance.
-        growth: exponent at distances within a cell, and of the fixed structure function.
-        fallback_m: decorrelation depth of the fixed one, typical of the ocean's upper hundreds of metres.
-    """
+def learn_by_depth(velocity: Complexes, range_m: Floats, cell_m: float) -> Differences:
+    """Fit the structure function of velocities (n, m) by depth, up to 200 m; for too few bins, scale a fixed one."""
+    growth = 1.5  # exponent at distances within a cell, and of the fixed structure function
     learnt = fit_structure_function(velocity, range_m)
     step = (cell_m or 1.0) / 50.0
-    distance = np.arange(0.0, reach_m + step, step)
+    distance = np.arange(0.0, 200.0 + step, step)
     if learnt is not None:
         values = learnt.layers(distance)
         within = distance < cell_m  # a bin is a mean over its cell, hence smooth growth there
@@ -128,7 +120,8 @@ def learn_by_depth(
         return Differences(step, values, learnt.noise)
     known = velocity[np.isfinite(velocity.real)]
     variance = float(np.var(known)) if known.size else 0.0
-    return Differences(step, variance * (1.0 - np.exp(-((distance / fallback_m) ** growth))), 0.02 * variance)
+    # A decorrelation depth of 150 m is typical of the ocean's upper hundreds of metres.
+    return Differences(step, variance * (1.0 - np.exp(-((distance / 150.0) ** growth))), 0.02 * variance)
 
 
 def learn_bin_noise(velocity: Complexes, by_depth: Differences) -> Floats:
@@ -148,16 +141,14 @@ def learn_bin_noise(velocity: Complexes, by_depth: Differences) -> Floats:
     return by_depth.noise + np.maximum(np.append(excess, 0.0), np.append(0.0, excess))
 
 
-def learn_by_time(
-    blocks: Sequence[Complexes], step_s: float, reach_s: float, noise: float | None, *, most_lags: int = 400
-) -> Differences:
+def learn_by_time(blocks: Sequence[Complexes], step_s: float, reach_s: float, noise: float | None) -> Differences:
     """Estimate the structure function of velocity by time in one bin, without noise.
 
     Args:
         blocks: velocities of consecutive samples, (k, m) each, NaN where missing.
         noise: (m/s)^2 of one measurement, estimated by depth; None to extrapolate it from the first two lags.
     """
-    lags = np.arange(1, int(np.clip(np.ceil(reach_s / step_s), 2, most_lags)) + 1)
+    lags = np.arange(1, int(np.clip(np.ceil(reach_s / step_s), 2, 400)) + 1)
     half = np.full(len(lags), np.nan)
     for k, lag in enumerate(lags.tolist()):
         steps = [(block[lag:] - block[:-lag]).ravel() for block in blocks if len(block) > lag]
@@ -197,18 +188,13 @@ def error_memory(blocks: Sequence[Complexes], step_s: float, noise: float) -> fl
     return float(2**12 * step_s)
 
 
-def sphere_motion(
-    depth_m: Floats, flow: Complexes, time_s: Floats, water_depth_m: float | None, *, still_m: float = 0.5,
-    window_s: float = 3 * HOUR_S,
-) -> Floats:  # fmt: skip
+def sphere_motion(depth_m: Floats, flow: Complexes, time_s: Floats, water_depth_m: float | None) -> Floats:
     """Estimate the horizontal velocity of a diving sphere, one standard deviation of a component, (n,) m/s.
 
-    If a straight line of length l leans so that its top dips by d, the top moves sqrt(2 l d) downstream.
-
-    Args:
-        still_m: least dive that is analysed, added to dives so that the slope of their square root stays finite.
-        window_s: the position is averaged over it before differentiation.
+    If a straight line of length l leans so that its top dips by d, the top moves sqrt(2 l d) downstream. The position
+    is averaged over three hours before differentiation.
     """
+    still_m = 0.5  # least dive that is analysed, added to dives so that the slope of their square root stays finite
     known = np.isfinite(depth_m)
     if len(time_s) < 3 or known.sum() < 3 or water_depth_m is None or np.ptp(depth_m[known]) < still_m:
         return np.full(len(time_s), UNMEASURED_MOTION_M_S)
@@ -217,7 +203,7 @@ def sphere_motion(
     length = max(water_depth_m - float(np.median(depth_m[known])), 1.0)
     along = np.nan_to_num(flow)
     away = np.sqrt(2.0 * length * dive) * along / np.maximum(np.abs(along), 1e-6)
-    width = min(max(1, round(window_s / float(np.median(np.diff(time_s))))), len(time_s))
+    width = min(max(1, round(3 * HOUR_S / float(np.median(np.diff(time_s))))), len(time_s))
     kernel = np.ones(width) / width
     smooth = np.convolve(away, kernel, "same")
     speed2 = np.convolve(np.abs(np.gradient(smooth, time_s)) ** 2, kernel, "same")
@@ -237,7 +223,7 @@ def marginals(velocity: Complexes, heading_variance: Floats, other: Floats) -> t
 
 def sum_sigma(
     weight_east: Floats, weight_north: Floats, velocity: Complexes, other: Floats, source: NDArray[np.integer],
-    errors: HeadingErrors, step_s: float, *, memory_s: float = 0.0, depths_apart: float = 1.0,
+    errors: HeadingErrors, step_s: float, *, memory_s: float = 0.0,
 ) -> float:  # fmt: skip
     """Compute the standard deviation of a weighted sum of eastward and northward velocities, such as a transport.
 
@@ -249,14 +235,13 @@ def sum_sigma(
         other: variance of a component not due to the heading, (t, z).
         source: instrument of each cell as row of ``errors.shares``, negative if there is none.
         memory_s: e-folding time of the errors not due to the heading.
-        depths_apart: number of independent cells at one time as a fraction of all.
     """
     by_source = _turned(weight_east, weight_north, velocity, source, errors)
     modes = np.nansum(np.einsum("st,kt,sk->kt", by_source, np.nan_to_num(errors.modes), errors.shares), axis=1)
     random = by_source[: len(errors.random)] * np.nan_to_num(errors.random)
     remembered = sum(_remembered(series, errors.memory_s / step_s) for series in random)
     remainder = np.nan_to_num(other) * (weight_east**2 + weight_north**2)
-    inflation = (1.0 + 2.0 * memory_s / step_s) / depths_apart
+    inflation = 1.0 + 2.0 * memory_s / step_s
     return float(np.sqrt(np.sum(modes**2) + remembered + inflation * remainder.sum()))
 
 
@@ -333,28 +318,22 @@ def heading_errors(
     axes: Axes,
     max_gap_s: float,
     declination_deg: float,
-    *,
-    most: int = 8,
-    apart: int = 3,
 ) -> HeadingErrors:
     """Decompose the heading errors of a mooring into modes along time and a random part.
 
     The modes are those of HEADING_CORRECTED_UNCERTAINTY, and the declination, which rotates affected and reference
-    velocities alike unless the reference's directions are true already.
-
-    Args:
-        most: largest number of modes.
-        apart: number of them for the references' compasses, of which further references share the last.
+    velocities alike unless the reference's directions are true already. There are at most eight; a third reference and
+    further ones share a mode.
     """
     # B sin + C cos of a reference's heading, of equal variances, has the same variance at any heading.
     whole = [float(np.hypot(r.sigma_deg, r.iron_deg)) for r in references]
     constants = {"declination": declination_deg}
-    constants |= {f"compass of {r.name}": x for r, x in zip(references[: apart - 1], whole, strict=False)}
-    if others := references[apart - 1 :]:
+    constants |= {f"compass of {r.name}": x for r, x in zip(references[:2], whole, strict=False)}
+    if others := references[2:]:
         name = "compass of " + " and ".join(r.name for r in others)
-        constants[name] = max(whole[apart - 1 :])
+        constants[name] = max(whole[2:])
     sizes = np.array(list(constants.values()))
-    count = (most - len(constants)) // len(affected)
+    count = (8 - len(constants)) // len(affected)
     follows = np.zeros((len(affected), len(constants)))  # share of each constant in the headings of each instrument
     for k, each in enumerate(affected):
         for r, (reference, weight) in enumerate(zip(references, each.weights, strict=False)):

@@ -151,13 +151,13 @@ def empty_piece(depths: int, rising: bool) -> Piece:
     return Piece(slice(0, 0), cells, none.astype(np.int8), none.astype(np.int8), *[none] * 5)
 
 
-def survey(source: Source, *, blocks_kept: int = 8) -> Survey:
-    """Summarize an instrument's velocities in one pass, of which some ``blocks_kept`` short blocks are kept."""
+def survey(source: Source) -> Survey:
+    """Summarize an instrument's velocities in one pass, of which some eight short blocks are kept."""
     n = len(source.time_s)
     count, flow = np.zeros(DEEPEST_M, dtype=int), np.full(n, complex(np.nan, np.nan))
     blocks, ranges, steps, samples = [], [], [], 0
     scans = source.bins == 1 and source.profiles
-    stride = max(1, -(-n // PIECE) // blocks_kept)
+    stride = max(1, -(-n // PIECE) // 8)
     for number, begin in enumerate(range(0, n, PIECE)):
         rows = slice(begin, begin + PIECE)
         here = source.rows(rows)
@@ -188,35 +188,29 @@ def survey(source: Source, *, blocks_kept: int = 8) -> Survey:
     return Survey(around / max(samples, 1), flow, tuple(blocks), range_m, cell_m)
 
 
-def make_axes(
-    sources: Sequence[Source], surveys: Sequence[Survey], rules: GridRules, *, point_step_m: float = 10.0,
-    fastest_step_s: float = 60.0, most: int = 6000,
-) -> Axes:  # fmt: skip
+def make_axes(sources: Sequence[Source], surveys: Sequence[Survey], rules: GridRules) -> Axes:
     """Make the axes: as requested, else with the steps of the first instrument over the range that any measured.
 
-    Args:
-        point_step_m: step in depth where no instrument has bins.
-        fastest_step_s: least step in time, unless one is requested.
-        most: largest number of depths, 1 m apart over most of the ocean.
+    Without bins the step in depth is 10 m; that in time is at least a minute unless one is requested.
 
     Raises:
         InputError: there would be too many depths.
     """
     cells = [each.cell_m for each in surveys if each.cell_m > 0.0 and not each.empty]
     cell_m = surveys[0].cell_m if not surveys[0].empty else 0.0
-    step_m = rules.step_m or cell_m or (cells[0] if cells else point_step_m)
+    step_m = rules.step_m or cell_m or (cells[0] if cells else 10.0)
     phase_m = _depth_phase(sources[0], surveys[0], step_m) if rules.from_m is None else rules.from_m
     ends = [_ends(each, step_m, phase_m) for each in surveys if not each.empty] or [(phase_m, phase_m)]
     first = min(low for low, _ in ends) if rules.from_m is None else rules.from_m
     last = max(max(high for _, high in ends) if rules.to_m is None else rules.to_m, first)
-    if (depths := int((last - first) / step_m + 1e-6) + 1) > most:
+    if (depths := int((last - first) / step_m + 1e-6) + 1) > 6000:  # 1 m apart over most of the ocean
         found, advice = f"{depths} from {first:g} to {last:g} m", "write a larger step_m, or from_m and to_m"
-        raise InputError("product.grid", expected=f"up to {most} depths", found=found, advice=advice)
+        raise InputError("product.grid", expected="up to 6000 depths", found=found, advice=advice)
     depth_m = np.round(first + step_m * np.arange(depths), 3)
     used = [s for s, each in zip(sources, surveys, strict=True) if not each.empty] or list(sources[:1])
     timed = next((s for s in used if not s.profiles and len(s.time_s) > 1), None)
     step_s = SLOWEST_STEP_S if timed is None else float(np.rint(np.median(np.diff(timed.time_s))))
-    step_s = 60.0 * rules.minutes if rules.minutes else max(step_s, fastest_step_s)
+    step_s = 60.0 * rules.minutes if rules.minutes else max(step_s, 60.0)
     times = [s.time_s for s in used if len(s.time_s)]
     if not times:
         return Axes(np.zeros(0), step_s, depth_m, step_m)
@@ -281,32 +275,28 @@ def grid(
     )  # fmt: skip
 
 
-def _depth_phase(source: Source, survey: Survey, step_m: float, *, dives: float = 0.1) -> float:
-    """Find the depth to align the levels with: that of the first bin of an instrument at steady depth, else 0.
-
-    Args:
-        dives: standard deviation of the depth, as a fraction of the step, above which it is not steady.
-    """
+def _depth_phase(source: Source, survey: Survey, step_m: float) -> float:
+    """Find the depth to align the levels with: that of the first bin of an instrument at steady depth, else 0."""
     known = source.depth_m[np.isfinite(source.depth_m)]
-    if survey.empty or not known.size or np.std(known) > dives * step_m or not len(survey.range_m):
+    if survey.empty or not known.size or np.std(known) > 0.1 * step_m or not len(survey.range_m):
         return 0.0
     nearest = source.rows(slice(0, BLOCK)).depth_m[:, 0]
     nearest = nearest[np.isfinite(nearest)]
     return round(float(np.median(nearest)), 1) if nearest.size else 0.0
 
 
-def _ends(survey: Survey, step_m: float, phase_m: float, *, often: float = 0.1) -> tuple[float, float]:
-    """Find the first and last level, m, that at least a fraction ``often`` of the samples or profiles have.
+def _ends(survey: Survey, step_m: float, phase_m: float) -> tuple[float, float]:
+    """Find the first and last level, m, that at least 10 % of the samples or profiles have.
 
     A mean at a depth that few profiles, or strong currents only, reach is biased.
     """
-    metre = np.flatnonzero(survey.share >= min(often, survey.share.max()))
+    metre = np.flatnonzero(survey.share >= min(0.1, survey.share.max()))
     first, last = np.rint((metre[[0, -1]] - phase_m) / step_m)
     return phase_m + step_m * float(first), phase_m + step_m * float(last)
 
 
-def describe_parking(source: Source, *, least_s: float = 6 * HOUR_S) -> str:
-    """Describe the stretches in which a profiler measured without climbing for hours; empty where there are none."""
+def describe_parking(source: Source) -> str:
+    """Describe the stretches in which a profiler measured without climbing for 6 hours; empty where there are none."""
     known = np.isfinite(source.depth_m)
     time_s, depth_m = source.time_s[known], source.depth_m[known]
     if not source.profiles or source.bins > 1 or len(time_s) < 2:
@@ -315,7 +305,7 @@ def describe_parking(source: Source, *, least_s: float = 6 * HOUR_S) -> str:
     still = (np.abs(np.diff(depth_m)) < PROFILER_M_S * steps_s) & (steps_s <= 3.0 * np.median(steps_s))  # no gaps
     edges = np.diff(np.concatenate([[False], still, [False]]).astype(int))
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    lasting = time_s[ends] - time_s[begins] >= least_s
+    lasting = time_s[ends] - time_s[begins] >= 6 * HOUR_S
     if not lasting.any():
         return ""
     begins, ends = begins[lasting], ends[lasting]
