@@ -61,7 +61,7 @@ def explained_share(pairs: Pairs, heading_deg: Floats) -> ExplainedShare:
 
     The weight of a direction is its speed over the median speed, at most 2.
     """
-    upper, lower = pairs.upper_east + 1j * pairs.upper_north, pairs.lower_east + 1j * pairs.lower_north
+    upper, lower = pairs.flows
     turned = angles.argument(upper * np.conj(lower))
     turned = angles.difference(turned, angles.mean(turned))
     slower = np.minimum(np.abs(upper), np.abs(lower))

@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib import angles, earthfield
 from compasslib.errors import InputError
@@ -84,7 +83,7 @@ def estimate_clock_offset(upper: Record, trusted: Sequence[Record], rules: PairR
         return ClockOffset()
     upper = _gridded(upper, rules)
     velocity, depth = mean_of_nearest_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
-    cell = _trusted_cell(upper.time_s, depth, trusted[0], _sphere(upper, trusted[0]), widen_rules(rules))
+    cell = _trusted_cell(upper, depth, trusted[0], widen_rules(rules))
     return compare_speeds((upper.time_s, np.abs(velocity)), (cell.time_s, np.abs(cell.velocity)))
 
 
@@ -94,33 +93,48 @@ def find_pairs(
 ) -> Pairs:
     """Find the overlapping measurements on the time grid, relative to true north; none without a reference."""
     clocks = clocks or ClockOffset()
-    recorded = upper
+    recorded, tolerance_s = upper, 60.0 * rules.grid_tolerance_minutes
     lower = clocks.align(trusted[0]) if trusted else take(upper, np.zeros(0, dtype=np.intp))
-    tolerance_s = 60.0 * rules.grid_tolerance_minutes
     upper = _gridded(upper, rules)
     velocity, depth = mean_of_nearest_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
-    cell = _trusted_cell(upper.time_s, depth, lower, _sphere(upper, lower), rules)
-    other = interpolate_series(cell.time_s, cell.velocity, upper.time_s, tolerance_s=tolerance_s)
-    other_depth = interpolate_series(cell.time_s, cell.depth_m, upper.time_s, tolerance_s=tolerance_s)
+    cell = _trusted_cell(upper, depth, lower, rules)
+    other, other_depth = (
+        interpolate_series(cell.time_s, column, upper.time_s, tolerance_s=tolerance_s)
+        for column in (cell.velocity, cell.depth_m)
+    )
     minutes = np.full(len(upper.time_s), np.nan)
     if len(cell.time_s):
         minutes = (cell.time_s[nearest_index(cell.time_s, upper.time_s)] - upper.time_s) / 60.0
-    with np.errstate(invalid="ignore"):
-        close = (np.abs(minutes) < rules.max_minutes) & (np.abs(other_depth - depth) < rules.max_metres)
+    close = (np.abs(minutes) < rules.max_minutes) & (np.abs(other_depth - depth) < rules.max_metres)
     usable = close & np.isfinite(velocity) & np.isfinite(other) & np.isfinite(upper.heading_deg)
     keep = np.flatnonzero(usable & (upper.heading_quality <= PROBABLY_GOOD) & (np.abs(velocity) > 0) & (abs(other) > 0))
-    pairs = _assemble(take(upper, keep), lower, field, (velocity, other, depth, other_depth, minutes), keep)
-    pairs = replace(pairs, warnings=clocks.warnings, lower_heading_deg=_heading(lower, pairs.time_s, tolerance_s))
-    if clocks.uncorrelated:
-        pairs = replace(pairs, doubts=((angles.UNIFORM_SIGMA_DEG, clocks.uncorrelated),))
+    paired = take(upper, keep)
+    declination = earthfield.declination_at(field, paired.time_s)
+    top, bottom = _to_true(velocity[keep], paired, declination), _to_true(other[keep], lower, declination)
+    pairs = Pairs(
+        time_s=paired.time_s,
+        heading_deg=paired.heading_deg,
+        pitch_deg=paired.pitch_deg,
+        roll_deg=paired.roll_deg,
+        upper_east=top.real,
+        upper_north=top.imag,
+        lower_east=bottom.real,
+        lower_north=bottom.imag,
+        upper_depth_m=depth[keep],
+        lower_depth_m=other_depth[keep],
+        separation_minutes=minutes[keep],
+        declination_deg=declination,
+    )
     if reason := find_identical_velocities(pairs):
-        nothing = np.zeros(0, dtype=np.intp)
-        columns = tuple(column[nothing] for column in (velocity, other, depth, other_depth, minutes))
-        return replace(_assemble(take(upper, nothing), lower, field, columns, nothing), warnings=(reason,))
-    pairs = check_pairs(pairs, recorded, list(trusted))
+        return replace(take(pairs, np.zeros(0, dtype=np.intp)), warnings=(reason,))
+    doubts = ((angles.UNIFORM_SIGMA_DEG, clocks.uncorrelated),) if clocks.uncorrelated else ()
+    heading = _heading(lower, pairs.time_s, tolerance_s)
+    pairs = check_pairs(
+        replace(pairs, warnings=clocks.warnings, lower_heading_deg=heading, doubts=doubts), recorded, trusted
+    )
     if not len(pairs):
         return pairs
-    paired, at_m = take(upper, keep), other_depth[keep]
+    at_m = other_depth[keep]
     pairs = find_speed_changes(pairs, paired)
     if rules.predict and (predicted := _predicted(pairs, paired, at_m, rules.bins)) is not None:
         return predicted
@@ -174,7 +188,7 @@ def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs
     if not len(pairs):
         return replace(pairs, warnings=tuple(_absent(upper, trusted)))
     _refuse_other_frame(pairs)
-    speeds = [np.median(np.hypot(e, n)) for e, n in _velocities(pairs)]
+    speeds = [np.median(np.abs(flow)) for flow in pairs.flows]
     medians = f"median speeds of the pairs are {speeds[0]:.3g} and {speeds[1]:.3g} m/s"
     # No two depths 20 m apart reach a ratio of 5.
     apart, slow = not 0.2 < speeds[0] / speeds[1] < 5.0, min(speeds) < NOISE_M_S
@@ -191,7 +205,7 @@ def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs
 
 def find_identical_velocities(pairs: Pairs) -> str:
     """Explain that both instruments of the pairs are one recording; empty if their velocities differ."""
-    upper, lower = (np.hypot(east, north) for east, north in _velocities(pairs))
+    upper, lower = np.abs(pairs.flows)
     if len(pairs) < ENOUGH or np.ptp(upper) == 0.0 or np.mean(np.abs(upper - lower) < 1e-6) <= 0.5:
         return ""
     return "the two instruments recorded the same velocities: one recording was given twice, and no pair counts"
@@ -203,7 +217,7 @@ def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs
     if prediction is None:
         return None
     predicted = _to_true(prediction.velocity, upper, pairs.declination_deg)
-    mean, trusted = (east + 1j * north for east, north in _velocities(pairs))
+    mean, trusted = pairs.flows
     known = np.isfinite(predicted) & (np.abs(predicted) > 0.0)
     if fails_speed_check(pairs.time_s[known], mean[known], predicted[known], trusted[known]):
         return None
@@ -232,17 +246,16 @@ def _gridded(upper: Record, rules: PairRules) -> Record:
     return take(upper, grid_indices(upper.time_s, step_s=step_s, tolerance_s=tolerance_s))
 
 
-def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, rules: PairRules) -> VelocitySeries:
+def _trusted_cell(upper: Record, depth: Floats, lower: Record, rules: PairRules) -> VelocitySeries:
     """Select the reference's cell nearest to the sphere, or to the affected bins, and average dense series."""
     known = np.isfinite(depth)
     if not len(lower.time_s) or not known.any():
         return VelocitySeries(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
-    wanted = np.interp(lower.time_s, time_s[known], depth[known])
-    centre = wanted if rules.predict else sphere
-    towards = (lower.depth_m - centre) * (1.0 if lower.looks_up else -1.0)
+    wanted = np.interp(lower.time_s, upper.time_s[known], depth[known])
+    sphere = interpolate_series(upper.time_s, upper.depth_m, lower.time_s, tolerance_s=np.inf)
+    towards = (lower.depth_m - (wanted if rules.predict else sphere)) * (1.0 if lower.looks_up else -1.0)
     velocity, at = mean_of_nearest_bins(lower, np.nan_to_num(towards), rules.bins)
-    with np.errstate(invalid="ignore"):
-        near = np.isfinite(velocity) & (np.abs(at - wanted) < rules.max_metres)
+    near = np.isfinite(velocity) & (np.abs(at - wanted) < rules.max_metres)
     return _block_averaged(VelocitySeries(lower.time_s[near], velocity[near], at[near]), 60.0 * rules.max_minutes / 2.0)
 
 
@@ -266,31 +279,6 @@ def _heading(lower: Record, time_s: Floats, tolerance_s: float) -> Floats | None
     sine, cosine = angles.sin_cos(lower.heading_deg[known])
     at = interpolate_series(lower.time_s[known], cosine + 1j * sine, time_s, tolerance_s=tolerance_s)
     return angles.argument(at) if np.isfinite(at).any() else None
-
-
-def _sphere(upper: Record, lower: Record) -> Floats:
-    return interpolate_series(upper.time_s, upper.depth_m, lower.time_s, tolerance_s=np.inf)
-
-
-def _assemble(upper: Record, lower: Record, field: EarthField, columns: tuple, keep: NDArray[np.intp]) -> Pairs:
-    velocity, other, depth, other_depth, minutes = (column[keep] for column in columns)
-    declination = earthfield.declination_at(field, upper.time_s)
-    top = _to_true(velocity, upper, declination)
-    bottom = _to_true(other, lower, declination)
-    return Pairs(
-        time_s=upper.time_s,
-        heading_deg=upper.heading_deg,
-        pitch_deg=upper.pitch_deg,
-        roll_deg=upper.roll_deg,
-        upper_east=top.real,
-        upper_north=top.imag,
-        lower_east=bottom.real,
-        lower_north=bottom.imag,
-        upper_depth_m=depth,
-        lower_depth_m=other_depth,
-        separation_minutes=minutes,
-        declination_deg=declination,
-    )
 
 
 def _to_true(velocity: Complexes, record: Record, declination: Floats) -> Complexes:
@@ -334,9 +322,9 @@ def _refuse_other_frame(pairs: Pairs) -> None:
     Iron cannot cause this: a compass that turns full circle deviates about the true heading. Where the flow keeps one
     direction or the compass hardly turns, the test cannot decide and passes. The slowest quarter is ignored.
     """
-    slower = np.min([np.hypot(east, north) for east, north in _velocities(pairs)], axis=0)
+    slower = np.min(np.abs(pairs.flows), axis=0)
     fast = slower >= np.quantile(slower, 0.25)
-    upper, lower = (angles.direction(east, north)[fast] for east, north in _velocities(pairs))
+    upper, lower = (angles.direction(flow.real, flow.imag)[fast] for flow in pairs.flows)
     heading = pairs.heading_deg[fast]
     plain = min(_spread(lower - upper), _spread(lower), _spread(heading))
     others = {(sign, k): _spread(lower + sign * upper + k * heading) for sign, k in OTHER_FRAMES}
@@ -345,10 +333,6 @@ def _refuse_other_frame(pairs: Pairs) -> None:
         shown = f"directions that agree with those of the reference only where they are {OTHER_FRAMES[best]}"
         advice = "check coordinates (EX), orientation, and east and north of both instruments"
         raise InputError("affected instrument", expected="velocities as the file has them", found=shown, advice=advice)
-
-
-def _velocities(pairs: Pairs) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
-    return (pairs.upper_east, pairs.upper_north), (pairs.lower_east, pairs.lower_north)
 
 
 def _spread(angle_deg: Floats) -> float:
@@ -394,8 +378,8 @@ def match_ready_pairs(columns: Mapping[str, Floats], scale: float, record: Recor
         separation_minutes=unknown,
         declination_deg=earthfield.declination_at(field, samples[at]),
     )
-    flows = np.hypot(pairs.upper_east, pairs.upper_north), np.hypot(pairs.lower_east, pairs.lower_north)
-    pairs = take(pairs, (flows[0] > 0.0) & (flows[1] > 0.0) & (record.heading_quality[at] < BAD))
+    moving = np.min(np.abs(pairs.flows), axis=0) > 0.0
+    pairs = take(pairs, moving & (record.heading_quality[at] < BAD))
     if reason := find_identical_velocities(pairs):
         return replace(take(pairs, np.zeros(0, dtype=np.intp)), warnings=(reason,))
     pairs = check_pairs(pairs, record, [])

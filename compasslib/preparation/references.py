@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.preparation.water import usable_velocities
 from compasslib.records import Pairs, Record, ReferenceCompass, iso_time, take
-from compasslib.types import DAY_S, Complexes, Floats
+from compasslib.types import DAY_S, Floats
 
 CONTRADICTING = "the references differ by {:.0f}°, and the record cannot tell which is wrong"
 REFERENCE_HEADING = "lower_heading_deg"  # belongs to a single instrument, so it is not joined
@@ -94,7 +94,7 @@ def combine_references(pairs: Pairs) -> Pairs:
     weight = np.zeros((len(times), len(used)))
     weight[row, column] = 1.0
     missed = np.full(weight.shape, np.nan)
-    upper, lower = _flows(pairs)
+    upper, lower = pairs.flows
     missed[row, column] = np.abs(upper) - np.abs(lower)
     weight *= _weights(missed)
     share = (weight / weight.sum(axis=1, keepdims=True))[row, column]
@@ -152,7 +152,7 @@ def _apart(first: Pairs, second: Pairs) -> tuple[str, float] | None:
     _, a, b = np.intersect1d(first.time_s, second.time_s, return_indices=True)
     if not len(a):
         return None
-    (up_a, low_a), (up_b, low_b) = _flows(take(first, a)), _flows(take(second, b))
+    (up_a, low_a), (up_b, low_b) = take(first, a).flows, take(second, b).flows
     turn = low_a * np.conj(low_b) * np.conj(up_a * np.conj(up_b))
     slowest = np.min(np.abs([up_a, low_a, up_b, low_b]), axis=0)
     turn = np.where(np.abs(turn) > 0.0, turn / np.maximum(np.abs(turn), 1e-12), 0.0) * slowest**2
@@ -168,10 +168,6 @@ def _apart(first: Pairs, second: Pairs) -> tuple[str, float] | None:
     if abs(off) < max(5.0, 4.0 * sigma):
         return None
     return f"differ in direction by {off:+.0f} ± {1.96 * sigma:.0f} degrees (95 %) all along", off
-
-
-def _flows(pairs: Pairs) -> tuple[Complexes, Complexes]:
-    return pairs.upper_east + 1j * pairs.upper_north, pairs.lower_east + 1j * pairs.lower_north
 
 
 def find_speed_changes(pairs: Pairs, upper: Record) -> Pairs:
@@ -190,7 +186,7 @@ def find_speed_changes(pairs: Pairs, upper: Record) -> Pairs:
     other = [k + 1 + int(np.argmin(np.abs(np.abs(range_m[k + 1 :] - x) - apart_m))) for k, x in enumerate(range_m[:-1])]
     if len(windows) < 2 * lasts:
         return pairs
-    upper_speed, lower_speed = (np.abs(flow)[:, None] for flow in _flows(pairs))
+    upper_speed, lower_speed = (np.abs(flow)[:, None] for flow in pairs.flows)
     change = _changes(lower_speed, upper_speed, windows, lasts)[:, 0]
     own = _changes(speed[:, other], speed[:, : len(other)], windows, lasts)
     if not own.size:

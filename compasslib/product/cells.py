@@ -364,7 +364,8 @@ def compare_at_seam(pairs: Pairs, assessment: Mapping[str, Any]) -> dict[str, An
     """
     pairs, speed, sigma = combine_references(pairs), None, None
     if len(pairs) >= 30:
-        off = np.hypot(pairs.upper_east, pairs.upper_north) - np.hypot(pairs.lower_east, pairs.lower_north)
+        upper, lower = pairs.flows
+        off = np.abs(upper) - np.abs(lower)
         speed, sigma = float(off.mean()), float(off.std() / np.sqrt(effective_sample_size(off, pairs.time_s)))
     after = assessment["after"]
     known = after["n"] >= 30
