@@ -1,12 +1,10 @@
 """Clocks: valid times of a recording, and offsets of hours to a month between two instruments.
 
-Samples are checked in the order in which they were recorded. A clock that jumps back into time already recorded was
-reset: the samples after it have no known time and are omitted.
+A clock that jumps back into time already recorded was reset: the samples after it have no known time.
 
-Offsets, as by a wrong time zone or date, are estimated from current speeds, which do not depend on a compass.
-High-passed speeds are multiplied in windows of days at every hourly lag. A lag is accepted if it fits better than the
-stated clocks, and than every other lag including tidal aliases, by more than the scatter between windows. Drifts, and
-errors of a few hours, are left to the search for unmodelled effects, which has a finer resolution and identifies them.
+Offsets are estimated from current speeds, which do not depend on a compass, in windows of days at every hourly lag. A
+lag is accepted if it fits better than the stated clocks, and than every other lag including tidal aliases, by more than
+the scatter between windows. Drifts, and errors of a few hours, are left to the search for unmodelled effects.
 """
 
 from __future__ import annotations

@@ -42,13 +42,10 @@ def apply_deployment(
     """Cut the record to the deployment, convert times to UTC, determine the depth, and flag unusable values.
 
     Args:
-        latitude: degrees north, to convert pressure to depth.
         nominal_depth: depth of the transducer by the metadata, metres.
         direction_reference: ``magnetic`` or ``true``, what the export's directions refer to.
-        pressure_offset: dbar, subtracted.
         clock_offset_seconds: instrument clock minus UTC at start.
-        declination_applied: declination already added to the export's directions, degrees, one value or separately for
-            heading and velocity; it is removed.
+        declination_applied: degrees, contained in all directions of the export or in ``heading`` and ``velocity``.
         exclude: periods (from, to) known to be bad, UTC seconds.
         flags_by_hand: a person's flags, which replace all others: ``from_s``, ``to_s``, ``depths`` [from, to] or None
             for all, m, and ``flag``.
@@ -105,7 +102,6 @@ def follow_neighbour(
     neighbour's record have the depth at its nearer end, which is told.
 
     Args:
-        time_s: of the neighbour's depths ``depth_m``, by the clock of the record.
         depths_m: nominal depths of the instrument and of the neighbour.
 
     Raises:
@@ -125,12 +121,7 @@ def follow_neighbour(
 
 
 def to_utc(time_s: Floats, deployed: tuple[float, float], offset_s: float, drift_s: float) -> Floats:
-    """Convert times by the instrument's clock to UTC, (n,) seconds since 1970.
-
-    Args:
-        deployed: start and end of the deployment, UTC seconds.
-        offset_s: instrument clock minus UTC at start; ``drift_s`` is its increase until the end.
-    """
+    """Convert times by a clock that is ``offset_s`` ahead of UTC at the start and ``drift_s`` more at the end."""
     start_s, end_s = deployed
     return time_s - offset_s - drift_s * np.clip((time_s - start_s) / (end_s - start_s), 0.0, 1.0)
 

@@ -177,11 +177,7 @@ MASKS = {check.count: np.int32(1 << k) for k, check in enumerate(CHECKS)}
 def flag_quality(
     record: Record, water_depth: float, *, affected: bool = False, thresholds: Thresholds = DEFAULT_THRESHOLDS
 ) -> Record:
-    """Flag and count impossible values, and warn of uninformative sensors.
-
-    Args:
-        affected: whether the compass is to be corrected, and its unit is tested.
-    """
+    """Flag and count impossible values, and warn of uninformative sensors, and of the unit of an affected compass."""
     record, limits = _flag_read(record, thresholds.percent_good), asdict(thresholds)
     for check in CHECKS:
         limit = limits.get(check.threshold)
@@ -196,11 +192,7 @@ def flag_quality(
 
 
 def flag_velocities(record: Record, where: Bools, count: str, sentence: str = "") -> Record:
-    """Flag velocities as bad that were good or probably good so far, count them, and warn if a sentence describes them.
-
-    Args:
-        where: mask, broadcastable to (n, m).
-    """
+    """Flag velocities as bad that were good or probably good, count them, and warn if a sentence describes them."""
     failed = np.broadcast_to(where, record.quality.shape) & (record.quality != MISSING)
     before = np.zeros(failed.shape, dtype=np.int32) if record.tests is None else record.tests
     tests = np.where(failed, before | MASKS[count], before).astype(np.int32)
@@ -250,8 +242,8 @@ def _flag_read(record: Record, least: float) -> Record:
 def _percent_good(record: Record) -> Floats:
     """Compute the share of good pings, (n, m) percent.
 
-    In beam coordinates with four beams it is the minimum, or the second lowest for three-beam solutions; in other
-    coordinates it is the sum of columns 1 and 4, the three- and four-beam solutions.
+    Of four beams it is the minimum, or the second lowest for three-beam solutions; in other coordinates than those of
+    beams it is the sum of columns 1 and 4, the three- and four-beam solutions.
     """
     percent = np.asarray(record.profiles["percent_good"][:], dtype=float)
     if percent.ndim < 3 or percent.shape[2] != 4:
@@ -301,11 +293,7 @@ def _flag_heading_fills(record: Record) -> Record:
 
 
 def _stuck(same: Bools, time_s: Floats) -> Bools:
-    """Find runs of 12 or more repeated samples over 6 hours, (n,), unless the repetition elsewhere explains them.
-
-    Args:
-        same: whether each sample repeats the one before, (n - 1,).
-    """
+    """Find runs of 12 samples and 6 hours or more that repeat the one before, unless all of the series often does."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]])))
     runs = edges.reshape(-1, 2)  # first and last sample of each
     length = runs[:, 1] - runs[:, 0]

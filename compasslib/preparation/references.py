@@ -1,8 +1,7 @@
 """Checks of the reference against the affected instrument, and the combination of several references.
 
-Each reference yields its own pairs, with the water predicted at its own depth. At a given time the deviation of the
-affected compass rotates all pairs equally, so it is preserved in their mean; the weights follow from the differences
-between the measured and the predicted speeds, which do not depend on a compass.
+The deviation of the affected compass rotates simultaneous pairs equally, so it is preserved in their mean. Weights
+follow from differences between measured and predicted speeds, which do not depend on a compass.
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
 """Prediction of the water velocity at the reference's depth from the affected instrument's simultaneous profile.
 
 Weights follow from the structure function of velocity between bins (best linear unbiased prediction as in Bretherton,
-Davis & Fandry 1976; ordinary kriging). The magnitude of a difference between bins of one instrument does not depend on
-its heading error, so the compass need not be known. The weights are real and add up to one: the prediction is rotated
-by a heading error exactly as a single bin is, and a velocity that is equal in all bins is reproduced.
+Davis & Fandry 1976; ordinary kriging), which a heading error does not change. They are real and add up to one, so that
+a heading error rotates the prediction exactly as a single bin.
 
-Directions also veer with depth, for days or for the whole record, which real weights cannot represent. The profile
-shows by how much: its bins are predicted in the same way from the bins beyond them, and a share of the nearest bin's
-error, learnt from bins equally far apart, is removed from the prediction. The remaining mean veer is estimated.
+Directions also veer with depth, which real weights cannot represent. The profile shows by how much: its bins are
+predicted in the same way from the bins beyond them, and a share of the nearest bin's error, learnt from bins equally
+far apart, is removed from the prediction.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Uncertainty of gridded velocities: modes of the heading error along time, and errors not due to the heading.
 
-The heading error of an instrument is a sum of modes, each a function of time times a standard normal variable, and an
-autocorrelated random part. It rotates all simultaneous velocities alike: du = v delta, dv = -u delta.
+A mode is a function of time times a standard normal variable. The heading error rotates all simultaneous velocities
+alike: du = v delta, dv = -u delta.
 """
 
 from __future__ import annotations
@@ -78,11 +78,7 @@ def compass_modes(fit: DeviationFit, at: CompassSeries | None, readings: Reading
 
 
 def compress(columns: Floats, count: int) -> tuple[Floats, Floats]:
-    """Reduce columns to their leading principal components.
-
-    Returns:
-        The leading components, (n, count or fewer), and the residual variance of each row, (n,).
-    """
+    """Reduce columns to their leading principal components, and the residual variance of each row, (n,)."""
     if columns.shape[1] == 0 or not len(columns):
         return columns[:, :0], np.zeros(len(columns))
     values, vectors = np.linalg.eigh(columns.T @ columns)
@@ -127,8 +123,7 @@ def learn_by_depth(velocity: Complexes, range_m: Floats, cell_m: float) -> Diffe
 def learn_bin_noise(velocity: Complexes, by_depth: Differences) -> Floats:
     """Estimate the noise of each bin, (m,) (m/s)^2: far bins, with weaker echoes, differ more from their neighbours.
 
-    Args:
-        by_depth: structure function whose noise applies to the quieter half of the bins.
+    The noise of ``by_depth`` applies to the quieter half of the bins.
     """
     steps = np.abs(np.diff(velocity, axis=1)) ** 2
     known = np.isfinite(steps)
@@ -170,10 +165,7 @@ def learn_by_time(blocks: Sequence[Complexes], step_s: float, reach_s: float, no
 
 
 def error_memory(blocks: Sequence[Complexes], step_s: float, noise: float) -> float:
-    """Estimate the correlation time of differences between neighbouring bins, and so of interpolation errors, seconds.
-
-    The noise of one measurement, (m/s)^2, is taken as uncorrelated.
-    """
+    """Estimate the correlation time of differences between adjacent bins, and so of interpolation errors, seconds."""
     shears = [np.diff(block, axis=1) for block in blocks if block.shape[1] > 1]
     if not shears:
         return step_s
@@ -292,8 +284,6 @@ def _square_root(covariance: Floats) -> Floats:
 
 # The heading error of a mooring's instruments along the times of the grid.
 
-HOPELESS = 1e8  # square degrees, stands for an infinite variance
-
 
 @dataclass(frozen=True)
 class AffectedHeadings:
@@ -301,7 +291,7 @@ class AffectedHeadings:
 
     name: str
     time_s: Floats
-    used: Bools  # (n,) whether velocities of the sample go into the grid
+    used: Bools  # (n,) whether its velocities go into the grid
     heading_deg: Floats
     sigma_deg: Floats  # whole
     probability: Floats  # of the selected branch
@@ -387,7 +377,7 @@ def _decompose(
     leading, left = compress(columns, count - len(by_time))
     random = np.maximum(affected.sigma_deg**2 - within, 0.0) + left
     undecided = (affected.probability > 0.0) & (affected.probability < MIN_PROBABILITY)
-    random = np.where(undecided, HOPELESS, random)  # either of two headings: the error is not normal
+    random = np.where(undecided, 1e8, random)  # either of two headings: the error is not normal
     columns = np.column_stack([*by_time.values(), leading, random]) if samples else np.zeros((0, len(by_time) + 1))
     columns = np.where((affected.used & np.isfinite(affected.heading_deg))[:, None], columns, np.nan)
     *modes, mean = average_slots(columns, affected.time_s, axes, max_gap_s).T * angles.DEGREE
