@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from compasslib.config import values
-from compasslib.config.schema import CLOCK_HEADER, DATE_HEADER, FILES_WORDS, TIME_WORDS, TableKeys
+from compasslib.config.schema import CENTURY_S, CLOCK_HEADER, DATE_HEADER, FILES_WORDS, TIME_WORDS, TableKeys
 from compasslib.config.section import Section, key
 from compasslib.config.values import problem, shown
 from compasslib.readers import TABLE_KEYS
@@ -24,7 +24,7 @@ def _header(unit: str) -> Any:
 
 
 def _row(what: str) -> Any:
-    return key(f"{what}, degrees from 0 to 180", "0.26", None, ge=0, le=180)
+    return key(f"{what}, degrees", "0.26", None, ge=0, le=180)
 
 
 TABLE_IS_CSV = BeforeValidator(lambda value: "csv" if value == "table" else value)
@@ -47,15 +47,13 @@ class CalibrationFile(KindKey):
 
     files: values.Files = key(FILES_WORDS, "raw/cal/aqd.csv", alias="file")
     declination: values.Declination = key("auto, or degrees east from -180 to 180", "auto", "auto")
-    latitude: values.Number | None = key("a number from -90 to 90", "48.4", None, values.SWAPPED, ge=-90, le=90)
-    longitude: values.Number | None = key("a number from -180 to 360", "-4.5", None, values.SWAPPED, ge=-180, le=360)
+    latitude: values.Number | None = key("a number", "48.4", None, values.SWAPPED, ge=-90, le=90)
+    longitude: values.Number | None = key("a number", "-4.5", None, values.SWAPPED, ge=-180, le=360)
     date_s: values.Time | None = key(TIME_WORDS, "2022-09-29", None, alias="date")
     withhold: tuple[values.Text, ...] = key("a list of column names", "[heading_deg]", ())
     table_step_deg: Literal[10, 15] = key("10 or 15", "10", 10)
     parts: tuple[values.Text, ...] = key("a list of parts near the compass", "[lithium pack, frame]", ())
-    compare_with: values.Names = key(
-        "the NAME of another file in config/calibrations, or a list of names", "before", ()
-    )
+    compare_with: values.Names = key("the NAME of another calibration, or a list of names", "before", ())
     compass: values.Name | None = key("a name that all records of one compass carry", "wh8104", None)
     sphere: values.Name | None = key("a name that all records in one sphere or frame carry", "sphere3", None)
 
@@ -120,8 +118,8 @@ class Uncertainty(Section):
 class NearObject(Section):
     """An object whose influence is measured on the bench."""
 
-    distance_m: values.Number = key("metres above 0, at most 100", "0.6", gt=0, le=100)
-    size_m: values.Number = key("metres above 0, at most 100", "0.2", gt=0, le=100)
+    distance_m: values.Number = key("metres", "0.6", gt=0, le=100)
+    size_m: values.Number = key("metres", "0.2", gt=0, le=100)
 
 
 class Platform(TableFile):
@@ -129,7 +127,7 @@ class Platform(TableFile):
 
     format: Annotated[Literal["csv"], TABLE_IS_CSV] = key("csv", "csv", "csv")
     columns: PlatformColumns = key("a mapping", "{reference_deg: bench, recorded_deg: heading}", PlatformColumns())
-    mounting_deg: values.Number | None = key("degrees from -360 to 360", "180", None, ge=-360, le=360)
+    mounting_deg: values.Number | None = key("degrees", "180", None, ge=-360, le=360)
     spun: values.Files = key(FILES_WORDS, "raw/cal/spun.csv", ())
     observatory: values.Files = key(FILES_WORDS, "raw/obs/*.min", ())
     object: NearObject | None = key("a mapping", "{distance_m: 0.6, size_m: 0.2}", None)
@@ -175,14 +173,14 @@ class SwingColumns(Section):
 class VisualMark(Section):
     """A compass heading towards a mark of known true bearing."""
 
-    compass_deg: values.Number = key("degrees from 0 to 360", "40", ge=0, le=360)
-    true_deg: values.Number = key("degrees from 0 to 360", "42", ge=0, le=360)
+    compass_deg: values.Number = key("degrees", "40", ge=0, le=360)
+    true_deg: values.Number = key("degrees", "42", ge=0, le=360)
 
 
 class SunMark(Section):
     """A compass heading towards the sun at a given time."""
 
-    compass_deg: values.Number = key("degrees from 0 to 360", "40", ge=0, le=360)
+    compass_deg: values.Number = key("degrees", "40", ge=0, le=360)
     time_utc: values.Time = key("a UTC time from 1980 to 2100", "2022-09-29T09:00:00Z")
 
 
@@ -192,17 +190,17 @@ class SwingFile(TableFile):
     format: Annotated[Literal["csv", "nmea0183"], TABLE_IS_CSV] = key("csv or nmea0183", "csv", "csv")
     columns: SwingColumns = key("a mapping", "{compass_deg: hdg, cog_deg: cog}", SwingColumns())
     talker: values.Text | None = key("the talker of the log's headings", "HC", None)
-    min_speed_kn: values.Number | None = key("knots from 0 to 100", "2", None, ge=0, le=100)
-    max_turn_deg_s: values.Number | None = key("degrees a second above 0, at most 90", "1", None, gt=0, le=90)
-    max_lag_s: values.Number | None = key("seconds from 0 to 600", "10", None, ge=0, le=600)
-    max_drift_kn: values.Number | None = key("knots from 0 to 20", "1", None, ge=0, le=20)
-    drift_ratio: values.Number | None = key("a number from 0 to 1", "0.14", None, ge=0, le=1)
-    declination_sigma_deg: values.Number | None = key("degrees above 0, at most 180", "0.4", None, gt=0, le=180)
+    min_speed_kn: values.Number | None = key("knots", "2", None, ge=0, le=100)
+    max_turn_deg_s: values.Number | None = key("degrees a second", "1", None, gt=0, le=90)
+    max_lag_s: values.Number | None = key("seconds", "10", None, ge=0, le=600)
+    max_drift_kn: values.Number | None = key("knots", "1", None, ge=0, le=20)
+    drift_ratio: values.Number | None = key("a number", "0.14", None, ge=0, le=1)
+    declination_sigma_deg: values.Number | None = key("degrees", "0.4", None, gt=0, le=180)
     visual: tuple[VisualMark, ...] = key("a list of headings for a mark", "[{compass_deg: 40, true_deg: 42}]", ())
     sun: tuple[SunMark, ...] = key("a list of headings", "[{compass_deg: 40, time_utc: 2022-09-29T09:00Z}]", ())
-    visual_sigma_deg: values.Number | None = key("degrees above 0, at most 180", "1", None, gt=0, le=180)
-    course_sigma_deg: values.Number | None = key("degrees above 0, at most 180", "1", None, gt=0, le=180)
-    vessel_length_m: values.Number | None = key("metres above 0, at most 1000", "40", None, gt=0, le=1000)
+    visual_sigma_deg: values.Number | None = key("degrees", "1", None, gt=0, le=180)
+    course_sigma_deg: values.Number | None = key("degrees", "1", None, gt=0, le=180)
+    vessel_length_m: values.Number | None = key("metres", "40", None, gt=0, le=1000)
 
     @property
     def placed(self) -> bool:
@@ -230,9 +228,7 @@ class MagnetometerFile(TableFile):
 
     format: Annotated[Literal["csv", "mmp_acm"], TABLE_IS_CSV] = key("csv or mmp_acm", "csv", "csv")
     columns: MagnetometerColumns = key("a mapping", "{x: mx, y: my}", MagnetometerColumns())
-    covariates: tuple[values.Text, ...] = key(
-        "a list of other columns that a mismatch may follow", "[pressure_dbar]", ()
-    )
+    covariates: tuple[values.Text, ...] = key("a list of columns that a mismatch may follow", "[pressure_dbar]", ())
 
 
 class DeclinationSeries(CalibrationFile):
@@ -245,16 +241,14 @@ class TwoHeads(CalibrationFile):
     """Two profilers on one frame."""
 
     format: Literal["pd0"] = key("pd0", "pd0", "pd0")
-    files: values.Files = key(
-        "two files, of head a and of head b", "[a.000, b.000]", alias="file", min_length=2, max_length=2
-    )
+    files: values.Files = key("two files, of heads a and b", "[a.000, b.000]", alias="file", min_length=2, max_length=2)
     start_s: values.Time | None = key(TIME_WORDS, "2022-09-29T06:00:00Z", None, alias="start")
     end_s: values.Time | None = key(TIME_WORDS, "2022-09-29T18:00:00Z", None, alias="end")
     orientation: Orientations | None = key("up or down, or a list of two of these", "[up, down]", None)
     declination_applied: Pair | None = key("degrees, or a list of two", "[0, -18.1]", None)
     heading_alignment: Pair | None = key("degrees, or a list of two", "[0, 45]", None)
-    max_clock_seconds: values.Number | None = key("seconds from 0 to 86400", "600", None, ge=0, le=86400)
-    clock_offset_seconds: values.Number | None = key("seconds, less than a century", "0", None, ge=-3.2e9, le=3.2e9)
+    max_clock_seconds: values.Number | None = key("seconds", "600", None, ge=0, le=86400)
+    clock_offset_seconds: values.Number | None = key("seconds", "0", None, ge=-CENTURY_S, le=CENTURY_S)
 
 
 MODELS: dict[str, type[CalibrationFile]] = {
@@ -273,18 +267,3 @@ def settings(file: CalibrationFile) -> dict[str, Any]:
     plain = file.model_dump(mode="json", exclude={"kind", "files", *BETWEEN} | unset)
     columns = {role: header for role, header in plain.get("columns", {}).items() if header is not None}
     return {**plain, "columns": columns}
-
-
-def check_comparisons(files: dict[str, CalibrationFile]) -> tuple[str, str] | None:
-    """Find the first calibration whose ``compare_with`` names no file or forms a cycle, and describe the mistake."""
-    for name in files:
-        paths = [[name]]
-        while paths:
-            visited = paths.pop(0)
-            for other in files[visited[-1]].compare_with:
-                if other not in files:
-                    return name, shown(other)
-                if other in visited:
-                    return name, f"a circle of comparisons, {' - '.join([*visited, other])}"
-                paths.append([*visited, other])
-    return None

@@ -9,7 +9,6 @@ from itertools import combinations
 
 from compasslib.config.calibrations import CalibrationFile
 from compasslib.config.schema import Mooring
-from compasslib.config.values import shown
 from compasslib.errors import InputError
 from compasslib.records import iso_time
 
@@ -20,13 +19,12 @@ SERIAL_KEYS = ("serial_number", "sensor_serial_number")
 class Deployment:
     """Place and time span of one use of a compass; a calibration begins and ends at its date."""
 
-    compass: str
     where: str
     begin_s: float
     end_s: float
 
 
-Deployments = dict[str, list[Deployment]]  # by the name of the compass in lower case
+Deployments = dict[str, list[Deployment]]  # by the name of the compass
 
 
 def calibration_dates(calibrations: Mapping[str, CalibrationFile]) -> Deployments:
@@ -34,42 +32,37 @@ def calibration_dates(calibrations: Mapping[str, CalibrationFile]) -> Deployment
     actual: Deployments = {}
     for name, entry in calibrations.items():
         if entry.compass is not None and entry.date_s is not None:
-            stay = Deployment(entry.compass, f"calibration {name}", entry.date_s, entry.date_s)
-            actual.setdefault(entry.compass.lower(), []).append(stay)
+            stay = Deployment(f"calibration {name}", entry.date_s, entry.date_s)
+            actual.setdefault(entry.compass, []).append(stay)
     return actual
 
 
 def refuse_overlap(name: str, mooring: Mooring, file: str, stays: Deployments) -> None:
-    """Check that no compass of a mooring was elsewhere at the same time or has an ambiguous name.
+    """Check that no compass of a mooring was elsewhere at the same time or has the name of a mooring.
 
     Args:
         stays: deployments and calibrations checked before, by compass; those of the mooring are added.
 
     Raises:
-        InputError: if a compass was elsewhere or its name is ambiguous.
+        InputError: if a compass was elsewhere, or a calibration has the name of the mooring.
     """
     for role, entry in mooring.instruments.items():
         if (compass := entry.compass) is None:
             continue
         where = f"{file}: instruments.{role}.compass"
-        known = stays.setdefault(compass.lower(), [])
+        known = stays.setdefault(compass, [])
         for other in known:
-            if compass != other.compass:
-                expected, advice = "a name that no other has in other letters", "write both alike, or rename one"
-                actual = f"{shown(compass)}, and {other.where} has {other.compass}"
-                raise InputError(where, expected=expected, found=actual, advice=advice)
             if other.where == f"calibration {mooring.name}":
                 expected = "another name of the mooring than of the compass's calibration"
                 actual, advice = f"{mooring.name} for both", "rename one of the two"
                 raise InputError(where, expected=expected, found=actual, advice=advice)
             if other.begin_s < mooring.end_s and mooring.start_s < other.end_s:
                 span = " to ".join(dict.fromkeys([iso_time(other.begin_s), iso_time(other.end_s)]))
-                expected = (
-                    f"a compass that is in one place from {iso_time(mooring.start_s)} to {iso_time(mooring.end_s)}"
-                )
+                own = f"{iso_time(mooring.start_s)} to {iso_time(mooring.end_s)}"
+                expected = f"a compass that is in one place from {own}"
                 advice = "correct the dates, or give one of the two compasses another name"
                 raise InputError(where, expected=expected, found=f"{compass} at {other.where}, {span}", advice=advice)
-        known.append(Deployment(compass, f"{name} ({role})", mooring.start_s, mooring.end_s))
+        known.append(Deployment(f"{name} ({role})", mooring.start_s, mooring.end_s))
 
 
 def members(

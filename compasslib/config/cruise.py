@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import graphlib
 import math
 import os
 import re
@@ -16,7 +17,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from compasslib.config import compasses
-from compasslib.config.calibrations import MODELS, CalibrationFile, KindKey, check_comparisons
+from compasslib.config.calibrations import MODELS, CalibrationFile, KindKey
 from compasslib.config.schema import Covariate, CruiseOptions, Instrument, Mooring
 from compasslib.config.section import describe
 from compasslib.config.values import DECIDE, NAME, NAME_WORDS, RawFolder, shown
@@ -207,7 +208,14 @@ def _calibrations(cruise: Path, place: RawFolder, refuse: Callable[[InputError],
             calibrations[stem] = validate(MODELS[kind], raw, file, place)
         except InputError as mistake:
             refuse(mistake)
-    if wrong := check_comparisons(calibrations):
+    compared = {name: calibration.compare_with for name, calibration in calibrations.items()}
+    wrong = next(((name, shown(x)) for name, others in compared.items() for x in others if x not in compared), None)
+    try:
+        graphlib.TopologicalSorter(compared).prepare()
+    except graphlib.CycleError as error:
+        cycle = error.args[1]
+        wrong = wrong or (cycle[0], f"a circle of comparisons, {' - '.join(cycle)}")
+    if wrong:
         where, expected = f"{CALIBRATIONS}/{wrong[0]}.yaml: compare_with", "the NAME of another, earlier calibration"
         advice = "correct the name; the earlier one stands alone"
         raise InputError(where, expected=expected, found=wrong[1], advice=advice)
@@ -313,8 +321,6 @@ def parse(data: bytes, name: str, example: str = "key: value") -> dict[str, Any]
         where, found = f"{name}: line {mark.line + 1}, column {mark.column + 1}", f"a mistake of form ({error.problem})"
     except yaml.reader.ReaderError as error:
         where, found = f"{name}: line {text.count(chr(10), 0, error.position) + 1}", "a control character"
-    except RecursionError:
-        found = "very many levels of brackets"
     else:
         if isinstance(content, dict):
             return content

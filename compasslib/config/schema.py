@@ -41,6 +41,7 @@ RESERVED = (
 )
 FOLDERS = ("work", "figures", "logs", "benchmarks")  # subfolders of results/NAME
 COVARIATE_ADVICE = "add for example columns: {time: time_utc, value: current_mA}"
+CENTURY_S = 3.2e9
 DEPTH_SLACK = 1.05  # a charted water depth is rarely better than 5 %
 
 
@@ -54,21 +55,20 @@ def _known_format(value: Any) -> str:
 
 Format = Annotated[str, BeforeValidator(_known_format, json_schema_input_type=Literal[*readers.FORMATS] | str)]
 TIME_WORDS = "a date or UTC time from 1980 to 2100"
+_SCALES = f"{', '.join(values.TIME_SCALES[:-1])} or {values.TIME_SCALES[-1]}"
 FILES_WORDS = "a path, a list of paths or a glob, relative to the cruise folder"
 _ATTRIBUTES_WORDS = "a mapping of names to texts or numbers"
 
 
 def _seconds() -> Any:
-    return key("seconds, less than a century", "0", 0.0, ge=-3.2e9, le=3.2e9)
+    return key("seconds", "0", 0.0, ge=-CENTURY_S, le=CENTURY_S)
 
 
 def _header(unit: str, example: str) -> Any:
     return key(f"the header of a column ({unit}), or its number", example, None)
 
 
-TIME_HEADER = key(
-    "the header of a column (UTC), or a list of the columns of its parts", "[Year, Month, Day, Hour]", None
-)
+TIME_HEADER = key("the header of a column (UTC), or a list of columns of its parts", "[Year, Month, Day, Hour]", None)
 DATE_HEADER = key("the header of a column (the date, where the clock stands apart)", "Date", None)
 CLOCK_HEADER = key("the header of a column (the time of day, where the date stands apart)", "Time", None)
 
@@ -76,12 +76,12 @@ CLOCK_HEADER = key("the header of a column (the time of day, where the date stan
 class Overlap(Section):
     """Largest separations in time and depth of the measurements of a pair, and the common time grid."""
 
-    max_minutes: values.Number = key("minutes from 0 to 1440", "20", 20.0, ge=0, le=1440)
-    max_metres: values.Number = key("metres from 0 to 1000", "20", 20.0, ge=0, le=1000)
-    bins: values.Count = key("a whole number from 1 to 255", "2", 2, ge=1, le=255)
+    max_minutes: values.Number = key("minutes", "20", 20.0, ge=0, le=1440)
+    max_metres: values.Number = key("metres", "20", 20.0, ge=0, le=1000)
+    bins: values.Count = key("a whole number", "2", 2, ge=1, le=255)
     predict: values.Switch = key("true or false", "true", True)
-    grid_minutes: values.Number = key("minutes above 0, at most 1440", "60", 60.0, gt=0, le=1440)
-    grid_tolerance_minutes: values.Number = key("minutes from 0 to 1440", "30", 30.0, ge=0, le=1440)
+    grid_minutes: values.Number = key("minutes", "60", 60.0, gt=0, le=1440)
+    grid_tolerance_minutes: values.Number = key("minutes", "30", 30.0, ge=0, le=1440)
 
 
 class Diagnose(Section):
@@ -89,9 +89,9 @@ class Diagnose(Section):
 
     enabled: values.Switch = key("true or false", "true", True)
     apply: values.Switch = key("true or false", "true", True)
-    min_effect_deg: values.Number = key("degrees from 0 to 180", "0.5", 0.5, ge=0, le=180)
-    prior_odds: values.Number = key("odds above 0, to 1000", "1", 1.0, gt=0, le=1000)
-    surrogates: values.Count = key("a whole number from 0 to 9999", "199", 199, ge=0, le=9999)
+    min_effect_deg: values.Number = key("degrees", "0.5", 0.5, ge=0, le=180)
+    prior_odds: values.Number = key("odds", "1", 1.0, gt=0, le=1000)
+    surrogates: values.Count = key("a whole number", "199", 199, ge=0, le=9999)
 
 
 class Quality(Section):
@@ -99,14 +99,14 @@ class Quality(Section):
 
     absent = (None, "auto")
 
-    percent_good: values.Number = key("percent from 0 to 100", "25", 25.0, ge=0, le=100)
-    correlation: values.Number | None = auto("counts from 0 to 255", "64", ge=0, le=255)
-    error_velocity: values.Number | None = auto("m/s above 0, at most 10", "0.2", gt=0, le=10)
-    echo: values.Number | None = key("counts from 0 to 255", "40", None, ge=0, le=255)
-    echo_jump: values.Number | None = key("counts above 0, at most 255", "30", None, gt=0, le=255)
-    spike: values.Number | None = key("robust standard deviations from 3 to 100", "7", None, ge=3, le=100)
-    tilt_deg: values.Number = key("degrees above 0, at most 90", "45", 45.0, gt=0, le=90)
-    speed: values.Number = key("m/s above 0, at most 20", "5", 5.0, gt=0, le=20)
+    percent_good: values.Number = key("percent", "25", 25.0, ge=0, le=100)
+    correlation: values.Number | None = auto("counts", "64", ge=0, le=255)
+    error_velocity: values.Number | None = auto("m/s", "0.2", gt=0, le=10)
+    echo: values.Number | None = key("counts", "40", None, ge=0, le=255)
+    echo_jump: values.Number | None = key("counts", "30", None, gt=0, le=255)
+    spike: values.Number | None = key("robust standard deviations", "7", None, ge=3, le=100)
+    tilt_deg: values.Number = key("degrees", "45", 45.0, gt=0, le=90)
+    speed: values.Number = key("m/s", "5", 5.0, gt=0, le=20)
     side_lobe: values.Switch = key("true or false", "true", True)
 
 
@@ -125,9 +125,7 @@ class Figures(Section):
 class CruiseOptions(Section):
     """config/config.yaml: the options of a run."""
 
-    moorings: values.MooringPaths = key(
-        "a folder of mooring files or a list of them", "config/moorings", "config/moorings"
-    )
+    moorings: values.MooringPaths = key("a folder of mooring files or a list", "config/moorings", "config/moorings")
     demonstration: values.Switch = key("true or false", "false", False)
     seed: values.Count = key("a whole number from 0 to 4294967295", "2007", 2007, ge=0, le=2**32 - 1)
     attributes: values.Attributes = key(_ATTRIBUTES_WORDS, "{institution: My Institute}", {})
@@ -168,7 +166,7 @@ class HandFlag(Exclusion):
 
     why: values.Text = key("a text that gives the reason", "fouled by a fishing line")
     who: values.Text = key("the name of the person", "A. Person")
-    flag: values.Count = key("1 (good), 2 (probably good), 3 (probably bad) or 4 (bad)", "3", ge=1, le=4)
+    flag: values.Count = key("a flag", "3", ge=1, le=4)
     depths: values.Depths | None = key("a range [from, to] of depths, metres", "[20, 60]", None)
 
     def __str__(self) -> str:
@@ -197,7 +195,7 @@ class Columns(Section):
     temperature: values.Column | None = _header("degrees Celsius", "temperature_c")
     flag: values.Column | None = _header("quality flags, tables only", "qc")
     range: values.Column | None = _header("metres from the transducer, netcdf only", "bindist")
-    scale: values.Number | None = key("a factor to m/s above 0, at most 1000", "0.01", None, gt=0, le=1000)
+    scale: values.Number | None = key("a factor to m/s", "0.01", None, gt=0, le=1000)
 
     def headers(self) -> dict[str, Any]:
         """Select the headers or numbers of columns that are given, by role."""
@@ -220,17 +218,11 @@ class TableKeys(Section):
 
     delimiter: values.Delimiter | None = key("comma, semicolon, tab or blank", "semicolon", None)
     decimal: values.Decimal | None = key("point or comma", "comma", None)
-    time_format: values.TimeFormat | None = key(
-        "a strptime format such as '%d/%m/%Y %H:%M', or epoch, epoch_ms, datenum, matplotlib, decimal_year or excel",
-        "'%d/%m/%Y %H:%M'",
-        None,
-    )
+    time_format: values.TimeFormat | None = key(f"a strptime format, or {_SCALES}", "'%d/%m/%Y %H:%M'", None)
     timezone: values.Zone | None = key("UTC or an offset such as '+02:00'", "'+02:00'", None)
     missing: values.Missing = key("a list of numbers or texts that stand for nothing", "[-99.9, ----]", ())
-    skip_rows: values.Count | None = key(
-        "a whole number from 0 to 100000 of lines above the header", "3", None, ge=0, le=100000
-    )
-    header: values.Count | None = key("the number of the header line from 1, or 0 for none", "0", None, ge=0, le=1000)
+    skip_rows: values.Count | None = key("a number of lines above the header", "3", None, ge=0, le=100000)
+    header: values.Count | None = key("the line of the header (0 for none)", "0", None, ge=0, le=1000)
     comment: values.Text | None = key("the mark at the beginning of lines without data", "'#'", None)
 
     @model_validator(mode="after")
@@ -262,30 +254,26 @@ class Instrument(TableKeys):
 
     format: Format = key("the name of a raw format", "pd0")
     files: values.Files = key(FILES_WORDS, "raw/EG4/top.000")
-    depth: values.Number | None = key(
-        "metres from 0 to 12000", "100", None, "write it positive, in metres", ge=0, le=12000
-    )
+    depth: values.Number | None = key("metres", "100", None, ge=0, le=12000)
     orientation: Literal["up", "down"] | None = key("up or down", "up", None)
     declination_applied: values.DeclinationApplied | None = key(
-        "degrees from -180 to 180, or {heading: degrees, velocity: degrees}", "0", None
+        "degrees from -180 to 180, or these as {heading: ..., velocity: ...}", "0", None
     )
-    heading_alignment: values.Number | None = key("degrees from -360 to 360", "0", None, ge=-360, le=360)
+    heading_alignment: values.Number | None = key("degrees", "0", None, ge=-360, le=360)
     sound_speed: values.SoundSpeed = key("auto, keep, or {salinity: 0 to 42}", "{salinity: 35}", "auto")
     clock_offset_seconds: values.Number = _seconds()
     clock_drift_seconds: values.Number = _seconds()
-    pressure_offset: values.Number = key("dbar from -12000 to 12000", "0", 0.0, ge=-12000, le=12000)
+    pressure_offset: values.Number = key("dbar", "0", 0.0, ge=-12000, le=12000)
     direction_reference: values.Reference = key("magnetic or true", "magnetic", "magnetic")
     exclude: tuple[Exclusion, ...] = key("a list of windows", "[{from: 2007-10-01, to: 2007-10-02, why: fouled}]", ())
     flags_by_hand: tuple[HandFlag, ...] = key(
-        "a list of flags",
-        "[{from: 2007-10-01, to: 2007-10-02, depths: [20, 60], flag: 3, who: A. Person, why: fouled}]",
-        (),
+        "a list of flags", "[{from: 2007-10-01, to: 2007-10-02, flag: 3, who: A. Person, why: fouled}]", ()
     )
     depth_from: values.Name | None = key("the name of another instrument of this mooring", "microcat", None)
     compass: values.Name | None = key("a name that all records of one compass carry", "wh8104", None)
     sphere: values.Sphere | None = key("true, or a name that all records in one sphere or frame carry", "sphere3", None)
-    compass_sigma_deg: values.Number | None = key("degrees from 0 to 180", "2", None, ge=0, le=180)
-    compass_iron_nT: values.Number | None = key("nT from 0 to 60000", "525", None, ge=0, le=60000)
+    compass_sigma_deg: values.Number | None = key("degrees", "2", None, ge=0, le=180)
+    compass_iron_nT: values.Number | None = key("nT", "525", None, ge=0, le=60000)
     kind: Literal["rotor"] | None = key("rotor", "rotor", None)
     parts: tuple[values.Text, ...] = key("a list of parts near the compass", "[lithium pack, frame]", ())
     sphere_distance_m: values.Span | None = key("a distance in metres, or [from, to]", "[0.4, 0.6]", None)
@@ -294,8 +282,8 @@ class Instrument(TableKeys):
     columns: Columns | None = key("a mapping", "{time: time_utc, east: u_m_s, north: v_m_s}", None)
     pressure_files: values.Files = key(FILES_WORDS, "raw/EG4/C*.TXT", ())
     start_offset_seconds: values.Number = _seconds()
-    bin_size: values.Number | None = key("metres above 0, at most 100", "16", None, gt=0, le=100)
-    first_bin: values.Number | None = key("metres above 0, at most 1000", "24.7", None, gt=0, le=1000)
+    bin_size: values.Number | None = key("metres", "16", None, gt=0, le=100)
+    first_bin: values.Number | None = key("metres", "24.7", None, gt=0, le=1000)
     flags: FlagMeanings | None = key("a mapping", "{good: [accepted], bad: [side_lobe, 4]}", None)
 
     @model_validator(mode="after")
@@ -345,7 +333,7 @@ class Covariate(TableKeys):
     files: values.Files = key(FILES_WORDS, "raw/obs/*.min")
     columns: CovariateColumns | None = key("a mapping", "{time: time_utc, value: current_mA}", None)
     unit: values.Text | None = key("a text", "mA", None)
-    depth: values.Number | None = key("metres from 0 to 12000", "250", None, ge=0, le=12000)
+    depth: values.Number | None = key("metres", "250", None, ge=0, le=12000)
 
     @model_validator(mode="after")
     def _keys_of_this_format(self) -> Self:
@@ -364,17 +352,13 @@ class Mooring(Section):
     """config/moorings/NAME.yaml: one mooring."""
 
     name: values.Name = key(values.NAME_WORDS, "EG4")
-    latitude: values.Number = key("a number from -90 to 90", "65.3333", ..., values.SWAPPED, ge=-90, le=90)
-    longitude: values.Number = key("a number from -180 to 360", "-32.9550", ..., values.SWAPPED, ge=-180, le=360)
-    water_depth: values.Number = key(
-        "metres above 0, at most 12000", "894", ..., "write it positive, in metres", gt=0, le=12000
-    )
+    latitude: values.Number = key("a number", "65.3333", ..., values.SWAPPED, ge=-90, le=90)
+    longitude: values.Number = key("a number", "-32.9550", ..., values.SWAPPED, ge=-180, le=360)
+    water_depth: values.Number = key("metres", "894", gt=0, le=12000)
     start_s: values.Time = key(TIME_WORDS, "2007-09-04T00:00:00Z", alias="start")
     end_s: values.Time = key(TIME_WORDS, "2008-10-04T00:00:00Z", alias="end")
     declination: values.Declination = key("auto, or degrees east from -180 to 180", "auto", "auto")
-    affected: values.Names = key(
-        "the name of the affected instrument, which is corrected, or a list", "top", alias="compromised"
-    )
+    affected: values.Names = key("the name of the affected instrument, or a list", "top", alias="compromised")
     reference: values.Names = key("the name of the reference instrument, or a list of names", "deep", ())
     instruments: dict[values.Name, Instrument] = key("a mapping of names to instruments", "{top: {format: pd0, ...}}")
     attributes: values.Attributes = key(_ATTRIBUTES_WORDS, "{project: My Project}", {})

@@ -18,13 +18,22 @@ def key(expected: str, example: str, default: Any = ..., advice: str | None = No
     """Create a field with the texts of its error message.
 
     Args:
-        expected: description of the allowed values, shown after "expected".
+        expected: description of the allowed values, shown after "expected" and followed by their bounds.
         example: a value as written in YAML.
         default: value if the key is absent; without a default the key is required.
         advice: how to correct a wrong value; by default, to write the example.
-        **limits: bounds and alias, passed to ``pydantic.Field``.
+        **limits: bounds (``ge`` or ``gt``, with ``le``) and alias, passed to ``pydantic.Field``.
     """
-    return Field(default, description=expected, examples=[example], json_schema_extra={"advice": advice}, **limits)
+    if "le" in limits:
+        expected += f" from {limits['ge']:g}" if "ge" in limits else f" above {limits['gt']:g}"
+        expected += f" to {limits['le']:.10g}"
+    return Field(
+        default,
+        description=expected,
+        examples=[example],
+        json_schema_extra={"advice": advice},
+        **limits,
+    )
 
 
 def allowed_keys(model: type[BaseModel]) -> dict[str, Any]:
@@ -111,14 +120,12 @@ class Grid(Section):
 
     absent = (None, "auto")
 
-    step_m: values.Number | None = auto(
-        "metres from 0.1 to 1000", "8", ge=0.1, le=1000
-    )  # depths are known to 0.5 m at best
-    from_m: values.Number | None = auto("metres from 0 to 12000", "20", ge=0, le=12000)
-    to_m: values.Number | None = auto("metres from 0 to 12000", "500", ge=0, le=12000)
-    minutes: values.Number | None = auto("minutes from 1 to 1440", "60", ge=1, le=1440)
-    max_gap_m: values.Number | None = auto("metres from 0 to 1000", "16", ge=0, le=1000)
-    max_gap_minutes: values.Number = key("minutes from 0 to 1440", "180", 180.0, ge=0, le=1440)
+    step_m: values.Number | None = auto("metres", "8", ge=0.1, le=1000)  # depths are known to 0.5 m at best
+    from_m: values.Number | None = auto("metres", "20", ge=0, le=12000)
+    to_m: values.Number | None = auto("metres", "500", ge=0, le=12000)
+    minutes: values.Number | None = auto("minutes", "60", ge=1, le=1440)
+    max_gap_m: values.Number | None = auto("metres", "16", ge=0, le=1000)
+    max_gap_minutes: values.Number = key("minutes", "180", 180.0, ge=0, le=1440)
 
     @model_validator(mode="after")
     def _from_above_to(self) -> Self:
@@ -146,7 +153,7 @@ class PairColumns(Section):
     upper_north: values.Text = key("the header of a column (speed)", "v_top_cm_s")
     lower_east: values.Text = key("the header of a column (speed)", "u_deep_cm_s")
     lower_north: values.Text = key("the header of a column (speed)", "v_deep_cm_s")
-    scale: values.Number = key("a factor to m/s above 0, at most 1000", "0.01", 1.0, gt=0, le=1000)
+    scale: values.Number = key("a factor to m/s", "0.01", 1.0, gt=0, le=1000)
 
 
 class FitOptions(Section):

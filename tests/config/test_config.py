@@ -453,7 +453,6 @@ BAD_FILES = [
     ("name: 'EG4\n", "line 2, column 1"),
     ("name: EG4\n---\nname: EG5\n", "line 2, column 1"),
     ("a:\n    b: 1\n  c: 2\n", "line 3, column 3"),
-    ("a: " + "[" * 100_000, ""),
     ("name: EG4\nship: \x07\n", "line 2"),
     (b"name: Gr\xf6nland\n", ""),
     ("name: EG4\n".encode("utf-16"), ""),
@@ -612,7 +611,6 @@ SECOND = SHORTEST.replace("name: M1", "name: M2").replace("top.000}", "top.000, 
 
 BAD_COMPASSES = [
     (SECOND, "instruments.top.compass: expected a compass that is in one place from 2007-09-04T00:00:00Z to 2008-10-04T00:00:00Z, found wh1 at EG4 (top), 2007-09-04T00:00:00Z to 2008-10-04T00:00:00Z; correct the dates, or give one of the two compasses another name"),
-    (SECOND.replace("wh1", "WH1"), "instruments.top.compass: expected a name that no other has in other letters, found 'WH1', and calibration aqd has wh1; write both alike, or rename one"),
     (SECOND.replace("M2", "aqd"), "instruments.top.compass: expected another name of the mooring than of the compass's calibration, found aqd for both; rename one of the two"),
     (SECOND + "fit: {method: calibration, name: aqd}\n", "fit.method: expected another method beside compass: wh1, by which calibrations of it come in already, found 'calibration'; delete fit here, and write compass: wh1 in the calibration's file"),
 ]  # fmt: skip
