@@ -396,23 +396,20 @@ def describe_seam(seam: Mapping[str, Any]) -> str:
 
 def average_slots(values: Floats, time_s: Floats, axes: Axes, max_gap_s: float) -> Floats:
     """Average columns (n, ...) over the intervals of the axes, (t, ...); interpolate gaps up to a limit, else NaN."""
-    slot = axes.slot_of(time_s)
-    known = np.isfinite(values).all(axis=tuple(range(1, values.ndim))) & (slot >= 0) & (slot < len(axes.time_s))
-    result = np.full((len(axes.time_s), *values.shape[1:]), np.nan)
+    slot, at = axes.slot_of(time_s), np.arange(len(axes.time_s))
+    known = np.isfinite(values).all(axis=tuple(range(1, values.ndim))) & (slot >= 0) & (slot < len(at))
+    result = np.full((len(at), *values.shape[1:]), np.nan)
     if not known.any():
         return result
     begin = np.flatnonzero(np.diff(slot[known], prepend=-1))
-    rows = slot[known][begin]
-    size = np.diff(np.append(begin, known.sum())).reshape(-1, *(1,) * (values.ndim - 1))
-    means = np.add.reduceat(values[known], begin, axis=0) / size
-    at = np.searchsorted(rows, np.arange(len(result)))
-    before, after = np.maximum(at - 1, 0), np.minimum(at, len(rows) - 1)
-    before = np.where(rows[after] == np.arange(len(result)), after, before)
-    inside: Bools = (rows[before] <= np.arange(len(result))) & (rows[after] >= np.arange(len(result)))
+    rows, size = slot[known][begin], np.diff(np.append(begin, known.sum()))
+    means = (np.add.reduceat(values[known], begin, axis=0).T / size).T
+    after = np.clip(np.searchsorted(rows, at), 0, len(rows) - 1)
+    before = np.where(rows[after] == at, after, np.maximum(after - 1, 0))
     gap = rows[after] - rows[before]
-    inside &= gap * axes.step_s <= max_gap_s * 1.001
-    share = ((np.arange(len(result)) - rows[before]) / np.maximum(gap, 1)).reshape(-1, *(1,) * (values.ndim - 1))
-    result[inside] = ((1.0 - share) * means[before] + share * means[after])[inside]
+    inside = (rows[before] <= at) & (rows[after] >= at) & (gap * axes.step_s <= max_gap_s * 1.001)
+    share = (at - rows[before]) / np.maximum(gap, 1)
+    result[inside] = ((1.0 - share) * means[before].T + share * means[after].T).T[inside]
     return result
 
 

@@ -228,13 +228,10 @@ def sum_sigma(
         source: instrument of each cell as row of ``errors.shares``, negative if there is none.
         memory_s: e-folding time of the errors not due to the heading.
     """
-    by_source = _turned(weight_east, weight_north, velocity, source, errors)
-    modes = np.nansum(np.einsum("st,kt,sk->kt", by_source, np.nan_to_num(errors.modes), errors.shares), axis=1)
-    random = by_source[: len(errors.random)] * np.nan_to_num(errors.random)
+    modes, random, rest = _of_times(weight_east, weight_north, velocity, other, source, errors)
     remembered = sum(_remembered(series, errors.memory_s / step_s) for series in random)
-    remainder = np.nan_to_num(other) * (weight_east**2 + weight_north**2)
-    inflation = 1.0 + 2.0 * memory_s / step_s
-    return float(np.sqrt(np.sum(modes**2) + remembered + inflation * remainder.sum()))
+    rest_variance = (1.0 + 2.0 * memory_s / step_s) * rest.sum()
+    return float(np.sqrt(np.sum(modes.sum(axis=1) ** 2) + remembered + rest_variance))
 
 
 def time_variances(
@@ -242,20 +239,21 @@ def time_variances(
     errors: HeadingErrors,
 ) -> Floats:  # fmt: skip
     """Compute the variance of the weighted sum at each single time, (t,); arguments as for ``sum_sigma``."""
-    by_source = _turned(weight_east, weight_north, velocity, source, errors)
-    modes = np.einsum("st,kt,sk->kt", by_source, np.nan_to_num(errors.modes), errors.shares)
-    random = by_source[: len(errors.random)] * np.nan_to_num(errors.random)
-    remainder = np.sum(np.nan_to_num(other) * (weight_east**2 + weight_north**2), axis=1)
-    return np.asarray(np.sum(modes**2, axis=0) + np.sum(random**2, axis=0) + remainder)
+    modes, random, rest = _of_times(weight_east, weight_north, velocity, other, source, errors)
+    return np.asarray(np.sum(modes**2, axis=0) + np.sum(random**2, axis=0) + rest)
 
 
-def _turned(
-    weight_east: Floats, weight_north: Floats, velocity: Complexes, source: NDArray[np.integer], errors: HeadingErrors
-) -> Floats:
-    """Compute the change of the weighted sum per radian of each instrument's heading, (s, t)."""
+def _of_times(
+    weight_east: Floats, weight_north: Floats, velocity: Complexes, other: Floats, source: NDArray[np.integer],
+    errors: HeadingErrors,
+) -> tuple[Floats, Floats, Floats]:  # fmt: skip
+    """Compute errors of the weighted sum at each time: by mode, (k, t), random, (a, t), and other variance, (t,)."""
     flow = np.where(np.isfinite(velocity), velocity, 0.0)
     turned = weight_east * flow.imag - weight_north * flow.real
-    return np.array([np.where(source == s, turned, 0.0).sum(axis=1) for s in range(len(errors.shares))])
+    by_source = np.array([np.where(source == s, turned, 0.0).sum(axis=1) for s in range(len(errors.shares))])
+    modes = np.einsum("st,kt,sk->kt", by_source, np.nan_to_num(errors.modes), errors.shares)
+    random = by_source[: len(errors.random)] * np.nan_to_num(errors.random)
+    return modes, random, np.sum(np.nan_to_num(other) * (weight_east**2 + weight_north**2), axis=1)
 
 
 def _remembered(series: Floats, memory: float) -> float:
