@@ -242,7 +242,7 @@ class AppliedDeclination(NamedTuple):
         return f"{{heading: {self.heading:g}, velocity: {self.velocity:g}}}" if self.differs else f"{self.heading:g}"
 
 
-def parse_applied_declination(stated: float | Mapping[str, float] | None) -> AppliedDeclination | None:
+def parse_applied_declination(stated: float | Mapping[Any, float] | None) -> AppliedDeclination | None:
     """Parse ``declination_applied`` of a mooring file, one number for both or one for each; None if it is absent."""
     if stated is None:
         return None

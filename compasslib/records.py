@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.errors import InputError
-from compasslib.types import Floats
+from compasslib.types import Complexes, Floats
 
 if TYPE_CHECKING:
     import xarray
@@ -213,6 +213,11 @@ class Pairs:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    @property
+    def flows(self) -> tuple[Complexes, Complexes]:
+        """Upper and lower velocities, east + i north, (n,) m/s."""
+        return self.upper_east + 1j * self.upper_north, self.lower_east + 1j * self.lower_north
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,10 @@ from compasslib.archive.files import CHUNK, create_netcdf, open_netcdf, read_var
 from compasslib.archive.netcdf import days_since_1950, seconds_since_1970
 from compasslib.archive.variables import GRIDDED, LOW_PASSED, SECTION_SIGMA, Variable, quality_variable
 from compasslib.errors import InputError
-from compasslib.product.cells import Axes, Velocities
+from compasslib.product.cells import Axes, Source, Velocities
 from compasslib.product.daily import DailyMeans
 from compasslib.product.errors import HeadingErrors, sum_sigma, time_variances
-from compasslib.product.grid import GriddedProduct, Piece, Source, empty_piece
+from compasslib.product.grid import GriddedProduct, Piece, empty_piece
 from compasslib.records import GOOD, PROBABLY_GOOD, CorrectedRecord, EarthField, Flags, Labelled, Record, import_xarray
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 

@@ -80,7 +80,7 @@ def check(asked: Namespace) -> int:
             warnings += inspection.warnings
     if not cruise.options.demonstration:
         serials = {name: inspection.serials for name, inspection in inspections.items()}
-        problems += compasses.find_contradictions(cruise.root, cruise.moorings, serials)
+        problems += compasses.mixed_serials(cruise.moorings, serials)
     for line in compasses.suggest_shared(cruise.moorings):
         print(line)
     if jobs and (absent := missing_attributes(cruise.options.attributes)):

@@ -10,20 +10,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from compasslib.config import values
-from compasslib.config.schema import (
-    CLOCK_HEADER,
-    DATE_HEADER,
-    Declination,
-    Files,
-    Name,
-    Names,
-    Number,
-    Section,
-    TableKeys,
-    Text,
-    Time,
-    key,
-)
+from compasslib.config.schema import CENTURY_S, CLOCK_HEADER, DATE_HEADER, FILES_WORDS, TIME_WORDS, TableKeys
+from compasslib.config.section import Section, key
 from compasslib.config.values import problem, shown
 from compasslib.readers import TABLE_KEYS
 
@@ -31,29 +19,19 @@ BETWEEN = ("compare_with", "compass", "sphere")  # keys that relate a calibratio
 SINGLE_COMPASS_KINDS = ("platform", "swing", "magnetometer")  # kinds that determine the iron of one compass
 
 
-def _csv(value: Any) -> Any:
-    return "csv" if value == "table" else value
-
-
 def _header(unit: str) -> Any:
     return key(f"the header of a column ({unit})", "heading", None)
 
 
 def _row(what: str) -> Any:
-    return key(f"{what}, degrees from 0 to 180", "0.26", None, ge=0, le=180)
+    return key(f"{what}, degrees", "0.26", None, ge=0, le=180)
 
 
-def _of_both(value: Any) -> Any:
-    """Let one value stand for both heads."""
-    return value if isinstance(value, list) else [value, value]
-
-
-Angle = Annotated[Number, Field(ge=-360, le=360)]
-Pair = Annotated[tuple[Angle, Angle], BeforeValidator(_of_both, json_schema_input_type=float | list[float])]
+TABLE_IS_CSV = BeforeValidator(lambda value: "csv" if value == "table" else value)
+Angle = Annotated[values.Number, Field(ge=-360, le=360)]
+Pair = Annotated[tuple[Angle, Angle], values.one_or_two(float)]
 Direction = Literal["up", "down"]
-Orientations = Annotated[
-    tuple[Direction, Direction], BeforeValidator(_of_both, json_schema_input_type=Direction | list[Direction])
-]
+Orientations = Annotated[tuple[Direction, Direction], values.one_or_two(Direction)]
 
 
 class KindKey(Section):
@@ -67,19 +45,17 @@ class KindKey(Section):
 class CalibrationFile(KindKey):
     """config/calibrations/NAME.yaml: the keys common to all kinds."""
 
-    files: Files = key(
-        "a path, a list of paths or a glob, relative to the cruise folder", "raw/cal/aqd.csv", alias="file"
-    )
-    declination: Declination = key("auto, or degrees east from -180 to 180", "auto", "auto")
-    latitude: Number | None = key("a number from -90 to 90", "48.4", None, values.SWAPPED, ge=-90, le=90)
-    longitude: Number | None = key("a number from -180 to 360", "-4.5", None, values.SWAPPED, ge=-180, le=360)
-    date_s: Time | None = key("a date or UTC time from 1980 to 2100", "2022-09-29", None, alias="date")
-    withhold: tuple[Text, ...] = key("a list of column names", "[heading_deg]", ())
+    files: values.Files = key(FILES_WORDS, "raw/cal/aqd.csv", alias="file")
+    declination: values.Declination = key("auto, or degrees east from -180 to 180", "auto", "auto")
+    latitude: values.Number | None = key("a number", "48.4", None, values.SWAPPED, ge=-90, le=90)
+    longitude: values.Number | None = key("a number", "-4.5", None, values.SWAPPED, ge=-180, le=360)
+    date_s: values.Time | None = key(TIME_WORDS, "2022-09-29", None, alias="date")
+    withhold: tuple[values.Text, ...] = key("a list of column names", "[heading_deg]", ())
     table_step_deg: Literal[10, 15] = key("10 or 15", "10", 10)
-    parts: tuple[Text, ...] = key("a list of parts near the compass", "[lithium pack, frame]", ())
-    compare_with: Names = key("the NAME of another file in config/calibrations, or a list of names", "before", ())
-    compass: Name | None = key("a name that all records of one compass carry", "wh8104", None)
-    sphere: Name | None = key("a name that all records in one sphere or frame carry", "sphere3", None)
+    parts: tuple[values.Text, ...] = key("a list of parts near the compass", "[lithium pack, frame]", ())
+    compare_with: values.Names = key("the NAME of another calibration, or a list of names", "before", ())
+    compass: values.Name | None = key("a name that all records of one compass carry", "wh8104", None)
+    sphere: values.Name | None = key("a name that all records in one sphere or frame carry", "sphere3", None)
 
     @property
     def raw_files(self) -> tuple[str, ...]:
@@ -121,39 +97,39 @@ class TableFile(CalibrationFile, TableKeys):
 class PlatformColumns(Section):
     """Headers of the table of a platform, by role; needed only where they differ from the role."""
 
-    reference_deg: Text | None = _header("degrees, magnetic")
-    recorded_deg: Text | None = _header("degrees, magnetic")
-    time_utc: Text | None = _header("UTC")
+    reference_deg: values.Text | None = _header("degrees, magnetic")
+    recorded_deg: values.Text | None = _header("degrees, magnetic")
+    time_utc: values.Text | None = _header("UTC")
 
 
 class Uncertainty(Section):
     """Contributions to the uncertainty budgets of platform and tilt, defined in ``calibrations.budget.ROWS``."""
 
-    graduation_deg: Number | None = _row("a standard uncertainty")
-    slope_deg: Number | None = _row("a largest error")
-    ruggedness_deg: Number | None = _row("a standard uncertainty")
-    protractor_deg: Number | None = _row("an expanded uncertainty")
-    field_deg: Number | None = _row("a largest error")
-    declination_deg: Number | None = _row("a largest error")
-    homogeneity_deg: Number | None = _row("a largest error")
-    maker_accuracy_deg: Number | None = _row("a maker's accuracy")
+    graduation_deg: values.Number | None = _row("a standard uncertainty")
+    slope_deg: values.Number | None = _row("a largest error")
+    ruggedness_deg: values.Number | None = _row("a standard uncertainty")
+    protractor_deg: values.Number | None = _row("an expanded uncertainty")
+    field_deg: values.Number | None = _row("a largest error")
+    declination_deg: values.Number | None = _row("a largest error")
+    homogeneity_deg: values.Number | None = _row("a largest error")
+    maker_accuracy_deg: values.Number | None = _row("a maker's accuracy")
 
 
 class NearObject(Section):
     """An object whose influence is measured on the bench."""
 
-    distance_m: Number = key("metres above 0, at most 100", "0.6", gt=0, le=100)
-    size_m: Number = key("metres above 0, at most 100", "0.2", gt=0, le=100)
+    distance_m: values.Number = key("metres", "0.6", gt=0, le=100)
+    size_m: values.Number = key("metres", "0.2", gt=0, le=100)
 
 
 class Platform(TableFile):
     """A compass on a bench with known directions."""
 
-    format: Annotated[Literal["csv"], BeforeValidator(_csv)] = key("csv", "csv", "csv")
+    format: Annotated[Literal["csv"], TABLE_IS_CSV] = key("csv", "csv", "csv")
     columns: PlatformColumns = key("a mapping", "{reference_deg: bench, recorded_deg: heading}", PlatformColumns())
-    mounting_deg: Number | None = key("degrees from -360 to 360", "180", None, ge=-360, le=360)
-    spun: Files = key("a path, a list of paths or a glob, relative to the cruise folder", "raw/cal/spun.csv", ())
-    observatory: Files = key("a path, a list of paths or a glob, relative to the cruise folder", "raw/obs/*.min", ())
+    mounting_deg: values.Number | None = key("degrees", "180", None, ge=-360, le=360)
+    spun: values.Files = key(FILES_WORDS, "raw/cal/spun.csv", ())
+    observatory: values.Files = key(FILES_WORDS, "raw/obs/*.min", ())
     object: NearObject | None = key("a mapping", "{distance_m: 0.6, size_m: 0.2}", None)
     budget: Literal["le_menn"] | None = key("le_menn", "le_menn", None)
     uncertainty: Uncertainty = key("a mapping", "{graduation_deg: 0.26}", Uncertainty())
@@ -168,15 +144,15 @@ class Platform(TableFile):
 class TiltColumns(Section):
     """Headers of the table of a tilt sensor, by role; needed only where they differ from the role."""
 
-    reference_tilt_deg: Text | None = _header("degrees")
-    recorded_pitch_deg: Text | None = _header("degrees")
-    recorded_roll_deg: Text | None = _header("degrees")
+    reference_tilt_deg: values.Text | None = _header("degrees")
+    recorded_pitch_deg: values.Text | None = _header("degrees")
+    recorded_roll_deg: values.Text | None = _header("degrees")
 
 
 class TiltFile(TableFile):
     """A tilt sensor on a tilted platform."""
 
-    format: Annotated[Literal["csv"], BeforeValidator(_csv)] = key("csv", "csv", "csv")
+    format: Annotated[Literal["csv"], TABLE_IS_CSV] = key("csv", "csv", "csv")
     columns: TiltColumns = key("a mapping", "{reference_tilt_deg: protractor}", TiltColumns())
     budget: Literal["le_menn"] | None = key("le_menn", "le_menn", None)
     uncertainty: Uncertainty = key("a mapping", "{protractor_deg: 0.12}", Uncertainty())
@@ -185,46 +161,46 @@ class TiltFile(TableFile):
 class SwingColumns(Section):
     """Headers of the table of a swing, by role; needed only where they differ from the role."""
 
-    compass_deg: Text | None = _header("degrees, magnetic")
-    cog_deg: Text | None = _header("degrees, true")
-    true_deg: Text | None = _header("degrees, true")
-    speed_kn: Text | None = _header("knots")
-    time_utc: Text | None = _header("UTC")
-    date: Text | None = DATE_HEADER
-    clock: Text | None = CLOCK_HEADER
+    compass_deg: values.Text | None = _header("degrees, magnetic")
+    cog_deg: values.Text | None = _header("degrees, true")
+    true_deg: values.Text | None = _header("degrees, true")
+    speed_kn: values.Text | None = _header("knots")
+    time_utc: values.Text | None = _header("UTC")
+    date: values.Text | None = DATE_HEADER
+    clock: values.Text | None = CLOCK_HEADER
 
 
 class VisualMark(Section):
     """A compass heading towards a mark of known true bearing."""
 
-    compass_deg: Number = key("degrees from 0 to 360", "40", ge=0, le=360)
-    true_deg: Number = key("degrees from 0 to 360", "42", ge=0, le=360)
+    compass_deg: values.Number = key("degrees", "40", ge=0, le=360)
+    true_deg: values.Number = key("degrees", "42", ge=0, le=360)
 
 
 class SunMark(Section):
     """A compass heading towards the sun at a given time."""
 
-    compass_deg: Number = key("degrees from 0 to 360", "40", ge=0, le=360)
-    time_utc: Time = key("a UTC time from 1980 to 2100", "2022-09-29T09:00:00Z")
+    compass_deg: values.Number = key("degrees", "40", ge=0, le=360)
+    time_utc: values.Time = key("a UTC time from 1980 to 2100", "2022-09-29T09:00:00Z")
 
 
 class SwingFile(TableFile):
     """A swing: a vessel turned under way, with its course by satellite navigation."""
 
-    format: Annotated[Literal["csv", "nmea0183"], BeforeValidator(_csv)] = key("csv or nmea0183", "csv", "csv")
+    format: Annotated[Literal["csv", "nmea0183"], TABLE_IS_CSV] = key("csv or nmea0183", "csv", "csv")
     columns: SwingColumns = key("a mapping", "{compass_deg: hdg, cog_deg: cog}", SwingColumns())
-    talker: Text | None = key("the talker of the log's headings", "HC", None)
-    min_speed_kn: Number | None = key("knots from 0 to 100", "2", None, ge=0, le=100)
-    max_turn_deg_s: Number | None = key("degrees a second above 0, at most 90", "1", None, gt=0, le=90)
-    max_lag_s: Number | None = key("seconds from 0 to 600", "10", None, ge=0, le=600)
-    max_drift_kn: Number | None = key("knots from 0 to 20", "1", None, ge=0, le=20)
-    drift_ratio: Number | None = key("a number from 0 to 1", "0.14", None, ge=0, le=1)
-    declination_sigma_deg: Number | None = key("degrees above 0, at most 180", "0.4", None, gt=0, le=180)
+    talker: values.Text | None = key("the talker of the log's headings", "HC", None)
+    min_speed_kn: values.Number | None = key("knots", "2", None, ge=0, le=100)
+    max_turn_deg_s: values.Number | None = key("degrees a second", "1", None, gt=0, le=90)
+    max_lag_s: values.Number | None = key("seconds", "10", None, ge=0, le=600)
+    max_drift_kn: values.Number | None = key("knots", "1", None, ge=0, le=20)
+    drift_ratio: values.Number | None = key("a number", "0.14", None, ge=0, le=1)
+    declination_sigma_deg: values.Number | None = key("degrees", "0.4", None, gt=0, le=180)
     visual: tuple[VisualMark, ...] = key("a list of headings for a mark", "[{compass_deg: 40, true_deg: 42}]", ())
     sun: tuple[SunMark, ...] = key("a list of headings", "[{compass_deg: 40, time_utc: 2022-09-29T09:00Z}]", ())
-    visual_sigma_deg: Number | None = key("degrees above 0, at most 180", "1", None, gt=0, le=180)
-    course_sigma_deg: Number | None = key("degrees above 0, at most 180", "1", None, gt=0, le=180)
-    vessel_length_m: Number | None = key("metres above 0, at most 1000", "40", None, gt=0, le=1000)
+    visual_sigma_deg: values.Number | None = key("degrees", "1", None, gt=0, le=180)
+    course_sigma_deg: values.Number | None = key("degrees", "1", None, gt=0, le=180)
+    vessel_length_m: values.Number | None = key("metres", "40", None, gt=0, le=1000)
 
     @property
     def placed(self) -> bool:
@@ -235,24 +211,24 @@ class SwingFile(TableFile):
 class MagnetometerColumns(Section):
     """Headers of the table of a magnetometer, by role; needed only where they differ from the role."""
 
-    x: Text | None = _header("any unit, forward")
-    y: Text | None = _header("any unit, starboard")
-    z: Text | None = _header("any unit, down")
-    pitch_deg: Text | None = _header("degrees")
-    roll_deg: Text | None = _header("degrees")
-    heading_deg: Text | None = _header("degrees, magnetic")
-    time_utc: Text | None = _header("UTC")
-    date: Text | None = DATE_HEADER
-    clock: Text | None = CLOCK_HEADER
-    temperature_c: Text | None = _header("degrees Celsius")
+    x: values.Text | None = _header("any unit, forward")
+    y: values.Text | None = _header("any unit, starboard")
+    z: values.Text | None = _header("any unit, down")
+    pitch_deg: values.Text | None = _header("degrees")
+    roll_deg: values.Text | None = _header("degrees")
+    heading_deg: values.Text | None = _header("degrees, magnetic")
+    time_utc: values.Text | None = _header("UTC")
+    date: values.Text | None = DATE_HEADER
+    clock: values.Text | None = CLOCK_HEADER
+    temperature_c: values.Text | None = _header("degrees Celsius")
 
 
 class MagnetometerFile(TableFile):
     """A magnetometer logged while the instrument is turned."""
 
-    format: Annotated[Literal["csv", "mmp_acm"], BeforeValidator(_csv)] = key("csv or mmp_acm", "csv", "csv")
+    format: Annotated[Literal["csv", "mmp_acm"], TABLE_IS_CSV] = key("csv or mmp_acm", "csv", "csv")
     columns: MagnetometerColumns = key("a mapping", "{x: mx, y: my}", MagnetometerColumns())
-    covariates: tuple[Text, ...] = key("a list of other columns that a mismatch may follow", "[pressure_dbar]", ())
+    covariates: tuple[values.Text, ...] = key("a list of columns that a mismatch may follow", "[pressure_dbar]", ())
 
 
 class DeclinationSeries(CalibrationFile):
@@ -265,14 +241,14 @@ class TwoHeads(CalibrationFile):
     """Two profilers on one frame."""
 
     format: Literal["pd0"] = key("pd0", "pd0", "pd0")
-    files: Files = key("two files, of head a and of head b", "[a.000, b.000]", alias="file", min_length=2, max_length=2)
-    start_s: Time | None = key("a date or UTC time from 1980 to 2100", "2022-09-29T06:00:00Z", None, alias="start")
-    end_s: Time | None = key("a date or UTC time from 1980 to 2100", "2022-09-29T18:00:00Z", None, alias="end")
+    files: values.Files = key("two files, of heads a and b", "[a.000, b.000]", alias="file", min_length=2, max_length=2)
+    start_s: values.Time | None = key(TIME_WORDS, "2022-09-29T06:00:00Z", None, alias="start")
+    end_s: values.Time | None = key(TIME_WORDS, "2022-09-29T18:00:00Z", None, alias="end")
     orientation: Orientations | None = key("up or down, or a list of two of these", "[up, down]", None)
     declination_applied: Pair | None = key("degrees, or a list of two", "[0, -18.1]", None)
     heading_alignment: Pair | None = key("degrees, or a list of two", "[0, 45]", None)
-    max_clock_seconds: Number | None = key("seconds from 0 to 86400", "600", None, ge=0, le=86400)
-    clock_offset_seconds: Number | None = key("seconds, less than a century", "0", None, ge=-3.2e9, le=3.2e9)
+    max_clock_seconds: values.Number | None = key("seconds", "600", None, ge=0, le=86400)
+    clock_offset_seconds: values.Number | None = key("seconds", "0", None, ge=-CENTURY_S, le=CENTURY_S)
 
 
 MODELS: dict[str, type[CalibrationFile]] = {
@@ -291,18 +267,3 @@ def settings(file: CalibrationFile) -> dict[str, Any]:
     plain = file.model_dump(mode="json", exclude={"kind", "files", *BETWEEN} | unset)
     columns = {role: header for role, header in plain.get("columns", {}).items() if header is not None}
     return {**plain, "columns": columns}
-
-
-def check_comparisons(files: dict[str, CalibrationFile]) -> tuple[str, str] | None:
-    """Find the first calibration whose ``compare_with`` names no file or forms a cycle, and describe the mistake."""
-    for name in files:
-        paths = [[name]]
-        while paths:
-            visited = paths.pop(0)
-            for other in files[visited[-1]].compare_with:
-                if other not in files:
-                    return name, shown(other)
-                if other in visited:
-                    return name, f"a circle of comparisons, {' - '.join([*visited, other])}"
-                paths.append([*visited, other])
-    return None

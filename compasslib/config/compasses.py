@@ -1,19 +1,16 @@
-"""Records of a shared compass (``compass: NAME``, never inferred), and contradictions between names and files."""
+"""Records of a shared compass (``compass: NAME``, never inferred)."""
 
 from __future__ import annotations
 
-import hashlib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
-from pathlib import Path
 
 from compasslib.config.calibrations import CalibrationFile
 from compasslib.config.schema import Mooring
-from compasslib.config.values import iso, shown
 from compasslib.errors import InputError
-from compasslib.readers.detect import HEAD_BYTES
+from compasslib.records import iso_time
 
 SERIAL_KEYS = ("serial_number", "sensor_serial_number")
 
@@ -22,13 +19,12 @@ SERIAL_KEYS = ("serial_number", "sensor_serial_number")
 class Deployment:
     """Place and time span of one use of a compass; a calibration begins and ends at its date."""
 
-    compass: str
     where: str
     begin_s: float
     end_s: float
 
 
-Deployments = dict[str, list[Deployment]]  # by the name of the compass in lower case
+Deployments = dict[str, list[Deployment]]  # by the name of the compass
 
 
 def calibration_dates(calibrations: Mapping[str, CalibrationFile]) -> Deployments:
@@ -36,40 +32,37 @@ def calibration_dates(calibrations: Mapping[str, CalibrationFile]) -> Deployment
     actual: Deployments = {}
     for name, entry in calibrations.items():
         if entry.compass is not None and entry.date_s is not None:
-            stay = Deployment(entry.compass, f"calibration {name}", entry.date_s, entry.date_s)
-            actual.setdefault(entry.compass.lower(), []).append(stay)
+            stay = Deployment(f"calibration {name}", entry.date_s, entry.date_s)
+            actual.setdefault(entry.compass, []).append(stay)
     return actual
 
 
 def refuse_overlap(name: str, mooring: Mooring, file: str, stays: Deployments) -> None:
-    """Check that no compass of a mooring was elsewhere at the same time or has an ambiguous name.
+    """Check that no compass of a mooring was elsewhere at the same time or has the name of a mooring.
 
     Args:
         stays: deployments and calibrations checked before, by compass; those of the mooring are added.
 
     Raises:
-        InputError: if a compass was elsewhere or its name is ambiguous.
+        InputError: if a compass was elsewhere, or a calibration has the name of the mooring.
     """
     for role, entry in mooring.instruments.items():
         if (compass := entry.compass) is None:
             continue
         where = f"{file}: instruments.{role}.compass"
-        known = stays.setdefault(compass.lower(), [])
+        known = stays.setdefault(compass, [])
         for other in known:
-            if compass != other.compass:
-                expected, advice = "a name that no other has in other letters", "write both alike, or rename one"
-                actual = f"{shown(compass)}, and {other.where} has {other.compass}"
-                raise InputError(where, expected=expected, found=actual, advice=advice)
             if other.where == f"calibration {mooring.name}":
                 expected = "another name of the mooring than of the compass's calibration"
                 actual, advice = f"{mooring.name} for both", "rename one of the two"
                 raise InputError(where, expected=expected, found=actual, advice=advice)
             if other.begin_s < mooring.end_s and mooring.start_s < other.end_s:
-                span = iso(other.begin_s) + (f" to {iso(other.end_s)}" if other.end_s > other.begin_s else "")
-                expected = f"a compass that is in one place from {iso(mooring.start_s)} to {iso(mooring.end_s)}"
+                span = " to ".join(dict.fromkeys([iso_time(other.begin_s), iso_time(other.end_s)]))
+                own = f"{iso_time(mooring.start_s)} to {iso_time(mooring.end_s)}"
+                expected = f"a compass that is in one place from {own}"
                 advice = "correct the dates, or give one of the two compasses another name"
                 raise InputError(where, expected=expected, found=f"{compass} at {other.where}, {span}", advice=advice)
-        known.append(Deployment(compass, f"{name} ({role})", mooring.start_s, mooring.end_s))
+        known.append(Deployment(f"{name} ({role})", mooring.start_s, mooring.end_s))
 
 
 def members(
@@ -102,42 +95,12 @@ def suggest_shared(moorings: Mapping[str, Mooring]) -> list[str]:
     ]
 
 
-# Duplicate records, and several compasses under one name.
+def mixed_serials(moorings: Mapping[str, Mooring], serials: Mapping[str, Mapping[str, str]]) -> list[str]:
+    """Describe each compass whose instruments have different serial numbers, by their files or their attributes.
 
-Identity = frozenset[tuple[object, ...]]
-
-
-def find_contradictions(
-    root: Path, moorings: Mapping[str, Mooring], serials: Mapping[str, Mapping[str, str]]
-) -> list[str]:
-    """Find contradictions between names in the YAML files and the content and serial numbers of the raw files."""
-    identities: dict[tuple[str, str], Identity] = {}  # columns read, size, and hash of the first bytes of each file
-    for name, mooring in moorings.items():
-        for role, instrument in mooring.instruments.items():
-            columns = tuple(sorted(instrument.columns.headers().items())) if instrument.columns else ()
-            files = set()
-            for path in (root / file for file in instrument.files):
-                with path.open("rb") as raw:
-                    files.add((columns, path.stat().st_size, hashlib.sha256(raw.read(HEAD_BYTES)).digest()))
-            identities[name, role] = frozenset(files)
-    return [*_repeated_records(moorings, identities), *_mixed_serials(moorings, serials)]
-
-
-def _repeated_records(moorings: Mapping[str, Mooring], identities: Mapping[tuple[str, str], Identity]) -> Iterator[str]:
-    for name, mooring in moorings.items():
-        for this, other in combinations(mooring.instruments, 2):
-            if identities[name, this] & identities[name, other]:
-                advice = "delete one of the two, or correct its files"
-                yield f"{name}: instruments {this} and {other} are one record, as their files are equal; {advice}"
-    for this, other in combinations(moorings, 2):
-        first, second = moorings[this], moorings[other]
-        together = min(first.end_s, second.end_s) > max(first.start_s, second.start_s)
-        if together and identities[this, first.compromised] & identities[other, second.compromised]:
-            actual = "one mooring under two names, as the files of the affected instrument are equal"
-            yield f"{this} and {other}: {actual}; delete one of the two, or correct its files"
-
-
-def _mixed_serials(moorings: Mapping[str, Mooring], serials: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
+    Args:
+        serials: serial numbers in the files, by mooring and instrument.
+    """
     numbers: dict[str, dict[str, str]] = {}
     for name, mooring in moorings.items():
         for role, instrument in mooring.instruments.items():
@@ -145,12 +108,10 @@ def _mixed_serials(moorings: Mapping[str, Mooring], serials: Mapping[str, Mappin
             number = serials.get(name, {}).get(role, "") or stated
             if instrument.compass is not None and number:
                 numbers.setdefault(instrument.compass, {})[f"{name} ({role})"] = number
-    for compass, places in numbers.items():
-        for (this, first), (other, second) in combinations(places.items(), 2):
-            if not _digits(first) & _digits(second):
-                actual = f"serial number {first} at {this}, {second} at {other}"
-                yield f"compass {compass}: {actual}: two instruments under one name; correct compass or files"
-
-
-def _digits(number: str) -> set[int]:
-    return {int(digits) for digits in re.findall(r"\d+", number)}
+    return [
+        f"compass {compass}: serial number {first} at {this}, {second} at {other}: two instruments under one name; "
+        "correct compass or files"
+        for compass, places in numbers.items()
+        for (this, first), (other, second) in combinations(places.items(), 2)
+        if not {*map(int, re.findall(r"\d+", first))} & {*map(int, re.findall(r"\d+", second))}
+    ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import graphlib
 import math
 import os
 import re
@@ -10,23 +11,21 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_origin
+from typing import Any, TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
-from pydantic_core import PydanticCustomError
 
 from compasslib.config import compasses
-from compasslib.config.calibrations import MODELS, CalibrationFile, KindKey, check_comparisons
-from compasslib.config.schema import Covariate, CruiseOptions, Instrument, Mooring, allowed_keys
-from compasslib.config.values import DECIDE, NAME_WORDS, SHOWN, RawFolder, nearest, shown
-from compasslib.config.values import name as checked_name
+from compasslib.config.calibrations import MODELS, CalibrationFile, KindKey
+from compasslib.config.schema import Covariate, CruiseOptions, Instrument, Mooring
+from compasslib.config.section import describe
+from compasslib.config.values import DECIDE, NAME, NAME_WORDS, RawFolder, shown
 from compasslib.errors import InputError
 
 CONFIG = "config/config.yaml"
 CALIBRATIONS = "config/calibrations"
 Model = TypeVar("Model", bound=BaseModel)
-_QUOTED = re.compile(r"'([^']*)'")  # allowed values in pydantic's message of a literal_error
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,8 @@ def load_cruise(cruise: Path, *, in_storage: bool = False, refuse: Callable[[Inp
     listed = _mooring_files(cruise, options.moorings)
     for file in listed:
         try:
-            mooring = _mooring(file, options, place)
+            raw = read(cruise, file, "name: EG4")
+            mooring = validate(Mooring, _with_options(raw, options), file, place)
             for other in files:  # M1 and m1 are one folder on some file systems
                 if mooring.name.lower() == other.partition("/")[0].lower():
                     alike = " in other letters" * (mooring.name != other)
@@ -87,7 +87,7 @@ def load_cruise(cruise: Path, *, in_storage: bool = False, refuse: Callable[[Inp
         names = [name for name in moorings if files[name] == file]
         try:
             for name in names:
-                _refuse_unplaced(calibrations, moorings[name].fit.name, files[name])
+                _check_calibrations(cruise, calibrations, moorings[name].fit.name, file)
             compasses.refuse_overlap(names[0], moorings[names[0]], file, stays)
         except InputError as mistake:
             refuse(mistake)
@@ -103,26 +103,26 @@ def validate(model: type[Model], raw: dict[str, Any], file: str, place: RawFolde
     Raises:
         InputError: for keys still set to DECIDE, an unknown key or an invalid value; ``others`` has further mistakes.
     """
-    open_keys = undecided(raw)
+    undecided_keys, errors = undecided(raw), []
     try:
         checked = model.model_validate(decided(raw), context=place)
+        if not undecided_keys:
+            return checked
     except ValidationError as error:
         # A misspelt key is also reported as missing; the message about its spelling is more helpful and comes first.
         errors = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
         misspelt = {e["loc"][:-1] for e in errors if e["type"] == "extra_forbidden"}
-        helpful = [e for e in errors if e["type"] != "missing" or e["loc"][:-1] not in misspelt]
-        mistakes = [_mistake(model, each, file) for each in helpful or errors]
-    else:
-        mistakes = []
-        if not open_keys:
-            return checked
-    places = {each: each.where.removeprefix(f"{file}: ") for each in mistakes}
-    relevant = [each for each in mistakes if not any(f"{key}.".startswith(f"{places[each]}.") for key in open_keys)]
-    if open_keys:
-        actual = f"{len(open_keys)} {DECIDE} {'entries' if len(open_keys) > 1 else 'entry'}"
-        advice = f"replace each {DECIDE} by a value: {', '.join(open_keys)}"
-        relevant.insert(0, InputError(file, expected="a value of every key", found=actual, advice=advice))
-    first, *others = relevant
+        errors = [e for e in errors if e["type"] != "missing" or e["loc"][:-1] not in misspelt] or errors
+    mistakes: dict[str, InputError] = {}
+    if undecided_keys:
+        actual = f"{len(undecided_keys)} {DECIDE} {'entries' if len(undecided_keys) > 1 else 'entry'}"
+        advice = f"replace each {DECIDE} by a value: {', '.join(undecided_keys)}"
+        mistakes[""] = InputError(file, expected="a value of every key", found=actual, advice=advice)
+    for mistake in (describe(model, error, file) for error in errors):
+        key = mistake.where.removeprefix(f"{file}: ")
+        if not any(f"{each}.".startswith(f"{key}.") for each in undecided_keys):
+            mistakes.setdefault(key, mistake)  # each part of a union refuses a value: the first describes it
+    first, *others = mistakes.values()
     first.others = tuple(others)
     raise first
 
@@ -180,24 +180,16 @@ def _mooring_files(cruise: Path, moorings: str | Sequence[str]) -> list[str]:
     return [f"{moorings}/{name}" for name in sorted(names)]
 
 
-def _mooring(file: str, options: CruiseOptions, place: RawFolder) -> Mooring:
-    raw = read(place.root, file, "name: EG4")
-    mooring = validate(Mooring, _with_options(raw, options), file, place)
-    for fit in (each.fit for each in mooring.split().values()):
-        for name in fit.name:
-            calibration = f"{CALIBRATIONS}/{name}.yaml"
-            if not os.path.isfile(place.root / calibration):
-                advice = "write that file or correct the name"
-                raise InputError(f"{file}: fit.name", expected=f"the file {calibration}", found="none", advice=advice)
-    return mooring
-
-
-def _refuse_unplaced(calibrations: dict[str, CalibrationFile], names: Sequence[str], file: str) -> None:
-    """Refuse calibrations without place and date, which the transfer of coefficients to the mooring requires."""
-    for name in (name for name in names if name in calibrations and not calibrations[name].placed):
-        file_of, carry = f"{CALIBRATIONS}/{name}.yaml", "to carry its coefficients to the mooring"
-        expected, where = f"latitude, longitude and date in {file_of}, {carry}", f"{file}: fit.name"
-        raise InputError(where, expected=expected, found="none", advice="add them there")
+def _check_calibrations(cruise: Path, known: dict[str, CalibrationFile], names: Sequence[str], file: str) -> None:
+    """Check that the calibrations of a mooring exist, with place and date, which their transfer requires."""
+    for name in names:
+        source, where = f"{CALIBRATIONS}/{name}.yaml", f"{file}: fit.name"
+        if not os.path.isfile(cruise / source):
+            advice = "write that file or correct the name"
+            raise InputError(where, expected=f"the file {source}", found="none", advice=advice)
+        if name in known and not known[name].placed:
+            expected = f"latitude, longitude and date in {source}, to carry its coefficients to the mooring"
+            raise InputError(where, expected=expected, found="none", advice="add them there")
 
 
 def _calibrations(cruise: Path, place: RawFolder, refuse: Callable[[InputError], None]) -> dict[str, CalibrationFile]:
@@ -209,26 +201,25 @@ def _calibrations(cruise: Path, place: RawFolder, refuse: Callable[[InputError],
         try:
             raw = read(place.root, file, "kind: platform")
             kind = validate(KindKey, {key: raw[key] for key in ("kind",) if key in raw}, file).kind
-            calibrations[_calibration_name(file)] = validate(MODELS[kind], raw, file, place)
+            stem, ending = os.path.splitext(os.path.basename(file))
+            if ending != ".yaml" or not re.fullmatch(NAME, stem):
+                expected, actual = f"a file NAME.yaml, the name of {NAME_WORDS}", os.path.basename(file)
+                raise InputError(file, expected=expected, found=actual, advice="rename the file")
+            calibrations[stem] = validate(MODELS[kind], raw, file, place)
         except InputError as mistake:
             refuse(mistake)
-    if wrong := check_comparisons(calibrations):
+    compared = {name: calibration.compare_with for name, calibration in calibrations.items()}
+    wrong = next(((name, shown(x)) for name, others in compared.items() for x in others if x not in compared), None)
+    try:
+        graphlib.TopologicalSorter(compared).prepare()
+    except graphlib.CycleError as error:
+        cycle = error.args[1]
+        wrong = wrong or (cycle[0], f"a circle of comparisons, {' - '.join(cycle)}")
+    if wrong:
         where, expected = f"{CALIBRATIONS}/{wrong[0]}.yaml: compare_with", "the NAME of another, earlier calibration"
         advice = "correct the name; the earlier one stands alone"
         raise InputError(where, expected=expected, found=wrong[1], advice=advice)
     return calibrations
-
-
-def _calibration_name(file: str) -> str:
-    stem, ending = os.path.splitext(os.path.basename(file))
-    try:
-        usable = ending == ".yaml" and checked_name(stem)
-    except PydanticCustomError:
-        usable = False
-    if not usable:
-        expected = f"a file NAME.yaml, the name of {NAME_WORDS}"
-        raise InputError(file, expected=expected, found=os.path.basename(file), advice="rename the file")
-    return stem
 
 
 def _with_options(raw: dict[str, Any], options: CruiseOptions) -> dict[str, Any]:
@@ -244,62 +235,6 @@ def _with_options(raw: dict[str, Any], options: CruiseOptions) -> dict[str, Any]
     if isinstance(quality := raw.get("quality"), dict | None):
         filled = filled | {"quality": options.quality.model_dump() | (quality or {})}
     return filled
-
-
-def _mistake(model: type[BaseModel], first: Any, file: str) -> InputError:
-    place = [part for part in first["loc"] if part != "[key]"]
-    if first["type"] == "extra_forbidden":
-        allowed, unknown = list(allowed_keys(_walk(model, place[:-1])[1] or model)), str(place[-1])
-        advice = nearest(unknown, allowed) or "delete it, or indent it below the key that it belongs to"
-        expected, actual = f"a key out of {', '.join(allowed)}", f"the unknown {shown(unknown)}"
-        return InputError(f"{file}: {_dotted(place)}", expected=expected, found=actual, advice=advice)
-    field, inner = _walk(model, place)
-    sentence = _words(first, field, inner, _dotted(place).rpartition(".")[2])
-    given = first.get("ctx", {}) if first["type"] == "cruise" else {}
-    sentence |= {part: given[part] for part in sentence if given.get(part)}
-    place += [given["key"]] if given.get("key") else []
-    return InputError(f"{file}: {_dotted(place)}", **sentence)
-
-
-def _words(error: Any, field: Any, inner: type[BaseModel] | None, last: str) -> dict[str, str]:
-    """Compose the parts of an error message from the description of the field and the type of the error."""
-    kind, value = error["type"], error["input"]
-    example = f"for example {last.partition('[')[0]}: {field.examples[0]}" if field else ""
-    advice = field.json_schema_extra["advice"] if field else None
-    expected = field.description if field else ""
-    found = str(error.get("ctx", {}).get("actual_length", shown(value)))  # of a list that is too long or short
-    sentence = {"expected": expected, "found": found, "advice": advice or f"write {example}"}
-    if kind == "missing":
-        sentence |= {"found": "nothing", "advice": f"add {example}"}
-    elif kind == "model_type" and inner:
-        sentence |= {"expected": "a mapping", "advice": f"write below it keys out of {', '.join(allowed_keys(inner))}"}
-    elif kind == "literal_error":
-        sentence["advice"] = nearest(str(value), _QUOTED.findall(error["ctx"]["expected"])) or sentence["advice"]
-    return sentence
-
-
-def _walk(model: type[BaseModel], place: Sequence[Any]) -> tuple[Any, type[BaseModel] | None]:
-    """Find the field at a location and its nested model, if any; user-defined names of mappings are skipped."""
-    field: Any = None
-    inner: type[BaseModel] | None = model
-    named = False
-    for part in place:
-        if isinstance(part, str) and not named and inner:
-            field = allowed_keys(inner)[part]
-            inner, named = _model_in(field.annotation), get_origin(field.annotation) is dict
-        elif isinstance(part, str):
-            named = False
-    return field, inner
-
-
-def _model_in(annotation: Any) -> type[BaseModel] | None:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    return next((inner for part in get_args(annotation) if (inner := _model_in(part))), None)
-
-
-def _dotted(place: Sequence[Any]) -> str:
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part[:SHOWN]}" for part in place).lstrip(".")
 
 
 # YAML without aliases, repeated keys and conversions that are mostly mistakes: dates and leading zeros remain text.
@@ -332,23 +267,21 @@ class _Loader(yaml.SafeLoader):
 
 
 def _number(loader: Any, node: Any) -> int | float | str:
-    text = node.value
+    text: str = node.value
     if "." not in text:
         return int(text) if len(text) <= 18 else text  # longer ones are serial numbers and may overflow 64 bits
     return float(text) if math.isfinite(float(text)) else text
 
 
-_DIGITS = list("-+.0123456789")
-_INT, _FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
-for _tag, _pattern, _first in (
-    ("tag:yaml.org,2002:null", r"^(?:~|null|Null|NULL|)$", ["~", "n", "N", ""]),
-    ("tag:yaml.org,2002:bool", r"^(?:true|True|TRUE|false|False|FALSE)$", list("tTfF")),
-    (_INT, r"^[-+]?(?:0|[1-9][0-9]*)$", _DIGITS),
-    (_FLOAT, r"^[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?$", _DIGITS),
+for _kind, _pattern, _first in (
+    ("null", r"^(?:~|null|Null|NULL|)$", ["~", "n", "N", ""]),
+    ("bool", r"^(?:true|True|TRUE|false|False|FALSE)$", list("tTfF")),
+    ("int", r"^[-+]?(?:0|[1-9][0-9]*)$", list("-+.0123456789")),
+    ("float", r"^[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?$", list("-+.0123456789")),
 ):
-    _Loader.add_implicit_resolver(_tag, re.compile(_pattern), _first)
-for _tag in (_INT, _FLOAT):
-    _Loader.add_constructor(_tag, _number)
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_kind}", re.compile(_pattern), _first)
+for _kind in ("int", "float"):
+    _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", _number)
 
 
 def read(root: Path, name: str, example: str = "key: value") -> dict[str, Any]:
@@ -377,29 +310,21 @@ def parse(data: bytes, name: str, example: str = "key: value") -> dict[str, Any]
     Raises:
         InputError: as for ``read``.
     """
+    where, text = name, data.decode("utf-8-sig", "replace")
     try:
-        content = _parsed(data.decode("utf-8-sig"), name)
+        data.decode("utf-8-sig")
+        content = yaml.load(text, Loader=_Loader)
     except UnicodeDecodeError as error:
-        advice = "save the file as UTF-8"
-        raise InputError(name, expected="UTF-8 text", found=f"other bytes at {error.start}", advice=advice) from None
-    if not isinstance(content, dict):
-        actual = "an empty file" if content is None else "a list" if isinstance(content, list) else "a single value"
-        raise InputError(name, expected="keys with values", found=actual, advice=f"write for example {example}")
-    return content
-
-
-def _parsed(text: str, name: str) -> Any:
-    try:
-        return yaml.load(text, Loader=_Loader)
+        found = f"bytes that are not UTF-8 at {error.start}"
     except yaml.MarkedYAMLError as error:
         mark: Any = error.problem_mark or error.context_mark
-        where, actual = (
-            f"{name}: line {mark.line + 1}, column {mark.column + 1}",
-            f"a mistake of form ({error.problem})",
-        )
+        where, found = f"{name}: line {mark.line + 1}, column {mark.column + 1}", f"a mistake of form ({error.problem})"
     except yaml.reader.ReaderError as error:
-        where, actual = f"{name}: line {text.count(chr(10), 0, error.position) + 1}", "a control character"
-    except RecursionError:
-        where, actual = name, "very many levels of brackets"
-    advice = "check indentation, colons, quotes and brackets"
-    raise InputError(where, expected="YAML", found=actual, advice=advice) from None
+        where, found = f"{name}: line {text.count(chr(10), 0, error.position) + 1}", "a control character"
+    else:
+        if isinstance(content, dict):
+            return content
+        found = "an empty file" if content is None else f"{shown(content)} alone"
+        raise InputError(name, expected="keys with values", found=found, advice=f"write for example {example}")
+    advice = "check encoding, indentation, colons, quotes and brackets"
+    raise InputError(where, expected="YAML in UTF-8", found=found, advice=advice)

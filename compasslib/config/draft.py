@@ -186,11 +186,11 @@ def _instrument(name: str, drafted: Drafted) -> list[str]:
     ]
 
 
-def _depth(drafted: Drafted, *, still_m: float = 0.3) -> str:
+def _depth(drafted: Drafted) -> str:
     """Compose the line of the depth, not stated if it changes by less than by tides and weather."""
     if math.isnan(drafted.depth_m):
         return _line("depth", DECIDE, "m, of the transducer; the files do not tell", indent=4)
-    if drafted.depth_range_m < still_m:
+    if drafted.depth_range_m < 0.3:
         description = f"m; recorded as {drafted.depth_m:.1f} with no change beyond {drafted.depth_range_m:.2g}"
         return _line("depth", DECIDE, f"{description}: entered, or its pressure is stuck", indent=4)
     return _line("depth", round(drafted.depth_m, 1), "m, the median of what it recorded", indent=4)

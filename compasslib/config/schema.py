@@ -6,66 +6,26 @@ An error message shows the description of a field after the word "expected", and
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import model_validator
+from pydantic import BeforeValidator, model_validator
 
 from compasslib import readers
 from compasslib.config import values
-from compasslib.config.section import (
-    Attributes,
-    Column,
-    Comment,
-    Count,
-    Decimal,
-    Declination,
-    DeclinationApplied,
-    Delimiter,
-    Depths,
-    Files,
-    FitOptions,
-    Form,
-    Formats,
-    Missing,
-    MooringPaths,
-    Name,
-    Names,
-    Number,
-    ProductOptions,
-    Reference,
-    Section,
-    SoundSpeed,
-    Span,
-    Sphere,
-    Switch,
-    Text,
-    Time,
-    TimeColumns,
-    TimeFormat,
-    Zone,
-    allowed_keys,
-    auto,
-    key,
-)
-from compasslib.config.values import iso, problem, shown
+from compasslib.config.section import FitOptions, ProductOptions, Section, allowed_keys, auto, key
+from compasslib.config.values import problem, shown
 from compasslib.earthfield import parse_applied_declination
 from compasslib.readers import TABLE_KEYS
 from compasslib.readers.flags import normalize
 from compasslib.readers.units import stated_north
+from compasslib.records import iso_time
 
 TABLES = ("table", "acm_table")
-# Keys that apply to some formats only; with others they would silently have no effect.
-ONLY_FOR = {
-    "columns": (*TABLES, "mmp_acm", "netcdf"),
-    "pressure_files": ("mmp_acm",),
-    "start_offset_seconds": ("mmp_acm",),
-    "heading_alignment": ("pd0", "netcdf"),
-    "sound_speed": ("pd0",),
-    "flags": (*TABLES, "netcdf"),
-    "bin_size": ("pd12",),
-    "first_bin": ("pd12",),
-    **dict.fromkeys(TABLE_KEYS, (*TABLES, "mmp_acm")),  # the pressure of a profiler may be a text table
-}
+# Keys that would silently have no effect with formats whose reader does not take them.
+OF_READERS = (
+    *("columns", "pressure_files", "start_offset_seconds", "heading_alignment", "sound_speed", "flags"),
+    *("bin_size", "first_bin", *TABLE_KEYS),
+)
 NEEDED = {"pd12": ("orientation", "bin_size", "first_bin")}  # not recorded in files of this format
 # Names of the covariates built into the diagnosis; a series of the same name would replace them.
 KNOWN_SERIES = (
@@ -81,24 +41,34 @@ RESERVED = (
 )
 FOLDERS = ("work", "figures", "logs", "benchmarks")  # subfolders of results/NAME
 COVARIATE_ADVICE = "add for example columns: {time: time_utc, value: current_mA}"
+CENTURY_S = 3.2e9
 DEPTH_SLACK = 1.05  # a charted water depth is rarely better than 5 %
 
-_TIME_WORDS = "a date or UTC time from 1980 to 2100"
-_FILES_WORDS = "a path, a list of paths or a glob, relative to the cruise folder"
+
+def _known_format(value: Any) -> str:
+    offered = readers.format_names()
+    if value not in offered:
+        expected = f"{', '.join(offered[:-1])} or {offered[-1]}"
+        raise problem(expected=expected, advice=values.nearest(str(value), offered))
+    return str(value)
+
+
+Format = Annotated[str, BeforeValidator(_known_format, json_schema_input_type=Literal[*readers.FORMATS] | str)]
+TIME_WORDS = "a date or UTC time from 1980 to 2100"
+_SCALES = f"{', '.join(values.TIME_SCALES[:-1])} or {values.TIME_SCALES[-1]}"
+FILES_WORDS = "a path, a list of paths or a glob, relative to the cruise folder"
 _ATTRIBUTES_WORDS = "a mapping of names to texts or numbers"
 
 
 def _seconds() -> Any:
-    return key("seconds, less than a century", "0", 0.0, ge=-3.2e9, le=3.2e9)
+    return key("seconds", "0", 0.0, ge=-CENTURY_S, le=CENTURY_S)
 
 
 def _header(unit: str, example: str) -> Any:
     return key(f"the header of a column ({unit}), or its number", example, None)
 
 
-TIME_HEADER = key(
-    "the header of a column (UTC), or a list of the columns of its parts", "[Year, Month, Day, Hour]", None
-)
+TIME_HEADER = key("the header of a column (UTC), or a list of columns of its parts", "[Year, Month, Day, Hour]", None)
 DATE_HEADER = key("the header of a column (the date, where the clock stands apart)", "Date", None)
 CLOCK_HEADER = key("the header of a column (the time of day, where the date stands apart)", "Time", None)
 
@@ -106,22 +76,22 @@ CLOCK_HEADER = key("the header of a column (the time of day, where the date stan
 class Overlap(Section):
     """Largest separations in time and depth of the measurements of a pair, and the common time grid."""
 
-    max_minutes: Number = key("minutes from 0 to 1440", "20", 20.0, ge=0, le=1440)
-    max_metres: Number = key("metres from 0 to 1000", "20", 20.0, ge=0, le=1000)
-    bins: Count = key("a whole number from 1 to 255", "2", 2, ge=1, le=255)
-    predict: Switch = key("true or false", "true", True)
-    grid_minutes: Number = key("minutes above 0, at most 1440", "60", 60.0, gt=0, le=1440)
-    grid_tolerance_minutes: Number = key("minutes from 0 to 1440", "30", 30.0, ge=0, le=1440)
+    max_minutes: values.Number = key("minutes", "20", 20.0, ge=0, le=1440)
+    max_metres: values.Number = key("metres", "20", 20.0, ge=0, le=1000)
+    bins: values.Count = key("a whole number", "2", 2, ge=1, le=255)
+    predict: values.Switch = key("true or false", "true", True)
+    grid_minutes: values.Number = key("minutes", "60", 60.0, gt=0, le=1440)
+    grid_tolerance_minutes: values.Number = key("minutes", "30", 30.0, ge=0, le=1440)
 
 
 class Diagnose(Section):
     """Options of the search for unmodelled effects and of their correction."""
 
-    enabled: Switch = key("true or false", "true", True)
-    apply: Switch = key("true or false", "true", True)
-    min_effect_deg: Number = key("degrees from 0 to 180", "0.5", 0.5, ge=0, le=180)
-    prior_odds: Number = key("odds above 0, to 1000", "1", 1.0, gt=0, le=1000)
-    surrogates: Count = key("a whole number from 0 to 9999", "199", 199, ge=0, le=9999)
+    enabled: values.Switch = key("true or false", "true", True)
+    apply: values.Switch = key("true or false", "true", True)
+    min_effect_deg: values.Number = key("degrees", "0.5", 0.5, ge=0, le=180)
+    prior_odds: values.Number = key("odds", "1", 1.0, gt=0, le=1000)
+    surrogates: values.Count = key("a whole number", "199", 199, ge=0, le=9999)
 
 
 class Quality(Section):
@@ -129,37 +99,37 @@ class Quality(Section):
 
     absent = (None, "auto")
 
-    percent_good: Number = key("percent from 0 to 100", "25", 25.0, ge=0, le=100)
-    correlation: Number | None = auto("counts from 0 to 255", "64", ge=0, le=255)
-    error_velocity: Number | None = auto("m/s above 0, at most 10", "0.2", gt=0, le=10)
-    echo: Number | None = key("counts from 0 to 255", "40", None, ge=0, le=255)
-    echo_jump: Number | None = key("counts above 0, at most 255", "30", None, gt=0, le=255)
-    spike: Number | None = key("robust standard deviations from 3 to 100", "7", None, ge=3, le=100)
-    tilt_deg: Number = key("degrees above 0, at most 90", "45", 45.0, gt=0, le=90)
-    speed: Number = key("m/s above 0, at most 20", "5", 5.0, gt=0, le=20)
-    side_lobe: Switch = key("true or false", "true", True)
+    percent_good: values.Number = key("percent", "25", 25.0, ge=0, le=100)
+    correlation: values.Number | None = auto("counts", "64", ge=0, le=255)
+    error_velocity: values.Number | None = auto("m/s", "0.2", gt=0, le=10)
+    echo: values.Number | None = key("counts", "40", None, ge=0, le=255)
+    echo_jump: values.Number | None = key("counts", "30", None, gt=0, le=255)
+    spike: values.Number | None = key("robust standard deviations", "7", None, ge=3, le=100)
+    tilt_deg: values.Number = key("degrees", "45", 45.0, gt=0, le=90)
+    speed: values.Number = key("m/s", "5", 5.0, gt=0, le=20)
+    side_lobe: values.Switch = key("true or false", "true", True)
 
 
 class Confirmed(Section):
     """Differences that the owner of a mooring confirms to be real and not mistakes of the configuration."""
 
-    constant: Switch = key("true or false", "true", False)
+    constant: values.Switch = key("true or false", "true", False)
 
 
 class Figures(Section):
     """File formats of the figures; PNG, which the report shows, is included unless the list is empty."""
 
-    formats: Formats = key("a list of png and pdf", "[png, pdf]", ("png",))
+    formats: values.Formats = key("a list of png and pdf", "[png, pdf]", ("png",))
 
 
 class CruiseOptions(Section):
     """config/config.yaml: the options of a run."""
 
-    moorings: MooringPaths = key("a folder of mooring files or a list of them", "config/moorings", "config/moorings")
-    demonstration: Switch = key("true or false", "false", False)
-    seed: Count = key("a whole number from 0 to 4294967295", "2007", 2007, ge=0, le=2**32 - 1)
-    attributes: Attributes = key(_ATTRIBUTES_WORDS, "{institution: My Institute}", {})
-    supersedes: Files = key("one ZIP, relative to the cruise folder", "deposits/v1.zip", (), max_length=1)
+    moorings: values.MooringPaths = key("a folder of mooring files or a list", "config/moorings", "config/moorings")
+    demonstration: values.Switch = key("true or false", "false", False)
+    seed: values.Count = key("a whole number from 0 to 4294967295", "2007", 2007, ge=0, le=2**32 - 1)
+    attributes: values.Attributes = key(_ATTRIBUTES_WORDS, "{institution: My Institute}", {})
+    supersedes: values.Files = key("one ZIP, relative to the cruise folder", "deposits/v1.zip", (), max_length=1)
     overlap: Overlap = key("a mapping", "{max_minutes: 20}", Overlap())
     fit: FitOptions = key("a mapping", "{method: exact}", FitOptions())
     diagnose: Diagnose = key("a mapping", "{enabled: true}", Diagnose())
@@ -178,51 +148,54 @@ class CruiseOptions(Section):
 class Exclusion(Section):
     """A window of known-bad data."""
 
-    from_s: Time = key(_TIME_WORDS, "2007-10-01T00:00:00Z", alias="from")
-    to_s: Time = key(_TIME_WORDS, "2007-10-02T00:00:00Z", alias="to")
-    why: Text = key("a text that gives the reason", "fouled rotor", "")
+    from_s: values.Time = key(TIME_WORDS, "2007-10-01T00:00:00Z", alias="from")
+    to_s: values.Time = key(TIME_WORDS, "2007-10-02T00:00:00Z", alias="to")
+    why: values.Text = key("a text that gives the reason", "fouled rotor", "")
 
     @model_validator(mode="after")
     def _from_before_to(self) -> Self:
         if self.from_s >= self.to_s:
-            raise problem("to", f"a time after from, {iso(self.from_s)}", iso(self.to_s), "correct one of the two")
+            raise problem(
+                "to", f"a time after from, {iso_time(self.from_s)}", iso_time(self.to_s), "correct one of the two"
+            )
         return self
 
 
 class HandFlag(Exclusion):
     """A quality flag that a person gives to velocities of a window and of depths."""
 
-    why: Text = key("a text that gives the reason", "fouled by a fishing line")
-    who: Text = key("the name of the person", "A. Person")
-    flag: Count = key("1 (good), 2 (probably good), 3 (probably bad) or 4 (bad)", "3", ge=1, le=4)
-    depths: Depths | None = key("a range [from, to] of depths, metres", "[20, 60]", None)
+    why: values.Text = key("a text that gives the reason", "fouled by a fishing line")
+    who: values.Text = key("the name of the person", "A. Person")
+    flag: values.Count = key("a flag", "3", ge=1, le=4)
+    depths: values.Depths | None = key("a range [from, to] of depths, metres", "[20, 60]", None)
 
     def __str__(self) -> str:
         where = "all depths" if self.depths is None else f"{self.depths[0]:g} to {self.depths[1]:g} m"
-        return f"flag {self.flag} from {iso(self.from_s)} to {iso(self.to_s)}, {where}, by {self.who}: {self.why}"
+        when = f"from {iso_time(self.from_s)} to {iso_time(self.to_s)}"
+        return f"flag {self.flag} {when}, {where}, by {self.who}: {self.why}"
 
 
 class Columns(Section):
     """Headers of the columns of a table, by role, and the factor that converts its speeds to m/s."""
 
-    time: TimeColumns | None = TIME_HEADER
-    date: Column | None = DATE_HEADER
-    clock: Column | None = CLOCK_HEADER
-    depth: Column | None = _header("metres", "depth_m")
-    pressure: Column | None = _header("dbar", "pressure_dbar")
-    east: Column | None = _header("speed", "u_cm_s")
-    north: Column | None = _header("speed", "v_cm_s")
-    speed: Column | None = _header("speed", "speed_cm_s")
-    direction: Column | None = _header("degrees, towards", "direction_deg")
-    x: Column | None = _header("speed along the instrument's x axis", "vx_cm_s")
-    y: Column | None = _header("speed along the instrument's y axis", "vy_cm_s")
-    heading: Column | None = _header("degrees", "heading_deg")
-    tilt_x: Column | None = _header("degrees", "tilt_x_deg")
-    tilt_y: Column | None = _header("degrees", "tilt_y_deg")
-    temperature: Column | None = _header("degrees Celsius", "temperature_c")
-    flag: Column | None = _header("quality flags, tables only", "qc")
-    range: Column | None = _header("metres from the transducer, netcdf only", "bindist")
-    scale: Number | None = key("a factor to m/s above 0, at most 1000", "0.01", None, gt=0, le=1000)
+    time: values.TimeColumns | None = TIME_HEADER
+    date: values.Column | None = DATE_HEADER
+    clock: values.Column | None = CLOCK_HEADER
+    depth: values.Column | None = _header("metres", "depth_m")
+    pressure: values.Column | None = _header("dbar", "pressure_dbar")
+    east: values.Column | None = _header("speed", "u_cm_s")
+    north: values.Column | None = _header("speed", "v_cm_s")
+    speed: values.Column | None = _header("speed", "speed_cm_s")
+    direction: values.Column | None = _header("degrees, towards", "direction_deg")
+    x: values.Column | None = _header("speed along the instrument's x axis", "vx_cm_s")
+    y: values.Column | None = _header("speed along the instrument's y axis", "vy_cm_s")
+    heading: values.Column | None = _header("degrees", "heading_deg")
+    tilt_x: values.Column | None = _header("degrees", "tilt_x_deg")
+    tilt_y: values.Column | None = _header("degrees", "tilt_y_deg")
+    temperature: values.Column | None = _header("degrees Celsius", "temperature_c")
+    flag: values.Column | None = _header("quality flags, tables only", "qc")
+    range: values.Column | None = _header("metres from the transducer, netcdf only", "bindist")
+    scale: values.Number | None = key("a factor to m/s", "0.01", None, gt=0, le=1000)
 
     def headers(self) -> dict[str, Any]:
         """Select the headers or numbers of columns that are given, by role."""
@@ -243,20 +216,14 @@ class Columns(Section):
 class TableKeys(Section):
     """Format of a text table; whatever is unambiguous is detected automatically."""
 
-    delimiter: Delimiter | None = key("comma, semicolon, tab or blank", "semicolon", None)
-    decimal: Decimal | None = key("point or comma", "comma", None)
-    time_format: TimeFormat | None = key(
-        "a strptime format such as '%d/%m/%Y %H:%M', or epoch, epoch_ms, datenum, matplotlib, decimal_year or excel",
-        "'%d/%m/%Y %H:%M'",
-        None,
-    )
-    timezone: Zone | None = key("UTC or an offset such as '+02:00'", "'+02:00'", None)
-    missing: Missing = key("a list of numbers or texts that stand for nothing", "[-99.9, ----]", ())
-    skip_rows: Count | None = key(
-        "a whole number from 0 to 100000 of lines above the header", "3", None, ge=0, le=100000
-    )
-    header: Count | None = key("the number of the header line from 1, or 0 for none", "0", None, ge=0, le=1000)
-    comment: Comment | None = key("the mark at the beginning of lines without data", "'#'", None)
+    delimiter: values.Delimiter | None = key("comma, semicolon, tab or blank", "semicolon", None)
+    decimal: values.Decimal | None = key("point or comma", "comma", None)
+    time_format: values.TimeFormat | None = key(f"a strptime format, or {_SCALES}", "'%d/%m/%Y %H:%M'", None)
+    timezone: values.Zone | None = key("UTC or an offset such as '+02:00'", "'+02:00'", None)
+    missing: values.Missing = key("a list of numbers or texts that stand for nothing", "[-99.9, ----]", ())
+    skip_rows: values.Count | None = key("a number of lines above the header", "3", None, ge=0, le=100000)
+    header: values.Count | None = key("the line of the header (0 for none)", "0", None, ge=0, le=1000)
+    comment: values.Text | None = key("the mark at the beginning of lines without data", "'#'", None)
 
     @model_validator(mode="after")
     def _header_or_skip_rows(self) -> Self:
@@ -268,9 +235,9 @@ class TableKeys(Section):
 class FlagMeanings(Section):
     """Meanings of the quality flags of a file that uses no known vocabulary."""
 
-    good: Missing = key("a list of meanings or values of flags", "[accepted, 1]", ())
-    bad: Missing = key("a list of meanings or values of flags", "[side_lobe, 4]", ())
-    unchecked: Missing = key("a list of meanings or values of flags", "[raw, 0]", ())
+    good: values.Missing = key("a list of meanings or values of flags", "[accepted, 1]", ())
+    bad: values.Missing = key("a list of meanings or values of flags", "[side_lobe, 4]", ())
+    unchecked: values.Missing = key("a list of meanings or values of flags", "[raw, 0]", ())
 
     @model_validator(mode="after")
     def _meanings_are_unique(self) -> Self:
@@ -285,49 +252,47 @@ class FlagMeanings(Section):
 class Instrument(TableKeys):
     """One instrument of a mooring and its raw files."""
 
-    format: Form = key("the name of a raw format", "pd0")
-    files: Files = key(_FILES_WORDS, "raw/EG4/top.000")
-    depth: Number | None = key("metres from 0 to 12000", "100", None, "write it positive, in metres", ge=0, le=12000)
+    format: Format = key("the name of a raw format", "pd0")
+    files: values.Files = key(FILES_WORDS, "raw/EG4/top.000")
+    depth: values.Number | None = key("metres", "100", None, ge=0, le=12000)
     orientation: Literal["up", "down"] | None = key("up or down", "up", None)
-    declination_applied: DeclinationApplied | None = key(
-        "degrees from -180 to 180, or {heading: degrees, velocity: degrees}", "0", None
+    declination_applied: values.DeclinationApplied | None = key(
+        "degrees from -180 to 180, or these as {heading: ..., velocity: ...}", "0", None
     )
-    heading_alignment: Number | None = key("degrees from -360 to 360", "0", None, ge=-360, le=360)
-    sound_speed: SoundSpeed = key("auto, keep, or {salinity: 0 to 42}", "{salinity: 35}", "auto")
-    clock_offset_seconds: Number = _seconds()
-    clock_drift_seconds: Number = _seconds()
-    pressure_offset: Number = key("dbar from -12000 to 12000", "0", 0.0, ge=-12000, le=12000)
-    direction_reference: Reference = key("magnetic or true", "magnetic", "magnetic")
+    heading_alignment: values.Number | None = key("degrees", "0", None, ge=-360, le=360)
+    sound_speed: values.SoundSpeed = key("auto, keep, or {salinity: 0 to 42}", "{salinity: 35}", "auto")
+    clock_offset_seconds: values.Number = _seconds()
+    clock_drift_seconds: values.Number = _seconds()
+    pressure_offset: values.Number = key("dbar", "0", 0.0, ge=-12000, le=12000)
+    direction_reference: values.Reference = key("magnetic or true", "magnetic", "magnetic")
     exclude: tuple[Exclusion, ...] = key("a list of windows", "[{from: 2007-10-01, to: 2007-10-02, why: fouled}]", ())
     flags_by_hand: tuple[HandFlag, ...] = key(
-        "a list of flags",
-        "[{from: 2007-10-01, to: 2007-10-02, depths: [20, 60], flag: 3, who: A. Person, why: fouled}]",
-        (),
+        "a list of flags", "[{from: 2007-10-01, to: 2007-10-02, flag: 3, who: A. Person, why: fouled}]", ()
     )
-    depth_from: Name | None = key("the name of another instrument of this mooring", "microcat", None)
-    compass: Name | None = key("a name that all records of one compass carry", "wh8104", None)
-    sphere: Sphere | None = key("true, or a name that all records in one sphere or frame carry", "sphere3", None)
-    compass_sigma_deg: Number | None = key("degrees from 0 to 180", "2", None, ge=0, le=180)
-    compass_iron_nT: Number | None = key("nT from 0 to 60000", "525", None, ge=0, le=60000)
+    depth_from: values.Name | None = key("the name of another instrument of this mooring", "microcat", None)
+    compass: values.Name | None = key("a name that all records of one compass carry", "wh8104", None)
+    sphere: values.Sphere | None = key("true, or a name that all records in one sphere or frame carry", "sphere3", None)
+    compass_sigma_deg: values.Number | None = key("degrees", "2", None, ge=0, le=180)
+    compass_iron_nT: values.Number | None = key("nT", "525", None, ge=0, le=60000)
     kind: Literal["rotor"] | None = key("rotor", "rotor", None)
-    parts: tuple[Text, ...] = key("a list of parts near the compass", "[lithium pack, frame]", ())
-    sphere_distance_m: Span | None = key("a distance in metres, or [from, to]", "[0.4, 0.6]", None)
+    parts: tuple[values.Text, ...] = key("a list of parts near the compass", "[lithium pack, frame]", ())
+    sphere_distance_m: values.Span | None = key("a distance in metres, or [from, to]", "[0.4, 0.6]", None)
     fit: FitOptions | None = key("a mapping", "{method: exact}", None)
-    attributes: Attributes = key(_ATTRIBUTES_WORDS, "{serial_number: 1234}", {})
+    attributes: values.Attributes = key(_ATTRIBUTES_WORDS, "{serial_number: 1234}", {})
     columns: Columns | None = key("a mapping", "{time: time_utc, east: u_m_s, north: v_m_s}", None)
-    pressure_files: Files = key(_FILES_WORDS, "raw/EG4/C*.TXT", ())
-    start_offset_seconds: Number = _seconds()
-    bin_size: Number | None = key("metres above 0, at most 100", "16", None, gt=0, le=100)
-    first_bin: Number | None = key("metres above 0, at most 1000", "24.7", None, gt=0, le=1000)
+    pressure_files: values.Files = key(FILES_WORDS, "raw/EG4/C*.TXT", ())
+    start_offset_seconds: values.Number = _seconds()
+    bin_size: values.Number | None = key("metres", "16", None, gt=0, le=100)
+    first_bin: values.Number | None = key("metres", "24.7", None, gt=0, le=1000)
     flags: FlagMeanings | None = key("a mapping", "{good: [accepted], bad: [side_lobe, 4]}", None)
 
     @model_validator(mode="after")
     def _check_keys_of_format(self) -> Self:
-        for name, formats in ONLY_FOR.items():
-            taken = name in self.model_fields_set
-            if taken and self.format not in formats and name not in readers.get_format(self.format).keys:
-                expected = f"this key only with format {' or '.join(formats)}"
-                raise problem(name, expected, f"it with format {self.format}", "delete it or correct the format")
+        taken = {*readers.get_format(self.format).keys, *["columns"] * (self.format == "mmp_acm")}
+        if given := [name for name in OF_READERS if name in self.model_fields_set and name not in taken]:
+            formats = " or ".join(name for name, form in readers.FORMATS.items() if given[0] in form.keys)
+            expected, actual = f"this key only with format {formats}", f"it with format {self.format}"
+            raise problem(given[0], expected, actual, "delete it or correct the format")
         arrays = self.format in ("netcdf", "ocean_contour", "mat")
         for role in ("x", "y", "flag") if arrays else ("range",):
             if self.columns is not None and getattr(self.columns, role):
@@ -355,20 +320,20 @@ class Instrument(TableKeys):
 class CovariateColumns(Section):
     """Headers of the table of a covariate."""
 
-    time: TimeColumns | None = TIME_HEADER
-    date: Column | None = DATE_HEADER
-    clock: Column | None = CLOCK_HEADER
-    value: Column = key("the header of the column that holds the series", "current_mA")
+    time: values.TimeColumns | None = TIME_HEADER
+    date: values.Column | None = DATE_HEADER
+    clock: values.Column | None = CLOCK_HEADER
+    value: values.Column = key("the header of the column that holds the series", "current_mA")
 
 
 class Covariate(TableKeys):
     """Covariate for the search for unmodelled effects: an observatory's series, or any column of a table."""
 
     format: Literal["iaga2002", "table"] = key("iaga2002 or table", "iaga2002")
-    files: Files = key(_FILES_WORDS, "raw/obs/*.min")
+    files: values.Files = key(FILES_WORDS, "raw/obs/*.min")
     columns: CovariateColumns | None = key("a mapping", "{time: time_utc, value: current_mA}", None)
-    unit: Text | None = key("a text", "mA", None)
-    depth: Number | None = key("metres from 0 to 12000", "250", None, ge=0, le=12000)
+    unit: values.Text | None = key("a text", "mA", None)
+    depth: values.Number | None = key("metres", "250", None, ge=0, le=12000)
 
     @model_validator(mode="after")
     def _keys_of_this_format(self) -> Self:
@@ -386,28 +351,24 @@ class Covariate(TableKeys):
 class Mooring(Section):
     """config/moorings/NAME.yaml: one mooring."""
 
-    name: Name = key(values.NAME_WORDS, "EG4")
-    latitude: Number = key("a number from -90 to 90", "65.3333", ..., values.SWAPPED, ge=-90, le=90)
-    longitude: Number = key("a number from -180 to 360", "-32.9550", ..., values.SWAPPED, ge=-180, le=360)
-    water_depth: Number = key(
-        "metres above 0, at most 12000", "894", ..., "write it positive, in metres", gt=0, le=12000
-    )
-    start_s: Time = key(_TIME_WORDS, "2007-09-04T00:00:00Z", alias="start")
-    end_s: Time = key(_TIME_WORDS, "2008-10-04T00:00:00Z", alias="end")
-    declination: Declination = key("auto, or degrees east from -180 to 180", "auto", "auto")
-    affected: Names = key(
-        "the name of the affected instrument, which is corrected, or a list", "top", alias="compromised"
-    )
-    reference: Names = key("the name of the reference instrument, or a list of names", "deep", ())
-    instruments: dict[Name, Instrument] = key("a mapping of names to instruments", "{top: {format: pd0, ...}}")
-    attributes: Attributes = key(_ATTRIBUTES_WORDS, "{project: My Project}", {})
-    site: Name | None = key("a name that all deployments of one site carry", "denmark_strait", None)
+    name: values.Name = key(values.NAME_WORDS, "EG4")
+    latitude: values.Number = key("a number", "65.3333", ..., values.SWAPPED, ge=-90, le=90)
+    longitude: values.Number = key("a number", "-32.9550", ..., values.SWAPPED, ge=-180, le=360)
+    water_depth: values.Number = key("metres", "894", gt=0, le=12000)
+    start_s: values.Time = key(TIME_WORDS, "2007-09-04T00:00:00Z", alias="start")
+    end_s: values.Time = key(TIME_WORDS, "2008-10-04T00:00:00Z", alias="end")
+    declination: values.Declination = key("auto, or degrees east from -180 to 180", "auto", "auto")
+    affected: values.Names = key("the name of the affected instrument, or a list", "top", alias="compromised")
+    reference: values.Names = key("the name of the reference instrument, or a list of names", "deep", ())
+    instruments: dict[values.Name, Instrument] = key("a mapping of names to instruments", "{top: {format: pd0, ...}}")
+    attributes: values.Attributes = key(_ATTRIBUTES_WORDS, "{project: My Project}", {})
+    site: values.Name | None = key("a name that all deployments of one site carry", "denmark_strait", None)
     fit: FitOptions = key("a mapping", "{method: exact}", FitOptions())
     diagnose: Diagnose = key("a mapping", "{apply: true}", Diagnose())
     confirmed: Confirmed = key("a mapping", "{constant: true}", Confirmed())
     product: ProductOptions = key("a mapping", "{daily: true}", ProductOptions())
     quality: Quality = key("a mapping", "{correlation: 64}", Quality())
-    covariates: dict[Name, Covariate] = key("a mapping of names to series", "{obs: {format: iaga2002, ...}}", {})
+    covariates: dict[values.Name, Covariate] = key("a mapping of names to series", "{obs: {format: iaga2002, ...}}", {})
 
     @property
     def compromised(self) -> str:
@@ -436,7 +397,9 @@ class Mooring(Section):
             expected = f"a name other than {', '.join(RESERVED)}, which results/ holds for other things"
             raise problem("name", expected, shown(self.name), "rename the mooring")
         if self.start_s >= self.end_s:
-            raise problem("end", f"a time after start, {iso(self.start_s)}", iso(self.end_s), "correct one of the two")
+            raise problem(
+                "end", f"a time after start, {iso_time(self.start_s)}", iso_time(self.end_s), "correct one of the two"
+            )
         grid = self.product.grid
         if self.site and not (self.product.daily and grid and grid.step_m and grid.from_m is not None):
             expected = "product: {daily: true, grid: {step_m: ..., from_m: ...}}, as deployments are joined on one axis"
@@ -482,8 +445,8 @@ class Mooring(Section):
             windows["flags_by_hand"] = instrument.flags_by_hand
             for place, window in ((f"{key_}[{k}]", w) for key_, each in windows.items() for k, w in enumerate(each)):
                 if window.to_s < self.start_s or window.from_s > self.end_s:
-                    expected = f"a window within the deployment, {iso(self.start_s)} to {iso(self.end_s)}"
-                    dates, advice = f"{iso(window.from_s)} to {iso(window.to_s)}", "correct or delete it"
+                    expected = f"a window within the deployment, {iso_time(self.start_s)} to {iso_time(self.end_s)}"
+                    dates, advice = f"{iso_time(window.from_s)} to {iso_time(window.to_s)}", "correct or delete it"
                     raise problem(f"instruments.{name}.{place}", expected, dates, advice)
             if instrument.depth is not None and instrument.depth > self.water_depth * DEPTH_SLACK:
                 expected = f"metres from 0 to the water depth, {self.water_depth:g}"

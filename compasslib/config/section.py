@@ -1,81 +1,39 @@
-"""Building blocks of the YAML models: types of values, fields with error messages, and shared sections."""
+"""Base class of the YAML models, fields with their error messages, and the options of fit and product."""
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Annotated, Any, ClassVar, Literal, Self
+import re
+from collections.abc import Sequence
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from compasslib import readers
 from compasslib.config import values
-from compasslib.config.values import problem, shown
+from compasslib.config.values import SHOWN, nearest, problem, shown
+from compasslib.errors import InputError
 from compasslib.readers import TABLE_KEYS
-
-
-def _form(value: Any) -> str:
-    offered = readers.format_names()
-    if value not in offered:
-        expected = f"{', '.join(offered[:-1])} or {offered[-1]}"
-        raise problem(expected=expected, advice=values.nearest(str(value), offered))
-    return str(value)
-
-
-Cell = str | int | float
-Number = Annotated[float, BeforeValidator(values.number)]
-Count = Annotated[int, BeforeValidator(values.count)]
-Switch = Annotated[bool, BeforeValidator(values.switch)]
-Text = Annotated[str, BeforeValidator(values.text)]
-Column = Annotated[str | int, BeforeValidator(values.column)]
-TimeColumns = Annotated[
-    str | int | tuple[str | int, ...], BeforeValidator(values.time_columns, json_schema_input_type=Cell | list[Cell])
-]
-Comment = Annotated[str, BeforeValidator(values.text)]
-Name = Annotated[str, BeforeValidator(values.name)]
-Names = Annotated[tuple[Name, ...], BeforeValidator(values.names, json_schema_input_type=str | list[str])]
-Sphere = Annotated[str | bool, BeforeValidator(values.sphere, json_schema_input_type=str | Literal[True])]
-Time = Annotated[float, BeforeValidator(values.time_s, json_schema_input_type=str)]
-Files = Annotated[tuple[str, ...], BeforeValidator(values.raw_files, json_schema_input_type=str | list[str])]
-MooringPaths = Annotated[
-    str | tuple[str, ...], BeforeValidator(values.mooring_paths, json_schema_input_type=str | list[str])
-]
-Attributes = Annotated[dict[str, str | int | float], BeforeValidator(values.attributes)]
-Declination = Annotated[float | Literal["auto"], BeforeValidator(values.declination)]
-TimeFormat = Annotated[str, BeforeValidator(values.time_format)]
-Delimiter = Annotated[str, BeforeValidator(values.character(comma=",", semicolon=";", tab="\t", blank=" "))]
-Decimal = Annotated[str, BeforeValidator(values.character(point=".", comma=","))]
-Zone = Annotated[str, BeforeValidator(values.zone)]
-Missing = Annotated[tuple[str, ...], BeforeValidator(values.missing, json_schema_input_type=Cell | list[Cell])]
-DeclinationApplied = Annotated[float | dict[str, float], BeforeValidator(values.declination_applied)]
-SoundSpeed = Annotated[Literal["auto", "keep"] | dict[str, float], BeforeValidator(values.sound_speed)]
-Formats = Annotated[
-    tuple[str, ...],
-    BeforeValidator(values.figure_formats, json_schema_input_type=Literal["png", "pdf"] | list[Literal["png", "pdf"]]),
-]
-Coefficients = Annotated[dict[str, float], BeforeValidator(values.coefficients)]
-Covariance = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(values.covariance)]
-Span = Annotated[tuple[float, float], BeforeValidator(values.span, json_schema_input_type=float | list[float])]
-Depths = Annotated[
-    tuple[float, float],
-    BeforeValidator(partial(values.span, from_zero=True), json_schema_input_type=float | list[float]),
-]
-Form = Annotated[str, BeforeValidator(_form, json_schema_input_type=Literal[*readers.FORMATS] | str)]
-WRITTEN = Literal["magnetic", "true", True]  # an unquoted true is read as a truth value
-TRUE = BeforeValidator(lambda value: "true" if value is True else value, json_schema_input_type=WRITTEN)
-Reference = Annotated[Literal["magnetic", "true"], TRUE]
 
 
 def key(expected: str, example: str, default: Any = ..., advice: str | None = None, **limits: Any) -> Any:
     """Create a field with the texts of its error message.
 
     Args:
-        expected: description of the allowed values, shown after "expected".
+        expected: description of the allowed values, shown after "expected" and followed by their bounds.
         example: a value as written in YAML.
         default: value if the key is absent; without a default the key is required.
         advice: how to correct a wrong value; by default, to write the example.
-        **limits: bounds and alias, passed to ``pydantic.Field``.
+        **limits: bounds (``ge`` or ``gt``, with ``le``) and alias, passed to ``pydantic.Field``.
     """
-    return Field(default, description=expected, examples=[example], json_schema_extra={"advice": advice}, **limits)
+    if "le" in limits:
+        expected += f" from {limits['ge']:g}" if "ge" in limits else f" above {limits['gt']:g}"
+        expected += f" to {limits['le']:.10g}"
+    return Field(
+        default,
+        description=expected,
+        examples=[example],
+        json_schema_extra={"advice": advice},
+        **limits,
+    )
 
 
 def allowed_keys(model: type[BaseModel]) -> dict[str, Any]:
@@ -98,7 +56,59 @@ class Section(BaseModel):
         return {k: v for k, v in data.items() if v not in cls.absent or k not in known} if given else data
 
 
-FlagValues = Annotated[tuple[int, ...], BeforeValidator(values.quality_flags, json_schema_input_type=int | list[int])]
+def describe(model: type[BaseModel], error: Any, file: str) -> InputError:
+    """Describe an error of pydantic: the place in the file, and the texts of its field unless the error has its own."""
+    kind, value = error["type"], error["input"]
+    place, field, inner = _locate(model, error["loc"])
+    if kind == "extra_forbidden":
+        allowed, unknown = list(allowed_keys(inner or model)), str(error["loc"][-1])
+        advice = nearest(unknown, allowed) or "delete it, or indent it below the key that it belongs to"
+        expected, found = f"a key out of {', '.join(allowed)}", f"the unknown {shown(unknown)}"
+        return InputError(f"{file}: {place}", expected=expected, found=found, advice=advice)
+    example = f"for example {place.rpartition('.')[2].partition('[')[0]}: {field.examples[0]}" if field else ""
+    texts = {"expected": field.description if field else "", "found": shown(value)}
+    texts["advice"] = (field and field.json_schema_extra["advice"]) or f"write {example}"
+    if kind == "missing":
+        texts |= {"found": "nothing", "advice": f"add {example}"}
+    elif kind == "model_type" and inner:
+        texts |= {"expected": "a mapping", "advice": f"write below it keys out of {', '.join(allowed_keys(inner))}"}
+    elif kind == "literal_error":
+        texts["advice"] = nearest(str(value), re.findall(r"'([^']*)'", error["ctx"]["expected"])) or texts["advice"]
+    elif kind == "float_type" and isinstance(value, str) and re.search(r"\d", value):
+        texts["advice"] = "write a number with a point, without quotes, unit or leading zeros"
+    elif kind == "string_type" and isinstance(value, int | float) and not isinstance(value, bool):
+        texts["advice"] = f"write it in quotes: '{shown(value)}'"
+    elif kind in ("too_long", "too_short"):
+        texts["found"] = str(error["ctx"]["actual_length"])
+    elif kind == "cruise":
+        place = ".".join(part for part in (place, error["ctx"]["key"]) if part)
+        texts |= {part: words for part in texts if (words := error["ctx"][part])}
+    return InputError(f"{file}: {place}", **texts)
+
+
+def _locate(model: type[BaseModel], loc: Sequence[str | int]) -> tuple[str, Any, type[BaseModel] | None]:
+    """Follow a location to its place in the file, its field, and the model below the field, if any."""
+    place, field, named = "", None, False
+    inner: type[BaseModel] | None = model
+    for part in loc:
+        if isinstance(part, int):
+            place += f"[{part}]" * bool(inner)
+        elif named:  # a name that the user gave
+            named, place = False, f"{place}.{part[:SHOWN]}"
+        elif inner and part not in allowed_keys(inner):
+            return f"{place}.{part[:SHOWN]}".lstrip("."), None, inner
+        elif inner:
+            field, place = allowed_keys(inner)[part], f"{place}.{part}"
+            inner, named = _model_in(field.annotation), get_origin(field.annotation) is dict
+        else:  # "[key]", or the part of a union
+            break
+    return place.lstrip("."), field, inner
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((inner for part in get_args(annotation) if (inner := _model_in(part))), None)
 
 
 def auto(expected: str, example: str, **limits: Any) -> Any:
@@ -110,12 +120,12 @@ class Grid(Section):
 
     absent = (None, "auto")
 
-    step_m: Number | None = auto("metres from 0.1 to 1000", "8", ge=0.1, le=1000)  # depths are known to 0.5 m at best
-    from_m: Number | None = auto("metres from 0 to 12000", "20", ge=0, le=12000)
-    to_m: Number | None = auto("metres from 0 to 12000", "500", ge=0, le=12000)
-    minutes: Number | None = auto("minutes from 1 to 1440", "60", ge=1, le=1440)
-    max_gap_m: Number | None = auto("metres from 0 to 1000", "16", ge=0, le=1000)
-    max_gap_minutes: Number = key("minutes from 0 to 1440", "180", 180.0, ge=0, le=1440)
+    step_m: values.Number | None = auto("metres", "8", ge=0.1, le=1000)  # depths are known to 0.5 m at best
+    from_m: values.Number | None = auto("metres", "20", ge=0, le=12000)
+    to_m: values.Number | None = auto("metres", "500", ge=0, le=12000)
+    minutes: values.Number | None = auto("minutes", "60", ge=1, le=1440)
+    max_gap_m: values.Number | None = auto("metres", "16", ge=0, le=1000)
+    max_gap_minutes: values.Number = key("minutes", "180", 180.0, ge=0, le=1440)
 
     @model_validator(mode="after")
     def _from_above_to(self) -> Self:
@@ -130,20 +140,20 @@ class ProductOptions(Section):
     grid: Annotated[Grid | None, BeforeValidator(lambda value: None if value is False else value)] = key(
         "a mapping, or false", "{step_m: 8}", Grid()
     )
-    flags: FlagValues = key("a list of flags out of 1, 2 and 3", "[1, 2]", (1, 2))
-    daily: Switch = key("true or false", "true", False)
+    flags: values.FlagValues = key("a list of flags out of 1, 2 and 3", "[1, 2]", (1, 2))
+    daily: values.Switch = key("true or false", "true", False)
 
 
 class PairColumns(Section):
     """Headers, or names of MATLAB variables, of ready-made pairs, and the factor that converts their speeds to m/s."""
 
-    time: Text = key("the header of a column (UTC)", "time_utc")
-    heading: Text = key("the header of a column (recorded heading, degrees)", "heading_deg")
-    upper_east: Text = key("the header of a column (speed)", "u_top_cm_s")
-    upper_north: Text = key("the header of a column (speed)", "v_top_cm_s")
-    lower_east: Text = key("the header of a column (speed)", "u_deep_cm_s")
-    lower_north: Text = key("the header of a column (speed)", "v_deep_cm_s")
-    scale: Number = key("a factor to m/s above 0, at most 1000", "0.01", 1.0, gt=0, le=1000)
+    time: values.Text = key("the header of a column (UTC)", "time_utc")
+    heading: values.Text = key("the header of a column (recorded heading, degrees)", "heading_deg")
+    upper_east: values.Text = key("the header of a column (speed)", "u_top_cm_s")
+    upper_north: values.Text = key("the header of a column (speed)", "v_top_cm_s")
+    lower_east: values.Text = key("the header of a column (speed)", "u_deep_cm_s")
+    lower_north: values.Text = key("the header of a column (speed)", "v_deep_cm_s")
+    scale: values.Number = key("a factor to m/s", "0.01", 1.0, gt=0, le=1000)
 
 
 class FitOptions(Section):
@@ -152,11 +162,13 @@ class FitOptions(Section):
     method: Literal["exact", "von_appen", "calibration", "coefficients", "pairs"] = key(
         "exact, von_appen, calibration, coefficients or pairs", "exact", "exact"
     )
-    name: Names = key("the NAME of config/calibrations/NAME.yaml, or [before, after]", "aqd2022", ())
+    name: values.Names = key("the NAME of config/calibrations/NAME.yaml, or [before, after]", "aqd2022", ())
     model: Literal["exact", "von_appen"] = key("exact or von_appen", "exact", "exact")
-    coefficients: Coefficients | None = key("the five numbers A to E", "{A: 0, B: 0.3, C: 0.1, D: 0, E: 0}", None)
-    covariance: Covariance | None = key("five rows of five numbers, a covariance", "[[...], ...]", None)
-    file: Files | None = key("a table or MATLAB file of pairs", "raw/EG4/pairs.csv", None)
+    coefficients: values.Coefficients | None = key(
+        "the five numbers A to E", "{A: 0, B: 0.3, C: 0.1, D: 0, E: 0}", None
+    )
+    covariance: values.Covariance | None = key("five rows of five numbers, a covariance", "[[...], ...]", None)
+    file: values.Files | None = key("a table or MATLAB file of pairs", "raw/EG4/pairs.csv", None)
     columns: PairColumns | None = key("a mapping", "{time: time_utc, heading: heading_deg, ...}", None)
 
     @property

@@ -1,28 +1,26 @@
-"""Validators of single values in a cruise's YAML files: numbers, times, paths, names, with advice on mistakes.
+"""Types of single values in a cruise's YAML files: numbers, times, names, paths.
 
-Each takes a value as read from YAML and returns the converted value, or raises the error that ``problem`` creates.
+What pydantic refuses is described by the field (``cruise.describe``); ``problem`` creates an error with other words.
 """
 
 from __future__ import annotations
 
 import difflib
-import math
 import os
 import posixpath
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 from pathlib import Path, PureWindowsPath
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import ValidationInfo
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 from pydantic_core import PydanticCustomError
 
-from compasslib.readers.times import FARTHEST_ZONE_H
-
 DECIDE = "DECIDE"  # placeholder in a draft for a value that the user must decide
+NAME = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}"
 NAME_WORDS = "1 to 64 letters, digits, '_', '.' and '-', the first a letter or digit"
 VELOCITY_SETS = (("east", "north"), ("speed", "direction"), ("x", "y", "heading"))
 SWAPPED = "check the sign and the order of latitude and longitude"
@@ -42,16 +40,9 @@ STATED = (
     *("water_depth", "water_depth_units", "sensor_orientation"),
     *("time_coverage_start", "time_coverage_end", "time_coverage_duration", "time_coverage_resolution"),
 )
-
 TIME_SCALES = ("epoch", "epoch_ms", "datenum", "matplotlib", "decimal_year", "excel")  # numeric time scales
-
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
-_STATED = {name.lower() for name in STATED}
-_ATTRIBUTE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
-_EXPONENT = re.compile(r"[-+]?\d+[eE][-+]?\d+")
-_TIME = re.compile(r"\d{4}-\d\d-\d\d([Tt ]\d\d:\d\d(:\d\d(\.\d{1,6})?)?( ?(Z|z|UTC)|[+-]\d\d(:?\d\d)?)?)?", re.ASCII)
-_EARLIEST, _LATEST = datetime(1980, 1, 1, tzinfo=UTC), datetime(2101, 1, 1, tzinfo=UTC)
 SHOWN = 60  # characters of a value or name shown in a message
+RESULTS = "results"
 
 
 def problem(
@@ -64,83 +55,13 @@ def problem(
 
 def shown(value: object) -> str:
     """Format a value for an error message, as written in YAML."""
-    if value is None:
-        return "nothing"
-    if isinstance(value, bool):
-        return str(value).lower()
     if isinstance(value, str):
         return repr(value) if len(value) <= SHOWN else repr(value[:SHOWN]) + " and more"
     if isinstance(value, dict | list | tuple):
         return "a mapping" if isinstance(value, dict) else "a list"
+    if value is None or isinstance(value, bool):
+        return {None: "nothing", True: "true", False: "false"}[value]
     return f"{value:.15g}" if isinstance(value, float) else str(value)
-
-
-def number(value: Any) -> float:
-    """Check a finite number; other strings, booleans, NaN and infinities are refused."""
-    # YAML 1.1 reads 1e-2, without a point, as a string.
-    if isinstance(value, str) and _EXPONENT.fullmatch(value):
-        value = float(value)
-    if isinstance(value, str):
-        plain = "write a number with a point, without quotes, unit or leading zeros"
-        raise problem(advice=plain if re.search(r"\d", value) else None)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise problem()
-    return float(value)
-
-
-def count(value: Any) -> int:
-    """Check a whole number."""
-    whole = number(value)
-    if not whole.is_integer():
-        raise problem()
-    return int(whole)
-
-
-def switch(value: Any) -> bool:
-    """Check a boolean; yes, no, on and off are accepted as in YAML 1.1."""
-    words = {"yes": True, "on": True, "no": False, "off": False}
-    if isinstance(value, str) and value.lower() in words:
-        return words[value.lower()]
-    if not isinstance(value, bool):
-        raise problem()
-    return value
-
-
-def text(value: Any) -> str:
-    """Check a non-empty string."""
-    if isinstance(value, bool | int | float):
-        raise problem(advice=f"write it in quotes: '{shown(value)}'")
-    if not isinstance(value, str) or not value.strip():
-        raise problem()
-    return value
-
-
-def column(value: Any) -> str | int:
-    """Check the header of a column, or its number from 1."""
-    if isinstance(value, int) and not isinstance(value, bool) and value > 0:
-        return value
-    return text(value)
-
-
-def time_columns(value: Any) -> str | int | tuple[str | int, ...]:
-    """Check the column of a time, or the columns of its parts."""
-    if isinstance(value, list | tuple) and not 2 <= len(value) <= 6:
-        raise problem(advice="write [YEAR, DAY_OF_YEAR], or [YEAR, MONTH, DAY, HOUR, MINUTE, SECOND] as far as they go")
-    return tuple(map(column, value)) if isinstance(value, list | tuple) else column(value)
-
-
-def name(value: Any) -> str:
-    """Check a name that serves as a folder name."""
-    if not _NAME.fullmatch(text(value)):
-        raise problem(expected=NAME_WORDS, advice="write for example EG4")
-    return str(value)
-
-
-def sphere(value: Any) -> str | bool:
-    """Check the name of a sphere, or true for one without a name."""
-    if value is False:
-        raise problem()
-    return True if value is True else name(value)
 
 
 def nearest(word: str, allowed: Sequence[str]) -> str | None:
@@ -149,160 +70,95 @@ def nearest(word: str, allowed: Sequence[str]) -> str | None:
     return f"write {near[0]}" if near else None
 
 
-def names(value: Any) -> Any:
-    """Convert one name or a list of names to a tuple."""
-    if value is None:
-        return ()
-    return tuple(value) if isinstance(value, list) else (value,)
+def spelled(kind: Any, words: dict[Any, Any]) -> BeforeValidator:
+    """Replace other spellings of a value, which is of ``kind`` in YAML."""
+
+    def replace(value: Any) -> Any:
+        written = value.lower() if isinstance(value, str) else value
+        return words.get(written, value) if isinstance(written, str | bool) else value
+
+    return BeforeValidator(replace, json_schema_input_type=kind)
 
 
-def figure_formats(value: Any) -> tuple[str, ...]:
-    """Check the formats of figures, and add png, which comes first, unless there is none."""
-    listed = names(value)
-    if any(item not in ("png", "pdf") for item in listed):
+def one_or_more(single: Any) -> BeforeValidator:
+    """Convert one value to a list of it."""
+    return BeforeValidator(
+        lambda value: value if isinstance(value, list | tuple) else (value,),
+        json_schema_input_type=single | list[single],
+    )
+
+
+def one_or_two(single: Any) -> BeforeValidator:
+    """Let one value stand for both of two."""
+    return BeforeValidator(
+        lambda value: value if isinstance(value, list | tuple) else (value, value),
+        json_schema_input_type=single | list[single],
+    )
+
+
+def ascending(ends: tuple[float, float]) -> tuple[float, float]:
+    if ends[0] > ends[1]:
         raise problem()
-    return tuple(sorted({"png", *listed}, reverse=True)) if listed else ()
+    return ends
 
 
-def span(value: Any, *, from_zero: bool = False) -> tuple[float, float]:
-    """Check a range of positive numbers, or of those from 0 on, as [lower, upper] or as a single number for both."""
-    ends = tuple(number(end) for end in value) if isinstance(value, list) else (number(value),) * 2
-    if len(ends) != 2 or not 0.0 <= ends[0] <= ends[1] or (ends[0] == 0.0 and not from_zero):
-        raise problem()
-    return ends[0], ends[1]
+def exponent(value: Any) -> Any:
+    """Convert a number like 1e-2, without a point, which YAML 1.1 reads as a string."""
+    return float(value) if isinstance(value, str) and re.fullmatch(r"[-+]?\d+[eE][-+]?\d+", value) else value
 
 
-def coefficients(value: Any) -> dict[str, float]:
-    """Check the coefficients A to E, all of which are required."""
-    if not isinstance(value, dict) or set(value) != set("ABCDE"):
-        raise problem()
-    return {letter: number(value[letter]) for letter in "ABCDE"}
+def name(value: str) -> str:
+    """Check a name that serves as a folder name."""
+    if not re.fullmatch(NAME, value):
+        raise problem(expected=NAME_WORDS, advice="write for example EG4")
+    return value
 
 
-def covariance(value: Any) -> tuple[tuple[float, ...], ...]:
+def covariance(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
     """Check that the covariance of the five coefficients is symmetric and positive semidefinite."""
-    if not (isinstance(value, list) and len(value) == 5 and all(isinstance(r, list) and len(r) == 5 for r in value)):
+    matrix = np.array(rows)
+    slack = 1e-6 * max(float(np.abs(matrix).max()), 1e-300)
+    if np.abs(matrix - matrix.T).max() > slack or np.linalg.eigvalsh(matrix).min() < -slack:
         raise problem()
-    rows = np.array([[number(cell) for cell in row] for row in value])
-    scale = max(float(np.abs(rows).max()), 1e-300)
-    if np.abs(rows - rows.T).max() > 1e-6 * scale or np.linalg.eigvalsh(rows).min() < -1e-6 * scale:
-        raise problem()
-    return tuple(map(tuple, rows.tolist()))
+    return rows
 
 
-def declination(value: Any) -> float | Literal["auto"]:
-    """Check a declination, degrees east, or ``auto``."""
-    if value == "auto":
-        return "auto"
-    degrees = number(value)
-    if not -180.0 <= degrees <= 180.0:
-        raise problem()
-    return degrees
-
-
-def quality_flags(value: Any) -> tuple[int, ...]:
-    """Check and sort the quality flags of velocities that products may contain."""
-    given = value if isinstance(value, list | tuple) else [value]
-    if not given or any(isinstance(flag, bool) or flag not in (1, 2, 3) for flag in given):
-        raise problem()
-    return tuple(sorted({int(flag) for flag in given}))
-
-
-def time_s(value: Any) -> float:
+def time_s(value: str) -> float:
     """Parse a date (midnight) or an ISO 8601 time, UTC if it has no zone, to UTC seconds since 1970."""
-    moment = value
-    if not isinstance(value, date):
-        if not isinstance(value, str) or not _TIME.fullmatch(value.strip()):
-            raise problem()
-        try:
-            moment = datetime.fromisoformat(re.sub(r" ?(UTC|z|Z)$", "Z", value.strip()))
-        except ValueError:  # for example month 13
-            raise problem() from None
-    if not isinstance(moment, datetime):
-        moment = datetime(moment.year, moment.month, moment.day, tzinfo=UTC)
-    if moment.tzinfo is None:
-        moment = moment.replace(tzinfo=UTC)
-    if not _EARLIEST <= moment < _LATEST:
+    try:
+        moment = datetime.fromisoformat(re.sub(r" ?(UTC|z)$", "Z", value.strip()))
+    except ValueError:
+        raise problem() from None
+    moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+    if not datetime(1980, 1, 1, tzinfo=UTC) <= moment < datetime(2101, 1, 1, tzinfo=UTC):
         raise problem()
-    return float(moment.timestamp())
+    return moment.timestamp()
 
 
-def character(**named: str) -> Callable[[Any], str]:
-    """Create a validator of a character that is given literally or by its name."""
-
-    def check(value: Any) -> str:
-        known = named.get(value, value) if isinstance(value, str) else None
-        if known not in named.values():
-            raise problem()
-        return str(known)
-
-    return check
-
-
-def time_format(value: Any) -> str:
+def time_format(value: str) -> str:
     """Check the format of the times in a table."""
-    given = text(value)
-    if given in TIME_SCALES:
-        return given
-    dated = all(re.search(f"%[{letters}]", given) for letters in ("Yy", "mbBj", "dj"))
-    if not dated:
+    if value not in TIME_SCALES and not all(re.search(f"%[{letters}]", value) for letters in ("Yy", "mbBj", "dj")):
         raise problem(advice="write year, month and day, for example '%d/%m/%Y %H:%M'")
-    return given
+    return value
 
 
-def zone(value: Any) -> str:
+def zone(value: str) -> str:
     """Parse UTC or an offset from it, such as +02:00."""
-    given = text(value).strip()
-    match = re.fullmatch(r"([+-])(\d\d):?([0-5]\d)?", given)
-    if given.upper() in ("UTC", "Z", "GMT"):
+    if value.strip().upper() in ("UTC", "Z", "GMT"):
         return "UTC"
-    if not match or int(match[2]) > FARTHEST_ZONE_H:
+    match = re.fullmatch(r"([+-](?:0\d|1[0-4])):?([0-5]\d)?", value.strip())
+    if not match:
         raise problem()
-    return f"{match[1]}{match[2]}:{match[3] or '00'}"
+    return f"{match[1]}:{match[2] or '00'}"
 
 
-def declination_applied(value: Any) -> float | dict[str, float]:
-    """Check the declination contained in a file's directions, degrees: one number, or {heading, velocity}."""
-    parts = dict(value) if isinstance(value, dict) else {"": value}
-    if isinstance(value, dict) and {*parts} != {"heading", "velocity"}:
-        given = ", ".join(map(str, parts)) or "an empty mapping"
-        raise problem(actual=given, advice="write both, for example {heading: 0, velocity: -17.4}")
-    degrees = {name: number(part) for name, part in parts.items()}
-    if any(abs(item) > 180.0 for item in degrees.values()):
-        raise problem()
-    return degrees if isinstance(value, dict) else degrees[""]
-
-
-def sound_speed(value: Any) -> str | dict[str, float]:
-    """Check what corrects the speed of sound: ``auto``, ``keep`` or {salinity: S}, the practical salinity."""
-    if value in ("auto", "keep"):
-        return str(value)
-    if not isinstance(value, dict) or {*value} != {"salinity"} or not 0.0 <= number(value["salinity"]) <= 42.0:
-        raise problem()
-    return {"salinity": number(value["salinity"])}
-
-
-def missing(value: Any) -> tuple[str, ...]:
-    """Check the fill values of a table, one or a list of strings and numbers."""
-    listed = value if isinstance(value, list | tuple) else [value]
-    if not all(isinstance(item, str | int | float) and not isinstance(item, bool) for item in listed):
-        raise problem()
-    return tuple(str(item).strip() for item in listed)
-
-
-def iso(seconds: float) -> str:
-    """Format UTC seconds since 1970 as an ISO 8601 time."""
-    return datetime.fromtimestamp(seconds, UTC).isoformat().replace("+00:00", "Z")
-
-
-def attributes(value: Any) -> dict[str, str | int | float]:
+def attributes(value: dict[str, Any]) -> dict[str, Any]:
     """Check global attributes for the archive and remove empty ones."""
-    if not isinstance(value, dict):
-        raise problem()
     for attribute, content in value.items():
-        if not _ATTRIBUTE.fullmatch(str(attribute)):
-            expected, advice = "attribute names of letters, digits and '_'", "write for example ship"
-            raise problem(None, expected, shown(attribute), advice)
+        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,63}", attribute):
+            raise problem(
+                None, "attribute names of letters, digits and '_'", shown(attribute), "write for example ship"
+            )
         if stated(attribute):
             expected = "attributes that describe, such as institution, title or comment"
             raise problem(attribute, expected, f"{shown(attribute)}, which the product states itself", "delete it")
@@ -313,7 +169,7 @@ def attributes(value: Any) -> dict[str, str | int | float]:
 
 def stated(attribute: str) -> bool:
     """Return whether the product sets an attribute itself, ignoring case as names that differ in it are confusing."""
-    return attribute.lower() in _STATED
+    return attribute.lower() in {each.lower() for each in STATED}
 
 
 def check_table(headers: dict[str, Any], depth: float | None) -> None:
@@ -322,37 +178,23 @@ def check_table(headers: dict[str, Any], depth: float | None) -> None:
     if depth is None and not {"depth", "pressure"} & set(headers):
         advice = "add depth: 120 to the instrument, or depth: depth_m to its columns"
         raise problem("columns", "a depth or pressure column where the instrument has no depth", "neither", advice)
-    for roles in VELOCITY_SETS:
-        absent = [role for role in roles if role not in headers]
-        # A heading may accompany any set, hence a heading alone does not require x and y.
-        present = [role for role in roles if role in headers and role != "heading"]
-        if present and absent:
-            actual, advice = f"{' and '.join(present)} without it", f"add for example {absent[0]}: name_in_the_header"
-            raise problem(f"columns.{absent[0]}", f"{'+'.join(roles)} together", actual, advice)
-    complete = ["+".join(roles) for roles in VELOCITY_SETS if set(roles) <= set(headers)]
-    if len(complete) != 1:
-        advice = "keep one of them" if complete else "add for example east: u_cm_s and north: v_cm_s"
-        actual = " and ".join(complete) or "none of them"
+    given = {role for roles in VELOCITY_SETS for role in roles if role in headers}
+    # A heading may accompany any set.
+    if not any(set(roles) <= given <= {*roles, "heading"} for roles in VELOCITY_SETS):
+        actual = " and ".join(sorted(given)) or "none of them"
+        advice = "name the columns of one of them, for example east: u_cm_s and north: v_cm_s"
         raise problem("columns", "exactly one of east+north, speed+direction and x+y+heading", actual, advice)
 
 
 def check_clock(headers: dict[str, Any]) -> None:
     """Check that the columns of a table provide the time, in one column or as separate date and clock."""
-    apart = {"date", "clock"} & set(headers)
-    if "time" in headers and apart:
-        expected, advice = "time, or date and clock apart", "keep one of the two ways"
-        raise problem("columns.time", expected, f"{' and '.join(sorted(apart))} beside it", advice)
-    if len(apart) == 1:
-        other = "clock" if "date" in apart else "date"
-        advice = f"add {other}, or write time: where one column holds both"
-        raise problem(f"columns.{other}", "date and clock together", f"{apart.pop()} alone", advice)
-    if "time" not in headers and not apart:
-        raise problem("columns.time", "the header of the time column", "nothing", "add for example time: time_utc")
+    given = [role for role in ("time", "date", "clock") if role in headers]
+    if given not in (["time"], ["date", "clock"]):
+        expected, advice = "the column of the time, or those of date and clock", "write for example time: time_utc"
+        raise problem("columns.time", expected, " and ".join(given) or "nothing", advice)
 
 
 # Paths: files must exist inside the cruise folder; globs are expanded.
-
-RESULTS = "results"
 
 
 @dataclass(frozen=True)
@@ -363,41 +205,31 @@ class RawFolder:
     made_later: bool  # the raw files are made by rules (demonstration) or fetched from a storage, and may be absent
 
 
-def paths(value: Any) -> tuple[str, ...]:
-    """Check one path or a list of them, inside the cruise folder and relative to it."""
-    listed = [text(path) for path in (value if isinstance(value, list | tuple) else [value])]
-    for path in listed:
-        if path.startswith(("/", "\\", "~")) or PureWindowsPath(path).drive or ".." in re.split(r"[/\\]", path):
-            inside = "copy or link the file into the cruise folder and write its path from there"
-            raise problem(None, "a path inside the cruise folder, relative to it", shown(path), inside)
-        _refuse_unusable(path)
-    return tuple(map(posixpath.normpath, listed))
+def _path(path: str) -> str:
+    """Check a path inside the cruise folder and relative to it."""
+    if path.startswith(("/", "\\", "~")) or PureWindowsPath(path).drive or ".." in re.split(r"[/\\]", path):
+        inside = "copy or link the file into the cruise folder and write its path from there"
+        raise problem(None, "a path inside the cruise folder, relative to it", shown(path), inside)
+    return posixpath.normpath(_usable(path))
 
 
-def _refuse_unusable(path: str) -> None:
+def _usable(path: str) -> str:
     if not path.isprintable():  # bytes that are not UTF-8 become surrogates, which are not printable
         raise problem(None, "a path in UTF-8 without control characters", shown(path), "rename the file")
     if "{" in path or "}" in path:  # Snakemake would interpret them as wildcards
         raise problem(None, "a path without braces", shown(path), "rename the file")
+    return path
 
 
-def mooring_paths(value: Any) -> str | tuple[str, ...]:
-    """Check the folder of the mooring files (a string) or a list of mooring files (a tuple)."""
-    return paths(value) if isinstance(value, list | tuple) else paths(value)[0]
-
-
-def raw_files(value: Any, info: ValidationInfo) -> tuple[str, ...]:
+def _raw_files(listed: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
     """Find existing raw files, with globs expanded and sorted; without a ``RawFolder`` only check their form."""
-    listed, place = paths(value), info.context
+    place = info.context
     if not listed:
         raise problem(None, "at least one file", "an empty list")
     actual = [file for path in listed for file in ([path] if place is None else _expand_glob(path, place))]
+    results = os.path.realpath((place.root if place else Path()) / RESULTS)
     for file in actual:
-        inside = file.startswith(f"{RESULTS}/")
-        if place is not None and not inside:
-            results = os.path.realpath(place.root / RESULTS)
-            inside = os.path.realpath(place.root / file).startswith(f"{results}{os.sep}")
-        if inside:
+        if os.path.realpath((place.root if place else Path()) / file).startswith(f"{results}{os.sep}"):
             apart = "copy it to another folder, for example raw"
             raise problem(None, f"a file outside {RESULTS}/, which each run may write over", shown(file), apart)
     return tuple(dict.fromkeys(actual))
@@ -414,17 +246,69 @@ def _expand_glob(path: str, place: RawFolder) -> list[str]:
         raise problem(None, "a file", f"the folder {path}", f"write {path}/* for all files in it")
     # Hidden files are left out; ** does not follow symbolic links, which may form loops.
     pattern = f"{path}/*" if path.endswith("**") else re.sub(r"\*\*+(?=[^/*])|(?<=[^/*])\*\*+", "*", path)
-    if pattern.count("**") > 1:  # each multiplies the time by the depth of the folders
-        raise problem(None, "a glob with ** once at most", shown(path), "name the folders, or write *")
     there = place.root.glob(pattern) if is_glob else ()
     matches = [match.relative_to(place.root) for match in there if match.is_file()]
     files = sorted(str(match) for match in matches if not any(part.startswith(".") for part in match.parts))
-    for file in files:
-        _refuse_unusable(file)
     if not files:
-        other = os.path.lexists(place.root / path)
-        actual = f"no file that matches {path}" if is_glob else f"no file {path}"
-        actual = f"{path}, a pipe, a device or a link that leads nowhere" if other else actual
         advice = "put it there or correct the path, relative to the cruise folder"
-        raise problem(None, "an existing file", actual, advice)
-    return files
+        raise problem(None, "an existing file", f"no file {'that matches ' * is_glob}{path}", advice)
+    return [_usable(file) for file in files]
+
+
+# Annotated types, as the models use them.
+
+_STRICT = Field(strict=True)
+_LETTER = Literal["A", "B", "C", "D", "E"]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False), BeforeValidator(exponent)]
+Positive = Annotated[Number, Field(gt=0)]
+Degrees = Annotated[Number, Field(ge=-180, le=180)]
+Count = Annotated[int, _STRICT]
+Switch = Annotated[bool, _STRICT, spelled(bool, {"yes": True, "on": True, "no": False, "off": False})]
+Text = Annotated[str, Field(pattern=r"\S")]
+Cell = str | Count | Number
+Column = Text | Annotated[int, Field(strict=True, ge=1)]
+TimeColumns = Column | Annotated[tuple[Column, ...], Field(min_length=2, max_length=6)]
+Name = Annotated[str, AfterValidator(name)]
+Names = Annotated[tuple[Name, ...], one_or_more(str)]
+Sphere = Name | Literal[True]
+Time = Annotated[float, BeforeValidator(lambda value: time_s(str(value)), json_schema_input_type=str)]
+Paths = Annotated[tuple[Annotated[str, AfterValidator(_path)], ...], one_or_more(str)]
+Files = Annotated[Paths, AfterValidator(_raw_files)]
+MooringPaths = Annotated[str, AfterValidator(_path)] | Paths
+Attributes = Annotated[dict[str, Any], AfterValidator(attributes)]
+Declination = Degrees | Literal["auto"]
+DeclinationApplied = Degrees | Annotated[dict[Literal["heading", "velocity"], Degrees], Field(min_length=2)]
+Salinity = Annotated[dict[Literal["salinity"], Annotated[Number, Field(ge=0, le=42)]], Field(min_length=1)]
+SoundSpeed = Literal["auto", "keep"] | Salinity
+TimeFormat = Annotated[Text, AfterValidator(time_format)]
+Delimiter = Annotated[
+    Literal[",", ";", "\t", " "], spelled(str, {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "})
+]
+Decimal = Annotated[Literal[".", ","], spelled(str, {"point": ".", "comma": ","})]
+Zone = Annotated[str, AfterValidator(zone)]
+Missing = Annotated[tuple[Annotated[Cell, AfterValidator(lambda value: str(value).strip())], ...], one_or_more(Cell)]
+WRITTEN = Literal["magnetic", "true", True]
+Reference = Annotated[
+    Literal["magnetic", "true"], spelled(WRITTEN, {True: "true"})
+]  # an unquoted true is a truth value
+FigureFormat = Literal["png", "pdf"]
+Formats = Annotated[
+    tuple[FigureFormat, ...],
+    one_or_more(FigureFormat),
+    AfterValidator(lambda listed: tuple(sorted({"png", *listed}, reverse=True)) if listed else ()),
+]
+FlagValues = Annotated[
+    tuple[Literal[1, 2, 3], ...],
+    Field(min_length=1),
+    one_or_more(int),
+    AfterValidator(lambda flags: tuple(sorted(set(flags)))),
+]
+Coefficients = Annotated[dict[_LETTER, Number], Field(min_length=5), AfterValidator(lambda x: dict(sorted(x.items())))]
+Covariance = Annotated[
+    tuple[Annotated[tuple[Number, ...], Field(min_length=5, max_length=5)], ...],
+    Field(min_length=5, max_length=5),
+    AfterValidator(covariance),
+]
+Span = Annotated[tuple[Positive, Positive], AfterValidator(ascending), one_or_two(float)]
+DepthM = Annotated[Number, Field(ge=0)]
+Depths = Annotated[tuple[DepthM, DepthM], AfterValidator(ascending), one_or_two(float)]

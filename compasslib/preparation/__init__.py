@@ -2,20 +2,15 @@
 
 Each record is cut to its deployment, checked and flagged; overlapping samples of two instruments are paired:
 
->>> from pathlib import Path
->>> from tempfile import TemporaryDirectory
->>> from compasslib import earthfield, readers
->>> from compasslib.preparation.deployment import apply_deployment
->>> from compasslib.preparation.pairs import PairRules, describe_pairs, find_pairs
+>>> import numpy as np
+>>> from compasslib import earthfield, records
+>>> from compasslib.preparation import deployment, pairs
 >>> where = {"start_s": 0.0, "end_s": 3 * 3600.0, "latitude": 66.5}
->>> with TemporaryDirectory() as folder:
-...     path = Path(folder, "meter.csv")
-...     rows = [f"1970-01-01T0{hour}:00:00Z,{10 * hour},0.1,0.2" for hour in range(4)]
-...     _ = path.write_text("\\n".join(["t,h,u,v", *rows, ""]))
-...     columns = {"time": "t", "heading": "h", "east": "u", "north": "v"}
-...     raw = readers.read("table", [path], {"columns": columns})
->>> upper, lower = (apply_deployment(raw, **where, water_depth=500.0, nominal_depth=z) for z in (100.0, 110.0))
+>>> flow = np.full((4, 1), 0.2)
+>>> raw = records.new_record(3600.0 * np.arange(4), flow, flow, heading_deg=10.0 * np.arange(4))
+>>> apply = deployment.apply_deployment
+>>> upper, lower = (apply(raw, **where, water_depth=500.0, nominal_depth=z) for z in (100.0, 110.0))
 >>> field = earthfield.field_along(**where, longitude=0.4, declination=-3.0)
->>> print(describe_pairs("M1", find_pairs(upper, [lower], field, PairRules())))
+>>> print(pairs.describe_pairs("M1", pairs.find_pairs(upper, [lower], field, pairs.PairRules())))
 M1: 4 overlapping pairs, 10.0 m apart in the median
 """

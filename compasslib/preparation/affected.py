@@ -51,33 +51,24 @@ def compare_headings(record: Record, other: Record) -> tuple[ExplainedShare, Exp
     return None
 
 
-def is_affected(explained: ExplainedShare, other_explained: ExplainedShare, *, distinct: float = 4.0) -> bool:
-    """Decide whether the first of two compasses is the affected one.
-
-    Args:
-        distinct: least ratio to the share that the other heading explains.
-    """
-    return explained.significant and explained.share > distinct * max(other_explained.share, 0.0)
+def is_affected(explained: ExplainedShare, other_explained: ExplainedShare) -> bool:
+    """Decide whether the first of two compasses is the affected one."""
+    return explained.significant and explained.share > 4.0 * max(other_explained.share, 0.0)
 
 
-def explained_share(
-    pairs: Pairs, heading_deg: Floats, *, fewest_blocks: int = 12, fastest: float = 2.0, block_s: float = 5 * DAY_S
-) -> ExplainedShare:
+def explained_share(pairs: Pairs, heading_deg: Floats) -> ExplainedShare:
     """Compute the share of the misfit explained by harmonics of a recorded heading, (n,) degrees.
 
-    Args:
-        fewest_blocks: needed to estimate the scatter between blocks.
-        fastest: maximum weight; the weight of a direction is its speed over the median speed.
-        block_s: longer than the decorrelation time of eddies and tides.
+    The weight of a direction is its speed over the median speed, at most 2.
     """
-    upper, lower = pairs.upper_east + 1j * pairs.upper_north, pairs.lower_east + 1j * pairs.lower_north
+    upper, lower = pairs.flows
     turned = angles.argument(upper * np.conj(lower))
     turned = angles.difference(turned, angles.mean(turned))
     slower = np.minimum(np.abs(upper), np.abs(lower))
-    weight = np.minimum(slower / np.median(slower), fastest)
+    weight = np.minimum(slower / np.median(slower), 2.0)
     known = np.isfinite(turned) & np.isfinite(heading_deg) & (slower > 0.0)
-    block = blocks_by_span(pairs.time_s[known], block_s)
-    if len(np.unique(block)) < fewest_blocks:
+    block = blocks_by_span(pairs.time_s[known], 5 * DAY_S)  # eddies and tides decorrelate in less
+    if len(np.unique(block)) < 12:
         return ExplainedShare()
     middle = angles.argument((upper / np.abs(upper) + lower / np.abs(lower))[known])
     current = np.column_stack([np.ones(known.sum()), _harmonics(middle)])
@@ -91,11 +82,11 @@ def _harmonics(angle_deg: Floats) -> Floats:
     return np.column_stack([part for order in HARMONICS for part in angles.sin_cos(order * angle_deg)])
 
 
-def _misfit(columns: Floats, turned: Floats, weight: Floats, block: NDArray[np.intp], *, parts: int = 8) -> Floats:
+def _misfit(columns: Floats, turned: Floats, weight: Floats, block: NDArray[np.intp]) -> Floats:
     """Compute the weighted mean misfit of each block under a fit to the other folds, degrees."""
     left = np.empty(len(turned))
-    for fold in range(parts):
-        out = block % parts == fold
+    for fold in range(8):
+        out = block % 8 == fold
         rows = weight[~out, None]
         coefficients = np.linalg.lstsq(rows * columns[~out], weight[~out] * turned[~out], rcond=1e-6)[0]
         left[out] = weight[out] * np.abs(turned[out] - columns[out] @ coefficients)

@@ -1,19 +1,16 @@
 """Clocks: valid times of a recording, and offsets of hours to a month between two instruments.
 
-Samples are checked in the order in which they were recorded. A clock that jumps back into time already recorded was
-reset: the samples after it have no known time and are omitted.
+A clock that jumps back into time already recorded was reset: the samples after it have no known time.
 
-Offsets, as by a wrong time zone or date, are estimated from current speeds, which do not depend on a compass.
-High-passed speeds are multiplied in windows of days at every hourly lag. A lag is accepted if it fits better than the
-stated clocks, and than every other lag including tidal aliases, by more than the scatter between windows. Drifts, and
-errors of a few hours, are left to the search for unmodelled effects, which has a finer resolution and identifies them.
+Offsets are estimated from current speeds, which do not depend on a compass, in windows of days at every hourly lag. A
+lag is accepted if it fits better than the stated clocks, and than every other lag including tidal aliases, by more than
+the scatter between windows. Drifts, and errors of a few hours, are left to the search for unmodelled effects.
 """
 
 from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +18,7 @@ from numpy.typing import NDArray
 from compasslib.records import Record
 from compasslib.types import HOUR_S, Bools, Floats
 
-
-@dataclass(frozen=True)
-class SpeedSeries:
-    """A series of speeds, (n,) each."""
-
-    time_s: Floats
-    speed: Floats  # m/s, NaN where nothing was measured
+SpeedSeries = tuple[Floats, Floats]  # times and speeds, m/s, NaN where nothing was measured, (n,) each
 
 
 @dataclass(frozen=True)
@@ -47,7 +38,7 @@ class ClockOffset:
 class LaggedProducts:
     """Products of the two high-passed speeds in windows of two days at each hourly lag."""
 
-    sums: Floats  # (w, k), normalized so that their sum over windows is the correlation
+    sums: Floats  # (w, k), whose sum over windows is the correlation
     lags_h: NDArray[np.intp]  # (k,)
     shared: Bools  # (w,) whether both measured in the window
     whole: float  # correlation of the speeds before high-passing, clocks as stated
@@ -57,21 +48,16 @@ class LaggedProducts:
         return int(np.argmax(np.where(allowed, self.sums.sum(axis=0), -np.inf)))
 
 
-def compare_speeds(
-    upper: SpeedSeries, lower: SpeedSeries, *, sigmas: float = 4.0, as_stated_h: int = 1, near_h: int = 6
-) -> ClockOffset:
-    """Estimate the clock offset of the affected instrument (upper) and a reference from their current speeds.
-
-    Args:
-        sigmas: normal score by which a lag must fit better than any other.
-        as_stated_h: largest delay of currents between two depths, hours.
-        near_h: half-width of a peak; the next tidal alias is 12 hours away.
-    """
-    if not (len(upper.time_s) and len(lower.time_s)) or (products := _multiply(upper, lower)) is None:
+def compare_speeds(upper: SpeedSeries, lower: SpeedSeries) -> ClockOffset:
+    """Estimate the clock offset of the affected instrument (upper) and a reference from their current speeds."""
+    sigmas = 4.0  # normal score by which a lag must fit better than any other
+    near_h = 6  # half-width of a peak; the next tidal alias is 12 hours away
+    if not (len(upper[0]) and len(lower[0])) or (products := _multiply(upper, lower)) is None:
         return ClockOffset()
     lags_h, sums = products.lags_h, products.sums
-    stated, best = products.best(np.abs(lags_h) <= as_stated_h), products.best(np.isfinite(lags_h))
-    step_s = max(float(np.median(np.diff(series.time_s))) for series in (upper, lower))
+    # Currents are delayed by up to an hour between two depths.
+    stated, best = products.best(np.abs(lags_h) <= 1), products.best(np.isfinite(lags_h))
+    step_s = max(float(np.median(np.diff(time_s))) for time_s, _ in (upper, lower))
     searched = step_s <= 2 * HOUR_S and abs(lags_h[best]) <= near_h  # the search resolves these more finely
     if searched or _score(sums[:, best] - sums[:, stated]) <= sigmas:
         return _check_relation(products, stated)
@@ -88,57 +74,46 @@ def compare_speeds(
     return ClockOffset(float(lag_h) if sure else 0.0, (warning,))
 
 
-def _multiply(
-    upper: SpeedSeries, lower: SpeedSeries, *, farthest_h: int = 45 * 24, window_h: int = 48, fewest: int = 10
-) -> LaggedProducts | None:
-    """Compute the lagged products of both series; None if they are too short.
-
-    Args:
-        farthest_h: an error of a month, with a margin.
-        window_h: high-passed speeds decorrelate within half a day.
-        fewest: windows.
-    """
-    first_s = float(min(upper.time_s[0], lower.time_s[0]))
-    hours = 1 + round((float(max(upper.time_s[-1], lower.time_s[-1])) - first_s) / HOUR_S)
-    if hours < fewest * window_h:
+def _multiply(upper: SpeedSeries, lower: SpeedSeries) -> LaggedProducts | None:
+    """Compute the lagged products of both series, for lags up to 45 days; None if they are too short."""
+    window_h = 48  # high-passed speeds decorrelate within half a day
+    first_s = float(min(upper[0][0], lower[0][0]))
+    hours = 1 + round((float(max(upper[0][-1], lower[0][-1])) - first_s) / HOUR_S)
+    if hours < 10 * window_h:
         return None
     (x, measured, upper_speed), (y, there, lower_speed) = (_hourly(series, first_s, hours) for series in (upper, lower))
     both = measured * there > 0.0
     if both.sum() < window_h:
         return None
-    reach = min(farthest_h, hours // 3)
+    reach = min(45 * 24, hours // 3)
     edges = np.linspace(0, hours, hours // window_h + 1).astype(int)
-    spans = list(itertools.pairwise(edges))
-    sums = np.array([_lagged(x, y, span, reach) for span in spans])
-    counts = np.sum([_lagged(measured, there, span, reach) for span in spans], axis=0)
+
+    def lagged(first: Floats, second: Floats) -> Floats:
+        around = np.pad(second, reach)
+        spans = itertools.pairwise(edges.tolist())
+        return np.array([np.correlate(around[a : b + 2 * reach], first[a:b], "valid") for a, b in spans])
+
+    counts = lagged(measured, there).sum(axis=0)
     scale = np.maximum(counts, 0.3 * counts.max())  # so that lags with few common hours do not win by chance
     with np.errstate(invalid="ignore", divide="ignore"):  # a constant series has no correlation
         whole = float(np.corrcoef(upper_speed[both], lower_speed[both])[0, 1])
-    return LaggedProducts(sums / scale, np.arange(-reach, reach + 1), np.add.reduceat(both, edges[:-1]) > 0, whole)
+    shared = np.add.reduceat(both, edges[:-1]) > 0
+    return LaggedProducts(lagged(x, y) / scale, np.arange(-reach, reach + 1), shared, whole)
 
 
-def _hourly(series: SpeedSeries, first_s: float, hours: int, reach: int = 36) -> tuple[Floats, Floats, Floats]:
+def _hourly(series: SpeedSeries, first_s: float, hours: int) -> tuple[Floats, Floats, Floats]:
     """Average speeds by the hour; return them high-passed in units of their rms, the hours that have one, and them.
 
-    The running mean of ``reach`` hours to both sides is removed, as slow changes of speed do not resolve hours.
+    The running mean of 73 hours is removed, as slow changes of speed do not resolve hours.
     """
-    known = np.isfinite(series.speed)
-    slot = np.rint((series.time_s[known] - first_s) / HOUR_S).astype(int)
+    time_s, speed = (column[np.isfinite(series[1])] for column in series)
+    slot = np.rint((time_s - first_s) / HOUR_S).astype(int)
     count = np.bincount(slot, minlength=hours)
-    mean, present = np.bincount(slot, series.speed[known], hours) / np.maximum(count, 1), (count > 0).astype(float)
-    total, near = (np.convolve(x, np.ones(2 * reach + 1), "same") for x in (mean * present, present))
+    mean, present = np.bincount(slot, speed, hours) / np.maximum(count, 1), (count > 0).astype(float)
+    total, near = (np.convolve(x, np.ones(73), "same") for x in (mean * present, present))
     fast = (mean - total / np.maximum(near, 1.0)) * present
     rms = np.sqrt(np.sum(fast**2) / max(float(present.sum()), 1.0))
     return np.clip(fast / max(rms, 1e-12), -3.0, 3.0), present, mean  # clipped, as a storm would outweigh months
-
-
-def _lagged(x: Floats, y: Floats, span: tuple[int, int], reach: int) -> Floats:
-    """Compute the summed products of a span of x with y at lags -reach..reach hours, (2 reach + 1,)."""
-    begin, end = span
-    around = np.pad(y, reach)[begin : end + 2 * reach]
-    size = 1 << (2 * len(around)).bit_length()
-    product = np.conj(np.fft.rfft(x[begin:end], size)) * np.fft.rfft(around, size)
-    return np.fft.irfft(product, size)[: 2 * reach + 1]
 
 
 def _score(gain: Floats) -> float:
@@ -150,10 +125,10 @@ def _score(gain: Floats) -> float:
     return float(np.sign(t) * size)
 
 
-def _check_relation(products: LaggedProducts, stated: int, *, sigmas: float = 3.0, fewest: int = 30) -> ClockOffset:
+def _check_relation(products: LaggedProducts, stated: int) -> ClockOffset:
     """Report if the speeds are uncorrelated over months, as of files of different places or years."""
     shared = products.sums[products.shared, stated]
-    if _score(shared) > sigmas or products.whole > 0.5 or len(shared) < fewest:
+    if _score(shared) > 3.0 or products.whole > 0.5 or len(shared) < 30:
         return ClockOffset()
     why = (
         f"the speeds of the two instruments are uncorrelated ({shared.sum():.2f}) at any clock offset within "
@@ -172,7 +147,7 @@ def find_valid_times(record: Record) -> tuple[Bools, dict[str, int], list[str]]:
     index = np.flatnonzero(keep)
     back = np.flatnonzero(np.diff(time_s[index]) < -_slack(time_s[index])) + 1  # by more than jitter
     runs = sorted(np.split(index, back), key=lambda part: len(part) < 3) if len(index) else []
-    clashing = [run for k, run in enumerate(runs) if _clashes(run, runs, k, record)]
+    clashing = [run for k, run in enumerate(runs) if _clashes(run, runs[:k], record)]
     for run in clashing:
         keep[run] = False
     lost = sum(len(run) for run in clashing)
@@ -186,20 +161,16 @@ def find_valid_times(record: Record) -> tuple[Bools, dict[str, int], list[str]]:
     return keep, {"time_wild": wild, "clock_unsure": lost}, warnings
 
 
-def check_coverage(
-    time_s: Floats, inside: Bools, start_s: float, end_s: float, covered_share: float = 0.9
-) -> list[str]:
-    """Warn if many samples lie outside the deployment, or if it is covered by less than a share."""
+def check_coverage(time_s: Floats, inside: Bools, start_s: float, end_s: float) -> list[str]:
+    """Warn if most samples lie outside the deployment, or if less than 90 % of it is covered."""
     if not len(time_s):
         return ["there is no sample with a time"]
-    outside = time_s[~inside]
-    span = f"{_day(time_s.min())} to {_day(time_s.max())}"
-    if len(outside) > 0.5 * len(time_s):
-        return [f"{len(outside)} of {len(time_s)} samples ({span}) lie outside the deployment: check clock and dates"]
+    outside, samples = int(np.sum(~inside)), f"samples ({_span(time_s)})"
+    if outside > 0.5 * len(time_s):
+        return [f"{outside} of {len(time_s)} {samples} lie outside the deployment: check clock and dates"]
     covered = np.ptp(time_s[inside]) / (end_s - start_s)
-    if covered < covered_share:
-        return [f"the record covers {covered:.0%} of the deployment ({_span(time_s[inside])})"]
-    return []
+    uncovered = f"the record covers {covered:.0%} of the deployment ({_span(time_s[inside])})"
+    return [uncovered] * bool(covered < 0.9)
 
 
 def _slack(time_s: Floats) -> float:
@@ -221,26 +192,22 @@ def _outlying(time_s: Floats) -> Bools:
     return outlying & ~(np.roll(outlying, 1) | np.roll(outlying, -1))
 
 
-def _clashes(
-    run: NDArray[np.intp], runs: list[NDArray[np.intp]], k: int, record: Record, *, few: float = 0.05, same: float = 0.9
-) -> bool:
+def _clashes(run: NDArray[np.intp], earlier: list[NDArray[np.intp]], record: Record) -> bool:
     """Check whether a run lies within time that earlier runs have filled with other values.
 
-    Args:
-        few: share of the run that may do so; one or two samples may always.
-        same: share of these with the earlier values, from which the run was read twice.
+    One or two samples may do so, or 5 %; where 90 % of them have the earlier values the run was read twice.
     """
-    if k == 0:
+    if not earlier:
         return False
-    before = np.sort(np.concatenate(runs[:k]))
+    before = np.sort(np.concatenate(earlier))
     before = before[np.argsort(record.time_s[before], kind="stable")]
     taken, at = record.time_s[before], record.time_s[run]
     right = np.clip(np.searchsorted(taken, at), 0, len(taken) - 1)
     left = np.clip(np.searchsorted(taken, at, side="right") - 1, 0, len(taken) - 1)
     filled = (at >= taken[left]) & (at <= taken[right]) & (taken[right] - taken[left] <= _slack(taken))
-    if filled.sum() <= max(few * len(run), min(2, len(run) - 1)):
+    if filled.sum() <= max(0.05 * len(run), min(2, len(run) - 1)):
         return False
-    return float(same_samples(record, run[filled], before[left[filled]]).mean()) < same
+    return float(same_samples(record, run[filled], before[left[filled]]).mean()) < 0.9
 
 
 def same_samples(record: Record, first: NDArray[np.intp], second: NDArray[np.intp]) -> Bools:
@@ -253,14 +220,8 @@ def same_samples(record: Record, first: NDArray[np.intp], second: NDArray[np.int
 
 
 def _span(time_s: Floats) -> str:
-    return f"{_day(time_s.min())} to {_day(time_s.max())}"
-
-
-def _day(time_s: float) -> str:
-    try:
-        return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d}"
-    except (ValueError, OverflowError, OSError):
-        return f"{time_s:.3g} s"
+    ends = np.array([time_s.min(), time_s.max()]).astype("datetime64[s]")
+    return " to ".join(ends.astype("datetime64[D]").astype(str))
 
 
 # Samples on a regular time grid, and series, (n,), interpolated to given times, (k,).

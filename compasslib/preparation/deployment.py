@@ -1,8 +1,6 @@
-"""Preparation of a decoded record: clock, deployment period, depth, exclusions, unusable bins.
+"""Preparation of a decoded record: clock, deployment period, depth, exclusions, covariates.
 
-Only samples outside the deployment, repeated or without a valid time are removed; unusable values are flagged and
-counted. The orientation of a profiler is checked by the echo of surface or bottom: a boundary at distance h appears
-first in the side lobes, in the bin at h cos(beam angle), and then in the beams themselves, in the bin at h.
+Only samples outside the deployment, repeated or without a valid time are removed; unusable values are flagged.
 """
 
 from __future__ import annotations
@@ -44,42 +42,43 @@ def apply_deployment(
     """Cut the record to the deployment, convert times to UTC, determine the depth, and flag unusable values.
 
     Args:
-        latitude: degrees north, to convert pressure to depth.
         nominal_depth: depth of the transducer by the metadata, metres.
         direction_reference: ``magnetic`` or ``true``, what the export's directions refer to.
-        pressure_offset: dbar, subtracted.
         clock_offset_seconds: instrument clock minus UTC at start.
-        declination_applied: declination already added to the export's directions, degrees, one value or separately for
-            heading and velocity; it is removed.
+        declination_applied: degrees, contained in all directions of the export or in ``heading`` and ``velocity``.
         exclude: periods (from, to) known to be bad, UTC seconds.
         flags_by_hand: a person's flags, which replace all others: ``from_s``, ``to_s``, ``depths`` [from, to] or None
             for all, m, and ``flag``.
         quality: fields of ``quality.Thresholds`` that differ from the defaults.
     """
-    thresholds = Thresholds(**(quality or {}))
     time_s = to_utc(record.time_s, (start_s, end_s), clock_offset_seconds, clock_drift_seconds)
     pressure = record.pressure_dbar - pressure_offset
     record = replace(record, time_s=time_s, direction_reference=direction_reference, pressure_dbar=pressure)
     record = _inside(record, start_s, end_s)
-    read = {name: profile[:] for name, profile in record.profiles.items()}
-    measured = {name: ((x > 0) if x.dtype.kind != "f" else np.isfinite(x)).any() for name, x in read.items()}
-    record = replace(record, profiles={name: x for name, x in read.items() if measured[name]})
+    profiles = {name: profile[:] for name, profile in record.profiles.items()}
+    measured = {name: x for name, x in profiles.items() if ((x > 0) if x.dtype.kind != "f" else np.isfinite(x)).any()}
     inside = parse_applied_declination(declination_applied) or AppliedDeclination(0.0, 0.0)
+    east, north, heading = record.east, record.north, record.heading_deg
     if inside.velocity:
-        east, north = angles.turn(record.east, record.north, -inside.velocity)
-        record = replace(record, east=east, north=north)
+        east, north = angles.turn(east, north, -inside.velocity)
     if inside.heading:
-        known, turned = np.isfinite(record.heading_deg), angles.wrap360(record.heading_deg - inside.heading)
-        record = replace(record, heading_deg=np.where(known, turned, np.nan))
+        heading = np.where(np.isfinite(heading), angles.wrap360(heading - inside.heading), np.nan)
     depth, source = _depth(record, nominal_depth, latitude)
-    given = record.depth_m
-    notes = _depth_warnings(given, depth, source, nominal_depth, water_depth)
-    record = _noted(replace(record, depth_m=depth), notes)
-    missing = ~(np.isfinite(record.east) & np.isfinite(record.north))
-    record = replace(record, quality=np.where(missing, MISSING, record.quality).astype(np.int8))
-    record = flag_quality(record, water_depth, affected=affected, thresholds=thresholds)
+    notes = _depth_warnings(record.depth_m, depth, source, nominal_depth, water_depth)
+    missing = ~(np.isfinite(east) & np.isfinite(north))
+    record = replace(
+        record,
+        profiles=measured,
+        east=east,
+        north=north,
+        heading_deg=heading,
+        depth_m=depth,
+        warnings=(*record.warnings, *notes),
+        quality=np.where(missing, MISSING, record.quality).astype(np.int8),
+    )
+    record = flag_quality(record, water_depth, affected=affected, thresholds=Thresholds(**(quality or {})))
     record = check_orientation(record, water_depth)
-    bad = np.zeros(record.time_s.shape, dtype=bool)
+    bad = np.zeros(len(record.time_s), dtype=bool)
     for begin, end in exclude:
         bad |= (record.time_s >= begin) & (record.time_s <= end)
     record = flag_velocities(record, bad[:, None], "excluded")
@@ -103,7 +102,6 @@ def follow_neighbour(
     neighbour's record have the depth at its nearer end, which is told.
 
     Args:
-        time_s: of the neighbour's depths ``depth_m``, by the clock of the record.
         depths_m: nominal depths of the instrument and of the neighbour.
 
     Raises:
@@ -119,16 +117,11 @@ def follow_neighbour(
     along_m = neighbour_m - nominal_m
     note = f"depth by the pressure of {name}, {along_m:+.4g} m along the wire; {outside} samples outside its record"
     depth_m = nominal_m + dip * (water_depth - nominal_m) / (water_depth - neighbour_m)
-    return _noted(replace(record, depth_m=depth_m), [note])
+    return replace(record, depth_m=depth_m, warnings=(*record.warnings, note))
 
 
 def to_utc(time_s: Floats, deployed: tuple[float, float], offset_s: float, drift_s: float) -> Floats:
-    """Convert times by the instrument's clock to UTC, (n,) seconds since 1970.
-
-    Args:
-        deployed: start and end of the deployment, UTC seconds.
-        offset_s: instrument clock minus UTC at start; ``drift_s`` is its increase until the end.
-    """
+    """Convert times by a clock that is ``offset_s`` ahead of UTC at the start and ``drift_s`` more at the end."""
     start_s, end_s = deployed
     return time_s - offset_s - drift_s * np.clip((time_s - start_s) / (end_s - start_s), 0.0, 1.0)
 
@@ -143,24 +136,32 @@ def describe_record(name: str, role: str, record: Record) -> str:
 def check_orientation(record: Record, water_depth: float) -> Record:
     """Count the samples whose echo shows surface or bottom, and warn if most show the one that it does not look at.
 
-    There is no warning if no echo was recorded, or if both boundaries are at the same distance.
+    A boundary at a distance h appears first in the side lobes, in the bin at h cos(beam angle), and then in the beams
+    themselves, in the bin at h. There is no warning if no echo was recorded, or if both boundaries are equally far.
     """
+    tolerance = 1.15  # of the distance, for tilt, depth and speed of sound
     if record.echo_range_m is None or not len(record.time_s):
         return replace(record, echo_range_m=None)
     boundary, below = record.echo_range_m[:, 0], water_depth - record.depth_m
-    room, other = (record.depth_m, below) if record.looks_up else (below, record.depth_m)
-    at_room, at_other = _echo_at(boundary, room, record), _echo_at(boundary, other, record)
-    right, wrong = int(at_room.sum()), int(np.sum(at_other & ~at_room))
+    steps = np.diff(record.bin_range_m[:100])
+    cell = float(np.median(known)) if (known := steps[np.isfinite(steps)]).size else 0.0
+
+    def shown_at(distance: Floats) -> Bools:
+        first = distance * angles.sin_cos(record.beam_angle_deg)[1] / tolerance - cell
+        return np.asarray((boundary >= first) & (boundary <= distance * tolerance + cell))
+
+    facing, opposite = (record.depth_m, below) if record.looks_up else (below, record.depth_m)
+    right, wrong = int(shown_at(facing).sum()), int(np.sum(shown_at(opposite) & ~shown_at(facing)))
     notes = list[str]()
     if wrong > len(record.time_s) / 2 and right < wrong / 20:
-        facing, opposite = ("surface", "bottom") if record.looks_up else ("bottom", "surface")
+        names = ("surface", "bottom") if record.looks_up else ("bottom", "surface")
         notes.append(
-            f"{wrong} samples show the echo of the {opposite}, {np.nanmedian(other):.0f} m away, and {right} that of "
-            f"the {facing}, {np.nanmedian(room):.0f} m away: it looked the other way; check orientation, depth and "
-            "water_depth"
+            f"{wrong} samples show the echo of the {names[1]}, {np.nanmedian(opposite):.0f} m away, and {right} that "
+            f"of the {names[0]}, {np.nanmedian(facing):.0f} m away: it looked the other way; check orientation, depth "
+            "and water_depth"
         )
     counts = record.counts | {"echo_of_boundary": right, "echo_of_other_boundary": wrong}
-    return _noted(replace(record, echo_range_m=None, counts=counts), notes)
+    return replace(record, echo_range_m=None, counts=counts, warnings=(*record.warnings, *notes))
 
 
 def _inside(record: Record, start_s: float, end_s: float) -> Record:
@@ -188,28 +189,24 @@ def _inside(record: Record, start_s: float, end_s: float) -> Record:
     place = place[first]
     unbroken = len(place) > 0 and place[-1] - place[0] == len(place) - 1
     which = slice(int(place[0]), int(place[-1]) + 1) if unbroken and (np.diff(place) == 1).all() else place
-    return _noted(replace(take(record, which), counts=counts), notes)  # a slice avoids copying years of samples
-
-
-def _noted(record: Record, notes: Sequence[str]) -> Record:
-    return replace(record, warnings=record.warnings + tuple(notes))
+    # A slice avoids copying years of samples.
+    return replace(take(record, which), counts=counts, warnings=(*record.warnings, *notes))
 
 
 def _depth(record: Record, nominal: float | None, latitude: float) -> tuple[Floats, str]:
     """Compute depth from pressure if that varies, else from the depth field if that varies, else from the metadata.
 
     A table of profiles gives the depth of its first bin (no profiler measures at its own transducer); the nominal depth
-    would shift all bins.
+    would shift all bins. Missing depths are interpolated, as a sphere moves slowly.
     """
     several = record.bin_range_m.shape[1] > 1 and bool((record.bin_range_m[:, 0] == 0.0).all())
-    of_bins = several and bool(np.isfinite(record.depth_m).all())
-    if _varies(record.pressure_dbar):
-        return _filled(depth_of_pressure(record.pressure_dbar, latitude)), "pressure"
-    if _varies(record.depth_m) or of_bins:
-        return _filled(record.depth_m), "depth field"
-    if nominal is not None:
+    by_pressure, of_bins = _varies(record.pressure_dbar), several and bool(np.isfinite(record.depth_m).all())
+    if not by_pressure and not _varies(record.depth_m) and not of_bins and nominal is not None:
         return np.full(record.time_s.shape, float(nominal)), "metadata"
-    return record.depth_m.copy(), "depth field"
+    depth = depth_of_pressure(record.pressure_dbar, latitude) if by_pressure else record.depth_m
+    known, position = np.isfinite(depth), np.arange(depth.size)
+    filled = np.interp(position, position[known], depth[known]) if known.any() else depth.copy()
+    return filled, "pressure" if by_pressure else "depth field"
 
 
 def depth_of_pressure(pressure_dbar: Floats, latitude: float) -> Floats:
@@ -219,19 +216,10 @@ def depth_of_pressure(pressure_dbar: Floats, latitude: float) -> Floats:
     return np.asarray(-gsw.z_from_p(pressure_dbar, latitude))
 
 
-def _varies(x: Floats, moving_m: float = 0.2) -> bool:
+def _varies(x: Floats) -> bool:
     """Check whether a depth varies (5th to 95th percentile) by more than a setting rounded in different ways."""
     finite = x[np.isfinite(x)]
-    return finite.size > 1 and float(np.ptp(np.percentile(finite, [5, 95]))) > moving_m
-
-
-def _filled(depth: Floats) -> Floats:
-    """Interpolate missing depths, as a sphere moves slowly."""
-    known = np.isfinite(depth)
-    if not known.any():
-        return depth.copy()
-    position = np.arange(depth.size)
-    return np.interp(position, position[known], depth[known])
+    return finite.size > 1 and float(np.ptp(np.percentile(finite, [5, 95]))) > 0.2
 
 
 def _depth_warnings(given: Floats, depth: Floats, source: str, nominal: float | None, water_depth: float) -> list[str]:
@@ -239,31 +227,16 @@ def _depth_warnings(given: Floats, depth: Floats, source: str, nominal: float | 
     notes = []
     slack = np.inf if nominal is None else max(10.0, 0.2 * nominal)
     if np.isfinite(depth).any():
-        shallow = float(np.nanpercentile(depth, 5))
-        if nominal is not None and source != "metadata" and abs(shallow - nominal) > slack:
+        shallow, deepest = float(np.nanpercentile(depth, 5)), float(np.nanmax(depth))
+        if source != "metadata" and nominal is not None and abs(shallow - nominal) > slack:
             notes.append(f"depth by the {source} starts at {shallow:.0f} m, the metadata say {nominal:.0f} m")
-        if (deepest := np.nanmax(depth)) > 1.05 * water_depth:
+        if deepest > 1.05 * water_depth:
             notes.append(f"depth by the {source} reaches {deepest:.0f} m, below the bottom at {water_depth:.0f} m")
-    known = given[np.isfinite(given)]
-    if source != "metadata" or nominal is None or not known.size or not (known > 0.0).all():
-        return [*notes, *["the depth in the file is not positive and was not used"] * bool((known < 0.0).any())]
-    if abs(float(np.median(known)) - nominal) > slack:
-        unused = f"the file's depth of {np.median(known):.0f} m never varies and was not used"
+    usual = float(np.median(known)) if (known := given[np.isfinite(given)]).size else 0.0
+    if source == "metadata" and nominal is not None and usual > 0.0 and abs(usual - nominal) > slack:
+        unused = f"the file's depth of {usual:.0f} m never varies and was not used"
         notes.append(f"{unused}; the metadata say {nominal:.0f} m: correct whichever is wrong")
     return notes
-
-
-def _echo_at(boundary: Floats, room: Floats, record: Record, tolerance: float = 1.05) -> Bools:
-    """Find samples whose boundary echo is where a boundary at distance ``room`` is expected.
-
-    Args:
-        tolerance: factor on the distance, for tilt, depth and speed of sound.
-    """
-    steps = np.diff(record.bin_range_m[:100])
-    cell = float(np.median(known)) if (known := steps[np.isfinite(steps)]).size else 0.0
-    with np.errstate(invalid="ignore"):
-        above = boundary >= room * angles.sin_cos(record.beam_angle_deg)[1] / tolerance - cell
-        return np.asarray(above & (boundary <= room * tolerance + cell))
 
 
 FIELD_STRENGTH = "field_strength"
@@ -289,7 +262,7 @@ def add_covariates(record: Record, series: Mapping[str, Mapping[str, Any]]) -> R
     return replace(record, channels=channels, channel_units=units, warnings=tuple(warnings))
 
 
-def add_field_strength(record: Record, fewest: int = 100) -> Record:
+def add_field_strength(record: Record) -> Record:
     """Add the change of the total field strength, percent, if the instrument logged its magnetometer.
 
     The part that varies with heading, twice the heading or tilt is removed: it is due to iron and scale errors, which
@@ -301,7 +274,7 @@ def add_field_strength(record: Record, fewest: int = 100) -> Record:
     waves = [wave for k in (1.0, 2.0) for wave in angles.sin_cos(k * record.heading_deg)]
     columns = np.column_stack([np.ones(len(size)), *waves, record.pitch_deg, record.roll_deg])
     known = np.isfinite(size + columns.sum(axis=1))
-    if known.sum() < fewest or not np.any(size[known]):
+    if known.sum() < 100 or not np.any(size[known]):
         return record
     percent = 100.0 * size / np.median(size[known])
     fitted = columns @ np.linalg.lstsq(columns[known], percent[known], rcond=None)[0]
@@ -318,11 +291,11 @@ def add_field_strength(record: Record, fewest: int = 100) -> Record:
     )
 
 
-def interpolate_covariate(at_s: Floats, time_s: Floats, value: Floats, longest_gap: float = 3.0) -> Floats:
-    """Interpolate a series to other times, (n,), NaN outside its coverage and in gaps longer than some median steps."""
+def interpolate_covariate(at_s: Floats, time_s: Floats, value: Floats) -> Floats:
+    """Interpolate a series to other times, (n,), NaN outside its coverage and in gaps longer than 3 median steps."""
     if len(time_s) < 2:
         return np.full(len(at_s), np.nan)
     steps = np.diff(time_s)
     after = np.clip(np.searchsorted(time_s, at_s), 1, len(time_s) - 1)
-    inside = (at_s >= time_s[0]) & (at_s <= time_s[-1]) & (steps[after - 1] <= longest_gap * np.median(steps))
+    inside = (at_s >= time_s[0]) & (at_s <= time_s[-1]) & (steps[after - 1] <= 3.0 * np.median(steps))
     return np.where(inside, np.interp(at_s, time_s, value), np.nan)

@@ -12,13 +12,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib import angles, earthfield
 from compasslib.errors import InputError
 from compasslib.preparation.clocks import (
     ClockOffset,
-    SpeedSeries,
     compare_speeds,
     grid_indices,
     interpolate_series,
@@ -85,9 +83,8 @@ def estimate_clock_offset(upper: Record, trusted: Sequence[Record], rules: PairR
         return ClockOffset()
     upper = _gridded(upper, rules)
     velocity, depth = mean_of_nearest_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
-    cell = _trusted_cell(upper.time_s, depth, trusted[0], _sphere(upper, trusted[0]), widen_rules(rules))
-    trusted_speeds = SpeedSeries(cell.time_s, np.abs(cell.velocity))
-    return compare_speeds(SpeedSeries(upper.time_s, np.abs(velocity)), trusted_speeds)
+    cell = _trusted_cell(upper, depth, trusted[0], widen_rules(rules))
+    return compare_speeds((upper.time_s, np.abs(velocity)), (cell.time_s, np.abs(cell.velocity)))
 
 
 @single_threaded()
@@ -96,33 +93,48 @@ def find_pairs(
 ) -> Pairs:
     """Find the overlapping measurements on the time grid, relative to true north; none without a reference."""
     clocks = clocks or ClockOffset()
-    recorded = upper
+    recorded, tolerance_s = upper, 60.0 * rules.grid_tolerance_minutes
     lower = clocks.align(trusted[0]) if trusted else take(upper, np.zeros(0, dtype=np.intp))
-    tolerance_s = 60.0 * rules.grid_tolerance_minutes
     upper = _gridded(upper, rules)
     velocity, depth = mean_of_nearest_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
-    cell = _trusted_cell(upper.time_s, depth, lower, _sphere(upper, lower), rules)
-    other = interpolate_series(cell.time_s, cell.velocity, upper.time_s, tolerance_s=tolerance_s)
-    other_depth = interpolate_series(cell.time_s, cell.depth_m, upper.time_s, tolerance_s=tolerance_s)
+    cell = _trusted_cell(upper, depth, lower, rules)
+    other, other_depth = (
+        interpolate_series(cell.time_s, column, upper.time_s, tolerance_s=tolerance_s)
+        for column in (cell.velocity, cell.depth_m)
+    )
     minutes = np.full(len(upper.time_s), np.nan)
     if len(cell.time_s):
         minutes = (cell.time_s[nearest_index(cell.time_s, upper.time_s)] - upper.time_s) / 60.0
-    with np.errstate(invalid="ignore"):
-        close = (np.abs(minutes) < rules.max_minutes) & (np.abs(other_depth - depth) < rules.max_metres)
+    close = (np.abs(minutes) < rules.max_minutes) & (np.abs(other_depth - depth) < rules.max_metres)
     usable = close & np.isfinite(velocity) & np.isfinite(other) & np.isfinite(upper.heading_deg)
     keep = np.flatnonzero(usable & (upper.heading_quality <= PROBABLY_GOOD) & (np.abs(velocity) > 0) & (abs(other) > 0))
-    pairs = _assemble(take(upper, keep), lower, field, (velocity, other, depth, other_depth, minutes), keep)
-    pairs = replace(pairs, warnings=clocks.warnings, lower_heading_deg=_heading(lower, pairs.time_s, tolerance_s))
-    if clocks.uncorrelated:
-        pairs = replace(pairs, doubts=((angles.UNIFORM_SIGMA_DEG, clocks.uncorrelated),))
+    paired = take(upper, keep)
+    declination = earthfield.declination_at(field, paired.time_s)
+    top, bottom = _to_true(velocity[keep], paired, declination), _to_true(other[keep], lower, declination)
+    pairs = Pairs(
+        time_s=paired.time_s,
+        heading_deg=paired.heading_deg,
+        pitch_deg=paired.pitch_deg,
+        roll_deg=paired.roll_deg,
+        upper_east=top.real,
+        upper_north=top.imag,
+        lower_east=bottom.real,
+        lower_north=bottom.imag,
+        upper_depth_m=depth[keep],
+        lower_depth_m=other_depth[keep],
+        separation_minutes=minutes[keep],
+        declination_deg=declination,
+    )
     if reason := find_identical_velocities(pairs):
-        nothing = np.zeros(0, dtype=np.intp)
-        columns = tuple(column[nothing] for column in (velocity, other, depth, other_depth, minutes))
-        return replace(_assemble(take(upper, nothing), lower, field, columns, nothing), warnings=(reason,))
-    pairs = check_pairs(pairs, recorded, list(trusted))
+        return replace(take(pairs, np.zeros(0, dtype=np.intp)), warnings=(reason,))
+    doubts = ((angles.UNIFORM_SIGMA_DEG, clocks.uncorrelated),) if clocks.uncorrelated else ()
+    heading = _heading(lower, pairs.time_s, tolerance_s)
+    pairs = check_pairs(
+        replace(pairs, warnings=clocks.warnings, lower_heading_deg=heading, doubts=doubts), recorded, trusted
+    )
     if not len(pairs):
         return pairs
-    paired, at_m = take(upper, keep), other_depth[keep]
+    at_m = other_depth[keep]
     pairs = find_speed_changes(pairs, paired)
     if rules.predict and (predicted := _predicted(pairs, paired, at_m, rules.bins)) is not None:
         return predicted
@@ -164,11 +176,8 @@ def mean_of_nearest_bins(record: Record, distance_from: Floats, bins: int) -> tu
     return (share * velocity).sum(axis=1), (share * depth).sum(axis=1)
 
 
-def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record], *, speeds_apart: float = 5.0) -> Pairs:
+def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
     """Check pairs for input errors, and attach warnings.
-
-    Args:
-        speeds_apart: ratio of median speeds that no two depths 20 m apart reach.
 
     Raises:
         InputError: both instruments have the same serial number, or the affected velocities are in a wrong frame.
@@ -179,9 +188,10 @@ def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record], *, speed
     if not len(pairs):
         return replace(pairs, warnings=tuple(_absent(upper, trusted)))
     _refuse_other_frame(pairs)
-    speeds = [np.median(np.hypot(e, n)) for e, n in _velocities(pairs)]
+    speeds = [np.median(np.abs(flow)) for flow in pairs.flows]
     medians = f"median speeds of the pairs are {speeds[0]:.3g} and {speeds[1]:.3g} m/s"
-    apart, slow = not 1.0 / speeds_apart < speeds[0] / speeds[1] < speeds_apart, min(speeds) < NOISE_M_S
+    # No two depths 20 m apart reach a ratio of 5.
+    apart, slow = not 0.2 < speeds[0] / speeds[1] < 5.0, min(speeds) < NOISE_M_S
     if apart and slow:
         why = f"{medians}: the unit or scale of one is wrong, or half are so slow that their directions are noise"
         pairs = replace(pairs, doubts=(*pairs.doubts, (angles.UNIFORM_SIGMA_DEG, why)))
@@ -195,30 +205,27 @@ def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record], *, speed
 
 def find_identical_velocities(pairs: Pairs) -> str:
     """Explain that both instruments of the pairs are one recording; empty if their velocities differ."""
-    upper, lower = (np.hypot(east, north) for east, north in _velocities(pairs))
+    upper, lower = np.abs(pairs.flows)
     if len(pairs) < ENOUGH or np.ptp(upper) == 0.0 or np.mean(np.abs(upper - lower) < 1e-6) <= 0.5:
         return ""
     return "the two instruments recorded the same velocities: one recording was given twice, and no pair counts"
 
 
-def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int, *, surprise: float = 3.0) -> Pairs | None:
-    """Replace the upper velocities by those predicted at the reference's depth; None if that is impossible or worse.
-
-    Args:
-        surprise: observed over expected rms error from which to warn; 0.8 to 1.5 in 40 cases of two real profiles.
-    """
+def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs | None:
+    """Replace the upper velocities by those predicted at the reference's depth; None if that is impossible or worse."""
     prediction = predict_water(upper, depth_m, bins)
     if prediction is None:
         return None
     predicted = _to_true(prediction.velocity, upper, pairs.declination_deg)
-    mean, trusted = (east + 1j * north for east, north in _velocities(pairs))
+    mean, trusted = pairs.flows
     known = np.isfinite(predicted) & (np.abs(predicted) > 0.0)
     if fails_speed_check(pairs.time_s[known], mean[known], predicted[known], trusted[known]):
         return None
     velocity = np.where(known, predicted, mean)
     off = float(np.sqrt(np.mean((np.abs(predicted[known]) - np.abs(trusted[known])) ** 2)))
     notes = []
-    if off >= surprise * max(prediction.expected_m_s, NOISE_M_S):
+    # The observed over the expected error was 0.8 to 1.5 in 40 cases of two real profiles.
+    if off >= 3.0 * max(prediction.expected_m_s, NOISE_M_S):
         notes.append(
             f"the speeds of the reference differ by {100.0 * off:.1f} cm/s rms from those predicted at its depth, "
             "far more than expected from the profile: check depths, clocks and units of both"
@@ -239,27 +246,22 @@ def _gridded(upper: Record, rules: PairRules) -> Record:
     return take(upper, grid_indices(upper.time_s, step_s=step_s, tolerance_s=tolerance_s))
 
 
-def _trusted_cell(time_s: Floats, depth: Floats, lower: Record, sphere: Floats, rules: PairRules) -> VelocitySeries:
+def _trusted_cell(upper: Record, depth: Floats, lower: Record, rules: PairRules) -> VelocitySeries:
     """Select the reference's cell nearest to the sphere, or to the affected bins, and average dense series."""
     known = np.isfinite(depth)
     if not len(lower.time_s) or not known.any():
         return VelocitySeries(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0))
-    wanted = np.interp(lower.time_s, time_s[known], depth[known])
-    centre = wanted if rules.predict else sphere
-    towards = (lower.depth_m - centre) * (1.0 if lower.looks_up else -1.0)
+    wanted = np.interp(lower.time_s, upper.time_s[known], depth[known])
+    sphere = interpolate_series(upper.time_s, upper.depth_m, lower.time_s, tolerance_s=np.inf)
+    towards = (lower.depth_m - (wanted if rules.predict else sphere)) * (1.0 if lower.looks_up else -1.0)
     velocity, at = mean_of_nearest_bins(lower, np.nan_to_num(towards), rules.bins)
-    with np.errstate(invalid="ignore"):
-        near = np.isfinite(velocity) & (np.abs(at - wanted) < rules.max_metres)
+    near = np.isfinite(velocity) & (np.abs(at - wanted) < rules.max_metres)
     return _block_averaged(VelocitySeries(lower.time_s[near], velocity[near], at[near]), 60.0 * rules.max_minutes / 2.0)
 
 
-def _block_averaged(point: VelocitySeries, block_s: float, *, dense_s: float = 300.0) -> VelocitySeries:
-    """Average a densely sampled series over blocks of time; return others unchanged.
-
-    Args:
-        dense_s: a series sampled faster than this is averaged first (a profiler passing its top).
-    """
-    if len(point.time_s) < 2 or np.median(np.diff(point.time_s)) >= dense_s:
+def _block_averaged(point: VelocitySeries, block_s: float) -> VelocitySeries:
+    """Average a series sampled faster than every 5 minutes (a profiler passing its top) over blocks of time."""
+    if len(point.time_s) < 2 or np.median(np.diff(point.time_s)) >= 300.0:
         return point
     block = np.floor(point.time_s / block_s)
     begins = np.flatnonzero(np.append(True, np.diff(block) > 0))
@@ -277,31 +279,6 @@ def _heading(lower: Record, time_s: Floats, tolerance_s: float) -> Floats | None
     sine, cosine = angles.sin_cos(lower.heading_deg[known])
     at = interpolate_series(lower.time_s[known], cosine + 1j * sine, time_s, tolerance_s=tolerance_s)
     return angles.argument(at) if np.isfinite(at).any() else None
-
-
-def _sphere(upper: Record, lower: Record) -> Floats:
-    return interpolate_series(upper.time_s, upper.depth_m, lower.time_s, tolerance_s=np.inf)
-
-
-def _assemble(upper: Record, lower: Record, field: EarthField, columns: tuple, keep: NDArray[np.intp]) -> Pairs:
-    velocity, other, depth, other_depth, minutes = (column[keep] for column in columns)
-    declination = earthfield.declination_at(field, upper.time_s)
-    top = _to_true(velocity, upper, declination)
-    bottom = _to_true(other, lower, declination)
-    return Pairs(
-        time_s=upper.time_s,
-        heading_deg=upper.heading_deg,
-        pitch_deg=upper.pitch_deg,
-        roll_deg=upper.roll_deg,
-        upper_east=top.real,
-        upper_north=top.imag,
-        lower_east=bottom.real,
-        lower_north=bottom.imag,
-        upper_depth_m=depth,
-        lower_depth_m=other_depth,
-        separation_minutes=minutes,
-        declination_deg=declination,
-    )
 
 
 def _to_true(velocity: Complexes, record: Record, declination: Floats) -> Complexes:
@@ -339,31 +316,23 @@ def _unusable(record: Record, *, heading: bool) -> str:
     return ""
 
 
-def _refuse_other_frame(pairs: Pairs, *, slowest: float = 0.25, clearer: float = 1.8) -> None:
+def _refuse_other_frame(pairs: Pairs) -> None:
     """Reject directions that agree with the reference's only after adding or subtracting the heading, or mirroring.
 
     Iron cannot cause this: a compass that turns full circle deviates about the true heading. Where the flow keeps one
-    direction or the compass hardly turns, the test cannot decide and passes.
-
-    Args:
-        slowest: share of the slowest pairs, whose directions are ignored.
-        clearer: factor by which the spread in another frame must be smaller than in the recorded one.
+    direction or the compass hardly turns, the test cannot decide and passes. The slowest quarter is ignored.
     """
-    slower = np.min([np.hypot(east, north) for east, north in _velocities(pairs)], axis=0)
-    fast = slower >= np.quantile(slower, slowest)
-    upper, lower = (angles.direction(east, north)[fast] for east, north in _velocities(pairs))
+    slower = np.min(np.abs(pairs.flows), axis=0)
+    fast = slower >= np.quantile(slower, 0.25)
+    upper, lower = (angles.direction(flow.real, flow.imag)[fast] for flow in pairs.flows)
     heading = pairs.heading_deg[fast]
     plain = min(_spread(lower - upper), _spread(lower), _spread(heading))
     others = {(sign, k): _spread(lower + sign * upper + k * heading) for sign, k in OTHER_FRAMES}
     best = min(others, key=lambda which: others[which])
-    if len(heading) >= ENOUGH and others[best] * clearer < plain:
+    if len(heading) >= ENOUGH and others[best] * 1.8 < plain:
         shown = f"directions that agree with those of the reference only where they are {OTHER_FRAMES[best]}"
         advice = "check coordinates (EX), orientation, and east and north of both instruments"
         raise InputError("affected instrument", expected="velocities as the file has them", found=shown, advice=advice)
-
-
-def _velocities(pairs: Pairs) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
-    return (pairs.upper_east, pairs.upper_north), (pairs.lower_east, pairs.lower_north)
 
 
 def _spread(angle_deg: Floats) -> float:
@@ -375,16 +344,13 @@ def _spread(angle_deg: Floats) -> float:
 # Ready-made pairs, read from a table or MATLAB file and matched to the samples of the affected instrument's record.
 
 
-def match_ready_pairs(
-    columns: Mapping[str, Floats], scale: float, record: Record, field: EarthField, *, agreeing_deg: float = 5.0
-) -> Pairs:
+def match_ready_pairs(columns: Mapping[str, Floats], scale: float, record: Record, field: EarthField) -> Pairs:
     """Match ready-made pairs to the nearest samples of the record, dropping those off by over half a sample interval.
 
     Depths and separations are unknown. Both velocities must refer to the same north, true or magnetic.
 
     Args:
         columns: time (UTC seconds), heading (degrees), velocities of both instruments by role, (n,) each.
-        agreeing_deg: median difference of headings above which the pairs may belong to another record.
     """
     order = np.argsort(columns["time"], kind="stable")
     rows = {role: column[order] for role, column in columns.items()}
@@ -412,15 +378,15 @@ def match_ready_pairs(
         separation_minutes=unknown,
         declination_deg=earthfield.declination_at(field, samples[at]),
     )
-    flows = np.hypot(pairs.upper_east, pairs.upper_north), np.hypot(pairs.lower_east, pairs.lower_north)
-    pairs = take(pairs, (flows[0] > 0.0) & (flows[1] > 0.0) & (record.heading_quality[at] < BAD))
+    moving = np.min(np.abs(pairs.flows), axis=0) > 0.0
+    pairs = take(pairs, moving & (record.heading_quality[at] < BAD))
     if reason := find_identical_velocities(pairs):
         return replace(take(pairs, np.zeros(0, dtype=np.intp)), warnings=(reason,))
     pairs = check_pairs(pairs, record, [])
     left_out = n - len(pairs)
     notes = [f"{left_out} of {n} ready-made pairs lie at no usable sample of the record"] * bool(left_out)
     off = angles.difference(pairs.heading_deg, record.heading_deg[np.searchsorted(samples, pairs.time_s)])
-    if len(pairs) and (size := float(np.median(np.abs(off)))) > agreeing_deg:
+    if len(pairs) and (size := float(np.median(np.abs(off)))) > 5.0:
         notes.append(
             f"headings of the ready-made pairs differ from the record's by {size:.0f}° in the median: check times and "
             "headings of both"

@@ -177,12 +177,8 @@ MASKS = {check.count: np.int32(1 << k) for k, check in enumerate(CHECKS)}
 def flag_quality(
     record: Record, water_depth: float, *, affected: bool = False, thresholds: Thresholds = DEFAULT_THRESHOLDS
 ) -> Record:
-    """Flag and count impossible values, and warn of uninformative sensors.
-
-    Args:
-        affected: whether the compass is to be corrected, and its unit is tested.
-    """
-    record, limits = _flag_read(record, thresholds), asdict(thresholds)
+    """Flag and count impossible values, and warn of uninformative sensors, and of the unit of an affected compass."""
+    record, limits = _flag_read(record, thresholds.percent_good), asdict(thresholds)
     for check in CHECKS:
         limit = limits.get(check.threshold)
         absent = (check.threshold and limit is None) or (check.profile and check.profile not in record.profiles)
@@ -196,11 +192,7 @@ def flag_quality(
 
 
 def flag_velocities(record: Record, where: Bools, count: str, sentence: str = "") -> Record:
-    """Flag velocities as bad that were good or probably good so far, count them, and warn if a sentence describes them.
-
-    Args:
-        where: mask, broadcastable to (n, m).
-    """
+    """Flag velocities as bad that were good or probably good, count them, and warn if a sentence describes them."""
     failed = np.broadcast_to(where, record.quality.shape) & (record.quality != MISSING)
     before = np.zeros(failed.shape, dtype=np.int32) if record.tests is None else record.tests
     tests = np.where(failed, before | MASKS[count], before).astype(np.int32)
@@ -222,11 +214,8 @@ def flag_headings(record: Record, which: Bools, *notes: str) -> Record:
 def flag_unit(record: Record) -> Record:
     """Flag all headings as doubtful where they fill half of a circle to both ends, or are radians."""
     known = np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD)
-    causes = {
-        180.0: "half of the circle was folded on the other (modulo 180, halved, or without a sign)",
-        6.29: "they are radians",
-    }
-    for full, cause in causes.items():
+    folded = "half of the circle was folded on the other (modulo 180, halved, or without a sign)"
+    for full, cause in ((180.0, folded), (6.29, "they are radians")):
         share = record.heading_deg[known] / full
         # Five headings within 2 degrees, or as large a part of radians, of both ends; none beyond.
         if share.max(initial=0.0) <= 1.0 and min(np.sum(share < 1 / 90), np.sum(share > 89 / 90)) >= 5:
@@ -235,27 +224,26 @@ def flag_unit(record: Record) -> Record:
     return record
 
 
-def _flag_read(record: Record, thresholds: Thresholds) -> Record:
+def _flag_read(record: Record, least: float) -> Record:
     """Attribute the reader's flags to a check, and apply a percent-good threshold other than the reader's."""
-    name = "low_percent_good" if "percent_good" in record.profiles else "flagged_in_file"
     flagged = (record.quality > PROBABLY_GOOD) & (record.quality != MISSING)
-    least, percent = thresholds.percent_good, None
-    if name == "low_percent_good" and least != LEAST_PERCENT_GOOD:
-        percent = _percent_good(record)
-        allowed = flagged & (percent >= least) & (percent < LEAST_PERCENT_GOOD)
-        record = replace(record, quality=np.where(allowed, GOOD, record.quality).astype(np.int8))
-        flagged &= ~allowed
-    record = replace(record, tests=np.where(flagged, MASKS[name], np.int32(0)))
-    if percent is None:
-        return record
-    return flag_velocities(record, percent < least, name, f"fewer than {least:g} % of the pings were good")
+    if "percent_good" not in record.profiles:
+        return replace(record, tests=np.where(flagged, MASKS["flagged_in_file"], np.int32(0)))
+    if least == LEAST_PERCENT_GOOD:
+        return replace(record, tests=np.where(flagged, MASKS["low_percent_good"], np.int32(0)))
+    percent = _percent_good(record)
+    allowed = flagged & (percent >= least) & (percent < LEAST_PERCENT_GOOD)
+    quality = np.where(allowed, GOOD, record.quality).astype(np.int8)
+    tests = np.where(flagged & ~allowed, MASKS["low_percent_good"], np.int32(0))
+    sentence = f"fewer than {least:g} % of the pings were good"
+    return flag_velocities(replace(record, quality=quality, tests=tests), percent < least, "low_percent_good", sentence)
 
 
 def _percent_good(record: Record) -> Floats:
     """Compute the share of good pings, (n, m) percent.
 
-    In beam coordinates with four beams it is the minimum, or the second lowest for three-beam solutions; in other
-    coordinates it is the sum of columns 1 and 4, the three- and four-beam solutions.
+    Of four beams it is the minimum, or the second lowest for three-beam solutions; in other coordinates than those of
+    beams it is the sum of columns 1 and 4, the three- and four-beam solutions.
     """
     percent = np.asarray(record.profiles["percent_good"][:], dtype=float)
     if percent.ndim < 3 or percent.shape[2] != 4:
@@ -267,13 +255,13 @@ def _percent_good(record: Record) -> Floats:
     return np.where(np.isnan(error), ordered[..., 1], ordered[..., 0])
 
 
-def _flag_stuck_headings(record: Record, still_deg: float = 0.1) -> Record:
+def _flag_stuck_headings(record: Record) -> Record:
     """Flag headings that change by less than a compass's noise between samples for hours."""
     with np.errstate(invalid="ignore"):
-        same = np.abs(angles.difference(record.heading_deg[1:], record.heading_deg[:-1])) <= still_deg
+        same = np.abs(angles.difference(record.heading_deg[1:], record.heading_deg[:-1])) <= 0.1
     still = _stuck(same, record.time_s) & (record.heading_quality < PROBABLY_BAD)
     number = int(still.sum())
-    note = f"{number} headings flagged: the compass stood still within {still_deg:g} degrees for hours"
+    note = f"{number} headings flagged: the compass stood still within 0.1 degrees for hours"
     record = replace(record, counts={**record.counts, "heading_stuck": number})
     return flag_headings(record, still, *[note] * (number > 0))
 
@@ -304,31 +292,25 @@ def _flag_heading_fills(record: Record) -> Record:
     return replace(record, heading_quality=flags, warnings=(*record.warnings, note))
 
 
-def _stuck(same: Bools, time_s: Floats, *, samples: int = 12, hours: float = 6.0, by_chance: float = 1e-3) -> Bools:
-    """Find runs of many repeated samples over hours, (n,), that the rate of repetition elsewhere does not explain.
-
-    Args:
-        same: whether each sample repeats the one before, (n - 1,).
-        by_chance: expected number of equally long runs, given how often the rest of the series repeats.
-    """
-    edge = np.diff(np.concatenate([[False], same, [False]]).astype(np.int8))
-    runs = np.column_stack([np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)])  # first and last sample of each
-    lasts = time_s[runs[:, 1]] - time_s[runs[:, 0]] >= HOUR_S * hours
-    runs = runs[lasts & (runs[:, 1] - runs[:, 0] >= samples)]
+def _stuck(same: Bools, time_s: Floats) -> Bools:
+    """Find runs of 12 samples and 6 hours or more that repeat the one before, unless all of the series often does."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]])))
+    runs = edges.reshape(-1, 2)  # first and last sample of each
+    length = runs[:, 1] - runs[:, 0]
+    runs = runs[(time_s[runs[:, 1]] - time_s[runs[:, 0]] >= HOUR_S * 6.0) & (length >= 12)]
     stuck = np.zeros(len(time_s), dtype=bool)
     for begin, end in runs:
         stuck[begin + 1 : end + 1] = True
-    others = same[~stuck[1:]]
-    share = float(others.mean()) if others.size else 1.0
-    likely = [end - begin for begin, end in runs if len(time_s) * share ** (end - begin) > by_chance]
-    return stuck & (not likely)
+    share = float(same[~stuck[1:]].mean()) if not stuck[1:].all() else 1.0
+    explained = any(len(time_s) * share ** (end - begin) > 1e-3 for begin, end in runs)
+    return stuck & (not explained)
 
 
 def _constant_sensors(record: Record) -> Record:
     """Count samples of sensors that never vary, and warn."""
-    counts, notes = {"tilt_frozen": 0, "heading_frozen": 0}, []
     known = [x[np.isfinite(x)] for x in (record.pitch_deg, record.roll_deg, record.heading_deg)]
     no_pitch, no_roll, stuck = (len(x) >= 24 and np.ptp(x) == 0.0 for x in known)
+    counts, notes = {"tilt_frozen": 0, "heading_frozen": 0}, []
     if no_pitch and no_roll:
         counts["tilt_frozen"] = len(known[0])
         notes.append("pitch and roll never change: the tilt sensor is stuck or was not fitted, its tilts tell nothing")

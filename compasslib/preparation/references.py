@@ -1,8 +1,7 @@
 """Checks of the reference against the affected instrument, and the combination of several references.
 
-Each reference yields its own pairs, with the water predicted at its own depth. At a given time the deviation of the
-affected compass rotates all pairs equally, so it is preserved in their mean; the weights follow from the differences
-between the measured and the predicted speeds, which do not depend on a compass.
+The deviation of the affected compass rotates simultaneous pairs equally, so it is preserved in their mean. Weights
+follow from differences between measured and predicted speeds, which do not depend on a compass.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.preparation.water import usable_velocities
 from compasslib.records import Pairs, Record, ReferenceCompass, iso_time, take
-from compasslib.types import DAY_S, Complexes, Floats
+from compasslib.types import DAY_S, Floats
 
 CONTRADICTING = "the references differ by {:.0f}°, and the record cannot tell which is wrong"
 REFERENCE_HEADING = "lower_heading_deg"  # belongs to a single instrument, so it is not joined
@@ -94,7 +93,7 @@ def combine_references(pairs: Pairs) -> Pairs:
     weight = np.zeros((len(times), len(used)))
     weight[row, column] = 1.0
     missed = np.full(weight.shape, np.nan)
-    upper, lower = _flows(pairs)
+    upper, lower = pairs.flows
     missed[row, column] = np.abs(upper) - np.abs(lower)
     weight *= _weights(missed)
     share = (weight / weight.sum(axis=1, keepdims=True))[row, column]
@@ -143,77 +142,55 @@ def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], l
     return used[:1], [*notes, said], max(abs(size_deg) for _, size_deg in wrong.values())
 
 
-def _apart(
-    first: Pairs, second: Pairs, *, least_deg: float = 5.0, sigmas: float = 4.0, days: float = 10.0, blocks: int = 5
-) -> tuple[str, float] | None:
+def _apart(first: Pairs, second: Pairs) -> tuple[str, float] | None:
     """Describe by how many degrees two references' directions differ beyond the shear predicted by the profile.
 
-    None if the difference is not significant. The affected compass cancels in the difference of the predictions at the
-    two depths, which is due to shear alone.
-
-    Args:
-        sigmas: least difference in standard errors, from the scatter between blocks.
-        days, blocks: length and least number of the blocks.
+    None if the difference is below 5 degrees or 4 standard errors, from the scatter between blocks of 10 days. The
+    affected compass cancels in the difference of the predictions at the two depths, which is due to shear alone.
     """
     _, a, b = np.intersect1d(first.time_s, second.time_s, return_indices=True)
     if not len(a):
         return None
-    (up_a, low_a), (up_b, low_b) = _flows(take(first, a)), _flows(take(second, b))
+    (up_a, low_a), (up_b, low_b) = take(first, a).flows, take(second, b).flows
     turn = low_a * np.conj(low_b) * np.conj(up_a * np.conj(up_b))
     slowest = np.min(np.abs([up_a, low_a, up_b, low_b]), axis=0)
     turn = np.where(np.abs(turn) > 0.0, turn / np.maximum(np.abs(turn), 1e-12), 0.0) * slowest**2
     time_s = first.time_s[a]
-    block = np.unique(np.floor((time_s - time_s[0]) / (days * DAY_S)), return_inverse=True)[1]
+    block = np.unique(np.floor((time_s - time_s[0]) / (10.0 * DAY_S)), return_inverse=True)[1]
     sums = np.asarray(np.bincount(block, turn.real) + 1j * np.bincount(block, turn.imag), dtype=complex)
-    if len(sums) < blocks:
+    if len(sums) < 5:
         return None
     mean = complex(sums.sum())
     across = np.imag(sums * np.conj(mean)) / abs(mean)
     sigma = float(np.sqrt(np.sum(across**2))) / abs(mean) / angles.DEGREE
     off = -float(np.angle(mean)) / angles.DEGREE
-    if abs(off) < max(least_deg, sigmas * sigma):
+    if abs(off) < max(5.0, 4.0 * sigma):
         return None
     return f"differ in direction by {off:+.0f} ± {1.96 * sigma:.0f} degrees (95 %) all along", off
 
 
-def _flows(pairs: Pairs) -> tuple[Complexes, Complexes]:
-    return pairs.upper_east + 1j * pairs.upper_north, pairs.lower_east + 1j * pairs.lower_north
+def find_speed_changes(pairs: Pairs, upper: Record) -> Pairs:
+    """Note where the ratio of both instruments' speeds, in windows of 5 days, leaves that of the beginning.
 
-
-def find_speed_changes(
-    pairs: Pairs,
-    upper: Record,
-    *,
-    window_days: float = 5.0,
-    fewest: int = 10,
-    least_change: float = 0.2,
-    sigmas: float = 3.0,
-    lasts: int = 3,
-) -> Pairs:
-    """Compare the ratio of both instruments' speeds in windows, and note where it leaves that of the beginning.
-
-    The ratio also changes with the water: a change counts if it exceeds those between the affected instrument's own
-    bins as far apart as the reference. Without such bins nothing is tested.
-
-    Args:
-        fewest: pairs in a window; a profiler passes twice a day.
-        sigmas: least change in standard deviations between own bins.
-        lasts: windows that a change lasts; of 24 combinations of bins of eh2 one reaches two, none three.
+    The ratio also changes with the water: a change counts if it exceeds 20 %, and three times those between the
+    affected instrument's own bins as far apart as the reference. Without such bins nothing is tested.
     """
-    number = np.floor((pairs.time_s - pairs.time_s[0]) / (window_days * DAY_S)).astype(int)
-    windows = [rows for k in range(number[-1] + 1) if len(rows := np.flatnonzero(number == k)) >= fewest]
+    lasts = 3  # windows that a change lasts; of 24 combinations of bins of eh2 one reaches two, none three
+    number = np.floor((pairs.time_s - pairs.time_s[0]) / (5.0 * DAY_S)).astype(int)
+    # A profiler passes twice a day, ten times in a window.
+    windows = [rows for k in range(number[-1] + 1) if len(rows := np.flatnonzero(number == k)) >= 10]
     speed = np.where(usable_velocities(upper), np.hypot(upper.east, upper.north), np.nan)
     range_m = np.nanmedian(upper.bin_range_m, axis=0)
     apart_m = float(np.nanmedian(np.abs(pairs.lower_depth_m - pairs.upper_depth_m)))
     other = [k + 1 + int(np.argmin(np.abs(np.abs(range_m[k + 1 :] - x) - apart_m))) for k, x in enumerate(range_m[:-1])]
     if len(windows) < 2 * lasts:
         return pairs
-    upper_speed, lower_speed = (np.abs(flow)[:, None] for flow in _flows(pairs))
+    upper_speed, lower_speed = (np.abs(flow)[:, None] for flow in pairs.flows)
     change = _changes(lower_speed, upper_speed, windows, lasts)[:, 0]
     own = _changes(speed[:, other], speed[:, : len(other)], windows, lasts)
     if not own.size:
         return pairs
-    least = max(-np.log(1.0 - least_change), sigmas * float(np.sqrt(np.nanmean(own**2))))
+    least = max(-np.log(0.8), 3.0 * float(np.sqrt(np.nanmean(own**2))))
     begins = [*(float(pairs.time_s[rows[0]]) for rows in windows), float(pairs.time_s[-1])]
     fallen, notes = [], []
     for way, said in ((-1.0, "fall"), (1.0, "rise")):

@@ -1,13 +1,12 @@
 """Prediction of the water velocity at the reference's depth from the affected instrument's simultaneous profile.
 
 Weights follow from the structure function of velocity between bins (best linear unbiased prediction as in Bretherton,
-Davis & Fandry 1976; ordinary kriging). The magnitude of a difference between bins of one instrument does not depend on
-its heading error, so the compass need not be known. The weights are real and add up to one: the prediction is rotated
-by a heading error exactly as a single bin is, and a velocity that is equal in all bins is reproduced.
+Davis & Fandry 1976; ordinary kriging), which a heading error does not change. They are real and add up to one, so that
+a heading error rotates the prediction exactly as a single bin.
 
-Directions also veer with depth, for days or for the whole record, which real weights cannot represent. The profile
-shows by how much: its bins are predicted in the same way from the bins beyond them, and a share of the nearest bin's
-error, learnt from bins equally far apart, is removed from the prediction. The remaining mean veer is estimated.
+Directions also veer with depth, which real weights cannot represent. The profile shows by how much: its bins are
+predicted in the same way from the bins beyond them, and a share of the nearest bin's error, learnt from bins equally
+far apart, is removed from the prediction.
 """
 
 from __future__ import annotations
@@ -93,35 +92,21 @@ def fit_structure(record: Record) -> StructureFunction | None:
     return fit_structure_function(velocity, range_m[near])
 
 
-def _sound_bins(share: Floats, range_m: Floats, *, looked_at: int = 8) -> NDArray[np.intp]:
-    """Select the bins next to the instrument that are good nearly as often as the best, nearest first.
-
-    Args:
-        looked_at: number of bins; velocities of all would take too much memory.
-    """
+def _sound_bins(share: Floats, range_m: Floats) -> NDArray[np.intp]:
+    """Select up to 8 bins next to the instrument that are good nearly as often as the best, nearest first."""
     sound = np.flatnonzero(share >= LEAST_GOOD * share.max(initial=0.0))
-    return sound[np.argsort(np.abs(range_m[sound]))[:looked_at]]
+    return sound[np.argsort(np.abs(range_m[sound]))[:8]]
 
 
-def fit_structure_function(
-    velocity: Complexes,
-    range_m: Floats,
-    *,
-    reach: float = 10.0,
-    fewest: int = 100,
-    fewest_bins: int = 4,
-    least_noise: float = 0.02,
-) -> StructureFunction | None:
+def fit_structure_function(velocity: Complexes, range_m: Floats) -> StructureFunction | None:
     """Fit the structure function to velocities, (n, m) m/s, at ranges, (m,) m; None if there are too few.
 
-    Args:
-        reach: largest distance of two bins, in cells.
-        fewest, fewest_bins: least samples per pair of bins, and bins: two distances cannot constrain decorrelation.
-        least_noise: least noise, as a share of half the mean squared difference of adjacent bins.
+    Four bins are needed, as two distances cannot constrain decorrelation. The noise is at least 2 % of half the mean
+    squared difference of adjacent bins.
     """
     share = np.isfinite(velocity.real).mean(axis=0) if len(velocity) else np.zeros(len(range_m))
     near = _sound_bins(share, range_m)
-    if len(near) < fewest_bins:
+    if len(near) < 4:
         return None
     cell_m = float(np.median(np.diff(np.sort(np.abs(range_m[near])))))
     velocity = velocity[:, near]
@@ -131,8 +116,8 @@ def fit_structure_function(
     for k, (a, b) in enumerate(zip(first, second, strict=True)):
         differences = velocity[:, a] - velocity[:, b]
         squares = np.abs(differences[np.isfinite(differences)]) ** 2
-        half[k] = float(np.mean(squares)) / 2.0 if len(squares) >= fewest else np.nan
-    valid = np.isfinite(half) & (half > 0.0) & (cells <= reach)
+        half[k] = float(np.mean(squares)) / 2.0 if len(squares) >= 100 else np.nan
+    valid = np.isfinite(half) & (half > 0.0) & (cells <= 10.0)
     if valid.sum() < 3 or cell_m <= 0.0:
         return None
     from scipy.optimize import nnls  # only where there is a profile
@@ -142,28 +127,19 @@ def fit_structure_function(
     columns = np.column_stack([np.ones_like(cells), *(_shape(cells, *shape) for shape in shapes)])
     # Non-negative least squares for noise and layers, minimizing relative misfits.
     sizes = nnls(columns / half[:, None], np.ones_like(half))[0]
-    least = least_noise * float(np.median(half[cells <= cells.min() + 0.5]))
+    least = 0.02 * float(np.median(half[cells <= cells.min() + 0.5]))
     parts = tuple((float(size), *shape) for size, shape in zip(sizes[1:], shapes, strict=True) if size > 0.0)
     return StructureFunction(cell_m, max(float(sizes[0]), least), parts or ((least, LENGTHS[-1], POWERS[0]),))
 
 
-def predict_water(
-    record: Record,
-    depth_m: Floats,
-    bins: int,
-    learnt: StructureFunction | None = None,
-    *,
-    nearest: int = 4,
-    step: float = 0.1,
-) -> WaterPrediction | None:
+def predict_water(record: Record, depth_m: Floats, bins: int) -> WaterPrediction | None:
     """Predict the water velocity at given depths; None if the profile does not suffice.
 
     Args:
         bins: number of bins in the published mean, for comparison.
-        nearest: bins used for a prediction.
-        step: cells; resolution of the distance to the reference for which weights are computed.
     """
-    learnt = learnt or fit_structure(record)
+    nearest, step = 4, 0.1  # bins used; cells, resolution of the distance for which weights are computed
+    learnt = fit_structure(record)
     if learnt is None:
         return None
     away = record.bin_depth_m() - depth_m[:, None]
@@ -195,27 +171,16 @@ def predict_water(
     return WaterPrediction(velocity * angles.phasor(-turned), expected, published, veer)
 
 
-def fails_speed_check(
-    time_s: Floats,
-    mean: Complexes,
-    predicted: Complexes,
-    trusted: Complexes,
-    *,
-    sure: float = 2.0,
-    block_s: float = 2 * DAY_S,
-) -> bool:
+def fails_speed_check(time_s: Floats, mean: Complexes, predicted: Complexes, trusted: Complexes) -> bool:
     """Check whether the reference's speeds agree significantly less with the prediction than with the published mean.
 
-    Speeds do not depend on headings, but do reveal a wrong depth or layers that differ.
-
-    Args:
-        sure: standard errors of a significant difference.
-        block_s: longer than speeds are correlated.
+    Speeds do not depend on headings, but do reveal a wrong depth or layers that differ. A difference is significant
+    beyond two standard errors, from the scatter between blocks of two days.
     """
     off = [(np.abs(series) - np.abs(trusted)) ** 2 for series in (mean, predicted)]
-    block = np.unique(np.floor(time_s / block_s), return_inverse=True)[1]
+    block = np.unique(np.floor(time_s / (2 * DAY_S)), return_inverse=True)[1]
     worse = np.bincount(block, off[1] - off[0])
-    return bool(worse.sum() > sure * np.sqrt(np.sum(worse**2)))
+    return bool(worse.sum() > 2.0 * np.sqrt(np.sum(worse**2)))
 
 
 def veer_of_nearest_bins(record: Record, depth_m: Floats, bins: int) -> Veer:
@@ -272,33 +237,23 @@ def _predict_veer(
     return share * between, Veer(float(np.sqrt(np.mean(left**2))), fit_slow_shear(record.time_s, across, known))
 
 
-def fit_slow_shear(
-    time_s: Floats,
-    across_m_s: Floats,
-    known: Bools,
-    *,
-    least_day: float = 0.5,
-    fewest_days: int = 30,
-    most_days: int = 1000,
-) -> SlowShear | None:
+def fit_slow_shear(time_s: Floats, across_m_s: Floats, known: Bools) -> SlowShear | None:
     """Estimate size and memory of the slow part of velocity differences; None if the record is too short.
 
-    Daily means, in records of more than ``most_days`` means of several days, are modelled as a process with exponential
-    autocorrelation and independent noise. The likelihood is the
-    mean of all windows, since neighbouring bins hardly differ; the spread between windows is part of the uncertainty.
+    Means of days with half of their samples, or of several days in records of over 1000, are modelled as a process with
+    exponential autocorrelation and independent noise. The likelihood is the mean of all windows, since neighbouring
+    bins hardly differ; the spread between windows is part of the uncertainty.
 
     Args:
         across_m_s: component across the flow at each of several windows of the profile, (k, n).
         known: (k, n) whether it was measured.
-        least_day, fewest_days: share of a day's samples for its mean; fewest days.
-        most_days: means in one record; their covariance matrix limits the run time.
     """
-    days_each = int(np.ptp(time_s) / DAY_S / most_days) + 1
+    days_each = int(np.ptp(time_s) / DAY_S / 1000) + 1  # the size of the covariance matrix limits the run time
     day = np.floor((time_s - time_s[0]) / DAY_S / days_each).astype(np.intp)
     count = np.array([np.bincount(day, each, day[-1] + 1) for each in known])
     usual = float(np.median(np.bincount(day)))
-    kept = np.flatnonzero((count >= least_day * usual).all(axis=0))
-    if len(kept) < fewest_days:
+    kept = np.flatnonzero((count >= 0.5 * usual).all(axis=0))
+    if len(kept) < 30:
         return None
     sums = np.array(
         [np.bincount(day, each * there, day[-1] + 1) for each, there in zip(across_m_s, known, strict=True)]
@@ -333,39 +288,28 @@ def _moments(values: Floats, weights: Floats) -> tuple[float, float]:
 
 
 def _windows(
-    record: Record,
-    away_m: Floats,
-    cell_m: float,
-    weights: Callable[[Floats], Floats],
-    count: int,
-    *,
-    most_windows: int = 8,
-    half_a_cell: float = 0.51,
-    outward: float = 0.05,
+    record: Record, away_m: Floats, cell_m: float, weights: Callable[[Floats], Floats], count: int
 ) -> Complexes:
     """Predict bins from those beyond them, relative to the bins' own directions, (k, n) m/s, 0 where one is bad.
 
-    The predicting bins are as far from a bin as the bins next to the reference are from it. Nearest bins come first.
-
-    Args:
-        most_windows: positions in the profile from which veer is learnt, those next to the reference.
-        outward: cells added outward, so that ties at half a cell select the farther bin.
+    The predicting bins are as far from a bin as the bins next to the reference are from it. The eight bins nearest to
+    the reference are predicted, nearest first.
     """
     usable = usable_velocities(record)
     share = usable.mean(axis=0)
     sound = np.flatnonzero((share >= LEAST_GOOD * share.max(initial=0.0)) & np.isfinite(away_m))
     order = sound[np.argsort(np.abs(away_m[sound]))]
     pattern = away_m[order[:count]]
-    pattern += np.sign(pattern) * outward * cell_m
+    pattern += np.sign(pattern) * 0.05 * cell_m  # ties at half a cell select the farther bin
     velocity = np.where(usable, record.east + 1j * record.north, 0.0)
     predictions = []
-    for target in order[:most_windows].tolist():
+    for target in order[:8].tolist():
         wanted = away_m[target] + pattern
         others = sound[sound != target]
         if not len(others):
             break
         which = others[np.argmin(np.abs(away_m[others] - wanted[:, None]), axis=1)]
-        if len(np.unique(which)) < len(which) or np.any(np.abs(away_m[which] - wanted) > half_a_cell * cell_m):
+        if len(np.unique(which)) < len(which) or np.any(np.abs(away_m[which] - wanted) > 0.51 * cell_m):
             continue
         predicted = velocity[:, which] @ weights(away_m[which] - away_m[target])
         direction = velocity[:, target] / np.maximum(np.abs(velocity[:, target]), LEAST_M_S)

@@ -7,8 +7,9 @@ limit. A cell without a measurement inside it counts as interpolated; nothing is
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Bools, Complexes, Floats
 
 NONE = complex(np.nan, np.nan)
+PRESSURE_SIGMA_M, NOMINAL_SIGMA_M = 0.5, 5.0  # of a measured depth (0.25 % of 200 m), and of a nominal depth
+PROFILER_M_S = 0.02  # least vertical speed of an instrument that climbs along the line; spheres dive at some mm/s
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,36 @@ class Velocities:
 
 
 @dataclass(frozen=True)
+class Source:
+    """An instrument with n samples whose velocities are gridded."""
+
+    name: str
+    time_s: Floats  # (n,) increasing
+    depth_m: Floats  # (n,) of the instrument
+    tilt_deg: Floats  # (n,) NaN where unknown
+    bins: int
+    beam_angle_deg: float
+    rows: Callable[[slice], Velocities]  # reads a slice of the samples
+    rising: bool = False  # whether vertical velocities were measured
+    slowed: tuple[tuple[float, float], ...] = ()  # periods in which a fouled rotor yields to the affected instruments
+
+    @property
+    def profiles(self) -> bool:
+        """Whether it moves along the line or delivers separate profiles, between which nothing is interpolated."""
+        if self.bins > 1:
+            return self.beam_angle_deg == 0.0
+        known = np.isfinite(self.depth_m)
+        speed = np.abs(np.diff(self.depth_m[known])) / np.maximum(np.diff(self.time_s[known]), 1e-3)
+        return bool(len(speed)) and float(np.percentile(speed, 75)) > PROFILER_M_S
+
+    @cached_property
+    def depth_sigma_m(self) -> float:
+        """Standard deviation of its depth, m; a depth that never varies is nominal, not measured."""
+        known = self.depth_m[np.isfinite(self.depth_m)]
+        return PRESSURE_SIGMA_M if known.size and np.ptp(known) > 0.0 else NOMINAL_SIGMA_M
+
+
+@dataclass(frozen=True)
 class Differences:
     """Structure function: half the mean squared velocity difference, both components, by distance in depth or time."""
 
@@ -74,18 +107,19 @@ class Differences:
 
 
 @dataclass(frozen=True)
-class Stance:
-    """Depth and tilt of an instrument at k samples, and the uncertainty of the depth."""
+class Learnt:
+    """Structure functions, noise and motion of an instrument, estimated from the records."""
 
-    depth_m: Floats  # (k,) of the instrument
-    tilt_deg: Floats  # (k,)
-    beam_angle_deg: float  # from the vertical; 0 without slanted beams
-    depth_sigma_m: float
+    by_depth: Differences
+    by_time: Differences
+    bin_noise: Floats  # (m,) variance of the noise, summed over both components, (m/s)^2
+    cell_m: float
+    motion: Floats  # (n,) horizontal velocity of the instrument itself, one standard deviation, m/s
 
 
 @dataclass(frozen=True)
 class Cells:
-    """Velocities at t times and z depths, NaN in empty cells."""
+    """Velocities at t times and z successive depths of the axes, NaN in empty cells."""
 
     velocity: Complexes  # (t, z) m/s
     up: Floats | None  # (t, z) m/s
@@ -94,6 +128,7 @@ class Cells:
     measured: Bools  # (t, z) whether one of them lies inside the cell
     noise: Floats  # (t, z) variance of a component due to noise, (m/s)^2
     spread: Floats  # (t, z) the same due to distances in depth and time and to errors of depth and tilt
+    levels: slice  # of the depths of the axes
 
     @property
     def there(self) -> Bools:
@@ -101,22 +136,39 @@ class Cells:
         return np.isfinite(self.velocity.real)
 
 
-def place_profiles(
-    profiles: Velocities, time_s: Floats, axes: Axes, slots: range, *, max_gap_m: float, cell_m: float,
-    stance: Stance, bin_noise: Floats, by_depth: Differences, by_time: Differences,
-) -> Cells:  # fmt: skip
-    """Interpolate profiles of several bins to the depths and average them over the intervals of the times.
+def empty_cells(times: int, levels: slice, rising: bool) -> Cells:
+    """Make cells without velocities."""
+    shape = times, levels.stop - levels.start
+    return Cells(
+        velocity=np.full(shape, NONE), up=np.full(shape, np.nan) if rising else None,
+        quality=np.full(shape, MISSING, dtype=np.int8), count=np.zeros(shape, dtype=np.int32),
+        measured=np.zeros(shape, dtype=bool), noise=np.zeros(shape), spread=np.zeros(shape), levels=levels,
+    )  # fmt: skip
 
-    Args:
-        slots: intervals of the piece; samples outside of them are ignored.
-        bin_noise: variance of each bin's noise, summed over both components, (m,) (m/s)^2.
-        max_gap_m, cell_m: depths are filled between bins up to ``max_gap_m`` apart, or inside a bin of ``cell_m``.
-    """
+
+def place(source: Source, learnt: Learnt, axes: Axes, slots: range, max_gap_m: float) -> Cells:
+    """Average the velocities of an instrument over the intervals of a piece, at the depths that they reach."""
+    ends = axes.time_s[[slots.start, slots.stop - 1]] + axes.step_s * np.array([-0.5, 0.5])
+    rows = slice(*np.searchsorted(source.time_s, ends).tolist())
+    if source.bins == 1:
+        return _place_points(source, learnt, rows, axes, slots)
+    return _place_profiles(source, learnt, rows, axes, slots, max_gap_m)
+
+
+def _place_profiles(source: Source, learnt: Learnt, rows: slice, axes: Axes, slots: range, max_gap_m: float) -> Cells:
+    """Interpolate profiles to the depths, between bins up to ``max_gap_m`` apart, and average them."""
+    profiles, cell_m, by_depth = source.rows(rows), learnt.cell_m, learnt.by_depth
     descending = np.nansum(np.diff(profiles.depth_m, axis=1)) < 0.0
     line = slice(None, None, -1) if descending else slice(None)
     depth, velocity, quality = profiles.depth_m[:, line], profiles.velocity[:, line], profiles.quality[:, line]
-    usable, noise = np.isfinite(velocity.real) & np.isfinite(depth), bin_noise[line]
-    levels, (k, m) = axes.depth_m, depth.shape
+    usable, noise = np.isfinite(velocity.real) & np.isfinite(depth), learnt.bin_noise[line]
+    reached = depth[usable]
+    beyond_m = cell_m / 2.0 + 1e-3
+    ends = (reached.min() - beyond_m, reached.max() + beyond_m) if len(reached) else (0.0, 0.0)
+    window = slice(*np.searchsorted(axes.depth_m, ends).tolist())
+    if window.start == window.stop:
+        return empty_cells(len(slots), window, profiles.up is not None)
+    levels, (k, m) = axes.depth_m[window], depth.shape
     row = np.arange(k)[:, None]
     # Number of bins of each sample at or above each level, (k, z), by one search among rows set apart.
     depths, apart = np.where(np.isfinite(depth), depth, DEEPEST_M + np.arange(m)), 2.0 * (DEEPEST_M + m) * row
@@ -139,40 +191,93 @@ def place_profiles(
     share[alone] = np.rint(share[alone])
     weights = np.where(there & (share < 1.0), 1.0 - share, 0.0), np.where(there & (share > 0.0), share, 0.0)
 
-    def mixed(values: NDArray, taken: Bools) -> NDArray:
-        known = np.where(taken, values, 0.0).ravel()
+    def mixed(values: NDArray) -> NDArray:
+        known = np.where(usable, values, 0.0).ravel()
         return weights[0] * known[at[0]] + weights[1] * known[at[1]]
 
-    worse = np.maximum(*(np.where(w > 0.0, quality.ravel()[a], 0) for w, a in zip(weights, at, strict=True)))
-    distance = np.where(there, nearest, 0.0)
-    interpolated = by_depth.of_interpolation(share, np.where(between, gap, 0.0))
-    spread = np.where(between, interpolated, 2.0 * by_depth.at(distance))
-    spread = spread + _of_stance(stance, levels, by_depth)
     up = None
     if profiles.up is not None:
         rising = profiles.up[:, line]
-        whole = mixed(np.isfinite(rising).astype(float), usable)
-        up = np.where(whole > 0.999, mixed(np.nan_to_num(rising), usable), np.nan)
+        up = np.where(mixed(np.isfinite(rising).astype(float)) > 0.999, mixed(np.nan_to_num(rising)), np.nan)
+    interpolated = by_depth.of_interpolation(share, np.where(between, gap, 0.0))
+    spread = np.where(between, interpolated, 2.0 * by_depth.at(np.where(there, nearest, 0.0)))
     placed = Cells(
-        velocity=mixed(velocity, usable), up=up, quality=worse.astype(np.int8),
+        velocity=mixed(velocity), up=up,
+        quality=np.maximum(*(np.where(w > 0.0, quality.ravel()[a], 0) for w, a in zip(weights, at, strict=True))),
         count=np.add(*((w > 0.0).astype(np.int32) for w in weights)),
         measured=there & (nearest <= axes.step_m / 2.0 + 1e-6),
-        noise=(weights[0] ** 2 * noise[at[0] % m] + weights[1] ** 2 * noise[at[1] % m]) / 2.0, spread=spread / 2.0,
+        noise=(weights[0] ** 2 * noise[at[0] % m] + weights[1] ** 2 * noise[at[1] % m]) / 2.0,
+        spread=(spread + _of_stance(source, rows, levels, by_depth)) / 2.0, levels=window,
     )  # fmt: skip
-    return _average(placed, there, time_s, axes, slots, by_time)
+    return _average(placed, there, source.time_s[rows], axes, slots, learnt.by_time)
 
 
-def place_points(
-    points: Velocities, time_s: Floats, axes: Axes, slots: range, *,
-    by_depth: Differences, by_time: Differences, depth_sigma_m: float,
-) -> Cells:  # fmt: skip
+def _of_stance(source: Source, rows: slice, levels_m: Floats, by_depth: Differences) -> Floats:
+    """Compute the mean squared error due to the instrument's uncertain depth and its tilt, (k, z).
+
+    A tilt t shifts a cell at range r by r(1 - cos t) in depth, and the cells of two opposite beams at an angle b by
+    r tan b sin t in opposite directions: the measured velocity is the mean of those at two depths.
+    """
+    sine, cosine = angles.sin_cos(np.nan_to_num(source.tilt_deg[rows]))
+    range_m = np.abs(levels_m - np.nan_to_num(source.depth_m[rows])[:, None])
+    wrong_m = np.hypot(source.depth_sigma_m, range_m * (1.0 - cosine)[:, None])
+    squared = 2.0 * by_depth.at(wrong_m)
+    if not source.beam_angle_deg:
+        return squared
+    across, along = angles.sin_cos(source.beam_angle_deg)
+    apart_m = range_m * (float(across / along) * np.abs(sine))[:, None]
+    return squared + np.maximum(2.0 * by_depth.at(apart_m) - 0.5 * by_depth.at(2.0 * apart_m), 0.0)
+
+
+def _average(cells: Cells, there: Bools, time_s: Floats, axes: Axes, slots: range, by_time: Differences) -> Cells:
+    """Average ``cells``, whose rows are samples, over the intervals of the axes."""
+    slot = axes.slot_of(time_s) - slots.start
+    inside = np.flatnonzero((slot >= 0) & (slot < len(slots)))
+    result = empty_cells(len(slots), cells.levels, cells.up is not None)
+    if not len(inside):
+        return result
+    there, slot = there[inside], slot[inside]
+    begin = np.flatnonzero(np.diff(slot, prepend=-1))
+    rows = slot[begin]
+
+    def total(values: NDArray, where: Bools) -> NDArray:
+        return np.add.reduceat(np.where(where, values[inside], 0), begin, axis=0)
+
+    number = np.add.reduceat(there.astype(np.int32), begin, axis=0)
+    share = 1.0 / np.maximum(number, 1)
+    late = share * total(np.broadcast_to((time_s - axes.time_s[0])[:, None], cells.velocity.shape), there)
+    late = np.where(number > 0, late + axes.time_s[0] - axes.time_s[slots.start + rows, None], 0.0)
+    columns = {
+        "velocity": share * total(cells.velocity, there),
+        "quality": np.maximum.reduceat(np.where(there, cells.quality[inside], 0), begin, axis=0),
+        "count": total(cells.count, there),
+        "measured": np.logical_or.reduceat(there & cells.measured[inside], begin, axis=0),
+        "noise": share**2 * total(cells.noise, there),
+        "spread": share * total(cells.spread, there) + by_time.at(np.abs(late)),
+    }
+    if cells.up is not None:
+        rising = there & np.isfinite(cells.up[inside])
+        count = np.add.reduceat(rising.astype(np.int32), begin, axis=0)
+        columns["up"] = np.where(count > 0, total(cells.up, rising) / np.maximum(count, 1), np.nan)
+    for name, values in columns.items():
+        column = getattr(result, name)
+        column[rows] = np.where(number > 0, values, column[rows])
+    return result
+
+
+def _place_points(source: Source, learnt: Learnt, rows: slice, axes: Axes, slots: range) -> Cells:
     """Average single velocities, of a point meter or of a profiler's scans, over the cells that contain them."""
+    points, time_s, by_depth = source.rows(rows), source.time_s[rows], learnt.by_depth
     velocity, depth = points.velocity[:, 0], points.depth_m[:, 0]
-    shape = len(slots), len(axes.depth_m)
     slot = axes.slot_of(time_s) - slots.start
     level = np.floor((np.nan_to_num(depth - axes.depth_m[0], nan=-axes.step_m)) / axes.step_m + 0.5).astype(np.intp)
-    inside = np.isfinite(velocity.real) & (slot >= 0) & (slot < shape[0]) & (level >= 0) & (level < shape[1])
-    place, size = (slot * shape[1] + level)[inside], shape[0] * shape[1]
+    inside = (slot >= 0) & (slot < len(slots)) & (level >= 0) & (level < len(axes.depth_m))
+    inside &= np.isfinite(velocity.real)
+    if not inside.any():
+        return empty_cells(len(slots), slice(0, 0), points.up is not None)
+    window = slice(int(level[inside].min()), int(level[inside].max()) + 1)
+    shape = len(slots), window.stop - window.start
+    place, size = (slot * shape[1] + level - window.start)[inside], shape[0] * shape[1]
     count = np.bincount(place, minlength=size)
     number = np.maximum(count, 1)
 
@@ -180,15 +285,15 @@ def place_points(
         return np.where(count > 0, np.bincount(place, values[inside], size) / number, np.nan).reshape(shape)
 
     late = mean(time_s - axes.time_s[0]) + axes.time_s[0] - axes.time_s[slots.start : slots.stop, None]
-    off = np.nan_to_num(mean(depth) - axes.depth_m)
-    spread = by_depth.at(np.hypot(off, depth_sigma_m)) + by_time.at(np.abs(np.nan_to_num(late)))
+    off = np.nan_to_num(mean(depth) - axes.depth_m[window])
+    spread = by_depth.at(np.hypot(off, source.depth_sigma_m)) + learnt.by_time.at(np.abs(np.nan_to_num(late)))
     worst = np.zeros(size, dtype=np.int8)
     np.maximum.at(worst, place, points.quality[:, 0][inside])
     return Cells(
         velocity=mean(velocity.real) + 1j * mean(velocity.imag),
         up=None if points.up is None else mean(points.up[:, 0]),
         quality=worst.reshape(shape), count=count.reshape(shape).astype(np.int32), measured=count.reshape(shape) > 0,
-        noise=by_depth.noise / (2.0 * number.reshape(shape)), spread=spread,
+        noise=by_depth.noise / (2.0 * number.reshape(shape)), spread=spread, levels=window,
     )  # fmt: skip
 
 
@@ -214,31 +319,27 @@ def bridge_gaps(cells: Cells, step_s: float, max_gap_s: float, by_time: Differen
     count[row, column] = sum(cells.count[end, column] for end in ends)
     spread[row, column] += by_time.of_interpolation(share, (ends[1] - ends[0]) * step_s) / 2.0
     up = None if cells.up is None else filled(cells.up)
-    return Cells(filled(cells.velocity), up, quality, count, cells.measured, filled(cells.noise, 2), spread)
+    velocity, noise = filled(cells.velocity), filled(cells.noise, 2)
+    return replace(cells, velocity=velocity, up=up, quality=quality, count=count, noise=noise, spread=spread)
 
 
-def merge(each: list[Cells]) -> tuple[Cells, NDArray[np.intp]]:
+def merge(each: list[Cells], times: int, depths: int) -> tuple[Cells, NDArray[np.int8]]:
     """Take each cell from the first instrument that measured inside it, else from the first that interpolated it.
 
     Returns:
         The cells, and the index of the instrument of each, (t, z); -1 where none has a velocity.
     """
-    source = np.full(each[0].velocity.shape, -1)
+    whole = empty_cells(times, slice(0, depths), any(cells.up is not None for cells in each))
+    source = np.full((times, depths), -1, dtype=np.int8)
     for best in (False, True):  # measured cells overwrite interpolated ones
-        for k in reversed(range(len(each))):
-            source[each[k].measured if best else each[k].there] = k
-    whole = each[0]
+        for k, cells in reversed([*enumerate(each)]):
+            source[:, cells.levels][cells.measured if best else cells.there] = k
     for k, cells in enumerate(each):
-        here = source == k
-        columns = {
-            name: np.where(here, getattr(cells, name), getattr(whole, name))
-            for name in ("velocity", "quality", "count", "measured", "noise", "spread")
-        }
-        rising = [np.full(here.shape, np.nan) if x is None else x for x in (cells.up, whole.up)]
-        whole = Cells(up=np.where(here, *rising), **columns)
-    absent = source < 0
-    velocity, quality = np.where(absent, NONE, whole.velocity), np.where(absent, MISSING, whole.quality)
-    return replace(whole, velocity=velocity, quality=quality), source
+        here = source[:, cells.levels] == k
+        for name in ("velocity", "up", "quality", "count", "measured", "noise", "spread"):
+            if (part := getattr(cells, name)) is not None:
+                getattr(whole, name)[:, cells.levels][here] = part[here]
+    return whole, source
 
 
 def without(cells: Cells, times: Bools) -> Cells:
@@ -249,91 +350,25 @@ def without(cells: Cells, times: Bools) -> Cells:
 
 def take_slots(cells: Cells, which: slice) -> Cells:
     """Select a slice of the times."""
-    parts: dict[str, Any] = {name: None if part is None else part[which] for name, part in vars(cells).items()}
-    return Cells(**parts)
+    parts: dict[str, Any] = {name: x[which] for name, x in vars(cells).items() if isinstance(x, np.ndarray)}
+    return replace(cells, **parts)
 
 
-def _of_stance(stance: Stance, levels_m: Floats, by_depth: Differences) -> Floats:
-    """Compute the mean squared error due to the instrument's uncertain depth and its tilt, (k, z).
-
-    A tilt t shifts a cell at range r by r(1 - cos t) in depth, and the cells of two opposite beams at an angle b by
-    r tan b sin t in opposite directions: the measured velocity is the mean of those at two depths.
-    """
-    sine, cosine = angles.sin_cos(np.nan_to_num(stance.tilt_deg))
-    range_m = np.abs(levels_m - np.nan_to_num(stance.depth_m)[:, None])
-    wrong_m = np.hypot(stance.depth_sigma_m, range_m * (1.0 - cosine)[:, None])
-    squared = 2.0 * by_depth.at(wrong_m)
-    if not stance.beam_angle_deg:
-        return squared
-    across, along = angles.sin_cos(stance.beam_angle_deg)
-    apart_m = range_m * (float(across / along) * np.abs(sine))[:, None]
-    return squared + np.maximum(2.0 * by_depth.at(apart_m) - 0.5 * by_depth.at(2.0 * apart_m), 0.0)
-
-
-def _average(cells: Cells, there: Bools, time_s: Floats, axes: Axes, slots: range, by_time: Differences) -> Cells:
-    """Average ``cells``, whose rows are samples, over the intervals of the axes."""
-    slot = axes.slot_of(time_s) - slots.start
-    inside = np.flatnonzero((slot >= 0) & (slot < len(slots)))
-    empty = empty_cells(len(slots), len(axes.depth_m), cells.up is not None)
-    if not len(inside):
-        return empty
-    there, slot = there[inside], slot[inside]
-    begin = np.flatnonzero(np.diff(slot, prepend=-1))
-    rows = slot[begin]
-    number = np.add.reduceat(there.astype(np.int32), begin, axis=0)
-    filled = number > 0
-
-    def total(values: NDArray) -> NDArray:
-        return np.add.reduceat(np.where(there, values[inside], 0.0), begin, axis=0)
-
-    def put(name: str, values: NDArray) -> NDArray:
-        made: NDArray = getattr(empty, name).copy()
-        made[rows] = np.where(filled, values, made[rows])
-        return made
-
-    share = 1.0 / np.maximum(number, 1)
-    late = share * total(np.broadcast_to((time_s - axes.time_s[0])[:, None], cells.velocity.shape))
-    late = np.where(filled, late + axes.time_s[0] - axes.time_s[slots.start + rows, None], 0.0)
-    up = None
-    if cells.up is not None:
-        rising = np.isfinite(cells.up)
-        count = np.add.reduceat((there & rising[inside]).astype(np.int32), begin, axis=0)
-        risen = np.add.reduceat(np.where(there & rising[inside], cells.up[inside], 0.0), begin, axis=0)
-        up = put("up", np.where(count > 0, risen / np.maximum(count, 1), np.nan))
-    worst = np.maximum.reduceat(np.where(there, cells.quality[inside], 0), begin, axis=0)
-    measured = np.logical_or.reduceat(there & cells.measured[inside], begin, axis=0)
-    return Cells(
-        velocity=put("velocity", share * total(cells.velocity)), up=up,
-        quality=put("quality", worst), count=put("count", total(cells.count).astype(np.int32)),
-        measured=put("measured", measured), noise=put("noise", share**2 * total(cells.noise)),
-        spread=put("spread", share * total(cells.spread) + by_time.at(np.abs(late))),
-    )  # fmt: skip
-
-
-def empty_cells(times: int, depths: int, rising: bool) -> Cells:
-    """Make cells without velocities."""
-    shape = times, depths
-    return Cells(
-        velocity=np.full(shape, NONE), up=np.full(shape, np.nan) if rising else None,
-        quality=np.full(shape, MISSING, dtype=np.int8), count=np.zeros(shape, dtype=np.int32),
-        measured=np.zeros(shape, dtype=bool), noise=np.zeros(shape), spread=np.zeros(shape),
-    )  # fmt: skip
-
-
-def compare_at_seam(pairs: Pairs, assessment: Mapping[str, Any], *, fewest: int = 30) -> dict[str, Any]:
+def compare_at_seam(pairs: Pairs, assessment: Mapping[str, Any]) -> dict[str, Any]:
     """Compare affected and reference velocities by speed, which headings do not affect, and by held-out directions.
 
     The fit makes the directions of its own pairs agree; ``assessment`` therefore uses pairs that were held out.
 
     Returns:
-        Means of affected minus reference, each with its standard error; None for less than ``fewest`` pairs.
+        Means of affected minus reference, each with its standard error; None for less than 30 pairs.
     """
     pairs, speed, sigma = combine_references(pairs), None, None
-    if len(pairs) >= fewest:
-        off = np.hypot(pairs.upper_east, pairs.upper_north) - np.hypot(pairs.lower_east, pairs.lower_north)
+    if len(pairs) >= 30:
+        upper, lower = pairs.flows
+        off = np.abs(upper) - np.abs(lower)
         speed, sigma = float(off.mean()), float(off.std() / np.sqrt(effective_sample_size(off, pairs.time_s)))
     after = assessment["after"]
-    known = after["n"] >= fewest
+    known = after["n"] >= 30
     independent = (after["rms_deg"] / after["rms_deg_sigma"]) ** 2 / 2.0 if known else 1.0
     return {
         "pairs": len(pairs),
@@ -361,23 +396,20 @@ def describe_seam(seam: Mapping[str, Any]) -> str:
 
 def average_slots(values: Floats, time_s: Floats, axes: Axes, max_gap_s: float) -> Floats:
     """Average columns (n, ...) over the intervals of the axes, (t, ...); interpolate gaps up to a limit, else NaN."""
-    slot = axes.slot_of(time_s)
-    known = np.isfinite(values).all(axis=tuple(range(1, values.ndim))) & (slot >= 0) & (slot < len(axes.time_s))
-    result = np.full((len(axes.time_s), *values.shape[1:]), np.nan)
+    slot, at = axes.slot_of(time_s), np.arange(len(axes.time_s))
+    known = np.isfinite(values).all(axis=tuple(range(1, values.ndim))) & (slot >= 0) & (slot < len(at))
+    result = np.full((len(at), *values.shape[1:]), np.nan)
     if not known.any():
         return result
     begin = np.flatnonzero(np.diff(slot[known], prepend=-1))
-    rows = slot[known][begin]
-    size = np.diff(np.append(begin, known.sum())).reshape(-1, *(1,) * (values.ndim - 1))
-    means = np.add.reduceat(values[known], begin, axis=0) / size
-    at = np.searchsorted(rows, np.arange(len(result)))
-    before, after = np.maximum(at - 1, 0), np.minimum(at, len(rows) - 1)
-    before = np.where(rows[after] == np.arange(len(result)), after, before)
-    inside: Bools = (rows[before] <= np.arange(len(result))) & (rows[after] >= np.arange(len(result)))
+    rows, size = slot[known][begin], np.diff(np.append(begin, known.sum()))
+    means = (np.add.reduceat(values[known], begin, axis=0).T / size).T
+    after = np.clip(np.searchsorted(rows, at), 0, len(rows) - 1)
+    before = np.where(rows[after] == at, after, np.maximum(after - 1, 0))
     gap = rows[after] - rows[before]
-    inside &= gap * axes.step_s <= max_gap_s * 1.001
-    share = ((np.arange(len(result)) - rows[before]) / np.maximum(gap, 1)).reshape(-1, *(1,) * (values.ndim - 1))
-    result[inside] = ((1.0 - share) * means[before] + share * means[after])[inside]
+    inside = (rows[before] <= at) & (rows[after] >= at) & (gap * axes.step_s <= max_gap_s * 1.001)
+    share = (at - rows[before]) / np.maximum(gap, 1)
+    result[inside] = ((1.0 - share) * means[before].T + share * means[after].T).T[inside]
     return result
 
 

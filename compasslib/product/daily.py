@@ -102,13 +102,11 @@ class DailyMeans:
             self.sums[name] = np.zeros((int(self.days[-1]) + 1, depths), dtype=dtype)
         return self.sums[name]
 
-    def means(self, product: GriddedProduct, *, apart_s: float = 6 * HOUR_S, least_share: float = 0.5) -> Daily:
+    def means(self, product: GriddedProduct) -> Daily:
         """Compute the means; errors common to the velocities of a mean are not reduced by averaging.
 
-        Args:
-            apart_s: lag at which velocities differ as much as those of missing hours from the rest of the day.
-            least_share: fraction of a day's times that a mean needs, except for profilers. A filter needs 0.99 of its
-                weights, as a missing hour brings back tides.
+        A mean needs half of a day's times, except for profilers; a filter needs 0.99 of its weights, as a missing hour
+        brings back tides.
         """
         axes, sums, depths = self.axes, self.sums, len(self.axes.depth_m)
         if not sums:
@@ -120,7 +118,7 @@ class DailyMeans:
         moving = np.array([s.profiles for s in product.sources])[source]
         lags, weights = self.kernel
         expected = float(np.trapezoid(weights, lags)) / axes.step_s
-        enough = weight >= 0.99 * expected if self.running_h else moving | (weight >= least_share * expected)
+        enough = weight >= 0.99 * expected if self.running_h else moving | (weight >= 0.5 * expected)
         there = (count > 0) & enough
         safe = np.where(there, weight, 1.0)
         number = safe**2 / np.where(there, sums["weight2"], 1.0)  # of equally weighted times with the same variance
@@ -132,15 +130,16 @@ class DailyMeans:
             squares = turned.imag**2, turned.real**2, -turned.real * turned.imag
             for variance, square in zip(variances, squares, strict=True):
                 variance += square
-        # Missing times are no random sample: they are consecutive, and the current sets the depth of a sphere.
-        apart = float(product.learnt[0].by_time.at(np.array([apart_s]))[0])
+        # Missing times are no random sample: they are consecutive, and the current sets the depth of a sphere. Their
+        # velocities differ from the rest of the day as those six hours apart.
+        apart = float(product.learnt[0].by_time.at(np.array([6 * HOUR_S]))[0])
         missing = 0.5 * np.maximum(1.0 - weight / expected, 0.0) ** 2 * apart  # means differ less than single values
         spread = sums["spread"] / safe * mean_factor(number, product.memory_s / axes.step_s) + missing
         noise = sums["noise"] / safe**2
         quality = np.where(sums["interpolated"] > 0.5 * weight, INTERPOLATED, np.maximum(sums["worst"], 1))
         quality = np.where(there, quality, MISSING).astype(np.int8)
         cells = replace(
-            empty_cells(len(count), depths, False),
+            empty_cells(len(count), slice(0, depths), False),
             velocity=flow, quality=quality, count=sums["cells"].astype(np.int32),
         )  # fmt: skip
         east, north, cross = (np.where(there, v, np.nan) for v in variances)

@@ -1,7 +1,7 @@
 """Uncertainty of gridded velocities: modes of the heading error along time, and errors not due to the heading.
 
-The heading error of an instrument is a sum of modes, each a function of time times a standard normal variable, and an
-autocorrelated random part. It rotates all simultaneous velocities alike: du = v delta, dv = -u delta.
+A mode is a function of time times a standard normal variable. The heading error rotates all simultaneous velocities
+alike: du = v delta, dv = -u delta.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from compasslib.product.cells import Axes, Differences, average_slots
 from compasslib.records import Readings, ReferenceCompass
 from compasslib.types import HOUR_S, Bools, Complexes, Floats
 
-PRESSURE_SIGMA_M, NOMINAL_SIGMA_M = 0.5, 5.0  # of a measured depth (0.25 % of 200 m), and of a nominal depth
 UNMEASURED_MOTION_M_S = 0.005  # of a sphere without a pressure record: a bound, not an estimate
 MIN_MEMORY_S = HOUR_S
 NOTHING = [np.zeros(0, dtype=complex)]
@@ -79,11 +78,7 @@ def compass_modes(fit: DeviationFit, at: CompassSeries | None, readings: Reading
 
 
 def compress(columns: Floats, count: int) -> tuple[Floats, Floats]:
-    """Reduce columns to their leading principal components.
-
-    Returns:
-        The leading components, (n, count or fewer), and the residual variance of each row, (n,).
-    """
+    """Reduce columns to their leading principal components, and the residual variance of each row, (n,)."""
     if columns.shape[1] == 0 or not len(columns):
         return columns[:, :0], np.zeros(len(columns))
     values, vectors = np.linalg.eigh(columns.T @ columns)
@@ -91,7 +86,7 @@ def compress(columns: Floats, count: int) -> tuple[Floats, Floats]:
     return leading, np.maximum(np.sum(columns**2, axis=1) - np.sum(leading**2, axis=1), 0.0)
 
 
-def memory_of(heading_deg: Floats, step_s: float) -> float:
+def memory_of(heading_deg: Floats, time_s: Floats) -> float:
     """Estimate the correlation time of a heading, the first lag with an autocorrelation below 1/e, seconds.
 
     Unmodelled errors of a compass depend on heading and tilt, and therefore share the correlation time of these.
@@ -104,23 +99,16 @@ def memory_of(heading_deg: Floats, step_s: float) -> float:
     size = 1 << (2 * len(series) - 1).bit_length()
     power = np.fft.ifft(np.abs(np.fft.fft(series, size)) ** 2).real[: len(series)]
     below = np.flatnonzero(power < power[0] / np.e)
+    step_s = float(np.median(np.diff(time_s)))
     return float(max(below[0] * step_s if len(below) else len(series) * step_s, MIN_MEMORY_S))
 
 
-def learn_by_depth(
-    velocity: Complexes, range_m: Floats, cell_m: float, *, reach_m: float = 200.0, growth: float = 1.5,
-    fallback_m: float = 150.0,
-) -> Differences:  # fmt: skip
-    """Fit the structure function of velocities (n, m) by depth; for too few bins, scale a fixed one by the variance.
-
-    Args:
-        reach_m: largest tabulated distance.
-        growth: exponent at distances within a cell, and of the fixed structure function.
-        fallback_m: decorrelation depth of the fixed one, typical of the ocean's upper hundreds of metres.
-    """
+def learn_by_depth(velocity: Complexes, range_m: Floats, cell_m: float) -> Differences:
+    """Fit the structure function of velocities (n, m) by depth, up to 200 m; for too few bins, scale a fixed one."""
+    growth = 1.5  # exponent at distances within a cell, and of the fixed structure function
     learnt = fit_structure_function(velocity, range_m)
     step = (cell_m or 1.0) / 50.0
-    distance = np.arange(0.0, reach_m + step, step)
+    distance = np.arange(0.0, 200.0 + step, step)
     if learnt is not None:
         values = learnt.layers(distance)
         within = distance < cell_m  # a bin is a mean over its cell, hence smooth growth there
@@ -128,14 +116,14 @@ def learn_by_depth(
         return Differences(step, values, learnt.noise)
     known = velocity[np.isfinite(velocity.real)]
     variance = float(np.var(known)) if known.size else 0.0
-    return Differences(step, variance * (1.0 - np.exp(-((distance / fallback_m) ** growth))), 0.02 * variance)
+    # A decorrelation depth of 150 m is typical of the ocean's upper hundreds of metres.
+    return Differences(step, variance * (1.0 - np.exp(-((distance / 150.0) ** growth))), 0.02 * variance)
 
 
 def learn_bin_noise(velocity: Complexes, by_depth: Differences) -> Floats:
     """Estimate the noise of each bin, (m,) (m/s)^2: far bins, with weaker echoes, differ more from their neighbours.
 
-    Args:
-        by_depth: structure function whose noise applies to the quieter half of the bins.
+    The noise of ``by_depth`` applies to the quieter half of the bins.
     """
     steps = np.abs(np.diff(velocity, axis=1)) ** 2
     known = np.isfinite(steps)
@@ -148,16 +136,14 @@ def learn_bin_noise(velocity: Complexes, by_depth: Differences) -> Floats:
     return by_depth.noise + np.maximum(np.append(excess, 0.0), np.append(0.0, excess))
 
 
-def learn_by_time(
-    blocks: Sequence[Complexes], step_s: float, reach_s: float, noise: float | None, *, most_lags: int = 400
-) -> Differences:
+def learn_by_time(blocks: Sequence[Complexes], step_s: float, reach_s: float, noise: float | None) -> Differences:
     """Estimate the structure function of velocity by time in one bin, without noise.
 
     Args:
         blocks: velocities of consecutive samples, (k, m) each, NaN where missing.
         noise: (m/s)^2 of one measurement, estimated by depth; None to extrapolate it from the first two lags.
     """
-    lags = np.arange(1, int(np.clip(np.ceil(reach_s / step_s), 2, most_lags)) + 1)
+    lags = np.arange(1, int(np.clip(np.ceil(reach_s / step_s), 2, 400)) + 1)
     half = np.full(len(lags), np.nan)
     for k, lag in enumerate(lags.tolist()):
         steps = [(block[lag:] - block[:-lag]).ravel() for block in blocks if len(block) > lag]
@@ -179,10 +165,7 @@ def learn_by_time(
 
 
 def error_memory(blocks: Sequence[Complexes], step_s: float, noise: float) -> float:
-    """Estimate the correlation time of differences between neighbouring bins, and so of interpolation errors, seconds.
-
-    The noise of one measurement, (m/s)^2, is taken as uncorrelated.
-    """
+    """Estimate the correlation time of differences between adjacent bins, and so of interpolation errors, seconds."""
     shears = [np.diff(block, axis=1) for block in blocks if block.shape[1] > 1]
     if not shears:
         return step_s
@@ -197,18 +180,13 @@ def error_memory(blocks: Sequence[Complexes], step_s: float, noise: float) -> fl
     return float(2**12 * step_s)
 
 
-def sphere_motion(
-    depth_m: Floats, flow: Complexes, time_s: Floats, water_depth_m: float | None, *, still_m: float = 0.5,
-    window_s: float = 3 * HOUR_S,
-) -> Floats:  # fmt: skip
+def sphere_motion(depth_m: Floats, flow: Complexes, time_s: Floats, water_depth_m: float | None) -> Floats:
     """Estimate the horizontal velocity of a diving sphere, one standard deviation of a component, (n,) m/s.
 
-    If a straight line of length l leans so that its top dips by d, the top moves sqrt(2 l d) downstream.
-
-    Args:
-        still_m: least dive that is analysed, added to dives so that the slope of their square root stays finite.
-        window_s: the position is averaged over it before differentiation.
+    If a straight line of length l leans so that its top dips by d, the top moves sqrt(2 l d) downstream. The position
+    is averaged over three hours before differentiation.
     """
+    still_m = 0.5  # least dive that is analysed, added to dives so that the slope of their square root stays finite
     known = np.isfinite(depth_m)
     if len(time_s) < 3 or known.sum() < 3 or water_depth_m is None or np.ptp(depth_m[known]) < still_m:
         return np.full(len(time_s), UNMEASURED_MOTION_M_S)
@@ -217,7 +195,7 @@ def sphere_motion(
     length = max(water_depth_m - float(np.median(depth_m[known])), 1.0)
     along = np.nan_to_num(flow)
     away = np.sqrt(2.0 * length * dive) * along / np.maximum(np.abs(along), 1e-6)
-    width = min(max(1, round(window_s / float(np.median(np.diff(time_s))))), len(time_s))
+    width = min(max(1, round(3 * HOUR_S / float(np.median(np.diff(time_s))))), len(time_s))
     kernel = np.ones(width) / width
     smooth = np.convolve(away, kernel, "same")
     speed2 = np.convolve(np.abs(np.gradient(smooth, time_s)) ** 2, kernel, "same")
@@ -237,7 +215,7 @@ def marginals(velocity: Complexes, heading_variance: Floats, other: Floats) -> t
 
 def sum_sigma(
     weight_east: Floats, weight_north: Floats, velocity: Complexes, other: Floats, source: NDArray[np.integer],
-    errors: HeadingErrors, step_s: float, *, memory_s: float = 0.0, depths_apart: float = 1.0,
+    errors: HeadingErrors, step_s: float, *, memory_s: float = 0.0,
 ) -> float:  # fmt: skip
     """Compute the standard deviation of a weighted sum of eastward and northward velocities, such as a transport.
 
@@ -249,15 +227,11 @@ def sum_sigma(
         other: variance of a component not due to the heading, (t, z).
         source: instrument of each cell as row of ``errors.shares``, negative if there is none.
         memory_s: e-folding time of the errors not due to the heading.
-        depths_apart: number of independent cells at one time as a fraction of all.
     """
-    by_source = _turned(weight_east, weight_north, velocity, source, errors)
-    modes = np.nansum(np.einsum("st,kt,sk->kt", by_source, np.nan_to_num(errors.modes), errors.shares), axis=1)
-    random = by_source[: len(errors.random)] * np.nan_to_num(errors.random)
+    modes, random, rest = _of_times(weight_east, weight_north, velocity, other, source, errors)
     remembered = sum(_remembered(series, errors.memory_s / step_s) for series in random)
-    remainder = np.nan_to_num(other) * (weight_east**2 + weight_north**2)
-    inflation = (1.0 + 2.0 * memory_s / step_s) / depths_apart
-    return float(np.sqrt(np.sum(modes**2) + remembered + inflation * remainder.sum()))
+    rest_variance = (1.0 + 2.0 * memory_s / step_s) * rest.sum()
+    return float(np.sqrt(np.sum(modes.sum(axis=1) ** 2) + remembered + rest_variance))
 
 
 def time_variances(
@@ -265,20 +239,21 @@ def time_variances(
     errors: HeadingErrors,
 ) -> Floats:  # fmt: skip
     """Compute the variance of the weighted sum at each single time, (t,); arguments as for ``sum_sigma``."""
-    by_source = _turned(weight_east, weight_north, velocity, source, errors)
-    modes = np.einsum("st,kt,sk->kt", by_source, np.nan_to_num(errors.modes), errors.shares)
-    random = by_source[: len(errors.random)] * np.nan_to_num(errors.random)
-    remainder = np.sum(np.nan_to_num(other) * (weight_east**2 + weight_north**2), axis=1)
-    return np.asarray(np.sum(modes**2, axis=0) + np.sum(random**2, axis=0) + remainder)
+    modes, random, rest = _of_times(weight_east, weight_north, velocity, other, source, errors)
+    return np.asarray(np.sum(modes**2, axis=0) + np.sum(random**2, axis=0) + rest)
 
 
-def _turned(
-    weight_east: Floats, weight_north: Floats, velocity: Complexes, source: NDArray[np.integer], errors: HeadingErrors
-) -> Floats:
-    """Compute the change of the weighted sum per radian of each instrument's heading, (s, t)."""
+def _of_times(
+    weight_east: Floats, weight_north: Floats, velocity: Complexes, other: Floats, source: NDArray[np.integer],
+    errors: HeadingErrors,
+) -> tuple[Floats, Floats, Floats]:  # fmt: skip
+    """Compute errors of the weighted sum at each time: by mode, (k, t), random, (a, t), and other variance, (t,)."""
     flow = np.where(np.isfinite(velocity), velocity, 0.0)
     turned = weight_east * flow.imag - weight_north * flow.real
-    return np.array([np.where(source == s, turned, 0.0).sum(axis=1) for s in range(len(errors.shares))])
+    by_source = np.array([np.where(source == s, turned, 0.0).sum(axis=1) for s in range(len(errors.shares))])
+    modes = np.einsum("st,kt,sk->kt", by_source, np.nan_to_num(errors.modes), errors.shares)
+    random = by_source[: len(errors.random)] * np.nan_to_num(errors.random)
+    return modes, random, np.sum(np.nan_to_num(other) * (weight_east**2 + weight_north**2), axis=1)
 
 
 def _remembered(series: Floats, memory: float) -> float:
@@ -307,8 +282,6 @@ def _square_root(covariance: Floats) -> Floats:
 
 # The heading error of a mooring's instruments along the times of the grid.
 
-HOPELESS = 1e8  # square degrees, stands for an infinite variance
-
 
 @dataclass(frozen=True)
 class AffectedHeadings:
@@ -316,7 +289,7 @@ class AffectedHeadings:
 
     name: str
     time_s: Floats
-    used: Bools  # (n,) whether velocities of the sample go into the grid
+    used: Bools  # (n,) whether its velocities go into the grid
     heading_deg: Floats
     sigma_deg: Floats  # whole
     probability: Floats  # of the selected branch
@@ -327,44 +300,28 @@ class AffectedHeadings:
     weights: Floats  # (r,) share of each reference in the pairs that the coefficients are fitted to; zero without pairs
 
 
-@dataclass(frozen=True)
-class _Decomposition:
-    """Heading error of one affected instrument along t times."""
-
-    names: tuple[str, ...]
-    modes: Floats  # (k, t) radians per unit normal
-    random: Floats  # (t,) radians
-    memory_s: float
-
-
 def heading_errors(
     affected: Sequence[AffectedHeadings],
     references: Sequence[ReferenceCompass],
     axes: Axes,
     max_gap_s: float,
     declination_deg: float,
-    *,
-    most: int = 8,
-    apart: int = 3,
 ) -> HeadingErrors:
     """Decompose the heading errors of a mooring into modes along time and a random part.
 
     The modes are those of HEADING_CORRECTED_UNCERTAINTY, and the declination, which rotates affected and reference
-    velocities alike unless the reference's directions are true already.
-
-    Args:
-        most: largest number of modes.
-        apart: number of them for the references' compasses, of which further references share the last.
+    velocities alike unless the reference's directions are true already. There are at most eight; a third reference and
+    further ones share a mode.
     """
     # B sin + C cos of a reference's heading, of equal variances, has the same variance at any heading.
     whole = [float(np.hypot(r.sigma_deg, r.iron_deg)) for r in references]
     constants = {"declination": declination_deg}
-    constants |= {f"compass of {r.name}": x for r, x in zip(references[: apart - 1], whole, strict=False)}
-    if others := references[apart - 1 :]:
+    constants |= {f"compass of {r.name}": x for r, x in zip(references[:2], whole, strict=False)}
+    if others := references[2:]:
         name = "compass of " + " and ".join(r.name for r in others)
-        constants[name] = max(whole[apart - 1 :])
+        constants[name] = max(whole[2:])
     sizes = np.array(list(constants.values()))
-    count = (most - len(constants)) // len(affected)
+    count = (8 - len(constants)) // len(affected)
     follows = np.zeros((len(affected), len(constants)))  # share of each constant in the headings of each instrument
     for k, each in enumerate(affected):
         for r, (reference, weight) in enumerate(zip(references, each.weights, strict=False)):
@@ -374,22 +331,33 @@ def heading_errors(
         follows[k] *= min(1.0, each.constant_deg / along) if along else 0.0
     shared = np.hypot.reduce(follows * sizes, axis=1)
     parts = [_decompose(each, axes, max_gap_s, count, float(x)) for each, x in zip(affected, shared, strict=True)]
-    constant = np.repeat(sizes[:, None] * angles.DEGREE, len(axes.time_s), axis=1)
-    named = [(part.names, f" of {each.name}" * (len(parts) > 1)) for part, each in zip(parts, affected, strict=True)]
-    shares = _shares(affected, references, follows, [len(part.modes) for part in parts])
+    own = {f"{name}{f' of {each.name}' * (len(affected) > 1)}": mode
+           for each, (modes, _) in zip(affected, parts, strict=True) for name, mode in modes.items()}  # fmt: skip
+    constant = {name: np.full(len(axes.time_s), size * angles.DEGREE) for name, size in constants.items()}
+    # Factors of the constants, then of the modes of each affected instrument.
+    shares = np.zeros((len(affected) + len(references), len(constant) + len(own)))
+    magnetic = np.array([r.magnetic for r in references], dtype=float)
+    begin = len(constant)
+    for row, each, factors, (modes, _) in zip(shares, affected, follows, parts, strict=False):
+        row[: len(constant)] = factors
+        row[0] = each.weights @ magnetic if np.any(each.weights) else 1.0
+        row[begin : begin + len(modes)] = 1.0
+        begin += len(modes)
+    for k, row in enumerate(shares[len(affected) :]):
+        row[min(1 + k, len(constant) - 1)], row[0] = 1.0, magnetic[k]
     return HeadingErrors(
-        (*constants, *(f"{name}{suffix}" for names, suffix in named for name in names)),
-        np.concatenate([constant, *(part.modes for part in parts)]),
-        np.array([part.random for part in parts]),
-        max(part.memory_s for part in parts),
+        (*constant, *own),
+        np.array([*constant.values(), *own.values()]),
+        np.array([random for _, random in parts]),
+        max(memory_of(each.heading_deg, each.time_s) for each in affected),
         shares,
     )
 
 
 def _decompose(
     affected: AffectedHeadings, axes: Axes, max_gap_s: float, count: int, shared_deg: float
-) -> _Decomposition:
-    """Decompose the heading error of one instrument into modes, at most ``count``, and a random part.
+) -> tuple[dict[str, Floats], Floats]:
+    """Decompose the heading error of one instrument into modes, at most ``count``, and a random part, (t,) radians.
 
     Args:
         shared_deg: part of its constant error that the modes of the references' compasses hold.
@@ -407,37 +375,10 @@ def _decompose(
     leading, left = compress(columns, count - len(by_time))
     random = np.maximum(affected.sigma_deg**2 - within, 0.0) + left
     undecided = (affected.probability > 0.0) & (affected.probability < MIN_PROBABILITY)
-    random = np.where(undecided, np.inf, random)  # either of two headings: the error is not normal
+    random = np.where(undecided, 1e8, random)  # either of two headings: the error is not normal
     columns = np.column_stack([*by_time.values(), leading, random]) if samples else np.zeros((0, len(by_time) + 1))
     columns = np.where((affected.used & np.isfinite(affected.heading_deg))[:, None], columns, np.nan)
-    finite = np.where(np.isinf(columns), HOPELESS, columns)
-    along = average_slots(finite, affected.time_s, axes, max_gap_s).T * angles.DEGREE
-    variance = along[-1] * angles.DEGREE
-    step_s = float(np.median(np.diff(affected.time_s))) if samples > 1 else axes.step_s
-    return _Decomposition(
-        (*by_time, *(f"{name} {k + 1}" for k in range(leading.shape[1]))),
-        along[:-1],
-        np.where(np.isfinite(variance), np.sqrt(np.where(variance > 100.0, np.nan, variance)), np.nan),
-        memory_of(affected.heading_deg, step_s),
-    )
-
-
-def _shares(
-    affected: Sequence[AffectedHeadings], references: Sequence[ReferenceCompass], follows: Floats, modes: Sequence[int]
-) -> Floats:
-    """Compute the factor of each mode in the heading error of each instrument, affected ones first.
-
-    Modes are those of the declination, of the references' compasses and of each affected instrument, in this order.
-    """
-    constants = follows.shape[1]
-    shares = np.zeros((len(affected) + len(references), constants + sum(modes)))
-    magnetic = np.array([r.magnetic for r in references], dtype=float)
-    ends = constants + np.cumsum([0, *modes])
-    for k, each in enumerate(affected):
-        shares[k, ends[k] : ends[k + 1]] = 1.0
-        shares[k, :constants] = follows[k]
-        shares[k, 0] = each.weights @ magnetic if np.any(each.weights) else 1.0
-    for k in range(len(references)):
-        shares[len(affected) + k, min(1 + k, constants - 1)] = 1.0
-        shares[len(affected) + k, 0] = magnetic[k]
-    return shares
+    *modes, mean = average_slots(columns, affected.time_s, axes, max_gap_s).T * angles.DEGREE
+    names = (*by_time, *(f"{name} {k + 1}" for k in range(leading.shape[1])))
+    variance = mean * angles.DEGREE
+    return dict(zip(names, modes, strict=True)), np.sqrt(np.where(variance > 100.0, np.nan, variance))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,22 +12,19 @@ from numpy.typing import NDArray
 from compasslib.errors import InputError
 from compasslib.preparation.clocks import common_phase
 from compasslib.product.cells import (
+    PROFILER_M_S,
     Axes,
     Cells,
-    Differences,
-    Stance,
-    Velocities,
+    Learnt,
+    Source,
     bridge_gaps,
     empty_cells,
     merge,
-    place_points,
-    place_profiles,
+    place,
     take_slots,
     without,
 )
 from compasslib.product.errors import (
-    NOMINAL_SIGMA_M,
-    PRESSURE_SIGMA_M,
     UNMEASURED_MOTION_M_S,
     HeadingErrors,
     error_memory,
@@ -43,38 +40,7 @@ from compasslib.types import HOUR_S, Complexes, Floats
 PIECE, CELLS = 4096, 1 << 21  # times gridded at once, and cells, of some 300 bytes each
 INTERPOLATED = 8  # OceanSITES reference table 2
 SLOWEST_STEP_S = HOUR_S
-PROFILER_M_S = 0.02  # least vertical speed of an instrument that climbs along the line; spheres dive at some mm/s
 BLOCK = 1500  # largest length of the blocks that structure functions are fitted to
-
-
-@dataclass(frozen=True)
-class Source:
-    """An instrument with n samples whose velocities are gridded."""
-
-    name: str
-    time_s: Floats  # (n,) increasing
-    depth_m: Floats  # (n,) of the instrument
-    tilt_deg: Floats  # (n,) NaN where unknown
-    bins: int
-    beam_angle_deg: float
-    rows: Callable[[slice], Velocities]  # reads a slice of the samples
-    rising: bool = False  # whether vertical velocities were measured
-    slowed: tuple[tuple[float, float], ...] = ()  # periods in which a fouled rotor yields to the affected instruments
-
-    @property
-    def profiles(self) -> bool:
-        """Whether it moves along the line or delivers separate profiles, between which nothing is interpolated."""
-        if self.bins > 1:
-            return self.beam_angle_deg == 0.0
-        known = np.isfinite(self.depth_m)
-        speed = np.abs(np.diff(self.depth_m[known])) / np.maximum(np.diff(self.time_s[known]), 1e-3)
-        return bool(len(speed)) and float(np.percentile(speed, 75)) > PROFILER_M_S
-
-    @cached_property
-    def depth_sigma_m(self) -> float:
-        """Standard deviation of its depth, m; a depth that never varies is nominal, not measured."""
-        known = self.depth_m[np.isfinite(self.depth_m)]
-        return PRESSURE_SIGMA_M if known.size and np.ptp(known) > 0.0 else NOMINAL_SIGMA_M
 
 
 @dataclass(frozen=True)
@@ -106,23 +72,12 @@ class Survey:
 
 
 @dataclass(frozen=True)
-class Learnt:
-    """Structure functions, noise and motion of an instrument, estimated from the records."""
-
-    by_depth: Differences
-    by_time: Differences
-    bin_noise: Floats  # (m,) variance of the noise, summed over both components, (m/s)^2
-    cell_m: float
-    motion: Floats  # (n,) horizontal velocity of the instrument itself, one standard deviation, m/s
-
-
-@dataclass(frozen=True)
 class Piece:
     """The product over a slice of its times, (t, z) each."""
 
     slots: slice
     cells: Cells
-    source: NDArray[np.intp]  # position of the instrument, -1 without any
+    source: NDArray[np.int8]  # position of the instrument, -1 without any
     quality: Flags
     east_variance: Floats
     north_variance: Floats
@@ -156,26 +111,13 @@ class GriddedProduct:
         for begin in range(0, count, size):
             inner = slice(begin, min(begin + size, count))
             wide = range(max(begin - halo, 0), min(inner.stop + halo, count))
-            each = [self._place(k, wide) for k in range(len(self.sources))]
-            offset = inner.start - wide.start
-            yield self._combine([take_slots(c, slice(offset, offset + inner.stop - inner.start)) for c in each], inner)
+            here = slice(inner.start - wide.start, inner.stop - wide.start)
+            each = [take_slots(self._place(k, wide), here) for k in range(len(self.sources))]
+            yield self._combine(each, inner)
 
     def _place(self, k: int, slots: range) -> Cells:
         source, learnt, axes = self.sources[k], self.learnt[k], self.axes
-        ends = axes.time_s[[slots.start, slots.stop - 1]] + axes.step_s * np.array([-0.5, 0.5])
-        rows = slice(*np.searchsorted(source.time_s, ends).tolist())
-        velocities, time_s = source.rows(rows), source.time_s[rows]
-        if source.bins == 1:
-            cells = place_points(
-                velocities, time_s, axes, slots,
-                by_depth=learnt.by_depth, by_time=learnt.by_time, depth_sigma_m=source.depth_sigma_m,
-            )  # fmt: skip
-        else:
-            stance = Stance(source.depth_m[rows], source.tilt_deg[rows], source.beam_angle_deg, source.depth_sigma_m)
-            cells = place_profiles(
-                velocities, time_s, axes, slots, max_gap_m=self.max_gap_m, cell_m=learnt.cell_m,
-                stance=stance, bin_noise=learnt.bin_noise, by_depth=learnt.by_depth, by_time=learnt.by_time,
-            )  # fmt: skip
+        cells = place(source, learnt, axes, slots, self.max_gap_m)
         if not source.profiles:
             cells = bridge_gaps(cells, axes.step_s, self.max_gap_s, learnt.by_time)
         moving = np.full(len(slots), UNMEASURED_MOTION_M_S)
@@ -189,32 +131,33 @@ class GriddedProduct:
         first, last = range(affected, len(each)), [k for k in range(affected, len(each)) if self.sources[k].slowed]
         order = [*first, *range(affected), *last]
         yielding = [np.any([(time_s >= a) & (time_s <= b) for a, b in s.slowed], axis=0) for s in self.sources]
-        cells, taken = merge([*(without(each[k], yielding[k]) for k in first), *(each[k] for k in order[len(first) :])])
-        source = np.where(taken >= 0, np.array(order)[taken], -1)
-        heading = self.heading_variance[:, inner]
-        there = source >= 0
-        variance = np.where(there, heading[np.maximum(source, 0), np.arange(len(source))[:, None]], np.nan)
-        noise, spread = (np.where(there, x, np.nan) for x in (cells.noise, cells.spread))
-        parts = marginals(cells.velocity, variance, noise + spread)
+        ordered = [*(without(each[k], yielding[k]) for k in first), *(each[k] for k in order[len(first) :])]
+        cells, taken = merge(ordered, len(time_s), len(self.axes.depth_m))
+        source, there = np.array([*order, -1], dtype=np.int8)[taken], taken >= 0
+        heading = self.heading_variance[source[there], inner.start + np.nonzero(there)[0]]
+        noise, spread = cells.noise[there], cells.spread[there]
+        parts = [*marginals(cells.velocity[there], heading, noise + spread), noise, spread]
+        columns = np.full((len(parts), *there.shape), np.nan)
+        columns[:, there] = parts
         interpolated = there & ~cells.measured & (cells.quality < PROBABLY_BAD)
         quality = np.where(interpolated, INTERPOLATED, cells.quality)
-        return Piece(inner, cells, source, quality.astype(np.int8), *parts, noise, spread)
+        return Piece(inner, cells, source, quality.astype(np.int8), *columns)
 
 
 def empty_piece(depths: int, rising: bool) -> Piece:
     """Make a piece without times."""
     none = np.zeros((0, depths))
-    cells = empty_cells(0, depths, rising)
-    return Piece(slice(0, 0), cells, none.astype(np.intp), none.astype(np.int8), *[none] * 5)
+    cells = empty_cells(0, slice(0, depths), rising)
+    return Piece(slice(0, 0), cells, none.astype(np.int8), none.astype(np.int8), *[none] * 5)
 
 
-def survey(source: Source, *, blocks_kept: int = 8) -> Survey:
-    """Summarize an instrument's velocities in one pass, of which some ``blocks_kept`` short blocks are kept."""
+def survey(source: Source) -> Survey:
+    """Summarize an instrument's velocities in one pass, of which some eight short blocks are kept."""
     n = len(source.time_s)
     count, flow = np.zeros(DEEPEST_M, dtype=int), np.full(n, complex(np.nan, np.nan))
     blocks, ranges, steps, samples = [], [], [], 0
     scans = source.bins == 1 and source.profiles
-    stride = max(1, -(-n // PIECE) // blocks_kept)
+    stride = max(1, -(-n // PIECE) // 8)
     for number, begin in enumerate(range(0, n, PIECE)):
         rows = slice(begin, begin + PIECE)
         here = source.rows(rows)
@@ -245,35 +188,29 @@ def survey(source: Source, *, blocks_kept: int = 8) -> Survey:
     return Survey(around / max(samples, 1), flow, tuple(blocks), range_m, cell_m)
 
 
-def make_axes(
-    sources: Sequence[Source], surveys: Sequence[Survey], rules: GridRules, *, point_step_m: float = 10.0,
-    fastest_step_s: float = 60.0, most: int = 6000,
-) -> Axes:  # fmt: skip
+def make_axes(sources: Sequence[Source], surveys: Sequence[Survey], rules: GridRules) -> Axes:
     """Make the axes: as requested, else with the steps of the first instrument over the range that any measured.
 
-    Args:
-        point_step_m: step in depth where no instrument has bins.
-        fastest_step_s: least step in time, unless one is requested.
-        most: largest number of depths, 1 m apart over most of the ocean.
+    Without bins the step in depth is 10 m; that in time is at least a minute unless one is requested.
 
     Raises:
         InputError: there would be too many depths.
     """
     cells = [each.cell_m for each in surveys if each.cell_m > 0.0 and not each.empty]
     cell_m = surveys[0].cell_m if not surveys[0].empty else 0.0
-    step_m = rules.step_m or cell_m or (cells[0] if cells else point_step_m)
+    step_m = rules.step_m or cell_m or (cells[0] if cells else 10.0)
     phase_m = _depth_phase(sources[0], surveys[0], step_m) if rules.from_m is None else rules.from_m
     ends = [_ends(each, step_m, phase_m) for each in surveys if not each.empty] or [(phase_m, phase_m)]
     first = min(low for low, _ in ends) if rules.from_m is None else rules.from_m
     last = max(max(high for _, high in ends) if rules.to_m is None else rules.to_m, first)
-    if (depths := int((last - first) / step_m + 1e-6) + 1) > most:
+    if (depths := int((last - first) / step_m + 1e-6) + 1) > 6000:  # 1 m apart over most of the ocean
         found, advice = f"{depths} from {first:g} to {last:g} m", "write a larger step_m, or from_m and to_m"
-        raise InputError("product.grid", expected=f"up to {most} depths", found=found, advice=advice)
+        raise InputError("product.grid", expected="up to 6000 depths", found=found, advice=advice)
     depth_m = np.round(first + step_m * np.arange(depths), 3)
     used = [s for s, each in zip(sources, surveys, strict=True) if not each.empty] or list(sources[:1])
     timed = next((s for s in used if not s.profiles and len(s.time_s) > 1), None)
     step_s = SLOWEST_STEP_S if timed is None else float(np.rint(np.median(np.diff(timed.time_s))))
-    step_s = 60.0 * rules.minutes if rules.minutes else max(step_s, fastest_step_s)
+    step_s = 60.0 * rules.minutes if rules.minutes else max(step_s, 60.0)
     times = [s.time_s for s in used if len(s.time_s)]
     if not times:
         return Axes(np.zeros(0), step_s, depth_m, step_m)
@@ -338,32 +275,28 @@ def grid(
     )  # fmt: skip
 
 
-def _depth_phase(source: Source, survey: Survey, step_m: float, *, dives: float = 0.1) -> float:
-    """Find the depth to align the levels with: that of the first bin of an instrument at steady depth, else 0.
-
-    Args:
-        dives: standard deviation of the depth, as a fraction of the step, above which it is not steady.
-    """
+def _depth_phase(source: Source, survey: Survey, step_m: float) -> float:
+    """Find the depth to align the levels with: that of the first bin of an instrument at steady depth, else 0."""
     known = source.depth_m[np.isfinite(source.depth_m)]
-    if survey.empty or not known.size or np.std(known) > dives * step_m or not len(survey.range_m):
+    if survey.empty or not known.size or np.std(known) > 0.1 * step_m or not len(survey.range_m):
         return 0.0
     nearest = source.rows(slice(0, BLOCK)).depth_m[:, 0]
     nearest = nearest[np.isfinite(nearest)]
     return round(float(np.median(nearest)), 1) if nearest.size else 0.0
 
 
-def _ends(survey: Survey, step_m: float, phase_m: float, *, often: float = 0.1) -> tuple[float, float]:
-    """Find the first and last level, m, that at least a fraction ``often`` of the samples or profiles have.
+def _ends(survey: Survey, step_m: float, phase_m: float) -> tuple[float, float]:
+    """Find the first and last level, m, that at least 10 % of the samples or profiles have.
 
     A mean at a depth that few profiles, or strong currents only, reach is biased.
     """
-    metre = np.flatnonzero(survey.share >= min(often, survey.share.max()))
+    metre = np.flatnonzero(survey.share >= min(0.1, survey.share.max()))
     first, last = np.rint((metre[[0, -1]] - phase_m) / step_m)
     return phase_m + step_m * float(first), phase_m + step_m * float(last)
 
 
-def describe_parking(source: Source, *, least_s: float = 6 * HOUR_S) -> str:
-    """Describe the stretches in which a profiler measured without climbing for hours; empty where there are none."""
+def describe_parking(source: Source) -> str:
+    """Describe the stretches in which a profiler measured without climbing for 6 hours; empty where there are none."""
     known = np.isfinite(source.depth_m)
     time_s, depth_m = source.time_s[known], source.depth_m[known]
     if not source.profiles or source.bins > 1 or len(time_s) < 2:
@@ -372,7 +305,7 @@ def describe_parking(source: Source, *, least_s: float = 6 * HOUR_S) -> str:
     still = (np.abs(np.diff(depth_m)) < PROFILER_M_S * steps_s) & (steps_s <= 3.0 * np.median(steps_s))  # no gaps
     edges = np.diff(np.concatenate([[False], still, [False]]).astype(int))
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    lasting = time_s[ends] - time_s[begins] >= least_s
+    lasting = time_s[ends] - time_s[begins] >= 6 * HOUR_S
     if not lasting.any():
         return ""
     begins, ends = begins[lasting], ends[lasting]

@@ -97,7 +97,7 @@ def test_swing_and_two_heads_keys_reach_the_settings(cruise: Path) -> None:
 
 BAD = [
     ("kind: two_heads\nfile: raw/cal/aqd.csv\n", "file"),
-    ("kind: two_heads\nfile: [raw/cal/a.csv, raw/cal/b.csv]\norientation: [up, left]\n", "orientation[1]"),
+    ("kind: two_heads\nfile: [raw/cal/a.csv, raw/cal/b.csv]\norientation: [up, left]\n", "orientation"),
     ("kind: two_heads\nfile: [raw/cal/a.csv, raw/cal/b.csv]\nheading_alignment: [1, 2, 3]\n", "heading_alignment"),
     ("kind: swing\nfile: raw/cal/aqd.csv\nvisual: [{compass_deg: 40}]\n", "visual[0].true_deg"),
     ("kind: platfrom\nfile: raw/cal/aqd.csv\n", "kind"),

@@ -104,16 +104,13 @@ def test_depth_follows_a_neighbour_on_a_leaning_wire():
         follow_neighbour(given, hours, np.full(len(hours), 300.0), **wire)
 
 
-def test_applied_declination_is_removed():
-    given = record(HOUR * np.arange(3), east=0.0, north=0.2, heading=5.0)
-    settled = apply_deployment(given, **SETTINGS, declination_applied=18.0)
-    assert settled.heading_deg == pytest.approx(347.0)
-    assert np.rad2deg(np.arctan2(settled.east, settled.north)) == pytest.approx(-18.0)
-    settled = apply_deployment(given, **SETTINGS, declination_applied={"heading": 18.0, "velocity": 0.0})
-    assert settled.heading_deg == pytest.approx(347.0) and settled.north == pytest.approx(0.2)
-    settled = apply_deployment(given, **SETTINGS, declination_applied={"heading": 0.0, "velocity": 18.0})
-    assert settled.heading_deg == pytest.approx(5.0)
-    assert np.rad2deg(np.arctan2(settled.east, settled.north)) == pytest.approx(-18.0)
+@pytest.mark.parametrize("applied", [18.0, {"heading": 18.0, "velocity": 0.0}, {"heading": 0.0, "velocity": 18.0}])
+def test_applied_declination_is_removed(applied):
+    given = record(HOUR * np.arange(3), east=0.0, north=0.2, heading=20.0)
+    settled = apply_deployment(given, **SETTINGS, declination_applied=applied)
+    inside = applied if isinstance(applied, dict) else {"heading": applied, "velocity": applied}
+    assert settled.heading_deg == pytest.approx(20.0 - inside["heading"])
+    assert np.rad2deg(np.arctan2(settled.east, settled.north)) == pytest.approx(-inside["velocity"])
 
 
 def test_samples_after_a_clock_was_set_back_are_dropped():
@@ -178,31 +175,11 @@ def test_good_record_has_no_flags_or_warnings():
     assert not any(n for key, n in settled.counts.items() if key != "side_lobe")
 
 
-def test_stuck_compass_is_flagged_while_it_is_stuck():
-    given = turning()
-    partly, always = given.heading_deg.copy(), np.full(60, 120.0)
-    partly[20:40] = partly[20]
-    settled = apply_deployment(replace(given, heading_deg=partly), **LONG)
-    assert list(np.flatnonzero(settled.heading_quality == 3)) == list(range(21, 40))
-    assert settled.counts["heading_stuck"] == 19
-    settled = apply_deployment(replace(given, heading_deg=always), **LONG)
-    assert (settled.heading_quality == 3).all() and settled.counts["heading_frozen"] == 60
-
-
 def test_coarse_compass_in_slack_water_is_not_stuck():
     given = turning()
     coarse = np.repeat(np.arange(0.0, 60.0, 10.0), 10) + 13.0  # repeats itself nine times in ten
     settled = apply_deployment(replace(given, heading_deg=coarse), **LONG)
     assert settled.counts["heading_stuck"] == 0
-
-
-def test_frozen_velocities_and_impossible_depths_are_flagged():
-    given = turning()
-    east, depth = given.east.copy(), np.linspace(90.0, 110.0, 60)
-    east[30:50], depth[5] = east[30], -400.0
-    settled = apply_deployment(replace(given, east=east, north=0.1 * east, depth_m=depth), **LONG)
-    assert settled.counts["frozen_velocity"] == 19 * 3 and (settled.quality[31:50] == BAD).all()
-    assert settled.counts["impossible_depth"] == 3 and (settled.quality[5] == BAD).all()
 
 
 def test_unused_depth_contradicting_metadata_is_reported():

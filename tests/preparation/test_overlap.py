@@ -18,12 +18,8 @@ from tests.world.sea import FOLDED, MILD, pairs
 NORTH_FIELD = EarthField(np.array([0.0, 1e9]), np.array([10.0, 10.0]), *(np.ones((3, 2)) * 12000.0))
 
 
-def test_grid_adopts_the_phase_of_the_series():
-    times = 1000.0 + HOUR * np.arange(10)
-    assert list(grid_indices(times, step_s=HOUR, tolerance_s=1800.0)) == list(range(10))
-
-
-def test_grid_subsamples_and_omits_gaps():
+def test_grid_adopts_the_phase_of_the_series_subsamples_and_omits_gaps():
+    assert list(grid_indices(1000.0 + HOUR * np.arange(10), step_s=HOUR, tolerance_s=1800.0)) == list(range(10))
     times = np.concatenate([600.0 * np.arange(60), 100000.0 + 600.0 * np.arange(6)])
     index = grid_indices(times, step_s=HOUR, tolerance_s=1800.0)
     assert list(times[index][:10]) == list(HOUR * np.arange(10))
@@ -163,54 +159,33 @@ def test_short_reference_is_not_reported_as_uncorrelated():
     assert estimate_clock_offset(upper, [take(lower, np.arange(24 * 14))], PairRules()) == ClockOffset()
 
 
-def test_speeds_correlated_only_at_low_frequency_are_accepted():
-    rng, n = np.random.default_rng(6), 6000
-    slow = 0.2 + 0.1 * np.sin(np.arange(n) / 200.0)[:, None]  # varies over weeks
-    upper, lower = (
-        replace(one, east=slow + rng.normal(0.0, 0.02, (n, 1)) + 0.0 * one.east, north=0.0 * one.east)
-        for one in instruments(n)
-    )
-    assert not estimate_clock_offset(upper, [lower], PairRules()).uncorrelated
-
-
-def test_tide_alone_gives_no_clock_offset():
+@pytest.mark.parametrize("hours", [0, 12, 25])
+@pytest.mark.parametrize("water", ["tide", "slow"])
+def test_tides_and_slow_changes_alone_give_no_clock_offset(water, hours):
     upper, lower = instruments()
+    noise = np.random.default_rng(1).normal(0.0, 0.01, (2, len(upper.time_s), 2)) @ [1.0, 1j]
     tide = 0.3 * np.exp(2j * np.pi * upper.time_s / HOUR / 12.4206)
-    noise = np.random.default_rng(1).normal(0.0, 0.01, (4, len(tide)))
-    upper = replace(
-        upper,
-        east=(0.1 + tide.real + noise[0])[:, None] + 0.0 * upper.east,
-        north=(tide.imag * 0.3 + noise[1])[:, None] + 0.0 * upper.north,
+    slow = 0.2 + 0.1 * np.sin(np.arange(len(tide)) / 200.0)  # over weeks
+    for flow in noise:
+        flow += {"tide": 0.1 + tide.real + 0.3j * tide.imag, "slow": slow}[water]
+    upper, lower = (
+        replace(one, east=flow.real[:, None] + 0.0 * one.east, north=flow.imag[:, None] + 0.0 * one.north)
+        for one, flow in zip((upper, lower), noise, strict=True)
     )
-    lower = replace(lower, east=(0.1 + tide.real + noise[2])[:, None], north=(tide.imag * 0.3 + noise[3])[:, None])
-    for hours in (0, 12, 25):
-        assert not estimate_clock_offset(upper, [late(lower, hours)], PairRules()).ahead_h
+    found = estimate_clock_offset(upper, [late(lower, hours)], PairRules())
+    assert not found.ahead_h and not found.uncorrelated
 
 
-OWN = {
-    "turned by a constant": lambda u: meter(u, u_near(u) * np.exp(0.4j)),
-    "by another compass": lambda u: meter(u, u_near(u) * np.exp(1j * np.linspace(0.0, 60.0, len(u.time_s)))),
-    "all bins": lambda u: u,
-}
-
-
-def velocity(upper: Record) -> np.ndarray:
-    return upper.east + 1j * upper.north
-
-
-def u_near(upper: Record) -> np.ndarray:
-    return velocity(upper)[:, :2].mean(axis=1)
-
-
-def meter(upper: Record, current: np.ndarray, depth: float = 105.0) -> Record:
-    made = record(upper.time_s, depth=depth, ranges=(0.0,))
-    return replace(made, east=current.real[:, None], north=current.imag[:, None])
-
-
-@pytest.mark.parametrize("what", OWN)
-def test_own_record_is_refused_as_reference(what):
+@pytest.mark.parametrize("turned", [None, 0.0, 60.0])
+def test_own_record_is_refused_as_reference(turned):
+    """All of it, or the mean of its nearest bins, turned by a constant or by another compass."""
     upper, _ = instruments(1500)
-    trusted = [OWN[what](upper)]
+    near = (upper.east + 1j * upper.north)[:, :2].mean(axis=1)
+    meter = record(upper.time_s, depth=105.0, ranges=(0.0,))
+    if turned is not None:
+        current = near * np.exp(1j * (0.4 + np.linspace(0.0, turned, len(near))))
+        meter = replace(meter, east=current.real[:, None], north=current.imag[:, None])
+    trusted = [upper if turned is None else meter]
     found = find_pairs(upper, trusted, NORTH_FIELD, PairRules(), estimate_clock_offset(upper, trusted, PairRules()))
     assert not len(found) and "one recording was given twice" in found.warnings[0]
 

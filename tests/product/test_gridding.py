@@ -15,7 +15,7 @@ from compasslib.archive.attributes import Site
 from compasslib.errors import InputError
 from compasslib.plots import moorings, timeseries
 from compasslib.plots.page import DPI, WIDE_IN, WIDTH_IN
-from compasslib.product.cells import Differences, Velocities, average_slots
+from compasslib.product.cells import Differences, Source, Velocities, average_slots
 from compasslib.product.daily import GODIN_H, DailyMeans
 from compasslib.product.errors import (
     AffectedHeadings,
@@ -26,7 +26,7 @@ from compasslib.product.errors import (
     marginals,
     sum_sigma,
 )
-from compasslib.product.grid import GridRules, Source, describe_parking, grid, make_axes, survey
+from compasslib.product.grid import GridRules, describe_parking, grid, make_axes, survey
 from compasslib.records import BAD, GOOD, EarthField, ReferenceCompass
 from tests.world import conventions
 
