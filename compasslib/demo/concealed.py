@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
+from compasslib import angles
 from compasslib.demo import adcp, sealed
 from compasslib.demo.sealed import Effect, Ground, Wish
-from compasslib.demo.water import HOUR_S, STEP_S, Floats, red_noise
-
-AXES = ("forward", "starboard", "down")
+from compasslib.demo.water import STEP_S, red_noise
+from compasslib.types import HOUR_S, Floats
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,8 @@ class Cause:
         if self.along is None or effect.body_nt is None:
             return None
         field = effect.body_nt[int(np.argmax(self.along))]
-        return {name: round(float(x)) for name, x in zip(AXES, field, strict=True)} | {"unit": "nT"}
+        axes = ("forward", "starboard", "down")
+        return {name: round(float(x)) for name, x in zip(axes, field, strict=True)} | {"unit": "nT"}
 
 
 @dataclass(frozen=True)
@@ -107,8 +108,8 @@ def signal_to_noise(speed: Floats, heading_deg: Floats, turn: Floats, noise: Flo
 
 def waves(heading_deg: Floats) -> Floats:
     """Compute what five coefficients of a deviation can fit, (n, 5)."""
-    angle = np.deg2rad(heading_deg)
-    return np.column_stack([np.ones(len(angle)), *(wave(k * angle) for k in (1, 2) for wave in (np.cos, np.sin))])
+    columns = [column for k in (1.0, 2.0) for column in angles.sin_cos(k * heading_deg)]
+    return np.column_stack([np.ones(len(heading_deg)), *columns])
 
 
 def beyond(columns: Floats) -> Floats:
@@ -128,7 +129,7 @@ def _sized(ground: Ground, effect: Callable[[float], Effect], wanted: float) -> 
     for _ in range(4):  # iron is not quite proportional to its size
         size *= wanted / z
         read = sealed.read(ground, [effect(size)], ground.stamp_s).recorded_deg
-        turn = np.angle(np.exp(1j * np.deg2rad(read - plain.recorded_deg)))
+        turn = np.deg2rad(angles.difference(read, plain.recorded_deg))
         z = signal_to_noise(np.abs(upper), plain.heading_deg, turn, noise)
     left = beyond(np.column_stack([turn, waves(plain.heading_deg)]))
     return effect(size), z, float(np.rad2deg(np.std(left)))
