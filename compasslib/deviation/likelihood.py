@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,10 +53,10 @@ SERIES = CurveForm(  # Smith's series in the correct heading, gamma = beta - Del
 class BinnedSample:
     """The pairs sorted by the bin of their recorded heading, as input of the likelihood."""
 
-    row: NDArray[np.intp]  # (n,) index of the occupied bin of each sample
-    occupied: NDArray[np.intp]  # the occupied bins
+    row: Indices  # (n,) index of the occupied bin of each sample
+    occupied: Indices  # the occupied bins
     scatter: RowBlocks  # (n, CELLS) K, by occupied bin
-    order: NDArray[np.intp]  # position of each row in the pairs
+    order: Indices  # position of each row in the pairs
     form: CurveForm = EXACT  # the curve to be fitted
 
 
@@ -71,12 +71,13 @@ class HeadingGrid:
         """Fine headings, degrees, which are also the centres of the recorded headings' bins."""
         return 360.0 / self.fine * np.arange(self.fine)
 
-    def bin_of(self, recorded_deg: Floats) -> NDArray[np.intp]:
+    def bin_of(self, recorded_deg: Floats) -> Indices:
         """Find the bin of recorded headings."""
         return np.rint(recorded_deg * self.fine / 360.0).astype(np.intp) % self.fine
 
+    @cached_property
     def hats(self) -> Floats:
-        """Compute cubic B-spline weights from the fine headings to the cells, (fine, CELLS).
+        """Cubic B-spline weights from the fine headings to the cells, (fine, CELLS).
 
         Linear hats have a kink at every cell, which would make the likelihood rough where it is flat.
         """
@@ -84,6 +85,12 @@ class HeadingGrid:
         inner = 2.0 / 3.0 - away**2 + away**3 / 2.0
         outer = np.maximum(2.0 - away, 0.0) ** 3 / 6.0
         return np.where(away < 1.0, inner, outer)
+
+    @cached_property
+    def splines(self) -> tuple[Indices, Floats]:
+        """The four cells that each fine heading contributes to, and its weights, (fine, 4) each."""
+        cells = ((np.arange(self.fine) * CELLS // self.fine)[:, None] + np.arange(-1, 3)) % CELLS
+        return cells, np.take_along_axis(self.hats, cells, axis=1)
 
 
 COARSE, FINE = HeadingGrid(360), HeadingGrid(720)
@@ -185,7 +192,7 @@ def heading_given_reading(
 @dataclass(frozen=True)
 class _Layout:
     near: NearbyHeadings  # k fine correct headings near the recorded ones
-    cell: NDArray[np.intp]  # (k, 4) flat index of recorded heading and cell
+    cell: Indices  # (k, 4) flat index of recorded heading and cell
     share: Floats  # (k, 4) prior times G times spline
     given: Floats  # (occupied, CELLS) joint density of recorded heading and cell
     marginal: Floats  # (occupied,)
@@ -199,23 +206,17 @@ def _parts(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingG
 
 def _laid_out(
     parameters: Floats,
-    occupied: NDArray[np.intp],
+    occupied: Indices,
     prior: Floats,
     grid: HeadingGrid,
     form: CurveForm,
-    *,
-    reach: float = 8.0,
 ) -> _Layout:
-    """Place the headings near each occupied reading, with their prior and the density of the reading.
-
-    Args:
-        reach: standard deviations of the compass noise; beyond, its density is 1e-14 of its peak and far below e0.
-    """
+    """Place the headings near each occupied reading, with their prior and the density of the reading."""
     width = float(np.exp(parameters[5]))
     predicted = form.recorded(parameters[:5], grid.heading_deg)
-    near = nearby_headings(grid.heading_deg[occupied], predicted, min(reach * width, 180.0))
-    cells, weights = _splines(grid)
-    prior_fine = _hats(grid) @ prior
+    near = nearby_headings(grid.heading_deg[occupied], predicted, min(8.0 * width, 180.0))  # beyond: far below e0
+    cells, weights = grid.splines
+    prior_fine = grid.hats @ prior
     # take() copies whole rows and needs a third of the time of indexing with brackets.
     density = compass_noise_density(near.offset, width) * (prior_fine / prior_fine.sum()).take(near.column)
     cell = (near.row * CELLS)[:, None] + cells.take(near.column, axis=0)
@@ -224,27 +225,13 @@ def _laid_out(
     return _Layout(near, cell, share, given, given.sum(axis=1))
 
 
-def _sum_cells(cell: NDArray[np.intp], share: Floats, rows: int) -> Floats:
+def _sum_cells(cell: Indices, share: Floats, rows: int) -> Floats:
     return np.bincount(cell.ravel(), share.ravel(), rows * CELLS).astype(float, copy=False).reshape(rows, CELLS)
 
 
 def _form_slopes(parameters: Floats, data: BinnedSample, grid: HeadingGrid, parts: _Layout) -> Floats:
     """Compute minus the derivative of the nearby offsets by A..E, (5, k) degrees."""
     return data.form.gradient(parameters[:5], grid.heading_deg).T.take(parts.near.column, axis=0).T
-
-
-@cache
-def _hats(grid: HeadingGrid) -> Floats:
-    return grid.hats()
-
-
-@cache
-def _splines(grid: HeadingGrid) -> tuple[NDArray[np.intp], Floats]:
-    """Find the four cells that each fine heading contributes to, and its weights, (fine, 4) each."""
-    hats = _hats(grid)
-    first = np.arange(grid.fine) * CELLS // grid.fine
-    cells = (first[:, None] + np.arange(-1, 3)) % CELLS
-    return cells, np.take_along_axis(hats, cells, axis=1)
 
 
 def scatter_widths(noise: ScatterNoise, upper_speed: Floats, lower_speed: Floats) -> Floats:
@@ -254,6 +241,9 @@ def scatter_widths(noise: ScatterNoise, upper_speed: Floats, lower_speed: Floats
 
 # Sparse sums: pairs share a bin, and only a few correct headings can produce a recorded one. Compass noise of 1 degree
 # reaches a twentieth of the circle, and only the cells within reach are stored, as a list.
+
+
+ROWS_PER_BLOCK = 8
 
 
 @dataclass(frozen=True)
@@ -297,18 +287,12 @@ class RowBlocks:
         return np.add.reduceat(np.matmul(laid[:, None, :], self.rows)[:, 0, :], self.first, axis=0)
 
 
-def block_rows(matrix: Floats, begins: Indices, *, rows_per_block: int = 8) -> RowBlocks:
-    """Divide a matrix whose rows are sorted by group into blocks.
-
-    Args:
-        begins: first row of each group, (g,).
-        rows_per_block: rows multiplied at once; a bin's last block is padded.
-    """
+def block_rows(matrix: Floats, begins: Indices) -> RowBlocks:
+    """Divide a matrix whose rows are sorted by group, which begin at rows (g,), into blocks."""
     count = np.diff(np.append(begins, len(matrix)))
-    each = -(-count // rows_per_block)
+    each = -(-count // ROWS_PER_BLOCK)
     first = np.cumsum(each) - each
-    place = np.arange(len(matrix)) + np.repeat(first * rows_per_block - begins, count)
-    rows = np.ones((int(each.sum()) * rows_per_block, matrix.shape[1]))
-    rows[place] = matrix
-    shape = (-1, rows_per_block, matrix.shape[1])
-    return RowBlocks(rows.reshape(shape), place, np.repeat(np.arange(len(count)), each), first)
+    place = np.arange(len(matrix)) + np.repeat(first * ROWS_PER_BLOCK - begins, count)
+    rows = np.ones((int(each.sum()), ROWS_PER_BLOCK, matrix.shape[1]))
+    rows.reshape(-1, matrix.shape[1])[place] = matrix
+    return RowBlocks(rows, place, np.repeat(np.arange(len(count)), each), first)

@@ -164,6 +164,11 @@ def pair_speeds(pairs: Pairs) -> tuple[Floats, Floats]:
     return np.hypot(pairs.upper_east, pairs.upper_north), np.hypot(pairs.lower_east, pairs.lower_north)
 
 
+def covariance_sigma(columns: Floats, covariance: Floats) -> Floats:
+    """Compute the standard deviation of columns times parameters, (n, p) and (p, p) -> (n,)."""
+    return np.sqrt(np.einsum("ni,ij,nj->n", columns, covariance, columns))
+
+
 @dataclass(frozen=True)
 class CoefficientPrior:
     """Normal prior of A..E; a precision of 0 leaves a coefficient unconstrained."""

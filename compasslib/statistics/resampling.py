@@ -113,8 +113,3 @@ def angle_resolution(angle_deg: Floats, *, resolution_run: int = 500, max_distin
         if len(run) > resolution_run // 2 and 2 < len(values) < max_distinct * len(run):
             step[run[0] : run[-1] + 1] = np.median(np.diff(values))
     return step
-
-
-def rounding_sigma(step: Floats) -> Floats:
-    """Compute the standard error due to a resolution, (n,), if values may be rounded down, up or to the nearest."""
-    return step / np.sqrt(3.0)
