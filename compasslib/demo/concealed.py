@@ -87,7 +87,7 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
     Path(truth_path).write_text(json.dumps(told) + "\n", encoding="utf-8")
 
 
-def signal_to_noise(speed: Floats, heading_deg: Floats, turn: Floats, noise: Floats, *, bands: int = 24) -> float:
+def signal_to_noise(speed: Floats, heading_deg: Floats, turn: Floats, noise: Floats) -> float:
     """Compute the signal-to-noise ratio z of a cause, beyond what five coefficients fit, where the noise is known.
 
     The logarithm of the likelihood ratio of a tool that knows cause and noise is z^2 / 2 on average.
@@ -100,7 +100,7 @@ def signal_to_noise(speed: Floats, heading_deg: Floats, turn: Floats, noise: Flo
     """
     columns = speed[:, None] * np.column_stack([turn, waves(heading_deg)])
     power = np.abs(np.fft.rfft(noise)[1:]) ** 2
-    band = np.searchsorted(np.geomspace(4.0, len(power), bands), np.arange(1, len(power) + 1))
+    band = np.searchsorted(np.geomspace(4.0, len(power), 24), np.arange(1, len(power) + 1))
     known = (np.bincount(band, power) / np.maximum(np.bincount(band), 1))[band]
     white = np.fft.rfft(columns, axis=0)[1:] / np.sqrt(known)[:, None]
     return float(np.sqrt(2.0) * np.linalg.norm(beyond(np.concatenate([white.real, white.imag]))))

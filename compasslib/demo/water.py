@@ -245,9 +245,9 @@ def make_motion(seed: int, name: str, rig: Rig, water: Water, *, declination_deg
     return Motion(water.time_s, depth + sea_level(water.time_s), heading, pitch, roll)
 
 
-def blow_down(rig: Rig, water: Water, segments: int = 12) -> Floats:
+def blow_down(rig: Rig, water: Water) -> Floats:
     """Compute the depth of the sphere along the water's time axis, metres below the mean surface, shape (g,)."""
-    hours = water.time_s[::6]
+    hours, segments = water.time_s[::6], 12
     length = (water.water_depth_m - NOMINAL_M) / segments
     along = length * (np.arange(segments, dtype=float) + 0.5)
     net_n = rig.buoyancy_n - rig.wire_weight_n_m * along

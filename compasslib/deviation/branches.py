@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles, compass
 from compasslib.deviation.average import CompassSeries
-from compasslib.deviation.likelihood import CELL_CENTRES, CELLS, FINE, UNEXPLAINED_DENSITY, compass_noise_density
+from compasslib.deviation.likelihood import CELL_CENTRES, CELLS, FINE, UNEXPLAINED_DENSITY, normal_density
 from compasslib.deviation.model import DeviationFit
 from compasslib.records import Readings
 from compasslib.types import Complexes, Floats
@@ -226,7 +226,7 @@ def _rows(recorded_deg: Floats, coefficients: Floats, heading_deg: Floats, compa
     """Compute the density of each recorded heading given each cell, (k, CELLS)."""
     offset = angles.difference(recorded_deg[:, None], compass.recorded_heading(coefficients, heading_deg))
     weights = FINE.hats / FINE.hats.sum(axis=0)
-    return np.asarray(compass_noise_density(offset, compass_deg) @ weights + UNEXPLAINED_DENSITY)
+    return np.asarray(normal_density(offset, compass_deg) @ weights + UNEXPLAINED_DENSITY)
 
 
 def _chosen(posterior: Floats, roots: Floats, recorded_deg: Floats) -> HeadingDecision:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from compasslib import angles, compass
 from compasslib.deviation.model import ScatterNoise
@@ -126,9 +126,9 @@ def bin_sample(
     return BinnedSample(row, occupied, block_rows(scatter_density[order], begins), order, form)
 
 
-def compass_noise_density(offset_deg: Floats, compass_deg: float) -> Floats:
-    """Compute G, the density of recorded minus predicted headings, per degree, in the shape of the offsets."""
-    return np.exp(-0.5 * (offset_deg / compass_deg) ** 2) / (compass_deg * np.sqrt(2.0 * np.pi))
+def normal_density(offset_deg: ArrayLike, sigma_deg: float) -> Floats:
+    """Compute a normal density, as G of recorded minus predicted headings, per degree, in the shape of the offsets."""
+    return np.exp(-0.5 * (np.asarray(offset_deg) / sigma_deg) ** 2) / (sigma_deg * np.sqrt(2.0 * np.pi))
 
 
 def log_likelihood(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> float:
@@ -218,7 +218,7 @@ def _laid_out(
     cells, weights = grid.splines
     prior_fine = grid.hats @ prior
     # take() copies whole rows and needs a third of the time of indexing with brackets.
-    density = compass_noise_density(near.offset, width) * (prior_fine / prior_fine.sum()).take(near.column)
+    density = normal_density(near.offset, width) * (prior_fine / prior_fine.sum()).take(near.column)
     cell = (near.row * CELLS)[:, None] + cells.take(near.column, axis=0)
     share = density[:, None] * weights.take(near.column, axis=0)
     given = _sum_cells(cell, share, len(occupied)) + UNEXPLAINED_DENSITY * prior

@@ -191,13 +191,13 @@ def prior_from_json(content: Mapping[str, Any] | None) -> CoefficientPrior | Non
 IRON_NT, SPHERE_NT = 2500.0, 4000.0
 
 
-def weak_field_warnings(horizontal_nT: ArrayLike, *, min_horizontal_nt: float = 5000.0) -> tuple[str, ...]:
+def weak_field_warnings(horizontal_nT: ArrayLike) -> tuple[str, ...]:
     """Warn below the horizontal field in which no correction is reliable (Le Menn et al. 2023, section 7)."""
     least = float(np.nanmin(horizontal_nT, initial=np.inf))
-    if least >= min_horizontal_nt:
+    if least >= 5000.0:
         return ()
     return (
-        f"the horizontal field is {least:.0f} nT; below {min_horizontal_nt:.0f} nT no correction is reliable (Le Menn "
+        f"the horizontal field is {least:.0f} nT; below 5000 nT no correction is reliable (Le Menn "
         "et al. 2023, section 7): compare with a gyrocompass or an observatory",
     )
 

@@ -87,19 +87,15 @@ def _line_search(
     return at, value, gradient
 
 
-def _updated(hessian: Floats, step: Floats, change: Floats, *, powell_damping: float = 0.2) -> Floats:
-    """Update the Hessian from the change of the gradient along a step (BFGS with Powell's damping).
-
-    Args:
-        powell_damping: least new curvature along a step, relative to the previous one.
-    """
+def _updated(hessian: Floats, step: Floats, change: Floats) -> Floats:
+    """Update the Hessian from the change of the gradient along a step (BFGS with Powell's damping)."""
     expected = hessian @ step
     before, now = float(step @ expected), float(step @ change)
     if before <= 0.0:
         return hessian
-    if now < powell_damping * before:
-        share = (1.0 - powell_damping) * before / (before - now)
-        change, now = share * change + (1.0 - share) * expected, powell_damping * before
+    if now < 0.2 * before:
+        share = 0.8 * before / (before - now)
+        change, now = share * change + (1.0 - share) * expected, 0.2 * before
     return hessian - np.outer(expected, expected) / before + np.outer(change, change) / now
 
 
