@@ -23,56 +23,46 @@ def _horizontal(series: Floats, term: Effect) -> Floats:
 
 
 HardIron = additive(
-    "HardIron",
-    "A constant field in the body frame is added.",
-    lambda term, _: term.values,
-    name="hard_iron",
-    driver="heading",
+    "HardIron", "A constant field in the body frame is added.", lambda term, _: term.values,
+    name="hard_iron", driver="heading", shows_along=("heading",),
     words="a magnetised part that turns with the instrument adds a constant field (hard iron)",
-    shows_along=("heading",),
     separated_by={"tilt_uncompensated": "logged tilts: a mean tilt in the vertical field looks like hard iron"},
     literature="Poisson's P, Q, R; Le Menn et al. 2023, eq. (1); forward, starboard, down positive",
     recordings=("magnetometer",),  # elsewhere B and C of the fitted curve hold it
     b_x_nT=parameter("nT", "field forward", 200.0),
     b_y_nT=parameter("nT", "field to starboard", 200.0),
     b_z_nT=parameter("nT", "field down", 2000.0),
-)
+)  # fmt: skip
 
 LevelHardIron = additive(
-    "LevelHardIron",
-    "Hard iron as seen in a level turn: two components.",
+    "LevelHardIron", "Hard iron as seen in a level turn: two components.",
     lambda term, _: np.append(term.values, 0.0),
-    name="hard_iron",
-    driver="heading",
-    recordings=("magnetometer",),
+    name="hard_iron", driver="heading", recordings=("magnetometer",),
     literature="Poisson's P and Q; Le Menn et al. 2023, eq. (1); forward, starboard positive",
     b_x_nT=parameter("nT", "field forward", 200.0),
     b_y_nT=parameter("nT", "field to starboard", 200.0),
-)
+)  # fmt: skip
 
 # Step of the hard iron: a knock, a shackle that shifts, gear that comes or goes.
 HardIronStep = additive(
-    "HardIronStep",
-    "A horizontal field in the body frame is added from a date on.",
+    "HardIronStep", "A horizontal field in the body frame is added from a date on.",
     lambda term, scene: _horizontal(scene.since(term.date_s), term),
-    name="hard_iron_step",
+    name="hard_iron_step", recordings=READINGS,
     words="the hard iron near the compass changed in a step",
     separated_by={
         "heading_slip": "headings all round on both sides of the date, or the field modulus of the magnetometer",
         "compass_drift": "wider headings, or the field modulus of the magnetometer",
         "hard_iron_drift": "more records around the date",
     },
-    recordings=READINGS,
     literature="Poisson's P and Q, a step in time; forward and starboard positive",
     b_x_nT=parameter("nT", "step forward", 200.0, usual=USUAL_NT),
     b_y_nT=parameter("nT", "step to starboard", 200.0, usual=USUAL_NT),
     date_s=date_parameter(),
-)
+)  # fmt: skip
 
 # Drift of the hard iron: steel that loses or gains magnetisation over the deployment.
 HardIronDrift = additive(
-    "HardIronDrift",
-    "A horizontal field in the body frame grows with time.",
+    "HardIronDrift", "A horizontal field in the body frame grows with time.",
     lambda term, scene: _horizontal(scene.years, term),
     name="hard_iron_drift",
     words="the hard iron near the compass drifts with time",
@@ -82,18 +72,16 @@ HardIronDrift = additive(
     literature="Poisson's P and Q, linear in time; forward and starboard positive",
     b_x_nT_year=parameter("nT/year", "rate forward", 200.0, usual=USUAL_NT),
     b_y_nT_year=parameter("nT/year", "rate to starboard", 200.0, usual=USUAL_NT),
-)
+)  # fmt: skip
 
 HardIronTrend = additive(
-    "HardIronTrend",
-    "A horizontal field in the body frame grows along the record.",
+    "HardIronTrend", "A horizontal field in the body frame grows along the record.",
     lambda term, scene: _horizontal(scene.elapsed_share, term),
-    name="hard_iron_drift",
-    recordings=SHORT_RECORDINGS,
+    name="hard_iron_drift", recordings=SHORT_RECORDINGS,
     literature="Poisson's P and Q, a trend in time; forward and starboard positive",
     b_x_nT=parameter("nT over the record", "change forward", 200.0),
     b_y_nT=parameter("nT over the record", "change to starboard", 200.0),
-)
+)  # fmt: skip
 
 
 def _batteries(term: Any, scene: Scene) -> Floats:
@@ -108,17 +96,16 @@ BatteryChange = additive(
     "BatteryChange",
     "A horizontal field in the body frame is added from each jump of the supply voltage on, a different one each.",
     _batteries,
-    name="battery_change",
+    name="battery_change", needs=("battery_number",),
     words="a battery was changed, and with it the iron near the compass",
     literature="Poisson's P and Q, a step with each battery; forward and starboard positive",
-    needs=("battery_number",),
     b_x_nT=parameter("nT", "step forward", 200.0),
     b_y_nT=parameter("nT", "step to starboard", 200.0),
     second_x_nT=parameter("nT", "step forward at the second change", 200.0),
     second_y_nT=parameter("nT", "step to starboard at the second change", 200.0),
     third_x_nT=parameter("nT", "step forward at the third change and each later one", 200.0),
     third_y_nT=parameter("nT", "step to starboard at the third change and each later one", 200.0),
-)
+)  # fmt: skip
 
 # Supply voltage: the battery's current and its stray field change as it discharges.
 _voltage = partial(
@@ -141,30 +128,23 @@ SupplyVoltageOfField = _voltage(
     b_y_nT_V=parameter("nT/V", "field to starboard; V or counts as logged", 100.0),
 )
 SupplyVoltageOfReading = _voltage(
-    "SupplyVoltageOfReading",
-    "The reading changes in proportion to the supply voltage.",
-    stage="readout",
-    acts_on="reading",
+    "SupplyVoltageOfReading", "The reading changes in proportion to the supply voltage.",
+    stage="readout", acts_on="reading",
     literature="reference voltage of the readout; clockwise positive",
     deg_V=parameter("degrees/V", "change of the reading; V or counts as logged", 0.5),
-)
+)  # fmt: skip
 
 # Temperature: it changes the magnetometer's zero, the iron near it, or the reading.
 _temperature = partial(
     additive,
-    name="temperature",
-    driver="temperature",
-    needs=("temperature",),
-    stage="sensor",
-    instrument=True,
+    name="temperature", driver="temperature", needs=("temperature",), stage="sensor", instrument=True,
     recordings=("mooring", "magnetometer"),
-)
+)  # fmt: skip
 TemperatureOfField = _temperature(
-    "TemperatureOfField",
-    "A horizontal field in the body frame is proportional to the change of temperature.",
+    "TemperatureOfField", "A horizontal field in the body frame is proportional to the change of temperature.",
     lambda term, scene: _horizontal(scene.departures["temperature"], term),
-    words="the compass, its iron or the zero of its tilts depends on temperature",
     shows_along=("temperature",),
+    words="the compass, its iron or the zero of its tilts depends on temperature",
     separated_by=dict.fromkeys(
         ("compass_drift", "hard_iron_drift", "hard_iron_step", "heading_slip", "supply_voltage"),
         "a year more, with another course of the temperature",
@@ -172,31 +152,25 @@ TemperatureOfField = _temperature(
     literature="zero shift of the magnetometer's axes; forward and starboard positive",
     b_x_nT_K=parameter("nT/K", "field forward", 200.0),
     b_y_nT_K=parameter("nT/K", "field to starboard", 200.0),
-)
+)  # fmt: skip
 TemperatureOfReading = _temperature(
-    "TemperatureOfReading",
-    "The reading changes in proportion to temperature.",
-    stage="readout",
-    acts_on="reading",
+    "TemperatureOfReading", "The reading changes in proportion to temperature.",
+    stage="readout", acts_on="reading",
     literature="thermal drift of the readout; clockwise positive",
     deg_K=parameter("degrees/K", "change of the reading", 1.0),
-)
+)  # fmt: skip
 
 # Heeling error: the field along the instrument's own vertical gains a horizontal component when it tilts.
 Heeling = additive(
-    "Heeling",
-    "A constant field along the body's vertical is added; with tilt it affects the heading.",
+    "Heeling", "A constant field along the body's vertical is added; with tilt it affects the heading.",
     lambda term, _: np.array([0.0, 0.0, term.b_z_nT]),
-    name="heeling",
-    driver="tilt",
-    words="the compass tilts over iron along its own vertical (heeling error)",
-    shows_along=("pitch", "roll"),
-    separated_by=dict.fromkeys(("tilt_uncompensated", "moving_iron"), "the magnetometer's three axes with tilt"),
-    recordings=("mooring", "magnetometer", "two_heads"),
+    name="heeling", driver="tilt", shows_along=("pitch", "roll"), recordings=("mooring", "magnetometer", "two_heads"),
     instrument=True,
+    words="the compass tilts over iron along its own vertical (heeling error)",
+    separated_by=dict.fromkeys(("tilt_uncompensated", "moving_iron"), "the magnetometer's three axes with tilt"),
     literature="physics page, section 4: n = T m, so tilt turns b_z into q; left out by von Appen 2015",
     b_z_nT=parameter("nT", "field down, induced part (S33 - S11) Z included", 1000.0),
-)
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -16,19 +16,13 @@ from compasslib.types import Floats
 _reading = partial(additive, stage="readout", acts_on="reading")
 
 LargeDeviation = additive(
-    "LargeDeviation",
-    "The reading is that of the exact compass, not that of the series.",
-    name="large_deviation",
-    driver="heading",
+    "LargeDeviation", "The reading is that of the exact compass, not that of the series.",
+    name="large_deviation", driver="heading", shows_along=("heading",), recordings=("mooring", "platform", "swing"),
+    detector="exact compass and series, each fitted", acts_on="reading", needs=("exact_minus_series",),
     words="the deviation is too large for the small-angle series; the exact compass fits",
-    shows_along=("heading",),
-    recordings=("mooring", "platform", "swing"),
-    detector="exact compass and series, each fitted",
-    acts_on="reading",
     literature="Le Menn et al. 2023, eq. (4), against von Appen 2015, eq. (1), its first order",
-    needs=("exact_minus_series",),
     share=parameter("1", "share of the difference; 1 is the exact compass", 0.2),
-)
+)  # fmt: skip
 
 
 # Harmonics of the recorded heading, as of a periodic error of the readout or of a calibration table.
@@ -92,72 +86,57 @@ class Octantal(Harmonic):
 
 
 CompassDrift = _reading(
-    "CompassDrift",
-    "The reading drifts with time.",
-    lambda term, scene: term.deg_year * scene.years,
+    "CompassDrift", "The reading drifts with time.", lambda term, scene: term.deg_year * scene.years,
     name="compass_drift",
     words="the compass drifts with time",
     literature="A of von Appen 2015, eq. (1), linear in time; reading clockwise positive",
     deg_year=parameter("degrees/year", "drift of the reading", 1.0, usual=10.0),
-)
+)  # fmt: skip
 CompassTrend = _reading(
-    "CompassTrend",
-    "The reading drifts linearly along the record.",
+    "CompassTrend", "The reading drifts linearly along the record.",
     lambda term, scene: term.deg_record * scene.elapsed_share,
-    name="compass_drift",
-    recordings=SHORT_RECORDINGS,
+    name="compass_drift", recordings=SHORT_RECORDINGS,
     literature="a trend of A in von Appen 2015, eq. (1); reading clockwise positive",
     deg_record=parameter("degrees over the record", "drift of the reading", 1.0),
-)
+)  # fmt: skip
 
 # A slipping mount: the compass is mounted at another angle from a date on.
 HeadingSlip = _reading(
-    "HeadingSlip",
-    "The reading is shifted by a constant from a date on: a step in A.",
+    "HeadingSlip", "The reading is shifted by a constant from a date on: a step in A.",
     lambda term, scene: term.offset_deg * scene.since(term.date_s),
-    name="heading_slip",
+    name="heading_slip", recordings=(*READINGS, "declination"),
     words="the mount turned: all headings are off by a constant from then on",
     separated_by={
         "compass_drift": "more readings around the date, or the same headings read again in another order",
         "tilt_uncompensated": "logged tilts",
     },
-    recordings=(*READINGS, "declination"),
     literature="a step of A in von Appen 2015, eq. (1); reading clockwise positive",
     offset_deg=parameter("degrees", "turn of the reading after the date", 1.0, usual=10.0),
     date_s=date_parameter(),
-)
+)  # fmt: skip
 MountingOffset = _reading(
-    "MountingOffset",
-    "The recorded heading is rotated by a constant from that of the magnetometer's axes.",
+    "MountingOffset", "The recorded heading is rotated by a constant from that of the magnetometer's axes.",
     lambda term, _: term.offset_deg,
-    name="mounting_offset",
-    driver="",
+    name="mounting_offset", driver="", shows_along=("heading",), recordings=("magnetometer",),
     words="the heading is turned by a constant from the magnetometer's axes",
-    shows_along=("heading",),
     separated_by={
         "tilt_uncompensated": "logged tilts",
         "declination_error": "the declination that the instrument was set to",
     },
-    recordings=("magnetometer",),
     literature="A of von Appen 2015, eq. (1); clockwise positive",
     offset_deg=parameter("degrees", "recorded heading minus that of the axes", 1.0),
-)
+)  # fmt: skip
 
 # Lag of the compass: a damped needle or a filter shows an earlier heading.
 CompassLag = _reading(
-    "CompassLag",
-    "The reading lags behind the heading by a constant time, to first order.",
+    "CompassLag", "The reading lags behind the heading by a constant time, to first order.",
     lambda term, scene: -term.lag_s * scene.departures["turn_rate"],
-    name="compass_lag",
-    driver="turn_rate",
+    name="compass_lag", driver="turn_rate", shows_along=("turn_rate",), instrument=True, needs=("turn_rate",),
     words="the compass lags when the instrument turns",
-    shows_along=("turn_rate",),
     separated_by={"clock_offset": "tilts of both heads that change with time: they have no compass in them"},
-    instrument=True,
     literature="first order: reading minus lag times its rate of turn, clockwise positive",
-    needs=("turn_rate",),
     lag_s=parameter("s", "time by which the reading is late", 300.0),
-)
+)  # fmt: skip
 
 
 def _turned(scene: Scene, ahead_s: float) -> Floats:
@@ -166,15 +145,12 @@ def _turned(scene: Scene, ahead_s: float) -> Floats:
 
 
 CompassDelay = _reading(
-    "CompassDelay",
-    "The reading is delayed exactly, not to first order, as the instrument may swing quickly.",
+    "CompassDelay", "The reading is delayed exactly, not to first order, as the instrument may swing quickly.",
     lambda term, scene: _turned(scene, -term.lag_s),
-    name="compass_lag",
-    driver="turn_rate",
-    recordings=("magnetometer", "two_heads"),
+    name="compass_lag", driver="turn_rate", recordings=("magnetometer", "two_heads"),
     literature="a delay; for slow turns its first order, reading minus lag times the rate of turn",
     lag_s=parameter("s", "time by which the reading is late", 0.1),
-)
+)  # fmt: skip
 
 
 # Levelling by wrong tilts mixes the vertical into the horizontal field.
