@@ -25,40 +25,27 @@ FREQUENCY_BITS = {75: 0b000, 150: 0b001, 300: 0b010, 600: 0b011}
 COORDINATE_BITS = {"beam": 0b00, "instrument": 0b01, "ship": 0b10, "earth": 0b11}
 BLOCKS = 6
 
-_FIXED = np.dtype(
-    {
-        "names": [
-            "id", "firmware", "system", "beams", "cells", "pings", "cell_cm", "blank_cm", "mode", "low_correlation",
-            "code_repeats", "error_limit_mm_s", "ping_time", "coordinates", "source", "fitted", "first_bin_cm",
-            "pulse_cm", "reference_layer", "false_target", "lag_cm", "power", "serial", "beam_angle",
-        ],
-        "formats": [
-            "<u2", "2u1", "2u1", "u1", "u1", "<u2", "<u2", "<u2", "u1", "u1",
-            "u1", "<u2", "3u1", "u1", "u1", "u1", "<u2",
-            "<u2", "2u1", "u1", "<u2", "u1", "<u4", "u1",
-        ],
-        "offsets": [
-            0, 2, 4, 8, 9, 10, 12, 14, 16, 17,
-            18, 20, 22, 25, 30, 31, 32,
-            34, 36, 38, 40, 52, 54, 58,
-        ],
-        "itemsize": 59,
-    }
+
+def _leader(size: int, *fields: tuple[str, str, int]) -> np.dtype:
+    names, formats, offsets = zip(*fields, strict=True)
+    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
+
+
+_FIXED = _leader(
+    59, ("id", "<u2", 0), ("firmware", "2u1", 2), ("system", "2u1", 4), ("beams", "u1", 8), ("cells", "u1", 9),
+    ("pings", "<u2", 10), ("cell_cm", "<u2", 12), ("blank_cm", "<u2", 14), ("mode", "u1", 16),
+    ("low_correlation", "u1", 17), ("code_repeats", "u1", 18), ("error_limit_mm_s", "<u2", 20),
+    ("ping_time", "3u1", 22), ("coordinates", "u1", 25), ("source", "u1", 30), ("fitted", "u1", 31),
+    ("first_bin_cm", "<u2", 32), ("pulse_cm", "<u2", 34), ("reference_layer", "2u1", 36), ("false_target", "u1", 38),
+    ("lag_cm", "<u2", 40), ("power", "u1", 52), ("serial", "<u4", 54), ("beam_angle", "u1", 58),
 )  # fmt: skip
 
-_VARIABLE = np.dtype(
-    {
-        "names": [
-            "id", "number", "clock", "number_high", "sound_m_s", "depth_dm", "heading", "pitch", "roll",
-            "salinity", "temperature", "wait", "deviation", "adc", "pressure_dapa", "pressure_variance", "clock_y2k",
-        ],
-        "formats": [
-            "<u2", "<u2", "7u1", "u1", "<u2", "<u2", "<u2", "<i2", "<i2",
-            "<u2", "<i2", "3u1", "3u1", "8u1", "<u4", "<u4", "8u1",
-        ],
-        "offsets": [0, 2, 4, 11, 14, 16, 18, 20, 22, 24, 26, 28, 31, 34, 48, 52, 57],
-        "itemsize": 65,
-    }
+_VARIABLE = _leader(
+    65, ("id", "<u2", 0), ("number", "<u2", 2), ("clock", "7u1", 4), ("number_high", "u1", 11),
+    ("sound_m_s", "<u2", 14), ("depth_dm", "<u2", 16), ("heading", "<u2", 18), ("pitch", "<i2", 20),
+    ("roll", "<i2", 22), ("salinity", "<u2", 24), ("temperature", "<i2", 26), ("wait", "3u1", 28),
+    ("deviation", "3u1", 31), ("adc", "8u1", 34), ("pressure_dapa", "<u4", 48), ("pressure_variance", "<u4", 52),
+    ("clock_y2k", "8u1", 57),
 )  # fmt: skip
 
 

@@ -135,28 +135,15 @@ def _sized(ground: Ground, effect: Callable[[float], Effect], wanted: float) -> 
     return effect(size), z, float(np.rad2deg(np.std(left)))
 
 
-def _along(ground: Ground, series: Floats) -> Floats:
-    """Interpolate a series on the time axis of the water to the ensembles."""
-    return np.interp(ground.stamp_s, ground.currents.time_s, series)
-
-
 def _iron(series: Floats, direction: Floats) -> Callable[[float], Effect]:
     return lambda size: Effect("iron", body_nt=250.0 * size * series[:, None] * direction)
-
-
-def _shift(series: Floats) -> Callable[[float], Effect]:
-    return lambda size: Effect("reading", reading=lambda gamma: size * series[:, None] + 0.0 * gamma)
-
-
-def _direction(rng: np.random.Generator) -> Floats:
-    angle = rng.uniform(0.0, 2.0 * np.pi)
-    return np.array([np.cos(angle), np.sin(angle), 0.4 * rng.normal()])
 
 
 def _knocked(ground: Ground, rng: np.random.Generator) -> list[Cause]:
     date = float(ground.stamp_s[int(rng.uniform(0.3, 0.7) * ground.stamp_s.size)])
     after = (ground.stamp_s > date).astype(float)
-    effect = _iron(after, _direction(rng))
+    angle = rng.uniform(0.0, 2.0 * np.pi)
+    effect = _iron(after, np.array([np.cos(angle), np.sin(angle), 0.4 * rng.normal()]))
     return [Cause("the sphere's iron changed at once", "time", effect, "hard_iron_step", date, after)]
 
 
@@ -168,12 +155,13 @@ def _knocked_and_leaning(ground: Ground, rng: np.random.Generator) -> list[Cause
 
 
 def _unlisted(ground: Ground, rng: np.random.Generator) -> list[Cause]:
-    warm = _along(ground, ground.temperature_c)
+    warm = np.interp(ground.stamp_s, ground.currents.time_s, ground.temperature_c)
     core, share = warm.copy(), 1.0 - np.exp(-1.0 / rng.uniform(6.0, 18.0))  # that it loses of the difference in an hour
     for k in range(1, warm.size):
         core[k] = core[k - 1] + share * (warm[k] - core[k - 1])
     bent = "the compass's board bent while its core was still colder or warmer than the water"
-    return [Cause(bent, "temperature", _shift((warm - core) / np.std(warm - core)))]
+    turn = ((warm - core) / np.std(warm - core))[:, None]
+    return [Cause(bent, "temperature", lambda size: Effect("reading", reading=lambda gamma: size * turn + 0.0 * gamma))]
 
 
 def _wish(latitude: float, longitude: float, depth_m: float, *, wide: bool, strength: float) -> Wish:

@@ -36,18 +36,9 @@ from compasslib.statistics import single_threaded
 __all__ = ["METHODS", "DeviationFit", "describe_fit", "deviation_json", "find_implausibility", "fit_deviation"]
 
 
-def _keep_compass(pairs: Pairs, near: DeviationFit | None) -> DeviationFit:
-    """Return a compass known beforehand, which pairs do not change."""
-    if near is None:
-        raise ValueError("a compass known beforehand is carried to a mooring, not fitted there")
-    return near
-
-
 METHODS: dict[str, Callable[[Pairs, DeviationFit | None], DeviationFit]] = {
     "exact": fit_exact,
     "von_appen": fit_series,
-    "calibration": _keep_compass,
-    "coefficients": _keep_compass,
 }
 
 
@@ -56,10 +47,10 @@ def fit_deviation(method: str, pairs: Pairs, near: DeviationFit | None = None) -
     """Fit a deviation model to overlapping measurements.
 
     Args:
-        method: ``exact`` or ``von_appen``; ``calibration`` and ``coefficients`` return ``near``.
-        near: a fit of the same method to similar pairs, to start from.
+        method: ``exact`` or ``von_appen``.
+        near: a fit of the same method to similar pairs, to start from; returned if it was known beforehand.
     """
-    if near is not None and near.fixed:
+    if near is not None and (near.fixed or near.known_beforehand):
         return near
     return METHODS[method](pairs, near)
 

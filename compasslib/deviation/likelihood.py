@@ -157,17 +157,17 @@ def log_likelihood_and_gradient(
     total = float(np.sum(np.log(joint) - np.log(parts.marginal[data.row])))
     pull = data.scatter.summed(1.0 / joint) - (np.bincount(data.row) / parts.marginal)[:, None]
     towards = np.sum(pull.take(parts.cell) * parts.share, axis=1)
-    pull = towards * parts.near.offset / np.exp(2.0 * parameters[5])
-    by_width = float(np.sum(pull * parts.near.offset) - np.sum(towards))
+    pull = towards * parts.offset / np.exp(2.0 * parameters[5])
+    by_width = float(np.sum(pull * parts.offset) - np.sum(towards))
     return total, np.append(_form_slopes(parameters, data, grid, parts) @ pull, by_width)
 
 
 def pair_scores(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> Floats:
     """Compute each pair's gradient by A..E and log(compass noise), in the order of the pairs, (n, 6)."""
     parts, joint = _parts(parameters, data, prior, grid)
-    pull = parts.near.offset / np.exp(2.0 * parameters[5])
+    pull = parts.offset / np.exp(2.0 * parameters[5])
     result = np.empty((len(data.row), 6))
-    for j, by in enumerate([*_form_slopes(parameters, data, grid, parts) * pull, pull * parts.near.offset - 1.0]):
+    for j, by in enumerate([*_form_slopes(parameters, data, grid, parts) * pull, pull * parts.offset - 1.0]):
         moved = _sum_cells(parts.cell, parts.share * by[:, None], len(data.occupied))
         by_joint, by_marginal = data.scatter.times(moved) / joint, moved.sum(axis=1) / parts.marginal
         result[data.order, j] = by_joint - by_marginal[data.row]
@@ -191,7 +191,8 @@ def heading_given_reading(
 
 @dataclass(frozen=True)
 class _Layout:
-    near: NearbyHeadings  # k fine correct headings near the recorded ones
+    column: Indices  # (k,) index of fine correct headings near the recorded ones
+    offset: Floats  # (k,) recorded minus predicted heading, degrees
     cell: Indices  # (k, 4) flat index of recorded heading and cell
     share: Floats  # (k, 4) prior times G times spline
     given: Floats  # (occupied, CELLS) joint density of recorded heading and cell
@@ -214,15 +215,16 @@ def _laid_out(
     """Place the headings near each occupied reading, with their prior and the density of the reading."""
     width = float(np.exp(parameters[5]))
     predicted = form.recorded(parameters[:5], grid.heading_deg)
-    near = nearby_headings(grid.heading_deg[occupied], predicted, min(8.0 * width, 180.0))  # beyond: far below e0
+    # Beyond eight widths the density is far below e0.
+    row, column, offset = nearby_headings(grid.heading_deg[occupied], predicted, min(8.0 * width, 180.0))
     cells, weights = grid.splines
     prior_fine = grid.hats @ prior
     # take() copies whole rows and needs a third of the time of indexing with brackets.
-    density = normal_density(near.offset, width) * (prior_fine / prior_fine.sum()).take(near.column)
-    cell = (near.row * CELLS)[:, None] + cells.take(near.column, axis=0)
-    share = density[:, None] * weights.take(near.column, axis=0)
+    density = normal_density(offset, width) * (prior_fine / prior_fine.sum()).take(column)
+    cell = (row * CELLS)[:, None] + cells.take(column, axis=0)
+    share = density[:, None] * weights.take(column, axis=0)
     given = _sum_cells(cell, share, len(occupied)) + UNEXPLAINED_DENSITY * prior
-    return _Layout(near, cell, share, given, given.sum(axis=1))
+    return _Layout(column, offset, cell, share, given, given.sum(axis=1))
 
 
 def _sum_cells(cell: Indices, share: Floats, rows: int) -> Floats:
@@ -231,7 +233,7 @@ def _sum_cells(cell: Indices, share: Floats, rows: int) -> Floats:
 
 def _form_slopes(parameters: Floats, data: BinnedSample, grid: HeadingGrid, parts: _Layout) -> Floats:
     """Compute minus the derivative of the nearby offsets by A..E, (5, k) degrees."""
-    return data.form.gradient(parameters[:5], grid.heading_deg).T.take(parts.near.column, axis=0).T
+    return data.form.gradient(parameters[:5], grid.heading_deg).T.take(parts.column, axis=0).T
 
 
 def scatter_widths(noise: ScatterNoise, upper_speed: Floats, lower_speed: Floats) -> Floats:
@@ -246,17 +248,12 @@ def scatter_widths(noise: ScatterNoise, upper_speed: Floats, lower_speed: Floats
 ROWS_PER_BLOCK = 8
 
 
-@dataclass(frozen=True)
-class NearbyHeadings:
-    """Index pairs of k correct headings near recorded ones."""
+def nearby_headings(recorded_deg: Floats, predicted_deg: Floats, reach_deg: float) -> tuple[Indices, Indices, Floats]:
+    """Find the pairs of recorded, (r,), and predicted headings, (f,), that differ by less than at most 180 degrees.
 
-    row: Indices  # (k,) index of the recorded heading
-    column: Indices  # (k,) index of the correct heading
-    offset: Floats  # (k,) recorded minus predicted heading, degrees
-
-
-def nearby_headings(recorded_deg: Floats, predicted_deg: Floats, reach_deg: float) -> NearbyHeadings:
-    """Find the pairs of recorded, (r,), and predicted headings, (f,), that differ by less than at most 180 degrees."""
+    Returns:
+        Index of the recorded heading, of the predicted one, and their difference, degrees, (k,) each.
+    """
     recorded, predicted = angles.wrap360(recorded_deg), angles.wrap360(predicted_deg)
     order = np.argsort(predicted, kind="stable")
     ring = np.concatenate([predicted[order] + turn for turn in (-360.0, 0.0, 360.0)])
@@ -264,7 +261,7 @@ def nearby_headings(recorded_deg: Floats, predicted_deg: Floats, reach_deg: floa
     count = end - begin
     row = np.repeat(np.arange(len(recorded)), count)
     at = np.arange(len(row)) + np.repeat(begin - np.cumsum(count) + count, count)
-    return NearbyHeadings(row, np.tile(order, 3).take(at), recorded.take(row) - ring.take(at))
+    return row, np.tile(order, 3).take(at), recorded.take(row) - ring.take(at)
 
 
 @dataclass(frozen=True)

@@ -28,10 +28,6 @@ UNKNOWN_COVARIANCE = (
 )
 
 
-def _empty() -> Floats:
-    return np.zeros(0)
-
-
 @dataclass(frozen=True)
 class ScatterNoise:
     """Scatter of the observed heading about the compass: a floor, a part that grows as 1/speed, outliers."""
@@ -53,15 +49,19 @@ class DeviationFit:
 
     method: str  #: von_appen | exact (fitted); calibration | coefficients (exact compass known beforehand)
     n_pairs: int  #: number of pairs
-    coefficients: Floats = field(default_factory=_empty)  #: (5,) A..E, degrees for von_appen, dimensionless for exact
-    covariance: Floats = field(default_factory=_empty)  #: (5, 5) of A..E
+    coefficients: Floats = field(
+        default_factory=lambda: np.zeros(0)
+    )  #: (5,) A..E, degrees for von_appen, dimensionless for exact
+    covariance: Floats = field(default_factory=lambda: np.zeros(0))  #: (5, 5) of A..E
     n_effective: float = 0.0  #: effective number of independent pairs, allowing for autocorrelated residuals
     residual_rms_deg: float = float("nan")  #: degrees, of the pairs
     #: range of headings that the compass can record, clockwise, degrees; the second may exceed 360; None if unknown
     recorded_range_deg: tuple[float, float] | None = None
     folded: bool = False  #: whether a recorded heading can have two correct ones
     noise: ScatterNoise = ScatterNoise()  #: estimated by the exact fit only
-    heading_density: Floats = field(default_factory=_empty)  #: prior of the correct heading on its cells, sums to 1
+    heading_density: Floats = field(
+        default_factory=lambda: np.zeros(0)
+    )  #: prior of the correct heading on its cells, sums to 1
     why: str = ""  #: the reason why nothing was fitted, else empty
     warnings: tuple[str, ...] = ()  #: sentences for the report
     fixed: bool = False  #: whether the coefficients were given and are not fitted to pairs

@@ -341,14 +341,8 @@ def driver_series(scene: Scene, driver: str) -> Floats:
         return driver_series(scene, first) * driver_series(scene, second)
     if driver == "time":
         return scene.years
-    name = DRIVERS[driver][0] if driver in DRIVERS else driver
+    name = DRIVERS.get(driver, (driver, ""))[0]
     return scene.departures[name] if name else np.zeros(len(scene))
-
-
-def driver_needs(driver: str) -> tuple[str, ...]:
-    """List the departures that a driver requires."""
-    names = [DRIVERS[part][0] if part in DRIVERS else part for part in driver.split("*")]
-    return tuple(name for name in names if name)
 
 
 @cache
@@ -361,7 +355,8 @@ def compose_effect(
         usual: prior standard deviation of its parameters.
     """
     acted, shape = TARGETS[acts_on], FORMS[form]
-    unit = " ".join(DRIVERS[each][1] if each in DRIVERS else each for each in driver.split("*"))
+    departures, units = zip(*(DRIVERS.get(each, (each, each)) for each in driver.split("*")), strict=True)
+    unit = " ".join(units)
     per = "" if unit == "1" or not shape.per_driver else f"/({unit})" if " " in unit or "/" in unit else f"/{unit}"
     members = [
         (f"{column}{suffix}", float, parameter(base + per, f"{column} part", step, usual=usual))
@@ -376,7 +371,7 @@ def compose_effect(
         "side": acted.side,
         "stage": acted.stage,
         "acts_on": acted.acts_on,
-        "needs": (*driver_needs(driver), *acted.needs),
+        "needs": (*filter(None, departures), *acted.needs),
         "words": words,
         "composition": (acts_on, driver, form),
         "driver": name if form == "always" else driver,

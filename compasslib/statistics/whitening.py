@@ -75,10 +75,12 @@ def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whi
     slot = grid_positions(time_s)
     standard = clip_standardized(residual_deg, width_deg)
     series, present = np.zeros(slot[-1] + 1), np.zeros(slot[-1] + 1)
-    counts, lags = np.isfinite(width_deg), filter_order(len(time_s))
+    counts, lags = np.isfinite(width_deg), min(ORDER, len(time_s) // 40)  # 40 samples per lag or more
+    step_s = sampling_interval_s(time_s)
+    knots_s = max(10 * lags * step_s, 10 * DAY_S)  # between which a trend counts as slow
     series[slot[counts]], present[slot[counts]] = standard[counts] - standard[counts].mean(), 1.0
     together = np.maximum(lagged_sums(present, lags), 1.0)
-    correlation = _autocovariance(series, lags, 2.0 * trend_spacing_s(time_s) / sampling_interval_s(time_s)) / together
+    correlation = _autocovariance(series, lags, 2.0 * knots_s / step_s) / together
     # The ridge stabilizes the filter where gaps make the autocorrelation rough.
     correlation = correlation / correlation[0] / (1.0 + 1e-3 * (np.arange(lags + 1) > 0))
     toeplitz = correlation[np.abs(np.subtract.outer(np.arange(lags), np.arange(lags)))]
@@ -86,19 +88,9 @@ def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whi
     return Whitener(slot, np.append(1.0, -coefficients), width_deg)
 
 
-def trend_spacing_s(time_s: Floats) -> float:
-    """Compute the spacing of the knots of a slow trend, ten lengths of the filter or ten days, seconds."""
-    return max(10 * filter_order(len(time_s)) * sampling_interval_s(time_s), 10 * DAY_S)
-
-
 def sampling_interval_s(time_s: Floats) -> float:
     """Compute the median sampling interval, seconds."""
     return float(np.median(np.diff(time_s)))
-
-
-def filter_order(samples: int) -> int:
-    """Choose the order of the filter, with at least 40 samples per lag."""
-    return min(ORDER, samples // 40)
 
 
 def grid_positions(time_s: Floats) -> NDArray[np.intp]:
