@@ -53,15 +53,23 @@ from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import block_jackknife, block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
 
+Priors = tuple[CoefficientPrior, ...]  # of A..E and log(compass noise / degree)
+
 STRENGTHS = (0.0, 0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2)  # hard iron over the earth's horizontal field
 START_NOISE = ScatterNoise(floor_deg=10.0, slow_deg_m_s=2.0, outliers=0.02)
 MAX_SOFT_IRON = 0.3  # magnitude of (D, E); spheres and frames induce a few per cent
 TURNS_DEG = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)  # constant rotations of all readings, as starting values
 ROUNDS = 2  # repetitions of a fit with its updated noise or prior
-# Weak priors about 0 that only matter without data: standard deviation of A..E and log(compass noise / degree).
-PRIOR_WIDTH = np.array([0.5, 1.5, 1.5, 0.3, 0.3, 0.15])
-HARD_IRON_FIRST = np.array([0.02, 1.5, 1.5, 0.02, 0.02, 0.3])  # the same while a start locates its fold
-WITHOUT_CONSTANT = np.array([0.001, *PRIOR_WIDTH[1:]])
+
+
+def _about_zero(*sigma: float) -> tuple[CoefficientPrior, ...]:
+    return (CoefficientPrior(np.zeros(6), np.diag(np.array(sigma) ** -2.0)),)
+
+
+# Weak priors that only matter without data, of A..E and log(compass noise / degree).
+WEAK = _about_zero(0.5, 1.5, 1.5, 0.3, 0.3, 0.15)
+HARD_IRON_FIRST = _about_zero(0.02, 1.5, 1.5, 0.02, 0.02, 0.3)  # while a start locates its fold
+WITHOUT_CONSTANT = _about_zero(0.001, 1.5, 1.5, 0.3, 0.3, 0.15)
 # Bounding |D|, |E| below |u| prevents the induced part from reversing the field, which no iron near an instrument does.
 # The last lower bound is the smallest compass noise that the grids resolve.
 PARAMETER_BOUNDS = np.array([(-np.inf, np.inf)] * 3 + [(-0.6, 0.6)] * 2 + [(np.log(0.8), np.log(8.0))])
@@ -79,14 +87,14 @@ def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
     if near is None and float(np.hypot(*state.parameters[3:5])) >= MAX_SOFT_IRON:
         # Implausibly large soft iron substitutes for another cause: for a two-valued compass, a constant rotation of
         # all readings.
-        others = [_refined(_start_turned(overlap, angle), overlap) for angle in TURNS_DEG]
-        state = min([state, *others], key=lambda each: each.loss)
+        turned = [_refined(_start_turned(overlap, angle), overlap) for angle in TURNS_DEG]
+        state = min([state, *turned], key=lambda each: each.loss)
     if prior is None or near is None:
         return _described(state, pairs, overlap)
     counted = pairs_per_independent(pairs, _described(state, pairs, overlap).n_effective)
-    external = replace(prior, precision=counted * prior.precision)
-    state = _refined(state, overlap, external=external)
-    return replace(_described(state, pairs, overlap, external), prior=prior)
+    others = CoefficientPrior(np.append(prior.mean, 0.0), counted * np.pad(prior.precision, (0, 1)))
+    priors = (*WEAK, others)
+    return replace(_described(_refined(state, overlap, priors=priors), pairs, overlap, priors), prior=prior)
 
 
 def constant_sigmas(pairs: Pairs, fit: DeviationFit) -> float:
@@ -96,7 +104,7 @@ def constant_sigmas(pairs: Pairs, fit: DeviationFit) -> float:
     one solution does not contain the others.
     """
     overlap = _overlap(pairs)
-    without = _refined(_start(overlap, EXACT, WITHOUT_CONSTANT), overlap, prior_width=WITHOUT_CONSTANT)
+    without = _refined(_start(overlap, EXACT, WITHOUT_CONSTANT), overlap, priors=WITHOUT_CONSTANT)
     own, other = (
         log_likelihood(state.parameters, overlap.sample(state.noise, FINE, EXACT), state.prior, FINE)
         for state in (_at(fit), without)
@@ -128,15 +136,9 @@ def held_out_scores(
     return scores
 
 
-def _refined(
-    state: OptimizerState,
-    overlap: Overlap,
-    form: CurveForm = EXACT,
-    prior_width: Floats = PRIOR_WIDTH,
-    external: CoefficientPrior | None = None,
-) -> OptimizerState:
+def _refined(state: OptimizerState, overlap: Overlap, form: CurveForm = EXACT, priors: Priors = WEAK) -> OptimizerState:
     for _ in range(ROUNDS):
-        state = _improve(state, overlap, FINE, form, prior_width, external=external)
+        state = _improve(state, overlap, FINE, form, priors)
     return state
 
 
@@ -186,7 +188,7 @@ class OptimizerState:
     loss: float = float("inf")
 
 
-def _start(overlap: Overlap, form: CurveForm, prior_width: Floats = PRIOR_WIDTH) -> OptimizerState:
+def _start(overlap: Overlap, form: CurveForm, priors: Priors = WEAK) -> OptimizerState:
     """Optimize from the best of many strengths and directions of the iron, using 900 pairs with the least scatter.
 
     The scatter is refitted at each maximum before they are compared: too wide a scatter blurs a fold, and a wrong
@@ -204,7 +206,7 @@ def _start(overlap: Overlap, form: CurveForm, prior_width: Floats = PRIOR_WIDTH)
     states = [_improve(state, few, COARSE, form, HARD_IRON_FIRST) for state in states]
     states = sorted(states, key=lambda state: state.loss)[:2]
     for _ in range(ROUNDS):
-        states = [_improve(state, few, COARSE, form, prior_width) for state in states]
+        states = [_improve(state, few, COARSE, form, priors) for state in states]
     return min(states, key=lambda state: state.loss)
 
 
@@ -213,31 +215,22 @@ def _at(fit: DeviationFit) -> OptimizerState:
 
 
 def _improve(
-    state: OptimizerState,
-    overlap: Overlap,
-    grid: HeadingGrid,
-    form: CurveForm,
-    prior_width: Floats = PRIOR_WIDTH,
-    *,
-    external: CoefficientPrior | None = None,
+    state: OptimizerState, overlap: Overlap, grid: HeadingGrid, form: CurveForm, priors: Priors
 ) -> OptimizerState:
     """Optimize the compass at fixed scatter, then the scatter and the distribution of headings at fixed compass."""
     data = overlap.sample(state.noise, grid, form)
-    parameters, loss = _maximise(state.parameters, data, state.prior, grid, prior_width, external=external)
+    parameters, loss = _maximise(state, data, grid, priors)
     prior = smooth_density(heading_occupancy(parameters, data, state.prior, grid))
     few = overlap.take(np.arange(0, len(overlap.observed_deg), max(1, len(overlap.observed_deg) // 1000)))
     given = heading_given_reading(parameters, few.recorded_deg, prior, FINE, form)
     return OptimizerState(parameters, fit_scatter(few, given, state.noise), prior, loss)
 
 
-def _described(
-    state: OptimizerState, pairs: Pairs, overlap: Overlap, external: CoefficientPrior | None = None
-) -> DeviationFit:
+def _described(state: OptimizerState, pairs: Pairs, overlap: Overlap, priors: Priors = WEAK) -> DeviationFit:
     data = overlap.sample(state.noise, FINE, EXACT)
-    parameters, _ = _maximise(state.parameters, data, state.prior, FINE, external=external)
+    parameters, _ = _maximise(state, data, FINE, priors)
     noise = replace(state.noise, compass_deg=float(np.exp(parameters[5])))
     scores = pair_scores(parameters, data, state.prior, FINE)[:, :5]
-    weak = PRIOR_WIDTH[:5] ** -2.0
     unscored = DeviationFit("exact", len(pairs), parameters[:5], noise=noise)
     left = heading_residual(unscored, pairs)
     standard = np.clip(left / overlap.width_deg(noise), -3.0, 3.0)
@@ -245,8 +238,8 @@ def _described(
     effective = effective_sample_size(standard[known], pairs.time_s[known])
     return replace(
         unscored,
-        covariance=robust_covariance(scores, weak, unscored, pairs, effective, external),
-        reference=reference_errors(pairs, reference_response(unscored, pairs, external), veer_included=True),
+        covariance=robust_covariance(scores, unscored, pairs, effective, priors),
+        reference=reference_errors(pairs, reference_response(unscored, pairs, priors), veer_included=True),
         n_effective=effective,
         residual_rms_deg=angles.rms(left),
         recorded_range_deg=compass.recorded_range(parameters[:5]),
@@ -256,30 +249,18 @@ def _described(
     )
 
 
-def _maximise(
-    parameters: Floats,
-    data: BinnedSample,
-    prior: Floats,
-    grid: HeadingGrid,
-    prior_width: Floats = PRIOR_WIDTH,
-    *,
-    external: CoefficientPrior | None = None,
-) -> tuple[Floats, float]:
+def _maximise(state: OptimizerState, data: BinnedSample, grid: HeadingGrid, priors: Priors) -> tuple[Floats, float]:
     def loss(at: Floats) -> tuple[float, Floats]:
-        value, slopes = log_likelihood_and_gradient(at, data, prior, grid)
-        pull = at / prior_width
-        minus, slopes = -value + 0.5 * float(pull @ pull), -slopes + pull / prior_width
-        if external is not None:
-            off = at[:5] - external.mean
-            minus += 0.5 * float(off @ external.precision @ off)
-            slopes[:5] += external.precision @ off
+        value, slopes = log_likelihood_and_gradient(at, data, state.prior, grid)
+        minus, slopes = -value, -slopes
+        for prior in priors:
+            pull = prior.precision @ (at - prior.mean)
+            minus, slopes = minus + 0.5 * float((at - prior.mean) @ pull), slopes + pull
         return minus, slopes
 
-    scores = pair_scores(parameters, data, prior, grid)
-    curvature = scores.T @ scores + np.diag(prior_width**-2.0)
-    if external is not None:
-        curvature[:5, :5] += external.precision
-    return minimize_bfgs(loss, parameters, PARAMETER_BOUNDS, 40, curvature)
+    scores = pair_scores(state.parameters, data, state.prior, grid)
+    curvature = scores.T @ scores + sum(prior.precision for prior in priors)
+    return minimize_bfgs(loss, state.parameters, PARAMETER_BOUNDS, 40, curvature)
 
 
 def smooth_density(mass: Floats) -> Floats:
@@ -342,14 +323,7 @@ BLOCK_S = 5 * DAY_S  # longer than the decorrelation time of the currents' veer
 MIN_SLOPE = 0.3  # lower bound of a slope in a denominator; at a fold the spread over both branches dominates
 
 
-def robust_covariance(
-    scores: Floats,
-    precision: Floats,
-    fit: DeviationFit,
-    pairs: Pairs,
-    effective: float,
-    external: CoefficientPrior | None = None,
-) -> Floats:
+def robust_covariance(scores: Floats, fit: DeviationFit, pairs: Pairs, effective: float, priors: Priors) -> Floats:
     """Estimate the covariance, allowing for autocorrelated pairs and for veer that depends on flow direction.
 
     In time it is the jackknife over blocks of days. Across flow directions the scores of each octant are summed: the
@@ -358,16 +332,13 @@ def robust_covariance(
     for veer that is correlated with the heading.
 
     Args:
-        scores: each pair's gradient of the log-likelihood, (n, p).
-        precision: precision of the weak priors, (p,).
-        external: prior from other records, its precision multiplied by ``pairs_per_independent``.
+        scores: each pair's gradient of the log-likelihood by A..E, (n, 5).
+        priors: the weak prior, then that from other records, its precision multiplied by ``pairs_per_independent``.
     """
     # Where the iron cancels the earth's field the gradient is unbounded, and one pair would determine all coefficients;
     # it is 60 for a direction known to a degree.
     scores = np.clip(scores, -1e3, 1e3)
-    information = scores.T @ scores + np.diag(precision)
-    if external is not None:
-        information[:5, :5] += external.precision
+    information = scores.T @ scores + sum(prior.precision[:5, :5] for prior in priors)
     # The outer product of scores stays positive where the record hardly constrains a coefficient, unlike the Hessian.
     inverse = np.linalg.inv(information)
     block = blocks_by_span(pairs.time_s, BLOCK_S)
@@ -394,20 +365,18 @@ def robust_covariance(
     excursion = excursion - np.average(excursion, weights=weight)
     excursion = excursion / max(np.sqrt(np.average(excursion**2, weights=weight)), 1e-6)
     locked = inverse @ (scores.T @ (by_degree * (0.05 * robust_width(left) * excursion)))
-    if external is not None and not few:  # with few blocks, the inverse includes it
-        along_time += pairs_per_independent(pairs, effective) * inverse[:, :5] @ external.precision @ inverse[:5]
+    if not few:  # with few blocks, the inverse includes the prior
+        for prior in priors[1:]:
+            along_time += pairs_per_independent(pairs, effective) * inverse @ prior.precision[:5, :5] @ inverse
     shown = along_time + positive_part(across - along_time)
     return shown + positive_part(np.outer(turned, turned) - shown) + np.outer(locked, locked)
 
 
-def reference_response(fit: DeviationFit, pairs: Pairs, external: CoefficientPrior | None = None) -> Floats:
+def reference_response(fit: DeviationFit, pairs: Pairs, priors: Priors) -> Floats:
     """Compute the change of A..E by one standard deviation of the reference's B and of its C, (5, 2).
 
     Weighted least squares of the errors of the reference's directions, where the weights are the second derivatives of
     the fit's log density (Student's t) at the residuals.
-
-    Args:
-        external: as for ``robust_covariance``.
     """
     observed = observed_heading(pairs)
     root = nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
@@ -420,9 +389,7 @@ def reference_response(fit: DeviationFit, pairs: Pairs, external: CoefficientPri
     square = STUDENT_DOF * (width**2 + (fit.noise.compass_deg / slope) ** 2)
     weight = known * (STUDENT_DOF + 1.0) * (square - left**2) / (square + left**2) ** 2
     columns = (-compass.gradient(fit.coefficients, root) / slope).T
-    information = (columns.T * weight) @ columns + np.diag(PRIOR_WIDTH[:5] ** -2.0)
-    if external is not None:
-        information += external.precision
+    information = (columns.T * weight) @ columns + sum(prior.precision[:5, :5] for prior in priors)
     return np.linalg.solve(information, (columns.T * weight) @ iron_pattern(pairs))
 
 
