@@ -93,7 +93,6 @@ def signal_to_noise(speed: Floats, heading_deg: Floats, turn: Floats, noise: Flo
     The logarithm of the likelihood ratio of a tool that knows cause and noise is z^2 / 2 on average.
 
     Args:
-        speed: of the current, m/s, (n,).
         turn: of the readings by the cause, radians, (n,).
         noise: difference of the currents at both depths across the flow, m/s, (n,). Its spectrum is taken by bands;
             that of the slowest is not known from one series, so that z of a slow cause is an upper limit.

@@ -119,11 +119,7 @@ class MotionModel:
 
 
 def forward_backward(evidence: Floats, moves: WaterTurns, habit: MotionModel, stationary: Floats) -> Floats:
-    """Compute the posterior of the hidden heading by the forward-backward recursion, (n, CELLS).
-
-    Args:
-        moves: changes of the current between the samples.
-    """
+    """Compute the posterior of the hidden heading by the forward-backward recursion, (n, CELLS)."""
     kernels, last = _kernels(moves, [habit], stationary), len(evidence) - 1
     forward, backward = np.empty((2, last + 1, CELLS))
     forward[0], backward[last] = stationary * evidence[0] / np.sum(stationary * evidence[0]), 1.0

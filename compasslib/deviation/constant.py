@@ -84,14 +84,10 @@ def find_declination_error(field: EarthField) -> ConstantOffset | None:
 def find_constant_offset(
     fit: DeviationFit, pairs: Pairs, declination_deg: float, heading_bias_deg: Mapping[str, float] | None = None
 ) -> ConstantOffset | None:
-    """Compare the constant between the instruments with the angles that configuration errors cause.
+    """Compare the constant between the instruments with the angles that configuration errors cause; None without one.
 
     Args:
-        fit: the fitted compass; for a calibration made elsewhere the constant is the mean residual of the pairs.
         heading_bias_deg: by instrument, the heading bias EB that was subtracted from its directions.
-
-    Returns:
-        The constant; None if the fit has none.
     """
     measured = _measured(fit, pairs)
     if measured is None:
@@ -134,7 +130,7 @@ def question_constant(
 
 
 def _measured(fit: DeviationFit, pairs: Pairs) -> tuple[float, float] | None:
-    """Estimate the constant and its standard error, degrees."""
+    """Estimate the constant and its standard error, degrees; of a calibration it is the pairs' mean residual."""
     if not fit.fitted or (fit.method == "von_appen" and fit.folded):  # the series' constant has no meaning then
         return None
     if fit.known_beforehand:

@@ -61,11 +61,7 @@ def directions_at_pairs(pairs: Pairs, time_s: Floats, heading_corrected_deg: Flo
 def build_histograms(
     record: Record, heading_corrected_deg: Floats, pairs: Pairs, differences: Mapping[str, ArrayLike]
 ) -> dict[str, Counts]:
-    """Count headings of the record, directions at the pairs and held-out differences, for each of ``QUANTITIES``.
-
-    Args:
-        differences: counts ``before`` and ``after`` of assessment.json.
-    """
+    """Count headings of the record, directions at the pairs and held-out differences (those of assessment.json)."""
     usable = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
     lower, upper, corrected = directions_at_pairs(pairs, record.time_s, heading_corrected_deg)
     counted = [count_angles(angle) for angle in (usable, heading_corrected_deg, upper, corrected, lower)]

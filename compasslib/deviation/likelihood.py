@@ -57,7 +57,7 @@ class BinnedSample:
     occupied: Indices  # the occupied bins
     scatter: RowBlocks  # (n, CELLS) K, by occupied bin
     order: Indices  # position of each row in the pairs
-    form: CurveForm = EXACT  # the curve to be fitted
+    form: CurveForm  # the curve to be fitted
 
 
 @dataclass(frozen=True)
@@ -205,13 +205,7 @@ def _parts(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingG
     return laid, data.scatter.times(laid.given)
 
 
-def _laid_out(
-    parameters: Floats,
-    occupied: Indices,
-    prior: Floats,
-    grid: HeadingGrid,
-    form: CurveForm,
-) -> _Layout:
+def _laid_out(parameters: Floats, occupied: Indices, prior: Floats, grid: HeadingGrid, form: CurveForm) -> _Layout:
     """Place the headings near each occupied reading, with their prior and the density of the reading."""
     width = float(np.exp(parameters[5]))
     predicted = form.recorded(parameters[:5], grid.heading_deg)

@@ -28,12 +28,7 @@ def declination_sigma(field: EarthField) -> float:
 
 
 def reference_compass(
-    name: str,
-    field: EarthField,
-    *,
-    magnetic: bool,
-    sigma_deg: float | None = None,
-    iron_nT: float | None = None,
+    name: str, field: EarthField, *, magnetic: bool, sigma_deg: float | None = None, iron_nT: float | None = None
 ) -> ReferenceCompass:
     """Describe the compass of a reference by the keys of its instrument.
 
@@ -41,7 +36,6 @@ def reference_compass(
     ``sigma_deg`` is given.
 
     Args:
-        magnetic: whether its directions are from magnetic north.
         sigma_deg: standard deviation of its constant error (``compass_sigma_deg``), None for the usual one.
         iron_nT: that of either component of its horizontal iron (``compass_iron_nT``), None for the usual one.
     """

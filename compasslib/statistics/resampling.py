@@ -47,7 +47,6 @@ def cluster_variance_inflation(
 
     Args:
         basis: the group's columns, orthonormal, (n, k).
-        residual: (n,), in units of the columns' noise.
         variance: variance of the residual if it were homogeneous.
     """
     k = basis.shape[1]
@@ -67,12 +66,14 @@ def block_jackknife(rows: Floats, pulls: Floats, block: NDArray[np.intp], inform
     Args:
         rows: rows whose outer products sum to the information, (n, p).
         pulls: contribution of each sample to the gradient, (n, p).
-        information: information matrix of all samples, (p, p).
     """
     members = [block == b for b in np.unique(block)]
-    lesser = [information - rows[member].T @ rows[member] for member in members]
-    steps = [np.linalg.lstsq(x, pulls[member].sum(axis=0))[0] for x, member in zip(lesser, members, strict=True)]
-    moved = np.array(steps)
+    moved = np.array(
+        [
+            np.linalg.lstsq(information - rows[member].T @ rows[member], pulls[member].sum(axis=0))[0]
+            for member in members
+        ]
+    )
     return np.asarray(moved.T @ moved * (len(members) - 1) / len(members))
 
 
