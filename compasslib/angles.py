@@ -92,9 +92,9 @@ def mean(angle_deg: ArrayLike, weights: ArrayLike | None = None, axis: int | Non
     return argument(_resultant(angle_deg, weights, axis))
 
 
-def resultant_length(angle_deg: ArrayLike, weights: ArrayLike | None = None, axis: int | None = None) -> Floats:
+def resultant_length(angle_deg: ArrayLike) -> Floats:
     """Compute the mean resultant length, 1 if all angles agree and 0 if they cancel, ignoring NaN."""
-    return np.abs(_resultant(angle_deg, weights, axis))
+    return np.abs(_resultant(angle_deg, None, None))
 
 
 def rms(difference_deg: ArrayLike) -> float:

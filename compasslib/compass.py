@@ -37,11 +37,7 @@ def slope(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
 
 
 def gradient(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
-    """Compute the derivative of gamma by A, B, C, D, E, degrees per unit coefficient, shape (5, n).
-
-    Args:
-        heading_deg: correct heading beta, shape (n,).
-    """
+    """Compute the derivative of gamma by A, B, C, D, E, degrees per unit coefficient, shape (5, n)."""
     w = angles.phasor(heading_deg)
     unit = np.ones_like(w)
     columns = np.stack([-1j * w, unit, -1j * unit, np.conj(w), -1j * np.conj(w)])
@@ -54,9 +50,6 @@ def inverse(coefficients: ArrayLike, recorded_deg: ArrayLike) -> Floats:
 
     With g = e^{-i gamma} the quadratic [g u - (g v)*] w^2 + [g p - (g p)*] w + [g v - (g u)*] = 0 is self-inversive:
     its roots lie on the unit circle exactly where the middle coefficient's modulus is at most twice the leading one's.
-
-    Args:
-        recorded_deg: gamma, shape (n,).
 
     Returns:
         Headings beta in [0, 360), shape (n, 2), the root of larger slope first, NaN where there is none.
@@ -102,12 +95,7 @@ def recorded_range(coefficients: ArrayLike) -> tuple[float, float]:
 
 
 def levelling(pitch_deg: ArrayLike, roll_deg: ArrayLike) -> Floats:
-    """Compute T = Ry(pitch) Rx(roll), which rotates from the body frame to the level frame, shape (..., 3, 3).
-
-    Args:
-        pitch_deg: pitch, forward up, degrees.
-        roll_deg: roll, starboard down, degrees.
-    """
+    """Compute T = Ry(pitch, forward up) Rx(roll, starboard down), from the body to the level frame, (..., 3, 3)."""
     sp, cp = angles.sin_cos(pitch_deg)
     sr, cr = angles.sin_cos(roll_deg)
     sp, cp, sr, cr = np.broadcast_arrays(sp, cp, sr, cr)
@@ -132,10 +120,7 @@ def level_coefficients(
     Args:
         soft: soft-iron matrix S acting on the field, identity without iron, shape (3, 3) or (n, 3, 3).
         hard_nT: field of the hard iron, forward, starboard, down, nT, shape (3,) or (n, 3).
-        horizontal_nT: earth's horizontal field H, nT.
         vertical_nT: earth's vertical field Z, nT, down positive.
-        pitch_deg: pitch, forward up, degrees.
-        roll_deg: roll, starboard down, degrees.
     """
     t = levelling(pitch_deg, roll_deg)
     s = t @ np.asarray(soft, dtype=float) @ np.swapaxes(t, -1, -2)

@@ -1,7 +1,7 @@
 """Simulated currents and moorings, written as the raw files of the instruments.
 
-The simulation is an independent check of the analysis: it shares no code with the rest of compasslib, not even that
-for angles, and computes every reading by forward physics alone.
+The simulation is an independent check of the analysis: it shares no code with the rest of compasslib but the arithmetic
+of angles, and computes every reading by forward physics alone.
 
 Raw files of a short deployment; the truth is returned separately:
 

@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib import angles
 from compasslib.demo import water as sea
-from compasslib.demo.water import DAY_S, Complexes, Floats, Water, circle, clockwise, pressure
+from compasslib.demo.water import Water, clockwise, pressure
+from compasslib.types import DAY_S, Complexes, Floats
 
 Counts = NDArray[np.uint8]
 
@@ -23,40 +25,27 @@ FREQUENCY_BITS = {75: 0b000, 150: 0b001, 300: 0b010, 600: 0b011}
 COORDINATE_BITS = {"beam": 0b00, "instrument": 0b01, "ship": 0b10, "earth": 0b11}
 BLOCKS = 6
 
-_FIXED = np.dtype(
-    {
-        "names": [
-            "id", "firmware", "system", "beams", "cells", "pings", "cell_cm", "blank_cm", "mode", "low_correlation",
-            "code_repeats", "error_limit_mm_s", "ping_time", "coordinates", "source", "fitted", "first_bin_cm",
-            "pulse_cm", "reference_layer", "false_target", "lag_cm", "power", "serial", "beam_angle",
-        ],
-        "formats": [
-            "<u2", "2u1", "2u1", "u1", "u1", "<u2", "<u2", "<u2", "u1", "u1",
-            "u1", "<u2", "3u1", "u1", "u1", "u1", "<u2",
-            "<u2", "2u1", "u1", "<u2", "u1", "<u4", "u1",
-        ],
-        "offsets": [
-            0, 2, 4, 8, 9, 10, 12, 14, 16, 17,
-            18, 20, 22, 25, 30, 31, 32,
-            34, 36, 38, 40, 52, 54, 58,
-        ],
-        "itemsize": 59,
-    }
+
+def _leader(size: int, *fields: tuple[str, str, int]) -> np.dtype:
+    names, formats, offsets = zip(*fields, strict=True)
+    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
+
+
+_FIXED = _leader(
+    59, ("id", "<u2", 0), ("firmware", "2u1", 2), ("system", "2u1", 4), ("beams", "u1", 8), ("cells", "u1", 9),
+    ("pings", "<u2", 10), ("cell_cm", "<u2", 12), ("blank_cm", "<u2", 14), ("mode", "u1", 16),
+    ("low_correlation", "u1", 17), ("code_repeats", "u1", 18), ("error_limit_mm_s", "<u2", 20),
+    ("ping_time", "3u1", 22), ("coordinates", "u1", 25), ("source", "u1", 30), ("fitted", "u1", 31),
+    ("first_bin_cm", "<u2", 32), ("pulse_cm", "<u2", 34), ("reference_layer", "2u1", 36), ("false_target", "u1", 38),
+    ("lag_cm", "<u2", 40), ("power", "u1", 52), ("serial", "<u4", 54), ("beam_angle", "u1", 58),
 )  # fmt: skip
 
-_VARIABLE = np.dtype(
-    {
-        "names": [
-            "id", "number", "clock", "number_high", "sound_m_s", "depth_dm", "heading", "pitch", "roll",
-            "salinity", "temperature", "wait", "deviation", "adc", "pressure_dapa", "pressure_variance", "clock_y2k",
-        ],
-        "formats": [
-            "<u2", "<u2", "7u1", "u1", "<u2", "<u2", "<u2", "<i2", "<i2",
-            "<u2", "<i2", "3u1", "3u1", "8u1", "<u4", "<u4", "8u1",
-        ],
-        "offsets": [0, 2, 4, 11, 14, 16, 18, 20, 22, 24, 26, 28, 31, 34, 48, 52, 57],
-        "itemsize": 65,
-    }
+_VARIABLE = _leader(
+    65, ("id", "<u2", 0), ("number", "<u2", 2), ("clock", "7u1", 4), ("number_high", "u1", 11),
+    ("sound_m_s", "<u2", 14), ("depth_dm", "<u2", 16), ("heading", "<u2", 18), ("pitch", "<i2", 20),
+    ("roll", "<i2", 22), ("salinity", "<u2", 24), ("temperature", "<i2", 26), ("wait", "3u1", 28),
+    ("deviation", "3u1", 31), ("adc", "8u1", 34), ("pressure_dapa", "<u4", 48), ("pressure_variance", "<u4", 52),
+    ("clock_y2k", "8u1", 57),
 )  # fmt: skip
 
 
@@ -161,7 +150,7 @@ def _fill_variable_leader(leader: NDArray[np.void], ensembles: Ensembles) -> Non
     leader["clock"], leader["clock_y2k"] = clock[:, 1:], clock
     leader["sound_m_s"] = np.rint(1449.0 + 4.6 * ensembles.temperature_c + 0.016 * ensembles.depth_m)
     leader["depth_dm"] = np.rint(10 * ensembles.depth_m)
-    leader["heading"] = np.rint(100 * circle(ensembles.heading_deg)) % 36000
+    leader["heading"] = np.rint(100 * angles.wrap360(ensembles.heading_deg)) % 36000
     leader["pitch"], leader["roll"] = np.rint(100 * ensembles.pitch_deg), np.rint(100 * ensembles.roll_deg)
     leader["salinity"] = 34
     leader["temperature"] = np.rint(100 * ensembles.temperature_c)
@@ -173,7 +162,7 @@ def _fill_variable_leader(leader: NDArray[np.void], ensembles: Ensembles) -> Non
 
 
 ABSORPTION_DB_M = {75: 0.025, 300: 0.065}
-SPREAD = np.deg2rad(BEAM_ANGLE_DEG)
+SIN, COS = (float(x) for x in angles.sin_cos(BEAM_ANGLE_DEG))
 
 
 @dataclass(frozen=True)
@@ -256,7 +245,7 @@ def _velocity(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water
     deviation = adcp.noise_m_s * (1.0 + 1.5 * (ranges(adcp.setup) / ranges(adcp.setup)[-1]) ** 4)
     shape = (stance.time_s.size, deviation.size, 4)
     if adcp.setup.coordinates == "beam":
-        of_beams = (deviation * np.sqrt(2) * np.sin(SPREAD))[:, None]
+        of_beams = (deviation * np.sqrt(2) * SIN)[:, None]
         return _beams(adcp.setup, stance, water) + rng.standard_normal(shape, dtype=np.float32) * of_beams
     depth = _bin_depths(adcp.setup, stance)
     flow = _flawed(stance, sea.velocity(water, stance.time_s, depth))
@@ -264,7 +253,7 @@ def _velocity(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water
     wrong = stance.recorded_deg - stance.heading_deg - stance.declination_deg
     flow = clockwise(flow, wrong[:, None])
     still = np.zeros_like(flow.real)
-    upward = deviation / np.sqrt(2) * np.tan(SPREAD)
+    upward = deviation / np.sqrt(2) * np.tan(np.deg2rad(BEAM_ANGLE_DEG))
     noise = rng.standard_normal(shape, dtype=np.float32) * np.stack([deviation, deviation, upward, deviation], axis=-1)
     return np.stack([flow.real, flow.imag, still, still], axis=-1) + noise
 
@@ -283,7 +272,7 @@ def by_beams(body: Complexes, gain: float, bias_m_s: complex) -> Complexes:
 def _beams(setup: Setup, stance: Stance, water: Water) -> Floats:
     """Compute the velocity along each beam, positive towards the head, at the depth of each of its cells."""
     head = _toward_head(setup, stance)
-    slant = ranges(setup) / np.cos(SPREAD)
+    slant = ranges(setup) / COS
     # The unit vector towards the head points down for a beam that looks up, whose depth decreases with range.
     depth = stance.depth_m[:, None, None] + slant[None, :, None] * head[:, None, 2, :]
     flow = clockwise(sea.velocity(water, stance.time_s, depth), -stance.declination_deg[:, None, None])
@@ -292,11 +281,10 @@ def _beams(setup: Setup, stance: Stance, water: Water) -> Floats:
 
 def _toward_head(setup: Setup, stance: Stance) -> Floats:
     """Compute unit vectors of the four beams towards the head, in magnetic east, north and up, (n, 3, 4)."""
-    s, c = np.sin(SPREAD), np.cos(SPREAD)
-    beams = np.array([[s, -s, 0, 0], [0, 0, -s, s], [c, c, c, c]])
-    turn, (pitch, roll) = np.deg2rad(stance.heading_deg), np.deg2rad(stance.tilt_deg)
-    roll = roll + (np.pi if setup.looks_up else 0.0)
-    sh, ch, sp, cp, sr, cr = np.sin(turn), np.cos(turn), np.sin(pitch), np.cos(pitch), np.sin(roll), np.cos(roll)
+    beams = np.array([[SIN, -SIN, 0, 0], [0, 0, -SIN, SIN], [COS] * 4])
+    pitch_deg, roll_deg = stance.tilt_deg
+    roll_deg = roll_deg + (180.0 if setup.looks_up else 0.0)
+    (sh, ch), (sp, cp), (sr, cr) = (angles.sin_cos(x) for x in (stance.heading_deg, pitch_deg, roll_deg))
     rows = (
         (ch * cr + sh * sp * sr, sh * cp, ch * sr - sh * sp * cr),
         (-sh * cr + ch * sp * sr, ch * cp, -sh * sr - ch * sp * cr),
@@ -316,7 +304,7 @@ def _spoil(rng: np.random.Generator, setup: Setup, stance: Stance, velocity: Flo
         return velocity
     height = stance.depth_m[:, None]
     reach = ranges(setup) + setup.cell_m / 2
-    row, column = np.nonzero(reach > height * np.cos(SPREAD))
+    row, column = np.nonzero(reach > height * COS)
     beyond = (ranges(setup)[column] > stance.depth_m[row])[:, None]
     waves = 0.4 * velocity[row, column] + rng.normal(0.0, 0.15, (row.size, 4))
     garbage = rng.normal(0.0, 0.6, (row.size, 4))

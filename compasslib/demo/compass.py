@@ -8,11 +8,8 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compasslib.demo.water import DAY_S, Floats, circle
-
-NOISE_DEG = 0.5
-TILT_NOISE_DEG = 0.05  # of the mean over the pings of an ensemble; causes heading noise through the vertical field
-NO_SOFT_IRON = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+from compasslib import angles
+from compasslib.types import DAY_S, Floats
 
 
 @dataclass(frozen=True)
@@ -20,7 +17,8 @@ class Iron:
     """The iron fixed to an instrument, in its body frame: forward (beam 3), starboard, down."""
 
     hard_nt: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    soft: tuple[tuple[float, float, float], ...] = NO_SOFT_IRON  # matrix from the earth's field to that at the sensor
+    #: matrix from the earth's field to that at the sensor
+    soft: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -57,10 +55,9 @@ def recorded_heading(
     sensed_tilt_deg: tuple[ArrayLike, ArrayLike] | None = None,
     iron: Iron,
 ) -> Floats:
-    """Compute the recorded heading before noise, degrees in [0, 360).
+    """Compute the recorded heading before noise, degrees.
 
-    The field at the sensor is S C^T F + b with C = Rz(heading) Ry(pitch) Rx(roll); the instrument levels it by the
-    tilts of its own sensor and takes the angle of the horizontal part.
+    The field at the sensor is S C^T F + b with C = Rz(heading) Ry(pitch) Rx(roll).
 
     Args:
         field_nt: horizontal and vertical (down) field, each (n,) or a scalar.
@@ -68,21 +65,30 @@ def recorded_heading(
         tilt_deg: true pitch (forward up) and roll (starboard down), (n,) each.
         sensed_tilt_deg: the same as recorded by the instrument's sensor; the true tilts if None.
     """
-    horizontal, vertical = np.broadcast_arrays(*field_nt, np.asarray(heading_deg, dtype=float))[:2]
-    turn = np.deg2rad(np.asarray(heading_deg, dtype=float))
-    level = np.stack([horizontal * np.cos(turn), -horizontal * np.sin(turn), vertical], axis=-1)
-    body = np.einsum("nji,nj->ni", tilting(*tilt_deg), level)
-    felt = body @ np.asarray(iron.soft).T + np.asarray(iron.hard_nt)
-    levelled = np.einsum("nij,nj->ni", tilting(*(sensed_tilt_deg or tilt_deg)), felt)
-    return circle(np.rad2deg(np.arctan2(-levelled[:, 1], levelled[:, 0])))
+    felt_nt = body_field(field_nt, heading_deg, tilt_deg) @ np.asarray(iron.soft).T + np.asarray(iron.hard_nt)
+    return angles.wrap360(levelled_heading(felt_nt, sensed_tilt_deg or tilt_deg))
+
+
+def body_field(
+    field_nt: tuple[ArrayLike, ArrayLike], heading_deg: ArrayLike, tilt_deg: tuple[ArrayLike, ArrayLike]
+) -> Floats:
+    """Rotate the earth's field into the body frame, (..., 3) nT; arguments as for ``recorded_heading``."""
+    sine, cosine = angles.sin_cos(heading_deg)
+    horizontal, vertical = np.broadcast_arrays(*field_nt, sine)[:2]
+    level = np.stack([horizontal * cosine, -horizontal * sine, vertical], axis=-1)
+    return np.einsum("...ji,...j->...i", tilting(*tilt_deg), level)
+
+
+def levelled_heading(felt_nt: Floats, sensed_tilt_deg: tuple[ArrayLike, ArrayLike]) -> Floats:
+    """Level the field at the sensor by the recorded tilts, and compute the angle of its horizontal part, degrees."""
+    levelled = np.einsum("...ij,...j->...i", tilting(*sensed_tilt_deg), felt_nt)
+    return np.rad2deg(np.arctan2(-levelled[..., 1], levelled[..., 0]))
 
 
 def tilting(pitch_deg: ArrayLike, roll_deg: ArrayLike) -> Floats:
-    """Compute Ry(pitch) Rx(roll), (n, 3, 3)."""
-    pitch, roll = np.broadcast_arrays(np.deg2rad(pitch_deg), np.deg2rad(roll_deg))
-    sp, cp, sr, cr = np.sin(pitch), np.cos(pitch), np.sin(roll), np.cos(roll)
-    zero = np.zeros_like(cp)
-    rows = ((cp, sp * sr, sp * cr), (zero, cr, -sr), (-sp, cp * sr, cp * cr))
+    """Compute Ry(pitch) Rx(roll), (..., 3, 3)."""
+    sp, cp, sr, cr = np.broadcast_arrays(*angles.sin_cos(pitch_deg), *angles.sin_cos(roll_deg))
+    rows = ((cp, sp * sr, sp * cr), (np.zeros_like(cp), cr, -sr), (-sp, cp * sr, cp * cr))
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
@@ -115,6 +121,9 @@ class Magnetometer:
     step_nt: float = 40.0
 
 
+FULL_SCALE_NT = 50_000.0
+
+
 def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: float) -> Magnetometer:
     """Build a magnetometer whose hard iron is a given share of the horizontal field."""
     places = rng.normal(0.0, 0.015, (3, 3))
@@ -126,8 +135,7 @@ def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: flo
     ball = Ball(_place(rng, 0.6, 1.0), float(rng.uniform(0.08, 0.18)))
     bent = tuple(rng.normal(0.0, 0.0008, 3).tolist())
     made = Magnetometer(tuple(magnets), ball, places, axes, even=(bent[0], bent[1], bent[2]))
-    # Scale the moments of the magnets to the requested horizontal strength.
-    _, added = response(made)
+    added = response(made)[1]
     scale = strength * earth_nt[0] / max(float(np.hypot(added[0], added[1])), 1.0)
     scaled = tuple(replace(m, moment_a_m2=tuple(scale * np.array(m.moment_a_m2))) for m in made.magnets)
     meter = replace(made, magnets=scaled)
@@ -151,14 +159,7 @@ def response(meter: Magnetometer) -> tuple[Floats, Floats]:
     return matrix, np.einsum("ij,ij->i", meter.axes, added) - np.array(meter.trim_nt)
 
 
-def felt(
-    meter: Magnetometer,
-    body_nt: Floats,
-    nearby_nt: Floats | None = None,
-    *,
-    stepped: bool = True,
-    full_scale_nt: float = 50_000.0,
-) -> Floats:
+def felt(meter: Magnetometer, body_nt: Floats, nearby_nt: Floats | float = 0.0, *, stepped: bool = True) -> Floats:
     """Simulate the output of the sensors, (..., 3) nT.
 
     Args:
@@ -166,9 +167,8 @@ def felt(
         nearby_nt: additional field at the sensors by objects that came near the compass later, (..., 3) nT.
     """
     matrix, added = response(meter)
-    raw = body_nt @ matrix.T + added + (0.0 if nearby_nt is None else nearby_nt)
-    scaled = raw / full_scale_nt
-    curved = raw + full_scale_nt * np.array(meter.even) * scaled**2
+    raw = body_nt @ matrix.T + added + nearby_nt
+    curved = raw + FULL_SCALE_NT * np.array(meter.even) * (raw / FULL_SCALE_NT) ** 2
     return np.asarray(meter.step_nt * np.rint(curved / meter.step_nt) if stepped else curved)
 
 

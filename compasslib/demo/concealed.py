@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
+from compasslib import angles
 from compasslib.demo import adcp, sealed
 from compasslib.demo.sealed import Effect, Ground, Wish
-from compasslib.demo.water import HOUR_S, STEP_S, Floats, red_noise
-
-AXES = ("forward", "starboard", "down")
+from compasslib.demo.water import STEP_S, red_noise
+from compasslib.types import HOUR_S, Floats
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,8 @@ class Cause:
         if self.along is None or effect.body_nt is None:
             return None
         field = effect.body_nt[int(np.argmax(self.along))]
-        return {name: round(float(x)) for name, x in zip(AXES, field, strict=True)} | {"unit": "nT"}
+        axes = ("forward", "starboard", "down")
+        return {name: round(float(x)) for name, x in zip(axes, field, strict=True)} | {"unit": "nT"}
 
 
 @dataclass(frozen=True)
@@ -86,20 +87,19 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
     Path(truth_path).write_text(json.dumps(told) + "\n", encoding="utf-8")
 
 
-def signal_to_noise(speed: Floats, heading_deg: Floats, turn: Floats, noise: Floats, *, bands: int = 24) -> float:
+def signal_to_noise(speed: Floats, heading_deg: Floats, turn: Floats, noise: Floats) -> float:
     """Compute the signal-to-noise ratio z of a cause, beyond what five coefficients fit, where the noise is known.
 
     The logarithm of the likelihood ratio of a tool that knows cause and noise is z^2 / 2 on average.
 
     Args:
-        speed: of the current, m/s, (n,).
         turn: of the readings by the cause, radians, (n,).
         noise: difference of the currents at both depths across the flow, m/s, (n,). Its spectrum is taken by bands;
             that of the slowest is not known from one series, so that z of a slow cause is an upper limit.
     """
     columns = speed[:, None] * np.column_stack([turn, waves(heading_deg)])
     power = np.abs(np.fft.rfft(noise)[1:]) ** 2
-    band = np.searchsorted(np.geomspace(4.0, len(power), bands), np.arange(1, len(power) + 1))
+    band = np.searchsorted(np.geomspace(4.0, len(power), 24), np.arange(1, len(power) + 1))
     known = (np.bincount(band, power) / np.maximum(np.bincount(band), 1))[band]
     white = np.fft.rfft(columns, axis=0)[1:] / np.sqrt(known)[:, None]
     return float(np.sqrt(2.0) * np.linalg.norm(beyond(np.concatenate([white.real, white.imag]))))
@@ -107,8 +107,8 @@ def signal_to_noise(speed: Floats, heading_deg: Floats, turn: Floats, noise: Flo
 
 def waves(heading_deg: Floats) -> Floats:
     """Compute what five coefficients of a deviation can fit, (n, 5)."""
-    angle = np.deg2rad(heading_deg)
-    return np.column_stack([np.ones(len(angle)), *(wave(k * angle) for k in (1, 2) for wave in (np.cos, np.sin))])
+    columns = [column for k in (1.0, 2.0) for column in angles.sin_cos(k * heading_deg)]
+    return np.column_stack([np.ones(len(heading_deg)), *columns])
 
 
 def beyond(columns: Floats) -> Floats:
@@ -128,34 +128,21 @@ def _sized(ground: Ground, effect: Callable[[float], Effect], wanted: float) -> 
     for _ in range(4):  # iron is not quite proportional to its size
         size *= wanted / z
         read = sealed.read(ground, [effect(size)], ground.stamp_s).recorded_deg
-        turn = np.angle(np.exp(1j * np.deg2rad(read - plain.recorded_deg)))
+        turn = np.deg2rad(angles.difference(read, plain.recorded_deg))
         z = signal_to_noise(np.abs(upper), plain.heading_deg, turn, noise)
     left = beyond(np.column_stack([turn, waves(plain.heading_deg)]))
     return effect(size), z, float(np.rad2deg(np.std(left)))
-
-
-def _along(ground: Ground, series: Floats) -> Floats:
-    """Interpolate a series on the time axis of the water to the ensembles."""
-    return np.interp(ground.stamp_s, ground.currents.time_s, series)
 
 
 def _iron(series: Floats, direction: Floats) -> Callable[[float], Effect]:
     return lambda size: Effect("iron", body_nt=250.0 * size * series[:, None] * direction)
 
 
-def _shift(series: Floats) -> Callable[[float], Effect]:
-    return lambda size: Effect("reading", reading=lambda gamma: size * series[:, None] + 0.0 * gamma)
-
-
-def _direction(rng: np.random.Generator) -> Floats:
-    angle = rng.uniform(0.0, 2.0 * np.pi)
-    return np.array([np.cos(angle), np.sin(angle), 0.4 * rng.normal()])
-
-
 def _knocked(ground: Ground, rng: np.random.Generator) -> list[Cause]:
     date = float(ground.stamp_s[int(rng.uniform(0.3, 0.7) * ground.stamp_s.size)])
     after = (ground.stamp_s > date).astype(float)
-    effect = _iron(after, _direction(rng))
+    angle = rng.uniform(0.0, 2.0 * np.pi)
+    effect = _iron(after, np.array([np.cos(angle), np.sin(angle), 0.4 * rng.normal()]))
     return [Cause("the sphere's iron changed at once", "time", effect, "hard_iron_step", date, after)]
 
 
@@ -167,12 +154,13 @@ def _knocked_and_leaning(ground: Ground, rng: np.random.Generator) -> list[Cause
 
 
 def _unlisted(ground: Ground, rng: np.random.Generator) -> list[Cause]:
-    warm = _along(ground, ground.temperature_c)
+    warm = np.interp(ground.stamp_s, ground.currents.time_s, ground.temperature_c)
     core, share = warm.copy(), 1.0 - np.exp(-1.0 / rng.uniform(6.0, 18.0))  # that it loses of the difference in an hour
     for k in range(1, warm.size):
         core[k] = core[k - 1] + share * (warm[k] - core[k - 1])
     bent = "the compass's board bent while its core was still colder or warmer than the water"
-    return [Cause(bent, "temperature", _shift((warm - core) / np.std(warm - core)))]
+    turn = ((warm - core) / np.std(warm - core))[:, None]
+    return [Cause(bent, "temperature", lambda size: Effect("reading", reading=lambda gamma: size * turn + 0.0 * gamma))]
 
 
 def _wish(latitude: float, longitude: float, depth_m: float, *, wide: bool, strength: float) -> Wish:

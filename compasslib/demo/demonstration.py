@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from compasslib import angles
 from compasslib.demo import adcp, compass, profiler, water
 from compasslib.demo.adcp import Adcp, Setup, Stance
 from compasslib.demo.compass import Field, Iron
 from compasslib.demo.profiler import Profiler
-from compasslib.demo.water import DAY_S, HOUR_S, Climate, Floats, Rig, circle, red_noise
+from compasslib.demo.water import Climate, Rig, red_noise
+from compasslib.types import DAY_S, HOUR_S, Floats
 
 DEPLOYED_S, RECOVERED_S = 1188864000.0, 1223078400.0  # 4 September 2007 and 4 October 2008, 00:00 UTC
 ON_DECK_S = DAY_S
@@ -132,18 +134,18 @@ def _stance(
     in_water = (time_s >= DEPLOYED_S) & (time_s <= RECOVERED_S)
     declination, *strength = field.at(time_s)
     heading, *tilt = attitude_deg
-    noise = rng.normal(0.0, compass.TILT_NOISE_DEG, (2, time_s.size))
+    noise = rng.normal(0.0, 0.05, (2, time_s.size))
     sensed = (tilt[0] + noise[0], tilt[1] + noise[1])
     recorded = compass.recorded_heading(
         (strength[0], strength[1]), heading, tilt_deg=(tilt[0], tilt[1]), sensed_tilt_deg=sensed, iron=iron
     )
     # On deck the instrument does not move and is near other iron.
-    recorded = np.where(in_water, recorded, 137.0) + rng.normal(0.0, compass.NOISE_DEG, time_s.size)
+    recorded = np.where(in_water, recorded, 137.0) + rng.normal(0.0, 0.5, time_s.size)
     return Stance(
         time_s=time_s,
         depth_m=depth_m,
-        heading_deg=circle(heading),
-        recorded_deg=circle(recorded),
+        heading_deg=angles.wrap360(heading),
+        recorded_deg=angles.wrap360(recorded),
         tilt_deg=(tilt[0], tilt[1]),
         sensed_tilt_deg=sensed,
         declination_deg=declination,

@@ -15,16 +15,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib import angles
 from compasslib.demo import water as sea
 from compasslib.demo.compass import Field
-from compasslib.demo.water import HOUR_S, NOMINAL_M, Complexes, Floats, Motion, Water, circle, clockwise
+from compasslib.demo.water import NOMINAL_M, Motion, Water, clockwise
+from compasslib.types import HOUR_S, Complexes, Floats
 
 ROW = "   %s%9.2f%9.2f%9.2f%10.4f%10.4f%10.4f%10.2f%10.2f%10.2f%10.2f\r\n"
 COLUMNS = (
     "   MM-DD-YYYY HH:MM:SS     HDNG       TX       TY        HX        HY        HZ"
     "      VPAB      VPCD      VPEF      VPGH\r\n"
 )
-STAMP = "%m/%d/%Y %H:%M:%S"
 PARTIAL_EVERY = 97  # one of this number of profiles ends in the middle of a row
 FLAGS = {
     "op_flag1": " TIME HDNG",
@@ -77,7 +78,9 @@ def write_text(path: Path, acm: Acm, scans: Scans) -> None:
             rows = (ROW * (end - begin)) % tuple(cells.ravel())
             if number % PARTIAL_EVERY == 0:
                 rows = rows[:-57] + "\r\n"
-            on, off = (np.datetime64(int(t), "s").item().strftime(STAMP) for t in (scans.on_s[k], scans.off_s[k]))
+            on, off = (
+                np.datetime64(int(t), "s").item().strftime("%m/%d/%Y %H:%M:%S") for t in (scans.on_s[k], scans.off_s[k])
+            )
             listing = [("FILELEN", "I", header_size + _RECORD.itemsize * (end - begin)), *fields]
             shown = "".join(f"{name:<12}: {_shown(name, code, value)}\r\n" for name, code, value in listing if name)
             file.write(f"Sample rate: {acm.rate_hz:.4f} Hz\r\n\r\n\r\n Profile {number}\r\n\r\n{COLUMNS}\r\n{rows}\r\n")
@@ -164,7 +167,7 @@ class Plan:
 
     number: NDArray[np.int64]
     ascending: NDArray[np.bool_]
-    scans: NDArray[np.int64]
+    scans: NDArray[np.int64]  # number of each profile's scans
     time_s: Floats  # (r,) of the scans
     top_s: Floats  # time at the bumper: arrival or departure
     stuck_m: Floats  # depth at which it is stuck, NaN if it moves
@@ -176,23 +179,8 @@ class Plan:
         return np.asarray(np.cumsum(self.scans) - self.scans)
 
 
-def plan(
-    rng: np.random.Generator,
-    profiler: Profiler,
-    motion: Motion,
-    span_s: tuple[float, float],
-    *,
-    near_s: float = 230.0,
-    dwell_s: float = 10.0,
-    stuck_s: float = 60.0,
-    step_s: tuple[float, float] = (2.0, 32.0),
-) -> Plan:
-    """Plan the profiles: odd numbers ascend, even ones descend, and none reaches the top while it is stuck.
-
-    Args:
-        near_s, dwell_s: time in which it passes the uppermost water, and at the bumper.
-        step_s: time between two scans in the uppermost water and below.
-    """
+def plan(rng: np.random.Generator, profiler: Profiler, motion: Motion, span_s: tuple[float, float]) -> Plan:
+    """Plan the profiles: odd numbers ascend, even ones descend, and none reaches the top while it is stuck."""
     start = np.arange(span_s[0] + profiler.first_s, span_s[1] - 4 * HOUR_S, 12 * HOUR_S)
     number = np.arange(start.size) + 1
     ascending = number % 2 == 1
@@ -200,8 +188,9 @@ def plan(
     top = np.rint(start + np.where(ascending, way_s, 30.0))
     blown = np.interp(top, motion.time_s, motion.sphere_depth_m) - NOMINAL_M
     stuck = _stuck_depths(rng, blown, profiler.bottom_m)
-    down = np.concatenate([np.arange(-dwell_s, near_s, step_s[0]), np.arange(near_s, np.floor(way_s), step_s[1])])
-    parked = 120.0 + np.arange(stuck_s)
+    # Ten seconds at the bumper, then a scan in 2 s in the uppermost water and in 32 s below.
+    down = np.concatenate([np.arange(-10.0, 230.0, 2.0), np.arange(230.0, np.floor(way_s), 32.0)])
+    parked = 120.0 + np.arange(60.0)
     times = [
         begin + parked if held else at - down[::-1] if up else at + down
         for begin, at, up, held in zip(np.rint(start), top, ascending, ~np.isnan(stuck), strict=True)
@@ -224,7 +213,7 @@ def log(rng: np.random.Generator, schedule: Plan, water: Water, motion: Motion, 
     reading = np.column_stack([*compass, *paths])
     # The first scan after switching on is aliased.
     reading[first] += rng.normal(0.0, (30.0, 3.0, 3.0, 0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 2.0), (count, 10))
-    reading[:, 0] = circle(np.round(reading[:, 0], 2))
+    reading[:, 0] = angles.wrap360(np.round(reading[:, 0], 2))
     on, off = time[first] - rng.integers(5, 11, count), time[first + schedule.scans - 1] + 1.0
     return Scans(schedule.number, schedule.scans, on.astype(int), off.astype(int), time.astype(int), reading)
 
@@ -243,20 +232,14 @@ def write_engineering(path: Path, schedule: Plan, motion: Motion, latitude_deg: 
     path.write_text("time_utc,pressure_dbar\n" + "".join(f"{stamp}Z,{dbar:.2f}\n" for stamp, dbar in pairs))
 
 
-def _stuck_depths(
-    rng: np.random.Generator, blown_m: Floats, bottom_m: float, *, sticks_m: float = 100.0, frees_m: float = 25.0
-) -> Floats:
-    """Draw the depth at which the profiler is stuck in each profile, NaN if it is free.
-
-    Args:
-        sticks_m, frees_m: blow-down at which it sticks, and below which it comes free.
-    """
+def _stuck_depths(rng: np.random.Generator, blown_m: Floats, bottom_m: float) -> Floats:
+    """Draw the depth at which the profiler is stuck in each profile, NaN if it is free."""
     depths = rng.uniform(0.45, 0.85, blown_m.size) * bottom_m
     depth, stuck = nan, []
     for blown, here in zip(blown_m.tolist(), depths.tolist(), strict=True):
-        if isnan(depth) and blown > sticks_m:
+        if isnan(depth) and blown > 100.0:
             depth = here
-        elif blown < frees_m:
+        elif blown < 25.0:
             depth = nan
         stuck.append(depth)
     return np.array(stuck)
@@ -294,15 +277,14 @@ def _compass(
     x = HX cos TX - HZ sin TX, y = HY cos TY - HZ sin TY, heading = atan2(y, x), with z upwards.
     """
     steady = rng.normal(0.0, 0.35, profile[-1] + 1)[profile]
-    heading = circle(heading_deg + steady + rng.normal(0.0, 0.35, profile.size))
+    heading = angles.wrap360(heading_deg + steady + rng.normal(0.0, 0.35, profile.size))
     tilts = [
         np.round(rng.normal(mean, 0.8, profile[-1] + 1)[profile] + rng.normal(0.0, 0.4, profile.size), 2)
         for mean in (1.6, -0.9)
     ]
-    turn, (tx, ty) = np.deg2rad(heading), np.deg2rad(tilts)
+    (sine, cosine), (sx, cx), (sy, cy) = (angles.sin_cos(angle) for angle in (heading, *tilts))
     flat = field[1] / field[2]
-    hx = (flat * np.cos(turn) - np.sin(tx)) / np.cos(tx)
-    hy = (flat * np.sin(turn) - np.sin(ty)) / np.cos(ty)
+    hx, hy = (flat * cosine - sx) / cx, (flat * sine - sy) / cy
     length = np.sqrt(hx**2 + hy**2 + 1.0)
     return heading, tilts[0], tilts[1], hx / length, hy / length, -1.0 / length
 
@@ -315,21 +297,15 @@ def _paths(
     sinking: Floats,
     turning: Floats,
     ascending: NDArray[np.bool_],
-    lever_m: float = 0.43,
 ) -> tuple[Floats, ...]:
-    """Compute the velocities along the paths VPAB, VPCD, VPEF, VPGH, cm/s, including the motion of the meter.
-
-    Args:
-        lever_m: distance of the acoustic paths from the wire.
-    """
-    frame = flow * np.exp(-1j * np.deg2rad(90.0 - heading_deg))
+    """Compute the velocities along the paths VPAB, VPCD, VPEF, VPGH, cm/s, including the motion of the meter."""
+    frame = clockwise(flow, 90.0 - heading_deg)
     noise = rng.normal(0.0, 0.6, (4, heading_deg.size))
-    x, y = 100 * frame.real, 100 * (frame.imag + lever_m * turning)
-    # Relative to a sinking meter the water rises.
-    z = 100 * sinking
+    x, y = 100 * frame.real, 100 * (frame.imag + 0.43 * turning)  # the paths are 0.43 m away from the wire
+    z = 100 * sinking  # relative to a sinking meter the water rises
     upper, lower = (x + z) / np.sqrt(2), (x - z) / np.sqrt(2)
     # One of the two inclined paths lies in the wake of the strut, the upper one on the way up.
-    wake = 0.6, rng.normal(0.0, 2.0, heading_deg.size)
-    upper = np.where(ascending, wake[0] * upper + wake[1], upper)
-    lower = np.where(ascending, lower, wake[0] * lower + wake[1])
+    wake = rng.normal(0.0, 2.0, heading_deg.size)
+    upper = np.where(ascending, 0.6 * upper + wake, upper)
+    lower = np.where(ascending, lower, 0.6 * lower + wake)
     return (y - x) / np.sqrt(2) + noise[0], upper + noise[1], (-x - y) / np.sqrt(2) + noise[2], lower + noise[3]

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
+from compasslib import angles
 from compasslib.demo import adcp, compass, water
 from compasslib.demo.adcp import Adcp, Ensembles, Setup, Stance
-from compasslib.demo.compass import Field, Magnetometer, tilting
-from compasslib.demo.water import DAY_S, HOUR_S, Climate, Floats, Rig, circle, clockwise, red_noise
+from compasslib.demo.compass import Field, Magnetometer
+from compasslib.demo.water import Climate, Rig, clockwise, red_noise
+from compasslib.types import DAY_S, HOUR_S, Floats
 
 PINGS = 4  # in an ensemble of the simulated profiler
-NOISE_DEG = 0.4  # of the heading of an ensemble
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,51 +32,37 @@ class Effect:
     size: float = 1.0
 
 
-def read(
-    ground: Ground,
-    effects: Sequence[Effect],
-    time_s: Floats,
-    rng: np.random.Generator | None = None,
-    *,
-    ping_s: float = 90.0,
-    tilt_step_deg: float = 180.0 / 4096.0,
-    tilt_lag_s: float = 20.0,
-    tilt_passes: float = 0.75,
-    wobble_deg: float = 0.35,
-) -> Stance:
+def read(ground: Ground, effects: Sequence[Effect], time_s: Floats, rng: np.random.Generator | None = None) -> Stance:
     """Simulate the affected compass: true attitude and readings.
+
+    The tilts have twelve bits over 180 degrees, are late by 20 s, and hold three quarters of a fast wobble.
 
     Args:
         effects: effects planted in it, at the same ensembles.
         rng: random generator; without one, a single ping without noise and quantization is simulated.
-        tilt_step_deg: resolution of twelve bits over 180 degrees.
-        tilt_lag_s, tilt_passes: lag of the tilt sensor, and share of a fast wobble that it records.
     """
-    pings = 1 if rng is None else PINGS
-    times = time_s[:, None] + ping_s * (np.arange(pings) - 0.5 * (pings - 1))
-    wobble = np.zeros((2, *times.shape)) if rng is None else rng.normal(0.0, wobble_deg, (2, *times.shape))
+    pings, tilt_step_deg = 1 if rng is None else PINGS, 180.0 / 4096.0
+    times = time_s[:, None] + 90.0 * (np.arange(pings) - 0.5 * (pings - 1))
+    wobble = np.zeros((2, *times.shape)) if rng is None else rng.normal(0.0, 0.35, (2, *times.shape))
     heading, pitch, roll = _attitude(ground, times)
     true = (pitch + wobble[0], roll + wobble[1])
-    _, *late = _attitude(ground, times if rng is None else times - tilt_lag_s)
-    sensed = [slow + tilt_passes * fast for slow, fast in zip(late, wobble, strict=True)]
+    _, *late = _attitude(ground, times if rng is None else times - 20.0)
+    sensed = [slow + 0.75 * fast for slow, fast in zip(late, wobble, strict=True)]
     if rng is not None:
         sensed = [tilt_step_deg * np.rint(tilt / tilt_step_deg) for tilt in sensed]
     _, horizontal, vertical = ground.field.at(times)
-    turn = np.deg2rad(heading)
-    level = np.stack([horizontal * np.cos(turn), -horizontal * np.sin(turn), vertical], axis=-1)
-    body = np.einsum("nkji,nkj->nki", tilting(*true), level)
+    body = compass.body_field((horizontal, vertical), heading, true)
     iron = sum((effect.body_nt for effect in effects if effect.body_nt is not None), np.zeros((len(times), 3)))
     given = compass.felt(ground.meter, body, iron[:, None, :], stepped=rng is not None)
-    levelled = np.einsum("nkij,nkj->nki", tilting(*sensed), given)
-    gamma = np.rad2deg(np.arctan2(-levelled[..., 1], levelled[..., 0]))
+    gamma = compass.levelled_heading(given, (sensed[0], sensed[1]))
     added = [effect.reading(gamma) for effect in effects if effect.reading is not None]
     gamma = gamma + sum(added, np.zeros(gamma.shape))
-    noise = 0.0 if rng is None else rng.normal(0.0, NOISE_DEG, time_s.size)
+    noise = 0.0 if rng is None else rng.normal(0.0, 0.4, time_s.size)
     return Stance(
         time_s=time_s,
         depth_m=np.interp(time_s, ground.motion.time_s, ground.motion.sphere_depth_m),
-        heading_deg=_middle(heading),
-        recorded_deg=circle(_middle(gamma) + noise),
+        heading_deg=angles.mean(heading, axis=1),
+        recorded_deg=angles.wrap360(angles.mean(gamma, axis=1) + noise),
         tilt_deg=(true[0].mean(axis=1), true[1].mean(axis=1)),
         sensed_tilt_deg=(sensed[0].mean(axis=1), sensed[1].mean(axis=1)),
         declination_deg=ground.field.at(time_s)[0],
@@ -85,14 +72,9 @@ def read(
 
 def _attitude(ground: Ground, times: Floats) -> tuple[Floats, Floats, Floats]:
     motion = ground.motion
-    heading, pitch, roll = (
-        np.interp(times, motion.time_s, x) for x in (motion.heading_deg, motion.pitch_deg, motion.roll_deg)
-    )
+    series = (motion.heading_deg, motion.pitch_deg, motion.roll_deg)
+    heading, pitch, roll = (np.interp(times, motion.time_s, x) for x in series)
     return heading, pitch, roll
-
-
-def _middle(angle_deg: Floats) -> Floats:
-    return circle(np.rad2deg(np.angle(np.exp(1j * np.deg2rad(angle_deg)).mean(axis=1))))
 
 
 STRENGTHS = (0.05, 0.1, 0.2, 0.35, 0.55)  # field of the iron relative to the earth's horizontal field
@@ -164,13 +146,13 @@ def make(seed: int, name: str, wish: Wish) -> Ground:
     supply = 166.0 - rng.uniform(12.0, 22.0) * used - rng.uniform(7.0, 14.0) * used**6 + warm
     return Ground(
         seed, name, wish, latitude, longitude, depth, field, currents, motion, meter, temperature, supply, stamps
-    )  # fmt: skip
+    )
 
 
 def trusted_heading(ground: Ground) -> Floats:
     """Simulate the correct heading of the reference, which turns independently, at full hours, degrees, (n,)."""
     rng = ground.random("deep heading")
-    return circle(180.0 + red_noise(rng, ground.stamp_s.size, memory=30.0, deviation=120.0))
+    return angles.wrap360(180.0 + red_noise(rng, ground.stamp_s.size, memory=30.0, deviation=120.0))
 
 
 DEEP_SAMPLE_S = 180.0  # by which the samples of the simulated reference follow those of the profiler
@@ -240,7 +222,7 @@ def deep_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
         time_s=time,
         depth_m=sphere + 4.0,
         heading_deg=heading,
-        recorded_deg=circle(heading + wrong + rng.normal(0.0, 0.5, time.size)),
+        recorded_deg=angles.wrap360(heading + wrong + rng.normal(0.0, 0.5, time.size)),
         tilt_deg=(tilts[0], tilts[1]),
         sensed_tilt_deg=(tilts[0], tilts[1]),
         declination_deg=ground.field.at(time)[0],

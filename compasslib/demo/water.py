@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
-
-HOUR_S = 3600.0
-DAY_S = 86400.0
+from compasslib import angles
+from compasslib.types import DAY_S as DAY_S
+from compasslib.types import HOUR_S as HOUR_S
+from compasslib.types import Complexes as Complexes
+from compasslib.types import Floats as Floats
 
 
 def stream(seed: int, mooring: str, purpose: str) -> np.random.Generator:
@@ -48,24 +48,17 @@ def white_vector(rng: np.random.Generator, shape: int | tuple[int, ...], deviati
 
 def towards(direction_deg: ArrayLike) -> Complexes:
     """Compute the unit vector east + i north of a direction, degrees clockwise from north."""
-    return np.asarray(1j * np.exp(-1j * np.deg2rad(np.asarray(direction_deg, dtype=float))))
+    return np.asarray(1j * np.conj(angles.phasor(direction_deg)))
 
 
 def direction(velocity: Complexes) -> Floats:
     """Compute the direction towards which east + i north points, degrees clockwise from north in [0, 360)."""
-    return circle(90.0 - np.rad2deg(np.angle(velocity)))
-
-
-def circle(angle_deg: ArrayLike) -> Floats:
-    """Wrap an angle to [0, 360)."""
-    turned = np.asarray(np.mod(angle_deg, 360.0))
-    # The remainder of a tiny negative angle rounds to the full circle.
-    return np.where(turned < 360.0, turned, 0.0)
+    return angles.direction(velocity.real, velocity.imag)
 
 
 def clockwise(velocity: ArrayLike, by_deg: ArrayLike) -> Complexes:
     """Rotate vectors, east + i north, clockwise by angles in degrees that broadcast with them."""
-    return np.asarray(velocity * np.exp(-1j * np.deg2rad(np.asarray(by_deg, dtype=float))))
+    return np.asarray(velocity * np.conj(angles.phasor(by_deg)))
 
 
 STEP_S = 600.0
@@ -114,12 +107,7 @@ class Water:
 
 
 def make_water(
-    seed: int,
-    name: str,
-    climate: Climate,
-    *,
-    site: tuple[float, float],
-    span_s: tuple[float, float],
+    seed: int, name: str, climate: Climate, *, site: tuple[float, float], span_s: tuple[float, float]
 ) -> Water:
     """Simulate the currents of one mooring over a span of time; ``site``: latitude, and water depth in metres."""
     latitude_deg, water_depth_m = site
@@ -141,7 +129,7 @@ def make_water(
     # Clockwise rotation at the Coriolis frequency, with an amplitude that decorrelates in three days.
     rng = stream(seed, name, "inertial")
     amplitude = red_vector(rng, time_s.size, memory=3 * DAY_S / STEP_S, deviation=climate.inertial_m_s / np.sqrt(2.0))
-    turned_deg = 360.0 * 2.0 * np.sin(np.deg2rad(latitude_deg)) * (time_s - time_s[0]) / 86164.1  # a sidereal day
+    turned_deg = 720.0 * angles.sin_cos(latitude_deg)[0] * (time_s - time_s[0]) / 86164.1  # a sidereal day
     return Water(
         time_s=time_s,
         surface=along * climate.mean_m_s * season + clockwise(amplitude, turned_deg),
@@ -175,32 +163,15 @@ def sea_level(time_s: ArrayLike) -> Floats:
     return np.asarray(0.7 * np.cos(turns / TIDES[0][0]) + 0.25 * np.cos(turns / TIDES[1][0]))
 
 
-def _layers(
-    rng: np.random.Generator,
-    shear_m_s: float,
-    time_s: Floats,
-    *,
-    gap_m: float = 14.0,
-    waves: int = 8,
-    shortest_m: float = 12.0,
-    longest_m: float = 160.0,
-    growth: float = 1.5,
-    hours_at_gap: float = 6.0,
-) -> Layers:
-    """Draw layers with a given rms difference of one component, m/s, at the distance ``gap_m``.
-
-    Args:
-        gap_m: distance at which currents differ by ``Climate.shear_m_s``, about that across a sphere.
-        waves, shortest_m, longest_m: number and vertical wavelengths of the layers.
-        growth: exponent of the wavelength in the variance of a layer: larger differences at larger distances.
-    """
-    edges = np.geomspace(shortest_m, longest_m, waves + 1)
+def _layers(rng: np.random.Generator, shear_m_s: float, time_s: Floats) -> Layers:
+    """Draw layers of 12 to 160 m with a given rms difference of one component, m/s, over 14 m, about a sphere's gap."""
+    gap_m, edges = 14.0, np.geomspace(12.0, 160.0, 9)
     lengths = np.exp(rng.uniform(np.log(edges[:-1]), np.log(edges[1:])))
     wavenumber = 2.0 * np.pi / lengths
-    variance = lengths**growth
+    variance = lengths**1.5  # larger differences at larger distances
     variance *= shear_m_s**2 / np.sum(2.0 * variance * (1.0 - np.cos(wavenumber * gap_m)))
     courses = [
-        [_course(rng, time_s, hours_at_gap * length / (2.0 * gap_m)) * np.sqrt(size) for _ in range(2)]
+        [_course(rng, time_s, 6.0 * length / (2.0 * gap_m)) * np.sqrt(size) for _ in range(2)]  # 6 h across the gap
         for length, size in zip(lengths.tolist(), variance.tolist(), strict=True)
     ]
     return Layers(wavenumber, *(np.stack(each) for each in zip(*courses, strict=True)))
@@ -235,7 +206,6 @@ def _cyclones(rng: np.random.Generator, speed_m_s: float, time_s: Floats) -> Com
 
 SEAWATER_KG_M3 = 1027.0
 SPHERE_DRAG_M2 = 0.9  # drag coefficient times area of the sphere with its gear
-ITERATIONS = 5
 NOMINAL_M = 100.0
 
 
@@ -275,15 +245,15 @@ def make_motion(seed: int, name: str, rig: Rig, water: Water, *, declination_deg
     return Motion(water.time_s, depth + sea_level(water.time_s), heading, pitch, roll)
 
 
-def blow_down(rig: Rig, water: Water, segments: int = 12) -> Floats:
+def blow_down(rig: Rig, water: Water) -> Floats:
     """Compute the depth of the sphere along the water's time axis, metres below the mean surface, shape (g,)."""
-    hours = water.time_s[::6]
+    hours, segments = water.time_s[::6], 12
     length = (water.water_depth_m - NOMINAL_M) / segments
     along = length * (np.arange(segments, dtype=float) + 0.5)
     net_n = rig.buoyancy_n - rig.wire_weight_n_m * along
     depth = np.tile(NOMINAL_M + along, (hours.size, 1))
     upright = np.ones((hours.size, segments))
-    for _ in range(ITERATIONS):
+    for _ in range(5):
         flow = velocity(water, hours, depth)
         # Only half of the step to the new slope, as the full step overshoots where the line leans most.
         sphere = 0.5 * SEAWATER_KG_M3 * SPHERE_DRAG_M2 * np.abs(flow[:, :1]) * flow[:, :1]
@@ -297,12 +267,8 @@ def blow_down(rig: Rig, water: Water, segments: int = 12) -> Floats:
 def wake_heading(rng: np.random.Generator, equilibrium_deg: Floats, speed_m_s: Floats, *, wobble_deg: float) -> Floats:
     """Simulate the heading of a body aligned by its wake, degrees, unwrapped, shape (g,).
 
-    The restoring moment increases with speed: at 25 cm/s the memory is three hours, in still water the heading is a
-    random walk.
-
-    Args:
-        equilibrium_deg: heading at which the moment vanishes, (g,).
-        wobble_deg: standard deviation about the equilibrium at 25 cm/s.
+    The moment that restores the equilibrium increases with speed: at 25 cm/s the memory is three hours and the standard
+    deviation ``wobble_deg``; in still water the heading is a random walk.
     """
     pull = np.minimum(speed_m_s / 0.25, 2.5) * STEP_S / (3 * HOUR_S)
     kick = rng.normal(0.0, np.deg2rad(wobble_deg) * np.sqrt(2 * STEP_S / (3 * HOUR_S)), equilibrium_deg.size)
@@ -316,21 +282,18 @@ def wake_heading(rng: np.random.Generator, equilibrium_deg: Floats, speed_m_s: F
 
 def pressure(depth_m: Floats, latitude_deg: float) -> Floats:
     """Compute the pressure at a depth, dbar (Saunders 1981, J. Phys. Oceanogr. 11, 573, inverted)."""
-    first = 1.0 - (5.92 + 5.25 * np.sin(np.deg2rad(latitude_deg)) ** 2) * 1e-3
+    first = 1.0 - (5.92 + 5.25 * angles.sin_cos(latitude_deg)[0] ** 2) * 1e-3
     return np.asarray((first - np.sqrt(first**2 - 8.84e-6 * depth_m)) / 4.42e-6)
 
 
-def _tilt(
-    rng: np.random.Generator, rig: Rig, speed_m_s: Floats, relative_deg: Floats, *, steepest_deg: float = 9.9
-) -> tuple[Floats, Floats]:
-    """Simulate pitch and roll: tilt at rest, downstream lean of the sphere, and wobble, below ``steepest_deg``."""
+def _tilt(rng: np.random.Generator, rig: Rig, speed_m_s: Floats, relative_deg: Floats) -> tuple[Floats, Floats]:
+    """Simulate pitch and roll: tilt at rest, downstream lean of the sphere, and wobble."""
     drag_n = 0.5 * SEAWATER_KG_M3 * SPHERE_DRAG_M2 * speed_m_s**2
     lean_deg = np.rad2deg(np.arctan(drag_n / rig.buoyancy_n))
-    relative = np.deg2rad(relative_deg)
-    memory = 2 * HOUR_S / STEP_S
-    wobble = [red_noise(rng, speed_m_s.size, memory=memory, deviation=0.6) for _ in range(2)]
-    pitch = rig.rest_pitch_deg - lean_deg * np.cos(relative) + wobble[0]
-    roll = rig.rest_roll_deg + lean_deg * np.sin(relative) + wobble[1]
+    sine, cosine = angles.sin_cos(relative_deg)
+    wobble = [red_noise(rng, speed_m_s.size, memory=2 * HOUR_S / STEP_S, deviation=0.6) for _ in range(2)]
+    pitch = rig.rest_pitch_deg - lean_deg * cosine + wobble[0]
+    roll = rig.rest_roll_deg + lean_deg * sine + wobble[1]
     # No instrument of the array tilted by ten degrees (von Appen 2015), which is therefore a smooth limit.
-    shrink = (1.0 + (np.hypot(pitch, roll) / steepest_deg) ** 8) ** -0.125
+    shrink = (1.0 + (np.hypot(pitch, roll) / 9.9) ** 8) ** -0.125
     return pitch * shrink, roll * shrink

@@ -26,27 +26,19 @@ from typing import Any
 import numpy as np
 
 from compasslib import compass
+from compasslib.deviation.curve import correct_roots
 from compasslib.deviation.exact import MAX_SOFT_IRON, fit_exact
 from compasslib.deviation.model import DeviationFit
-from compasslib.deviation.series import fit_series, invert_series
+from compasslib.deviation.series import fit_series
 from compasslib.records import BAD, Pairs, Record
 from compasslib.statistics import single_threaded
 
 __all__ = ["METHODS", "DeviationFit", "describe_fit", "deviation_json", "find_implausibility", "fit_deviation"]
 
 
-def _keep_compass(pairs: Pairs, near: DeviationFit | None) -> DeviationFit:
-    """Return a compass known beforehand, which pairs do not change."""
-    if near is None:
-        raise ValueError("a compass known beforehand is carried to a mooring, not fitted there")
-    return near
-
-
 METHODS: dict[str, Callable[[Pairs, DeviationFit | None], DeviationFit]] = {
     "exact": fit_exact,
     "von_appen": fit_series,
-    "calibration": _keep_compass,
-    "coefficients": _keep_compass,
 }
 
 
@@ -55,10 +47,10 @@ def fit_deviation(method: str, pairs: Pairs, near: DeviationFit | None = None) -
     """Fit a deviation model to overlapping measurements.
 
     Args:
-        method: ``exact`` or ``von_appen``; ``calibration`` and ``coefficients`` return ``near``.
-        near: a fit of the same method to similar pairs, to start from.
+        method: ``exact`` or ``von_appen``.
+        near: a fit of the same method to similar pairs, to start from; returned if it was known beforehand.
     """
-    if near is not None and near.fixed:
+    if near is not None and (near.fixed or near.known_beforehand):
         return near
     return METHODS[method](pairs, near)
 
@@ -69,22 +61,15 @@ def correctable_fraction(fit: DeviationFit, record: Record) -> float:
     recorded = record.heading_deg[usable]
     if not (fit.fitted and recorded.size):
         return 0.0
-    if fit.method == "von_appen":
-        return float(np.isfinite(invert_series(fit.coefficients, recorded)).mean())
-    return float(np.isfinite(compass.inverse(fit.coefficients, recorded)).any(axis=1).mean())
+    return float(np.isfinite(correct_roots(fit, recorded)).any(axis=1).mean())
 
 
-def find_implausibility(
-    fit: DeviationFit, record: Record, *, beyond: float = 5.0, most_impossible: float = 0.25
-) -> str:
+def find_implausibility(fit: DeviationFit, record: Record) -> str:
     """Explain why a fitted model is implausible for the instrument; empty if it is plausible.
 
     If the reference's components were exchanged, rotated by a right angle or wrongly signed, no compass fits the pairs:
-    the fit then has excessive soft iron, or cannot have recorded many of the headings.
-
-    Args:
-        beyond: distance beyond a fold, in compass noises, that noise cannot explain.
-        most_impossible: share of readings that a valid model cannot have recorded; outliers are fewer.
+    the fit then has excessive soft iron, or cannot have recorded a quarter of the headings within five noises of the
+    compass; outliers are fewer.
     """
     if fit.fitted and fit.method == "exact":
         soft = fit.coefficients[3:5]
@@ -99,9 +84,9 @@ def find_implausibility(
     recorded = record.heading_deg[usable]
     if not (fit.fitted and recorded.size) or fit.method == "von_appen":
         return ""
-    near = [recorded + share * beyond * fit.noise.compass_deg for share in (0.0, -0.5, 0.5, -1.0, 1.0)]
+    near = [recorded + share * 5.0 * fit.noise.compass_deg for share in (0.0, -0.5, 0.5, -1.0, 1.0)]
     possible = np.any([np.isfinite(compass.inverse(fit.coefficients, x)).any(axis=1) for x in near], axis=0)
-    if possible.mean() > 1.0 - most_impossible:
+    if possible.mean() > 0.75:
         return ""
     return (
         f"the fitted compass cannot have recorded {1.0 - possible.mean():.0%} of the headings in the file, so that "

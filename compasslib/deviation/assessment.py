@@ -22,7 +22,7 @@ from compasslib.deviation.model import MIN_PAIRS, DeviationFit
 from compasslib.records import PROBABLY_BAD, PROBABLY_GOOD, Pairs, take
 from compasslib.statistics import single_threaded
 from compasslib.statistics.noise import effective_sample_size
-from compasslib.statistics.resampling import NORMAL_95
+from compasslib.statistics.resampling import NORMAL_95, blocks_by_span
 from compasslib.types import DAY_S, Complexes, Floats
 
 BLOCK_S = 10 * DAY_S  # of pairs held out together
@@ -37,7 +37,7 @@ def held_out_headings(pairs: Pairs, fit: DeviationFit) -> Floats:
     elsewhere used no pairs and is not refitted.
     """
     heading = np.full(len(pairs), np.nan)
-    block = _blocks(pairs.time_s) % FOLDS
+    block = blocks_by_span(pairs.time_s, max(_block_length(pairs.time_s), 1.0)) % FOLDS
     for fold in range(FOLDS):
         left_out, training = block == fold, take(pairs, block != fold)
         again = fit_deviation(fit.method, training, near=fit)
@@ -50,83 +50,56 @@ def _block_length(time_s: Floats) -> float:
     return min(BLOCK_S, float(np.ptp(time_s)) / (2 * FOLDS)) if len(time_s) > 1 else BLOCK_S
 
 
-def _blocks(time_s: Floats) -> NDArray[np.int_]:
-    """Assign the pairs to contiguous blocks, (n,) block numbers."""
-    length = max(_block_length(time_s), 1.0)
-    return np.floor((time_s - time_s[0]) / length).astype(int)
-
-
 @single_threaded()
-def assess_correction(
-    pairs: Pairs,
-    fit: DeviationFit,
-    plain: Pairs | None = None,
-    *,
-    other_days: int = 12,
-    fewest_of_other_days: int = 200,
-) -> dict[str, Any]:
+def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = None) -> dict[str, Any]:
     """Compose assessment.json: direction differences, upper minus lower, before and after correction, and currents.
 
     Args:
         plain: the pairs as the compass of the fit alone would have recorded them, where further effects acted; these
             effects are estimated from the whole record, not held out.
-        other_days, fewest_of_other_days: shifts of the reference in time, and least number of pairs to compare them.
     """
     plain = pairs if plain is None else plain
     held_out = held_out_headings(plain, fit) if fit.fitted and len(pairs) else np.full(len(pairs), np.nan)
     known = np.isfinite(held_out)
-    turned = angles.turn(pairs.upper_east, pairs.upper_north, held_out - pairs.heading_deg)
-    after = _agreement(turned[0][known], turned[1][known], take(pairs, known))
-    before = _agreement(pairs.upper_east[known], pairs.upper_north[known], take(pairs, known))
+    some = take(pairs, known)
+    turned = angles.turn(some.upper_east, some.upper_north, held_out[known] - some.heading_deg)
+    after = _agreement(*turned, some)
+    before = _agreement(some.upper_east, some.upper_north, some)
     others = None  # least rms against the reference's directions of other days, given enough pairs
-    if known.sum() >= fewest_of_other_days:
-        upper = angles.direction(turned[0][known], turned[1][known])
-        lower = angles.direction(pairs.lower_east[known], pairs.lower_north[known])
-        shifts = (np.arange(1, other_days + 1) * len(upper) // (other_days + 1)).tolist()
+    if len(some) >= 200:
+        upper, lower = angles.direction(*turned), angles.direction(some.lower_east, some.lower_north)
+        shifts = (np.arange(1, 13) * len(upper) // 13).tolist()
         others = min(angles.rms(angles.difference(upper, np.roll(lower, shift))) for shift in shifts)
-    shown = take(pairs, known) if known.any() else pairs
-    corrected = turned[0][known] + 1j * turned[1][known]
+    shown = some if len(some) else pairs
     return {
         "before": _agreement(pairs.upper_east, pairs.upper_north, pairs),
         "before_where_corrected": before,
         "after": after,
         "difference_counts": {
             "before": count_differences(pairs.upper_east, pairs.upper_north, pairs),
-            "after": count_differences(turned[0][known], turned[1][known], take(pairs, known)),
+            "after": count_differences(*turned, some),
         },
         "currents": {
             "recorded": _describe_current(shown.upper_east + 1j * shown.upper_north),
-            "corrected": _describe_current(corrected),
+            "corrected": _describe_current(turned[0] + 1j * turned[1]),
             "reference": _describe_current(shown.lower_east + 1j * shown.lower_north),
         },
         "rms_of_other_days_deg": others,
         "water_error_m_s": None if pairs.expected_m_s is None else dict(zip(WATER, pairs.expected_m_s, strict=True)),
         "refuted": _refuted(after, others) or _worse(before, after) or _contradicted(plain, fit),
-        "held_out": {"block_days": _block_length(pairs.time_s) / DAY_S, "folds": FOLDS, "n": int(known.sum())},
+        "held_out": {"block_days": _block_length(pairs.time_s) / DAY_S, "folds": FOLDS, "n": len(some)},
     }
 
 
-def _refuted(
-    after: dict[str, Any],
-    others_deg: float | None,
-    *,
-    refuted_deg: float = 75.0,
-    fewest_to_refute: int = 10,
-    scattered_deg: float = 35.0,
-) -> str:
-    """Explain why held-out pairs refute the correction; empty if they do not.
-
-    Args:
-        refuted_deg: of few pairs, rms after correction; unrelated directions scatter by 104, slow water by 42.
-        scattered_deg: rms above which directions of other days must agree less; about a mean flow even they agree.
-    """
-    if after["n"] < fewest_to_refute:
+def _refuted(after: dict[str, Any], others_deg: float | None) -> str:
+    """Explain why held-out pairs refute the correction; empty if they do not."""
+    if after["n"] < 10:
         return ""
     check = "so that all headings are flagged doubtful; check instruments, clocks, columns, signs and units"
     rms = f"held-out pairs refute the correction: directions still differ by {after['rms_deg']:.0f}° rms"
-    if others_deg is None and after["rms_deg"] > refuted_deg:
+    if others_deg is None and after["rms_deg"] > 75.0:  # slow water scatters by 42°
         return f"{rms} (unrelated ones by 104°), {check}"
-    if others_deg is not None and scattered_deg < after["rms_deg"] >= others_deg:
+    if others_deg is not None and 35.0 < after["rms_deg"] >= others_deg:  # about a mean flow even other days agree
         return f"{rms}, and by {others_deg:.0f}° from those of other days, {check}"
     return ""
 
@@ -145,12 +118,8 @@ def _worse(before: dict[str, Any], after: dict[str, Any]) -> str:
     )
 
 
-def _contradicted(pairs: Pairs, fit: DeviationFit, *, contradicted: float = 28.5, least_apart_deg: float = 3.0) -> str:
-    """Report if the pairs show a significantly different compass than the given one; empty if they do not.
-
-    Args:
-        contradicted, least_apart_deg: chi-squared, 4 degrees of freedom, p = 1e-5; and rms of the difference.
-    """
+def _contradicted(pairs: Pairs, fit: DeviationFit) -> str:
+    """Report if the pairs show a significantly different compass than the given one; empty if they do not."""
     if not (fit.fitted and fit.known_beforehand and fit.covariance_known) or len(pairs) < 4 * MIN_PAIRS:
         return ""
     if not (own := fit_exact(pairs)).fitted:
@@ -162,7 +131,7 @@ def _contradicted(pairs: Pairs, fit: DeviationFit, *, contradicted: float = 28.5
     curves = (compass.recorded_heading(each.coefficients, heading) for each in (own, fit))
     apart = angles.difference(*curves)
     size = angles.rms(angles.difference(apart, angles.mean(apart)))
-    if score < contradicted or size < least_apart_deg:
+    if score < 28.5 or size < 3.0:  # chi-squared with 4 degrees of freedom, p = 1e-5
         return ""
     return (
         f"the overlapping measurements show a deviation that differs by {size:.0f}° rms from the given one, more than "
@@ -203,8 +172,8 @@ def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:
 def confidence_intervals(off_deg: Floats, time_s: Floats) -> dict[str, tuple[float, float]]:
     """Compute 95 % intervals of circular mean, rms and median absolute value of autocorrelated differences.
 
-    The effective sample size is that of the series or of its square, whichever is smaller (``effective_sample_size``).
-    The interval of the median is based on order statistics; that of the rms is symmetric in its logarithm.
+    The effective sample size is that of the series or of its square, whichever is smaller. The interval of the median
+    is based on order statistics; that of the rms is symmetric in its logarithm.
 
     Args:
         off_deg: (n,), n > 0, in [-180, 180).
@@ -214,11 +183,10 @@ def confidence_intervals(off_deg: Floats, time_s: Floats) -> dict[str, tuple[flo
     independent = min(effective_sample_size(about, time_s), effective_sample_size(squared, time_s))
     half = NORMAL_95 / np.sqrt(independent)
     spread = float(np.exp(half * squared.std() / max(2.0 * squared.mean(), 1e-12)))
-    sizes = np.quantile(np.abs(off_deg), np.clip([0.5 - half / 2.0, 0.5 + half / 2.0], 0.0, 1.0))
     ends = {
         "mean_deg": (mean - half * angles.rms(about), mean + half * angles.rms(about)),
         "rms_deg": (rms / spread, rms * spread),
-        "median_absolute_deg": sizes,
+        "median_absolute_deg": np.quantile(np.abs(off_deg), np.clip([0.5 - half / 2.0, 0.5 + half / 2.0], 0.0, 1.0)),
     }
     return {name: (round(float(low), 4), round(float(high), 4)) for name, (low, high) in ends.items()}
 
@@ -248,21 +216,11 @@ def vector_correlation(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> 
 
 
 def answer_use(
-    diagnosis: Mapping[str, Any],
-    flags: NDArray[np.integer],
-    sigma_deg: Floats,
-    *,
-    most_unsure: float = 0.05,
-    most_bad: float = 0.5,
-    usual_sigma_deg: float = 5.0,
-    covered_sigmas: float = 3.0,
+    diagnosis: Mapping[str, Any], flags: NDArray[np.integer], sigma_deg: Floats
 ) -> dict[str, str | float | None]:
     """Answer whether the corrected directions can be used: yes, with care, or no, from verdict, flags and uncertainty.
 
-    Args:
-        most_unsure, most_bad: shares of headings of flags 2 and 3, and of flags 3 and 4.
-        usual_sigma_deg: a larger median uncertainty needs care; like the shares chosen, not measured.
-        covered_sigmas: a mismatch beyond this many standard deviations is not covered by the uncertainty; chosen.
+    The limits are chosen, not measured.
     """
     known = np.isfinite(sigma_deg)
     sigma = float(np.median(sigma_deg[known])) if known.any() else None
@@ -276,14 +234,12 @@ def answer_use(
         "unexplained": f"a mismatch of {size:.1f}° rms {left['where']['text'] if left else ''} is unexplained",
     }.get(verdict, diagnosis["why"].partition(". ")[0])
     no = {
-        f"{100.0 * bad:.0f} % of the headings are doubtful or missing": bool(bad > most_bad),
-        "the uncertainty does not cover the mismatch": bool(
-            known.any() and size > covered_sigmas * angles.rms(sigma_deg[known])
-        ),
+        f"{100.0 * bad:.0f} % of the headings are doubtful or missing": bool(bad > 0.5),
+        "the uncertainty does not cover the mismatch": bool(known.any() and size > 3.0 * angles.rms(sigma_deg[known])),
     }
     care = {
-        f"{100.0 * unsure:.0f} % of the headings have flag 2 or 3": bool(unsure > most_unsure),
-        f"the uncertainty, {sigma or 0.0:.2f}°, exceeds {usual_sigma_deg:g}°": (sigma or 0.0) > usual_sigma_deg,
+        f"{100.0 * unsure:.0f} % of the headings have flag 2 or 3": bool(unsure > 0.05),
+        f"the uncertainty, {sigma or 0.0:.2f}°, exceeds 5°": (sigma or 0.0) > 5.0,
     }
     if verdict == "insufficient" or any(no.values()):
         answer, reasons = "no", no

@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.deviation.exact import MIN_SLOPE
-from compasslib.deviation.model import DeviationFit, nearest_root
+from compasslib.deviation.curve import heading_sensitivity
+from compasslib.deviation.model import DeviationFit, covariance_sigma, nearest_root
 from compasslib.records import Readings
 from compasslib.types import Floats
 
@@ -42,8 +43,7 @@ class CompassSeries:
 
     def sigma(self, heading_deg: Floats) -> Floats:
         """Compute the standard error of correct headings due to the parameters' covariance, (n,) degrees."""
-        columns = self.sensitivity(heading_deg)
-        return np.sqrt(np.einsum("ni,ij,nj->n", columns, self.covariance, columns))
+        return covariance_sigma(self.sensitivity(heading_deg), self.covariance)
 
 
 @dataclass(frozen=True)
@@ -55,12 +55,11 @@ class CompassAverage:
     agreed: Floats  # weight of the compasses that agree with the most probable one, or its complement if larger
 
 
-def average_compasses(at: CompassSeries, heading_deg: Floats, *, distinct_sigmas: float = 3.0) -> CompassAverage:
-    """Average all possible compasses on the branch of given headings.
+def average_compasses(at: CompassSeries, heading_deg: Floats) -> CompassAverage:
+    """Average all possible compasses on the branch of given headings; above three standard errors they disagree.
 
     Args:
         heading_deg: correct headings by the most probable compass, (n,), degrees, NaN where there is none.
-        distinct_sigmas: difference in standard errors above which two compasses disagree.
     """
     first = at.sigma(heading_deg)
     shifts, variances, weights = [np.zeros_like(first)], [first**2], [np.full_like(first, at.weight)]
@@ -75,19 +74,14 @@ def average_compasses(at: CompassSeries, heading_deg: Floats, *, distinct_sigmas
     weight /= weight.sum(axis=0)
     mean = np.sum(weight * shift, axis=0)
     spread = np.sum(weight * (variance + (shift - mean) ** 2), axis=0)
-    far = np.sum(weight * (np.abs(shift) > distinct_sigmas * np.sqrt(np.maximum(variance, first**2))), axis=0)
+    far = np.sum(weight * (np.abs(shift) > 3.0 * np.sqrt(np.maximum(variance, first**2))), axis=0)
     return CompassAverage(mean, np.sqrt(spread), np.maximum(far, 1.0 - far))
 
 
 def compass_series(fit: DeviationFit, readings: Readings) -> CompassSeries:
     """Evaluate a fitted exact compass along its own record."""
-
-    def sensitivity(heading_deg: Floats) -> Floats:
-        slope = compass.slope(fit.coefficients, heading_deg)
-        columns = compass.gradient(fit.coefficients, heading_deg)
-        return (-columns / np.copysign(np.maximum(np.abs(slope), MIN_SLOPE), slope)).T
-
-    return CompassSeries(readings.heading_deg, fit.coefficients, fit.covariance, sensitivity)
+    by = partial(heading_sensitivity, fit)
+    return CompassSeries(readings.heading_deg, fit.coefficients, fit.covariance, by)
 
 
 # Equally probable prior scales: of B and C, the iron's field over the earth's horizontal one, and of A, the
@@ -95,39 +89,29 @@ def compass_series(fit: DeviationFit, readings: Readings) -> CompassSeries:
 IRON_SCALES, ALIGNMENT_SCALES = (0.05, 0.15, 0.5, 1.5), (0.05, 0.35)
 
 
-def average_with_none(
-    fit: DeviationFit,
-    *,
-    no_deviation_prior: float = 0.2,
-    temperature: float = 0.5,
-    induced_share: float = 0.1,
-    least_induced: float = 0.02,
-) -> tuple[DeviationFit, float | None]:
+def average_with_none(fit: DeviationFit) -> tuple[DeviationFit, float | None]:
     """Average a fitted exact compass with one that has no deviation, and compute the probability of the latter.
 
     The covariance is that of the average, including the spread between the hypotheses. Well-determined coefficients
     hardly change. Where iron is declared, no deviation is no hypothesis. A two-valued compass, which cannot be free of
     iron, a fixed compass and one with a prior from other records are not averaged; their probability is None.
-
-    Args:
-        no_deviation_prior, temperature: prior probability, and exponent of the likelihood, as veer that a fit
-            attributes to iron is not independent noise.
     """
     if fit.method != "exact" or not fit.fitted or fit.folded or fit.fixed or fit.prior is not None:
         return fit, None
     estimate = fit.coefficients
     deviated = [
-        np.array([align, iron, iron, *2 * [max(induced_share * iron, least_induced)]])
+        np.array([align, iron, iron, *2 * [max(0.1 * iron, 0.02)]])
         for iron, align in product(IRON_SCALES, ALIGNMENT_SCALES)
     ]
     prior = np.array([np.diag(scale**2) for scale in (np.zeros(5), *deviated)])
-    none = 0.0 if fit.iron_declared else no_deviation_prior
+    none = 0.0 if fit.iron_declared else 0.2
     chance = np.append(none, np.full(len(deviated), (1.0 - none) / len(deviated)))
     constant, iron = _reference_covariance(fit)
     gain = prior @ np.linalg.inv(fit.covariance + iron + prior)
     total = fit.covariance + iron + constant + prior
     misfit = np.einsum("i,kij,j->k", estimate, np.linalg.inv(total), estimate)
-    log_likelihood = -temperature * 0.5 * (np.linalg.slogdet(total).logabsdet + misfit)
+    # Half of the logarithm, as veer that a fit attributes to iron is not independent noise.
+    log_likelihood = -0.25 * (np.linalg.slogdet(total).logabsdet + misfit)
     weight = chance * np.exp(log_likelihood - log_likelihood.max())
     weight /= weight.sum()
     means = gain @ estimate

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles, compass
 from compasslib.deviation.average import CompassSeries
-from compasslib.deviation.likelihood import CELL_CENTRES, CELLS, FINE, UNEXPLAINED_DENSITY, compass_noise_density
+from compasslib.deviation.likelihood import CELL_CENTRES, CELLS, FINE, UNEXPLAINED_DENSITY, normal_density
 from compasslib.deviation.model import DeviationFit
 from compasslib.records import Readings
 from compasslib.types import Complexes, Floats
@@ -41,35 +41,29 @@ class HeadingDecision:
     common_deg: Floats  # (n,) part of sigma_deg that is common to the record
 
 
+def single_branch(root_deg: Floats, slope: Floats) -> HeadingDecision:
+    """Take the only root of each reading, (n,) degrees; the precision of the reading limits its uncertainty."""
+    return HeadingDecision(
+        heading_deg=angles.wrap360(root_deg),
+        sigma_deg=PRECISION_DEG / np.maximum(np.abs(slope), 0.05),
+        probability=np.where(np.isfinite(root_deg), 1.0, np.nan),
+        other_deg=np.full(root_deg.shape, np.nan),
+        common_deg=np.zeros(root_deg.shape),
+    )
+
+
 def choose_branches(
-    readings: Readings,
-    along: CompassSeries,
-    fit: DeviationFit,
-    overlap: NDArray[np.intp],
-    scatter: Floats,
-    *,
-    chunk: int = 500,
-    shared_noise: float = 0.5,
+    readings: Readings, along: CompassSeries, fit: DeviationFit, overlap: NDArray[np.intp], scatter: Floats
 ) -> HeadingDecision:
     """Choose the heading at each sample of a compass that may be folded.
 
     Args:
         overlap: indices of the samples at which the reference overlaps, (k,).
         scatter: density of the heading observed there, on the cells, (k, CELLS).
-        chunk: samples whose likelihood is evaluated on the fine headings at a time.
-        shared_noise: exponent of the overlaps' likelihood, as neighbouring overlaps share the water's veer.
     """
     roots = along.roots()
     if not np.isfinite(roots[:, 1]).any():
-        root = roots[:, 0]
-        slope = np.maximum(np.abs(compass.slope(along.coefficients, root - along.north_deg)), 0.05)
-        return HeadingDecision(
-            heading_deg=angles.wrap360(root),
-            sigma_deg=PRECISION_DEG / slope,
-            probability=np.where(np.isfinite(root), 1.0, np.nan),
-            other_deg=np.full(root.shape, np.nan),
-            common_deg=np.zeros(root.shape),
-        )
+        return single_branch(roots[:, 0], compass.slope(along.coefficients, roots[:, 0] - along.north_deg))
     known = np.isfinite(along.reading_deg)
     recorded = angles.wrap360(np.where(known, along.reading_deg, 0.0))
     if along.coefficients.ndim == 1:
@@ -77,27 +71,21 @@ def choose_branches(
         rows = table[FINE.bin_of(recorded)]
     else:
         towards = FINE.heading_deg - np.broadcast_to(along.north_deg, recorded.shape)[:, None]
-        parts = np.array_split(np.arange(len(recorded)), max(1, len(recorded) // chunk))
+        parts = np.array_split(np.arange(len(recorded)), max(1, len(recorded) // 500))
         at = along.coefficients[:, :, None]
         rows = np.concatenate([_rows(recorded[i], at[:, i], towards[i], fit.noise.compass_deg) for i in parts])
     evidence = np.where(known[:, None], rows, 1.0 / 360.0)
     impossible = evidence.max(axis=1) < 2.0 * UNEXPLAINED_DENSITY  # the heading follows from adjacent samples
-    evidence[overlap] *= scatter**shared_noise
+    evidence[overlap] *= np.sqrt(scatter)  # neighbouring overlaps share the water's veer
     moves = _water_turns(readings.time_s, readings.water)
     posterior = forward_backward(evidence, moves, _learn(evidence, moves, fit.heading_density), fit.heading_density)
     decision = _chosen(posterior, roots, readings.heading_deg)
     return replace(decision, probability=np.where(impossible, 0.0, decision.probability))
 
 
-def open_branches(
-    decision: HeadingDecision, shown: int, pairs: int, *, fewest_shown: int = 200, share_shown: float = 0.1
-) -> HeadingDecision:
-    """Reduce the branch probability to 0.5 or less if too few pairs show which branch is right.
-
-    Args:
-        fewest_shown, share_shown: least number of pairs that show their branch, or their share if pairs are few.
-    """
-    if shown >= min(fewest_shown, share_shown * pairs):
+def open_branches(decision: HeadingDecision, shown: int, pairs: int) -> HeadingDecision:
+    """Reduce the branch probability to 0.5 or less if too few pairs show which branch is right."""
+    if shown >= min(200, 0.1 * pairs):
         return decision
     apart = np.nan_to_num(angles.difference(decision.other_deg, decision.heading_deg))
     two = np.isfinite(decision.other_deg)
@@ -105,15 +93,11 @@ def open_branches(
     return replace(decision, sigma_deg=np.hypot(decision.sigma_deg, apart), probability=probability)
 
 
-def shows_branch(roots_deg: Floats, width_deg: Floats, *, branches_apart: float = 5.0) -> NDArray[np.bool_]:
-    """Find the overlaps whose directions show the branch: only one root, or two far apart, (n,).
-
-    Args:
-        branches_apart: separation of two roots that directions resolve, in widths of the scatter.
-    """
+def shows_branch(roots_deg: Floats, width_deg: Floats) -> NDArray[np.bool_]:
+    """Find the overlaps whose directions show the branch: only one root, or two apart by five widths, (n,)."""
     single = np.isfinite(roots_deg).sum(axis=1) == 1
     with np.errstate(invalid="ignore"):
-        return single | (np.abs(angles.difference(roots_deg[:, 0], roots_deg[:, 1])) >= branches_apart * width_deg)
+        return single | (np.abs(angles.difference(roots_deg[:, 0], roots_deg[:, 1])) >= 5.0 * width_deg)
 
 
 @dataclass(frozen=True)
@@ -135,11 +119,7 @@ class MotionModel:
 
 
 def forward_backward(evidence: Floats, moves: WaterTurns, habit: MotionModel, stationary: Floats) -> Floats:
-    """Compute the posterior of the hidden heading by the forward-backward recursion, (n, CELLS).
-
-    Args:
-        moves: changes of the current between the samples.
-    """
+    """Compute the posterior of the hidden heading by the forward-backward recursion, (n, CELLS)."""
     kernels, last = _kernels(moves, [habit], stationary), len(evidence) - 1
     forward, backward = np.empty((2, last + 1, CELLS))
     forward[0], backward[last] = stationary * evidence[0] / np.sum(stationary * evidence[0]), 1.0
@@ -179,24 +159,13 @@ class _Kernels:
         return ahead, back / self.norm[s, 0] + self.leaps[s, 0] * (message @ self.stationary)
 
 
-def _kernels(
-    moves: WaterTurns,
-    habits: Sequence[MotionModel],
-    stationary: Floats,
-    *,
-    tightest: float = 300.0,
-    longest_gap: float = 64.0,
-) -> _Kernels:
-    """Compute the transition probabilities between samples of each motion model.
-
-    Args:
-        tightest: largest von Mises concentration of a step that the cells resolve.
-        longest_gap: sampling intervals after which the heading is independent.
-    """
+def _kernels(moves: WaterTurns, habits: Sequence[MotionModel], stationary: Floats) -> _Kernels:
+    """Compute the transition probabilities between samples of each motion model."""
+    longest_gap = 64.0  # sampling intervals after which the heading is independent
     steps = np.minimum(moves.steps, longest_gap)[:, None, None]
     width, change, leap = np.array([(h.width_deg, h.water_m_s, h.leaps) for h in habits]).T[:, :, None]
     away = angles.wrap180(CELL_CENTRES)
-    grip = np.minimum(moves.strength[:, None, None] / (change**2 * steps), tightest)
+    grip = np.minimum(moves.strength[:, None, None] / (change**2 * steps), 300.0)  # what the cells resolve
     # |v' e^{i beta'} - v e^{i beta}|^2 depends on the step beta' - beta only: the factor is von Mises about -turn
     cosine = angles.sin_cos(away + moves.turn_deg[:, None])[1][:, None, :]
     density = grip * (cosine - 1.0)
@@ -225,10 +194,10 @@ def _water_turns(time_s: Floats, water: Complexes) -> WaterTurns:
     )
 
 
-def _learn(evidence: Floats, moves: WaterTurns, density: Floats, *, learning_samples: int = 2000) -> MotionModel:
-    """Select the motion model with the greatest likelihood in the middle of the record, one parameter at a time."""
-    begin = max(0, (len(evidence) - learning_samples) // 2)
-    middle = evidence[begin : begin + learning_samples]
+def _learn(evidence: Floats, moves: WaterTurns, density: Floats) -> MotionModel:
+    """Select the motion model with the greatest likelihood in 2000 samples of the middle, one parameter at a time."""
+    begin = max(0, (len(evidence) - 2000) // 2)
+    middle = evidence[begin : begin + 2000]
     between = slice(begin, begin + len(middle) - 1)
     part = WaterTurns(moves.steps[between], moves.turn_deg[between], moves.strength[between])
 
@@ -252,8 +221,8 @@ def _learn(evidence: Floats, moves: WaterTurns, density: Floats, *, learning_sam
 def _rows(recorded_deg: Floats, coefficients: Floats, heading_deg: Floats, compass_deg: float) -> Floats:
     """Compute the density of each recorded heading given each cell, (k, CELLS)."""
     offset = angles.difference(recorded_deg[:, None], compass.recorded_heading(coefficients, heading_deg))
-    hats = FINE.hats()
-    return np.asarray(compass_noise_density(offset, compass_deg) @ (hats / hats.sum(axis=0)) + UNEXPLAINED_DENSITY)
+    weights = FINE.hats / FINE.hats.sum(axis=0)
+    return np.asarray(normal_density(offset, compass_deg) @ weights + UNEXPLAINED_DENSITY)
 
 
 def _chosen(posterior: Floats, roots: Floats, recorded_deg: Floats) -> HeadingDecision:

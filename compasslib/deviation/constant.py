@@ -9,11 +9,11 @@ import numpy as np
 
 from compasslib import angles, earthfield
 from compasslib.deviation.exact import constant_sigmas, fit_exact
+from compasslib.deviation.likelihood import normal_density
 from compasslib.deviation.model import MIN_PAIRS, DeviationFit, heading_residual
 from compasslib.deviation.reference import ALIGNMENT_SIGMA_DEG, CONSTANT_SIGMA_DEG
 from compasslib.records import EarthField, Pairs
 from compasslib.statistics.noise import effective_sample_size
-from compasslib.types import Floats
 
 LEAST_DEG, LEAST_SIGMAS = 5.0, 4.0  # smaller constants are not told
 DECLINATION = {
@@ -64,17 +64,15 @@ class ConstantOffset:
         )
 
 
-def find_declination_error(field: EarthField, *, crust_deg: float = 5.0) -> ConstantOffset | None:
+def find_declination_error(field: EarthField) -> ConstantOffset | None:
     """Compare the declination of the metadata with IGRF; None if no known mistake explains the difference.
 
-    A wrong declination rotates the directions of both instruments equally, so their agreement does not reveal it.
-
-    Args:
-        crust_deg: possible effect of the crustal field on declination at sea, with a margin (IGRF: 0.4 to 2°).
+    A wrong declination rotates the directions of both instruments equally, so their agreement does not reveal it. The
+    crustal field changes the declination at sea by 0.4 to 2° (IGRF), with a margin by 5°.
     """
     stated, model = float(np.mean(field.declination_deg)), float(np.mean(field.model_declination_deg))
     size, mistake = float(angles.difference(stated, model)), earthfield.recognize_mistake(stated, model)
-    if min(abs(size), abs(stated)) <= crust_deg or not mistake:  # near 0 may be intended: magnetic north throughout
+    if min(abs(size), abs(stated)) <= 5.0 or not mistake:  # near 0 may be intended: magnetic north throughout
         return None
     cause = (
         f"the declination of the metadata is {size:+.1f}° off IGRF ({model:+.1f}°){mistake}: it is probably wrong, and "
@@ -86,14 +84,10 @@ def find_declination_error(field: EarthField, *, crust_deg: float = 5.0) -> Cons
 def find_constant_offset(
     fit: DeviationFit, pairs: Pairs, declination_deg: float, heading_bias_deg: Mapping[str, float] | None = None
 ) -> ConstantOffset | None:
-    """Compare the constant between the instruments with the angles that configuration errors cause.
+    """Compare the constant between the instruments with the angles that configuration errors cause; None without one.
 
     Args:
-        fit: the fitted compass; for a calibration made elsewhere the constant is the mean residual of the pairs.
         heading_bias_deg: by instrument, the heading bias EB that was subtracted from its directions.
-
-    Returns:
-        The constant; None if the fit has none.
     """
     measured = _measured(fit, pairs)
     if measured is None:
@@ -106,22 +100,13 @@ def find_constant_offset(
 
 
 def question_constant(
-    angle_deg: float,
-    sigma_deg: float,
-    declination_deg: float,
-    heading_bias_deg: Mapping[str, float],
-    *,
-    near_sigmas: float = 2.0,
-    large_deg: float = 12.0,
+    angle_deg: float, sigma_deg: float, declination_deg: float, heading_bias_deg: Mapping[str, float]
 ) -> ConstantOffset:
-    """Question a large constant, and compare any with the angles of mistakes.
+    """Question a constant above 12 degrees by twice its standard error, and compare any with the angles of mistakes.
 
-    Args:
-        near_sigmas: largest difference from the angle of a mistake.
-        large_deg: A constant that is larger by twice its standard error, three standard deviations of mountings, is
-            questioned: 0.8 % of sound moorings have one where the reference's errors follow Student's t. Smaller angles
-            of mistakes are only told: within 2° of ±6° lie the constants of 27 % of sound moorings, of ±12° those of 4
-            %.
+    12 degrees are three standard deviations of mountings: 0.8 % of sound moorings have a larger constant where the
+    reference's errors follow Student's t. Smaller angles of mistakes are only told: within 2° of ±6° lie the constants
+    of 27 % of sound moorings, of ±12° those of 4 %.
     """
     mistakes = [
         ("declination_error", cause.format(declination_deg), n * declination_deg) for n, cause in DECLINATION.items()
@@ -130,22 +115,22 @@ def question_constant(
         mistakes += [("declination_error", BIAS.format(bias, name), angle) for angle in (bias, -bias) if bias]
     mistakes.append(("mounting_offset", BACKWARDS, 180.0))
     off = np.array([float(angles.wrap180(angle_deg - mistake)) for _, _, mistake in mistakes])
-    density = _normal_density(off, sigma_deg) / len(mistakes)
-    near = [k for k in np.argsort(-density) if abs(off[k]) <= near_sigmas * sigma_deg]
+    density = normal_density(off, sigma_deg) / len(mistakes)
+    near = [k for k in np.argsort(-density) if abs(off[k]) <= 2.0 * sigma_deg]
     causes = "; or ".join(dict.fromkeys(mistakes[k][1] for k in near))
-    if abs(angle_deg) - near_sigmas * sigma_deg <= large_deg:
+    if abs(angle_deg) - 2.0 * sigma_deg <= 12.0:
         return ConstantOffset(angle_deg, sigma_deg, cause=causes)
     # Equal prior odds of a mistake (all kinds equally likely), a sound constant and a uniformly distributed angle.
     effect, uniform = mistakes[near[0]][0] if near else "mounting_offset", 1.0 / 360.0
     ordinary = float(np.hypot.reduce([sigma_deg, ALIGNMENT_SIGMA_DEG, CONSTANT_SIGMA_DEG]))
-    sound = float(_normal_density(np.array(angle_deg), ordinary))
+    sound = float(normal_density(angle_deg, ordinary))
     named = sum(density[k] for k in range(len(mistakes)) if mistakes[k][0] == effect) if near else uniform
     probability = float(named / (density.sum() + sound + uniform))
     return ConstantOffset(angle_deg, sigma_deg, effect, causes or TURNED, probability)
 
 
 def _measured(fit: DeviationFit, pairs: Pairs) -> tuple[float, float] | None:
-    """Estimate the constant and its standard error, degrees."""
+    """Estimate the constant and its standard error, degrees; of a calibration it is the pairs' mean residual."""
     if not fit.fitted or (fit.method == "von_appen" and fit.folded):  # the series' constant has no meaning then
         return None
     if fit.known_beforehand:
@@ -161,8 +146,3 @@ def _measured(fit: DeviationFit, pairs: Pairs) -> tuple[float, float] | None:
     if fit.method == "von_appen":
         return float(angles.wrap180(a)), sigma
     return float(angles.wrap180(angles.direction(a, 1.0))), sigma / (1.0 + a**2) / angles.DEGREE
-
-
-def _normal_density(off_deg: Floats, sigma_deg: float) -> Floats:
-    """Compute a normal density, per degree."""
-    return np.asarray(np.exp(-0.5 * (off_deg / sigma_deg) ** 2) / (np.sqrt(2.0 * np.pi) * sigma_deg))

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles, compass, earthfield
+from compasslib import angles, earthfield
 from compasslib.deviation import find_implausibility
 from compasslib.deviation.average import CompassAverage, CompassSeries, average_compasses, compass_series
-from compasslib.deviation.branches import PRECISION_DEG, HeadingDecision, choose_branches, open_branches, shows_branch
+from compasslib.deviation.branches import HeadingDecision, choose_branches, open_branches, shows_branch, single_branch
+from compasslib.deviation.curve import correct_roots, heading_sensitivity, reading_slope
 from compasslib.deviation.doubts import Doubt, doubt_whole_record, evaluate_doubts
 from compasslib.deviation.exact import MIN_SLOPE
 from compasslib.deviation.likelihood import scatter_density, scatter_widths, squared_chords
-from compasslib.deviation.model import UNKNOWN_COVARIANCE, DeviationFit, observed_heading, pair_speeds
+from compasslib.deviation.model import UNKNOWN_COVARIANCE, DeviationFit, covariance_sigma, observed_heading, pair_speeds
 from compasslib.deviation.reference import declination_sigma
-from compasslib.deviation.series import invert_series, series_design, series_sigma, series_slope
+from compasslib.deviation.series import series_sigma
 from compasslib.records import (
     BAD,
     GOOD,
@@ -32,7 +34,7 @@ from compasslib.records import (
     take,
 )
 from compasslib.statistics import single_threaded
-from compasslib.statistics.resampling import angle_resolution, rounding_sigma
+from compasslib.statistics.resampling import angle_resolution
 from compasslib.types import Complexes, Floats
 
 Flags = NDArray[np.int8]
@@ -52,23 +54,43 @@ class CorrectedPieces:
 
     def __iter__(self) -> Iterator[CorrectedRecord]:
         for begin in range(0, max(len(self.record.time_s), 1), PIECE):
-            stretch = slice(begin, begin + PIECE)
-            yield _turned(take(self.record, stretch), take(self.decision, stretch), self.field, self.declination_deg)
+            yield self.piece(slice(begin, begin + PIECE))
+
+    def piece(self, stretch: slice) -> CorrectedRecord:
+        """Rotate the velocities of some samples."""
+        record, decision = take(self.record, stretch), take(self.decision, stretch)
+        deviation = angles.difference(decision.heading_deg, record.heading_deg)
+        declination = earthfield.declination_at(self.field, record.time_s)
+        east, north = record.east, record.north
+        if record.direction_reference != "true":
+            east, north = angles.turn(east, north, declination[:, None])
+        corrected_east, corrected_north = angles.turn(east, north, deviation[:, None])
+        direction_sigma = np.hypot(decision.sigma_deg, self.declination_deg)
+        quality = _heading_quality(record, decision)
+        worse = np.maximum(np.maximum(record.quality, GOOD), quality[:, None])
+        return CorrectedRecord(
+            record=record,
+            heading_corrected_deg=decision.heading_deg,
+            heading_uncertainty_deg=decision.sigma_deg,
+            heading_common_deg=decision.common_deg,
+            heading_corrected_quality=quality,
+            deviation_deg=deviation,
+            branch_probability=decision.probability,
+            declination_deg=declination,
+            east=corrected_east,
+            north=corrected_north,
+            east_recorded=east,
+            north_recorded=north,
+            velocity_uncertainty=np.hypot(east, north) * angles.turned_share(direction_sigma)[:, None],
+            velocity_quality=np.where(record.quality == MISSING, MISSING, worse).astype(np.int8),
+        )
 
 
 def correct(
-    record: Record,
-    fit: DeviationFit,
-    field: EarthField,
-    pairs: Pairs,
-    at: CompassSeries | None = None,
-    *,
-    unmodelled_deg: float = 0.0,
-    doubts: Sequence[Doubt] = (),
+    record: Record, fit: DeviationFit, field: EarthField, pairs: Pairs, at: CompassSeries | None = None, **further: Any
 ) -> CorrectedRecord:
     """Correct a record; headings that cannot be corrected are NaN with flag 4. Arguments as ``correct_in_pieces``."""
-    made = correct_in_pieces(record, fit, field, pairs, at, unmodelled_deg=unmodelled_deg, doubts=doubts)
-    return _turned(record, made.decision, field, made.declination_deg)
+    return correct_in_pieces(record, fit, field, pairs, at, **further).piece(slice(None))
 
 
 @single_threaded()
@@ -90,13 +112,12 @@ def correct_in_pieces(
         doubts: periods whose headings are flagged as doubtful, with increased uncertainty.
     """
     decision = correct_headings(record_readings(record), fit, pairs, at)
-    if not fit.covariance_known:
-        doubts = (*doubts, doubt_whole_record(angles.UNIFORM_SIGMA_DEG, UNKNOWN_COVARIANCE))
-    if why := find_implausibility(fit, record):
-        doubts = (*doubts, doubt_whole_record(angles.UNIFORM_SIGMA_DEG, why))
+    denied = ("" if fit.covariance_known else UNKNOWN_COVARIANCE, find_implausibility(fit, record))
+    doubts = (*doubts, *(doubt_whole_record(angles.UNIFORM_SIGMA_DEG, why) for why in denied if why))
     doubted, doubted_deg = evaluate_doubts(doubts, record.time_s)
-    slope = np.maximum(np.nan_to_num(_slope(fit, decision.heading_deg), nan=1.0), MIN_SLOPE)
-    rounded_deg = rounding_sigma(angle_resolution(record.heading_deg)) / slope
+    slope = reading_slope(fit, decision.heading_deg) if fit.fitted else np.ones(decision.heading_deg.shape)
+    resolution = angle_resolution(record.heading_deg) / np.sqrt(3.0)  # rounded down, up or to the nearest
+    rounded_deg = resolution / np.maximum(np.nan_to_num(slope, nan=1.0), MIN_SLOPE)
     whole, common = (
         np.minimum(np.sqrt(known**2 + unmodelled_deg**2 + doubted_deg**2 + further), angles.UNIFORM_SIGMA_DEG)
         for known, further in ((decision.sigma_deg, rounded_deg**2), (decision.common_deg, 0.0))
@@ -106,42 +127,6 @@ def correct_in_pieces(
     # Where the fit's reference is true, the headings include the error of the declination.
     declination_deg = declination_sigma(field) if fit.reference is None or fit.reference.magnetic else 0.0
     return CorrectedPieces(record, decision, field, declination_deg)
-
-
-def _slope(fit: DeviationFit, heading_deg: Floats) -> Floats:
-    """Compute |d recorded / d correct heading|, (n,); 1 without a fit."""
-    if not fit.fitted:
-        return np.ones(heading_deg.shape)
-    slope = series_slope if fit.method == "von_appen" else compass.slope
-    return np.abs(slope(fit.coefficients, heading_deg))
-
-
-def _turned(record: Record, decision: HeadingDecision, field: EarthField, declination_deg: float) -> CorrectedRecord:
-    deviation = angles.difference(decision.heading_deg, record.heading_deg)
-    declination = earthfield.declination_at(field, record.time_s)
-    east, north = record.east, record.north
-    if record.direction_reference != "true":
-        east, north = angles.turn(east, north, declination[:, None])
-    corrected_east, corrected_north = angles.turn(east, north, deviation[:, None])
-    direction_sigma = np.hypot(decision.sigma_deg, declination_deg)
-    quality = _heading_quality(record, decision)
-    worse = np.maximum(np.maximum(record.quality, GOOD), quality[:, None])
-    return CorrectedRecord(
-        record=record,
-        heading_corrected_deg=decision.heading_deg,
-        heading_uncertainty_deg=decision.sigma_deg,
-        heading_common_deg=decision.common_deg,
-        heading_corrected_quality=quality,
-        deviation_deg=deviation,
-        branch_probability=decision.probability,
-        declination_deg=declination,
-        east=corrected_east,
-        north=corrected_north,
-        east_recorded=east,
-        north_recorded=north,
-        velocity_uncertainty=np.hypot(east, north) * angles.turned_share(direction_sigma)[:, None],
-        velocity_quality=np.where(record.quality == MISSING, MISSING, worse).astype(np.int8),
-    )
 
 
 def describe_correction(name: str, product: CorrectedPieces) -> str:
@@ -159,31 +144,15 @@ def describe_correction(name: str, product: CorrectedPieces) -> str:
 
 
 def correct_headings(
-    readings: Readings,
-    fit: DeviationFit,
-    pairs: Pairs,
-    at: CompassSeries | None = None,
-    *,
-    left_out_by_tilt: float = 0.08,
-    unknown_tilt_deg: float = 5.0,
+    readings: Readings, fit: DeviationFit, pairs: Pairs, at: CompassSeries | None = None
 ) -> HeadingDecision:
-    """Estimate the correct heading, its standard deviation and the probability of its branch.
-
-    Args:
-        left_out_by_tilt: uncertainty per degree of tilt of a level model, degrees: at 5 degrees of tilt a vertical
-            field of the iron of 4 % of H, or one of 1 % induced where Z is four times H, each deflect the compass by
-            some 0.2 degrees along either axis.
-        unknown_tilt_deg: assumed where no tilt was recorded (von Appen 2015: typically 5).
-    """
+    """Estimate the correct heading, its standard deviation and the probability of its branch."""
     if not fit.fitted:
-        nothing = np.full(readings.heading_deg.shape, np.nan)
-        return HeadingDecision(nothing, nothing, nothing, nothing, nothing)
+        return HeadingDecision(*(np.full(readings.heading_deg.shape, np.nan) for _ in range(5)))
     if fit.method == "von_appen" and at is None:
-        heading = invert_series(fit.coefficients, readings.heading_deg)
-        slope = np.maximum(np.abs(series_slope(fit.coefficients, heading)), 0.05)
-        certain = np.where(np.isfinite(heading), 1.0, np.nan)
-        nothing = np.full(heading.shape, np.nan)
-        decision = HeadingDecision(heading, certain * PRECISION_DEG / slope, certain, nothing, np.zeros(heading.shape))
+        heading = correct_roots(fit, readings.heading_deg)[:, 0]
+        decision = single_branch(heading, reading_slope(fit, heading))
+        parameters = series_sigma(fit, heading)
     else:
         at = compass_series(fit, readings) if at is None else at
         overlap = np.searchsorted(readings.time_s, pairs.time_s)
@@ -192,22 +161,22 @@ def correct_headings(
         decision = choose_branches(readings, at, fit, overlap, scatter)
         shown = int(shows_branch(at.roots()[overlap], width).sum())
         decision = open_branches(decision, shown, len(pairs))
-    if at is None:
-        parameters = series_sigma(fit, decision.heading_deg)
-    else:
         average = average_compasses(at, decision.heading_deg)
         decision, parameters = _moved(decision, average), average.sigma_deg
     left_out = np.zeros(parameters.shape)
     if at is None or not at.tilted:
+        # At 5 degrees of tilt, which is assumed where none was recorded (von Appen 2015: typically 5), a vertical field
+        # of the iron of 4 % of H, or one of 1 % induced where Z is four times H, each deflect the compass by some 0.2
+        # degrees along either axis.
         tilt_deg = np.hypot(readings.pitch_deg, readings.roll_deg)
-        left_out = left_out_by_tilt * np.where(np.isfinite(tilt_deg), tilt_deg, unknown_tilt_deg)
-    common = np.sqrt(parameters**2 + np.sum(reference_modes(fit, readings, decision.heading_deg) ** 2, axis=1))
+        left_out = 0.08 * np.where(np.isfinite(tilt_deg), tilt_deg, 5.0)
+    common = np.sqrt(parameters**2 + np.sum(reference_modes(fit, decision.heading_deg) ** 2, axis=1))
     sigma = np.sqrt(decision.sigma_deg**2 + common**2 + left_out**2)
     return replace(decision, sigma_deg=np.minimum(sigma, angles.UNIFORM_SIGMA_DEG), common_deg=common)
 
 
-def reference_modes(fit: DeviationFit, readings: Readings, heading_deg: Floats) -> Floats:
-    """Decompose the heading error due to the reference into modes, (n, 3) degrees per unit normal.
+def reference_modes(fit: DeviationFit, heading_deg: Floats) -> Floats:
+    """Decompose the error of correct headings due to the reference into modes, (n, 3) degrees per unit normal.
 
     The modes are a constant (with the mean veer, as far as the coefficients' covariance lacks it), and the reference's
     B and C; they are zero if the fit does not state the reference's errors.
@@ -216,26 +185,19 @@ def reference_modes(fit: DeviationFit, readings: Readings, heading_deg: Floats) 
     if reference is None or not fit.fitted:
         return np.zeros((len(heading_deg), 3))
     constant, sigma = float(fit.coefficients[0]), float(np.sqrt(fit.covariance[0, 0]))
-    if fit.method == "von_appen":
-        slope = np.maximum(np.abs(series_slope(fit.coefficients, heading_deg)), MIN_SLOPE)
-        by: Floats = series_design(heading_deg) / slope[:, None]
-    else:
-        by = compass_series(fit, readings).sensitivity(heading_deg)
+    if fit.method != "von_appen":
         constant, sigma = float(angles.direction(constant, 1.0)), sigma / (1.0 + constant**2) / angles.DEGREE
     if reference.veer_included:
         sigma = float(np.sqrt(max(sigma**2 - reference.veer_deg**2, 0.0)))
     further = reference.further_deg(float(angles.wrap180(constant)), sigma)
-    return np.column_stack([np.full(len(heading_deg), further), np.nan_to_num(by[:, :5] @ reference.iron)])
+    by_iron = np.nan_to_num(heading_sensitivity(fit, heading_deg) @ reference.iron)
+    return np.column_stack([np.full(len(heading_deg), further), by_iron])
 
 
-def _moved(decision: HeadingDecision, average: CompassAverage, *, least: float = 0.9) -> HeadingDecision:
-    """Shift the decision to the average of the compasses, and lower its probability where they disagree.
-
-    Args:
-        least: total weight of agreeing compasses below which a heading is flagged.
-    """
+def _moved(decision: HeadingDecision, average: CompassAverage) -> HeadingDecision:
+    """Shift the decision to the average of the compasses, and lower its probability where under 90 % agree."""
     heading = angles.wrap360(decision.heading_deg + average.shift_deg)
-    probability = np.where(average.agreed < least, average.agreed, np.inf)
+    probability = np.where(average.agreed < 0.9, average.agreed, np.inf)
     return replace(
         decision,
         heading_deg=np.where(average.shift_deg == 0.0, decision.heading_deg, heading),
@@ -245,28 +207,27 @@ def _moved(decision: HeadingDecision, average: CompassAverage, *, least: float =
 
 def readings_at_pairs(pairs: Pairs) -> Readings:
     """Extract the affected compass's readings at the pairs."""
-    water = to_body_frame(pairs.upper_east, pairs.upper_north, pairs.heading_deg)
+    water = _to_body_frame(pairs.upper_east, pairs.upper_north, pairs.heading_deg)
     return Readings(pairs.time_s, pairs.heading_deg, pairs.pitch_deg, pairs.roll_deg, water)
 
 
-def to_body_frame(east: Floats, north: Floats, recorded_deg: Floats) -> Complexes:
+def _to_body_frame(east: Floats, north: Floats, recorded_deg: Floats) -> Complexes:
     """Rotate a current into the instrument's frame: speed times e^{i alpha}, alpha clockwise from forward."""
     return (north + 1j * east) * np.conj(angles.phasor(recorded_deg))
 
 
 def record_readings(record: Record) -> Readings:
-    """Extract the affected compass's readings, with headings flagged bad set to NaN."""
+    """Extract the affected compass's readings, with headings flagged bad set to NaN.
+
+    The water is the mean of the good bins of each sample, as a whole layer veers less from hour to hour than one bin.
+    """
     heading = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
-    return Readings(record.time_s, heading, record.pitch_deg, record.roll_deg, _water(record))
-
-
-def _water(record: Record) -> Complexes:
-    """Average the good bins of each sample, as a whole layer veers less from hour to hour than one bin."""
     good = (record.quality <= PROBABLY_GOOD) & np.isfinite(record.east) & np.isfinite(record.north)
     count = good.sum(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         east, north = (np.where(good, x, 0.0).sum(axis=1) / count for x in (record.east, record.north))
-    return to_body_frame(east, north, record.heading_deg)
+    water = _to_body_frame(east, north, record.heading_deg)
+    return Readings(record.time_s, heading, record.pitch_deg, record.roll_deg, water)
 
 
 def _heading_quality(record: Record, decision: HeadingDecision) -> Flags:
@@ -279,47 +240,29 @@ def _heading_quality(record: Record, decision: HeadingDecision) -> Flags:
 LOOKUP_COLUMNS = ("recorded_deg", "corrected_deg", "deviation_deg", "sigma_deg", "root")
 
 
-def correct_roots(fit: DeviationFit, recorded_deg: Floats) -> Floats:
-    """Invert recorded headings by the method's own inverse, (n, 2) degrees, NaN where there is no root."""
-    if fit.method != "von_appen":
-        return compass.inverse(fit.coefficients, recorded_deg)
-    beta = invert_series(fit.coefficients, recorded_deg)
-    return np.stack([beta, np.full(beta.shape, np.nan)], axis=-1)
-
-
 def tabulate_deviation(
-    fit: DeviationFit, unmodelled_deg: float = 0.0, doubts: Sequence[Doubt] = (), *, min_reading_slope: float = 0.05
+    fit: DeviationFit, unmodelled_deg: float = 0.0, doubts: Sequence[Doubt] = ()
 ) -> dict[str, Floats]:
     """Tabulate the level compass at every whole degree that it can record; empty without coefficients.
 
     The standard deviation is that of a heading on a known branch and combines the coefficients, the reference's
     compass, the precision of a reading, known unmodelled effects, and doubts about the whole record.
 
-    Args:
-        doubts: only those about the whole record are included.
-        min_reading_slope: lower bound of the slope by which the precision of a reading is divided.
-
     Returns:
         The columns of ``LOOKUP_COLUMNS``; root is 1 (larger slope) or 2 for a two-valued compass.
     """
     if not fit.fitted:
         return {name: np.zeros(0) for name in LOOKUP_COLUMNS}
-    recorded = np.arange(360.0)
-    roots, level = correct_roots(fit, recorded), np.zeros(recorded.shape)
-    readings = Readings(level, recorded, level, level, level.astype(complex))
+    roots = correct_roots(fit, np.arange(360.0))
+    recorded, number = np.nonzero(np.isfinite(roots))
+    root = roots[recorded, number]
     whole = [doubt.sigma_deg for doubt in doubts if np.isinf([doubt.from_s, doubt.to_s]).all()]
-    further = unmodelled_deg**2 + float(np.sum(np.square(whole)))
-    rows = []
-    for k, root in enumerate(roots.T, start=1):
-        known = np.isfinite(root)
-        if fit.method == "von_appen":
-            parameters, slope = series_sigma(fit, root), series_slope(fit.coefficients, root)
-        else:
-            parameters, slope = compass_series(fit, readings).sigma(root), compass.slope(fit.coefficients, root)
-        trusted = np.sum(reference_modes(fit, readings, root) ** 2, axis=1)
-        reading = PRECISION_DEG / np.maximum(np.abs(slope), min_reading_slope)
-        sigma = np.minimum(np.sqrt(parameters**2 + trusted + reading**2 + further), angles.UNIFORM_SIGMA_DEG)
-        deviation = angles.difference(root, recorded)
-        rows += list(zip(*(c[known] for c in (recorded, root, deviation, sigma, np.full(360, k))), strict=True))
-    ordered = np.array(sorted(rows, key=lambda row: (row[0], row[-1]))).reshape(-1, len(LOOKUP_COLUMNS))
-    return dict(zip(LOOKUP_COLUMNS, ordered.T, strict=True))
+    if fit.method == "von_appen":
+        parameters = series_sigma(fit, root)
+    else:
+        parameters = covariance_sigma(heading_sensitivity(fit, root), fit.covariance)
+    reading = single_branch(root, reading_slope(fit, root)).sigma_deg
+    further = np.sum(reference_modes(fit, root) ** 2, axis=1) + unmodelled_deg**2 + float(np.sum(np.square(whole)))
+    sigma = np.minimum(np.sqrt(parameters**2 + reading**2 + further), angles.UNIFORM_SIGMA_DEG)
+    columns = (recorded.astype(float), root, angles.difference(root, recorded), sigma, number + 1.0)
+    return dict(zip(LOOKUP_COLUMNS, columns, strict=True))

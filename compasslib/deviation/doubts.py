@@ -68,25 +68,20 @@ def evaluate_doubts(doubts: Sequence[Doubt], time_s: Floats) -> tuple[Bools, Flo
 
 
 WINDOW_S, MIN_WINDOW_PAIRS = 5 * DAY_S, 40  # of a window: several days, and enough pairs for three parameters
+MIN_WINDOWS = 6  # needed for a median
 LEAST_DOUBT_DEG = 10.0  # lower bound of the standard deviation of a suspected error
 
 
-def find_doubtful_windows(
-    pairs: Pairs, fit: DeviationFit, *, min_windows: int = 6, large_share: float = 0.25
-) -> tuple[Doubt, ...]:
+def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
     """Find the windows of a record that disagree with the rest of it.
 
-    If the windows contain a large share of the pairs, the whole record is doubtful: the fit may be to the wrong part.
-
-    Args:
-        min_windows: needed for a median.
-        large_share: share of the pairs in outlying windows above which the fit may be to the wrong part: a file may
-            hold another instrument's record from some day on.
+    If the windows contain a quarter of the pairs, the whole record is doubtful: a file may hold another instrument's
+    record from some day on, and the fit may be to the wrong part.
     """
-    if not fit.fitted or fit.method == "von_appen" or len(pairs) < min_windows * MIN_WINDOW_PAIRS:
+    if not fit.fitted or fit.method == "von_appen" or len(pairs) < MIN_WINDOWS * MIN_WINDOW_PAIRS:
         return ()
     windows = _cut(pairs.time_s)
-    if len(windows) < min_windows:
+    if len(windows) < MIN_WINDOWS:
         return ()
     residual, speed = heading_residual(fit, pairs), np.minimum(*pair_speeds(pairs))
     heading = observed_heading(pairs) - residual
@@ -99,7 +94,7 @@ def find_doubtful_windows(
     doubts = tuple(_doubts(pairs.time_s, windows, rms, far, usual))
     count = np.array([len(rows) for rows in windows])
     share = count[far].sum() / count.sum()
-    if share > large_share:
+    if share > 0.25:
         why = (
             f"{share:.0%} of the pairs with the reference disagree with the others, and the record cannot tell which "
             "of the two parts is correct"
@@ -143,42 +138,23 @@ def _describe(residual_deg: Floats, speed: Floats, heading_deg: Floats) -> tuple
     return flow, rms, np.append(mean, slope), (columns.T * weight) @ columns
 
 
-def _far_windows(
-    flow: Floats,
-    rms_deg: Floats,
-    systematic_deg: Floats,
-    *,
-    far_times: float = 2.2,
-    far_deg: float = 30.0,
-    grows: float = 0.5,
-    turn_times: float = 3.0,
-    turn_deg: float = 15.0,
-    turn_deg_times: float = 4.5,
-) -> Bools:
+def _far_windows(flow: Floats, rms_deg: Floats, systematic_deg: Floats) -> Bools:
     """Find the windows that are far outside the others and differ by a relevant angle, (k,).
 
-    Args:
-        far_times, far_deg: limits of the rms velocity across the flow over the median window's, and of the rms residual
-            beyond the median one. Without a fault, with deviations by iron of 0.05 to 1.3 H: beyond 30 degrees at most
-            1.8 times on papa (bins 40 and 80 m apart), 1.5 on eh2 and aqd; beyond 20 degrees 2.3 times in 48 simulated
-            moorings.
-        grows: factor on these limits for a window adjacent to an outlying one, within which the period may begin.
-        turn_times, turn_deg, turn_deg_times: the same of the systematic part (mean and dependence on heading) in each
-            of two consecutive windows: times the median velocity, degrees, times the median angle. On papa the water at
-            two depths turns by 25 degrees for a month: 3.9 times, 23 degrees, 3.3 times; on eh2 1.7 times, 26 degrees,
-            4.0 times.
+    Far is 2.2 times the median window's rms velocity across the flow, and 30 degrees beyond the median rms residual.
+    Without a fault, with deviations by iron of 0.05 to 1.3 H: beyond 30 degrees at most 1.8 times on papa (bins 40 and
+    80 m apart), 1.5 on eh2 and aqd; beyond 20 degrees 2.3 times in 48 simulated moorings. The systematic part (mean and
+    dependence on heading) is large in two consecutive windows at 3 times the median velocity, 15 degrees, and 4.5 times
+    the median angle: on papa the water at two depths turns by 25 degrees for a month: 3.9 times, 23 degrees, 3.3 times;
+    on eh2 1.7 times, 26 degrees, 4.0 times.
     """
     beyond = np.sqrt(np.maximum(rms_deg**2 - np.median(rms_deg) ** 2, 0.0))
     times, turned = (flow * angle / max(float(np.median(flow * angle)), 1e-12) for angle in (rms_deg, systematic_deg))
-    least = max(turn_deg, turn_deg_times * float(np.median(systematic_deg)))
-    (far, large), (near, nearly) = (
-        ((times > factor * far_times) & (beyond > factor * far_deg),
-         (turned > factor * turn_times) & (systematic_deg > factor * least))
-        for factor in (1.0, grows)
-    )  # fmt: skip
-    far = far | (large & adjacent(large))
-    for _ in range(len(far)):  # a period may begin within a window: add adjacent windows that are nearly outlying
-        far = far | ((near | nearly) & adjacent(far))
+    outlying = np.minimum(times / 2.2, beyond / 30.0)
+    large = np.minimum(turned / 3.0, systematic_deg / max(15.0, 4.5 * float(np.median(systematic_deg))))
+    far = (outlying > 1.0) | ((large > 1.0) & adjacent(large > 1.0))
+    for _ in range(len(far)):  # a period may begin within a window: add adjacent windows that are half outlying
+        far = far | ((np.maximum(outlying, large) > 0.5) & adjacent(far))
     return np.asarray(far)
 
 

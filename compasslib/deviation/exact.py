@@ -53,17 +53,23 @@ from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import block_jackknife, block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
 
+Priors = tuple[CoefficientPrior, ...]  # of A..E and log(compass noise / degree)
+
 STRENGTHS = (0.0, 0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2)  # hard iron over the earth's horizontal field
-DIRECTIONS_DEG = np.arange(0.0, 360.0, 22.5)
 START_NOISE = ScatterNoise(floor_deg=10.0, slow_deg_m_s=2.0, outliers=0.02)
 MAX_SOFT_IRON = 0.3  # magnitude of (D, E); spheres and frames induce a few per cent
 TURNS_DEG = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)  # constant rotations of all readings, as starting values
 ROUNDS = 2  # repetitions of a fit with its updated noise or prior
-# Weak priors that only matter without data: mean and standard deviation of A..E and log(compass noise / degree).
-PRIOR_CENTRE = np.zeros(6)
-PRIOR_WIDTH = np.array([0.5, 1.5, 1.5, 0.3, 0.3, 0.15])
-HARD_IRON_FIRST = np.array([0.02, 1.5, 1.5, 0.02, 0.02, 0.3])  # the same while a start locates its fold
-WITHOUT_CONSTANT = np.array([0.001, *PRIOR_WIDTH[1:]])
+
+
+def _about_zero(*sigma: float) -> tuple[CoefficientPrior, ...]:
+    return (CoefficientPrior(np.zeros(6), np.diag(np.array(sigma) ** -2.0)),)
+
+
+# Weak priors that only matter without data, of A..E and log(compass noise / degree).
+WEAK = _about_zero(0.5, 1.5, 1.5, 0.3, 0.3, 0.15)
+HARD_IRON_FIRST = _about_zero(0.02, 1.5, 1.5, 0.02, 0.02, 0.3)  # while a start locates its fold
+WITHOUT_CONSTANT = _about_zero(0.001, 1.5, 1.5, 0.3, 0.3, 0.15)
 # Bounding |D|, |E| below |u| prevents the induced part from reversing the field, which no iron near an instrument does.
 # The last lower bound is the smallest compass noise that the grids resolve.
 PARAMETER_BOUNDS = np.array([(-np.inf, np.inf)] * 3 + [(-0.6, 0.6)] * 2 + [(np.log(0.8), np.log(8.0))])
@@ -81,15 +87,14 @@ def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
     if near is None and float(np.hypot(*state.parameters[3:5])) >= MAX_SOFT_IRON:
         # Implausibly large soft iron substitutes for another cause: for a two-valued compass, a constant rotation of
         # all readings.
-        others = [_refined(_start_turned(overlap, angle), overlap) for angle in TURNS_DEG]
-        state = min([state, *others], key=lambda each: each.loss)
+        turned = [_refined(_start_turned(overlap, angle), overlap) for angle in TURNS_DEG]
+        state = min([state, *turned], key=lambda each: each.loss)
     if prior is None or near is None:
         return _described(state, pairs, overlap)
     counted = pairs_per_independent(pairs, _described(state, pairs, overlap).n_effective)
-    external = replace(prior, precision=counted * prior.precision)
-    for _ in range(ROUNDS):
-        state = _improve(state, overlap, FINE, EXACT, external=external)
-    return replace(_described(state, pairs, overlap, external), prior=prior)
+    others = CoefficientPrior(np.append(prior.mean, 0.0), counted * np.pad(prior.precision, (0, 1)))
+    priors = (*WEAK, others)
+    return replace(_described(_refined(state, overlap, priors=priors), pairs, overlap, priors), prior=prior)
 
 
 def constant_sigmas(pairs: Pairs, fit: DeviationFit) -> float:
@@ -99,7 +104,7 @@ def constant_sigmas(pairs: Pairs, fit: DeviationFit) -> float:
     one solution does not contain the others.
     """
     overlap = _overlap(pairs)
-    without = _refined(_start(overlap, EXACT, WITHOUT_CONSTANT), overlap, WITHOUT_CONSTANT)
+    without = _refined(_start(overlap, EXACT, WITHOUT_CONSTANT), overlap, priors=WITHOUT_CONSTANT)
     own, other = (
         log_likelihood(state.parameters, overlap.sample(state.noise, FINE, EXACT), state.prior, FINE)
         for state in (_at(fit), without)
@@ -125,17 +130,15 @@ def held_out_scores(
     whole = _start(overlap, form) if near is None else _at(near)
     for k in np.unique(fold):
         left_out, training = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
-        state = whole
-        for _ in range(ROUNDS):
-            state = _improve(state, overlap.take(training), FINE, form)
+        state = _refined(whole, overlap.take(training), form)
         data = overlap.take(left_out).sample(state.noise, FINE, form)
         scores[left_out] = pair_log_likelihoods(state.parameters, data, state.prior, FINE)
     return scores
 
 
-def _refined(state: OptimizerState, overlap: Overlap, prior_width: Floats = PRIOR_WIDTH) -> OptimizerState:
+def _refined(state: OptimizerState, overlap: Overlap, form: CurveForm = EXACT, priors: Priors = WEAK) -> OptimizerState:
     for _ in range(ROUNDS):
-        state = _improve(state, overlap, FINE, EXACT, prior_width)
+        state = _improve(state, overlap, FINE, form, priors)
     return state
 
 
@@ -185,34 +188,25 @@ class OptimizerState:
     loss: float = float("inf")
 
 
-def _start(
-    overlap: Overlap,
-    form: CurveForm,
-    prior_width: Floats = PRIOR_WIDTH,
-    *,
-    start_pairs: int = 900,
-    start_count: int = 5,
-    start_refined: int = 2,
-    start_rounds: int = 2,
-) -> OptimizerState:
-    """Optimize from the best of many strengths and directions of the iron, using the pairs with the least scatter.
+def _start(overlap: Overlap, form: CurveForm, priors: Priors = WEAK) -> OptimizerState:
+    """Optimize from the best of many strengths and directions of the iron, using 900 pairs with the least scatter.
 
     The scatter is refitted at each maximum before they are compared: too wide a scatter blurs a fold, and a wrong
     compass then fits as well as the right one.
     """
     width = overlap.width_deg(START_NOISE)
-    clear = np.sort(np.argsort(width, kind="stable")[: max(len(width) // 2, min(start_pairs, len(width)))])
-    few = overlap.take(clear[:: max(1, len(clear) // start_pairs)])
+    clear = np.sort(np.argsort(width, kind="stable")[: max(len(width) // 2, 900)])
+    few = overlap.take(clear[:: max(1, len(clear) // 900)])
     prior = smooth_density(np.histogram(few.observed_deg, bins=CELLS, range=(0.0, 360.0))[0].astype(float))
     data = few.sample(START_NOISE, COARSE, form)
-    irons = [angles.components(strength, towards) for strength in STRENGTHS for towards in DIRECTIONS_DEG]
+    irons = [angles.components(strength, towards) for strength in STRENGTHS for towards in np.arange(0.0, 360.0, 22.5)]
     starts = [np.array([0.0, float(b), float(c), 0.0, 0.0, np.log(6.0)]) for c, b in irons]
     values = [-log_likelihood(start, data, prior, COARSE) for start in starts]
-    states = [OptimizerState(starts[i], START_NOISE, prior) for i in np.argsort(values)[:start_count]]
+    states = [OptimizerState(starts[i], START_NOISE, prior) for i in np.argsort(values)[:5]]
     states = [_improve(state, few, COARSE, form, HARD_IRON_FIRST) for state in states]
-    states = sorted(states, key=lambda state: state.loss)[:start_refined]
-    for _ in range(start_rounds):
-        states = [_improve(state, few, COARSE, form, prior_width) for state in states]
+    states = sorted(states, key=lambda state: state.loss)[:2]
+    for _ in range(ROUNDS):
+        states = [_improve(state, few, COARSE, form, priors) for state in states]
     return min(states, key=lambda state: state.loss)
 
 
@@ -221,32 +215,22 @@ def _at(fit: DeviationFit) -> OptimizerState:
 
 
 def _improve(
-    state: OptimizerState,
-    overlap: Overlap,
-    grid: HeadingGrid,
-    form: CurveForm,
-    prior_width: Floats = PRIOR_WIDTH,
-    *,
-    external: CoefficientPrior | None = None,
+    state: OptimizerState, overlap: Overlap, grid: HeadingGrid, form: CurveForm, priors: Priors
 ) -> OptimizerState:
     """Optimize the compass at fixed scatter, then the scatter and the distribution of headings at fixed compass."""
     data = overlap.sample(state.noise, grid, form)
-    parameters, loss = _maximise(state.parameters, data, state.prior, grid, prior_width, external=external)
+    parameters, loss = _maximise(state, data, grid, priors)
     prior = smooth_density(heading_occupancy(parameters, data, state.prior, grid))
     few = overlap.take(np.arange(0, len(overlap.observed_deg), max(1, len(overlap.observed_deg) // 1000)))
     given = heading_given_reading(parameters, few.recorded_deg, prior, FINE, form)
-    scatter = ScatterData(given, few.squared_chord, few.upper_speed, few.lower_speed)
-    return OptimizerState(parameters, fit_scatter(scatter, state.noise), prior, loss)
+    return OptimizerState(parameters, fit_scatter(few, given, state.noise), prior, loss)
 
 
-def _described(
-    state: OptimizerState, pairs: Pairs, overlap: Overlap, external: CoefficientPrior | None = None
-) -> DeviationFit:
+def _described(state: OptimizerState, pairs: Pairs, overlap: Overlap, priors: Priors = WEAK) -> DeviationFit:
     data = overlap.sample(state.noise, FINE, EXACT)
-    parameters, _ = _maximise(state.parameters, data, state.prior, FINE, external=external)
+    parameters, _ = _maximise(state, data, FINE, priors)
     noise = replace(state.noise, compass_deg=float(np.exp(parameters[5])))
     scores = pair_scores(parameters, data, state.prior, FINE)[:, :5]
-    weak = PRIOR_WIDTH[:5] ** -2.0
     unscored = DeviationFit("exact", len(pairs), parameters[:5], noise=noise)
     left = heading_residual(unscored, pairs)
     standard = np.clip(left / overlap.width_deg(noise), -3.0, 3.0)
@@ -254,8 +238,8 @@ def _described(
     effective = effective_sample_size(standard[known], pairs.time_s[known])
     return replace(
         unscored,
-        covariance=robust_covariance(scores, weak, unscored, pairs, effective, external),
-        reference=reference_errors(pairs, reference_response(unscored, pairs, external), veer_included=True),
+        covariance=robust_covariance(scores, unscored, pairs, effective, priors),
+        reference=reference_errors(pairs, reference_response(unscored, pairs, priors), veer_included=True),
         n_effective=effective,
         residual_rms_deg=angles.rms(left),
         recorded_range_deg=compass.recorded_range(parameters[:5]),
@@ -265,56 +249,37 @@ def _described(
     )
 
 
-def _maximise(
-    parameters: Floats,
-    data: BinnedSample,
-    prior: Floats,
-    grid: HeadingGrid,
-    prior_width: Floats = PRIOR_WIDTH,
-    *,
-    external: CoefficientPrior | None = None,
-) -> tuple[Floats, float]:
+def _maximise(state: OptimizerState, data: BinnedSample, grid: HeadingGrid, priors: Priors) -> tuple[Floats, float]:
     def loss(at: Floats) -> tuple[float, Floats]:
-        value, slopes = log_likelihood_and_gradient(at, data, prior, grid)
-        pull = (at - PRIOR_CENTRE) / prior_width
-        minus, slopes = -value + 0.5 * float(pull @ pull), -slopes + pull / prior_width
-        if external is not None:
-            off = at[:5] - external.mean
-            minus += 0.5 * float(off @ external.precision @ off)
-            slopes[:5] += external.precision @ off
+        value, slopes = log_likelihood_and_gradient(at, data, state.prior, grid)
+        minus, slopes = -value, -slopes
+        for prior in priors:
+            pull = prior.precision @ (at - prior.mean)
+            minus, slopes = minus + 0.5 * float((at - prior.mean) @ pull), slopes + pull
         return minus, slopes
 
-    scores = pair_scores(parameters, data, prior, grid)
-    curvature = scores.T @ scores + np.diag(prior_width**-2.0)
-    if external is not None:
-        curvature[:5, :5] += external.precision
-    return minimize_bfgs(loss, parameters, PARAMETER_BOUNDS, 40, curvature)
+    scores = pair_scores(state.parameters, data, state.prior, grid)
+    curvature = scores.T @ scores + sum(prior.precision for prior in priors)
+    return minimize_bfgs(loss, state.parameters, PARAMETER_BOUNDS, 40, curvature)
 
 
-def smooth_density(mass: Floats, *, prior_smoothing_deg: float = 12.0, prior_floor: float = 0.1) -> Floats:
-    """Smooth a distribution of headings and add a uniform floor; the result sums to 1."""
-    distance = angles.wrap180(CELL_CENTRES)
-    kernel = np.exp(-0.5 * (distance / prior_smoothing_deg) ** 2)
+def smooth_density(mass: Floats) -> Floats:
+    """Smooth a distribution of headings over 12 degrees and add a uniform tenth; the result sums to 1."""
+    kernel = np.exp(-0.5 * (angles.wrap180(CELL_CENTRES) / 12.0) ** 2)
     smooth = np.fft.irfft(np.fft.rfft(mass) * np.fft.rfft(kernel / kernel.sum()), len(mass))
     smooth = np.maximum(smooth, 0.0) / smooth.sum()
-    return (1.0 - prior_floor) * smooth + prior_floor / len(mass)
+    return 0.9 * smooth + 0.1 / len(mass)
 
 
-@dataclass(frozen=True)
-class ScatterData:
-    """Input of the scatter fit, n pairs."""
+def fit_scatter(overlap: Overlap, given: Floats, near: ScatterNoise) -> ScatterNoise:
+    """Fit the scatter of the observed headings, without the compass's own noise, by penalized maximum likelihood.
 
-    given: Floats  # (n, CELLS) distribution of the correct heading given the recorded one only
-    squared_chord: Floats  # (n, CELLS) of the observed heading, square degrees
-    upper_speed: Floats  # (n,) m/s
-    lower_speed: Floats  # (n,) m/s
-
-
-def fit_scatter(data: ScatterData, near: ScatterNoise) -> ScatterNoise:
-    """Fit the scatter of the observed headings, without the compass's own noise, by penalized maximum likelihood."""
+    Args:
+        given: distribution of the correct heading given the recorded one only, (n, CELLS).
+    """
 
     def loss(x: Floats) -> tuple[float, Floats]:
-        value, slope = scatter_log_likelihood(x, data)
+        value, slope = scatter_log_likelihood(x, overlap, given)
         off = x - NOISE_PRIOR
         return 0.5 * float(off @ off) - value, off - slope
 
@@ -322,7 +287,7 @@ def fit_scatter(data: ScatterData, near: ScatterNoise) -> ScatterNoise:
     return _scatter_noise(minimize_bfgs(loss, np.array(start), NOISE_BOUNDS, 15)[0])
 
 
-def scatter_log_likelihood(x: Floats, data: ScatterData) -> tuple[float, Floats]:
+def scatter_log_likelihood(x: Floats, overlap: Overlap, given: Floats) -> tuple[float, Floats]:
     """Compute the log-likelihood and its gradient.
 
     With r = 1 / (1 + chord^2 / (STUDENT_DOF width^2)) the density is r^power over its sum, and the derivative of
@@ -332,17 +297,15 @@ def scatter_log_likelihood(x: Floats, data: ScatterData) -> tuple[float, Floats]
         x: logarithms of floor and slow part (degrees, degrees times m/s), logit of the share of outliers, (3,).
     """
     noise = _scatter_noise(x)
-    width = scatter_widths(noise, data.upper_speed, data.lower_speed)
-    ratio = data.squared_chord / (STUDENT_DOF * width[:, None] ** 2)
+    width = overlap.width_deg(noise)
+    ratio = overlap.squared_chord / (STUDENT_DOF * width[:, None] ** 2)
     ratio += 1.0
     np.reciprocal(ratio, out=ratio)
     density = ratio * ratio  # products, as a power is ten times slower
     density *= ratio
-    whole, agreeing = density.sum(axis=1), np.einsum("nc,nc->n", data.given, density)
+    whole, agreeing = density.sum(axis=1), np.einsum("nc,nc->n", given, density)
     density *= ratio
-    by_width = (STUDENT_DOF + 1.0) * (
-        agreeing * density.sum(axis=1) / whole - np.einsum("nc,nc->n", data.given, density)
-    )
+    by_width = (STUDENT_DOF + 1.0) * (agreeing * density.sum(axis=1) / whole - np.einsum("nc,nc->n", given, density))
     scale = (1.0 - noise.outliers) / (CELL_DEG * whole)
     joint = scale * agreeing + noise.outliers / 360.0
     by_width *= scale / joint * (width < 360.0) / width**2  # the width is capped at a full turn
@@ -360,18 +323,7 @@ BLOCK_S = 5 * DAY_S  # longer than the decorrelation time of the currents' veer
 MIN_SLOPE = 0.3  # lower bound of a slope in a denominator; at a fold the spread over both branches dominates
 
 
-def robust_covariance(
-    scores: Floats,
-    precision: Floats,
-    fit: DeviationFit,
-    pairs: Pairs,
-    effective: float,
-    external: CoefficientPrior | None = None,
-    *,
-    min_blocks: int = 12,
-    max_score: float = 1e3,
-    wake_locked_veer: float = 0.05,
-) -> Floats:
+def robust_covariance(scores: Floats, fit: DeviationFit, pairs: Pairs, effective: float, priors: Priors) -> Floats:
     """Estimate the covariance, allowing for autocorrelated pairs and for veer that depends on flow direction.
 
     In time it is the jackknife over blocks of days. Across flow directions the scores of each octant are summed: the
@@ -380,26 +332,19 @@ def robust_covariance(
     for veer that is correlated with the heading.
 
     Args:
-        scores: each pair's gradient of the log-likelihood, (n, p).
-        precision: precision of the weak priors, (p,).
-        external: prior from other records, its precision multiplied by ``pairs_per_independent``.
-        max_score: gradient with respect to a dimensionless coefficient; it is 60 for a direction known to a degree.
-            Where the iron cancels the earth's field the gradient is unbounded, and one pair would determine all
-            coefficients.
-        wake_locked_veer: assumed correlation of the veer with the heading's excursions. The wake locks the heading to
-            water that is itself sheared across the sphere; simulated moorings show 0.03 to 0.1, which no record can
-            distinguish from iron.
+        scores: each pair's gradient of the log-likelihood by A..E, (n, 5).
+        priors: the weak prior, then that from other records, its precision multiplied by ``pairs_per_independent``.
     """
-    scores = np.clip(scores, -max_score, max_score)
-    information = scores.T @ scores + np.diag(precision)
-    if external is not None:
-        information[:5, :5] += external.precision
+    # Where the iron cancels the earth's field the gradient is unbounded, and one pair would determine all coefficients;
+    # it is 60 for a direction known to a degree.
+    scores = np.clip(scores, -1e3, 1e3)
+    information = scores.T @ scores + sum(prior.precision[:5, :5] for prior in priors)
     # The outer product of scores stays positive where the record hardly constrains a coefficient, unlike the Hessian.
     inverse = np.linalg.inv(information)
     block = blocks_by_span(pairs.time_s, BLOCK_S)
-    few = len(np.unique(block)) < min_blocks
+    few = len(np.unique(block)) < 12
     if few:
-        along_time = np.asarray(inverse * len(pairs) / independent_pairs(pairs, effective))
+        along_time = inverse * pairs_per_independent(pairs, effective)
     else:
         along_time = block_jackknife(scores, scores, block, information)
     residual = heading_residual(fit, pairs)
@@ -413,26 +358,25 @@ def robust_covariance(
     width = fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in pair_speeds(pairs)))
     by_degree = (STUDENT_DOF + 1.0) * left / (STUDENT_DOF * width**2 + left**2)
     turned = inverse @ (scores.T @ by_degree) * pairs.veer_deg
-    # Veer correlated with the heading at each pair, one standard deviation.
+    # The wake locks the heading to water that is itself sheared across the sphere. Veer may correlate by 0.05 with the
+    # heading's excursions: simulated moorings show 0.03 to 0.1, which no record can distinguish from iron.
     heading, weight = angles.wrap360(observed_heading(pairs) - left), width**-2.0
     excursion = angles.sin_cos(heading - angles.mean(heading, weight))[0]
     excursion = excursion - np.average(excursion, weights=weight)
     excursion = excursion / max(np.sqrt(np.average(excursion**2, weights=weight)), 1e-6)
-    locked = inverse @ (scores.T @ (by_degree * (wake_locked_veer * robust_width(left) * excursion)))
-    if external is not None and not few:  # with few blocks, the inverse includes it
-        along_time += pairs_per_independent(pairs, effective) * inverse[:, :5] @ external.precision @ inverse[:5]
+    locked = inverse @ (scores.T @ (by_degree * (0.05 * robust_width(left) * excursion)))
+    if not few:  # with few blocks, the inverse includes the prior
+        for prior in priors[1:]:
+            along_time += pairs_per_independent(pairs, effective) * inverse @ prior.precision[:5, :5] @ inverse
     shown = along_time + positive_part(across - along_time)
     return shown + positive_part(np.outer(turned, turned) - shown) + np.outer(locked, locked)
 
 
-def reference_response(fit: DeviationFit, pairs: Pairs, external: CoefficientPrior | None = None) -> Floats:
+def reference_response(fit: DeviationFit, pairs: Pairs, priors: Priors) -> Floats:
     """Compute the change of A..E by one standard deviation of the reference's B and of its C, (5, 2).
 
     Weighted least squares of the errors of the reference's directions, where the weights are the second derivatives of
     the fit's log density (Student's t) at the residuals.
-
-    Args:
-        external: as for ``robust_covariance``.
     """
     observed = observed_heading(pairs)
     root = nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
@@ -445,27 +389,18 @@ def reference_response(fit: DeviationFit, pairs: Pairs, external: CoefficientPri
     square = STUDENT_DOF * (width**2 + (fit.noise.compass_deg / slope) ** 2)
     weight = known * (STUDENT_DOF + 1.0) * (square - left**2) / (square + left**2) ** 2
     columns = (-compass.gradient(fit.coefficients, root) / slope).T
-    information = (columns.T * weight) @ columns + np.diag(PRIOR_WIDTH[:5] ** -2.0)
-    if external is not None:
-        information += external.precision
+    information = (columns.T * weight) @ columns + sum(prior.precision[:5, :5] for prior in priors)
     return np.linalg.solve(information, (columns.T * weight) @ iron_pattern(pairs))
 
 
-def independent_pairs(pairs: Pairs, effective: float, *, max_per_day: float = 4.0, layer_m: float = 20.0) -> float:
-    """Estimate the number of independent pairs, less the five fitted coefficients.
-
-    Args:
-        max_per_day, layer_m: upper bounds of independent pairs: per day, and per layer that a lowered instrument
-            passes. In a record of days the autocorrelation of the veer is underestimated, as its slow part is absorbed
-            in its mean.
-    """
-    apart = max_per_day * float(np.ptp(pairs.time_s)) / DAY_S + float(np.ptp(pairs.upper_depth_m)) / layer_m
-    return max(min(effective, apart) - 5.0, 3.0)
-
-
 def pairs_per_independent(pairs: Pairs, effective: float) -> float:
-    """Compute the number of pairs per independent pair."""
-    return len(pairs) / independent_pairs(pairs, effective)
+    """Estimate the number of pairs per independent pair, of which five determine the coefficients.
+
+    At most four pairs a day are independent, and one a layer of 20 m that a lowered instrument passes: in a record of
+    days the autocorrelation of the veer is underestimated, as its slow part is absorbed in its mean.
+    """
+    apart = 4.0 * float(np.ptp(pairs.time_s)) / DAY_S + float(np.ptp(pairs.upper_depth_m)) / 20.0
+    return len(pairs) / max(min(effective, apart) - 5.0, 3.0)
 
 
 def positive_part(matrix: Floats) -> Floats:

@@ -41,22 +41,19 @@ def count_differences(east: Floats, north: Floats, pairs: Pairs) -> Counts:
     return count_angles(angles.difference(angles.direction(east, north), lower), -180.0)
 
 
-def directions_at_pairs(
-    pairs: Pairs, time_s: Floats, heading_corrected_deg: Floats, *, same_instant_s: float = 60.0
-) -> tuple[Floats, Floats, Floats]:
+def directions_at_pairs(pairs: Pairs, time_s: Floats, heading_corrected_deg: Floats) -> tuple[Floats, Floats, Floats]:
     """Compute directions at each pair, (n,) degrees each: reference, affected as recorded, affected corrected.
 
     Args:
         time_s: times of the affected record, which include those of the pairs, (m,).
         heading_corrected_deg: corrected headings of that record, (m,); NaN where there is no correction.
-        same_instant_s: pairs have the times of the record, which files round.
     """
     lower = angles.direction(pairs.lower_east, pairs.lower_north)
     upper = angles.direction(pairs.upper_east, pairs.upper_north)
     if not (len(pairs) and len(time_s)):
         return lower, upper, np.full(upper.shape, np.nan)
     near = nearest_index(time_s, pairs.time_s)
-    known = np.abs(time_s[near] - pairs.time_s) <= same_instant_s
+    known = np.abs(time_s[near] - pairs.time_s) <= 60.0  # files round times
     turned = angles.difference(heading_corrected_deg[near], pairs.heading_deg)
     return lower, upper, angles.wrap360(np.where(known, upper + turned, np.nan))
 
@@ -64,11 +61,7 @@ def directions_at_pairs(
 def build_histograms(
     record: Record, heading_corrected_deg: Floats, pairs: Pairs, differences: Mapping[str, ArrayLike]
 ) -> dict[str, Counts]:
-    """Count headings of the record, directions at the pairs and held-out differences, for each of ``QUANTITIES``.
-
-    Args:
-        differences: counts ``before`` and ``after`` of assessment.json.
-    """
+    """Count headings of the record, directions at the pairs and held-out differences (those of assessment.json)."""
     usable = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
     lower, upper, corrected = directions_at_pairs(pairs, record.time_s, heading_corrected_deg)
     counted = [count_angles(angle) for angle in (usable, heading_corrected_deg, upper, corrected, lower)]

@@ -15,10 +15,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from compasslib import angles, compass
 from compasslib.deviation.model import ScatterNoise
@@ -53,11 +53,11 @@ SERIES = CurveForm(  # Smith's series in the correct heading, gamma = beta - Del
 class BinnedSample:
     """The pairs sorted by the bin of their recorded heading, as input of the likelihood."""
 
-    row: NDArray[np.intp]  # (n,) index of the occupied bin of each sample
-    occupied: NDArray[np.intp]  # the occupied bins
+    row: Indices  # (n,) index of the occupied bin of each sample
+    occupied: Indices  # the occupied bins
     scatter: RowBlocks  # (n, CELLS) K, by occupied bin
-    order: NDArray[np.intp]  # position of each row in the pairs
-    form: CurveForm = EXACT  # the curve to be fitted
+    order: Indices  # position of each row in the pairs
+    form: CurveForm  # the curve to be fitted
 
 
 @dataclass(frozen=True)
@@ -71,12 +71,13 @@ class HeadingGrid:
         """Fine headings, degrees, which are also the centres of the recorded headings' bins."""
         return 360.0 / self.fine * np.arange(self.fine)
 
-    def bin_of(self, recorded_deg: Floats) -> NDArray[np.intp]:
+    def bin_of(self, recorded_deg: Floats) -> Indices:
         """Find the bin of recorded headings."""
         return np.rint(recorded_deg * self.fine / 360.0).astype(np.intp) % self.fine
 
+    @cached_property
     def hats(self) -> Floats:
-        """Compute cubic B-spline weights from the fine headings to the cells, (fine, CELLS).
+        """Cubic B-spline weights from the fine headings to the cells, (fine, CELLS).
 
         Linear hats have a kink at every cell, which would make the likelihood rough where it is flat.
         """
@@ -84,6 +85,12 @@ class HeadingGrid:
         inner = 2.0 / 3.0 - away**2 + away**3 / 2.0
         outer = np.maximum(2.0 - away, 0.0) ** 3 / 6.0
         return np.where(away < 1.0, inner, outer)
+
+    @cached_property
+    def splines(self) -> tuple[Indices, Floats]:
+        """The four cells that each fine heading contributes to, and its weights, (fine, 4) each."""
+        cells = ((np.arange(self.fine) * CELLS // self.fine)[:, None] + np.arange(-1, 3)) % CELLS
+        return cells, np.take_along_axis(self.hats, cells, axis=1)
 
 
 COARSE, FINE = HeadingGrid(360), HeadingGrid(720)
@@ -119,9 +126,9 @@ def bin_sample(
     return BinnedSample(row, occupied, block_rows(scatter_density[order], begins), order, form)
 
 
-def compass_noise_density(offset_deg: Floats, compass_deg: float) -> Floats:
-    """Compute G, the density of recorded minus predicted headings, per degree, in the shape of the offsets."""
-    return np.exp(-0.5 * (offset_deg / compass_deg) ** 2) / (compass_deg * np.sqrt(2.0 * np.pi))
+def normal_density(offset_deg: ArrayLike, sigma_deg: float) -> Floats:
+    """Compute a normal density, as G of recorded minus predicted headings, per degree, in the shape of the offsets."""
+    return np.exp(-0.5 * (np.asarray(offset_deg) / sigma_deg) ** 2) / (sigma_deg * np.sqrt(2.0 * np.pi))
 
 
 def log_likelihood(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> float:
@@ -150,17 +157,17 @@ def log_likelihood_and_gradient(
     total = float(np.sum(np.log(joint) - np.log(parts.marginal[data.row])))
     pull = data.scatter.summed(1.0 / joint) - (np.bincount(data.row) / parts.marginal)[:, None]
     towards = np.sum(pull.take(parts.cell) * parts.share, axis=1)
-    pull = towards * parts.near.offset / np.exp(2.0 * parameters[5])
-    by_width = float(np.sum(pull * parts.near.offset) - np.sum(towards))
+    pull = towards * parts.offset / np.exp(2.0 * parameters[5])
+    by_width = float(np.sum(pull * parts.offset) - np.sum(towards))
     return total, np.append(_form_slopes(parameters, data, grid, parts) @ pull, by_width)
 
 
 def pair_scores(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> Floats:
     """Compute each pair's gradient by A..E and log(compass noise), in the order of the pairs, (n, 6)."""
     parts, joint = _parts(parameters, data, prior, grid)
-    pull = parts.near.offset / np.exp(2.0 * parameters[5])
+    pull = parts.offset / np.exp(2.0 * parameters[5])
     result = np.empty((len(data.row), 6))
-    for j, by in enumerate([*_form_slopes(parameters, data, grid, parts) * pull, pull * parts.near.offset - 1.0]):
+    for j, by in enumerate([*_form_slopes(parameters, data, grid, parts) * pull, pull * parts.offset - 1.0]):
         moved = _sum_cells(parts.cell, parts.share * by[:, None], len(data.occupied))
         by_joint, by_marginal = data.scatter.times(moved) / joint, moved.sum(axis=1) / parts.marginal
         result[data.order, j] = by_joint - by_marginal[data.row]
@@ -184,8 +191,9 @@ def heading_given_reading(
 
 @dataclass(frozen=True)
 class _Layout:
-    near: NearbyHeadings  # k fine correct headings near the recorded ones
-    cell: NDArray[np.intp]  # (k, 4) flat index of recorded heading and cell
+    column: Indices  # (k,) index of fine correct headings near the recorded ones
+    offset: Floats  # (k,) recorded minus predicted heading, degrees
+    cell: Indices  # (k, 4) flat index of recorded heading and cell
     share: Floats  # (k, 4) prior times G times spline
     given: Floats  # (occupied, CELLS) joint density of recorded heading and cell
     marginal: Floats  # (occupied,)
@@ -197,54 +205,29 @@ def _parts(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingG
     return laid, data.scatter.times(laid.given)
 
 
-def _laid_out(
-    parameters: Floats,
-    occupied: NDArray[np.intp],
-    prior: Floats,
-    grid: HeadingGrid,
-    form: CurveForm,
-    *,
-    reach: float = 8.0,
-) -> _Layout:
-    """Place the headings near each occupied reading, with their prior and the density of the reading.
-
-    Args:
-        reach: standard deviations of the compass noise; beyond, its density is 1e-14 of its peak and far below e0.
-    """
+def _laid_out(parameters: Floats, occupied: Indices, prior: Floats, grid: HeadingGrid, form: CurveForm) -> _Layout:
+    """Place the headings near each occupied reading, with their prior and the density of the reading."""
     width = float(np.exp(parameters[5]))
     predicted = form.recorded(parameters[:5], grid.heading_deg)
-    near = nearby_headings(grid.heading_deg[occupied], predicted, min(reach * width, 180.0))
-    cells, weights = _splines(grid)
-    prior_fine = _hats(grid) @ prior
+    # Beyond eight widths the density is far below e0.
+    row, column, offset = nearby_headings(grid.heading_deg[occupied], predicted, min(8.0 * width, 180.0))
+    cells, weights = grid.splines
+    prior_fine = grid.hats @ prior
     # take() copies whole rows and needs a third of the time of indexing with brackets.
-    density = compass_noise_density(near.offset, width) * (prior_fine / prior_fine.sum()).take(near.column)
-    cell = (near.row * CELLS)[:, None] + cells.take(near.column, axis=0)
-    share = density[:, None] * weights.take(near.column, axis=0)
+    density = normal_density(offset, width) * (prior_fine / prior_fine.sum()).take(column)
+    cell = (row * CELLS)[:, None] + cells.take(column, axis=0)
+    share = density[:, None] * weights.take(column, axis=0)
     given = _sum_cells(cell, share, len(occupied)) + UNEXPLAINED_DENSITY * prior
-    return _Layout(near, cell, share, given, given.sum(axis=1))
+    return _Layout(column, offset, cell, share, given, given.sum(axis=1))
 
 
-def _sum_cells(cell: NDArray[np.intp], share: Floats, rows: int) -> Floats:
+def _sum_cells(cell: Indices, share: Floats, rows: int) -> Floats:
     return np.bincount(cell.ravel(), share.ravel(), rows * CELLS).astype(float, copy=False).reshape(rows, CELLS)
 
 
 def _form_slopes(parameters: Floats, data: BinnedSample, grid: HeadingGrid, parts: _Layout) -> Floats:
     """Compute minus the derivative of the nearby offsets by A..E, (5, k) degrees."""
-    return data.form.gradient(parameters[:5], grid.heading_deg).T.take(parts.near.column, axis=0).T
-
-
-@cache
-def _hats(grid: HeadingGrid) -> Floats:
-    return grid.hats()
-
-
-@cache
-def _splines(grid: HeadingGrid) -> tuple[NDArray[np.intp], Floats]:
-    """Find the four cells that each fine heading contributes to, and its weights, (fine, 4) each."""
-    hats = _hats(grid)
-    first = np.arange(grid.fine) * CELLS // grid.fine
-    cells = (first[:, None] + np.arange(-1, 3)) % CELLS
-    return cells, np.take_along_axis(hats, cells, axis=1)
+    return data.form.gradient(parameters[:5], grid.heading_deg).T.take(parts.column, axis=0).T
 
 
 def scatter_widths(noise: ScatterNoise, upper_speed: Floats, lower_speed: Floats) -> Floats:
@@ -256,17 +239,15 @@ def scatter_widths(noise: ScatterNoise, upper_speed: Floats, lower_speed: Floats
 # reaches a twentieth of the circle, and only the cells within reach are stored, as a list.
 
 
-@dataclass(frozen=True)
-class NearbyHeadings:
-    """Index pairs of k correct headings near recorded ones."""
-
-    row: Indices  # (k,) index of the recorded heading
-    column: Indices  # (k,) index of the correct heading
-    offset: Floats  # (k,) recorded minus predicted heading, degrees
+ROWS_PER_BLOCK = 8
 
 
-def nearby_headings(recorded_deg: Floats, predicted_deg: Floats, reach_deg: float) -> NearbyHeadings:
-    """Find the pairs of recorded, (r,), and predicted headings, (f,), that differ by less than at most 180 degrees."""
+def nearby_headings(recorded_deg: Floats, predicted_deg: Floats, reach_deg: float) -> tuple[Indices, Indices, Floats]:
+    """Find the pairs of recorded, (r,), and predicted headings, (f,), that differ by less than at most 180 degrees.
+
+    Returns:
+        Index of the recorded heading, of the predicted one, and their difference, degrees, (k,) each.
+    """
     recorded, predicted = angles.wrap360(recorded_deg), angles.wrap360(predicted_deg)
     order = np.argsort(predicted, kind="stable")
     ring = np.concatenate([predicted[order] + turn for turn in (-360.0, 0.0, 360.0)])
@@ -274,7 +255,7 @@ def nearby_headings(recorded_deg: Floats, predicted_deg: Floats, reach_deg: floa
     count = end - begin
     row = np.repeat(np.arange(len(recorded)), count)
     at = np.arange(len(row)) + np.repeat(begin - np.cumsum(count) + count, count)
-    return NearbyHeadings(row, np.tile(order, 3).take(at), recorded.take(row) - ring.take(at))
+    return row, np.tile(order, 3).take(at), recorded.take(row) - ring.take(at)
 
 
 @dataclass(frozen=True)
@@ -297,18 +278,12 @@ class RowBlocks:
         return np.add.reduceat(np.matmul(laid[:, None, :], self.rows)[:, 0, :], self.first, axis=0)
 
 
-def block_rows(matrix: Floats, begins: Indices, *, rows_per_block: int = 8) -> RowBlocks:
-    """Divide a matrix whose rows are sorted by group into blocks.
-
-    Args:
-        begins: first row of each group, (g,).
-        rows_per_block: rows multiplied at once; a bin's last block is padded.
-    """
+def block_rows(matrix: Floats, begins: Indices) -> RowBlocks:
+    """Divide a matrix whose rows are sorted by group, which begin at rows (g,), into blocks."""
     count = np.diff(np.append(begins, len(matrix)))
-    each = -(-count // rows_per_block)
+    each = -(-count // ROWS_PER_BLOCK)
     first = np.cumsum(each) - each
-    place = np.arange(len(matrix)) + np.repeat(first * rows_per_block - begins, count)
-    rows = np.ones((int(each.sum()) * rows_per_block, matrix.shape[1]))
-    rows[place] = matrix
-    shape = (-1, rows_per_block, matrix.shape[1])
-    return RowBlocks(rows.reshape(shape), place, np.repeat(np.arange(len(count)), each), first)
+    place = np.arange(len(matrix)) + np.repeat(first * ROWS_PER_BLOCK - begins, count)
+    rows = np.ones((int(each.sum()), ROWS_PER_BLOCK, matrix.shape[1]))
+    rows.reshape(-1, matrix.shape[1])[place] = matrix
+    return RowBlocks(rows, place, np.repeat(np.arange(len(count)), each), first)

@@ -28,10 +28,6 @@ UNKNOWN_COVARIANCE = (
 )
 
 
-def _empty() -> Floats:
-    return np.zeros(0)
-
-
 @dataclass(frozen=True)
 class ScatterNoise:
     """Scatter of the observed heading about the compass: a floor, a part that grows as 1/speed, outliers."""
@@ -53,15 +49,19 @@ class DeviationFit:
 
     method: str  #: von_appen | exact (fitted); calibration | coefficients (exact compass known beforehand)
     n_pairs: int  #: number of pairs
-    coefficients: Floats = field(default_factory=_empty)  #: (5,) A..E, degrees for von_appen, dimensionless for exact
-    covariance: Floats = field(default_factory=_empty)  #: (5, 5) of A..E
+    coefficients: Floats = field(
+        default_factory=lambda: np.zeros(0)
+    )  #: (5,) A..E, degrees for von_appen, dimensionless for exact
+    covariance: Floats = field(default_factory=lambda: np.zeros(0))  #: (5, 5) of A..E
     n_effective: float = 0.0  #: effective number of independent pairs, allowing for autocorrelated residuals
     residual_rms_deg: float = float("nan")  #: degrees, of the pairs
     #: range of headings that the compass can record, clockwise, degrees; the second may exceed 360; None if unknown
     recorded_range_deg: tuple[float, float] | None = None
     folded: bool = False  #: whether a recorded heading can have two correct ones
     noise: ScatterNoise = ScatterNoise()  #: estimated by the exact fit only
-    heading_density: Floats = field(default_factory=_empty)  #: prior of the correct heading on its cells, sums to 1
+    heading_density: Floats = field(
+        default_factory=lambda: np.zeros(0)
+    )  #: prior of the correct heading on its cells, sums to 1
     why: str = ""  #: the reason why nothing was fitted, else empty
     warnings: tuple[str, ...] = ()  #: sentences for the report
     fixed: bool = False  #: whether the coefficients were given and are not fitted to pairs
@@ -164,6 +164,11 @@ def pair_speeds(pairs: Pairs) -> tuple[Floats, Floats]:
     return np.hypot(pairs.upper_east, pairs.upper_north), np.hypot(pairs.lower_east, pairs.lower_north)
 
 
+def covariance_sigma(columns: Floats, covariance: Floats) -> Floats:
+    """Compute the standard deviation of columns times parameters, (n, p) and (p, p) -> (n,)."""
+    return np.sqrt(np.einsum("ni,ij,nj->n", columns, covariance, columns))
+
+
 @dataclass(frozen=True)
 class CoefficientPrior:
     """Normal prior of A..E; a precision of 0 leaves a coefficient unconstrained."""
@@ -186,13 +191,13 @@ def prior_from_json(content: Mapping[str, Any] | None) -> CoefficientPrior | Non
 IRON_NT, SPHERE_NT = 2500.0, 4000.0
 
 
-def weak_field_warnings(horizontal_nT: ArrayLike, *, min_horizontal_nt: float = 5000.0) -> tuple[str, ...]:
+def weak_field_warnings(horizontal_nT: ArrayLike) -> tuple[str, ...]:
     """Warn below the horizontal field in which no correction is reliable (Le Menn et al. 2023, section 7)."""
     least = float(np.nanmin(horizontal_nT, initial=np.inf))
-    if least >= min_horizontal_nt:
+    if least >= 5000.0:
         return ()
     return (
-        f"the horizontal field is {least:.0f} nT; below {min_horizontal_nt:.0f} nT no correction is reliable (Le Menn "
+        f"the horizontal field is {least:.0f} nT; below 5000 nT no correction is reliable (Le Menn "
         "et al. 2023, section 7): compare with a gyrocompass or an observatory",
     )
 

@@ -18,7 +18,7 @@ from compasslib.types import Floats
 
 # Assumed for a moored magnetic compass that was not calibrated in place (docs/background/limits.md; keys of the
 # instrument give others), and for constants of affected compasses, by their mounting and alignment.
-CONSTANT_SIGMA_DEG, ALIGNMENT_SIGMA_DEG = 2.0, 4.0
+CONSTANT_SIGMA_DEG, ALIGNMENT_SIGMA_DEG, IRON_SIGMA_NT, TILT_OFFSET_DEG = 2.0, 4.0, 525.0, 0.4
 STUDENT_68 = 1.1416  # 68.27 % of Student's t with four degrees of freedom lie within this, as of a normal within 1
 
 
@@ -28,14 +28,7 @@ def declination_sigma(field: EarthField) -> float:
 
 
 def reference_compass(
-    name: str,
-    field: EarthField,
-    *,
-    magnetic: bool,
-    sigma_deg: float | None = None,
-    iron_nT: float | None = None,
-    iron_sigma_nt: float = 525.0,
-    tilt_offset_deg: float = 0.4,
+    name: str, field: EarthField, *, magnetic: bool, sigma_deg: float | None = None, iron_nT: float | None = None
 ) -> ReferenceCompass:
     """Describe the compass of a reference by the keys of its instrument.
 
@@ -43,21 +36,17 @@ def reference_compass(
     ``sigma_deg`` is given.
 
     Args:
-        magnetic: whether its directions are from magnetic north.
         sigma_deg: standard deviation of its constant error (``compass_sigma_deg``), None for the usual one.
         iron_nT: that of either component of its horizontal iron (``compass_iron_nT``), None for the usual one.
-        iron_sigma_nt, tilt_offset_deg: assumed for a moored magnetic compass that was not calibrated in place
-            (docs/background/limits.md; keys of the instrument give others), and for constants of affected compasses, by
-            their mounting and alignment.
     """
     horizontal, declination = float(np.mean(field.horizontal_nT)), declination_sigma(field)
     dip_ratio = abs(float(np.mean(field.vertical_nT))) / horizontal
     usual = CONSTANT_SIGMA_DEG if magnetic else float(np.hypot(CONSTANT_SIGMA_DEG, declination))
-    iron = (iron_sigma_nt if iron_nT is None else iron_nT) / horizontal / angles.DEGREE
+    iron = (IRON_SIGMA_NT if iron_nT is None else iron_nT) / horizontal / angles.DEGREE
     return ReferenceCompass(
         name,
         usual if sigma_deg is None else sigma_deg,
-        float(np.hypot(iron, tilt_offset_deg * dip_ratio)) if iron_nT is None else iron,
+        float(np.hypot(iron, TILT_OFFSET_DEG * dip_ratio)) if iron_nT is None else iron,
         0.0 if magnetic else declination,
     )
 
@@ -112,23 +101,22 @@ def reference_errors(pairs: Pairs, iron: Floats, *, veer_included: bool) -> Refe
     return ReferenceErrors(constant, pairs.veer_deg, iron, compass.declination_deg == 0.0, veer_included)
 
 
-def constant_sigma(constant_deg: float, sigma_deg: float, error_deg: float, *, student_dof: float = 4.0) -> float:
+def constant_sigma(constant_deg: float, sigma_deg: float, error_deg: float) -> float:
     """Compute the rms of the part of a fitted constant that is not the affected compass's own, degrees.
 
     The constant is the sum of the compass's own, normal with ``ALIGNMENT_SIGMA_DEG``, and of the error of the
-    reference, Student's t; given their sum, the error has a mean and a standard deviation, and their root sum of
-    squares is returned.
+    reference, Student's t with four degrees of freedom; given their sum, the error has a mean and a standard deviation,
+    and their root sum of squares is returned.
 
     Args:
         sigma_deg: standard error of the fitted constant.
         error_deg: standard deviation of the error, in the sense that 68 % lie within.
-        student_dof: of the errors of references, whose tails are heavier than those of a normal distribution.
     """
     if error_deg == 0.0:
         return 0.0
     width, scale = float(np.hypot(ALIGNMENT_SIGMA_DEG, sigma_deg)), error_deg / STUDENT_68
     error = np.linspace(-1.0, 1.0, 2001) * (abs(constant_deg) + 8.0 * error_deg + 4.0 * width)
-    log_density = -0.5 * (student_dof + 1.0) * np.log1p((error / scale) ** 2 / student_dof)
+    log_density = -2.5 * np.log1p((error / scale) ** 2 / 4.0)
     log_density = log_density - 0.5 * ((constant_deg - error) / width) ** 2
     weight = np.exp(log_density - log_density.max())
     return float(np.sqrt(np.average(error**2, weights=weight)))

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compasslib import angles
-from compasslib.deviation.model import MIN_PAIRS, DeviationFit, observed_deviation, observed_heading, unfitted
+from compasslib.deviation.model import (
+    MIN_PAIRS,
+    DeviationFit,
+    covariance_sigma,
+    observed_deviation,
+    observed_heading,
+    unfitted,
+)
 from compasslib.deviation.reference import iron_pattern, reference_errors
 from compasslib.records import Pairs
 from compasslib.statistics.noise import effective_sample_size
@@ -127,9 +134,8 @@ def invert_series(coefficients: ArrayLike, recorded_deg: ArrayLike, headings_deg
 
 def series_sigma(fit: DeviationFit, heading_deg: ArrayLike) -> Floats:
     """Compute the standard error of the inverted heading due to the coefficients' covariance, (n,) degrees."""
-    columns = series_design(heading_deg)
-    variance = np.einsum("ni,ij,nj->n", columns, fit.covariance, columns)
-    return np.sqrt(variance) / np.maximum(np.abs(series_slope(fit.coefficients, heading_deg)), 0.05)
+    sigma = covariance_sigma(series_design(heading_deg), fit.covariance)
+    return sigma / np.maximum(np.abs(series_slope(fit.coefficients, heading_deg)), 0.05)
 
 
 def multistart_least_squares(columns: Floats, deviation: Floats) -> Floats:

@@ -7,7 +7,6 @@ not fitted.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, make_dataclass
 from functools import cache
@@ -16,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from compasslib import angles
-from compasslib.effects.effect import HOUR_S, Effect, Scene, Side, Stage, parameter, place_parameter
+from compasslib.effects.effect import HOUR_S, Effect, Scene, Side, Stage, parameter
 from compasslib.statistics.whitening import autoregress
 from compasslib.types import Floats
 
@@ -43,30 +42,50 @@ DRIVERS: Mapping[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class EffectTarget:
-    """Target of composed effects: parameters as (name, unit, step), and where and on what the effect acts."""
+    """Target of composed effects: parameters as (name, unit, step), and where, on what and how the effect acts."""
 
     parameters: tuple[tuple[str, str, float], ...]
     acts_on: str
+    #: amplitudes (n, p), quantity acted on, and scene -> what is added to the quantity
+    add: Callable[[Floats, Floats, Scene], Floats]
     side: Side = "compass"
     stage: Stage = "surroundings"
     needs: tuple[str, ...] = ()
 
 
+def _lobe(order: float) -> EffectTarget:
+    return EffectTarget(
+        (("sine", "degrees", 1.0), ("cosine", "degrees", 1.0)), "reading",
+        lambda size, x, _: np.sum(size.T * angles.sin_cos(order * x), axis=0), stage="readout",
+    )  # fmt: skip
+
+
+def _add_bias(size: Floats, x: Floats, scene: Scene) -> Floats:
+    sine, cosine = (scene.departures[name] for name in ("body_flow_sine", "body_flow_cosine"))
+    return -(size[:, 1] * cosine - size[:, 0] * sine) / angles.DEGREE
+
+
 FIELD_STEP, BIAS_STEP = 200.0, 0.003
-TARGETS: Mapping[str, EffectTarget] = {
-    "field_horizontal": EffectTarget((("forward", "nT", FIELD_STEP), ("starboard", "nT", FIELD_STEP)), "field"),
-    "field_down": EffectTarget((("down", "nT", 1000.0),), "field"),
-    "reading": EffectTarget((("reading", "degrees", 1.0),), "reading", stage="readout"),
-    "lobe3": EffectTarget((("sine", "degrees", 1.0), ("cosine", "degrees", 1.0)), "reading", stage="readout"),
-    "lobe4": EffectTarget((("sine", "degrees", 1.0), ("cosine", "degrees", 1.0)), "reading", stage="readout"),
-    "flow_gain": EffectTarget((("gain", "1", 0.035),), "water", "water", needs=("body_flow_sine2",)),
-    "flow_offset": EffectTarget(
-        (("forward", "m/s", BIAS_STEP), ("starboard", "m/s", BIAS_STEP)), "water", "water",
-        needs=("body_flow_sine", "body_flow_cosine"),
-    ),
-    "flow_direction": EffectTarget((("veer", "degrees", 1.0),), "water", "water"),
-}  # fmt: skip
 LOBES = {"lobe3": 3.0, "lobe4": 4.0}
+TARGETS: Mapping[str, EffectTarget] = {
+    "field_horizontal": EffectTarget(
+        (("forward", "nT", FIELD_STEP), ("starboard", "nT", FIELD_STEP)), "field",
+        lambda size, *_: np.column_stack([size, np.zeros(len(size))]),
+    ),
+    "field_down": EffectTarget((("down", "nT", 1000.0),), "field", lambda size, *_: size * np.array([0.0, 0.0, 1.0])),
+    "reading": EffectTarget((("reading", "degrees", 1.0),), "reading", lambda size, *_: size[:, 0], stage="readout"),
+    **{name: _lobe(order) for name, order in LOBES.items()},
+    "flow_gain": EffectTarget(
+        (("gain", "1", 0.035),), "water",
+        lambda size, _, scene: size[:, 0] / 2.0 / angles.DEGREE * scene.departures["body_flow_sine2"],
+        "water", needs=("body_flow_sine2",),
+    ),
+    "flow_offset": EffectTarget(
+        (("forward", "m/s", BIAS_STEP), ("starboard", "m/s", BIAS_STEP)), "water", _add_bias,
+        "water", needs=("body_flow_sine", "body_flow_cosine"),
+    ),
+    "flow_direction": EffectTarget((("veer", "degrees", 1.0),), "water", lambda size, *_: size[:, 0], "water"),
+}  # fmt: skip
 
 Series = Callable[[Any, Floats, Floats], Floats]  # (term, driver, times) -> (n, c)
 
@@ -77,14 +96,10 @@ class Form:
 
     series: Series
     suffixes: tuple[str, ...] = ("",)  # of the parameter names, one per series
-    powers: tuple[float, ...] = (0.0,)  # exponent of the driver's unit in the denominator of the parameter's unit
+    per_driver: bool = False  # whether the parameter's unit is divided by the driver's
     places: tuple[tuple[str, str], ...] = ()  # name and unit; "of the driver" means the driver's unit
     words: str = ""
     formula: str = ""  # p: each parameter, x: driver minus its mean, {}: name of the driver
-
-
-def _columns(*series: Floats) -> Floats:
-    return np.stack(series, axis=-1)
 
 
 def _lagged(x: Floats, time_s: Floats, constant_s: float) -> Floats:
@@ -128,8 +143,8 @@ def _smooth(term: Any, x: Floats, t: Floats) -> Floats:
 
 def _bands(term: Any, x: Floats, t: Floats) -> Floats:
     """Divide a driver into causal bands of its history, from its fastest changes to its slowest, (n, 6)."""
-    passed = [x, *(_lagged(x, t, HOUR_S * hours) for hours in BANDS_H)]
-    return _columns(*(fast - slow for fast, slow in itertools.pairwise(passed)), passed[-1])
+    passed = np.stack([x, *(_lagged(x, t, HOUR_S * hours) for hours in BANDS_H), np.zeros_like(x)], axis=1)
+    return passed[:, :-1] - passed[:, 1:]
 
 
 def _cosines(term: Any, t: Floats, count: int) -> Floats:
@@ -146,74 +161,74 @@ def _periods(t: Floats, periods_h: tuple[float, ...]) -> Floats:
     return _waves(360.0 * t[:, None] / HOUR_S / np.array(periods_h), np.ones(len(periods_h)))
 
 
-def _numbered(count: int) -> tuple[tuple[str, ...], tuple[float, ...]]:
-    return tuple(f"_{k}" for k in range(1, count + 1)), (0.0,) * count
+def _numbered(count: int) -> tuple[str, ...]:
+    return tuple(f"_{k}" for k in range(1, count + 1))
 
 
 SPAN = (("begin_s", "s"), ("end_s", "s"))
 FORMS: Mapping[str, Form] = {
-    "always": Form(lambda term, x, t: _columns(np.ones(len(t))), words="always", formula="p"),
-    "linear": Form(lambda term, x, t: _columns(x), powers=(1.0,), words="in proportion to {}", formula="p·x"),
+    "always": Form(lambda term, x, t: np.ones((len(t), 1)), words="always", formula="p"),
+    "linear": Form(lambda term, x, t: x[:, None], per_driver=True, words="in proportion to {}", formula="p·x"),
     "smooth": Form(
-        _smooth, *_numbered(SMOOTH), (("middle", "of the driver"), ("range", "of the driver")),
+        _smooth, _numbered(SMOOTH), places=(("middle", "of the driver"), ("range", "of the driver")),
         words="along a smooth curve of {}",
         formula=f"Σ p_k·exp(−({SMOOTHNESS}·ω)²/4)·(sin(ω·(z + {WIDE + 1:g})) − sin({WIDE + 1:g}·ω)), "
         f"ω = kπ/{2 * WIDE + 2:g}, z = (x − middle)/range within ±{WIDE:g}",
     ),
     "bands": Form(
-        _bands, _numbered(len(BANDS_H) + 1)[0], (1.0,) * (len(BANDS_H) + 1), words="with {} and its history",
+        _bands, _numbered(len(BANDS_H) + 1), per_driver=True, words="with {} and its history",
         formula="Σ p_k·(difference of x between low-pass filters of " + ", ".join(f"{h:g}" for h in BANDS_H) + " h)",
     ),
     "memory": Form(
-        lambda term, x, t: _columns(_play(x, term.width)), powers=(1.0,), places=(("width", "of the driver"),),
+        lambda term, x, t: _play(x, term.width)[:, None], per_driver=True, places=(("width", "of the driver"),),
         words="with {} and the side that it comes from (hysteresis)",
         formula="p·x, x followed with a play of the width",
     ),
-    "sign": Form(lambda term, x, t: _columns(np.sign(x)), words="with the sign of {}", formula="p·sign(x)"),
+    "sign": Form(lambda term, x, t: np.sign(x)[:, None], words="with the sign of {}", formula="p·sign(x)"),
     "periodic": Form(
-        lambda term, x, t: _columns(*angles.sin_cos(360.0 * t / term.period_s)), ("_sine", "_cosine"), (0.0, 0.0),
-        (("period_s", "s"),), words="once every period of {}",
+        lambda term, x, t: np.column_stack(angles.sin_cos(360.0 * t / term.period_s)), ("_sine", "_cosine"),
+        places=(("period_s", "s"),), words="once every period of {}",
         formula="p_sine·sin(2πt / period) + p_cosine·cos(2πt / period)",
     ),
     "daily": Form(
-        lambda term, x, t: _periods(t, DAILY_H), *_numbered(2 * len(DAILY_H)), words="with the time of day",
+        lambda term, x, t: _periods(t, DAILY_H), _numbered(2 * len(DAILY_H)), words="with the time of day",
         formula="Σ sines, then cosines, of periods of 24, 12 and 8 h",
     ),
     "tidal": Form(
-        lambda term, x, t: _periods(t, TIDAL_H), *_numbered(2 * len(TIDAL_H)), words="with the tide",
+        lambda term, x, t: _periods(t, TIDAL_H), _numbered(2 * len(TIDAL_H)), words="with the tide",
         formula="Σ sines, then cosines, of the periods of M2, O1 and N2",
     ),
     "harmonics": Form(
         lambda term, x, t: _waves(x[:, None] * np.array(LOBES_TRIED), 1.0 / (np.array(LOBES_TRIED) - 2.0)),
-        *_numbered(2 * len(LOBES_TRIED)), words="with higher harmonics of {}",
+        _numbered(2 * len(LOBES_TRIED)), words="with higher harmonics of {}",
         formula="Σ sines, then cosines, of 3 to 10 times the reading, over the number of times less 2",
     ),
     "teeth": Form(
         lambda term, x, t: _waves(x[:, None] * np.array(TEETH_TRIED), np.ones(len(TEETH_TRIED))),
-        *_numbered(2 * len(TEETH_TRIED)), words="in many lobes of {}",
+        _numbered(2 * len(TEETH_TRIED)), words="in many lobes of {}",
         formula="Σ sines, then cosines, of 3 to 19 times the reading",
     ),
     "bump": Form(
-        lambda term, x, t: _columns(bump(x, term.centre_deg, term.reach_deg)),
+        lambda term, x, t: bump(x, term.centre_deg, term.reach_deg)[:, None],
         places=(("centre_deg", "degrees"), ("reach_deg", "degrees")), words="around one {} only",
         formula="p·(1 + cos(π·(reading − centre) / reach)) / 2 within reach of centre, else 0",
     ),
     "slow": Form(
         lambda term, x, t: _cosines(term, t, SLOW_WAVES) / np.arange(1, SLOW_WAVES + 1) ** 2.0,
-        *_numbered(SLOW_WAVES), SPAN, words="slowly with {}",
+        _numbered(SLOW_WAVES), places=SPAN, words="slowly with {}",
         formula="Σ p_k·cos(kπ·(t − begin) / (end − begin)) / k²",
     ),
     "free": Form(
         lambda term, x, t: _cosines(term, t, FREE_WAVES) / np.hypot(1.0, np.arange(1, FREE_WAVES + 1) / FREE_FROM),
-        *_numbered(FREE_WAVES), SPAN, words="as a free function of {}",
+        _numbered(FREE_WAVES), places=SPAN, words="as a free function of {}",
         formula=f"Σ p_k·cos(kπ·(t − begin) / (end − begin)) / √(1 + (k/{FREE_FROM:g})²)",
     ),
     "step": Form(
-        lambda term, x, t: _columns((t >= term.begin_s).astype(float)), places=(("begin_s", "s"),),
+        lambda term, x, t: (t >= term.begin_s).astype(float)[:, None], places=(("begin_s", "s"),),
         words="from a date on", formula="p from begin on, before 0",
     ),
     "box": Form(
-        lambda term, x, t: _columns(((t >= term.begin_s) & (t < term.end_s)).astype(float)),
+        lambda term, x, t: ((t >= term.begin_s) & (t < term.end_s)).astype(float)[:, None],
         places=SPAN, words="for a while", formula="p from begin to end, else 0",
     ),
 }  # fmt: skip
@@ -239,7 +254,6 @@ class ComposedEffect(Effect):
 
     literature: ClassVar[str] = "none: composed by the search"
     composition: ClassVar[tuple[str, str, str]]  # target, driver, form
-    scale: ClassVar[float]
 
     def series(self, scene: Scene, reading_deg: Floats | None = None) -> Floats:
         """Compute the time series that multiply the parameters, (n, c); readings are needed only if they drive."""
@@ -254,10 +268,9 @@ class ComposedEffect(Effect):
 
     def evaluate(self, scene: Scene, reading_deg: Floats | None = None) -> Floats:
         _, driver, form = self.composition
-        if driver != "heading":
-            return FORMS[form].series(self, driver_series(scene, driver), scene.time_s)
-        assert reading_deg is not None
-        return FORMS[form].series(self, reading_deg, scene.time_s)
+        x = reading_deg if driver == "heading" else driver_series(scene, driver)
+        assert x is not None
+        return FORMS[form].series(self, x, scene.time_s)
 
     def reported_composition(self) -> tuple[str, str, str]:
         """Return target, driver and form as reported by a diagnosis; for a horizontal field its larger component."""
@@ -279,22 +292,8 @@ class ComposedEffect(Effect):
 
     def apply(self, x: Floats, scene: Scene) -> Floats:
         """Apply the effect to its target."""
-        acted = self.composition[0]
-        if acted in LOBES:
-            sine, cosine = self.amplitudes(scene).T
-            column = angles.sin_cos(LOBES[acted] * x)
-            return np.asarray(x + sine * column[0] + cosine * column[1])
         size = self.amplitudes(scene, x if self.acts_on == "reading" else None)
-        if acted == "field_horizontal":
-            return x + np.column_stack([size, np.zeros(len(size))])
-        if acted == "field_down":
-            return x + size * np.array([0.0, 0.0, 1.0])
-        if acted == "flow_gain":
-            return np.asarray(x + size[:, 0] / 2.0 / angles.DEGREE * scene.departures["body_flow_sine2"])
-        if acted == "flow_offset":
-            sine, cosine = (scene.departures[name] for name in ("body_flow_sine", "body_flow_cosine"))
-            return np.asarray(x - (size[:, 1] * cosine - size[:, 0] * sine) / angles.DEGREE)
-        return np.asarray(x + size[:, 0])
+        return np.asarray(x + TARGETS[self.composition[0]].add(size, x, scene))
 
     def invert(self, reading_deg: Floats, scene: Scene) -> Floats:
         """Remove the effect from a reading by Newton's method, NaN where the inverse is not unique."""
@@ -342,14 +341,8 @@ def driver_series(scene: Scene, driver: str) -> Floats:
         return driver_series(scene, first) * driver_series(scene, second)
     if driver == "time":
         return scene.years
-    name = DRIVERS[driver][0] if driver in DRIVERS else driver
+    name = DRIVERS.get(driver, (driver, ""))[0]
     return scene.departures[name] if name else np.zeros(len(scene))
-
-
-def driver_needs(driver: str) -> tuple[str, ...]:
-    """List the departures that a driver requires."""
-    names = [DRIVERS[part][0] if part in DRIVERS else part for part in driver.split("*")]
-    return tuple(name for name in names if name)
 
 
 @cache
@@ -362,21 +355,23 @@ def compose_effect(
         usual: prior standard deviation of its parameters.
     """
     acted, shape = TARGETS[acts_on], FORMS[form]
-    unit = " ".join(DRIVERS[each][1] if each in DRIVERS else each for each in driver.split("*"))
-    members: list[tuple[str, type, Any]] = []
-    bracketed = f"({unit})" if " " in unit or "/" in unit else unit
-    for column, base, step in acted.parameters:
-        for suffix, power in zip(shape.suffixes, shape.powers, strict=True):
-            plain = not power or unit == "1"
-            per = base if plain else f"{base}/{bracketed}" + ("" if power == 1.0 else f"^{power:g}")
-            members.append((f"{column}{suffix}", float, parameter(per, f"{column} part", step, usual=usual)))
-    members += [(n, float, place_parameter(unit if u == "of the driver" else u)) for n, u in shape.places]
+    departures, units = zip(*(DRIVERS.get(each, (each, each)) for each in driver.split("*")), strict=True)
+    unit = " ".join(units)
+    per = "" if unit == "1" or not shape.per_driver else f"/({unit})" if " " in unit or "/" in unit else f"/{unit}"
+    members = [
+        (f"{column}{suffix}", float, parameter(base + per, f"{column} part", step, usual=usual))
+        for column, base, step in acted.parameters
+        for suffix in shape.suffixes
+    ]
+    for place, of in shape.places:
+        described = parameter(unit if of == "of the driver" else of, "place that was looked for", 0.0)
+        members.append((place, float, described))
     space = {
         "name": name or f"{COMPOSED}{acts_on}/{driver}/{form}",
         "side": acted.side,
         "stage": acted.stage,
         "acts_on": acted.acts_on,
-        "needs": (*driver_needs(driver), *acted.needs),
+        "needs": (*filter(None, departures), *acted.needs),
         "words": words,
         "composition": (acts_on, driver, form),
         "driver": name if form == "always" else driver,

@@ -1,4 +1,4 @@
-"""Base classes of effects: a few parameters with units, and one method that applies the effect.
+"""Base class of effects: a few parameters with units, and one method that applies the effect.
 
 A compass effect acts on the magnetic field in the body frame, on the direction of magnetic north, or on the reading; a
 water effect on the direction of the current, or on the velocity of the water that carries a ship; a clock effect on
@@ -10,21 +10,24 @@ from __future__ import annotations
 import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import Field, dataclass, field, fields, make_dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
 from compasslib import compass
+from compasslib.types import DAY_S as DAY_S
+from compasslib.types import HOUR_S as HOUR_S
 from compasslib.types import Floats
 
 Side = Literal["compass", "reference", "water", "clock"]
 Stage = Literal["surroundings", "sensor", "readout", "clock"]
 
-HOUR_S, DAY_S, YEAR_S = 3600.0, 86400.0, 365.25 * 86400.0
+YEAR_S = 365.25 * DAY_S
 USUAL_DEG = 4.0  # prior rms change of heading by an effect whose physics sets no size
-READINGS = ("mooring", "platform", "swing", "magnetometer", "two_heads")  # recordings of a compass
+SHORT_RECORDINGS = ("platform", "swing", "magnetometer", "two_heads")
+READINGS = ("mooring", *SHORT_RECORDINGS)  # recordings of a compass
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,7 @@ class Scene:
     roll_deg: Floats  # (n,) starboard down
     begin_s: float  # origin of drifts
     departures: Mapping[str, Floats] = field(default_factory=dict)  # (n,) covariates minus their references
+    turned: Callable[[float], Floats] | None = None  # seconds ahead -> change of heading until then, (n,) degrees
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -52,6 +56,11 @@ class Scene:
         """Years since the beginning, (n,)."""
         return (self.time_s - self.begin_s) / YEAR_S
 
+    @property
+    def elapsed_share(self) -> Floats:
+        """Elapsed share of the record, (n,)."""
+        return (self.time_s - self.time_s[0]) / max(float(np.ptp(self.time_s)), 1e-9)
+
     def since(self, date_s: float) -> Floats:
         """Compute a step from 0 to 1 at a date in UTC seconds since 1970, (n,)."""
         return np.asarray(self.time_s >= date_s, dtype=float)
@@ -64,18 +73,12 @@ def parameter(unit: str, meaning: str, step: float, *, usual: float = np.inf) ->
         step: a change that turns the heading by very roughly a degree, for finite differences.
         usual: standard deviation of its prior; by default that of an effect of ``USUAL_DEG`` in the record.
     """
-    described = {"unit": unit, "meaning": meaning, "step": step, "usual": usual}
-    return field(default=0.0, metadata=described)
+    return field(default=0.0, metadata={"unit": unit, "meaning": meaning, "step": step, "usual": usual})
 
 
 def date_parameter() -> Any:
     """Declare a date that is searched for and not fitted."""
-    return field(default=0.0, metadata={"unit": "s", "meaning": "UTC seconds since 1970 of the change", "step": 0.0})
-
-
-def place_parameter(unit: str) -> Any:
-    """Declare a place along a covariate that is searched for and not fitted, like a date."""
-    return field(default=0.0, metadata={"unit": unit, "meaning": "place that was looked for", "step": 0.0})
+    return parameter("s", "UTC seconds since 1970 of the change", 0.0)
 
 
 @dataclass(frozen=True)
@@ -95,8 +98,6 @@ class Effect(ABC):
     separated_by: ClassVar[Mapping[str, str]] = {}  # name of another effect -> observation that separates the two
     detector: ClassVar[str] = ""  # comparison without forward model that detects it apart from the search
     instrument: ClassVar[bool] = False  # whether it belongs to the instrument and is the same in all its records
-    # Whether its covariates exist only where it acts, so that only its size is estimated.
-    always_present: ClassVar[bool] = False
 
     @abstractmethod
     def apply(self, x: Floats, scene: Scene) -> Floats:
@@ -155,22 +156,26 @@ class Effect(ABC):
         return replace(self, **dict(zip(self.fitted(), np.asarray(values, dtype=float).tolist(), strict=True)))
 
 
-@dataclass(frozen=True)
-class Proportional(Effect):
-    """An effect that adds each parameter times the departure of a covariate, in the order of ``needs``."""
-
-    def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Add each parameter times its covariate's departure."""
-        each = zip(self.fitted(), self.needs, strict=True)
-        return x + sum(getattr(self, factor) * scene.departures[name] for factor, name in each)
+def proportional(term: Effect, scene: Scene) -> Any:
+    """Sum the parameters, each times the departure of its covariate, in the order of ``needs``."""
+    return sum(value * scene.departures[name] for value, name in zip(term.values.tolist(), term.needs, strict=True))
 
 
-@dataclass(frozen=True)
-class OfReading(Effect):
-    """An effect of the readout, which acts on the reading."""
+def additive(title: str, summary: str, add: Callable[[Any, Scene], Any] = proportional, **members: Any) -> type[Any]:
+    """Create the class of an effect that adds to the quantity that it acts on: a row of the catalogue.
 
-    stage = "readout"
-    acts_on = "reading"
+    Args:
+        add: term and scene -> what is added.
+        members: parameters, in order, and class attributes of ``Effect``.
+    """
+
+    def apply(self: Effect, x: Floats, scene: Scene) -> Floats:
+        return np.asarray(x + add(self, scene))
+
+    parameters = [(name, float, value) for name, value in members.items() if isinstance(value, Field)]
+    attributes = {name: value for name, value in members.items() if not isinstance(value, Field)}
+    namespace = {"__doc__": summary, "apply": apply} | attributes
+    return make_dataclass(title, parameters, bases=(Effect,), namespace=namespace, frozen=True)
 
 
 def parameter_slices(terms: Iterable[Effect | type[Effect]], first: int = 0) -> list[slice]:
@@ -179,26 +184,6 @@ def parameter_slices(terms: Iterable[Effect | type[Effect]], first: int = 0) -> 
     return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
 
-def horizontal_field(forward: Floats, starboard: Floats) -> Floats:
-    """Build a field in the body's horizontal plane, (n, 3), from its forward and starboard components, (n,) each."""
-    return np.stack([forward, starboard, np.zeros_like(forward)], axis=-1)
-
-
-SHORT_RECORDINGS = ("platform", "swing", "magnetometer", "two_heads")
-
-
-def elapsed_share(scene: Scene) -> Floats:
-    """Compute the elapsed share of the record at each sample, (n,)."""
-    return (scene.time_s - scene.time_s[0]) / max(float(np.ptp(scene.time_s)), 1e-9)
-
-
-@dataclass(frozen=True)
-class TurningScene(Scene):
-    """A scene with the rotation of the instrument between samples."""
-
-    turned: Callable[[float], Floats] | None = None  # seconds ahead -> change of heading until then, (n,) degrees
-
-
-def turning_scene(scene: Scene, turned: Callable[[float], Floats]) -> TurningScene:
-    """Add the rotation of the instrument to a scene, see ``TurningScene.turned``."""
-    return TurningScene(**vars(scene), turned=turned)
+def turning_scene(scene: Scene, turned: Callable[[float], Floats]) -> Scene:
+    """Add the rotation of the instrument to a scene, see ``Scene.turned``."""
+    return replace(scene, turned=turned)

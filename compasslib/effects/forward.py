@@ -63,19 +63,11 @@ def earth_field_in_body(scene: Scene, heading_deg: Floats) -> Floats:
 
 
 def sensed_angle(simulation: ForwardModel, scene: Scene, earth_nT: Floats) -> Floats:
-    """Compute the angle of the levelled field before the readout, (n,) degrees."""
-    field = sensed_field(simulation, scene, earth_nT)
+    """Compute the angle of the levelled field, with iron and further effects, before the readout, (n,) degrees."""
+    soft, hard = _iron(simulation)
+    field = _applied(simulation, "field", earth_nT @ soft.T + hard, scene)
     x, y = (np.einsum("nj,nj->n", scene.levelling[:, k], field) for k in (0, 1))
     return angles.argument(x - 1j * y)
-
-
-def sensed_field(simulation: ForwardModel, scene: Scene, earth_nT: Floats) -> Floats:
-    """Compute the field in the body frame with iron and further effects, (n, 3) nT."""
-    soft, hard = _iron(simulation)
-    field: Floats = earth_nT @ soft.T + hard
-    for term in _acting(simulation, "field"):
-        field = term.apply(field, scene)
-    return field
 
 
 def invert_heading(simulation: ForwardModel, scene: Scene, recorded_deg: Floats) -> Floats:
@@ -88,9 +80,10 @@ def invert_heading(simulation: ForwardModel, scene: Scene, recorded_deg: Floats)
 def coefficients_with_effects(simulation: ForwardModel, scene: Scene) -> Floats:
     """Compute A..E of iron and field effects at each sample's tilt and time, (5, n); the fitted A is in the readout."""
     soft, hard = _iron(simulation)
-    acting = _acting(simulation, "field")
-    if acting:
-        soft, hard = _composed(soft, hard, acting, scene)
+    if _acting(simulation, "field"):  # affine: known from its action on no field and on the unit fields
+        fields = [np.tile(hard, (len(scene), 1)), *(np.tile(hard + column, (len(scene), 1)) for column in soft.T)]
+        hard, *ends = (_applied(simulation, "field", field, scene) for field in fields)
+        soft = np.stack([end - hard for end in ends], axis=-1)
     return compass.level_coefficients(
         soft,
         hard,
@@ -103,10 +96,7 @@ def coefficients_with_effects(simulation: ForwardModel, scene: Scene) -> Floats:
 
 def apply_readout(simulation: ForwardModel, scene: Scene, sensed_deg: Floats) -> Floats:
     """Compute the reading from the angle of the levelled field, (n,) degrees, not wrapped."""
-    reading = sensed_deg - float(np.arctan(simulation.coefficients[0])) / angles.DEGREE
-    for term in _acting(simulation, "reading"):
-        reading = term.apply(reading, scene)
-    return reading
+    return _applied(simulation, "reading", sensed_deg - _turn_of_readout(simulation), scene)
 
 
 def invert_readout(simulation: ForwardModel, scene: Scene, recorded_deg: Floats) -> Floats:
@@ -114,17 +104,17 @@ def invert_readout(simulation: ForwardModel, scene: Scene, recorded_deg: Floats)
     reading = recorded_deg
     for term in reversed(_acting(simulation, "reading")):
         reading = term.invert(reading, scene)
-    return reading + float(np.arctan(simulation.coefficients[0])) / angles.DEGREE
+    return reading + _turn_of_readout(simulation)
 
 
 def north_shift(simulation: ForwardModel, scene: Scene) -> Floats | float:
     """Compute the shift of magnetic north to the east, (n,) degrees or 0."""
-    return _total(simulation, scene, "north")
+    return _applied(simulation, "north", np.zeros(len(scene)), scene) if _acting(simulation, "north") else 0.0
 
 
 def water_veer(simulation: ForwardModel, scene: Scene) -> Floats | float:
     """Compute the veer of the reference's current relative to the affected instrument's, (n,) degrees or 0."""
-    return _total(simulation, scene, "water")
+    return _applied(simulation, "water", np.zeros(len(scene)), scene) if _acting(simulation, "water") else 0.0
 
 
 def heading_jacobian(
@@ -147,8 +137,7 @@ def heading_jacobian(
 
     reading, veered = read(simulation), water_veer(simulation, scene)
     ahead = recorded_heading(simulation, scene, heading_deg + PROBE_DEG)
-    slope = angles.difference(ahead, reading) / PROBE_DEG
-    slope = np.where(np.abs(slope) < MIN_HEADING_SLOPE, np.copysign(MIN_HEADING_SLOPE, slope), slope)
+    slope = _bounded(angles.difference(ahead, reading) / PROBE_DEG)
     for j in range(first, len(at) if last is None else last):
         more = simulation.at(at + steps[j] * (np.arange(len(at)) == j))
         turned = angles.difference(read(more), reading)
@@ -165,22 +154,25 @@ def added_term_jacobian(simulation: ForwardModel, scene: Scene, heading_deg: Flo
     if term.acts_on != "reading":
         both = replace(simulation, terms=(term, *simulation.terms))
         return heading_jacobian(both, scene, heading_deg, first=5, last=5 + len(term.fitted()))
-    others = tuple(other for other in simulation.terms if other.acts_on != "reading")
-    reduced = replace(simulation, terms=others)
+    reduced = replace(simulation, terms=tuple(other for other in simulation.terms if other.acts_on != "reading"))
     earth = earth_field_in_body(scene, heading_deg - north_shift(simulation, scene))
     reading = apply_readout(reduced, scene, sensed_angle(reduced, scene, earth))
-    slope, steps = heading_slope(simulation, scene, heading_deg), 0.05 * term.steps()
-    slope = np.where(np.abs(slope) < MIN_HEADING_SLOPE, np.copysign(MIN_HEADING_SLOPE, slope), slope)
-    moved = [term.at(term.values + h * (np.arange(len(steps)) == j)).apply(reading, scene) for j, h in enumerate(steps)]
-    at = term.apply(reading, scene)
-    each = zip(moved, steps, strict=True)
-    return np.stack([-angles.difference(more, at) / slope / h for more, h in each], axis=1)
+    slope, steps = _bounded(heading_slope(simulation, scene, heading_deg)), 0.05 * term.steps()
+    at, columns = term.apply(reading, scene), []
+    for j, step in enumerate(steps):
+        more = term.at(term.values + step * (np.arange(len(steps)) == j)).apply(reading, scene)
+        columns.append(-angles.difference(more, at) / slope / step)
+    return np.stack(columns, axis=1)
 
 
 def heading_slope(simulation: ForwardModel, scene: Scene, heading_deg: Floats) -> Floats:
     """Compute d gamma / d beta, (n,)."""
     ahead, here = (recorded_heading(simulation, scene, heading_deg + s) for s in (PROBE_DEG, 0.0))
     return angles.difference(ahead, here) / PROBE_DEG
+
+
+def _bounded(slope: Floats) -> Floats:
+    return np.where(np.abs(slope) < MIN_HEADING_SLOPE, np.copysign(MIN_HEADING_SLOPE, slope), slope)
 
 
 def _iron(simulation: ForwardModel) -> tuple[Floats, Floats]:
@@ -192,26 +184,15 @@ def _iron(simulation: ForwardModel) -> tuple[Floats, Floats]:
     return soft, simulation.horizontal_nT * np.array([p.real, -p.imag, 0.0])
 
 
+def _turn_of_readout(simulation: ForwardModel) -> float:
+    return float(np.arctan(simulation.coefficients[0])) / angles.DEGREE
+
+
 def _acting(simulation: ForwardModel, on: str) -> list[Effect]:
     return [term for term in simulation.terms if term.acts_on == on]
 
 
-def _total(simulation: ForwardModel, scene: Scene, what: str) -> Floats | float:
-    total: Floats | float = 0.0
-    for term in _acting(simulation, what):
-        total = term.apply(np.broadcast_to(total, (len(scene),)).astype(float), scene)
-    return total
-
-
-def _composed(soft: Floats, hard: Floats, acting: list[Effect], scene: Scene) -> tuple[Floats, Floats]:
-    """Combine iron and terms into one matrix and one vector by applying them to zero field and to unit fields."""
-
-    def chain(field_nT: Floats) -> Floats:
-        field: Floats = np.array(np.broadcast_to(field_nT, (len(scene), 3)))
-        for term in acting:
-            field = term.apply(field, scene)
-        return field
-
-    none: Floats = chain(hard)
-    columns = [chain(hard + soft[:, k]) - none for k in range(3)]
-    return np.stack(columns, axis=-1), np.asarray(none)
+def _applied(simulation: ForwardModel, on: str, x: Floats, scene: Scene) -> Floats:
+    for term in _acting(simulation, on):
+        x = term.apply(x, scene)
+    return x

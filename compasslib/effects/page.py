@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from dataclasses import fields
 from itertools import groupby
 
@@ -29,7 +28,7 @@ def _form(form: type[Effect]) -> str:
         *(f"* `{f.name}`, {f.metadata['unit']}: {f.metadata['meaning']}" for f in fields(form)),
         *(f"* against {', '.join(names)}: {how}" for how, names in others),
     ]
-    return " ".join((inspect.getdoc(form) or "").split()) + "\n\n" + "\n".join(lines) + "\n"
+    return f"{form.__doc__}\n\n" + "\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":

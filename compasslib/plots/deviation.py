@@ -19,7 +19,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator
 from numpy.typing import ArrayLike, NDArray
 
 from compasslib import angles, compass
-from compasslib.deviation.correction import correct_roots, reference_modes
+from compasslib.deviation.correction import reference_modes
+from compasslib.deviation.curve import correct_roots
 from compasslib.deviation.histograms import BIN_DEG, BINS, Counts, directions_at_pairs
 from compasslib.deviation.model import DeviationFit, observed_deviation, observed_heading, pair_speeds
 from compasslib.deviation.series import inverse_table, series_design, series_deviation, series_slope
@@ -45,7 +46,7 @@ from compasslib.plots.page import (
     placed,
     signed,
 )
-from compasslib.records import CorrectedRecord, Pairs, Readings
+from compasslib.records import CorrectedRecord, Pairs
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Floats
 
@@ -123,8 +124,7 @@ def deviation_curve(fit: DeviationFit, begin_deg: float, headings_deg: ArrayLike
     if fit.covariance.size:
         by = series_design(beta).T if fit.method == "von_appen" else compass.gradient(fit.coefficients, beta)
         slope = np.abs((series_slope if fit.method == "von_appen" else compass.slope)(fit.coefficients, beta))
-        level = np.zeros(beta.shape)
-        reference = reference_modes(fit, Readings(level, beta, level, level, level.astype(complex)), beta)
+        reference = reference_modes(fit, beta)
         variance = np.einsum("in,ij,jn->n", by, fit.covariance[:5, :5], by)
         sigma = np.sqrt(variance + np.sum((reference * slope[:, None]) ** 2, axis=1))
     # The exact compass is inverted at all headings, but two of them may have the same recorded heading.

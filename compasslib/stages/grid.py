@@ -173,7 +173,7 @@ def _read_affected(
     index = np.zeros(len(near), dtype=int) if near.reference_index is None else near.reference_index
     weights = np.bincount(index, minlength=references)[:references] / max(len(near), 1)
     readings = record_readings(recording)
-    trusted = reference_modes(made_by.fit, readings, product.heading_corrected_deg)
+    trusted = reference_modes(made_by.fit, product.heading_corrected_deg)
     columns = compass_modes(made_by.fit, at, readings, product.heading_corrected_deg)
     headings = AffectedHeadings(
         name=name,

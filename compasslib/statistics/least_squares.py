@@ -18,7 +18,7 @@ def robust_width(deviation: Floats) -> float:
     return SIGMA_PER_MAD * float(np.median(np.abs(deviation)))
 
 
-Loss = Callable[[Floats], tuple[float, Floats]]
+Loss = Callable[[Floats], tuple[float, Floats]]  # point -> value and gradient
 
 GRADIENT_TOLERANCE = 1e-5  # largest gradient at convergence
 
@@ -33,8 +33,6 @@ def minimize_bfgs(
     than a fit.
 
     Args:
-        loss: function that returns value and gradient, (p,).
-        start: (p,), clipped to the bounds.
         bounds: lower and upper bounds, (p, 2), infinite where there is none.
         hessian: initial estimate, (p, p), positive definite.
     """
@@ -87,19 +85,15 @@ def _line_search(
     return at, value, gradient
 
 
-def _updated(hessian: Floats, step: Floats, change: Floats, *, powell_damping: float = 0.2) -> Floats:
-    """Update the Hessian from the change of the gradient along a step (BFGS with Powell's damping).
-
-    Args:
-        powell_damping: least new curvature along a step, relative to the previous one.
-    """
+def _updated(hessian: Floats, step: Floats, change: Floats) -> Floats:
+    """Update the Hessian from the change of the gradient along a step (BFGS with Powell's damping)."""
     expected = hessian @ step
     before, now = float(step @ expected), float(step @ change)
     if before <= 0.0:
         return hessian
-    if now < powell_damping * before:
-        share = (1.0 - powell_damping) * before / (before - now)
-        change, now = share * change + (1.0 - share) * expected, powell_damping * before
+    if now < 0.2 * before:
+        share = 0.8 * before / (before - now)
+        change, now = share * change + (1.0 - share) * expected, 0.2 * before
     return hessian - np.outer(expected, expected) / before + np.outer(change, change) / now
 
 
@@ -127,11 +121,10 @@ State = TypeVar("State", bound=GaussNewtonState)
 
 
 def gauss_newton(point: State, *, rounds: int, close: float, worse: float) -> State:
-    """Iterate Gauss-Newton steps from a point.
+    """Iterate Gauss-Newton steps from a point until a step is shorter than ``close``, in approximate degrees.
 
     Args:
         rounds: maximum number of points to evaluate.
-        close: length of a step at which iteration stops, in approximate degrees.
         worse: ratio of misfits above which a step is halved instead of taken.
     """
     step, length = _cut(*point.step())

@@ -66,18 +66,18 @@ class RotarySpectrum:
     interval: tuple[float, float]  # factors on a density to the ends of its 95 % interval
 
 
-def rotary_spectrum(velocity: Complexes, step_s: float, *, segment_days: float = 15.0) -> RotarySpectrum:
+def rotary_spectrum(velocity: Complexes, step_s: float) -> RotarySpectrum:
     """Estimate the rotary spectrum (Gonella 1972) by half-overlapping segments under a Hann window (Welch 1967).
 
-    Segments with a missing value are left out. Degrees of freedom: Percival and Walden (1993, equation 292b).
+    Segments of 15 days part M2 and S2, 1 / (2 - 1.9323) days; those with a missing value are left out. Degrees of
+    freedom: Percival and Walden (1993, equation 292b).
 
     Args:
         velocity: (n,) east + i north, m/s, in even steps.
-        segment_days: length of a segment; by default what M2 and S2 need to part, 1 / (2 - 1.9323) days.
     """
     from scipy.special import chdtri
 
-    length = int(segment_days * DAY_S / step_s) // 2 * 2
+    length = int(15.0 * DAY_S / step_s) // 2 * 2
     window = np.hanning(length + 1)[:-1]
     begins = range(0, len(velocity) - length + 1, max(length // 2, 1))
     parts = [part for begin in begins if np.isfinite(part := velocity[begin : begin + length]).all()]
@@ -253,10 +253,9 @@ def estimate_swing_noise(
 
 
 def score_covariance(rows: Floats, noise: SwingNoise, blocks: Ints | None) -> Floats:
-    """Compute the covariance of the sums of rows times residuals, (k, k), both divided by the scatter.
+    """Compute the covariance of sums of rows, (n, k) in order of time, times residuals, over the scatter both, (k, k).
 
     Args:
-        rows: (n, k) in order of time, divided by the scatter.
         blocks: (n,) number of each row's block in time, without gaps; None if rows are independent.
     """
     if blocks is None:
@@ -287,21 +286,16 @@ def _scatter_shape(residual: Floats, speed_kn: Floats | None) -> tuple[Floats, F
     return best_fit
 
 
-def _correlated(
-    noise: SwingNoise, means: Floats, columns: Floats, *, likelihood_tolerance: float = 0.125
-) -> SwingNoise:
+def _correlated(noise: SwingNoise, means: Floats, columns: Floats) -> SwingNoise:
     """Fit correlation and level of the blocks' means by restricted likelihood; no correlation if blocks are too few.
 
     Of the models within half a standard error of the maximum likelihood the one with the slowest noise is used: too
     short a correlation understates the uncertainty, while too long a one hardly overstates it.
-
-    Args:
-        likelihood_tolerance: difference of log likelihood that corresponds to half a standard error.
     """
     models = arma_likelihoods(means, columns)
     if not len(models):
         return noise
-    likely = models[models[:, 0] <= models[:, 0].min() + likelihood_tolerance]
+    likely = models[models[:, 0] <= models[:, 0].min() + 0.125]
     _, phi, theta, level = max(likely.tolist(), key=lambda each: each[3] * arma_low_frequency_power(each[1], each[2]))
     return replace(noise, phi=phi, theta=theta, level=level)
 

@@ -28,19 +28,6 @@ def block_sums(rows: Floats, block: NDArray[np.intp]) -> Floats:
     return np.add.reduceat(rows[order], np.flatnonzero(np.diff(block[order], prepend=-1)), axis=0)
 
 
-def block_scores(basis: Floats, residual: Floats, block: NDArray[np.intp]) -> Floats:
-    """Compute the score of each block, (b, k), for a cluster-robust (sandwich) variance.
-
-    The group's own fit is removed from the residual first (Liang and Zeger, Biometrika 73, 13, 1986).
-
-    Args:
-        basis: the group's columns, orthonormal, (n, k).
-        residual: (n,), in units of the columns' noise.
-    """
-    left = residual - basis @ (basis.T @ residual)
-    return block_sums(basis * left[:, None], block)
-
-
 def resample_blocks(series: Floats, length: int, repeats: int, seed: int) -> Floats:
     """Resample a series from its blocks at random positions and with random signs, (repeats, n)."""
     rng, n = np.random.default_rng(seed), len(series)
@@ -56,17 +43,18 @@ def cluster_variance_inflation(
 ) -> tuple[float, float]:
     """Compute a group's variance inflation relative to homogeneous noise, and its effective number of blocks.
 
+    The variance is cluster-robust (sandwich; Liang and Zeger, Biometrika 73, 13, 1986).
+
     Args:
         basis: the group's columns, orthonormal, (n, k).
-        residual: (n,), in units of the columns' noise.
         variance: variance of the residual if it were homogeneous.
     """
     k = basis.shape[1]
     held = block_sums(np.sum(basis**2, axis=1), block) / k
     concentration = float(np.sum(held**2))
-    return float(np.sum(block_scores(basis, residual, block) ** 2)) / k / variance / max(
-        1.0 - concentration, 0.1
-    ), 1.0 / concentration
+    left = residual - basis @ (basis.T @ residual)
+    scores = block_sums(basis * left[:, None], block)
+    return float(np.sum(scores**2)) / k / variance / max(1.0 - concentration, 0.1), 1.0 / concentration
 
 
 def block_jackknife(rows: Floats, pulls: Floats, block: NDArray[np.intp], information: Floats) -> Floats:
@@ -78,12 +66,14 @@ def block_jackknife(rows: Floats, pulls: Floats, block: NDArray[np.intp], inform
     Args:
         rows: rows whose outer products sum to the information, (n, p).
         pulls: contribution of each sample to the gradient, (n, p).
-        information: information matrix of all samples, (p, p).
     """
     members = [block == b for b in np.unique(block)]
-    lesser = [information - rows[member].T @ rows[member] for member in members]
-    steps = [np.linalg.lstsq(x, pulls[member].sum(axis=0))[0] for x, member in zip(lesser, members, strict=True)]
-    moved = np.array(steps)
+    moved = np.array(
+        [
+            np.linalg.lstsq(information - rows[member].T @ rows[member], pulls[member].sum(axis=0))[0]
+            for member in members
+        ]
+    )
     return np.asarray(moved.T @ moved * (len(members) - 1) / len(members))
 
 
@@ -99,22 +89,12 @@ def adjacent(windows: Bools) -> Bools:
     return np.append(windows[1:], False) | np.append(False, windows[:-1])
 
 
-def angle_resolution(angle_deg: Floats, *, resolution_run: int = 500, max_distinct: float = 0.4) -> Floats:
-    """Estimate the resolution of a series of angles, (n,) degrees; 0 where it is too fine to be seen.
-
-    Args:
-        resolution_run: samples from which the step is estimated.
-        max_distinct: largest share of distinct values among them for which a step is estimated.
-    """
+def angle_resolution(angle_deg: Floats) -> Floats:
+    """Estimate the resolution of angles from runs of 500, (n,) degrees; 0 where it is too fine to repeat values."""
     step = np.zeros(angle_deg.shape)
     known = np.flatnonzero(np.isfinite(angle_deg))
-    for run in np.array_split(known, max(1, len(known) // resolution_run)):
+    for run in np.array_split(known, max(1, len(known) // 500)):
         values = np.unique(angle_deg[run].round(2))
-        if len(run) > resolution_run // 2 and 2 < len(values) < max_distinct * len(run):
+        if len(run) > 250 and 2 < len(values) < 0.4 * len(run):
             step[run[0] : run[-1] + 1] = np.median(np.diff(values))
     return step
-
-
-def rounding_sigma(step: Floats) -> Floats:
-    """Compute the standard error due to a resolution, (n,), if values may be rounded down, up or to the nearest."""
-    return step / np.sqrt(3.0)

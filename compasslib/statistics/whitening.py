@@ -48,12 +48,9 @@ class Whitener:
         width = self.width_deg.astype(np.promote_types(columns_deg.dtype, np.float32))  # avoids a copy in float64
         return self.filtered(columns_deg / width[:, None])
 
-    def filtered(self, standard: Floats, *, chunk: int = 32) -> Floats:
-        """Filter columns, (n, k), that are already divided by the widths.
-
-        Args:
-            chunk: samples filtered at once, for speed.
-        """
+    def filtered(self, standard: Floats) -> Floats:
+        """Filter columns, (n, k), that are already divided by the widths."""
+        chunk = 32  # samples filtered at once, for speed
         lags, width = len(self.filter) - 1, standard.shape[1]
         chunks = -(-(int(self.slot[-1]) + 1) // chunk)
         grid = np.zeros((lags + chunks * chunk, width), dtype=standard.dtype)
@@ -66,7 +63,7 @@ class Whitener:
         return filtered if self.low_rank is None else self.low_rank.whiten(filtered)
 
 
-def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats, *, ridge: float = 1e-3) -> Whitener:
+def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitener:
     """Fit the autoregressive filter that whitens a residual.
 
     A real drift must not be mistaken for autocorrelation of the water: power at periods of weeks is replaced by that at
@@ -74,38 +71,26 @@ def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats, *, rid
 
     Args:
         width_deg: (n,), degrees, infinite for ignored samples.
-        ridge: stabilizes the filter where gaps make the autocorrelation rough.
     """
     slot = grid_positions(time_s)
     standard = clip_standardized(residual_deg, width_deg)
     series, present = np.zeros(slot[-1] + 1), np.zeros(slot[-1] + 1)
-    counts, lags = np.isfinite(width_deg), filter_order(len(time_s))
+    counts, lags = np.isfinite(width_deg), min(ORDER, len(time_s) // 40)  # 40 samples per lag or more
+    step_s = sampling_interval_s(time_s)
+    knots_s = max(10 * lags * step_s, 10 * DAY_S)  # between which a trend counts as slow
     series[slot[counts]], present[slot[counts]] = standard[counts] - standard[counts].mean(), 1.0
     together = np.maximum(lagged_sums(present, lags), 1.0)
-    correlation = _autocovariance(series, lags, 2.0 * trend_spacing_s(time_s) / sampling_interval_s(time_s)) / together
-    correlation = correlation / correlation[0] / (1.0 + ridge * (np.arange(lags + 1) > 0))
+    correlation = _autocovariance(series, lags, 2.0 * knots_s / step_s) / together
+    # The ridge stabilizes the filter where gaps make the autocorrelation rough.
+    correlation = correlation / correlation[0] / (1.0 + 1e-3 * (np.arange(lags + 1) > 0))
     toeplitz = correlation[np.abs(np.subtract.outer(np.arange(lags), np.arange(lags)))]
     coefficients = np.linalg.solve(toeplitz, correlation[1:]) if lags else np.zeros(0)
     return Whitener(slot, np.append(1.0, -coefficients), width_deg)
 
 
-def trend_spacing_s(time_s: Floats, *, trend_s: float = 10 * DAY_S, trend_lengths: int = 10) -> float:
-    """Compute the spacing of the knots of a slow trend, seconds.
-
-    Args:
-        trend_s, trend_lengths: least spacing of the knots of a slow trend, and in lengths of the filter.
-    """
-    return max(trend_lengths * filter_order(len(time_s)) * sampling_interval_s(time_s), trend_s)
-
-
 def sampling_interval_s(time_s: Floats) -> float:
     """Compute the median sampling interval, seconds."""
     return float(np.median(np.diff(time_s)))
-
-
-def filter_order(samples: int, *, samples_per_lag: int = 40) -> int:
-    """Choose the order of the filter, with at least so many samples per lag."""
-    return min(ORDER, samples // samples_per_lag)
 
 
 def grid_positions(time_s: Floats) -> NDArray[np.intp]:
@@ -141,12 +126,9 @@ def autoregress(driver: Floats, coefficients: ArrayLike) -> Floats:
     return np.asarray(dtbtrs(band, driver[:, None], uplo="L", diag="U")[0][:, 0])
 
 
-def correlation_time(fitted: Whitener, *, max_memory: int = 512) -> float:
-    """Compute the number of samples in which the autocorrelation removed by a filter falls to 1/e.
-
-    Args:
-        max_memory: length in samples of a filter's inverse impulse response.
-    """
+def correlation_time(fitted: Whitener) -> float:
+    """Compute the number of samples, up to 512, in which the autocorrelation removed by a filter falls to 1/e."""
+    max_memory = 512
     pulse = autoregress(np.eye(1, max_memory)[0], fitted.filter)
     lagged = lagged_sums(pulse, max_memory // 2)
     known = lagged / lagged[0]
@@ -154,17 +136,14 @@ def correlation_time(fitted: Whitener, *, max_memory: int = 512) -> float:
     return below - (np.exp(-1.0) - known[below]) / (known[below - 1] - known[below]) if below else float(max_memory)
 
 
-def robust_widths(
-    residual_deg: Floats, slowness: Floats, *, width_bins: int = 12, anywhere_deg: float = SIGMA_PER_MAD * 90.0
-) -> Floats:
+def robust_widths(residual_deg: Floats, slowness: Floats) -> Floats:
     """Estimate the robust width of the residual as an increasing function of slowness, (n,) degrees.
 
     Args:
         residual_deg: (n,), degrees; NaN is ignored and gets an infinite width.
         slowness: (n,), in any unit.
-        width_bins: bins of slowness for the scatter of the water.
-        anywhere_deg: robust width of uniformly distributed directions.
     """
+    width_bins = 12
     known = np.isfinite(residual_deg)
     size = np.abs(residual_deg[known])
     edges = np.quantile(slowness[known], np.linspace(0.0, 1.0, width_bins + 1))
@@ -178,7 +157,7 @@ def robust_widths(
     # approximates the information on the mean direction within a fifth.
     width = np.maximum(width, 1e-6)
     with np.errstate(divide="ignore"):
-        on_circle = width / np.maximum(1.0 - (width / anywhere_deg) ** 2, 0.0)
+        on_circle = width / np.maximum(1.0 - (width / (SIGMA_PER_MAD * 90.0)) ** 2, 0.0)
     return np.where(known, on_circle, np.inf)
 
 
@@ -189,17 +168,13 @@ def scaled_inverse(gram: Floats) -> Floats:
     return np.asarray(np.linalg.pinv(gram / outer, rcond=1e-8, hermitian=True) / outer)
 
 
-def orthonormal_basis(columns: Floats, least: float = 1e-5) -> Floats:
-    """Compute an orthonormal basis of columns, without directions of negligible size, (n, at most k).
-
-    Args:
-        least: singular value relative to the largest below which a direction is ignored.
-    """
+def orthonormal_basis(columns: Floats) -> Floats:
+    """Compute an orthonormal basis of columns, without directions of negligible size, (n, at most k)."""
     scale = np.linalg.norm(columns, axis=0)
     if not np.any(scale > 0.0):
         return np.zeros((len(columns), 0))
     left, size, _ = np.linalg.svd(columns[:, scale > 0] / scale[scale > 0], full_matrices=False)
-    return left[:, size > least * size[0]]
+    return left[:, size > 1e-5 * size[0]]
 
 
 def project_out(columns: Floats, basis: Floats) -> Floats:
@@ -207,32 +182,27 @@ def project_out(columns: Floats, basis: Floats) -> Floats:
     return columns - basis @ (basis.T @ columns)
 
 
-def whitened_basis(white: Floats, *, min_direction: float = 1e-6) -> Floats:
-    """Compute an orthonormal basis, (n, at most k), of whitened columns, (n, k), float32 both.
-
-    Args:
-        min_direction: eigenvalue relative to a group's largest below which a direction counts as absorbed by the base.
-    """
+def whitened_basis(white: Floats) -> Floats:
+    """Compute an orthonormal basis, (n, at most k), of whitened columns, (n, k), float32 both."""
     scale = np.linalg.norm(white, axis=0)
     unit = white[:, scale > 0] / scale[scale > 0]
     if unit.shape[1] < 2:
         return unit
     values, vectors = np.linalg.eigh((unit.T @ unit).astype(float))
-    strong = values > max(min_direction * values[-1], 1e-5)
+    strong = values > max(1e-6 * values[-1], 1e-5)  # others count as absorbed by the base
     return (unit @ (vectors[:, strong] / np.sqrt(values[strong])).astype(np.float32)).astype(np.float32)
 
 
-def _autocovariance(series: Floats, lags: int, slowest: float, *, neighbours: float = 4.0) -> Floats:
+def _autocovariance(series: Floats, lags: int, slowest: float) -> Floats:
     """Compute autocovariance sums with low-frequency power replaced by that of neighbouring frequencies, (lags + 1,).
 
     Args:
         series: 0 where nothing was measured, (n,); periods longer than ``slowest`` samples count as low frequency.
-        neighbours: frequencies up to this multiple of the slow limit are its neighbours.
     """
     size = 1 << (2 * len(series) - 1).bit_length()
     power = np.abs(np.fft.rfft(series, size)) ** 2
     slow = np.arange(len(power)) * slowest / size
-    near = (slow >= 1.0) & (slow < neighbours)
+    near = (slow >= 1.0) & (slow < 4.0)
     power[slow < 1.0] = power[near].mean() if near.any() else 0.0
     return np.fft.irfft(power, size)[: lags + 1]
 

@@ -7,7 +7,7 @@ import pytest
 
 from compasslib import angles, compass
 from compasslib.deviation.average import average_with_none
-from compasslib.deviation.exact import ScatterData, fit_exact, scatter_log_likelihood, smooth_density
+from compasslib.deviation.exact import Overlap, fit_exact, scatter_log_likelihood, smooth_density
 from compasslib.deviation.likelihood import (
     CELL_DEG,
     CELLS,
@@ -57,11 +57,11 @@ def test_gradient_of_the_scatter_equals_numeric():
     seen, _ = pairs(MILD, n=400)
     chords = squared_chords(observed_heading(seen))
     given = smooth_density(np.ones(CELLS)) * np.ones((len(seen), 1))
-    seen = ScatterData(given, chords, *pair_speeds(seen))
+    overlap = Overlap(seen.heading_deg, observed_heading(seen), chords, *pair_speeds(seen))
     at, step = np.array([1.5, 0.6, -4.0]), 1e-5
-    _, slopes = scatter_log_likelihood(at, seen)
+    _, slopes = scatter_log_likelihood(at, overlap, given)
     for slope, unit in zip(slopes, step * np.eye(3), strict=True):
-        ahead, behind = (scatter_log_likelihood(at + sign * unit, seen)[0] for sign in (1.0, -1.0))
+        ahead, behind = (scatter_log_likelihood(at + sign * unit, overlap, given)[0] for sign in (1.0, -1.0))
         assert slope == pytest.approx((ahead - behind) / (2.0 * step), rel=1e-5, abs=1e-6)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from compasslib import angles
 from compasslib.deviation import fit_deviation
-from compasslib.deviation.correction import correct, readings_at_pairs, reference_modes
+from compasslib.deviation.correction import correct, reference_modes
 from compasslib.deviation.reference import ALIGNMENT_SIGMA_DEG, STUDENT_68, constant_sigma, reference_compass
 from compasslib.records import ReferenceCompass
 from tests.world.sea import field_of, pairs, record_of
@@ -37,7 +37,7 @@ def test_modes_are_the_changes_that_an_error_of_the_reference_makes(method):
     seen = replace(seen, lower_heading_deg=psi, compass=STATED)
     fit, (sine, cosine) = fit_deviation(method, seen), angles.sin_cos(psi)
     corrected = correct(record_of(seen), fit, field_of(seen), seen)
-    modes = reference_modes(fit, readings_at_pairs(seen), corrected.heading_corrected_deg)
+    modes = reference_modes(fit, corrected.heading_corrected_deg)
     for k, pattern in ((1, sine), (2, cosine)):
         moved = fit_deviation(method, by_reference(seen, STATED.iron_deg * pattern))
         after = correct(record_of(seen), moved, field_of(seen), seen)

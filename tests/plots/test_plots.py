@@ -26,7 +26,8 @@ from compasslib.archive import files as archive_files
 from compasslib.archive import gridded
 from compasslib.archive import summary as archive_currents
 from compasslib.deviation import assessment
-from compasslib.deviation.correction import correct, correct_roots
+from compasslib.deviation.correction import correct
+from compasslib.deviation.curve import correct_roots
 from compasslib.deviation.histograms import build_histograms, directions_at_pairs
 from compasslib.deviation.likelihood import CELLS
 from compasslib.deviation.model import DeviationFit, nearest_root, observed_heading, unfitted

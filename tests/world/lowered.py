@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from compasslib import angles
 from compasslib.demo import adcp, compass
 from compasslib.demo import water as sea
 from compasslib.demo.compass import Field, Iron
@@ -109,7 +110,7 @@ def _write_ship(path: Path, rng: np.random.Generator, water: Water, span_s: tupl
 
 
 def _write_truth(path: Path, posture: Posture) -> None:
-    columns = (compass.circle(posture.heading_deg), posture.recorded_deg, posture.depth_m)
+    columns = (angles.wrap360(posture.heading_deg), posture.recorded_deg, posture.depth_m)
     rows = zip(_stamps(posture.time_s), *(column.tolist() for column in columns), strict=True)
     header = "time_utc,heading_true_magnetic_deg,recorded_heading_deg,depth_m\n"
     path.write_text(header + "".join("{},{:.3f},{:.2f},{:.1f}\n".format(*row) for row in rows))

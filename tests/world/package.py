@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib.angles import wrap360
 from compasslib.demo import adcp, compass
 from compasslib.demo.adcp import Ensembles, Setup
 from compasslib.demo.compass import Iron
-from compasslib.demo.water import Floats, circle, red_noise, red_vector
+from compasslib.demo.water import Floats, red_noise, red_vector
 
 STEP_S = 0.1
 FIELD_NT = (22000.0, 40000.0)  # horizontal and vertical, of the middle latitudes
@@ -125,7 +126,7 @@ def stand(rng: np.random.Generator, motion: Motion, head: Head, field_nt: tuple[
     else:
         recorded = compass.recorded_heading(field_nt, heading, tilt_deg=(pitch, roll), iron=head.iron)
     slow = red_noise(rng, time.size, memory=memory, deviation=head.slow_deg)
-    recorded = circle(recorded + slow + rng.normal(0.0, head.noise_deg, time.size))
+    recorded = wrap360(recorded + slow + rng.normal(0.0, head.noise_deg, time.size))
     share = (time - motion.time_s[0]) / np.ptp(motion.time_s) - 0.5
     clock = time + head.clock_s + head.drift_s * share
     return Posture(time, clock, depth, heading, recorded, (pitch, roll), (sensed[0], sensed[1]))

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from compasslib.angles import wrap360
 from compasslib.demo.compass import Iron, tilting
-from compasslib.demo.water import Floats, circle
+from compasslib.demo.water import Floats
 from tests.world import swing
 from tests.world.pairs import RAD, exact_compass
 from tests.world.swing import Boat, Passage
@@ -73,7 +74,7 @@ def bench(rng: np.random.Generator, effect: str) -> Bench:
         late = np.arange(len(correct)) >= rng.uniform(0.3, 0.7) * len(correct)
         recorded = recorded + truth["offset_deg"] * late
     noise = rng.normal(0.0, rng.uniform(0.1, 0.6), len(correct))
-    return Bench(correct, circle(recorded + noise), truth)
+    return Bench(correct, wrap360(recorded + noise), truth)
 
 
 def log(rng: np.random.Generator, effect: str) -> AxesLog:
@@ -104,10 +105,10 @@ def log(rng: np.random.Generator, effect: str) -> AxesLog:
         truth = {"b_x_nT_K": hard[0] / 12.0, "b_y_nT_K": hard[1] / 12.0}
     noise = rng.normal(0.0, rng.uniform(20.0, 150.0), (n, 3))
     shown = np.einsum("nij,nj->ni", levelling, field + noise)
-    logged = circle(np.arctan2(-shown[:, 1], shown[:, 0]) / RAD)
+    logged = wrap360(np.arctan2(-shown[:, 1], shown[:, 0]) / RAD)
     if effect == "compass_lag":
         truth = {"lag_s": rng.uniform(2.0, 6.0)}
-        logged = circle(np.interp(np.arange(n) - truth["lag_s"], np.arange(n), heading))
+        logged = wrap360(np.interp(np.arange(n) - truth["lag_s"], np.arange(n), heading))
     tilted = pitch.any()
     return AxesLog(
         time_s, field + noise, pitch if tilted else None, roll if tilted else None, logged, temperature, truth

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from compasslib.angles import wrap360
 from compasslib.demo.compass import Iron, recorded_heading
-from compasslib.demo.water import Complexes, Floats, circle, direction, red_noise, red_vector, towards
+from compasslib.demo.water import Complexes, Floats, direction, red_noise, red_vector, towards
 
 FIELD_NT = (25000.0, 38000.0)
 NO_IRON = Iron()
@@ -78,11 +79,11 @@ def sail(rng: np.random.Generator, boat: Boat, declination_deg: float, start_s: 
     time: Floats = start_s + np.arange(n, dtype=float)
     return Passage(
         time,
-        circle(np.rint(_read(rng, boat, heading))),
-        circle(np.rint(direction(ground))),
+        wrap360(np.rint(_read(rng, boat, heading))),
+        wrap360(np.rint(direction(ground))),
         np.asarray(np.round(np.abs(ground), 1), dtype=float),
         logged,
-        circle(heading),
+        wrap360(heading),
     )
 
 
