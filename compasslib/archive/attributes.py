@@ -126,13 +126,13 @@ def sensor_attributes(attributes: Attributes, looks_up: bool) -> Attributes:
     return usual | named | given | {"sensor_orientation": "upward" if looks_up else "downward"}
 
 
-def declination_attributes(attributes: Attributes, time_s: Floats, degrees: tuple[float, float]) -> dict[str, object]:
+def declination_attributes(attributes: Attributes, time_s: Floats, declination_deg: Floats) -> dict[str, object]:
     """Compose the attributes that describe the declination applied to a variable: model, dates and values.
 
     Args:
         attributes: global attributes; ``declination_source`` is used.
         time_s: (n,) time of the samples, UTC seconds since 1970.
-        degrees: declination at the first and at the last sample, east positive.
+        declination_deg: (n,) east positive.
     """
     if not len(time_s):
         return {}
@@ -140,7 +140,7 @@ def declination_attributes(attributes: Attributes, time_s: Floats, degrees: tupl
     return {
         "declination_model": DECLINATION.get(source, source),
         "declination_date": f"{iso_time(time_s[0])}/{iso_time(time_s[-1])}",
-        "declination_degrees": np.array(degrees),
+        "declination_degrees": declination_deg[[0, -1]],
         "declination_comment": "Degrees east of true north at the two dates; in between by declination_model.",
     }
 

@@ -19,7 +19,7 @@ import netCDF4
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compasslib.archive.variables import BEAM, BIN, FILL, Variable
+from compasslib.archive.variables import BEAM, BIN, FILL, Variable, quality_variable
 from compasslib.errors import InputError, TransientError, Unusable
 
 RERUN = "run the cruise again, or restore it from a copy"  # advice on a result that cannot be read
@@ -133,8 +133,7 @@ def read_csv(path: str | Path, texts: Sequence[str] = ()) -> dict[str, NDArray[A
             for name, column in cells.items()
         }
     except (OSError, ValueError, IndexError) as error:
-        expected, found = "a table that this program wrote", f"{type(error).__name__}: {error}"
-        raise InputError(str(path), expected=expected, found=found, advice=RERUN) from error
+        raise _damaged(path, "a table that this program wrote", error) from error
 
 
 @contextmanager
@@ -195,52 +194,50 @@ def write_variable(
     nc: netCDF4.Dataset,
     variable: Variable,
     values: ArrayLike,
+    flags: NDArray[np.int8] | None = None,
     *,
     level: Literal[0, 1, 4] = 1,
     rows: slice | None = None,
+    also: Mapping[str, object] | None = None,
 ) -> None:
-    """Write a variable or a piece of it, with non-finite values as its fill value.
+    """Write a variable or a piece of it, with non-finite values as its fill value, and its quality flags if it has any.
 
     Args:
         level: zlib compression level; 0 for none.
         rows: the piece along TIME; None for the whole variable.
+        also: attributes that the table of variables does not have.
     """
     values = np.asarray(values)
     if variable.fill is not None and values.dtype.kind == "f":  # integers are finite, and unsigned ones cannot hold -1
         dtype = np.dtype(variable.dtype)  # converted before it is filled: a float32 copy takes half the memory
         values = values.astype(dtype if dtype.kind == "f" else values.dtype)
         values[~np.isfinite(values)] = variable.fill
-    made = nc[variable.name] if variable.name in nc.variables else _create_variable(nc, variable, level)
+    if variable.name not in nc.variables:
+        chunks = tuple(min(max(len(nc.dimensions[name]), 1), CHUNK) for name in variable.dimensions)
+        made = nc.createVariable(
+            variable.name,
+            variable.dtype,
+            variable.dimensions,
+            zlib=bool(chunks) and level > 0,
+            complevel=level,
+            chunksizes=chunks or None,
+            fill_value=variable.fill,
+            chunk_cache=CACHE_BYTES,
+        )
+        own = () if flags is None else (f"{variable.name}_QC",)
+        made.setncatts({**replace(variable, ancillary=(*own, *variable.ancillary)).attributes(), **(also or {})})
     place = ... if rows is None else tuple(rows if name == "TIME" else slice(None) for name in variable.dimensions)
-    made[place] = values
+    nc[variable.name][place] = values
+    if flags is not None:
+        write_variable(nc, quality_variable(variable), flags, level=level, rows=rows)
 
 
-def _create_variable(nc: netCDF4.Dataset, variable: Variable, level: Literal[0, 1, 4]) -> netCDF4.Variable:
-    chunks = tuple(min(max(len(nc.dimensions[name]), 1), CHUNK) for name in variable.dimensions)
-    made = nc.createVariable(
-        variable.name,
-        variable.dtype,
-        variable.dimensions,
-        zlib=bool(chunks) and level > 0,
-        complevel=level,
-        chunksizes=chunks or None,
-        fill_value=variable.fill,
-        chunk_cache=CACHE_BYTES,
-    )
-    made.setncatts(variable.attributes())
-    return made
-
-
-def write_bins(nc: netCDF4.Dataset, bins: int, looks_up: bool) -> None:
-    """Write the bin numbers, which are counted upwards if the instrument looks up, else downwards."""
-    away = {"positive": "up" if looks_up else "down"}
-    write_variable(nc, replace(BIN, also={**BIN.also, **away}), np.arange(1, bins + 1))
-
-
-def write_beams(nc: netCDF4.Dataset, beams: int) -> None:
-    """Write the beam numbers and their dimension, unless ``beams`` is 0."""
+def write_bins(nc: netCDF4.Dataset, bins: int, beams: int, looks_up: bool) -> None:
+    """Write the numbers of bins, which count upwards if the instrument looks up, and of beams, if there are any."""
+    nc.createDimension("BIN", bins)
+    write_variable(nc, BIN, np.arange(1, bins + 1), also={"positive": "up" if looks_up else "down"})
     if beams:
-        nc.createDimension(BEAM.name, beams)
+        nc.createDimension("BEAM", beams)
         write_variable(nc, BEAM, np.arange(1, beams + 1))
 
 
@@ -260,23 +257,19 @@ class StoredVariable:
         with open_netcdf(self.path) as nc:
             values = np.asarray(nc[self.name][which] if nc[self.name].ndim < 3 else nc[self.name][:, which])
         values = np.moveaxis(values, 0, 2) if values.ndim == 3 else values
-        if values.dtype.kind == "f":
-            values[values == FILL] = np.nan
-        return values
+        return np.where(values == FILL, np.nan, values) if values.dtype.kind == "f" else values
 
 
-def read_variable(nc: netCDF4.Dataset, name: str, bins: int | None = None) -> NDArray[Any]:
+def read_variable(nc: netCDF4.Dataset, name: str, rows: slice | None = None, bins: int | None = None) -> NDArray[Any]:
     """Read a variable: floats as float64 with NaN where they are missing, other types unchanged.
 
     Args:
+        rows: rows to read; None for all.
         bins: number of bins to read of a variable that has bins; None for all.
     """
-    values = np.asarray(nc[name][:, :bins] if bins is not None and nc[name].ndim == 2 else nc[name][...])
-    if values.dtype.kind != "f":
-        return values
-    values = values.astype(float)
-    values[values == FILL] = np.nan
-    return values
+    place = (rows or slice(None), slice(bins)) if bins is not None and nc[name].ndim == 2 else rows or ...
+    values = np.asarray(nc[name][place])
+    return np.where(values == FILL, np.nan, values.astype(float)) if values.dtype.kind == "f" else values
 
 
 def read_series(path: str | Path, *names: str) -> list[NDArray[Any]]:

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.archive import gridded, provenance
-from compasslib.archive.attributes import Site, global_attributes
-from compasslib.archive.files import create_netcdf, open_netcdf, read_variable
-from compasslib.archive.netcdf import seconds_since_1970
-from compasslib.archive.variables import SECTION_SIGMA
+from compasslib.archive.attributes import Site
+from compasslib.archive.files import open_netcdf, read_variable
+from compasslib.archive.netcdf import Columns, seconds_since_1970
 from compasslib.errors import InputError
 from compasslib.product.cells import Axes
 from compasslib.product.errors import HeadingErrors
@@ -96,18 +95,14 @@ def join_daily(
     errors, turned, shrinkage, numbers = _join_headings(each, rows, shape[0])
     cells = _join_cells(each, rows, columns, shape, numbers)
     seams = [_describe_seam(*pair) for pair in pairwise(zip(each, rows, columns, strict=True))]
-    written = _describe(site, each, axes, attributes, deployments.values()) | {"seams": "; ".join(seams)}
+    place, written = _describe(site, each, axes, attributes, deployments.values(), seams)
     instruments = [""] * len(errors.shares)
     for d, number in zip(each, numbers, strict=True):
         for name, k in zip(d.instruments, number[1:], strict=True):
             instruments[k - 1] = f"{d.name}_{name}"
-    place = Site(site, written["geospatial_lat_min"], written["geospatial_lon_min"])
-    with create_netcdf(path, "NETCDF4_CLASSIC") as nc:
-        nc.setncatts(written)
-        gridded.put_frame(nc, errors, axes, place)
-        gridded.put_headings(nc, errors, turned, instruments)
-        gridded.put_columns(nc, cells, gridded.column_attributes({}, HOUR_S * max(d.memory_h[1] for d in each)))
-        gridded.put_columns(nc, {"SHRINKAGE": shrinkage}, {"SHRINKAGE": {"QC_indicator": "unknown"}})
+    memory_s = HOUR_S * max(d.memory_h[1] for d in each)
+    with gridded.create_gridded(path, written, place, axes, errors, turned, instruments) as nc:
+        gridded.put_columns(nc, cells | {"SHRINKAGE": (shrinkage, None)}, gridded.column_attributes({}, memory_s))
     return seams
 
 
@@ -141,7 +136,7 @@ def _join_headings(
 def _join_cells(
     each: Sequence[_Deployment], rows: Sequence[NDArray[Any]], columns: Sequence[NDArray[Any]], shape: tuple[int, int],
     numbers: Sequence[NDArray[Any]],
-) -> dict[str, NDArray[Any]]:  # fmt: skip
+) -> Columns:  # fmt: skip
     """Join the variables of cells, each cell from the deployment with most samples."""
     names = [name for name, values in each[0].values.items() if values.shape == each[0].values["UCUR"].shape]
     joined: dict[str, NDArray[Any]] = {}
@@ -156,7 +151,8 @@ def _join_cells(
             given = number[d.values[name]].astype(np.int8) if name == "SOURCE" else d.values[name]
             taken = low_passed if "LOWPASS" in name else better
             values[place] = np.where(taken, given, values[place])
-    return joined
+    flags = {name.removesuffix("_QC"): joined.pop(name) for name in [*joined] if name.endswith("_QC")}
+    return {name: (values, flags.get(name)) for name, values in joined.items()}
 
 
 def _describe_seam(earlier: tuple[Any, ...], later: tuple[Any, ...]) -> str:
@@ -182,33 +178,26 @@ def _describe_seam(earlier: tuple[Any, ...], later: tuple[Any, ...]) -> str:
 
 
 def _describe(
-    site: str,
-    each: Sequence[_Deployment],
-    axes: Axes,
-    attributes: Mapping[str, object],
-    files: Iterable[str | Path],
-) -> dict[str, Any]:
-    """Compose the global attributes, at the position of the first deployment."""
+    site: str, each: Sequence[_Deployment], axes: Axes, attributes: Mapping[str, object], files: Iterable[str | Path],
+    seams: Sequence[str],
+) -> tuple[Site, dict[str, Any]]:  # fmt: skip
+    """Compose the position, that of the first deployment, and the global attributes."""
     first, names = each[0], ", ".join(d.name for d in each)
     place = Site(
         site, float(first.values["LATITUDE"]), float(first.values["LONGITUDE"]), first.attributes.get("water_depth")
     )
-    counts = [sum(int(d.attributes[key]) for d in each) for key in ("headings_recorded", "headings_corrected")]
-    made = provenance.origin("daily means of deployments joined", provenance.hashes(map(str, files)))
-    made["history"] = "\n".join([*(d.attributes["history"] for d in each), made["history"]])
+    recorded, corrected = (
+        sum(int(d.attributes[f"headings_{part}"]) for d in each) for part in ("recorded", "corrected")
+    )
+    made: dict[str, Any] = provenance.origin("daily means of deployments joined", provenance.hashes(map(str, files)))
     made["method"] = "; ".join(dict.fromkeys(d.attributes["correction_method"] for d in each))
-    spanned = global_attributes(
-        place, time_s=axes.time_s, depth_m=axes.depth_m, headings=(counts[0], counts[1]), attributes=attributes,
-        processing=made,
-    )  # fmt: skip
-    return {
-        **spanned,
+    also = {
         "title": f"Currents of site {site} on fixed depths: daily means of {len(each)} deployments",
         "summary": f"Daily mean currents of site {site} on fixed depths, joined from the deployments {names}, with the "
         "uncertainty that sections and transports need.",
-        "comment": SECTION_SIGMA,
-        "processing_level": "Post-recovery calibrations have been applied",
-        "QC_indicator": "mixed",
-        "id": str(spanned["id"]).replace("compass-corrected", "gridded-daily"),
+        "history": "\n".join([*(d.attributes["history"] for d in each), made["history"]]),
         "deployments": names,
+        "seams": "; ".join(seams),
     }
+    description = gridded.FileDescription(place, None, attributes, made, (recorded, corrected), also)
+    return place, description.compose("gridded-daily", axes.time_s, axes.depth_m)[0]
