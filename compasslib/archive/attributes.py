@@ -5,8 +5,6 @@ Attributes that describe the file itself are computed; otherwise the user's take
 
 from __future__ import annotations
 
-import datetime
-import json
 import re
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
@@ -86,11 +84,12 @@ def global_attributes(
     attributes: Mapping[str, object],
     processing: Mapping[str, object],
 ) -> Attributes:
-    """Compose the global attributes of corrected.nc in the order in which they are written.
+    """Compose the global attributes of corrected.nc.
 
     Args:
         time_s: (n,) time of the samples, UTC seconds since 1970.
         depth_m: depths of the measurements, any shape, metres, NaN where unknown.
+        headings: numbers of recorded and of corrected headings.
         attributes: the user's, which take precedence except over ``config.values.STATED``, which the file states.
         processing: ``method``, ``coefficients``, ``software_version``, ``source_files``, ``history``,
             ``date_created`` and any others that describe how the product was made.
@@ -146,10 +145,14 @@ def declination_attributes(attributes: Attributes, time_s: Floats, declination_d
 
 
 def plain(attributes: Mapping[str, object]) -> Attributes:
-    """Convert attributes to netCDF: legal names, lists with commas, ISO 8601 dates, mappings as JSON, no None."""
-    names = {key: re.sub(r"\W", "_", str(key), flags=re.ASCII).lstrip("_") for key in attributes}
-    legal = {key: name if name[:1].isalpha() else f"attribute_{name}" for key, name in names.items()}
-    return {legal[key]: _value(value) for key, value in attributes.items() if value is not None}
+    """Return attributes as netCDF stores them: without None, and whole numbers beyond 32 bits as text."""
+    written: Attributes = {}
+    for name, value in attributes.items():
+        if isinstance(value, (str, float)) or (isinstance(value, int) and abs(value) < 2**31):
+            written[name] = value
+        elif value is not None:
+            written[name] = str(value)
+    return written
 
 
 def iso_duration(seconds: float) -> str:
@@ -162,23 +165,6 @@ def iso_duration(seconds: float) -> str:
     )
     day = f"{days}D" if days or not clock else ""
     return f"P{day}" + (f"T{clock}" if clock else "")
-
-
-def _value(value: object) -> str | int | float:
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float) or (isinstance(value, int) and abs(value) < 2**31):
-        return value
-    if isinstance(value, Mapping):
-        return json.dumps(value, default=str)
-    if isinstance(value, (list, tuple)):
-        return ", ".join(str(_value(item)) for item in value)
-    if isinstance(value, datetime.datetime):
-        utc = value if value.tzinfo is None else value.astimezone(datetime.UTC).replace(tzinfo=None)
-        return f"{utc.isoformat()}Z"
-    return str(value)
 
 
 def _what(site: Site, time_s: Floats, headings: tuple[int, int], method: str) -> Attributes:
@@ -224,7 +210,7 @@ def _where(site: Site, depth_m: Floats) -> Attributes:
         "geospatial_vertical_units": "m",
     }
     known = depth_m[site.holds_water(depth_m)]
-    if known.size:
+    if len(known):
         ranges |= {"geospatial_vertical_min": float(known.min()), "geospatial_vertical_max": float(known.max())}
     if site.water_depth_m is not None:
         ranges |= {"water_depth": float(site.water_depth_m), "water_depth_units": "m"}

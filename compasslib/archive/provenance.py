@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
 import json
 import os
 import subprocess
@@ -76,14 +75,6 @@ def date_created() -> str:
     except (ValueError, OverflowError, OSError):
         expected, advice = "whole seconds since 1970", "unset it, and the date is the time of processing"
         raise InputError("SOURCE_DATE_EPOCH", expected=expected, found=repr(epoch), advice=advice) from None
-
-
-def installed(package: str) -> str:
-    """Return the version of a package, empty where it is not installed."""
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return ""
 
 
 def sha256(path: str | Path) -> str:
@@ -159,7 +150,10 @@ def stamp(raw_files: Sequence[str]) -> dict[str, Any]:
 
 
 def changed_settings(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
-    """List the settings of a job, or the keys of a YAML file, that differ, each with both values as JSON."""
+    """List the settings of a job, or the keys of a YAML file, that differ, each with both values as JSON.
+
+    The outermost key, a parameter of the rule that no YAML file has, is left out.
+    """
     left, right = (dict(_leaves(json.loads(json.dumps(side, default=str)))) for side in (before, after))
     keys = [key for key in dict.fromkeys((*left, *right)) if left.get(key) != right.get(key)]
     was, now = ({key: _short(side[key]) if key in side else "absent" for key in keys} for side in (left, right))
@@ -167,21 +161,20 @@ def changed_settings(before: Mapping[str, Any], after: Mapping[str, Any]) -> lis
 
 
 def _leaves(value: Any, *keys: str) -> Iterator[tuple[str, Any]]:
-    """Yield each value with its dotted key, less the outermost key: a parameter of the rule that no YAML file has."""
+    """Yield each value with its dotted key, seconds since 1970 as dates."""
     if isinstance(value, dict):
         for name, inner in value.items():
             yield from _leaves(inner, *keys, name)
-    elif keys[-1] in TIMES:
-        yield ".".join(keys[1:] or keys).removesuffix("_s"), _dated(value)
     else:
-        yield ".".join(keys[1:] or keys), value
+        key, dated = ".".join(keys[1:] or keys), keys[-1] in TIMES
+        yield (key.removesuffix("_s"), _dated(value)) if dated else (key, value)
 
 
 def _dated(seconds: Any) -> Any:
-    """Convert seconds since 1970, or nested lists of them, to ISO 8601."""
+    """Convert seconds since 1970, or nested lists of them, to ISO 8601; dates of a YAML file are texts already."""
     if isinstance(seconds, list):
         return [_dated(each) for each in seconds]
-    if not isinstance(seconds, float):  # dates and windows of a YAML file are texts and mappings
+    if not isinstance(seconds, float):
         return seconds
     return datetime.fromtimestamp(seconds, UTC).isoformat().replace("+00:00", "Z")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import tempfile
 import textwrap
@@ -32,6 +33,13 @@ REQUIRED_KEYS = {
 }
 CALIBRATION_FILES = ("calibration.json", "table.csv")
 COMPARED = ("corrected.nc", ".json", "table.csv")  # files of a deposit that are unpacked for comparison
+
+
+def require_folder(cruise: str) -> None:
+    """Raise InputError if the folder of a cruise does not exist."""
+    if not Path(cruise).is_dir():
+        advice = "name the folder of a cruise"
+        raise InputError(cruise, expected="a cruise folder", found="no such folder", advice=advice)
 
 
 def mooring_folder(cruise: str, mooring: str, parts: Sequence[str] = ("",), what: str = "mooring") -> Path:
@@ -281,36 +289,46 @@ def verify(asked: Namespace) -> int:
         InputError: there are differences, there is no manifest, or ``clear`` is given and the configuration cannot be
             read.
     """
-    if not Path(asked.cruise).is_dir():
-        advice = "name the folder of a cruise"
-        raise InputError(asked.cruise, expected="a cruise folder", found="no such folder", advice=advice)
+    require_folder(asked.cruise)
     with chdir(asked.cruise):
         if asked.clear:
-            return _clear(asked.yes)
-        configured = None
+            return _clear(confirmed=asked.yes)
         try:
             configured = _configured_folders()
         except InputError as error:  # an archive may lack its raw files
+            configured = None
             print(f"cannot list results that are no longer configured: {error}", file=sys.stderr)
-        verification.verify(Path(), configured, print, name=asked.cruise)
+        differ, page = verification.differences(Path(), configured), verification.read_manifest(Path())
+    for what, path, details in differ:
+        print(f"{what}: {_printable(path)}{details}")
+    if outputs := verification.to_make_again(page, differ):
+        print(f"mend: compass run {shlex.quote(asked.cruise)} -- --forcerun {_printable(shlex.join(outputs))}")
+    files = f"{len(crate.listed(page))} files as listed"
+    if differ:
+        advice = "restore them, or make run again if the change was meant"
+        if any(what == verification.FORMER for what, *_ in differ):
+            advice += "; compass verify --clear shows and removes what is no longer configured"
+        raise InputError(crate.FILE, expected=files, found=f"{len(differ)} that differ", advice=advice)
+    print(f"{crate.FILE}: {files}")
     return 0
 
 
-def _clear(confirmed: bool) -> int:
-    results = verification.Results(Path(), _configured_folders())
-    word = "removed" if confirmed else "would be removed"
-    lines = [f"{word}: {file}" for file in results.former]
-    apart = {*crate.listed(verification.read_manifest(Path())), *results.former}
-    lines += [f"kept: {file}, which no job wrote as it is" for file in results.foreign(apart)]
+def _clear(*, confirmed: bool) -> int:
+    kinds = verification.unlisted_files(Path(), _configured_folders())
+    former = [file for file, kind in kinds.items() if kind == verification.FORMER]
+    for file in former:
+        print(f"{'removed' if confirmed else 'would be removed'}: {_printable(file)}")
+    for file in (file for file, kind in kinds.items() if kind == verification.NEW):
+        print(f"kept: {_printable(file)}, which no job wrote as it is")
     if confirmed:
-        results.clear()
-    more = "; add --yes to remove them" if results.former and not confirmed else ""
-    print(
-        *map(verification.escaped, lines),
-        f"{len(results.former)} files of what is no longer configured{more}",
-        sep="\n",
-    )
+        verification.clear(Path(), former)
+    more = "; add --yes to remove them" if former and not confirmed else ""
+    print(f"{len(former)} files of what is no longer configured{more}")
     return 0
+
+
+def _printable(path: str) -> str:
+    return path if path.isprintable() else ascii(path)
 
 
 def _configured_folders() -> list[str]:
