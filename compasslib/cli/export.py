@@ -136,6 +136,7 @@ def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
         f"{mooring}_{f'{k}_' * alike}{Path(file).stem}_corrected{Path(file).suffix}" for k, file in enumerate(raw, 1)
     ]
     files = _available_files(into, *stems, *(f"{stem}.json" for stem in stems))
+    flagged: list[str] = []
     with ExitStack() as whole:
         halves = [whole.enter_context(atomic_write(file)) for file in files]
         for file, half, note in zip(raw, halves, halves[len(raw) :], strict=False):
@@ -155,12 +156,12 @@ def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
             }
             write_json(note, described)
             if became.flagged:
-                text = f"{file}: {became.flagged} ensembles have no corrected heading and were flagged"
-                results.print_warnings([text])
+                flagged.append(f"{file}: {became.flagged} ensembles have no corrected heading and were flagged")
         if lost := headings.unmatched:
             expected = f"an ensemble for each corrected heading of {source}"
             actual, advice = f"none for {lost}", "clock or reader settings have changed since: run the cruise again"
             raise InputError(", ".join(raw), expected=expected, found=actual, advice=advice)
+    results.print_warnings(flagged)
     return files
 
 
