@@ -8,14 +8,13 @@ import tempfile
 import textwrap
 import zipfile
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import chdir, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import NamedTuple, TextIO
 
 from compasslib.archive import crate, deposit, summary, verification
-from compasslib.archive.files import RERUN, read_json
+from compasslib.archive.files import read_json
 from compasslib.config import compasses, cruise
 from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
@@ -24,13 +23,6 @@ from compasslib.report.results import QUESTION, ReportSection, read_calibration,
 from compasslib.stages.settings import Moorings
 
 MOORING_FILES = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "work/field.json")
-REQUIRED_KEYS = {
-    "deviation.json": ("method", "coefficients", "covariance", "n_pairs", "folded", "why", "warnings", "applied"),
-    "diagnosis.json": ("verdict", "findings", "unexplained", "separated_by", "not_testable", "why"),
-    "assessment.json": ("before", "after", "use"),
-    "calibration.json": ("kind", "model", "coefficients", "covariance", "uncertainty", "why"),
-    "work/field.json": ("warnings",),
-}
 CALIBRATION_FILES = ("calibration.json", "table.csv")
 COMPARED = ("corrected.nc", ".json", "table.csv")  # files of a deposit that are unpacked for comparison
 
@@ -62,8 +54,7 @@ def mooring_folder(cruise: str, mooring: str, parts: Sequence[str] = ("",), what
     raise InputError(mooring, expected=f"a {what} with results in {cruise}", found=there or "none", advice=advice)
 
 
-@dataclass(frozen=True)
-class ResultFolders:
+class ResultFolders(NamedTuple):
     """Folders of results by name of mooring or calibration."""
 
     moorings: Mapping[str, Path]
@@ -114,18 +105,15 @@ def _calibrations(root: Path) -> dict[str, Path]:
 
 
 def _moorings(root: Path) -> dict[str, Path]:
-    folders = sorted(path for path in root.iterdir() if path.is_dir()) if root.is_dir() else []
-    marks = ("work", "logs", *MOORING_FILES)
-    parts = {
-        path: [
-            part for part in sorted(path.iterdir()) if part.is_dir() and any((part / mark).exists() for mark in marks)
-        ]
-        for path in folders
-        if path.name not in RESERVED
-    }
-    named = [(path.name, path) for path in parts if not parts[path] and any((path / mark).exists() for mark in marks)]
-    named += [(f"{path.name}/{part.name}", part) for path, several in parts.items() for part in several]
-    return dict(sorted(named))
+    """Find the folders of moorings, or of their instruments where several are corrected."""
+    marks, reserved = ("work", "logs", *MOORING_FILES), {*RESERVED}
+    found = dict[str, Path]()
+    for path in (*root.glob("*/"), *root.glob("*/*/")):
+        parts = path.relative_to(root).parts
+        if not reserved & {*parts} and any((path / mark).exists() for mark in marks):
+            found["/".join(parts)] = path
+    wholes = {name.partition("/")[0] for name in found if "/" in name}
+    return {name: path for name, path in sorted(found.items()) if name not in wholes}
 
 
 def missing_files(folder: Path, needed: Sequence[str]) -> list[str]:
@@ -133,29 +121,8 @@ def missing_files(folder: Path, needed: Sequence[str]) -> list[str]:
     return [file for file in needed if not (folder / file).is_file()]
 
 
-def explain_missing(old: Path | None, new: Path | None, needed: Sequence[str]) -> str:
-    """Explain why two folders of results, None if there is none, cannot be compared; empty if they can."""
-    for folder, which in ((old, "OLD"), (new, "NEW")):
-        if folder is None:
-            return f"not in {which}"
-        if files := missing_files(folder, needed):
-            return f"{which} is incomplete: no {files[0]}"
-    return ""
-
-
-def refuse_incomplete(folder: Path, needed: Sequence[str], what: str) -> None:
-    """Refuse results of an incomplete run.
-
-    Raises:
-        InputError: a file is missing.
-    """
-    if files := missing_files(folder, needed):
-        actual, advice = f"no {files[0]}", "run the cruise to its end"
-        raise InputError(str(folder), expected=f"all results of a {what}", found=actual, advice=advice)
-
-
 @contextmanager
-def check_version(folder: Path) -> Iterator[None]:
+def check_version(where: object) -> Iterator[None]:
     """Convert errors of the block on missing content of result files to an error of one line.
 
     Raises:
@@ -165,21 +132,7 @@ def check_version(folder: Path) -> Iterator[None]:
         yield
     except (LookupError, TypeError, AttributeError, ValueError) as error:
         actual, advice = f"{type(error).__name__}: {error}", "run the cruise again"
-        raise InputError(str(folder), expected="results of this version", found=actual, advice=advice) from error
-
-
-def read_content(file: Path) -> dict[str, Any]:
-    """Read a JSON file of the results that ``REQUIRED_KEYS`` lists, and check its keys.
-
-    Raises:
-        InputError: it is not JSON, or lacks a key that every run writes.
-    """
-    read = read_json(file)
-    keys = next(keys for name, keys in REQUIRED_KEYS.items() if file.match(name))
-    absent = [key for key in keys if not isinstance(read, dict) or key not in read]
-    if absent:
-        raise InputError(str(file), expected=f"the key {absent[0]}", found="none", advice=RERUN)
-    return dict(read)
+        raise InputError(str(where), expected="results of this version", found=actual, advice=advice) from error
 
 
 # Warnings of a command are collected and printed together at its end, where the user will notice them.
@@ -214,30 +167,25 @@ def explain(asked: Namespace) -> int:
         InputError: there are no results, or they are incomplete.
     """
     folder = mooring_folder(asked.cruise, asked.mooring, EXPLAINED, "mooring, calibration or compass").resolve()
-    root = folder.parents[1]
-    parts: dict[str, tuple[Sequence[str], Callable[[Path], ReportSection]]] = {
-        "calibration": (
-            CALIBRATION_FILES,
-            lambda path: sections.calibration_section(read_calibration(path.name, root), root, small=True),
-        ),
-        "compass": (
-            ("compass.json", "diagnosis.json"),
-            lambda path: sections.compass_section(path.name, root, small=True),
-        ),
-        "mooring": (MOORING_FILES, _mooring_section),
-    }
-    what = next((part for part in parts if (folder / f"{part}.json").is_file()), "mooring")
-    needed, read = parts[what]
-    refuse_incomplete(folder, needed, what)
+    root, name = folder.parents[1], folder.name
+    needed = {"calibration": CALIBRATION_FILES, "compass": ("compass.json", "diagnosis.json")}
+    what = next((part for part in needed if (folder / f"{part}.json").is_file()), "mooring")
+    if files := missing_files(folder, needed.get(what, MOORING_FILES)):
+        actual, advice = f"no {files[0]}", "run the cruise to its end"
+        raise InputError(str(folder), expected=f"all results of a {what}", found=actual, advice=advice)
     with check_version(folder):
-        lines = explanation_lines(read(folder), folder)
+        if what == "calibration":
+            section = sections.calibration_section(read_calibration(name, root), root, small=True)
+        elif what == "compass":
+            section = sections.compass_section(name, root, small=True)
+        else:
+            section = _mooring_section(folder)
+        lines = explanation_lines(section, folder)
     print("\n".join(lines))
     return 0
 
 
 def _mooring_section(folder: Path) -> ReportSection:
-    for file in (name for name in MOORING_FILES if name in REQUIRED_KEYS):
-        read_content(folder / file)
     row = summary.summary_row(folder.name, folder)
     read = read_mooring(row["name"], folder.parent, {name: str(value) for name, value in row.items()})
     return ReportSection(
