@@ -24,7 +24,6 @@ FIRST_YEAR, LAST_YEAR = 1900, 2030  # IGRF-14
 RADIUS_KM = 6371.2  # reference radius of the coefficients
 DEGREE_KM = 111.2  # of latitude
 EQUATOR_KM, FLATTENING = 6378.137, 1.0 / 298.257223563  # WGS84
-BEYOND = f"IGRF ends with {LAST_YEAR - 1}: later H, Z and what the declination is held against are its last"
 
 
 def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, Floats, Floats]:
@@ -41,7 +40,7 @@ def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, 
                 "earth's field",
                 expected=f"dates from {FIRST_YEAR} to {LAST_YEAR - 1}, which IGRF covers",
                 found=f"{date:%Y-%m-%d}",
-                advice="correct the dates, or write the declination in degrees: H and Z then are IGRF's last",
+                advice="correct the dates",
             )
     east, north, down = igrf_vector(latitude, longitude, seconds / DAY_S)
     return angles.wrap180(angles.direction(east, north)), np.hypot(east, north), down
@@ -71,34 +70,19 @@ def field_along(
         InputError: a date is outside the model.
     """
     nodes = np.linspace(start_s, end_s, 2 + int((end_s - start_s) // node_spacing_s))
-    covered = nodes if declination is None else covered_by_igrf(nodes)
-    model, horizontal, vertical = igrf(latitude, longitude, covered)
-    warnings = [
-        text
-        for name, degrees in (applied or {}).items()
-        for text in _disagreement(f"{name}: declination_applied", degrees, model, applied_disagreement_deg)
-    ]
-    if declination is None:
-        return EarthField(nodes, model, horizontal, vertical, model, warnings=tuple(warnings))
+    model, horizontal, vertical = igrf(latitude, longitude, nodes)
+    warnings = [] if declination is None else _disagreement("declination", declination, model, disagreement_deg)
+    for name, degrees in (applied or {}).items():
+        warnings += _disagreement(f"{name}: declination_applied", degrees, model, applied_disagreement_deg)
     return EarthField(
         time_s=nodes,
-        declination_deg=np.full(nodes.shape, float(declination)),
+        declination_deg=model if declination is None else np.full(nodes.shape, float(declination)),
         horizontal_nT=horizontal,
         vertical_nT=vertical,
         model_declination_deg=model,
-        source="metadata",
-        warnings=(
-            *_disagreement("declination", declination, model, disagreement_deg),
-            *(() if np.array_equal(covered, nodes) else (BEYOND,)),
-            *warnings,
-        ),
+        source="IGRF" if declination is None else "metadata",
+        warnings=tuple(warnings),
     )
-
-
-def covered_by_igrf(time_s: ArrayLike) -> Floats:
-    """Clip times to the period covered by the model, (k,)."""
-    ends = [datetime(year, 1, 1, tzinfo=UTC).timestamp() for year in (FIRST_YEAR, LAST_YEAR)]
-    return np.clip(np.atleast_1d(np.asarray(time_s, dtype=float)), ends[0], ends[1] - 1.0)
 
 
 def declination_at(field: EarthField, time_s: ArrayLike) -> Floats:
@@ -183,18 +167,12 @@ def recognize_mistake(
     """
     mistakes = {
         ", which has the other sign": -model,
-        ", which it looks like in minutes of arc": 60.0 * model,
-        ", which it looks like in radians": model * angles.DEGREE,
         ", of which it looks like the double": 2.0 * model,
         ", of which it looks like the double with the other sign": -2.0 * model,
     }
-    near = {
-        text: abs(degrees - value)
-        for text, value in mistakes.items()
-        if abs(degrees - value) <= min(max(recognised_deg, recognised_share * abs(value)), abs(value) / 2.0)
-        and abs(model) > recognised_deg
-    }
-    return min(near, key=lambda text: near[text]) if near else ""
+    text, value = min(mistakes.items(), key=lambda mistake: abs(degrees - mistake[1]))
+    tolerance_deg = min(max(recognised_deg, recognised_share * abs(value)), abs(value) / 2.0)
+    return text if abs(degrees - value) <= tolerance_deg and abs(model) > recognised_deg else ""
 
 
 @cache
@@ -265,7 +243,6 @@ def resolve_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     latitude, longitude, date_s = (settings.get(key) for key in ("latitude", "longitude", "date_s"))
     if latitude is None or longitude is None or date_s is None:
         return {**settings, "field": None, "declination_deg": None if by_model else given}
-    at = date_s if by_model else covered_by_igrf(date_s)
-    declination, horizontal, vertical = (float(x[0]) for x in igrf(latitude, longitude, at))
+    declination, horizontal, vertical = (float(x[0]) for x in igrf(latitude, longitude, date_s))
     field = {"horizontal_nT": horizontal, "vertical_nT": vertical, "declination_deg": declination}
     return {**settings, "field": field, "declination_deg": declination if by_model else given}

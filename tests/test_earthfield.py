@@ -51,8 +51,6 @@ def test_given_declination_overrides_the_model_with_a_warning(given, warned):
     ("given", "said"),
     [
         (23.4, "which has the other sign"),
-        (-0.408, "which it looks like in radians"),
-        (-1404.0, "which it looks like in minutes of arc"),
         (-46.8, "of which it looks like the double"),
         (-30.0, "off IGRF (-23.40); check its sign"),
         (0.0, "off IGRF (-23.40); check its sign"),
@@ -72,18 +70,3 @@ def test_declination_applied_is_compared_with_the_model(applied, warned):
 def test_dates_outside_the_model_are_refused():
     with pytest.raises(InputError, match="dates from 1900 to 2029, which IGRF covers, found 2031-01-01"):
         earthfield.igrf(*EG4, [1924992000.0])
-
-
-def test_the_advice_for_dates_after_the_model_works():
-    """With a declination in degrees, the model provides only H and Z, which change by a thousandth per year."""
-    start_s, end_s = (datetime(year, 6, 1).timestamp() for year in (2029, 2031))
-    with pytest.raises(InputError, match="or write the declination in degrees"):
-        earthfield.field_along(*EG4, start_s, end_s)
-    field = earthfield.field_along(*EG4, start_s, end_s, -18.0)
-    assert (field.declination_deg == -18.0).all() and np.isfinite(field.horizontal_nT).all()
-    assert any("IGRF ends with 2029" in said for said in field.warnings)
-    assert not any("IGRF ends" in said for said in earthfield.field_along(*EG4, 1.6e9, 1.7e9, -20.0).warnings)
-    place = {"latitude": EG4[0], "longitude": EG4[1], "date_s": end_s}
-    assert earthfield.resolve_settings({**place, "declination": -18.0})["field"]["horizontal_nT"] > 1e4
-    with pytest.raises(InputError, match="found 2031-06-01"):
-        earthfield.resolve_settings({**place, "declination": "auto"})

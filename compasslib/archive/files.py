@@ -1,4 +1,8 @@
-"""Input and output of JSON, CSV and netCDF files, each complete or absent, with the same bytes for the same data."""
+"""Input and output of JSON, CSV and netCDF files, each complete or absent, with the same bytes for the same data.
+
+Reading raises InputError where a file is missing, damaged or of another kind, and Unusable where it has the reason why
+there are no data; writing raises TransientError where a file cannot be written.
+"""
 
 from __future__ import annotations
 
@@ -34,11 +38,7 @@ CACHE_BYTES = 4 * 2**20  # chunk cache of each variable; the library's default o
 def atomic_write(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path in the same folder, which replaces the file once the block has succeeded.
 
-    Args:
-        path: the file to write; its folder is created if missing. If the block fails, an older file is unchanged.
-
-    Raises:
-        TransientError: the file cannot be written.
+    The folder is created if it is missing. If the block fails, an older file is unchanged.
     """
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}{HALF_WRITTEN}")
@@ -61,9 +61,6 @@ def write_json(path: str | Path, data: object) -> None:
 
     Args:
         data: nested mappings, sequences, arrays, numbers, text, paths or None.
-
-    Raises:
-        TypeError: the data contain another type.
     """
     text = json.dumps(_jsonable(data), indent=1, ensure_ascii=False, allow_nan=False)
     with atomic_write(path) as temporary:
@@ -71,12 +68,7 @@ def write_json(path: str | Path, data: object) -> None:
 
 
 def read_json(path: str | Path) -> Any:
-    """Read a JSON file.
-
-    Raises:
-        InputError: the file is missing or is not JSON.
-        Unusable: the file has the reason why it has no data.
-    """
+    """Read a JSON file."""
     try:
         page = json.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
@@ -119,11 +111,7 @@ def write_csv(
 
 
 def read_csv(path: str | Path, texts: Sequence[str] = ()) -> dict[str, NDArray[Any]]:
-    """Read the columns of a table written by ``write_csv``, NaN where a number is missing.
-
-    Raises:
-        InputError: the file is missing or damaged.
-    """
+    """Read the columns of a table written by ``write_csv``, NaN where a number is missing."""
     try:
         with Path(path).open(newline="", encoding="utf-8") as stream:
             names, *rows = list(csv.reader(stream)) or [[]]
@@ -147,12 +135,7 @@ def create_netcdf(
 
 @contextmanager
 def open_netcdf(path: str | Path) -> Iterator[netCDF4.Dataset]:
-    """Open a netCDF file of the results for reading.
-
-    Raises:
-        InputError: the file is missing or damaged, or lacks a variable or an attribute that the block reads.
-        Unusable: the file has the reason why it has no data.
-    """
+    """Open a netCDF file of the results; InputError also covers what the block reads and the file lacks."""
     try:
         with netCDF4.Dataset(path) as nc:
             nc.set_auto_mask(False)
@@ -249,11 +232,7 @@ class StoredVariable:
     name: str
 
     def __getitem__(self, which: slice | NDArray[Any], /) -> NDArray[Any]:
-        """Read rows, with beams along the last axis and NaN for missing floating-point values.
-
-        Raises:
-            InputError: the file is missing or damaged.
-        """
+        """Read rows, with beams along the last axis and NaN for missing floating-point values."""
         with open_netcdf(self.path) as nc:
             values = np.asarray(nc[self.name][which] if nc[self.name].ndim < 3 else nc[self.name][:, which])
         values = np.moveaxis(values, 0, 2) if values.ndim == 3 else values
@@ -273,21 +252,13 @@ def read_variable(nc: netCDF4.Dataset, name: str, rows: slice | None = None, bin
 
 
 def read_series(path: str | Path, *names: str) -> list[NDArray[Any]]:
-    """Read variables of a netCDF file as by ``read_variable``.
-
-    Raises:
-        InputError: the file is missing, damaged or of another kind.
-    """
+    """Read variables of a netCDF file as by ``read_variable``."""
     with open_netcdf(path) as nc:
         return [read_variable(nc, name) for name in names]
 
 
 def read_attribute(path: str | Path, name: str) -> str:
-    """Read one global attribute of a netCDF file as text.
-
-    Raises:
-        InputError: the file is missing, damaged or of another kind.
-    """
+    """Read one global attribute of a netCDF file as text."""
     with open_netcdf(path) as nc:
         return str(nc.getncattr(name))
 
@@ -302,9 +273,6 @@ def embed_png(path: str | Path) -> Picture:
     """Encode a PNG as a data URI with a reduced palette, reproducibly, and return it with its size.
 
     It has two thirds of the pixels, 200 of the 300 dots per inch of a figure, still twice what a screen shows.
-
-    Raises:
-        InputError: the file is not a complete PNG.
     """
     from PIL import Image
 
@@ -312,7 +280,7 @@ def embed_png(path: str | Path) -> Picture:
         with Image.open(path) as image:
             whole = image.convert("RGB")
     except (OSError, SyntaxError, ValueError) as error:
-        raise InputError(str(path), expected="a whole PNG", found=error, advice=RERUN) from error
+        raise _damaged(path, "a whole PNG", error) from error
     reduced = whole.resize((2 * whole.width // 3, 2 * whole.height // 3), Image.Resampling.BOX)
     # A palette takes a third of the bytes, without a visible difference.
     reduced = reduced.quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
@@ -322,11 +290,7 @@ def embed_png(path: str | Path) -> Picture:
 
 
 def write_pictures(path: str | Path, figures: Iterable[str]) -> None:
-    """Write the data URIs of figures by the stems of the figures' file names.
-
-    Raises:
-        InputError: a figure is not a complete PNG.
-    """
+    """Write the data URIs of figures by the stems of the figures' file names."""
     write_json(path, {Path(figure).stem: embed_png(figure) for figure in figures})
 
 

@@ -447,11 +447,7 @@ class GriddedCurrents(Labelled):
 
 
 def open_gridded(path: str | Path) -> GriddedCurrents:
-    """Read gridded.nc or gridded_daily.nc, or gridded.nc of the folder of a mooring's results.
-
-    Raises:
-        InputError: the file is missing, damaged or of another kind.
-    """
+    """Read gridded.nc or gridded_daily.nc, or gridded.nc of the folder of a mooring's results."""
     path = Path(path) / "gridded.nc" if Path(path).is_dir() else Path(path)
     with open_netcdf(path) as nc:
         if "HEADING_ERROR_MODE" not in nc.variables:
