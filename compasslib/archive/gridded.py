@@ -157,24 +157,18 @@ class FileDescription:
 def write_gridded(
     path: str | Path, product: GriddedProduct, description: FileDescription, daily: Sequence[DailyMeans] = ()
 ) -> dict[str, int]:
-    """Write gridded.nc piece by piece.
-
-    Args:
-        daily: accumulate each piece; none where no daily means are wanted.
+    """Write gridded.nc piece by piece, each of which ``daily`` accumulates.
 
     Returns:
         The numbers of all cells, of those with a velocity (``filled``), and of interpolated ones.
     """
     axes, counts = product.axes, np.zeros(3, dtype=int)
-    written, turned = description.compose("gridded", axes.time_s, axes.depth_m)
-    instruments = [source.name for source in product.sources]
-    attributes = column_attributes(turned, product.memory_s)
-    rising = any(source.rising for source in product.sources)
+    instruments, rising = [source.name for source in product.sources], any(source.rising for source in product.sources)
     with create_gridded(
-        path, written, description.site, axes, product.errors, product.deviation_deg, instruments
+        path, "gridded", description, axes, product.errors, product.deviation_deg, instruments, product.memory_s
     ) as nc:
         for piece in product if len(axes.time_s) else [empty_piece(len(axes.depth_m), True)]:
-            put_columns(nc, _columns(piece, rising), attributes, piece.slots)
+            write_columns(nc, _columns(piece, rising), piece.slots)
             counts += piece.source.size, np.sum(piece.source >= 0), np.sum(piece.quality == INTERPOLATED)
             for each in daily:
                 each.add(piece)
@@ -189,69 +183,60 @@ def write_daily(
     names = ("UCUR", "VCUR", "UCUR_UNCERTAINTY", "VCUR_UNCERTAINTY")
     columns = _columns(means.piece, False) | {name.replace("CUR", "CUR_LOWPASS"): tide_free[name] for name in names}
     columns |= {"N_SAMPLES": (means.count, None), "SHRINKAGE": (means.shrinkage, None)}
-    written, turned = description.compose("gridded-daily", means.time_s, product.axes.depth_m)
     axes = replace(product.axes, time_s=means.time_s, step_s=DAY_S)
     instruments = [source.name for source in product.sources]
-    with create_gridded(path, written, description.site, axes, means.errors, means.deviation_deg, instruments) as nc:
-        put_columns(nc, columns, column_attributes(turned, product.memory_s))
+    with create_gridded(
+        path, "gridded-daily", description, axes, means.errors, means.deviation_deg, instruments, product.memory_s
+    ) as nc:
+        write_columns(nc, columns)
 
 
 @contextmanager
 def create_gridded(
-    path: str | Path, attributes: Mapping[str, object], site: Site, axes: Axes, errors: HeadingErrors,
-    deviation_deg: Floats, instruments: Sequence[str],
+    path: str | Path, kind: str, description: FileDescription, axes: Axes, errors: HeadingErrors,
+    deviation_deg: Floats, instruments: Sequence[str], memory_s: float,
 ) -> Iterator[netCDF4.Dataset]:  # fmt: skip
     """Yield a new file of the form of gridded.nc with attributes, coordinates, heading errors and corrections.
 
     Args:
         deviation_deg: (a, t) corrected minus recorded headings of the affected instruments.
         instruments: names, affected instruments first.
+        memory_s: correlation time of the errors that are not due to the heading.
     """
+    attributes, turned = description.compose(kind, axes.time_s, axes.depth_m)
+    affected, (sources, modes) = len(errors.random), errors.shares.shape
+    sizes = {"DEPTH": len(axes.depth_m), "MODE": modes, "SOURCES": sources, "NV": 2, "AFFECTED": affected}
+    halves = np.array([-0.5, 0.5])
+    bounds_s, bounds_m = axes.time_s[:, None] + axes.step_s * halves, axes.depth_m[:, None] + axes.step_m * halves
+    numbers, meanings = np.arange(len(instruments) + 1, dtype=np.int8), " ".join(["none", *instruments])
     with create_netcdf(path, "NETCDF4_CLASSIC") as nc:
-        nc.setncatts(dict(attributes))
-        write_frame(nc, variables.GRID_TIME, axes.time_s, site)
-        affected, (sources, modes) = len(errors.random), errors.shares.shape
-        sizes = {"DEPTH": len(axes.depth_m), "MODE": modes, "SOURCES": sources, "NV": 2}
-        for dimension, size in (sizes | ({"AFFECTED": affected} if affected > 1 else {})).items():
-            nc.createDimension(dimension, size)
+        nc.setncatts(attributes)
+        write_frame(nc, variables.GRID_TIME, axes.time_s, description.site)
+        for dimension in [*sizes][: None if affected > 1 else -1]:
+            nc.createDimension(dimension, sizes[dimension])
         write_variable(nc, variables.GRID_DEPTH, axes.depth_m)
-        halves = np.array([-0.5, 0.5])
-        bounds_s, bounds_m = axes.time_s[:, None] + axes.step_s * halves, axes.depth_m[:, None] + axes.step_m * halves
         write_variable(nc, variables.BOUNDS["TIME"], days_since_1950(bounds_s))
         write_variable(nc, variables.BOUNDS["DEPTH"], np.maximum(bounds_m, 0.0))
         write_variable(nc, variables.MODE, np.arange(1, modes + 1))
         write_variable(nc, variables.SOURCES, np.arange(1, sources + 1))
-        named, memory = {"mode_names": ", ".join(errors.names)}, {"memory_hours": errors.memory_s / HOUR_S}
-        write_variable(nc, GRIDDED["HEADING_ERROR_MODE"], errors.modes, level=4, also=named)
+        write_variable(nc, GRIDDED["HEADING_ERROR_MODE"], errors.modes, level=4)
         write_variable(nc, GRIDDED["HEADING_ERROR_SHARE"], errors.shares)
-        for name, values, also in (
-            ("HEADING_ERROR_RANDOM", errors.random, memory),
-            ("HEADING_CORRECTION", deviation_deg, {}),
-        ):
-            shape = ("AFFECTED", "TIME") if affected > 1 else ("TIME",)
-            described = replace(GRIDDED[name], dimensions=shape)
-            write_variable(nc, described, values if affected > 1 else values[0], level=4, also=also)
-        numbers, meanings = np.arange(len(instruments) + 1, dtype=np.int8), " ".join(["none", *instruments])
-        flags = {"flag_values": numbers, "flag_meanings": meanings}
-        none = np.zeros((0, len(axes.depth_m)), dtype=np.int8)
-        write_variable(nc, GRIDDED["SOURCE"], none, level=4, rows=slice(0, 0), also=flags)
+        for name, values in (("HEADING_ERROR_RANDOM", errors.random), ("HEADING_CORRECTION", deviation_deg)):
+            described = replace(GRIDDED[name], dimensions=("AFFECTED", "TIME")) if affected > 1 else GRIDDED[name]
+            write_variable(nc, described, values if affected > 1 else values[0], level=4)
         yield nc
+        nc["HEADING_ERROR_MODE"].mode_names = ", ".join(errors.names)
+        nc["HEADING_ERROR_RANDOM"].memory_hours = errors.memory_s / HOUR_S
+        nc["SOURCE"].setncatts({"flag_values": numbers, "flag_meanings": meanings})
+        for name in ("UCUR", "VCUR"):
+            nc[name].setncatts(turned)
+            nc[f"{name}_UNCERTAINTY"].error_memory_hours = memory_s / HOUR_S
 
 
-def put_columns(
-    nc: netCDF4.Dataset, columns: Columns, attributes: Mapping[str, Mapping[str, object]], rows: slice | None = None
-) -> None:
-    """Write variables of cells or times, by name, with attributes of their own."""
+def write_columns(nc: netCDF4.Dataset, columns: Columns, rows: slice | None = None) -> None:
+    """Write variables of cells or times, by name."""
     for name, (values, flags) in columns.items():
-        write_variable(nc, GRIDDED[name], values, flags, level=4, rows=rows, also=attributes.get(name))
-
-
-def column_attributes(turned: Mapping[str, object], memory_s: float) -> dict[str, Mapping[str, object]]:
-    """Return, by name of the variable, the attributes that differ from file to file."""
-    averaged: dict[str, object] = {"cell_methods": "TIME: mean"}
-    memory: dict[str, object] = {"error_memory_hours": memory_s / HOUR_S}
-    velocities = {"UCUR": {**turned, **averaged}, "VCUR": {**turned, **averaged}, "WCUR": averaged}
-    return {**velocities, "UCUR_UNCERTAINTY": memory, "VCUR_UNCERTAINTY": memory}
+        write_variable(nc, GRIDDED[name], values, flags, level=4, rows=rows)
 
 
 def _columns(piece: Piece, rising: bool) -> Columns:

@@ -379,6 +379,7 @@ GRID_DEPTH = Variable(
 )  # fmt: skip
 MODE = Variable("MODE", "number of the mode", "1", "", ("MODE",), "i4", fill=None)
 SOURCES = Variable("SOURCES", "number of the instrument, as in SOURCE", "1", "", ("SOURCES",), "i4", fill=None)
+_MEAN = {"cell_methods": "TIME: mean"}
 _HELPERS = ("UV_COVARIANCE", "SOURCE", "N_CELLS", "HEADING_ERROR_MODE", "HEADING_ERROR_RANDOM")
 _TOTAL = "One standard deviation, all errors together; for sums and means the modes of the heading error are needed."
 
@@ -392,11 +393,12 @@ def _gridded_current(name: str, towards: str, standard_name: str, parameter: str
     velocity = Variable(
         name, f"{towards} velocity of the water", "m s-1", standard_name, CELLS, "f4", valid=(-10.0, 10.0),
         reference=TRUE, ancillary=(f"{name}_UNCERTAINTY", *_HELPERS), content=_MEASURED, parameter=parameter,
+        also=_MEAN,
         comment="By the corrected heading of the affected instrument, or by a reference; SOURCE tells which.",
     )  # fmt: skip
     without_tides = replace(
         velocity, name=low, long_name=f"{velocity.long_name}, without tides", standard_name="", parameter="",
-        ancillary=(f"{low}_UNCERTAINTY",),
+        ancillary=(f"{low}_UNCERTAINTY",), also={},
         comment="Successive running means of 24, 24 and 25 hours (Godin 1972), at noon; missing where less than 0.99 "
         "of the weights have a velocity.",
     )  # fmt: skip
@@ -413,7 +415,7 @@ GRIDDED = _by_name(
     *_gridded_current("VCUR", "northward", NORTHWARD, "LCNSZZ01"),
     Variable(
         "WCUR", "upward velocity of the water", "m s-1", "upward_sea_water_velocity", CELLS, "f4", valid=(-10.0, 10.0),
-        ancillary=("SOURCE",), content=_MEASURED,
+        ancillary=("SOURCE",), content=_MEASURED, also=_MEAN,
         comment="Relative to the instrument, whose own rise is that of its depth. No heading changes it.",
     ),
     Variable("UV_COVARIANCE", "covariance of the errors of UCUR and VCUR", "m2 s-2", "", CELLS, "f4"),
