@@ -17,7 +17,6 @@ from compasslib.records import iso_time
 from compasslib.types import Bools, Floats
 
 Attributes = dict[str, str | int | float]
-
 CONVENTIONS = "CF-1.11, ACDD-1.3, OceanSITES-1.4"
 DECLINATION = {"IGRF": "IGRF-14 at sea level, along time", "metadata": "a constant given in the mooring's YAML file"}
 DATES = ("date_created", "date_modified", "date_issued", "date_metadata_modified")
@@ -112,13 +111,7 @@ def missing(attributes: Container[str]) -> list[str]:
 
 
 def sensor_attributes(attributes: Attributes, looks_up: bool) -> Attributes:
-    """Select the OceanSITES attributes that describe the instrument that measured a variable.
-
-    Args:
-        attributes: global attributes; ``manufacturer``, ``model``, ``serial_number``, ``mount`` and those that start
-            with ``sensor_`` are used.
-        looks_up: whether its beams point upwards.
-    """
+    """Select those global attributes that describe the instrument that measured a variable, as of OceanSITES."""
     named = {f"sensor_{key}": attributes[key] for key in SENSOR_KEYS if key in attributes}
     given = {key: value for key, value in attributes.items() if key.startswith("sensor_")}
     usual = {"sensor_mount": "mounted_on_mooring_line"}
@@ -130,8 +123,6 @@ def declination_attributes(attributes: Attributes, time_s: Floats, declination_d
 
     Args:
         attributes: global attributes; ``declination_source`` is used.
-        time_s: (n,) time of the samples, UTC seconds since 1970.
-        declination_deg: (n,) east positive.
     """
     if not len(time_s):
         return {}
@@ -157,14 +148,11 @@ def plain(attributes: Mapping[str, object]) -> Attributes:
 
 def iso_duration(seconds: float) -> str:
     """Format a duration, not negative, as ISO 8601 in days, hours, minutes and seconds."""
-    minutes, remainder = divmod(round(float(seconds), 3), 60.0)
-    hours, minutes = divmod(int(minutes), 60)
-    days, hours = divmod(hours, 24)
-    clock = "".join(
-        f"{value:g}{unit}" for value, unit in ((hours, "H"), (minutes, "M"), (round(remainder, 3), "S")) if value
-    )
-    day = f"{days}D" if days or not clock else ""
-    return f"P{day}" + (f"T{clock}" if clock else "")
+    minutes, second = divmod(round(float(seconds), 3), 60.0)
+    hours, minute = divmod(int(minutes), 60)
+    days, hour = divmod(hours, 24)
+    clock = "".join(f"{x:g}{unit}" for x, unit in ((hour, "H"), (minute, "M"), (round(second, 3), "S")) if x)
+    return "P" + (f"{days}D" if days or not clock else "") + (f"T{clock}" if clock else "")
 
 
 def _what(site: Site, time_s: Floats, headings: tuple[int, int], method: str) -> Attributes:

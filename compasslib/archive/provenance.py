@@ -25,7 +25,6 @@ CHECKOUT = (PROJECT / "workflow/Snakefile").is_file()
 WORKFLOW: Path = PROJECT / "workflow" if CHECKOUT else PACKAGE / "workflow"  # in a wheel it also has lock and glossary
 RELEASE_FILES: Path = PROJECT if CHECKOUT else WORKFLOW
 TIMES = ("start_s", "end_s", "exclude")  # settings of a job that are in seconds since 1970
-_OF_A_REPOSITORY = ("GIT_DIR", "GIT_WORK_TREE", "GIT_COMMON_DIR", "GIT_INDEX_FILE", "GIT_OBJECT_DIRECTORY")
 
 
 @cache  # once per process: later edits are ignored
@@ -192,9 +191,8 @@ def _git(*arguments: str) -> str | None:
     # git refuses a checkout of another user, whose settings may start programs; its Python code runs already anyway.
     # Optional locks are off, so that parallel jobs do not wait for each other's index.
     command = ["git", "-c", f"safe.directory={PROJECT}", "--no-optional-locks", "-C", str(PROJECT), *arguments]
-    # In a hook of another repository, or below one if its own is broken, git would describe that repository.
-    environment = {name: value for name, value in os.environ.items() if name not in _OF_A_REPOSITORY}
-    environment |= {"GIT_CEILING_DIRECTORIES": str(PROJECT.parent), "LC_ALL": "C"}
+    # Below another repository, git would describe that one if its own is broken.
+    environment = os.environ | {"GIT_CEILING_DIRECTORIES": str(PROJECT.parent), "LC_ALL": "C"}
     try:
         return subprocess.run(command, capture_output=True, text=True, check=False, env=environment).stdout.strip()
     except OSError:

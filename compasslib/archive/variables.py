@@ -2,8 +2,7 @@
 
 The variable names of corrected.nc, overlap.nc and gridded.nc are a public interface. Standard names are from the CF
 table and are omitted where it has none: it has an orientation from true north, but no magnetic heading, deviation or
-declination. Flags are those of OceanSITES reference table 2. ``python -m compasslib.archive.variables`` prints the
-table of docs/reference/product.md.
+declination. Flags are those of OceanSITES reference table 2.
 """
 
 from __future__ import annotations
@@ -445,28 +444,3 @@ GRIDDED = _by_name(
         comment="exp(-sigma^2 / 2), sigma the standard deviation of the heading; not undone in UCUR and VCUR.",
     ),
 )  # fmt: skip
-
-
-# Table for the documentation.
-
-TABLE_HEAD = ("| variable | dimensions | unit | what it is |", "|---|---|---|---|")
-
-
-def format_table() -> str:
-    """Format the variables as a Markdown table, one row each."""
-    rows = [_row(entry, False) for entry in (TIME, BIN, BEAM, LATITUDE, LONGITUDE, STATION)]
-    rows += [_row(entry, entry.flagged) for entry in CORRECTED.values()]
-    return "\n".join([*TABLE_HEAD, *rows, ""])
-
-
-def _row(variable: Variable, flagged: bool) -> str:
-    said = [f"{variable.long_name}.", variable.comment]
-    said += [f"From {variable.reference}." if variable.reference in (TRUE, MAGNETIC) else ""]
-    said += [f"`{variable.standard_name}`." if variable.standard_name else ""]
-    said += ["*Flagged.*" if flagged else "", "*If measured.*" if variable.optional else ""]
-    what, dimensions = " ".join(filter(None, said)), ", ".join(variable.dimensions) or "-"
-    return f"| `{variable.name}` | {dimensions} | {variable.units or '-'} | {what} |"
-
-
-if __name__ == "__main__":
-    print(format_table(), end="")
