@@ -11,8 +11,6 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
 
 from compasslib import angles
 from compasslib.archive import attributes as archive_attributes
@@ -78,26 +76,8 @@ def test_json_keeps_order_rounds_and_writes_null_for_nonfinite(tmp_path):
     assert list(back) == ["z", "a", "array", "numpy", "none", "5"]
     assert back["a"] == [None, None, None, 1e-300] and back["array"] == [[1.0, None], [2.0, 3.0]]
     assert back["numpy"] == [4, True, 0.5] and back["none"] is None and back["5"] == "."
-
-
-json_values = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(st.characters(codec="utf-8")),
-    lambda inner: (
-        st.lists(inner, max_size=4) | st.dictionaries(st.text(st.characters(codec="utf-8")), inner, max_size=4)
-    ),
-    max_leaves=12,
-)
-
-
-@settings(derandomize=True, database=None, deadline=None)
-@given(json_values)
-@example(1.7976931348623157e308)
-def test_json_round_trip_is_idempotent(tmp_path_factory, data):
-    path = tmp_path_factory.getbasetemp() / "law.json"
-    write_json(path, data)
-    once = path.read_bytes()
-    write_json(path, read_json(path))
-    assert path.read_bytes() == once
+    write_json(tmp_path / "again.json", back)
+    assert (tmp_path / "again.json").read_text() == text
 
 
 @pytest.mark.parametrize("content", [b'{"a": 1', b"", b"\xff\xfe\x00", None])
@@ -160,12 +140,9 @@ def test_damaged_netcdf_is_reported_in_one_line(tmp_path, corrected_nc, read, da
 def test_programming_error_is_not_reported_as_damage(corrected_nc, error):
     with pytest.raises(error, match="a mistake"), files.open_netcdf(corrected_nc):
         raise error("a mistake")
-
-
-@pytest.mark.parametrize("read", [lambda nc: nc["NO_SUCH"], lambda nc: nc.getncattr("no_such")])
-def test_missing_variable_or_attribute_is_reported_in_one_line(corrected_nc, read):
-    with pytest.raises(InputError, match=r"expected a whole netCDF file"), files.open_netcdf(corrected_nc) as nc:
-        read(nc)
+    for read in (lambda nc: nc["NO_SUCH"], lambda nc: nc.getncattr("no_such")):
+        with pytest.raises(InputError, match=r"whole netCDF file"), files.open_netcdf(corrected_nc) as nc:
+            read(nc)
 
 
 # -------------------------------------------------------------------------------------------------------- round trips
@@ -223,21 +200,6 @@ def test_joined_records_keep_only_common_profiles():
     both = join_records([dataclasses.replace(other, profiles=less), one])
     assert sorted(both.profiles) == ["correlation", "error_velocity", "percent_good", "up"]
     np.testing.assert_array_equal(both.profiles["up"], np.concatenate([one.profiles["up"], less["up"]]))
-
-
-def test_every_record_field_has_a_variable_definition():
-    record, pairs = make_record(), make_pairs()
-    for one, table in ((record, variables.RECORD), (pairs, variables.PAIRS)):
-        arrays = [f.name for f in dataclasses.fields(one) if isinstance(getattr(one, f.name), np.ndarray)]
-        assert arrays == list(table)
-        for name, variable in table.items():
-            assert len(variable.dimensions) == getattr(one, name).ndim, name
-
-
-def test_many_warnings_round_trip(tmp_path):
-    record = make_record(warnings=tuple(f"ensemble {i}: checksum" for i in range(5000)))
-    netcdf.write_record(tmp_path / "r.nc", record)
-    assert netcdf.read_record(tmp_path / "r.nc").warnings == record.warnings
 
 
 @pytest.mark.parametrize("n", [50, 1, 0])

@@ -518,7 +518,6 @@ def test_software_outside_a_checkout_is_identified_by_hash(copied):
 def test_checkout_is_identified_by_commit_and_edits(copied):
     made = commit(copied)
     assert told(copied)[0].endswith(f"({made})")
-    # Git refuses a checkout of another owner, whose settings could run code; running its Python code implies trust.
     assert told(copied, GIT_TEST_ASSUME_DIFFERENT_OWNER="1")[0].endswith(f"({made})")
     with (copied / "compasslib/angles.py").open("a") as stream:
         stream.write("# edited\n")
