@@ -53,11 +53,7 @@ class Inspection:
 
 
 def check(asked: Namespace) -> int:
-    """Print the contents of each mooring and calibration, then warnings and problems; return 1 if there is a problem.
-
-    Raises:
-        InputError: config/config.yaml cannot be used.
-    """
+    """Print the contents of each mooring and calibration, then warnings and problems; return 1 if there is any."""
     refused: list[InputError] = []
     cruise = config.load_cruise(Path(asked.cruise), refuse=refused.append)
     check_cruise(cruise)
@@ -275,11 +271,7 @@ def _plural(n: int, noun: str) -> str:
 
 
 def correct(asked: Namespace) -> int:
-    """Correct a mooring; report each stage and finally all warnings on stderr, and print the folder of the results.
-
-    Raises:
-        InputError: a mistake in the cruise, a raw file that cannot be read, or a folder that already exists.
-    """
+    """Correct a mooring; report each stage and finally all warnings on stderr, and print the folder of the results."""
     folder = Path(asked.into or Path(asked.cruise) / "corrected" / asked.mooring)
     warnings: list[str] = []
 

@@ -39,11 +39,7 @@ Cells = Callable[[Path, Path], tuple[str, ...]]  # cells that compare two folder
 
 
 def diff(asked: Namespace) -> int:
-    """Print the differences of moorings and of calibrations, and the software of both, or that nothing changed.
-
-    Raises:
-        InputError: there are no results, or one of their files is damaged.
-    """
+    """Print the differences of moorings and of calibrations, and the software of both, or that nothing changed."""
     with results.unpack_deposit(asked.old) as first, results.unpack_deposit(asked.new) as second:
         old, new = results.find_results(first), results.find_results(second)
         moorings = _rows(old.moorings, new.moorings, results.MOORING_FILES, _compare_moorings)

@@ -45,11 +45,7 @@ WITHOUT = "Ensembles outside the deployment or without a corrected heading: velo
 
 
 def export(asked: Namespace) -> int:
-    """Write the files of one format and print their names.
-
-    Raises:
-        InputError: there are no results, a file already exists, or the raw files are not those of the results.
-    """
+    """Write the files of one format and print their names."""
     into = Path(asked.into or Path(asked.cruise) / "export")
     if asked.to == "rocrate":
         return _export_cruise(asked, into)
@@ -92,11 +88,7 @@ def _export_cruise(asked: Namespace, into: Path) -> int:
 
 
 def _available_files(into: Path, *names: str) -> list[Path]:
-    """Return the paths of files to write.
-
-    Raises:
-        InputError: one of the files exists.
-    """
+    """Return the paths of files to write."""
     files = [into / name for name in names]
     if taken := next((item for item in files if item.exists()), None):
         advice = "name another folder with --into, or move that file away"
@@ -108,11 +100,7 @@ def _available_files(into: Path, *names: str) -> list[Path]:
 
 
 def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
-    """Write each raw file with corrected headings, and a note on its origin and the changes made.
-
-    Raises:
-        InputError: the mooring is not in the cruise, or its raw files are not PD0 or not those of the results.
-    """
+    """Write each raw file with corrected headings, and a note on its origin and the changes made."""
     loaded, mooring = config.load_cruise(Path(asked.cruise)), asked.mooring
     if mooring not in loaded.moorings:
         expected = f"a mooring of the cruise ({', '.join(loaded.moorings) or 'it has none'})"

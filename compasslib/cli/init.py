@@ -78,11 +78,7 @@ class Contents:
 
 
 def init(asked: Namespace) -> int:
-    """Write the drafts, print how many decisions each leaves to the user, and return 0.
-
-    Raises:
-        InputError: nothing can be drafted, or a file already exists.
-    """
+    """Write the drafts, print how many decisions each leaves to the user, and return 0."""
     root = Path(asked.into)
     contents = Contents(root, Position(asked.latitude, asked.longitude, asked.water_depth))
     given = dict[Path, None]()

@@ -40,9 +40,6 @@ def mooring_folder(cruise: str, mooring: str, parts: Sequence[str] = ("",), what
     Args:
         mooring: name in the cruise, or the folder itself.
         parts: subfolders of the results that are searched, "" for the results themselves.
-
-    Raises:
-        InputError: there is no such folder.
     """
     root = Path(cruise) / "results"
     for folder in (*(root / part / mooring for part in parts), Path(cruise) / "corrected" / mooring, Path(mooring)):
@@ -63,11 +60,7 @@ class ResultFolders(NamedTuple):
 
 @contextmanager
 def unpack_deposit(place: str) -> Iterator[str]:
-    """Yield a place to read from: a deposited ZIP unpacked for the duration of the block, anything else unchanged.
-
-    Raises:
-        InputError: the ZIP is damaged.
-    """
+    """Yield a place to read from: a deposited ZIP unpacked for the duration of the block, anything else unchanged."""
     if not (Path(place).is_file() and zipfile.is_zipfile(place)):
         yield place
         return
@@ -80,11 +73,7 @@ def unpack_deposit(place: str) -> Iterator[str]:
 
 
 def find_results(place: str) -> ResultFolders:
-    """Find the folders of results in a cruise or a folder of results, or in that of one mooring or calibration.
-
-    Raises:
-        InputError: there is none.
-    """
+    """Find the folders of results in a cruise or a folder of results, or in that of one mooring or calibration."""
     root = Path(place)
     alone = {root.resolve().name: root}
     if (root / CALIBRATION_FILES[0]).is_file():
@@ -123,11 +112,7 @@ def missing_files(folder: Path, needed: Sequence[str]) -> list[str]:
 
 @contextmanager
 def check_version(where: object) -> Iterator[None]:
-    """Convert errors of the block on missing content of result files to an error of one line.
-
-    Raises:
-        InputError: the block needs content that a file does not have.
-    """
+    """Convert errors of the block on missing content of result files to an error of one line."""
     try:
         yield
     except (LookupError, TypeError, AttributeError, ValueError) as error:
@@ -161,11 +146,7 @@ EXPLAINED = ("", "calibrations", "compasses")  # subfolders of the results
 
 
 def explain(asked: Namespace) -> int:
-    """Print the diagnosis of a mooring, of a calibration, or of a compass that several records share.
-
-    Raises:
-        InputError: there are no results, or they are incomplete.
-    """
+    """Print the diagnosis of a mooring, of a calibration, or of a compass that several records share."""
     folder = mooring_folder(asked.cruise, asked.mooring, EXPLAINED, "mooring, calibration or compass").resolve()
     root, name = folder.parents[1], folder.name
     needed = {"calibration": CALIBRATION_FILES, "compass": ("compass.json", "diagnosis.json")}
@@ -231,12 +212,7 @@ def _wrap(sentences: Iterable[str], *, width: int = 100) -> list[str]:
 
 
 def verify(asked: Namespace) -> int:
-    """Print differences from the manifest; with ``clear``, list or delete results that are no longer configured.
-
-    Raises:
-        InputError: there are differences, there is no manifest, or ``clear`` is given and the configuration cannot be
-            read.
-    """
+    """Print differences from the manifest; with ``clear``, list or delete results that are no longer configured."""
     require_folder(asked.cruise)
     with chdir(asked.cruise):
         if asked.clear:
