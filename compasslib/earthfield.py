@@ -29,20 +29,40 @@ EQUATOR_KM, FLATTENING = 6378.137, 1.0 / 298.257223563  # WGS84
 def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """Compute declination (degrees east), horizontal and downward field (nT) at sea level by IGRF.
 
+    The gradient of the potential in spherical coordinates (Alken et al., Earth Planets Space 73, 49, 2021, eq. 1) is
+    rotated by the angle between the geocentric and the geodetic vertical.
+
+    Args:
+        latitude: degrees north, geodetic.
+        time_s: UTC seconds since 1970, in order, (k,).
+
     Raises:
         InputError: a date is outside the model.
     """
     seconds = np.atleast_1d(np.asarray(time_s, dtype=float))
-    dates = [datetime.fromtimestamp(t, UTC).replace(tzinfo=None) for t in seconds[[0, -1]]]
-    for date in dates:
+    for date in (datetime.fromtimestamp(t, UTC) for t in seconds[[0, -1]]):
         if not FIRST_YEAR <= date.year < LAST_YEAR:
-            raise InputError(
-                "earth's field",
-                expected=f"dates from {FIRST_YEAR} to {LAST_YEAR - 1}, which IGRF covers",
-                found=f"{date:%Y-%m-%d}",
-                advice="correct the dates",
-            )
-    east, north, down = igrf_vector(latitude, longitude, seconds / DAY_S)
+            expected = f"dates from {FIRST_YEAR} to {LAST_YEAR - 1}, which IGRF covers"
+            raise InputError("earth's field", expected=expected, found=f"{date:%Y-%m-%d}", advice="correct the dates")
+    nodes, degree, order, values = _coefficients()
+    g_and_h = np.array([np.interp(seconds / DAY_S, nodes, row) for row in values])
+    # Geocentric latitude and radius of a place on the ellipsoid.
+    sine, cosine = angles.sin_cos(latitude)
+    squashed = (1.0 - FLATTENING) ** 2
+    normal = EQUATOR_KM / np.sqrt(cosine**2 + squashed * sine**2)
+    equatorial, polar = normal * cosine, normal * squashed * sine
+    latitude_there, radius_km = 90.0 - float(angles.direction(equatorial, polar)), float(np.hypot(equatorial, polar))
+    legendre, slope = _legendre(90.0 - latitude_there, int(degree.max()))
+    p, dp = legendre[degree, np.abs(order)], slope[degree, np.abs(order)]
+    sine, cosine = angles.sin_cos(np.abs(order) * longitude)
+    wave, turned = (np.where(order < 0, a, b) for a, b in ((sine, cosine), (cosine, -sine)))
+    fall = (RADIUS_KM / radius_km) ** (degree + 2)
+    across = max(float(angles.sin_cos(90.0 - latitude_there)[0]), 1e-9)  # east is undefined at the pole
+    outward = ((degree + 1) * fall * p * wave) @ g_and_h
+    north = (fall * dp * wave) @ g_and_h
+    east = -(fall * np.abs(order) * p * turned / across) @ g_and_h
+    tilt_sine, tilt_cosine = angles.sin_cos(latitude - latitude_there)
+    north, down = north * tilt_cosine - outward * tilt_sine, -outward * tilt_cosine - north * tilt_sine
     return angles.wrap180(angles.direction(east, north)), np.hypot(east, north), down
 
 
@@ -112,37 +132,6 @@ def describe_field(name: str, field: EarthField) -> str:
     horizontal = field.horizontal_nT.mean()
     line = f"{name}: declination {first:+.2f} to {last:+.2f} degrees ({field.source}), H {horizontal:.0f} nT"
     return "\n".join([line, *(f"{name}: warning: {warning}" for warning in field.warnings)])
-
-
-def igrf_vector(latitude: float, longitude: float, days: Floats) -> tuple[Floats, Floats, Floats]:
-    """Compute the field to the east, north and down at sea level, (k,) nT each.
-
-    The gradient of the potential in spherical coordinates (Alken et al., Earth Planets Space 73, 49, 2021, eq. 1) is
-    rotated by the angle between the geocentric and the geodetic vertical.
-
-    Args:
-        latitude: degrees north, geodetic.
-        days: days since 1970, within the model's years, (k,).
-    """
-    nodes, degree, order, values = _coefficients()
-    g_and_h = np.array([np.interp(days, nodes, row) for row in values])
-    # Geocentric latitude and radius of a place on the ellipsoid.
-    sine, cosine = angles.sin_cos(latitude)
-    squashed = (1.0 - FLATTENING) ** 2
-    normal = EQUATOR_KM / np.sqrt(cosine**2 + squashed * sine**2)
-    equatorial, polar = normal * cosine, normal * squashed * sine
-    latitude_there, radius_km = 90.0 - float(angles.direction(equatorial, polar)), float(np.hypot(equatorial, polar))
-    legendre, slope = _legendre(90.0 - latitude_there, int(degree.max()))
-    p, dp = legendre[degree, np.abs(order)], slope[degree, np.abs(order)]
-    sine, cosine = angles.sin_cos(np.abs(order) * longitude)
-    wave, turned = (np.where(order < 0, a, b) for a, b in ((sine, cosine), (cosine, -sine)))
-    fall = (RADIUS_KM / radius_km) ** (degree + 2)
-    across = max(float(angles.sin_cos(90.0 - latitude_there)[0]), 1e-9)  # east is undefined at the pole
-    outward = ((degree + 1) * fall * p * wave) @ g_and_h
-    north = (fall * dp * wave) @ g_and_h
-    east = -(fall * np.abs(order) * p * turned / across) @ g_and_h
-    tilt_sine, tilt_cosine = angles.sin_cos(latitude - latitude_there)
-    return east, north * tilt_cosine - outward * tilt_sine, -outward * tilt_cosine - north * tilt_sine
 
 
 def _disagreement(name: str, degrees: float, model: Floats, tolerance_deg: float) -> list[str]:
