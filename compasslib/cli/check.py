@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import chdir
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ import numpy as np
 
 from compasslib import angles, calibrations, earthfield, readers
 from compasslib.archive.deposit import missing_attributes
-from compasslib.cli.results import print_warnings, split_warnings
+from compasslib.cli.results import align, print_warnings, split_warnings
 from compasslib.config import compasses
 from compasslib.config import cruise as config
 from compasslib.config.cruise import CALIBRATIONS, Cruise
@@ -120,7 +120,10 @@ def _inspect_mooring(inspection: Inspection, name: str, cruise: Cruise) -> None:
     corrected = mooring.reference or fit.name or fit.file or fit.coefficients
     also += "" if corrected else "; no reference, so nothing is corrected"
     place = f"{name}: {position(mooring.latitude, mooring.longitude)}"
-    inspection.lines += [f"{place}; {mooring.start:%Y-%m-%d} to {mooring.end:%Y-%m-%d}, by {by}{also}", *_table(rows)]
+    inspection.lines += [
+        f"{place}; {mooring.start:%Y-%m-%d} to {mooring.end:%Y-%m-%d}, by {by}{also}",
+        *(f"  {line}" for line in align(rows)),
+    ]
     inspection.warnings += [f"{name} {role}: {text}" for role, record in records.items() for text in record.warnings]
     inspection.serials |= {role: record.serial_number for role, record in records.items() if record.serial_number}
     inspection.usable = records.keys() >= set(used)
@@ -140,7 +143,7 @@ def _inspect_parts(inspection: Inspection, file: str, cruise: Cruise) -> None:
             rows.append(_row(name, "", instrument, record))
         except InputError as error:
             inspection.problems.append(f"{file}: instruments.{name}: {error}")
-    inspection.lines += [f"{file}: not valid yet", *_table(rows)]
+    inspection.lines += [f"{file}: not valid yet", *(f"  {line}" for line in align(rows))]
     _inspect_covariates(inspection, file, series, (-np.inf, np.inf))
     inspection.usable = False
 
@@ -255,12 +258,6 @@ def _inspect_pairs(inspection: Inspection, name: str, rules: Moorings, records: 
             inspection.lines.append(f"  with {source}: no pairs")
             why = "; ".join(pairs.warnings) or "no samples near enough in time and depth"
             inspection.problems.append(f"{name}: no pairs with {source}, so nothing is corrected by it: {why}")
-
-
-def _table(rows: Iterable[tuple[str, ...]]) -> list[str]:
-    rows = list(rows)
-    widths = [max(len(row[k]) for row in rows) for k in range(len(HEAD))]
-    return ["  " + "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def _plural(n: int, noun: str) -> str:

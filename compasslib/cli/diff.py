@@ -248,10 +248,6 @@ def _coefficients(old: Mapping[str, Any], new: Mapping[str, Any], *, least: floa
 
 
 def _table(header: Sequence[str], rows: Mapping[str, tuple[str, ...]]) -> str:
-    """Format a header and rows, by name, as a table; a row of one cell spans the columns."""
+    """Format a header and rows, by name, as a table."""
     lines = [header, *((name, *(row or ("nothing changed",))) for name, row in rows.items())]
-    columns = zip(*(line for line in lines if len(line) == len(header)), strict=True)
-    widths = [max(len(cell) for cell in column) for column in columns]
-    widths[0] = max(len(line[0]) for line in lines)
-    padded = ([cell.ljust(width) for cell, width in zip(line, widths, strict=False)] for line in lines)
-    return "\n".join("  ".join(cells).rstrip() for cells in padded)
+    return "\n".join(results.align(lines))

@@ -33,15 +33,11 @@ from compasslib.readers.times import DATENUM_1970
 from compasslib.stages.settings import Moorings
 from compasslib.types import Floats
 
-HEADINGS = (
-    "Magnetic, as in the original: HEADING_CORRECTED, with the heading bias EB and the alignment EA that the original "
-    "holds. Read with the mooring's YAML file, or with any reader that knows EB, they are HEADING_CORRECTED."
+ABOUT = (
+    "Magnetic headings as in the original, with its heading bias EB and alignment EA, corrected. Velocities in earth "
+    "coordinates, and bottom track, are turned alike; others are as they were. Ensembles outside the deployment or "
+    "without a corrected heading: velocities -32768, heading 655.35 degrees."
 )
-VELOCITIES = (
-    "In earth coordinates turned clockwise by DEVIATION as the heading, bottom track included; along beams, in the "
-    "instrument's axes and in the ship's as they were. No velocity is flagged but by its heading."
-)
-WITHOUT = "Ensembles outside the deployment or without a corrected heading: velocities -32768, heading 655.35 degrees."
 
 
 def export(asked: Namespace) -> int:
@@ -136,9 +132,7 @@ def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
                 "product": {"file": source.name, "sha256": provenance.sha256(source)},
                 "software": provenance.software(),
                 "date_created": provenance.date_created(),
-                "headings": HEADINGS,
-                "velocities": VELOCITIES,
-                "without_heading": WITHOUT,
+                "about": ABOUT,
                 "ensembles": {"corrected": became.corrected, "without_heading": became.flagged},
                 "bytes_of_the_original_left_out": left_out,
             }

@@ -120,6 +120,14 @@ def check_version(where: object) -> Iterator[None]:
         raise InputError(str(where), expected="results of this version", found=actual, advice=advice) from error
 
 
+def align(lines: Sequence[Sequence[str]]) -> list[str]:
+    """Pad the cells of lines to columns; cells after the first of a shorter line do not widen them."""
+    n = max(map(len, lines))
+    widths = [max(len(line[k]) for line in lines if k == 0 or len(line) == n) for k in range(n)]
+    padded = ([cell.ljust(width) for cell, width in zip(line, widths, strict=False)] for line in lines)
+    return ["  ".join(cells).rstrip() for cells in padded]
+
+
 # Warnings of a command are collected and printed together at its end, where the user will notice them.
 
 WARNING_MARK = ": warning: "  # in lines of the stages' logs
