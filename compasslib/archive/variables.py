@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -72,10 +71,8 @@ class Variable:
     parameter: str = ""  # code of the vocabulary P01 of the NERC Vocabulary Server
     content: str = ""  # ACDD ``coverage_content_type``
     coordinates: str = ""  # names of the coordinate variables
-    flagged: bool = True  # whether it has its own flag variable in corrected.nc
     sensed: bool = False  # measured by the affected instrument, whose make and serial number become attributes
     by_declination: bool = False  # depends on the declination, whose model and dates become attributes
-    optional: bool = False  # written only where it was measured
 
     def attributes(self) -> dict[str, object]:
         """Compose the attributes, omitting empty ones."""
@@ -120,7 +117,7 @@ NOT_STORED = {"echo_range_m", "unstated", "channels", "profiles"}
 CHANNEL = "CHANNEL_"  # prefix of the variables of ``channels``
 _ON_SCALE = {"units_metadata": "temperature: on_scale"}
 _TESTS = Variable(
-    "VELOCITY_QC_TESTS", "tests that the velocity failed", "", "status_flag", BINS, "i4", fill=None, flagged=False,
+    "VELOCITY_QC_TESTS", "tests that the velocity failed", "", "status_flag", BINS, "i4", fill=None,
     also={"flag_masks": np.array(list(MASKS.values())), "flag_meanings": " ".join(check.meaning for check in CHECKS)},
 )  # fmt: skip
 
@@ -205,30 +202,29 @@ def _by_name(content: str, coordinates: Mapping[tuple[str, ...], str], *entries:
     }
 
 
-def _current(name: str, how: str, **others: Any) -> Variable:
-    """Describe a component of a current in corrected.nc; only the corrected ones have a standard name."""
-    towards = "eastward" if name.startswith("U") else "northward"
-    return Variable(
-        name, f"{towards} velocity of the water, by the {how} heading", "m s-1", dimensions=BINS, dtype="f4",
-        valid=(-10.0, 10.0), reference=TRUE, sensed=True, by_declination=True, **others,
+def _current(name: str, towards: str, standard_name: str, parameter: str) -> list[Variable]:
+    """Describe a component of the current by the corrected and by the recorded heading, and its uncertainty.
+
+    The recorded one has no standard name, so that a selection by standard name yields the corrected one.
+    """
+    corrected = Variable(
+        name, f"{towards} velocity of the water, by the corrected heading", "m s-1", standard_name, BINS, "f4",
+        valid=(-10.0, 10.0), reference=TRUE, comment=_CORRECTED, parameter=parameter, sensed=True, by_declination=True,
+        ancillary=(f"{name}_UNCERTAINTY", "UCUR_QC_TESTS", "HEADING_CORRECTED", "DECLINATION"),
     )  # fmt: skip
+    recorded = replace(
+        corrected, name=f"{name}_RECORDED", long_name=f"{towards} velocity of the water, by the recorded heading",
+        standard_name="", comment=_RECORDED, parameter="", ancillary=("HEADING", "DECLINATION"),
+    )  # fmt: skip
+    return [corrected, recorded, _uncertainty(name, standard_name, BINS, _STANDARD_DEVIATION, reference=TRUE)]
 
 
-def _corrected_current(name: str, standard_name: str, parameter: str) -> Variable:
-    ancillary = (f"{name}_UNCERTAINTY", "UCUR_QC_TESTS", "HEADING_CORRECTED", "DECLINATION")
-    return _current(
-        name, "corrected", standard_name=standard_name, comment=_CORRECTED, ancillary=ancillary, parameter=parameter
-    )
-
-
-def _recorded_current(name: str) -> Variable:
-    return _current(name, "recorded", comment=_RECORDED, ancillary=("HEADING", "DECLINATION"))
-
-
-def _current_uncertainty(name: str, standard_name: str, **others: Any) -> Variable:
+def _uncertainty(
+    name: str, standard_name: str, dimensions: tuple[str, ...], comment: str, reference: str = ""
+) -> Variable:
     return Variable(
         f"{name}_UNCERTAINTY", f"uncertainty of {name}", "m s-1", standard_name and f"{standard_name} standard_error",
-        dtype="f4", valid=(0.0, 10.0), content=_QUALITY, flagged=False, **others,
+        dimensions, "f4", valid=(0.0, 10.0), reference=reference, comment=comment, content=_QUALITY,
     )  # fmt: skip
 
 
@@ -236,7 +232,7 @@ def _counts(name: str, what: str, standard_name: str, comment: str, *, units: st
     # The classic netCDF model has no unsigned byte; the high bytes are almost all zero and compress to nothing.
     return Variable(
         name, what, units, standard_name, BEAMS, "i2", valid=(0, 255), comment=comment, fill=-1,
-        also=_UNKNOWN, flagged=False, sensed=True, optional=True,
+        also=_UNKNOWN, sensed=True,
     )  # fmt: skip
 
 
@@ -281,7 +277,7 @@ CORRECTED = _by_name(
     ),
     Variable(
         "BRANCH_PROBABILITY", "probability of HEADING_CORRECTED among the headings that give the same reading", "1",
-        valid=(0.0, 1.0), content=_QUALITY, flagged=False,
+        valid=(0.0, 1.0), content=_QUALITY,
         comment="1 where one heading alone gives the recorded one.",
     ),
     Variable(
@@ -289,12 +285,8 @@ CORRECTED = _by_name(
         reference=TRUE, content="modelResult", by_declination=True,
         comment="East positive; from a model of the earth's field or from metadata, not measured.",
     ),
-    _corrected_current("UCUR", EASTWARD, "LCEWZZ01"),
-    _corrected_current("VCUR", NORTHWARD, "LCNSZZ01"),
-    _recorded_current("UCUR_RECORDED"),
-    _recorded_current("VCUR_RECORDED"),
-    _current_uncertainty("UCUR", EASTWARD, dimensions=BINS, reference=TRUE, comment=_STANDARD_DEVIATION),
-    _current_uncertainty("VCUR", NORTHWARD, dimensions=BINS, reference=TRUE, comment=_STANDARD_DEVIATION),
+    *_current("UCUR", "eastward", EASTWARD, "LCEWZZ01"),
+    *_current("VCUR", "northward", NORTHWARD, "LCNSZZ01"),
     replace(
         _TESTS, name="UCUR_QC_TESTS", long_name="tests that UCUR and VCUR failed", content=_QUALITY,
         comment="Bits of all tests that a velocity failed; names after QARTOD's tests and the IMOS toolbox.",
@@ -315,21 +307,21 @@ CORRECTED = _by_name(
     ),
     Variable(
         "TEMP", "temperature at the transducer", "degree_Celsius", "sea_water_temperature", valid=(-5.0, 45.0),
-        comment=_RANGE_ONLY, also=_ON_SCALE, sensed=True, optional=True, parameter="TEMPPR01",
+        comment=_RANGE_ONLY, also=_ON_SCALE, sensed=True, parameter="TEMPPR01",
     ),
     Variable(
         "PRES", "pressure at the instrument", "dbar", "sea_water_pressure", valid=(-10.0, 12000.0), sensed=True,
-        optional=True, comment="By the instrument's sensor, which is usually set to zero in air; pressure_offset is "
+        comment="By the instrument's sensor, which is usually set to zero in air; pressure_offset is "
         f"subtracted. {_RANGE_ONLY}",
     ),
     Variable(
         "WCUR", "upward velocity of the water", "m s-1", "upward_sea_water_velocity", BINS, "f4", valid=(-10.0, 10.0),
-        sensed=True, optional=True, comment="As measured; no heading changes it.",
+        sensed=True, comment="As measured; no heading changes it.",
     ),
     Variable(
         "ERROR_VELOCITY", "error velocity, the misfit of four beams", "m s-1",
         "indicative_error_from_multibeam_acoustic_doppler_velocity_profiler_in_sea_water", BINS, "f4",
-        valid=(-10.0, 10.0), sensed=True, optional=True, parameter="LERRAP01",
+        valid=(-10.0, 10.0), sensed=True, parameter="LERRAP01",
         comment="As measured; velocities from three beams have none.",
     ),
     _counts(
@@ -401,10 +393,7 @@ def _gridded_current(name: str, towards: str, standard_name: str, parameter: str
         comment="Successive running means of 24, 24 and 25 hours (Godin 1972), at noon; missing where less than 0.99 "
         "of the weights have a velocity.",
     )  # fmt: skip
-    uncertainties = [
-        _current_uncertainty(of, standard, dimensions=CELLS, comment=_TOTAL)
-        for of, standard in ((name, standard_name), (low, ""))
-    ]
+    uncertainties = (_uncertainty(of, known, CELLS, _TOTAL) for of, known in ((name, standard_name), (low, "")))
     return [velocity, without_tides, *uncertainties]
 
 
