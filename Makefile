@@ -59,7 +59,7 @@ accuracy: run .venv/test  ## the long measurements of how right the results are
 	  echo "== $$name"; $(BIN)/python benchmarks/$$name.py || missed="$$missed $$name"; \
 	done; test -z "$$missed" || { echo "a target is missed, or a run failed:$$missed"; exit 1; }
 
-proof: install  ## sealed moorings by SEED, N of them, scored: results/proof/scorecard.md
+proof: install  ## sealed moorings by SEED, N of them, scored: build/proof/scorecard.md
 	$(BIN)/python -m benchmarks.proof --seed $(SEED) --count $(N)
 
 schema: install  ## JSON schemas of the YAML files, from the models

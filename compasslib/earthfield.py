@@ -24,26 +24,45 @@ FIRST_YEAR, LAST_YEAR = 1900, 2030  # IGRF-14
 RADIUS_KM = 6371.2  # reference radius of the coefficients
 DEGREE_KM = 111.2  # of latitude
 EQUATOR_KM, FLATTENING = 6378.137, 1.0 / 298.257223563  # WGS84
-BEYOND = f"IGRF ends with {LAST_YEAR - 1}: later H, Z and what the declination is held against are its last"
 
 
 def igrf(latitude: float, longitude: float, time_s: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """Compute declination (degrees east), horizontal and downward field (nT) at sea level by IGRF.
 
+    The gradient of the potential in spherical coordinates (Alken et al., Earth Planets Space 73, 49, 2021, eq. 1) is
+    rotated by the angle between the geocentric and the geodetic vertical.
+
+    Args:
+        latitude: degrees north, geodetic.
+        time_s: UTC seconds since 1970, in order, (k,).
+
     Raises:
         InputError: a date is outside the model.
     """
     seconds = np.atleast_1d(np.asarray(time_s, dtype=float))
-    dates = [datetime.fromtimestamp(t, UTC).replace(tzinfo=None) for t in seconds[[0, -1]]]
-    for date in dates:
+    for date in (datetime.fromtimestamp(t, UTC) for t in seconds[[0, -1]]):
         if not FIRST_YEAR <= date.year < LAST_YEAR:
-            raise InputError(
-                "earth's field",
-                expected=f"dates from {FIRST_YEAR} to {LAST_YEAR - 1}, which IGRF covers",
-                found=f"{date:%Y-%m-%d}",
-                advice="correct the dates, or write the declination in degrees: H and Z then are IGRF's last",
-            )
-    east, north, down = igrf_vector(latitude, longitude, seconds / DAY_S)
+            expected = f"dates from {FIRST_YEAR} to {LAST_YEAR - 1}, which IGRF covers"
+            raise InputError("earth's field", expected=expected, found=f"{date:%Y-%m-%d}", advice="correct the dates")
+    nodes, degree, order, values = _coefficients()
+    g_and_h = np.array([np.interp(seconds / DAY_S, nodes, row) for row in values])
+    # Geocentric latitude and radius of a place on the ellipsoid.
+    sine, cosine = angles.sin_cos(latitude)
+    squashed = (1.0 - FLATTENING) ** 2
+    normal = EQUATOR_KM / np.sqrt(cosine**2 + squashed * sine**2)
+    equatorial, polar = normal * cosine, normal * squashed * sine
+    latitude_there, radius_km = 90.0 - float(angles.direction(equatorial, polar)), float(np.hypot(equatorial, polar))
+    legendre, slope = _legendre(90.0 - latitude_there, int(degree.max()))
+    p, dp = legendre[degree, np.abs(order)], slope[degree, np.abs(order)]
+    sine, cosine = angles.sin_cos(np.abs(order) * longitude)
+    wave, turned = (np.where(order < 0, a, b) for a, b in ((sine, cosine), (cosine, -sine)))
+    fall = (RADIUS_KM / radius_km) ** (degree + 2)
+    across = max(float(angles.sin_cos(90.0 - latitude_there)[0]), 1e-9)  # east is undefined at the pole
+    outward = ((degree + 1) * fall * p * wave) @ g_and_h
+    north = (fall * dp * wave) @ g_and_h
+    east = -(fall * np.abs(order) * p * turned / across) @ g_and_h
+    tilt_sine, tilt_cosine = angles.sin_cos(latitude - latitude_there)
+    north, down = north * tilt_cosine - outward * tilt_sine, -outward * tilt_cosine - north * tilt_sine
     return angles.wrap180(angles.direction(east, north)), np.hypot(east, north), down
 
 
@@ -71,34 +90,19 @@ def field_along(
         InputError: a date is outside the model.
     """
     nodes = np.linspace(start_s, end_s, 2 + int((end_s - start_s) // node_spacing_s))
-    covered = nodes if declination is None else covered_by_igrf(nodes)
-    model, horizontal, vertical = igrf(latitude, longitude, covered)
-    warnings = [
-        text
-        for name, degrees in (applied or {}).items()
-        for text in _disagreement(f"{name}: declination_applied", degrees, model, applied_disagreement_deg)
-    ]
-    if declination is None:
-        return EarthField(nodes, model, horizontal, vertical, model, warnings=tuple(warnings))
+    model, horizontal, vertical = igrf(latitude, longitude, nodes)
+    warnings = [] if declination is None else _disagreement("declination", declination, model, disagreement_deg)
+    for name, degrees in (applied or {}).items():
+        warnings += _disagreement(f"{name}: declination_applied", degrees, model, applied_disagreement_deg)
     return EarthField(
         time_s=nodes,
-        declination_deg=np.full(nodes.shape, float(declination)),
+        declination_deg=model if declination is None else np.full(nodes.shape, float(declination)),
         horizontal_nT=horizontal,
         vertical_nT=vertical,
         model_declination_deg=model,
-        source="metadata",
-        warnings=(
-            *_disagreement("declination", declination, model, disagreement_deg),
-            *(() if np.array_equal(covered, nodes) else (BEYOND,)),
-            *warnings,
-        ),
+        source="IGRF" if declination is None else "metadata",
+        warnings=tuple(warnings),
     )
-
-
-def covered_by_igrf(time_s: ArrayLike) -> Floats:
-    """Clip times to the period covered by the model, (k,)."""
-    ends = [datetime(year, 1, 1, tzinfo=UTC).timestamp() for year in (FIRST_YEAR, LAST_YEAR)]
-    return np.clip(np.atleast_1d(np.asarray(time_s, dtype=float)), ends[0], ends[1] - 1.0)
 
 
 def declination_at(field: EarthField, time_s: ArrayLike) -> Floats:
@@ -130,37 +134,6 @@ def describe_field(name: str, field: EarthField) -> str:
     return "\n".join([line, *(f"{name}: warning: {warning}" for warning in field.warnings)])
 
 
-def igrf_vector(latitude: float, longitude: float, days: Floats) -> tuple[Floats, Floats, Floats]:
-    """Compute the field to the east, north and down at sea level, (k,) nT each.
-
-    The gradient of the potential in spherical coordinates (Alken et al., Earth Planets Space 73, 49, 2021, eq. 1) is
-    rotated by the angle between the geocentric and the geodetic vertical.
-
-    Args:
-        latitude: degrees north, geodetic.
-        days: days since 1970, within the model's years, (k,).
-    """
-    nodes, degree, order, values = _coefficients()
-    g_and_h = np.array([np.interp(days, nodes, row) for row in values])
-    # Geocentric latitude and radius of a place on the ellipsoid.
-    sine, cosine = angles.sin_cos(latitude)
-    squashed = (1.0 - FLATTENING) ** 2
-    normal = EQUATOR_KM / np.sqrt(cosine**2 + squashed * sine**2)
-    equatorial, polar = normal * cosine, normal * squashed * sine
-    latitude_there, radius_km = 90.0 - float(angles.direction(equatorial, polar)), float(np.hypot(equatorial, polar))
-    legendre, slope = _legendre(90.0 - latitude_there, int(degree.max()))
-    p, dp = legendre[degree, np.abs(order)], slope[degree, np.abs(order)]
-    sine, cosine = angles.sin_cos(np.abs(order) * longitude)
-    wave, turned = (np.where(order < 0, a, b) for a, b in ((sine, cosine), (cosine, -sine)))
-    fall = (RADIUS_KM / radius_km) ** (degree + 2)
-    across = max(float(angles.sin_cos(90.0 - latitude_there)[0]), 1e-9)  # east is undefined at the pole
-    outward = ((degree + 1) * fall * p * wave) @ g_and_h
-    north = (fall * dp * wave) @ g_and_h
-    east = -(fall * np.abs(order) * p * turned / across) @ g_and_h
-    tilt_sine, tilt_cosine = angles.sin_cos(latitude - latitude_there)
-    return east, north * tilt_cosine - outward * tilt_sine, -outward * tilt_cosine - north * tilt_sine
-
-
 def _disagreement(name: str, degrees: float, model: Floats, tolerance_deg: float) -> list[str]:
     """Report if a value disagrees with the model's declination, with the mistake that may explain it."""
     off = angles.difference(degrees, model)
@@ -183,18 +156,12 @@ def recognize_mistake(
     """
     mistakes = {
         ", which has the other sign": -model,
-        ", which it looks like in minutes of arc": 60.0 * model,
-        ", which it looks like in radians": model * angles.DEGREE,
         ", of which it looks like the double": 2.0 * model,
         ", of which it looks like the double with the other sign": -2.0 * model,
     }
-    near = {
-        text: abs(degrees - value)
-        for text, value in mistakes.items()
-        if abs(degrees - value) <= min(max(recognised_deg, recognised_share * abs(value)), abs(value) / 2.0)
-        and abs(model) > recognised_deg
-    }
-    return min(near, key=lambda text: near[text]) if near else ""
+    text, value = min(mistakes.items(), key=lambda mistake: abs(degrees - mistake[1]))
+    tolerance_deg = min(max(recognised_deg, recognised_share * abs(value)), abs(value) / 2.0)
+    return text if abs(degrees - value) <= tolerance_deg and abs(model) > recognised_deg else ""
 
 
 @cache
@@ -265,7 +232,6 @@ def resolve_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     latitude, longitude, date_s = (settings.get(key) for key in ("latitude", "longitude", "date_s"))
     if latitude is None or longitude is None or date_s is None:
         return {**settings, "field": None, "declination_deg": None if by_model else given}
-    at = date_s if by_model else covered_by_igrf(date_s)
-    declination, horizontal, vertical = (float(x[0]) for x in igrf(latitude, longitude, at))
+    declination, horizontal, vertical = (float(x[0]) for x in igrf(latitude, longitude, date_s))
     field = {"horizontal_nT": horizontal, "vertical_nT": vertical, "declination_deg": declination}
     return {**settings, "field": field, "declination_deg": declination if by_model else given}

@@ -29,54 +29,36 @@ def declared_plugins(group: str) -> tuple[EntryPoint, ...]:
 
 
 def plugin_table(group: str, builtin: Collection[str]) -> Points:
-    """Collect the entries that other packages add to a table, sorted by name.
-
-    Args:
-        builtin: names in the library's own table.
+    """Collect the entries that other packages add to the library's own table, sorted by name.
 
     Raises:
         InputError: a name is already used by the library or by another package.
     """
     table: Points = {}
+    owners = dict.fromkeys(builtin, "compasslib")
     for point in declared_plugins(group):
-        taken = (
-            "compasslib" if point.name in builtin else package_version(table[point.name]) if point.name in table else ""
-        )
-        if taken:
-            expected, shown = f"a name that {taken} does not use", f"{point.name!r}"
-            raise InputError(
-                f"{package_version(point)}: {group}", expected=expected, found=shown, advice="rename or remove it"
-            )
-        table[point.name] = point
+        package = package_version(point)
+        if point.name in owners:
+            where, expected = f"{package}: {group}", f"a name that {owners[point.name]} does not use"
+            raise InputError(where, expected=expected, found=f"{point.name!r}", advice="rename or remove it")
+        table[point.name], owners[point.name] = point, package
     return table
 
 
 def load_plugin(point: EntryPoint) -> Any:
-    """Load the object that an entry point refers to.
-
-    Raises:
-        InputError: it cannot be imported.
-    """
+    """Load the object that an entry point refers to; InputError where it cannot be imported."""
     with plugin_errors(point, "an importable plug-in"):
         return point.load()
 
 
 @contextmanager
 def plugin_errors(point: EntryPoint, expected: str) -> Iterator[None]:
-    """Convert exceptions of a plug-in in the block, ``SystemExit`` included but not Ctrl-C, to one-line errors.
-
-    Raises:
-        InputError: the plug-in's own, or one that names package, error and the line of code that raised it.
-    """
+    """Convert exceptions of a plug-in in the block to an InputError with package, error and line of code."""
     try:
         yield
     except (InputError, MemoryError):
         raise
-    except (
-        BaseException
-    ) as error:  # foreign code may raise anything, and SystemExit(0) would end a run as if it had succeeded
-        if type(error) is KeyboardInterrupt:
-            raise
+    except (Exception, SystemExit) as error:  # SystemExit(0) would end a run as if it had succeeded
         last = traceback.extract_tb(error.__traceback__)[-1]
         shown = f"{type(error).__name__}: {error} ({Path(last.filename).name}, line {last.lineno})"
         where, advice = f"{package_version(point)}: {point.value}", "mend or remove the package"

@@ -31,7 +31,7 @@ def main(given: Sequence[str] | None = None) -> int:
     parser.add_argument("--data", type=Path, default=DATA, help="folder of recordings (../shared/data)")
     parser.add_argument("--records", type=Path, help="folder with descriptions of more real records")
     parser.add_argument("--work", type=Path, default=Path("build/proof"), help="folder of moorings and truth")
-    parser.add_argument("--out", type=Path, default=Path("results/proof"), help="folder of the scorecard")
+    parser.add_argument("--out", type=Path, default=Path("build/proof"), help="folder of the scorecard")
     asked = parser.parse_args(given)
     try:
         if asked.commit:

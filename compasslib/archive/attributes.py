@@ -5,8 +5,6 @@ Attributes that describe the file itself are computed; otherwise the user's take
 
 from __future__ import annotations
 
-import datetime
-import json
 import re
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
@@ -19,7 +17,6 @@ from compasslib.records import iso_time
 from compasslib.types import Bools, Floats
 
 Attributes = dict[str, str | int | float]
-
 CONVENTIONS = "CF-1.11, ACDD-1.3, OceanSITES-1.4"
 DECLINATION = {"IGRF": "IGRF-14 at sea level, along time", "metadata": "a constant given in the mooring's YAML file"}
 DATES = ("date_created", "date_modified", "date_issued", "date_metadata_modified")
@@ -86,11 +83,12 @@ def global_attributes(
     attributes: Mapping[str, object],
     processing: Mapping[str, object],
 ) -> Attributes:
-    """Compose the global attributes of corrected.nc in the order in which they are written.
+    """Compose the global attributes of corrected.nc.
 
     Args:
         time_s: (n,) time of the samples, UTC seconds since 1970.
         depth_m: depths of the measurements, any shape, metres, NaN where unknown.
+        headings: numbers of recorded and of corrected headings.
         attributes: the user's, which take precedence except over ``config.values.STATED``, which the file states.
         processing: ``method``, ``coefficients``, ``software_version``, ``source_files``, ``history``,
             ``date_created`` and any others that describe how the product was made.
@@ -113,26 +111,18 @@ def missing(attributes: Container[str]) -> list[str]:
 
 
 def sensor_attributes(attributes: Attributes, looks_up: bool) -> Attributes:
-    """Select the OceanSITES attributes that describe the instrument that measured a variable.
-
-    Args:
-        attributes: global attributes; ``manufacturer``, ``model``, ``serial_number``, ``mount`` and those that start
-            with ``sensor_`` are used.
-        looks_up: whether its beams point upwards.
-    """
+    """Select those global attributes that describe the instrument that measured a variable, as of OceanSITES."""
     named = {f"sensor_{key}": attributes[key] for key in SENSOR_KEYS if key in attributes}
     given = {key: value for key, value in attributes.items() if key.startswith("sensor_")}
     usual = {"sensor_mount": "mounted_on_mooring_line"}
     return usual | named | given | {"sensor_orientation": "upward" if looks_up else "downward"}
 
 
-def declination_attributes(attributes: Attributes, time_s: Floats, degrees: tuple[float, float]) -> dict[str, object]:
+def declination_attributes(attributes: Attributes, time_s: Floats, declination_deg: Floats) -> dict[str, object]:
     """Compose the attributes that describe the declination applied to a variable: model, dates and values.
 
     Args:
         attributes: global attributes; ``declination_source`` is used.
-        time_s: (n,) time of the samples, UTC seconds since 1970.
-        degrees: declination at the first and at the last sample, east positive.
     """
     if not len(time_s):
         return {}
@@ -140,45 +130,29 @@ def declination_attributes(attributes: Attributes, time_s: Floats, degrees: tupl
     return {
         "declination_model": DECLINATION.get(source, source),
         "declination_date": f"{iso_time(time_s[0])}/{iso_time(time_s[-1])}",
-        "declination_degrees": np.array(degrees),
+        "declination_degrees": declination_deg[[0, -1]],
         "declination_comment": "Degrees east of true north at the two dates; in between by declination_model.",
     }
 
 
 def plain(attributes: Mapping[str, object]) -> Attributes:
-    """Convert attributes to netCDF: legal names, lists with commas, ISO 8601 dates, mappings as JSON, no None."""
-    names = {key: re.sub(r"\W", "_", str(key), flags=re.ASCII).lstrip("_") for key in attributes}
-    legal = {key: name if name[:1].isalpha() else f"attribute_{name}" for key, name in names.items()}
-    return {legal[key]: _value(value) for key, value in attributes.items() if value is not None}
+    """Return attributes as netCDF stores them: without None, and whole numbers beyond 32 bits as text."""
+    written: Attributes = {}
+    for name, value in attributes.items():
+        if isinstance(value, (str, float)) or (isinstance(value, int) and abs(value) < 2**31):
+            written[name] = value
+        elif value is not None:
+            written[name] = str(value)
+    return written
 
 
 def iso_duration(seconds: float) -> str:
     """Format a duration, not negative, as ISO 8601 in days, hours, minutes and seconds."""
-    minutes, remainder = divmod(round(float(seconds), 3), 60.0)
-    hours, minutes = divmod(int(minutes), 60)
-    days, hours = divmod(hours, 24)
-    clock = "".join(
-        f"{value:g}{unit}" for value, unit in ((hours, "H"), (minutes, "M"), (round(remainder, 3), "S")) if value
-    )
-    day = f"{days}D" if days or not clock else ""
-    return f"P{day}" + (f"T{clock}" if clock else "")
-
-
-def _value(value: object) -> str | int | float:
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float) or (isinstance(value, int) and abs(value) < 2**31):
-        return value
-    if isinstance(value, Mapping):
-        return json.dumps(value, default=str)
-    if isinstance(value, (list, tuple)):
-        return ", ".join(str(_value(item)) for item in value)
-    if isinstance(value, datetime.datetime):
-        utc = value if value.tzinfo is None else value.astimezone(datetime.UTC).replace(tzinfo=None)
-        return f"{utc.isoformat()}Z"
-    return str(value)
+    minutes, second = divmod(round(float(seconds), 3), 60.0)
+    hours, minute = divmod(int(minutes), 60)
+    days, hour = divmod(hours, 24)
+    clock = "".join(f"{x:g}{unit}" for x, unit in ((hour, "H"), (minute, "M"), (round(second, 3), "S")) if x)
+    return "P" + (f"{days}D" if days or not clock else "") + (f"T{clock}" if clock else "")
 
 
 def _what(site: Site, time_s: Floats, headings: tuple[int, int], method: str) -> Attributes:
@@ -224,7 +198,7 @@ def _where(site: Site, depth_m: Floats) -> Attributes:
         "geospatial_vertical_units": "m",
     }
     known = depth_m[site.holds_water(depth_m)]
-    if known.size:
+    if len(known):
         ranges |= {"geospatial_vertical_min": float(known.min()), "geospatial_vertical_max": float(known.max())}
     if site.water_depth_m is not None:
         ranges |= {"water_depth": float(site.water_depth_m), "water_depth_units": "m"}

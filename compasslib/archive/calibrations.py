@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -49,28 +49,11 @@ def write(
 
 
 def read(*, calibration: str | Path, table: str | Path, points: str | Path) -> StoredCalibration:
-    """Read a calibration's files.
-
-    Raises:
-        InputError: a file is missing or damaged.
-    """
+    """Read a calibration's files."""
     return StoredCalibration(read_json(calibration), read_table(table), read_csv(points))
 
 
 def read_table(path: str | Path) -> DeviationTable:
-    """Read the deviation table of a calibration.
-
-    Raises:
-        InputError: the file is missing or damaged.
-    """
+    """Read the deviation table of a calibration."""
     columns = read_csv(path)
     return DeviationTable(*(columns[name] for name in TABLE_COLUMNS))
-
-
-def named(paths: Sequence[str | Path]) -> dict[str, Any]:
-    """Read calibration.json files by name of the calibration, which is that of the folder.
-
-    Raises:
-        InputError: a file is missing or damaged.
-    """
-    return {Path(path).parent.name: read_json(path) for path in paths}

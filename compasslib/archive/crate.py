@@ -11,9 +11,11 @@ import platform
 import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote, unquote
+from urllib.parse import quote
 
 from compasslib import plugins
 from compasslib.archive import provenance
@@ -84,90 +86,75 @@ def crate(
         attributes: of the cruise; ``project``, ``software_url`` and those of ``owners`` are used.
         stopped: reasons for missing results, by subject as in ``configuration``.
     """
+    stopped, maker, url = stopped or {}, provenance.software(), str(attributes.get("software_url", ""))
     files = provenance.hashes(path for paths in configuration.values() for path in paths)
     for record in jobs.values():
         files |= record["read"] | record["wrote"]
     data = [
-        {"@id": _id(path), "@type": "File", "name": path, "sha256": files[path]}
+        {"@id": _id(path), "@type": "File", "name": path, "sha256": known}
         | {"encodingFormat": FORMATS.get(Path(path).suffix, "application/octet-stream")}
-        for path in sorted(files)
+        for path, known in sorted(files.items())
     ]
     tools = list(_surroundings())
-    required = {"softwareRequirements": [_ref(entity["@id"]) for entity in tools], **OWN}
-    makers = {record["software"] for record in jobs.values()} | ({provenance.software()} if stopped else set())
-    url = str(attributes.get("software_url", ""))
-    software = {maker: _software(maker, url) | required for maker in sorted(makers)}
-    actions = [_job(name, record, configuration, software[record["software"]]) for name, record in jobs.items()]
-    for subject, why in (stopped or {}).items():
-        actions.append(_failed(subject, why, configuration, software[provenance.software()]))
-    parts = {"hasPart": _refs(files), "mentions": [_ref(action["@id"]) for action in actions]}
+    required = {"softwareRequirements": [reference(entity["@id"]) for entity in tools], **OWN}
+    makers = {record["software"] for record in jobs.values()} | ({maker} if stopped else set())
+    software = {each: _software(each, url) | required for each in sorted(makers)}
+    of = {each: reference(entity["@id"]) for each, entity in software.items()}
+    actions = [
+        _action(name, of[record["software"]], *_described(record, configuration), record["wrote"])
+        for name, record in jobs.items()
+    ]
+    actions += [
+        _action(f"stopped/{subject}", of[maker], {"name": subject, "error": why}, configuration[subject])
+        for subject, why in stopped.items()
+    ]
+    owned = owners(attributes)
+    project = f": {attributes['project']}" if attributes.get("project") else ""
     about = [
         {
             "@id": "ro-crate-metadata.json",
             "@type": "CreativeWork",
-            "conformsTo": _ref("https://w3id.org/ro/crate/1.1"),
-            "about": _ref("./"),
+            "conformsTo": reference("https://w3id.org/ro/crate/1.1"),
+            "about": reference("./"),
         },
         {"@id": PROFILE, "@type": "CreativeWork", "name": "Process Run Crate", "version": PROFILE.rsplit("/", 1)[1]},
-        _root(attributes) | parts,
-        *{entity["@id"]: entity for entity in (*MAKERS, *owners(attributes).values())}.values(),
+        {
+            "@id": "./",
+            "@type": "Dataset",
+            "conformsTo": reference(PROFILE),
+            "name": f"Compass deviations corrected{project}",
+            "description": (
+                "Moored current records and compass calibrations, with the jobs that made them and the SHA-256 of "
+                "every file read or written."
+            ),
+            "datePublished": provenance.date_created(),
+            "license": "not given",  # required by RO-Crate
+            **{role: reference(entity["@id"]) for role, entity in owned.items()},
+            "hasPart": _refs(files),
+            "mentions": [reference(action["@id"]) for action in actions],
+        },
+        *{entity["@id"]: entity for entity in (*MAKERS, *owned.values())}.values(),
     ]
     return {"@context": CONTEXT, "@graph": [*about, *software.values(), *tools, *actions, *data]}
 
 
 def listed(page: Mapping[str, Any]) -> dict[str, str]:
     """Return the SHA-256 of the files listed in a crate, by path from the cruise folder."""
-    files = [entity for entity in page["@graph"] if entity["@type"] == "File"]
-    return {entity["name"]: entity["sha256"] for entity in files}
-
-
-def has_failures(page: Mapping[str, Any]) -> bool:
-    """Return whether moorings or calibrations were stopped in the run of a crate."""
-    return any(action["actionStatus"].endswith("FailedActionStatus") for action in _actions(page))
-
-
-def written(page: Mapping[str, Any]) -> set[str]:
-    """List the files that jobs wrote, as paths from the cruise folder."""
-    return {path for action in _actions(page) for path in _paths(action, "result")}
+    return {entity["name"]: entity["sha256"] for entity in page["@graph"] if entity["@type"] == "File"}
 
 
 def made_from(page: Mapping[str, Any], file: str) -> list[str]:
     """List one file of each job that read a file, as paths from the cruise folder."""
-    jobs = [action for action in _actions(page) if file in _paths(action, "object")]
-    return [made[0] for action in jobs if (made := _paths(action, "result"))]
-
-
-def _paths(action: Mapping[str, Any], part: str) -> list[str]:
-    """List the files in an action's ``object`` or ``result``, as paths from the cruise folder."""
-    names = map(unquote, identifiers(action, part))
-    return [name.removeprefix("../") if name.startswith("../") else f"{FOLDER}/{name}" for name in names]
-
-
-def _actions(page: Mapping[str, Any]) -> list[Entity]:
-    return [entity for entity in page["@graph"] if entity["@type"] == "CreateAction"]
+    names = {entity["@id"]: entity["name"] for entity in page["@graph"] if entity["@type"] == "File"}
+    actions = [entity for entity in page["@graph"] if entity["@type"] == "CreateAction"]
+    of_file = [action for action in actions if file in map(names.get, identifiers(action, "object"))]
+    return [names[made[0]] for action in of_file if (made := identifiers(action, "result"))]
 
 
 def identifiers(action: Mapping[str, Any], part: str) -> list[str]:
     """List the identifiers in an action's ``object`` or ``result``."""
     given = action.get(part, [])
     return [item["@id"] for item in (given if isinstance(given, list) else [given])]
-
-
-def _root(attributes: Mapping[str, Any]) -> Entity:
-    project = attributes.get("project")
-    roles = {role: _ref(entity["@id"]) for role, entity in owners(attributes).items()}
-    return {
-        "@id": "./",
-        "@type": "Dataset",
-        "conformsTo": _ref(PROFILE),
-        "name": "Compass deviations corrected" + (f": {project}" if project else ""),
-        "description": (
-            "Moored current records and compass calibrations, with the jobs that made them and the SHA-256 of every "
-            "file read or written."
-        ),
-        "datePublished": provenance.date_created(),
-        "license": "not given",  # required by RO-Crate
-    } | roles
 
 
 def owners(attributes: Mapping[str, Any]) -> dict[str, Entity]:
@@ -185,59 +172,55 @@ def owners(attributes: Mapping[str, Any]) -> dict[str, Entity]:
         identifier = terms if "://" in terms else "#license"
         entities["license"] = {"@id": identifier, "@type": "CreativeWork", "name": terms}
     if entities.keys() >= {"author", "publisher"}:
-        entities["author"]["affiliation"] = _ref(entities["publisher"]["@id"])
+        entities["author"]["affiliation"] = reference(entities["publisher"]["@id"])
     return entities
+
+
+def reference(identifier: str) -> Entity:
+    """Refer to an entity."""
+    return {"@id": identifier}
 
 
 def _surroundings() -> Iterator[Entity]:
     """Yield entities for Python, plug-in packages, the lock file and the installed version of each required package."""
-    python = platform.python_version()
-    yield _software(f"python {python}", "https://www.python.org/")
+    yield _software(f"python {platform.python_version()}", "https://www.python.org/")
     for package in plugins.plugin_packages():
         yield _software(package)
     lock = provenance.RELEASE_FILES / LOCK
     known = provenance.sha256(lock)
     yield {"@id": f"#{LOCK}", "@type": "SoftwareSourceCode", "name": LOCK, "sha256": known, "version": known[:12]}
     for package in re.findall(r"^([\w.-]+)==", lock.read_text(), re.MULTILINE):
-        if version := provenance.installed(package):  # the lock also lists build tools and packages of other platforms
-            yield _software(f"{package} {version}", f"https://pypi.org/project/{package}/")
+        with suppress(PackageNotFoundError):  # the lock also lists build tools and packages of other platforms
+            yield _software(f"{package} {version(package)}", f"https://pypi.org/project/{package}/")
 
 
 def _software(program: str, url: str = "") -> Entity:
     """Compose the entity of a program, given as "name version"."""
-    name, version = program.split(" ", 1)
-    identifier = f"{url}#{quote(version)}" if url else f"#{quote(program)}"
-    tool = {"@id": identifier, "@type": "SoftwareApplication", "name": name, "softwareVersion": version}
+    name, number = program.split(" ", 1)
+    identifier = f"{url}#{quote(number)}" if url else f"#{quote(program)}"
+    tool = {"@id": identifier, "@type": "SoftwareApplication", "name": name, "softwareVersion": number}
     return tool | ({"url": url} if url else {})
 
 
-def _job(name: str, record: Record, configuration: Mapping[str, Sequence[str]], software: Entity) -> Entity:
-    parameters = json.dumps(record["parameters"], ensure_ascii=False)
-    about = " ".join(record["of"].values())
+def _described(record: Record, configuration: Mapping[str, Sequence[str]]) -> tuple[Entity, set[str]]:
+    """Describe a job, and list the files that it read, with the YAML files behind it."""
     subject = " ".join(next(iter(record["of"].items()), ""))
-    read = {*record["read"], *configuration.get(subject, configuration[""])}
-    return {
-        "@id": f"#{quote(name)}",
-        "@type": "CreateAction",
-        "name": f"{record['rule']} {about}".strip(),
+    parameters = json.dumps(record["parameters"], ensure_ascii=False)
+    described = {
+        "name": " ".join([record["rule"], *record["of"].values()]),
         "description": f"rule {record['rule']}, library {record['library']}, parameters {parameters}",
-        "instrument": _ref(software["@id"]),
-        "actionStatus": "http://schema.org/CompletedActionStatus",  # only completed jobs lead to products
-        "object": _refs(read),
-        "result": _refs(record["wrote"]),
     }
+    return described, {*record["read"], *configuration.get(subject, configuration[""])}
 
 
-def _failed(subject: str, why: str, configuration: Mapping[str, Sequence[str]], software: Entity) -> Entity:
-    return {
-        "@id": f"#{quote(f'stopped/{subject}')}",
-        "@type": "CreateAction",
-        "name": subject,
-        "instrument": _ref(software["@id"]),
-        "actionStatus": "http://schema.org/FailedActionStatus",
-        "error": why,
-        "object": _refs(configuration[subject]),
-    }
+def _action(
+    name: str, software: Entity, described: Entity, read: Iterable[str], wrote: Iterable[str] | None = None
+) -> Entity:
+    """Compose the action of a job, or of one that was stopped and wrote nothing."""
+    status = "FailedActionStatus" if wrote is None else "CompletedActionStatus"
+    action: Entity = {"@id": f"#{quote(name)}", "@type": "CreateAction", "instrument": software}
+    action |= {"actionStatus": f"http://schema.org/{status}", **described, "object": _refs(read)}
+    return action if wrote is None else action | {"result": _refs(wrote)}
 
 
 def _id(path: str) -> str:
@@ -248,9 +231,5 @@ def _id(path: str) -> str:
 
 def _refs(paths: Iterable[str]) -> list[Entity] | Entity:
     """Compose references to files; a single reference is not in a list, as usual in RO-Crate."""
-    entries = [_ref(_id(path)) for path in sorted(paths)]
+    entries = [reference(_id(path)) for path in sorted(paths)]
     return entries[0] if len(entries) == 1 else entries
-
-
-def _ref(identifier: str) -> Entity:
-    return {"@id": identifier}

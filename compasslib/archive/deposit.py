@@ -22,7 +22,7 @@ from urllib.parse import quote
 
 from compasslib import __version__
 from compasslib.archive import crate, provenance
-from compasslib.archive.crate import Entity
+from compasslib.archive.crate import Entity, reference
 from compasslib.archive.files import atomic_write
 from compasslib.archive.verification import read_manifest
 from compasslib.config.cruise import Cruise, parse, read
@@ -218,17 +218,17 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], packed: Mapp
         entities[quote(name)] = about | own
     entities[WORKFLOW_FILE] |= {
         "@type": ["File", "SoftwareSourceCode", "ComputationalWorkflow"], "name": "Correction of compass deviations",
-        "programmingLanguage": {"@id": SNAKEMAKE}, "version": provenance.software().split(" ", 1)[1],
-        "conformsTo": {"@id": BIOSCHEMAS},
+        "programmingLanguage": reference(SNAKEMAKE), "version": provenance.software().split(" ", 1)[1],
+        "conformsTo": reference(BIOSCHEMAS),
     }  # fmt: skip
     if "software_url" in attributes:
         entities[WORKFLOW_FILE]["url"] = str(attributes["software_url"])
-    about = {"name": README, "encodingFormat": "text/markdown", "about": {"@id": "./"}}
+    about = {"name": README, "encodingFormat": "text/markdown", "about": reference("./")}
     entities[README] = {"@id": README, "@type": "File"} | about
     files = [identifier for identifier, entity in entities.items() if "File" in entity["@type"]]
     entities["./"] |= {
-        "conformsTo": _references(PROFILES), "mainEntity": {"@id": WORKFLOW_FILE}, "hasPart": _references(files),
-        "mentions": [{"@id": RUN}, *entities["./"]["mentions"]],
+        "conformsTo": _references(PROFILES), "mainEntity": reference(WORKFLOW_FILE), "hasPart": _references(files),
+        "mentions": [reference(RUN), *entities["./"]["mentions"]],
     }  # fmt: skip
     entities[METADATA]["conformsTo"] = _references(["https://w3id.org/ro/crate/1.1", list(PROFILES)[2]])
     entities |= {entity["@id"]: entity for entity in (run, *CONTEXTUAL)}
@@ -237,27 +237,24 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], packed: Mapp
 
 def _describe_run(actions: Sequence[Entity], author: str, root: Path) -> Entity:
     """Describe the run of the workflow; add agent and end, by the time of its record, to the action of each job."""
-    ends = {
-        quote(crate.job_name(path.relative_to(root))): datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat(
-            timespec="seconds"
-        )
-        for path in (root / crate.FOLDER).glob("**/logs/*.json")
-    }
-    last = max(ends.values(), default=provenance.date_created())
+    records = list((root / crate.FOLDER).glob("**/logs/*.json"))
+    dates = [datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat(timespec="seconds") for path in records]
+    ends = {f"#{quote(crate.job_name(path.relative_to(root)))}": d for path, d in zip(records, dates, strict=True)}
+    last = max(dates, default=provenance.date_created())
     for action in actions:
-        action |= {"agent": {"@id": author}, "endTime": ends.get(action["@id"].removeprefix("#"), last)}
+        action |= {"agent": reference(author), "endTime": ends.get(action["@id"], last)}
         action.setdefault("description", f"{action['name']}: stopped")
     made = {item for action in actions for item in crate.identifiers(action, "result")}
     read = {item for action in actions for item in crate.identifiers(action, "object")} - made
     return {
-        "@id": RUN, "@type": "CreateAction", "name": "Run of the workflow", "instrument": {"@id": WORKFLOW_FILE},
-        "description": "All jobs of the workflow; each has an action of its own", "agent": {"@id": author},
+        "@id": RUN, "@type": "CreateAction", "name": "Run of the workflow", "instrument": reference(WORKFLOW_FILE),
+        "description": "All jobs of the workflow; each has an action of its own", "agent": reference(author),
         "endTime": last, "object": _references(read), "result": _references(made),
     }  # fmt: skip
 
 
 def _references(identifiers: Iterable[str]) -> list[Entity]:
-    return [{"@id": identifier} for identifier in sorted(identifiers)]
+    return [reference(identifier) for identifier in sorted(identifiers)]
 
 
 def _entry(name: str) -> zipfile.ZipInfo:

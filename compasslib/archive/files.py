@@ -1,4 +1,8 @@
-"""Input and output of JSON, CSV and netCDF files, each complete or absent, with the same bytes for the same data."""
+"""Input and output of JSON, CSV and netCDF files, each complete or absent, with the same bytes for the same data.
+
+Reading raises InputError where a file is missing, damaged or of another kind, and Unusable where it has the reason why
+there are no data; writing raises TransientError where a file cannot be written.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +23,7 @@ import netCDF4
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compasslib.archive.variables import BEAM, BIN, FILL, Variable
+from compasslib.archive.variables import BEAM, BIN, FILL, Variable, quality_variable
 from compasslib.errors import InputError, TransientError, Unusable
 
 RERUN = "run the cruise again, or restore it from a copy"  # advice on a result that cannot be read
@@ -34,11 +38,7 @@ CACHE_BYTES = 4 * 2**20  # chunk cache of each variable; the library's default o
 def atomic_write(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path in the same folder, which replaces the file once the block has succeeded.
 
-    Args:
-        path: the file to write; its folder is created if missing. If the block fails, an older file is unchanged.
-
-    Raises:
-        TransientError: the file cannot be written.
+    The folder is created if it is missing. If the block fails, an older file is unchanged.
     """
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}{HALF_WRITTEN}")
@@ -61,9 +61,6 @@ def write_json(path: str | Path, data: object) -> None:
 
     Args:
         data: nested mappings, sequences, arrays, numbers, text, paths or None.
-
-    Raises:
-        TypeError: the data contain another type.
     """
     text = json.dumps(_jsonable(data), indent=1, ensure_ascii=False, allow_nan=False)
     with atomic_write(path) as temporary:
@@ -71,12 +68,7 @@ def write_json(path: str | Path, data: object) -> None:
 
 
 def read_json(path: str | Path) -> Any:
-    """Read a JSON file.
-
-    Raises:
-        InputError: the file is missing or is not JSON.
-        Unusable: the file has the reason why it has no data.
-    """
+    """Read a JSON file."""
     try:
         page = json.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
@@ -119,11 +111,7 @@ def write_csv(
 
 
 def read_csv(path: str | Path, texts: Sequence[str] = ()) -> dict[str, NDArray[Any]]:
-    """Read the columns of a table written by ``write_csv``, NaN where a number is missing.
-
-    Raises:
-        InputError: the file is missing or damaged.
-    """
+    """Read the columns of a table written by ``write_csv``, NaN where a number is missing."""
     try:
         with Path(path).open(newline="", encoding="utf-8") as stream:
             names, *rows = list(csv.reader(stream)) or [[]]
@@ -133,8 +121,7 @@ def read_csv(path: str | Path, texts: Sequence[str] = ()) -> dict[str, NDArray[A
             for name, column in cells.items()
         }
     except (OSError, ValueError, IndexError) as error:
-        expected, found = "a table that this program wrote", f"{type(error).__name__}: {error}"
-        raise InputError(str(path), expected=expected, found=found, advice=RERUN) from error
+        raise _damaged(path, "a table that this program wrote", error) from error
 
 
 @contextmanager
@@ -148,12 +135,7 @@ def create_netcdf(
 
 @contextmanager
 def open_netcdf(path: str | Path) -> Iterator[netCDF4.Dataset]:
-    """Open a netCDF file of the results for reading.
-
-    Raises:
-        InputError: the file is missing or damaged, or lacks a variable or an attribute that the block reads.
-        Unusable: the file has the reason why it has no data.
-    """
+    """Open a netCDF file of the results; InputError also covers what the block reads and the file lacks."""
     try:
         with netCDF4.Dataset(path) as nc:
             nc.set_auto_mask(False)
@@ -195,52 +177,50 @@ def write_variable(
     nc: netCDF4.Dataset,
     variable: Variable,
     values: ArrayLike,
+    flags: NDArray[np.int8] | None = None,
     *,
     level: Literal[0, 1, 4] = 1,
     rows: slice | None = None,
+    also: Mapping[str, object] | None = None,
 ) -> None:
-    """Write a variable or a piece of it, with non-finite values as its fill value.
+    """Write a variable or a piece of it, with non-finite values as its fill value, and its quality flags if it has any.
 
     Args:
         level: zlib compression level; 0 for none.
         rows: the piece along TIME; None for the whole variable.
+        also: attributes that the table of variables does not have.
     """
     values = np.asarray(values)
     if variable.fill is not None and values.dtype.kind == "f":  # integers are finite, and unsigned ones cannot hold -1
         dtype = np.dtype(variable.dtype)  # converted before it is filled: a float32 copy takes half the memory
         values = values.astype(dtype if dtype.kind == "f" else values.dtype)
         values[~np.isfinite(values)] = variable.fill
-    made = nc[variable.name] if variable.name in nc.variables else _create_variable(nc, variable, level)
+    if variable.name not in nc.variables:
+        chunks = tuple(min(max(len(nc.dimensions[name]), 1), CHUNK) for name in variable.dimensions)
+        made = nc.createVariable(
+            variable.name,
+            variable.dtype,
+            variable.dimensions,
+            zlib=bool(chunks) and level > 0,
+            complevel=level,
+            chunksizes=chunks or None,
+            fill_value=variable.fill,
+            chunk_cache=CACHE_BYTES,
+        )
+        own = () if flags is None else (f"{variable.name}_QC",)
+        made.setncatts({**replace(variable, ancillary=(*own, *variable.ancillary)).attributes(), **(also or {})})
     place = ... if rows is None else tuple(rows if name == "TIME" else slice(None) for name in variable.dimensions)
-    made[place] = values
+    nc[variable.name][place] = values
+    if flags is not None:
+        write_variable(nc, quality_variable(variable), flags, level=level, rows=rows)
 
 
-def _create_variable(nc: netCDF4.Dataset, variable: Variable, level: Literal[0, 1, 4]) -> netCDF4.Variable:
-    chunks = tuple(min(max(len(nc.dimensions[name]), 1), CHUNK) for name in variable.dimensions)
-    made = nc.createVariable(
-        variable.name,
-        variable.dtype,
-        variable.dimensions,
-        zlib=bool(chunks) and level > 0,
-        complevel=level,
-        chunksizes=chunks or None,
-        fill_value=variable.fill,
-        chunk_cache=CACHE_BYTES,
-    )
-    made.setncatts(variable.attributes())
-    return made
-
-
-def write_bins(nc: netCDF4.Dataset, bins: int, looks_up: bool) -> None:
-    """Write the bin numbers, which are counted upwards if the instrument looks up, else downwards."""
-    away = {"positive": "up" if looks_up else "down"}
-    write_variable(nc, replace(BIN, also={**BIN.also, **away}), np.arange(1, bins + 1))
-
-
-def write_beams(nc: netCDF4.Dataset, beams: int) -> None:
-    """Write the beam numbers and their dimension, unless ``beams`` is 0."""
+def write_bins(nc: netCDF4.Dataset, bins: int, beams: int, looks_up: bool) -> None:
+    """Write the numbers of bins, which count upwards if the instrument looks up, and of beams, if there are any."""
+    nc.createDimension("BIN", bins)
+    write_variable(nc, BIN, np.arange(1, bins + 1), also={"positive": "up" if looks_up else "down"})
     if beams:
-        nc.createDimension(BEAM.name, beams)
+        nc.createDimension("BEAM", beams)
         write_variable(nc, BEAM, np.arange(1, beams + 1))
 
 
@@ -252,49 +232,33 @@ class StoredVariable:
     name: str
 
     def __getitem__(self, which: slice | NDArray[Any], /) -> NDArray[Any]:
-        """Read rows, with beams along the last axis and NaN for missing floating-point values.
-
-        Raises:
-            InputError: the file is missing or damaged.
-        """
+        """Read rows, with beams along the last axis and NaN for missing floating-point values."""
         with open_netcdf(self.path) as nc:
             values = np.asarray(nc[self.name][which] if nc[self.name].ndim < 3 else nc[self.name][:, which])
         values = np.moveaxis(values, 0, 2) if values.ndim == 3 else values
-        if values.dtype.kind == "f":
-            values[values == FILL] = np.nan
-        return values
+        return np.where(values == FILL, np.nan, values) if values.dtype.kind == "f" else values
 
 
-def read_variable(nc: netCDF4.Dataset, name: str, bins: int | None = None) -> NDArray[Any]:
+def read_variable(nc: netCDF4.Dataset, name: str, rows: slice | None = None, bins: int | None = None) -> NDArray[Any]:
     """Read a variable: floats as float64 with NaN where they are missing, other types unchanged.
 
     Args:
+        rows: rows to read; None for all.
         bins: number of bins to read of a variable that has bins; None for all.
     """
-    values = np.asarray(nc[name][:, :bins] if bins is not None and nc[name].ndim == 2 else nc[name][...])
-    if values.dtype.kind != "f":
-        return values
-    values = values.astype(float)
-    values[values == FILL] = np.nan
-    return values
+    place = (rows or slice(None), slice(bins)) if bins is not None and nc[name].ndim == 2 else rows or ...
+    values = np.asarray(nc[name][place])
+    return np.where(values == FILL, np.nan, values.astype(float)) if values.dtype.kind == "f" else values
 
 
 def read_series(path: str | Path, *names: str) -> list[NDArray[Any]]:
-    """Read variables of a netCDF file as by ``read_variable``.
-
-    Raises:
-        InputError: the file is missing, damaged or of another kind.
-    """
+    """Read variables of a netCDF file as by ``read_variable``."""
     with open_netcdf(path) as nc:
         return [read_variable(nc, name) for name in names]
 
 
 def read_attribute(path: str | Path, name: str) -> str:
-    """Read one global attribute of a netCDF file as text.
-
-    Raises:
-        InputError: the file is missing, damaged or of another kind.
-    """
+    """Read one global attribute of a netCDF file as text."""
     with open_netcdf(path) as nc:
         return str(nc.getncattr(name))
 
@@ -309,9 +273,6 @@ def embed_png(path: str | Path) -> Picture:
     """Encode a PNG as a data URI with a reduced palette, reproducibly, and return it with its size.
 
     It has two thirds of the pixels, 200 of the 300 dots per inch of a figure, still twice what a screen shows.
-
-    Raises:
-        InputError: the file is not a complete PNG.
     """
     from PIL import Image
 
@@ -319,7 +280,7 @@ def embed_png(path: str | Path) -> Picture:
         with Image.open(path) as image:
             whole = image.convert("RGB")
     except (OSError, SyntaxError, ValueError) as error:
-        raise InputError(str(path), expected="a whole PNG", found=error, advice=RERUN) from error
+        raise _damaged(path, "a whole PNG", error) from error
     reduced = whole.resize((2 * whole.width // 3, 2 * whole.height // 3), Image.Resampling.BOX)
     # A palette takes a third of the bytes, without a visible difference.
     reduced = reduced.quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
@@ -329,11 +290,7 @@ def embed_png(path: str | Path) -> Picture:
 
 
 def write_pictures(path: str | Path, figures: Iterable[str]) -> None:
-    """Write the data URIs of figures by the stems of the figures' file names.
-
-    Raises:
-        InputError: a figure is not a complete PNG.
-    """
+    """Write the data URIs of figures by the stems of the figures' file names."""
     write_json(path, {Path(figure).stem: embed_png(figure) for figure in figures})
 
 

@@ -1,8 +1,12 @@
-"""Input and output of gridded.nc and gridded_daily.nc (CF, ACDD, OceanSITES), and of the instruments to be gridded."""
+"""Input and output of gridded.nc and gridded_daily.nc (CF, ACDD, OceanSITES), and of the instruments to be gridded.
+
+Reading raises InputError where a file is missing, damaged or of another kind.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,15 +19,25 @@ from numpy.typing import ArrayLike, NDArray
 from compasslib import angles, earthfield
 from compasslib.archive import variables
 from compasslib.archive.attributes import Site, declination_attributes, global_attributes
-from compasslib.archive.files import CHUNK, create_netcdf, open_netcdf, read_variable, write_variable
-from compasslib.archive.netcdf import days_since_1950, seconds_since_1970
-from compasslib.archive.variables import GRIDDED, LOW_PASSED, SECTION_SIGMA, Variable, quality_variable
+from compasslib.archive.files import create_netcdf, open_netcdf, read_variable, write_variable
+from compasslib.archive.netcdf import Columns, days_since_1950, seconds_since_1970, write_frame
+from compasslib.archive.variables import GRIDDED, SECTION_SIGMA
 from compasslib.errors import InputError
 from compasslib.product.cells import Axes, Source, Velocities
 from compasslib.product.daily import DailyMeans
 from compasslib.product.errors import HeadingErrors, sum_sigma, time_variances
-from compasslib.product.grid import GriddedProduct, Piece, empty_piece
-from compasslib.records import GOOD, PROBABLY_GOOD, CorrectedRecord, EarthField, Flags, Labelled, Record, import_xarray
+from compasslib.product.grid import INTERPOLATED, GriddedProduct, Piece, empty_piece
+from compasslib.records import (
+    GOOD,
+    MISSING,
+    PROBABLY_GOOD,
+    CorrectedRecord,
+    EarthField,
+    Flags,
+    Labelled,
+    Record,
+    import_xarray,
+)
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
 if TYPE_CHECKING:
@@ -42,14 +56,11 @@ def affected_source(
         flags: OceanSITES flags of the velocities to use.
         usual_beam_deg: beam angle of a profiler whose files do not state it.
     """
-    with open_netcdf(path) as nc:
-        bins, rising = len(nc.dimensions["BIN"]), "WCUR" in nc.variables
+    bins, rising = _bins_and_rising(path)
 
     def rows(which: slice) -> Velocities:
-        names = ("UCUR", "VCUR", "DEPTH", "UCUR_QC", *("WCUR",) * rising)
-        east, north, depth, quality, *up = _read_rows(path, names, which)
-        velocity = np.where(np.isin(quality, flags), east + 1j * north, np.nan)
-        return Velocities(velocity, depth, quality, up[0] if rising else None)
+        east, north, depth, quality, up = _read_rows(path, ("UCUR", "VCUR", "DEPTH", "UCUR_QC"), which, rising)
+        return Velocities(np.where(np.isin(quality, flags), east + 1j * north, np.nan), depth, quality, up)
 
     samples, beam_deg = product.record, record.beam_angle_deg or usual_beam_deg
     return Source(name, samples.time_s, samples.depth_m, _tilt(samples, record), bins, beam_deg, rows, rising)
@@ -64,19 +75,17 @@ def reference_source(
     Args:
         slowed: begin and end, UTC seconds, of periods in which its rotor was fouled: probably good at best.
     """
-    with open_netcdf(path) as nc:
-        bins, rising = len(nc.dimensions["BIN"]), "WCUR" in nc.variables
+    bins, rising = _bins_and_rising(path)
+    names = [variables.RECORD[key].name for key in ("east", "north", "bin_range_m", "quality")]
 
     def rows(which: slice) -> Velocities:
-        names = tuple(variables.RECORD[key].name for key in ("east", "north", "bin_range_m", "quality"))
-        east, north, range_m, quality, *up = _read_rows(path, (*names, *("WCUR",) * rising), which)
+        east, north, range_m, quality, up = _read_rows(path, names, which, rising)
         doubtful = np.any([(record.time_s[which] >= a) & (record.time_s[which] <= b) for a, b in slowed], axis=0)
         quality = np.maximum(quality, np.where(doubtful, PROBABLY_GOOD, GOOD)[..., None])
         if record.direction_reference != "true":
             east, north = angles.turn(east, north, earthfield.declination_at(field, record.time_s[which])[:, None])
-        velocity = np.where(np.isin(quality, flags), east + 1j * north, np.nan)
         depth = record.depth_m[which][:, None] + (-1.0 if record.looks_up else 1.0) * range_m
-        return Velocities(velocity, depth, quality, up[0] if rising else None)
+        return Velocities(np.where(np.isin(quality, flags), east + 1j * north, np.nan), depth, quality, up)
 
     return Source(
         name, record.time_s, record.depth_m, _tilt(record, record), bins, record.beam_angle_deg, rows, rising,
@@ -89,20 +98,25 @@ def _tilt(samples: Record, setup: Record) -> Floats:
     return np.zeros(len(samples.time_s)) if setup.bins_mapped else np.hypot(samples.pitch_deg, samples.roll_deg)
 
 
-def _read_rows(path: str | Path, names: Sequence[str], which: slice) -> list[NDArray[Any]]:
-    """Read some rows of several variables, NaN where a floating-point value is missing."""
+def _bins_and_rising(path: str | Path) -> tuple[int, bool]:
+    """Return the number of bins, and whether vertical velocities were measured."""
     with open_netcdf(path) as nc:
-        columns = [np.asarray(nc[name][which]) for name in names]
-    floats = [values.astype(float) if values.dtype.kind == "f" else values for values in columns]
-    return [np.where(x == variables.FILL, np.nan, x) if x.dtype.kind == "f" else x for x in floats]
+        return len(nc.dimensions["BIN"]), "WCUR" in nc.variables
+
+
+def _read_rows(path: str | Path, names: Sequence[str], which: slice, rising: bool) -> list[Any]:
+    """Read some rows of several variables, and of the vertical velocity, None where it was not measured."""
+    with open_netcdf(path) as nc:
+        columns: list[Any] = [read_variable(nc, name, which) for name in names]
+        return [*columns, read_variable(nc, "WCUR", which) if rising else None]
 
 
 @dataclass(frozen=True)
 class FileDescription:
-    """Content of the global attributes of a mooring's gridded files."""
+    """Content of the global attributes of the gridded files of a mooring or site."""
 
     site: Site
-    field: EarthField
+    field: EarthField | None  # None for deployments whose declinations differ
     attributes: Mapping[str, object]  # the user's global attributes
     processing: Mapping[str, object]
     headings: tuple[int, int]  # numbers of recorded and of corrected headings of the affected instruments
@@ -119,52 +133,45 @@ class FileDescription:
         )  # fmt: skip
         means = "daily means of " if kind.endswith("daily") else ""
         name = self.site.name
-        texts = {
+        written = {
+            **spanned,
             "title": f"Currents of mooring {name} on fixed depths: {means}corrected and reference velocities",
             "summary": (
                 f"Currents of mooring {name} on fixed depths and times, {means}velocities by corrected headings and of "
                 "the reference instruments, with the uncertainty that sections and transports need."
             ),
-            "comment": SECTION_SIGMA,
             "processing_level": "Post-recovery calibrations have been applied",
             "QC_indicator": "mixed",
+            **{key: spanned[key] for key in self.attributes if key in spanned},
+            "comment": SECTION_SIGMA,
+            "id": str(spanned["id"]).replace("compass-corrected", kind),
         }
-        unset = {key: text for key, text in texts.items() if key not in self.attributes or key == "comment"}
-        named = {"id": str(spanned["id"]).replace("compass-corrected", kind)}
         if "history" in spanned:
             step = f"{means}velocities put on fixed depths and times by {spanned['software_version']}"
-            named["history"] = f"{spanned['history']}\n{spanned['date_created']}: {step}"
-        ends = earthfield.declination_at(self.field, time_s[[0, -1]]).tolist() if len(time_s) else (np.nan, np.nan)
-        return {**spanned, **unset, **named, **self.also}, declination_attributes(spanned, time_s, tuple(ends))
+            written["history"] = f"{spanned['history']}\n{spanned['date_created']}: {step}"
+        declination_deg = earthfield.declination_at(self.field, time_s) if self.field else None
+        turned = {} if declination_deg is None else declination_attributes(spanned, time_s, declination_deg)
+        return {**written, **self.also}, turned
 
 
 def write_gridded(
     path: str | Path, product: GriddedProduct, description: FileDescription, daily: Sequence[DailyMeans] = ()
 ) -> dict[str, int]:
-    """Write gridded.nc piece by piece.
-
-    Args:
-        daily: accumulate each piece; none where no daily means are wanted.
+    """Write gridded.nc piece by piece, each of which ``daily`` accumulates.
 
     Returns:
         The numbers of all cells, of those with a velocity (``filled``), and of interpolated ones.
     """
-    axes = product.axes
-    counts = np.zeros(3, dtype=int)
-    written, turned = description.compose("gridded", axes.time_s, axes.depth_m)
-    attributes = column_attributes(turned, product.memory_s)
-    with create_netcdf(path, "NETCDF4_CLASSIC") as nc:
-        nc.setncatts(written)
-        rising = any(source.rising for source in product.sources)
-        put_frame(nc, product.errors, axes, description.site)
-        put_headings(nc, product.errors, product.deviation_deg, [source.name for source in product.sources])
-        for piece in product:
-            put_columns(nc, _columns(piece, rising), attributes, piece.slots)
-            counts += piece.source.size, np.sum(piece.source >= 0), np.sum(piece.quality == 8)
+    axes, counts = product.axes, np.zeros(3, dtype=int)
+    instruments, rising = [source.name for source in product.sources], any(source.rising for source in product.sources)
+    with create_gridded(
+        path, "gridded", description, axes, product.errors, product.deviation_deg, instruments, product.memory_s
+    ) as nc:
+        for piece in product if len(axes.time_s) else [empty_piece(len(axes.depth_m), True)]:
+            write_columns(nc, _columns(piece, rising), piece.slots)
+            counts += piece.source.size, np.sum(piece.source >= 0), np.sum(piece.quality == INTERPOLATED)
             for each in daily:
                 each.add(piece)
-        if not len(axes.time_s):
-            put_columns(nc, _columns(empty_piece(len(axes.depth_m), True), rising), {}, slice(0, 0))
     return dict(zip(("cells", "filled", "interpolated"), counts.tolist(), strict=True))
 
 
@@ -173,36 +180,80 @@ def write_daily(
 ) -> None:
     """Write gridded_daily.nc, means of days and tide-free velocities, from the sums accumulated over gridded.nc."""
     means, tide_free = daily.means(product), _columns(filtered.means(product).piece, False)
-    low_passed = {LOW_PASSED[name]: values for name, values in tide_free.items() if name in LOW_PASSED}
-    written, turned = description.compose("gridded-daily", means.time_s, product.axes.depth_m)
+    names = ("UCUR", "VCUR", "UCUR_UNCERTAINTY", "VCUR_UNCERTAINTY")
+    columns = _columns(means.piece, False) | {name.replace("CUR", "CUR_LOWPASS"): tide_free[name] for name in names}
+    columns |= {"N_SAMPLES": (means.count, None), "SHRINKAGE": (means.shrinkage, None)}
+    axes = replace(product.axes, time_s=means.time_s, step_s=DAY_S)
+    instruments = [source.name for source in product.sources]
+    with create_gridded(
+        path, "gridded-daily", description, axes, means.errors, means.deviation_deg, instruments, product.memory_s
+    ) as nc:
+        write_columns(nc, columns)
+
+
+@contextmanager
+def create_gridded(
+    path: str | Path, kind: str, description: FileDescription, axes: Axes, errors: HeadingErrors,
+    deviation_deg: Floats, instruments: Sequence[str], memory_s: float,
+) -> Iterator[netCDF4.Dataset]:  # fmt: skip
+    """Yield a new file of the form of gridded.nc with attributes, coordinates, heading errors and corrections.
+
+    Args:
+        deviation_deg: (a, t) corrected minus recorded headings of the affected instruments.
+        instruments: names, affected instruments first.
+        memory_s: correlation time of the errors that are not due to the heading.
+    """
+    attributes, turned = description.compose(kind, axes.time_s, axes.depth_m)
+    affected, (sources, modes) = len(errors.random), errors.shares.shape
+    sizes = {"DEPTH": len(axes.depth_m), "MODE": modes, "SOURCES": sources, "NV": 2, "AFFECTED": affected}
+    halves = np.array([-0.5, 0.5])
+    bounds_s, bounds_m = axes.time_s[:, None] + axes.step_s * halves, axes.depth_m[:, None] + axes.step_m * halves
+    numbers, meanings = np.arange(len(instruments) + 1, dtype=np.int8), " ".join(["none", *instruments])
     with create_netcdf(path, "NETCDF4_CLASSIC") as nc:
-        nc.setncatts(written)
-        put_frame(nc, means.errors, replace(product.axes, time_s=means.time_s, step_s=DAY_S), description.site)
-        put_headings(nc, means.errors, means.deviation_deg, [source.name for source in product.sources])
-        put_columns(nc, _columns(means.piece, False), column_attributes(turned, product.memory_s))
-        put_columns(nc, low_passed, {})
-        for name, values in (("N_SAMPLES", means.count), ("SHRINKAGE", means.shrinkage)):
-            _put(nc, GRIDDED[name], values, {"QC_indicator": "unknown"})
+        nc.setncatts(attributes)
+        write_frame(nc, variables.GRID_TIME, axes.time_s, description.site)
+        for dimension in [*sizes][: None if affected > 1 else -1]:
+            nc.createDimension(dimension, sizes[dimension])
+        write_variable(nc, variables.GRID_DEPTH, axes.depth_m)
+        write_variable(nc, variables.BOUNDS["TIME"], days_since_1950(bounds_s))
+        write_variable(nc, variables.BOUNDS["DEPTH"], np.maximum(bounds_m, 0.0))
+        write_variable(nc, variables.MODE, np.arange(1, modes + 1))
+        write_variable(nc, variables.SOURCES, np.arange(1, sources + 1))
+        write_variable(nc, GRIDDED["HEADING_ERROR_MODE"], errors.modes, level=4)
+        write_variable(nc, GRIDDED["HEADING_ERROR_SHARE"], errors.shares)
+        for name, values in (("HEADING_ERROR_RANDOM", errors.random), ("HEADING_CORRECTION", deviation_deg)):
+            described = replace(GRIDDED[name], dimensions=("AFFECTED", "TIME")) if affected > 1 else GRIDDED[name]
+            write_variable(nc, described, values if affected > 1 else values[0], level=4)
+        yield nc
+        nc["HEADING_ERROR_MODE"].mode_names = ", ".join(errors.names)
+        nc["HEADING_ERROR_RANDOM"].memory_hours = errors.memory_s / HOUR_S
+        nc["SOURCE"].setncatts({"flag_values": numbers, "flag_meanings": meanings})
+        for name in ("UCUR", "VCUR"):
+            nc[name].setncatts(turned)
+            nc[f"{name}_UNCERTAINTY"].error_memory_hours = memory_s / HOUR_S
 
 
-def column_attributes(turned: Mapping[str, object], memory_s: float) -> dict[str, Mapping[str, object]]:
-    """Return, by name of the variable, the attributes that differ from file to file."""
-    averaged: dict[str, object] = {"cell_methods": "TIME: mean"}
-    memory: dict[str, object] = {"error_memory_hours": memory_s / HOUR_S}
-    velocities = {"UCUR": {**turned, **averaged}, "VCUR": {**turned, **averaged}, "WCUR": averaged}
-    return {**velocities, "UCUR_UNCERTAINTY": memory, "VCUR_UNCERTAINTY": memory}
+def write_columns(nc: netCDF4.Dataset, columns: Columns, rows: slice | None = None) -> None:
+    """Write variables of cells or times, by name."""
+    for name, (values, flags) in columns.items():
+        write_variable(nc, GRIDDED[name], values, flags, level=4, rows=rows)
 
 
-def put_columns(
-    nc: netCDF4.Dataset,
-    columns: Mapping[str, NDArray[Any]],
-    attributes: Mapping[str, Mapping[str, object]],
-    rows: slice | None = None,
-) -> None:
-    """Write variables of cells or times, by name, with attributes of their own."""
-    for name, values in columns.items():
-        variable = GRIDDED.get(name) or quality_variable(GRIDDED[name.removesuffix("_QC")])
-        _put(nc, variable, values, attributes.get(name, {}), rows)
+def _columns(piece: Piece, rising: bool) -> Columns:
+    cells, there = piece.cells, piece.source >= 0
+    columns: Columns = {
+        "UCUR": (cells.velocity.real, piece.quality),
+        "VCUR": (cells.velocity.imag, piece.quality),
+        "UCUR_UNCERTAINTY": (np.sqrt(piece.east_variance), None),
+        "VCUR_UNCERTAINTY": (np.sqrt(piece.north_variance), None),
+        "UV_COVARIANCE": (piece.covariance, None),
+        "SOURCE": ((piece.source + 1).astype(np.int8), None),
+        "N_CELLS": (np.where(there, cells.count, 0), None),
+    }
+    if rising:
+        up = np.full(there.shape, np.nan) if cells.up is None else cells.up
+        columns["WCUR"] = up, np.where(np.isfinite(up), piece.quality, MISSING).astype(np.int8)
+    return columns
 
 
 @dataclass(frozen=True)
@@ -230,52 +281,42 @@ class SectionMeans:
 
 
 def read_section(path: str | Path, columns: int = 400, *, often: float = 0.9) -> SectionMeans:
-    """Average gridded.nc over at most ``columns`` equal intervals of time, piece by piece.
+    """Average gridded.nc over at most ``columns`` equal intervals of time.
 
     Args:
         columns: by default, as many as a printed column shows.
         often: least share of the fullest depth's times, as the mean of a depth reached in strong currents only is
             biased.
-
-    Raises:
-        InputError: the file is missing, damaged or of another kind.
     """
     with open_netcdf(path) as nc:
-        time_s, depth_m = (read_variable(nc, name) for name in ("TIME", "DEPTH"))
-        time_s = seconds_since_1970(time_s)
-        modes, share = read_variable(nc, "HEADING_ERROR_MODE"), read_variable(nc, "HEADING_ERROR_SHARE")
+        time_s, depth_m = seconds_since_1970(read_variable(nc, "TIME")), read_variable(nc, "DEPTH")
+        modes, share = (np.nan_to_num(read_variable(nc, f"HEADING_ERROR_{name}")) for name in ("MODE", "SHARE"))
         names = ("HEADING_ERROR_RANDOM", "HEADING_CORRECTION")
         random, turned = (np.atleast_2d(read_variable(nc, name)) for name in names)
         each = -(-max(len(time_s), 1) // columns)
-        count, shape = -(-len(time_s) // each), (-(-len(time_s) // each), len(depth_m))
-        number, sums = np.zeros(shape), np.zeros((2, *shape), dtype=complex)
-        moments = np.zeros((2, 3, len(depth_m)), dtype=complex)
-        by_mode, trusted = np.zeros((len(modes), len(depth_m)), dtype=complex), np.zeros(len(depth_m))
-        for begin in range(0, len(time_s), each * max(CHUNK // each, 1)):
-            rows = slice(begin, begin + each * max(CHUNK // each, 1))
-            parts = [np.asarray(nc[name][rows]).astype(float) for name in ("UCUR", "VCUR")]
-            source = np.asarray(nc["SOURCE"][rows])
-            there = source > 0
-            trusted += (source > len(turned)).sum(axis=0)
-            flow = np.where(there, parts[0] + 1j * parts[1], 0.0)
-            here = np.arange(len(flow))[:, None]
-            turns = np.nan_to_num(turned[np.clip(source, 1, len(turned)) - 1, begin + here])
-            east, north = angles.turn(flow.real, flow.imag, -turns)
-            starts = np.arange(0, len(flow), each)
-            place = slice(begin // each, begin // each + len(starts))
-            number[place] += np.add.reduceat(there, starts, axis=0)
-            for k, velocity in enumerate((np.where(source <= len(turned), east + 1j * north, flow), flow)):
-                sums[k, place] += np.add.reduceat(velocity, starts, axis=0)
-                moments[k] += [velocity.sum(axis=0), (np.abs(velocity) ** 2).sum(axis=0), (velocity**2).sum(axis=0)]
-            shares = share[np.maximum(source - 1, 0)]
-            by_mode += np.einsum("tz,kt,tzk->kz", flow, np.nan_to_num(modes[:, rows]), shares)
+        count, depths = -(-len(time_s) // each), len(depth_m)
+        number, sums = np.zeros((count, depths)), np.zeros((2, count, depths), dtype=complex)
+        moments = np.zeros((2, 3, depths), dtype=complex)
+        by_mode, trusted = np.zeros((len(modes), depths), dtype=complex), np.zeros(depths)
+        for k in range(count):
+            rows = slice(k * each, (k + 1) * each)
+            east, north, source = (read_variable(nc, name, rows) for name in ("UCUR", "VCUR", "SOURCE"))
+            there, reference = source > 0, source > len(turned)
+            flow = np.where(there, east + 1j * north, 0.0)
+            times = np.arange(rows.start, rows.start + len(flow))[:, None]
+            angle = np.where(reference, 0.0, np.nan_to_num(turned[np.clip(source, 1, len(turned)) - 1, times]))
+            east, north = angles.turn(flow.real, flow.imag, -angle)
+            number[k], trusted = there.sum(axis=0), trusted + reference.sum(axis=0)
+            for velocity, total, moment in zip((east + 1j * north, flow), sums, moments, strict=True):
+                total[k] = velocity.sum(axis=0)
+                moment += [total[k], (np.abs(velocity) ** 2).sum(axis=0), (velocity**2).sum(axis=0)]
+            by_mode += np.einsum("tz,kt,tzk->kz", flow, modes[:, rows], share[np.maximum(source - 1, 0)])
     total = number.sum(axis=0)
     safe = np.where((total > 0) & (total >= often * total.max(initial=0.0)), total, np.nan)
-    sigma2 = np.nan_to_num(share[0]) ** 2 @ modes**2 + random[0] ** 2
+    sigma2 = share[0] ** 2 @ modes**2 + random[0] ** 2
+    known = [span[np.isfinite(span)] for span in (sigma2[k * each : (k + 1) * each] for k in range(count))]
     with np.errstate(invalid="ignore", divide="ignore"):
         before, after = np.where(number > 0, sums / number, complex(np.nan, np.nan))
-        spans = [sigma2[k * each : (k + 1) * each] for k in range(count)]
-        known = [span[np.isfinite(span)] for span in spans]
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else DAY_S
     first = time_s[0] - step_s / 2.0 if len(time_s) else 0.0
     return SectionMeans(
@@ -298,77 +339,6 @@ def _mean_profile(moments: Complexes, number: Floats) -> MeanProfile:
         total, square, pseudo = moments / number
         power, twice = square.real - np.abs(total) ** 2, pseudo - total**2
     return MeanProfile(total, (power + twice.real) / 2.0, (power - twice.real) / 2.0, twice.imag / 2.0)
-
-
-def put_frame(nc: netCDF4.Dataset, errors: HeadingErrors, axes: Axes, site: Site) -> None:
-    """Write dimensions and coordinates."""
-    name, shares = np.frombuffer(site.name.encode(), dtype="S1"), errors.shares
-    sizes = {"TIME": len(axes.time_s), "DEPTH": len(axes.depth_m), "MODE": shares.shape[1]}
-    sizes |= {"SOURCES": len(shares), "NAME_LENGTH": len(name), "NV": 2}
-    for dimension, size in sizes.items():
-        nc.createDimension(dimension, size)
-    write_variable(nc, variables.GRID_TIME, days_since_1950(axes.time_s))
-    write_variable(nc, variables.GRID_DEPTH, axes.depth_m)
-    halves = np.array([-0.5, 0.5])
-    bounds = axes.time_s[:, None] + axes.step_s * halves, axes.depth_m[:, None] + axes.step_m * halves
-    write_variable(nc, variables.BOUNDS["TIME"], days_since_1950(bounds[0]))
-    write_variable(nc, variables.BOUNDS["DEPTH"], np.maximum(bounds[1], 0.0))
-    write_variable(nc, variables.LATITUDE, site.latitude)
-    write_variable(nc, variables.LONGITUDE, site.signed_longitude())
-    write_variable(nc, variables.STATION, name)
-    write_variable(nc, variables.MODE, np.arange(1, shares.shape[1] + 1))
-    write_variable(nc, variables.SOURCES, np.arange(1, len(shares) + 1))
-
-
-def put_headings(nc: netCDF4.Dataset, errors: HeadingErrors, deviation_deg: Floats, instruments: Sequence[str]) -> None:
-    """Write the heading errors and corrections, and define SOURCE, affected instruments first."""
-    place = {"coordinates": "LATITUDE LONGITUDE", "QC_indicator": "unknown"}
-    named = {"mode_names": ", ".join(errors.names), **place}
-    memory = {"memory_hours": errors.memory_s / HOUR_S, **place}
-    write_variable(nc, _with(GRIDDED["HEADING_ERROR_MODE"], named), errors.modes, level=4)
-    write_variable(nc, _with(GRIDDED["HEADING_ERROR_SHARE"], place), errors.shares)
-    several = len(errors.random) > 1
-    if several:
-        nc.createDimension("AFFECTED", len(errors.random))
-    for name, also, values in (
-        ("HEADING_ERROR_RANDOM", memory, errors.random),
-        ("HEADING_CORRECTION", place, deviation_deg),
-    ):
-        described = replace(GRIDDED[name], dimensions=("AFFECTED", "TIME")) if several else GRIDDED[name]
-        write_variable(nc, _with(described, also), values if several else values[0], level=4)
-    numbers, meanings = np.arange(len(instruments) + 1, dtype=np.int8), " ".join(["none", *instruments])
-    described = _with(GRIDDED["SOURCE"], {"flag_values": numbers, "flag_meanings": meanings})
-    _put(nc, described, np.zeros((0, len(nc.dimensions["DEPTH"])), dtype=np.int8), {}, slice(0, 0))
-
-
-def _columns(piece: Piece, rising: bool) -> dict[str, NDArray[Any]]:
-    cells, there = piece.cells, piece.source >= 0
-    columns = {
-        "UCUR": cells.velocity.real,
-        "VCUR": cells.velocity.imag,
-        "UCUR_QC": piece.quality,
-        "VCUR_QC": piece.quality,
-        "UCUR_UNCERTAINTY": np.sqrt(piece.east_variance),
-        "VCUR_UNCERTAINTY": np.sqrt(piece.north_variance),
-        "UV_COVARIANCE": piece.covariance,
-        "SOURCE": (piece.source + 1).astype(np.int8),
-        "N_CELLS": np.where(there, cells.count, 0),
-    }
-    if rising:
-        up = np.full(there.shape, np.nan) if cells.up is None else cells.up
-        columns |= {"WCUR": up, "WCUR_QC": np.where(np.isfinite(up), piece.quality, 9).astype(np.int8)}
-    return columns
-
-
-def _with(variable: Variable, also: Mapping[str, object]) -> Variable:
-    return replace(variable, also={**variable.also, **also})
-
-
-def _put(
-    nc: netCDF4.Dataset, variable: Variable, values: NDArray[Any], also: Mapping[str, object], rows: slice | None = None
-) -> None:
-    place = {"coordinates": variables.GRID_COORDINATES[variable.dimensions]}
-    write_variable(nc, _with(variable, {**place, **also}), values, level=4, rows=rows)
 
 
 @dataclass(frozen=True)
@@ -462,11 +432,7 @@ class GriddedCurrents(Labelled):
 
 
 def open_gridded(path: str | Path) -> GriddedCurrents:
-    """Read gridded.nc or gridded_daily.nc, or gridded.nc of the folder of a mooring's results.
-
-    Raises:
-        InputError: the file is missing, damaged or of another kind.
-    """
+    """Read gridded.nc or gridded_daily.nc, or gridded.nc of the folder of a mooring's results."""
     path = Path(path) / "gridded.nc" if Path(path).is_dir() else Path(path)
     with open_netcdf(path) as nc:
         if "HEADING_ERROR_MODE" not in nc.variables:

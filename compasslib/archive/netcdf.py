@@ -1,12 +1,15 @@
-"""CF netCDF input and output: records between two stages, overlap.nc and corrected.nc."""
+"""CF netCDF input and output: records between two stages, overlap.nc and corrected.nc.
+
+Reading raises InputError where a file is missing, damaged or of another kind.
+"""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import netCDF4
 import numpy as np
@@ -16,7 +19,6 @@ from compasslib import angles
 from compasslib.archive import variables
 from compasslib.archive.attributes import (
     SENSOR_KEYS,
-    Attributes,
     Site,
     declination_attributes,
     global_attributes,
@@ -29,11 +31,10 @@ from compasslib.archive.files import (
     open_netcdf,
     read_attribute,
     read_variable,
-    write_beams,
     write_bins,
     write_variable,
 )
-from compasslib.archive.variables import Variable, quality_variable
+from compasslib.archive.variables import CORRECTED, PAIRS, RECORD, Variable
 from compasslib.errors import InputError
 from compasslib.preparation.quality import MASKS
 from compasslib.records import (
@@ -51,6 +52,12 @@ from compasslib.records import (
 )
 from compasslib.types import DAY_S, Bools, Floats
 
+if TYPE_CHECKING:
+    from compasslib.deviation.correction import CorrectedPieces
+
+SOURCES = "sources"  # attribute of records and pairs: SHA-256 of the raw files by path, as JSON
+Columns = dict[str, tuple[NDArray[Any], Flags | None]]  # values and flags, by name of the variable
+
 
 def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, object] | None = None) -> None:
     """Write a record for the stages that follow, series in float64, velocities and ranges in float32.
@@ -59,25 +66,24 @@ def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, o
     """
     with create_netcdf(path) as nc:
         nc.setncatts({"Conventions": "CF-1.11", "title": "record of one instrument"} | plain(attributes or {}))
-        for name, size in zip(("TIME", "BIN"), record.east.shape, strict=True):
-            nc.createDimension(name, size)
-        write_bins(nc, record.east.shape[1], record.looks_up)
-        for field in fields(Record):
-            value = getattr(record, field.name)
-            if field.name == "tests" and value is None:
-                continue
-            if field.name in variables.RECORD:
-                write_variable(nc, variables.RECORD[field.name], value, level=0)
-            elif field.name not in variables.NOT_STORED:
-                nc.setncattr(field.name, json.dumps(value, default=lambda number: number.item()))
+        nc.createDimension("TIME", len(record.time_s))
+        write_bins(nc, record.east.shape[1], _beams(record), record.looks_up)
+        for name in (field.name for field in fields(Record)):
+            value = getattr(record, name)
+            if name in RECORD and value is not None:
+                write_variable(nc, RECORD[name], value, level=0)
+            elif name not in RECORD and name not in variables.NOT_STORED:
+                nc.setncattr(name, json.dumps(value, default=lambda number: number.item()))
         for name, series in record.channels.items():
-            write_variable(nc, variables.channel_variable(name, record.channel_units.get(name, "1")), series, level=0)
-        write_beams(nc, _beams(record))
+            unit, meaning = record.channel_units.get(name, "1"), f"{name.replace('_', ' ')}, as logged or given"
+            write_variable(nc, Variable(f"{variables.CHANNEL}{name}", meaning, unit), series, level=0)
         for name, profile in record.profiles.items():
             values = _beams_first(profile[:])
-            write_variable(
-                nc, variables.profile_variable(name, values.dtype.str[1:], values.ndim == 3), values, level=0
-            )
+            variable = CORRECTED[variables.PROFILES[name]]
+            fill, kind = None if values.dtype.kind == "u" else variable.fill, values.dtype.str[1:]
+            shape = variables.BEAMS if values.ndim == 3 else variables.BINS
+            stored = replace(variable, dtype=kind, fill=fill, dimensions=shape, content="", coordinates="")
+            write_variable(nc, stored, values, level=0)
 
 
 def _beams_first(values: NDArray[Any]) -> NDArray[Any]:
@@ -91,39 +97,27 @@ def _beams(record: Record) -> int:
 
 
 def read_record(path: str | Path, *, velocities: bool = True) -> Record:
-    """Read a record written by ``write_record``, without its profiles, which are large and rarely needed.
-
-    Raises:
-        InputError: the file is missing, damaged or of another kind.
-    """
+    """Read a record written by ``write_record``, without its profiles, which are large and rarely needed."""
     bins = None if velocities else 0
     with open_netcdf(path) as nc:
         # Ranges are read before velocities to save memory: constant ones are reduced to one row.
-        ranges = read_variable(nc, variables.RECORD["bin_range_m"].name, bins)
-        if ranges.size and (ranges == ranges[0]).all():  # one setting throughout: all samples share this row
+        ranges = read_variable(nc, RECORD["bin_range_m"].name, bins=bins)
+        if ranges.size and (ranges == ranges[0]).all():
             ranges = np.broadcast_to(ranges[0].copy(), ranges.shape)
-        arrays = {"bin_range_m": ranges}
-        arrays |= {
-            name: read_variable(nc, entry.name, bins)
-            for name, entry in variables.RECORD.items()
-            if name not in arrays and (name != "tests" or entry.name in nc.variables)
+        content: dict[str, Any] = {
+            name: read_variable(nc, entry.name, bins=bins)
+            for name, entry in RECORD.items()
+            if name != "bin_range_m" and (name != "tests" or entry.name in nc.variables)
         }
-        others = {field.name for field in fields(Record)} - set(variables.RECORD) - variables.NOT_STORED
-        metadata = {name: json.loads(nc.getncattr(name)) for name in others & {*nc.ncattrs(), "counts", "warnings"}}
-        metadata["channels"] = {
-            name.removeprefix(variables.CHANNEL): read_variable(nc, name)
-            for name in nc.variables
-            if name.startswith(variables.CHANNEL)
-        }
-    return Record(**arrays | metadata | {"warnings": tuple(metadata["warnings"])})
+        others = {field.name for field in fields(Record)} - {*RECORD} - variables.NOT_STORED
+        content |= {name: json.loads(nc.getncattr(name)) for name in others & {*nc.ncattrs(), "counts", "warnings"}}
+        channels = [name for name in nc.variables if name.startswith(variables.CHANNEL)]
+        content["channels"] = {name.removeprefix(variables.CHANNEL): read_variable(nc, name) for name in channels}
+    return Record(**content | {"bin_range_m": ranges, "warnings": tuple(content["warnings"])})
 
 
 def read_profiles(path: str | Path) -> dict[str, Rows]:
-    """Open the profiles of a record written by ``write_record``; their rows are read on access.
-
-    Raises:
-        InputError: the file is missing, damaged or of another kind.
-    """
+    """Open the profiles of a record written by ``write_record``; their rows are read on access."""
     with open_netcdf(path) as nc:
         return {
             key: StoredVariable(str(path), name) for key, name in variables.PROFILES.items() if name in nc.variables
@@ -131,11 +125,7 @@ def read_profiles(path: str | Path) -> dict[str, Rows]:
 
 
 def read_notes(path: str | Path, name: str) -> Any:
-    """Read the ``counts`` (read, skipped, flagged) or the ``warnings`` of a record without its series.
-
-    Raises:
-        InputError: the file is missing, damaged or of another kind.
-    """
+    """Read the ``counts`` (read, skipped, flagged) or the ``warnings`` of a record without its series."""
     return json.loads(read_attribute(path, name))
 
 
@@ -151,24 +141,25 @@ def read_sources(paths: Iterable[str | Path]) -> dict[str, str]:
 def read_applied_declinations(paths: Iterable[str | Path]) -> dict[str, float]:
     """Read the declination removed from each record, separately for headings and velocities where they differ.
 
-    Degrees, east positive. Records of older versions store one number for both, or none, which means 0.
+    Degrees, east positive.
     """
     applied: dict[str, float] = {}
     for path in map(Path, paths):
-        with open_netcdf(path) as nc:
-            heading = float(json.loads(getattr(nc, "heading_bias_deg", "0")))
-            velocity = json.loads(getattr(nc, "velocity_bias_deg", "null"))
+        heading, velocity = (read_notes(path, f"{part}_bias_deg") for part in ("heading", "velocity"))
         if velocity in (None, heading):
             applied[path.stem] = heading
         else:
-            applied |= {f"{path.stem} (headings)": heading, f"{path.stem} (velocities)": float(velocity)}
+            applied |= {f"{path.stem} (headings)": heading, f"{path.stem} (velocities)": velocity}
     return applied
 
 
 # Attributes of overlap.nc that hold a field of ``Pairs`` as JSON; all but warnings only where there is one.
-PAIR_NOTES = {"warnings": "warnings", "reference_compass": "compass"} | {
-    name: name for name in ("slow_shear", "doubts", "slowed")
+PAIR_NOTES = {
+    "warnings": "warnings",
+    "reference_compass": "compass",
+    **{name: name for name in ("slow_shear", "doubts", "slowed")},
 }
+ERRORS, VEER = "water_error_of_mean_and_of_prediction_m_s", "water_turned_for_good_deg"
 
 
 def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, object] | None = None) -> None:
@@ -179,36 +170,31 @@ def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, obje
         written = {name: note for name, note in notes.items() if note or name == "warnings"}
         nc.setncatts({name: json.dumps(note, default=vars) for name, note in written.items()})
         if pairs.expected_m_s is not None:
-            nc.setncattr("water_error_of_mean_and_of_prediction_m_s", np.array(pairs.expected_m_s))
-        nc.setncattr("water_turned_for_good_deg", pairs.veer_deg)
+            nc.setncattr(ERRORS, np.array(pairs.expected_m_s))
+        nc.setncattr(VEER, pairs.veer_deg)
         nc.createDimension("TIME", len(pairs))
-        for name, variable in variables.PAIRS.items():
-            write_variable(nc, variable, getattr(pairs, name))
-        for name, variable in variables.PAIRS_PERHAPS.items():
+        for name, variable in PAIRS.items():
             if (column := getattr(pairs, name)) is not None:
                 write_variable(nc, variable, column)
         if pairs.reference_names:
             flags = np.arange(len(pairs.reference_names), dtype=np.int8)
-            meanings = " ".join(pairs.reference_names)
-            nc[variables.REFERENCE_INDEX].setncatts({"flag_values": flags, "flag_meanings": meanings})
+            meanings = {"flag_values": flags, "flag_meanings": " ".join(pairs.reference_names)}
+            nc[PAIRS["reference_index"].name].setncatts(meanings)
         write_variable(nc, variables.SEPARATION_METRES, pairs.lower_depth_m - pairs.upper_depth_m)
 
 
 def read_pairs(path: str | Path) -> Pairs:
-    """Read pairs written by ``write_pairs``.
-
-    Raises:
-        InputError: the file is missing, damaged or of another kind.
-    """
+    """Read pairs written by ``write_pairs``."""
     with open_netcdf(path) as nc:
-        there = {name: each for name, each in variables.PAIRS_PERHAPS.items() if each.name in nc.variables}
+        perhaps = {"lower_heading_deg", "reference_index"}
         values: dict[str, Any] = {
-            name: read_variable(nc, variable.name) for name, variable in (variables.PAIRS | there).items()
+            name: read_variable(nc, variable.name)
+            for name, variable in PAIRS.items()
+            if name not in perhaps or variable.name in nc.variables
         }
-        errors = getattr(nc, "water_error_of_mean_and_of_prediction_m_s", None)
-        values["expected_m_s"] = None if errors is None else tuple(map(float, errors))
-        names = nc[variables.REFERENCE_INDEX].flag_meanings.split() if "reference_index" in there else []
-        values |= {"reference_names": tuple(names), "veer_deg": float(getattr(nc, "water_turned_for_good_deg", 0.0))}
+        values["expected_m_s"] = tuple(map(float, getattr(nc, ERRORS))) if ERRORS in nc.ncattrs() else None
+        names = nc[PAIRS["reference_index"].name].flag_meanings.split() if "reference_index" in values else []
+        values |= {"reference_names": tuple(names), "veer_deg": float(nc.getncattr(VEER))}
         notes = {field: json.loads(getattr(nc, name, "null")) for name, field in PAIR_NOTES.items()}
         values |= {field: tuple(map(tuple, notes[field] or ())) for field in ("doubts", "slowed")}
         for field, made in (("compass", ReferenceCompass), ("slow_shear", SlowShear)):
@@ -216,11 +202,7 @@ def read_pairs(path: str | Path) -> Pairs:
         return Pairs(**values, warnings=tuple(notes["warnings"]))
 
 
-# corrected.nc (CF, ACDD and OceanSITES): written in pieces along time, to bound the memory that a decade takes.
-
-SOURCES = "sources"  # attribute of records and pairs: SHA-256 of the raw files by path, as JSON
-Column = tuple[NDArray[Any], Flags | None]  # values, and their flags if they have any
-Columns = dict[str, Column]
+# corrected.nc (CF, ACDD and OceanSITES).
 
 
 def days_since_1950(time_s: Floats) -> Floats:
@@ -235,7 +217,7 @@ def seconds_since_1970(days: Floats) -> Floats:
 
 def write_corrected(
     path: str | Path,
-    product: CorrectedRecord | Iterable[CorrectedRecord],
+    product: CorrectedRecord | CorrectedPieces,
     *,
     site: Site,
     attributes: Mapping[str, object] | None = None,
@@ -244,91 +226,89 @@ def write_corrected(
     """Write corrected.nc according to CF, ACDD and OceanSITES, without reading the system clock.
 
     Args:
-        product: the corrected record, possibly without samples or corrected headings; or its pieces along time, at
-            least one, which are iterated over twice.
+        product: the corrected record, possibly without samples or corrected headings; or its pieces along time, to
+            bound the memory that a decade takes.
         attributes: the user's global attributes, including make and serial number of the instrument.
         processing: how and when the product was made; see ``archive.attributes.global_attributes``.
     """
-    pieces = [product] if isinstance(product, CorrectedRecord) else product
-    whole = _scan_pieces(pieces, site)
-    attributes = global_attributes(
-        site,
-        time_s=whole.time_s,
-        depth_m=whole.depths_m,
-        headings=whole.headings,
-        attributes=whole.instrument | dict(attributes or {}),
-        processing=processing or {},
-    )
-    of_sensor = dict.fromkeys(variables.SENSED, sensor_attributes(attributes, whole.looks_up) | whole.recorded_in)
-    of_model = dict.fromkeys(
-        variables.BY_DECLINATION, declination_attributes(attributes, whole.time_s, whole.declination)
-    )
-    end = 0
+    record, end, corrected = product.record, 0, 0
+    depths, declination = list[float](), list[Floats]()
+    # A measured depth varies; a constant one comes from metadata.
+    nominal = len(np.unique(record.depth_m[np.isfinite(record.depth_m)])) == 1
     with create_netcdf(path, "NETCDF4_CLASSIC") as nc:
-        nc.setncatts(attributes)
-        _put_coordinates(nc, whole, site)
-        for piece in pieces:
+        write_frame(nc, variables.TIME, record.time_s, site)
+        # In the classic model only the unlimited dimension, TIME, may have length 0.
+        write_bins(nc, max(record.east.shape[1], 1), _beams(record), record.looks_up)
+        for piece in [product] if isinstance(product, CorrectedRecord) else product:
             begin, end = end, end + len(piece.record.time_s)
-            for name, column in _columns(piece, whole).items():
-                sensor = of_sensor.get(name, {}) | of_model.get(name, {})
-                variable = variables.CORRECTED[name]
-                if variable.dimensions == variables.BEAMS and column[0].ndim == 2:  # counts without a beam dimension
+            for name, (values, flags) in _columns(piece, record, site, nominal).items():
+                variable = CORRECTED[name]
+                if variable.dimensions == variables.BEAMS and values.ndim == 2:  # counts without a beam dimension
                     variable = replace(variable, dimensions=variables.BINS)
-                _put_placed(nc, variable, column, sensor, slice(begin, end))
+                write_variable(nc, variable, values, flags, level=4, rows=slice(begin, end))
+            depth = piece.record.bin_depth_m()
+            known = depth[site.holds_water(depth)]
+            depths += [known.min(), known.max()] if known.size else []
+            corrected += int(np.isfinite(piece.heading_corrected_deg).sum())
+            declination.append(piece.declination_deg)
+        instrument = {key: told for key in SENSOR_KEYS[:3] if (told := getattr(record, key))}
+        described = global_attributes(
+            site,
+            time_s=record.time_s,
+            depth_m=np.array(depths),
+            headings=(int(np.isfinite(record.heading_deg).sum()), corrected),
+            attributes={**instrument, **(attributes or {})},
+            processing=processing or {},
+        )
+        nc.setncatts(described)
+        of_sensor = sensor_attributes(described, record.looks_up)
+        of_sensor |= {key: told for key in ("recorded_in", "sound_speed") if (told := getattr(record, key))}
+        of_model = declination_attributes(described, record.time_s, np.concatenate(declination))
+        for variable in (entry for name, entry in CORRECTED.items() if name in nc.variables):
+            nc[variable.name].setncatts(of_sensor if variable.sensed else {})
+            nc[variable.name].setncatts(of_model if variable.by_declination else {})
 
 
-@dataclass(frozen=True)
-class _Whole:
-    """Properties of all pieces together, for the header of the file."""
-
-    time_s: Floats  # (n,)
-    bins: int
-    looks_up: bool
-    site: Site
-    depths_m: Floats  # m, smallest and largest depth of the bins in the water in each piece that has any
-    nominal_depth: bool
-    headings: tuple[int, int]  # numbers of recorded and of corrected headings
-    declination: tuple[float, float]  # at the first and last sample, degrees, east positive
-    measured: tuple[str, ...]  # names of the optional variables that were measured
-    beams: int
-    recorded_in: Attributes  # of the measured variables: coordinates of the recorded velocities, their speed of sound
-    instrument: dict[str, str]  # manufacturer, model and serial number, as far as its files state them
+def write_frame(nc: netCDF4.Dataset, time: Variable, time_s: Floats, site: Site) -> None:
+    """Write the coordinates that corrected.nc and gridded.nc have in common."""
+    name = np.frombuffer(site.name.encode(), dtype="S1")
+    nc.createDimension("TIME", len(time_s))
+    nc.createDimension("NAME_LENGTH", len(name))
+    write_variable(nc, time, days_since_1950(time_s))
+    write_variable(nc, variables.LATITUDE, site.latitude)
+    write_variable(nc, variables.LONGITUDE, site.signed_longitude())
+    write_variable(nc, variables.STATION, name)
 
 
-def _scan_pieces(pieces: Iterable[CorrectedRecord], site: Site) -> _Whole:
-    times, instrument, depths, counts = [], [], [], np.zeros(4, dtype=int)
-    declination: list[float] = []
-    for piece in pieces:
-        record = piece.record
-        times.append(record.time_s)
-        instrument += _ends(record.depth_m)
-        depth = record.bin_depth_m()
-        depths += _ends(depth[site.holds_water(depth)])
-        declination += piece.declination_deg[[0, -1]].tolist() if len(piece.declination_deg) else []
-        several = (record.heading_deg, piece.heading_corrected_deg, record.temperature_c, record.pressure_dbar)
-        counts += [np.isfinite(each).sum() for each in several]
-    recorded, corrected, *series = counts.tolist()
-    perhaps = [name for name, count in zip(("TEMP", "PRES"), series, strict=True) if count]
-    return _Whole(
-        time_s=np.concatenate(times),
-        bins=record.east.shape[1],
-        looks_up=record.looks_up,
-        site=site,
-        depths_m=np.array(depths),
-        # A measured depth varies; a constant one comes from metadata.
-        nominal_depth=len(set(instrument)) == 1,
-        headings=(recorded, corrected),
-        declination=(declination[0], declination[-1]) if declination else (np.nan, np.nan),
-        measured=(*perhaps, *(variables.PROFILES[name] for name in record.profiles)),
-        beams=_beams(record),
-        recorded_in={key: told for key in ("recorded_in", "sound_speed") if (told := getattr(record, key))},
-        instrument={key: told for key in SENSOR_KEYS[:3] if (told := getattr(record, key))},
-    )
-
-
-def _ends(values: Floats) -> list[float]:
-    known = values[np.isfinite(values)]
-    return [float(known.min()), float(known.max())] if known.size else []
+# Variables of corrected.nc by the field of ``CorrectedRecord`` and of its ``record`` that they hold.
+_PRODUCT = {
+    "heading_corrected_deg": "HEADING_CORRECTED",
+    "heading_uncertainty_deg": "HEADING_CORRECTED_UNCERTAINTY",
+    "heading_common_deg": "HEADING_COMMON_UNCERTAINTY",
+    "heading_corrected_quality": "HEADING_CORRECTED_QC",
+    "deviation_deg": "DEVIATION",
+    "branch_probability": "BRANCH_PROBABILITY",
+    "declination_deg": "DECLINATION",
+    "east": "UCUR",
+    "north": "VCUR",
+    "east_recorded": "UCUR_RECORDED",
+    "north_recorded": "VCUR_RECORDED",
+    "velocity_uncertainty": "UCUR_UNCERTAINTY",
+    "velocity_quality": "UCUR_QC",
+}
+_RECORDED = {
+    "east": "UCUR_RECORDED",
+    "north": "VCUR_RECORDED",
+    "heading_deg": "HEADING",
+    "pitch_deg": "PITCH",
+    "roll_deg": "ROLL",
+    "pressure_dbar": "PRES",
+    "depth_m": "INSTRUMENT_DEPTH",
+    "temperature_c": "TEMP",
+    "quality": "UCUR_RECORDED_QC",
+    "tests": "UCUR_QC_TESTS",
+    "heading_quality": "HEADING_QC",
+}
 
 
 def read_corrected(path: str | Path, *, velocities: bool = True) -> CorrectedRecord:
@@ -339,28 +319,21 @@ def read_corrected(path: str | Path, *, velocities: bool = True) -> CorrectedRec
 
     Args:
         velocities: whether to read the bins; otherwise the product has none.
-
-    Raises:
-        InputError: the file is missing, damaged or of another kind.
     """
     bins = None if velocities else 0
     with open_netcdf(path) as nc:
-        return CorrectedRecord(
-            record=_record_of(nc, bins),
-            heading_corrected_deg=read_variable(nc, "HEADING_CORRECTED"),
-            heading_uncertainty_deg=read_variable(nc, "HEADING_CORRECTED_UNCERTAINTY"),
-            heading_common_deg=read_variable(nc, "HEADING_COMMON_UNCERTAINTY"),
-            heading_corrected_quality=read_variable(nc, "HEADING_CORRECTED_QC"),
-            deviation_deg=read_variable(nc, "DEVIATION"),
-            branch_probability=read_variable(nc, "BRANCH_PROBABILITY"),
-            declination_deg=read_variable(nc, "DECLINATION"),
-            east=read_variable(nc, "UCUR", bins),
-            north=read_variable(nc, "VCUR", bins),
-            east_recorded=read_variable(nc, "UCUR_RECORDED", bins),
-            north_recorded=read_variable(nc, "VCUR_RECORDED", bins),
-            velocity_uncertainty=read_variable(nc, "UCUR_UNCERTAINTY", bins),
-            velocity_quality=read_variable(nc, "UCUR_QC", bins),
-        )
+        absent = {"PRES", "TEMP"} - {*nc.variables}
+        made: dict[str, Any] = {field: read_variable(nc, name, bins=bins) for field, name in _PRODUCT.items()}
+        known: dict[str, Any] = {
+            field: read_variable(nc, name, bins=bins) for field, name in _RECORDED.items() if name not in absent
+        }
+        time_s, depth = seconds_since_1970(read_variable(nc, "TIME")), read_variable(nc, "DEPTH", bins=bins)
+        unknown = np.full(time_s.shape, np.nan)
+        looks_up = nc["HEADING"].getncattr("sensor_orientation") == "upward"
+    missing = dict.fromkeys(("pressure_dbar", "temperature_c", "supply_voltage"), unknown)
+    known["bin_range_m"] = (1.0 if looks_up else -1.0) * (known["depth_m"][:, None] - depth)
+    record = Record(time_s=time_s, looks_up=looks_up, direction_reference="true", **{**missing, **known})
+    return CorrectedRecord(record=record, **made)
 
 
 def open_product(path: str | Path) -> CorrectedRecord:
@@ -368,9 +341,6 @@ def open_product(path: str | Path) -> CorrectedRecord:
 
     Args:
         path: a corrected.nc, or the folder of a mooring's results.
-
-    Raises:
-        InputError: the file is missing, damaged or of another kind.
     """
     path = Path(path) / "corrected.nc" if Path(path).is_dir() else Path(path)
     with open_netcdf(path) as nc:
@@ -380,46 +350,24 @@ def open_product(path: str | Path) -> CorrectedRecord:
     return replace(read_corrected(path), path=str(path))
 
 
-def _record_of(nc: netCDF4.Dataset, bins: int | None) -> Record:
-    time_s = seconds_since_1970(read_variable(nc, "TIME"))
-    unknown = np.full(time_s.shape, np.nan)
-    looks_up = nc["HEADING"].getncattr("sensor_orientation") == "upward"
-    depth = read_variable(nc, "INSTRUMENT_DEPTH")
-    return Record(
-        time_s=time_s,
-        east=read_variable(nc, "UCUR_RECORDED", bins),
-        north=read_variable(nc, "VCUR_RECORDED", bins),
-        bin_range_m=(1.0 if looks_up else -1.0) * (depth[:, None] - read_variable(nc, "DEPTH", bins)),
-        heading_deg=read_variable(nc, "HEADING"),
-        pitch_deg=read_variable(nc, "PITCH"),
-        roll_deg=read_variable(nc, "ROLL"),
-        pressure_dbar=read_variable(nc, "PRES") if "PRES" in nc.variables else unknown,
-        depth_m=depth,
-        temperature_c=read_variable(nc, "TEMP") if "TEMP" in nc.variables else unknown,
-        supply_voltage=unknown,
-        quality=read_variable(nc, "UCUR_RECORDED_QC", bins),
-        tests=read_variable(nc, "UCUR_QC_TESTS", bins) if "UCUR_QC_TESTS" in nc.variables else None,
-        heading_quality=read_variable(nc, "HEADING_QC"),
-        looks_up=looks_up,
-        direction_reference="true",
-    )
-
-
-def _columns(product: CorrectedRecord, whole: _Whole) -> Columns:
-    record, nominal = product.record, whole.nominal_depth
+def _columns(product: CorrectedRecord, whole: Record, site: Site, nominal: bool) -> Columns:
+    """Collect the variables of a piece of the product; optional ones as far as the ``whole`` record has values."""
+    record = product.record
     depth, instrument_depth = record.bin_depth_m(), record.depth_m
-    corrected = _flag_missing(product.heading_corrected_quality, product.heading_corrected_deg, BAD)
-    true = angles.wrap360(product.heading_corrected_deg + product.declination_deg)
+    heading, quality = product.heading_corrected_deg, product.heading_corrected_quality
+    corrected = _flag_missing(quality, heading, BAD)
+    true = angles.wrap360(heading + product.declination_deg)
     tests = np.zeros(record.quality.shape, dtype=np.int32) if record.tests is None else record.tests
-    doubtful = np.where(product.heading_corrected_quality >= PROBABLY_BAD, MASKS["heading"], 0)
+    doubtful = np.where(quality >= PROBABLY_BAD, MASKS["heading"], 0)
+    east, north = product.east_recorded, product.north_recorded
     columns: Columns = {
-        "DEPTH": (depth, _judged("DEPTH", depth, nominal, whole.site.holds_water(depth))),
+        "DEPTH": (depth, _judged("DEPTH", depth, nominal, site.holds_water(depth))),
         "INSTRUMENT_DEPTH": (instrument_depth, _judged("INSTRUMENT_DEPTH", instrument_depth, nominal)),
         "HEADING": (
             angles.wrap360(record.heading_deg),
             _flag_missing(record.heading_quality, record.heading_deg, MISSING),
         ),
-        "HEADING_CORRECTED": (angles.wrap360(product.heading_corrected_deg), corrected),
+        "HEADING_CORRECTED": (angles.wrap360(heading), corrected),
         "HEADING_CORRECTED_UNCERTAINTY": (product.heading_uncertainty_deg, corrected),
         "HEADING_COMMON_UNCERTAINTY": (product.heading_common_deg, corrected),
         "DEVIATION": (product.deviation_deg, corrected),
@@ -427,17 +375,18 @@ def _columns(product: CorrectedRecord, whole: _Whole) -> Columns:
         "DECLINATION": (product.declination_deg, _judged("DECLINATION", product.declination_deg, True)),
         "UCUR": (product.east, _flag_missing(product.velocity_quality, product.east, BAD)),
         "VCUR": (product.north, _flag_missing(product.velocity_quality, product.north, BAD)),
-        "UCUR_RECORDED": (product.east_recorded, _flag_missing(record.quality, product.east_recorded, MISSING)),
-        "VCUR_RECORDED": (product.north_recorded, _flag_missing(record.quality, product.north_recorded, MISSING)),
+        "UCUR_RECORDED": (east, _flag_missing(record.quality, east, MISSING)),
+        "VCUR_RECORDED": (north, _flag_missing(record.quality, north, MISSING)),
         "UCUR_QC_TESTS": (tests | doubtful[:, None], None),
         "UCUR_UNCERTAINTY": (product.velocity_uncertainty, None),
         "VCUR_UNCERTAINTY": (product.velocity_uncertainty, None),
-        "HEADING_TRUE": (true, _flag_missing(product.heading_corrected_quality, true, BAD)),
+        "HEADING_TRUE": (true, _flag_missing(quality, true, BAD)),
         "PITCH": (record.pitch_deg, _judged("PITCH", record.pitch_deg)),
         "ROLL": (record.roll_deg, _judged("ROLL", record.roll_deg)),
     }
-    series = {"TEMP": record.temperature_c, "PRES": record.pressure_dbar}
-    columns |= {name: (values, _judged(name, values)) for name, values in series.items() if name in whole.measured}
+    for name, field in (("TEMP", "temperature_c"), ("PRES", "pressure_dbar")):
+        if np.isfinite(getattr(whole, field)).any():
+            columns[name] = (getattr(record, field), _judged(name, getattr(record, field)))
     for name, profile in record.profiles.items():
         values = profile[:]
         flags = _flag_missing(record.quality, values, MISSING) if values.dtype.kind == "f" else None
@@ -453,36 +402,7 @@ def _flag_missing(flags: Flags, values: Floats, absent: int) -> Flags:
 
 def _judged(name: str, values: Floats, nominal: bool = False, within: Bools | bool = True) -> Flags:
     """Flag the values of a variable that no earlier stage has flagged, by its valid range and ``within`` alone."""
-    low, high = variables.CORRECTED[name].valid or (-np.inf, np.inf)
+    low, high = CORRECTED[name].valid or (-np.inf, np.inf)
     good = (values >= low) & (values <= high) & within
     flags = np.where(good, variables.NOMINAL if nominal else PROBABLY_GOOD, BAD)
     return np.where(np.isfinite(values), flags, MISSING).astype(np.int8)
-
-
-def _put_coordinates(nc: netCDF4.Dataset, whole: _Whole, site: Site) -> None:
-    name = np.frombuffer(site.name.encode(), dtype="S1")
-    bins = max(whole.bins, 1)  # in the classic model only the unlimited dimension, TIME, may have length 0
-    for dimension, size in (("TIME", len(whole.time_s)), ("BIN", bins), ("NAME_LENGTH", len(name))):
-        nc.createDimension(dimension, size)
-    write_variable(nc, variables.TIME, days_since_1950(whole.time_s))
-    write_bins(nc, bins, whole.looks_up)
-    write_beams(nc, whole.beams)
-    write_variable(nc, variables.LATITUDE, site.latitude)
-    write_variable(nc, variables.LONGITUDE, site.signed_longitude())
-    write_variable(nc, variables.STATION, name)
-
-
-def _put_placed(
-    nc: netCDF4.Dataset, variable: Variable, column: Column, sensor: Mapping[str, object], rows: slice
-) -> None:
-    """Write a piece of one variable and of its flags, with its ``coordinates`` attribute."""
-    values, flags = column
-    coordinates = variables.COORDINATES[variable.dimensions]
-    placed = {} if variable.name in coordinates.split() else {"coordinates": coordinates}
-    quality = quality_variable(variable)
-    ancillary = variable.ancillary if flags is None else (quality.name, *variable.ancillary)
-    described = replace(variable, ancillary=ancillary, also={**variable.also, **placed, **sensor})
-    write_variable(nc, described, values, level=4, rows=rows)
-    if flags is not None:
-        flagged = replace(quality, also={**quality.also, "coordinates": coordinates})
-        write_variable(nc, flagged, flags, level=4, rows=rows)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
 import json
 import os
 import subprocess
@@ -26,7 +25,6 @@ CHECKOUT = (PROJECT / "workflow/Snakefile").is_file()
 WORKFLOW: Path = PROJECT / "workflow" if CHECKOUT else PACKAGE / "workflow"  # in a wheel it also has lock and glossary
 RELEASE_FILES: Path = PROJECT if CHECKOUT else WORKFLOW
 TIMES = ("start_s", "end_s", "exclude")  # settings of a job that are in seconds since 1970
-_OF_A_REPOSITORY = ("GIT_DIR", "GIT_WORK_TREE", "GIT_COMMON_DIR", "GIT_INDEX_FILE", "GIT_OBJECT_DIRECTORY")
 
 
 @cache  # once per process: later edits are ignored
@@ -76,14 +74,6 @@ def date_created() -> str:
     except (ValueError, OverflowError, OSError):
         expected, advice = "whole seconds since 1970", "unset it, and the date is the time of processing"
         raise InputError("SOURCE_DATE_EPOCH", expected=expected, found=repr(epoch), advice=advice) from None
-
-
-def installed(package: str) -> str:
-    """Return the version of a package, empty where it is not installed."""
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return ""
 
 
 def sha256(path: str | Path) -> str:
@@ -159,7 +149,10 @@ def stamp(raw_files: Sequence[str]) -> dict[str, Any]:
 
 
 def changed_settings(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
-    """List the settings of a job, or the keys of a YAML file, that differ, each with both values as JSON."""
+    """List the settings of a job, or the keys of a YAML file, that differ, each with both values as JSON.
+
+    The outermost key, a parameter of the rule that no YAML file has, is left out.
+    """
     left, right = (dict(_leaves(json.loads(json.dumps(side, default=str)))) for side in (before, after))
     keys = [key for key in dict.fromkeys((*left, *right)) if left.get(key) != right.get(key)]
     was, now = ({key: _short(side[key]) if key in side else "absent" for key in keys} for side in (left, right))
@@ -167,21 +160,20 @@ def changed_settings(before: Mapping[str, Any], after: Mapping[str, Any]) -> lis
 
 
 def _leaves(value: Any, *keys: str) -> Iterator[tuple[str, Any]]:
-    """Yield each value with its dotted key, less the outermost key: a parameter of the rule that no YAML file has."""
+    """Yield each value with its dotted key, seconds since 1970 as dates."""
     if isinstance(value, dict):
         for name, inner in value.items():
             yield from _leaves(inner, *keys, name)
-    elif keys[-1] in TIMES:
-        yield ".".join(keys[1:] or keys).removesuffix("_s"), _dated(value)
     else:
-        yield ".".join(keys[1:] or keys), value
+        key, dated = ".".join(keys[1:] or keys), keys[-1] in TIMES
+        yield (key.removesuffix("_s"), _dated(value)) if dated else (key, value)
 
 
 def _dated(seconds: Any) -> Any:
-    """Convert seconds since 1970, or nested lists of them, to ISO 8601."""
+    """Convert seconds since 1970, or nested lists of them, to ISO 8601; dates of a YAML file are texts already."""
     if isinstance(seconds, list):
         return [_dated(each) for each in seconds]
-    if not isinstance(seconds, float):  # dates and windows of a YAML file are texts and mappings
+    if not isinstance(seconds, float):
         return seconds
     return datetime.fromtimestamp(seconds, UTC).isoformat().replace("+00:00", "Z")
 
@@ -199,9 +191,8 @@ def _git(*arguments: str) -> str | None:
     # git refuses a checkout of another user, whose settings may start programs; its Python code runs already anyway.
     # Optional locks are off, so that parallel jobs do not wait for each other's index.
     command = ["git", "-c", f"safe.directory={PROJECT}", "--no-optional-locks", "-C", str(PROJECT), *arguments]
-    # In a hook of another repository, or below one if its own is broken, git would describe that repository.
-    environment = {name: value for name, value in os.environ.items() if name not in _OF_A_REPOSITORY}
-    environment |= {"GIT_CEILING_DIRECTORIES": str(PROJECT.parent), "LC_ALL": "C"}
+    # Below another repository, git would describe that one if its own is broken.
+    environment = os.environ | {"GIT_CEILING_DIRECTORIES": str(PROJECT.parent), "LC_ALL": "C"}
     try:
         return subprocess.run(command, capture_output=True, text=True, check=False, env=environment).stdout.strip()
     except OSError:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,10 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.archive import gridded, provenance
-from compasslib.archive.attributes import Site, global_attributes
-from compasslib.archive.files import create_netcdf, open_netcdf, read_variable
-from compasslib.archive.netcdf import seconds_since_1970
-from compasslib.archive.variables import SECTION_SIGMA
+from compasslib.archive.attributes import Site
+from compasslib.archive.files import open_netcdf, read_variable
+from compasslib.archive.netcdf import Columns, seconds_since_1970
+from compasslib.earthfield import DEGREE_KM
 from compasslib.errors import InputError
 from compasslib.product.cells import Axes
 from compasslib.product.errors import HeadingErrors
@@ -24,39 +25,50 @@ from compasslib.records import MISSING
 from compasslib.types import DAY_S, HOUR_S, Complexes
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Deployment:
-    """Content of gridded_daily.nc of one deployment."""
+    """Content of gridded_daily.nc of one deployment, and its place in the joined file."""
 
     name: str
     values: dict[str, NDArray[Any]]  # by variable
     attributes: dict[str, Any]
-    instruments: list[str]
+    instruments: list[str]  # affected ones first
     modes: list[str]
     memory_h: tuple[float, float]  # of the random error of headings, and of other errors
-    step_m: float
+    number: NDArray[np.intp]  # number in the joined file of each value of SOURCE
+    top_m: float = 0.0  # first depth of the joined file
 
-    @property
+    @cached_property
     def affected(self) -> int:
-        """Number of affected instruments, the first ones."""
+        """Number of affected instruments."""
         return len(self.values["HEADING_ERROR_RANDOM"])
 
-    @property
-    def velocity(self) -> Complexes:
-        return np.asarray(self.values["UCUR"] + 1j * self.values["VCUR"])
+    @cached_property
+    def step_m(self) -> float:
+        return float(np.ptp(self.values["DEPTH_bnds"][-1]))
+
+    @cached_property
+    def days(self) -> NDArray[np.intp]:
+        """Days since 1950."""
+        return np.floor(self.values["TIME"]).astype(int)
+
+    @cached_property
+    def levels(self) -> NDArray[np.intp]:
+        """Index of each depth in the joined file."""
+        return np.rint((self.values["DEPTH"] - self.top_m) / self.step_m).astype(int)
 
 
 def _read(name: str, path: str | Path) -> _Deployment:
     with open_netcdf(path) as nc:
         values = {key: read_variable(nc, key) for key in nc.variables if key != "STATION"}
-        for key in ("HEADING_ERROR_RANDOM", "HEADING_CORRECTION"):
-            values[key] = np.atleast_2d(values[key])
-        return _Deployment(
-            name, values, {key: nc.getncattr(key) for key in nc.ncattrs()}, nc["SOURCE"].flag_meanings.split()[1:],
-            nc["HEADING_ERROR_MODE"].mode_names.split(", "),
-            (float(nc["HEADING_ERROR_RANDOM"].memory_hours), float(nc["UCUR_UNCERTAINTY"].error_memory_hours)),
-            float(np.ptp(values["DEPTH_bnds"][-1])),
-        )  # fmt: skip
+        instruments = nc["SOURCE"].flag_meanings.split()[1:]
+        memory_h = float(nc["HEADING_ERROR_RANDOM"].memory_hours), float(nc["UCUR_UNCERTAINTY"].error_memory_hours)
+        attributes = {key: nc.getncattr(key) for key in nc.ncattrs()}
+        modes = nc["HEADING_ERROR_MODE"].mode_names.split(", ")
+    for key in ("HEADING_ERROR_RANDOM", "HEADING_CORRECTION"):
+        values[key] = np.atleast_2d(values[key])
+    number = np.zeros(len(instruments) + 1, dtype=np.intp)
+    return _Deployment(name, values, attributes, instruments, modes, memory_h, number)
 
 
 def join_daily(
@@ -78,98 +90,88 @@ def join_daily(
     if not each:
         advice = "look at the reports of its moorings"
         raise InputError(f"site {site}", expected="daily means of a deployment", found="none", advice=advice)
-    first, step_m = each[0], each[0].step_m
-    top_m = min(float(d.values["DEPTH"][0]) for d in each)
+    first, top_m = each[0], min(float(d.values["DEPTH"][0]) for d in each)
     for d in each:
-        level = (d.values["DEPTH"][0] - top_m) / step_m
-        if abs(d.step_m - step_m) > 1e-6 or abs(level - round(level)) > 1e-3:
-            expected = f"depths on the axis of {first.name}, {step_m:g} m apart from {first.values['DEPTH'][0]:g} m"
-            actual = f"{d.step_m:g} m apart from {d.values['DEPTH'][0]:g} m"
+        d.top_m = top_m
+        level = (d.values["DEPTH"][0] - top_m) / first.step_m
+        if abs(d.step_m - first.step_m) > 1e-6 or abs(level - round(level)) > 1e-3:
+            expected, actual = (f"{x.step_m:g} m apart from {x.values['DEPTH'][0]:g} m" for x in (first, d))
+            expected = f"depths on the axis of {first.name}, {expected}"
             advice = "write the same product: {grid: {step_m: ..., from_m: ...}} for all"
             raise InputError(f"site {site}: {d.name}", expected=expected, found=actual, advice=advice)
-    days = [np.floor(d.values["TIME"]).astype(int) for d in each]
-    rows = [x - min(y[0] for y in days) for x in days]
-    columns = [np.rint((d.values["DEPTH"] - top_m) / step_m).astype(int) for d in each]
-    shape = max(x[-1] for x in rows) + 1, max(x[-1] for x in columns) + 1
-    noon_s = seconds_since_1970(min(x[0] for x in days) + 0.5 + np.arange(shape[0]))
-    axes = Axes(noon_s, DAY_S, top_m + step_m * np.arange(shape[1]), step_m)
-    errors, turned, shrinkage, numbers = _join_headings(each, rows, shape[0])
-    cells = _join_cells(each, rows, columns, shape, numbers)
-    seams = [_describe_seam(*pair) for pair in pairwise(zip(each, rows, columns, strict=True))]
-    written = _describe(site, each, axes, attributes, deployments.values()) | {"seams": "; ".join(seams)}
-    instruments = [""] * len(errors.shares)
-    for d, number in zip(each, numbers, strict=True):
-        for name, k in zip(d.instruments, number[1:], strict=True):
-            instruments[k - 1] = f"{d.name}_{name}"
-    place = Site(site, written["geospatial_lat_min"], written["geospatial_lon_min"])
-    with create_netcdf(path, "NETCDF4_CLASSIC") as nc:
-        nc.setncatts(written)
-        gridded.put_frame(nc, errors, axes, place)
-        gridded.put_headings(nc, errors, turned, instruments)
-        gridded.put_columns(nc, cells, gridded.column_attributes({}, HOUR_S * max(d.memory_h[1] for d in each)))
-        gridded.put_columns(nc, {"SHRINKAGE": shrinkage}, {"SHRINKAGE": {"QC_indicator": "unknown"}})
+    # Affected instruments of all deployments are numbered first.
+    order = [(d, k) for d in each for k in range(d.affected)]
+    order += [(d, k) for d in each for k in range(d.affected, len(d.instruments))]
+    for number, (d, k) in enumerate(order, 1):
+        d.number[k + 1] = number
+    days = np.arange(min(d.days[0] for d in each), max(d.days[-1] for d in each) + 1)
+    depth_m = top_m + first.step_m * np.arange(max(d.levels[-1] for d in each) + 1)
+    axes = Axes(seconds_since_1970(days + 0.5), DAY_S, depth_m, first.step_m)
+    seams = [_describe_seam(*pair) for pair in pairwise(each)]
+    errors, turned, shrinkage = _join_headings(each, days)
+    with gridded.create_gridded(
+        path, "gridded-daily", _describe(site, each, attributes, deployments.values(), seams), axes, errors, turned,
+        [f"{d.name}_{d.instruments[k]}" for d, k in order], HOUR_S * max(d.memory_h[1] for d in each),
+    ) as nc:  # fmt: skip
+        cells = _join_cells(each, days, len(depth_m))
+        gridded.write_columns(nc, cells | {"SHRINKAGE": (shrinkage, None)})
     return seams
 
 
 def _join_headings(
-    each: Sequence[_Deployment], rows: Sequence[NDArray[Any]], days: int
-) -> tuple[HeadingErrors, NDArray[Any], NDArray[Any], list[NDArray[Any]]]:
-    """Join the heading errors: errors, corrections (a, t), shrinkage (t,), and the new number of each SOURCE."""
-    affected, total = sum(d.affected for d in each), sum(len(d.instruments) for d in each)
+    each: Sequence[_Deployment], days: NDArray[np.intp]
+) -> tuple[HeadingErrors, NDArray[Any], NDArray[Any]]:
+    """Join the heading errors, the corrections (a, t) and the shrinkage (t,)."""
     names = ["declination", *(f"{d.name}: {mode}" for d in each for mode in d.modes[1:])]
-    modes, shares = np.full((len(names), days), np.nan), np.zeros((total, len(names)))
-    random, turned = (np.full((affected, days), np.nan) for _ in range(2))
-    shrinkage, numbers = np.full(days, np.nan), []
-    begin, mode, other = 0, 1, affected
-    for d, row in zip(each, rows, strict=True):
-        affected_d, more = d.affected, len(d.instruments) - d.affected
-        number = np.array([0, *range(begin + 1, begin + affected_d + 1), *range(other + 1, other + more + 1)])
+    affected, total = sum(d.affected for d in each), sum(len(d.instruments) for d in each)
+    modes, shares = np.full((len(names), len(days)), np.nan), np.zeros((total, len(names)))
+    random, turned = (np.full((affected, len(days)), np.nan) for _ in range(2))
+    shrinkage, mode = np.full(len(days), np.nan), 1
+    for d in each:
+        rows, sources = d.days - days[0], d.number[1:] - 1
         place = np.array([0, *range(mode, mode + len(d.modes) - 1)])
-        known = np.isfinite(d.values["HEADING_ERROR_MODE"])
-        joined = modes[np.ix_(place, row)]
-        modes[np.ix_(place, row)] = np.where(known, d.values["HEADING_ERROR_MODE"], joined)
-        shares[np.ix_(number[1:] - 1, place)] = d.values["HEADING_ERROR_SHARE"]
-        random[begin : begin + affected_d, row] = d.values["HEADING_ERROR_RANDOM"]
-        turned[begin : begin + affected_d, row] = d.values["HEADING_CORRECTION"]
-        shrinkage[row] = np.fmin(shrinkage[row], d.values["SHRINKAGE"])
-        numbers.append(number)
-        begin, mode, other = begin + affected_d, mode + len(d.modes) - 1, other + more
+        mode += len(d.modes) - 1
+        own = d.values["HEADING_ERROR_MODE"]
+        modes[np.ix_(place, rows)] = np.where(np.isfinite(own), own, modes[np.ix_(place, rows)])
+        shares[np.ix_(sources, place)] = d.values["HEADING_ERROR_SHARE"]
+        random[np.ix_(sources[: d.affected], rows)] = d.values["HEADING_ERROR_RANDOM"]
+        turned[np.ix_(sources[: d.affected], rows)] = d.values["HEADING_CORRECTION"]
+        shrinkage[rows] = np.fmin(shrinkage[rows], d.values["SHRINKAGE"])
     memory_s = HOUR_S * max(d.memory_h[0] for d in each)
-    return HeadingErrors(tuple(names), modes, random, memory_s, shares), turned, shrinkage, numbers
+    return HeadingErrors(tuple(names), modes, random, memory_s, shares), turned, shrinkage
 
 
-def _join_cells(
-    each: Sequence[_Deployment], rows: Sequence[NDArray[Any]], columns: Sequence[NDArray[Any]], shape: tuple[int, int],
-    numbers: Sequence[NDArray[Any]],
-) -> dict[str, NDArray[Any]]:  # fmt: skip
+def _join_cells(each: Sequence[_Deployment], days: NDArray[np.intp], depths: int) -> Columns:
     """Join the variables of cells, each cell from the deployment with most samples."""
-    names = [name for name, values in each[0].values.items() if values.shape == each[0].values["UCUR"].shape]
     joined: dict[str, NDArray[Any]] = {}
-    for name in (name for name in names if not name.endswith("_bnds") and not name.startswith("HEADING_")):
-        kind, empty = each[0].values[name].dtype, MISSING if name.endswith("_QC") else 0
-        joined[name] = np.full(shape, np.nan if kind.kind == "f" else empty, dtype=kind)
-    for d, row, column, number in zip(each, rows, columns, numbers, strict=True):
-        place = np.ix_(row, column)
+    for name, values in each[0].values.items():
+        if values.shape == each[0].values["UCUR"].shape and not name.endswith("_bnds") and name[:8] != "HEADING_":
+            empty = np.nan if values.dtype.kind == "f" else MISSING if name.endswith("_QC") else 0
+            joined[name] = np.full((len(days), depths), empty, dtype=values.dtype)
+    for d in each:
+        place = np.ix_(d.days - days[0], d.levels)
         better = d.values["N_SAMPLES"] > joined["N_SAMPLES"][place]
         low_passed = np.isfinite(d.values["UCUR_LOWPASS"]) & ~np.isfinite(joined["UCUR_LOWPASS"][place])
         for name, values in joined.items():
-            given = number[d.values[name]].astype(np.int8) if name == "SOURCE" else d.values[name]
-            taken = low_passed if "LOWPASS" in name else better
-            values[place] = np.where(taken, given, values[place])
-    return joined
+            given = d.number[d.values[name]].astype(np.int8) if name == "SOURCE" else d.values[name]
+            values[place] = np.where(low_passed if "LOWPASS" in name else better, given, values[place])
+    flags = {name.removesuffix("_QC"): joined.pop(name) for name in [*joined] if name.endswith("_QC")}
+    return {name: (values, flags.get(name)) for name, values in joined.items()}
 
 
-def _describe_seam(earlier: tuple[Any, ...], later: tuple[Any, ...]) -> str:
+def _describe_seam(before: _Deployment, after: _Deployment) -> str:
     """Describe the gap between two deployments, or their differences on common days."""
-    before, after = earlier[0], later[0]
     lat, lon = (np.array([float(d.values[axis]) for d in (before, after)]) for axis in ("LATITUDE", "LONGITUDE"))
     east = float(angles.wrap180(np.diff(lon))[0]) * float(angles.sin_cos(lat.mean())[1])
-    apart_km = 111.2 * float(np.hypot(np.diff(lat)[0], east))  # of one degree on a sphere of 6371 km
+    apart_km = DEGREE_KM * float(np.hypot(np.diff(lat)[0], east))
     said = f"{before.name} to {after.name}, {apart_km:.1f} km apart: "
-    days, levels = (np.intersect1d(earlier[k], later[k]) for k in (1, 2))
+    days, levels = np.intersect1d(before.days, after.days), np.intersect1d(before.levels, after.levels)
     if not len(days):
-        return said + f"{later[1][0] - earlier[1][-1] - 1} days between them"
-    flows = [d.velocity[np.ix_(np.isin(row, days), np.isin(column, levels))] for d, row, column in (earlier, later)]
+        return said + f"{after.days[0] - before.days[-1] - 1} days between them"
+    flows: list[Complexes] = [
+        (d.values["UCUR"] + 1j * d.values["VCUR"])[np.ix_(np.isin(d.days, days), np.isin(d.levels, levels))]
+        for d in (before, after)
+    ]
     off = flows[1] - flows[0]
     off = 100.0 * off[np.isfinite(off)]
     if not off.size:
@@ -182,33 +184,23 @@ def _describe_seam(earlier: tuple[Any, ...], later: tuple[Any, ...]) -> str:
 
 
 def _describe(
-    site: str,
-    each: Sequence[_Deployment],
-    axes: Axes,
-    attributes: Mapping[str, object],
-    files: Iterable[str | Path],
-) -> dict[str, Any]:
-    """Compose the global attributes, at the position of the first deployment."""
+    site: str, each: Sequence[_Deployment], attributes: Mapping[str, object], files: Iterable[str | Path],
+    seams: Sequence[str],
+) -> gridded.FileDescription:  # fmt: skip
+    """Describe the joined file, at the position of the first deployment."""
     first, names = each[0], ", ".join(d.name for d in each)
     place = Site(
         site, float(first.values["LATITUDE"]), float(first.values["LONGITUDE"]), first.attributes.get("water_depth")
     )
-    counts = [sum(int(d.attributes[key]) for d in each) for key in ("headings_recorded", "headings_corrected")]
-    made = provenance.origin("daily means of deployments joined", provenance.hashes(map(str, files)))
-    made["history"] = "\n".join([*(d.attributes["history"] for d in each), made["history"]])
+    recorded, corrected = (sum(int(d.attributes[f"headings_{x}"]) for d in each) for x in ("recorded", "corrected"))
+    made: dict[str, Any] = provenance.origin("daily means of deployments joined", provenance.hashes(map(str, files)))
     made["method"] = "; ".join(dict.fromkeys(d.attributes["correction_method"] for d in each))
-    spanned = global_attributes(
-        place, time_s=axes.time_s, depth_m=axes.depth_m, headings=(counts[0], counts[1]), attributes=attributes,
-        processing=made,
-    )  # fmt: skip
-    return {
-        **spanned,
+    also = {
         "title": f"Currents of site {site} on fixed depths: daily means of {len(each)} deployments",
         "summary": f"Daily mean currents of site {site} on fixed depths, joined from the deployments {names}, with the "
         "uncertainty that sections and transports need.",
-        "comment": SECTION_SIGMA,
-        "processing_level": "Post-recovery calibrations have been applied",
-        "QC_indicator": "mixed",
-        "id": str(spanned["id"]).replace("compass-corrected", "gridded-daily"),
+        "history": "\n".join([*(d.attributes["history"] for d in each), made["history"]]),
         "deployments": names,
+        "seams": "; ".join(seams),
     }
+    return gridded.FileDescription(place, None, attributes, made, (recorded, corrected), also)

@@ -42,13 +42,27 @@ def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = Non
         roles: its instruments; None, without a configuration, for those of all records present.
     """
     folder = Path(folder)
-    files = ("deviation.json", "assessment.json", "diagnosis.json")
-    fit, verdict, diagnosis = (read_json(folder / file) for file in files)
+    files = ("deviation.json", "assessment.json", "diagnosis.json", "work/field.json")
+    fit, verdict, diagnosis, field = (read_json(folder / file) for file in files)
     heading, deviation = read_series(folder / "corrected.nc", "HEADING_CORRECTED", "DEVIATION")
     corrected = np.isfinite(heading)
-    paths = record_paths(folder, roles)
-    current = ["water"] * bool(diagnosis.get("current"))
-    of_records = [f"{path.stem}: {warning}" for path in paths for warning in netcdf.read_notes(path, "warnings")]
+    sides = [finding["side"] for finding in diagnosis["findings"]] + ["water"] * bool(diagnosis.get("current"))
+    insufficient = diagnosis["why"] if diagnosis["verdict"] == "insufficient" else ""
+    unexplained = []
+    if left := diagnosis["unexplained"]:  # the verdict does not state its size
+        unexplained = [
+            f"a mismatch of {left['rms_effect_deg']:.1f}° rms {left['where']['text']} is unexplained and not "
+            "corrected; it is included in the uncertainty"
+        ]
+    present = [path.stem for path in (folder / "work").glob("*.nc")] if roles is None else roles
+    warnings = [
+        *dict.fromkeys(text for text in (verdict["refuted"], fit["why"], insufficient) if text),
+        *(*diagnosis.get("warnings", ()), *unexplained, *netcdf.read_pairs(folder / "overlap.nc").warnings),
+        *(*fit["warnings"], *field["warnings"]),
+    ]
+    for role in sorted(present):
+        warnings += [f"{role}: {text}" for text in netcdf.read_notes(folder / f"work/{role}.nc", "warnings")]
+    use = verdict["use"]
     return {
         "name": name,
         "method": fit["fitted"]["method"],
@@ -60,26 +74,23 @@ def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = Non
         "folded": fit["folded"],
         "verdict": diagnosis["verdict"],
         "effects": " ".join(finding["effect"] for finding in diagnosis["findings"]),
-        "side": " ".join(dict.fromkeys([*(finding["side"] for finding in diagnosis["findings"]), *current])),
-        "warnings": " | ".join([*_warnings(folder, roles, fit, diagnosis, verdict), *of_records]),
-        "use": verdict["use"]["answer"],
-        "use_why": verdict["use"]["why"],
-        "use_sigma_deg": _rounded(verdict["use"]["sigma_deg"], 2),
-        "use_unseen_deg": _rounded(verdict["use"]["unseen_deg"], 1),
+        "side": " ".join(dict.fromkeys(sides)),
+        "warnings": " | ".join(warnings),
+        "use": use["answer"],
+        "use_why": use["why"],
+        "use_sigma_deg": _rounded(use["sigma_deg"], 2),
+        "use_unseen_deg": _rounded(use["unseen_deg"], 1),
     }
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None else round(float(value), digits)
 
 
 def stopped_row(name: str, why: str) -> dict[str, Any]:
     """Compose the row of a stopped mooring: no numbers, the verdict ``stopped`` and the reason as a warning."""
     said = {"name": name, "verdict": STOPPED, "warnings": why, "use": "no", "use_why": why}
     return dict.fromkeys(COLUMNS, None) | said
-
-
-def record_paths(folder: Path, roles: Iterable[str] | None) -> list[Path]:
-    """List the record files of a mooring's instruments, sorted; without a configuration (None), of all present."""
-    if roles is None:
-        return sorted((folder / "work").glob("*.nc"))
-    return [folder / f"work/{role}.nc" for role in sorted(roles)]
 
 
 def write_summary(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -98,36 +109,6 @@ def format_table(rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join("  ".join(cell.rjust(w) for cell, w in zip(line, widths, strict=True)) for line in lines)
 
 
-def _warnings(
-    folder: Path,
-    roles: Iterable[str] | None,
-    fit: Mapping[str, Any],
-    diagnosis: Mapping[str, Any],
-    verdict: Mapping[str, Any],
-) -> list[str]:
-    field = read_json(folder / "work/field.json")
-    reasons = dict.fromkeys(
-        why for why in (fit["why"], diagnosis["why"] * (diagnosis["verdict"] == "insufficient")) if why
-    )
-    pairs = netcdf.read_pairs(folder / "overlap.nc").warnings
-    refuted = [verdict["refuted"]] if verdict["refuted"] else []
-    unexplained = []
-    if left := diagnosis["unexplained"]:  # the verdict does not state its size
-        unexplained = [
-            f"a mismatch of {left['rms_effect_deg']:.1f}° rms {left['where']['text']} is unexplained and not "
-            "corrected; it is included in the uncertainty"
-        ]
-    first = [*refuted, *reasons, *diagnosis.get("warnings", ()), *unexplained, *pairs]
-    return [*first, *fit["warnings"], *field["warnings"]]
-
-
-def _rounded(value: float | None, digits: int) -> float | None:
-    return None if value is None else round(float(value), digits)
-
-
-HISTOGRAM_COLUMNS = ("quantity", "from_deg", "to_deg", "count")
-
-
 def write_lookup(path: str | Path, table: Mapping[str, Floats]) -> None:
     """Write table.csv, the lookup table of headings; only its header where the table is empty."""
     forms = ("{:.0f}", "{:.3f}", "{:.3f}", "{:.3f}", "{:.0f}")
@@ -138,23 +119,20 @@ def write_histograms(path: str | Path, histograms: Mapping[str, Counts]) -> None
     """Write histograms.csv, one row per bin."""
     begin = np.concatenate([QUANTITIES[name] + BIN_DEG * np.arange(BINS) for name in histograms])
     columns = (np.repeat(list(histograms), BINS), begin, begin + BIN_DEG, np.concatenate(list(histograms.values())))
-    write_csv(path, HISTOGRAM_COLUMNS, columns, ("", "{:g}", "{:g}", "{:.0f}"))
+    write_csv(path, ("quantity", "from_deg", "to_deg", "count"), columns, ("", "{:g}", "{:g}", "{:.0f}"))
 
 
 def read_histograms(path: str | Path) -> dict[str, NDArray[np.int_]]:
-    """Read the counts of histograms.csv by quantity, (72,) each.
-
-    Raises:
-        InputError: the file is missing or damaged.
-    """
+    """Read the counts of histograms.csv by quantity, (72,) each."""
     columns = read_csv(path, ("quantity",))
     return {name: columns["count"][columns["quantity"] == name].astype(int) for name in QUANTITIES}
 
 
-# The current of one bin.
+# Currents at one depth.
 
 AVERAGING_HOURS = (1, 6, 24, 48, 120, 240, 720, 2400)  # possible averaging intervals
 MAX_MEANS, MAX_STICKS = 420, 70
+GAP = complex(np.nan, np.nan)
 
 
 @dataclass(frozen=True)
@@ -178,36 +156,25 @@ class BinCurrents:
         """Mean recorded and corrected currents, m/s, over samples that have both; if none has, over all recorded."""
         before, after = self.recorded.velocity, self.corrected.velocity
         both = np.isfinite(before) & np.isfinite(after)
-        return _mean(before[both] if both.any() else before), _mean(after[both])
+        each = before[both if both.any() else np.isfinite(before)], after[both]
+        recorded, corrected = (complex(flow.mean()) if flow.size else GAP for flow in each)
+        return recorded, corrected
 
 
 def read_bin_currents(path: str | Path, *, share: float = 0.9) -> BinCurrents:
-    """Read the current of the nearest bin that has at least ``share`` of the samples of the fullest bin.
-
-    Raises:
-        InputError: the file is missing, damaged or of another kind.
-    """
+    """Read the current of the nearest bin that has at least ``share`` of the samples of the fullest bin."""
     with open_netcdf(path) as nc:
         time_s = seconds_since_1970(read_variable(nc, "TIME"))
         count = np.sum(read_variable(nc, "UCUR_RECORDED_QC") < BAD, axis=0)
-        if not count.any():
-            nothing = CurrentSeries(time_s, np.full(time_s.shape, complex(np.nan, np.nan)))
-            return BinCurrents(float("nan"), nothing, nothing)
         shown = int(np.argmax(count >= share * count.max()))
         flows = []
-        for u, v in COMPONENTS:
-            east, north, quality = (read_variable(nc, name)[:, shown] for name in (u, v, f"{u}_QC"))
-            flows.append(CurrentSeries(time_s, np.where(quality < BAD, east + 1j * north, complex(np.nan, np.nan))))
+        for end in ("_RECORDED", ""):
+            names = (f"UCUR{end}", f"VCUR{end}", f"UCUR{end}_QC")
+            east, north, quality = (read_variable(nc, name)[:, shown] for name in names)
+            flows.append(CurrentSeries(time_s, np.where(quality < BAD, east + 1j * north, GAP)))
         depth = read_variable(nc, "DEPTH")[:, shown]
-    return BinCurrents(
-        float(np.median(depth[np.isfinite(depth)])) if np.isfinite(depth).any() else float("nan"), *flows
-    )
-
-
-COMPONENTS = (("UCUR_RECORDED", "VCUR_RECORDED"), ("UCUR", "VCUR"))
-
-
-GAP = complex(np.nan, np.nan)
+    known = depth[np.isfinite(depth)] if count.any() else np.zeros(0)
+    return BinCurrents(float(np.median(known)) if known.size else float("nan"), *flows)
 
 
 @dataclass(frozen=True)
@@ -226,33 +193,29 @@ def read_depth_series(path: str | Path, *, unbroken_days: float = 15.0, share: f
     Args:
         unbroken_days: length of the periods without a gap. Of the depths with ``share`` as many of them as any, that
             with most values is taken, for the reference the one nearest to it.
-
-    Raises:
-        InputError: the file is missing, damaged or of another kind.
     """
     depths, flows = dict[str, float](), dict[str, Complexes]()
     with open_netcdf(path) as nc:
-        time_s, depth_m = seconds_since_1970(read_variable(nc, "TIME")), read_variable(nc, "DEPTH")
-        turned, source = np.atleast_2d(read_variable(nc, "HEADING_CORRECTION")), np.asarray(nc["SOURCE"][:])
-        step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else HOUR_S
-        for name, first, last in (("corrected", 1, len(turned)), ("reference", len(turned) + 1, 127)):
-            there = (source >= first) & (source <= last)
+        time_s, depth_m, source = (read_variable(nc, name) for name in ("TIME", "DEPTH", "SOURCE"))
+        turned, latitude = np.atleast_2d(read_variable(nc, "HEADING_CORRECTION")), float(nc["LATITUDE"][...])
+        step_s = float(np.median(np.diff(seconds_since_1970(time_s)))) if len(time_s) > 1 else HOUR_S
+        for name in ("corrected", "reference"):
+            there = (source > 0) & (source <= len(turned)) if name == "corrected" else source > len(turned)
             missing = np.pad(np.cumsum(~there, axis=0), ((1, 0), (0, 0)))
             length = min(int(unbroken_days * DAY_S / step_s), len(there))
             unbroken = np.sum(missing[length:] == missing[: len(missing) - length], axis=0)
             usual = np.flatnonzero(unbroken >= share * unbroken.max())
+            level = int(usual[np.argmax(there.sum(axis=0)[usual])])
             if name == "reference" and "corrected" in depths:
                 level = int(usual[np.argmin(np.abs(depth_m[usual] - depths["corrected"]))])
-            else:
-                level = int(usual[np.argmax(there.sum(axis=0)[usual])])
             if (here := there[:, level]).any():
                 east, north = (np.asarray(nc[key][:, level], dtype=float) for key in ("UCUR", "VCUR"))
                 depths[name], flows[name] = float(depth_m[level]), np.where(here, east + 1j * north, GAP)
             if name == "corrected" and here.any():
-                angle = -turned[np.clip(source[:, level], 1, last) - 1, np.arange(len(here))]
+                angle = -turned[np.clip(source[:, level], 1, len(turned)) - 1, np.arange(len(here))]
                 east, north = angles.turn(flows[name].real, flows[name].imag, angle)
                 depths["recorded"], flows["recorded"] = depths[name], east + 1j * north
-        return DepthSeries(step_s, float(read_variable(nc, "LATITUDE")), depths, flows)
+    return DepthSeries(step_s, latitude, depths, flows)
 
 
 def reference_current(pairs: Pairs) -> CurrentSeries:
@@ -275,9 +238,4 @@ def average(flow: CurrentSeries, begin_s: float, hours: float, count: int) -> Co
     velocity = flow.velocity[there][inside]
     sums = [np.bincount(place[inside], part, count) for part in (velocity.real, velocity.imag)]
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(number > 0, (sums[0] + 1j * sums[1]) / number, complex(np.nan, np.nan))
-
-
-def _mean(velocity: Complexes) -> complex:
-    there = velocity[np.isfinite(velocity)]
-    return complex(there.mean()) if there.size else complex(np.nan, np.nan)
+        return np.where(number > 0, (sums[0] + 1j * sums[1]) / number, GAP)

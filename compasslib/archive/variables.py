@@ -2,15 +2,13 @@
 
 The variable names of corrected.nc, overlap.nc and gridded.nc are a public interface. Standard names are from the CF
 table and are omitted where it has none: it has an orientation from true north, but no magnetic heading, deviation or
-declination. Flags are those of OceanSITES reference table 2. ``python -m compasslib.archive.variables`` prints the
-table of docs/reference/product.md.
+declination. Flags are those of OceanSITES reference table 2.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -46,10 +44,10 @@ LABELS = {  # of codes in the NERC vocabulary P01
 }
 
 SERIES, BINS = ("TIME",), ("TIME", "BIN")
+CELLS, MODES, SHARES = ("TIME", "DEPTH"), ("MODE", "TIME"), ("SOURCES", "MODE")
 BEAMS = ("BEAM", *BINS)  # CF 2.4: dimensions of neither time nor space stand to the left
 MAGNETIC, TRUE = "magnetic north", "true north"
 EASTWARD, NORTHWARD = "eastward_sea_water_velocity", "northward_sea_water_velocity"
-CURRENT_CODES = {"UCUR": "LCEWZZ01", "VCUR": "LCNSZZ01"}
 PITCH, ROLL = "platform_pitch_fore_up", "platform_roll_starboard_down"
 SEA_LEVEL: Mapping[str, object] = {"positive": "down", "reference": "sea_level"}
 
@@ -67,40 +65,47 @@ class Variable:
     valid: tuple[float, float] | None = None
     reference: str = ""
     comment: str = ""
-    ancillary: tuple[str, ...] = ()  # names of the variables that qualify each value
+    ancillary: tuple[str, ...] = ()  # names of the variables that qualify each value, except its flags
     fill: float | None = FILL  # None where no value can be missing
     also: Mapping[str, object] = field(default_factory=dict)
     parameter: str = ""  # code of the vocabulary P01 of the NERC Vocabulary Server
-    # For variables of corrected.nc only:
-    content: str = "physicalMeasurement"  # ACDD ``coverage_content_type``
-    flagged: bool = True  # whether it has its own flag variable
+    content: str = ""  # ACDD ``coverage_content_type``
+    coordinates: str = ""  # names of the coordinate variables
     sensed: bool = False  # measured by the affected instrument, whose make and serial number become attributes
     by_declination: bool = False  # depends on the declination, whose model and dates become attributes
-    optional: bool = False  # written only where it was measured
 
     def attributes(self) -> dict[str, object]:
-        """Compose the attributes in the order in which they are written, omitting empty ones."""
-        attributes: dict[str, object] = {"standard_name": self.standard_name, "long_name": self.long_name}
-        attributes |= {"units": self.units, "reference": self.reference, "comment": self.comment}
-        attributes |= {"ancillary_variables": " ".join(self.ancillary)} | dict(self.also)
+        """Compose the attributes, omitting empty ones."""
+        attributes: dict[str, object] = {
+            "standard_name": self.standard_name,
+            "long_name": self.long_name,
+            "units": self.units,
+            "reference": self.reference,
+            "comment": self.comment,
+            "ancillary_variables": " ".join(self.ancillary),
+            "coverage_content_type": self.content,
+            "coordinates": "" if self.name in self.coordinates.split() else self.coordinates,
+            **self.also,
+        }
         codes = {"parameter": ("P01", self.parameter, LABELS.get(self.parameter, ""))}
         codes["uom"] = ("P06", *UNIT_CODES.get(self.units, ("", "")))
         for kind, (vocabulary, code, label) in codes.items():
             attributes |= {f"sdn_{kind}_urn": f"SDN:{vocabulary}::{code}", f"sdn_{kind}_name": label} if code else {}
-        attributes = {key: value for key, value in attributes.items() if not (isinstance(value, str) and value == "")}
         if self.valid is not None:
             attributes["valid_min"], attributes["valid_max"] = np.array(self.valid, dtype=self.dtype)
-        return attributes
+        return {key: value for key, value in attributes.items() if not (isinstance(value, str) and value == "")}
 
 
 def quality_variable(variable: Variable) -> Variable:
     """Create the quality flag variable of a variable."""
     attributes = {"conventions": "OceanSITES QC Flags", "flag_values": FLAG_VALUES, "flag_meanings": FLAG_MEANINGS}
-    name, meaning = f"{variable.name}_QC", f"quality flag for {variable.name}"
-    return Variable(name, meaning, "", "status_flag", variable.dimensions, "i1", fill=None, also=attributes)
+    return Variable(
+        f"{variable.name}_QC", f"quality flag for {variable.name}", "", "status_flag", variable.dimensions, "i1",
+        fill=None, also=attributes, coordinates=variable.coordinates,
+    )  # fmt: skip
 
 
-# ------------------------------------------------------------------------------------------------ record, by field name
+# Records, by the name of the field.
 BIN = Variable(
     "BIN", "number of the bin, counted from the transducer", "1", "", ("BIN",), "i4", fill=None, also={"axis": "Z"}
 )
@@ -110,15 +115,11 @@ _SECONDS = Variable("TIME", "time", "seconds since 1970-01-01T00:00:00Z", "time"
 # The first two only serve the deployment and drafts; the others hold several.
 NOT_STORED = {"echo_range_m", "unstated", "channels", "profiles"}
 CHANNEL = "CHANNEL_"  # prefix of the variables of ``channels``
-
-
-def channel_variable(name: str, unit: str) -> Variable:
-    """Create the variable of an additional logged series."""
-    return Variable(f"{CHANNEL}{name}", f"{name.replace('_', ' ')}, as logged or given", unit)
-
-
 _ON_SCALE = {"units_metadata": "temperature: on_scale"}
-_TESTS = {"flag_masks": np.array(list(MASKS.values())), "flag_meanings": " ".join(check.meaning for check in CHECKS)}
+_TESTS = Variable(
+    "VELOCITY_QC_TESTS", "tests that the velocity failed", "", "status_flag", BINS, "i4", fill=None,
+    also={"flag_masks": np.array(list(MASKS.values())), "flag_meanings": " ".join(check.meaning for check in CHECKS)},
+)  # fmt: skip
 
 RECORD = {
     "time_s": _SECONDS,
@@ -134,12 +135,10 @@ RECORD = {
     "supply_voltage": Variable("SUPPLY_VOLTAGE", "supply voltage, counts or volts", "1"),
     "quality": quality_variable(Variable("VELOCITY", "", dimensions=BINS)),
     "heading_quality": quality_variable(Variable("HEADING", "")),
-    "tests": Variable(
-        "VELOCITY_QC_TESTS", "tests that the velocity failed", "", "status_flag", BINS, "i4", fill=None, also=_TESTS
-    ),
+    "tests": _TESTS,
 }
 
-# ------------------------------------------------------------------------------------------------- pairs, by field name
+# Pairs, by the name of the field.
 _BY_RECORDED = "velocity of the affected instrument, by its recorded heading plus declination"
 _OF_TRUSTED = "velocity of the reference"
 
@@ -156,15 +155,13 @@ PAIRS = {
     "lower_depth_m": Variable("LOWER_DEPTH", "depth of the reference velocity", "m", "depth", also=SEA_LEVEL),
     "separation_minutes": Variable("SEPARATION_MINUTES", "time, lower minus upper velocity", "minute"),
     "declination_deg": Variable("DECLINATION", "magnetic declination, east positive", "degree"),
-}
-PAIRS_PERHAPS = {  # written only where the pairs have them
+    # The following ones are written only where the pairs have them.
     "lower_heading_deg": Variable("LOWER_HEADING", "heading of the reference compass", "degree", reference=MAGNETIC),
     "reference_index": Variable("REFERENCE_INDEX", "reference of the pair", dtype="i1", fill=None),
 }
-REFERENCE_INDEX = PAIRS_PERHAPS["reference_index"].name
 SEPARATION_METRES = Variable("SEPARATION_METRES", "depth, lower minus upper velocity", "m")
 
-# ------------------------------------------------------------------------------------------------ corrected.nc, by name
+# corrected.nc, by name.
 _WGS84 = {"coordinate_reference_frame": "urn:ogc:def:crs:EPSG::4326", "QC_indicator": "nominal value"}
 _BELOW_SEA_LEVEL = {**SEA_LEVEL, "coordinate_reference_frame": "urn:ogc:def:crs:EPSG::5831"}
 _RANGE_ONLY = "Flagged by its valid range alone."
@@ -172,7 +169,9 @@ _RECORDED = "Turned by the recorded heading plus DECLINATION, before the correct
 _NOT_CORRECTED = "What cannot be corrected is missing and flagged 4, never guessed."
 _CORRECTED = f"The recorded velocity turned clockwise by DEVIATION; its speed is unchanged. {_NOT_CORRECTED}"
 _STANDARD_DEVIATION = "One standard deviation."
-_BY_CORRECTED = ("HEADING_CORRECTED", "DECLINATION")
+_MEASURED = "physicalMeasurement"
+_QUALITY, _UNKNOWN = "qualityInformation", {"QC_indicator": "unknown"}
+_OF_BINS, _OF_MOORING = "TIME LATITUDE LONGITUDE DEPTH", "LATITUDE LONGITUDE"
 
 TIME = Variable(
     "TIME", "time of measurement", "days since 1950-01-01T00:00:00Z", "time", valid=(0.0, 90000.0), fill=None,
@@ -191,45 +190,54 @@ STATION = Variable(
 )
 
 
-def _current(name: str, how: str, comment: str, ancillary: tuple[str, ...] = ()) -> Variable:
-    towards = "eastward" if name.startswith("U") else "northward"
-    uncertain, recorded = name.endswith("_UNCERTAINTY"), name.endswith("_RECORDED")
-    standard_name = f"{towards}_sea_water_velocity" + (" standard_error" if uncertain else "")
+def _by_name(content: str, coordinates: Mapping[tuple[str, ...], str], *entries: Variable) -> dict[str, Variable]:
+    """Return variables by name, with content type, and coordinates by dimensions, unless they have their own."""
+    return {
+        entry.name: replace(
+            entry,
+            content=entry.content or content,
+            coordinates=entry.coordinates or coordinates[entry.dimensions],
+        )
+        for entry in entries
+    }
+
+
+def _current(name: str, towards: str, standard_name: str, parameter: str) -> list[Variable]:
+    """Describe a component of the current by the corrected and by the recorded heading, and its uncertainty.
+
+    The recorded one has no standard name, so that a selection by standard name yields the corrected one.
+    """
+    corrected = Variable(
+        name, f"{towards} velocity of the water, by the corrected heading", "m s-1", standard_name, BINS, "f4",
+        valid=(-10.0, 10.0), reference=TRUE, comment=_CORRECTED, parameter=parameter, sensed=True, by_declination=True,
+        ancillary=(f"{name}_UNCERTAINTY", "UCUR_QC_TESTS", "HEADING_CORRECTED", "DECLINATION"),
+    )  # fmt: skip
+    recorded = replace(
+        corrected, name=f"{name}_RECORDED", long_name=f"{towards} velocity of the water, by the recorded heading",
+        standard_name="", comment=_RECORDED, parameter="", ancillary=("HEADING", "DECLINATION"),
+    )  # fmt: skip
+    return [corrected, recorded, _uncertainty(name, standard_name, BINS, _STANDARD_DEVIATION, reference=TRUE)]
+
+
+def _uncertainty(
+    name: str, standard_name: str, dimensions: tuple[str, ...], comment: str, reference: str = ""
+) -> Variable:
     return Variable(
-        name,
-        how if uncertain else f"{towards} velocity of the water, {how}",
-        "m s-1",
-        "" if recorded else standard_name,  # selection by standard name yields the corrected current
-        BINS,
-        "f4",
-        valid=(0.0, 10.0) if uncertain else (-10.0, 10.0),
-        reference=TRUE,
-        comment=comment,
-        ancillary=ancillary,
-        content="qualityInformation" if uncertain else "physicalMeasurement",
-        flagged=not uncertain,
-        sensed=not uncertain,
-        by_declination=not uncertain,
-        parameter="" if uncertain or recorded else CURRENT_CODES[name],
-    )
+        f"{name}_UNCERTAINTY", f"uncertainty of {name}", "m s-1", standard_name and f"{standard_name} standard_error",
+        dimensions, "f4", valid=(0.0, 10.0), reference=reference, comment=comment, content=_QUALITY,
+    )  # fmt: skip
 
 
 def _counts(name: str, what: str, standard_name: str, comment: str, *, units: str = "1") -> Variable:
     # The classic netCDF model has no unsigned byte; the high bytes are almost all zero and compress to nothing.
     return Variable(
         name, what, units, standard_name, BEAMS, "i2", valid=(0, 255), comment=comment, fill=-1,
-        also={"QC_indicator": "unknown"}, flagged=False, sensed=True, optional=True,
+        also=_UNKNOWN, sensed=True,
     )  # fmt: skip
 
 
-def _tilt(name: str, standard_name: str, sign: str, parameter: str) -> Variable:
-    return Variable(
-        name, name.lower(), "degree", standard_name, valid=(-180.0, 180.0), comment=f"{sign} {_RANGE_ONLY}",
-        sensed=True, parameter=parameter,
-    )  # fmt: skip
-
-
-_TABLE = (
+CORRECTED = _by_name(
+    _MEASURED, {SERIES: "TIME LATITUDE LONGITUDE INSTRUMENT_DEPTH", BINS: _OF_BINS, BEAMS: _OF_BINS},
     Variable(
         "INSTRUMENT_DEPTH", "depth of the instrument", "m", "depth", valid=(-10.0, 12000.0), comment=_RANGE_ONLY,
         also=_BELOW_SEA_LEVEL, content="coordinate", parameter="ADEPZZ01",
@@ -255,11 +263,11 @@ _TABLE = (
         "HEADING_CORRECTED_UNCERTAINTY", "uncertainty of HEADING_CORRECTED", "degree", valid=(0.0, 180.0),
         comment=f"{_STANDARD_DEVIATION} Whole: reading, coefficients, uncorrected effects, the reference's compass and "
         "the mean directional shear; the declination only where the reference's north is true.",
-        content="qualityInformation",
+        content=_QUALITY,
     ),
     Variable(
         "HEADING_COMMON_UNCERTAINTY", "common part of the uncertainty of HEADING_CORRECTED", "degree",
-        valid=(0.0, 180.0), content="qualityInformation",
+        valid=(0.0, 180.0), content=_QUALITY,
         comment=f"{_STANDARD_DEVIATION} All but the reading's random error; it does not average out. Sums and means "
         "need the modes of gridded.nc.",
     ),
@@ -269,7 +277,7 @@ _TABLE = (
     ),
     Variable(
         "BRANCH_PROBABILITY", "probability of HEADING_CORRECTED among the headings that give the same reading", "1",
-        valid=(0.0, 1.0), content="qualityInformation", flagged=False,
+        valid=(0.0, 1.0), content=_QUALITY,
         comment="1 where one heading alone gives the recorded one.",
     ),
     Variable(
@@ -277,15 +285,10 @@ _TABLE = (
         reference=TRUE, content="modelResult", by_declination=True,
         comment="East positive; from a model of the earth's field or from metadata, not measured.",
     ),
-    _current("UCUR", "by the corrected heading", _CORRECTED, ("UCUR_UNCERTAINTY", "UCUR_QC_TESTS", *_BY_CORRECTED)),
-    _current("VCUR", "by the corrected heading", _CORRECTED, ("VCUR_UNCERTAINTY", "UCUR_QC_TESTS", *_BY_CORRECTED)),
-    _current("UCUR_RECORDED", "by the recorded heading", _RECORDED, ("HEADING", "DECLINATION")),
-    _current("VCUR_RECORDED", "by the recorded heading", _RECORDED, ("HEADING", "DECLINATION")),
-    _current("UCUR_UNCERTAINTY", "uncertainty of UCUR", _STANDARD_DEVIATION),
-    _current("VCUR_UNCERTAINTY", "uncertainty of VCUR", _STANDARD_DEVIATION),
-    Variable(
-        "UCUR_QC_TESTS", "tests that UCUR and VCUR failed", "", "status_flag", BINS, "i4", fill=None, also=_TESTS,
-        content="qualityInformation", flagged=False,
+    *_current("UCUR", "eastward", EASTWARD, "LCEWZZ01"),
+    *_current("VCUR", "northward", NORTHWARD, "LCNSZZ01"),
+    replace(
+        _TESTS, name="UCUR_QC_TESTS", long_name="tests that UCUR and VCUR failed", content=_QUALITY,
         comment="Bits of all tests that a velocity failed; names after QARTOD's tests and the IMOS toolbox.",
     ),
     Variable(
@@ -294,25 +297,31 @@ _TABLE = (
         ancillary=("HEADING_CORRECTED_UNCERTAINTY", "DECLINATION"), by_declination=True, parameter="HEADCM01",
         comment="Clockwise; HEADING_CORRECTED + DECLINATION. " + _NOT_CORRECTED,
     ),
-    _tilt("PITCH", PITCH, "Forward up.", "PTCHGP01"),
-    _tilt("ROLL", ROLL, "Starboard down.", "ROLLGP01"),
+    Variable(
+        "PITCH", "pitch", "degree", PITCH, valid=(-180.0, 180.0), comment=f"Forward up. {_RANGE_ONLY}", sensed=True,
+        parameter="PTCHGP01",
+    ),
+    Variable(
+        "ROLL", "roll", "degree", ROLL, valid=(-180.0, 180.0), comment=f"Starboard down. {_RANGE_ONLY}", sensed=True,
+        parameter="ROLLGP01",
+    ),
     Variable(
         "TEMP", "temperature at the transducer", "degree_Celsius", "sea_water_temperature", valid=(-5.0, 45.0),
-        comment=_RANGE_ONLY, also=_ON_SCALE, sensed=True, optional=True, parameter="TEMPPR01",
+        comment=_RANGE_ONLY, also=_ON_SCALE, sensed=True, parameter="TEMPPR01",
     ),
     Variable(
         "PRES", "pressure at the instrument", "dbar", "sea_water_pressure", valid=(-10.0, 12000.0), sensed=True,
-        optional=True, comment="By the instrument's sensor, which is usually set to zero in air; pressure_offset is "
+        comment="By the instrument's sensor, which is usually set to zero in air; pressure_offset is "
         f"subtracted. {_RANGE_ONLY}",
     ),
     Variable(
         "WCUR", "upward velocity of the water", "m s-1", "upward_sea_water_velocity", BINS, "f4", valid=(-10.0, 10.0),
-        sensed=True, optional=True, comment="As measured; no heading changes it.",
+        sensed=True, comment="As measured; no heading changes it.",
     ),
     Variable(
         "ERROR_VELOCITY", "error velocity, the misfit of four beams", "m s-1",
         "indicative_error_from_multibeam_acoustic_doppler_velocity_profiler_in_sea_water", BINS, "f4",
-        valid=(-10.0, 10.0), sensed=True, optional=True, parameter="LERRAP01",
+        valid=(-10.0, 10.0), sensed=True, parameter="LERRAP01",
         comment="As measured; velocities from three beams have none.",
     ),
     _counts(
@@ -333,40 +342,16 @@ _TABLE = (
         units="percent",
     ),
 )  # fmt: skip
-CORRECTED = {
-    variable.name: replace(variable, also={**variable.also, "coverage_content_type": variable.content})
-    for variable in _TABLE
-}
-_OF_BINS = "TIME LATITUDE LONGITUDE DEPTH"
-COORDINATES = {SERIES: "TIME LATITUDE LONGITUDE INSTRUMENT_DEPTH", BINS: _OF_BINS, BEAMS: _OF_BINS}
 # Names of the variables that hold a record's ``profiles``.
 PROFILES = dict(
     zip(PROFILE_KEYS, ("WCUR", "ERROR_VELOCITY", "ECHO_INTENSITY", "CORRELATION", "PERCENT_GOOD"), strict=True)
 )
-OPTIONAL = tuple(name for name, entry in CORRECTED.items() if entry.optional)
-BY_DECLINATION = tuple(name for name, entry in CORRECTED.items() if entry.by_declination)
-SENSED = tuple(name for name, entry in CORRECTED.items() if entry.sensed)
 
 
-def profile_variable(name: str, kind: str, beams: bool) -> Variable:
-    """Create the variable that stores one of a record's ``profiles`` between two stages.
-
-    Args:
-        kind: data type of the values: ``f4``, ``i2``, or ``u1``, which is stored as ``i1`` with ``_Unsigned``.
-    """
-    base, dimensions = CORRECTED[PROFILES[name]], BEAMS if beams else BINS
-    if kind == "u1":
-        bits = {**base.also, "_Unsigned": "true"}
-        return replace(base, dtype="i1", fill=None, valid=None, dimensions=dimensions, also=bits)
-    return replace(base, dtype=kind, dimensions=dimensions)
-
-
-# ----------------------------------------------------------------------------- gridded.nc and gridded_daily.nc, by name
-CELLS, MODES, SHARES = ("TIME", "DEPTH"), ("MODE", "TIME"), ("SOURCES", "MODE")
+# gridded.nc and gridded_daily.nc, by name.
 GRID_TIME = replace(TIME, comment="UTC; the middle of each interval", also={**TIME.also, "bounds": "TIME_bnds"})
 # CF 7.1: bounds inherit units and meaning from their coordinate.
 BOUNDS = {name: Variable(f"{name}_bnds", "", dimensions=(name, "NV"), fill=None) for name in ("TIME", "DEPTH")}
-GRID_COORDINATES = {CELLS: "TIME LATITUDE LONGITUDE DEPTH", ("TIME",): "TIME LATITUDE LONGITUDE"}
 SECTION_SIGMA = (
     "An error delta of a heading is transverse, du = v delta and dv = -u delta, and is common to all cells of one "
     "time and source. Of a sum Q = sum(a UCUR + b VCUR) over times t and depths z, let g(s, t) = sum over the depths "
@@ -380,116 +365,71 @@ SECTION_SIGMA = (
 )
 GRID_DEPTH = Variable(
     "DEPTH", "depth", "m", "depth", ("DEPTH",), fill=None, valid=(0.0, 12000.0),
-    also={"axis": "Z", "bounds": "DEPTH_bnds", **SEA_LEVEL, "QC_indicator": "nominal value",
-          "coverage_content_type": "coordinate", "coordinate_reference_frame": "urn:ogc:def:crs:EPSG::5831"},
-    parameter="ADEPZZ01",
+    also={"axis": "Z", "bounds": "DEPTH_bnds", **_BELOW_SEA_LEVEL, "QC_indicator": "nominal value"},
+    content="coordinate", parameter="ADEPZZ01",
 )  # fmt: skip
 MODE = Variable("MODE", "number of the mode", "1", "", ("MODE",), "i4", fill=None)
 SOURCES = Variable("SOURCES", "number of the instrument, as in SOURCE", "1", "", ("SOURCES",), "i4", fill=None)
-
-LOW_PASSED = {
-    f"{name}{part}": f"{name}_LOWPASS{part}" for name in CURRENT_CODES for part in ("", "_QC", "_UNCERTAINTY")
-}
-_QUALITY = {"coverage_content_type": "qualityInformation"}
-_MEASURED = {"coverage_content_type": "physicalMeasurement"}
+_MEAN = {"cell_methods": "TIME: mean"}
 _HELPERS = ("UV_COVARIANCE", "SOURCE", "N_CELLS", "HEADING_ERROR_MODE", "HEADING_ERROR_RANDOM")
-_BY_WHAT = "By the corrected heading of the affected instrument, or by a reference; SOURCE tells which."
 _TOTAL = "One standard deviation, all errors together; for sums and means the modes of the heading error are needed."
 
 
-def _cells(name: str, long_name: str, units: str, standard_name: str = "", **others: Any) -> Variable:
-    return Variable(name, long_name, units, standard_name, CELLS, **{"dtype": "f4", "also": _QUALITY, **others})
+def _gridded_current(name: str, towards: str, standard_name: str, parameter: str) -> list[Variable]:
+    """Describe a component of the gridded current and without tides, and the uncertainty of each.
 
-
-def _gridded_current(name: str, towards: str, standard_name: str) -> Variable:
-    return _cells(
-        name, f"{towards} velocity of the water", "m s-1", standard_name, valid=(-10.0, 10.0), reference=TRUE,
-        comment=_BY_WHAT, ancillary=(f"{name}_QC", f"{name}_UNCERTAINTY", *_HELPERS), also=_MEASURED,
-        parameter=CURRENT_CODES[name],
+    Without tides it has no standard name, so that a selection by standard name yields the means.
+    """
+    low = f"{name}_LOWPASS"
+    velocity = Variable(
+        name, f"{towards} velocity of the water", "m s-1", standard_name, CELLS, "f4", valid=(-10.0, 10.0),
+        reference=TRUE, ancillary=(f"{name}_UNCERTAINTY", *_HELPERS), content=_MEASURED, parameter=parameter,
+        also=_MEAN,
+        comment="By the corrected heading of the affected instrument, or by a reference; SOURCE tells which.",
     )  # fmt: skip
-
-
-def _uncertainty(name: str, standard_name: str) -> Variable:
-    relation = f"{standard_name} standard_error"
-    return _cells(f"{name}_UNCERTAINTY", f"uncertainty of {name}", "m s-1", relation, valid=(0.0, 10.0), comment=_TOTAL)
-
-
-def _low_passed(name: str, towards: str) -> tuple[Variable, Variable]:
-    """Describe a low-passed velocity and its uncertainty, without standard names, which select the means."""
-    low, sigma = LOW_PASSED[name], LOW_PASSED[f"{name}_UNCERTAINTY"]
-    velocity = _cells(
-        low, f"{towards} velocity of the water, without tides", "m s-1", valid=(-10.0, 10.0), reference=TRUE,
+    without_tides = replace(
+        velocity, name=low, long_name=f"{velocity.long_name}, without tides", standard_name="", parameter="",
+        ancillary=(f"{low}_UNCERTAINTY",), also={},
         comment="Successive running means of 24, 24 and 25 hours (Godin 1972), at noon; missing where less than 0.99 "
-        "of the weights have a velocity.", ancillary=(f"{low}_QC", sigma), also=_MEASURED,
+        "of the weights have a velocity.",
     )  # fmt: skip
-    return velocity, _cells(sigma, f"uncertainty of {low}", "m s-1", valid=(0.0, 10.0), comment=_TOTAL)
+    uncertainties = (_uncertainty(of, known, CELLS, _TOTAL) for of, known in ((name, standard_name), (low, "")))
+    return [velocity, without_tides, *uncertainties]
 
 
-def _number(name: str, long_name: str) -> Variable:
-    return _cells(name, long_name, "1", dtype="i4", fill=None)
-
-
-_GRIDDED = (
-    _gridded_current("UCUR", "eastward", EASTWARD),
-    _gridded_current("VCUR", "northward", NORTHWARD),
-    _cells(
-        "WCUR", "upward velocity of the water", "m s-1", "upward_sea_water_velocity", valid=(-10.0, 10.0),
-        ancillary=("WCUR_QC", "SOURCE"), also=_MEASURED,
+GRIDDED = _by_name(
+    _QUALITY, {CELLS: "TIME LATITUDE LONGITUDE DEPTH", SERIES: "TIME LATITUDE LONGITUDE"},
+    *_gridded_current("UCUR", "eastward", EASTWARD, "LCEWZZ01"),
+    *_gridded_current("VCUR", "northward", NORTHWARD, "LCNSZZ01"),
+    Variable(
+        "WCUR", "upward velocity of the water", "m s-1", "upward_sea_water_velocity", CELLS, "f4", valid=(-10.0, 10.0),
+        ancillary=("SOURCE",), content=_MEASURED, also=_MEAN,
         comment="Relative to the instrument, whose own rise is that of its depth. No heading changes it.",
     ),
-    _uncertainty("UCUR", EASTWARD),
-    _uncertainty("VCUR", NORTHWARD),
-    _cells("UV_COVARIANCE", "covariance of the errors of UCUR and VCUR", "m2 s-2"),
-    _cells("SOURCE", "instrument that the velocity is of", "", dtype="i1", fill=None),
-    _number("N_CELLS", "number of measured velocities that went in"),
+    Variable("UV_COVARIANCE", "covariance of the errors of UCUR and VCUR", "m2 s-2", "", CELLS, "f4"),
+    Variable("SOURCE", "instrument that the velocity is of", "", "", CELLS, "i1", fill=None),
+    Variable("N_CELLS", "number of measured velocities that went in", "1", "", CELLS, "i4", fill=None),
     Variable(
-        "HEADING_ERROR_MODE", "error of the heading, radians per unit normal number", "radian", dimensions=MODES,
-        dtype="f4", comment=SECTION_SIGMA, also=_QUALITY,
+        "HEADING_ERROR_MODE", "error of the heading, radians per unit normal number", "radian", "", MODES, "f4",
+        comment=SECTION_SIGMA, coordinates=_OF_MOORING, also=_UNKNOWN,
     ),
     Variable(
-        "HEADING_ERROR_RANDOM", "random error of the heading of the affected instrument", "radian", also=_QUALITY,
+        "HEADING_ERROR_RANDOM", "random error of the heading of the affected instrument", "radian",
         comment="One standard deviation; its correlation falls off as exp(-lag / memory_hours).",
+        coordinates=_OF_MOORING, also=_UNKNOWN,
     ),
     Variable(
-        "HEADING_ERROR_SHARE", "share of a mode in the heading error of an instrument", "1", dimensions=SHARES,
-        dtype="f4", also=_QUALITY,
+        "HEADING_ERROR_SHARE", "share of a mode in the heading error of an instrument", "1", "", SHARES, "f4",
+        coordinates=_OF_MOORING, also=_UNKNOWN,
     ),
     Variable(
         "HEADING_CORRECTION", "corrected minus recorded heading of the affected instrument", "degree",
-        also={"coverage_content_type": "modelResult"},
+        content="modelResult", coordinates=_OF_MOORING, also=_UNKNOWN,
         comment="Clockwise; its UCUR and VCUR turned back by this angle are those by the recorded heading.",
     ),
-    *_low_passed("UCUR", "eastward"),
-    *_low_passed("VCUR", "northward"),
-    _number("N_SAMPLES", "number of times that went into the mean"),
+    Variable("N_SAMPLES", "number of times that went into the mean", "1", "", CELLS, "i4", fill=None, also=_UNKNOWN),
     Variable(
-        "SHRINKAGE", "factor by which the heading error shortens a mean velocity", "1", also=_QUALITY,
+        "SHRINKAGE", "factor by which the heading error shortens a mean velocity", "1", also=_UNKNOWN,
         comment="exp(-sigma^2 / 2), sigma the standard deviation of the heading; not undone in UCUR and VCUR.",
     ),
 )  # fmt: skip
-GRIDDED = {variable.name: variable for variable in _GRIDDED}
-
-
-# Table for the documentation.
-
-TABLE_HEAD = ("| variable | dimensions | unit | what it is |", "|---|---|---|---|")
-COORDINATE_VARIABLES = (TIME, BIN, BEAM, LATITUDE, LONGITUDE, STATION)
-
-
-def format_table() -> str:
-    """Format the variables as a Markdown table, one row each."""
-    rows = [*map(_row, COORDINATE_VARIABLES), *(_row(entry, entry.flagged) for entry in CORRECTED.values())]
-    return "\n".join([*TABLE_HEAD, *rows, ""])
-
-
-def _row(variable: Variable, flagged: bool = False) -> str:
-    said = [f"{variable.long_name}.", variable.comment]
-    said += [f"From {variable.reference}." if variable.reference in (TRUE, MAGNETIC) else ""]
-    said += [f"`{variable.standard_name}`." if variable.standard_name else ""]
-    said += ["*Flagged.*" if flagged else "", "*If measured.*" if variable.optional else ""]
-    what, dimensions = " ".join(filter(None, said)), ", ".join(variable.dimensions) or "-"
-    return f"| `{variable.name}` | {dimensions} | {variable.units or '-'} | {what} |"
-
-
-if __name__ == "__main__":
-    print(format_table(), end="")

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import shlex
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -18,8 +14,8 @@ from compasslib.archive import crate, provenance
 from compasslib.archive.files import read_json
 from compasslib.errors import InputError
 
-FORMER = "no longer configured: "
-PROJECT_FOLDERS = ("bench", "proof")  # the project's own benchmarks, in the results folder of its demonstration cruise
+FORMER = "no longer configured"
+CHANGED, MISSING, NEW, UNLISTED = "changed", "missing", "new", "unlisted"
 OF_CRUISE = (f"{crate.FOLDER}/figures", f"{crate.FOLDER}/logs")
 # Files of a job that no manifest lists: log, record, and benchmark (processor time).
 JOB_FILE = re.compile(r"results(?:/[^/]+){0,2}/(?:logs/[^/]+\.(?:log|json)|benchmarks/[^/]+\.tsv|stopped\.json)")
@@ -27,172 +23,91 @@ JOB_FILE = re.compile(r"results(?:/[^/]+){0,2}/(?:logs/[^/]+\.(?:log|json)|bench
 OPTIONAL = re.compile(
     r"results/(?:.+/)?(?:gridded(?:_daily)?\.nc|figures/[a-z_]+\.(?:png|pdf)|work/[^/]+\.(?:nc|json))"
 )
+Difference = tuple[str, str, str]  # what is different, path, details
 
 
-@dataclass(frozen=True)
-class Results:
-    """The files below results/ of a cruise and the jobs that wrote them; links are not followed."""
-
-    root: Path
-    configured: Collection[str] | None  # folders of the configured moorings, calibrations and compasses; None: unknown
-
-    @cached_property
-    def files(self) -> list[str]:
-        """Paths of all files and links, relative to the cruise folder, except the manifest."""
-        entries: list[str] = []
-        for folder, folders, names in os.walk(self.root / crate.FOLDER):
-            place = Path(folder).relative_to(self.root)
-            if place == Path(crate.FOLDER) and self.root.resolve() == provenance.PROJECT:
-                folders[:] = [name for name in folders if name not in PROJECT_FOLDERS]
-            links = [name for name in folders if os.path.islink(Path(folder, name))]
-            entries += [(place / name).as_posix() for name in (*names, *links)]
-        return sorted({*entries} - {crate.FILE})
-
-    @cached_property
-    def wrote(self) -> set[tuple[str, str]]:
-        """Path and SHA-256 of each file that a job wrote, by the records of the jobs; damaged records are left out."""
-        entries: set[tuple[str, str]] = set()
-        for file in self.files:
-            if self.of_job(file) and file.endswith(".json"):
-                with suppress(OSError, ValueError, TypeError, KeyError):
-                    entries |= set(dict(json.loads((self.root / file).read_bytes())["wrote"]).items())
-        return entries
-
-    @cached_property
-    def former(self) -> list[str]:
-        """Unmodified results of what is no longer configured, with its logs, and of options that are switched off.
-
-        Raises:
-            InputError: there is no valid manifest.
-        """
-        if self.configured is None:
-            return []
-        listed, folders = crate.listed(read_manifest(self.root)), (*self.configured, *OF_CRUISE)
-        left = (file for file in self.files if file not in listed)
-        return [file for file in left if self._is_former(file, tuple(f"{folder}/" for folder in folders))]
-
-    def of_job(self, file: str) -> bool:
-        """Return whether a file is the log, record or benchmark of a job."""
-        return JOB_FILE.fullmatch(file) is not None and not (self.root / file).is_symlink()
-
-    def as_written(self, file: str) -> bool:
-        """Return whether a file is as a job wrote it."""
-        path = self.root / file
-        return not path.is_symlink() and path.is_file() and (file, provenance.sha256(path)) in self.wrote
-
-    def foreign(self, apart: Collection[str] = ()) -> list[str]:
-        """List the files except ``apart`` that no job wrote, or that were modified since."""
-        left = (file for file in self.files if file not in apart and not self.of_job(file))
-        return [file for file in left if not self.as_written(file)]
-
-    def clear(self) -> None:
-        """Delete the results that are no longer configured, and the folders that become empty."""
-        folders = {folder for file in self.former for folder in PurePosixPath(file).parents[:-2]}
-        for file in self.former:
-            (self.root / file).unlink()
-        for folder in sorted(folders, key=lambda each: -len(each.parts)):
-            with suppress(OSError):  # the folder is not empty
-                (self.root / folder).rmdir()
-
-    def _is_former(self, file: str, configured: tuple[str, ...]) -> bool:
-        if not file.startswith(configured):
-            return len(PurePosixPath(file).parts) > 2 and (self.of_job(file) or self.as_written(file))
-        path, names = self.root / file, {name for name, _ in self.wrote}
-        unfinished = path.lstat().st_mtime > (self.root / crate.FILE).stat().st_mtime
-        stopped = any((folder / "stopped.json").exists() for folder in path.parents)
-        if unfinished or stopped or not OPTIONAL.fullmatch(file):
-            return False
-        # The record of a later job, of gridded.nc or figures/curves.png, does not name gridded_daily.nc or curves.pdf.
-        replaced = file not in names and file.startswith(tuple(name.rpartition(".")[0] for name in names))
-        return replaced or self.as_written(file)
-
-
-def differences(cruise: str | Path, configured: Collection[str] | None) -> list[str]:
-    """List differences from the manifest, one line per file, and results no longer configured, one line per folder.
+def unlisted_files(root: Path, configured: Collection[str] | None) -> dict[str, str]:
+    """Classify the files and links below results/ that the manifest does not list, except logs and records of jobs.
 
     Args:
-        cruise: folder of the cruise, which is only read.
         configured: folders of the configured moorings, calibrations and compasses; None where unknown.
+
+    Returns:
+        By path from the cruise folder: ``FORMER``, unchanged result of what is no longer configured; ``UNLISTED``,
+        of a later job than the manifest; or ``NEW``, as no job wrote it.
 
     Raises:
         InputError: there is no valid manifest.
     """
-    root = Path(cruise)
-    page = read_manifest(root)
-    listed, results = crate.listed(page), Results(root, configured)
-    # Files that the manifest does not list, in folders outside results/ that a simulation wrote into.
-    wrote = (path for path in crate.written(page) if path in listed and not path.startswith(f"{crate.FOLDER}/"))
-    folders = {(root / path).parent for path in wrote}
-    raw = (file for folder in folders if folder.is_dir() for file in folder.iterdir() if file.is_file())
-    foreign = [
-        *results.foreign({*listed, *results.former}),
-        *(p for f in raw if (p := f.relative_to(root).as_posix()) not in listed),
-    ]
-    apart = {*listed, *results.former, *foreign}
-    left = (file for file in results.files if file not in apart and not results.of_job(file))
-    unlisted = [] if crate.has_failures(page) else [*left]
-    former = Counter[str]()
-    for file in results.former:  # by the folder of the mooring, calibration, compass or cruise
-        parts = PurePosixPath(file).parts[:-1]
-        former["/".join(parts[: 3 if parts[1:2] and parts[1] in ("calibrations", "compasses", "sites") else 2])] += 1
-    differ = []
-    for path, known in listed.items():
-        if not (root / path).is_file():
-            differ.append(f"missing: {path}")
-        elif (now := provenance.sha256(root / path)) != known:
-            differ.append(f"changed: {path} (sha256 {now[:12]}, listed {known[:12]})")
-    return [
-        *differ,
-        *(f"new: {path}" for path in sorted(foreign)),
-        *(f"unlisted: {path}" for path in unlisted),
-        *(f"{FORMER}{folder}, {n} files" for folder, n in sorted(former.items())),
-    ]
+    listed, manifest = crate.listed(read_manifest(root)), root / crate.FILE
+    entries = [path for path in (root / crate.FOLDER).rglob("*") if path.is_symlink() or not path.is_dir()]
+    paths = {path.relative_to(root).as_posix(): path for path in sorted(entries) if path != manifest}
+    of_jobs = {file for file, path in paths.items() if JOB_FILE.fullmatch(file) and not path.is_symlink()}
+    wrote = set[tuple[str, str]]()
+    for path in (paths[file] for file in of_jobs if file.endswith(".json")):
+        with suppress(OSError, ValueError, TypeError, KeyError):  # a damaged record
+            wrote |= set(dict(json.loads(path.read_bytes())["wrote"]).items())
+    folders = None if configured is None else tuple(f"{folder}/" for folder in (*configured, *OF_CRUISE))
+    kinds = dict[str, str]()
+    for file, path in ((file, path) for file, path in paths.items() if file not in listed):
+        regular = path.is_file() and not path.is_symlink()
+        as_written = file in of_jobs or (regular and (file, provenance.sha256(path)) in wrote)
+        former = folders is not None and not file.startswith(folders) and len(PurePosixPath(file).parts) > 2
+        if not as_written:
+            kinds[file] = NEW
+        elif former:
+            kinds[file] = FORMER
+        elif file not in of_jobs and not any((folder / "stopped.json").exists() for folder in path.parents):
+            later = folders is None or path.stat().st_mtime > manifest.stat().st_mtime
+            kinds[file] = UNLISTED if later or not OPTIONAL.fullmatch(file) else FORMER
+    return kinds
 
 
-def verify(
-    cruise: str | Path, configured: Collection[str] | None, say: Callable[[str], None], *, name: str = "."
-) -> None:
-    """Report the differences from the manifest, and the command that mends them, or that there are none.
+def clear(root: Path, files: Iterable[str]) -> None:
+    """Delete files below results/, and the folders that become empty."""
+    folders = set[PurePosixPath]()
+    for file in files:
+        (root / file).unlink()
+        folders |= {*PurePosixPath(file).parents[:-2]}
+    for folder in sorted(folders, key=lambda each: -len(each.parts)):
+        with suppress(OSError):  # the folder is not empty
+            (root / folder).rmdir()
+
+
+def differences(root: Path, configured: Collection[str] | None) -> list[Difference]:
+    """List differences from the manifest, by file, and results no longer configured, by folder.
 
     Args:
-        cruise: folder of the cruise, which is only read; the user's name for it is ``name``.
-        configured: as for ``differences``.
+        root: folder of the cruise, which is only read.
+        configured: as for ``unlisted_files``.
 
     Raises:
-        InputError: there are differences, or there is no valid manifest.
+        InputError: there is no valid manifest.
     """
-    entries, page = differences(cruise, configured), read_manifest(Path(cruise))
-    for line in entries:
-        say(escaped(line))
-    if outputs := to_make_again(page, entries):
-        say(escaped(f"mend: compass run {shlex.quote(name)} -- --forcerun {shlex.join(outputs)}"))
-    files = f"{len(crate.listed(page))} files as listed"
-    if entries:
-        advice = "restore them, or make run again if the change was meant"
-        if any(line.startswith(FORMER) for line in entries):
-            advice += "; compass verify --clear shows and removes what is no longer configured"
-        raise InputError(crate.FILE, expected=files, found=f"{len(entries)} that differ", advice=advice)
-    say(f"{crate.FILE}: {files}")
+    differ = list[Difference]()
+    for file, known in crate.listed(read_manifest(root)).items():
+        if not (root / file).is_file():
+            differ.append((MISSING, file, ""))
+        elif (now := provenance.sha256(root / file)) != known:
+            differ.append((CHANGED, file, f" (sha256 {now[:12]}, listed {known[:12]})"))
+    kinds, former = unlisted_files(root, configured), Counter[str]()
+    differ += [(kind, file, "") for file, kind in kinds.items() if kind != FORMER]
+    for parts in (PurePosixPath(file).parts[:-1] for file, kind in kinds.items() if kind == FORMER):
+        former["/".join(parts[: 3 if parts[1] in ("calibrations", "compasses", "sites") else 2])] += 1
+    return [*differ, *((FORMER, folder, f", {n} files") for folder, n in sorted(former.items()))]
 
 
-def to_make_again(page: Mapping[str, Any], entries: Iterable[str]) -> list[str]:
+def to_make_again(page: Mapping[str, Any], differ: Iterable[Difference]) -> list[str]:
     """List results that differ, and one file of each job that read a changed raw file; none for a missing raw file."""
-    outputs: dict[str, None] = {}
-    for what, _, told in (line.partition(": ") for line in entries):
-        path = told.rpartition(" (")[0] if what == "changed" else told
-        if what in ("changed", "missing") and path.startswith(f"{crate.FOLDER}/"):
-            outputs[path] = None
-        elif what == "changed" and path.endswith((".yaml", ".yml")):  # its keys decide what else runs
+    outputs = dict[str, None]()
+    for what, file, _ in differ:
+        if what in (CHANGED, MISSING) and file.startswith(f"{crate.FOLDER}/"):
+            outputs[file] = None
+        elif what == CHANGED and file.endswith((".yaml", ".yml")):  # its keys decide what else runs
             outputs[crate.FILE] = None
-        elif what == "changed":
-            outputs |= dict.fromkeys(crate.made_from(page, path))
+        elif what == CHANGED:
+            outputs |= dict.fromkeys(crate.made_from(page, file))
     return list(outputs)
-
-
-def escaped(path: str) -> str:
-    """Escape control characters and bytes that are not UTF-8 in a path, for printing."""
-    text = path.encode("utf-8", "backslashreplace").decode()
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def read_manifest(root: Path) -> dict[str, Any]:
@@ -202,12 +117,12 @@ def read_manifest(root: Path) -> dict[str, Any]:
         InputError: there is none, it is not a manifest, or it lists no file.
     """
     page: dict[str, Any] = read_json(root / crate.FILE)
-    expected, advice = "a manifest that lists the files of a run", "make run writes it"
     try:
-        crate.written(page), crate.has_failures(page)
-        entries = "" if crate.listed(page) else "no file listed"
+        crate.made_from(page, "")
+        found = "" if crate.listed(page) else "no file listed"
     except (KeyError, TypeError, AttributeError, ValueError) as error:
-        entries = repr(error)
-    if entries:
-        raise InputError(str(root / crate.FILE), expected=expected, found=entries, advice=advice)
+        found = repr(error)
+    if found:
+        expected, advice = "a manifest that lists the files of a run", "make run writes it"
+        raise InputError(str(root / crate.FILE), expected=expected, found=found, advice=advice)
     return page

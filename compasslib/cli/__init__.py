@@ -2,7 +2,7 @@
 
 Each command imports only the modules that it needs, so that help and error messages appear at once.
 
-An error is reported in one line on stderr, with exit status 1:
+A command raises InputError for input that it cannot use, which is reported in one line on stderr, with exit status 1:
 
 >>> import subprocess, sys
 >>> asked = "import sys; from compasslib.cli import main; sys.exit(main(['check', 'nowhere']))"

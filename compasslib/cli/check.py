@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import chdir
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ import numpy as np
 
 from compasslib import angles, calibrations, earthfield, readers
 from compasslib.archive.deposit import missing_attributes
-from compasslib.cli.results import print_warnings, split_warnings
+from compasslib.cli.results import align, print_warnings, split_warnings
 from compasslib.config import compasses
 from compasslib.config import cruise as config
 from compasslib.config.cruise import CALIBRATIONS, Cruise
@@ -41,43 +41,35 @@ HEAD: tuple[str, ...] = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass
 class Inspection:
     """Contents of the files of one mooring or calibration, and problems with them."""
 
-    lines: tuple[str, ...]
-    problems: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    lines: list[str] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
     usable: bool = True  # whether a run can process it
-    serials: Mapping[str, str] = field(default_factory=dict)  # serial numbers stated by the files, by instrument
+    serials: dict[str, str] = field(default_factory=dict)  # serial numbers stated by the files, by instrument
 
 
 def check(asked: Namespace) -> int:
-    """Print the contents of each mooring and calibration, then warnings and problems; return 1 if there is a problem.
-
-    Raises:
-        InputError: config/config.yaml cannot be used.
-    """
+    """Print the contents of each mooring and calibration, then warnings and problems; return 1 if there is any."""
     refused: list[InputError] = []
     cruise = config.load_cruise(Path(asked.cruise), refuse=refused.append)
     check_cruise(cruise)
     problems = [str(each) for first in refused for each in (first, *first.others)]
-    jobs: list[tuple[Callable[[str, Cruise], Inspection], str]] = [
-        *((_inspect_mooring, name) for name in cruise.moorings),
-        *((_inspect_parts, file) for file in cruise.refused_files),
-        *((_inspect_calibration, name) for name in cruise.calibrations),
-    ]
+    parts = ((cruise.moorings, _inspect_mooring), (cruise.refused_files, _inspect_parts))
+    jobs = [(job, name) for names, job in (*parts, (cruise.calibrations, _inspect_calibration)) for name in names]
     if cruise.options.demonstration:
         print("the demonstration's raw files are made by the run: not opened")
         jobs = []
-    inspections, warnings = dict[str, Inspection](), list[str]()
+    inspections = dict[str, Inspection]()
     with ProcessPoolExecutor(max(min(os.cpu_count() or 1, len(jobs)), 1)) as pool:
-        opened = pool.map(_inspect, *zip(*((job, name, cruise) for job, name in jobs), strict=True)) if jobs else ()
-        for (_, name), inspection in zip(jobs, opened, strict=False):
+        opened = [pool.submit(_inspect, job, name, cruise) for job, name in jobs]
+        for (_, name), future in zip(jobs, opened, strict=True):
+            inspections[name] = inspection = future.result()
             print("\n".join(inspection.lines), flush=True)
-            inspections[name] = inspection
             problems += inspection.problems
-            warnings += inspection.warnings
     if not cruise.options.demonstration:
         serials = {name: inspection.serials for name, inspection in inspections.items()}
         problems += compasses.mixed_serials(cruise.moorings, serials)
@@ -85,30 +77,33 @@ def check(asked: Namespace) -> int:
         print(line)
     if jobs and (absent := missing_attributes(cruise.options.attributes)):
         print(f"to deposit the results, add to the attributes of config.yaml before the run: {', '.join(absent)}")
-    print_warnings(warnings, sys.stdout)
+    print_warnings([text for inspection in inspections.values() for text in inspection.warnings], sys.stdout)
     for line in problems:
         print(f"error: {line}", file=sys.stderr)
+    told = _plural(len(problems), "problem")
     if refused:
-        print(f"cannot run, {_plural(len(problems), 'problem')}")
-        return int(bool(problems))
-    parts = ((cruise.moorings, "mooring"), (cruise.calibrations, "calibration"))
-    everything = " and ".join(_plural(len(each), noun) for each, noun in parts if each) or "nothing to run"
-    stopped = [name for name, inspection in inspections.items() if not inspection.usable]
-    left_out = f" (stopped: {', '.join(stopped)})" if stopped else ""
-    print(f"{everything}: can run, {_plural(len(problems), 'problem')}{left_out}")
+        print(f"cannot run, {told}")
+    else:
+        counted = ((cruise.moorings, "mooring"), (cruise.calibrations, "calibration"))
+        everything = " and ".join(_plural(len(each), noun) for each, noun in counted if each) or "nothing to run"
+        stopped = [name for name, inspection in inspections.items() if not inspection.usable]
+        left_out = f" (stopped: {', '.join(stopped)})" if stopped else ""
+        print(f"{everything}: can run, {told}{left_out}")
     return int(bool(problems))
 
 
-def _inspect(job: Callable[[str, Cruise], Inspection], name: str, cruise: Cruise) -> Inspection:
+def _inspect(job: Callable[[Inspection, str, Cruise], None], name: str, cruise: Cruise) -> Inspection:
+    inspection = Inspection()
     with chdir(cruise.root):
-        return job(name, cruise)
+        job(inspection, name, cruise)
+    return inspection
 
 
-def _inspect_mooring(name: str, cruise: Cruise) -> Inspection:
+def _inspect_mooring(inspection: Inspection, name: str, cruise: Cruise) -> None:
     rules, mooring = Moorings(cruise), cruise.moorings[name]
     fit, used = mooring.fit, used_instruments(mooring)
     records: dict[str, Record] = {}
-    problems, warnings, rows = list[str](), list[str](), [HEAD]
+    rows = [HEAD]
     for role in (*used, *(other for other in mooring.instruments if other not in used)):
         try:
             record = records[role] = read.record_of(
@@ -119,72 +114,69 @@ def _inspect_mooring(name: str, cruise: Cruise) -> Inspection:
             rows.append(_row(role, part, mooring.instruments[role], record))
             match_serial_number(f"{name}: {role}", record.serial_number, rules.serial_number(name, role))
         except InputError as error:
-            problems.append(f"{name}: {role}: {error}")
-    series, unusable = _inspect_covariates(name, mooring.covariates, (mooring.start_s, mooring.end_s))
+            inspection.problems.append(f"{name}: {role}: {error}")
     by = f"calibration {' and '.join(fit.name)}" if fit.name else fit.method
     also = "".join(f"; {each} ({covariate.format})" for each, covariate in mooring.covariates.items())
     corrected = mooring.reference or fit.name or fit.file or fit.coefficients
     also += "" if corrected else "; no reference, so nothing is corrected"
     place = f"{name}: {position(mooring.latitude, mooring.longitude)}"
-    title = f"{place}; {mooring.start:%Y-%m-%d} to {mooring.end:%Y-%m-%d}, by {by}{also}"
-    lines, problems = [title, *_table(rows), *series], problems + unusable
-    usable = records.keys() >= set(used) and not unusable
-    if usable:
-        pairs = _inspect_pairs(name, rules, [records[role] for role in used])
-        lines, problems, warnings = [*lines, *pairs.lines], [*problems, *pairs.problems], [*pairs.warnings]
-        usable = pairs.usable
-    of_records = (f"{name} {role}: {text}" for role, record in records.items() for text in record.warnings)
-    serials = {role: record.serial_number for role, record in records.items() if record.serial_number}
-    return Inspection(tuple(lines), tuple(problems), (*of_records, *warnings), usable, serials)
+    inspection.lines += [
+        f"{place}; {mooring.start:%Y-%m-%d} to {mooring.end:%Y-%m-%d}, by {by}{also}",
+        *(f"  {line}" for line in align(rows)),
+    ]
+    inspection.warnings += [f"{name} {role}: {text}" for role, record in records.items() for text in record.warnings]
+    inspection.serials |= {role: record.serial_number for role, record in records.items() if record.serial_number}
+    inspection.usable = records.keys() >= set(used)
+    _inspect_covariates(inspection, name, mooring.covariates, (mooring.start_s, mooring.end_s))
+    if inspection.usable:
+        _inspect_pairs(inspection, name, rules, [records[role] for role in used])
 
 
-def _inspect_parts(file: str, cruise: Cruise) -> Inspection:
+def _inspect_parts(inspection: Inspection, file: str, cruise: Cruise) -> None:
     """Open the files of those instruments and series that are valid in an otherwise invalid mooring file."""
     instruments, series = config.valid_parts(Path(), file)
-    problems, rows = list[str](), [HEAD]
+    rows = [HEAD]
     for name, instrument in instruments.items():
         settings = instrument.model_dump(mode="json", include=instrument.model_fields_set)
         try:
             record = readers.read(instrument.format, [Path(each) for each in instrument.files], settings)
             rows.append(_row(name, "", instrument, record))
         except InputError as error:
-            problems.append(f"{file}: instruments.{name}: {error}")
-    lines, unusable = _inspect_covariates(file, series, (-np.inf, np.inf))
-    return Inspection((f"{file}: not valid yet", *_table(rows), *lines), (*problems, *unusable), usable=False)
+            inspection.problems.append(f"{file}: instruments.{name}: {error}")
+    inspection.lines += [f"{file}: not valid yet", *(f"  {line}" for line in align(rows))]
+    _inspect_covariates(inspection, file, series, (-np.inf, np.inf))
+    inspection.usable = False
 
 
 def _inspect_covariates(
-    where: str, series: Mapping[str, Covariate], deployment: tuple[float, float]
-) -> tuple[list[str], list[str]]:
-    """Open covariates; return a line for each, and the problems."""
-    lines, problems = [], []
+    inspection: Inspection, where: str, series: Mapping[str, Covariate], deployment: tuple[float, float]
+) -> None:
     for name, covariate in series.items():
-        paths = [Path(file) for file in covariate.files]
         try:
             if covariate.format == "table":
                 time_s = table.read_series(covariate.model_dump(exclude={"format"}))[0]
             else:
-                time_s = iaga2002.read(paths).time_s
+                time_s = iaga2002.read([Path(file) for file in covariate.files]).time_s
+            inspection.lines.append(f"  {name}: {covariate.format}, {_plural(len(time_s), 'value')}, {_dates(time_s)}")
+            inside = time_s[0] <= deployment[1] and time_s[-1] >= deployment[0]
+            problem = "" if inside else "no value inside the deployment; correct its files"
         except InputError as error:
-            problems.append(f"{where}: covariates.{name}: {error}")
-            continue
-        span = " to ".join(f"{datetime.fromtimestamp(t, UTC):%Y-%m-%d %H:%M}" for t in time_s[[0, -1]])
-        lines.append(f"  {name}: {covariate.format}, {_plural(len(time_s), 'value')}, {span}")
-        if time_s[0] > deployment[1] or time_s[-1] < deployment[0]:
-            problems.append(f"{where}: covariates.{name}: no value inside the deployment; correct its files")
-    return lines, problems
+            problem = str(error)
+        if problem:
+            inspection.problems.append(f"{where}: covariates.{name}: {problem}")
+            inspection.usable = False
 
 
-def _inspect_calibration(name: str, cruise: Cruise) -> Inspection:
-    rules = Calibrations(cruise)
+def _inspect_calibration(inspection: Inspection, name: str, cruise: Cruise) -> None:
+    rules, file = Calibrations(cruise), f"{CALIBRATIONS}/{name}.yaml"
     settings, raw = rules.calibrate(name), rules.raw_files(name)
     try:
         made = calibrations.calibrate(settings["kind"], raw, earthfield.resolve_settings(settings["settings"]))
     except InputError as error:
-        return Inspection((), (f"{CALIBRATIONS}/{name}.yaml: {error}",), usable=False)
-    unusable = [f"{CALIBRATIONS}/{name}.yaml: no coefficients: {made.why}"] if made.why else []
-    line = f"{name}: {settings['kind']}, {_plural(len(raw), 'file')}, {made.n} points"
-    return Inspection((line,), tuple(unusable))
+        inspection.problems, inspection.usable = [f"{file}: {error}"], False
+        return
+    inspection.lines = [f"{name}: {settings['kind']}, {_plural(len(raw), 'file')}, {made.n} points"]
+    inspection.problems = [f"{file}: no coefficients: {made.why}"] if made.why else []
 
 
 def _row(name: str, part: str, instrument: Instrument, record: Record) -> tuple[str, ...]:
@@ -201,10 +193,14 @@ def _row(name: str, part: str, instrument: Instrument, record: Record) -> tuple[
         depths = f"{low} m" if low == high else f"{low}-{high} m"
     return (
         name, part, instrument.format, f"{len(time_s)}", _span(usual), f"{int(np.sum(steps > GAP * usual))}",
-        *(f"{datetime.fromtimestamp(t, UTC):%Y-%m-%d %H:%M}" for t in time_s[[0, -1]]), depths,
+        *_dates(time_s).split(" to "), depths,
         f"{record.east.shape[1]}", _sectors(record.heading_deg[valid]),
         _directions(record, inside) if part else "",
     )  # fmt: skip
+
+
+def _dates(time_s: Floats) -> str:
+    return " to ".join(f"{datetime.fromtimestamp(t, UTC):%Y-%m-%d %H:%M}" for t in time_s[[0, -1]])
 
 
 def _span(seconds: float) -> str:
@@ -230,47 +226,38 @@ def _directions(record: Record, inside: AppliedDeclination | None) -> str:
     return f"magnetic; declination {inside if inside.differs else format(inside.heading, '+.2f')} removed"
 
 
-def _inspect_pairs(name: str, rules: Moorings, records: Sequence[Record]) -> Inspection:
-    settings, problems = rules.overlap(name), list[str]()
+def _inspect_pairs(inspection: Inspection, name: str, rules: Moorings, records: Sequence[Record]) -> None:
+    settings = rules.overlap(name)
     try:
         along = earthfield.field_along(**settings["place"])
-    except InputError as error:
-        return Inspection((), (f"{name}: {error}",))
-    east = np.quantile(along.declination_deg, [0.0, 1.0])
-    lines = [f"  declination {east[0]:+.2f} to {east[1]:+.2f} degrees ({along.source})"]
-    warnings = [f"{name}: {text}" for text in along.warnings]
-    asked, columns = PairRules(**settings["rules"] | {"predict": False}), settings["columns"]
-    if (ready := rules.ready_pairs(name)) and columns is not None:
-        try:
+        east = np.quantile(along.declination_deg, [0.0, 1.0])
+        inspection.lines.append(f"  declination {east[0]:+.2f} to {east[1]:+.2f} degrees ({along.source})")
+        inspection.warnings += [f"{name}: {text}" for text in along.warnings]
+        asked, columns = PairRules(**settings["rules"] | {"predict": False}), settings["columns"]
+        if (ready := rules.ready_pairs(name)) and columns is not None:
             rows = read_ready_pairs(Path(ready[0]), {role: columns[role] for role in ROLES})
-        except InputError as error:
-            return Inspection(tuple(lines), (f"{name}: {error}",), tuple(warnings), usable=False)
-        by_source = {ready[0]: match_ready_pairs(rows, columns["scale"], records[0], along)}
-    else:
-        roles = rules.cruise.moorings[name].reference
-        by_source = {
-            role: find_pairs(records[0], [reference], along, asked)
-            for role, reference in zip(roles, records[1:], strict=True)
-        }
+            by_source = {ready[0]: match_ready_pairs(rows, columns["scale"], records[0], along)}
+        else:
+            roles = rules.cruise.moorings[name].reference
+            by_source = {
+                role: find_pairs(records[0], [reference], along, asked)
+                for role, reference in zip(roles, records[1:], strict=True)
+            }
+    except InputError as error:
+        inspection.problems.append(f"{name}: {error}")
+        inspection.usable = False
+        return
     for source, pairs in by_source.items():
         if len(pairs):
             days, apart = np.ptp(pairs.time_s) / DAY_S, np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m))
             depths = f"{apart:.1f} m apart, " if np.isfinite(apart) else ""
-            lines.append(
-                f"  with {source}: {len(pairs)} pairs over {days:.0f} days, {depths}{_sectors(pairs.heading_deg)}"
-            )
-            warnings += [f"{name} with {source}: {text}" for text in pairs.warnings]
+            counted = f"{len(pairs)} pairs over {days:.0f} days, {depths}{_sectors(pairs.heading_deg)}"
+            inspection.lines.append(f"  with {source}: {counted}")
+            inspection.warnings += [f"{name} with {source}: {text}" for text in pairs.warnings]
         else:
-            lines.append(f"  with {source}: no pairs")
+            inspection.lines.append(f"  with {source}: no pairs")
             why = "; ".join(pairs.warnings) or "no samples near enough in time and depth"
-            problems.append(f"{name}: no pairs with {source}, so nothing is corrected by it: {why}")
-    return Inspection(tuple(lines), tuple(problems), tuple(warnings))
-
-
-def _table(rows: Iterable[tuple[str, ...]]) -> list[str]:
-    rows = list(rows)
-    widths = [max(len(row[k]) for row in rows) for k in range(len(HEAD))]
-    return ["  " + "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+            inspection.problems.append(f"{name}: no pairs with {source}, so nothing is corrected by it: {why}")
 
 
 def _plural(n: int, noun: str) -> str:
@@ -281,11 +268,7 @@ def _plural(n: int, noun: str) -> str:
 
 
 def correct(asked: Namespace) -> int:
-    """Correct a mooring; report each stage and finally all warnings on stderr, and print the folder of the results.
-
-    Raises:
-        InputError: a mistake in the cruise, a raw file that cannot be read, or a folder that already exists.
-    """
+    """Correct a mooring; report each stage and finally all warnings on stderr, and print the folder of the results."""
     folder = Path(asked.into or Path(asked.cruise) / "corrected" / asked.mooring)
     warnings: list[str] = []
 

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from compasslib import angles
-from compasslib.archive import calibrations as archive
 from compasslib.archive import provenance
 from compasslib.archive.attributes import DATES
+from compasslib.archive.calibrations import read_table
 from compasslib.archive.files import open_netcdf, read_json, read_variable
-from compasslib.calibrations.result import DeviationTable
 from compasslib.cli import results
 from compasslib.report import words
 from compasslib.types import Floats
@@ -24,56 +22,36 @@ MOORING_HEADER = (
     *("mooring", "true heading, rms", "largest", "in OLD's 1σ: median, 95 %, largest", "corrected", "flags"),
     *("verdict", "effects", "coefficients", "also changed"),
 )
+CALIBRATION_HEADER = (
+    *("calibration", "deviation, rms", "largest", "uncertainty", "verdict", "effects", "coefficients", "also changed"),
+)
+SAME = "same"
 SIGMA, FLAG = "HEADING_CORRECTED_UNCERTAINTY", "HEADING_CORRECTED_QC"
-Cells = Callable[[Path, Path], tuple[str, ...]]  # cells that compare two folders of results
-REQUIRED_VARIABLES = ("TIME", "HEADING_CORRECTED", "DECLINATION")
-# Variables and attributes that follow from quantities with columns of their own.
+PAGES = ("deviation", "diagnosis", "assessment")
+# Variables, attributes and keys that follow from quantities with columns of their own, or that state the software.
 TURNED = ("HEADING_CORRECTED", "HEADING_TRUE", "DEVIATION", "BRANCH_PROBABILITY", "UCUR", "VCUR")
 EXPECTED_ATTRIBUTES = (
     *(*DATES, "history", "software_version", "product_version"),
     *("correction_method", "correction_coefficients", "effects"),
 )
-
-
-@dataclass(frozen=True)
-class MooringRun:
-    """Results of one run for one mooring."""
-
-    series: Mapping[str, Any]  # variables of corrected.nc
-    attributes: Mapping[str, Any]
-    deviation: Mapping[str, Any]
-    diagnosis: Mapping[str, Any]
-    assessment: Mapping[str, Any]
-
-    @property
-    def true_deg(self) -> Floats:
-        """The corrected true heading, (n,) degrees, NaN where there is none."""
-        heading: Floats = self.series["HEADING_CORRECTED"] + self.series["DECLINATION"]
-        return heading
+EXPECTED_KEYS = ("model", "coefficients", "covariance", "uncertainty", "software", "date_created")
+Cells = Callable[[Path, Path], tuple[str, ...]]  # cells that compare two folders of results
 
 
 def diff(asked: Namespace) -> int:
-    """Print the differences of moorings and of calibrations, and the software of both, or that nothing changed.
-
-    Raises:
-        InputError: there are no results, or one of their files is damaged.
-    """
-    with results.unpack_deposit(asked.old) as old, results.unpack_deposit(asked.new) as new:
-        return _print_differences(results.find_results(old), results.find_results(new))
-
-
-def _print_differences(old: results.ResultFolders, new: results.ResultFolders) -> int:
-    moorings = _rows(old.moorings, new.moorings, results.MOORING_FILES, _compare_moorings)
-    calibrations = _rows(old.calibrations, new.calibrations, results.CALIBRATION_FILES, _compare_calibrations)
-    changed = [(MOORING_HEADER, moorings), (CALIBRATION_HEADER, calibrations)]
-    sections = [table(*entry) for entry in changed if any(entry[1].values())]
-    both = {
-        name: old.moorings.get(name) or next(iter(old.moorings.values())) for name, row in moorings.items() if row[1:]
-    }
-    differ = [f"  {k}: {text}" for k, side in both.items() for text in compare_jobs(side, new.moorings[k])]
-    sections += ["\n".join(["Settings and raw files that differ:", *differ])] if differ else []
-    made_by = {(_software(side), _software(new.moorings[k])) for k, side in both.items()}
-    sections += [f"OLD by {a}\nNEW by {b}" for a, b in sorted(made_by) if a != b]
+    """Print the differences of moorings and of calibrations, and the software of both, or that nothing changed."""
+    with results.unpack_deposit(asked.old) as first, results.unpack_deposit(asked.new) as second:
+        old, new = results.find_results(first), results.find_results(second)
+        moorings = _rows(old.moorings, new.moorings, results.MOORING_FILES, _compare_moorings)
+        calibrations = _rows(old.calibrations, new.calibrations, results.CALIBRATION_FILES, _compare_calibrations)
+        changed = [(MOORING_HEADER, moorings), (CALIBRATION_HEADER, calibrations)]
+        sections = [_table(*entry) for entry in changed if any(entry[1].values())]
+        only = next(iter(old.moorings.values()), Path())
+        both = {name: old.moorings.get(name, only) for name, row in moorings.items() if row[1:]}
+        differ = [f"  {k}: {text}" for k, side in both.items() for text in compare_jobs(side, new.moorings[k])]
+        sections += ["\n".join(["Settings and raw files that differ:", *differ])] if differ else []
+        made_by = {(_software(side), _software(new.moorings[k])) for k, side in both.items()}
+        sections += [f"OLD by {a}\nNEW by {b}" for a, b in sorted(made_by) if a != b]
     if not sections:
         parts = ((moorings, "mooring"), (calibrations, "calibration"))
         compared = [words.plural(len(rows), noun) for rows, noun in parts if rows]
@@ -90,10 +68,15 @@ def _rows(
         old = dict(zip(new, old.values(), strict=True))
     rows: dict[str, tuple[str, ...]] = {}
     for name in sorted({*old, *new}):
-        if lacking := results.explain_missing(old.get(name), new.get(name), needed):
+        lacking = ""
+        for side, which in ((new, "NEW"), (old, "OLD")):
+            missing = results.missing_files(side[name], needed) if name in side else []
+            lacking = f"{which} is incomplete: no {missing[0]}" if missing else lacking
+            lacking = lacking if name in side else f"not in {which}"
+        if lacking:
             rows[name] = (lacking,)
             continue
-        with results.check_version(old[name]):
+        with results.check_version(f"{old[name]} and {new[name]}"):
             cells = compare(old[name], new[name])
         rows[name] = cells if any(cell != SAME for cell in cells) else ()
     return rows
@@ -119,45 +102,46 @@ def _software(folder: Path) -> str:
         return str(getattr(nc, "software_version", "software that is not named"))
 
 
-def _read_mooring(folder: Path) -> MooringRun:
-    with open_netcdf(folder / "corrected.nc") as nc:
-        series = {name: read_variable(nc, name) for name in dict.fromkeys([*REQUIRED_VARIABLES, *nc.variables])}
-        attributes = {name: nc.getncattr(name) for name in nc.ncattrs() if name not in EXPECTED_ATTRIBUTES}
-    files = (results.read_content(folder / f"{file}.json") for file in ("deviation", "diagnosis", "assessment"))
-    return MooringRun(series, attributes, *files)
-
-
 def _compare_moorings(old_folder: Path, new_folder: Path) -> tuple[str, ...]:
-    old, new = _read_mooring(old_folder), _read_mooring(new_folder)
-    _, here, there = np.intersect1d(old.series["TIME"], new.series["TIME"], return_indices=True)
-    turn = angles.difference(new.true_deg[there], old.true_deg[here])
-    corrected = np.isfinite(old.true_deg).any() or np.isfinite(new.true_deg).any()
-    turned = _rms_and_largest(turn, "none in both" if corrected else SAME)
-    share = from_to(words.percent(_corrected_share(old)), words.percent(_corrected_share(new)))
-    outcome = (
-        from_to(old.diagnosis["verdict"], new.diagnosis["verdict"]),
-        from_to(effects(old.diagnosis), effects(new.diagnosis)),
+    (old, old_attributes), (new, new_attributes) = _read_product(old_folder), _read_product(new_folder)
+    before, after = (
+        {page: read_json(folder / f"{page}.json") for page in PAGES} for folder in (old_folder, new_folder)
     )
-    fitted = coefficients(old.deviation, new.deviation)
-    shown = {"assessment": turned[0], "diagnosis": "".join(outcome).replace(2 * SAME, SAME), "deviation": fitted}
-    keys = dict.fromkeys([*old.attributes, *new.attributes])
-    names = dict.fromkeys([*old.series, *new.series])
-    others = [name for name in names if not _equal(old.series.get(name), new.series.get(name))]
+    _, here, there = np.intersect1d(old["TIME"], new["TIME"], return_indices=True)
+    true = [side["HEADING_CORRECTED"] + side["DECLINATION"] for side in (old, new)]
+    turn = angles.difference(true[1][there], true[0][here])
+    corrected = any(np.isfinite(heading).any() for heading in true)
+    turned = _rms_and_largest(turn, "none in both" if corrected else SAME)
+    shares = [words.percent(np.isfinite(heading).mean() if heading.size else 0.0) for heading in true]
+    outcome = _outcome(before["diagnosis"], after["diagnosis"])
+    fitted = _coefficients(before["deviation"], after["deviation"])
+    names = [name for name in dict.fromkeys([*old, *new]) if not _equal(old.get(name), new.get(name))]
     if turned[0] != SAME:  # variables that turn with the heading are left out
         follow = {f"{name}{end}" for name in TURNED for end in ("", "_QC", "_UNCERTAINTY")} - {SIGMA}
-        others = [name for name in others if name not in follow]
-    others += [f"attribute {key}" for key in keys if not _equal(old.attributes.get(key), new.attributes.get(key))]
-    alike = (file for file, cell in shown.items() if cell == SAME)
-    others += [f"{file}.json" for file in alike if getattr(old, file) != getattr(new, file)]
+        names = [name for name in names if name not in follow]
+    for key in dict.fromkeys([*old_attributes, *new_attributes]):
+        if not _equal(old_attributes.get(key), new_attributes.get(key)):
+            names.append(f"attribute {key}")
+    shown = {"assessment": turned[0] == SAME, "diagnosis": {*outcome} == {SAME}, "deviation": fitted == SAME}
+    names += [f"{page}.json" for page, alike in shown.items() if alike and before[page] != after[page]]
+    sigma = old[SIGMA][here] if SIGMA in old else np.full(turn.shape, np.nan)
     return (
         *turned,
-        _change_in_sigmas(np.abs(turn), old.series.get(SIGMA, np.full(old.series["TIME"].shape, np.nan))[here]),
-        share,
-        _flag_changes(old.series, new.series, here, there),
+        _change_in_sigmas(np.abs(turn), sigma),
+        _from_to(*shares),
+        _flag_changes(old, new, here, there),
         *outcome,
         fitted,
-        ", ".join(others) or SAME,
+        ", ".join(names) or SAME,
     )
+
+
+def _read_product(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Read the variables and the attributes of corrected.nc, of which some must be there."""
+    required = ("TIME", "HEADING_CORRECTED", "DECLINATION")
+    with open_netcdf(folder / "corrected.nc") as nc:
+        series = {name: read_variable(nc, name) for name in dict.fromkeys([*required, *nc.variables])}
+        return series, {name: nc.getncattr(name) for name in nc.ncattrs() if name not in EXPECTED_ATTRIBUTES}
 
 
 def _rms_and_largest(change: Floats, nowhere: str) -> tuple[str, str]:
@@ -167,7 +151,9 @@ def _rms_and_largest(change: Floats, nowhere: str) -> tuple[str, str]:
         return nowhere, nowhere
     if not change.any():
         return SAME, SAME
-    return degrees(float(np.sqrt(np.mean(change**2)))), degrees(float(np.max(np.abs(change))))
+    sizes = [float(np.sqrt(np.mean(change**2))), float(np.max(np.abs(change)))]
+    rms, largest = (f"{words.significant(x, 3)}°" if x >= 0.01 else "below 0.01°" for x in sizes)
+    return rms, largest
 
 
 def _change_in_sigmas(turn: Floats, stated: Floats) -> str:
@@ -192,11 +178,6 @@ def _flag_changes(old: Mapping[str, Any], new: Mapping[str, Any], here: Any, the
     return f"{count.sum()} of {len(here)} ({', '.join(listed)})" if count.size else SAME
 
 
-def _corrected_share(run: MooringRun) -> float:
-    corrected = np.isfinite(run.series["HEADING_CORRECTED"])
-    return float(corrected.mean()) if corrected.size else 0.0
-
-
 def _equal(entry: Any, other: Any) -> bool:
     if entry is None or other is None:
         return False
@@ -204,51 +185,26 @@ def _equal(entry: Any, other: Any) -> bool:
     return entry.shape == other.shape and bool(np.array_equal(entry, other, equal_nan=entry.dtype.kind == "f"))
 
 
-# Calibrations.
-
-CALIBRATION_HEADER = (
-    *("calibration", "deviation, rms", "largest", "uncertainty", "verdict", "effects", "coefficients", "also changed"),
-)
-# Keys that follow from quantities with columns of their own, or that state the software.
-EXPECTED_KEYS = ("model", "coefficients", "covariance", "uncertainty", "software", "date_created")
-
-
-@dataclass(frozen=True)
-class CalibrationRun:
-    """Results of one run for one calibration."""
-
-    content: Mapping[str, Any]  # calibration.json
-    table: DeviationTable
-    diagnosis: Mapping[str, Any]
-
-
-def _read_calibration(folder: Path) -> CalibrationRun:
-    file = folder / "diagnosis.json"
-    undiagnosed = {"verdict": "none", "findings": []}  # calibrations of some kinds are not diagnosed
-    outcome = results.read_content(file) if file.is_file() else undiagnosed
-    return CalibrationRun(
-        results.read_content(folder / "calibration.json"), archive.read_table(folder / "table.csv"), outcome
-    )
-
-
 def _compare_calibrations(old_folder: Path, new_folder: Path) -> tuple[str, ...]:
-    old, new = _read_calibration(old_folder), _read_calibration(new_folder)
-    verdicts = from_to(*(str(entry.diagnosis["verdict"]) for entry in (old, new)))
-    outcome = (verdicts, from_to(effects(old.diagnosis), effects(new.diagnosis)))
-    sure = from_to(*(words.degrees(entry.content["uncertainty"]["expanded_deg"], 2) for entry in (old, new)))
-    fitted = coefficients(_calibration_fit(old.content), _calibration_fit(new.content))
-    keys = dict.fromkeys([*old.content, *new.content])
-    others = [key for key in keys if key not in EXPECTED_KEYS and old.content.get(key) != new.content.get(key)]
-    alike = all(cell == SAME for cell in outcome)
-    others += ["diagnosis.json"] if alike and old.diagnosis != new.diagnosis else []
-    _, here, there = np.intersect1d(old.table.heading_deg, new.table.heading_deg, return_indices=True)
-    change = angles.difference(new.table.deviation_deg[there], old.table.deviation_deg[here])
-    tabulated = old.table.heading_deg.size or new.table.heading_deg.size
+    folders = (old_folder, new_folder)
+    old, new = (read_json(folder / "calibration.json") for folder in folders)
+    tables = [read_table(folder / "table.csv") for folder in folders]
+    diagnoses = [
+        read_json(file) if (file := folder / "diagnosis.json").is_file() else {"verdict": "none", "findings": []}
+        for folder in folders
+    ]
+    outcome = _outcome(*diagnoses)
+    sure = _from_to(*(words.degrees(entry["uncertainty"]["expanded_deg"], 2) for entry in (old, new)))
+    keys = [key for key in dict.fromkeys([*old, *new]) if key not in EXPECTED_KEYS and old.get(key) != new.get(key)]
+    keys += ["diagnosis.json"] if {*outcome} == {SAME} and diagnoses[0] != diagnoses[1] else []
+    _, here, there = np.intersect1d(tables[0].heading_deg, tables[1].heading_deg, return_indices=True)
+    change = angles.difference(tables[1].deviation_deg[there], tables[0].deviation_deg[here])
+    tabulated = any(table.heading_deg.size for table in tables)
     changed = _rms_and_largest(change, "none in both" if tabulated else SAME)
-    return (*changed, sure, *outcome, fitted, ", ".join(others) or SAME)
+    return (*changed, sure, *outcome, _coefficients(*map(_fit, (old, new))), ", ".join(keys) or SAME)
 
 
-def _calibration_fit(content: Mapping[str, Any]) -> dict[str, Any]:
+def _fit(content: Mapping[str, Any]) -> dict[str, Any]:
     """Convert the known coefficients to the form of a mooring's fit; some kinds determine only the first of them."""
     known = {letter: value for letter, value in (content["coefficients"] or {}).items() if value is not None}
     n = len(known)
@@ -258,25 +214,18 @@ def _calibration_fit(content: Mapping[str, Any]) -> dict[str, Any]:
 
 # Format of cells and of the table.
 
-SAME = "same"
 
-
-def from_to(old: str, new: str) -> str:
-    """Format the change of a value, ``SAME`` if there is none."""
+def _from_to(old: str, new: str) -> str:
     return SAME if old == new else f"{old} → {new}"
 
 
-def degrees(value: float) -> str:
-    """Format the size of a change, degrees."""
-    return f"{words.significant(value, 3)}°" if value >= 0.01 else "below 0.01°"
+def _outcome(old: Mapping[str, Any], new: Mapping[str, Any]) -> tuple[str, str]:
+    """Compare verdict and effects of two diagnoses."""
+    effects = (", ".join(entry["effect"] for entry in side["findings"]) or "none" for side in (old, new))
+    return _from_to(old["verdict"], new["verdict"]), _from_to(*effects)
 
 
-def effects(diagnosis: Mapping[str, Any]) -> str:
-    """List the effects identified in the content of diagnosis.json."""
-    return ", ".join(entry["effect"] for entry in diagnosis["findings"]) or "none"
-
-
-def coefficients(old: Mapping[str, Any], new: Mapping[str, Any], *, least: float = 0.01) -> str:
+def _coefficients(old: Mapping[str, Any], new: Mapping[str, Any], *, least: float = 0.01) -> str:
     """Format the changes of the coefficients that correct, or of the method if that differs.
 
     Changes below ``least`` standard deviations of OLD are numerical.
@@ -289,25 +238,16 @@ def coefficients(old: Mapping[str, Any], new: Mapping[str, Any], *, least: float
     if not (before and after):
         return "none → fitted" if after else "fitted → none"
     known = old["covariance"] or new["covariance"]
-    sigma = np.sqrt(np.diag(known)) if known else np.zeros(len(after))
-    change = [(letter, value - before[letter], s) for (letter, value), s in zip(after.items(), sigma, strict=True)]
-    worth = [
-        f"{letter} {difference:+.2g}".replace("-", words.MINUS) + (f" ({abs(difference) / s:.2g}σ)" if s > 0.0 else "")
-        for letter, difference, s in change
-        if abs(difference) > least * s
-    ]
+    worth = []
+    for letter, s in zip(after, np.sqrt(np.diag(known)) if known else np.zeros(len(after)), strict=True):
+        change = after[letter] - before[letter]
+        if abs(change) > least * s:
+            sigmas = f" ({abs(change) / s:.2g}σ)" if s > 0.0 else ""
+            worth.append(f"{letter} {change:+.2g}{sigmas}".replace("-", words.MINUS))
     return ", ".join(worth) or f"below {least} of their 1σ"
 
 
-def table(header: Sequence[str], rows: Mapping[str, tuple[str, ...]]) -> str:
-    """Format a header and rows as a table; a row of one cell spans the columns.
-
-    Args:
-        rows: cells by name; none where nothing changed.
-    """
+def _table(header: Sequence[str], rows: Mapping[str, tuple[str, ...]]) -> str:
+    """Format a header and rows, by name, as a table."""
     lines = [header, *((name, *(row or ("nothing changed",))) for name, row in rows.items())]
-    columns = zip(*(line for line in lines if len(line) == len(header)), strict=True)
-    widths = [max(len(cell) for cell in column) for column in columns]
-    widths[0] = max(len(line[0]) for line in lines)
-    padded = ([cell.ljust(width) for cell, width in zip(line, widths, strict=False)] for line in lines)
-    return "\n".join("  ".join(cells).rstrip() for cells in padded)
+    return "\n".join(results.align(lines))

@@ -7,18 +7,18 @@ import os
 import re
 from argparse import Namespace
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
-from compasslib import angles, readers
+from compasslib import readers
 from compasslib.calibrations.swing import observations
 from compasslib.cli.results import print_warnings
 from compasslib.config import draft, json_schema
-from compasslib.config.draft import Drafted, Mooring, Position, Roles
+from compasslib.config.draft import Drafted, Position, Roles
 from compasslib.config.schema import KNOWN_SERIES
 from compasslib.config.values import shown
 from compasslib.errors import InputError
@@ -29,7 +29,6 @@ from compasslib.readers.netcdf import ocean_contour
 from compasslib.readers.nortek import converted
 from compasslib.readers.table import read_series
 from compasslib.records import DEEPEST_M, Record
-from compasslib.types import Floats
 
 LEFT_OUT = ("config", "results")  # folders of a cruise that hold no exports
 NAMELESS = ("raw", "data", "exports", "")  # names of folders that do not name a mooring
@@ -45,8 +44,6 @@ PROVISIONAL: dict[str, dict[str, object]] = {
 UP, TRUE = {"orientation": "up"}, {"direction_reference": "true"}
 RETRIED: tuple[dict[str, str], ...] = ({}, UP, TRUE, UP | TRUE)
 ASKED = ("orientation", "bin_size", "first_bin")
-TOLD_UP = ("pd0", "nortek", "netcdf", "ocean_contour", "mat", "rdi_text")  # formats that may state the orientation
-SILENT = ("table", "acm_table", "mmp_acm")  # formats that never state whether directions are magnetic or true
 TO_READ = "write one in a copy, or add it by hand with columns"
 TO_CARRY = "where and when it was done: needed to carry it to a mooring"
 
@@ -65,48 +62,55 @@ class Series:
 class Contents:
     """Contents of the files, sorted by their use in the configuration."""
 
+    root: Path  # cruise folder
     place: Position  # as given on the command line
     folders: dict[str, dict[str, Drafted]] = field(default_factory=dict)  # mooring or folder -> name -> instrument
-    records: dict[str, Record] = field(default_factory=dict)  # by the instrument's first file
     calibrations: dict[str, str] = field(default_factory=dict)  # name -> text
     series: dict[str, Series] = field(default_factory=dict)  # covariates by name
     left: list[str] = field(default_factory=list)  # files that are not used, and why
 
+    def inside(self, path: Path) -> str:
+        """Return the path of a file relative to the cruise; below raw/ for outside files, which are linked there."""
+        whole, base = Path(os.path.abspath(path)), Path(os.path.abspath(self.root))
+        if whole.is_relative_to(base):
+            return whole.relative_to(base).as_posix()
+        return f"raw/{_name(whole.parent.name)}/{whole.name}"
+
 
 def init(asked: Namespace) -> int:
-    """Write the drafts, print how many decisions each leaves to the user, and return 0.
-
-    Raises:
-        InputError: nothing can be drafted, or a file already exists.
-    """
+    """Write the drafts, print how many decisions each leaves to the user, and return 0."""
     root = Path(asked.into)
-    entries: list[Path] = []
+    contents = Contents(root, Position(asked.latitude, asked.longitude, asked.water_depth))
+    given = dict[Path, None]()
     for entry in map(Path, asked.files):
         if not entry.exists():
-            raise InputError(
-                str(entry), expected="a file or a folder", found="nothing there", advice="correct the path"
-            )
-        entries += sorted(_below(entry)) if entry.is_dir() else [entry]
-    given = list(dict.fromkeys(entries))
-    paths = [path for path in given if _inside(path, root).isprintable()]  # a YAML file cannot name others
-    place = Position(asked.latitude, asked.longitude, asked.water_depth)
-    contents = _sorted(paths, root, asked.name, Contents(place))
-    moorings = _moorings(contents)
-    texts = {
-        f"config/moorings/{name}.yaml": draft.mooring(name, drafted, place) for name, drafted in moorings.items()
-    } | {f"config/calibrations/{name}.yaml": text for name, text in contents.calibrations.items()}
-    contents.left += [
-        f"{shown(path.name)}: rename it in UTF-8, without control characters" for path in given if path not in paths
-    ]
+            expected, advice = "a file or a folder", "correct the path"
+            raise InputError(str(entry), expected=expected, found="nothing there", advice=advice)
+        given |= dict.fromkeys(sorted(_below(entry)) if entry.is_dir() else [entry])
+    paths = [path for path in given if contents.inside(path).isprintable()]  # a YAML file cannot name others
+    _sort(paths, asked.name, contents)
+    texts = {f"config/moorings/{name}.yaml": text for name, text in _moorings(contents).items()}
+    config = {"config/config.yaml": draft.CONFIG.format(moorings="config/moorings" if texts else "[]")}
+    config |= {f"{json_schema.FOLDER}/{name}": text for name, text in json_schema.schemas().items()}
+    texts |= {f"config/calibrations/{name}.yaml": text for name, text in contents.calibrations.items()}
+    unnamed = [path for path in given if path not in paths]
+    contents.left += [f"{shown(path.name)}: rename it in UTF-8, without control characters" for path in unnamed]
     left = [f"left out: {line}" for line in contents.left]
     if not texts:
         print_warnings(left)
         raise InputError(", ".join(asked.files), expected="exports of instruments", found="none", advice="name others")
-    config = {"config/config.yaml": draft.CONFIG.format(moorings="config/moorings" if moorings else "[]")}
-    config |= {f"{json_schema.FOLDER}/{name}": text for name, text in json_schema.schemas().items()}
-    links = {root / _inside(path, root): Path(os.path.abspath(path)) for path in paths}
-    links = {link: path for link, path in links.items() if not os.path.lexists(link)}
-    _write(root, links, texts, {file: text for file, text in config.items() if not (root / file).exists()})
+    for file in texts:
+        if (root / file).exists():
+            advice = "draft with another --name or into another folder with --into, or move that file away"
+            raise InputError(str(root / file), expected="no such file yet", found="one", advice=advice)
+    for path in paths:
+        if not os.path.lexists(link := root / contents.inside(path)):
+            link.parent.mkdir(parents=True, exist_ok=True)
+            link.symlink_to(os.path.abspath(path))
+    for file, text in {**texts, **config}.items():
+        if not (root / file).exists():
+            (root / file).parent.mkdir(parents=True, exist_ok=True)
+            (root / file).write_text(text, encoding="utf-8")
     for file, text in texts.items():
         n = draft.decisions(text)
         print(f"{root / file}: {n} DECIDE entr{'y' if n == 1 else 'ies'} to replace by a value")
@@ -121,114 +125,100 @@ def _below(folder: Path) -> Iterable[Path]:
         yield from (Path(top, name) for name in names if name[0] != ".")
 
 
-def _inside(path: Path, root: Path) -> str:
-    """Return the path of a file relative to the cruise folder; below raw/ for outside files, which are linked there."""
-    whole, base = Path(os.path.abspath(path)), Path(os.path.abspath(root))
-    if whole.is_relative_to(base):
-        return whole.relative_to(base).as_posix()
-    return f"raw/{_name(whole.parent.name)}/{whole.name}"
-
-
-def _sorted(paths: Sequence[Path], root: Path, name: str | None, contents: Contents) -> Contents:
-    tables: dict[Path, detect.GuessedTable | None] = {}
+def _sort(paths: Sequence[Path], name: str | None, contents: Contents) -> None:
+    """Sort files by their use, and read the instruments."""
     groups: dict[tuple[str, str, str], list[Path]] = {}
+    tables: dict[Path, detect.GuessedTable | None] = {}
+    profiler = any(SCANS.search(path.name) for path in paths)
+    companions = [path for path in paths if COMPANION.search(path.name)]
     for path in paths:
         kind = detect.detect_kind(path)
         form = kind.form if kind else None
-        if form != "nortek" and converted.header_of(path) in paths:
-            continue  # read together with the header file of its conversion
+        if (form != "nortek" and converted.header_of(path) in paths) or (profiler and path in companions):
+            continue  # read together with the header file of its conversion, or with its scans
         recorded = next((each for each in map(path.with_suffix, RECORDINGS) if each in paths), None)
-        if path.suffix.lower() == converted.HEADER and recorded:
-            contents.left.append(f"{path}: converted from {recorded.name}, which is read")
-            continue
+        unpacked = path.with_suffix(".TXT")
         form = "ocean_contour" if form == "netcdf" and ocean_contour.is_ocean_contour(path) else form
-        if COMPANION.search(path.name) and any(SCANS.search(other.name) for other in paths):
-            continue  # read together with its scans
-        if form == "mmp_acm" and (text := path.with_suffix(".TXT")) in paths and text != path:
-            contents.left.append(f"{path}: its scans stand unpacked in {text.name}")
-            continue
-        if form == "table":
-            tables[path] = detect.guess_columns(path)
+        table = tables[path] = detect.guess_columns(path) if form == "table" else None
         mooring = name
         if not mooring:  # named after the folder of its files, unless that has a generic name
-            folders = (path.absolute().parent.name, Path(os.path.abspath(root)).name)
+            folders = (path.absolute().parent.name, Path(os.path.abspath(contents.root)).name)
             mooring = next((_name(folder) for folder in folders if folder.lower() not in NAMELESS), "M1")
-        table = tables.get(path)
-        if form is None:
+        if path.suffix.lower() == converted.HEADER and recorded:
+            contents.left.append(f"{path}: converted from {recorded.name}, which is read")
+        elif form == "mmp_acm" and unpacked in paths and unpacked != path:
+            contents.left.append(f"{path}: its scans stand unpacked in {unpacked.name}")
+        elif form is None:
             contents.left.append(f"{path}: {f'{kind.name}; {kind.advice}' if kind else 'its kind is not known'}")
         elif form == "table" and table is None:
             contents.left.append(f"{path}: a table whose header names no known columns; {TO_READ}")
         elif table and table.kind == "pressure":
-            continue  # read together with scans, or reported as unused below
+            companions.append(path)
+        elif table and table.kind == "series":
+            _add_series(path, table, mooring, contents)
         elif form in ("iaga2002", "nmea0183") or (table and table.kind != "instrument"):
-            _add_aside(path, root, form, table, mooring, contents)
+            _add_calibration(path, form, table, contents)
         else:
             groups.setdefault((mooring, form, _stem(path, form)), []).append(path)
-    pressures = [path for path, table in tables.items() if table and table.kind == "pressure"]
-    with_scans = {files[0].parent for (_, form, _), files in groups.items() if form == "mmp_acm"}
-    advice = "name it under pressure_files of a profiler, or under covariates"
-    contents.left += [
-        f"{each}: a table of pressure alone; {advice}" for each in pressures if each.parent not in with_scans
-    ]
-    companions = [*pressures, *(path for path in paths if COMPANION.search(path.name))]
     for (mooring, form, stem), files in groups.items():
-        companion_files = [path for path in companions if form == "mmp_acm" and path.parent == files[0].parent]
+        beside = [path for path in companions if form == "mmp_acm" and path.parent == files[0].parent]
         others = contents.folders.setdefault(mooring, {})
-        others[_free(stem, others)] = _drafted(form, files, root, tables.get(files[0]), companion_files, contents)
-    _join_heads(contents)
-    return contents
+        others[_free(stem, others)] = _draft(form, files, tables[files[0]], beside, contents)
+    advice = "name it under pressure_files of a profiler, or under covariates"
+    profilers = {files[0].parent for (_, form, _), files in groups.items() if form == "mmp_acm"}
+    alone = [path for path in companions if not COMPANION.search(path.name) and path.parent not in profilers]
+    contents.left += [f"{path}: a table of pressure alone; {advice}" for path in alone]
 
 
-def _add_aside(
-    path: Path, root: Path, form: str, table: detect.GuessedTable | None, mooring: str, contents: Contents
-) -> None:
-    """Add a file that is not an instrument's: a calibration or a covariate."""
-    file, name = _inside(path, root), _free(_name(path.stem), contents.calibrations)
-    keys: dict[str, object]
+def _add_calibration(path: Path, form: str, table: detect.GuessedTable | None, contents: Contents) -> None:
+    """Add the series of an observatory, which is a covariate too, a log of a ship, or a table of readings."""
+    file, name = contents.inside(path), _free(_name(path.stem), contents.calibrations)
+    keys: dict[str, object] = {"file": file}
+    comments = {"date": TO_CARRY}
     if form == "iaga2002":
-        keys = {"format": form, "files": [file]}
-        contents.series["declination_observatory"] = Series(keys, None, -math.inf, math.inf)
-        place, comments = _place(contents.place, "of the observatory", draft.DECIDE)
+        kind, placed = "declination", True
+        contents.series["declination_observatory"] = Series(
+            {"format": form, "files": [file]}, None, -math.inf, math.inf
+        )
         try:
             series = iaga2002.read([path])
             placed = bool(np.isfinite(series.latitude + series.longitude))
-        except InputError:
-            placed = True  # compass check will report the error
-        place, comments = ({}, {}) if placed else (place, comments)
-        contents.calibrations[name] = draft.calibration("declination", {"file": file, **place}, comments)
+        except InputError:  # compass check will report the error
+            pass
+        if not placed:
+            comments |= _place(keys, contents.place, "of the observatory", draft.DECIDE)
     elif form == "nmea0183":
-        _add_log(path, file, name, contents)
-    elif table and table.kind == "series":
-        _add_series(path, file, table, mooring, contents)
-    elif table:
-        columns = {role: header for role, header in table.columns.items() if role != header}
-        unknown = draft.DECIDE if table.kind == "swing" else None  # its courses are true, its compass magnetic
-        place, comments = _place(contents.place, TO_CARRY, unknown)
-        dated = {} if "time_utc" in table.columns and unknown else {"date": unknown}
-        keys = {"file": file, **({"columns": columns} if columns else {}), **place, **dated}
-        contents.calibrations[name] = draft.calibration(table.kind, keys, comments | {"date": TO_CARRY})
-
-
-def _add_log(path: Path, file: str, name: str, contents: Contents) -> None:
-    """Add a swing calibration if a log contains magnetic headings, all around the circle, and courses."""
-    parsed = nmea.read_any(path)
-    if parsed is None:
+        kind, parsed = "swing", nmea.read_any(path)
         why = "no magnetic heading (HDG or HDM) with a course (RMC or VTG)"
-        contents.left.append(f"{path}: an NMEA 0183 log with {why}: no swing")
-        return
-    columns, talkers, log = parsed
-    gap = observations.widest_gap(log.heading_deg)
-    if gap > observations.REFUSED_GAP_DEG:
-        contents.left.append(f"{path}: an NMEA 0183 log whose headings leave {gap:.0f}° of the circle empty: no swing")
-        return
-    keys = {"file": file, "format": "nmea0183", **({"columns": columns} if columns else {})}
-    keys |= {"talker": draft.DECIDE} if talkers else {}
-    comments = {"talker": f"{', '.join(talkers)} send headings; HC is a magnetic compass"}
-    contents.calibrations[name] = draft.calibration("swing", keys, comments)
+        gap = 360.0 if parsed is None else observations.widest_gap(parsed[2].heading_deg)
+        if parsed and gap > observations.REFUSED_GAP_DEG:
+            why = f"headings that leave {gap:.0f}° of the circle empty"
+        if parsed is None or gap > observations.REFUSED_GAP_DEG:
+            contents.left.append(f"{path}: an NMEA 0183 log with {why}: no swing")
+            return
+        columns, talkers, _ = parsed
+        keys |= {"format": form, **({"columns": columns} if columns else {})}
+        keys |= {"talker": draft.DECIDE} if talkers else {}
+        comments["talker"] = f"{', '.join(talkers)} send headings; HC is a magnetic compass"
+    else:
+        assert table is not None
+        kind, columns = table.kind, {role: header for role, header in table.columns.items() if role != header}
+        unknown = draft.DECIDE if kind == "swing" else None  # its courses are true, its compass magnetic
+        keys |= {"columns": columns} if columns else {}
+        comments |= _place(keys, contents.place, TO_CARRY, unknown)
+        keys |= {} if "time_utc" in table.columns and unknown else {"date": unknown}
+    contents.calibrations[name] = draft.calibration(kind, keys, comments)
 
 
-def _add_series(path: Path, file: str, table: detect.GuessedTable, mooring: str, contents: Contents) -> None:
-    keys = {"format": "table", "files": file, "columns": table.columns}
+def _place(keys: dict[str, object], said: Position, why: str, unknown: str | None) -> dict[str, str]:
+    """Add the position of a calibration as given by the user, or undecided, and return comments."""
+    given = None not in (said.latitude, said.longitude)
+    keys |= {key: getattr(said, key) if given else unknown for key in ("latitude", "longitude")}
+    return {} if given else {"latitude": f"degrees north, {why}", "longitude": "degrees east, west negative"}
+
+
+def _add_series(path: Path, table: detect.GuessedTable, mooring: str, contents: Contents) -> None:
+    keys: dict[str, object] = {"format": "table", "files": contents.inside(path), "columns": table.columns}
     try:
         time_s, _, _ = read_series({"files": [path], "columns": table.columns})
     except InputError as error:
@@ -242,50 +232,38 @@ def _add_series(path: Path, file: str, table: detect.GuessedTable, mooring: str,
     contents.series[_free(name, contents.series)] = Series(keys, mooring, float(time_s[0]), float(time_s[-1]))
 
 
-def _place(said: Position, why: str, unknown: str | None) -> tuple[dict[str, object], dict[str, str]]:
-    """Return the position keys of a calibration as given by the user, or undecided ones with comments."""
-    if None in (said.latitude, said.longitude):
-        words_of = {"latitude": f"degrees north, {why}", "longitude": "degrees east, west negative"}
-        return {"latitude": unknown, "longitude": unknown}, words_of
-    return {"latitude": said.latitude, "longitude": said.longitude}, {}
-
-
-def _drafted(
+def _draft(
     form: str,
     files: Sequence[Path],
-    root: Path,
     table: detect.GuessedTable | None,
     companions: Sequence[Path],
     contents: Contents,
 ) -> Drafted:
+    """Read an instrument, with provisional values of the keys that only the user can decide."""
     keys: dict[str, object] = {key: draft.DECIDE for key in ASKED if key in PROVISIONAL.get(form, {})}
     if table:
         keys["columns"] = {**table.columns, **({"scale": table.scale} if table.scale else {})}
     if companions:
-        keys["pressure_files"] = [_inside(path, root) for path in companions]
+        keys["pressure_files"] = [contents.inside(path) for path in companions]
     settings = {**keys, **PROVISIONAL.get(form, {}), "pressure_files": companions}
-    inside = tuple(_inside(path, root) for path in files)
-    record, asked, trouble = None, set[str](), ""
-    for retried in RETRIED:
-        if record is None and {*retried} <= asked:
-            try:
-                record = readers.read(form, files, settings | retried)
-                keys |= dict.fromkeys({"orientation"} & {*record.unstated, *retried}, draft.DECIDE)
-            except InputError as error:
-                trouble = trouble or str(error)
-                asked |= {*_named_keys(error, readers.get_format(form).keys)}
-    if record is None:
-        unread = ["direction_reference"] * (form == "netcdf")  # what the file says of it is not known yet
-        return Drafted(form, inside, keys | dict.fromkeys([*sorted(asked), *unread], draft.DECIDE), trouble=trouble)
-    contents.records[inside[0]] = record
-    drafted = _of_record(form, inside, keys, record, table)
-    if form != "netcdf":
-        return drafted
-    from compasslib.readers.netcdf.variables import read_position
+    inside = tuple(contents.inside(path) for path in files)
+    asked, trouble = set[str](), ""
+    for retried in (each for each in RETRIED if {*each} <= asked or not each):
+        try:
+            record = readers.read(form, files, settings | retried)
+        except InputError as error:
+            trouble = trouble or str(error)
+            asked |= {*_named_keys(error, readers.get_format(form).keys)}
+            continue
+        keys |= dict.fromkeys({"orientation"} & {*record.unstated, *retried}, draft.DECIDE)
+        where: dict[str, float] = {}
+        if form == "netcdf":
+            from compasslib.readers.netcdf.variables import read_position
 
-    where = read_position(files[0])
-    both = (where["latitude"], where["longitude"]) if {"latitude", "longitude"} <= set(where) else None
-    return replace(drafted, place=both, water_depth_m=where.get("water_depth"))
+            where = read_position(files[0])
+        return Drafted(form, inside, keys, record, north=table.north if table else None, where=where)
+    unread = ["direction_reference"] * (form == "netcdf")  # what the file says of it is not known yet
+    return Drafted(form, inside, keys | dict.fromkeys([*sorted(asked), *unread], draft.DECIDE), trouble=trouble)
 
 
 def _named_keys(error: InputError, keys: Iterable[str]) -> list[str]:
@@ -294,90 +272,28 @@ def _named_keys(error: InputError, keys: Iterable[str]) -> list[str]:
     return [key for key in keys if key != "columns" and re.search(rf"\b{key}\b", advice)]
 
 
-def _of_record(
-    form: str, files: tuple[str, ...], keys: Mapping[str, object], record: Record, table: detect.GuessedTable | None
-) -> Drafted:
-    start, end, surfaced = _in_water(record)
-    level = record.depth_m if np.isfinite(record.depth_m).any() else record.pressure_dbar
-    inside = (record.time_s >= start) & (record.time_s <= end) & np.isfinite(level)
-    depth = float(np.median(level[inside])) if inside.any() else np.nan
-    speed = np.hypot(record.east, record.north)
-    headings = record.heading_deg[np.isfinite(record.heading_deg)]
-    stated = (table.north if table else None) if form in SILENT else record.direction_reference
-    return Drafted(
-        form, files, keys, "", start, end, surfaced,
-        step_s=float(np.median(np.diff(record.time_s))) if len(record.time_s) > 1 else np.nan,
-        bins=record.east.shape[1],
-        sectors=len(np.unique(headings // angles.SECTOR_DEG)),
-        depth_m=depth if depth > 0.0 else np.nan,
-        depth_range_m=float(np.ptp(np.quantile(level[inside], [0.01, 0.99]))) if inside.any() else np.nan,
-        looks_up=record.looks_up if form in TOLD_UP and keys.get("orientation") != draft.DECIDE else None,
-        heading_bias_deg=None if form in SILENT else record.heading_bias_deg or record.velocity_bias_deg,
-        direction_reference=None if "direction_reference" in record.unstated else stated,
-        speed=float(np.nanmedian(speed)) if np.isfinite(speed).any() else np.nan,
-        serial_number=record.serial_number,
-    )  # fmt: skip
-
-
-def _in_water(record: Record, *, least_m: float = 2.0) -> tuple[float, float, bool]:
-    """Find the first and last time below half the median depth, and return whether they show in pressure or depth.
-
-    Args:
-        least_m: least median, and range, of depths that show when an instrument was in the water.
-    """
-    times = record.time_s[np.isfinite(record.time_s)]
-    if not len(times):
-        return math.nan, math.nan, False
-    for level in (record.pressure_dbar, record.depth_m):
-        known = level[np.isfinite(level)]
-        if 2 * len(known) > len(level) and min(np.median(known), np.ptp(known)) > least_m:
-            deep: Floats = record.time_s[level > np.median(known) / 2.0]
-            return float(deep.min()), float(deep.max()), True
-    return float(times.min()), float(times.max()), False
-
-
-def _join_heads(contents: Contents, *, moored_s: float = 60.0) -> None:
-    """Turn two fast-sampling PD0 profilers of one folder into a calibration of two heads on one frame.
-
-    Args:
-        moored_s: least time step of moored profilers, which average over longer intervals.
-    """
-    for folder, instruments in list(contents.folders.items()):
-        quick = [each for each in instruments.values() if each.format == "pd0" and each.step_s < moored_s]
-        if len(quick) == len(instruments) == 2 and all(len(each.files) == 1 for each in quick):
-            files = [each.files[0] for each in quick]
-            place, comments = _place(contents.place, TO_CARRY, None)
-            comments |= {"file": "head a and head b: they sample too quickly to be moored", "date": TO_CARRY}
-            contents.calibrations[_free(folder, contents.calibrations)] = draft.calibration(
-                "two_heads", {"file": files, **place, "date": None}, comments
-            )
-            del contents.folders[folder]
-
-
-def _moorings(contents: Contents) -> dict[str, Mooring]:
-    """Form moorings from the instruments of each folder that recorded at the same time."""
-    moorings: dict[str, Mooring] = {}
+def _moorings(contents: Contents) -> dict[str, str]:
+    """Compose the file of each mooring: the instruments of a folder that recorded at the same time."""
+    texts: dict[str, str] = {}
     for folder, instruments in contents.folders.items():
-        groups = _deployments(instruments)
+        groups, used = _deployments(instruments), set[str]()
         for group in groups:
-            start, end = (
-                edge(getattr(each, key) for each in group.values()) for edge, key in ((min, "start_s"), (max, "end_s"))
-            )
+            start, end = min(each.span_s[0] for each in group.values()), max(each.span_s[1] for each in group.values())
             dated = len(groups) > 1 and math.isfinite(start)
-            name = _free(f"{folder}_{datetime.fromtimestamp(start, UTC):%Y}" if dated else folder, moorings)
+            name = _free(f"{folder}_{datetime.fromtimestamp(start, UTC):%Y}" if dated else folder, texts)
             series = {
                 key: each.keys
                 for key, each in contents.series.items()
                 if each.mooring in (None, folder) and not (each.end_s < start or each.start_s > end)
             }
-            moorings[name] = Mooring(group, _roles(group, contents.records), series)
-        used = {key for mooring in moorings.values() for key in mooring.series}
+            used |= {*series}
+            texts[name] = draft.mooring(name, group, _roles(group), series, contents.place)
         contents.left += [
             f"{each.keys['files']}: no instrument of {folder} recorded at the time of this series"
             for key, each in contents.series.items()
             if each.mooring == folder and key not in used
         ]
-    return moorings
+    return texts
 
 
 def _deployments(instruments: Mapping[str, Drafted]) -> list[dict[str, Drafted]]:
@@ -389,33 +305,36 @@ def _deployments(instruments: Mapping[str, Drafted]) -> list[dict[str, Drafted]]
         groups.append({key: other for group in joined for key, other in group.items()} | {name: each})
     unread = [group for group in groups if all(each.trouble for each in group.values())]
     read = [group for group in groups if group not in unread]
-    return (
-        [read[0] | {key: each for group in unread for key, each in group.items()}] if len(read) == 1 else read + unread
-    )
+    if len(read) == 1:
+        return [read[0] | {key: each for group in unread for key, each in group.items()}]
+    return read + unread
 
 
 def _overlap_in_time(first: Drafted, other: Drafted, *, share: float = 0.1) -> bool:
     """Return whether two records overlap by a share of the shorter one, as those of one deployment."""
+    (start, end), (other_start, other_end) = first.span_s, other.span_s
     # NaN, of records that could not be read, propagates.
-    shorter = np.minimum(first.end_s - first.start_s, other.end_s - other.start_s)
-    overlap = np.minimum(first.end_s, other.end_s) - np.maximum(first.start_s, other.start_s)
+    shorter = np.minimum(end - start, other_end - other_start)
+    overlap = np.minimum(end, other_end) - np.maximum(start, other_start)
     return bool(overlap >= np.maximum(share * shorter, 0.0))
 
 
-def _roles(instruments: Mapping[str, Drafted], records: Mapping[str, Record]) -> Roles:
+def _roles(instruments: Mapping[str, Drafted]) -> Roles:
     """Identify the affected instrument: the only one with headings, or that whose heading explains the directions."""
-    turning = [name for name, each in instruments.items() if each.sectors]
-    unread = [name for name, each in instruments.items() if each.trouble]
+    turning = {name: each.record for name, each in instruments.items() if each.record and each.sectors}
     listed = []  # content of each record, to help the user to identify the affected instrument
     for name, each in instruments.items():
-        depth = "" if math.isnan(each.depth_m) else f" at {each.depth_m:.0f} m"
-        read = f"{each.bins} bin{'s' * (each.bins != 1)}{depth}, headings in {each.sectors} of 36 sectors"
-        listed.append(f"{name}: {'could not be read' if each.trouble else read}")
+        if each.record is None:
+            listed.append(f"{name}: could not be read")
+            continue
+        bins, depth = each.record.east.shape[1], f" at {each.depth_m:.0f} m" if each.depth_m > 0.0 else ""
+        listed.append(f"{name}: {bins} bin{'s' * (bins != 1)}{depth}, headings in {each.sectors} of 36 sectors")
     affected, evidence = None, f"the instrument whose compass is near iron; {'; '.join(listed)}"
-    if len(turning) == 1 and not unread:
-        affected, evidence = turning[0], "the only instrument with headings"
-    elif len(turning) > 1 and not unread:
-        affected, evidence = _by_directions(instruments, turning, records) or (affected, evidence)
+    if all(each.record for each in instruments.values()):
+        if len(turning) == 1:
+            affected, evidence = next(iter(turning)), "the only instrument with headings"
+        elif len(turning) > 1:
+            affected, evidence = _by_directions(instruments, turning) or (affected, evidence)
     others = [
         name
         for name, each in instruments.items()
@@ -424,29 +343,27 @@ def _roles(instruments: Mapping[str, Drafted], records: Mapping[str, Record]) ->
     return Roles(affected, evidence, tuple(others) if len(instruments) > 1 else ())
 
 
-def _by_directions(
-    instruments: Mapping[str, Drafted], turning: Sequence[str], records: Mapping[str, Record]
-) -> tuple[str, str] | None:
+def _by_directions(instruments: Mapping[str, Drafted], turning: Mapping[str, Record]) -> tuple[str, str] | None:
     """Find the compass whose heading explains the difference of current directions from every other instrument."""
+    cut = {
+        name: apply_deployment(
+            record,
+            start_s=instruments[name].span_s[0],
+            end_s=instruments[name].span_s[1],
+            water_depth=DEEPEST_M,  # unknown: no instrument is rejected
+            latitude=45.0,  # depth by pressure differs by 0.5 % between pole and equator
+            nominal_depth=instruments[name].depth_m if instruments[name].depth_m > 0.0 else None,
+        )
+        for name, record in turning.items()
+    }
     shares: dict[tuple[str, str], ExplainedShare] = {}
     for first, other in combinations(turning, 2):
-        both = [
-            apply_deployment(
-                records[instruments[name].files[0]],
-                start_s=instruments[name].start_s,
-                end_s=instruments[name].end_s,
-                water_depth=DEEPEST_M,  # unknown: no instrument is rejected
-                latitude=45.0,  # depth by pressure differs by 0.5 % between pole and equator
-                nominal_depth=None if math.isnan(instruments[name].depth_m) else instruments[name].depth_m,
-            )
-            for name in (first, other)
-        ]
-        if parsed := compare_headings(*both):
+        if parsed := compare_headings(cut[first], cut[other]):
             shares[first, other], shares[other, first] = parsed
     for name in turning:
         pairs = [(shares[key], shares[key[::-1]], key[1]) for key in shares if key[0] == name]
-        if pairs and all(is_affected(share_of_name, others) for share_of_name, others, _ in pairs):
-            share = min(share_of_name.share for share_of_name, _, _ in pairs)
+        if pairs and all(is_affected(own, others) for own, others, _ in pairs):
+            share = min(own.share for own, _, _ in pairs)
             other_shares = " and ".join(f"{other}'s {max(others.share, 0.0):.0%}" for _, others, other in pairs)
             return name, f"its heading explains {share:.0%} of the difference of directions, {other_shares}"
     return None
@@ -467,16 +384,3 @@ def _name(text: str) -> str:
 def _free(name: str, taken: Iterable[str]) -> str:
     used = set(taken)
     return next(first for k in range(1, 10000) if (first := name if k == 1 else f"{name}_{k}") not in used)
-
-
-def _write(root: Path, links: Mapping[Path, Path], texts: Mapping[str, str], config: Mapping[str, str]) -> None:
-    for file in texts:
-        if (root / file).exists():
-            advice = "draft with another --name or into another folder with --into, or move that file away"
-            raise InputError(str(root / file), expected="no such file yet", found="one", advice=advice)
-    for link, path in links.items():
-        link.parent.mkdir(parents=True, exist_ok=True)
-        link.symlink_to(path)
-    for file, text in {**texts, **config}.items():
-        (root / file).parent.mkdir(parents=True, exist_ok=True)
-        (root / file).write_text(text, encoding="utf-8")

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import tempfile
 import textwrap
 import zipfile
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import chdir, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import NamedTuple, TextIO
 
 from compasslib.archive import crate, deposit, summary, verification
-from compasslib.archive.files import RERUN, read_json
+from compasslib.archive.files import read_json
 from compasslib.config import compasses, cruise
 from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
@@ -23,15 +23,15 @@ from compasslib.report.results import QUESTION, ReportSection, read_calibration,
 from compasslib.stages.settings import Moorings
 
 MOORING_FILES = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "work/field.json")
-REQUIRED_KEYS = {
-    "deviation.json": ("method", "coefficients", "covariance", "n_pairs", "folded", "why", "warnings", "applied"),
-    "diagnosis.json": ("verdict", "findings", "unexplained", "separated_by", "not_testable", "why"),
-    "assessment.json": ("before", "after", "use"),
-    "calibration.json": ("kind", "model", "coefficients", "covariance", "uncertainty", "why"),
-    "work/field.json": ("warnings",),
-}
 CALIBRATION_FILES = ("calibration.json", "table.csv")
 COMPARED = ("corrected.nc", ".json", "table.csv")  # files of a deposit that are unpacked for comparison
+
+
+def require_folder(cruise: str) -> None:
+    """Raise InputError if the folder of a cruise does not exist."""
+    if not Path(cruise).is_dir():
+        advice = "name the folder of a cruise"
+        raise InputError(cruise, expected="a cruise folder", found="no such folder", advice=advice)
 
 
 def mooring_folder(cruise: str, mooring: str, parts: Sequence[str] = ("",), what: str = "mooring") -> Path:
@@ -40,9 +40,6 @@ def mooring_folder(cruise: str, mooring: str, parts: Sequence[str] = ("",), what
     Args:
         mooring: name in the cruise, or the folder itself.
         parts: subfolders of the results that are searched, "" for the results themselves.
-
-    Raises:
-        InputError: there is no such folder.
     """
     root = Path(cruise) / "results"
     for folder in (*(root / part / mooring for part in parts), Path(cruise) / "corrected" / mooring, Path(mooring)):
@@ -54,8 +51,7 @@ def mooring_folder(cruise: str, mooring: str, parts: Sequence[str] = ("",), what
     raise InputError(mooring, expected=f"a {what} with results in {cruise}", found=there or "none", advice=advice)
 
 
-@dataclass(frozen=True)
-class ResultFolders:
+class ResultFolders(NamedTuple):
     """Folders of results by name of mooring or calibration."""
 
     moorings: Mapping[str, Path]
@@ -64,11 +60,7 @@ class ResultFolders:
 
 @contextmanager
 def unpack_deposit(place: str) -> Iterator[str]:
-    """Yield a place to read from: a deposited ZIP unpacked for the duration of the block, anything else unchanged.
-
-    Raises:
-        InputError: the ZIP is damaged.
-    """
+    """Yield a place to read from: a deposited ZIP unpacked for the duration of the block, anything else unchanged."""
     if not (Path(place).is_file() and zipfile.is_zipfile(place)):
         yield place
         return
@@ -81,11 +73,7 @@ def unpack_deposit(place: str) -> Iterator[str]:
 
 
 def find_results(place: str) -> ResultFolders:
-    """Find the folders of results in a cruise or a folder of results, or in that of one mooring or calibration.
-
-    Raises:
-        InputError: there is none.
-    """
+    """Find the folders of results in a cruise or a folder of results, or in that of one mooring or calibration."""
     root = Path(place)
     alone = {root.resolve().name: root}
     if (root / CALIBRATION_FILES[0]).is_file():
@@ -106,18 +94,15 @@ def _calibrations(root: Path) -> dict[str, Path]:
 
 
 def _moorings(root: Path) -> dict[str, Path]:
-    folders = sorted(path for path in root.iterdir() if path.is_dir()) if root.is_dir() else []
-    marks = ("work", "logs", *MOORING_FILES)
-    parts = {
-        path: [
-            part for part in sorted(path.iterdir()) if part.is_dir() and any((part / mark).exists() for mark in marks)
-        ]
-        for path in folders
-        if path.name not in RESERVED
-    }
-    named = [(path.name, path) for path in parts if not parts[path] and any((path / mark).exists() for mark in marks)]
-    named += [(f"{path.name}/{part.name}", part) for path, several in parts.items() for part in several]
-    return dict(sorted(named))
+    """Find the folders of moorings, or of their instruments where several are corrected."""
+    marks, reserved = ("work", "logs", *MOORING_FILES), {*RESERVED}
+    found = dict[str, Path]()
+    for path in (*root.glob("*/"), *root.glob("*/*/")):
+        parts = path.relative_to(root).parts
+        if not reserved & {*parts} and any((path / mark).exists() for mark in marks):
+            found["/".join(parts)] = path
+    wholes = {name.partition("/")[0] for name in found if "/" in name}
+    return {name: path for name, path in sorted(found.items()) if name not in wholes}
 
 
 def missing_files(folder: Path, needed: Sequence[str]) -> list[str]:
@@ -125,53 +110,22 @@ def missing_files(folder: Path, needed: Sequence[str]) -> list[str]:
     return [file for file in needed if not (folder / file).is_file()]
 
 
-def explain_missing(old: Path | None, new: Path | None, needed: Sequence[str]) -> str:
-    """Explain why two folders of results, None if there is none, cannot be compared; empty if they can."""
-    for folder, which in ((old, "OLD"), (new, "NEW")):
-        if folder is None:
-            return f"not in {which}"
-        if files := missing_files(folder, needed):
-            return f"{which} is incomplete: no {files[0]}"
-    return ""
-
-
-def refuse_incomplete(folder: Path, needed: Sequence[str], what: str) -> None:
-    """Refuse results of an incomplete run.
-
-    Raises:
-        InputError: a file is missing.
-    """
-    if files := missing_files(folder, needed):
-        actual, advice = f"no {files[0]}", "run the cruise to its end"
-        raise InputError(str(folder), expected=f"all results of a {what}", found=actual, advice=advice)
-
-
 @contextmanager
-def check_version(folder: Path) -> Iterator[None]:
-    """Convert errors of the block on missing content of result files to an error of one line.
-
-    Raises:
-        InputError: the block needs content that a file does not have.
-    """
+def check_version(where: object) -> Iterator[None]:
+    """Convert errors of the block on missing content of result files to an error of one line."""
     try:
         yield
     except (LookupError, TypeError, AttributeError, ValueError) as error:
         actual, advice = f"{type(error).__name__}: {error}", "run the cruise again"
-        raise InputError(str(folder), expected="results of this version", found=actual, advice=advice) from error
+        raise InputError(str(where), expected="results of this version", found=actual, advice=advice) from error
 
 
-def read_content(file: Path) -> dict[str, Any]:
-    """Read a JSON file of the results that ``REQUIRED_KEYS`` lists, and check its keys.
-
-    Raises:
-        InputError: it is not JSON, or lacks a key that every run writes.
-    """
-    read = read_json(file)
-    keys = next(keys for name, keys in REQUIRED_KEYS.items() if file.match(name))
-    absent = [key for key in keys if not isinstance(read, dict) or key not in read]
-    if absent:
-        raise InputError(str(file), expected=f"the key {absent[0]}", found="none", advice=RERUN)
-    return dict(read)
+def align(lines: Sequence[Sequence[str]]) -> list[str]:
+    """Pad the cells of lines to columns; cells after the first of a shorter line do not widen them."""
+    n = max(map(len, lines))
+    widths = [max(len(line[k]) for line in lines if k == 0 or len(line) == n) for k in range(n)]
+    padded = ([cell.ljust(width) for cell, width in zip(line, widths, strict=False)] for line in lines)
+    return ["  ".join(cells).rstrip() for cells in padded]
 
 
 # Warnings of a command are collected and printed together at its end, where the user will notice them.
@@ -200,36 +154,27 @@ EXPLAINED = ("", "calibrations", "compasses")  # subfolders of the results
 
 
 def explain(asked: Namespace) -> int:
-    """Print the diagnosis of a mooring, of a calibration, or of a compass that several records share.
-
-    Raises:
-        InputError: there are no results, or they are incomplete.
-    """
+    """Print the diagnosis of a mooring, of a calibration, or of a compass that several records share."""
     folder = mooring_folder(asked.cruise, asked.mooring, EXPLAINED, "mooring, calibration or compass").resolve()
-    root = folder.parents[1]
-    parts: dict[str, tuple[Sequence[str], Callable[[Path], ReportSection]]] = {
-        "calibration": (
-            CALIBRATION_FILES,
-            lambda path: sections.calibration_section(read_calibration(path.name, root), root, small=True),
-        ),
-        "compass": (
-            ("compass.json", "diagnosis.json"),
-            lambda path: sections.compass_section(path.name, root, small=True),
-        ),
-        "mooring": (MOORING_FILES, _mooring_section),
-    }
-    what = next((part for part in parts if (folder / f"{part}.json").is_file()), "mooring")
-    needed, read = parts[what]
-    refuse_incomplete(folder, needed, what)
+    root, name = folder.parents[1], folder.name
+    needed = {"calibration": CALIBRATION_FILES, "compass": ("compass.json", "diagnosis.json")}
+    what = next((part for part in needed if (folder / f"{part}.json").is_file()), "mooring")
+    if files := missing_files(folder, needed.get(what, MOORING_FILES)):
+        actual, advice = f"no {files[0]}", "run the cruise to its end"
+        raise InputError(str(folder), expected=f"all results of a {what}", found=actual, advice=advice)
     with check_version(folder):
-        lines = explanation_lines(read(folder), folder)
+        if what == "calibration":
+            section = sections.calibration_section(read_calibration(name, root), root, small=True)
+        elif what == "compass":
+            section = sections.compass_section(name, root, small=True)
+        else:
+            section = _mooring_section(folder)
+        lines = explanation_lines(section, folder)
     print("\n".join(lines))
     return 0
 
 
 def _mooring_section(folder: Path) -> ReportSection:
-    for file in (name for name in MOORING_FILES if name in REQUIRED_KEYS):
-        read_content(folder / file)
     row = summary.summary_row(folder.name, folder)
     read = read_mooring(row["name"], folder.parent, {name: str(value) for name, value in row.items()})
     return ReportSection(
@@ -275,42 +220,47 @@ def _wrap(sentences: Iterable[str], *, width: int = 100) -> list[str]:
 
 
 def verify(asked: Namespace) -> int:
-    """Print differences from the manifest; with ``clear``, list or delete results that are no longer configured.
-
-    Raises:
-        InputError: there are differences, there is no manifest, or ``clear`` is given and the configuration cannot be
-            read.
-    """
-    if not Path(asked.cruise).is_dir():
-        advice = "name the folder of a cruise"
-        raise InputError(asked.cruise, expected="a cruise folder", found="no such folder", advice=advice)
+    """Print differences from the manifest; with ``clear``, list or delete results that are no longer configured."""
+    require_folder(asked.cruise)
     with chdir(asked.cruise):
         if asked.clear:
-            return _clear(asked.yes)
-        configured = None
+            return _clear(confirmed=asked.yes)
         try:
             configured = _configured_folders()
         except InputError as error:  # an archive may lack its raw files
+            configured = None
             print(f"cannot list results that are no longer configured: {error}", file=sys.stderr)
-        verification.verify(Path(), configured, print, name=asked.cruise)
+        differ, page = verification.differences(Path(), configured), verification.read_manifest(Path())
+    for what, path, details in differ:
+        print(f"{what}: {_printable(path)}{details}")
+    if outputs := verification.to_make_again(page, differ):
+        print(f"mend: compass run {shlex.quote(asked.cruise)} -- --forcerun {_printable(shlex.join(outputs))}")
+    files = f"{len(crate.listed(page))} files as listed"
+    if differ:
+        advice = "restore them, or make run again if the change was meant"
+        if any(what == verification.FORMER for what, *_ in differ):
+            advice += "; compass verify --clear shows and removes what is no longer configured"
+        raise InputError(crate.FILE, expected=files, found=f"{len(differ)} that differ", advice=advice)
+    print(f"{crate.FILE}: {files}")
     return 0
 
 
-def _clear(confirmed: bool) -> int:
-    results = verification.Results(Path(), _configured_folders())
-    word = "removed" if confirmed else "would be removed"
-    lines = [f"{word}: {file}" for file in results.former]
-    apart = {*crate.listed(verification.read_manifest(Path())), *results.former}
-    lines += [f"kept: {file}, which no job wrote as it is" for file in results.foreign(apart)]
+def _clear(*, confirmed: bool) -> int:
+    kinds = verification.unlisted_files(Path(), _configured_folders())
+    former = [file for file, kind in kinds.items() if kind == verification.FORMER]
+    for file in former:
+        print(f"{'removed' if confirmed else 'would be removed'}: {_printable(file)}")
+    for file in (file for file, kind in kinds.items() if kind == verification.NEW):
+        print(f"kept: {_printable(file)}, which no job wrote as it is")
     if confirmed:
-        results.clear()
-    more = "; add --yes to remove them" if results.former and not confirmed else ""
-    print(
-        *map(verification.escaped, lines),
-        f"{len(results.former)} files of what is no longer configured{more}",
-        sep="\n",
-    )
+        verification.clear(Path(), former)
+    more = "; add --yes to remove them" if former and not confirmed else ""
+    print(f"{len(former)} files of what is no longer configured{more}")
     return 0
+
+
+def _printable(path: str) -> str:
+    return path if path.isprintable() else ascii(path)
 
 
 def _configured_folders() -> list[str]:

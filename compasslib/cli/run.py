@@ -16,11 +16,7 @@ WITHOUT_LOCK = re.compile(r"--unlock|--nolock|--dry-?run|-[a-zA-Z]*n[a-zA-Z]*")
 
 
 def run(asked: Namespace) -> int:
-    """Replace this process by Snakemake.
-
-    Raises:
-        InputError: Snakemake or the cruise folder is missing, or the folder is locked by another run.
-    """
+    """Replace this process by Snakemake."""
     if find_spec("snakemake") is None:
         advice = "pip install 'compasslib[workflow]', or make install in a checkout"
         raise InputError("compass run", expected="Snakemake", found="none in this environment", advice=advice)

@@ -10,12 +10,16 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
+import numpy as np
 import yaml
 
+from compasslib import angles
 from compasslib.config.values import DECIDE
-from compasslib.records import iso_time
+from compasslib.records import Record, iso_time
+from compasslib.types import Floats
 
 SCHEMA = "# yaml-language-server: $schema={}.json\n"
 CONFIG = f"""{SCHEMA.format("schema/config")}# Drafted by compass init; config/README.md of the pipeline has every key.
@@ -33,29 +37,60 @@ UNITS = {
 }
 
 
+SILENT = ("table", "acm_table", "mmp_acm")  # formats that never state whether directions are magnetic or true
+TOLD_UP = ("pd0", "nortek", "netcdf", "ocean_contour", "mat", "rdi_text")  # formats that may state the orientation
+
+
 @dataclass(frozen=True)
 class Drafted:
-    """Properties of one instrument found in its files; None or NaN if unknown."""
+    """One instrument as found in its files."""
 
     format: str
     files: tuple[str, ...]  # relative to the cruise folder
     keys: Mapping[str, Any]  # keys of the instrument other than format and files, as read; DECIDE if unknown
+    record: Record | None = None
     trouble: str = ""  # reason why the files could not be read
-    start_s: float = math.nan  # begin of the time in the water if pressure or depth shows it, else of the record
-    end_s: float = math.nan
-    surfaced: bool = False  # whether pressure or depth shows the time in the water
-    step_s: float = math.nan
-    bins: int = 0
-    sectors: int = 0  # number of the 36 sectors that contain headings
-    depth_m: float = math.nan
-    depth_range_m: float = math.nan  # between the 1st and 99th percentile of the depths
-    looks_up: bool | None = None
-    heading_bias_deg: float | None = None  # removed by the reader; None if the format does not record it
-    direction_reference: str | None = None  # if recorded in the files
-    speed: float = math.nan  # median, as read
-    serial_number: str = ""
-    place: tuple[float, float] | None = None  # latitude, longitude
-    water_depth_m: float | None = None
+    north: str | None = None  # reference of directions in the header of a table
+    where: Mapping[str, float] = field(default_factory=dict)  # latitude, longitude, water depth, as far as stated
+
+    @cached_property
+    def in_water_s(self) -> tuple[float, float] | None:
+        """First and last time below half the median pressure or depth; None if they do not show the time in the water.
+
+        The median and the range must exceed 2 m.
+        """
+        for level in (self.record.pressure_dbar, self.record.depth_m) if self.record else ():
+            known = level[np.isfinite(level)]
+            if self.record and 2 * len(known) > len(level) and min(np.median(known), np.ptp(known)) > 2.0:
+                deep = self.record.time_s[level > np.median(known) / 2.0]
+                return float(deep.min()), float(deep.max())
+        return None
+
+    @cached_property
+    def span_s(self) -> tuple[float, float]:
+        """Begin and end of the time in the water, or else of the record; NaN without one."""
+        times = self.record.time_s[np.isfinite(self.record.time_s)] if self.record else np.zeros(0)
+        return self.in_water_s or ((float(times.min()), float(times.max())) if len(times) else (math.nan, math.nan))
+
+    @cached_property
+    def depths_m(self) -> Floats:
+        """Known depths, or else pressures, in the water."""
+        if self.record is None:
+            return np.zeros(0)
+        level = self.record.depth_m if np.isfinite(self.record.depth_m).any() else self.record.pressure_dbar
+        start, end = self.span_s
+        return level[(self.record.time_s >= start) & (self.record.time_s <= end) & np.isfinite(level)]
+
+    @property
+    def depth_m(self) -> float:
+        """Median depth, 0 if unknown."""
+        return max(float(np.median(self.depths_m)), 0.0) if self.depths_m.size else 0.0
+
+    @property
+    def sectors(self) -> int:
+        """Number of the 36 sectors that contain headings."""
+        headings = self.record.heading_deg if self.record else np.zeros(0)
+        return len(np.unique(headings[np.isfinite(headings)] // angles.SECTOR_DEG))
 
 
 @dataclass(frozen=True)
@@ -76,32 +111,33 @@ class Roles:
     others: tuple[str, ...] = ()  # instruments that recorded at the same time
 
 
-@dataclass(frozen=True)
-class Mooring:
-    """Instruments that recorded at the same time, and covariates."""
+def mooring(
+    name: str,
+    drafted: Mapping[str, Drafted],
+    roles: Roles,
+    series: Mapping[str, Mapping[str, Any]],
+    said: Position,
+) -> str:
+    """Compose the text of config/moorings/NAME.yaml.
 
-    instruments: Mapping[str, Drafted]
-    roles: Roles
-    series: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # covariates by name, with their keys
-
-
-def mooring(name: str, drafted: Mooring, said: Position) -> str:
-    """Compose the text of config/moorings/NAME.yaml."""
-    affected_first = sorted(drafted.instruments, key=lambda each: each != drafted.roles.affected)
-    instruments = {each: drafted.instruments[each] for each in affected_first}
+    Args:
+        drafted: instruments that recorded at the same time.
+        series: covariates by name, with their keys.
+    """
+    instruments = {each: drafted[each] for each in sorted(drafted, key=lambda each: each != roles.affected)}
     return "".join(
         [
             SCHEMA.format("../schema/mooring"),
             HEAD,
             _line("name", name),
-            *_place(list(instruments.values()), said),
-            *_window(instruments),
+            *_place([each.where for each in instruments.values()], said),
+            *_window(list(instruments.values())),
             _line("declination", "auto", "by IGRF at this place, along time; or degrees east"),
-            *_roles(drafted.roles),
+            *_roles(roles),
             "instruments:\n",
             *(line for each in instruments for line in _instrument(each, instruments[each])),
-            *(["covariates:\n"] if drafted.series else []),
-            *(f"  {each}: {_flow(keys)}\n" for each, keys in drafted.series.items()),
+            *(["covariates:\n"] if series else []),
+            *(f"  {each}: {_flow(keys)}\n" for each, keys in series.items()),
         ]
     )
 
@@ -124,30 +160,29 @@ def decisions(text: str) -> int:
     return len(re.findall(rf"^[^#\n]*: {DECIDE}\b", text, re.MULTILINE))
 
 
-def _place(drafted: Sequence[Drafted], said: Position) -> list[str]:
-    place = next((each.place for each in drafted if each.place), (None, None))
-    deep = next((each.water_depth_m for each in drafted if each.water_depth_m), None)
-    rows = (
-        ("latitude", said.latitude, place[0], "degrees north"),
-        ("longitude", said.longitude, place[1], "degrees east, west negative"),
-        ("water_depth", said.water_depth, deep, "m"),
-    )
+def _place(stated: Sequence[Mapping[str, float]], said: Position) -> list[str]:
     lines = []
-    for key, stated, recorded, unit in rows:
-        comment = "" if stated is not None else unit if recorded is None else f"{unit}, as the file says"
-        value = stated if stated is not None else recorded
+    for key, unit in (
+        ("latitude", "degrees north"),
+        ("longitude", "degrees east, west negative"),
+        ("water_depth", "m"),
+    ):
+        given = getattr(said, key)
+        recorded = next((each[key] for each in stated if key in each), None)
+        comment = "" if given is not None else unit if recorded is None else f"{unit}, as the file says"
+        value = recorded if given is None else given
         lines.append(_line(key, DECIDE if value is None else value, comment))
     return lines
 
 
-def _window(instruments: Mapping[str, Drafted]) -> list[str]:
+def _window(instruments: Sequence[Drafted]) -> list[str]:
     """Draft start and end: the time in the water by pressure or depth, else DECIDE with the span of the records."""
-    submerged = [each for each in instruments.values() if each.surfaced]
-    spans = [each for each in submerged or instruments.values() if not math.isnan(each.start_s)]
+    submerged = [each.in_water_s for each in instruments if each.in_water_s]
+    spans = submerged or [each.span_s for each in instruments if not math.isnan(each.span_s[0])]
     if not spans:
         return [_line("start", DECIDE, "UTC, in the water"), _line("end", DECIDE, "UTC")]
-    start = iso_time(math.ceil(min(each.start_s for each in spans)))
-    end = iso_time(math.floor(max(each.end_s for each in spans)))
+    start = iso_time(math.ceil(min(first for first, _ in spans)))
+    end = iso_time(math.floor(max(last for _, last in spans)))
     if submerged:
         return [_line("start", start, "in the water, by pressure or depth"), _line("end", end)]
     return [
@@ -169,61 +204,56 @@ def _roles(roles: Roles) -> list[str]:
 
 
 def _instrument(name: str, drafted: Drafted) -> list[str]:
-    return [
-        f"  {name}:\n",
-        *([f"    # could not be read: {drafted.trouble}\n"] if drafted.trouble else []),
-        _line("format", drafted.format, indent=4),
-        _line("files", list(drafted.files) if len(drafted.files) > 1 else drafted.files[0], indent=4),
-        _depth(drafted),
-        *_directions(drafted),
-        *(
-            _line(key, value, UNITS.get(key, "") if value == DECIDE else "", indent=4)
-            for key, value in drafted.keys.items()
-            if key != "columns"
-        ),
-        *_columns(drafted),
-        *([_line("attributes", {"serial_number": drafted.serial_number}, indent=4)] if drafted.serial_number else []),
+    rows: list[tuple[str, Any, str]] = [
+        ("format", drafted.format, ""),
+        ("files", list(drafted.files) if len(drafted.files) > 1 else drafted.files[0], ""),
+        ("depth", *_depth(drafted)),
+        *(_directions(drafted, drafted.record) if drafted.record else []),
     ]
+    keys = {key: value for key, value in drafted.keys.items() if key != "columns"}
+    rows += [(key, value, UNITS.get(key, "") if value == DECIDE else "") for key, value in keys.items()]
+    lines = [f"  {name}:\n", *([f"    # could not be read: {drafted.trouble}\n"] if drafted.trouble else [])]
+    lines += [_line(*row, indent=4) if row[0] else f"    # {row[2]}\n" for row in rows]
+    if columns := dict(drafted.keys.get("columns") or {}):
+        scale, comment = columns.pop("scale", DECIDE), "to m/s, by the headers"
+        lines += ["    columns:\n", *(_line(role, header, indent=6) for role, header in columns.items())]
+        if scale == DECIDE:
+            speed = np.hypot(drafted.record.east, drafted.record.north) if drafted.record else np.full(1, np.nan)
+            known = np.isfinite(speed).any()
+            median = f"; with 1 the median speed would be {np.nanmedian(speed):.3g} m/s" if known else ""
+            comment = f"to m/s, as 0.01 for cm/s{median}"
+        lines.append(_line("scale", scale, comment, indent=6))
+    if drafted.record and (number := drafted.record.serial_number):
+        lines.append(_line("attributes", {"serial_number": number}, indent=4))
+    return lines
 
 
-def _depth(drafted: Drafted) -> str:
-    """Compose the line of the depth, not stated if it changes by less than by tides and weather."""
-    if math.isnan(drafted.depth_m):
-        return _line("depth", DECIDE, "m, of the transducer; the files do not tell", indent=4)
-    if drafted.depth_range_m < 0.3:
-        description = f"m; recorded as {drafted.depth_m:.1f} with no change beyond {drafted.depth_range_m:.2g}"
-        return _line("depth", DECIDE, f"{description}: entered, or its pressure is stuck", indent=4)
-    return _line("depth", round(drafted.depth_m, 1), "m, the median of what it recorded", indent=4)
+def _depth(drafted: Drafted, *, still_m: float = 0.3) -> tuple[Any, str]:
+    """Draft the depth, with a comment; it is not stated if it changes by less than by tides and weather."""
+    if drafted.depth_m == 0.0:
+        return DECIDE, "m, of the transducer; the files do not tell"
+    if (change := float(np.ptp(np.quantile(drafted.depths_m, [0.01, 0.99])))) < still_m:
+        description = f"m; recorded as {drafted.depth_m:.1f} with no change beyond {change:.2g}"
+        return DECIDE, f"{description}: entered, or its pressure is stuck"
+    return round(drafted.depth_m, 1), "m, the median of what it recorded"
 
 
-def _directions(drafted: Drafted) -> list[str]:
-    if drafted.trouble:
-        return []
-    up = {None: [], True: ["up"], False: ["down"]}[drafted.looks_up]
-    lines = [_line("orientation", word, "as the files say", indent=4) for word in up]
-    if drafted.direction_reference == "true" or (drafted.direction_reference and drafted.heading_bias_deg is None):
-        return [*lines, _line("direction_reference", drafted.direction_reference, "as the files say", indent=4)]
-    if drafted.direction_reference is None:
-        return [*lines, _line("direction_reference", DECIDE, UNITS["direction_reference"], indent=4)]
-    if drafted.format == "netcdf" and not drafted.heading_bias_deg:
-        return [*lines, _line("direction_reference", drafted.direction_reference, "as the files say", indent=4)]
-    if drafted.heading_bias_deg:  # a value here would override that of the file
-        note = f"    # the file's heading bias or declination, {drafted.heading_bias_deg:+.2f}, is taken out\n"
-        return [*lines, note]
+def _directions(drafted: Drafted, record: Record) -> list[tuple[str, Any, str]]:
+    """Draft orientation, reference of directions and declination: key, value, comment; a comment alone has no key."""
+    rows: list[tuple[str, Any, str]] = []
+    silent = drafted.format in SILENT
+    if drafted.format in TOLD_UP and drafted.keys.get("orientation") != DECIDE:
+        rows.append(("orientation", "up" if record.looks_up else "down", "as the files say"))
+    north = drafted.north if silent else record.direction_reference
+    bias = 0.0 if silent else record.heading_bias_deg or record.velocity_bias_deg or 0.0
+    if north is None or "direction_reference" in record.unstated:
+        return [*rows, ("direction_reference", DECIDE, UNITS["direction_reference"])]
+    if north == "true" or silent or (drafted.format == "netcdf" and not bias):
+        return [*rows, ("direction_reference", north, "as the files say")]
+    if bias:  # a value here would override that of the file
+        return [*rows, ("", None, f"the file's heading bias or declination, {bias:+.2f}, is taken out")]
     ask = "degrees east that are in the directions already, 0 for none; the files tell of none"
-    return [*lines, _line("declination_applied", DECIDE, ask, indent=4)]
-
-
-def _columns(drafted: Drafted) -> list[str]:
-    columns = dict(drafted.keys.get("columns") or {})
-    scale = columns.pop("scale", None)
-    lines = [_line(role, header, indent=6) for role, header in columns.items()]
-    if columns and scale is None:
-        median = "" if math.isnan(drafted.speed) else f"; with 1 the median speed would be {drafted.speed:.3g} m/s"
-        lines.append(_line("scale", DECIDE, f"to m/s, as 0.01 for cm/s{median}", indent=6))
-    elif columns:
-        lines.append(_line("scale", scale, "to m/s, by the headers", indent=6))
-    return ["    columns:\n", *lines] if columns else []
+    return [*rows, ("declination_applied", DECIDE, ask)]
 
 
 def _line(key: str, value: object, comment: str = "", indent: int = 0) -> str:

@@ -60,7 +60,9 @@ def compare_calibrations(
         made: table.csv and points.csv to write.
     """
     page = read_json(calibration)
-    write_json(compared, page | result.compare_all(name, page, archive.named(others)))
+    write_json(
+        compared, page | result.compare_all(name, page, {Path(path).parent.name: read_json(path) for path in others})
+    )
     for source, copy in zip((table, points), made, strict=True):
         shutil.copyfile(source, copy)
     say(f"{name}: compared with {', '.join(Path(other).parent.name for other in others) or 'no other calibration'}")

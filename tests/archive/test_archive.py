@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import datetime
 import hashlib
 import json
 import time
@@ -12,8 +11,6 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
 
 from compasslib import angles
 from compasslib.archive import attributes as archive_attributes
@@ -79,26 +76,8 @@ def test_json_keeps_order_rounds_and_writes_null_for_nonfinite(tmp_path):
     assert list(back) == ["z", "a", "array", "numpy", "none", "5"]
     assert back["a"] == [None, None, None, 1e-300] and back["array"] == [[1.0, None], [2.0, 3.0]]
     assert back["numpy"] == [4, True, 0.5] and back["none"] is None and back["5"] == "."
-
-
-json_values = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(st.characters(codec="utf-8")),
-    lambda inner: (
-        st.lists(inner, max_size=4) | st.dictionaries(st.text(st.characters(codec="utf-8")), inner, max_size=4)
-    ),
-    max_leaves=12,
-)
-
-
-@settings(derandomize=True, database=None, deadline=None)
-@given(json_values)
-@example(1.7976931348623157e308)
-def test_json_round_trip_is_idempotent(tmp_path_factory, data):
-    path = tmp_path_factory.getbasetemp() / "law.json"
-    write_json(path, data)
-    once = path.read_bytes()
-    write_json(path, read_json(path))
-    assert path.read_bytes() == once
+    write_json(tmp_path / "again.json", back)
+    assert (tmp_path / "again.json").read_text() == text
 
 
 @pytest.mark.parametrize("content", [b'{"a": 1', b"", b"\xff\xfe\x00", None])
@@ -161,12 +140,9 @@ def test_damaged_netcdf_is_reported_in_one_line(tmp_path, corrected_nc, read, da
 def test_programming_error_is_not_reported_as_damage(corrected_nc, error):
     with pytest.raises(error, match="a mistake"), files.open_netcdf(corrected_nc):
         raise error("a mistake")
-
-
-@pytest.mark.parametrize("read", [lambda nc: nc["NO_SUCH"], lambda nc: nc.getncattr("no_such")])
-def test_missing_variable_or_attribute_is_reported_in_one_line(corrected_nc, read):
-    with pytest.raises(InputError, match=r"expected a whole netCDF file"), files.open_netcdf(corrected_nc) as nc:
-        read(nc)
+    for read in (lambda nc: nc["NO_SUCH"], lambda nc: nc.getncattr("no_such")):
+        with pytest.raises(InputError, match=r"whole netCDF file"), files.open_netcdf(corrected_nc) as nc:
+            read(nc)
 
 
 # -------------------------------------------------------------------------------------------------------- round trips
@@ -224,21 +200,6 @@ def test_joined_records_keep_only_common_profiles():
     both = join_records([dataclasses.replace(other, profiles=less), one])
     assert sorted(both.profiles) == ["correlation", "error_velocity", "percent_good", "up"]
     np.testing.assert_array_equal(both.profiles["up"], np.concatenate([one.profiles["up"], less["up"]]))
-
-
-def test_every_record_field_has_a_variable_definition():
-    record, pairs = make_record(), make_pairs()
-    for one, table in ((record, variables.RECORD), (pairs, variables.PAIRS | variables.PAIRS_PERHAPS)):
-        arrays = [f.name for f in dataclasses.fields(one) if isinstance(getattr(one, f.name), np.ndarray)]
-        assert arrays == list(table)
-        for name, variable in table.items():
-            assert len(variable.dimensions) == getattr(one, name).ndim, name
-
-
-def test_many_warnings_round_trip(tmp_path):
-    record = make_record(warnings=tuple(f"ensemble {i}: checksum" for i in range(5000)))
-    netcdf.write_record(tmp_path / "r.nc", record)
-    assert netcdf.read_record(tmp_path / "r.nc").warnings == record.warnings
 
 
 @pytest.mark.parametrize("n", [50, 1, 0])
@@ -311,26 +272,45 @@ def test_product_contains_the_measured_variables_only(tmp_path):
         np.testing.assert_array_equal(nc["PRES"][:], record.pressure_dbar)
         left = angles.difference(nc["HEADING_CORRECTED"][:] + nc["DECLINATION"][:], nc["HEADING_TRUE"][:])
         assert np.abs(left).max() < 1e-9 and (nc["HEADING_TRUE_QC"][:] == nc["HEADING_CORRECTED_QC"][:]).all()
-        for name in variables.BY_DECLINATION:
+        for name in (name for name, entry in variables.CORRECTED.items() if entry.by_declination):
             assert nc[name].declination_model.startswith("IGRF-14")
             assert nc[name].declination_degrees.tolist() == [-17.5] * 2
             assert nc[name].declination_date == "2007-09-05T13:46:40Z/2007-09-08T08:06:40Z"
-        assert {name for name in variables.CORRECTED if f"{name}_QC" in nc.variables} == {
-            n for n, entry in variables.CORRECTED.items() if entry.flagged
-        }
     with netCDF4.Dataset(write(tmp_path / "without.nc")) as nc:
-        assert {*variables.OPTIONAL, "BEAM"} & {*nc.variables} == {"TEMP"} and "HEADING_TRUE" in nc.variables
+        measured_only = {"PRES", *variables.PROFILES.values()}
+        assert {*variables.CORRECTED} - {*nc.variables} == measured_only and "BEAM" not in nc.variables
 
 
-def test_product_page_lists_the_current_variables():
+def table_row(variable: variables.Variable, flagged: bool = False, optional: bool = False) -> str:
+    said = [f"{variable.long_name}.", variable.comment]
+    said += [f"From {variable.reference}."] if variable.reference in (variables.TRUE, variables.MAGNETIC) else []
+    said += [f"`{variable.standard_name}`."] if variable.standard_name else []
+    said += ["*Flagged.*"] * flagged + ["*If measured.*"] * optional
+    what, dimensions = " ".join(filter(None, said)), ", ".join(variable.dimensions) or "-"
+    return f"| `{variable.name}` | {dimensions} | {variable.units or '-'} | {what} |"
+
+
+def test_product_page_lists_the_current_variables(tmp_path):
+    with netCDF4.Dataset(write(tmp_path / "whole.nc", make_product(**measured()))) as nc:
+        flagged = {name.removesuffix("_QC") for name in nc.variables if name.endswith("_QC")}
+    optional = {"TEMP", "PRES", *variables.PROFILES.values()}
+    coordinates = (variables.TIME, variables.BIN, variables.BEAM, variables.LATITUDE, variables.LONGITUDE)
+    rows = [table_row(entry) for entry in (*coordinates, variables.STATION)]
+    rows += [table_row(entry, name in flagged, name in optional) for name, entry in variables.CORRECTED.items()]
     page = Path(__file__).resolve().parents[2] / "docs/reference/product.md"
-    assert variables.format_table() in page.read_text()  # python -m compasslib.archive.variables prints it
+    assert "\n".join([*rows, ""]) in page.read_text(), "the table should be:\n" + "\n".join(rows)
 
 
 def test_product_written_in_parts_equals_one_write(tmp_path):
     product, pieces = make_product(**measured()), (slice(0, 70), slice(70, 200))
-    parts = [dataclasses.replace(take(product, some), record=take(product.record, some)) for some in pieces]
-    write(tmp_path / "one.nc", product), write(tmp_path / "two.nc", parts)
+
+    class Pieces:
+        record = product.record
+
+        def __iter__(self):
+            yield from (dataclasses.replace(take(product, some), record=take(product.record, some)) for some in pieces)
+
+    write(tmp_path / "one.nc", product), write(tmp_path / "two.nc", Pieces())
     with netCDF4.Dataset(tmp_path / "one.nc") as one, netCDF4.Dataset(tmp_path / "two.nc") as two:
         for name in one.variables:
             np.testing.assert_array_equal(one[name][...], two[name][...], err_msg=name)
@@ -436,25 +416,10 @@ def test_user_attributes_override_all_but_derived_ones(tmp_path):
         assert nc.source_files == "raw/EG4/top.000, raw/EG4/deep.csv"
 
 
-def test_yaml_attributes_become_valid_netcdf_attributes():
-    date = datetime.datetime(2007, 9, 4, 2, tzinfo=datetime.timezone(datetime.timedelta(hours=2)))
-    given_ = {
-        "serial number": 7,
-        "2nd": True,
-        "_x": None,
-        "when": date,
-        "list": [1, "b"],
-        "map": {"a": 1},
-        "big": 2**40,
-    }
-    assert archive_attributes.plain(given_) == {
-        "serial_number": 7,
-        "attribute_2nd": "true",
-        "when": "2007-09-04T00:00:00Z",
-        "list": "1, b",
-        "map": '{"a": 1}',
-        "big": "1099511627776",
-    }
+def test_attributes_are_stored_as_netcdf_can():
+    given_ = {"serial_number": 7, "ship": None, "big": 2**40, "depth": 12.5, "title": "Mine"}
+    expected = {"serial_number": 7, "big": "1099511627776", "depth": 12.5, "title": "Mine"}
+    assert archive_attributes.plain(given_) == expected
 
 
 @pytest.mark.parametrize(("given_east", "kept"), [(-32.955, -32.955), (327.0, -33.0), (180.0, 180.0)])

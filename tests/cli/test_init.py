@@ -19,6 +19,7 @@ from compasslib.readers import detect
 from tests.world import netcdf_layouts
 from tests.world.bench import readings, write_table
 from tests.world.launch import PROJECT
+from tests.world.products import make_record
 from tests.world.sea import cruise
 
 DATA = PROJECT.parent / "shared/data"
@@ -259,7 +260,7 @@ def test_file_name_invalid_in_yaml_is_skipped_and_reported(tmp_path, capsys, nam
 
 
 def test_unreadable_file_overlaps_no_other_in_time():
-    known = Drafted("pd0", ("a.000",), {}, start_s=0.0, end_s=86400.0)
+    known = Drafted("pd0", ("a.000",), {}, make_record(10))
     unknown = Drafted("pd0", ("b.000",), {}, trouble="no ensemble")
     assert init._overlap_in_time(known, known)
     assert not init._overlap_in_time(known, unknown) and not init._overlap_in_time(unknown, known)

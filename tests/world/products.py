@@ -32,7 +32,7 @@ PROCESSING = {
     "method": "exact",
     "coefficients": '{"A": 0.1}',
     "software_version": "1.0",
-    "source_files": ["raw/EG4/top.000", "raw/EG4/deep.csv"],
+    "source_files": "raw/EG4/top.000, raw/EG4/deep.csv",
     "history": "2026-01-02T03:04:05Z headings corrected",
     "date_created": "2026-01-02T03:04:05Z",
 }
