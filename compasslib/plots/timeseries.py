@@ -30,7 +30,6 @@ from compasslib.plots.page import (
     GREEN,
     LETTERS,
     MAGNETIC,
-    PURPLE,
     RECORDED,
     REFERENCE,
     SKY,
@@ -54,94 +53,90 @@ POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.2, "mar
 KINDS = {
     "sure": ("corrected, flag 1 or 2", CORRECTED),
     "doubtful": ("doubtful, flag 3", SKY),
-    "ambiguous": ("two headings fit, flag 3", PURPLE),
     "missing": ("not corrected, flag 4", BLACK),
 }
 
 
 def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> None:
     """Draw time series of recorded and corrected headings with their quality, and of the instrument's depth."""
-    time_s = product.record.time_s
+    record = product.record
     with page(path, 5.2) as figure:
         panels = figure.subplots(4, 1, sharex=True, height_ratios=(3.0, 3.0, 1.0, 1.4))
         for axes, title in zip(panels, ("recorded", "corrected", "samples by flag", "instrument"), strict=True):
             axes.set_title(title)
-        if not len(time_s):
+        if not len(record.time_s):
             empty(*panels)
             return
         kind = classify_samples(product)
         _draw_headings(panels[0], panels[1], product, kind)
-        _draw_strip(panels[2], product, pairs, kind)
-        _draw_depth(panels[3], product)
-        dates(panels[3], (float(time_s[0]), float(time_s[-1])))
+        _draw_strip(panels[2], record.time_s, pairs, kind)
+        day, depth = with_gaps(record.time_s, record.depth_m)
+        panels[3].set_ylabel("Depth\n(m)")
+        if np.isfinite(depth).any():
+            panels[3].plot(day, depth, color="#444444", linewidth=0.7)
+            middle, half = (np.nanmax(depth) + np.nanmin(depth)) / 2.0, max(0.55 * np.ptp(depth[depth == depth]), 5.0)
+            panels[3].set_ylim(middle + half, middle - half)
+        else:
+            panels[3].annotate("unknown", (0.5, 0.5), xycoords="axes fraction", ha="center")
+        dates(panels[3], (float(record.time_s[0]), float(record.time_s[-1])))
         handles: list[Artist] = [Patch(color=KINDS[k][1], label=KINDS[k][0]) for k in KINDS if (kind == k).any()]
-        if np.isin(kind, ("sure", "doubtful", "ambiguous")).any():
-            handles.insert(0, Line2D([], [], linestyle="", marker="o", markersize=3, color=RECORDED, markeredgewidth=0))
-            handles[0].set_label("recorded")
+        if np.isin(kind, ("sure", "doubtful")).any():
+            handles.insert(0, Line2D([], [], **POINT | {"markersize": 3}, color=RECORDED, label="recorded"))
             handles.append(Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="uncertainty, 1σ"))
         legend(figure, [*handles, *([Patch(color=GREEN, label="days with reference")] if len(pairs) else [])])
         figure.align_ylabels(panels)
 
 
-def classify_samples(product: CorrectedRecord, guess: float = 0.75) -> NDArray[np.str_]:
-    """Classify the heading of each sample, (n,), by a key of ``KINDS``; empty without a heading.
-
-    It is ambiguous if the probability of its branch is below ``guess``.
-    """
-    with np.errstate(invalid="ignore"):
-        doubtful = np.where(product.branch_probability < guess, "ambiguous", "doubtful")
-    kind = np.where(product.heading_corrected_quality >= PROBABLY_BAD, doubtful, "sure")
+def classify_samples(product: CorrectedRecord) -> NDArray[np.str_]:
+    """Classify the heading of each sample, (n,), by a key of ``KINDS``; empty without a heading."""
+    kind = np.where(product.heading_corrected_quality >= PROBABLY_BAD, "doubtful", "sure")
     kind = np.where(np.isfinite(product.heading_corrected_deg), kind, "missing")
     return np.where(np.isfinite(product.record.heading_deg), kind, "")
 
 
+def with_gaps(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Return days since 1970 and values of a line that is interrupted where samples are missing."""
+    step = np.diff(time_s, prepend=time_s[0])
+    gaps = np.flatnonzero(step > GAP * np.median(step))
+    return np.insert(time_s / DAY_S, gaps, np.nan), np.insert(values, gaps, np.nan)
+
+
 def _draw_headings(above: Axes, below: Axes, product: CorrectedRecord, kind: NDArray[np.str_]) -> None:
     """Draw recorded and corrected headings on axes that are cut at the same heading."""
-    record, corrected = product.record, product.heading_corrected_deg
-    begin = emptiest(np.concatenate([record.heading_deg, corrected]))
-    subset = np.zeros(len(kind), dtype=bool)
-    subset[thinned(len(kind))] = True
-    day = record.time_s / DAY_S
+    thin = thinned(len(kind))
+    recorded, corrected = product.record.heading_deg[thin], product.heading_corrected_deg[thin]
+    begin = emptiest(np.concatenate([recorded, corrected]))
+    day, kind, sigma = product.record.time_s[thin] / DAY_S, kind[thin], product.heading_uncertainty_deg[thin]
     for here, colour in ((kind != "missing", RECORDED), (kind == "missing", BLACK)):
-        above.plot(day[here & subset], placed(record.heading_deg[here & subset], begin), color=colour, **POINT)
-    _draw_band(below, day[subset], placed(corrected[subset], begin), product.heading_uncertainty_deg[subset], begin)
-    for k in ("sure", "doubtful", "ambiguous"):
-        here = (kind == k) & subset
-        below.plot(day[here], placed(corrected[here], begin), color=KINDS[k][1], **POINT)
-    for axes, plotted in ((above, record.heading_deg), (below, corrected)):
+        above.plot(day[here], placed(recorded[here], begin), color=colour, **POINT)
+    heading = placed(corrected, begin)
+    for turn in (-360.0, 0.0, 360.0):  # the range of one standard deviation, wrapped at the ends of the axis
+        low, high = heading - sigma + turn, heading + sigma + turn
+        visible = (high > begin) & (low < begin + 360.0)
+        ends = np.stack([np.stack([day, low], axis=1), np.stack([day, high], axis=1)], axis=1)[visible]
+        # Axes.vlines masks every line separately and takes ten times as long.
+        below.add_collection(LineCollection(list(ends), colors=CORRECTED, alpha=0.12, linewidths=0.7), autolim=False)
+    for k in ("sure", "doubtful"):
+        below.plot(day[kind == k], heading[kind == k], color=KINDS[k][1], **POINT)
+    for axes, plotted in ((above, recorded), (below, corrected)):
         degrees(axes.yaxis, (begin, begin + 360.0))
         axes.set_ylabel(f"Heading\n{MAGNETIC}")
         if not np.isfinite(plotted).any():
             axes.annotate("none", (0.5, 0.5), xycoords="axes fraction", ha="center")
 
 
-def _draw_band(axes: Axes, day: Floats, heading: Floats, sigma: Floats, begin: float) -> None:
-    """Draw the range of one standard deviation about the heading, wrapped at the ends of the axis."""
-    for turn in (-360.0, 0.0, 360.0):
-        low, high = heading - sigma + turn, heading + sigma + turn
-        visible = (high > begin) & (low < begin + 360.0)  # few ranges extend from the other turns into this one
-        ends = np.stack([np.stack([day, low], axis=1), np.stack([day, high], axis=1)], axis=1)[visible]
-        # Axes.vlines masks every line separately and takes ten times as long.
-        axes.add_collection(LineCollection(list(ends), colors=CORRECTED, alpha=0.12, linewidths=0.7), autolim=False)
-
-
-def _draw_strip(axes: Axes, product: CorrectedRecord, pairs: Pairs, kind: NDArray[np.str_]) -> None:
+def _draw_strip(axes: Axes, time_s: Floats, pairs: Pairs, kind: NDArray[np.str_]) -> None:
     """Draw the daily share of each kind of sample, and above it the days with pairs."""
-    edges = time_slices(product.record.time_s)
-    counts = [np.histogram(product.record.time_s[kind == k], edges)[0] for k in KINDS]
+    edges = time_slices(time_s)
+    counts = [np.histogram(time_s[kind == k], edges)[0] for k in KINDS]
     tops = 100.0 * np.cumsum(counts, axis=0) / np.maximum(np.sum(counts, axis=0), 1)
-    bottom = np.zeros(len(edges) - 1)
-    for top, (_, colour) in zip(tops, KINDS.values(), strict=True):
-        _draw_step(axes, edges, bottom, top, colour)
-        bottom = top
-    overlaps = np.histogram(pairs.time_s, edges)[0] > 0
-    _draw_step(axes, edges, 112.0, np.where(overlaps, 135.0, 112.0), GREEN)
+    paired = np.histogram(pairs.time_s, edges)[0] > 0
+    bottoms = [np.zeros(len(edges) - 1), *tops[:-1], np.full(len(edges) - 1, 112.0)]
+    tops, colours = [*tops, np.where(paired, 135.0, 112.0)], [*(colour for _, colour in KINDS.values()), GREEN]
+    for top, bottom, colour in zip(tops, bottoms, colours, strict=True):
+        # Axes.stairs computes its data limits step by step, but here the limits are set explicitly.
+        axes.add_artist(StepPatch(top, edges / DAY_S, baseline=bottom, fill=True, color=colour, linewidth=0))
     axes.set(ylim=(0.0, 140.0), yticks=[0.0, 100.0], ylabel="Samples\n(%)")
-
-
-def _draw_step(axes: Axes, edges: Floats, bottom: Any, top: Floats, colour: str) -> None:
-    # Axes.stairs computes its data limits step by step, but here the limits are set explicitly.
-    axes.add_artist(StepPatch(top, edges / DAY_S, baseline=bottom, fill=True, color=colour, linewidth=0))
 
 
 def time_slices(time_s: Floats, least: int = 60) -> Floats:
@@ -150,22 +145,6 @@ def time_slices(time_s: Floats, least: int = 60) -> Floats:
     step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
     width = min(DAY_S, max((last - first) / least, 2.0 * step))
     return first + width * np.arange(int((last - first) / width) + 2)
-
-
-def _draw_depth(axes: Axes, product: CorrectedRecord) -> None:
-    """Draw the depth of the instrument, increasing downwards, with gaps where samples are missing."""
-    time_s, depth = product.record.time_s, product.record.depth_m
-    axes.set_ylabel("Depth\n(m)")
-    if not np.isfinite(depth).any():
-        axes.annotate("unknown", (0.5, 0.5), xycoords="axes fraction", ha="center")
-        return
-    step = np.diff(time_s, prepend=time_s[0])
-    gaps = np.flatnonzero(step > GAP * np.median(step))
-    day = np.insert(time_s / DAY_S, gaps, np.nan)
-    axes.plot(day, np.insert(depth, gaps, np.nan), color="#444444", linewidth=0.7)
-    shallow, deep = float(np.nanmin(depth)), float(np.nanmax(depth))
-    half = max(0.55 * (deep - shallow), 5.0)
-    axes.set_ylim((shallow + deep) / 2.0 + half, (shallow + deep) / 2.0 - half)
 
 
 # Currents.
