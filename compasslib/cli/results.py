@@ -210,11 +210,11 @@ def explain(asked: Namespace) -> int:
     parts: dict[str, tuple[Sequence[str], Callable[[Path], ReportSection]]] = {
         "calibration": (
             CALIBRATION_FILES,
-            lambda path: sections.calibration_section(read_calibration(path.name, root), root, small=True),
+            lambda path: sections.calibration_section(read_calibration(path.name, root), root),
         ),
         "compass": (
             ("compass.json", "diagnosis.json"),
-            lambda path: sections.compass_section(path.name, root, small=True),
+            lambda path: sections.compass_section(path.name, root),
         ),
         "mooring": (MOORING_FILES, _mooring_section),
     }

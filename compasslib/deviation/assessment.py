@@ -283,7 +283,7 @@ def answer_use(
     }
     care = {
         f"{100.0 * unsure:.0f} % of the headings have flag 2 or 3": bool(unsure > most_unsure),
-        f"the uncertainty, {sigma or 0.0:.2f}°, exceeds {usual_sigma_deg:g}°": (sigma or 0.0) > usual_sigma_deg,
+        f"σ exceeds {usual_sigma_deg:g}°": (sigma or 0.0) > usual_sigma_deg,
     }
     if verdict == "insufficient" or any(no.values()):
         answer, reasons = "no", no

@@ -142,6 +142,9 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *,
     reached, edge = np.minimum(step, GAP * np.median(step)) / 2.0, np.median(step) / 2.0
     low, high = x - np.insert(reached, 0, edge), x + np.append(reached, edge)
     axes.bar(low, 2.0 * half, high - low, -half, align="edge", **NOISE)
+    sized = sigma <= 10.0 * np.median(sigma)  # bins that say nothing do not set the scale
+    largest = max(float(np.max(np.abs(values[sized]))) for values in (before, after, half))
+    axes.set_ylim(-1.1 * largest, 1.1 * largest)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     if np.any(before != after):
         apart = np.flatnonzero(np.diff(x) > GAP * np.median(np.diff(x))) + 1
@@ -152,9 +155,9 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *,
         axes.plot(x, before, **BEFORE)
     axes.plot(x, after, **AFTER)
     effect = covariate.removeprefix(wording.SIZE_PREFIX)
-    sized = effect != covariate
-    axes.set_ylabel("Size (° rms)" if sized else "Residual (°)")
-    axes.set_title(wording.display_name(effect) if sized else curve.get("compared", "residual"))
+    of_size = effect != covariate
+    axes.set_ylabel("Size (° rms)" if of_size else "Residual (°)")
+    axes.set_title(wording.display_name(effect) if of_size else curve.get("compared", "residual"))
     if label:
         axes.set_xlabel(label)
     if covariate == "heading":

@@ -42,10 +42,10 @@ MOORING = (
 {% if before == unknown %}
 No bin has a current to show.
 {% else %}
-Means of {{ r.averaging(sticks=true) }} at {{ r.depth }}; mean {{ before }} recorded
+Mean at {{ r.currents.depth_m | number(0) }} m: {{ before }} recorded
 {{- ", " ~ after ~ " corrected" if after != unknown else "; none is corrected" }}.
 {% endif %}""",
-        note="Each stick begins at its date and points where the water flows, north up.",
+        note="Each stick, a mean of one or more days, begins at its date and points where the water flows, north up.",
     ),
     Figure(
         "progressive",
