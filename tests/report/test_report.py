@@ -39,7 +39,6 @@ from compasslib.report.results import (
     error_removed,
     read_mooring,
     stopped_section,
-    table,
 )
 from tests.world import browser, iaga_files, iron, page
 from tests.world.bench import readings, ring, write_calibration
