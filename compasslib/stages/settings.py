@@ -345,7 +345,11 @@ def configuration(cruise: Cruise) -> dict[str, list[str]]:
     files = {"": [CONFIG]} | {f"mooring {name}": [CONFIG, file] for name, file in of_mooring.items()}
     files |= {f"calibration {name}": [CONFIG, file] for name, file in of_calibration.items()}
     for name, (moorings, given) in compasses.members(cruise.moorings, cruise.calibrations).items():
-        files[f"compass {name}"] = [CONFIG, *(of_mooring[key] for key in moorings), *(of_calibration[key] for key in given)]
+        files[f"compass {name}"] = [
+            CONFIG,
+            *(of_mooring[key] for key in moorings),
+            *(of_calibration[key] for key in given),
+        ]
     for site, names in Moorings(cruise).sites.items():
         files[f"site {site}"] = [CONFIG, *(of_mooring[name] for name in names)]
     return files
