@@ -31,9 +31,7 @@ def concealed(
     """Write the page of the comparison; this is the only stage that reads the truth.
 
     Args:
-        recordings: recordings.json.
         truths: file of the truth of each mooring; those without a corrected record are left out.
-        corrected: corrected.nc of the moorings that were not stopped.
     """
     there = {Path(path).parent.name for path in corrected}
     root, shown = Path(page).parent, [path for path in truths if Path(path).stem in there]
@@ -76,9 +74,8 @@ class HeadingErrors:
 
     def rms(self, error_deg: Floats) -> str:
         """Format the rms with its 95 % interval by block resampling."""
-        if (mean := self._mean(error_deg**2)) is None:
-            return "–"
-        return "{:.1f}° ({:.1f}–{:.1f})".format(*np.sqrt(mean))
+        mean = self._mean(error_deg**2)
+        return "–" if mean is None else "{:.1f}° ({:.1f}–{:.1f})".format(*np.sqrt(mean))
 
     @property
     def coverage(self) -> tuple[float, float, float] | None:
@@ -109,42 +106,35 @@ class HeadingErrors:
         """Rms of the stated standard deviation over the corrected headings."""
         return angles.rms(self.sigma_deg[np.isfinite(self.corrected_deg + self.sigma_deg)])
 
-    def _mean(self, values: Floats, *, days: float = 5.0, draws: int = 1000) -> tuple[float, float, float] | None:
-        """Average over the finite values, with the 95 % interval by resampling blocks of some days."""
+    def _mean(self, values: Floats) -> tuple[float, float, float] | None:
+        """Average over the finite values, with the 95 % interval by resampling blocks of five days."""
         known = np.isfinite(values)
         if not known.any():
             return None
-        sums = block_sums(
-            np.stack([values[known], np.ones(known.sum())], axis=1), blocks_by_span(self.time_s[known], days * DAY_S)
-        )
-        drawn = np.random.default_rng(0).choice(sums, (draws, len(sums))).sum(axis=1)
+        both = np.stack([values[known], np.ones(known.sum())], axis=1)
+        sums = block_sums(both, blocks_by_span(self.time_s[known], 5.0 * DAY_S))
+        drawn = np.random.default_rng(0).choice(sums, (1000, len(sums))).sum(axis=1)
         low, high = np.quantile(drawn[:, 0] / drawn[:, 1], [0.025, 0.975])
         return float(np.mean(values[known])), float(low), float(high)
 
 
 def heading_errors(truth: Mapping[str, Any], headings: Mapping[str, Floats]) -> HeadingErrors:
-    """Compare headings with the truth at the same times.
-
-    Args:
-        headings: time_s, recorded_deg, fit_deg, corrected_deg, sigma_deg and flag of each sample.
-    """
+    """Compare headings, as of ``read_headings``, with the truth at the same times."""
     known_s = np.array(truth["time_s"], dtype=float)
-    known_deg = np.array([np.nan if x is None else x for x in truth["heading_deg"]], dtype=float)
+    known_deg = np.array(truth["heading_deg"], dtype=float)
     at = np.clip(np.searchsorted(known_s, headings["time_s"]), 0, len(known_s) - 1)
     right = np.where(np.abs(known_s[at] - headings["time_s"]) < 1.0, known_deg[at], np.nan)
-    off = {key: angles.difference(headings[f"{key}_deg"], right) for key in ("recorded", "fit", "corrected")}
-    usable = headings["flag"] < BAD
-    return HeadingErrors(
-        headings["time_s"], off["recorded"], off["fit"], np.where(usable, off["corrected"], np.nan),
-        headings["sigma_deg"],
-    )  # fmt: skip
+    recorded, fit, corrected = (
+        angles.difference(headings[f"{key}_deg"], right) for key in ("recorded", "fit", "corrected")
+    )
+    corrected = np.where(headings["flag"] < BAD, corrected, np.nan)
+    return HeadingErrors(headings["time_s"], recorded, fit, corrected, headings["sigma_deg"])
 
 
 def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingErrors, reach_deg: float) -> dict[str, Any]:
     """Compare the results of a mooring with the truth, as content of its section.
 
     Args:
-        root: folder of the results, to which links on the page are relative.
         reach_deg: limit of the axis of heading errors, common to all moorings of the page.
     """
     diagnosis = read_json(root / name / "diagnosis.json")
