@@ -49,23 +49,23 @@ def figures(
         assessment=read_json(assessment),
         histograms=summary.read_histograms(histograms),
     )
-    _draw("mooring", figures, data, pictures)
+    _draw("mooring", figures, data)
+    write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])
     say(f"{mooring}: {len(figures)} figures")
 
 
-def _draw(subject: str, figures: Sequence[str], data: Any, pictures: str = "") -> None:
-    """Draw the figures of a subject, each by its row of the table, and write the PNGs as data URIs to ``pictures``."""
+def _draw(subject: str, figures: Sequence[str], data: Any) -> None:
+    """Draw the figures of a subject, each by its row of the table, from the data of the subject."""
     rows = {row.name: row for row in FIGURES[subject]}
     for figure in figures:
         rows[Path(figure).stem].draw(figure, data)
-    if pictures:
-        write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])
 
 
 def sections(mooring: str, *, gridded: str, figures: Sequence[str], pictures: str, say: Callable[[str], None]) -> None:
     """Draw the section, the mean profile and the rotary spectra of the gridded velocities."""
     data = SimpleNamespace(means=read_section(gridded), series=summary.read_depth_series(gridded))
-    _draw("sections", figures, data, pictures)
+    _draw("sections", figures, data)
+    write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])
     say(f"{mooring}: {len(figures)} figures")
 
 
