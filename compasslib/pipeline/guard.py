@@ -16,9 +16,8 @@ from compasslib.errors import InputError
 from compasslib.pipeline.job import ROOT
 
 RESULTS = Path("results")
-# Variables of the environment of jobs, which import no modules from their working folder, the cruise.
-# glibc releases large arrays and maps each new one page by page, which takes a quarter of a simulated mooring's time, a
-# twentieth of an assessment's. With these settings it reuses arrays below 32 MB, for some 10 MB more memory.
+# Variables of the environment of jobs, which import no modules from their working folder, the cruise. glibc reuses
+# arrays below 32 MB instead of mapping each new one page by page, which takes a quarter of a simulated mooring's time.
 ENVIRONMENT = {"PYTHONSAFEPATH": "1", "MALLOC_MMAP_THRESHOLD_": str(2**25), "MALLOC_TRIM_THRESHOLD_": str(2**26)}
 WITHOUT = "without"  # key of Snakemake's configuration: moorings and calibrations to leave out, separated by commas
 WARNING = "warning: "
