@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -63,17 +62,10 @@ def left_out(cruise: Cruise, config: Mapping[str, object]) -> dict[str, list[str
 
 
 def check_results(warn: Callable[[str], object]) -> None:
-    """Refuse results by other rules or dated in the future, and warn of those of which Snakemake has no metadata."""
+    """Refuse results by other rules, and warn of those of which Snakemake has no metadata."""
     if any(b'"library"' not in record.read_bytes() for record in RESULTS.glob("**/logs/read_*.json")):
         advice = "move them away, mv results results_before, and run again"
         raise InputError("results", expected="none, or those of this version", found="others", advice=advice)
-    now = time.time()
-    if later := [path for path in RESULTS.rglob("*") if path.is_file() and path.stat().st_mtime > now]:
-        # To Snakemake they are newer than a changed raw file. Once older than all raw files, they are made again if the
-        # content of one has changed.
-        command = "find results/ -newermt now -exec touch -t 200001010000 {} +"
-        advice = f"correct the clock of this computer, or in the cruise folder: {command}"
-        raise InputError(str(later[0]), expected="a date in the past", found="one in the future", advice=advice)
     if any(RESULTS.glob("*/logs")) and not any(Path(".snakemake").glob("metadata/*")):
         warn(
             "results without .snakemake/metadata: settings changed since they were made are not noticed; "
