@@ -65,9 +65,7 @@ def process(cruise: Cruise, mooring: str, folder: Path, say: Say = lambda line: 
         files = _fit(cruise, part, folder / part.removeprefix(mooring).strip("/"), say)
         if part in Compasses(cruise).moorings:
             files["joined"] = _combine_records(cruise, part, files)
-            _call(diagnose.diagnose_jointly, part, files, settings.diagnose(part))
-        else:
-            _call(diagnose.diagnose, part, files, settings.diagnose(part))
+        _call(diagnose.diagnose, part, files, settings.diagnose(part))
         _call(correct.correct, part, files, settings.correct(part))
         parts.append(files)
     if gridded and mooring in settings.gridded:

@@ -50,6 +50,8 @@ def diagnose(
     sphere_distance_m: tuple[float, float] | None,
     say: Callable[[str], None],
     summary: str = "",
+    joined: str = "",
+    alone: Sequence[str] = (),
 ) -> None:
     """Write the diagnosis, the fit with the effects found and applied, and the agreement with the reference.
 
@@ -58,15 +60,33 @@ def diagnose(
         observatory: IAGA-2002 files of one observatory, possibly none.
         sphere_distance_m: bounds of the distance from the compass to the iron's centre, where known.
         summary: file to write for other records of the compass, empty if there are none.
+        joined: compass.json, from which the other records of the compass are known; empty if this one is taken alone.
+        alone: with ``joined``, the same three files of the record by itself.
 
     Raises:
         InputError: an observatory's file cannot be read.
     """
+    files = diagnosis, deviation, agreement
     near, along = combine_references(netcdf.read_pairs(pairs)), earthfield.field_from_json(read_json(field))
-    configured = read_json(fit)
-    fitted, asked = fit_from_json(configured), {**options, "share": bool(summary)}
-    made = _conclude(near, along, configured, fitted, (record, references, observatory, wide), asked)
-    _write(made, configured, record, None, sphere_distance_m, (diagnosis, deviation, agreement))
+    configured, siblings, text = read_json(fit), None, ""
+    fitted = fit_from_json(configured)
+    if joined:
+        siblings, before = joint.read_returned(read_json(joined), mooring), fitted
+        if siblings is None:
+            for file, same in zip(files, alone, strict=True):
+                shutil.copyfile(same, file)
+            say(f"{mooring}: no other record is consistent with this one; its own diagnosis is used")
+            return
+        if before.method != "von_appen":
+            upper = netcdf.read_record(record, velocities=False)
+            fitted = fit_with_siblings(siblings, near, along, upper)
+            configured = deviation_json(fitted, upper)
+        text = describe_siblings(siblings, before, fitted)
+        say(f"{mooring}: {text}")
+    asked = {**options, "share": bool(summary)}
+    made = _conclude(near, along, configured, fitted, (record, references, observatory, wide), asked, siblings)
+    shared = siblings.block(text) if siblings else None
+    _write(made, configured, record, shared, sphere_distance_m, files)
     if summary:
         information = made.diagnosis.information or joint_effects.fit_information(fitted)
         place = float(np.mean(along.horizontal_nT)), float(np.mean(along.vertical_nT))
@@ -158,56 +178,6 @@ def _write(
     write_json(diagnosis, made.diagnosis.to_json())
     write_json(deviation, content)
     write_json(agreement, made.assessment)
-
-
-def diagnose_jointly(
-    mooring: str,
-    *,
-    joined: str,
-    alone: Sequence[str],
-    record: str,
-    references: Sequence[str],
-    pairs: str,
-    wide: str,
-    fit: str,
-    field: str,
-    observatory: Sequence[str],
-    diagnosis: str,
-    deviation: str,
-    agreement: str,
-    options: Mapping[str, Any],
-    sphere_distance_m: tuple[float, float] | None,
-    say: Callable[[str], None],
-) -> None:
-    """Write diagnosis, fit and assessment of a record given the others of its compass, if any are consistent with it.
-
-    The arguments not listed are those of ``diagnose``.
-
-    Args:
-        joined: compass.json.
-        alone: diagnosis.json, deviation.json and agreement.json of the record by itself.
-
-    Raises:
-        InputError: an observatory's file cannot be read.
-    """
-    files = diagnosis, deviation, agreement
-    siblings, configured = joint.read_returned(read_json(joined), mooring), read_json(fit)
-    if siblings is None:
-        for file, same in zip(files, alone, strict=True):
-            shutil.copyfile(same, file)
-        say(f"{mooring}: no other record is consistent with this one; its own diagnosis is used")
-        return
-    near, along = combine_references(netcdf.read_pairs(pairs)), earthfield.field_from_json(read_json(field))
-    before = fit_from_json(configured)
-    fitted, upper = before, netcdf.read_record(record, velocities=False)
-    if before.method != "von_appen":
-        fitted = fit_with_siblings(siblings, near, along, upper)
-        configured = deviation_json(fitted, upper)
-    made = _conclude(near, along, configured, fitted, (record, references, observatory, wide), options, siblings)
-    text = describe_siblings(siblings, before, fitted)
-    _write(made, configured, record, siblings.block(text), sphere_distance_m, files)
-    assessed = describe_assessment(mooring, made.assessment)
-    say(f"{mooring}: {text}\n{made.diagnosis.log_line(mooring)}\n{assessed}")
 
 
 def fit_with_siblings(siblings: SiblingInformation, pairs: Pairs, field: EarthField, record: Record) -> DeviationFit:
