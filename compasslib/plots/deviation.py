@@ -12,7 +12,7 @@ from matplotlib import colormaps
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.colors import ListedColormap, LogNorm, to_rgb
+from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator
@@ -97,12 +97,12 @@ def draw_deviation(path: str | Path, pairs: Pairs, fit: DeviationFit) -> None:
             empty(*panels)
             return
         slower = np.minimum(*pair_speeds(pairs))  # pairs are paler where the current is slow, and if there are many
-        if len(slower):
-            clear = np.clip(np.nan_to_num(slower) / max(float(np.nanpercentile(slower, 75.0)), 1e-6), 0.1, 1.0)
-            colours = np.tile((*to_rgb("#333333"), 1.0), (len(slower), 1))
-            colours[:, 3] = np.clip(15.0 / np.sqrt(len(slower)), 0.08, 0.8) * clear
+        clear = np.nan_to_num(slower) / max(float(np.nanpercentile(slower, 75.0)) if len(slower) else 1.0, 1e-6)
+        faint = float(np.clip(15.0 / np.sqrt(max(len(slower), 1)), 0.08, 0.8))
+        for level in (0.2, 0.4, 0.6, 0.8, 1.0):
+            here = np.ceil(5.0 * np.clip(clear, 0.1, 1.0)) == 5.0 * level
             for axes, x, y in zip(panels, (beta, beta, beta - delta), (delta, beta - delta, beta), strict=True):
-                axes.scatter(x, y, s=4.0, c=colours, linewidths=0)
+                axes.plot(x[here], y[here], **POINT | {"markersize": 2.0}, alpha=level * faint)
         panels[0].axhline(0.0, color=BLACK, linewidth=0.7)  # of an iron-free compass
         for axes in panels[1:]:
             axes.axline((0.0, 0.0), slope=1.0, color=BLACK, linewidth=0.7)

@@ -205,6 +205,7 @@ def draw_rotary(path: str | Path, series: DepthSeries) -> None:
                 axes.loglog(known[name].frequency_cpd, density, color=COLOURS[name], linewidth=1.0)
             for frequency in marks.values():
                 axes.axvline(frequency, color="#444444", linewidth=0.5, linestyle=":")
+            axes.minorticks_off()  # each takes as long as a line
             axes.xaxis.set_major_formatter("{x:g}")
             axes.yaxis.set_major_formatter("{x:g}")
             axes.set_title(sense.capitalize())

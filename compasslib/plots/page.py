@@ -19,6 +19,7 @@ from matplotlib.collections import Collection, QuadMesh
 from matplotlib.dates import DAILY, HOURLY, MINUTELY, MONTHLY, SECONDLY, AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, MultipleLocator
 from numpy.typing import ArrayLike
 from PIL import Image
@@ -100,6 +101,8 @@ def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, titl
                 counts = [np.asarray(artist.get_array()).size, len(np.asarray(artist.get_offsets()))]
                 counts += [] if isinstance(artist, QuadMesh) else [len(artist.get_paths())]
                 artist.set_rasterized(max(counts) > MAX_VECTORS)
+            for line in figure.findobj(Line2D):
+                line.set_rasterized(line.get_linestyle() == "None" and np.size(line.get_xdata()) > MAX_VECTORS)
             with atomic_write(path) as temporary:
                 figure.savefig(temporary, format="pdf", metadata={"CreationDate": None})
             return

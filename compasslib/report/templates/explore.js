@@ -118,25 +118,7 @@ function build(panel) {
   const columns = panel.keys.filter((key) => key in current.series).map((key) => current.values[key]);
   const chart = new uPlot(options, [current.times, ...columns], box);
   chart.over.addEventListener("dblclick", whole);
-  pannable(chart);
   return chart;
-}
-
-// Pan with Shift, and zoom by the wheel with Ctrl, which leaves the page's own scrolling alone.
-function pannable(u) {
-  u.over.addEventListener("mousedown", (down) => {
-    if (!down.shiftKey) return;
-    down.stopImmediatePropagation();
-    const [low, high] = view, width = (high - low) / u.over.clientWidth;
-    const move = (e) => look(low - (e.clientX - down.clientX) * width, high - (e.clientX - down.clientX) * width);
-    addEventListener("mousemove", move);
-    addEventListener("mouseup", () => removeEventListener("mousemove", move), {once: true});
-  }, true);
-  u.over.addEventListener("wheel", (e) => {
-    if (!e.ctrlKey) return;
-    e.preventDefault();
-    zoom(e.deltaY > 0 ? 1.25 : 0.8, u.posToVal(e.offsetX, "x"));
-  }, {passive: false});
 }
 
 function look(low, high) {
