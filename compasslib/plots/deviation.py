@@ -36,7 +36,6 @@ from compasslib.plots.page import (
     BLUE,
     COLOURS,
     GREEN,
-    GREY,
     MAGNETIC,
     REFERENCE,
     TRUE,
@@ -274,44 +273,8 @@ def draw_shared_coefficients(path: str | Path, content: Mapping[str, Any]) -> No
         for axes in figure.axes[len(panels) :]:
             axes.set_visible(False)
         alone = Line2D([], [], color=BLUE, marker="o", markersize=3, label="a record alone")
-        legend(figure, [alone, *_rejected(content), Patch(color=GREEN, alpha=0.25, label="the compass, 95 %")])
-
-
-def draw_shared_curve(path: str | Path, content: Mapping[str, Any]) -> None:
-    """Draw the deviation by correct heading of each record, and of the shared compass in the mean of their fields."""
-    deployments = [entry for entry in content["deployments"] if entry["coefficients"]]
-    heading = np.arange(0.0, 360.5, 2.0)
-    with page(path, 2.8) as figure:
-        axes = figure.subplots()
-        axes.set(xlabel=f"Correct heading {MAGNETIC}", ylabel="Deviation (°)")
-        degrees(axes.xaxis, (0.0, 360.0))
-        if not deployments:
-            empty(axes, words="no record determines the compass")
-            return
-        for entry in deployments:
-            values = np.array([0.0, *(entry["coefficients"][letter] for letter in "BCDE")])
-            deviation = angles.difference(heading, compass.recorded_heading(values, heading))
-            axes.plot(heading, deviation, color=BLUE if entry["fits"] else VERMILION, linewidth=0.8)
-        if content["coefficients"]:
-            fitting = [entry for entry in deployments if entry["fits"]] or deployments
-            field = (float(np.mean([entry[name] for entry in fitting])) for name in ("horizontal_nT", "vertical_nT"))
-            design = iron_design(FieldAtPlace(*field))[:, 1:]
-            values = design @ np.array(list(content["coefficients"].values()))
-            slope = compass.gradient(values, heading)
-            variance = np.einsum("in,ij,jn->n", slope, design @ np.array(content["covariance"]) @ design.T, slope)
-            middle, half = (
-                angles.difference(heading, compass.recorded_heading(values, heading)),
-                NORMAL_95 * np.sqrt(variance),
-            )
-            axes.fill_between(heading, middle - half, middle + half, **BAND)
-            axes.plot(heading, middle, color=GREEN)
-        axes.axhline(0.0, color=GREY, linewidth=0.5)
-        alone = Line2D([], [], color=BLUE, linewidth=0.8, label="a record alone, A left out")
-        legend(figure, [alone, *_rejected(content), Line2D([], [], color=GREEN, label="the compass, 95 %")])
-
-
-def _rejected(content: Mapping[str, Any]) -> list[Line2D]:
-    return [Line2D([], [], color=VERMILION, label="one that does not fit")] * bool(content["rejected"])
+        rejected = [Line2D([], [], color=VERMILION, label="one that does not fit")] * bool(content["rejected"])
+        legend(figure, [alone, *rejected, Patch(color=GREEN, alpha=0.25, label="the compass, 95 %")])
 
 
 def _shared_iron(

@@ -227,12 +227,6 @@ COMPASS = (
         "Coefficients",
         "Iron by each record alone, with its 95 % interval, and that of the compass.",
     ),
-    Figure(
-        "curve",
-        lambda path, m: plots.deviation.draw_shared_curve(path, m),
-        "Curve",
-        "Deviation by correct heading: of each record, and of the compass in the mean field with its 95 % band.",
-    ),
 )
 CRUISE = (
     Figure(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, QuadMesh
+from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, StepPatch
@@ -155,6 +155,7 @@ STICK: dict[str, Any] = {
     "angles": "uv", "scale_units": "y", "scale": 1.0, "units": "inches", "width": 0.007,
     "headwidth": 0.0, "headlength": 0.0, "headaxislength": 0.0,
 }  # fmt: skip
+AXIS = STICK | {"scale_units": "x", "width": 0.014, "pivot": "mid"}
 
 
 @dataclass(frozen=True)
@@ -300,59 +301,57 @@ def _draw_rose(axes: PolarAxes, series: Mapping[str, Floats]) -> None:
 
 
 def draw_section(path: str | Path, section: SectionMeans) -> None:
-    """Draw velocity by time and depth before and after correction, the difference, and the uncertainty of direction."""
-    by_reference = np.nan_to_num(section.reference_share) >= 0.5
+    """Draw velocity by time and depth before and after correction, the difference, and the uncertainty of direction.
+
+    Depths that were measured less than a tenth as often as any are left out.
+    """
+    by_reference, depth_m = np.nan_to_num(section.reference_share) >= 0.5, section.depth_m
     before = np.where(by_reference, complex(np.nan, np.nan), section.before)  # a reference is not corrected
     after = section.after.copy()
     after[:, by_reference] = _as_columns(after[:, by_reference])
     rows = {"recorded": before, "corrected": after, "corrected minus recorded": section.after - before}
     with page(path, 6.6, width_in=WIDE_IN) as figure:
-        ratios = [2.0, 2.0, 2.0, 1.2]
         layout: list[Any] = [[f"U, {row}", f"V, {row}"] for row in rows]
-        panels = figure.subplot_mosaic([*layout, ["σ", "σ"]], height_ratios=ratios)
+        panels = figure.subplot_mosaic([*layout, ["σ", "σ"]], height_ratios=[2.0, 2.0, 2.0, 1.2])
         if not np.isfinite(section.after).any():
             empty(*panels.values())
             return
         span = (float(section.edges_s[0]), float(section.edges_s[-1]))
+        half = float(np.median(np.diff(depth_m))) / 2.0 if len(depth_m) > 1 else 0.5
+        edges = np.append(depth_m - half, depth_m[-1] + half)
         for row, values in rows.items():
-            scale = [values] if row not in ("recorded", "corrected") else [before, after]
-            known = np.abs(np.concatenate([part(x[np.isfinite(x)]) for x in scale for part in (np.real, np.imag)]))
+            scale = np.concatenate([before, after] if row in ("recorded", "corrected") else [values])
+            known = np.abs(np.concatenate([part[np.isfinite(part)] for part in (scale.real, scale.imag)]))
             limit = max(CM * float(np.percentile(known, 98.0)), 1.0) if known.size else 1.0
-            for name, part in (("U", np.real), ("V", np.imag)):
+            often = np.isfinite(values).sum(axis=0)
+            shown = np.flatnonzero(often >= max(0.1 * often.max(initial=0), 1))
+            for name, part in (("U", values.real), ("V", values.imag)):
                 axes = panels[f"{name}, {row}"]
                 axes.set_title(f"{name}, {row}")
-                image = _draw_cells(axes, section, CM * part(values), Normalize(-limit, limit))
+                look: dict[str, Any] = {"cmap": "RdBu_r", "norm": Normalize(-limit, limit), "rasterized": True}
+                image = axes.pcolormesh(section.edges_s / DAY_S, edges, CM * part.T, **look)
+                axes.set_facecolor("#DDDDDD")
+                if shown.size:
+                    axes.set_ylim(edges[shown[-1] + 1], edges[shown[0]])
+                axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
                 dates(axes, span)
-                axes.set_xlabel("")
+                axes.set(xlabel="", ylabel="Depth (m)" if name == "U" else "")
                 axes.tick_params(labelbottom=row == "corrected minus recorded", labelleft=name == "U")
-                if name == "U":
-                    axes.set_ylabel("Depth (m)")
             bar = figure.colorbar(image, cax=axes.inset_axes((1.06, 0.0, 0.025, 1.0)), extend="both")
             bar.set_label("cm/s")
             if row == "corrected":  # at the right edge, the instrument that provides most values at each depth
-                half = _half_step(section)
-                inside = (section.depth_m < axes.get_ylim()[0]) & (section.depth_m > axes.get_ylim()[1])
-                for there, colour in ((~by_reference & inside, CORRECTED), (by_reference & inside, REFERENCE)):
-                    place: dict[str, Any] = {
-                        "transform": axes.get_yaxis_transform(),
-                        "clip_on": False,
-                        "linewidth": 4.0,
-                    }
-                    depth = section.depth_m[there]
-                    axes.vlines(np.full(len(depth), 1.02), depth - half, depth + half, colors=colour, **place)
+                place: dict[str, Any] = {"transform": axes.get_yaxis_transform(), "clip_on": False, "linewidth": 4.0}
+                place["colors"] = [REFERENCE if by_reference[k] else CORRECTED for k in shown]
+                axes.vlines(np.full(len(shown), 1.02), edges[shown], edges[shown + 1], **place)
         # Standard deviation of the affected instrument's directions.
-        middle, sigma = (section.edges_s[1:] + section.edges_s[:-1]) / 2.0, section.heading_sigma_deg
-        panels["σ"].plot(middle / DAY_S, sigma, color=CORRECTED, linewidth=0.8)
-        panels["σ"].set_ylim(0.0, 1.15 * float(np.nanmax(sigma)) if np.isfinite(sigma).any() else 1.0)
-        panels["σ"].set_title("uncertainty of the corrected directions (1σ)")
-        panels["σ"].set_ylabel("σ (°)")
-        dates(panels["σ"], span)
+        axes, sigma = panels["σ"], section.heading_sigma_deg
+        axes.plot((section.edges_s[1:] + section.edges_s[:-1]) / 2.0 / DAY_S, sigma, color=CORRECTED, linewidth=0.8)
+        axes.set_ylim(0.0, 1.15 * float(np.nanmax(sigma)) if np.isfinite(sigma).any() else 1.0)
+        axes.set_title("uncertainty of the corrected directions (1σ)")
+        axes.set_ylabel("σ (°)")
+        dates(axes, span)
         sources = {"affected instrument": CORRECTED, "reference": REFERENCE}
         legend(figure, [Line2D([], [], color=colour, linewidth=4.0, label=name) for name, colour in sources.items()])
-
-
-def _half_step(section: SectionMeans) -> float:
-    return float(np.median(np.diff(section.depth_m))) / 2.0 if len(section.depth_m) > 1 else 0.5
 
 
 def _as_columns(values: Complexes) -> Complexes:
@@ -363,20 +362,6 @@ def _as_columns(values: Complexes) -> Complexes:
     near = there[np.abs(np.arange(len(values))[:, None] - there).argmin(axis=1)]
     reached = np.abs(np.arange(len(values)) - near) <= np.median(np.diff(there)) / 2.0
     return np.where(reached[:, None], values[near], complex(np.nan, np.nan))
-
-
-def _draw_cells(axes: Axes, section: SectionMeans, values: Floats, norm: Normalize, least: float = 0.1) -> QuadMesh:
-    """Draw values by time and depth, over the depths measured at least ``least`` times as often as any."""
-    half = _half_step(section)
-    edges = np.append(section.depth_m - half, section.depth_m[-1] + half)
-    image = axes.pcolormesh(section.edges_s / DAY_S, edges, values.T, cmap="RdBu_r", norm=norm, rasterized=True)
-    axes.set_facecolor("#DDDDDD")
-    often = np.isfinite(values).sum(axis=0)
-    shown = np.flatnonzero(often >= max(least * often.max(initial=0), 1))
-    if shown.size:
-        axes.set_ylim(edges[shown[-1] + 1], edges[shown[0]])
-    axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-    return image
 
 
 def draw_profile(path: str | Path, section: SectionMeans) -> None:
@@ -401,8 +386,17 @@ def draw_profile(path: str | Path, section: SectionMeans) -> None:
             axes.set_title(f"mean {name}")
             axes.set_xlabel("(cm/s)")
             axes.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
+        # Major axes of the variance, north up, to a common scale along the panel's width.
         shown = there[:: max(1, -(-len(there) // 8))]
-        _draw_axes(panels[2], section.depth_m, (before, after), shown, reference)
+        sizes = [principal_axis(profile) for profile in (before, after)]
+        for (size, way), colour in zip(sizes, (RECORDED, CORRECTED), strict=True):
+            along = CM * (size * np.exp(1j * way))[shown]
+            look = AXIS | {"color": [REFERENCE if trusted else colour for trusted in reference[shown]]}
+            panels[2].quiver(np.zeros(len(shown)), section.depth_m[shown], along.real, along.imag, **look)
+        longest = CM * max(float(np.nanmax(size[shown])) for size, _ in sizes)
+        panels[2].set(xlim=(-0.6 * longest, 0.6 * longest), xlabel="(cm/s), north up")
+        panels[2].set_title("principal axes")
+        panels[2].xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
         room = 0.12 * float(np.ptp(section.depth_m[there])) + 1.0  # for the axes at the ends
         panels[0].set_ylim(section.depth_m[there[-1]] + room, section.depth_m[there[0]] - room)
         panels[0].set_ylabel("Depth (m)")
@@ -416,24 +410,3 @@ def principal_axis(profile: MeanProfile) -> tuple[Floats, Floats]:
     half = 0.5 * (profile.east_variance - profile.north_variance)
     size = 0.5 * (profile.east_variance + profile.north_variance) + np.hypot(half, profile.covariance)
     return np.sqrt(np.maximum(size, 0.0)), 0.5 * np.arctan2(profile.covariance, half)
-
-
-def _draw_axes(
-    axes: Axes, depth_m: Floats, profiles: tuple[MeanProfile, MeanProfile], shown: NDArray[np.intp],
-    reference: NDArray[np.bool_],
-) -> None:  # fmt: skip
-    """Draw the major axes as lines centred at their depth, north up, to a common scale along the panel's width."""
-    sizes = [principal_axis(profile) for profile in profiles]
-    longest = CM * max(float(np.nanmax(size[shown])) for size, _ in sizes)
-    for (size, way), colour in zip(sizes, (RECORDED, CORRECTED), strict=True):
-        colours = [REFERENCE if trusted else colour for trusted in reference[shown]]
-        axes.quiver(
-            np.zeros(len(shown)), depth_m[shown],
-            CM * (size * np.cos(way))[shown], CM * (size * np.sin(way))[shown],
-            color=colours, angles="uv", scale_units="x", scale=1.0, units="inches", width=0.014, pivot="mid",
-            headwidth=0.0, headlength=0.0, headaxislength=0.0,
-        )  # fmt: skip
-    axes.set_xlim(-0.6 * longest, 0.6 * longest)
-    axes.set_title("principal axes")
-    axes.set_xlabel("(cm/s), north up")
-    axes.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
