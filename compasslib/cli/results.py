@@ -164,9 +164,9 @@ def explain(asked: Namespace) -> int:
         raise InputError(str(folder), expected=f"all results of a {what}", found=actual, advice=advice)
     with check_version(folder):
         if what == "calibration":
-            section = sections.calibration_section(read_calibration(name, root), root, small=True)
+            section = sections.calibration_section(read_calibration(name, root), root)
         elif what == "compass":
-            section = sections.compass_section(name, root, small=True)
+            section = sections.compass_section(name, root)
         else:
             section = _mooring_section(folder)
         lines = explanation_lines(section, folder)

@@ -239,7 +239,7 @@ def answer_use(
     }
     care = {
         f"{100.0 * unsure:.0f} % of the headings have flag 2 or 3": bool(unsure > 0.05),
-        f"the uncertainty, {sigma or 0.0:.2f}°, exceeds 5°": (sigma or 0.0) > 5.0,
+        "σ exceeds 5°": (sigma or 0.0) > 5.0,
     }
     if verdict == "insufficient" or any(no.values()):
         answer, reasons = "no", no

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,9 +15,8 @@ from compasslib.errors import InputError
 from compasslib.pipeline.job import ROOT
 
 RESULTS = Path("results")
-# Variables of the environment of jobs, which import no modules from their working folder, the cruise.
-# glibc releases large arrays and maps each new one page by page, which takes a quarter of a simulated mooring's time, a
-# twentieth of an assessment's. With these settings it reuses arrays below 32 MB, for some 10 MB more memory.
+# Variables of the environment of jobs, which import no modules from their working folder, the cruise. glibc reuses
+# arrays below 32 MB instead of mapping each new one page by page, which takes a quarter of a simulated mooring's time.
 ENVIRONMENT = {"PYTHONSAFEPATH": "1", "MALLOC_MMAP_THRESHOLD_": str(2**25), "MALLOC_TRIM_THRESHOLD_": str(2**26)}
 WITHOUT = "without"  # key of Snakemake's configuration: moorings and calibrations to leave out, separated by commas
 WARNING = "warning: "
@@ -64,17 +62,10 @@ def left_out(cruise: Cruise, config: Mapping[str, object]) -> dict[str, list[str
 
 
 def check_results(warn: Callable[[str], object]) -> None:
-    """Refuse results by other rules or dated in the future, and warn of those of which Snakemake has no metadata."""
+    """Refuse results by other rules, and warn of those of which Snakemake has no metadata."""
     if any(b'"library"' not in record.read_bytes() for record in RESULTS.glob("**/logs/read_*.json")):
         advice = "move them away, mv results results_before, and run again"
         raise InputError("results", expected="none, or those of this version", found="others", advice=advice)
-    now = time.time()
-    if later := [path for path in RESULTS.rglob("*") if path.is_file() and path.stat().st_mtime > now]:
-        # To Snakemake they are newer than a changed raw file. Once older than all raw files, they are made again if the
-        # content of one has changed.
-        command = "find results/ -newermt now -exec touch -t 200001010000 {} +"
-        advice = f"correct the clock of this computer, or in the cruise folder: {command}"
-        raise InputError(str(later[0]), expected="a date in the past", found="one in the future", advice=advice)
     if any(RESULTS.glob("*/logs")) and not any(Path(".snakemake").glob("metadata/*")):
         warn(
             "results without .snakemake/metadata: settings changed since they were made are not noticed; "

@@ -65,9 +65,7 @@ def process(cruise: Cruise, mooring: str, folder: Path, say: Say = lambda line: 
         files = _fit(cruise, part, folder / part.removeprefix(mooring).strip("/"), say)
         if part in Compasses(cruise).moorings:
             files["joined"] = _combine_records(cruise, part, files)
-            _call(diagnose.diagnose_jointly, part, files, settings.diagnose(part))
-        else:
-            _call(diagnose.diagnose, part, files, settings.diagnose(part))
+        _call(diagnose.diagnose, part, files, settings.diagnose(part))
         _call(correct.correct, part, files, settings.correct(part))
         parts.append(files)
     if gridded and mooring in settings.gridded:
@@ -81,13 +79,13 @@ def process(cruise: Cruise, mooring: str, folder: Path, say: Say = lambda line: 
 def _fit(cruise: Cruise, name: str, folder: Path, say: Say) -> Arguments:
     """Read the instruments, find pairs, and fit the compass or convert its calibration; return the files by name."""
     settings = Moorings(cruise)
-    record, *references = records = [f"{folder}/work/{role}.nc" for role in settings.roles(name)]
+    record, *references = [f"{folder}/work/{role}.nc" for role in settings.roles(name)]
     files: Arguments = {Path(file).stem: f"{folder}/{file}" for file in FILES}
     files |= {"folder": folder, "say": say, "record": record, "references": references}
     files |= {"observatory": settings.observatory(name), "ready": settings.ready_pairs(name)}
     files["pairs"] = f"{folder}/work/pairs/overlap.nc"
     files["alone"] = [f"{folder}/work/alone/{stem}.json" for stem in ALONE]
-    for role, path in zip(settings.roles(name), records, strict=True):
+    for role, path in zip(settings.roles(name), (record, *references), strict=True):
         raw, companions = settings.raw_files(name, role), settings.companion_files(name, role)
         read.read(name, role, raw=raw, companions=companions, record=path, **settings.read(name, role), say=say)
     _call(read.overlap, name, files, settings.overlap(name))
@@ -124,8 +122,8 @@ def _combine_records(cruise: Cruise, mooring: str, files: Arguments) -> str:
     for name in settings.members[compass][1]:
         with suppress(InputError):
             calibrations.append(_calibrate(cruise, name, files["folder"]))
-    inputs: Arguments = {"summaries": summaries, "calibrations": calibrations, "say": lambda line: None}
     outputs = {"joined": f"{folder}/compass.json", "diagnosis": f"{folder}/diagnosis.json"}
+    inputs = {"summaries": summaries, "calibrations": calibrations, "say": lambda line: None}
     _call(diagnose.combine_records, compass, inputs | outputs, settings.combine_records(compass))
     return outputs["joined"]
 

@@ -12,7 +12,7 @@ from matplotlib import colormaps
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.colors import ListedColormap, LogNorm, to_rgb
+from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator
@@ -22,7 +22,14 @@ from compasslib import angles, compass
 from compasslib.deviation.correction import reference_modes
 from compasslib.deviation.curve import correct_roots
 from compasslib.deviation.histograms import BIN_DEG, BINS, Counts, directions_at_pairs
-from compasslib.deviation.model import DeviationFit, observed_deviation, observed_heading, pair_speeds
+from compasslib.deviation.model import (
+    DeviationFit,
+    FieldAtPlace,
+    iron_design,
+    observed_deviation,
+    observed_heading,
+    pair_speeds,
+)
 from compasslib.deviation.series import inverse_table, series_design, series_deviation, series_slope
 from compasslib.plots.page import (
     BAND,
@@ -30,7 +37,6 @@ from compasslib.plots.page import (
     BLUE,
     COLOURS,
     GREEN,
-    GREY,
     MAGNETIC,
     REFERENCE,
     TRUE,
@@ -76,11 +82,27 @@ def draw_deviation(path: str | Path, pairs: Pairs, fit: DeviationFit) -> None:
     handles = _deviation_handles(pairs, fit, curve)
     with page(path, 4.0 + 0.16 * len(handles)) as figure:
         panels = list(figure.subplot_mosaic([["a", "a"], ["b", "c"]]).values())  # a wide one above two narrow ones
-        _deviation_axes(panels, (beta, delta), curve, begin)
+        line = (curve.deviation_deg, curve.recorded_deg) if curve else (np.zeros(0), np.zeros(0))
+        turn, recorded = (begin, begin + 360.0), span_of(beta - delta, line[1])  # the correct heading is cut at its gap
+        for axes, across, up, xlabel, ylabel, title in (
+            (panels[0], turn, span_of(delta, line[0]), CORRECT, DEVIATES, "deviation"),
+            (panels[1], turn, recorded, CORRECT, RECORDS, "recorded"),
+            (panels[2], recorded, turn, RECORDS, CORRECT, "inverse"),
+        ):
+            degrees(axes.xaxis, across)
+            degrees(axes.yaxis, up, as_is=ylabel == DEVIATES)
+            axes.set(xlabel=xlabel, ylabel=ylabel)
+            axes.set_title(title)
         if not (len(pairs) or curve):
             empty(*panels)
             return
-        _draw_points(panels, beta, delta, pairs)
+        slower = np.minimum(*pair_speeds(pairs))  # pairs are paler where the current is slow, and if there are many
+        clear = np.nan_to_num(slower) / max(float(np.nanpercentile(slower, 75.0)) if len(slower) else 1.0, 1e-6)
+        faint = float(np.clip(15.0 / np.sqrt(max(len(slower), 1)), 0.08, 0.8))
+        for level in (0.2, 0.4, 0.6, 0.8, 1.0):
+            here = np.ceil(5.0 * np.clip(clear, 0.1, 1.0)) == 5.0 * level
+            for axes, x, y in zip(panels, (beta, beta, beta - delta), (delta, beta - delta, beta), strict=True):
+                axes.plot(x[here], y[here], **POINT | {"markersize": 2.0}, alpha=level * faint)
         panels[0].axhline(0.0, color=BLACK, linewidth=0.7)  # of an iron-free compass
         for axes in panels[1:]:
             axes.axline((0.0, 0.0), slope=1.0, color=BLACK, linewidth=0.7)
@@ -148,36 +170,6 @@ def span_of(points: Floats, line: Floats) -> Limits:
     return (low + high) / 2.0 - half, (low + high) / 2.0 + half
 
 
-def _deviation_axes(
-    panels: Sequence[Axes], points: tuple[Floats, Floats], curve: DeviationByHeading | None, begin: float
-) -> None:
-    """Set the axes: the correct heading is cut at its largest gap, the others contain the curve and most points."""
-    beta, delta = points
-    line = (curve.deviation_deg, curve.recorded_deg) if curve else (np.zeros(0), np.zeros(0))
-    heading, recorded = (begin, begin + 360.0), span_of(beta - delta, line[1])
-    rows = (
-        (heading, span_of(delta, line[0]), CORRECT, DEVIATES, "deviation"),
-        (heading, recorded, CORRECT, RECORDS, "recorded"),
-        (recorded, heading, RECORDS, CORRECT, "inverse"),
-    )
-    for axes, (across, up, xlabel, ylabel, title) in zip(panels, rows, strict=True):
-        degrees(axes.xaxis, across)
-        degrees(axes.yaxis, up, as_is=ylabel == DEVIATES)
-        axes.set(xlabel=xlabel, ylabel=ylabel)
-        axes.set_title(title)
-
-
-def _draw_points(panels: Sequence[Axes], beta: Floats, delta: Floats, pairs: Pairs) -> None:
-    """Draw the pairs, paler if there are many, and where the current is slow."""
-    colours, slower = np.zeros((0, 4)), np.minimum(*pair_speeds(pairs))
-    if len(slower):
-        clear = np.clip(np.nan_to_num(slower) / max(float(np.nanpercentile(slower, 75.0)), 1e-6), 0.1, 1.0)
-        alpha = np.clip(15.0 / np.sqrt(len(slower)), 0.08, 0.8) * clear
-        colours = np.column_stack([np.tile(to_rgb("#333333"), (len(slower), 1)), alpha])
-    for axes, x, y in zip(panels, (beta, beta, beta - delta), (delta, beta - delta, beta), strict=True):
-        axes.scatter(x, y, s=4.0, c=colours, linewidths=0)
-
-
 def _draw_curve(panels: Sequence[Axes], fit: DeviationFit, curve: DeviationByHeading) -> None:
     """Draw the curve with its 95 % band in the three panels, and the inverse used in the correction as rings."""
     half = np.minimum(NORMAL_95 * curve.sigma_deg, 180.0)
@@ -222,56 +214,42 @@ COUNTS = ListedColormap(colormaps["viridis_r"](np.linspace(0.1, 1.0, 256)))  # t
 
 
 def draw_scatter(path: str | Path, pairs: Pairs, product: CorrectedRecord) -> None:
-    """Draw the affected against the reference current direction, before and after correction.
-
-    All pairs are shown, including those used in the fit; the assessment is made on held-out pairs.
-    """
-    record = product.record
-    lower, upper, corrected = directions_at_pairs(pairs, record.time_s, product.heading_corrected_deg)
-    begin = emptiest(lower)
+    """Draw the affected against the reference current direction, before and after correction, of all pairs."""
+    lower, upper, corrected = directions_at_pairs(pairs, product.record.time_s, product.heading_corrected_deg)
+    limits = (begin := emptiest(lower), begin + 360.0)
     with page(path, 3.0) as figure:
         layout = figure.subplot_mosaic([["recorded", "corrected"], ["bar", "bar"]], height_ratios=(1.0, 0.06))
-        panels = layout["recorded"], layout["corrected"]
-        panels[1].tick_params(labelleft=False)
-        panels_of_hexagons = (
-            _hexagons(panels[0], "recorded", (lower, upper), begin),
-            _hexagons(panels[1], "corrected", (lower, corrected), begin),
-        )
-        panels[0].set_ylabel(f"Affected {TRUE}")
-        for axes in panels:
+        counted: list[PolyCollection] = []
+        for title, directions in (("recorded", upper), ("corrected", corrected)):
+            axes, known = layout[title], np.isfinite(lower) & np.isfinite(directions)
+            axes.set_title(title)
             axes.set_xlabel(f"Reference {TRUE}")
+            if not known.any():
+                empty(axes, words="no pairs")
+                continue
+            off = angles.difference(directions, lower)[known]
+            mean = signed(float(angles.wrap180(angles.mean(off))))
+            axes.set_title(f"{title}, n = {off.size}\nmean {mean}°, rms {angles.rms(off):.1f}°")
+            both = (placed(angle[known], begin) for angle in (lower, directions))
+            look: dict[str, Any] = {"mincnt": 1, "cmap": COUNTS, "linewidths": 0.1}
+            counted.append(axes.hexbin(*both, gridsize=40, extent=(*limits, *limits), **look))
+            axes.plot(limits, limits, color=BLACK, linewidth=0.8)
+            for axis in (axes.xaxis, axes.yaxis):
+                degrees(axis, limits)
+            axes.set_aspect("equal")
+        layout["recorded"].set_ylabel(f"Affected {TRUE}")
+        layout["corrected"].tick_params(labelleft=False)
         layout["bar"].set_label("<colorbar>")
-        if counted := [hexagons for hexagons in panels_of_hexagons if hexagons is not None]:
-            most = max(5.0, *(float(np.max(np.asarray(hexagons.get_array()))) for hexagons in counted))
-            for hexagons in counted:  # on a common colour scale
-                hexagons.set_norm(LogNorm(1.0, most))
-            ticks, text = LogLocator(subs=(1.0, 2.0, 5.0)), FuncFormatter(lambda count, _: f"{count:g}")
-            bar = figure.colorbar(counted[0], cax=layout["bar"], ticks=ticks, format=text, orientation="horizontal")
-            bar.minorticks_off()
-            bar.set_label("Pairs per hexagon, of all pairs")
-        else:
+        if not counted:
             layout["bar"].remove()
-
-
-def _hexagons(axes: Axes, title: str, xy: tuple[Floats, Floats], begin: float) -> PolyCollection | None:
-    """Draw one direction against another as counts in hexagons; return None without data."""
-    known = np.isfinite(xy[0]) & np.isfinite(xy[1])
-    limits = (begin, begin + 360.0)
-    axes.set_title(title)
-    if not known.any():
-        empty(axes, words="no pairs")
-        return None
-    off = angles.difference(xy[1], xy[0])[known]
-    axes.set_title(
-        f"{title}, n = {off.size}\nmean {signed(float(angles.wrap180(angles.mean(off))))}°, rms {angles.rms(off):.1f}°"
-    )
-    lower, upper = (placed(angle[known], begin) for angle in xy)
-    hexagons = axes.hexbin(lower, upper, gridsize=40, extent=(*limits, *limits), mincnt=1, cmap=COUNTS, linewidths=0.1)
-    axes.plot(limits, limits, color=BLACK, linewidth=0.8)
-    for axis in (axes.xaxis, axes.yaxis):
-        degrees(axis, limits)
-    axes.set_aspect("equal")
-    return hexagons
+            return
+        most = max(5.0, *(float(np.max(np.asarray(hexagons.get_array()))) for hexagons in counted))
+        for hexagons in counted:  # on a common colour scale
+            hexagons.set_norm(LogNorm(1.0, most))
+        ticks, text = LogLocator(subs=(1.0, 2.0, 5.0)), FuncFormatter(lambda count, _: f"{count:g}")
+        bar = figure.colorbar(counted[0], cax=layout["bar"], ticks=ticks, format=text, orientation="horizontal")
+        bar.minorticks_off()
+        bar.set_label("Pairs per hexagon, of all pairs")
 
 
 # A compass that several records share.
@@ -280,10 +258,9 @@ def _hexagons(axes: Axes, title: str, xy: tuple[Floats, Floats], begin: float) -
 def draw_shared_coefficients(path: str | Path, content: Mapping[str, Any]) -> None:
     """Draw coefficients and effects by each record alone and of the shared compass, with 95 % intervals."""
     deployments = [entry for entry in content["deployments"] if entry["coefficients"]]
-    effects = content["effects"]
-    panels = [*"BCDE", *((entry, k) for entry in effects for k in range(len(entry["values"])))]
+    panels = [*"BCDE", *((entry, k) for entry in content["effects"] for k in range(len(entry["values"])))]
     rows = -(-len(panels) // 2)
-    names = Rows([entry["name"] for entry in deployments], 0.8)
+    names = Rows([entry["name"] for entry in deployments], 12)
     with page(path, rows * (0.65 + max(names.height_in, 0.4)) + 0.6) as figure:
         grid = figure.subplots(rows, 2, squeeze=False, sharey=True).flat
         for axes, panel in zip(grid, panels, strict=False):
@@ -296,38 +273,8 @@ def draw_shared_coefficients(path: str | Path, content: Mapping[str, Any]) -> No
         for axes in figure.axes[len(panels) :]:
             axes.set_visible(False)
         alone = Line2D([], [], color=BLUE, marker="o", markersize=3, label="a record alone")
-        shared = Patch(color=GREEN, alpha=0.25, label="the compass, 95 %")
-        legend(figure, [alone, *_rejected_handle(content), shared])
-
-
-def draw_shared_curve(path: str | Path, content: Mapping[str, Any]) -> None:
-    """Draw the deviation by correct heading of each record, and of the shared compass in the mean of their fields."""
-    deployments = [entry for entry in content["deployments"] if entry["coefficients"]]
-    heading = np.arange(0.0, 360.5, 2.0)
-    with page(path, 2.8) as figure:
-        axes = figure.subplots()
-        axes.set_xlabel(f"Correct heading {MAGNETIC}")
-        axes.set_ylabel("Deviation (°)")
-        degrees(axes.xaxis, (0.0, 360.0))
-        if not deployments:
-            empty(axes, words="no record determines the compass")
-            return
-        for entry in deployments:
-            values = np.array([0.0, *(entry["coefficients"][letter] for letter in "BCDE")])
-            colour = BLUE if entry["fits"] else VERMILION
-            axes.plot(heading, _exact_deviation(values, heading), color=colour, linewidth=0.8)
-        if content["coefficients"]:
-            middle, spread = _shared_curve(content, deployments, heading)
-            axes.fill_between(heading, middle - NORMAL_95 * spread, middle + NORMAL_95 * spread, **BAND)
-            axes.plot(heading, middle, color=GREEN)
-        axes.axhline(0.0, color=GREY, linewidth=0.5)
-        handles = [Line2D([], [], color=BLUE, linewidth=0.8, label="a record alone, A left out")]
-        legend(figure, [*handles, *_rejected_handle(content), Line2D([], [], color=GREEN, label="the compass, 95 %")])
-
-
-def _rejected_handle(content: Mapping[str, Any]) -> list[Line2D]:
-    """Create the legend entry of records that do not fit the compass, if there are any."""
-    return [Line2D([], [], color=VERMILION, label="one that does not fit")] if content["rejected"] else []
+        rejected = [Line2D([], [], color=VERMILION, label="one that does not fit")] * bool(content["rejected"])
+        legend(figure, [alone, *rejected, Patch(color=GREEN, alpha=0.25, label="the compass, 95 %")])
 
 
 def _shared_iron(
@@ -344,7 +291,7 @@ def _shared_iron(
         axes.errorbar(value, k, xerr=NORMAL_95 * sigma, color=colour, marker="o", markersize=3, lw=1.0)
         if content["coefficients"]:
             # Predicted from the shared iron, variation between deployments included; B and C in nT.
-            weight = _shared_design(1.0, entry["vertical_nT"])["ABCDE".index(letter)]
+            weight = iron_design(FieldAtPlace(1.0, entry["vertical_nT"]))["ABCDE".index(letter), 1:]
             between = content["sigma_between"] if hard else 0.0
             middle = float(weight @ np.array(list(content["coefficients"].values()))) / scale
             variance = weight @ np.array(content["covariance"]) @ weight + between**2
@@ -352,70 +299,53 @@ def _shared_iron(
             axes.fill_betweenx([k - 0.35, k + 0.35], middle - half, middle + half, **BAND)
 
 
-def _shared_design(horizontal_nT: float, vertical_nT: float) -> Floats:
-    """Compute the matrix from the shared iron P, Q, c, f, D, E to the coefficients A to E in a field, (5, 6)."""
-    design = np.zeros((5, 6))
-    design[1, [0, 2]] = design[2, [1, 3]] = 1.0 / horizontal_nT, vertical_nT / horizontal_nT
-    design[3, 4] = design[4, 5] = 1.0
-    return design
-
-
 def _shared_effect(axes: Axes, names: Rows, effect: Mapping[str, Any], k: int) -> None:
     unit = "°" if effect["units"][k] == "degrees" else effect["units"][k]
-    name, parameter = effect["effect"].replace("_", " "), effect["parameters"][k].split("_")[0]
-    axes.set_title(f"{name}, {parameter} ({unit})")
-    value, sigma = effect["values"][k], effect["sigma"][k]
-    axes.axvspan(value - NORMAL_95 * sigma, value + NORMAL_95 * sigma, **BAND)
+    axes.set_title(f"{effect['effect'].replace('_', ' ')}, {effect['parameters'][k].split('_')[0]} ({unit})")
+    value, half = effect["values"][k], NORMAL_95 * effect["sigma"][k]
+    axes.axvspan(value - half, value + half, **BAND)
     place = dict(zip(names.names, names.places, strict=True))
     for name, entry in effect["each"].items():
         half = NORMAL_95 * entry["sigma"][k]
         axes.errorbar(entry["values"][k], place[name], xerr=half, color=BLUE, marker="o", markersize=3, lw=1.0)
 
 
-def _shared_curve(
-    content: Mapping[str, Any], deployments: list[dict[str, Any]], heading: Floats
-) -> tuple[Floats, Floats]:
-    """Evaluate the deviation of the compass in the mean field and its standard error, (n,) each."""
-    fitting = [entry for entry in deployments if entry["fits"]] or deployments
-    field = (float(np.mean([entry[name] for entry in fitting])) for name in ("horizontal_nT", "vertical_nT"))
-    design = _shared_design(*field)
-    values = design @ np.array(list(content["coefficients"].values()))
-    covariance = design @ np.array(content["covariance"]) @ design.T
-    slope = compass.gradient(values, heading)
-    return _exact_deviation(values, heading), np.sqrt(np.einsum("in,ij,jn->n", slope, covariance, slope))
-
-
-def _exact_deviation(values: Floats, heading: Floats) -> Floats:
-    return angles.difference(heading, compass.recorded_heading(values, heading))
-
+# Histograms before and after.
 
 STATISTICS = {"mean_deg": "mean", "median_absolute_deg": "median", "rms_deg": "rms"}  # degrees
+GROUPS = {
+    "heading": ("instrument heading", f"Heading {MAGNETIC}"),
+    "direction": ("current, all pairs", f"Towards {TRUE}"),
+    "difference": ("difference, held out pairs", "Affected minus reference (°)"),
+}
 
 
 def draw_histograms(path: str | Path, counts: Mapping[str, Counts], assessment: Mapping[str, Any]) -> None:
     """Draw histograms of headings, directions and held-out differences, from histograms.csv and assessment.json."""
-    groups = {
-        "heading": ("instrument heading", f"Heading {MAGNETIC}"),
-        "direction": ("current, all pairs", f"Towards {TRUE}"),
-    }
     with page(path, 5.9) as figure:
         panels = figure.subplots(4, 1, height_ratios=(1.0, 1.0, 1.0, 0.7))
-        for axes, (group, (title, label)) in zip(panels, groups.items(), strict=False):
+        there: set[str] = set()
+        for axes, (group, (title, label)) in zip(panels, GROUPS.items(), strict=False):
             known = {name.partition("_")[2]: n for name, n in counts.items() if name.startswith(group) and n.any()}
-            centres = [np.repeat(BIN_DEG * (np.arange(BINS) + 0.5), n) for n in known.values()]
-            begin = emptiest(np.concatenate([*centres, np.zeros(0)]))
-            _draw_counts(axes, known, (begin, begin + 360.0), 0.0)
-            axes.set_xlabel(label)
+            first_deg = begin = -180.0 if group == "difference" else 0.0
+            if group != "difference":
+                centres = [np.repeat(BIN_DEG * (np.arange(BINS) + 0.5), n) for n in known.values()]
+                begin = emptiest(np.concatenate([*centres, np.zeros(0)]))
+            degrees(axes.xaxis, (begin, begin + 360.0), as_is=group == "difference")
+            axes.set(xlabel=label, ylabel="Share (%)")
             axes.set_title(title)
-        differences = {when: counts[f"difference_{when}"] for when in ("before", "after")}
-        _draw_counts(panels[2], {when: n for when, n in differences.items() if n.any()}, (-180.0, 180.0), -180.0)
-        panels[2].set_xlabel("Affected minus reference (°)")
-        panels[2].set_title("difference, held out pairs")
-        for axes in panels[:3]:
-            axes.set_ylabel("Share (%)")
+            edges = begin + BIN_DEG * np.arange(BINS + 1)
+            for name in sorted(known, key=list(COLOURS).index, reverse=True):
+                share = 100.0 * np.roll(known[name], -round((begin - first_deg) / BIN_DEG)) / known[name].sum()
+                filled: dict[str, Any] = {"fill": True, "alpha": 0.4, "linewidth": 0} if name == "reference" else {}
+                axes.stairs(share, edges, color=COLOURS[name], **filled)
+            if known:
+                axes.set_ylim(bottom=0.0)
+            else:
+                empty(axes)
+            there |= set(known)
         figure.align_ylabels(panels[:3])
         _write_statistics(panels[3], assessment)
-        there = {name for quantity, n in counts.items() if n.any() for name in [quantity.partition("_")[2]]}
         words = {"recorded": "recorded, before", "corrected": "corrected, after"}
         handles: list[Artist] = [
             Line2D([], [], color=COLOURS[name], label=text) for name, text in words.items() if name in there
@@ -425,33 +355,20 @@ def draw_histograms(path: str | Path, counts: Mapping[str, Counts], assessment: 
         legend(figure, handles, columns=3)
 
 
-def _draw_counts(axes: Axes, counts: Mapping[str, Counts], limits: Limits, first_deg: float) -> None:
-    """Draw histograms, whose first bin begins at ``first_deg``, as steps in percent, filled for the reference."""
-    degrees(axes.xaxis, limits, as_is=first_deg < 0.0)
-    if not counts:
-        empty(axes)
-        return
-    edges = limits[0] + BIN_DEG * np.arange(BINS + 1)
-    for name in sorted(counts, key=list(COLOURS).index, reverse=True):
-        share = 100.0 * np.roll(counts[name], -round((limits[0] - first_deg) / BIN_DEG)) / counts[name].sum()
-        filled: dict[str, Any] = {"fill": True, "alpha": 0.4, "linewidth": 0} if name == "reference" else {}
-        axes.stairs(share, edges, color=COLOURS[name], **filled)
-    axes.set_ylim(bottom=0.0)
-
-
 def _write_statistics(axes: Axes, assessment: Mapping[str, Any]) -> None:
     """Write a table of the differences before and after: pairs, mean, median magnitude, rms, with 95 % intervals."""
     axes.set_axis_off()
     axes.set(xticks=[], yticks=[])
-    rows = [["", "pairs", *STATISTICS.values()]]
-    for when in ("before", "after"):
+    columns = [(-0.02, "#444444", ["", "pairs", *STATISTICS.values()])]
+    for when, x in (("before", 0.15), ("after", 0.6)):
         entry = assessment[when]
-        cells = [] if entry["n"] else ["–"] * len(STATISTICS)
+        cells = [f"{when} (°)", str(entry["n"]), *(["–"] * len(STATISTICS) if not entry["n"] else [])]
         for key in STATISTICS if entry["n"] else ():
-            low, high = (signed(bound, ".1f") for bound in entry["interval_95"][key])
-            cells.append(f"{signed(entry[key], '+.1f' if key == 'mean_deg' else '.1f')} ({low}, {high})")
-        rows.append([f"{when} (°)", str(entry["n"]), *cells])
-    for texts, x in zip(rows, (-0.02, 0.15, 0.58), strict=True):
-        for row, text in enumerate(texts):
-            colour = COLOURS.get(texts[0].partition(" ")[0], "#444444") if row == 0 else "#222222"
-            axes.text(x, 1.0 - 0.2 * row, text, transform=axes.transAxes, color=colour, va="top", fontsize=8.0)
+            values = (entry[key], *entry["interval_95"][key])
+            digits = 0 if max(map(abs, values)) >= 100.0 else 1  # so that two columns fit
+            middle, low, high = (signed(value, f".{digits}f") for value in values)
+            cells.append(f"{middle} ({low}, {high})")
+        columns.append((x, COLOURS[when], cells))
+    for x, colour, cells in columns:
+        for row, text in enumerate(cells):
+            axes.text(x, 1.0 - 0.2 * row, text, transform=axes.transAxes, color="#222222" if row else colour, va="top")

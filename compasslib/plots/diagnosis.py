@@ -1,8 +1,4 @@
-"""Figure of the diagnosis of a mooring or calibration: residuals by covariate, without and with identified effects.
-
-Below them, the size of each effect on held-out days and as predicted by the other days, and the heading error
-without it; for a calibration, the residual on held-out data.
-"""
+"""Figures of a diagnosis: residuals by covariate, sizes of the effects on held-out days, heading errors."""
 
 from __future__ import annotations
 
@@ -146,6 +142,9 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *,
     reached, edge = np.minimum(step, GAP * np.median(step)) / 2.0, np.median(step) / 2.0
     low, high = x - np.insert(reached, 0, edge), x + np.append(reached, edge)
     axes.bar(low, 2.0 * half, high - low, -half, align="edge", **NOISE)
+    sized = sigma <= 10.0 * np.median(sigma)  # bins that say nothing do not set the scale
+    largest = max(float(np.max(np.abs(values[sized]))) for values in (before, after, half))
+    axes.set_ylim(-1.1 * largest, 1.1 * largest)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     if np.any(before != after):
         apart = np.flatnonzero(np.diff(x) > GAP * np.median(np.diff(x))) + 1
@@ -156,9 +155,9 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *,
         axes.plot(x, before, **BEFORE)
     axes.plot(x, after, **AFTER)
     effect = covariate.removeprefix(wording.SIZE_PREFIX)
-    sized = effect != covariate
-    axes.set_ylabel("Size (° rms)" if sized else "Residual (°)")
-    axes.set_title(wording.display_name(effect) if sized else curve.get("compared", "residual"))
+    of_size = effect != covariate
+    axes.set_ylabel("Size (° rms)" if of_size else "Residual (°)")
+    axes.set_title(wording.display_name(effect) if of_size else curve.get("compared", "residual"))
     if label:
         axes.set_xlabel(label)
     if covariate == "heading":
@@ -214,7 +213,7 @@ def _sizes(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: Rows) -> Non
     without = [entry.get("heading_error_without_deg") for entry in findings]
     series = ([x["held_out"] for x in sizes], [x["fitted_elsewhere"] for x in sizes], without)
     for (look, _), values, shift in zip(SIZES, series, (0.0, 0.2, -0.2), strict=True):
-        axes.plot([np.nan if x is None else x for x in values], np.asarray(rows.places) + shift, **look)
+        axes.plot(np.array(values, dtype=float), np.asarray(rows.places) + shift, **look)
     axes.axvline(0.0, color=GREY, linewidth=0.6)
     rows.name(axes)
     axes.set_xlabel("Size (° rms)")
@@ -258,12 +257,7 @@ def draw_errors(
 ) -> None:  # fmt: skip
     """Draw heading errors of the fitted coefficients alone and of the corrected headings, with the stated 95 % range.
 
-    Args:
-        fit_deg: heading by the fitted coefficients minus truth, (n,), NaN if missing.
-        corrected_deg: corrected heading minus truth, (n,).
-        sigma_deg: stated standard deviation of the corrected headings, (n,).
-        dates_utc: dates of true changes, which are marked; None are ignored.
-        reach_deg: limit of the vertical axis; larger errors are drawn at its edge.
+    Dates of true changes are marked; errors larger than ``reach_deg`` are drawn at the edge of the vertical axis.
     """
     day, half = time_s / DAY_S, NORMAL_95 * sigma_deg
     marks = [np.datetime64(date).astype("datetime64[s]").astype(float) / DAY_S for date in dates_utc if date]
@@ -286,6 +280,7 @@ def draw_errors(
         panels[1].set_ylim(-1.05 * reach_deg, 1.05 * reach_deg)
         dates(panels[1], (float(time_s[0]), float(time_s[-1])))
         handles: list[Artist] = [Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="stated 95 % range")]
-        handles.append(Line2D([], [], color=VERMILION, **ERROR, markersize=3.0, label="errors outside it"))
+        if beyond.any():
+            handles.append(Line2D([], [], color=VERMILION, **ERROR, markersize=3.0, label="errors outside it"))
         handles += [Line2D([], [], color=BLACK, linestyle=":", label="true change")] if marks else []
         legend(figure, handles)

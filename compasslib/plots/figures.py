@@ -32,10 +32,6 @@ def names(subject: str) -> list[str]:
     return [figure.name for figure in FIGURES[subject]]
 
 
-def _calibration(name: str) -> Callable[[str, Any], None]:
-    return lambda path, m: plots.calibrations.draw_figure(name, path, m.stored)
-
-
 MOORING = (
     Figure(
         "sticks",
@@ -46,34 +42,35 @@ MOORING = (
 {% if before == unknown %}
 No bin has a current to show.
 {% else %}
-Means of {{ r.averaging(sticks=true) }} at {{ r.depth }}; mean {{ before }} recorded
+Mean at {{ r.currents.depth_m | number(0) }} m: {{ before }} recorded
 {{- ", " ~ after ~ " corrected" if after != unknown else "; none is corrected" }}.
 {% endif %}""",
-        note="Each stick begins at its date and points where the water flows, north up; the scale is in the figure.",
+        note="Each stick, a mean of one or more days, begins at its date and points where the water flows, north up.",
     ),
     Figure(
         "progressive",
         lambda path, m: plots.timeseries.draw_progressive(path, m.averaged),
         "Progressive vector diagram",
-        """{{ "Daily means" if r.averaging() == 24 | plural("hour") else "Means of " ~ r.averaging() }} at {{ r.depth }}.""",
-        note="Displacement by the current of one place, over the times common to all series; not a trajectory.",
+        note="Displacement by the daily mean currents of one place, over the days common to all series; not a trajectory.",
     ),
     Figure(
         "roses",
         lambda path, m: plots.timeseries.draw_roses(path, m.shown, m.reference, m.headings),
         "Direction frequencies",
         """\
-At {{ r.depth }}; headings {{ span(r.headings.recorded_span_deg) }} recorded
+Headings {{ span(r.headings.recorded_span_deg) }} recorded
 {%- if r.headings.corrected %}, {{ span(r.headings.corrected_span_deg) }} corrected{% endif %}.""",
-        note="The range of headings, clockwise, holds their central 90 %. Share of the samples in sectors of 10°: current direction, the reference's at the pairs, and instrument heading.",
+        note="Share of the samples in sectors of 10°. The range of headings, clockwise, holds their central 90 %.",
     ),
     Figure(
         "diagnosis",
         lambda path, m: plots.diagnosis.draw_mooring(path, m.diagnosis),
         "Residual of the fit",
         "{{ about(r.diagnosis) }}",
-        note="The verdict rests on tests of whole curves, not on single bins; the last quantity is the one that the residual follows best, which "
-        "is no proof: one always is.",
+        note="Difference from the reference that the fitted compass leaves, in bins, without (orange) and with (blue) the identified effects. The last "
+        "quantity is the one that the residual follows best, which is no proof: one always is. Against a turn: held out days and the "
+        "prediction of the others; black: equality; blue: slope, 1 where form and size are right, with its 95 % range. Last panel: size "
+        "on held out days with its 95 % interval, by the other days, and the heading error without the correction.",
         of_pairs=True,
     ),
     Figure(
@@ -85,8 +82,8 @@ At {{ r.depth }}; headings {{ span(r.headings.recorded_span_deg) }} recorded
 {% if not fit.coefficients %}
 No curve was fitted. {{ r.fit.why | sentence }}
 {% else %}
-{{ methods.get(fit.method, fit.method) | capitalize }}, {{ fit.n_pairs | plural("pair") if fit.n_pairs else "no pair of this mooring" }};
-{{ "two correct headings" if fit.folded else "one correct heading" }} for each recorded one.
+{{ methods.get(fit.method, fit.method) | capitalize }}, {{ fit.n_pairs | plural("pair") if fit.n_pairs else "no pair of this mooring" }}
+{{- "; two correct headings for each recorded one" if fit.folded }}.
 {% endif %}""",
         note="Deviation by correct heading β; recorded heading γ by correct heading, and its inverse; bands are 95 % intervals of the fit.",
         of_pairs=True,
@@ -95,20 +92,15 @@ No curve was fitted. {{ r.fit.why | sentence }}
         "histograms",
         lambda path, m: plots.deviation.draw_histograms(path, m.histograms, m.assessment),
         "Histograms before and after",
-        note="All headings, directions at all pairs, differences on held out pairs. Bottom: mean, median size and rms of the difference from the reference, with 95 % intervals.",
+        note="Bottom: mean, median size and rms of the difference from the reference, with 95 % intervals.",
         of_pairs=True,
     ),
     Figure(
         "scatter",
         lambda path, m: plots.deviation.draw_scatter(path, m.pairs, m.product),
         "Direction compared with the reference",
-        """\
-{% if r.assessment.before.n %}
-All pairs, those of the fit included.
-{% else %}
-There are no pairs: no reference measured near enough to compare.
-{% endif %}""",
-        note="The line is equality.",
+        "{{ '' if r.assessment.before.n else 'There are no pairs: no reference measured near enough to compare.' }}",
+        note="All pairs, those of the fit included; the line is equality.",
         of_pairs=True,
     ),
     Figure(
@@ -119,10 +111,10 @@ There are no pairs: no reference measured near enough to compare.
 {% set h = r.headings %}
 {% if not h.n %}
 The record has no sample inside the deployment.
-{% else %}
+{% elif h.corrected < h.n or h.doubtful %}
 {{ (h.corrected / h.n) | percent }} corrected, {{ (h.doubtful / h.n) | percent }} doubtful.
 {% endif %}""",
-        note="Recorded and corrected headings with one standard deviation; daily share of each flag; depth of the instrument.",
+        note="Headings with one standard deviation; daily share of each flag; depth of the instrument.",
     ),
 )
 SECTIONS = (
@@ -130,8 +122,8 @@ SECTIONS = (
         "section",
         lambda path, m: plots.timeseries.draw_section(path, m.means),
         "Sections before and after",
-        note="Recorded velocities and differences are those of the affected instrument; the corrected section includes the reference, at "
-        "the depths with a grey edge. Light grey: nothing was measured. Bottom: standard uncertainty of the corrected directions.",
+        note="The corrected section includes the reference, at the depths with a grey edge. Light grey: nothing was measured. Bottom: standard "
+        "uncertainty of the corrected directions.",
     ),
     Figure(
         "profile",
@@ -143,12 +135,18 @@ SECTIONS = (
         "rotary",
         lambda path, m: plots.moorings.draw_rotary(path, m.series),
         "Rotary spectra",
-        """\
-Rotary spectra of the current at {{ r.name }} at the depths with most values, from segments of 15 days that overlap by half; the bar is
-their 95 % interval. f: inertial frequency; K1, M2: diurnal and semidiurnal tide. A deviation that
-changes with the heading spreads power over all frequencies.""",
+        note="At the depths with most values, from segments of 15 days that overlap by half; the bar is their 95 % interval. f: inertial frequency; "
+        "K1, M2: diurnal and semidiurnal tide. A deviation that changes with the heading spreads power over all frequencies.",
     ),
 )
+
+
+def _calibration(name: str, title: str, caption: str, *, linked: bool = False) -> Figure:
+    return Figure(
+        name, lambda path, m: plots.calibrations.draw_figure(name, path, m.stored), title, caption, linked=linked
+    )
+
+
 CALIBRATION = (
     Figure(
         "diagnosis",
@@ -156,81 +154,59 @@ CALIBRATION = (
         "Residual of the fit",
         "{{ about(d) }}",
     ),
-    Figure(
+    _calibration(
         "deviation",
-        _calibration("deviation"),
         "Deviation of the compass",
         """\
 {% if c.coefficients %}
-Deviation against recorded heading: {{ c.n | plural("reading") }}, the curve ({{ models.get(c.model) or c.model | plain }}) with
-its 95 % band; residuals, {{ c.residual_rms_deg | degrees(2) }} rms. Coefficients in degrees:
-{% for k, x in c.coefficients.items() %}{{ k }} {{ x | number(2) }}{{ "." if loop.last else ", " }}{% endfor %}
+{{ c.n | plural("reading") }}, the curve ({{ models.get(c.model) or c.model | plain }}) with its 95 % band; residuals,
+{{ c.residual_rms_deg | degrees(2) }} rms.
 {% else %}
-Deviation against recorded heading: {{ c.n }} readings, no curve.
+{{ c.n }} readings, no curve.
 {% endif %}""",
     ),
-    Figure(
-        "certificate",
-        _calibration("certificate"),
-        "Certificate",
-        """\
-Certificate on one page: coefficients, table of deviations and budget;
-{{ "expanded uncertainty %s (k = 2)" | format(c.uncertainty.expanded_deg | degrees(2)) if c.uncertainty.expanded_deg else "no uncertainty could be stated" }}.
-All its numbers are in the tables here.""",
-        linked=True,
-    ),
-    Figure(
+    _calibration("certificate", "Certificate", "On one page; all its numbers are in the tables here.", linked=True),
+    _calibration(
         "magnetometer",
-        _calibration("magnetometer"),
         "Magnetometer readings before and after",
         """\
 {% set left = c.get("modulus_residual_percent") or {} %}
-Magnetometer readings before and after correction for hard and soft iron.
 {% if left.get("after") is none %}{{ c.why | sentence }}{% else %}
-The modulus of the field scatters by {{ left.before | number(2) }} % before and {{ left.after | number(2) }} % after.
+The modulus of the field scatters by {{ left.before | number(2) }} % before and {{ left.after | number(2) }} % after the correction.
 {% endif %}""",
     ),
-    Figure(
+    _calibration(
         "tilt_check",
-        _calibration("tilt_check"),
         "Tilts of the two instruments",
-        """\
-Tilts of the two instruments, rotated onto each other. {{ (c.get("frame") or {}).get("text", "") }}""",
+        """Rotated onto each other. {{ (c.get("frame") or {}).get("text", "") }}""",
     ),
-    Figure(
+    _calibration(
         "along_time",
-        _calibration("along_time"),
         "Both compasses along time",
-        "Headings of both instruments along time and their difference. {{ offset(c) }}",
+        "Headings of both instruments and their difference. {{ offset(c) }}",
     ),
-    Figure(
+    _calibration(
         "series",
-        _calibration("series"),
         "Declination of the observatory",
         """\
-Declination along time, observed and by the field model. The constant between them is
+Observed and by the field model; constant between them
 {{ c.get("constant_deg") | with_sigma(c.get("constant_sigma_deg"), "°") }} (1σ).""",
     ),
-    Figure(
+    _calibration(
         "disturbance",
-        _calibration("disturbance"),
         "Disturbances of the field",
         """\
 {% set storms = c.get("storms") or [] %}
-Residual after level and quiet day along time: {{ storms | length | plural("storm") }}
+Residual after level and quiet day: {{ storms | length | plural("storm") }}
 {%- if storms %}, the largest with a range of {{ storms | map(attribute="range_deg") | max | degrees(2) }}{% endif %}.""",
     ),
-    Figure(
+    _calibration(
         "compared",
-        _calibration("compared"),
         "Compared",
-        """\
-Curves of {{ c.compared | length }} calibrations; shift and change of amplitude of each one's one-cycle part against the first
-({{ c.compared[0].name }}), ± k = 2.""",
+        "Shift and change of amplitude of each one's one-cycle part against the first ({{ c.compared[0].name }}), ± k = 2.",
     ),
-    Figure(
+    _calibration(
         "tilt",
-        _calibration("tilt"),
         "Tilt",
         """\
 Correction of recorded tilts with its 95 % interval, budget included.
@@ -246,43 +222,31 @@ COMPASS = (
         "Coefficients",
         "Iron by each record alone, with its 95 % interval, and that of the compass.",
     ),
-    Figure(
-        "curve",
-        lambda path, m: plots.deviation.draw_shared_curve(path, m),
-        "Curve",
-        "Deviation by correct heading: of each record, and of the compass in the mean field with its 95 % band.",
-    ),
 )
 CRUISE = (
     Figure(
         "array",
         lambda path, m: plots.moorings.draw_array(path, m.array),
         "The array",
-        """\
-The moorings along the line on which they stand: water depth and nominal depths, as configured. Moorings more than 30 km apart have
-panels of their own.""",
+        "Water depth and nominal depths of the instruments, as configured.",
     ),
     Figure(
         "curves",
         lambda path, m: plots.moorings.draw_curves(path, m.moorings),
         "Deviations",
-        """\
-Deviation of each compass by correct heading, where it can be inverted.""",
+        "Deviation of each compass by correct heading, where it can be inverted.",
     ),
     Figure(
         "differences",
         lambda path, m: plots.moorings.draw_differences(path, m.moorings),
         "Differences from the reference",
-        """\
-Direction of the current minus that of the reference on held out pairs; each row is scaled to its highest bin. Right: rms with its
-95 % interval.""",
+        "On held out pairs; each row is scaled to its highest bin. Right: rms with its 95 % interval.",
     ),
     Figure(
         "currents",
         lambda path, m: plots.moorings.draw_currents(path, m.moorings),
         "Mean currents and variance ellipses",
-        """\
-Mean current at the pairs, from the cross, and ellipse of one standard deviation; corrected: held out pairs.""",
+        "Mean current at the pairs, from the cross, and ellipse of one standard deviation; corrected: held out pairs.",
     ),
 )
 FIGURES = {

@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.artist import Artist
-from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator, NullLocator
 
-from compasslib import angles, earthfield
+from compasslib import angles
 from compasslib.archive.summary import DepthSeries
 from compasslib.deviation.histograms import BIN_DEG, BINS
 from compasslib.deviation.model import DeviationFit
@@ -28,7 +26,6 @@ from compasslib.plots.page import (
     CORRECTED,
     GREY,
     RECORDED,
-    REFERENCE,
     VERMILION,
     WIDE_IN,
     Rows,
@@ -166,7 +163,7 @@ def draw_currents(path: str | Path, moorings: list[AssessedMooring]) -> None:
         axes.set_ylim(high * (0.5 - lines) - 0.15 * wide, high * 0.5)
         scale, left = round_down(wide / 3.0), axes.get_xlim()[0]
         axes.plot([left, left + scale], [high * (0.5 - lines) - 0.1 * wide] * 2, color=BLACK)
-        handles = [Line2D([], [], color=COLOURS[name], label=name) for name in ("recorded", "corrected", "reference")]
+        handles = [Line2D([], [], color=COLOURS[name], label=name) for name in SERIES]
         handles.append(Line2D([], [], color=BLACK, label=f"{scale:g} cm/s; north is up"))
         legend(figure, handles, columns=4)
 
@@ -186,7 +183,7 @@ def _outline_currents(currents: Mapping[str, Any]) -> dict[str, Complexes]:
 
 
 ROLES = {"affected": VERMILION, "reference": BLUE, "other": GREY}
-SERIES = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE}
+SERIES = ("recorded", "corrected", "reference")
 MARKERS = {"up": "^", "down": "v", None: "o"}
 
 
@@ -205,9 +202,10 @@ def draw_rotary(path: str | Path, series: DepthSeries) -> None:
         for axes, sense in zip(panels, ("clockwise", "counterclockwise"), strict=True):
             for name in (name for name in SERIES if name in known):
                 density = CM**2 * getattr(known[name], sense)
-                axes.loglog(known[name].frequency_cpd, density, color=SERIES[name], linewidth=1.0)
+                axes.loglog(known[name].frequency_cpd, density, color=COLOURS[name], linewidth=1.0)
             for frequency in marks.values():
                 axes.axvline(frequency, color="#444444", linewidth=0.5, linestyle=":")
+            axes.minorticks_off()  # each takes as long as a line
             axes.xaxis.set_major_formatter("{x:g}")
             axes.yaxis.set_major_formatter("{x:g}")
             axes.set_title(sense.capitalize())
@@ -224,80 +222,46 @@ def draw_rotary(path: str | Path, series: DepthSeries) -> None:
             panels[int(name == "f")].annotate(name, (frequency, 1.0), xycoords=("data", "axes fraction"), **place)
         panels[1].set_xlabel("Frequency (cycles per day)")
         labels = {name: f"{name}, {series.depth_m[name]:g} m" for name in SERIES if name in known}
-        legend(figure, [Line2D([], [], color=SERIES[name], label=label) for name, label in labels.items()])
+        legend(figure, [Line2D([], [], color=COLOURS[name], label=label) for name, label in labels.items()])
 
 
-def draw_array(path: str | Path, moorings: Sequence[Mapping[str, Any]], apart_km: float = 30.0) -> None:
-    """Draw a section along the array of moorings: water depth, and depth and orientation of the instruments.
+def draw_array(path: str | Path, moorings: Sequence[Mapping[str, Any]]) -> None:
+    """Draw the moorings side by side: water depth, and depth and orientation of the instruments.
 
     Args:
-        moorings: name, latitude, longitude (degrees), water_depth_m and instruments, each with depth_m (None for a
-            profiler), orientation (up, down or None) and role (affected, reference or other).
-        apart_km: gap between two arrays, which have panels of their own unless there are more than six.
+        moorings: name, water_depth_m and instruments, each with depth_m (None for a profiler), orientation (up, down or
+            None) and role (affected, reference or other).
     """
     with page(path, 3.8, width_in=WIDE_IN) as figure:
+        axes = figure.subplots()
         if not moorings:
-            empty(figure.subplots())
+            empty(axes)
             return
-        along = _along_array(moorings)
-        order = np.argsort(along, kind="stable")
-        parts = np.split(order, np.flatnonzero(np.diff(along[order]) > apart_km) + 1)
-        groups = [[moorings[k] for k in sorted(part)] for part in (parts if len(parts) <= 6 else [order])]
-        ratios = [len(group) + 2 for group in groups]
-        deepest = 1.08 * max(mooring["water_depth_m"] for mooring in moorings)
-        panels = figure.subplots(1, len(groups), sharey=True, squeeze=False, width_ratios=ratios)[0]
-        for axes, group in zip(panels, groups, strict=True):
-            _draw_section(axes, group, deepest)
-            if len(moorings) <= NAMED:
-                # Names above the panel, vertical if there are several.
-                above = axes.secondary_xaxis("top")
-                names = [str(mooring["name"]) for mooring in group]
-                above.set_xticks(_along_array(group), names, rotation=90 * (len(names) > 1))
-                above.tick_params(length=0)
-        panels[0].set_ylim(deepest, -0.02 * deepest)
-        panels[0].set_ylabel("Depth (m)")
-        panels[int(np.argmax(ratios))].set_xlabel("Along the array (km)")
+        bottom = [mooring["water_depth_m"] for mooring in moorings]
+        deepest = 1.08 * max(bottom)
+        axes.bar(range(len(moorings)), [deepest - depth for depth in bottom], 0.9, bottom, color=GREY, alpha=0.4)
+        for k, mooring in enumerate(moorings):
+            depths = [each["depth_m"] for each in mooring["instruments"] if each["depth_m"] is not None]
+            line = [min(depths, default=0.0), bottom[k]]
+            axes.plot([k, k], line, color=BLACK, linewidth=0.7)
+            for each in mooring["instruments"]:
+                colour = ROLES[each["role"]]
+                if each["depth_m"] is None:
+                    axes.plot([k, k], line, color=colour, linewidth=3.0, alpha=0.5)
+                else:
+                    size = 8.0 if each["role"] == "affected" else 5.0
+                    marker = MARKERS[each["orientation"]]
+                    axes.plot(k, each["depth_m"], marker, color=colour, markersize=size, markeredgewidth=0, zorder=3)
+        named = len(moorings) <= NAMED
+        names = [str(mooring["name"]) for mooring in moorings] if named else []
+        axes.set_xticks(range(len(names)), names, rotation=90 if len(names) > 12 else 0)
+        axes.set_xlabel("" if named else f"{len(moorings)} moorings")
+        axes.set_ylim(deepest, -0.02 * deepest)
+        axes.set_ylabel("Depth (m)")
         point: dict[str, Any] = {"linestyle": "", "markersize": 5, "markeredgewidth": 0}
         handles: list[Artist] = [Line2D([], [], **point, marker="s", color=ROLES[role], label=role) for role in ROLES]
         handles += [Line2D([], [], **point, marker="^", color=BLACK, label="looks up")]
         handles += [Line2D([], [], **point, marker="v", color=BLACK, label="looks down")]
         handles += [Line2D([], [], color=BLACK, linewidth=3.0, alpha=0.5, label="profiler")]
-        handles += [Patch(color=GREY, alpha=0.4, linewidth=0, label="bottom, interpolated")]
+        handles += [Patch(color=GREY, alpha=0.4, linewidth=0, label="bottom")]
         legend(figure, handles, columns=4)
-
-
-def _draw_section(axes: Axes, moorings: Sequence[Mapping[str, Any]], deepest_m: float) -> None:
-    along, depth = _along_array(moorings), np.array([mooring["water_depth_m"] for mooring in moorings], dtype=float)
-    order, room = np.argsort(along, kind="stable"), 0.05 * max(float(np.ptp(along)), 1.0)
-    x = np.concatenate([[along.min() - room], along[order], [along.max() + room]])
-    bottom = np.concatenate([depth[order][:1], depth[order], depth[order][-1:]])
-    axes.fill_between(x, bottom, deepest_m, color=GREY, alpha=0.4, linewidth=0)
-    for at, mooring in zip(along, moorings, strict=True):
-        _draw_mooring(axes, float(at), mooring)
-    axes.set_xlim(x[0], x[-1])
-    several = MaxNLocator(len(moorings), steps=[1, 2, 5, 10])
-    axes.xaxis.set_major_locator(several if len(moorings) > 1 else NullLocator())
-
-
-def _along_array(moorings: Sequence[Mapping[str, Any]]) -> Floats:
-    """Project the positions on their principal axis, km from one end, with the first mooring before the last."""
-    north = np.array([mooring["latitude"] for mooring in moorings], dtype=float)
-    longitude = np.array([mooring["longitude"] for mooring in moorings], dtype=float)
-    east = angles.difference(longitude, longitude[0]) * angles.sin_cos(float(np.mean(north)))[1]
-    place = earthfield.DEGREE_KM * np.stack([east - np.mean(east), north - np.mean(north)])
-    along = np.linalg.svd(place, full_matrices=False)[0][:, 0] @ place
-    along = along if along[0] <= along[-1] else -along
-    return np.asarray(along - along.min())
-
-
-def _draw_mooring(axes: Axes, at: float, mooring: Mapping[str, Any]) -> None:
-    depths = [each["depth_m"] for each in mooring["instruments"] if each["depth_m"] is not None]
-    top, bottom = min(depths, default=0.0), mooring["water_depth_m"]
-    axes.plot([at, at], [top, bottom], color=BLACK, linewidth=0.7)
-    for each in mooring["instruments"]:
-        colour = ROLES[each["role"]]
-        if each["depth_m"] is None:
-            axes.plot([at, at], [top, bottom], color=colour, linewidth=3.0, alpha=0.5)
-        else:
-            marker, size = MARKERS[each["orientation"]], 8.0 if each["role"] == "affected" else 5.0
-            axes.plot(at, each["depth_m"], marker=marker, color=colour, markersize=size, markeredgewidth=0, zorder=3)

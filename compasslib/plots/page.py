@@ -1,8 +1,4 @@
-"""Common parts of all figures: size, style, colours, axes in degrees and dates, legend, and the output file.
-
-A figure has the width of one printed column, which is readable also on a phone, or of a page, and letters of 8 points.
-The caption is not part of it but of the HTML of the report.
-"""
+"""Common parts of all figures: size, style, colours, axes in degrees and dates, legend, and the output file."""
 
 from __future__ import annotations
 
@@ -23,8 +19,7 @@ from matplotlib.collections import Collection, QuadMesh
 from matplotlib.dates import DAILY, HOURLY, MINUTELY, MONTHLY, SECONDLY, AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
-from matplotlib.gridspec import GridSpec
-from matplotlib.textpath import text_to_path
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, MultipleLocator
 from numpy.typing import ArrayLike
 from PIL import Image
@@ -57,7 +52,6 @@ STYLE: dict[Any, Any] = {
     "axes.linewidth": 0.6,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "figure.titlesize": 9.0,
     "legend.fontsize": 8.0,
     "legend.frameon": False,
     "legend.handlelength": 1.4,
@@ -87,25 +81,28 @@ def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, titl
         figure = Figure(figsize=(width_in, height_in), dpi=DPI)
         canvas = FigureCanvasAgg(figure)
         if title:
-            figure.suptitle(title)
+            figure.suptitle(title, fontsize=9.0)
         yield figure
         panels = [
             axes for axes in figure.axes if axes.get_visible() and axes.axison and axes.get_label() != "<colorbar>"
         ]
         for letter, axes in zip("abcdefghijklmnopqrstuvwxyz", panels if len(panels) > 1 else (), strict=False):
             axes.set_title(f"({letter}) {axes.get_title('left')}".rstrip())
-        for axes in figure.axes:
-            for text in (axes.title, axes._left_title, axes.xaxis.label, axes.yaxis.label):  # type: ignore[attr-defined]
-                text.set_text(re.sub(r"\S+", lambda word: wrapped(word[0], 1.8), text.get_text()))
-                text.set_wrap(True)
-        for _ in range(2):  # titles wrap at the width that the first pass sets
-            _arrange(figure)
+        texts = [text for axes in figure.axes for text in (axes._left_title, axes.xaxis.label, axes.yaxis.label)]  # type: ignore[attr-defined]
+        for text in texts:
+            text.set_text(re.sub(r"\S{25,}", lambda word: textwrap.fill(word[0], 24), text.get_text()))
+            text.set_wrap(True)
+        _arrange(figure)
+        if any(text._get_wrapped_text() != text.get_text() for text in texts):  # type: ignore[union-attr]
+            _arrange(figure)  # titles wrap at the width that the first pass sets
         if Path(path).suffix == ".pdf":
             for artist in figure.findobj(Collection):  # rasterize large sets of points and lines
                 # The cells of a mesh are counted by its values, as creating a path for each is slow.
                 counts = [np.asarray(artist.get_array()).size, len(np.asarray(artist.get_offsets()))]
                 counts += [] if isinstance(artist, QuadMesh) else [len(artist.get_paths())]
                 artist.set_rasterized(max(counts) > MAX_VECTORS)
+            for line in figure.findobj(Line2D):
+                line.set_rasterized(line.get_linestyle() == "None" and np.size(line.get_xdata()) > MAX_VECTORS)
             with atomic_write(path) as temporary:
                 figure.savefig(temporary, format="pdf", metadata={"CreationDate": None})
             return
@@ -123,32 +120,33 @@ def _arrange(figure: Figure) -> None:
     panels = [axes for axes in figure.axes if axes.get_subplotspec() is not None]
     if not panels:
         return
-    renderer, page = figure.canvas.get_renderer(), figure.bbox  # type: ignore[attr-defined]
+    renderer, width, height = figure.canvas.get_renderer(), figure.bbox.width, figure.bbox.height  # type: ignore[attr-defined]
     gap = GAP_IN * figure.dpi
-    grid = panels[0].get_subplotspec().get_gridspec()  # type: ignore[union-attr]
-    assert isinstance(grid, GridSpec)
+    grid: Any = panels[0].get_subplotspec().get_gridspec()  # type: ignore[union-attr]
     beside, above = np.zeros((grid.ncols, 2)), np.zeros((grid.nrows, 2))  # pixels, before and after each panel
     for axes in panels:
         place, labels = axes.get_subplotspec(), axes.get_tightbbox(renderer, bbox_extra_artists=axes.child_axes)
         box = axes.get_window_extent(renderer)
         if place is None or labels is None:
             continue
-        for reached, span, before, after in (
-            (beside, place.colspan, box.x0 - labels.x0, labels.x1 - box.x1),
-            (above, place.rowspan, labels.y1 - box.y1, box.y0 - labels.y0),
+        for reached, span, around in (
+            (beside, place.colspan, (box.x0 - labels.x0, labels.x1 - box.x1)),
+            (above, place.rowspan, (labels.y1 - box.y1, box.y0 - labels.y0)),
         ):
-            reached[span.start, 0] = max(reached[span.start, 0], before)
-            reached[span.stop - 1, 1] = max(reached[span.stop - 1, 1], after)
-    bottom = sum(each.get_window_extent(renderer).height + gap for each in figure.legends)
-    common = [text for text in (figure._supxlabel, figure._supylabel, figure._suptitle) if text]  # type: ignore[attr-defined]
-    wide = {text: text.get_window_extent(renderer) for text in common}
-    if (label := figure._supxlabel) is not None:  # type: ignore[attr-defined]
-        label.set(y=(bottom + gap) / page.height, verticalalignment="bottom")
-        bottom += wide[label].height + gap
-    aside = [wide[text].width + gap for text in common if text is figure._supylabel]  # type: ignore[attr-defined]
-    over = [wide[text].height + gap for text in common if text is figure._suptitle]  # type: ignore[attr-defined]
-    left, right = sum(aside) + beside[0, 0] + gap, page.width - beside[-1, 1] - gap
-    low, high = bottom + above[-1, 1] + gap, page.height - sum(over) - above[0, 0] - gap
+            reached[span.start, 0] = max(reached[span.start, 0], around[0])
+            reached[span.stop - 1, 1] = max(reached[span.stop - 1, 1], around[1])
+    bottom, left = gap, gap
+    for each in figure.legends:
+        bottom += each.get_window_extent(renderer).height + gap
+    if label := figure._supxlabel:  # type: ignore[attr-defined]
+        label.set(y=bottom / height, verticalalignment="bottom")
+        bottom += label.get_window_extent(renderer).height + gap
+    if label := figure._supylabel:  # type: ignore[attr-defined]
+        left += label.get_window_extent(renderer).width + gap
+    left, right = left + beside[0, 0], width - beside[-1, 1] - gap
+    low, high = bottom + above[-1, 1], height - above[0, 0] - gap
+    if title := figure._suptitle:  # type: ignore[attr-defined]
+        high -= title.get_window_extent(renderer).height + gap
     spaces = []
     for reached, span in ((beside, right - left), (above, high - low)):
         between = max((reached[:-1, 1] + reached[1:, 0] + gap), default=0.0)
@@ -156,34 +154,18 @@ def _arrange(figure: Figure) -> None:
         if each <= 0.0:
             raise ValueError(f"the labels leave no room for a panel: {[axes.get_ylabel() for axes in panels]}")
         spaces.append(between / each)
-    grid.update(
-        left=left / page.width, right=right / page.width, bottom=low / page.height, top=high / page.height,
-        wspace=spaces[0], hspace=spaces[1],
-    )  # fmt: skip
+    edges = {"left": left / width, "right": right / width, "bottom": low / height, "top": high / height}
+    grid.update(**edges, wspace=spaces[0], hspace=spaces[1])
     for axes in panels:  # a grid moves the panels of pyplot's figures only
         axes.set_position(axes.get_subplotspec().get_position(figure))  # type: ignore[union-attr]
 
 
-def wrapped(text: str, width_in: float) -> str:
-    """Wrap a text to lines of a maximum width, inches, breaking words only if necessary."""
-    if _width_in(text) <= width_in:
-        return text
-    tries = (textwrap.wrap(text, characters) for characters in range(len(text), 0, -1))
-    return "\n".join(
-        next(lines for lines in tries if max(map(_width_in, lines)) <= width_in or len(lines) == len(text))
-    )
-
-
-def _width_in(line: str) -> float:
-    return float(text_to_path.get_text_width_height_descent(line, LETTERS, ismath=False)[0]) / 72.0
-
-
 class Rows:
-    """Rows of a panel from top to bottom, each as high as the lines of its name, which is wrapped to a width."""
+    """Rows of a panel from top to bottom, each as high as the lines of its name, which is wrapped."""
 
-    def __init__(self, names: Sequence[str], width_in: float = 1.1):
+    def __init__(self, names: Sequence[str], characters: int = 18):
         self.names = names
-        self._wrapped = [wrapped(name, width_in) for name in names]
+        self._wrapped = [textwrap.fill(name, characters) for name in names]
         ends = np.cumsum([0.0, *(1.0 + 1.2 * name.count("\n") for name in self._wrapped)])
         self._lines = float(ends[-1])
         self.places = (ends[1:] + ends[:-1]) / 2.0  # middle of each row, (n,), in lines from the top
@@ -260,17 +242,14 @@ def thinned(count: int, most: int = 10_000) -> slice:
     return slice(None, None, max(1, count // most))
 
 
-def emptiest(angle_deg: ArrayLike, width_deg: float = 25.0) -> float:
-    """Find the angle at which to cut a circular axis, the middle of the largest gap in the data; -180 without data.
-
-    The histogram of the angles is smoothed by a standard deviation of ``width_deg``.
-    """
+def emptiest(angle_deg: ArrayLike, smoothing_deg: float = 25.0) -> float:
+    """Find the angle at which to cut a circular axis, the middle of the largest gap in the data; -180 without data."""
     occupied = sectors(angle_deg, 0.0)
     if not occupied.any():
         return -180.0
     cuts = angles.SECTOR_DEG * np.arange(len(occupied))
     away = angles.difference(cuts[:, None], cuts + angles.SECTOR_DEG / 2.0)
-    around = np.exp(-0.5 * (away / width_deg) ** 2) @ occupied
+    around = np.exp(-0.5 * (away / smoothing_deg) ** 2) @ occupied
     return float(angles.wrap180(cuts[np.argmin(around)]))
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, QuadMesh
+from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, StepPatch
@@ -30,7 +30,6 @@ from compasslib.plots.page import (
     GREEN,
     LETTERS,
     MAGNETIC,
-    PURPLE,
     RECORDED,
     REFERENCE,
     SKY,
@@ -54,94 +53,90 @@ POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.2, "mar
 KINDS = {
     "sure": ("corrected, flag 1 or 2", CORRECTED),
     "doubtful": ("doubtful, flag 3", SKY),
-    "ambiguous": ("two headings fit, flag 3", PURPLE),
     "missing": ("not corrected, flag 4", BLACK),
 }
 
 
 def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> None:
     """Draw time series of recorded and corrected headings with their quality, and of the instrument's depth."""
-    time_s = product.record.time_s
+    record = product.record
     with page(path, 5.2) as figure:
         panels = figure.subplots(4, 1, sharex=True, height_ratios=(3.0, 3.0, 1.0, 1.4))
         for axes, title in zip(panels, ("recorded", "corrected", "samples by flag", "instrument"), strict=True):
             axes.set_title(title)
-        if not len(time_s):
+        if not len(record.time_s):
             empty(*panels)
             return
         kind = classify_samples(product)
         _draw_headings(panels[0], panels[1], product, kind)
-        _draw_strip(panels[2], product, pairs, kind)
-        _draw_depth(panels[3], product)
-        dates(panels[3], (float(time_s[0]), float(time_s[-1])))
+        _draw_strip(panels[2], record.time_s, pairs, kind)
+        day, depth = with_gaps(record.time_s, record.depth_m)
+        panels[3].set_ylabel("Depth\n(m)")
+        if np.isfinite(depth).any():
+            panels[3].plot(day, depth, color="#444444", linewidth=0.7)
+            middle, half = (np.nanmax(depth) + np.nanmin(depth)) / 2.0, max(0.55 * np.ptp(depth[depth == depth]), 5.0)
+            panels[3].set_ylim(middle + half, middle - half)
+        else:
+            panels[3].annotate("unknown", (0.5, 0.5), xycoords="axes fraction", ha="center")
+        dates(panels[3], (float(record.time_s[0]), float(record.time_s[-1])))
         handles: list[Artist] = [Patch(color=KINDS[k][1], label=KINDS[k][0]) for k in KINDS if (kind == k).any()]
-        if np.isin(kind, ("sure", "doubtful", "ambiguous")).any():
-            handles.insert(0, Line2D([], [], linestyle="", marker="o", markersize=3, color=RECORDED, markeredgewidth=0))
-            handles[0].set_label("recorded")
+        if np.isin(kind, ("sure", "doubtful")).any():
+            handles.insert(0, Line2D([], [], **POINT | {"markersize": 3}, color=RECORDED, label="recorded"))
             handles.append(Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="uncertainty, 1σ"))
         legend(figure, [*handles, *([Patch(color=GREEN, label="days with reference")] if len(pairs) else [])])
         figure.align_ylabels(panels)
 
 
-def classify_samples(product: CorrectedRecord, guess: float = 0.75) -> NDArray[np.str_]:
-    """Classify the heading of each sample, (n,), by a key of ``KINDS``; empty without a heading.
-
-    It is ambiguous if the probability of its branch is below ``guess``.
-    """
-    with np.errstate(invalid="ignore"):
-        doubtful = np.where(product.branch_probability < guess, "ambiguous", "doubtful")
-    kind = np.where(product.heading_corrected_quality >= PROBABLY_BAD, doubtful, "sure")
+def classify_samples(product: CorrectedRecord) -> NDArray[np.str_]:
+    """Classify the heading of each sample, (n,), by a key of ``KINDS``; empty without a heading."""
+    kind = np.where(product.heading_corrected_quality >= PROBABLY_BAD, "doubtful", "sure")
     kind = np.where(np.isfinite(product.heading_corrected_deg), kind, "missing")
     return np.where(np.isfinite(product.record.heading_deg), kind, "")
 
 
+def with_gaps(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Return days since 1970 and values of a line that is interrupted where samples are missing."""
+    step = np.diff(time_s, prepend=time_s[0])
+    gaps = np.flatnonzero(step > GAP * np.median(step))
+    return np.insert(time_s / DAY_S, gaps, np.nan), np.insert(values, gaps, np.nan)
+
+
 def _draw_headings(above: Axes, below: Axes, product: CorrectedRecord, kind: NDArray[np.str_]) -> None:
     """Draw recorded and corrected headings on axes that are cut at the same heading."""
-    record, corrected = product.record, product.heading_corrected_deg
-    begin = emptiest(np.concatenate([record.heading_deg, corrected]))
-    subset = np.zeros(len(kind), dtype=bool)
-    subset[thinned(len(kind))] = True
-    day = record.time_s / DAY_S
+    thin = thinned(len(kind))
+    recorded, corrected = product.record.heading_deg[thin], product.heading_corrected_deg[thin]
+    begin = emptiest(np.concatenate([recorded, corrected]))
+    day, kind, sigma = product.record.time_s[thin] / DAY_S, kind[thin], product.heading_uncertainty_deg[thin]
     for here, colour in ((kind != "missing", RECORDED), (kind == "missing", BLACK)):
-        above.plot(day[here & subset], placed(record.heading_deg[here & subset], begin), color=colour, **POINT)
-    _draw_band(below, day[subset], placed(corrected[subset], begin), product.heading_uncertainty_deg[subset], begin)
-    for k in ("sure", "doubtful", "ambiguous"):
-        here = (kind == k) & subset
-        below.plot(day[here], placed(corrected[here], begin), color=KINDS[k][1], **POINT)
-    for axes, plotted in ((above, record.heading_deg), (below, corrected)):
+        above.plot(day[here], placed(recorded[here], begin), color=colour, **POINT)
+    heading = placed(corrected, begin)
+    for turn in (-360.0, 0.0, 360.0):  # the range of one standard deviation, wrapped at the ends of the axis
+        low, high = heading - sigma + turn, heading + sigma + turn
+        visible = (high > begin) & (low < begin + 360.0)
+        ends = np.stack([np.stack([day, low], axis=1), np.stack([day, high], axis=1)], axis=1)[visible]
+        # Axes.vlines masks every line separately and takes ten times as long.
+        below.add_collection(LineCollection(list(ends), colors=CORRECTED, alpha=0.12, linewidths=0.7), autolim=False)
+    for k in ("sure", "doubtful"):
+        below.plot(day[kind == k], heading[kind == k], color=KINDS[k][1], **POINT)
+    for axes, plotted in ((above, recorded), (below, corrected)):
         degrees(axes.yaxis, (begin, begin + 360.0))
         axes.set_ylabel(f"Heading\n{MAGNETIC}")
         if not np.isfinite(plotted).any():
             axes.annotate("none", (0.5, 0.5), xycoords="axes fraction", ha="center")
 
 
-def _draw_band(axes: Axes, day: Floats, heading: Floats, sigma: Floats, begin: float) -> None:
-    """Draw the range of one standard deviation about the heading, wrapped at the ends of the axis."""
-    for turn in (-360.0, 0.0, 360.0):
-        low, high = heading - sigma + turn, heading + sigma + turn
-        visible = (high > begin) & (low < begin + 360.0)  # few ranges extend from the other turns into this one
-        ends = np.stack([np.stack([day, low], axis=1), np.stack([day, high], axis=1)], axis=1)[visible]
-        # Axes.vlines masks every line separately and takes ten times as long.
-        axes.add_collection(LineCollection(list(ends), colors=CORRECTED, alpha=0.12, linewidths=0.7), autolim=False)
-
-
-def _draw_strip(axes: Axes, product: CorrectedRecord, pairs: Pairs, kind: NDArray[np.str_]) -> None:
+def _draw_strip(axes: Axes, time_s: Floats, pairs: Pairs, kind: NDArray[np.str_]) -> None:
     """Draw the daily share of each kind of sample, and above it the days with pairs."""
-    edges = time_slices(product.record.time_s)
-    counts = [np.histogram(product.record.time_s[kind == k], edges)[0] for k in KINDS]
+    edges = time_slices(time_s)
+    counts = [np.histogram(time_s[kind == k], edges)[0] for k in KINDS]
     tops = 100.0 * np.cumsum(counts, axis=0) / np.maximum(np.sum(counts, axis=0), 1)
-    bottom = np.zeros(len(edges) - 1)
-    for top, (_, colour) in zip(tops, KINDS.values(), strict=True):
-        _draw_step(axes, edges, bottom, top, colour)
-        bottom = top
-    overlaps = np.histogram(pairs.time_s, edges)[0] > 0
-    _draw_step(axes, edges, 112.0, np.where(overlaps, 135.0, 112.0), GREEN)
+    paired = np.histogram(pairs.time_s, edges)[0] > 0
+    bottoms = [np.zeros(len(edges) - 1), *tops[:-1], np.full(len(edges) - 1, 112.0)]
+    tops, colours = [*tops, np.where(paired, 135.0, 112.0)], [*(colour for _, colour in KINDS.values()), GREEN]
+    for top, bottom, colour in zip(tops, bottoms, colours, strict=True):
+        # Axes.stairs computes its data limits step by step, but here the limits are set explicitly.
+        axes.add_artist(StepPatch(top, edges / DAY_S, baseline=bottom, fill=True, color=colour, linewidth=0))
     axes.set(ylim=(0.0, 140.0), yticks=[0.0, 100.0], ylabel="Samples\n(%)")
-
-
-def _draw_step(axes: Axes, edges: Floats, bottom: Any, top: Floats, colour: str) -> None:
-    # Axes.stairs computes its data limits step by step, but here the limits are set explicitly.
-    axes.add_artist(StepPatch(top, edges / DAY_S, baseline=bottom, fill=True, color=colour, linewidth=0))
 
 
 def time_slices(time_s: Floats, least: int = 60) -> Floats:
@@ -152,22 +147,6 @@ def time_slices(time_s: Floats, least: int = 60) -> Floats:
     return first + width * np.arange(int((last - first) / width) + 2)
 
 
-def _draw_depth(axes: Axes, product: CorrectedRecord) -> None:
-    """Draw the depth of the instrument, increasing downwards, with gaps where samples are missing."""
-    time_s, depth = product.record.time_s, product.record.depth_m
-    axes.set_ylabel("Depth\n(m)")
-    if not np.isfinite(depth).any():
-        axes.annotate("unknown", (0.5, 0.5), xycoords="axes fraction", ha="center")
-        return
-    step = np.diff(time_s, prepend=time_s[0])
-    gaps = np.flatnonzero(step > GAP * np.median(step))
-    day = np.insert(time_s / DAY_S, gaps, np.nan)
-    axes.plot(day, np.insert(depth, gaps, np.nan), color="#444444", linewidth=0.7)
-    shallow, deep = float(np.nanmin(depth)), float(np.nanmax(depth))
-    half = max(0.55 * (deep - shallow), 5.0)
-    axes.set_ylim((shallow + deep) / 2.0 + half, (shallow + deep) / 2.0 - half)
-
-
 # Currents.
 
 LINES: dict[str, dict[str, Any]] = {name: {"color": colour} for name, colour in COLOURS.items()}
@@ -176,6 +155,7 @@ STICK: dict[str, Any] = {
     "angles": "uv", "scale_units": "y", "scale": 1.0, "units": "inches", "width": 0.007,
     "headwidth": 0.0, "headlength": 0.0, "headaxislength": 0.0,
 }  # fmt: skip
+AXIS = STICK | {"scale_units": "x", "width": 0.014, "pivot": "mid"}
 
 
 @dataclass(frozen=True)
@@ -321,59 +301,57 @@ def _draw_rose(axes: PolarAxes, series: Mapping[str, Floats]) -> None:
 
 
 def draw_section(path: str | Path, section: SectionMeans) -> None:
-    """Draw velocity by time and depth before and after correction, the difference, and the uncertainty of direction."""
-    by_reference = np.nan_to_num(section.reference_share) >= 0.5
+    """Draw velocity by time and depth before and after correction, the difference, and the uncertainty of direction.
+
+    Depths that were measured less than a tenth as often as any are left out.
+    """
+    by_reference, depth_m = np.nan_to_num(section.reference_share) >= 0.5, section.depth_m
     before = np.where(by_reference, complex(np.nan, np.nan), section.before)  # a reference is not corrected
     after = section.after.copy()
     after[:, by_reference] = _as_columns(after[:, by_reference])
     rows = {"recorded": before, "corrected": after, "corrected minus recorded": section.after - before}
     with page(path, 6.6, width_in=WIDE_IN) as figure:
-        ratios = [2.0, 2.0, 2.0, 1.2]
         layout: list[Any] = [[f"U, {row}", f"V, {row}"] for row in rows]
-        panels = figure.subplot_mosaic([*layout, ["σ", "σ"]], height_ratios=ratios)
+        panels = figure.subplot_mosaic([*layout, ["σ", "σ"]], height_ratios=[2.0, 2.0, 2.0, 1.2])
         if not np.isfinite(section.after).any():
             empty(*panels.values())
             return
         span = (float(section.edges_s[0]), float(section.edges_s[-1]))
+        half = float(np.median(np.diff(depth_m))) / 2.0 if len(depth_m) > 1 else 0.5
+        edges = np.append(depth_m - half, depth_m[-1] + half)
         for row, values in rows.items():
-            scale = [values] if row not in ("recorded", "corrected") else [before, after]
-            known = np.abs(np.concatenate([part(x[np.isfinite(x)]) for x in scale for part in (np.real, np.imag)]))
+            scale = np.concatenate([before, after] if row in ("recorded", "corrected") else [values])
+            known = np.abs(np.concatenate([part[np.isfinite(part)] for part in (scale.real, scale.imag)]))
             limit = max(CM * float(np.percentile(known, 98.0)), 1.0) if known.size else 1.0
-            for name, part in (("U", np.real), ("V", np.imag)):
+            often = np.isfinite(values).sum(axis=0)
+            shown = np.flatnonzero(often >= max(0.1 * often.max(initial=0), 1))
+            for name, part in (("U", values.real), ("V", values.imag)):
                 axes = panels[f"{name}, {row}"]
                 axes.set_title(f"{name}, {row}")
-                image = _draw_cells(axes, section, CM * part(values), Normalize(-limit, limit))
+                look: dict[str, Any] = {"cmap": "RdBu_r", "norm": Normalize(-limit, limit), "rasterized": True}
+                image = axes.pcolormesh(section.edges_s / DAY_S, edges, CM * part.T, **look)
+                axes.set_facecolor("#DDDDDD")
+                if shown.size:
+                    axes.set_ylim(edges[shown[-1] + 1], edges[shown[0]])
+                axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
                 dates(axes, span)
-                axes.set_xlabel("")
+                axes.set(xlabel="", ylabel="Depth (m)" if name == "U" else "")
                 axes.tick_params(labelbottom=row == "corrected minus recorded", labelleft=name == "U")
-                if name == "U":
-                    axes.set_ylabel("Depth (m)")
             bar = figure.colorbar(image, cax=axes.inset_axes((1.06, 0.0, 0.025, 1.0)), extend="both")
             bar.set_label("cm/s")
             if row == "corrected":  # at the right edge, the instrument that provides most values at each depth
-                half = _half_step(section)
-                inside = (section.depth_m < axes.get_ylim()[0]) & (section.depth_m > axes.get_ylim()[1])
-                for there, colour in ((~by_reference & inside, CORRECTED), (by_reference & inside, REFERENCE)):
-                    place: dict[str, Any] = {
-                        "transform": axes.get_yaxis_transform(),
-                        "clip_on": False,
-                        "linewidth": 4.0,
-                    }
-                    depth = section.depth_m[there]
-                    axes.vlines(np.full(len(depth), 1.02), depth - half, depth + half, colors=colour, **place)
+                place: dict[str, Any] = {"transform": axes.get_yaxis_transform(), "clip_on": False, "linewidth": 4.0}
+                place["colors"] = [REFERENCE if by_reference[k] else CORRECTED for k in shown]
+                axes.vlines(np.full(len(shown), 1.02), edges[shown], edges[shown + 1], **place)
         # Standard deviation of the affected instrument's directions.
-        middle, sigma = (section.edges_s[1:] + section.edges_s[:-1]) / 2.0, section.heading_sigma_deg
-        panels["σ"].plot(middle / DAY_S, sigma, color=CORRECTED, linewidth=0.8)
-        panels["σ"].set_ylim(0.0, 1.15 * float(np.nanmax(sigma)) if np.isfinite(sigma).any() else 1.0)
-        panels["σ"].set_title("uncertainty of the corrected directions (1σ)")
-        panels["σ"].set_ylabel("σ (°)")
-        dates(panels["σ"], span)
+        axes, sigma = panels["σ"], section.heading_sigma_deg
+        axes.plot((section.edges_s[1:] + section.edges_s[:-1]) / 2.0 / DAY_S, sigma, color=CORRECTED, linewidth=0.8)
+        axes.set_ylim(0.0, 1.15 * float(np.nanmax(sigma)) if np.isfinite(sigma).any() else 1.0)
+        axes.set_title("uncertainty of the corrected directions (1σ)")
+        axes.set_ylabel("σ (°)")
+        dates(axes, span)
         sources = {"affected instrument": CORRECTED, "reference": REFERENCE}
         legend(figure, [Line2D([], [], color=colour, linewidth=4.0, label=name) for name, colour in sources.items()])
-
-
-def _half_step(section: SectionMeans) -> float:
-    return float(np.median(np.diff(section.depth_m))) / 2.0 if len(section.depth_m) > 1 else 0.5
 
 
 def _as_columns(values: Complexes) -> Complexes:
@@ -384,20 +362,6 @@ def _as_columns(values: Complexes) -> Complexes:
     near = there[np.abs(np.arange(len(values))[:, None] - there).argmin(axis=1)]
     reached = np.abs(np.arange(len(values)) - near) <= np.median(np.diff(there)) / 2.0
     return np.where(reached[:, None], values[near], complex(np.nan, np.nan))
-
-
-def _draw_cells(axes: Axes, section: SectionMeans, values: Floats, norm: Normalize, least: float = 0.1) -> QuadMesh:
-    """Draw values by time and depth, over the depths measured at least ``least`` times as often as any."""
-    half = _half_step(section)
-    edges = np.append(section.depth_m - half, section.depth_m[-1] + half)
-    image = axes.pcolormesh(section.edges_s / DAY_S, edges, values.T, cmap="RdBu_r", norm=norm, rasterized=True)
-    axes.set_facecolor("#DDDDDD")
-    often = np.isfinite(values).sum(axis=0)
-    shown = np.flatnonzero(often >= max(least * often.max(initial=0), 1))
-    if shown.size:
-        axes.set_ylim(edges[shown[-1] + 1], edges[shown[0]])
-    axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-    return image
 
 
 def draw_profile(path: str | Path, section: SectionMeans) -> None:
@@ -422,8 +386,17 @@ def draw_profile(path: str | Path, section: SectionMeans) -> None:
             axes.set_title(f"mean {name}")
             axes.set_xlabel("(cm/s)")
             axes.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
+        # Major axes of the variance, north up, to a common scale along the panel's width.
         shown = there[:: max(1, -(-len(there) // 8))]
-        _draw_axes(panels[2], section.depth_m, (before, after), shown, reference)
+        sizes = [principal_axis(profile) for profile in (before, after)]
+        for (size, way), colour in zip(sizes, (RECORDED, CORRECTED), strict=True):
+            along = CM * (size * np.exp(1j * way))[shown]
+            look = AXIS | {"color": [REFERENCE if trusted else colour for trusted in reference[shown]]}
+            panels[2].quiver(np.zeros(len(shown)), section.depth_m[shown], along.real, along.imag, **look)
+        longest = CM * max(float(np.nanmax(size[shown])) for size, _ in sizes)
+        panels[2].set(xlim=(-0.6 * longest, 0.6 * longest), xlabel="(cm/s), north up")
+        panels[2].set_title("principal axes")
+        panels[2].xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
         room = 0.12 * float(np.ptp(section.depth_m[there])) + 1.0  # for the axes at the ends
         panels[0].set_ylim(section.depth_m[there[-1]] + room, section.depth_m[there[0]] - room)
         panels[0].set_ylabel("Depth (m)")
@@ -437,24 +410,3 @@ def principal_axis(profile: MeanProfile) -> tuple[Floats, Floats]:
     half = 0.5 * (profile.east_variance - profile.north_variance)
     size = 0.5 * (profile.east_variance + profile.north_variance) + np.hypot(half, profile.covariance)
     return np.sqrt(np.maximum(size, 0.0)), 0.5 * np.arctan2(profile.covariance, half)
-
-
-def _draw_axes(
-    axes: Axes, depth_m: Floats, profiles: tuple[MeanProfile, MeanProfile], shown: NDArray[np.intp],
-    reference: NDArray[np.bool_],
-) -> None:  # fmt: skip
-    """Draw the major axes as lines centred at their depth, north up, to a common scale along the panel's width."""
-    sizes = [principal_axis(profile) for profile in profiles]
-    longest = CM * max(float(np.nanmax(size[shown])) for size, _ in sizes)
-    for (size, way), colour in zip(sizes, (RECORDED, CORRECTED), strict=True):
-        colours = [REFERENCE if trusted else colour for trusted in reference[shown]]
-        axes.quiver(
-            np.zeros(len(shown)), depth_m[shown],
-            CM * (size * np.cos(way))[shown], CM * (size * np.sin(way))[shown],
-            color=colours, angles="uv", scale_units="x", scale=1.0, units="inches", width=0.014, pivot="mid",
-            headwidth=0.0, headlength=0.0, headaxislength=0.0,
-        )  # fmt: skip
-    axes.set_xlim(-0.6 * longest, 0.6 * longest)
-    axes.set_title("principal axes")
-    axes.set_xlabel("(cm/s), north up")
-    axes.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))

@@ -16,8 +16,9 @@ from __future__ import annotations
 
 import base64
 import hashlib
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,14 +26,15 @@ from compasslib.archive import provenance
 from compasslib.archive.files import atomic_write
 from compasslib.archive.summary import STOPPED
 from compasslib.inference.wording import VERDICTS
-from compasslib.plots.figures import CRUISE, MOORING, SECTIONS
+from compasslib.plots.figures import MOORING, SECTIONS
 from compasslib.report import words
 from compasslib.report.results import (
-    MAX_SECTIONS,
     Overview,
     ReportFigure,
+    ReportSection,
     ReportTable,
     collect_figures,
+    embed,
     read_calibration,
     read_mooring,
     read_summary,
@@ -41,12 +43,13 @@ from compasslib.report.results import (
 from compasslib.report.sections import calibration_section, compass_section, mooring_section
 
 MOORINGS = "All moorings; σ: median standard uncertainty of the headings; error removed: rms of their correction"
-DEPLOYMENTS = "Deployments; instruments with format and nominal depth"
-COEFFICIENTS = "Coefficients of the compasses ± 1σ, dimensionless for the exact compass"
-CALIBRATIONS, COMPASSES = "All calibrations", "All compasses that several records share"
+TABLES = {
+    "deployment": "Deployments; instruments with format and nominal depth",
+    "coefficient": "Coefficients of the compasses ± 1σ, dimensionless for the exact compass",
+}
+MAX_SECTIONS = 50  # above which figures are not embedded; a thousand moorings would need 400 MB
 REPORT, STYLE = Path(__file__).resolve().parent, "templates/style.css"
 NONE_STOPPED: Mapping[str, Mapping[str, str]] = {"moorings": {}, "calibrations": {}}
-NO_COMPASSES = Overview(COMPASSES, (), ())
 
 
 @dataclass(frozen=True)
@@ -57,11 +60,11 @@ class Report:
     attributes: tuple[tuple[str, str], ...]
     moorings: Overview
     calibrations: Overview
+    compasses: Overview
     software: str
     date: str
     figures: tuple[ReportFigure, ...] = ()  # figures of all moorings together
     small: bool = False  # whether there are too many sections for embedded figures
-    compasses: Overview = NO_COMPASSES
     concealed: tuple[str, ...] = ()  # moorings whose errors the processing was not told
     tables: tuple[ReportTable, ...] = ()  # deployments, and coefficients of the compasses
     notes: tuple[tuple[str, str], ...] = ()  # how the figures of moorings are read, by title
@@ -69,17 +72,12 @@ class Report:
 
     def counts(self) -> str:
         """Count moorings by verdict, calibrations and shared compasses."""
-        verdicts = [section.verdict for section in self.moorings.sections]
-        known = [verdict for verdict in (*VERDICTS, STOPPED) if verdict in verdicts]
-        each = [f"{verdicts.count(verdict)} {verdict}" for verdict in known]
-        by_verdict = f", {'all ' * (len(verdicts) > 1)}{known[0]}" if len(known) == 1 else f" ({', '.join(each)})"
-        parts = ((self.moorings, "mooring"), (self.calibrations, "calibration"), (self.compasses, "shared compass"))
-        numbers = [
-            words.plural(len(part.sections), noun, "shared compasses" if noun == "shared compass" else None)
-            + by_verdict * (noun == "mooring" and bool(known))
-            for part, noun in parts
-            if part.sections
-        ]
+        verdicts = Counter(section.verdict for section in self.moorings.sections)
+        known = ", ".join(f"{verdicts[each]} {each}" for each in (*VERDICTS, STOPPED) if verdicts[each])
+        numbers = [f"{words.plural(verdicts.total(), 'mooring')} ({known})"] if known else []
+        for part, noun in ((self.calibrations, "calibration"), (self.compasses, "shared compass")):
+            many = "shared compasses" if noun == "shared compass" else None
+            numbers += [words.plural(len(part.sections), noun, many)] if part.sections else []
         return f"{'; '.join(numbers)}."
 
 
@@ -105,39 +103,40 @@ def gather(
     root = Path(root)
     rows = read_summary(root / "summary.csv") if moorings else {}
     small = len(moorings) + len(calibrations) > MAX_SECTIONS
-    sections, missing = [], dict[str, None]()
-    deployments, coefficients = (words.cells("mooring", part) for part in ("deployments", "coefficients"))
-    used = {name: site for name, site in moorings.items() if name not in stopped["moorings"]}
-    for name, site in used.items():  # one by one, as the record of each is read into memory
-        results = read_mooring(name, root, rows[name])
-        sections.append(mooring_section(results, root, small=small))
-        deployments += words.cells("mooring", "deployment", r=results, site=site)
-        coefficients += words.cells("mooring", "coefficient_rows", r=results)
-        missing |= dict.fromkeys(results.headings["missing"])
-    others = [calibration_section(read_calibration(name, root), root, small=small) for name in calibrations]
-    shared = [compass_section(name, root, small=small) for name in compasses]
+
+    def with_figures(section: ReportSection) -> ReportSection:
+        return section if small else replace(section, figures=embed(section.figures, root))
+
     headers = {part: words.cells(part, "overview")[0] for part in ("mooring", "calibration", "compass")}
-    for part, entries in (("mooring", sections), ("calibration", others)):
-        reasons = stopped[f"{part}s"].items()
-        entries[:0] = [stopped_section(part, name, why, headers[part]) for name, why in reasons]
-    together = collect_figures(root, root, ["cruise"], small=False)
+    sections, others = (
+        [stopped_section(part, name, why, headers[part]) for name, why in stopped[f"{part}s"].items()]
+        for part in ("mooring", "calibration")
+    )
+    missing, tables = dict[str, None](), {part: words.cells("mooring", part) for part in TABLES}
+    for name in (name for name in moorings if name not in stopped["moorings"]):  # the record of each is in memory
+        results = read_mooring(name, root, rows[name])
+        sections.append(with_figures(mooring_section(results, root)))
+        for part, lines in tables.items():
+            lines += words.cells("mooring", f"{part}_rows", r=results, site=moorings[name])
+        missing |= dict.fromkeys(results.headings["missing"])
+    others += [with_figures(calibration_section(read_calibration(name, root), root)) for name in calibrations]
+    shared = [with_figures(compass_section(name, root)) for name in compasses]
+    together = embed(collect_figures(root, root, ["cruise"]).values(), root) if moorings else ()
     return Report(
         title=title("Compass deviations corrected", attributes.get("project")),
         attributes=tuple((words.plain(name), str(value)) for name, value in attributes.items()),
         moorings=Overview(MOORINGS, headers["mooring"], sections),
-        calibrations=Overview(CALIBRATIONS, headers["calibration"], others),
-        compasses=Overview(COMPASSES, headers["compass"], shared),
+        calibrations=Overview("All calibrations", headers["calibration"], others),
+        compasses=Overview("All compasses that several records share", headers["compass"], shared),
         software=provenance.software(),
         date=provenance.date_created(),
-        figures=tuple(together.values()) if moorings else (),
+        figures=together,
         small=small,
         tables=tuple(
-            ReportTable(caption, rows[0], tuple(rows[1:]))
-            for caption, rows in ((DEPLOYMENTS, deployments), (COEFFICIENTS, coefficients))
-            if rows[1:]
+            ReportTable(TABLES[part], header, tuple(lines)) for part, (header, *lines) in tables.items() if lines
         ),
         concealed=tuple(name for name in moorings if (root.parent / f"concealed/{name}.json").exists()),
-        notes=tuple((row.title, row.note) for row in (*MOORING, *SECTIONS, *CRUISE) if row.note and moorings),
+        notes=tuple((row.title, row.note) for row in (*MOORING, *SECTIONS) if row.note and moorings),
         missing=tuple(missing),
     )
 
@@ -171,6 +170,4 @@ def write_page(
 
 def log_line(path: str | Path, report: Report) -> str:
     """Format the line about the page in the log."""
-    size = Path(path).stat().st_size / 1e6
-    missing = f"; attributes not given: {', '.join(report.missing)}" if report.missing else ""
-    return f"{path}: {report.counts()} {size:.1f} MB{missing}".replace(words.SPACE, " ")
+    return f"{path}: {report.counts()} {Path(path).stat().st_size / 1e6:.1f} MB".replace(words.SPACE, " ")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 import numpy as np
 
@@ -41,6 +41,7 @@ class ReportFigure:
     data: str = ""  # the picture as a data URI; empty if it is only linked
     width: int = 0  # pixels
     height: int = 0
+    linked: bool = False  # whether it is not embedded
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class ReportSection:
     name: str
     anchor: str
     verdict: str  # one of ``inference.wording.VERDICTS``, ``stopped``, or empty
-    summary: tuple[str, ...]  # sentences; the first is the conclusion, which the top of the page repeats
+    summary: tuple[str, ...]  # paragraphs; the first is the conclusion, which the top of the page repeats
     facts: tuple[tuple[str, str], ...] = ()
     use: str = ""  # whether a mooring can be used: yes, with care, no
     picture: tuple[tuple[str, str], ...] = ()  # lines of the small picture of a mooring: colour, and points of an SVG
@@ -101,28 +102,14 @@ def stopped_section(part: str, name: str, why: str, header: Sequence[str]) -> Re
 
 @dataclass(frozen=True)
 class Overview:
-    """All sections of moorings, compasses or calibrations, and the table that compares them."""
+    """All sections of moorings, compasses or calibrations, and the caption and header of the table of their cells."""
 
     caption: str
-    header: tuple[str, ...]
-    sections: Sequence[ReportSection]
-
-    @property
-    def table(self) -> ReportTable:
-        """One row for each section."""
-        return ReportTable(self.caption, self.header, tuple(section.cells for section in self.sections))
+    header: tuple[str, ...] = ()
+    sections: Sequence[ReportSection] = ()
 
 
 # Results of one mooring or calibration that its section shows.
-
-SHOWN_ATTRIBUTES = (
-    "instrument",
-    "serial_number",
-    "software_version",
-    "date_created",
-    "time_coverage_start",
-    "time_coverage_end",
-)
 
 
 @dataclass(frozen=True)
@@ -151,17 +138,6 @@ class MooringResults:
         """Warnings of all stages."""
         return tuple(warning for warning in self.row["warnings"].split(" | ") if warning)
 
-    @property
-    def depth(self) -> str:
-        """Depth of the currents shown in figures, with its unit."""
-        return f"{words.number(self.currents.depth_m, 0)}{words.SPACE}m"
-
-    def averaging(self, *, sticks: bool = False) -> str:
-        """Format the time over which the currents in figures are averaged."""
-        most = summary.MAX_STICKS if sticks else summary.MAX_MEANS
-        hours = summary.averaging_hours(self.currents.recorded.time_s, most)
-        return words.plural(int(hours), "hour") if hours <= 24.0 else words.plural(int(hours / 24.0), "day")
-
 
 def read_summary(table: str | Path) -> dict[str, dict[str, str]]:
     """Read the rows of summary.csv by mooring."""
@@ -175,10 +151,9 @@ def read_mooring(name: str, root: Path, row: Mapping[str, str]) -> MooringResult
     fit, diagnosis, assessment = (
         read_json(folder / f"{file}.json") for file in ("deviation", "diagnosis", "assessment")
     )
-    product = folder / "corrected.nc"
-    shown = summary.read_bin_currents(product)
+    shown = summary.read_bin_currents(folder / "corrected.nc")
     seam = describe_seam(compare_at_seam(netcdf.read_pairs(folder / "overlap.nc"), assessment))
-    headings = _summarize_headings(product)
+    headings = _summarize_headings(folder / "corrected.nc")
     return MooringResults(name, folder, row, fit, diagnosis, assessment, headings, shown, seam)
 
 
@@ -202,18 +177,19 @@ def read_calibration(name: str, root: Path) -> CalibrationResults:
     return CalibrationResults(name, folder, read_json(folder / "calibration.json"), rows, diagnosis)
 
 
-def _summarize_headings(path: str | Path) -> dict[str, Any]:
+def _summarize_headings(path: Path) -> dict[str, Any]:
     """Summarize the headings of a corrected.nc; its profiles are not read."""
     with open_netcdf(path) as nc:
-        recorded, corrected, sigma, deviation, declination = (
+        days, recorded, corrected, flags, sigma, common, deviation, declination = (
             read_variable(nc, name)
-            for name in ("HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_UNCERTAINTY", "DEVIATION", "DECLINATION")
+            for name in (
+                *("TIME", "HEADING", "HEADING_CORRECTED", "HEADING_CORRECTED_QC", "HEADING_CORRECTED_UNCERTAINTY"),
+                *("HEADING_COMMON_UNCERTAINTY", "DEVIATION", "DECLINATION"),
+            )
         )
-        common = read_variable(nc, "HEADING_COMMON_UNCERTAINTY")
-        flags = read_variable(nc, "HEADING_CORRECTED_QC")
-        attributes = {name: nc.getncattr(name) for name in SHOWN_ATTRIBUTES if name in nc.ncattrs()}
+        names = [name for name in ("instrument", "serial_number") if name in nc.ncattrs()]
+        attributes = {name: nc.getncattr(name) for name in names}
         missing = archive_attributes.missing(nc.ncattrs())
-        days = read_variable(nc, "TIME")
     there = np.isfinite(corrected)
     steps = np.diff(days) if len(days) > 1 else np.ones(1)
     return {
@@ -275,32 +251,40 @@ def _percentiles(values: Floats, at: tuple[float, float]) -> tuple[float, float]
     return float(low), float(high)
 
 
-# Figures embedded in the page with a colour palette; on a page of many sections they are linked.
-
-MAX_SECTIONS = 50  # above which figures are not embedded; a thousand moorings would need 400 MB
+# Figures, embedded in the page with a colour palette.
 
 
-def collect_figures(
-    folder: Path, root: Path, subjects: Sequence[str], *, small: bool, **given: Any
-) -> dict[str, ReportFigure]:
+def collect_figures(folder: Path, root: Path, subjects: Sequence[str], **given: Any) -> dict[str, ReportFigure]:
     """Collect the figures of one mooring or calibration that were drawn, by name, in the order of the table.
 
     Args:
         folder: folder of its results, with the PNG files in ``figures``.
         subjects: in ``plots.figures.FIGURES``.
-        small: whether the page has too many sections for embedded figures, here and below.
         **given: results that the captions describe.
     """
-    made, collected = {} if small else files.read_pictures(folder), dict[str, ReportFigure]()
+    collected = {}
     for row in (row for subject in subjects for row in FIGURES[subject]):
-        if not (path := folder / f"figures/{row.name}.png").exists():
-            continue
-        picture, size = made.get(row.name, ("", (0, 0)))
-        if row.name not in made and not row.linked and not small:
-            picture, size = files.embed_png(path)
-        caption = words.caption(row.caption, **given)
-        collected[row.name] = ReportFigure(row.title, caption, relative_link(path, root), picture, *size)
+        if (path := folder / f"figures/{row.name}.png").exists():
+            caption = words.caption(row.caption, **given)
+            collected[row.name] = ReportFigure(row.title, caption, relative_link(path, root), linked=row.linked)
     return collected
+
+
+def embed(figures: Iterable[ReportFigure], root: Path) -> tuple[ReportFigure, ...]:
+    """Return the figures with their pictures, as the stages stored them or encoded from the PNG files.
+
+    Raises:
+        InputError: a PNG file is damaged.
+    """
+    stored, embedded = dict[Path, Mapping[str, files.Picture]](), []
+    for figure in figures:
+        path = root / unquote(figure.href)
+        folder = path.parents[1]
+        if folder not in stored:
+            stored[folder] = files.read_pictures(folder)
+        picture, size = ("", (0, 0)) if figure.linked else stored[folder].get(path.stem) or files.embed_png(path)
+        embedded.append(replace(figure, data=picture, width=size[0], height=size[1]))
+    return tuple(embedded)
 
 
 def relative_link(path: Path, root: Path) -> str:
@@ -308,6 +292,7 @@ def relative_link(path: Path, root: Path) -> str:
     return quote(path.relative_to(root).as_posix())
 
 
-def links(folder: Path, root: Path, names: Iterable[str]) -> tuple[tuple[str, str], ...]:
-    """Compose the links to those files of a folder that exist."""
-    return tuple((name, relative_link(folder / name, root)) for name in names if (folder / name).exists())
+def links(folders: Sequence[Path], root: Path, names: Iterable[str]) -> tuple[tuple[str, str], ...]:
+    """Compose the links to those files that exist, each in the first of the folders that has it."""
+    there = {name: [folder / name for folder in folders if (folder / name).exists()] for name in names}
+    return tuple((name, relative_link(paths[0], root)) for name, paths in there.items() if paths)

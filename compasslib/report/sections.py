@@ -20,12 +20,12 @@ from compasslib.report.results import (
     CalibrationResults,
     MooringResults,
     ReportedFinding,
+    ReportFigure,
     ReportSection,
     ReportTable,
     collect_figures,
     draw_differences,
     links,
-    relative_link,
     table,
 )
 
@@ -116,31 +116,29 @@ def diagnosis_caption(diagnosis: Mapping[str, Any]) -> str:
     """Compose the caption of the figure of a diagnosis."""
     from compasslib.plots.diagnosis import count_outside  # only here: it takes the plotting library along
 
-    curves = [curve["covariate"] for curve in wording.displayed_residuals(diagnosis)]
+    outside = count_outside(diagnosis) if wording.displayed_residuals(diagnosis) else ()
     parts = [entry["composition"] for entry in diagnosis["findings"] if entry.get("composition")]
-    return " ".join(words.paragraphs(
-        "diagnosis", "figure", d=diagnosis, outside=count_outside(diagnosis) if curves else (),
-        turns=[name for name in curves if name.startswith(wording.TURN_PREFIX)],
-        slopes=[entry for entry in diagnosis["findings"] if (entry.get("heldout") or {}).get("slope")],
-        composed=[(entry["acts_on"], effect_formula(**entry)) for entry in parts],
-    ))  # fmt: skip
+    composed = [(entry["acts_on"], effect_formula(**entry)) for entry in parts]
+    return " ".join(words.paragraphs("diagnosis", "figure", d=diagnosis, outside=outside, composed=composed))
 
 
-# Sections of moorings, calibrations and compasses.
+# Sections of moorings, calibrations and compasses, with links to their figures.
 
 FILES = ("corrected.nc", "gridded.nc", "deviation.json", "diagnosis.json", "table.csv", "figures", "logs")
+CALIBRATION_FILES = ("calibration.json", "table.csv", "points.csv", "diagnosis.json", "figures", "logs")
+COMPASS_FILES = ("compass.json", "diagnosis.json", "figures", "logs")
+TABLES = ("coefficients", "forms", "tilts", "iron", "cardinal", "storms", "budget")
 
 
-def mooring_section(results: MooringResults, root: Path, *, small: bool) -> ReportSection:
+def mooring_section(results: MooringResults, root: Path) -> ReportSection:
     """Compose one mooring's section."""
     folders = [results.folder, *([results.folder.parent] if "/" in results.name else [])]  # also of the whole mooring
-    given = {"r": results, "about": diagnosis_caption}
-    collected = [collect_figures(folder, root, ("mooring", "sections"), small=small, **given) for folder in folders]
-    pictures = {name: figure for figures in collected for name, figure in figures.items()}
+    pictures = dict[str, ReportFigure]()
+    for folder in folders:
+        pictures |= collect_figures(folder, root, ("mooring", "sections"), r=results, about=diagnosis_caption)
     if not (results.fit["n_pairs"] or results.fit["coefficients"]):
         of_pairs = {row.name for row in MOORING if row.of_pairs}
         pictures = {name: figure for name, figure in pictures.items() if name not in of_pairs}
-    findings = report_findings(results.diagnosis, product=True)
     return ReportSection(
         name=results.name,
         anchor=f"mooring-{results.name}",
@@ -149,14 +147,10 @@ def mooring_section(results: MooringResults, root: Path, *, small: bool) -> Repo
         use=results.assessment["use"]["answer"],
         picture=draw_differences(results.assessment),
         to_do=words.paragraphs("mooring", "actions", r=results),
-        findings=findings,
+        findings=report_findings(results.diagnosis, product=True),
         warnings=results.warnings,
         figures=tuple(pictures.values()),
-        links=tuple(
-            (file, relative_link(there, root))
-            for file in FILES
-            for there in [folder / file for folder in folders if (folder / file).exists()][:1]
-        ),
+        links=links(folders, root, FILES),
         cells=words.cells("mooring", "row", r=results)[0],
     )
 
@@ -169,40 +163,31 @@ def summary_sentences(results: MooringResults) -> tuple[str, ...]:
 
 def measures(results: MooringResults) -> tuple[tuple[str, str], ...]:
     """List method, number of corrected samples, uncertainty, possible readings and agreement with the reference."""
-    return (*words.facts("mooring", "measures", r=results), *words.facts("mooring", "more", r=results))
+    return words.facts("mooring", "measures", r=results)
 
 
-CALIBRATION_FILES = ("calibration.json", "table.csv", "points.csv", "diagnosis.json", "figures", "logs")
-TABLES = ("coefficients", "forms", "tilts", "iron", "cardinal", "storms", "budget")
-COMPASS_FILES = ("compass.json", "diagnosis.json", "figures", "logs")
-
-
-def calibration_section(results: CalibrationResults, root: Path, *, small: bool) -> ReportSection:
+def calibration_section(results: CalibrationResults, root: Path) -> ReportSection:
     """Compose one calibration's section."""
     content, diagnosis = results.content, results.diagnosis
-    given = {"c": content, "d": diagnosis, "about": diagnosis_caption}
-    figures = collect_figures(results.folder, root, ["calibration"], small=small, **given)
-    findings = report_findings(diagnosis, product=False) if diagnosis else ()
     said, texts = describe_findings(diagnosis) if diagnosis else "", list(_nested_texts(content))
+    tables = [each for name in TABLES for each in table("calibration", name, c=content)]
+    limits = words.paragraphs("calibration", "limits", c=content)
+    if diagnosis:
+        tables += [*limits_table(diagnosis), *table("diagnosis", "hypotheses", d=diagnosis)]
+        limits += describe_limits(diagnosis)
+    figures = collect_figures(results.folder, root, ["calibration"], c=content, d=diagnosis, about=diagnosis_caption)
     return ReportSection(
         name=results.name,
         anchor=f"calibration-{results.name}",
         verdict=diagnosis.get("verdict", ""),
         summary=words.paragraphs("calibration", "summary", c=content, diagnosis=diagnosis, findings=said, texts=texts),
         facts=words.facts("calibration", "facts", c=content),
-        findings=findings,
-        limits=(
-            *words.paragraphs("calibration", "limits", c=content),
-            *(describe_limits(diagnosis) if diagnosis else ()),
-        ),
+        findings=report_findings(diagnosis, product=False) if diagnosis else (),
+        limits=limits,
         warnings=tuple(content["warnings"]),
         figures=tuple(figures.values()),
-        tables=(
-            *(each for name in TABLES for each in table("calibration", name, c=content)),
-            *((*limits_table(diagnosis), *table("diagnosis", "hypotheses", d=diagnosis)) if diagnosis else ()),
-            *table("calibration", "deviations", table=results.table),
-        ),
-        links=links(results.folder, root, CALIBRATION_FILES),
+        tables=(*tables, *table("calibration", "deviations", table=results.table)),
+        links=links([results.folder], root, CALIBRATION_FILES),
         cells=words.cells("calibration", "row", name=results.name, c=content, diagnosis=diagnosis)[0],
     )
 
@@ -216,7 +201,7 @@ def _nested_texts(content: Mapping[str, Any]) -> Iterator[str]:
             yield from _nested_texts(value)
 
 
-def compass_section(name: str, root: Path, *, small: bool) -> ReportSection:
+def compass_section(name: str, root: Path) -> ReportSection:
     """Compose the section of a compass that several records share.
 
     Raises:
@@ -224,7 +209,6 @@ def compass_section(name: str, root: Path, *, small: bool) -> ReportSection:
     """
     folder = root / "compasses" / name
     content, diagnosis = read_json(folder / "compass.json"), read_json(folder / "diagnosis.json")
-    figures = collect_figures(folder, root, ["compass"], small=small, c=content)
     said = describe_findings(diagnosis)
     return ReportSection(
         name=name,
@@ -236,7 +220,7 @@ def compass_section(name: str, root: Path, *, small: bool) -> ReportSection:
         limits=describe_limits(diagnosis),
         warnings=words.paragraphs("compass", "warnings", c=content),
         tables=(*table("compass", "records", c=content), *table("compass", "iron", c=content)),
-        figures=tuple(figures.values()),
-        links=links(folder, root, COMPASS_FILES),
+        figures=tuple(collect_figures(folder, root, ["compass"], c=content).values()),
+        links=links([folder], root, COMPASS_FILES),
         cells=words.cells("compass", "row", name=name, c=content, d=diagnosis)[0],
     )

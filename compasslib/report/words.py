@@ -245,25 +245,21 @@ def definitions() -> Mapping[str, str]:
 
 def occurring(texts: Iterable[str]) -> dict[str, str]:
     """Select the terms that occur in texts, with their definitions."""
-    terms = {_term(match[0]) for text in texts for match in _pattern().finditer(text)}
+    terms = {_names()[match[0].lower()] for text in texts for match in _pattern().finditer(text)}
     return {term: what for term, what in definitions().items() if term in terms}
 
 
 @cache
 def _names() -> Mapping[str, str]:
-    return {name.lower(): term for term in definitions() for name in term.split(", ")}
-
-
-def _term(word: str) -> str:
-    names = _names()
-    return names.get(word.lower()) or names[word.lower().removesuffix("s")]
+    """Return each term by its names, in the singular and with an s."""
+    return {name.lower() + s: term for s in ("s", "") for term in definitions() for name in term.split(", ")}
 
 
 @cache
 def _pattern() -> re.Pattern[str]:
     """Match any term as a word of its own, the longest first; nothing without a glossary."""
     names = sorted(map(re.escape, _names()), key=len, reverse=True)
-    return re.compile(rf"(?<![\w-])(?:{'|'.join(names)})s?(?![\w-])" if names else r"(?!)", re.IGNORECASE)
+    return re.compile(rf"(?<![\w-])(?:{'|'.join(names)})(?![\w-])" if names else r"(?!)", re.IGNORECASE)
 
 
 class Links:
@@ -291,16 +287,14 @@ class Links:
         """Escape a text and link its terms."""
         from markupsafe import Markup, escape  # deferred with jinja2
 
-        parts, at = [], 0
-        for match in _pattern().finditer(text):
-            term = _term(match[0])
-            if term not in self._linked:
-                link = Markup('<a class="term" href="#term-{}" title="{}">{}</a>')
-                parts += [escape(text[at : match.start()]), link.format(anchor(term), definitions()[term], match[0])]
-                at = match.end()
-                self._linked.add(term)
-        self.used |= self._linked
-        return Markup("").join([*parts, escape(text[at:])])
+        def link(match: re.Match[str]) -> str:
+            term = _names()[match[0].lower()]
+            if term in self._linked:
+                return match[0]
+            self._linked.add(term)
+            return f'<a class="term" href="#term-{anchor(term)}" title="{escape(self.definition(term))}">{match[0]}</a>'
+
+        return Markup(_pattern().sub(link, str(escape(text))))
 
 
 def anchor(term: str) -> str:

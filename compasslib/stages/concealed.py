@@ -20,7 +20,6 @@ from compasslib.preparation.references import combine_references
 from compasslib.records import BAD
 from compasslib.report import sections, words, write_page
 from compasslib.report.results import ReportFigure
-from compasslib.stages.real import FOLDER
 from compasslib.statistics.resampling import NORMAL_95, block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
 
@@ -31,9 +30,7 @@ def concealed(
     """Write the page of the comparison; this is the only stage that reads the truth.
 
     Args:
-        recordings: recordings.json.
         truths: file of the truth of each mooring; those without a corrected record are left out.
-        corrected: corrected.nc of the moorings that were not stopped.
     """
     there = {Path(path).parent.name for path in corrected}
     root, shown = Path(page).parent, [path for path in truths if Path(path).stem in there]
@@ -41,10 +38,9 @@ def concealed(
     errors = {name: heading_errors(truth, read_headings(root / name)) for name, truth in known.items()}
     reach = error_reach([error for x in errors.values() for error in (x.fit_deg, x.corrected_deg)])
     moorings = [reveal(name, root, truth, errors[name], reach) for name, truth in known.items()]
-    real, stored = read_json(recordings)["recordings"], read_json(FOLDER / "moored.json")
-    rows = count_named(real, stored["moorings"], moorings)
-    content = {"rows": rows, "real": real, "stored": stored, "moorings": moorings}
-    write_page(page, "concealed.html", **content, software=provenance.software())
+    real = read_json(recordings)["recordings"]
+    rows, software = count_named(real, moorings), provenance.software()
+    write_page(page, "concealed.html", rows=rows, real=real, moorings=moorings, software=software)
     say(f"{page}: {len(moorings)} moorings beside the truth")
 
 
@@ -76,9 +72,8 @@ class HeadingErrors:
 
     def rms(self, error_deg: Floats) -> str:
         """Format the rms with its 95 % interval by block resampling."""
-        if (mean := self._mean(error_deg**2)) is None:
-            return "–"
-        return "{:.1f}° ({:.1f}–{:.1f})".format(*np.sqrt(mean))
+        mean = self._mean(error_deg**2)
+        return "–" if mean is None else "{:.1f}° ({:.1f}–{:.1f})".format(*np.sqrt(mean))
 
     @property
     def coverage(self) -> tuple[float, float, float] | None:
@@ -109,42 +104,35 @@ class HeadingErrors:
         """Rms of the stated standard deviation over the corrected headings."""
         return angles.rms(self.sigma_deg[np.isfinite(self.corrected_deg + self.sigma_deg)])
 
-    def _mean(self, values: Floats, *, days: float = 5.0, draws: int = 1000) -> tuple[float, float, float] | None:
-        """Average over the finite values, with the 95 % interval by resampling blocks of some days."""
+    def _mean(self, values: Floats) -> tuple[float, float, float] | None:
+        """Average over the finite values, with the 95 % interval by resampling blocks of five days."""
         known = np.isfinite(values)
         if not known.any():
             return None
-        sums = block_sums(
-            np.stack([values[known], np.ones(known.sum())], axis=1), blocks_by_span(self.time_s[known], days * DAY_S)
-        )
-        drawn = np.random.default_rng(0).choice(sums, (draws, len(sums))).sum(axis=1)
+        both = np.stack([values[known], np.ones(known.sum())], axis=1)
+        sums = block_sums(both, blocks_by_span(self.time_s[known], 5.0 * DAY_S))
+        drawn = np.random.default_rng(0).choice(sums, (1000, len(sums))).sum(axis=1)
         low, high = np.quantile(drawn[:, 0] / drawn[:, 1], [0.025, 0.975])
         return float(np.mean(values[known])), float(low), float(high)
 
 
 def heading_errors(truth: Mapping[str, Any], headings: Mapping[str, Floats]) -> HeadingErrors:
-    """Compare headings with the truth at the same times.
-
-    Args:
-        headings: time_s, recorded_deg, fit_deg, corrected_deg, sigma_deg and flag of each sample.
-    """
+    """Compare headings, as of ``read_headings``, with the truth at the same times."""
     known_s = np.array(truth["time_s"], dtype=float)
-    known_deg = np.array([np.nan if x is None else x for x in truth["heading_deg"]], dtype=float)
+    known_deg = np.array(truth["heading_deg"], dtype=float)
     at = np.clip(np.searchsorted(known_s, headings["time_s"]), 0, len(known_s) - 1)
     right = np.where(np.abs(known_s[at] - headings["time_s"]) < 1.0, known_deg[at], np.nan)
-    off = {key: angles.difference(headings[f"{key}_deg"], right) for key in ("recorded", "fit", "corrected")}
-    usable = headings["flag"] < BAD
-    return HeadingErrors(
-        headings["time_s"], off["recorded"], off["fit"], np.where(usable, off["corrected"], np.nan),
-        headings["sigma_deg"],
-    )  # fmt: skip
+    recorded, fit, corrected = (
+        angles.difference(headings[f"{key}_deg"], right) for key in ("recorded", "fit", "corrected")
+    )
+    corrected = np.where(headings["flag"] < BAD, corrected, np.nan)
+    return HeadingErrors(headings["time_s"], recorded, fit, corrected, headings["sigma_deg"])
 
 
 def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingErrors, reach_deg: float) -> dict[str, Any]:
     """Compare the results of a mooring with the truth, as content of its section.
 
     Args:
-        root: folder of the results, to which links on the page are relative.
         reach_deg: limit of the axis of heading errors, common to all moorings of the page.
     """
     diagnosis = read_json(root / name / "diagnosis.json")
@@ -192,19 +180,22 @@ def named_level(cause: Mapping[str, Any], findings: Sequence[Mapping[str, Any]])
 
 
 def count_named(
-    real: Sequence[Mapping[str, Any]], stored: Sequence[Mapping[str, Any]], simulated: Sequence[Mapping[str, Any]]
+    real: Sequence[Mapping[str, Any]], simulated: Sequence[Mapping[str, Any]]
 ) -> list[tuple[str, int, int, int, int, int]]:
     """Count causes, those whose driver and whose effect was named, cases without a cause, and those accused."""
     logs = [item["cases"] for item in real if item["effects"] and item["figures"] and len(item["cases"]) > 1]
     named, controls = [cases[0]["expected"] for cases in logs], [x["expected"] for cases in logs for x in cases[1:]]
-    with_cause, none = [x for x in stored if x["planted"]], [x for x in stored if not x["planted"]]
-    causes = [cause["level"] for item in simulated for cause in item["truth"]["planted"]]
-    nulls = [item for item in simulated if not item["truth"]["planted"]]
+    levels = [cause["level"] for item in simulated for cause in item["truth"]["planted"]]
+    accused = [bool(item["false"]) for item in simulated if not item["truth"]["planted"]]
+    known = (len(levels), sum(map(bool, levels)), levels.count("effect"), len(accused), sum(accused))
     return [
-        ("Real compasses, a correction withheld", len(logs), sum(named), sum(named), len(controls),
-         controls.count(False)),
-        ("Real water, simulated iron", len(with_cause), sum(x["driver"] for x in with_cause),
-         sum(x["effect"] for x in with_cause), len(none), sum(x["detected"] for x in none)),
-        ("Simulated moorings", len(causes), sum(map(bool, causes)), causes.count("effect"), len(nulls),
-         sum(bool(item["false"]) for item in nulls)),
-    ]  # fmt: skip
+        (
+            "Real compasses, a correction withheld",
+            len(logs),
+            sum(named),
+            sum(named),
+            len(controls),
+            controls.count(False),
+        ),
+        ("Simulated moorings", *known),
+    ]

@@ -44,9 +44,6 @@ def correct(
 
     Args:
         agreement: agreement with the reference, to which the answer is added in ``assessment``.
-        attributes: global attributes from the YAML files.
-        references: record files of the reference instruments, possibly none.
-        overlap: file to write the pairs to.
         superseded: the earlier deposit, as returned by ``deposit.describe_superseded``.
         by_hand: descriptions of the flags that a person gave.
 

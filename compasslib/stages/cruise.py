@@ -38,7 +38,6 @@ def usable(
         needed: calibrations that each mooring needs.
         shared: moorings and calibrations of each compass.
         without: moorings and calibrations that were left out by request, by kind.
-        usable: file to write: the reason by kind and name, null for what can go on.
     """
     known = {Path(path).parents[1].name: read_reason(path) for path in calibrations}
     known |= {name: _left_out(name) for name in without["calibrations"]}
@@ -60,7 +59,13 @@ def usable(
     of_folder |= {f"{CALIBRATIONS}/{name}": why for name, why in known.items()}
     of_folder |= {f"results/compasses/{name}": why for name, why in compasses.items() if why}
     for folder, why in of_folder.items():
-        _clear(Path(folder), why)
+        if why is None:
+            Path(folder, "stopped.json").unlink(missing_ok=True)
+            continue
+        for path in (*Path(folder).glob("*"), *Path(folder).glob("figures/*")):
+            if path.is_file() or path.is_symlink():
+                path.unlink()
+        write_json(Path(folder, "stopped.json"), why)
     write_json(usable, {"moorings": reasons, "calibrations": known, "compasses": compasses})
     every = [*reasons.values(), *known.values()]
     say(f"{len(every)} moorings and calibrations, {sum(map(bool, every))} stopped")
@@ -71,30 +76,13 @@ def _left_out(name: str) -> Reason:
     return {"stage": "usable", "why": why, "file": None, "advice": "run again without that option"}
 
 
-def _clear(folder: Path, why: Reason | None) -> None:
-    """Replace the products in a folder by ``stopped.json``, or delete that file where nothing is stopped."""
-    if why is None:
-        (folder / "stopped.json").unlink(missing_ok=True)
-        return
-    for path in (*folder.glob("*"), *folder.glob("figures/*")):
-        if path.is_file() or path.is_symlink():
-            path.unlink()
-    write_json(folder / "stopped.json", why)
-
-
 def read_stopped(usable: str) -> dict[str, dict[str, str]]:
     """Read the reasons of what cannot go on, by kind and name."""
     return {kind: {name: why["why"] for name, why in each.items() if why} for kind, each in read_json(usable).items()}
 
 
 def summary(*, summary: str, usable: str, roles: Mapping[str, Sequence[str]], say: Callable[[str], None]) -> None:
-    """Write summary.csv, one row for each mooring, processed or stopped.
-
-    Args:
-        summary: path of summary.csv, in the folder that contains the moorings' result folders.
-        usable: what can go on, see ``usable``.
-        roles: instruments that each mooring uses, in the order of the rows.
-    """
+    """Write summary.csv, one row for each mooring, processed or stopped, in the order of ``roles``."""
     results, why = Path(summary).parent, read_stopped(usable)["moorings"]
     rows = [
         table.stopped_row(name, why[name]) if name in why else table.summary_row(name, results / name, used)

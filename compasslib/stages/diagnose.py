@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -26,10 +27,8 @@ from compasslib.inference.product import CorrectionModel
 from compasslib.preparation.references import combine_references
 from compasslib.records import EarthField, Pairs, Record
 
-if TYPE_CHECKING:  # imported at run time only for a search, as they are half of the job's imports
-    from compasslib.inference.comparison import SharedInformation
+if TYPE_CHECKING:
     from compasslib.inference.diagnosis import Diagnosis
-
 
 DISABLED = "the search was switched off (diagnose: {enabled: false})"
 
@@ -51,27 +50,43 @@ def diagnose(
     sphere_distance_m: tuple[float, float] | None,
     say: Callable[[str], None],
     summary: str = "",
+    joined: str = "",
+    alone: Sequence[str] = (),
 ) -> None:
     """Write the diagnosis, the fit with the effects found and applied, and the agreement with the reference.
 
     Args:
-        references: record files of the reference instruments, possibly none.
         wide: file of pairs with larger separations, from which the shear of the water is estimated.
         observatory: IAGA-2002 files of one observatory, possibly none.
-
-        sphere_distance_m: bounds of the distance from the compass to the iron's centre, m, where known.
+        sphere_distance_m: bounds of the distance from the compass to the iron's centre, where known.
         summary: file to write for other records of the compass, empty if there are none.
+        joined: compass.json, from which the other records of the compass are known; empty if this one is taken alone.
+        alone: with ``joined``, the same three files of the record by itself.
 
     Raises:
         InputError: an observatory's file cannot be read.
     """
+    files = diagnosis, deviation, agreement
     near, along = combine_references(netcdf.read_pairs(pairs)), earthfield.field_from_json(read_json(field))
-    configured = read_json(fit)
+    configured, siblings, text = read_json(fit), None, ""
     fitted = fit_from_json(configured)
-    made = _search(
-        near, along, configured, fitted, record, references, observatory, wide, {**options, "share": bool(summary)}
-    )
-    _write(made, configured, record, None, sphere_distance_m, (diagnosis, deviation, agreement))
+    if joined:
+        siblings, before = joint.read_returned(read_json(joined), mooring), fitted
+        if siblings is None:
+            for file, same in zip(files, alone, strict=True):
+                shutil.copyfile(same, file)
+            say(f"{mooring}: no other record is consistent with this one; its own diagnosis is used")
+            return
+        if before.method != "von_appen":
+            upper = netcdf.read_record(record, velocities=False)
+            fitted = fit_with_siblings(siblings, near, along, upper)
+            configured = deviation_json(fitted, upper)
+        text = describe_siblings(siblings, before, fitted)
+        say(f"{mooring}: {text}")
+    asked = {**options, "share": bool(summary)}
+    made = _conclude(near, along, configured, fitted, (record, references, observatory, wide), asked, siblings)
+    shared = siblings.block(text) if siblings else None
+    _write(made, configured, record, shared, sphere_distance_m, files)
     if summary:
         information = made.diagnosis.information or joint_effects.fit_information(fitted)
         place = float(np.mean(along.horizontal_nT)), float(np.mean(along.vertical_nT))
@@ -79,6 +94,64 @@ def diagnose(
         known = bare if information is None else replace(bare, **vars(information), why="")
         write_json(summary, known.to_json())
     say(f"{made.diagnosis.log_line(mooring)}\n{describe_assessment(mooring, made.assessment)}")
+
+
+def _conclude(
+    near: Pairs,
+    along: EarthField,
+    configured: Mapping[str, Any],
+    fitted: DeviationFit,
+    evidence: tuple[str, Sequence[str], Sequence[str], str],
+    options: Mapping[str, Any],
+    siblings: SiblingInformation | None = None,
+) -> Conclusion:
+    """Search the pairs of a mooring for effects and conclude.
+
+    Args:
+        configured: content of the fit's file.
+        evidence: files of record, references, observatory and wide pairs.
+        siblings: what other records of the same compass tell.
+    """
+    record, references, observatory, wide = evidence
+    series = covariates.logged_series(netcdf.read_record(record), observatory)
+    upper = netcdf.read_record(record, velocities=False)  # these take a third of the memory
+    biases = netcdf.read_applied_declinations((record, *references))
+
+    def find_constant(fit: DeviationFit) -> ConstantOffset | None:
+        if options["constant_confirmed"]:
+            return None
+        declination_deg = float(np.mean(along.declination_deg))
+        return find_declination_error(along) or find_constant_offset(fit, near, declination_deg, biases)
+
+    def search(subset: Pairs) -> Diagnosis:
+        if not options["enabled"]:
+            return diagnoses.insufficient(DISABLED)
+        from compasslib.inference.comparison import Options  # half of the job's imports
+        from compasslib.inference.kinds.mooring import diagnose
+
+        apart = ("enabled", "constant_confirmed")
+        chosen = Options(**{name: value for name, value in options.items() if name not in apart})
+        at = np.searchsorted(upper.time_s, subset.time_s)
+        logged = {name: column[at] for name, column in series.items()}
+        far, shared = combine_references(netcdf.read_pairs(wide)), siblings.effects if siblings else None
+        return diagnose(subset, logged, fitted, along, chosen, wide=far, units=dict(upper.channel_units), shared=shared)
+
+    def with_effects(made: CorrectionModel, searched: bool) -> CorrectionModel:
+        if searched or siblings is None or not (siblings.effects and options["enabled"] and options["apply"]):
+            return made
+        return joint.apply_shared_effects(made, siblings, along, series)
+
+    return conclude(
+        search,
+        near,
+        upper,
+        along,
+        series,
+        fit=fitted,
+        find_constant=find_constant,
+        calibration=(configured.get("calibration") or {}).get("name", ""),
+        with_effects=with_effects,
+    )
 
 
 def _write(
@@ -105,118 +178,6 @@ def _write(
     write_json(diagnosis, made.diagnosis.to_json())
     write_json(deviation, content)
     write_json(agreement, made.assessment)
-
-
-def _search(
-    near: Pairs,
-    along: EarthField,
-    configured: Mapping[str, Any],
-    fitted: DeviationFit,
-    record: str,
-    references: Sequence[str],
-    observatory: Sequence[str],
-    wide: str,
-    options: Mapping[str, Any],
-    shared: SharedInformation | None = None,
-    with_effects: Callable[[CorrectionModel, bool], CorrectionModel] = lambda made, searched: made,
-) -> Conclusion:
-    """Search the pairs of a mooring for effects and conclude; other arguments as for ``diagnose`` and ``conclude``.
-
-    ``configured`` is the content of the fit's file, ``shared`` what other records of the same compass tell of effects.
-    """
-    series = covariates.logged_series(netcdf.read_record(record), observatory)
-    upper = netcdf.read_record(record, velocities=False)  # these take a third of the memory
-    biases = netcdf.read_applied_declinations((record, *references))
-
-    def find_constant(fit: DeviationFit) -> ConstantOffset | None:
-        if options["constant_confirmed"]:
-            return None
-        declination_deg = float(np.mean(along.declination_deg))
-        return find_declination_error(along) or find_constant_offset(fit, near, declination_deg, biases)
-
-    def search(subset: Pairs) -> Diagnosis:
-        if not options["enabled"]:
-            return diagnoses.insufficient(DISABLED)
-        from compasslib.inference.comparison import Options
-        from compasslib.inference.kinds.mooring import diagnose
-
-        apart = ("enabled", "constant_confirmed")
-        chosen = Options(**{name: value for name, value in options.items() if name not in apart})
-        at = np.searchsorted(upper.time_s, subset.time_s)
-        logged = {name: column[at] for name, column in series.items()}
-        far = combine_references(netcdf.read_pairs(wide))
-        return diagnose(subset, logged, fitted, along, chosen, wide=far, units=dict(upper.channel_units), shared=shared)
-
-    return conclude(
-        search,
-        near,
-        upper,
-        along,
-        series,
-        fit=fitted,
-        find_constant=find_constant,
-        calibration=(configured.get("calibration") or {}).get("name", ""),
-        with_effects=with_effects,
-    )
-
-
-def diagnose_jointly(
-    mooring: str,
-    *,
-    joined: str,
-    alone: Sequence[str],
-    record: str,
-    references: Sequence[str],
-    pairs: str,
-    wide: str,
-    fit: str,
-    field: str,
-    observatory: Sequence[str],
-    diagnosis: str,
-    deviation: str,
-    agreement: str,
-    options: Mapping[str, Any],
-    sphere_distance_m: tuple[float, float] | None,
-    say: Callable[[str], None],
-) -> None:
-    """Write diagnosis, fit and assessment of a record given the others of its compass, if any are consistent with it.
-
-    The arguments not listed are those of ``diagnose``.
-
-    Args:
-        joined: compass.json.
-        alone: diagnosis.json, deviation.json and agreement.json of the record by itself.
-
-    Raises:
-        InputError: an observatory's file cannot be read.
-    """
-    files = diagnosis, deviation, agreement
-    siblings, configured = joint.read_returned(read_json(joined), mooring), read_json(fit)
-    if siblings is None:
-        for file, same in zip(files, alone, strict=True):
-            write_json(file, read_json(same))
-        say(f"{mooring}: no other record is consistent with this one; its own diagnosis is used")
-        return
-    near, along = combine_references(netcdf.read_pairs(pairs)), earthfield.field_from_json(read_json(field))
-    before = fit_from_json(configured)
-    fitted, upper = before, netcdf.read_record(record, velocities=False)
-    if before.method != "von_appen":
-        fitted = fit_with_siblings(siblings, near, along, upper)
-        configured = deviation_json(fitted, upper)
-
-    def with_effects(made: CorrectionModel, searched: bool) -> CorrectionModel:
-        if searched or not (siblings.effects and options["enabled"] and options["apply"]):
-            return made
-        return joint.apply_shared_effects(
-            made, siblings, along, covariates.logged_series(netcdf.read_record(record), observatory)
-        )
-
-    evidence = record, references, observatory, wide
-    made = _search(near, along, configured, fitted, *evidence, options, siblings.effects, with_effects)
-    text = describe_siblings(siblings, before, fitted)
-    _write(made, configured, record, siblings.block(text), sphere_distance_m, files)
-    assessed = describe_assessment(mooring, made.assessment)
-    say(f"{mooring}: {text}\n{made.diagnosis.log_line(mooring)}\n{assessed}")
 
 
 def fit_with_siblings(siblings: SiblingInformation, pairs: Pairs, field: EarthField, record: Record) -> DeviationFit:

@@ -63,7 +63,8 @@ def _draw(subject: str, figures: Sequence[str], data: Any) -> None:
 
 def sections(mooring: str, *, gridded: str, figures: Sequence[str], pictures: str, say: Callable[[str], None]) -> None:
     """Draw the section, the mean profile and the rotary spectra of the gridded velocities."""
-    _draw("sections", figures, SimpleNamespace(means=read_section(gridded), series=summary.read_depth_series(gridded)))
+    data = SimpleNamespace(means=read_section(gridded), series=summary.read_depth_series(gridded))
+    _draw("sections", figures, data)
     write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])
     say(f"{mooring}: {len(figures)} figures")
 
@@ -100,13 +101,7 @@ def cruise_figures(
     figures: Sequence[str],
     say: Callable[[str], None],
 ) -> None:
-    """Draw the configured array and the figures of all moorings that have results, each selected by its file name.
-
-    Args:
-        deviations: deviation.json of each mooring with results.
-        assessments: assessment.json of the same moorings.
-        array: arguments of ``plots.moorings.draw_array``.
-    """
+    """Draw the configured ``array`` and the figures of all moorings that have results."""
     moorings = [
         AssessedMooring(Path(file).parent.name, products.from_json(read_json(file)).fit, read_json(assessment))
         for file, assessment in zip(deviations, assessments, strict=True)

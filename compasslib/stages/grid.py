@@ -71,11 +71,8 @@ def grid(
     Args:
         corrected: corrected.nc of each affected instrument, in the order of the other files of these instruments.
         gridded: gridded.nc, and gridded_daily.nc if configured.
-        references: record files of the reference instruments, possibly none.
-
         compasses: arguments of ``reference_compass`` for each reference.
         rotors: whether each reference counts its speed by a mechanical rotor.
-        attributes: global attributes from the YAML files.
         superseded: the earlier deposit, as returned by ``deposit.describe_superseded``.
         by_hand: descriptions of the flags that a person gave.
 

@@ -53,10 +53,9 @@ def read(
     """Write the record of one instrument.
 
     Args:
-        raw: raw files of the instrument, in order.
         companions: other files that the settings name.
         form: a format of ``readers.FORMATS``.
-        reader: keys of the mooring's YAML file that are arguments of the reader.
+        reader: arguments of the reader.
         deployment: arguments of ``deployment.apply_deployment``.
         series: covariates to add to the record: files, columns and unit by name.
         neighbour: whose pressure gives the depth: ``table`` with time and pressure, or ``raw``, ``form``, ``reader``
@@ -81,16 +80,14 @@ def record_of(
     neighbour: Mapping[str, Any] | None = None,
 ) -> Record:
     """Return the record of one instrument; arguments and errors as for ``read``."""
-    read = readers.read(form, [Path(file) for file in raw], reader)
+    read = readers.read(form, list(map(Path, raw)), reader)
     if neighbour is not None:
         if "table" in neighbour:
             time_s, pressure, _ = table.read_series(neighbour["table"])
             depth_m = depth_of_pressure(pressure, deployment["latitude"])
         else:
-            measured = apply_deployment(
-                readers.read(neighbour["form"], [Path(file) for file in neighbour["raw"]], neighbour["reader"]),
-                **neighbour["deployment"],
-            )
+            other = readers.read(neighbour["form"], list(map(Path, neighbour["raw"])), neighbour["reader"])
+            measured = apply_deployment(other, **neighbour["deployment"])
             time_s, depth_m = measured.time_s, measured.depth_m
         span, offset = (deployment["start_s"], deployment["end_s"]), deployment["clock_offset_seconds"]
         utc = replace(read, time_s=to_utc(read.time_s, span, offset, deployment["clock_drift_seconds"]))
@@ -118,8 +115,6 @@ def overlap(
     """Write the field along the deployment, the pairs by the rules, and pairs by rules for larger separations.
 
     Args:
-        record: record file of the affected instrument.
-        references: record files of the references, possibly none.
         observatory: IAGA-2002 files of one observatory, possibly none.
         ready: file of ready-made pairs, which replace those of the records; empty if there is none.
         place: arguments of ``earthfield.field_along``.

@@ -1,8 +1,7 @@
 """Settings of each stage, from the configuration of a cruise, and the files that the YAML files name.
 
-A stage is given only the keys that it uses, which are parameters of its rule (``pipeline.keys``): a changed key re-runs
-only the stages that use it. Snakemake compares the set of a job's input files: where their order matters, it is a
-parameter too (``names``, ``parts``, ``heads``).
+A stage is given only the keys that it uses: a changed key re-runs only the stages that use it. Where the order of input
+files matters, it is a parameter too (``names``, ``parts``, ``heads``), as Snakemake compares their set.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from compasslib.preparation.quality import MAKERS
 
 CONCEALED = tuple(f"C{k}" for k in range(1, 5))  # demonstration moorings whose truth is read for one page only
 SIMULATED = (*(f"EG{k}" for k in range(1, 8)), *CONCEALED)  # the moorings of the demonstration cruise
-DEPLOYMENT_KEYS = ("pressure_offset", "clock_offset_seconds", "clock_drift_seconds", "direction_reference")
+DEPLOYMENT_KEYS = {"pressure_offset", "clock_offset_seconds", "clock_drift_seconds", "direction_reference"}
 # Settings of a calibration that its result states, and on which the search for effects does not depend.
 NOT_SEARCHED = ("table_step_deg", "parts", "object", "budget", "uncertainty")
 Arguments = dict[str, Any]
@@ -105,10 +104,7 @@ class Moorings:
         return {"names": self.sites[site], "attributes": self._attributes(self.parts(self.sites[site][0])[0])}
 
     def read(self, name: str, role: str) -> Arguments:
-        return {
-            "form": self._instrument(name, role).format,
-            "reader": self._reader(name, role),
-            "deployment": self._deployment(name, role),
+        return self._reading(name, role) | {
             "series": self._series(name, role),
             "neighbour": self._neighbour(name, role),
         }
@@ -118,13 +114,22 @@ class Moorings:
         rules = self.cruise.options.overlap.model_dump()
         # The published method averages the bins instead of predicting the water at the reference's depth.
         rules["predict"] = rules["predict"] and mooring.fit.fitted != "von_appen"
-        columns = mooring.fit.columns
-        return {
-            "place": self._place_and_declination(name),
-            "rules": rules,
-            "columns": None if columns is None else columns.model_dump(),
-            "compasses": self._reference_compasses(name),
+        inside = {
+            f"{role} ({part})" if each.differs else role: degrees
+            for role in used_instruments(mooring)
+            if (each := parse_applied_declination(mooring.instruments[role].declination_applied)) is not None
+            for part, degrees in each._asdict().items()
         }
+        place = {
+            "latitude": mooring.latitude,
+            "longitude": mooring.longitude,
+            "start_s": mooring.start_s,
+            "end_s": mooring.end_s,
+            "declination": None if mooring.declination == "auto" else mooring.declination,
+            "applied": {key: degrees for key, degrees in inside.items() if degrees},
+        }
+        columns = mooring.fit.columns.model_dump() if mooring.fit.columns else None
+        return {"place": place, "rules": rules, "columns": columns, "compasses": self._reference_compasses(name)}
 
     def fit(self, name: str) -> Arguments:
         """Return the arguments of the fit; those of ``at_mooring.compass_from_coefficients`` where they are given."""
@@ -139,14 +144,13 @@ class Moorings:
     def diagnose(self, name: str) -> Arguments:
         mooring = self.mooring(name)
         north = [mooring.instruments[role].direction_reference for role in mooring.reference]
-        derived = {"reference_magnetic": not north or "magnetic" in north}
-        derived["constant_confirmed"] = mooring.confirmed.constant
-        if mooring.fit.coefficients and mooring.fit.model == "von_appen":  # a given series is not fitted again
-            derived["apply"] = False
-        return {
-            "options": mooring.diagnose.model_dump() | derived,
-            "sphere_distance_m": mooring.instruments[mooring.compromised].sphere_distance_m,
+        options = mooring.diagnose.model_dump() | {
+            "reference_magnetic": not north or "magnetic" in north,
+            "constant_confirmed": mooring.confirmed.constant,
         }
+        if mooring.fit.coefficients and mooring.fit.model == "von_appen":  # a given series is not fitted again
+            options["apply"] = False
+        return {"options": options, "sphere_distance_m": mooring.instruments[mooring.compromised].sphere_distance_m}
 
     def correct(self, name: str) -> Arguments:
         mooring = self.mooring(name)
@@ -218,54 +222,33 @@ class Moorings:
             nominal, keys = table.depth, Arguments(table=table.model_dump(exclude={"format", "depth"}))
         else:
             nominal = mooring.instruments[other].depth
-            keys = {"raw": self.raw_files(name, other), "form": mooring.instruments[other].format}
-            keys |= {"reader": self._reader(name, other), "deployment": self._deployment(name, other)}
+            keys = {"raw": self.raw_files(name, other)} | self._reading(name, other)
         return {"name": other, "depths_m": [instrument.depth, nominal], **keys}
 
-    def _reader(self, name: str, role: str) -> Arguments:
-        """Select the keys of an instrument that are arguments of its reader."""
-        instrument = self._instrument(name, role)
-        unset = {key for key in readers.TABLE_KEYS if key not in instrument.model_fields_set}
-        keys = [key for key in readers.get_format(instrument.format).keys if key not in unset]
-        numbered = {"serial_number": self.serial_number(name, role)} if "serial_number" in keys else {}
-        return _plain(instrument, [key for key in keys if key not in numbered]) | numbered
-
-    def _deployment(self, name: str, role: str) -> Arguments:
-        """Compose the arguments of ``deployment.apply_deployment``."""
+    def _reading(self, name: str, role: str) -> Arguments:
+        """Compose the format, the keys of its reader, and the arguments of ``deployment.apply_deployment``."""
         mooring, instrument = self.mooring(name), self._instrument(name, role)
-        # Some readers remove the declination themselves: a PD0 file may hold it as heading bias.
-        taken = readers.get_format(instrument.format).takes_declination
+        form = readers.get_format(instrument.format)
+        reader = instrument.model_dump(
+            mode="json", include={*form.keys} - ({*readers.TABLE_KEYS} - instrument.model_fields_set)
+        )
+        if "serial_number" in form.keys:
+            reader["serial_number"] = self.serial_number(name, role)
         limits = MAKERS.get(instrument.format, {})
-        return _plain(instrument, DEPLOYMENT_KEYS) | {
+        deployment = instrument.model_dump(mode="json", include=DEPLOYMENT_KEYS) | {
             "start_s": mooring.start_s,
             "end_s": mooring.end_s,
             "water_depth": mooring.water_depth,
             "latitude": mooring.latitude,
             "nominal_depth": instrument.depth,
-            "declination_applied": 0.0 if taken else instrument.declination_applied or 0.0,
+            # Some readers remove the declination themselves: a PD0 file may hold it as heading bias.
+            "declination_applied": 0.0 if form.takes_declination else instrument.declination_applied or 0.0,
             "exclude": [(window.from_s, window.to_s) for window in instrument.exclude],
             "affected": role == mooring.compromised,
             "flags_by_hand": [flag.model_dump(exclude={"who", "why"}) for flag in instrument.flags_by_hand],
             "quality": {key: limits.get(key) if value is None else value for key, value in mooring.quality},
         }
-
-    def _place_and_declination(self, name: str) -> Arguments:
-        """Compose the arguments of ``earthfield.field_along``: position, dates and declination."""
-        mooring = self.mooring(name)
-        inside = {
-            f"{role} ({part})" if each.differs else role: degrees
-            for role in used_instruments(mooring)
-            if (each := parse_applied_declination(mooring.instruments[role].declination_applied)) is not None
-            for part, degrees in each._asdict().items()
-        }
-        return {
-            "latitude": mooring.latitude,
-            "longitude": mooring.longitude,
-            "start_s": mooring.start_s,
-            "end_s": mooring.end_s,
-            "declination": None if mooring.declination == "auto" else mooring.declination,
-            "applied": {key: degrees for key, degrees in inside.items() if degrees},
-        }
+        return {"form": instrument.format, "reader": reader, "deployment": deployment}
 
     def _reference_compasses(self, name: str) -> list[Arguments]:
         """List the arguments of ``deviation.reference.reference_compass`` for each reference."""
@@ -315,25 +298,18 @@ class Calibrations:
     @property
     def diagnosed(self) -> list[str]:
         """Calibrations of the kinds that are searched for unmodelled effects."""
-        return [name for name in self.cruise.calibrations if self._kind(name) in kinds.KINDS]
+        return [name for name, file in self.cruise.calibrations.items() if file.kind in kinds.KINDS]
 
     @property
     def figures(self) -> dict[tuple[str, ...], list[str]]:
         """Names of figures, by which the calibrations that have them are grouped."""
         groups: dict[tuple[str, ...], list[str]] = {}
-        for name in self.cruise.calibrations:
-            compared = bool(self.compared_with(name)) and KINDS[self._kind(name)].by_heading
-            searched = name in self.diagnosed
-            figures = (
-                *calibrations.figure_names(self._kind(name)),
-                *["compared"] * compared,
-                *["diagnosis"] * searched,
-            )
-            groups.setdefault(figures, []).append(name)
+        for name, file in self.cruise.calibrations.items():
+            figures = [*calibrations.figure_names(file.kind)]
+            figures += ["compared"] * bool(file.compare_with and KINDS[file.kind].by_heading)
+            figures += ["diagnosis"] * (name in self.diagnosed)
+            groups.setdefault(tuple(figures), []).append(name)
         return groups
-
-    def _kind(self, name: str) -> str:
-        return str(self.cruise.calibrations[name].kind)
 
 
 @dataclass(frozen=True)
@@ -364,15 +340,19 @@ class Compasses:
 
 def configuration(cruise: Cruise) -> dict[str, list[str]]:
     """List the YAML files behind each mooring, calibration and compass, and under "" those of the whole cruise."""
-    of_whole = {name: cruise.mooring_files[parts[0]] for name, parts in cruise.whole.items()}
-    files = {f"mooring {name}": [CONFIG, file] for name, file in (cruise.mooring_files | of_whole).items()}
-    files |= {f"calibration {name}": [CONFIG, f"{CALIBRATIONS}/{name}.yaml"] for name in cruise.calibrations}
+    of_mooring = cruise.mooring_files | {name: cruise.mooring_files[parts[0]] for name, parts in cruise.whole.items()}
+    of_calibration = {name: f"{CALIBRATIONS}/{name}.yaml" for name in cruise.calibrations}
+    files = {"": [CONFIG]} | {f"mooring {name}": [CONFIG, file] for name, file in of_mooring.items()}
+    files |= {f"calibration {name}": [CONFIG, file] for name, file in of_calibration.items()}
     for name, (moorings, given) in compasses.members(cruise.moorings, cruise.calibrations).items():
-        each = [*(cruise.mooring_files[mooring] for mooring in moorings), *(f"{CALIBRATIONS}/{c}.yaml" for c in given)]
-        files[f"compass {name}"] = [CONFIG, *each]
+        files[f"compass {name}"] = [
+            CONFIG,
+            *(of_mooring[key] for key in moorings),
+            *(of_calibration[key] for key in given),
+        ]
     for site, names in Moorings(cruise).sites.items():
-        files[f"site {site}"] = [CONFIG, *(files[f"mooring {name}"][1] for name in names)]
-    return {"": [CONFIG]} | files
+        files[f"site {site}"] = [CONFIG, *(of_mooring[name] for name in names)]
+    return files
 
 
 def needs(cruise: Cruise) -> Arguments:
@@ -389,38 +369,52 @@ def used_instruments(mooring: Mooring) -> list[str]:
 
 def report(cruise: Cruise) -> Arguments:
     """Describe the configuration for the report."""
+
+    def described(mooring: Mooring, roles: Sequence[str]) -> str:
+        formats = {role: mooring.instruments[role].format for role in roles}
+        depths = {role: mooring.instruments[role].depth for role in roles}
+        each = [f"{role} ({formats[role]}" + (f", {m:g} m)" if m is not None else ")") for role, m in depths.items()]
+        return ", ".join(each) or "none"
+
+    moorings = {
+        name: _place(mooring)
+        | {
+            "start": mooring.start.isoformat(),
+            "end": mooring.end.isoformat(),
+            "instruments": {
+                "affected": described(mooring, [mooring.compromised]),
+                "reference": described(mooring, mooring.reference),
+            },
+        }
+        for name, mooring in cruise.moorings.items()
+    }
     return {
         "attributes": cruise.options.attributes,
-        "moorings": {name: _described(mooring) for name, mooring in cruise.moorings.items()},
+        "moorings": moorings,
         "calibrations": list(cruise.calibrations),
         "compasses": list(compasses.members(cruise.moorings, cruise.calibrations)),
     }
 
 
 def array(cruise: Cruise) -> list[dict[str, Any]]:
-    """Describe position and instruments of each mooring, with all of its affected instruments together."""
-    moorings = {name.split("/")[0]: mooring for name, mooring in cruise.moorings.items()}
-    roles = {(name, role): "reference" for name, mooring in moorings.items() for role in mooring.reference}
-    roles |= {(name.split("/")[0], each.compromised): "affected" for name, each in cruise.moorings.items()}
-    order = ("other", "affected", "reference")  # in which their symbols are drawn, the smallest last
-    return [
-        {"name": name}
-        | _place(mooring)
-        | {
-            "instruments": [
-                {
-                    "depth_m": None if each.format == "mmp_acm" else each.depth,
-                    "orientation": each.orientation,
-                    "role": roles.get((name, role), "other"),
-                }
-                for role, each in sorted(
-                    mooring.instruments.items(),
-                    key=lambda item: (order.index(roles.get((name, item[0]), "other")), item[0]),
-                )
-            ],
-        }
-        for name, mooring in moorings.items()
-    ]
+    """Describe water depth and instruments of each mooring, with all of its affected instruments together."""
+    described = []
+    for name, parts in cruise.whole.items():
+        mooring = cruise.moorings[parts[0]]
+        roles = dict.fromkeys(mooring.reference, "reference")
+        roles |= {cruise.moorings[part].compromised: "affected" for part in parts}
+        instruments = [
+            {
+                "depth_m": None if each.format == "mmp_acm" else each.depth,
+                "orientation": each.orientation,
+                "role": roles.get(role, "other"),
+            }
+            for role, each in sorted(mooring.instruments.items())
+        ]
+        order = ("other", "affected", "reference")  # in which their symbols are drawn, the smallest last
+        instruments.sort(key=lambda each: order.index(str(each["role"])))
+        described.append({"name": name, "water_depth_m": mooring.water_depth, "instruments": instruments})
+    return described
 
 
 def check_cruise(cruise: Cruise) -> None:
@@ -439,43 +433,18 @@ def check_cruise(cruise: Cruise) -> None:
         if name not in SIMULATED:
             advice = "delete demonstration: true from config.yaml; measured moorings are never simulated"
             raise InputError(f"{file}: name", expected=" or ".join(SIMULATED), found=name, advice=advice)
+    moorings = Moorings(cruise)
     for name in cruise.moorings if cruise.options.supersedes else ():
-        Moorings(cruise).superseded(name)
-    for first, *others in Moorings(cruise).sites.values():
+        moorings.superseded(name)
+    for first, *others in moorings.sites.values():
         for name in others:
-            grids = [Moorings(cruise).mooring(each).product.grid for each in (first, name)]
+            grids = [moorings.mooring(each).product.grid for each in (first, name)]
             axes = [f"{{step_m: {grid.step_m:g}, from_m: {grid.from_m:g}}}" for grid in grids if grid]
             if axes[0] != axes[1]:
-                where, expected = (
-                    f"{cruise.mooring_files[cruise.whole[name][0]]}: product.grid",
-                    f"{axes[0]} as {first}",
-                )
-                raise InputError(where, expected=expected, found=axes[1], advice="write the same for all of the site")
-
-
-def _described(mooring: Mooring) -> dict[str, Any]:
-    roles = {"affected": [mooring.compromised], "reference": mooring.reference}
-    depths = {name: each.depth for name, each in mooring.instruments.items()}
-    texts = {
-        role: ", ".join(
-            f"{name} ({mooring.instruments[name].format}{'' if depths[name] is None else f', {depths[name]:g} m'})"
-            for name in names
-        )
-        or "none"
-        for role, names in roles.items()
-    }
-    return _place(mooring) | {
-        "start": mooring.start.isoformat(),
-        "end": mooring.end.isoformat(),
-        "instruments": texts,
-        "roles": used_instruments(mooring),
-    }
+                where = f"{cruise.mooring_files[cruise.whole[name][0]]}: product.grid"
+                advice = "write the same for all of the site"
+                raise InputError(where, expected=f"{axes[0]} as {first}", found=axes[1], advice=advice)
 
 
 def _place(mooring: Mooring) -> dict[str, Any]:
     return {"latitude": mooring.latitude, "longitude": mooring.longitude, "water_depth_m": mooring.water_depth}
-
-
-def _plain(instrument: Instrument, keys: Sequence[str]) -> dict[str, Any]:
-    dumped = instrument.model_dump(mode="json")
-    return {key: dumped[key] for key in keys}

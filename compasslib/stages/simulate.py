@@ -42,13 +42,11 @@ def put(name: str, files: Sequence[str]) -> Iterator[Path]:
     shutil.rmtree(folder, ignore_errors=True)  # left by a killed job; links are not followed
     try:
         yield folder
-        for file in files:
-            if not (folder / file).is_file():
-                advice = "name the files as the simulation does"
-                found = "one that it does not write"
-                raise InputError(file, expected=f"a raw file of the simulation of {name}", found=found, advice=advice)
-        made = {file: provenance.sha256(folder / file) for file in files}
-        write_json(PLANNED / f"{name}.json", {"wrote": made})
+        if missing := [file for file in files if not (folder / file).is_file()]:
+            advice, found = "name the files as the simulation does", "one that it does not write"
+            expected = f"a raw file of the simulation of {name}"
+            raise InputError(missing[0], expected=expected, found=found, advice=advice)
+        write_json(PLANNED / f"{name}.json", {"wrote": {file: provenance.sha256(folder / file) for file in files}})
         for file in files:
             Path(file).parent.mkdir(parents=True, exist_ok=True)
             os.replace(folder / file, file)

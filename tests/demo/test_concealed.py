@@ -16,7 +16,7 @@ import pytest
 from compasslib.archive import crate, netcdf
 from compasslib.archive.files import write_json
 from compasslib.demo import concealed
-from compasslib.stages import real
+from compasslib.stages import recordings as real
 from compasslib.stages.concealed import HeadingErrors, named_level
 from compasslib.stages.concealed import concealed as set_beside
 from compasslib.stages.recordings import describe

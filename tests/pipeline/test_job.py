@@ -104,6 +104,8 @@ MEMORY = "read ran out of memory; run again with fewer --cores, so that fewer jo
     (MemoryError(), MEMORY),
     (TransientError("results/x", expected="room", found="none", advice="free some"),
      "results/x: expected room, found none; free some"),
+    (SystemExit(0), "an error of this program in read, SystemExit: 0; report it, and make the pages of the cruise "
+     "without it: --config without=M1"),
     (KeyboardInterrupt(), "read was interrupted; run again to take it up"),
     (Stopped("mooring M1: why"), "why"),
 ])  # fmt: skip
@@ -114,7 +116,7 @@ def test_failed_job_says_why_in_one_line(capsys, error, said):
     assert caught.value.code == 1 and not RECORD.exists() and Path(MADE["table"]).read_text() == "M1 "
     line = f"error: mooring M1: {said}"
     assert capsys.readouterr().err == f"{line}\n" and LOG.read_text().splitlines()[-1] == line
-    assert ("Traceback" in LOG.read_text()) is isinstance(error, ZeroDivisionError)
+    assert ("Traceback" in LOG.read_text()) is isinstance(error, ZeroDivisionError | SystemExit)
 
 
 SETTINGS = {"method": "a=b", "place": {"latitude": 66.5, "dates": [1, None]}, "empty": {}, "given": None}

@@ -18,7 +18,6 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.text import Text
-from PIL import Image
 
 from benchmarks.papers import SYNTHETIC_B_DEG, draw_angles, draw_synthetic_curves
 from compasslib import angles, compass
@@ -31,17 +30,14 @@ from compasslib.deviation.curve import correct_roots
 from compasslib.deviation.histograms import build_histograms, directions_at_pairs
 from compasslib.deviation.likelihood import CELLS
 from compasslib.deviation.model import DeviationFit, nearest_root, observed_heading, unfitted
-from compasslib.deviation.series import fit_series, invert_series, series_deviation
-from compasslib.errors import InputError
+from compasslib.deviation.series import fit_series, series_deviation
 from compasslib.plots import deviation, diagnosis, timeseries
 from compasslib.plots import moorings as moorings_together
 from compasslib.plots import page as plots_page
-from compasslib.plots.deviation import BACKWARDS, GIVEN_UP, INVERTED, deviation_curve
-from compasslib.plots.moorings import NAMED, draw_array
+from compasslib.plots.deviation import deviation_curve
 from compasslib.plots.page import BLACK, DPI, WIDE_IN, WIDTH_IN
 from compasslib.records import BAD, CorrectedRecord, EarthField, Pairs, Record, take
 from compasslib.report.sections import diagnosis_caption
-from compasslib.report.words import SPACE
 from tests.world.figures import saved
 from tests.world.sea import pairs as draw_pairs
 from tests.world.sea import record_of
@@ -245,7 +241,7 @@ def test_diagnosis_figure_shows_each_effect_and_held_out_days(tmp_path):
     assert [text.get_text() for text in held_out.get_yticklabels()] == ["unlisted, by depth", "unlisted, by tilt"]
     assert held_out.get_xlabel() == "Size (° rms)"
     said = diagnosis_caption(content)
-    assert "z = (x − middle)/range" in said and "on held out days" in said
+    assert "z = (x − middle)/range" in said
 
 
 def test_diagnosis_figure_shows_the_held_out_slope(tmp_path):
@@ -261,21 +257,19 @@ def test_diagnosis_figure_shows_the_held_out_slope(tmp_path):
     check_page(tmp_path / "d.png", page)
     turn, heading, sized, _ = page.axes
     assert sized.get_title("left") == "(c) temperature" and "date of the change" in words(page)
-    assert "of 95 %: 25 of 36 without, 0 with correction" in diagnosis_caption(content).replace(SPACE, " ")
+    assert "25 of 36 bins outside the 95 % range of noise without, 0 with correction" in diagnosis_caption(content)
     title = turn.get_title("left").replace("\n", " ")
     slope_title = "(a) held-out days: slope 0.50 (−0.25 to 1.25), better predicted than 17 of 19 simulations without it"
     assert title == slope_title and heading.get_title("left") == "(b) residual"
     (wedge,) = turn.collections[0].get_paths()
     assert {(-2.0, 0.5), (-2.0, -2.5), (4.0, -1.0), (4.0, 5.0)} <= {tuple(point) for point in wedge.vertices.round(9)}
-    assert "1 where form and size are right" in (said := diagnosis_caption(content)) and "along heading" not in said
 
 
 LONG = "the deviation of a compass whose gimbal sticks at the temperature of the water changing with the echo"
 WORD = "Hydrographic_mooring_of_the_year_2007_with_a_name_that_has_no_gap_anywhere"
 
 
-@pytest.mark.parametrize("name", ["sextantal", LONG, WORD])
-@pytest.mark.parametrize(("panels", "rows"), [(0, 1), (6, 14)])
+@pytest.mark.parametrize(("name", "panels", "rows"), [("sextantal", 0, 1), (LONG, 6, 14), (WORD, 6, 14)])
 def test_diagnosis_panels_keep_their_size_with_long_names(tmp_path, name, panels, rows):
     proof = {"rms_before_deg": 4.0, "rms_after_deg": 3.0, "p_value": 0.001}
     found = [{"effect": name, "side": "compass", "alternatives": [], "text": "", "heldout": proof}] * rows
@@ -296,21 +290,6 @@ def test_diagnosis_panels_keep_their_size_with_long_names(tmp_path, name, panels
         for text in (axes.title, axes._left_title, axes.xaxis.label):
             box = text.get_window_extent(renderer)
             assert box.x0 >= 0.0 and box.x1 <= page.bbox.width + 1.0
-
-
-def test_labels_without_room_are_an_error(tmp_path):
-    with (
-        pytest.raises(ValueError, match="the labels leave no room for a panel"),
-        plots_page.page(tmp_path / "a.png", 1.0) as figure,
-    ):
-        figure.subplots().set_yticks([0.0], [3 * LONG])
-    assert not list(tmp_path.iterdir())
-
-
-def test_drawing_warning_is_an_error_in_subprocesses():
-    code = "import warnings as w; w.warn_explicit('collapsed', UserWarning, 'page.py', 1, 'compasslib.plots.page')"
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
-    assert ended.returncode == 1 and b"UserWarning: collapsed" in ended.stderr
 
 
 @pytest.mark.parametrize("covariate", ["heading", "time", "speed"])
@@ -389,34 +368,28 @@ def test_no_curve_crosses_the_cut_of_an_axis(kind, show):
     assert max(np.nanmax(np.abs(np.diff(curve, axis=0))) for curve in curves) < 20.0
 
 
+def array_row(name: str) -> dict:
+    """Describe a mooring with a profiler, which has no nominal depth."""
+    instruments = [{"depth_m": 100.0, "orientation": "up", "role": "affected"},
+                   {"depth_m": None, "orientation": None, "role": "reference"}]  # fmt: skip
+    return {"name": name, "water_depth_m": 300.0, "instruments": instruments}
+
+
 @pytest.mark.parametrize("copies", [0, 2, 9])
-@pytest.mark.parametrize("figure", ["curves", "differences", "currents"])
+@pytest.mark.parametrize("figure", ["array", "curves", "differences", "currents"])
 def test_cruise_figures_name_moorings_only_if_few(figure, copies, tmp_path):
     """With no mooring, with a few, and with more than can be named."""
     kinds = ("unfolded", "folded", "published and folded", "too few pairs", "no fit and no pairs")
     cruise = [assessed(f"{kind} {k}", *KINDS[kind][:2]) for k in range(copies) for kind in kinds]
-    page = saved(lambda: getattr(moorings_together, f"draw_{figure}")(tmp_path / "a.png", cruise))
+    rows = [array_row(mooring.name) for mooring in cruise] if figure == "array" else cruise
+    page = saved(lambda: getattr(moorings_together, f"draw_{figure}")(tmp_path / "a.png", rows))
     shown = {mooring.name for mooring in cruise if mooring.fit.fitted or figure != "curves"}
-    shown -= {name for name in shown if name.startswith("no fit")}
+    shown -= {name for name in shown if name.startswith("no fit") and figure != "array"}
     named = {name for name in shown if name in words(page)}
     assert named == (shown if 0 < len(shown) <= moorings_together.NAMED else set())
     assert copies or "no data" in words(page)
     standing = boxes(page)
     assert all(box.x0 >= -1 and box.y0 >= -1 and box.x1 <= page.bbox.x1 + 1 for box in standing)
-
-
-@pytest.mark.parametrize("count", [0, 1, 7, 40])
-def test_array_figure_names_moorings_only_if_few(count, tmp_path):
-    """Von Appen 2015, Fig. 2. Moorings in distant groups of three; a profiler has no nominal depth."""
-    instruments = [{"depth_m": 100.0, "orientation": "up", "role": "affected"},
-                   {"depth_m": None, "orientation": None, "role": "reference"}]  # fmt: skip
-    rows = [{"name": f"M{k}", "latitude": 65.0 + 0.05 * k + k // 3, "longitude": -33.0 + 0.1 * k,
-             "water_depth_m": 300.0 + 100.0 * (k % 9), "instruments": instruments} for k in range(count)]  # fmt: skip
-    drawn = saved(lambda: draw_array(tmp_path / "array.png", rows))
-    named = {row["name"] for row in rows if row["name"] in words(drawn)}
-    assert named == ({row["name"] for row in rows} if count <= NAMED else set())
-    assert ("Along the array (km)" if count else "no data") in words(drawn)
-    assert all(box.x0 >= -1 and box.y0 >= -1 and box.x1 <= drawn.bbox.x1 + 1 for box in boxes(drawn))
 
 
 def test_synthetic_curves_and_angles_match_the_published_figures(tmp_path):
@@ -448,7 +421,7 @@ def test_section_masks_the_reference_in_recorded_and_draws_its_profiles_as_colum
 
 
 def test_pdf_is_reproducible_with_large_scatters_rasterized(moorings, tmp_path, monkeypatch):
-    monkeypatch.setattr(plots_page, "MAX_VECTORS", 500)
+    monkeypatch.setattr(plots_page, "MAX_VECTORS", 50)
     for name in ("a", "b"):
         moorings["folded"].draw("deviation", tmp_path / f"{name}.pdf")
     content = (tmp_path / "a.pdf").read_bytes()
@@ -469,21 +442,6 @@ def test_figures_are_reproducible_under_any_rcparams(figure, moorings, show, tmp
     content = first.read_bytes()
     assert content == (tmp_path / "b.png").read_bytes()
     assert b"tEXt" not in content and b"tIME" not in content
-
-
-def test_failed_save_keeps_the_previous_figure(moorings, monkeypatch, tmp_path):
-    path = tmp_path / "deviation.png"
-    path.write_bytes(b"older")
-
-    def fail(self, target, *_, **__):
-        target.write_bytes(b"half")
-        raise OSError("disk full")
-
-    monkeypatch.setattr(Image.Image, "save", fail)
-    with pytest.raises(InputError, match="expected room and the right to write it, found disk full"):
-        moorings["folded"].draw("deviation", path)
-    assert path.read_bytes() == b"older"
-    assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.parametrize(
@@ -567,21 +525,6 @@ def test_deviation_curve_matches_the_compass_over_one_turn(iron, begin):
         assert -180.0 <= np.median(curve.deviation_deg) < 180.0 + 1e-6
 
 
-def test_curve_parts_match_the_inversion_of_each_method():
-    small = deviation_curve(SMALL_FIT, 0.0, [])
-    large = deviation_curve(LARGE_FIT, 0.0, [])
-    assert set(small.stretch) == {INVERTED}
-    assert set(large.stretch) == {INVERTED, BACKWARDS}
-    published = fit_series(LARGE)
-    curve = deviation_curve(published, 0.0, [])
-    inverted = invert_series(published.coefficients, curve.recorded_deg)
-    kept = curve.stretch == INVERTED
-    assert set(curve.stretch) == {INVERTED, GIVEN_UP}
-    off = angles.difference(inverted, curve.heading_deg)[kept]
-    assert np.isnan(off).sum() <= 2  # rounding may put the ends outside the table
-    assert np.nanmax(np.abs(off)) < 0.5  # the table is interpolated linearly every quarter of a degree
-
-
 @given(ANGLES, st.floats(5.0, 300.0), st.integers(0, 2**32 - 1))
 @settings(max_examples=60, deadline=None)
 def test_circular_axis_is_cut_in_the_largest_gap(begin, width, seed):
@@ -616,12 +559,6 @@ def test_directions_are_compared_at_the_sample_of_each_pair(moorings):
     assert angles.rms(after - lower) < 0.9 * angles.rms(upper - lower)
 
 
-def test_timeline_of_a_short_record_has_no_empty_slices():
-    time_s = KINDS["two days"][2].time_s
-    assert np.histogram(time_s, timeseries.time_slices(time_s))[0][:-1].all()
-    assert np.diff(timeseries.time_slices(SMALL.time_s))[0] <= 86400.0
-
-
 def test_samples_are_classified_by_heading_correction():
     six = corrected(record(SMALL, 6), SMALL_FIT, NONE)
     heading = six.heading_corrected_deg.copy()
@@ -634,10 +571,9 @@ def test_samples_are_classified_by_heading_correction():
             record=replace(six.record, heading_deg=silent),
             heading_corrected_deg=heading,
             heading_corrected_quality=np.array([1, 3, 3, 4, 4, 2], dtype=np.int8),
-            branch_probability=np.array([1.0, 0.9, 0.6, np.nan, np.nan, 1.0]),
         )
     )
-    assert kinds.tolist() == ["sure", "doubtful", "ambiguous", "missing", "", "sure"]
+    assert kinds.tolist() == ["sure", "doubtful", "doubtful", "missing", "", "sure"]
 
 
 def test_headings_flagged_bad_are_not_counted():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from compasslib.stages import real
+from compasslib.stages import recordings as real
 from compasslib.stages.recordings import describe
 
 RECORDINGS = {one.name: one for one in real.RECORDINGS}

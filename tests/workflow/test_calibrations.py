@@ -15,7 +15,7 @@ from compasslib.archive.files import read_json
 from compasslib.pipeline.process import process_mooring
 from tests.world.bench import readings, ring, write_calibration
 from tests.world.iaga_files import ROCKS_DEG, series, write
-from tests.world.launch import change, jobs_in, keeps_contract, planned, snakemake
+from tests.world.launch import change, keeps_contract, planned, snakemake
 from tests.world.sea import cruise, pairs
 
 AT_SEA = (0.02, 0.3, 0.1, 0.03, -0.02)
@@ -100,15 +100,6 @@ def test_pairs_assess_the_calibration_without_changing_it(done, alone):
     summary = list(csv.DictReader((done / "results/summary.csv").read_text().splitlines()))
     row = next(row for row in summary if row["name"] == "M1")
     assert row["method"] == "calibration" and "calibration bench: B and C are known to" in row["warnings"]
-
-
-def test_changed_calibration_reruns_only_its_dependents(done):
-    change(done / "config/calibrations/bench.yaml", uncertainty={"graduation_deg": 0.5})
-    jobs = jobs_in(snakemake(done).stderr)
-    assert {("calibrate", "bench"), ("transfer_calibration", "M1")} <= jobs
-    assert ("compare_calibrations", "later") in jobs and ("calibrate", "later") not in jobs
-    assert "few" not in {name for _, name in jobs}
-    assert not {rule for rule, _ in jobs} & {"read", "overlap", "fit"} and not planned(done)
 
 
 def test_calibrations_are_diagnosed_and_the_contract_holds(done):

@@ -14,10 +14,9 @@ import numpy as np
 import pytest
 
 from compasslib import angles
-from compasslib.pipeline.process import process_mooring
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.readers import table
-from tests.world.launch import PROJECT, change, keeps_contract, snakemake
+from tests.world.launch import PROJECT, keeps_contract, snakemake
 
 EXAMPLE = PROJECT / "examples/lowered_adcp"
 
@@ -81,14 +80,6 @@ def test_held_out_pairs_agree_better_after_correction(done):
 
 def test_results_satisfy_the_contract(done):
     keeps_contract(done)
-
-
-def test_pairing_rules_of_a_mooring_give_too_few_pairs(done, tmp_path):
-    folder = shutil.copytree(done, tmp_path / "station")
-    change(folder / "config/config.yaml", overlap={})
-    results = process_mooring(folder, "LADCP1", tmp_path / "LADCP1")
-    deviation = json.loads((results / "deviation.json").read_text())
-    assert deviation["n_pairs"] < 5 and deviation["coefficients"] is None
 
 
 def test_nominal_depth_does_not_shift_the_bins_of_tables(tmp_path):

@@ -1,9 +1,8 @@
-"""Would catch results lost, stale or half-written after a kill, a second run, a full disk or dates in the future."""
+"""Would catch results lost, stale or half-written after a kill, a second run or a full disk."""
 
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -12,12 +11,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import cycle
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
-from snakemake.iocontainers import Namedlist
 
-from compasslib.pipeline.job import run_stage
 from tests.world.bench import readings, write_calibration
 from tests.world.launch import command, environment, hashes, snakemake
 from tests.world.sea import FOLDED, cruise
@@ -124,16 +120,6 @@ def errors(ran: subprocess.CompletedProcess) -> list[str]:
     return [line for line in ran.stderr.splitlines() if line.startswith("error: ")]
 
 
-def test_killed_job_is_named_with_likely_cause_and_advice(changed, tmp_path):
-    folder = Path(shutil.copytree(changed, tmp_path / "c"))
-    ran = snakemake(folder, "results/M1/work/top.nc", first=killing({"M1/work/top.nc": "job"}))
-    said = ran.stderr.splitlines()
-    assert ran.returncode == 1 and "Killed: 1" in said
-    line = said[said.index("Killed: 1") + 1]
-    assert line.startswith("  results/M1/logs/read_top.log: killed before it could say why")
-    assert "memory ran out; run again with fewer --cores" in line
-
-
 def test_second_run_is_refused_and_a_lock_left_by_a_kill_is_removed_as_the_line_says(changed, tmp_path):
     folder = Path(shutil.copytree(changed, tmp_path / "c"))
     line = (
@@ -179,53 +165,3 @@ def test_full_disk_is_reported_and_the_run_resumes_once_there_is_room(done, tmp_
         subprocess.run(["mount", "-o", "remount,size=8m", results], check=True)
         assert snakemake(folder, "results/M1/gridded.nc").returncode == 0
         assert products(folder).items() < products(done).items()
-
-
-FUTURE = time.time() + 1e6
-
-
-def test_results_dated_in_the_future_do_not_hide_a_changed_raw_file_once_redated(done, changed, tmp_path):
-    """They are refused in one line, which says how to date them anew."""
-    for cruise_folder, raw in ((done, set()), (changed, {"raw/M1/top.000", "raw/cal/bench.csv"})):
-        folder = Path(shutil.copytree(cruise_folder, tmp_path / cruise_folder.parent.name))
-        for path in (folder / "results").rglob("*"):
-            os.utime(path, (FUTURE, FUTURE))
-        (line,) = errors(snakemake(folder))
-        assert line.startswith("error: results/") and ": expected a date in the past, " in line
-        subprocess.run(line.partition("in the cruise folder: ")[2], shell=True, cwd=folder, check=True)
-        said = snakemake(folder, "--dry-run").stdout
-        assert set(re.findall("Updated input files: (.*)", said)) == raw and ("Nothing to be done" in said) == (not raw)
-
-
-def test_input_dated_in_the_future_fails_with_its_name(done, tmp_path):
-    """By Snakemake's own message."""
-    folder = Path(shutil.copytree(done, tmp_path / "c"))
-    with (folder / "raw/M1/deep.csv").open("a") as stream:
-        stream.write("\n")
-    os.utime(folder / "raw/M1/deep.csv", (FUTURE, FUTURE))
-    ran = snakemake(folder)
-    assert ran.returncode == 1 and "has older modification time" in ran.stderr and "input raw/M1/deep.csv" in ran.stderr
-
-
-ENDINGS = [
-    (MemoryError(), "fit ran out of memory; run again with fewer --cores"),
-    (KeyboardInterrupt(), "fit was interrupted; run again"),
-    (SystemExit(0), "an error of this program in fit, SystemExit: 0; report it"),
-]
-
-
-@pytest.mark.parametrize(("error", "words"), ENDINGS)
-def test_job_ended_by_memory_interrupt_or_exit_fails_in_one_line(tmp_path, monkeypatch, capsys, error, words):
-    monkeypatch.chdir(tmp_path)
-    Path("logs").mkdir()
-    files = {"input": {}, "output": {"job": "logs/fit.json"}, "params": {}, "wildcards": {"mooring": "M1"}}
-    parts = {name: Namedlist(fromdict=given) for name, given in files.items()}
-
-    def stage(mooring, *, say):
-        raise error
-
-    with pytest.raises(SystemExit, match="1"):
-        run_stage(SimpleNamespace(rule="fit", log=["logs/fit.log"], **parts), stage, always_ends=True)
-    said = capsys.readouterr().err
-    assert said.startswith(f"error: mooring M1: {words}") and said.count("\n") == 1
-    assert said in Path("logs/fit.log").read_text() and not Path("logs/fit.json").exists()

@@ -16,7 +16,6 @@ import pytest
 import yaml
 
 from compasslib import plugins, readers
-from compasslib.cli import main
 from compasslib.config import cruise as config
 from compasslib.effects import CATALOGUE, all_effects, meanings, side_of
 from compasslib.errors import InputError
@@ -132,21 +131,6 @@ def test_keyboard_interrupt_is_no_error_of_a_plugin(tmp_path, monkeypatch):
     (tmp_path / "tiltmeter.py").write_text("raise KeyboardInterrupt\n")
     with pytest.raises(KeyboardInterrupt):
         readers.get_format("tiltmeter")
-
-
-def test_plugin_that_exits_with_status_0_stops_its_mooring(tmp_path, monkeypatch):
-    folder = cruise(tmp_path / "cruise", n=50)
-    as_tiltmeter(folder)
-    site = tmp_path / "site"
-    declare(site, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
-    for code, words in (
-        ("def read(paths, *, orientation=None):\n    raise SystemExit(0)\n", "expected a Record, found SystemExit: 0"),
-        ("raise SystemExit(0)\n", "expected an importable plug-in, found SystemExit: 0"),
-    ):
-        (site / "tiltmeter.py").write_text(code)
-        ran = snakemake(folder, beside=(PROJECT, site))
-        assert ran.returncode != 0 and words in ran.stderr and "Traceback" not in ran.stderr, ran.stderr
-    assert main(["check", str(folder)]) == 1
 
 
 def test_two_packages_cannot_share_a_name(tmp_path, monkeypatch):

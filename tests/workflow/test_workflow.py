@@ -14,7 +14,7 @@ import yaml
 
 from compasslib.archive import verification
 from tests.world import conventions
-from tests.world.launch import PROJECT, change, copied_project, hashes, jobs_in, keeps_contract, planned, snakemake
+from tests.world.launch import PROJECT, change, copied_project, hashes, keeps_contract, snakemake
 from tests.world.sea import cruise, real
 
 HOURS = 240  # too short for the search, which other test files run through the same stages
@@ -36,12 +36,6 @@ def done(tmp_path_factory):
     return folder
 
 
-def test_settings_on_the_snakemake_command_line_are_refused(tmp_path):
-    ran = snakemake(cruise(tmp_path, n=5), "--config", "fit=von_appen")
-    expected = "--config: expected without, and other settings in the cruise's YAML files alone, found fit"
-    assert ran.returncode and expected in ran.stderr
-
-
 def test_results_satisfy_the_contract(done):
     keeps_contract(done, "--without", "calibrations")
     for file in ("table.csv", "histograms.csv", "figures/histograms.png"):
@@ -49,10 +43,6 @@ def test_results_satisfy_the_contract(done):
     assert {path.name for path in (done / "results/figures").iterdir()} == {
         f"{name}.png" for name in ("array", "curves", "differences", "currents")
     }
-
-
-AFTER_FIT = ("diagnose", "correct", "grid", "figures", "sections")
-OF_ALL = ("summary", "cruise_figures", "report", "provenance")
 
 
 def test_summary_is_shown_with_warnings_last(done):
@@ -96,23 +86,6 @@ def test_results_are_valid_for_copied_files_and_for_the_project_at_another_path(
     shutil.move(tmp_path / "scratch", done / "results")
 
 
-def test_nothing_is_written_to_the_raw_data(done):
-    assert sorted(p.name for p in (done / "raw/M1").iterdir()) == ["deep.csv", "top.000"]
-
-
-def test_changed_key_reruns_one_mooring_from_its_stage(done):
-    file = done / "config/moorings/M1.yaml"
-    before = file.read_text()
-    top = yaml.safe_load(before)["instruments"]
-    top["top"]["sphere"] = True
-    change(file, instruments=top)
-    said = snakemake(done, "--dry-run", "--quiet", "progress").stdout
-    assert "before: 'sphere=false' now: 'sphere=true'" in said
-    assert jobs_in(said) == {*((rule, "M1") for rule in ("fit", *AFTER_FIT)), *((rule, "") for rule in OF_ALL)}
-    file.write_text(before)
-    assert not planned(done)
-
-
 def test_another_run_gives_identical_results(done, tmp_path):
     """netCDF, JSON, CSV, PNG, HTML, the manifest, and even the logs and the records of the jobs."""
     again = two(tmp_path / "again")
@@ -140,16 +113,6 @@ def test_missing_raw_file_is_refused_before_processing(tmp_path):
     assert ran.returncode != 0 and not (folder / "results").exists() and not (folder / "raw/EG1/top.000").exists()
     said = [line for line in ran.stderr.splitlines() if "error:" in line]
     assert len(said) == 1 and "config/moorings/EG1.yaml: instruments.top.files" in said[0]
-
-
-def test_invalid_key_is_reported_on_stderr_and_in_the_log(tmp_path):
-    folder = cruise(tmp_path / "c", n=50)
-    change(folder / "config/moorings/M1.yaml", latitude=95.3)
-    ran = snakemake(folder)
-    line = "config/moorings/M1.yaml: latitude: expected a number from -90 to 90, found 95.3"
-    assert ran.returncode != 0 and line in ran.stderr and "Traceback" not in ran.stderr
-    logs = [log.read_text() for log in (folder / ".snakemake/log").glob("*.log")]
-    assert any(line in log for log in logs)
 
 
 def test_cruise_without_moorings_succeeds(tmp_path):

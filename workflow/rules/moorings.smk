@@ -144,8 +144,6 @@ use rule diagnose as diagnose_jointly with:
         mooring=guard.only(COMPASSES.moorings),
     group:
         lambda wildcards: group_of_mooring(wildcards, "mooring")
-    params:
-        **parameters("diagnose.diagnose_jointly", MOORINGS.diagnose, zip(CRUISE.moorings)),
 
 
 rule correct:
