@@ -236,7 +236,7 @@ class LevelHardIron(Effect):
     """Hard iron as seen in a level turn: two components."""
 
     name, driver = "hard_iron", "heading"
-    recordings = ("magnetometer",)
+    recordings = ("magnetometer", "two_heads")
     literature = "Poisson's P and Q; Le Menn et al. 2023, eq. (1); forward, starboard positive"
 
     b_x_nT: float = parameter("nT", "field forward", 200.0)
@@ -259,7 +259,7 @@ class LevelSoftIron(Effect):
     separated_by: ClassVar[Mapping[str, str]] = {
         "tilt_uncompensated": "logged tilts: a tilt that goes with the heading stretches the circle"
     }
-    recordings = ("magnetometer",)
+    recordings = ("magnetometer", "two_heads")
     literature = "(a - e)/2 and (d + b)/2 of Poisson; Le Menn et al. 2023, eq. (1)"
 
     stretch: float = parameter("1", "stretch, (a - e)/2, forward against starboard", 0.02, usual=USUAL_SHARE)
