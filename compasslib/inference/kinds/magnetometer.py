@@ -36,13 +36,12 @@ from compasslib.effects.iron import (
 )
 from compasslib.effects.readout import CompassDelay, HeadingSlip, MountingOffset, ReadingLevelled
 from compasslib.inference import covariates as covariate_series
-from compasslib.inference import diagnosis, short_fit
+from compasslib.inference import diagnosis, short_fit, short_search
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.kinds.platform import READOUT
 from compasslib.inference.short_findings import build_outcome
 from compasslib.inference.short_fit import ShortComparison, thin_indices
-from compasslib.inference.short_search import search_effects
 from compasslib.types import Floats
 
 LEVEL_TILT_DEG = 15.0  # largest plausible mean tilt of a log without tilts
@@ -86,7 +85,7 @@ def diagnose_log(log: Log, *, field: Mapping[str, float] | None, options: Option
         return diagnosis.insufficient(f"{why_not.rstrip('.')}, and {no_heading}", not_testable)
     parts = [] if why_not else [_compare_modulus(log, axes, choice, field)]
     parts += [] if no_heading else [_compare_heading(log, axes, field)]
-    outcomes = [build_outcome(search_effects(part, options), options.min_effect_deg) for part in parts]
+    outcomes = [build_outcome(short_search.search_effects(part, options), options.min_effect_deg) for part in parts]
     return diagnosis.combine_outcomes(outcomes, options, not_testable=not_testable)
 
 
