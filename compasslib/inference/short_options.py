@@ -212,9 +212,11 @@ def log_evidence(
         scatter: variance of scores between blocks over that of homogeneous noise.
     """
     n, ratio = len(base), arma_variance_ratio(law)
-    left, size, _ = np.linalg.svd(arma_innovations(base, law), full_matrices=False)
+    orthonormal, triangle = np.linalg.qr(arma_innovations(base, law))
+    left, size, _ = np.linalg.svd(triangle)
     retained = size > SAME * size.max(initial=0.0)
-    white, target = (project_out(arma_innovations(x, law), left[:, retained]) for x in (columns, residuals))
+    basis, white = orthonormal @ left[:, retained], arma_innovations(columns, law)
+    target, cross = project_out(arma_innovations(residuals, law), basis), basis.T @ white
     square = np.sum(target**2, axis=0) + n * max(rule_deg, FINEST_DEG) ** 2 / ratio
     freedom = max(n - int(retained.sum()), 1) / scatter
     none = -0.5 * freedom * np.log(square) - 0.5 * np.log(ratio) - np.sum(np.log(size[retained]))
@@ -223,8 +225,8 @@ def log_evidence(
     for count in np.unique(sizes):
         options = np.flatnonzero(sizes == count)
         index = ends[options][:, None] + np.arange(count)
-        part = white[:, index].transpose(1, 2, 0)
-        values, vectors = np.linalg.eigh(part @ part.transpose(0, 2, 1))
+        part, taken = (x[:, index].transpose(1, 2, 0) for x in (white, cross))
+        values, vectors = np.linalg.eigh(part @ part.transpose(0, 2, 1) - taken @ taken.transpose(0, 2, 1))
         along = (vectors.transpose(0, 2, 1) @ score[index]) ** 2
         each = [log_bayes_factors(np.maximum(values, 0.0), along, a, square, freedom) for a in AMPLITUDES]
         factors[options] = np.logaddexp.reduce(each, axis=0) - np.log(len(AMPLITUDES))
