@@ -41,14 +41,11 @@ IN_FITTED_IRON = "constant errors of the tilts turn the heading as iron does: B 
 CONSTANT_IN_A = "a constant declination error cannot be separated from A, a mean directional shear or a mounting offset"
 CONSTANT_REFERENCE = "the reference's file has no heading that varies"
 MISSING_SERIES = {
-    "temperature": "no temperature that varies was logged",
-    "supply_voltage": "no supply voltage that varies was logged",
     "battery_number": "the supply voltage shows no battery change",
     "declination_observatory": "no observatory series given",
     "horizontal_observatory": "no observatory series given",
     "storm_index": "no observatory series given",
     "separation": "the distance between the two layers does not vary",
-    "depth": "the depth does not vary",
     "turn_rate": "the pairs are too far apart in time to show how fast the instrument turns",
     "lean_pitch": "the tilts are never stuck for ten days, or too few of them move",
     **dict.fromkeys(
@@ -260,7 +257,8 @@ def testable_effects(
         elif term.acts_on == "north" and reference_magnetic:
             missing.append((term.name, CANCELS))
         elif absent:
-            missing.append((term.name, MISSING_SERIES.get(absent[0], f"no {absent[0].replace('_', ' ')} was logged")))
+            general = f"no {absent[0].replace('_', ' ')} that varies was logged"
+            missing.append((term.name, MISSING_SERIES.get(absent[0], general)))
         elif term.name in ("heeling", "tilt_uncompensated") and np.ptp(scene.pitch_deg) + np.ptp(scene.roll_deg) == 0.0:
             missing.append((term.name, "no tilt that varies was logged"))
         elif not term.detector:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -71,11 +71,6 @@ class BinnedResidual:
     after_deg: Floats  #: (b,) degrees, residual of the fit including the effects
     sigma_deg: Floats  #: (b,) degrees, standard error of both
     compared: str = ""  #: the comparison, if a recording contains more than one
-
-    def times(self, factor: float) -> BinnedResidual:
-        """Scale the predicted turn by which the residual is binned; ``after_deg`` is the residual minus this turn."""
-        centre = self.centre * factor
-        return replace(self, centre=centre, after_deg=self.before_deg - centre)
 
 
 def bins_along(covariate: str, x: Floats) -> tuple[NDArray[np.intp], Floats]:
