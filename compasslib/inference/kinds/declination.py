@@ -41,6 +41,7 @@ SEPARATED_BY = {
 }
 DRIFTS = "the declination drifts beyond the simulation, and so its constant depends on the date"
 RESTLESS = "at all times (restless, as in the auroral zone or by noise of the recording, so that no storm stands out)"
+GAPS = "most of the record is gaps: a jump in one looks like a trend or like nothing"
 MOST_STORMS = 5  # most storm findings; the last sentence of each gives the number of smaller storms
 LEVELS = 5  # days on either side whose median shows a jump
 JUMP_WIDTHS = 8.0  # least change of the level at a jump, in robust widths of such changes
@@ -176,7 +177,11 @@ def find_jumps(compared: FieldComparison, limit_deg: float) -> tuple[list[Jump],
         date_s = float(time_s[around][split]) - step_s / 2.0
         jumps.append(Jump(date_s, size, angles.rms(left) * float(np.sqrt(2.0 / LEVELS))))
         change[max(at - 2 * LEVELS, 0) : at + 2 * LEVELS] = 0.0
-    return jumps, ""
+    return jumps, GAPS if _mostly_gaps(time_s) else ""
+
+
+def _mostly_gaps(time_s: Floats) -> bool:
+    return 2 * len(np.unique(np.floor(time_s / DAY_S))) < float(np.ptp(time_s)) / DAY_S
 
 
 def _best_split(off: Floats, least: int) -> tuple[int, float, Floats]:
@@ -227,6 +232,7 @@ def _trend_finding(compared: FieldComparison, series: FieldSeries, field: EarthF
     rise, span_s = (float(x[-1] - x[0]) for x in (field.model_declination_deg, field.time_s))
     by_model = rise / span_s * YEAR_S
     of_model = field.source != "IGRF" and abs(slope - by_model) <= abs(by_model) / 4.0
+    others = [*["heading_slip"] * _mostly_gaps(time_s), *["compass_drift"] * (not series.definitive)]
     told = f", as IGRF does ({by_model:+.3f}° a year): the given declination is constant" if of_model else ""
     made = _finding(
         compared,
@@ -234,7 +240,7 @@ def _trend_finding(compared: FieldComparison, series: FieldSeries, field: EarthF
         {"deg_year": Parameter(slope, sigma, "degrees/year")},
         off,
         line,
-        alternatives=() if of_model or series.definitive else ("compass_drift",),
+        alternatives=() if of_model else tuple(others),
         size_deg=float(abs(slope) * np.std(years)),
         unit_s=finding.HELD_OUT_BLOCK_S,
         physics=f"the declination drifts beyond the simulation{told}",
