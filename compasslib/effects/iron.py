@@ -37,7 +37,7 @@ HardIron = additive(
 LevelHardIron = additive(
     "LevelHardIron", "Hard iron as seen in a level turn: two components.",
     lambda term, _: np.append(term.values, 0.0),
-    name="hard_iron", driver="heading", recordings=("magnetometer",),
+    name="hard_iron", driver="heading", recordings=("magnetometer", "two_heads"),
     literature="Poisson's P and Q; Le Menn et al. 2023, eq. (1); forward, starboard positive",
     b_x_nT=parameter("nT", "field forward", 200.0),
     b_y_nT=parameter("nT", "field to starboard", 200.0),
@@ -202,6 +202,7 @@ class LevelSoftIron(SoftIron):
     separated_by: ClassVar[Mapping[str, str]] = {
         "tilt_uncompensated": "logged tilts: a tilt that goes with the heading stretches the circle"
     }
+    recordings = ("magnetometer", "two_heads")
     literature = "(a - e)/2 and (d + b)/2 of Poisson; Le Menn et al. 2023, eq. (1)"
 
     stretch: float = parameter("1", "stretch, (a - e)/2, forward against starboard", 0.02, usual=USUAL_SHARE)

@@ -41,14 +41,11 @@ IN_FITTED_IRON = "constant errors of the tilts turn the heading as iron does: B 
 CONSTANT_IN_A = "a constant declination error cannot be separated from A, a mean directional shear or a mounting offset"
 CONSTANT_REFERENCE = "the reference's file has no heading that varies"
 MISSING_SERIES = {
-    "temperature": "no temperature that varies was logged",
-    "supply_voltage": "no supply voltage that varies was logged",
     "battery_number": "the supply voltage shows no battery change",
     "declination_observatory": "no observatory series given",
     "horizontal_observatory": "no observatory series given",
     "storm_index": "no observatory series given",
     "separation": "the distance between the two layers does not vary",
-    "depth": "the depth does not vary",
     "turn_rate": "the pairs are too far apart in time to show how fast the instrument turns",
     "lean_pitch": "the tilts are never stuck for ten days, or too few of them move",
     **dict.fromkeys(
@@ -208,7 +205,16 @@ def compare_pairs(
     references = covariate_series.reference_values(columns)
     observed = observed_heading(pairs)
     heading = nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
-    scene = scene_of_pairs(pairs, columns, references, field=earth, heading_deg=heading)
+    h, z = (np.interp(pairs.time_s, earth.time_s, x) for x in (earth.horizontal_nT, earth.vertical_nT))
+    scene = Scene(
+        time_s=pairs.time_s,
+        horizontal_nT=h,
+        vertical_nT=z,
+        pitch_deg=np.nan_to_num(pairs.pitch_deg),
+        roll_deg=np.nan_to_num(pairs.roll_deg),
+        begin_s=references["time"],
+        departures=covariate_series.departures(pairs, columns, references, heading),
+    )
     simulation = ForwardModel(fit.coefficients, float(np.mean(scene.horizontal_nT)))
     terms, missing = testable_effects(scene, reference_magnetic)
     upper, lower = pair_speeds(pairs)
@@ -235,27 +241,6 @@ def compare_pairs(
     )
 
 
-def scene_of_pairs(
-    pairs: Pairs,
-    columns: Mapping[str, Floats],
-    references: Mapping[str, float],
-    *,
-    field: EarthField,
-    heading_deg: Floats,
-) -> Scene:
-    """Build the scene of the pairs."""
-    h, z = (np.interp(pairs.time_s, field.time_s, x) for x in (field.horizontal_nT, field.vertical_nT))
-    return Scene(
-        time_s=pairs.time_s,
-        horizontal_nT=h,
-        vertical_nT=z,
-        pitch_deg=np.nan_to_num(pairs.pitch_deg),
-        roll_deg=np.nan_to_num(pairs.roll_deg),
-        begin_s=references["time"],
-        departures=covariate_series.departures(pairs, columns, references, heading_deg),
-    )
-
-
 def testable_effects(
     scene: Scene, reference_magnetic: bool
 ) -> tuple[tuple[type[Effect], ...], tuple[tuple[str, str], ...]]:
@@ -272,7 +257,8 @@ def testable_effects(
         elif term.acts_on == "north" and reference_magnetic:
             missing.append((term.name, CANCELS))
         elif absent:
-            missing.append((term.name, MISSING_SERIES.get(absent[0], f"no {absent[0].replace('_', ' ')} was logged")))
+            general = f"no {absent[0].replace('_', ' ')} that varies was logged"
+            missing.append((term.name, MISSING_SERIES.get(absent[0], general)))
         elif term.name in ("heeling", "tilt_uncompensated") and np.ptp(scene.pitch_deg) + np.ptp(scene.roll_deg) == 0.0:
             missing.append((term.name, "no tilt that varies was logged"))
         elif not term.detector:
@@ -288,12 +274,10 @@ def _nuisance_columns(pairs: Pairs, scene: Scene, simulation: ForwardModel) -> F
     to this rate times time.
     """
     span = max(int(TILT_HIGHPASS_HOURS * 3600.0 / np.median(np.diff(pairs.time_s))), 1)
-    fast, n = [], len(scene.pitch_deg)
-    first, last = np.maximum(np.arange(n) - span, 0), np.minimum(np.arange(n) + span + 1, n)
-    for tilt in (scene.pitch_deg, scene.roll_deg):
-        summed = np.concatenate([[0.0], np.cumsum(tilt)])
-        fast.append(tilt - (summed[last] - summed[first]) / (last - first))
-    wobble = Scene(scene.time_s, scene.horizontal_nT, scene.vertical_nT, fast[0], fast[1], scene.begin_s)
+    number, kept = np.arange(len(scene), dtype=float), 2.0 * span + 1.0
+    tilts = (scene.pitch_deg, scene.roll_deg)
+    pitch, roll = (tilt - covariate_series.running_mean(tilt, number, kept) for tilt in tilts)
+    wobble = Scene(scene.time_s, scene.horizontal_nT, scene.vertical_nT, pitch, roll, scene.begin_s)
     vertical = ForwardModel(simulation.coefficients, simulation.horizontal_nT, (Heeling(),))
     heading = invert_heading(simulation, scene, pairs.heading_deg)[:, 0]
     noise = heading_jacobian(vertical, wobble, heading, first=5) * scene.vertical_nT[:, None]
@@ -336,30 +320,22 @@ def held_out_text(proof: HeldOut, heading_error_deg: float | None) -> str:
     return "".join(texts)
 
 
-def finding_text(
-    effect: str,
-    alternatives: Sequence[str],
-    *,
-    where: str,
-    parameters: Mapping[str, Parameter],
-    size_deg: float,
-    proof: HeldOut,
-    physics: str = "",
-    what: str = "",
-) -> str:
+def _finding_text(made: Finding, effect: str, physics: str, what: str) -> str:
     """Describe one finding in two or three sentences.
 
     Args:
-        size_deg: visible size, rms degrees.
+        effect: name of its term.
         physics: in words; by default that of the effect.
         what: what is compared, if a recording has more than one comparison.
     """
-    where, known, numbers = f"{what}, {where}" if what else where, meanings(effect), ""
-    for name, (value, sigma, unit) in ((name, vars(parameter).values()) for name, parameter in parameters.items()):
-        if sigma > 0.0:
-            interval = f"{float(f'{value:.3g}'):g} ± {float(f'{1.96 * sigma:.2g}'):g}"
+    proof, known, numbers = made.held_out, meanings(effect), ""
+    where = f"{what}, {made.where.text}" if what else made.where.text
+    for name, parameter in made.parameters.items():
+        if parameter.sigma > 0.0:
+            interval = f"{float(f'{parameter.value:.3g}'):g} ± {float(f'{1.96 * parameter.sigma:.2g}'):g}"
             meaning = known.get(name, name.removesuffix("_deg").replace("_", " "))
-            numbers += f"; {meaning} {interval}{'' if unit == '1' else f' {unit}'} (95 %)"
+            numbers += f"; {meaning} {interval}{'' if parameter.unit == '1' else f' {parameter.unit}'} (95 %)"
+    size_deg = made.rms_effect_deg
     size = f"{size_deg:.1f}" if size_deg >= 1.0 else f"{size_deg:.2g}"
     text = (
         f"{where[0].upper()}{where[1:]}: {physics or wording.PHYSICS.get(effect, effect)}. Size {size}° rms{numbers}."
@@ -370,7 +346,13 @@ def finding_text(
         chance = f"p = {p:.2g}" if p > least else f"p < {least:g}"
         stretches = "stretches" if what else "days"
         text += f" On held-out {stretches} the residual goes from {before:.2f}° to {after:.2f}° rms ({chance})."
-    return f"{text} This record cannot separate it from {wording.join_names(alternatives)}." if alternatives else text
+    if made.alternatives:
+        text += f" This record cannot separate it from {wording.join_names(made.alternatives)}."
+    text += held_out_text(proof, made.heading_error_deg)
+    if made.shares_driver:
+        text += " Another term with the same driver is fitted beside it: neither has the right form by itself."
+    stated = made.statement
+    return text + wording.level_text(stated.level, stated.probability, stated.side, stated.driver)
 
 
 def equal_chances(*effects: str) -> dict[str, float]:
@@ -406,11 +388,8 @@ def build_finding(
         physics: in words; by default that of the effect.
     """
     probability, alternatives = next(iter(chances.values())), dict(list(chances.items())[1:])
-    composition = _composition(term)
-    driver = findings.TILTS.get(term.driver, term.driver)
-    alike = [
-        other for other in others if (other.side, findings.TILTS.get(other.driver, other.driver)) == (term.side, driver)
-    ]
+    composition, driver = _composition(term), (term.side, findings.TILTS.get(term.driver, term.driver))
+    alike = [each for each in others if (each.side, findings.TILTS.get(each.driver, each.driver)) == driver]
     when_s = (span_s or comparison.span_s) if comparison.clocked else None
     if term.dated():
         place = comparison.since(term.date)
@@ -435,22 +414,7 @@ def build_finding(
         heading_error_deg=heading_error_deg,
         shares_driver=any(_composition(each) for other in alike for each in (term, other)),
     )
-    text = finding_text(
-        term.name,
-        made.alternatives,
-        where=place.text,
-        parameters=parameters,
-        size_deg=size_deg,
-        proof=proof,
-        physics=physics or term.words,
-        what=comparison.what,
-    )
-    stated = made.statement
-    text += held_out_text(proof, heading_error_deg)
-    if made.shares_driver:
-        text += " Another term with the same driver is fitted beside it: neither has the right form by itself."
-    text += wording.level_text(stated.level, stated.probability, stated.side, stated.driver)
-    return replace(made, text=text)
+    return replace(made, text=_finding_text(made, term.name, physics or term.words, comparison.what))
 
 
 def _composition(term: Effect) -> dict[str, str] | None:
@@ -462,6 +426,6 @@ def _composition(term: Effect) -> dict[str, str] | None:
 
 def large_deviation(comparison: Comparison, size_deg: float, proof: HeldOut) -> Finding:
     """Build the finding that the exact compass fits better than the five-term series."""
-    term, share = LargeDeviation(), {"share": Parameter(1.0, 0.0, "1")}
-    chances, place = equal_chances(term.name), comparison.where("heading", (0.0, 360.0))
-    return build_finding(comparison, term, chances, share, size_deg=size_deg, proof=proof, place=place)
+    term, place = LargeDeviation(), comparison.where("heading", (0.0, 360.0))
+    share = {"share": Parameter(1.0, 0.0, "1")}
+    return build_finding(comparison, term, {term.name: 1.0}, share, size_deg=size_deg, proof=proof, place=place)

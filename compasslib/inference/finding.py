@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
+from compasslib.effects import driver_of, side_of
 from compasslib.records import iso_time
 from compasslib.statistics.resampling import block_sums
 from compasslib.types import Floats
@@ -70,11 +71,6 @@ class BinnedResidual:
     after_deg: Floats  #: (b,) degrees, residual of the fit including the effects
     sigma_deg: Floats  #: (b,) degrees, standard error of both
     compared: str = ""  #: the comparison, if a recording contains more than one
-
-    def times(self, factor: float) -> BinnedResidual:
-        """Scale the predicted turn by which the residual is binned; ``after_deg`` is the residual minus this turn."""
-        centre = self.centre * factor
-        return replace(self, centre=centre, after_deg=self.before_deg - centre)
 
 
 def bins_along(covariate: str, x: Floats) -> tuple[NDArray[np.intp], Floats]:
@@ -181,17 +177,13 @@ class HeldOut:
         )
 
     def to_json(self) -> dict[str, object]:
+        plain = {name: getattr(self, name) for name in ("rms_before_deg", "rms_after_deg", "p_value", "method")}
+        parts = {"gain": self.anew, "amplitude_deg": self.amplitude, "slope": self.slope, "placebo": self.placebo}
         return {
-            "rms_before_deg": self.rms_before_deg,
-            "rms_after_deg": self.rms_after_deg,
+            **plain,
             "log_score_gain": self.gain,
             "log_score_gain_interval": list(self.gain_interval),
-            "p_value": self.p_value,
-            "method": self.method,
-            "gain": None if self.anew is None else vars(self.anew),
-            "amplitude_deg": None if self.amplitude is None else vars(self.amplitude),
-            "slope": None if self.slope is None else vars(self.slope),
-            "placebo": None if self.placebo is None else vars(self.placebo),
+            **{name: None if part is None else vars(part) for name, part in parts.items()},
         }
 
 
@@ -288,17 +280,13 @@ class Finding:
     @cached_property
     def statement(self) -> Statement:
         """The most specific statement that the probabilities of the effect and its alternatives establish."""
-        from compasslib.effects import driver_of, side_of  # deferred, as below
-
         if self.probability >= SURE and not self.shares_driver:
             return Statement("effect", self.probability, self.side, self.driver)
-        names = {self.named: self.probability, **self.alternatives_probability}
-        places = {name: (side_of(name), driver_of(name)) for name in self.alternatives_probability}
-        places[self.named] = (self.side, self.driver)
+        causes = [(p, side_of(name), driver_of(name)) for name, p in self.alternatives_probability.items()]
         drivers, sides = defaultdict[tuple[str, str], float](float), defaultdict[str, float](float)
-        for name, (side, driver) in places.items():
-            drivers[side, TILTS.get(driver, driver)] += names[name]
-            sides[side] += names[name]
+        for p, side, driver in (*causes, (self.probability, self.side, self.driver)):
+            drivers[side, TILTS.get(driver, driver)] += p
+            sides[side] += p
         (side, driver), probability = max(drivers.items(), key=lambda item: item[1])
         if probability >= SURE:
             return Statement("driver", min(probability, 1.0), side, driver)
@@ -313,8 +301,6 @@ class Finding:
     @property
     def twins(self) -> tuple[str, ...]:
         """Names of the same driver that this record cannot separate from the effect."""
-        from compasslib.effects import driver_of  # deferred, as below
-
         likely = (name for name, probability in self.alternatives_probability.items() if probability > 1.0 - SURE)
         return tuple(name for name in likely if driver_of(name) == self.driver)
 
@@ -326,8 +312,6 @@ class Finding:
     @property
     def of_compass(self) -> bool:
         """Whether the effect or one of its alternatives acts on the affected compass."""
-        from compasslib.effects import side_of  # deferred: it imports the whole catalogue
-
         return "compass" in {self.side, *(side_of(name) for name in self.alternatives)}
 
     def to_json(self) -> dict[str, Any]:

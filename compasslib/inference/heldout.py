@@ -69,7 +69,8 @@ def _select_anew(inferred: Inference, k: int, fold: NDArray[np.intp], scored: He
         clear = again.predicted >= CLEAR_Z**2  # no slope would be reported for the others
         if np.count_nonzero(clear) >= RECORDS / 2:
             expected = np.quantile(again.followed[clear] / again.predicted[clear], [0.5, 0.025, 0.975])
-            points = points.times(float(expected[0]))
+            turned = points.centre * float(expected[0])
+            points = replace(points, centre=turned, after_deg=points.before_deg - turned)
     predicted, gain = max(float(prediction.predicted[0]), 1e-12), prediction.gain
     slope, spread = float(prediction.followed[0]) / predicted, NORMAL_95 * float(np.sqrt(predicted))
     low, high = (slope + side * spread / predicted for side in (-1.0, 1.0))

@@ -15,7 +15,7 @@ from compasslib.inference import joint_compass, joint_effects, product
 from compasslib.inference.comparison import Options, SharedInformation
 from compasslib.inference.diagnosis import Diagnosis, combine_outcomes, insufficient
 from compasslib.inference.joint_compass import IRON_NAMES, SIZE_PAIRS_NT, JointCompass, Member
-from compasslib.inference.joint_effects import SharedEffect, SharedEffects
+from compasslib.inference.joint_effects import SharedEffects
 from compasslib.inference.product import AppliedCompass, CorrectionModel
 from compasslib.records import EarthField
 from compasslib.types import Floats
@@ -33,12 +33,8 @@ class SiblingInformation:
 
     def block(self, text: str) -> dict[str, Any]:
         """Encode the block ``shared`` of deviation.json."""
-        return {
-            "compass": self.compass,
-            "from": list(self.others),
-            "sigma_between": self.sigma_between_nT,
-            "text": text,
-        }
+        named = {"compass": self.compass, "from": list(self.others)}
+        return {**named, "sigma_between": self.sigma_between_nT, "text": text}
 
 
 def read_returned(content: Mapping[str, Any], mooring: str) -> SiblingInformation | None:
@@ -67,9 +63,8 @@ def apply_shared_effects(
     terms, covariances = [], [made.fit.covariance[:5, :5]]
     for kind, (information, score) in shared.effects.items():
         if all(name in logged or name in product.RECORD_SERIES for name in kind.needs):
-            covariance = np.linalg.inv(information)
-            terms.append(kind().at(covariance @ score))
-            covariances.append(covariance)
+            covariances.append(np.linalg.inv(information))
+            terms.append(kind().at(covariances[-1] @ score))
     if not terms:
         return made
     needed = sorted({name for term in terms for name in term.needs})
@@ -89,17 +84,50 @@ def join_compass(name: str, members: Sequence[Member], min_effect_deg: float) ->
     joined = joint_compass.join_records(members)
     fitting = [member for member in members if member.name in joined.consistent]
     shared = joint_effects.infer_shared(fitting)
-    diagnosis = _diagnosis(joined, shared, min_effect_deg)
+    if shared is None:
+        count = sum(member.effects is not None for member in fitting)
+        why = f"{count} of its records fit each other and were searched; 2 are needed to share an effect"
+        diagnosis = insufficient(why)
+    else:
+        findings = [effect.finding for effect in shared.effects]
+        diagnosis = replace(
+            combine_outcomes([], Options(min_effect_deg=min_effect_deg), extra=findings),
+            why=f"The records {', '.join(shared.records)} were judged together, one amplitude of each effect for all.",
+            sides=shared.sides,
+            noise={"season_deg": shared.season_deg},
+            warnings=tuple(f"{entry.name}: {entry.why}" for entry in joined.rejected),
+        )
     named = {finding.effect for finding in diagnosis.findings}
+    iron: dict[str, Any] = dict.fromkeys(("coefficients", "covariance", "sigma_between"))
+    if joined.consistent:
+        law = joined.shared
+        iron["coefficients"] = dict(zip(IRON_NAMES, law.mean.tolist(), strict=True))
+        iron["covariance"] = law.covariance.tolist()
+        # Of the hard iron between deployments, by sphere and battery together, in each horizontal direction.
+        iron["sigma_between"] = float(np.hypot(*(law.weight @ SIZE_PAIRS_NT)))
+    effects = []
+    for effect in shared.effects if shared else ():
+        if effect.kind.name in named:
+            parameters = effect.finding.parameters
+            entry: dict[str, Any] = {
+                "effect": effect.kind.name,
+                "form": effect.kind.__name__,
+                "parameters": list(parameters),
+            }
+            entry["units"] = [parameter.unit for parameter in parameters.values()]
+            entry["values"] = [parameter.value for parameter in parameters.values()]
+            entry["sigma"] = [parameter.sigma for parameter in parameters.values()]
+            each = effect.each.items()
+            entry["each"] = {x: {"values": value.tolist(), "sigma": sigma.tolist()} for x, (value, sigma) in each}
+            effects.append(entry)
+    moorings = [member for member in members if member.kind == "mooring"]
     content = {
         "compass": name,
         "deployments": [_deployment_json(member, joined) for member in members],
-        **_iron_json(joined),
+        **iron,
         "rejected": [vars(entry) for entry in joined.rejected],
-        "effects": [_effect_json(entry) for entry in (shared.effects if shared else ()) if entry.kind.name in named],
-        "returned": {
-            member.name: _returned_json(member, joined, shared, named) for member in members if member.kind == "mooring"
-        },
+        "effects": effects,
+        "returned": {member.name: _returned_json(member, joined, shared, named) for member in moorings},
     }
     return content, diagnosis
 
@@ -114,48 +142,17 @@ def log_line(content: Mapping[str, Any], diagnosis: Diagnosis) -> str:
 
 
 def _deployment_json(member: Member, joined: JointCompass) -> dict[str, Any]:
-    known = member.tells
-    sigma = np.sqrt(np.diag(member.covariance)) if known else np.zeros(0)
+    coefficients = sigma = None
+    if member.tells:
+        coefficients = dict(zip(LETTERS, member.coefficients.tolist(), strict=True))
+        sigma = dict(zip(LETTERS, np.sqrt(np.diag(member.covariance)).tolist(), strict=True))
+    names = ("name", "kind", "sphere", "horizontal_nT", "vertical_nT", "why")
     return {
-        "name": member.name,
-        "kind": member.kind,
-        "sphere": member.sphere,
-        "horizontal_nT": member.horizontal_nT,
-        "vertical_nT": member.vertical_nT,
-        "coefficients": dict(zip(LETTERS, member.coefficients.tolist(), strict=True)) if known else None,
-        "sigma": dict(zip(LETTERS, sigma.tolist(), strict=True)) if known else None,
+        **{name: getattr(member, name) for name in names},
+        "coefficients": coefficients,
+        "sigma": sigma,
         "fits": member.name in joined.consistent,
         "probability_same": joined.same.get(member.name),
-        "why": member.why,
-    }
-
-
-def _iron_json(joined: JointCompass) -> dict[str, Any]:
-    if not joined.consistent:
-        return dict.fromkeys(("coefficients", "covariance", "sigma_between", "sigma_between_nT"))
-    law = joined.shared
-    mean = law.weight @ SIZE_PAIRS_NT
-    sigma = np.sqrt(law.weight @ (SIZE_PAIRS_NT - mean) ** 2)
-    sizes = zip(("sphere", "battery"), mean.tolist(), sigma.tolist(), strict=True)
-    return {
-        "coefficients": dict(zip(IRON_NAMES, law.mean.tolist(), strict=True)),
-        "covariance": law.covariance.tolist(),
-        "sigma_between": float(np.hypot(*mean)),  # of the hard iron between deployments, in each horizontal direction
-        "sigma_between_nT": {name: {"value": value, "sigma": s} for name, value, s in sizes},
-    }
-
-
-def _effect_json(effect: SharedEffect) -> dict[str, Any]:
-    parameters = effect.finding.parameters
-    each = {name: {"values": values.tolist(), "sigma": sigma.tolist()} for name, (values, sigma) in effect.each.items()}
-    return {
-        "effect": effect.kind.name,
-        "form": effect.kind.__name__,
-        "parameters": list(parameters),
-        "units": [parameter.unit for parameter in parameters.values()],
-        "values": [parameter.value for parameter in parameters.values()],
-        "sigma": [parameter.sigma for parameter in parameters.values()],
-        "each": each,
     }
 
 
@@ -166,10 +163,8 @@ def _returned_json(
     prior, others = joined.prior(member.name), joined.others(member.name)
     if prior is None:
         return None
-    effects: dict[str, tuple[Floats, Floats]] = {}
     searched = [other for other in joined.members if other.name in others and other.effects is not None]
-    if shared is not None and searched:
-        effects = joint_effects.information_from_others(searched, shared)
+    effects = joint_effects.information_from_others(searched, shared) if shared is not None and searched else {}
     return {
         "from": list(others),
         "prior": prior.to_json(),
@@ -179,17 +174,3 @@ def _returned_json(
             if joint_compass.effect_class(form).name in named
         },
     }
-
-
-def _diagnosis(joined: JointCompass, shared: SharedEffects | None, min_effect_deg: float) -> Diagnosis:
-    if shared is None:
-        count = sum(member.effects is not None for member in joined.members if member.name in joined.consistent)
-        return insufficient(f"{count} of its records fit each other and were searched; 2 are needed to share an effect")
-    findings = [effect.finding for effect in shared.effects]
-    return replace(
-        combine_outcomes([], Options(min_effect_deg=min_effect_deg), extra=findings),
-        why=f"The records {', '.join(shared.records)} were judged together, one amplitude of each effect for all.",
-        sides=shared.sides,
-        noise={"season_deg": shared.season_deg},
-        warnings=tuple(f"{entry.name}: {entry.why}" for entry in joined.rejected),
-    )

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -73,21 +73,12 @@ def mooring_member(content: Mapping[str, Any], sphere: str | None) -> Member:
 def calibration_member(content: Mapping[str, Any], sphere: str | None) -> Member:
     """Read a calibration from its calibration.json; no coefficients where its headings do not determine them."""
     field, exact = content["place"]["field"] or {}, content["exact"]
-    unknown = Member(
-        content["name"],
-        content["kind"],
-        sphere,
-        field.get("horizontal_nT", np.nan),
-        field.get("vertical_nT", np.nan),
-        np.zeros(0),
-        np.zeros(0),
-        why=content["why"] or "its headings, or its place, do not determine the exact compass",
-    )
+    h, z = (field.get(name, np.nan) for name in ("horizontal_nT", "vertical_nT"))
     covariance = np.array([[np.nan]]) if exact is None else np.array(exact["covariance"], dtype=float)
-    if not field or not np.isfinite(covariance).all():
-        return unknown
-    coefficients = np.array([exact["coefficients"][k] for k in LETTERS])
-    return replace(unknown, coefficients=coefficients, covariance=covariance, why="")
+    coefficients, why = np.zeros(0), content["why"] or "its headings, or its place, do not determine the exact compass"
+    if field and np.isfinite(covariance).all():
+        coefficients, why = np.array([exact["coefficients"][k] for k in LETTERS]), ""
+    return Member(content["name"], content["kind"], sphere, h, z, coefficients, covariance, why=why)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ from compasslib.effects import Effect
 from compasslib.effects.composed import ComposedEffect
 from compasslib.effects.effect import DAY_S, parameter_slices
 from compasslib.effects.forward import north_shift
-from compasslib.effects.iron import TemperatureOfField
 from compasslib.inference import comparison as comparisons
 from compasslib.inference import covariates as covariate_series
 from compasslib.inference import (
@@ -38,7 +37,7 @@ from compasslib.inference.limits import limits_text
 from compasslib.inference.product import AppliedCompass, WeightedCompass
 from compasslib.inference.search import Inference
 from compasslib.inference.sticking import HeadingCluster
-from compasslib.inference.wording import SIZE_PREFIX, TURN_PREFIX, tilt_zero_text
+from compasslib.inference.wording import SIZE_PREFIX, TURN_PREFIX
 from compasslib.types import Floats
 
 LIKE_TIME = 0.9  # correlation with time from which a covariate's curve repeats that of time
@@ -234,10 +233,7 @@ def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -
         heading_error_deg=angles.rms(off[np.isfinite(off)]),
         others=without.simulation.terms,
     )
-    text = built.text
-    if isinstance(term, TemperatureOfField):
-        text += tilt_zero_text(float(np.hypot(*term.values)), float(np.mean(comparison.scene.vertical_nT)))
-    return replace(built, text=text, applied=term.side == "compass")
+    return replace(built, applied=term.side == "compass")
 
 
 def _place_parameters(inferred: Inference, k: int, term: ComposedEffect) -> dict[str, Parameter]:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from compasslib import angles
 from compasslib.effects.composed import ComposedEffect
 from compasslib.effects.effect import Effect, parameter_slices
-from compasslib.inference import comparison as comparisons
 from compasslib.inference import finding, short_fit
+from compasslib.inference.comparison import build_finding
 from compasslib.inference.diagnosis import Outcome
 from compasslib.inference.finding import BinnedResidual, CovariateRange, Finding, HeldOut, Parameter, Unexplained
 from compasslib.inference.short_fit import FittedHypothesis
@@ -23,14 +22,19 @@ from compasslib.types import Floats
 def build_outcome(inferred: ShortInference, min_effect_deg: float) -> Outcome:
     """Collect the outcome of the search of one comparison."""
     fitted, comparison = inferred.fitted, inferred.fitted.comparison
-    listed = [k for k, term in enumerate(fitted.terms) if not isinstance(term, ComposedEffect)]
+    sizes = [short_fit.visible_size_deg(fitted, k) for k in range(len(fitted.terms))]
+    unlisted = [k for k, term in enumerate(fitted.terms) if isinstance(term, ComposedEffect)]
+    listed = [k for k in range(len(fitted.terms)) if k not in unlisted]
     covariance = short_fit.parameter_covariance(fitted) if listed else np.zeros((0, 0))
-    findings = tuple(_finding(inferred, k, covariance, min_effect_deg) for k in listed)
-    left, small = _unlisted(inferred, [item.effect for item in findings], min_effect_deg)
+    findings = tuple(_finding(inferred, k, covariance, sizes, min_effect_deg) for k in listed)
+    left = None
+    if unlisted and sizes[k := max(unlisted, key=sizes.__getitem__)] >= min_effect_deg:
+        left = _unexplained(fitted, k, sizes[k], [item.effect for item in findings])
 
     def curves(shown: Sequence[Finding], left: Unexplained | None) -> list[BinnedResidual]:
+        names = {term.name for term in fitted.terms}
         wanted = {"heading", *(left.covariates if left else ())}
-        wanted |= {item.where.covariate for item in shown if item.effect in {term.name for term in fitted.terms}}
+        wanted |= {item.where.covariate for item in shown if item.effect in names}
         return [residual_curve(inferred.before, fitted, name) for name in comparison.covariates if name in wanted]
 
     scatter = fitted.scale_deg / float(np.sqrt(2.0 * max(short_fit.effective_samples(fitted), 1.0)))
@@ -40,7 +44,7 @@ def build_outcome(inferred: ShortInference, min_effect_deg: float) -> Outcome:
         findings=findings,
         finding_posteriors=tuple(inferred.probabilities(k) for k in listed),
         left=left,
-        small=small,
+        small=tuple((_along(fitted, k), sizes[k]) for k in unlisted if sizes[k] < min_effect_deg),
         curves=curves,
         noise={"white_deg": (fitted.scale_deg, scatter)},
         ranked=inferred.alone,
@@ -49,78 +53,54 @@ def build_outcome(inferred: ShortInference, min_effect_deg: float) -> Outcome:
     )
 
 
-def _finding(inferred: ShortInference, k: int, covariance: Floats, min_effect_deg: float) -> Finding:
+def _finding(
+    inferred: ShortInference, k: int, covariance: Floats, sizes: Sequence[float], min_effect_deg: float
+) -> Finding:
     fitted, comparison, slot = inferred.fitted, inferred.fitted.comparison, inferred.probabilities(k)
     term, columns = fitted.terms[k], parameter_slices(fitted.terms, len(fitted.base))[k]
     sigma, parameters = np.sqrt(np.maximum(np.diag(covariance), 0.0))[columns], {}
     for j, name in enumerate(term.fitted()):
         factor, unit = comparison.unit(term, j)
-        plain = name if factor == 1.0 and unit == term.units()[j] else name.replace("_nT", "")
-        parameters[plain] = Parameter(factor * float(term.values[j]), factor * float(sigma[j]), unit)
+        shown = name if unit == term.units()[j] else name.replace("_nT", "")
+        parameters[shown] = Parameter(factor * float(term.values[j]), factor * float(sigma[j]), unit)
     shared: dict[str, float] = {}
     for effect, p in {slot.effect: slot.probability, **slot.alternatives}.items():
         alike = (effect, *comparison.confused.get(effect, ()))
         for name in alike:
             shared[name] = shared.get(name, 0.0) + p / len(alike)
-    before = inferred.before
-    others = [j for j in range(len(fitted.terms)) if j != k and short_fit.visible_size_deg(fitted, j) >= min_effect_deg]
-    return comparisons.build_finding(
+    along = residual_curve(inferred.before, inferred.before, comparison.main_covariate(term))
+    return build_finding(
         comparison,
         term,
         shared,
         parameters,
-        size_deg=short_fit.visible_size_deg(fitted, k),
-        proof=held_out(fitted, k),
-        place=comparison.outside(residual_curve(before, before, comparison.main_covariate(term))),
-        others=[fitted.terms[j] for j in others],
+        size_deg=sizes[k],
+        proof=held_out_gain(fitted, fitted, fitted.terms[:k] + fitted.terms[k + 1 :]),
+        place=comparison.outside(along),
+        others=[other for j, other in enumerate(fitted.terms) if j != k and sizes[j] >= min_effect_deg],
     )
 
 
-def _unlisted(
-    inferred: ShortInference, listed: Sequence[str], min_effect_deg: float
-) -> tuple[Unexplained | None, tuple[tuple[str, float], ...]]:
-    """Describe the largest mismatch that no listed effect explains, and list those that are negligible."""
-    fitted, comparison = inferred.fitted, inferred.fitted.comparison
-    unlisted = [(k, term) for k, term in enumerate(fitted.terms) if isinstance(term, ComposedEffect)]
-    sizes = {k: short_fit.visible_size_deg(fitted, k) for k, _ in unlisted}
-    small = tuple((_along(fitted, term), sizes[k]) for k, term in unlisted if sizes[k] < min_effect_deg)
-    k, term = max(unlisted, key=lambda item: sizes[item[0]], default=(None, None))
-    if k is None or term is None or sizes[k] < min_effect_deg:
-        return None, small
-    others = [other for j, other in enumerate(fitted.terms) if j != k]
-    base = short_fit.fit_hypothesis(comparison, others, near=fitted)
-    place = _covered_range(fitted, term) if term.composition[2] in ("bump", "box") else None
-    curve = residual_curve(base, base, _along(fitted, term))
-    return comparison.unexplained([curve], sizes[k], listed, place), small
+def _unexplained(fitted: FittedHypothesis, k: int, size_deg: float, listed: Sequence[str]) -> Unexplained:
+    """Describe the mismatch of a composed term, which no listed effect explains; a heading range may cross north."""
+    comparison, name, term = fitted.comparison, _along(fitted, k), fitted.terms[k]
+    assert isinstance(term, ComposedEffect)
+    base = short_fit.fit_hypothesis(comparison, fitted.terms[:k] + fitted.terms[k + 1 :], near=fitted)
+    place: CovariateRange | None = None
+    if term.composition[2] in ("bump", "box"):
+        share = comparison.series(term)[:, 0]
+        inside = comparison.covariates[name][share > np.max(share) / 2.0]
+        low, high = float(inside.min()), float(inside.max())
+        if name == "heading":
+            away = angles.difference(inside, angles.mean(inside))
+            low, high = (float(angles.wrap360(angles.mean(inside) + end)) for end in (away.min(), away.max()))
+        place = comparison.where(name, (low, high))
+    return comparison.unexplained([residual_curve(base, base, name)], size_deg, listed, place)
 
 
-def _along(fitted: FittedHypothesis, term: ComposedEffect) -> str:
-    driver = term.composition[1]
+def _along(fitted: FittedHypothesis, k: int) -> str:
+    driver = fitted.terms[k].driver
     return driver if driver in fitted.comparison.covariates else "reading"
-
-
-def _covered_range(fitted: FittedHypothesis, term: ComposedEffect) -> CovariateRange:
-    """Describe the covariate range that a local offset covers; a heading range may cross north."""
-    name, share = _along(fitted, term), fitted.comparison.series(term)[:, 0]
-    inside = fitted.comparison.covariates[name][share > np.max(share) / 2.0]
-    low, high = float(inside.min()), float(inside.max())
-    if name == "heading":
-        away = angles.difference(inside, angles.mean(inside))
-        low, high = (float(angles.wrap360(angles.mean(inside) + end)) for end in (away.min(), away.max()))
-    return fitted.comparison.where(name, (low, high))
-
-
-def held_out(fitted: FittedHypothesis, k: int) -> HeldOut:
-    """Score a term on held-out stretches, with the other terms refitted with and without it."""
-    return held_out_gain(fitted, fitted, [term for j, term in enumerate(fitted.terms) if j != k])
-
-
-def held_out_base(fitted: FittedHypothesis, part: slice) -> HeldOut:
-    """Score some base parameters on held-out stretches, with all others refitted."""
-    steps = fitted.comparison.steps.copy()
-    steps[part] = 0.0
-    without = replace(fitted, comparison=replace(fitted.comparison, steps=steps), base=fitted.base * (steps > 0.0))
-    return held_out_gain(without, fitted, fitted.terms)
 
 
 def held_out_gain(
@@ -129,7 +109,7 @@ def held_out_gain(
     terms: Sequence[Effect],
     error: Callable[[FittedHypothesis], Floats] = lambda fitted: fitted.residual_deg,
 ) -> HeldOut:
-    """Score a fit on held-out stretches against one with other terms or fewer parameters.
+    """Score a fit on held-out stretches against one with other terms or another base.
 
     Args:
         error: of each reading by a fit, (n,) degrees; by default its residual.

@@ -1,4 +1,4 @@
-"""Compare a short recording with its simulation, refitting each hypothesis in the forward model.
+"""Compare a short recording with its simulation, fitting each hypothesis in the forward model.
 
 Base parameters and terms are fitted jointly by Gauss-Newton steps with Huber weights: effects may be a thousand times
 the noise, which is 0.01 to 5 degrees.
@@ -7,7 +7,7 @@ the noise, which is 0.01 to 5 degrees.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
 
@@ -20,9 +20,9 @@ from compasslib.deviation.model import nearest_root
 from compasslib.deviation.series import series_design
 from compasslib.effects.composed import ComposedEffect
 from compasslib.effects.effect import Effect, Scene, parameter_slices
-from compasslib.effects.forward import ForwardModel, invert_heading, invert_readout, recorded_heading, water_veer
-from compasslib.inference import finding
+from compasslib.effects.forward import ForwardModel, invert_heading, invert_readout, recorded_heading
 from compasslib.inference.comparison import Comparison
+from compasslib.inference.finding import MOST_WIDTHS
 from compasslib.statistics.least_squares import MISFIT_TOLERANCE, gauss_newton, robust_width
 from compasslib.statistics.noise import arma_covariance, arma_effective_size, effective_sample_size
 from compasslib.statistics.resampling import block_sums, blocks_by_count, student_factor
@@ -31,12 +31,11 @@ from compasslib.types import Floats
 
 # Nominal horizontal field where the place is unknown; iron is then given in percent of it.
 PLACELESS_NT, PERCENT = 20000.0, (100.0 / 20000.0, "% of the horizontal field")
-
-REFIT_ROUNDS, CONVERGED_STEPS = 12, 1e-3  # Gauss-Newton rounds, at most; step at convergence, in about degrees
 FINEST_DEG = 1e-4  # least uncertainty of a heading
 MOST_BLOCKS, FEWEST_BLOCKS, SAMPLES_IN_BLOCK = 40, 10, 5.0  # number of blocks; effective samples in one
 NEIGHBOURS = 5  # samples whose median an outlier of a log is far from
 PROBE_STEP = 0.02  # finite difference, relative to a parameter's step
+MOST_SAMPLES = 2500  # of a recording; limits the run time of a search
 
 
 class ResidualModel(Protocol):
@@ -78,57 +77,48 @@ class ShortComparison(Comparison):
         return term.series(self.conditions, self.covariates.get("heading"))
 
     def unit(self, term: Effect, k: int) -> tuple[float, str]:
-        """Get the factor and the unit in which a parameter is displayed."""
         unit = term.units()[k]
         if not unit.startswith("nT"):
             return 1.0, unit
         return self.field_unit[0], self.field_unit[1] + unit.removeprefix("nT")
 
 
-def thin_indices(length: int, most: int = 2500) -> NDArray[np.intp]:
-    """Select evenly spaced samples of a record; ``most`` limits the run time of a search."""
-    return np.arange(0, length, max(1, -(-length // most)))
+def thin_indices(length: int) -> NDArray[np.intp]:
+    """Select evenly spaced samples of a record, at most ``MOST_SAMPLES``."""
+    return np.arange(0, length, max(1, -(-length // MOST_SAMPLES)))
 
 
 @dataclass(frozen=True)
-class CompassResidual:
-    """Residual of the exact compass in the recorded heading, which exists for every correct heading."""
+class CurveResidual:
+    """Residual of a deviation curve in the recorded heading: Smith's five-term series, or the exact compass."""
 
     correct_deg: Floats  # (n,)
     recorded_deg: Floats  # (n,)
     scene: Scene
+    exact: bool
+
+    def _simulation(self, base: Floats, terms: tuple[Effect, ...]) -> ForwardModel:
+        return ForwardModel(base, float(np.mean(self.scene.horizontal_nT)), terms)
 
     def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
-        """Return simulated minus recorded heading, (n,) degrees; its sign is that of observed minus simulated."""
-        simulation = ForwardModel(base, float(np.mean(self.scene.horizontal_nT)), terms)
-        correct = self.correct_deg - water_veer(simulation, self.scene)
-        return angles.difference(recorded_heading(simulation, self.scene, correct), self.recorded_deg)
+        """Compute the error of the simulated correct heading, (n,) degrees.
+
+        For the exact compass it is that of the recorded heading, with the same sign, since a two-valued compass has a
+        reading for every heading, but no heading for some readings.
+        """
+        if self.exact:
+            recorded = recorded_heading(self._simulation(base, terms), self.scene, self.correct_deg)
+            return angles.difference(recorded, self.recorded_deg)
+        reading = invert_readout(self._simulation(np.zeros(5), terms), self.scene, self.recorded_deg)
+        return angles.difference(self.correct_deg, reading + series_design(reading) @ base)
 
     def heading_error(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
-        """Return correct minus simulated correct heading, (n,) degrees; of readings beyond a fold, that of the fold."""
-        simulation = ForwardModel(base, float(np.mean(self.scene.horizontal_nT)), terms)
-        correct = self.correct_deg - water_veer(simulation, self.scene)
-        root = nearest_root(invert_heading(simulation, self.scene, self.recorded_deg), correct)
-        turn = np.arange(0.0, 360.0, 0.5)
+        """Compute correct headings minus those of an exact compass, (n,) degrees; beyond a fold, minus the fold's."""
+        roots = invert_heading(self._simulation(base, terms), self.scene, self.recorded_deg)
+        root, turn = nearest_root(roots, self.correct_deg), np.arange(0.0, 360.0, 0.5)
         off = angles.difference(compass.recorded_heading(base, turn), self.recorded_deg[:, None])
         fold = turn[np.argmin(np.abs(off), axis=1)]
-        return angles.difference(correct, np.where(np.isfinite(root), root, fold))
-
-
-@dataclass(frozen=True)
-class SeriesResidual:
-    """Residual of Smith's five-term series in the recorded heading, degrees; terms act on the reading."""
-
-    correct_deg: Floats  # (n,)
-    recorded_deg: Floats  # (n,)
-    scene: Scene
-
-    def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
-        """Return observed minus simulated correct heading, (n,) degrees."""
-        no_iron = ForwardModel(np.zeros(5), float(np.mean(self.scene.horizontal_nT)), terms)
-        reading = invert_readout(no_iron, self.scene, self.recorded_deg)
-        corrected = reading + series_design(reading) @ base
-        return angles.difference(self.correct_deg, corrected + water_veer(no_iron, self.scene))
+        return angles.difference(self.correct_deg, np.where(np.isfinite(root), root, fold))
 
 
 def recording_scene(
@@ -155,21 +145,36 @@ def recording_scene(
 
 @dataclass(frozen=True)
 class FittedHypothesis:
-    """A hypothesis at its best parameters."""
+    """A hypothesis, linearized at its parameters."""
 
     comparison: ShortComparison
     base: Floats  # (b,)
     terms: tuple[Effect, ...]
     residual_deg: Floats  # (n,)
     columns: Floats  # (n, b + p) derivative of the simulated heading by each parameter, degrees a unit
-    scale_deg: float  # robust width of the residual
+    used: NDArray[np.bool_]  # (n,) the samples that are fitted
+
+    @cached_property
+    def scale_deg(self) -> float:
+        """Robust width of the residual."""
+        return max(robust_width(self.residual_deg - np.median(self.residual_deg)), FINEST_DEG)
+
+    @property
+    def parameters(self) -> Floats:
+        """Base parameters and those of the terms, (b + p,)."""
+        return np.concatenate([self.base, *(term.values for term in self.terms)])
+
+    @property
+    def steps(self) -> Floats:
+        """Changes of the parameters that turn the heading by about a degree, (b + p,); 0 holds one fixed."""
+        return np.concatenate([self.comparison.steps, *(term.steps() for term in self.terms)])
 
     @property
     def clipped(self) -> Floats:
         """The residual, clipped unless readings are independent, (n,)."""
         if self.comparison.independent:
             return self.residual_deg
-        return np.clip(self.residual_deg, -finding.MOST_WIDTHS * self.scale_deg, finding.MOST_WIDTHS * self.scale_deg)
+        return np.clip(self.residual_deg, -MOST_WIDTHS * self.scale_deg, MOST_WIDTHS * self.scale_deg)
 
     @cached_property
     def evident(self) -> Floats:
@@ -178,7 +183,7 @@ class FittedHypothesis:
             return self.residual_deg
         middle = median_filter(self.residual_deg, NEIGHBOURS, mode="nearest")
         away = self.residual_deg - middle
-        most = finding.MOST_WIDTHS * max(robust_width(away), FINEST_DEG)
+        most = MOST_WIDTHS * max(robust_width(away), FINEST_DEG)
         return np.asarray(middle + np.clip(away, -most, most))
 
     @property
@@ -189,6 +194,25 @@ class FittedHypothesis:
     def projected(self, columns: Floats) -> Floats:
         """Project the columns of all parameters out of other columns, (n, k)."""
         return project_out(columns, orthonormal_basis(self.columns))
+
+    def step(self) -> tuple[Floats, float]:
+        """Compute the weighted least-squares step, 0 in undetermined directions, and its length in about degrees."""
+        weight = self.used.astype(float)
+        if not self.comparison.independent:
+            size = np.maximum(np.abs(self.residual_deg), 1e-300)
+            weight = np.sqrt(np.minimum(1.0, MOST_WIDTHS * self.scale_deg / size)) * weight
+        columns = self.columns * self.steps * weight[:, None]
+        step, *_ = np.linalg.lstsq(columns, self.residual_deg * weight, rcond=1e-6)
+        return step * self.steps, float(np.max(np.abs(step)))
+
+    def moved(self, step: Floats) -> FittedHypothesis:
+        """Linearize at other parameters."""
+        return _linearize(self.comparison, self.parameters + step, self.terms, self.used)
+
+    def misfit(self, other: FittedHypothesis) -> float:
+        """Compute the ratio of another hypothesis' sum of squares to this one's."""
+        square, then = (float(np.sum(each.clipped[self.used] ** 2)) for each in (self, other))
+        return then / max(square, 1e-300)
 
 
 def fit_hypothesis(
@@ -206,38 +230,30 @@ def fit_hypothesis(
         use: mask of the samples used, (n,).
     """
     base = comparison.start if near is None else near.base
-    theta = np.concatenate([base, *(term.values for term in terms)])
-    steps = np.concatenate([comparison.steps, *(term.steps() for term in terms)])
-    keep = np.ones(len(comparison), dtype=bool) if use is None else use
-    begin = _FitState(_linearize(comparison, theta, tuple(terms), steps), theta, steps, keep)
-    if not len(steps):
-        return begin.fitted
-    return gauss_newton(begin, rounds=REFIT_ROUNDS, close=CONVERGED_STEPS, worse=1.0 + MISFIT_TOLERANCE).fitted
+    begin = _linearize(
+        comparison,
+        np.concatenate([base, *(term.values for term in terms)]),
+        tuple(terms),
+        np.ones(len(comparison), dtype=bool) if use is None else use,
+    )
+    return gauss_newton(begin, rounds=12, close=1e-3, worse=1.0 + MISFIT_TOLERANCE) if len(begin.steps) else begin
 
 
-@dataclass(frozen=True)
-class _FitState:
-    """State of the iterative fit of a hypothesis."""
+def _linearize(
+    comparison: ShortComparison, theta: Floats, terms: tuple[Effect, ...], used: NDArray[np.bool_]
+) -> FittedHypothesis:
+    count = len(comparison.start)
+    places = parameter_slices(terms, count)
 
-    fitted: FittedHypothesis
-    theta: Floats  # (b + p,)
-    steps: Floats  # (b + p,) of about a degree
-    keep: NDArray[np.bool_]  # (n,) mask of the samples used
+    def at(theta: Floats) -> tuple[Floats, tuple[Effect, ...]]:
+        return theta[:count], tuple(term.at(theta[part]) for term, part in zip(terms, places, strict=True))
 
-    def step(self) -> tuple[Floats, float]:
-        step = _least_squares_step(self.fitted, self.steps, self.keep)  # in the parameters' own steps
-        return step * self.steps, float(np.max(np.abs(step)))
-
-    def moved(self, step: Floats) -> _FitState:
-        theta = self.theta + step
-        return replace(
-            self, fitted=_linearize(self.fitted.comparison, theta, self.fitted.terms, self.steps), theta=theta
-        )
-
-    def misfit(self, other: _FitState) -> float:
-        """Compute the ratio of another state's sum of squares to this one's."""
-        square, then = (float(np.sum(state.fitted.clipped[self.keep] ** 2)) for state in (self, other))
-        return then / max(square, 1e-300)
+    residual, columns = comparison.difference(*at(theta)), np.zeros((len(comparison), len(theta)))
+    now = FittedHypothesis(comparison, *at(theta), residual, columns, used)
+    for j in np.flatnonzero(now.steps):
+        probe = PROBE_STEP * now.steps[j]
+        columns[:, j] = (residual - comparison.difference(*at(theta + probe * (np.arange(len(theta)) == j)))) / probe
+    return now
 
 
 def term_derivative(now: FittedHypothesis, term: Effect) -> Floats:
@@ -249,49 +265,13 @@ def term_derivative(now: FittedHypothesis, term: Effect) -> Floats:
     return np.stack(made, axis=1)
 
 
-def _linearize(
-    comparison: ShortComparison, theta: Floats, terms: tuple[Effect, ...], steps: Floats
-) -> FittedHypothesis:
-    base, placed = _split_parameters(comparison, theta, terms)
-    residual = comparison.difference(base, placed)
-    columns = np.zeros((len(comparison), len(theta)))
-    for j in np.flatnonzero(steps):  # a step of 0 holds a parameter fixed
-        probe = PROBE_STEP * steps[j]
-        more = comparison.difference(
-            *_split_parameters(comparison, theta + probe * (np.arange(len(theta)) == j), terms)
-        )
-        columns[:, j] = (residual - more) / probe
-    scale = max(robust_width(residual - np.median(residual)), FINEST_DEG)
-    return FittedHypothesis(comparison, base, placed, residual, columns, scale)
-
-
-def _split_parameters(
-    comparison: ShortComparison, theta: Floats, terms: tuple[Effect, ...]
-) -> tuple[Floats, tuple[Effect, ...]]:
-    places = parameter_slices(terms, len(comparison.start))
-    placed = tuple(term.at(theta[part]) for term, part in zip(terms, places, strict=True))
-    return theta[: len(comparison.start)], placed
-
-
-def _least_squares_step(now: FittedHypothesis, steps: Floats, keep: NDArray[np.bool_]) -> Floats:
-    """Solve for the weighted least-squares step in units of ``steps``; it is 0 in undetermined directions."""
-    size = np.maximum(np.abs(now.residual_deg), 1e-300)
-    weight = np.sqrt(np.minimum(1.0, finding.MOST_WIDTHS * now.scale_deg / size)) * keep
-    if now.comparison.independent:
-        weight = keep.astype(float)
-    columns = now.columns * steps
-    step, *_ = np.linalg.lstsq(columns * weight[:, None], now.residual_deg * weight, rcond=1e-6)
-    return np.asarray(step)
-
-
 def memory_blocks(fitted: FittedHypothesis) -> NDArray[np.intp]:
     """Number the block of each sample, (n,); a block has several effective samples, or one independent reading."""
-    comparison = fitted.comparison
-    if comparison.independent:
-        return np.arange(len(comparison))
-    order = np.arange(len(comparison), dtype=float)
+    order = np.arange(len(fitted.comparison))
+    if fitted.comparison.independent:
+        return order
     count = int(np.clip(effective_samples(fitted) / SAMPLES_IN_BLOCK, FEWEST_BLOCKS, MOST_BLOCKS))
-    return blocks_by_count(order, count)
+    return blocks_by_count(order.astype(float), count)
 
 
 def effective_samples(fitted: FittedHypothesis) -> float:
@@ -309,15 +289,15 @@ def parameter_covariance(fitted: FittedHypothesis) -> Floats:
 
     The systematic error ``rule_deg`` is added as if it were entirely along each parameter's own column.
     """
+    columns, residual = fitted.columns, fitted.clipped
     if fitted.comparison.arma_noise:
-        return arma_covariance(fitted.clipped, fitted.columns)
-    columns, residual, block = fitted.columns, fitted.clipped, memory_blocks(fitted)
+        return arma_covariance(residual, columns)
     inverse = scaled_inverse(columns.T @ columns)
     free = max(len(residual) - columns.shape[1], 1)
     plain = inverse * fitted.square / free * student_factor(free) ** 2
     if fitted.comparison.independent:
         return plain
-    sums = block_sums(columns * residual[:, None], block)
+    sums = block_sums(columns * residual[:, None], memory_blocks(fitted))
     count = len(sums)
     robust = inverse @ (sums.T @ sums) @ inverse * count / (count - 1) * student_factor(count - 1) ** 2
     share = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(plain), 1e-300), 1.0))

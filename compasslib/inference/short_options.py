@@ -15,10 +15,15 @@ from numpy.typing import NDArray
 
 from compasslib.effects.composed import bump, compose_effect, place_effect
 from compasslib.effects.effect import Effect
-from compasslib.inference import short_fit
 from compasslib.inference.blocks import DATE_MARGIN, MOST_DATES, PAIRS_SHARE, Option, block_of, with_shares
-from compasslib.inference.linear_model import log_bayes_factors
-from compasslib.inference.short_fit import FittedHypothesis, ShortComparison
+from compasslib.inference.linear_model import Evidence, log_bayes_factors
+from compasslib.inference.short_fit import (
+    FINEST_DEG,
+    FittedHypothesis,
+    ShortComparison,
+    memory_blocks,
+    term_derivative,
+)
 from compasslib.statistics.noise import PHI, THETA, arma_innovations, arma_variance_ratio
 from compasslib.statistics.resampling import EVEN_BLOCKS, cluster_variance_inflation
 from compasslib.statistics.whitening import orthonormal_basis, project_out
@@ -51,12 +56,12 @@ def short_options(state: FittedHypothesis, taken: Collection[str] = ()) -> tuple
     """
     listed = []
     for kind in (kind for kind in state.comparison.terms if kind.name not in taken):
-        listed += [*_dated(state, kind)] if kind.dated() else [_option(state, kind(), _derivative(state, kind()))]
+        listed += [*_dated(state, kind)] if kind.dated() else [_option(state, kind())]
     unlisted = [option for option in _unlisted(state) if option.name not in taken] if state.comparison.reads else []
-    parts = (listed, 1.0 - PAIRS_SHARE * bool(unlisted)), (unlisted, PAIRS_SHARE)
+    shares = np.log([1.0 - PAIRS_SHARE * bool(unlisted), PAIRS_SHARE]).tolist()
     return tuple(
-        replace(option, share=option.share + float(np.log(share)))
-        for made, share in parts
+        replace(option, share=option.share + share)
+        for made, share in zip((listed, unlisted), shares, strict=True)
         for option in with_shares([option for option in made if option.columns.shape[1]])
     )
 
@@ -66,14 +71,14 @@ def _dated(state: FittedHypothesis, kind: type[Effect]) -> Iterator[Option]:
     edge = max(int(DATE_MARGIN * n), FEWEST_AFFECTED)
 
     def term(k: float) -> Effect:
-        return replace(kind(), date_s=_time_between(state, int(k)))  # type: ignore[call-arg]
+        return replace(kind(), date_s=_time_between(state, k))  # type: ignore[call-arg]
 
     def acting(places: Places) -> Floats:
         inside = (places[:, 0] >= edge) & (places[:, 0] <= n - edge)
         return ((np.arange(n)[:, None] >= places[:, 0]) & inside).astype(float)
 
     grid = np.unique(np.linspace(edge, n - edge, min(n, MOST_DATES)).astype(np.intp))[:, None]
-    always = _derivative(state, replace(kind(), date_s=-np.inf))  # type: ignore[call-arg]
+    always = term_derivative(state, replace(kind(), date_s=-np.inf))  # type: ignore[call-arg]
     yield from _located(state, term, always, acting, grid, [-(-n // MOST_DATES)])
 
 
@@ -90,7 +95,7 @@ def _unlisted(state: FittedHypothesis) -> Iterator[Option]:
 
     edges = np.unique(np.linspace(1, n - 1, min(n - 1, SPELL_EDGES)).astype(np.intp))
     yield from _located(
-        state, lambda *at: place_effect(spell, *(_time_between(state, int(k)) for k in at)), np.ones((n, 1)),
+        state, lambda *at: place_effect(spell, *(_time_between(state, k) for k in at)), np.ones((n, 1)),
         during, np.array(list(itertools.combinations(edges, 2))), [-(-n // SPELL_EDGES)] * 2,
     )  # fmt: skip
     if "heading" in comparison.covariates:
@@ -105,7 +110,7 @@ def _unlisted(state: FittedHypothesis) -> Iterator[Option]:
     for name, x in comparison.covariates.items():
         if name not in ("heading", "time", "reading") and np.ptp(x) > 0.0:
             curves.append(place_effect(compose_effect("reading", name, "smooth"), 0.0, float(np.std(x))))
-    yield from (_option(state, term, _derivative(state, term)) for term in curves)
+    yield from (_option(state, term) for term in curves)
 
 
 def _located(
@@ -130,49 +135,58 @@ def _located(
         enough = np.count_nonzero(share, axis=0) >= FEWEST_AFFECTED
         return places[enough], always[:, None, :] * share[:, enough, None]
 
+    def likeliest(columns: Floats) -> int:
+        n, count, parameters = columns.shape
+        ends = parameters * np.arange(count + 1)
+        flat = columns.reshape(n, -1)
+        return int(np.argmax(log_evidence(WHITE, state.columns, flat, ends, state.evident[:, None])[1]))
+
     places, columns = columns_at(grid)
     cells, finer = np.ones(len(places)), np.array(step)
     if (finer > 1).any() and len(places):
-        coarse, cell = (places, columns), 1.0
-        first = best = _likeliest(state, columns)
+        first = best = likeliest(columns)
+        others = np.arange(len(places)) != first
+        coarse, cell = (places[others], columns[:, others]), 1.0
         while (finer > 1).any():
             closer = np.maximum(finer // FINER, np.minimum(finer, 1))
             cell *= float(np.prod(closer[finer > 0] / finer[finer > 0]))
             offsets = np.array(list(itertools.product(range(-FINER, FINER + 1), repeat=len(closer))))
-            around = np.unique(places[best] + closer * offsets, axis=0)
-            (places, columns), finer = columns_at(around), closer
-            best = _likeliest(state, columns)
-        retained = np.arange(len(coarse[0])) != first
-        cells = np.append(np.ones(np.count_nonzero(retained)), np.full(len(places), cell))
-        places = np.concatenate([coarse[0][retained], places])
-        columns = np.concatenate([coarse[1][:, retained], columns], axis=1)
+            places, columns = columns_at(np.unique(places[best] + closer * offsets, axis=0))
+            best, finer = likeliest(columns), closer
+        cells = np.append(np.ones(len(coarse[0])), np.full(len(places), cell))
+        places, columns = np.concatenate([coarse[0], places]), np.concatenate([coarse[1], columns], axis=1)
     for k, at in enumerate(places.tolist()):
         yield _option(state, term(*at), columns[:, k], float(cells[k]))
 
 
-def _likeliest(state: FittedHypothesis, columns: Floats) -> int:
-    """Select the likeliest of several columns, (n, g, p), under white noise."""
-    n, places, parameters = columns.shape
-    ends = parameters * np.arange(places + 1)
-    return int(np.argmax(log_evidence(WHITE, state.columns, columns.reshape(n, -1), ends, state.evident[:, None])[1]))
+def _time_between(state: FittedHypothesis, k: float) -> float:
+    return float(np.mean(state.comparison.time_s[int(k) - 1 : int(k) + 1]))
 
 
-def _time_between(state: FittedHypothesis, k: int) -> float:
-    return float(np.mean(state.comparison.time_s[k - 1 : k + 1]))
-
-
-def _derivative(state: FittedHypothesis, term: Effect) -> Floats:
-    return short_fit.term_derivative(state, term)
-
-
-def _option(state: FittedHypothesis, term: Effect, derivative: Floats, cell: float = 1.0) -> Option:
-    """Scale columns, (n, p) degrees per unit, to equal sizes and a mean square of 1 together."""
+def _option(state: FittedHypothesis, term: Effect, derivative: Floats | None = None, cell: float = 1.0) -> Option:
+    """Scale the derivative by a term's parameters, (n, p), to equal sizes and a mean square of 1 together."""
+    derivative = term_derivative(state, term) if derivative is None else derivative
     turn = np.sqrt(np.mean(derivative**2, axis=0))
     acting = turn > 0.0
     if not acting.any():
         return Option(term, block_of(type(term)), np.zeros((len(derivative), 0)), np.zeros(0))
     usual = np.where(acting, 1.0 / np.where(acting, turn, 1.0), 0.0) / np.sqrt(acting.sum())
     return Option(term, block_of(type(term)), derivative * usual, usual, cell=cell)
+
+
+def weigh(state: FittedHypothesis, options: Sequence[Option], residuals: Floats, scatter: float = 1.0) -> Evidence:
+    """Compute the evidence of options under each law of the noise.
+
+    Args:
+        residuals: (n, r) degrees.
+        scatter: variance of scores between blocks over that of homogeneous noise.
+    """
+    ends = np.cumsum([0, *(option.columns.shape[1] for option in options)])
+    columns = np.concatenate([np.zeros((len(residuals), 0)), *(option.columns for option in options)], axis=1)
+    known = {"rule_deg": state.comparison.rule_deg, "scatter": scatter}
+    each = [log_evidence(law, state.columns, columns, ends, residuals, **known) for law in laws(state.comparison)]
+    none, factors = (np.array(part) for part in zip(*each, strict=True))
+    return Evidence((None,) * len(each), np.array([option.share for option in options]), none, factors)
 
 
 def log_evidence(
@@ -198,10 +212,12 @@ def log_evidence(
         scatter: variance of scores between blocks over that of homogeneous noise.
     """
     n, ratio = len(base), arma_variance_ratio(law)
-    left, size, _ = np.linalg.svd(arma_innovations(base, law), full_matrices=False)
+    orthonormal, triangle = np.linalg.qr(arma_innovations(base, law))
+    left, size, _ = np.linalg.svd(triangle)
     retained = size > SAME * size.max(initial=0.0)
-    white, target = (project_out(arma_innovations(x, law), left[:, retained]) for x in (columns, residuals))
-    square = np.sum(target**2, axis=0) + n * max(rule_deg, short_fit.FINEST_DEG) ** 2 / ratio
+    basis, white = orthonormal @ left[:, retained], arma_innovations(columns, law)
+    target, cross = project_out(arma_innovations(residuals, law), basis), basis.T @ white
+    square = np.sum(target**2, axis=0) + n * max(rule_deg, FINEST_DEG) ** 2 / ratio
     freedom = max(n - int(retained.sum()), 1) / scatter
     none = -0.5 * freedom * np.log(square) - 0.5 * np.log(ratio) - np.sum(np.log(size[retained]))
     score, sizes = white.T @ target, np.diff(ends)
@@ -209,8 +225,8 @@ def log_evidence(
     for count in np.unique(sizes):
         options = np.flatnonzero(sizes == count)
         index = ends[options][:, None] + np.arange(count)
-        part = white[:, index].transpose(1, 2, 0)
-        values, vectors = np.linalg.eigh(part @ part.transpose(0, 2, 1))
+        part, taken = (x[:, index].transpose(1, 2, 0) for x in (white, cross))
+        values, vectors = np.linalg.eigh(part @ part.transpose(0, 2, 1) - taken @ taken.transpose(0, 2, 1))
         along = (vectors.transpose(0, 2, 1) @ score[index]) ** 2
         each = [log_bayes_factors(np.maximum(values, 0.0), along, a, square, freedom) for a in AMPLITUDES]
         factors[options] = np.logaddexp.reduce(each, axis=0) - np.log(len(AMPLITUDES))
@@ -221,13 +237,12 @@ def score_scatter(fitted: FittedHypothesis, law: Law, columns: Sequence[Floats])
     """Estimate by how much scores vary more between blocks than homogeneous noise explains, at least 1.
 
     Args:
-        law: of the noise.
         columns: those of several effects, of which the median counts.
     """
     base = orthonormal_basis(arma_innovations(fitted.columns, law))
     left = project_out(arma_innovations(fitted.evident[:, None], law), base)[:, 0]
-    variance = max(float(np.mean(left**2)), short_fit.FINEST_DEG**2)
-    ratios, block = [], short_fit.memory_blocks(fitted)
+    variance = max(float(np.mean(left**2)), FINEST_DEG**2)
+    ratios, block = [], memory_blocks(fitted)
     for each in columns:
         white = orthonormal_basis(project_out(arma_innovations(each, law), base))
         if white.shape[1]:

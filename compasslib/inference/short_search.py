@@ -8,7 +8,7 @@ exceed the noise a thousandfold.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -32,7 +32,7 @@ from compasslib.inference.places import (
 )
 from compasslib.inference.search import MOST_EFFECTS
 from compasslib.inference.short_fit import FittedHypothesis, ShortComparison
-from compasslib.inference.short_options import Law, laws, log_evidence, score_scatter, short_options
+from compasslib.inference.short_options import Law, laws, score_scatter, short_options, weigh
 from compasslib.statistics.noise import arma_innovations, arma_series
 from compasslib.statistics.resampling import resample_blocks
 from compasslib.statistics.whitening import orthonormal_basis
@@ -55,15 +55,24 @@ class ShortPlace:
     odds: float = 1.0  # prior odds of a fault of compass or clock
     detection: Detection | None = None  # of an effect in it; None without surrogates
 
+    @property
+    def logs(self) -> Floats:
+        """Log Bayes factor of each option over none, times its prior share."""
+        return np.asarray(self.evidence.log_bayes_factors[:, 0])
+
     @cached_property
     def place(self) -> Place:
         """The probability of each option; what is not detected is not more probable than beforehand."""
         place = Place(probabilities(self.options, self.evidence, self.odds), self.evidence)
         return place if self.detection is None or self.detection.significant else place.not_favoured(self.odds)
 
-    def law(self, option: int | None) -> Law:
-        """Select the likeliest law of the noise, given an option or none."""
-        return laws(self.base.comparison)[int(np.argmax(self.evidence.noise_probability(option)))]
+    def law(self) -> Law:
+        """Select the likeliest law of the noise beside the likeliest option."""
+        return laws(self.base.comparison)[int(np.argmax(self.evidence.noise_probability(int(np.argmax(self.logs)))))]
+
+    def alike(self, form: type[Effect]) -> list[int]:
+        """List the options of one form, at its various places."""
+        return [k for k, option in enumerate(self.options) if type(option.term) is form]
 
 
 @dataclass(frozen=True)
@@ -90,31 +99,21 @@ class ShortInference:
 
 
 def search_effects(comparison: ShortComparison, options: Options) -> ShortInference:
-    """Search for the terms that explain a comparison, each with its alternatives."""
-    search = _Search(comparison, options)
-    entered, further = search.run(listed=False)
-    if any(isinstance(term, ComposedEffect) for term in entered):  # one wide form may stand for two listed effects
-        again, instead = search.run(listed=True)
-        if search.gain(again) > search.gain(entered):
-            entered, further = again, instead
-    places = [search.weigh_in_place((*entered[:k], *entered[k + 1 :])) for k in range(len(entered))]
-    detection = search.further(()).detection
-    return ShortInference(search.fit(()), search.fit(entered), tuple(places), further, detection, search.alone())
+    """Search for the terms that explain a comparison, each with its alternatives.
 
-
-def weigh(state: FittedHypothesis, options: Sequence[Option], residuals: Floats, scatter: float = 1.0) -> Evidence:
-    """Compute the evidence of options under each law of the noise.
-
-    Args:
-        residuals: (n, r) degrees.
-        scatter: variance of scores between blocks over that of homogeneous noise.
+    Listed effects enter first: one wide composed form may stand for two of them.
     """
-    ends = np.cumsum([0, *(option.columns.shape[1] for option in options)])
-    columns = np.concatenate([np.zeros((len(residuals), 0)), *(option.columns for option in options)], axis=1)
-    known = {"rule_deg": state.comparison.rule_deg, "scatter": scatter}
-    each = [log_evidence(law, state.columns, columns, ends, residuals, **known) for law in laws(state.comparison)]
-    none, factors = (np.array(part) for part in zip(*each, strict=True))
-    return Evidence((None,) * len(each), np.array([option.share for option in options]), none, factors)
+    search = _Search(comparison, options)
+    entered = search.run(search.run((), listed=True), listed=False)
+    places = [search.weigh_in_place((*entered[:k], *entered[k + 1 :])) for k in range(len(entered))]
+    return ShortInference(
+        before=search.fit(()),
+        fitted=search.fit(entered),
+        places=tuple(places),
+        further=search.further(entered),
+        detection=search.further(()).detection,
+        alone=_rank_alone(search.weigh_in_place(())),
+    )
 
 
 def detect(place: ShortPlace, surrogates: int) -> Detection:
@@ -142,16 +141,14 @@ def _draw(place: ShortPlace, count: int, resampled: bool) -> Floats:
     noise, known = place.likeliest, laws(place.base.comparison)
     seed = zlib.crc32(place.base.residual_deg.tobytes())
     if resampled:
-        law = place.law(int(np.argmax(place.evidence.log_bayes_factors[:, 0])))
-        white = arma_innovations(noise.evident[:, None], law)[:, 0]
+        white = arma_innovations(noise.evident[:, None], place.law())[:, 0]
         length = int(np.max(np.bincount(short_fit.memory_blocks(noise))))
-        return arma_series(resample_blocks(white - white.mean(), length, count, seed).T, law)
+        return arma_series(resample_blocks(white - white.mean(), length, count, seed).T, place.law())
     rng = np.random.default_rng(seed)
     chosen = rng.choice(len(known), count, p=place.evidence.noise_probability())
     innovations = noise.scale_deg * rng.normal(size=(len(noise.evident), count))
-    return np.stack(
-        [arma_series(x[:, None], known[k])[:, 0] for x, k in zip(innovations.T, chosen, strict=True)], axis=1
-    )
+    each = [arma_series(x[:, None], known[k])[:, 0] for x, k in zip(innovations.T, chosen, strict=True)]
+    return np.stack(each, axis=1)
 
 
 @dataclass
@@ -163,24 +160,20 @@ class _Search:
     fits: dict[Terms, FittedHypothesis] = field(default_factory=dict)
     weighed: dict[frozenset[Effect], ShortPlace] = field(default_factory=dict)
 
-    def run(self, *, listed: bool) -> tuple[Terms, ShortPlace]:
-        """Enter effects while one more is detected; return them and the place of one more.
+    def run(self, entered: Terms, *, listed: bool) -> Terms:
+        """Enter effects while one more is detected.
 
         Args:
             listed: whether composed effects are left out.
         """
-        entered, visited = Terms(), set[frozenset[Effect]]()
+        visited = set[frozenset[Effect]]()
         while True:
             entered = self._settle(entered, listed)
             further = self.further(entered)
             assert further.detection is not None
-            if (
-                len(entered) == MOST_EFFECTS
-                or frozenset(entered) in visited
-                or not further.detection.significant
-                or (term := self._likeliest(further, listed)) is None
-            ):
-                return entered, further
+            full = len(entered) == MOST_EFFECTS or frozenset(entered) in visited
+            if full or not further.detection.significant or (term := self._likeliest(further, listed)) is None:
+                return entered
             visited.add(frozenset(entered))
             entered = (*entered, term)
 
@@ -200,8 +193,9 @@ class _Search:
 
     def _likeliest(self, place: ShortPlace, listed: bool) -> Effect | None:
         """Select the likeliest term of a place; None if none is likely, or its visible size is negligible."""
-        taken = {type(each.term) for each in place.options if listed and isinstance(each.term, ComposedEffect)}
-        if place.place.none > UNLIKELY or len(taken) == len({type(each.term) for each in place.options}):
+        kinds = {type(each.term) for each in place.options}
+        taken = {kind for kind in kinds if listed and issubclass(kind, ComposedEffect)}
+        if place.place.none > UNLIKELY or taken == kinds:
             return None
         term = place.options[likeliest_option(place.options, place.evidence, taken)].term
         fitted = self.fit((*_zeros(place.base), term))
@@ -210,17 +204,14 @@ class _Search:
 
     def fit(self, terms: Terms) -> FittedHypothesis:
         """Fit a hypothesis in the forward model, the last term from each of its starting values."""
-        if terms not in self.fits:
-            near = self.fit(terms[:-1]) if terms else None
-            begun = near.terms if near else ()
-            starts = [
-                term.at(np.append(first, term.values[1:]))
-                for term in terms[-1:]
-                for first in self.comparison.starts.get(term.name, ())
-            ]
+        if not terms:
+            self.fits.setdefault(terms, short_fit.fit_hypothesis(self.comparison, ()))
+        elif terms not in self.fits:
+            near, last = self.fit(terms[:-1]), terms[-1]
+            starts = [np.append(first, last.values[1:]) for first in self.comparison.starts.get(last.name, ())]
             fits = [
-                short_fit.fit_hypothesis(self.comparison, (*begun, *last), near=near)
-                for last in ([terms[-1:]] + [(term,) for term in starts] if terms else [()])
+                short_fit.fit_hypothesis(self.comparison, (*near.terms, last.at(start)), near=near)
+                for start in (last.values, *starts)
             ]
             self.fits[terms] = min(fits, key=lambda fit: fit.square)
         return self.fits[terms]
@@ -234,9 +225,8 @@ class _Search:
             place = self._fitted(ShortPlace(state, options, weigh(state, options, state.evident[:, None]), state))
             if options and not self.comparison.independent:
                 # Weigh them again, with the scatter that is left once the likeliest effect is fitted.
-                law = place.law(int(np.argmax(place.evidence.log_bayes_factors[:, 0])))
                 first = {type(option.term): option.columns for option in reversed(options)}
-                scatter = score_scatter(place.likeliest, law, list(first.values()))
+                scatter = score_scatter(place.likeliest, place.law(), list(first.values()))
                 again = weigh(state, options, state.evident[:, None], scatter)
                 place = self._fitted(replace(place, evidence=again, scatter=scatter))
             self.weighed[key] = replace(place, odds=self.options.prior_odds)
@@ -244,10 +234,10 @@ class _Search:
 
     def _fitted(self, linear: ShortPlace) -> ShortPlace:
         """Replace the evidence of listed and of likely forms, at their likeliest places, by that of their fits."""
-        options, terms, logs = linear.options, _zeros(linear.base), linear.evidence.log_bayes_factors[:, 0]
+        options, terms, logs = linear.options, _zeros(linear.base), linear.logs
         corrected = linear.evidence.options.copy()
         for form in dict.fromkeys(type(option.term) for option in options):
-            alike = [k for k, option in enumerate(options) if type(option.term) is form]
+            alike = linear.alike(form)
             k = max(alike, key=logs.__getitem__)
             if form not in self.comparison.terms and logs[k] < NEARLY * logs.max():
                 continue
@@ -260,9 +250,9 @@ class _Search:
             corrected[:, alike] += (again.none + again.options[:, 0] - linear.evidence.none - corrected[:, k])[:, None]
             if form in self.comparison.terms and not fitted.terms[-1].possible:
                 corrected[:, alike] = -np.inf
-        evidence = replace(linear.evidence, options=corrected)
-        best = [options[int(np.argmax(evidence.log_bayes_factors[:, 0]))].term] if options else []
-        return replace(linear, evidence=evidence, likeliest=self.fit((*terms, *best)))
+        place = replace(linear, evidence=replace(linear.evidence, options=corrected))
+        best = [options[int(np.argmax(place.logs))].term] if options else []
+        return replace(place, likeliest=self.fit((*terms, *best)))
 
     def further(self, entered: Terms) -> ShortPlace:
         """Weigh one more effect, and rank its evidence among surrogates without it."""
@@ -271,26 +261,18 @@ class _Search:
             self.weighed[key] = replace(place, detection=detect(place, self.options.surrogates))
         return self.weighed[key]
 
-    def gain(self, entered: Terms) -> float:
-        """Sum the log evidence of terms, each beside those before it."""
-        total = 0.0
-        for k, term in enumerate(entered):
-            place = self.weigh_in_place(entered[:k])
-            alike = [type(option.term) is type(term) for option in place.options]
-            total += float(np.logaddexp.reduce(place.evidence.log_bayes_factors[alike, 0]))
-        return total
 
-    def alone(self) -> tuple[RankedEffect, ...]:
-        """Rank the effects, each alone."""
-        place, ranked = self.weigh_in_place(()), []
-        logs = place.evidence.log_bayes_factors[:, 0]
-        for name, chance in name_probabilities(place.options, place.place).items():
-            alike = [k for k, option in enumerate(place.options) if option.name == name]
-            share = np.logaddexp.reduce([place.options[k].share for k in alike])
-            basis = orthonormal_basis(place.base.projected(place.options[max(alike, key=logs.__getitem__)].columns))
-            size_deg = float(np.linalg.norm(basis.T @ place.base.evident) / np.sqrt(len(basis)))
-            ranked.append(RankedEffect(name, float(np.logaddexp.reduce(logs[alike]) - share), size_deg, chance))
-        return tuple(sorted(ranked, key=lambda effect: -effect.score))
+def _rank_alone(place: ShortPlace) -> tuple[RankedEffect, ...]:
+    """Rank the effects, each alone."""
+    ranked = []
+    for name, chance in name_probabilities(place.options, place.place).items():
+        alike = [k for k, option in enumerate(place.options) if option.name == name]
+        share = np.logaddexp.reduce([place.options[k].share for k in alike])
+        columns = place.options[max(alike, key=place.logs.__getitem__)].columns
+        basis = orthonormal_basis(place.base.projected(columns))
+        size_deg = float(np.linalg.norm(basis.T @ place.base.evident) / np.sqrt(len(basis)))
+        ranked.append(RankedEffect(name, float(np.logaddexp.reduce(place.logs[alike]) - share), size_deg, chance))
+    return tuple(sorted(ranked, key=lambda effect: -effect.score))
 
 
 def _zeros(state: FittedHypothesis) -> Terms:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -84,12 +83,6 @@ def rank_text(placebo: Mapping[str, Any]) -> str:
     """State the rank of a gain among those of surrogates; empty without surrogates."""
     n, p = placebo["n"], placebo["rank_p"]
     return "" if p is None else f"better predicted than {n + 1 - round(p * (n + 1))} of {n}"
-
-
-def tilt_zero_text(field_nt_k: float, vertical_nt: float) -> str:
-    """State the drift of the tilt zero that is equivalent to a horizontal field growing with temperature."""
-    zero = math.degrees(field_nt_k / abs(vertical_nt))
-    return f" A tilt zero that drifts by {zero:.2g}°/K turns headings alike: this record cannot separate the two."
 
 
 ACTED_ON = {

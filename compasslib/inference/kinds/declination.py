@@ -26,7 +26,7 @@ from compasslib.effects.readout import HeadingSlip
 from compasslib.inference import diagnosis, finding
 from compasslib.inference.comparison import Comparison, Options, build_finding, equal_chances
 from compasslib.inference.diagnosis import Diagnosis
-from compasslib.inference.finding import BinnedResidual, CovariateRange, Finding, HeldOut, Parameter
+from compasslib.inference.finding import BinnedResidual, CovariateRange, Finding, Parameter
 from compasslib.readers import iaga2002
 from compasslib.records import EarthField, FieldSeries, iso_time
 from compasslib.statistics.least_squares import robust_width
@@ -103,11 +103,10 @@ def diagnose_series(series: FieldSeries, field: EarthField, options: Options) ->
     sizes |= {item.effect: max(item.rms_effect_deg, sizes.get(item.effect, 0.0)) for item in found}
     untested = {"secular_variation": trend_untested, "heading_slip": jump_untested}
     untested |= {"declination_error": DRIFTS} if drifts else {}
-    unexplained = None
+    unexplained, along_time = None, _along_time(compared)
     if compared.ordinary_deg >= limit:  # disturbed at all times: then no storm stands out
-        place = CovariateRange("time", *_along_time(compared).span_s, RESTLESS)
-        named = [item.effect for item in findings]
-        unexplained = _along_time(compared).unexplained([], compared.ordinary_deg, named, place)
+        place = CovariateRange("time", *along_time.span_s, RESTLESS)
+        unexplained = along_time.unexplained([], compared.ordinary_deg, [item.effect for item in findings], place)
     pairs = [(item.effect, other) for item in findings for other in item.alternatives]
     separated = [f"{a} or {b}: {SEPARATED_BY.get(b, 'a second observatory near by')}" for a, b in pairs]
     quiet = f"quiet day from {compared.quiet_days} days" if compared.quiet_days else "no quiet day known"
@@ -135,15 +134,14 @@ def _along_time(compared: FieldComparison) -> Comparison:
 
 def _curve(compared: FieldComparison, steady: FieldSeries, series: FieldSeries) -> BinnedResidual:
     """Average the residual along time, with and without the jumps."""
-    bins = blocks_by_count(compared.time_s, finding.CURVE_BINS)
     off = compared.residual_deg - compared.quiet_deg
     risen = angles.difference(series.declination_deg, steady.declination_deg)
     with_jumps = off + np.interp(compared.time_s, series.time_s, risen)
+    bins = blocks_by_count(compared.time_s, finding.CURVE_BINS)
     each = [np.flatnonzero(bins == k) for k in np.unique(bins)]
     centre, before, after = (np.array([np.mean(x[k]) for k in each]) for x in (compared.time_s, with_jumps, off))
     days = np.array([len(np.unique(np.floor(compared.time_s[k] / DAY_S))) for k in each])
-    sigma = np.array([np.std(off[k]) for k in each]) / np.sqrt(days)
-    return BinnedResidual("time", centre, before, after, sigma)
+    return BinnedResidual("time", centre, before, after, np.array([np.std(off[k]) for k in each]) / np.sqrt(days))
 
 
 def find_jumps(compared: FieldComparison, limit_deg: float) -> tuple[list[Jump], str]:
@@ -198,8 +196,8 @@ def _best_split(off: Floats, least: int) -> tuple[int, float, Floats]:
 def _jump_finding(compared: FieldComparison, jump: Jump) -> Finding:
     """Describe a jump, given the comparison without any."""
     after = compared.time_s >= jump.date_s
-    off = compared.residual_deg - compared.quiet_deg + jump.rise_deg * after
-    off, share = off - np.median(off), float(np.mean(after))
+    off, share = compared.residual_deg - compared.quiet_deg + jump.rise_deg * after, float(np.mean(after))
+    off = off - np.median(off)
 
     def levels(use: NDArray[np.bool_]) -> Floats:
         return np.where(after, np.median(off[use & after]), np.median(off[use & ~after]))
@@ -207,10 +205,11 @@ def _jump_finding(compared: FieldComparison, jump: Jump) -> Finding:
     return _finding(
         compared,
         HeadingSlip(date_s=jump.date_s),
-        ("field_disturbance",) if jump.may_be_storm else (),
         {"offset_deg": Parameter(-jump.rise_deg, jump.sigma_deg, "degrees")},
+        off,
+        levels,
+        alternatives=("field_disturbance",) if jump.may_be_storm else (),
         size_deg=float(abs(jump.rise_deg) * np.sqrt(share * (1.0 - share))),
-        proof=_held_out(compared.time_s, off, levels),
         physics=f"the baseline of the declination jumped by {jump.rise_deg:+.2f}°, as where a sensor turned",
     )
 
@@ -238,10 +237,12 @@ def _trend_finding(compared: FieldComparison, series: FieldSeries, field: EarthF
     made = _finding(
         compared,
         SecularVariation(),
-        () if of_model else tuple(others),
         {"deg_year": Parameter(slope, sigma, "degrees/year")},
+        off,
+        line,
+        alternatives=() if of_model else tuple(others),
         size_deg=float(abs(slope) * np.std(years)),
-        proof=_held_out(time_s, off, line, finding.HELD_OUT_BLOCK_S),
+        unit_s=finding.HELD_OUT_BLOCK_S,
         physics=f"the declination drifts beyond the simulation{told}",
     )
     return made, ""
@@ -257,24 +258,23 @@ def _slope(time_s: Floats, off: Floats) -> tuple[float, float]:
 
 def _constant_finding(compared: FieldComparison, series: FieldSeries, field: EarthField) -> Finding | None:
     """Find a constant that is larger than the crustal field explains."""
-    size, sigma = abs(compared.constant_deg), compared.constant_sigma_deg
+    size, sigma, off = abs(compared.constant_deg), compared.constant_sigma_deg, compared.residual_deg
     strength = np.nanmedian(np.append(series.horizontal_nT, field.horizontal_nT))
     most = float(np.arctan2(field_check.CRUST_NT, strength)) / angles.DEGREE
     if size - 1.96 * sigma <= most:
         return None
     by_model = np.interp(compared.time_s, field.time_s, field.model_declination_deg)
-    off = abs(float(np.median(angles.difference(compared.observed_deg, by_model))))
-    wrong_number = field.source != "IGRF" and off <= most
+    from_model = abs(float(np.median(angles.difference(compared.observed_deg, by_model))))
+    wrong_number = field.source != "IGRF" and from_model <= most
     why = "and IGRF agrees with the recording: the given number is wrong" if wrong_number else f"rocks make {most:.1f}°"
     return _finding(
         compared,
         DeclinationError(),
-        () if wrong_number else ("hard_iron", "mounting_offset"),
         {"error_deg": Parameter(compared.constant_deg, sigma, "degrees")},
+        off,
+        lambda use: np.full(len(use), np.median(off[use])),
+        alternatives=() if wrong_number else ("hard_iron", "mounting_offset"),
         size_deg=size,
-        proof=_held_out(
-            compared.time_s, compared.residual_deg, lambda use: np.full(len(use), np.median(compared.residual_deg[use]))
-        ),
         physics=f"the declination differs from {_model_name(field)} by a constant, {why}",
     )
 
@@ -285,17 +285,13 @@ def _daily_finding(compared: FieldComparison) -> Finding | None:
         return None
     time_s, off = compared.time_s, compared.disturbed_deg + compared.quiet_deg
     sigma = angles.rms(compared.disturbed_deg[~compared.stormy]) / np.sqrt(compared.quiet_days)
-
-    def daily(use: NDArray[np.bool_]) -> Floats:
-        return observatory.interpolate_daily_curve(observatory.hourly_median(time_s, off, use), time_s)
-
     return _finding(
         compared,
         FieldDisturbance(),
-        (),
         {"amplitude_deg": Parameter(float(np.ptp(compared.curve_deg)) / 2.0, sigma, "degrees")},
+        off,
+        lambda use: observatory.interpolate_daily_curve(observatory.hourly_median(time_s, off, use), time_s),
         size_deg=float(np.std(compared.curve_deg)),
-        proof=_held_out(time_s, off, daily),
         physics=f"magnetic north swings every day, by the median of {compared.quiet_days} quiet days",
         place=CovariateRange("hour_of_day", 0.0, 24.0, "at every hour of the day"),
     )
@@ -316,23 +312,21 @@ def _storm_findings(compared: FieldComparison, series: FieldSeries) -> list[Find
         base = np.interp(time_s, compared.time_s, compared.model_deg + compared.level_deg)
         off = angles.difference(series.declination_deg[inside], base)
         off -= observatory.interpolate_daily_curve(compared.curve_deg, time_s)
-
-        def course(use: NDArray[np.bool_], time_s: Floats = time_s, off: Floats = off) -> Floats:
-            return np.interp(time_s, time_s[use], off[use])
-
         physics = f"a disturbance of the earth's field, {storm.worst_deg:.2f}° rms in its worst three hours"
         physics += "" if compared.quiet_days else "; no quiet day is known: daily variation is part of it"
         physics += f"; {more} smaller storms are not listed" if more else ""
         made = _finding(
             compared,
             FieldDisturbance(),
-            (),
             {
                 "range_deg": Parameter(storm.range_deg, float(np.sqrt(2.0)) * noise_deg, "degrees"),
                 "worst_three_hours_deg": Parameter(storm.worst_deg, noise_deg, "degrees"),
             },
+            off,
+            lambda use, time_s=time_s, off=off: np.interp(time_s, time_s[use], off[use]),  # type: ignore[misc]
+            time_s=time_s,
             size_deg=storm.rms_deg,
-            proof=_held_out(time_s, off, course, max(observatory.AVERAGED_S, float(np.median(np.diff(series.time_s))))),
+            unit_s=max(observatory.AVERAGED_S, float(np.median(np.diff(series.time_s)))),
             physics=physics,
             place=CovariateRange("time", *span, f"from {iso_time(span[0])} to {iso_time(span[1])}"),
             span_s=span,
@@ -344,30 +338,32 @@ def _storm_findings(compared: FieldComparison, series: FieldSeries) -> list[Find
 def _finding(
     compared: FieldComparison,
     term: Effect,
-    alternatives: tuple[str, ...],
     parameters: Mapping[str, Parameter],
+    off_deg: Floats,
+    predict: Callable[[NDArray[np.bool_]], Floats],
     *,
+    time_s: Floats | None = None,
+    unit_s: float = 0.0,
+    alternatives: tuple[str, ...] = (),
     place: CovariateRange | None = None,
     **described: Any,
 ) -> Finding:
-    """Build a finding that shows along time unless a place is given."""
-    of_series, chances = _along_time(compared), equal_chances(term.name, *alternatives)
-    place = place or of_series.where("time", of_series.span_s)
-    return build_finding(of_series, term, chances, parameters, place=place, **described)
-
-
-def _held_out(
-    time_s: Floats, off_deg: Floats, predict: Callable[[NDArray[np.bool_]], Floats], unit_s: float = 0.0
-) -> HeldOut:
-    """Score a prediction on held-out days, hours of a record of few days, or other units of time.
+    """Build a finding, scored by its prediction of held-out stretches, that shows along time unless a place is given.
 
     Args:
+        off_deg: what is predicted, (n,).
         predict: function of the samples that are known, which predicts all, (n,) degrees.
+        time_s: of each, (n,); by default the times that are compared.
+        unit_s: length of the stretches; by default days, hours of a record of few days.
     """
+    time_s = compared.time_s if time_s is None else time_s
     unit_s = unit_s or (DAY_S if np.ptp(time_s) > finding.FOLDS * DAY_S else HOUR_S)
     fold, left = blocks_by_span(time_s, unit_s) % finding.FOLDS, np.array(off_deg)
     for out in (fold == k for k in range(finding.FOLDS)):
         if out.any() and not out.all():
             left[out] -= predict(~out)[out]
     block = blocks_by_span(time_s, max(unit_s, observatory.WINDOW_S))
-    return finding.compare_residuals(off_deg, left, max(angles.rms(left), PRECISION_DEG), block)
+    proof = finding.compare_residuals(off_deg, left, max(angles.rms(left), PRECISION_DEG), block)
+    of_series, chances = _along_time(compared), equal_chances(term.name, *alternatives)
+    place = place or of_series.where("time", of_series.span_s)
+    return build_finding(of_series, term, chances, parameters, proof=proof, place=place, **described)

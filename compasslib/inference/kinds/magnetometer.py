@@ -36,10 +36,11 @@ from compasslib.effects.iron import (
 )
 from compasslib.effects.readout import CompassDelay, HeadingSlip, MountingOffset, ReadingLevelled
 from compasslib.inference import covariates as covariate_series
-from compasslib.inference import diagnosis, short_findings, short_fit, short_search
+from compasslib.inference import diagnosis, short_fit, short_search
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.kinds.platform import READOUT
+from compasslib.inference.short_findings import build_outcome
 from compasslib.inference.short_fit import ShortComparison, thin_indices
 from compasslib.types import Floats
 
@@ -48,7 +49,7 @@ DELAYED_BY = (7, 3)  # window (readings) and polynomial order of the filter for 
 FEWEST_TURN_DEG = 5.0  # least rms variation of the headings for a comparison
 # Accuracy of the simulated levelling and rounding: of a 3D-ACM by its cosine rule, a Signature500 by full rotation.
 RULE_DEG = 0.03
-NO_HEADING = "no heading was logged to hold that of the axes against"
+WOBBLE_SAMPLES = 31  # window of the running mean of tilts; faster changes are mostly accelerations
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
@@ -73,22 +74,19 @@ def diagnose_log(log: Log, *, field: Mapping[str, float] | None, options: Option
         choice = ellipsoid.choose_model(log, log.raw)
         why_not = "" if choice.fitted is not None else choice.why
     axes, no_heading = _axes(log, choice)
-    missing = [("hard_iron", why_not)] if why_not else []
-    missing += [("tilt_uncompensated", "no tilts were logged")] if not log.tilted else []
-    missing += [("temperature", "no temperature that varies was logged")] if not warmed(log) else []
-    missing += [("compass_lag", no_heading)] if no_heading else []
+    missing = {
+        "hard_iron": why_not,
+        "tilt_uncompensated": "" if log.tilted else "no tilts were logged",
+        "temperature": "" if _warmed(log) else "no temperature that varies was logged",
+        "compass_lag": no_heading,
+    }
+    not_testable = tuple((effect, why) for effect, why in missing.items() if why)
     if why_not and no_heading:
-        return diagnosis.insufficient(f"{why_not.rstrip('.')}, and {no_heading}", tuple(missing))
-    parts, limit = [], options.min_effect_deg
-    if not why_not:
-        parts.append(_of_modulus(log, axes, choice, field))
-    if not no_heading:
-        parts.append(_of_heading(log, axes, field))
-    return diagnosis.combine_outcomes(
-        [short_findings.build_outcome(short_search.search_effects(part, options), limit) for part in parts],
-        options,
-        not_testable=missing,
-    )
+        return diagnosis.insufficient(f"{why_not.rstrip('.')}, and {no_heading}", not_testable)
+    parts = [] if why_not else [_compare_modulus(log, axes, choice, field)]
+    parts += [] if no_heading else [_compare_heading(log, axes, field)]
+    outcomes = [build_outcome(short_search.search_effects(part, options), options.min_effect_deg) for part in parts]
+    return diagnosis.combine_outcomes(outcomes, options, not_testable=not_testable)
 
 
 def _axes(log: Log, choice: ModelChoice) -> tuple[Floats, str]:
@@ -97,7 +95,7 @@ def _axes(log: Log, choice: ModelChoice) -> tuple[Floats, str]:
     Since the logged heading may be corrected for strong iron, axes with the iron removed are tried as well.
     """
     if log.heading_deg is None:
-        return np.eye(3), NO_HEADING
+        return np.eye(3), "no heading was logged to hold that of the axes against"
     if angles.rms(angles.difference(log.heading_deg, float(angles.mean(log.heading_deg)))) < FEWEST_TURN_DEG:
         return np.eye(3), f"the logged heading varies by less than {FEWEST_TURN_DEG:.0f} degrees rms"
     tries = [magnetometer_log.search_axes(log)]
@@ -110,17 +108,20 @@ def _axes(log: Log, choice: ModelChoice) -> tuple[Floats, str]:
     return matrix, ""
 
 
-def _of_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) -> ShortComparison:
+def _compare_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) -> ShortComparison:
+    """Compare the logged heading with that of the axes."""
     body = log.raw @ axes.T
-    working, unit = _working(body, float(np.median(np.hypot(body[:, 0], body[:, 1]))), log, field)
-    simulated = angles.argument(body[:, 0] - 1j * body[:, 1])
-    scene, covariates, samples, clocked = scene_of(log, simulated, body)
+    working, unit = _scale_to_field(body, float(np.median(np.hypot(body[:, 0], body[:, 1]))), log, field, level=True)
+    scene, covariates, samples, clocked = _conditions(log, body)
     terms: tuple[type[Effect], ...] = (MountingOffset, LevelHardIron, HeadingSlip)
     if log.tilted:  # otherwise an unlogged tilt may have any form along the heading
         terms = (ReadingLevelled, HardIron, MountingOffset, LevelSoftIron, *READOUT)
     terms += (CompassDelay,) if clocked else ()
-    terms += (TemperatureOfReading,) if warmed(log) else ()
-    unseen = {} if log.tilted else {term.name: ("tilt_uncompensated",) for term in terms if term is not CompassDelay}
+    terms += (TemperatureOfReading,) if _warmed(log) else ()
+    confused = {"hard_iron": ("tilt_offset",)}  # constant in the body, near level
+    if not log.tilted:
+        confused = {term.name: ("tilt_uncompensated",) for term in terms if term is not CompassDelay}
+    confused["mounting_offset"] = ("declination_error", *confused.get("mounting_offset", ()))
     assert log.heading_deg is not None
     return ShortComparison(
         what="the logged heading against that of the axes",
@@ -132,38 +133,27 @@ def _of_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) -> Sh
         terms=terms,
         covariates=covariates,
         rule_deg=RULE_DEG,
-        confused={
-            **({"hard_iron": ("tilt_offset",)} if log.tilted else unseen),  # constant in the body, near level
-            "mounting_offset": ("declination_error", *unseen.get("mounting_offset", ())),
-        },
+        confused=confused,
         field_unit=unit,
     )
 
 
-def _of_modulus(log: Log, axes: Floats, choice: ModelChoice, field: Mapping[str, float] | None) -> ShortComparison:
-    assert choice.readings is not None and choice.fitted is not None
+def _compare_modulus(log: Log, axes: Floats, choice: ModelChoice, field: Mapping[str, float] | None) -> ShortComparison:
+    """Compare the modulus of the axes with a constant."""
+    far, level = ellipsoid.find_outliers(choice), choice.level
+    log = log.take(~far) if far.any() else log
     body = log.raw @ axes.T
-    far = ellipsoid.find_outliers(choice)
-    if far.any():
-        log, body = log.take(~far), body[~far]
-    working, unit = _working(body, choice.scale, log, field, level=choice.level)
-    simulated = angles.argument(body[:, 0] - 1j * body[:, 1])
-    scene, covariates, samples, clocked = scene_of(log, simulated, body)
-    level = choice.level
+    working, unit = _scale_to_field(body, choice.scale, log, field, level=level)
+    scene, covariates, samples, clocked = _conditions(log, body)
     iron: tuple[type[Effect], ...] = (LevelHardIron, LevelSoftIron) if level else (HardIron, SoftIronInSpace)
     terms: tuple[type[Effect], ...] = (*iron, HardIronStep, HardIronTrend)
-    terms += (TemperatureOfField,) if warmed(log) else ()
+    terms += (TemperatureOfField,) if _warmed(log) else ()
     terms += (Heeling,) if level and log.tilted else ()
-    down_all = log.levelling()[:, 2, :] if level else np.zeros((len(working), 3))
-    down, strength = down_all[samples], _strength(field, level)
-    wobble = (
-        tilt_wobble(log, working, down_all, strength)[samples] if level and log.tilted else np.zeros((len(samples), 0))
-    )
+    down, strength = log.levelling()[:, 2, :] if level else np.zeros((len(working), 3)), _strength(field, level)
+    wobble = _tilt_wobble(log, working, down, strength) if level and log.tilted else np.zeros((len(working), 0))
     return ShortComparison(
-        what="the modulus of the horizontal axes against a constant"
-        if level
-        else "the modulus of the axes against a constant",
-        residual=OfModulus(working[samples], down, strength, scene, wobble),
+        what=f"the modulus of the {'horizontal ' if level else ''}axes against a constant",
+        residual=OfModulus(working[samples], down[samples], strength, scene, wobble[samples]),
         start=np.zeros(1 + wobble.shape[1]),
         steps=np.ones(1 + wobble.shape[1]),
         time_s=scene.time_s,
@@ -198,20 +188,15 @@ def _strength(field: Mapping[str, float] | None, level: bool) -> float:
     return field["horizontal_nT"] if level else float(np.hypot(field["horizontal_nT"], field["vertical_nT"]))
 
 
-def _working(
-    body: Floats, scale: float, log: Log, field: Mapping[str, float] | None, *, level: bool = True
+def _scale_to_field(
+    body: Floats, scale: float, log: Log, field: Mapping[str, float] | None, *, level: bool
 ) -> tuple[Floats, tuple[float, str]]:
     """Scale the readings to nT, nominally where the earth's field is unknown, and get factor and unit of iron."""
-    strength = _strength(field, level)
-    if field is not None and not magnetometer_log.are_direction_cosines(log):
+    strength, cosines = _strength(field, level), magnetometer_log.are_direction_cosines(log)
+    if field is not None and not cosines:
         return body * (strength / scale), (1.0, "nT")
-    unit = "of the whole field" if magnetometer_log.are_direction_cosines(log) else "in the file's unit"
+    unit = "of the whole field" if cosines else "in the file's unit"
     return body * (strength / scale), (scale / strength, unit)
-
-
-# Forward models of a magnetometer's log: the heading of its axes, and their modulus.
-
-WOBBLE_SAMPLES = 31  # window of the running mean of tilts; faster changes are mostly accelerations
 
 
 @dataclass(frozen=True)
@@ -224,10 +209,9 @@ class OfHeading:
 
     def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
         """Return observed minus simulated heading, (n,) degrees; iron terms are what the logger corrected for."""
-        field = self.field_nT
-        iron = [term for term in terms if term.acts_on == "field" and term.stage == "surroundings"]
-        field = freed(field, iron, self.scene)
-        for term in (term for term in terms if term.acts_on == "field" and term.stage == "sensor"):
+        of_field = [term for term in terms if term.acts_on == "field"]
+        field = _remove_iron(self.field_nT, [term for term in of_field if term.stage == "surroundings"], self.scene)
+        for term in (term for term in of_field if term.stage == "sensor"):
             field = term.apply(field, self.scene)
         reading = angles.argument(field[:, 0] - 1j * field[:, 1])
         for term in (term for term in terms if term.acts_on == "reading"):
@@ -248,11 +232,11 @@ class OfModulus:
     def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
         """Return observed minus simulated modulus, (n,) degrees; base[0] is the scale error of the axes, degrees."""
         scaled = self.field_nT * (1.0 - base[0] * angles.DEGREE)  # iron is in units of the scaled field
-        modulus = ellipsoid.modulus(freed(scaled, terms, self.scene), self.down)
+        modulus = ellipsoid.modulus(_remove_iron(scaled, terms, self.scene), self.down)
         return (modulus / self.strength_nT - 1.0) / angles.DEGREE - self.wobble @ base[1:]
 
 
-def freed(field_nT: Floats, terms: Sequence[Effect], scene: Scene) -> Floats:
+def _remove_iron(field_nT: Floats, terms: Sequence[Effect], scene: Scene) -> Floats:
     """Remove the iron of terms from the field by inverting the sum of their matrices and vectors."""
     soft, zero = np.eye(3), np.zeros((len(field_nT), 3))
     hard: Floats = np.zeros((len(field_nT), 3))
@@ -264,12 +248,12 @@ def freed(field_nT: Floats, terms: Sequence[Effect], scene: Scene) -> Floats:
     return np.asarray((field_nT - hard) @ np.linalg.inv(soft).T)
 
 
-def warmed(log: Log) -> bool:
+def _warmed(log: Log) -> bool:
     """Return whether a temperature that varies was logged."""
     return log.temperature_c is not None and bool(np.isfinite(log.temperature_c).any() and np.nanstd(log.temperature_c))
 
 
-def tilt_wobble(log: Log, field_nT: Floats, down: Floats, strength_nT: float) -> Floats:
+def _tilt_wobble(log: Log, field_nT: Floats, down: Floats, strength_nT: float) -> Floats:
     """Compute the change of the modulus by the fast part of each tilt, (n, 2) degrees.
 
     Waves and handling accelerate the tilt sensor, and its spurious tilt also enters the modulus.
@@ -282,27 +266,26 @@ def tilt_wobble(log: Log, field_nT: Floats, down: Floats, strength_nT: float) ->
     return (moved - ellipsoid.modulus(field_nT, down)[:, None]) / strength_nT / angles.DEGREE
 
 
-def scene_of(log: Log, simulated_deg: Floats, body: Floats) -> tuple[Scene, dict[str, Floats], NDArray[np.intp], bool]:
+def _conditions(log: Log, body: Floats) -> tuple[Scene, dict[str, Floats], NDArray[np.intp], bool]:
     """Build scene and covariates of the log, thinned, with the indices of its samples and whether it has a clock."""
-    n = len(log.raw)
-    samples = thin_indices(n)
+    n, heading = len(log.raw), angles.argument(body[:, 0] - 1j * body[:, 1])
+    samples, zero = thin_indices(n), np.zeros(n)
     clocked = log.time_s is not None and bool(np.isfinite(log.time_s).all() and np.all(np.diff(log.time_s) > 0.0))
     time_s = log.time_s if clocked and log.time_s is not None else np.arange(1.0, n + 1.0)
-    zero = np.zeros(n)
     pitch, roll = (zero if tilt is None else tilt for tilt in (log.pitch_deg, log.roll_deg))
-    turned = np.cumsum(np.append(0.0, angles.difference(simulated_deg[1:], simulated_deg[:-1])))
+    turned = np.cumsum(np.append(0.0, angles.difference(heading[1:], heading[:-1])))
     rate = np.gradient(turned, time_s)
-    columns = {"heading": angles.wrap360(simulated_deg), "time" if clocked else "reading": time_s}
+    columns = {"heading": angles.wrap360(heading), "time" if clocked else "reading": time_s}
     columns |= {"pitch": pitch, "roll": roll} if log.tilted else {}
     columns |= {"turn_rate": rate} if clocked else {}
     columns |= {"vertical_field": body[:, 2] / abs(body[:, 2].mean())} if log.has_z and body[:, 2].mean() else {}
-    if log.temperature_c is not None and warmed(log):
+    if log.temperature_c is not None and _warmed(log):
         columns["temperature"] = covariate_series.fill_gaps(log.temperature_c)
     columns |= {name: covariate_series.fill_gaps(x) for name, x in log.channels.items() if covariate_series.varies(x)}
     columns = {name: column[samples] for name, column in columns.items()}
     departures = {name: column - column.mean() for name, column in columns.items() if name == "temperature"}
     departures["turn_rate"] = rate[samples]
-    unit_field, at = np.ones(len(samples)), time_s[samples]
+    at = time_s[samples]
     # A projection on cubics: the noise of the difference of two values does not depend on the delay. With linear
     # interpolation it is smallest at half a step, which would bias the estimated delay.
     smooth = savgol_filter(turned, *DELAYED_BY)
@@ -310,8 +293,8 @@ def scene_of(log: Log, simulated_deg: Floats, body: Floats) -> tuple[Scene, dict
     def ahead(seconds: float) -> Floats:
         return np.interp(at + seconds, time_s, smooth) - smooth[samples]
 
-    scene = turning_scene(
-        Scene(at, unit_field, unit_field, pitch[samples], roll[samples], float(time_s[0]), departures), ahead
-    )
+    tilt_deg = pitch[samples], roll[samples]
+    scene, _ = short_fit.recording_scene(at, None, tilt_deg=tilt_deg, departures=departures)
+    scene = turning_scene(scene, ahead)
     scene.__dict__["levelling"] = log.levelling()[samples]  # the log's own rule, in place of the cached property
     return scene, columns, samples, clocked

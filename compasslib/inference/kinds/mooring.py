@@ -19,8 +19,8 @@ from compasslib.deviation.exact import held_out_scores
 from compasslib.deviation.likelihood import EXACT, SERIES
 from compasslib.deviation.model import DeviationFit, nearest_root, observed_heading, pair_speeds
 from compasslib.deviation.series import invert_series
-from compasslib.effects import Effect
 from compasslib.effects.effect import HOUR_S, YEAR_S
+from compasslib.effects.readout import LargeDeviation
 from compasslib.effects.water import ClockDrift, ClockOffset, VeerWithDirection
 from compasslib.inference import comparison, diagnosis, finding, long_record
 from compasslib.inference import product as products
@@ -42,7 +42,7 @@ from compasslib.statistics.whitening import grid_positions, robust_widths
 from compasslib.types import Floats
 
 LEAST_CLOCK_H = 0.3  # least clock error that is named; delays by real water are smaller
-WINDOWS, FEWEST_IN_WINDOW = 16, 100  # windows for comparing the clocks, and fewest samples in one
+WINDOWS, FEWEST_WINDOWS, FEWEST_IN_WINDOW = 16, 5, 100  # windows for comparing the clocks, and fewest samples in one
 LONGEST_HOURS = 12.0  # largest clock error searched: time zones; at longer lags tides repeat
 SLOW_HOURS = 12.0  # half width of the running mean that is subtracted
 NEARLY_AS_GOOD = 10.0  # difference of chi squared below which an offset and a drift are not distinguished
@@ -91,26 +91,26 @@ def estimate_clock_error(pairs: Pairs) -> ClockError:
     if step > 2.0 * HOUR_S:
         return ClockError()
     slot = grid_positions(pairs.time_s)
-    parts = []
-    for speed in pair_speeds(pairs):  # on a regular grid, high-pass filtered, 0 where missing
-        grid, present = np.zeros(slot[-1] + 1), np.zeros(slot[-1] + 1)
-        grid[slot], present[slot] = np.where(np.isfinite(speed), speed, 0.0), np.isfinite(speed)
-        window = np.ones(2 * max(int(SLOW_HOURS * HOUR_S / step), 1) + 1)
-        mean = np.convolve(grid, window, "same") / np.maximum(np.convolve(present, window, "same"), 1.0)
-        parts.append((grid - mean) * present)
-    upper, lower = parts
-    width = max(len(upper) // WINDOWS, FEWEST_IN_WINDOW)
-    windows = [slice(begin, begin + width) for begin in range(0, len(upper) - width + 1, width)]
-    later = np.interp(np.arange(len(upper)), slot, pairs.separation_minutes / 60.0)
-    windows_ahead = [
-        (
-            (window.start + width / 2.0) * step / YEAR_S,
-            _ahead_h(upper[window], lower[window], step) - later[window].mean(),
-        )
-        for window in windows
-    ]
-    known = np.array([window_ahead for window_ahead in windows_ahead if np.isfinite(window_ahead[1])]).reshape(-1, 2)
-    return _select_clock(known[:, 0], known[:, 1], len(upper) * step / YEAR_S) if len(known) >= 5 else ClockError()
+    count, span = slot[-1] + 1, 2 * max(int(SLOW_HOURS * HOUR_S / step), 1) + 1
+    speeds = np.zeros((2, count))  # on a regular grid, high-pass filtered, 0 where missing
+    for fast, speed in zip(speeds, pair_speeds(pairs), strict=True):
+        grid, present = np.zeros(count), np.zeros(count)
+        grid[slot], present[slot] = np.nan_to_num(speed), np.isfinite(speed)
+        total, known = (np.convolve(x, np.ones(span), "same") for x in (grid, present))
+        fast[:] = (grid - total / np.maximum(known, 1.0)) * present
+    width = max(count // WINDOWS, FEWEST_IN_WINDOW)
+    later = np.interp(np.arange(count), slot, pairs.separation_minutes / 60.0)
+    begins = np.arange(0, count - width + 1, width)
+    years = (begins + width / 2.0) * step / YEAR_S
+    ahead = np.array(
+        [
+            _ahead_h(speeds[0, k : k + width], speeds[1, k : k + width], step) - later[k : k + width].mean()
+            for k in begins.tolist()
+        ]
+    )
+    clear = np.isfinite(ahead)
+    enough = np.count_nonzero(clear) >= FEWEST_WINDOWS
+    return _select_clock(years[clear], ahead[clear], count * step / YEAR_S) if enough else ClockError()
 
 
 def _select_clock(years: Floats, ahead_h: Floats, span_years: float) -> ClockError:
@@ -141,9 +141,11 @@ class _Estimate:
 
     @property
     def is_significant(self) -> bool:
-        """Whether it is significant by Student's t distribution, as a normal score (Wallace 1959)."""
-        t, n = self.value / max(self.sigma, 1e-6), self.freedom
-        return bool((8.0 * n + 1.0) / (8.0 * n + 3.0) * np.sqrt(n * np.log1p(t**2 / n)) > finding.NAMED_SIGMAS)
+        """Whether it is significant by Student's t distribution."""
+        from scipy.special import ndtr, stdtr
+
+        t = abs(self.value) / max(self.sigma, 1e-6)
+        return bool(stdtr(self.freedom, -t) < ndtr(-finding.NAMED_SIGMAS))
 
 
 def _fit(design: Floats, ahead_h: Floats, scatter_h: float) -> tuple[list[_Estimate], float]:
@@ -248,34 +250,32 @@ def diagnose(
     is_series = fit.method == "von_appen"
     exact = fit_deviation("exact", pairs) if is_series else fit
     first = [] if not is_series else exact_compass_findings(pairs, exact, fit, options.min_effect_deg)
-    clock = estimate_clock_error(wide)
-    repair, doubted = _repair_clock(pairs, exact, clock)
+    repair, doubted = _repair_clock(pairs, exact, estimate_clock_error(wide))
     if repair is not None:
         held = pairs_remaining(pairs, repair.pairs)
         logged = {name: column[held] for name, column in logged.items()}
         first += repair.findings
         pairs, exact = repair.pairs, repair.fit
     case = compare_pairs(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic, units=units)
-    case = replace(case, shared=shared or {})
+    terms, missing = case.terms, case.not_testable
     if repair is not None:
         # Interpolated directions share their noise with the flow direction, on which this term depends.
         why = "directions read between two samples, after the clocks, share their noise with the direction of the flow"
-        terms = tuple(kind for kind in case.terms if kind is not VeerWithDirection)
-        case = replace(case, terms=terms, not_testable=(*case.not_testable, (VeerWithDirection.name, why)))
+        terms = tuple(kind for kind in terms if kind is not VeerWithDirection)
+        missing = (*missing, (VeerWithDirection.name, why))
     if is_series:  # it was tested above
-        case = replace(case, not_testable=tuple(item for item in case.not_testable if item[0] != "large_deviation"))
+        missing = tuple(item for item in missing if item[0] != LargeDeviation.name)
+    case = replace(case, shared=shared or {}, terms=terms, not_testable=missing)
     diagnosed = replace(diagnosis.prepend_findings(first, long_record.diagnose(case, options, exact)), warnings=doubted)
     if not options.apply:
-        return replace(
-            diagnosed, applied=(), findings=tuple(replace(item, applied=False) for item in diagnosed.findings)
-        )
+        unapplied = tuple(replace(item, applied=False) for item in diagnosed.findings)
+        return replace(diagnosed, applied=(), findings=unapplied)
     if is_series and not any(item.applied for item in diagnosed.findings):
         return replace(diagnosed, applied=())
     if diagnosed.covariance is not None and not exact.known_beforehand:  # uncertainty of the coefficients by slow water
         exact = products.inflate_covariance(exact, diagnosed.covariance)
-    return replace(
-        diagnosed, fit=exact, applied=tuple(products.limit_precision(item, exact) for item in diagnosed.applied)
-    )
+    applied = tuple(products.limit_precision(item, exact) for item in diagnosed.applied)
+    return replace(diagnosed, fit=exact, applied=applied)
 
 
 def _repair_clock(pairs: Pairs, fit: DeviationFit, clock: ClockError) -> tuple[Repair | None, tuple[str, ...]]:
@@ -314,15 +314,13 @@ def clock_findings(
     proof = finding.compare_residuals(left[0], left[1], width, blocks_by_span(after.time_s, finding.HELD_OUT_BLOCK_S))
     size = robust_width(moved)  # robust: directions of slow water are arbitrary
     compared = Comparison(time_s=after.time_s, terms=(), covariates={"time": after.time_s})
-    terms: dict[Effect, tuple[bool, float, float]] = {
-        ClockOffset(): (clock.offset_named, clock.offset_h, clock.offset_sigma_h),
-        ClockDrift(): (clock.drift_named, clock.drift_h_year, clock.drift_sigma_h_year),
-    }
     place, result = compared.where("time", compared.span_s), []
-    for term, (is_named, value, sigma) in terms.items():
+    for is_named, term, other, value, sigma in (
+        (clock.offset_named, ClockOffset(), ClockDrift(), clock.offset_h, clock.offset_sigma_h),
+        (clock.drift_named, ClockDrift(), ClockOffset(), clock.drift_h_year, clock.drift_sigma_h_year),
+    ):
         if is_named:
-            others = [other.name for other in terms if other is not term and clock.ambiguous]
-            chances = comparison.equal_chances(term.name, *others)
+            chances = comparison.equal_chances(term.name, *[other.name] * clock.ambiguous)
             parameters = {term.fitted()[0]: Parameter(value, sigma, term.units()[0])}
             result.append(
                 comparison.build_finding(compared, term, chances, parameters, size_deg=size, proof=proof, place=place)
@@ -338,8 +336,7 @@ def exact_compass_findings(
     Both have five parameters, so the comparison on held-out days needs no penalty for complexity.
     """
     observed = observed_heading(pairs)
-    by_exact = nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
-    by_series = invert_series(series.coefficients, pairs.heading_deg)
+    by_exact, by_series = (_heading_by(each, pairs, observed) for each in (fit, series))
     size, lost = angles.rms(angles.difference(by_exact, by_series)), float(np.mean(~np.isfinite(by_series)))
     if not (size >= min_effect_deg or lost > MOST_ROOTLESS):
         return []
@@ -365,9 +362,12 @@ def held_out_residual(pairs: Pairs, fit: DeviationFit) -> Floats:
     for out in (block % 2 == 0, block % 2 == 1):
         again = fit_deviation(fit.method, take(pairs, ~out), fit)
         if again.fitted:
-            if again.method == "von_appen":
-                heading = invert_series(again.coefficients, pairs.heading_deg)
-            else:
-                heading = nearest_root(compass.inverse(again.coefficients, pairs.heading_deg), observed)
-            left[out] = angles.difference(observed, heading)[out]
+            left[out] = angles.difference(observed, _heading_by(again, pairs, observed))[out]
     return np.where(np.isfinite(left), left, finding.NO_ROOT_DEG)
+
+
+def _heading_by(fit: DeviationFit, pairs: Pairs, observed_deg: Floats) -> Floats:
+    """Compute the headings corrected by a fit, (n,) degrees, of two the one nearest to that observed; NaN without."""
+    if fit.method == "von_appen":
+        return invert_series(fit.coefficients, pairs.heading_deg)
+    return nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed_deg)

@@ -1,7 +1,7 @@
 """Diagnose two heads on one frame: the heading of b against that of a, rigidly rotated.
 
-The clocks are aligned first, by rates of tilts and headings, or by tilts alone if these disagree. Iron that affects
-one head only (one and two cycles of the heading) and the terms are fitted next. Which head is wrong remains unknown.
+The clocks are aligned first, by rates of tilts and headings, or by tilts alone if these disagree. Iron is one head's
+relative to the other's; which head is wrong remains unknown.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from compasslib import angles
 from compasslib.calibrations import two_heads
 from compasslib.calibrations.two_heads import frame as frames
 from compasslib.calibrations.two_heads import motion
-from compasslib.calibrations.two_heads.frame import Frame
 from compasslib.calibrations.two_heads.motion import ClockDifference, Motion, PairedHeads
 from compasslib.effects.effect import Effect, turning_scene
 from compasslib.effects.forward import COMPASS_STEPS
@@ -30,16 +29,15 @@ from compasslib.inference.comparison import Options, build_finding, equal_chance
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import Finding, HeldOut, Parameter
 from compasslib.inference.kinds.platform import READOUT
-from compasslib.inference.short_fit import ShortComparison, thin_indices
-from compasslib.inference.short_search import ShortInference
+from compasslib.inference.short_fit import CurveResidual, ShortComparison, thin_indices
 from compasslib.statistics.least_squares import robust_width
 from compasslib.statistics.resampling import blocks_by_count
-from compasslib.statistics.whitening import orthonormal_basis, project_out
 from compasslib.types import Floats
 
-TERMS: tuple[type[Effect], ...] = (*READOUT, CompassDelay, HardIronStep, HardIronTrend, Heeling)
+TERMS: tuple[type[Effect], ...] = (
+    *READOUT, CompassDelay, HardIronStep, HardIronTrend, Heeling, LevelHardIron, LevelSoftIron
+)  # fmt: skip
 LAGS_S = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0)  # starting values of a lag, since the misfit has several minima
-WHICH = "which of the two heads is wrong: a third compass, or a swing of either head"
 UNTESTED = (
     ("declination_error", "a constant of either compass cannot be separated from the mounting angle"),
     ("field_disturbance", "it acts on both compasses alike and cancels in their difference"),
@@ -73,16 +71,11 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
     farthest = float(two_heads.setting(settings, "max_clock_seconds", two_heads.MAX_CLOCK_OFFSET_S))
     start, end = settings.get("start_s"), settings.get("end_s")
     known = float(two_heads.setting(settings, "clock_offset_seconds", 0.0))
-    first = motion.extract_motion(a, start, end)
     reach = max(farthest, motion.DAY_S)
     window = [None if edge is None else edge + known + way * reach for edge, way in ((start, -1.0), (end, 1.0))]
     second = motion.extract_motion(b, *window)
     second = replace(second, time_s=second.time_s - known)
-    if min(len(first.time_s), len(second.time_s)) < two_heads.MIN_SAMPLES:
-        n = min(len(first.time_s), len(second.time_s))
-        return diagnosis.insufficient(
-            f"a head has {n} usable samples, at least {two_heads.MIN_SAMPLES} are needed", UNTESTED
-        )
+    first = motion.extract_motion(a, start, end)
     return diagnose_motion(first, second, farthest_s=farthest, field=settings.get("field"), options=options)
 
 
@@ -94,13 +87,15 @@ def diagnose_motion(
     Args:
         a: motion of one head, by its own clock.
         b: motion of the other head, by its own clock corrected for its known offset.
-        farthest_s: largest clock difference searched first, s.
+        farthest_s: largest clock difference searched first, s; if the headings are then unrelated, it is a day.
         field: the earth's field there, None where the place is unknown.
     """
-    aligned = _align(a, b, farthest_s)
-    if len(aligned.corrected) < two_heads.MIN_SAMPLES:
+    aligned, count = None, min(len(a.time_s), len(b.time_s))
+    if count >= two_heads.MIN_SAMPLES:
+        aligned = _align(a, b, farthest_s)
         count = len(aligned.corrected)
-        why = f"{count} samples of both heads at the same time, at least {two_heads.MIN_SAMPLES} are needed"
+    if aligned is None or count < two_heads.MIN_SAMPLES:
+        why = f"{count} usable samples of both heads at the same time, at least {two_heads.MIN_SAMPLES} are needed"
         return diagnosis.insufficient(why, UNTESTED)
     if (off := _scatter(aligned.corrected)) > two_heads.UNRELATED_DEG:
         why = (
@@ -108,36 +103,30 @@ def diagnose_motion(
             "up to a day makes them: the heads do not stand on one frame, or did not measure together"
         )
         return diagnosis.insufficient(why, UNTESTED)
-    rotated = _compare(aligned, a, field)
-    named = short_search.search_effects(rotated, options)
-    rigid = replace(rotated, steps=rotated.steps * (np.arange(5) == 0))
-    named = replace(named, before=short_fit.fit_hypothesis(rigid, ()))
-    extra = [*_clock_findings(aligned, rotated, options.min_effect_deg), *_iron_findings(named, options.min_effect_deg)]
+    compared = _compare(aligned, a, field)
     clock = () if aligned.clock.determined else (("clock_offset", "headings and tilts hardly change together"),)
     return diagnosis.combine_outcomes(
-        [short_findings.build_outcome(named, options.min_effect_deg)],
+        [short_findings.build_outcome(short_search.search_effects(compared, options), options.min_effect_deg)],
         options,
-        extra=extra,
+        extra=_clock_findings(aligned, compared, options.min_effect_deg),
         not_testable=(*UNTESTED, *clock),
-        separated_by=WHICH,
+        separated_by="which of the two heads is wrong: a third compass, or a swing of either head",
     )
 
 
 def _align(a: Motion, b: Motion, farthest_s: float) -> AlignedHeads:
-    """Align both heads by their clocks, extending the search if the headings remain unrelated."""
+    """Align both heads by their clocks, extending the search to a day if the headings remain unrelated."""
     given = two_heads.pair_samples(a, b, two_heads.known_clock_offset(b, 0.0))
-    clock = (
-        motion.estimate_clock_offset(a, b, farthest_s)
-        if two_heads.overlap_in_time(a, b, farthest_s)
-        else ClockDifference()
-    )
-    nearest = two_heads.pair_samples(a, b, clock)
-    if len(nearest) >= two_heads.MIN_SAMPLES and _scatter(nearest) <= two_heads.UNRELATED_DEG:
-        return AlignedHeads(given, nearest, clock)
-    farther = motion.estimate_clock_offset(a, b, motion.DAY_S)
-    again = two_heads.pair_samples(a, b, farther)
-    better = len(again) >= two_heads.MIN_SAMPLES and _scatter(again) <= two_heads.UNRELATED_DEG
-    return AlignedHeads(given, again, farther) if better else AlignedHeads(given, nearest, clock)
+    tried = []
+    for reach_s in (farthest_s, motion.DAY_S):
+        clock = ClockDifference()
+        if two_heads.overlap_in_time(a, b, reach_s):
+            clock = motion.estimate_clock_offset(a, b, reach_s)
+        pairs = two_heads.pair_samples(a, b, clock)
+        tried.append(AlignedHeads(given, pairs, clock))
+        if len(pairs) >= two_heads.MIN_SAMPLES and _scatter(pairs) <= two_heads.UNRELATED_DEG:
+            return tried[-1]
+    return tried[0]
 
 
 def _scatter(pairs: PairedHeads) -> float:
@@ -146,33 +135,23 @@ def _scatter(pairs: PairedHeads) -> float:
     return angles.rms(angles.difference(off, float(angles.mean(off))))
 
 
-def _turned(pairs: PairedHeads) -> tuple[Floats, Frame]:
-    """Simulate the heading of b from that of a and the mean difference; return also the frame."""
-    frame = frames.fit_frame(pairs.time_s, pairs.lean_a, pairs.lean_b)
-    offset = float(angles.mean(angles.difference(pairs.recorded_b, pairs.recorded_a)))
-    return two_heads.simulated_heading(pairs, offset, frame), frame
-
-
 def _compare(aligned: AlignedHeads, a: Motion, field: Mapping[str, float] | None) -> ShortComparison:
     pairs = aligned.corrected
-    correct, _ = _turned(pairs)
+    frame = frames.fit_frame(pairs.time_s, pairs.lean_a, pairs.lean_b)
+    offset = float(angles.mean(angles.difference(pairs.recorded_b, pairs.recorded_a)))
     samples = thin_indices(len(pairs))
     pitch, roll = (tilt[samples] for tilt in motion.tilt_angles(pairs.lean_b))
     time_s, rate, recorded = pairs.time_s[samples], pairs.rate_deg_s[samples], pairs.recorded_b[samples]
     scene, unit = short_fit.recording_scene(time_s, field, tilt_deg=(pitch, roll), departures={"turn_rate": rate})
     at = aligned.clock.by_a(time_s)
-
-    def turned(ahead_s: float) -> Floats:
-        return np.nan_to_num(a.heading.at(at + ahead_s) - a.heading.at(at))
-
-    scene = turning_scene(scene, turned)
+    scene = turning_scene(scene, lambda ahead_s: np.nan_to_num(a.heading.at(at + ahead_s) - a.heading.at(at)))
+    correct = two_heads.simulated_heading(pairs, offset, frame)[samples]
     return ShortComparison(
         what="the heading of b against that of a, rigidly turned",
-        residual=short_fit.CompassResidual(correct[samples], recorded, scene),
+        residual=CurveResidual(correct, recorded, scene, exact=True),
         start=np.zeros(5),
-        steps=COMPASS_STEPS,
+        steps=COMPASS_STEPS * (np.arange(5) == 0),  # only the angle between the heads is free
         time_s=time_s,
-        clocked=True,
         terms=TERMS,
         covariates={"heading": recorded, "time": time_s, "pitch": pitch, "roll": roll, "turn_rate": rate},
         field_unit=unit,
@@ -186,15 +165,15 @@ def _clock_findings(aligned: AlignedHeads, heads: ShortComparison, min_effect_de
     if not clock.determined:
         return []
     grown = (pairs.time_s - clock.middle_s) / motion.DAY_S * clock.drift_s_per_day * clock.drift_applied
-    offset = Parameter(clock.offset_s, clock.sigma_s, "s")
-    drift = Parameter(clock.drift_s_per_day, clock.drift_sigma_s_per_day, "s/day")
     proof = _clock_gain(aligned)
     alone = () if np.isfinite(clock.from_tilts_s[0]) else ("compass_lag",)
     compared, findings = replace(heads, what="the clock of b against that of a"), []
-    each: list[tuple[Effect, str, Parameter, Floats | float]] = [
+    offset = Parameter(clock.offset_s, clock.sigma_s, "s")
+    drift = Parameter(clock.drift_s_per_day, clock.drift_sigma_s_per_day, "s/day")
+    each: tuple[tuple[Effect, str, Parameter, Floats | float], ...] = (
         (ClockOffset(), "offset_s", offset, clock.offset_s),
         (ClockDrift(), "drift_s_day", drift, grown),
-    ]
+    )
     for term, name, parameter, error_s in each:
         # Rate of turn times a large error overestimates the turn: limit it by the rms before the correction.
         size = min(angles.rms(pairs.rate_deg_s * error_s), max(proof.rms_before_deg, min_effect_deg))
@@ -217,32 +196,3 @@ def _clock_gain(aligned: AlignedHeads) -> HeldOut:
     before, after = (angles.difference(off, float(angles.mean(off))) for off in turned)
     width = max(robust_width(before), short_fit.FINEST_DEG)
     return finding.compare_residuals(before, after, width, blocks_by_count(same, short_fit.MOST_BLOCKS))
-
-
-def _iron_findings(named: ShortInference, min_effect_deg: float) -> list[Finding]:
-    """Build the findings of iron that affects one head only: one and two cycles of the heading."""
-    covariance, fitted, findings = short_fit.parameter_covariance(named.fitted), named.fitted, []
-    for term, part, letters in ((LevelHardIron(), slice(1, 3), "BC"), (LevelSoftIron(), slice(3, 5), "DE")):
-        values, part_covariance = fitted.base[part], covariance[part, part]
-        others = np.delete(fitted.columns, np.arange(part.start, part.stop), axis=1)
-        columns = project_out(fitted.columns[:, part], orthonormal_basis(others))
-        square = float(np.mean((columns @ values) ** 2) - np.sum(columns.T @ columns / len(columns) * part_covariance))
-        sure = float(values @ np.linalg.pinv(part_covariance) @ values) > finding.NAMED_SIGMAS**2
-        if not sure or square < min_effect_deg**2:
-            continue
-        sigma = np.sqrt(np.diag(part_covariance))
-        findings.append(
-            build_finding(
-                fitted.comparison,
-                term,
-                equal_chances(term.name),
-                {
-                    f"{letter}_deg": Parameter(float(value / angles.DEGREE), float(s / angles.DEGREE), "degrees")
-                    for letter, value, s in zip(letters, values, sigma, strict=True)
-                },
-                size_deg=float(np.sqrt(square)),
-                proof=short_findings.held_out_base(fitted, part),
-                place=fitted.comparison.outside(short_findings.residual_curve(fitted, fitted, "heading")),
-            )
-        )
-    return findings
