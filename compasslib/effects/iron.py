@@ -178,7 +178,7 @@ class SoftIron(Effect):
     """Soft iron: a symmetric matrix, trace-free as the scale is fitted, is applied to the field."""
 
     name, driver = "soft_iron", "heading"
-    recordings = ("magnetometer",)
+    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
 
     @abstractmethod
     def induced(self) -> Floats:
