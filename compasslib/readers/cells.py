@@ -142,7 +142,7 @@ def parse_numbers(
 
     Args:
         column: cells without surrounding blanks.
-        decimal: decimal mark; None accepts points and commas.
+        decimal: mark; None accepts points and commas.
         missing: texts that stand for missing values, besides the usual ones.
     """
     values, marks = np.empty(len(column)), np.zeros(len(column), np.uint8)

@@ -1,8 +1,7 @@
 """Read text exports of RDI's WinADCP: a preamble, three header lines and one row per ensemble, separated by tabs.
 
-The preamble states the range of the first bin and the bin size; the header lines hold column names (one per bin:
-Eas Eas Eas ...), units and bin numbers. Columns are identified by name, in any selection; velocities are Eas and Nor,
-or else Mag and Dir.
+The header lines hold names, in any selection (velocities: Eas and Nor, or else Mag and Dir, a column a bin), units and
+bin numbers.
 """
 
 from __future__ import annotations

@@ -51,8 +51,8 @@ def read(
             speed+direction, or x+y+heading (x forward, y to port); tilt_x, tilt_y, temperature; flag. ``scale`` is the
             factor of velocities to m/s, by default that of the unit in headers or unit lines, else 1.
         flags: good, bad and unchecked -> flag meanings or values that are in no known vocabulary.
-        direction_reference: magnetic or true; None uses that stated in headers or unit lines, else magnetic.
-        **layout: format of the files, by the fields of ``delimited.Layout``.
+        direction_reference: magnetic or true; None uses that of headers or unit lines, else magnetic.
+        **layout: fields of ``delimited.Layout``.
 
     Raises:
         InputError: a file or a column is missing, a time or number cannot be parsed, or the table contradicts
@@ -121,11 +121,7 @@ def to_record(
 def _stated(
     paths: Sequence[Path], files: Sequence[Table], scale: str | float | None, reference: str | None
 ) -> tuple[float, str, list[str]]:
-    """Determine the factor of velocities and the north of directions, and say which of them the table decides.
-
-    Raises:
-        InputError: headers and unit lines contradict the keys or each other.
-    """
+    """Determine the factor of velocities and the north of directions, and say which of them the table decides."""
     said = []
     factor = None if scale is None else float(scale)
     for path, file in zip(paths, files, strict=True):
@@ -192,11 +188,7 @@ def _fillers(table: Mapping[str, Floats], far: float = 2.0) -> Bools:
 
 
 def _unrepeated(table: Mapping[str, Floats]) -> tuple[Bools, int, int]:
-    """Select one of several rows that are equal, and none of those that differ at one time and depth; count the others.
-
-    Returns:
-        mask of the rows to keep, (n,); number of rows that repeat another; number of rows that contradict another.
-    """
+    """Select one of several equal rows, and none that differ at one time and depth; count both kinds of loss."""
     time_s, keep = table["time"], np.ones(len(table["time"]), dtype=bool)
     level = np.nan_to_num(table.get("depth", table.get("pressure", np.zeros(len(time_s)))))
     order = np.lexsort((level, time_s))
@@ -213,11 +205,8 @@ def _unrepeated(table: Mapping[str, Floats]) -> tuple[Bools, int, int]:
 def _order(table: Mapping[str, Floats], *, unordered: float = 0.1, by_level: float = 0.75) -> tuple[Any, int]:
     """Find the order in time of rows that are listed newest first, level by level or unordered; count the last's steps.
 
-    A few steps back are a clock adjustment, left to the checks of the deployment.
-
-    Args:
-        unordered: share of backward time steps above which rows count as unordered.
-        by_level: ratio of distinct times to runs of equal time up to which rows are listed level by level.
+    A few steps back (a share up to ``unordered``) are a clock adjustment, left to the checks of the deployment. Rows
+    are listed level by level if few runs of equal time have a time of their own (a share up to ``by_level``).
     """
     steps = np.diff(table["time"])
     back, groups = int((steps < 0.0).sum()), int((steps != 0.0).sum()) + 1
@@ -234,8 +223,7 @@ def read_series(covariate: Mapping[str, Any]) -> tuple[Floats, Floats, tuple[str
     Rows of equal time are merged if their values agree, and dropped otherwise.
 
     Args:
-        covariate: section of the mooring file, as given by ``Covariate.model_dump``: ``files``, ``columns`` (time or
-            date and clock, value) and the keys of tables.
+        covariate: section of the mooring file: files, columns (time or date and clock, value) and the keys of tables.
 
     Raises:
         InputError: a file or a column is missing, a cell cannot be parsed, or no row has both a time and a value.

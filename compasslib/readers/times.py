@@ -91,8 +91,8 @@ def parse_times(
 
     Args:
         form: a strptime format, or a scale of ``SCALES``.
-        zone: time zone of cells that state none, UTC or an offset such as +02:00.
-        decimal: decimal mark of times that are numbers; None accepts both.
+        zone: of cells that state none, UTC or an offset such as +02:00.
+        decimal: mark of times that are numbers; None accepts both.
 
     Raises:
         Unreadable: a cell is not a valid time, or is ambiguous.
@@ -132,11 +132,7 @@ def parse_times(
 
 
 def _pattern_of(form: str) -> re.Pattern[str]:
-    """Translate a strptime format.
-
-    Raises:
-        Unreadable: it has another directive, or one twice.
-    """
+    """Translate a strptime format; Unreadable if it has an unknown directive, or one twice."""
     parts = re.split(r"(%.|\s+)", form, flags=re.DOTALL)
     try:
         parts = [DIRECTIVES[part[1:]] if part[:1] == "%" else re.escape(part) for part in parts if part.strip()]
@@ -226,7 +222,7 @@ def _to_seconds(cells: _Cells, fields: dict[str, Floats], *, packed: bool) -> Fl
 def from_numbers(values: Floats, scale: str | None = None) -> tuple[Floats, str]:
     """Convert numbers to UTC seconds since 1970, (n,), NaN where missing, and describe the detected scale.
 
-    The scale is detected as the first on which all numbers lie between 1980 and 2030.
+    It is the first on which all numbers lie between 1980 and 2030.
 
     Raises:
         Unreadable: the scale is not stated, and the numbers do not determine it; or a number is no time on it.
@@ -298,8 +294,7 @@ def parse_origin(text: str, calendar: str) -> float:
     """Parse the reference time of a unit such as "days since", UTC seconds since 1970.
 
     Args:
-        text: text after "since" by CF 4.4 and UDUNITS: a date, optionally a time of day (default 0 h) and an offset
-            from UTC (default 0), as in 1992-10-8 15:15:42.5 -6:00.
+        text: a date, optionally a time of day and an offset from UTC, as in 1992-10-8 15:15:42.5 -6:00 (CF 4.4).
         calendar: standard, proleptic_gregorian or julian.
 
     Raises:
