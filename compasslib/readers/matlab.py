@@ -20,6 +20,7 @@ from compasslib.readers import times
 from compasslib.readers.files import DAMAGE_ERRORS, MISSING_COUNT, refuse_large_arrays
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.pd12 import BEAM_ANGLE_DEG
+from compasslib.readers.table import SERIES
 from compasslib.records import Record, join_records, new_record
 from compasslib.types import Floats
 
@@ -34,10 +35,7 @@ RDRADCP = {
     "time": "mtime", "east": "east_vel", "north": "north_vel", "up": "vert_vel", "error_velocity": "error_vel",
     "heading": "heading", "tilt_x": "pitch", "tilt_y": "roll", "depth": "depth", "temperature": "temperature",
 }  # fmt: skip
-FIELDS = {
-    "tilt_x": "pitch_deg", "tilt_y": "roll_deg", "pressure": "pressure_dbar", "depth": "depth_m",
-    "temperature": "temperature_c", "voltage": "supply_voltage",
-}  # fmt: skip
+FIELDS = SERIES | {"voltage": "supply_voltage"}
 VERTICAL = ("up", "error_velocity")
 NO_BIAS = "WinADCP does not export the heading bias EB: none was taken out but for declination_applied."
 

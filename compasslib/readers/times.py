@@ -202,7 +202,7 @@ def _to_seconds(cells: _Cells, fields: dict[str, Floats], *, packed: bool) -> Fl
     """Convert dates and times of day to seconds since 1970; refuse invalid ones."""
     zero = np.zeros(len(cells.column))
     if "short" in fields:
-        fields["y"] = fields["short"] + np.where(fields["short"] < 69.0, 2000.0, 1900.0)  # as POSIX has it
+        fields["y"] = full_years(fields["short"])
     month, day = fields.get("m", fields.get("name", zero + 1.0)), fields.get("d", zero + 1.0)
     second = fields.get("S", zero) + fields.get("f", zero)
     leap = second == 60.0
@@ -250,8 +250,8 @@ def _within(scale: str, values: Floats, years: tuple[int, int]) -> Bools:
 
 
 def full_years(year: Floats) -> Floats:
-    """Complete years of two figures by the century in which instruments have clocks."""
-    return year + np.where(year >= 1900.0, 0.0, np.where(year >= FIRST_YEAR - 1900, 1900.0, 2000.0))
+    """Complete years of two figures, as POSIX does."""
+    return year + np.where(year >= 100.0, 0.0, np.where(year >= 69.0, 1900.0, 2000.0))
 
 
 def from_parts(parts: Sequence[Floats]) -> tuple[Floats, int | None]:
