@@ -182,24 +182,26 @@ def _fillers(table: Mapping[str, Floats], far: float = 2.0) -> Bools:
     nines = [np.isin(np.abs(column), known) for column in speeds]
     candidates = [np.logical_and.reduce(nines) & (speeds[0] == speeds[-1]) & (len(speeds) > 1)]
     for column, nine in zip(speeds, nines, strict=True):
-        others = np.abs(column[~nine & np.isfinite(column)])
-        candidates.append(nine & (np.abs(column) > far * others.max(initial=0.0)))
+        if nine.any():
+            others = np.abs(column[~nine & np.isfinite(column)])
+            candidates.append(nine & (np.abs(column) > far * others.max(initial=0.0)))
     return np.logical_or.reduce([rows if rows.sum() > 1 else np.zeros_like(rows) for rows in candidates])
 
 
-def _unrepeated(table: Mapping[str, Floats]) -> tuple[Bools, int, int]:
+def _unrepeated(table: Mapping[str, Floats]) -> tuple[Any, int, int]:
     """Select one of several equal rows, and none that differ at one time and depth; count both kinds of loss."""
-    time_s, keep = table["time"], np.ones(len(table["time"]), dtype=bool)
+    time_s = table["time"]
+    if (np.diff(time_s) > 0.0).all():
+        return slice(None), 0, 0
     level = np.nan_to_num(table.get("depth", table.get("pressure", np.zeros(len(time_s)))))
     order = np.lexsort((level, time_s))
     if not ((np.diff(time_s[order]) == 0.0) & (np.diff(level[order]) == 0.0)).any():
-        return keep, 0, 0
+        return slice(None), 0, 0
     rows = np.nan_to_num(np.column_stack([time_s, level, *table.values()]), nan=np.inf)
     _, distinct = np.unique(rows, axis=0, return_index=True)
     _, which, size = np.unique(rows[distinct, :2], axis=0, return_inverse=True, return_counts=True)
     alone = distinct[size[which.ravel()] == 1]
-    keep = np.isin(np.arange(len(rows)), alone)
-    return keep, len(rows) - len(distinct), len(distinct) - len(alone)
+    return np.sort(alone), len(rows) - len(distinct), len(distinct) - len(alone)
 
 
 def _order(table: Mapping[str, Floats], *, unordered: float = 0.1, by_level: float = 0.75) -> tuple[Any, int]:
