@@ -74,11 +74,7 @@ def format_names() -> tuple[str, ...]:
 
 
 def get_format(form: str) -> Format:
-    """Look up a format; the keys of a plug-in are the keyword-only parameters of its reader function.
-
-    Raises:
-        InputError: a plug-in cannot be imported.
-    """
+    """Look up a format; the keys of a plug-in are the keyword-only parameters of its reader function."""
     if form in FORMATS:
         return FORMATS[form]
     point = plugins.plugin_table(plugins.READERS, FORMATS)[form]

@@ -142,7 +142,7 @@ def parse_numbers(
 
     Args:
         column: cells without surrounding blanks.
-        decimal: decimal mark; None accepts points and commas.
+        decimal: mark; None accepts points and commas.
         missing: texts that stand for missing values, besides the usual ones.
     """
     values, marks = np.empty(len(column)), np.zeros(len(column), np.uint8)
@@ -191,13 +191,11 @@ def parse_figures(data: Bytes, first: Places, behind: Places, marks: str = ".") 
         counts, parts = inside & (figure < 10), inside & (byte == ord(marks[0]))
         if len(marks) > 1:
             parts |= inside & (byte == ord(marks[1]))
-        np.multiply(mantissa, 10.0, out=mantissa, where=counts)
-        np.add(mantissa, figure, out=mantissa, where=counts)
+        mantissa = np.where(counts, 10.0 * mantissa + figure, mantissa)
         figures += counts
         decimals += counts & (mark > 0)
         plain &= ~inside | counts | (parts & (mark == 0))
         mark = np.where(parts, byte, mark)
     plain &= (figures > 0) & (figures <= np.finfo(float).precision)
     values = mantissa / TENS[decimals]
-    np.negative(values, out=values, where=negative)
-    return values, plain, np.where(plain, mark, np.uint8(0))
+    return np.where(negative, -values, values), plain, np.where(plain, mark, np.uint8(0))

@@ -65,7 +65,7 @@ class Layout:
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Layout:
-        """Create a layout from the table keys of a settings mapping; absent keys keep their defaults."""
+        """Create a layout from the table keys of a mooring file's section."""
         given = {field.name: settings.get(field.name) for field in fields(cls)}
         return cls(**(given | {"missing": tuple(given["missing"] or ())}))
 
@@ -128,11 +128,10 @@ def read_table(
     """Read the requested columns of one table.
 
     Args:
-        headers: role -> header, or number of the column from 1; ``time`` and ``time_utc`` hold times, or list the
-            columns of their parts, ``date`` and ``clock`` are combined into ``time``, ``flag`` and ``flag_ROLE`` hold
-            quality flags, and all other roles hold numbers.
-        advice: advice in the error message for a missing column.
-        meanings: flag value or meaning -> OceanSITES flag, see ``flags.parse_flag_settings``.
+        headers: role -> header, or number of the column from 1; ``time`` and ``time_utc`` may list the columns of
+            their parts, ``date`` and ``clock`` become ``time``, ``flag`` and ``flag_ROLE`` hold quality flags.
+        advice: for a missing column.
+        meanings: flag value or meaning -> OceanSITES flag.
         carried: roles whose empty cells repeat the cell above.
 
     Raises:
@@ -179,7 +178,7 @@ def table_notes(tables: Iterable[Table]) -> tuple[str, ...]:
 
 
 def read_head(path: Path, needed: Iterable[str | int], layout: Layout = DEFAULT_LAYOUT) -> Head:
-    """Read the header of a table by the names that it contains; if no line has them all, the first line is the header.
+    """Read the header of a table, the first line with all the names that are needed, else the first line of all.
 
     Raises:
         InputError: the file cannot be read.
@@ -201,12 +200,7 @@ def find_head(
     delimiters: Iterable[str] = DELIMITERS,
     must: bool = False,
 ) -> Head | None:
-    """Locate the header by a predicate.
-
-    Args:
-        fits: predicate that accepts the column names of the header.
-        delimiters: candidates, in order of preference.
-        must: return None if no line fits, instead of taking the first line as the header.
+    """Locate the header by a predicate of its column names; if no line fits, it is the first, or None if one ``must``.
 
     Raises:
         InputError: the file cannot be read.
@@ -226,9 +220,6 @@ def find_head(
     if located is None and must:
         return None
     at, delimiter = located or (layout.header - 1 if layout.header else next(iter(rows), skipped), "")
-    if layout.header and at >= len(lines):
-        expected, shown = f"a header in line {layout.header}", f"{len(lines)} lines"
-        raise InputError(str(path), expected=expected, found=shown, advice="correct header")
     line = lines[at] if at < len(lines) else ""
     delimiter = delimiter or next((each for each in candidates if each in line.strip()), " ")
     names = layout.split_header(line, delimiter) if line else []
@@ -243,10 +234,8 @@ def find_head(
     if delimiter == " " and sample and all(len(row) == len(names) + 1 for row in sample):  # one name for date and clock
         clock = next((k for k, cell in enumerate(sample[0]) if k and ":" in cell), None)
         names = names if clock is None else [*names[:clock], "", *names[clock:]]
-    repeated = Counter[str]()
-    for k, name in enumerate(names):
-        repeated[name] += 1
-        names[k] = name if repeated[name] == 1 else f"{name}.{repeated[name]}"
+    earlier = [names[:k].count(name) for k, name in enumerate(names)]
+    names = [f"{name}.{n + 1}" if n else name for name, n in zip(names, earlier, strict=True)]
     begin = sum(len(line.encode()) + 1 for line in lines[: at + 1])
     return Head(source, names, at + 1, begin, delimiter, tuple(notes), line, clock, ended, sample)
 
@@ -315,11 +304,7 @@ def _count_units(head: Head, wanted: Sequence[int], most: int = 2) -> int:
 def open_body(
     path: Path, head: Head, wanted: Collection[int], layout: Layout = DEFAULT_LAYOUT, *, skip: int = 0
 ) -> Body:
-    """Split the lines below the header into rows of cells, without headers that are repeated between them.
-
-    Args:
-        wanted: indices of the columns to read.
-        skip: number of rows below the header that hold no data.
+    """Split the rows below the header, without the first ones to skip and repeated headers, into the wanted columns.
 
     Raises:
         InputError: a line has more cells than the header, or a quotation mark is not closed.
@@ -356,11 +341,7 @@ def open_body(
 
 
 def _without_quotes(path: Path, head: Head) -> bytes:
-    """Write the rows behind a line feed, without quotation marks and with a separator that no cell holds.
-
-    Raises:
-        InputError: a quotation mark is not closed.
-    """
+    """Write the rows behind a line feed, without quotation marks and with a separator that no cell holds."""
     lines = head.source[head.begin :].decode(errors="replace").split("\n")[:-1]
     for k, line in enumerate(lines, head.line + 1):
         if line.count('"') % 2:
@@ -381,11 +362,7 @@ class Body:
     headers: int  # number of headers between the rows
 
     def column(self, place: int, expected: str = NUMBER_FORM) -> Column:
-        """Select the cells of a column.
-
-        Raises:
-            InputError: a line has no such cell.
-        """
+        """Select the cells of a column, which every row must have."""
         if (short := np.flatnonzero(self.rows.width <= place)).size:
             raise self.error(int(short[0]), place, expected, f"a line of {self.rows.width[short[0]]} cells")
         return self.rows.columns[place].strip(BLANKS)
@@ -441,11 +418,7 @@ class Body:
         return np.fromiter(map(codes.__getitem__, texts), dtype=float, count=len(texts)), said
 
     def numbers(self, places: Mapping[str, int]) -> tuple[dict[str, Floats], bool]:
-        """Parse columns of numbers by role; also whether commas were found to be their decimal marks.
-
-        Raises:
-            InputError: a cell is no number, or commas may stand between thousands.
-        """
+        """Parse columns of numbers by role; also whether commas were found to be their decimal marks."""
         layout = self.layout
         cells = {role: self.column(place) for role, place in places.items()}
         parsed = {role: parse_numbers(column, layout.decimal, layout.missing) for role, column in cells.items()}

@@ -21,19 +21,7 @@ from compasslib.readers import delimited, units
 from compasslib.readers.files import GZIP_MAGIC, MEGABYTE, TooLarge, detect_utf16, unreadable
 
 HEAD_BYTES = 65536
-READABLE = {
-    "pd0": "an RDI PD0 file",
-    "pd12": "an RDI PD12 file",
-    "rdi_text": "a text export of RDI's programs",
-    "nortek": "a Nortek file",
-    **dict.fromkeys(("netcdf", "ocean_contour"), "a netCDF file"),
-    "mmp_acm": "scans of a Falmouth 3D-ACM",
-    "iaga2002": "an IAGA-2002 file",
-    "nmea0183": "an NMEA 0183 log",
-    "odv": "an ODV spreadsheet",
-    "mat": "a MATLAB file",
-    **dict.fromkeys(("table", "acm_table", "csv"), "a text table"),
-}
+ALIKE = {"acm_table": "table", "csv": "table", "ocean_contour": "netcdf"}  # formats of one kind of file
 TEXTS = ("table", "acm_table", "csv", "rdi_text", "iaga2002", "nmea0183", "odv")
 ELSEWHERE = {
     "iaga2002": "name it under covariates as {format: iaga2002, files: ...}",
@@ -50,10 +38,10 @@ BELOW = "write format: table, skip_rows: (the number of lines up to {}) and colu
 class Kind:
     """A kind of file."""
 
-    name: str  #: name with article, as used in messages
-    form: str | None  #: format that reads it; None if unsupported
-    holds: bytes = b""  #: pattern matched at the first byte of the file
-    advice: str = CONVERT  #: advice if no format reads it
+    name: str  # with article, as used in messages
+    form: str | None  # format that reads it; None if unsupported
+    holds: bytes = b""  # pattern matched at the first byte of the file
+    advice: str = CONVERT  # if no format reads it
 
 
 EMPTY = Kind("an empty file", None, rb"\Z", AGAIN)
@@ -64,8 +52,7 @@ KINDS = (
     ZEROS,
     PD0,
     Kind("an RDI PD12 file", "pd12", rb"n\x7f.[\0-\x0f]|.*<SampleData [^>]*>n\x7f"),
-    Kind("a Nortek ad2cp file", "nortek", rb"\xa5[\x0a\x0c][\x15-\x2f\xa0]."),
-    Kind("a Nortek file (aqd, prf, wpr or vec)", "nortek", rb"\xa5(\x05\x18\0|\x04\x70\0|\0\0\x01)"),
+    Kind("a Nortek file", "nortek", rb"\xa5(?:[\x0a\x0c][\x15-\x2f\xa0].|\x05\x18\0|\x04\x70\0|\0\0\x01)"),
     Kind("a MATLAB file", "mat", rb"MATLAB (?:5\.0|7\.3) MAT-file"),
     Kind("a netCDF file", "netcdf", rb"CDF[\x01\x02\x05]"),
     Kind("a netCDF-4 or HDF5 file", "netcdf", rb"\x89HDF\r\n\x1a\n"),
@@ -78,7 +65,7 @@ KINDS = (
         rb"(?i)\s*(?:%PDF-|<!doctype html|<html|<\?xml|\{\\rtf)|\x89PNG|\xff\xd8\xff|GIF8[79]a|II\*\0|MM\0\*",
         EXPORT,
     ),
-    Kind("a Falmouth 3D-ACM's binary file", "mmp_acm", rb"(?:\x01[A-Z]{2}\d{7}_[^\x02]{21}\x02.{279,320}|.{279})DATA"),
+    Kind("scans of a Falmouth 3D-ACM", "mmp_acm", rb"(?:\x01[A-Z]{2}\d{7}_[^\x02]{21}\x02.{279,320}|.{279})DATA"),
     Kind("an IAGA-2002 file", "iaga2002", rb"[^\n]{0,999}Format\s+IAGA-2002"),
     Kind("a Sea-Bird file (cnv or hex)", None, rb"\s*\* ?Sea-?Bird"),
     Kind("unpacked scans of a Falmouth 3D-ACM", "mmp_acm", rb"(?:[^\n]*\n){0,12}[^\n]*\bHDNG[\s,]+TX[\s,]+TY\b"),
@@ -169,8 +156,10 @@ def format_hints(
             kind = detect_kind(path) if Path(path).is_file() else None
             if kind is None or kind is EMPTY or (kind in (TABLE, PROSE) and form in TEXTS):
                 continue  # the reader's own message says more
-            if kind.form is None or READABLE.get(kind.form) != READABLE.get(form):
-                expected = READABLE.get(form, f"a file of format {form}")
+            if ALIKE.get(kind.form or "", kind.form) != (alike := ALIKE.get(form, form)):
+                expected = next(
+                    (each.name for each in (*KINDS, TABLE) if each.form == alike), f"a file of format {form}"
+                )
                 to_do = advice or ELSEWHERE.get(kind.form or "", kind.advice)
                 to_do = f"write format: {kind.form}" if kind.form in offered else to_do
                 raise InputError(str(path), expected=expected, found=kind.name, advice=to_do) from None

@@ -53,11 +53,7 @@ def unreadable(path: str | Path, error: OSError) -> InputError:
 
 
 def read_bytes(path: str | Path) -> bytes:
-    """Read a whole file.
-
-    Raises:
-        InputError: it cannot be read.
-    """
+    """Read a whole file; InputError if it cannot be read."""
     try:
         return Path(path).read_bytes()
     except OSError as error:
@@ -65,11 +61,7 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def read_text_bytes(path: Path) -> bytes:
-    """Read and decompress a text file.
-
-    Raises:
-        InputError: the file cannot be read, is too large, or has a line of implausible length.
-    """
+    """Read and decompress a text file; InputError if it cannot be read, is too large, or has no lines."""
     blocks, size = list[bytes](), 0
     try:
         with Path(path).open("rb") as raw:
@@ -100,9 +92,7 @@ def read_text_bytes(path: Path) -> bytes:
 
 
 def read_text(path: Path) -> tuple[bytes, list[str], bool]:
-    """Read a text as UTF-8 with line feeds at the ends of all lines, and whether the last one was terminated.
-
-    Also name its encoding unless it is UTF-8.
+    """Read a text as UTF-8 whose lines end with line feeds, name another encoding, and whether the last line was ended.
 
     Raises:
         InputError: the file cannot be read, or contains bytes that are not text.
@@ -126,7 +116,7 @@ def read_text(path: Path) -> tuple[bytes, list[str], bool]:
 
 
 def detect_utf16(data: bytes, sample: int = 4096) -> str | None:
-    """Detect the UTF-16 encoding of a text from its first bytes, None if it has another encoding."""
+    """Detect UTF-16 from the first bytes of a text, None if it has another encoding."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff") and (b"\n\0" in data or b"\0\n" in data):
         return "utf-16"
     low, high = data[:sample:2], data[1:sample:2]
@@ -142,13 +132,7 @@ def count_unprintable(data: bytes) -> int:
 
 
 def refuse_large_arrays(where: str, needed: int, size: int, cells: int | None = None) -> None:
-    """Raise TooLarge for arrays that need more than 1 GB and more than 16 times the size of their files.
-
-    Args:
-        needed: bytes of the arrays.
-        size: bytes of the files.
-        cells: number of bins of the widest profile.
-    """
+    """Raise TooLarge for arrays that need over 1 GB and over 16 times the bytes of their files."""
     if needed > (allowed := max(LARGEST_ARRAYS, GROWTH * size)):
         what, declared, advice = "arrays", "", "check that these are the files you mean"
         if cells is not None:
@@ -160,11 +144,7 @@ def refuse_large_arrays(where: str, needed: int, size: int, cells: int | None = 
 
 
 def refuse_mostly_damaged(path: str | Path, records: str, *, damaged: int, whole: int) -> None:
-    """Raise InputError for a file with more damaged than intact records, unless none is intact.
-
-    Args:
-        damaged: number of recognized but invalid records; unrelated bytes between records do not count.
-    """
+    """Raise InputError for more damaged records than intact ones, unless none is intact; other bytes do not count."""
     if damaged > whole > 0:
         raise InputError(
             str(path),
@@ -175,7 +155,7 @@ def refuse_mostly_damaged(path: str | Path, records: str, *, damaged: int, whole
 
 
 def block_type(**fields: tuple[int, str]) -> np.dtype[np.void]:
-    """Create the data type of a block of bytes from the offset and format of its fields; it ends with the last one."""
+    """Create the data type of a block of bytes from the offset and format of its fields."""
     offsets, formats = zip(*fields.values(), strict=True)
     return np.dtype({"names": [*fields], "formats": [*formats], "offsets": [*offsets]})
 

@@ -1,7 +1,6 @@
 """Read IAGA-2002, the exchange format of magnetic observatories (IAGA Division V-DAT, December 2001).
 
-A header of labelled lines, a line DATE that names the four components, then one row per time. As the components and
-their order vary between years, they are taken from the line DATE only. D and I are in minutes of arc, the others in nT.
+The line DATE below the header names the four components, which vary between years; D and I are in minutes of arc.
 """
 
 from __future__ import annotations

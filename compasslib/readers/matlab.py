@@ -7,7 +7,7 @@ R. Pawlowicz, rdradcp.m.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from compasslib.readers import times
 from compasslib.readers.files import DAMAGE_ERRORS, MISSING_COUNT, refuse_large_arrays
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.pd12 import BEAM_ANGLE_DEG
+from compasslib.readers.table import SERIES
 from compasslib.records import Record, join_records, new_record
 from compasslib.types import Floats
 
@@ -33,15 +34,14 @@ WINADCP = {  # role -> name, and factor to the unit of records
 RDRADCP = {
     "time": "mtime", "east": "east_vel", "north": "north_vel", "up": "vert_vel", "error_velocity": "error_vel",
     "heading": "heading", "tilt_x": "pitch", "tilt_y": "roll", "depth": "depth", "temperature": "temperature",
-    "range": "config.ranges",
 }  # fmt: skip
-FIELDS = {"heading": "heading_deg", "pressure": "pressure_dbar", "depth": "depth_m", "temperature": "temperature_c"}
+FIELDS = SERIES | {"voltage": "supply_voltage"}
 VERTICAL = ("up", "error_velocity")
 NO_BIAS = "WinADCP does not export the heading bias EB: none was taken out but for declination_applied."
 
 
 @dataclass(frozen=True)
-class _Content:
+class Content:
     """Series by role, (n,), or (n, cells) with the axes in any order, and what the file states."""
 
     series: dict[str, Floats]
@@ -49,6 +49,7 @@ class _Content:
     declination: float = 0.0  # in headings and velocities, degrees
     beam_angle_deg: float | None = None  # None if it is not known to be of RDI, whose recorded pitch is no angle
     dated: bool = False  # whether times are UTC seconds since 1970
+    counts: Mapping[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
 
@@ -83,7 +84,7 @@ def read(
         elif adcp is not None:
             content = _of_rdradcp(path, adcp)
         elif named:
-            content = _Content({})
+            content = Content({})
         else:
             advice = "name its variables in the mooring file: columns: {time: NAME, east: NAME, north: NAME}"
             expected, shown = "an export of WinADCP or a structure of rdradcp", ", ".join(variables) or "nothing"
@@ -97,7 +98,7 @@ def read(
                 content = replace(content, dated=len(parts) > 1)
         content = replace(content, orientation=orientation or content.orientation)
         inside = applied or AppliedDeclination(content.declination, content.declination)
-        records.append(_to_record(path, content, {*named}, inside, direction_reference, time_format))
+        records.append(to_record(path, content, inside, direction_reference, time_format, named))
     return join_records(records)
 
 
@@ -138,7 +139,7 @@ def _group(path: Path, group: Any) -> dict[str, Any]:
     return content
 
 
-def _of_winadcp(path: Path, variables: Mapping[str, Any]) -> _Content:
+def _of_winadcp(path: Path, variables: Mapping[str, Any]) -> Content:
     """Select the series that WinADCP exports, as counts of hundredths of degrees, millimetres and so on."""
     numbers = {
         name: np.atleast_1d(np.asarray(x, float))
@@ -161,10 +162,10 @@ def _of_winadcp(path: Path, variables: Mapping[str, Any]) -> _Content:
     word = ("up" if np.mean(up) > 0.5 else "down") if len(up) else None
     if len(up) and (other := int(np.sum(up != np.round(np.mean(up))))):
         notes.append(f"AnOrienUP differs from the others in {other} of {len(up)} ensembles.")
-    return _Content(series, word, beam_angle_deg=BEAM_ANGLE_DEG, dated=True, notes=tuple(notes))
+    return Content(series, word, beam_angle_deg=BEAM_ANGLE_DEG, dated=True, notes=tuple(notes))
 
 
-def _of_rdradcp(path: Path, adcp: Mapping[str, Any]) -> _Content:
+def _of_rdradcp(path: Path, adcp: Mapping[str, Any]) -> Content:
     """Select the fields of rdradcp's structure."""
     config = adcp["config"] if isinstance(adcp.get("config"), Mapping) else {}
     system, alignment = str(config.get("coord_sys", "earth")), float(config.get("xducer_misalign", 0.0))
@@ -176,7 +177,7 @@ def _of_rdradcp(path: Path, adcp: Mapping[str, Any]) -> _Content:
     series |= {"range": np.abs(np.asarray(config["ranges"], float))} if "ranges" in config else {}
     bias, angle = (float(config.get(name, 0.0)) for name in ("magnetic_var", "beam_angle"))
     notes = (f"The heading bias EB of {bias:g} degrees was taken out of the directions.",) * (bias != 0.0)
-    return _Content(series, config.get("orientation"), bias, angle, notes=notes)
+    return Content(series, config.get("orientation"), bias, angle, notes=notes)
 
 
 def find_numbers(path: Path, variables: Mapping[str, Any], name: str, role: str) -> Floats:
@@ -198,15 +199,19 @@ def find_numbers(path: Path, variables: Mapping[str, Any], name: str, role: str)
     return array.astype(float)
 
 
-def _to_record(
+def to_record(
     path: Path,
-    content: _Content,
-    named: Collection[str],
-    inside: AppliedDeclination,
-    reference: str,
-    time_format: str | None,
+    content: Content,
+    inside: AppliedDeclination | None = None,
+    reference: str = "magnetic",
+    time_format: str | None = None,
+    named: Collection[str] = (),
 ) -> Record:
-    """Convert series by role to a record; those that the mooring file names must have one axis of time."""
+    """Convert series by role to a record; those that the mooring file names must have one axis of time.
+
+    Raises:
+        InputError: series or facts are missing that a record needs, or a series has other axes than time and cells.
+    """
     series = dict(content.series)
     flow = ("speed", "direction") if "speed" in series else ("east", "north")
     if lacking := [role for role in ("time", *flow) if role not in series]:
@@ -227,32 +232,32 @@ def _to_record(
     east, north = (series[role].reshape(n, -1) for role in flow)
     if flow[0] == "speed":
         east, north = angles.components(east, north)
-    if reference == "magnetic" and inside.velocity:
+    if inside and inside.velocity and reference == "magnetic":
         east, north = angles.turn(east, north, -inside.velocity)
     cells = east.shape[1]
     if cells > 1 and ("range" not in series or not content.orientation):
         missing = "range" if "range" not in series else "orientation"
         advice = "write columns: {range: NAME}" if missing == "range" else "write orientation: up or down"
         raise InputError(str(path), expected=f"the {missing} of the bins", found="none in the file", advice=advice)
-    known = {field: np.broadcast_to(series[role].ravel(), n) for role, field in FIELDS.items() if role in series}
+    known = {name: np.broadcast_to(series[role].ravel(), n) for role, name in FIELDS.items() if role in series}
     if (heading := series.get("heading")) is not None:
         is_angle = (heading >= -180.0) & (heading <= 360.0)
-        known["heading_deg"] = angles.wrap360(np.where(is_angle, heading, np.nan) - inside.heading)
-    pitch, roll = (series.get(role, np.full(n, np.nan)).ravel() for role in ("tilt_x", "tilt_y"))
+        known["heading_deg"] = angles.wrap360(np.where(is_angle, heading, np.nan) - (inside.heading if inside else 0.0))
+    if content.beam_angle_deg is not None:
+        known["pitch_deg"] = true_pitch(*(known.get(name, np.full(n, np.nan)) for name in ("pitch_deg", "roll_deg")))
     return new_record(
         time_s,
         east,
         north,
         bin_range_m=np.abs(series["range"].ravel()) if cells > 1 else np.zeros(1),
-        pitch_deg=pitch if content.beam_angle_deg is None else true_pitch(pitch, roll),
-        roll_deg=roll,
         **known,
         profiles={role: series[role].reshape(n, -1).astype(np.float32) for role in VERTICAL if role in series},
         looks_up=content.orientation == "up",
         beam_angle_deg=content.beam_angle_deg or 0.0,
         direction_reference=reference,
-        heading_bias_deg=inside.heading,
-        velocity_bias_deg=inside.velocity,
+        heading_bias_deg=inside.heading if inside else 0.0,
+        velocity_bias_deg=inside.velocity if inside else None,
+        counts=content.counts,
         warnings=(*content.notes, *([note] if note else [])),
         unstated=("orientation",) * (not content.orientation),
     )

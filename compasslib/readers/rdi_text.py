@@ -1,8 +1,7 @@
 """Read text exports of RDI's WinADCP: a preamble, three header lines and one row per ensemble, separated by tabs.
 
-The preamble states the range of the first bin and the bin size; the header lines hold column names (one per bin:
-Eas Eas Eas ...), units and bin numbers. Columns are identified by name, in any selection; velocities are Eas and Nor,
-or else Mag and Dir.
+The header lines hold names, in any selection (velocities: Eas and Nor, or else Mag and Dir, a column a bin), units and
+bin numbers.
 """
 
 from __future__ import annotations
@@ -13,21 +12,22 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib import angles
 from compasslib.errors import InputError
 from compasslib.readers import times
 from compasslib.readers.delimited import Body, Head, Layout, find_head, open_body
-from compasslib.readers.pd0.currents import true_pitch
+from compasslib.readers.matlab import NO_BIAS, Content, to_record
 from compasslib.readers.pd12 import BEAM_ANGLE_DEG
-from compasslib.records import Record, join_records, new_record
+from compasslib.records import Record, join_records
 from compasslib.types import Floats
 
 CLOCK = ("YR", "MO", "DA", "HH", "MM", "SS")  # a second HH holds the hundredths of a second
-SERIES = {"Pre": "pressure_dbar", "Dep": "depth_m", "Tem": "temperature_c", "Bat": "supply_voltage"}
+SERIES = {
+    "Hea": "heading", "Pit": "tilt_x", "Rol": "tilt_y", "Pre": "pressure", "Dep": "depth", "Tem": "temperature",
+    "Bat": "voltage",
+}  # fmt: skip
 VERTICAL = {"Ver": "up", "Err": "error_velocity"}
 SPEEDS = {"mm/s": 0.001, "cm/s": 0.01, "m/s": 1.0}
 LAYOUT = Layout(delimiter="\t", missing=("-32768", "32768"))
-NO_BIAS = "A text export does not hold the heading bias EB: none was taken out but for declination_applied."
 FIRST_BIN = re.compile(r"1st Bin Range \(m\)[\s=\",]*(\d{1,4}(?:\.\d*)?)(?![\d.])")
 BIN_SIZE = re.compile(r"Bin Size \(m\)[\s=\",]*(\d{1,4}(?:\.\d*)?)(?![\d.])")
 PINGS = re.compile(r"Pings/Ens[\s=\",]*(\d{1,5})(?![\d.])")
@@ -55,7 +55,7 @@ def _read_file(path: Path, orientation: str | None) -> Record:
         expected = "a WinADCP text export: 1st Bin Range, Bin Size, and headers Ens YR MO DA HH MM SS"
         advice = f"{EXPORT}; of another text table write format: table"
         raise InputError(str(path), expected=expected, found="one without", advice=advice)
-    places = {name: _places(head, name) for name in (*CLOCK, "Hea", "Pit", "Rol", "Ori", *SERIES, *VERTICAL)}
+    places = {name: _places(head, name) for name in (*CLOCK, "Ori", *SERIES, *VERTICAL)}
     pair, flow, cells, factor = _find_currents(path, head)
     body = open_body(path, head, {k for each in (*places.values(), *flow) for k in each}, LAYOUT, skip=2)
     width = len(head.names) - (head.names[-1] == "")
@@ -63,34 +63,29 @@ def _read_file(path: Path, orientation: str | None) -> Record:
         shown = f"a line of {body.rows.width[short[0]]} cells"
         raise body.error(int(short[0]), 0, f"{width} cells as in the header", shown)
     time_s = _times(body, [places[name][0] for name in CLOCK], places["HH"][1:])
-    alone = {name: each[0] for name, each in places.items() if len(each) == 1 and name != "Ori"}
-    series, _ = body.numbers(alone)
-    east, north = (_numbers(body, each) for each in flow)
-    scaled = (factor * east, factor * north) if pair == "Eas" else angles.components(factor * east, north)
-    blank = np.full(len(time_s), np.nan)
-    heading, pitch, roll = (series.get(name, blank) for name in ("Hea", "Pit", "Rol"))
+    series, _ = body.numbers({role: places[name][0] for name, role in SERIES.items() if len(places[name]) == 1})
+    first_flow, second = (_numbers(body, each) for each in flow)
+    series |= dict(zip(pair, (factor * first_flow, second * (factor if pair[1] == "north" else 1.0)), strict=True))
     # Upward and error velocities, if exported for the same number of bins.
-    upward = {key: places[name] for name, key in VERTICAL.items() if len(places[name]) == len(cells)}
+    upward = {role: places[name] for name, role in VERTICAL.items() if len(places[name]) == len(cells)}
+    series |= {role: factor * _numbers(body, each) for role, each in upward.items()}
+    series |= {"time": time_s, "range": float(first[1]) + float(size[1]) * (cells - 1.0)}
+    words = {text.lower()[:1] for k in places["Ori"][:1] for text in body.column(k)}
     pings, between = PINGS.search(preamble), BETWEEN_PINGS.search(preamble)
     average_s = int(pings[1]) * (60.0 * int(between[1]) + float(between[2])) if pings and between else 0.0
-    return new_record(
-        time_s,
-        *scaled,
-        bin_range_m=float(first[1]) + float(size[1]) * (cells - 1.0),
-        heading_deg=np.where((heading >= 0.0) & (heading <= 360.0), angles.wrap360(np.nan_to_num(heading)), np.nan),
-        pitch_deg=true_pitch(pitch, roll),
-        roll_deg=roll,
-        **{field: series[name] for name, field in SERIES.items() if name in series},
-        looks_up=_looks_up(body, places["Ori"], orientation),
+    content = Content(
+        series,
+        orientation or {"u": "up", "d": "down"}.get("".join(words)),
         beam_angle_deg=BEAM_ANGLE_DEG,
-        profiles={key: (factor * _numbers(body, each)).astype(np.float32) for key, each in upward.items()},
+        dated=True,
         counts={"rows": len(time_s) + body.cut, "rows_cut": body.cut},
-        warnings=(
+        notes=(
             NO_BIAS,
             *["the last line was cut short and left out"] * body.cut,
             *times.describe_averages(average_s, time_s),
         ),
     )
+    return to_record(path, content)
 
 
 def _places(head: Head, name: str) -> list[int]:
@@ -118,10 +113,10 @@ def _times(body: Body, places: Sequence[int], hundredths: Sequence[int]) -> Floa
     return time_s
 
 
-def _find_currents(path: Path, head: Head) -> tuple[str, list[list[int]], Floats, float]:
-    """Find the columns of velocities, their bin numbers, (m,), and the factor of their unit to m/s."""
+def _find_currents(path: Path, head: Head) -> tuple[tuple[str, str], list[list[int]], Floats, float]:
+    """Find the roles and columns of velocities, their bin numbers, (m,), and the factor of their unit to m/s."""
     units, bins = ([*row, *[""] * len(head.names)] for row in (*head.sample[:2], [], [])[:2])
-    for pair in (("Eas", "Nor"), ("Mag", "Dir")):
+    for pair, roles in ((("Eas", "Nor"), ("east", "north")), (("Mag", "Dir"), ("speed", "direction"))):
         first, second = (_places(head, name) for name in pair)
         if not first or len(first) != len(second):
             continue
@@ -130,16 +125,6 @@ def _find_currents(path: Path, head: Head) -> tuple[str, list[list[int]], Floats
             shown = f"unit {unit or 'none'}, bins {' '.join(numbers[:5])}"
             expected = "a unit of mm/s, cm/s or m/s, and a number a bin below it"
             raise InputError(f"{path}: column {pair[0]}", expected=expected, found=shown, advice=EXPORT)
-        return pair[0], [first, second], np.array(numbers, dtype=float), SPEEDS[unit]
+        return roles, [first, second], np.array(numbers, dtype=float), SPEEDS[unit]
     expected, there = "columns Eas and Nor, or Mag and Dir, of the same bins", " ".join(head.names)
     raise InputError(str(path), expected=expected, found=there, advice=EXPORT)
-
-
-def _looks_up(body: Body, places: Sequence[int], orientation: str | None) -> bool:
-    words = {text.lower()[:1] for text in body.column(places[0])} if places else set()
-    stated = {"u": "up", "d": "down"}.get("".join(words))
-    if not (orientation or stated):
-        shown = f"{len(words)} kinds of column Ori" if places else "no column Ori"
-        advice = "write orientation: up or down"
-        raise InputError(str(body.path), expected="the orientation", found=shown, advice=advice)
-    return (orientation or stated) == "up"

@@ -51,8 +51,8 @@ def read(
             speed+direction, or x+y+heading (x forward, y to port); tilt_x, tilt_y, temperature; flag. ``scale`` is the
             factor of velocities to m/s, by default that of the unit in headers or unit lines, else 1.
         flags: good, bad and unchecked -> flag meanings or values that are in no known vocabulary.
-        direction_reference: magnetic or true; None uses that stated in headers or unit lines, else magnetic.
-        **layout: format of the files, by the fields of ``delimited.Layout``.
+        direction_reference: magnetic or true; None uses that of headers or unit lines, else magnetic.
+        **layout: fields of ``delimited.Layout``.
 
     Raises:
         InputError: a file or a column is missing, a time or number cannot be parsed, or the table contradicts
@@ -121,11 +121,7 @@ def to_record(
 def _stated(
     paths: Sequence[Path], files: Sequence[Table], scale: str | float | None, reference: str | None
 ) -> tuple[float, str, list[str]]:
-    """Determine the factor of velocities and the north of directions, and say which of them the table decides.
-
-    Raises:
-        InputError: headers and unit lines contradict the keys or each other.
-    """
+    """Determine the factor of velocities and the north of directions, and say which of them the table decides."""
     said = []
     factor = None if scale is None else float(scale)
     for path, file in zip(paths, files, strict=True):
@@ -186,38 +182,33 @@ def _fillers(table: Mapping[str, Floats], far: float = 2.0) -> Bools:
     nines = [np.isin(np.abs(column), known) for column in speeds]
     candidates = [np.logical_and.reduce(nines) & (speeds[0] == speeds[-1]) & (len(speeds) > 1)]
     for column, nine in zip(speeds, nines, strict=True):
-        others = np.abs(column[~nine & np.isfinite(column)])
-        candidates.append(nine & (np.abs(column) > far * others.max(initial=0.0)))
+        if nine.any():
+            others = np.abs(column[~nine & np.isfinite(column)])
+            candidates.append(nine & (np.abs(column) > far * others.max(initial=0.0)))
     return np.logical_or.reduce([rows if rows.sum() > 1 else np.zeros_like(rows) for rows in candidates])
 
 
-def _unrepeated(table: Mapping[str, Floats]) -> tuple[Bools, int, int]:
-    """Select one of several rows that are equal, and none of those that differ at one time and depth; count the others.
-
-    Returns:
-        mask of the rows to keep, (n,); number of rows that repeat another; number of rows that contradict another.
-    """
-    time_s, keep = table["time"], np.ones(len(table["time"]), dtype=bool)
+def _unrepeated(table: Mapping[str, Floats]) -> tuple[Any, int, int]:
+    """Select one of several equal rows, and none that differ at one time and depth; count both kinds of loss."""
+    time_s = table["time"]
+    if (np.diff(time_s) > 0.0).all():
+        return slice(None), 0, 0
     level = np.nan_to_num(table.get("depth", table.get("pressure", np.zeros(len(time_s)))))
     order = np.lexsort((level, time_s))
     if not ((np.diff(time_s[order]) == 0.0) & (np.diff(level[order]) == 0.0)).any():
-        return keep, 0, 0
+        return slice(None), 0, 0
     rows = np.nan_to_num(np.column_stack([time_s, level, *table.values()]), nan=np.inf)
     _, distinct = np.unique(rows, axis=0, return_index=True)
     _, which, size = np.unique(rows[distinct, :2], axis=0, return_inverse=True, return_counts=True)
     alone = distinct[size[which.ravel()] == 1]
-    keep = np.isin(np.arange(len(rows)), alone)
-    return keep, len(rows) - len(distinct), len(distinct) - len(alone)
+    return np.sort(alone), len(rows) - len(distinct), len(distinct) - len(alone)
 
 
 def _order(table: Mapping[str, Floats], *, unordered: float = 0.1, by_level: float = 0.75) -> tuple[Any, int]:
     """Find the order in time of rows that are listed newest first, level by level or unordered; count the last's steps.
 
-    A few steps back are a clock adjustment, left to the checks of the deployment.
-
-    Args:
-        unordered: share of backward time steps above which rows count as unordered.
-        by_level: ratio of distinct times to runs of equal time up to which rows are listed level by level.
+    A few steps back (a share up to ``unordered``) are a clock adjustment, left to the checks of the deployment. Rows
+    are listed level by level if few runs of equal time have a time of their own (a share up to ``by_level``).
     """
     steps = np.diff(table["time"])
     back, groups = int((steps < 0.0).sum()), int((steps != 0.0).sum()) + 1
@@ -234,8 +225,7 @@ def read_series(covariate: Mapping[str, Any]) -> tuple[Floats, Floats, tuple[str
     Rows of equal time are merged if their values agree, and dropped otherwise.
 
     Args:
-        covariate: section of the mooring file, as given by ``Covariate.model_dump``: ``files``, ``columns`` (time or
-            date and clock, value) and the keys of tables.
+        covariate: section of the mooring file: files, columns (time or date and clock, value) and the keys of tables.
 
     Raises:
         InputError: a file or a column is missing, a cell cannot be parsed, or no row has both a time and a value.

@@ -91,8 +91,8 @@ def parse_times(
 
     Args:
         form: a strptime format, or a scale of ``SCALES``.
-        zone: time zone of cells that state none, UTC or an offset such as +02:00.
-        decimal: decimal mark of times that are numbers; None accepts both.
+        zone: of cells that state none, UTC or an offset such as +02:00.
+        decimal: mark of times that are numbers; None accepts both.
 
     Raises:
         Unreadable: a cell is not a valid time, or is ambiguous.
@@ -132,11 +132,7 @@ def parse_times(
 
 
 def _pattern_of(form: str) -> re.Pattern[str]:
-    """Translate a strptime format.
-
-    Raises:
-        Unreadable: it has another directive, or one twice.
-    """
+    """Translate a strptime format; Unreadable if it has an unknown directive, or one twice."""
     parts = re.split(r"(%.|\s+)", form, flags=re.DOTALL)
     try:
         parts = [DIRECTIVES[part[1:]] if part[:1] == "%" else re.escape(part) for part in parts if part.strip()]
@@ -206,7 +202,7 @@ def _to_seconds(cells: _Cells, fields: dict[str, Floats], *, packed: bool) -> Fl
     """Convert dates and times of day to seconds since 1970; refuse invalid ones."""
     zero = np.zeros(len(cells.column))
     if "short" in fields:
-        fields["y"] = fields["short"] + np.where(fields["short"] < 69.0, 2000.0, 1900.0)  # as POSIX has it
+        fields["y"] = full_years(fields["short"])
     month, day = fields.get("m", fields.get("name", zero + 1.0)), fields.get("d", zero + 1.0)
     second = fields.get("S", zero) + fields.get("f", zero)
     leap = second == 60.0
@@ -226,7 +222,7 @@ def _to_seconds(cells: _Cells, fields: dict[str, Floats], *, packed: bool) -> Fl
 def from_numbers(values: Floats, scale: str | None = None) -> tuple[Floats, str]:
     """Convert numbers to UTC seconds since 1970, (n,), NaN where missing, and describe the detected scale.
 
-    The scale is detected as the first on which all numbers lie between 1980 and 2030.
+    It is the first on which all numbers lie between 1980 and 2030.
 
     Raises:
         Unreadable: the scale is not stated, and the numbers do not determine it; or a number is no time on it.
@@ -254,8 +250,8 @@ def _within(scale: str, values: Floats, years: tuple[int, int]) -> Bools:
 
 
 def full_years(year: Floats) -> Floats:
-    """Complete years of two figures by the century in which instruments have clocks."""
-    return year + np.where(year >= 1900.0, 0.0, np.where(year >= FIRST_YEAR - 1900, 1900.0, 2000.0))
+    """Complete years of two figures, as POSIX does."""
+    return year + np.where(year >= 100.0, 0.0, np.where(year >= 69.0, 1900.0, 2000.0))
 
 
 def from_parts(parts: Sequence[Floats]) -> tuple[Floats, int | None]:
@@ -298,8 +294,7 @@ def parse_origin(text: str, calendar: str) -> float:
     """Parse the reference time of a unit such as "days since", UTC seconds since 1970.
 
     Args:
-        text: text after "since" by CF 4.4 and UDUNITS: a date, optionally a time of day (default 0 h) and an offset
-            from UTC (default 0), as in 1992-10-8 15:15:42.5 -6:00.
+        text: a date, optionally a time of day and an offset from UTC, as in 1992-10-8 15:15:42.5 -6:00 (CF 4.4).
         calendar: standard, proleptic_gregorian or julian.
 
     Raises:
