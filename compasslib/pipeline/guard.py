@@ -62,10 +62,7 @@ def left_out(cruise: Cruise, config: Mapping[str, object]) -> dict[str, list[str
 
 
 def check_results(warn: Callable[[str], object]) -> None:
-    """Refuse results by other rules, and warn of those of which Snakemake has no metadata."""
-    if any(b'"library"' not in record.read_bytes() for record in RESULTS.glob("**/logs/read_*.json")):
-        advice = "move them away, mv results results_before, and run again"
-        raise InputError("results", expected="none, or those of this version", found="others", advice=advice)
+    """Warn of results of which Snakemake has no metadata."""
     if any(RESULTS.glob("*/logs")) and not any(Path(".snakemake").glob("metadata/*")):
         warn(
             "results without .snakemake/metadata: settings changed since they were made are not noticed; "

@@ -56,17 +56,12 @@ LEFT_OUT: dict[str, Any] = {"color": CORRECTED, "alpha": 0.25, "linewidth": 0}
 
 def draw_mooring(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
     """Draw a mooring's diagnosis from the content of its diagnosis.json."""
-    _draw(path, diagnosis, _shown(diagnosis), (NAMES, wording.UNITS), dated=True)
+    _draw(path, diagnosis, (NAMES, wording.UNITS), dated=True)
 
 
 def draw_calibration(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
     """Draw a calibration's diagnosis from the content of its diagnosis.json."""
-    curves = []
-    for curve in _shown(diagnosis):
-        x = curve["centre"]
-        timed = curve["covariate"] == "time"
-        curves.append({**curve, "centre": [(time - x[0]) / HOUR_S for time in x]} if timed else curve)
-    _draw(path, diagnosis, curves, (NAMES_OF_CALIBRATIONS, wording.UNITS_OF_CALIBRATIONS), dated=False)
+    _draw(path, diagnosis, (NAMES_OF_CALIBRATIONS, wording.UNITS_OF_CALIBRATIONS), dated=False)
 
 
 def count_outside(diagnosis: Mapping[str, Any]) -> tuple[int, int, int]:
@@ -82,14 +77,10 @@ def _shown(diagnosis: Mapping[str, Any], most: int = 6) -> list[Mapping[str, Any
 
 
 def _draw(
-    path: str | Path,
-    diagnosis: Mapping[str, Any],
-    curves: Sequence[Mapping[str, Any]],
-    said: tuple[Mapping[str, str], Mapping[str, str]],
-    *,
-    dated: bool,
+    path: str | Path, diagnosis: Mapping[str, Any], said: tuple[Mapping[str, str], Mapping[str, str]], *, dated: bool
 ) -> None:
-    """Draw all panels, with names and units of the covariates as ``said``; if ``dated``, time is UTC."""
+    """Draw all panels, with names and units of the covariates as ``said``; time is UTC if ``dated``, else hours."""
+    curves = _shown(diagnosis)
     proven = [entry for entry in diagnosis["findings"] if entry.get("heldout")]
     short = Rows([_short(entry) for entry in proven])
     heights = [1.9] * len(curves) + [0.6 + short.height_in] * bool(proven)
@@ -137,6 +128,8 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *,
     if _along_time(curve) and dated:
         dates(axes, (x[0], x[-1]))
         x = x / DAY_S
+    elif covariate == "time":
+        x = (x - x[0]) / HOUR_S
     half, step = reach * sigma, np.diff(x)
     # A bin extends half-way to its neighbours, and less far into a gap.
     reached, edge = np.minimum(step, GAP * np.median(step)) / 2.0, np.median(step) / 2.0

@@ -156,7 +156,6 @@ def test_counts_and_warnings_reach_summary_and_report(tmp_path):
     row = summary.summary_row("M1", results / "M1")
     summary.write_summary(results / "summary.csv", [row])
     described = settings.report(config.load_cruise(folder))["moorings"]
-    described["M1"]["roles"] = [*described["M1"]["roles"], *FAULTS]
     made = report.gather(results, attributes={}, moorings=described, calibrations=[])
     report.write(results / "report.html", made)
     page = html.unescape((results / "report.html").read_text())

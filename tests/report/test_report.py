@@ -251,7 +251,7 @@ def test_finding_is_reported_with_alternatives_and_held_out_proof():
         *("Heeling", "It heels."),
         "the reading is not compensated for tilt (tilt uncompensated)",
     )
-    assert facts["When"] == "4 Sep 2007 to 4 Oct 2008"
+    assert facts["Acts on"] == "compass" and facts["When"] == "4 Sep 2007 to 4 Oct 2008"
     assert facts["Residual on held-out days"] == "11.90° before, 11.30° after rms (p ≤ 0.001)"
     assert facts["Corrected in the product"] == "yes"
     assert [cell.replace(words.SPACE, " ") for cell in told.parameters.rows[0]] == ["field down", "2100 ± 140 nT"]
