@@ -47,11 +47,7 @@ class FindingPosterior:
 
 
 def compare_names(effect: str, names: Mapping[str, float]) -> FindingPosterior:
-    """Divide a probability of 1 between an effect and its alternatives.
-
-    Args:
-        names: effects that may act in its place, itself among them, with their weights.
-    """
+    """Divide a probability of 1 between an effect and its alternatives, by the weights of both."""
     total, alternatives = sum(names.values()), dict[str, float]()
     held = probability = names[effect] / total
     for name, weight in sorted(names.items(), key=lambda item: -item[1]):
@@ -113,8 +109,7 @@ def is_confirmed(low_deg: float, rank_p: float | None) -> bool:
     """Return whether held-out days show an effect that is significant against surrogates.
 
     Args:
-        low_deg: lower end of the 95 % interval of its size on held-out days, degrees.
-        rank_p: rank of its gain among surrogates, as a p-value; None without surrogates.
+        low_deg: lower end of the 95 % interval of its size on held-out days.
     """
     return low_deg > 0.0 and rank_p is not None and rank_p <= CONFIRMED_P
 

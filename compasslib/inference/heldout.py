@@ -36,12 +36,7 @@ RECORDS = 200  # simulated with the effect to calibrate the slope
 
 
 def cross_validate(inferred: Inference, k: int, surrogates: int) -> HeldOut:
-    """Score a term on held-out days, and rank its gain among surrogates of the record without it.
-
-    Args:
-        k: number of the term.
-        surrogates: number of surrogates, may be 0.
-    """
+    """Score the k-th term on held-out days, and rank its gain among surrogates of the record without it."""
     fitted = inferred.fitted
     time_s = fitted.comparison.scene.time_s
     in_fifths = inferred.model.options[inferred.chosen[k]].block[2] == "time"
@@ -133,11 +128,7 @@ class _PartitionedRecord:
         return products.marginalize(self.variance, others)
 
     def predict(self, targets: Floats) -> _Prediction:
-        """Predict each fold from the others.
-
-        Args:
-            targets: whitened residuals, (n, r) float32.
-        """
+        """Predict each fold of whitened residuals, (n, r) float32, from the others."""
         pulls = [(self.rows[inside].T @ targets[inside]).astype(float) for inside in self.folds]
         total, pull = np.sum(self.squares, axis=0), np.sum(pulls, axis=0)
         whole, shares = self._marginal(total, pull), np.array([option.share for option in self.model.options])
@@ -175,9 +166,6 @@ class _PartitionedRecord:
         """Bin held-out days by the turn predicted from the others, and estimate the observed turn in each bin.
 
         Bins are estimated with the covariance of the noise: the slope through them is that of all held-out days.
-
-        Args:
-            turns: predicted without each fold, (n, f) degrees.
         """
         freed = self.model.freed
         part, known = np.argmax(self.folds, axis=0), np.isfinite(freed.whitener.width_deg)

@@ -49,11 +49,7 @@ def laws(comparison: ShortComparison) -> tuple[Law, ...]:
 
 
 def short_options(state: FittedHypothesis, taken: Collection[str] = ()) -> tuple[Option, ...]:
-    """Enumerate the candidate effects beside a hypothesis, each at its candidate places.
-
-    Args:
-        taken: names of effects that are left out.
-    """
+    """Enumerate the candidate effects beside a hypothesis but those taken, each at its candidate places."""
     listed = []
     for kind in (kind for kind in state.comparison.terms if kind.name not in taken):
         listed += [*_dated(state, kind)] if kind.dated() else [_option(state, kind())]
@@ -175,12 +171,7 @@ def _option(state: FittedHypothesis, term: Effect, derivative: Floats | None = N
 
 
 def weigh(state: FittedHypothesis, options: Sequence[Option], residuals: Floats, scatter: float = 1.0) -> Evidence:
-    """Compute the evidence of options under each law of the noise.
-
-    Args:
-        residuals: (n, r) degrees.
-        scatter: variance of scores between blocks over that of homogeneous noise.
-    """
+    """Compute the evidence of options under each law of the noise, for residuals (n, r)."""
     ends = np.cumsum([0, *(option.columns.shape[1] for option in options)])
     columns = np.concatenate([np.zeros((len(residuals), 0)), *(option.columns for option in options)], axis=1)
     known = {"rule_deg": state.comparison.rule_deg, "scatter": scatter}
@@ -204,8 +195,7 @@ def log_evidence(
     Coefficients of the base have a flat prior, and the variance of the noise is unknown (Student's law).
 
     Args:
-        base: columns of the hypothesis, (n, b).
-        columns: those of the options, (n, m).
+        base, columns: of the hypothesis, (n, b), and of the options, (n, m).
         ends: boundaries between the options' columns, (g + 1,).
         residuals: (n, r) degrees.
         rule_deg: systematic error, the least standard deviation of the noise.
@@ -234,11 +224,7 @@ def log_evidence(
 
 
 def score_scatter(fitted: FittedHypothesis, law: Law, columns: Sequence[Floats]) -> float:
-    """Estimate by how much scores vary more between blocks than homogeneous noise explains, at least 1.
-
-    Args:
-        columns: those of several effects, of which the median counts.
-    """
+    """Estimate by how much scores of effects vary more between blocks than homogeneous noise explains, at least 1."""
     base = orthonormal_basis(arma_innovations(fitted.columns, law))
     left = project_out(arma_innovations(fitted.evident[:, None], law), base)[:, 0]
     variance = max(float(np.mean(left**2)), FINEST_DEG**2)

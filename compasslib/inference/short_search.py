@@ -99,12 +99,11 @@ class ShortInference:
 
 
 def search_effects(comparison: ShortComparison, options: Options) -> ShortInference:
-    """Search for the terms that explain a comparison, each with its alternatives.
-
-    Listed effects enter first: one wide composed form may stand for two of them.
-    """
+    """Search for the terms that explain a comparison, each with its alternatives."""
     search = _Search(comparison, options)
-    entered = search.run(search.run((), listed=True), listed=False)
+    entered = search.run(listed=False)
+    if any(isinstance(term, ComposedEffect) for term in entered):  # one wide form may stand for two listed effects
+        entered = max(entered, search.run(listed=True), key=search.gain)
     places = [search.weigh_in_place((*entered[:k], *entered[k + 1 :])) for k in range(len(entered))]
     return ShortInference(
         before=search.fit(()),
@@ -160,13 +159,13 @@ class _Search:
     fits: dict[Terms, FittedHypothesis] = field(default_factory=dict)
     weighed: dict[frozenset[Effect], ShortPlace] = field(default_factory=dict)
 
-    def run(self, entered: Terms, *, listed: bool) -> Terms:
+    def run(self, *, listed: bool) -> Terms:
         """Enter effects while one more is detected.
 
         Args:
             listed: whether composed effects are left out.
         """
-        visited = set[frozenset[Effect]]()
+        entered, visited = Terms(), set[frozenset[Effect]]()
         while True:
             entered = self._settle(entered, listed)
             further = self.further(entered)
@@ -260,6 +259,12 @@ class _Search:
         if place.detection is None:
             self.weighed[key] = replace(place, detection=detect(place, self.options.surrogates))
         return self.weighed[key]
+
+    def gain(self, entered: Terms) -> float:
+        """Sum the log evidence of terms, each beside those before it."""
+        places = [self.weigh_in_place(entered[:k]) for k in range(len(entered))]
+        each = zip(places, entered, strict=True)
+        return sum(float(np.logaddexp.reduce(place.logs[place.alike(type(term))])) for place, term in each)
 
 
 def _rank_alone(place: ShortPlace) -> tuple[RankedEffect, ...]:

@@ -75,11 +75,7 @@ class ClockError:
         return self.offset_named or self.drift_named
 
     def ahead_s(self, time_s: Floats) -> Floats:
-        """Compute the named clock error along time, seconds, (n,).
-
-        Args:
-            time_s: UTC seconds, the first sample first, (n,).
-        """
+        """Compute the named clock error along time, seconds, (n,)."""
         years = (time_s - time_s[0]) / YEAR_S
         hours = self.offset_named * self.offset_h + self.drift_named * self.drift_h_year * years
         return np.asarray(HOUR_S * hours)

@@ -55,14 +55,9 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
 def diagnose_readings(
     correct_deg: Floats, recorded_deg: Floats, *, field: Mapping[str, float] | None, options: Options
 ) -> Diagnosis:
-    """Diagnose readings in the order in which they were taken.
+    """Diagnose readings in the order in which they were taken; ``field`` is None where the place is unknown.
 
     A log with correlated errors of neighbouring readings is refused: they look like changes with time.
-
-    Args:
-        correct_deg: directions of the bench, magnetic, (n,).
-        recorded_deg: recorded headings, (n,).
-        field: the earth's field there, None where the place is unknown.
     """
     shared = decorrelation_length(recorded_deg, correct_deg)
     if shared > 1:
