@@ -8,7 +8,7 @@ exceed the noise a thousandfold.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -125,7 +125,7 @@ def detect(place: ShortPlace, surrogates: int) -> Detection:
     if surrogates and place.options:
         kinds = (False,) if place.base.comparison.independent else (False, True)
         residuals = np.concatenate([_draw(place, surrogates, resampled) for resampled in kinds], axis=1)
-        each = weigh(place.base, place.options, residuals, place.scatter).statistic
+        each = weigh(place.base, place.options, residuals)(place.scatter).statistic
         statistics = np.split(each, len(kinds))
     return Detection.by_rank(float(place.evidence.statistic[0]), statistics)
 
@@ -158,6 +158,7 @@ class _Search:
     options: Options
     fits: dict[Terms, FittedHypothesis] = field(default_factory=dict)
     weighed: dict[frozenset[Effect], ShortPlace] = field(default_factory=dict)
+    prepared: dict[Terms, Callable[[float], Evidence]] = field(default_factory=dict)  # evidence of the last term's fit
 
     def run(self, *, listed: bool) -> Terms:
         """Enter effects while one more is detected.
@@ -221,13 +222,13 @@ class _Search:
         if key not in self.weighed:
             state = self.fit(others)
             options = short_options(state, {term.name for term in others})
-            place = self._fitted(ShortPlace(state, options, weigh(state, options, state.evident[:, None]), state))
+            evidence = weigh(state, options, state.evident[:, None])
+            place = self._fitted(ShortPlace(state, options, evidence(1.0), state))
             if options and not self.comparison.independent:
                 # Weigh them again, with the scatter that is left once the likeliest effect is fitted.
                 first = {type(option.term): option.columns for option in reversed(options)}
                 scatter = score_scatter(place.likeliest, place.law(), list(first.values()))
-                again = weigh(state, options, state.evident[:, None], scatter)
-                place = self._fitted(replace(place, evidence=again, scatter=scatter))
+                place = self._fitted(replace(place, evidence=evidence(scatter), scatter=scatter))
             self.weighed[key] = replace(place, odds=self.options.prior_odds)
         return self.weighed[key]
 
@@ -240,12 +241,14 @@ class _Search:
             k = max(alike, key=logs.__getitem__)
             if form not in self.comparison.terms and logs[k] < NEARLY * logs.max():
                 continue
-            fitted = self.fit((*terms, options[k].term))
-            columns_of_term = parameter_slices(fitted.terms, len(fitted.base))[-1]
-            columns, others = fitted.columns[:, columns_of_term], np.delete(fitted.columns, columns_of_term, axis=1)
-            pull = fitted.evident + columns @ fitted.terms[-1].values
-            option = replace(options[k], columns=columns * options[k].usual)
-            again = weigh(replace(fitted, columns=others), [option], pull[:, None], linear.scatter)
+            fitted = self.fit(beside := (*terms, options[k].term))
+            if beside not in self.prepared:
+                own = parameter_slices(fitted.terms, len(fitted.base))[-1]
+                columns, others = fitted.columns[:, own], np.delete(fitted.columns, own, axis=1)
+                pull = fitted.evident + columns @ fitted.terms[-1].values
+                option = replace(options[k], columns=columns * options[k].usual)
+                self.prepared[beside] = weigh(replace(fitted, columns=others), [option], pull[:, None])
+            again = self.prepared[beside](linear.scatter)
             corrected[:, alike] += (again.none + again.options[:, 0] - linear.evidence.none - corrected[:, k])[:, None]
             if form in self.comparison.terms and not fitted.terms[-1].possible:
                 corrected[:, alike] = -np.inf

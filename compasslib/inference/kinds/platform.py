@@ -150,7 +150,7 @@ def _too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options:
     if angles.rms(apart) < options.min_effect_deg or exact.square >= series.square:
         return []
     option = (Option(LargeDeviation(), block_of(LargeDeviation), apart[:, None], np.ones(1)),)
-    evidence = short_options.weigh(series, option, series.evident[:, None])
+    evidence = short_options.weigh(series, option, series.evident[:, None])(1.0)
     if not short_search.detect(ShortPlace(series, option, evidence, exact), options.surrogates).significant:
         return []
     proof = short_findings.held_out_gain(series, exact, exact.terms, _heading_error)
