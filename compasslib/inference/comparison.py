@@ -153,9 +153,6 @@ class Comparison:
         """Describe the mismatch that remains with the named effects: where, how large, its empirical curve.
 
         Args:
-            curves: residual along each of its covariates.
-            size_deg: visible size, degrees rms.
-            named: effects that are found in addition.
             place: range in which it shows; by default where the curves are outside their bands.
         """
         places = [place] if place else [self.outside(curve) for curve in curves]
@@ -194,10 +191,9 @@ def compare_pairs(
     reference_magnetic: bool = True,
     units: Mapping[str, str] | None = None,
 ) -> LongComparison:
-    """Compare the overlap of a mooring with its fitted exact compass.
+    """Compare the overlap of a mooring, with other logged series at its times, with the fitted exact compass.
 
     Args:
-        logged: other logged series at the times of the pairs, (n,) each.
         reference_magnetic: whether the reference has a magnetic compass too.
         units: units of instrument-specific series, by name; 1 where absent.
     """
@@ -321,13 +317,7 @@ def held_out_text(proof: HeldOut, heading_error_deg: float | None) -> str:
 
 
 def _finding_text(made: Finding, effect: str, physics: str, what: str) -> str:
-    """Describe one finding in two or three sentences.
-
-    Args:
-        effect: name of its term.
-        physics: in words; by default that of the effect.
-        what: what is compared, if a recording has more than one comparison.
-    """
+    """Describe one finding in two or three sentences; ``effect`` is the name of its term."""
     proof, known, numbers = made.held_out, meanings(effect), ""
     where = f"{what}, {made.where.text}" if what else made.where.text
     for name, parameter in made.parameters.items():
@@ -378,11 +368,9 @@ def build_finding(
 
     Args:
         chances: probability of the effect, which comes first, and of each alternative.
-        parameters: fitted parameters by name, in the units of the report.
         size_deg: visible size, degrees rms.
         place: range in which it shows; replaced by the period from its date on if the term has a date.
-        span_s: UTC seconds from and to when it acts; by default the whole recording.
-        heading_error_deg: rms error of the headings if it were not corrected.
+        span_s: when it acts; by default throughout.
         others: the other terms of the hypothesis. If a composed term shares its driver with another one, neither has
             the right form, and only the driver is established.
         physics: in words; by default that of the effect.

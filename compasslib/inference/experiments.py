@@ -110,8 +110,7 @@ def _information(known: Floats, free: Floats, precision: Floats) -> Floats:
 
     Args:
         known: derivatives by the recording's unknowns, (m, p + q + b), in units of the observation's noise.
-        free: derivatives by parameters of the observation itself, (m, f).
-        precision: prior precision of these, (f,).
+        free: derivatives by parameters of the observation itself, (m, f), of a given prior precision.
     """
     cross = free.T @ known
     return np.asarray(known.T @ known - cross.T @ np.linalg.solve(free.T @ free + np.diag(precision), cross))
@@ -190,7 +189,6 @@ def _update(
 
     Args:
         hypotheses: numbers of the terms that act.
-        probability: of each hypothesis beforehand, (h,).
         draws: of outcomes, for a standard error of 2.5 % of a probability.
     """
     known, score = recording.rows.T @ recording.rows, recording.score
@@ -198,11 +196,10 @@ def _update(
     present = np.flatnonzero(recording.variance > 0.0)
     free = np.arange(slow, len(known))
     prior = np.concatenate([1.0 / recording.variance[present], (np.diag(known)[free] + 1.0) / ANYTHING])
+    of_term = np.repeat(np.arange(len(recording.terms)), np.diff(recording.ends))
     index, before = [], []  # unknowns of each hypothesis, and the Cholesky factor of their precision
     for terms in hypotheses:
-        own = np.concatenate(
-            [np.zeros(0, dtype=int), *(np.arange(recording.ends[k], recording.ends[k + 1]) for k in terms)]
-        )
+        own = np.flatnonzero(np.isin(of_term, terms))
         index.append(np.concatenate([own, recording.ends[-1] + present, free]))
         precision = known[np.ix_(index[-1], index[-1])] + np.diag(np.append(np.ones(len(own)), prior))
         before.append(cholesky(precision, lower=True))
@@ -230,8 +227,7 @@ def _single_name_share(names: Sequence[tuple[str, ...]], probability: Floats) ->
     """Compute the share of draws in which every stated effect, or their absence, is at least as probable as ``SURE``.
 
     Args:
-        names: effects of each hypothesis.
-        probability: of each hypothesis in each draw, (h, d).
+        names: effects of each hypothesis, with its probability in each draw, (h, d).
     """
     count = np.array([len(each) for each in names])
     most = sum((probability[count >= k].sum(axis=0) > 0.5).astype(int) for k in range(1, MOST_EFFECTS + 1))

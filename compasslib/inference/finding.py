@@ -29,7 +29,7 @@ CONFIRMED_P = 0.05  # largest rank probability of the gain among surrogates at w
 REFUTED_P = 0.05  # p-value on held-out days from which a finding is refuted if the rms grows
 REFUTED_GROWTH = 1.1  # growth of the rms needed for that: the gain itself is weighted and clipped, the rms is not
 DETECTED_P = 0.01  # rank among surrogates up to which an effect is detected: in one of a hundred records without any
-NAMED_SIGMAS = 4.0  # normal score from which a clock error, or iron of one head, is named: 1 in 16,000 by noise alone
+NAMED_SIGMAS = 4.0  # normal score from which a clock error is named: 1 in 16,000 by noise alone
 SURE = 0.95  # probability from which something is stated as established
 TILTS = {"pitch": "tilt", "roll": "tilt"}  # two axes of one driver
 CURVE_BINS, FEWEST_IN_BIN = 18, 10  # of a plotted curve, and samples in one
@@ -47,11 +47,7 @@ class FindingPosterior:
 
 
 def compare_names(effect: str, names: Mapping[str, float]) -> FindingPosterior:
-    """Divide a probability of 1 between an effect and its alternatives.
-
-    Args:
-        names: effects that may act in its place, itself among them, with their weights.
-    """
+    """Divide a probability of 1 between an effect and its alternatives, by the weights of both."""
     total, alternatives = sum(names.values()), dict[str, float]()
     held = probability = names[effect] / total
     for name, weight in sorted(names.items(), key=lambda item: -item[1]):
@@ -113,8 +109,7 @@ def is_confirmed(low_deg: float, rank_p: float | None) -> bool:
     """Return whether held-out days show an effect that is significant against surrogates.
 
     Args:
-        low_deg: lower end of the 95 % interval of its size on held-out days, degrees.
-        rank_p: rank of its gain among surrogates, as a p-value; None without surrogates.
+        low_deg: lower end of the 95 % interval of its size on held-out days.
     """
     return low_deg > 0.0 and rank_p is not None and rank_p <= CONFIRMED_P
 

@@ -36,12 +36,7 @@ RECORDS = 200  # simulated with the effect to calibrate the slope
 
 
 def cross_validate(inferred: Inference, k: int, surrogates: int) -> HeldOut:
-    """Score a term on held-out days, and rank its gain among surrogates of the record without it.
-
-    Args:
-        k: number of the term.
-        surrogates: number of surrogates, may be 0.
-    """
+    """Score the k-th term on held-out days, and rank its gain among surrogates of the record without it."""
     fitted = inferred.fitted
     time_s = fitted.comparison.scene.time_s
     in_fifths = inferred.model.options[inferred.chosen[k]].block[2] == "time"
@@ -133,15 +128,12 @@ class _PartitionedRecord:
         return products.marginalize(self.variance, others)
 
     def predict(self, targets: Floats) -> _Prediction:
-        """Predict each fold from the others.
-
-        Args:
-            targets: whitened residuals, (n, r) float32.
-        """
+        """Predict each fold of whitened residuals, (n, r) float32, from the others."""
         pulls = [(self.rows[inside].T @ targets[inside]).astype(float) for inside in self.folds]
         total, pull = np.sum(self.squares, axis=0), np.sum(pulls, axis=0)
         whole, shares = self._marginal(total, pull), np.array([option.share for option in self.model.options])
-        shares = np.where(np.isin(np.arange(len(shares)), self._taken), -np.inf, shares)
+        term = self.inferred.chosen[self.place]
+        shares[[k for k in self.inferred.chosen if k != term]] = -np.inf
         gain, predicted, followed = np.zeros((3, targets.shape[1]))
         chosen, values = [], []
         size = self.inferred.amplitudes[self.place]
@@ -159,12 +151,7 @@ class _PartitionedRecord:
                 if r[0] == 0:
                     chosen.append(int(k))
                     values.append(coefficients[:, 0])
-        term = self.inferred.chosen[self.place]
         return _Prediction(gain, predicted, followed, chosen, values, whole.fit([(term, size)])[:, 0])
-
-    @property
-    def _taken(self) -> list[int]:
-        return [k for k in self.inferred.chosen if k != self.inferred.chosen[self.place]]
 
     def turns(self, prediction: _Prediction) -> Floats:
         """Compute the turn that is predicted without each fold, (n, f) degrees."""
@@ -175,9 +162,6 @@ class _PartitionedRecord:
         """Bin held-out days by the turn predicted from the others, and estimate the observed turn in each bin.
 
         Bins are estimated with the covariance of the noise: the slope through them is that of all held-out days.
-
-        Args:
-            turns: predicted without each fold, (n, f) degrees.
         """
         freed = self.model.freed
         part, known = np.argmax(self.folds, axis=0), np.isfinite(freed.whitener.width_deg)
@@ -185,7 +169,8 @@ class _PartitionedRecord:
         visible[known] = freed.visible(turns)
         left_out = visible[np.arange(len(part)), part]
         below, above = left_out[known & (left_out < 0)], left_out[known & (left_out > 0)]
-        edges = np.concatenate([_quarters(below), [0.0], _quarters(above)])
+        quarters = [np.quantile(x, [0.25, 0.5, 0.75]) if len(x) else x for x in (below, above)]
+        edges = np.concatenate([quarters[0], [0.0], quarters[1]])
         information, score = np.zeros((len(edges) + 1,) * 2), np.zeros(len(edges) + 1)
         unit = np.float32(freed.response / freed.sigma / np.sqrt(self.model.scatter))
         noise, at = self.rows[:, self.model.products.ends[-1] :], np.arange(len(score))
@@ -210,10 +195,6 @@ class _PartitionedRecord:
         shown, sigma = middle * (inverse @ score), np.abs(middle) * np.sqrt(np.maximum(np.diag(inverse), 0.0))
         middle, shown, sigma = middle[filled], shown[filled], sigma[filled]
         return BinnedResidual("", middle, shown, shown - middle, sigma)
-
-
-def _quarters(values: Floats) -> Floats:
-    return np.quantile(values, [0.25, 0.5, 0.75]) if len(values) else np.zeros(0)
 
 
 def _fold_gains(fitted: FittedModel, k: int, fold: NDArray[np.intp]) -> tuple[Floats, tuple[float, float]]:

@@ -54,12 +54,7 @@ def read_returned(content: Mapping[str, Any], mooring: str) -> SiblingInformatio
 def apply_shared_effects(
     made: CorrectionModel, shared: SiblingInformation, field: EarthField, logged: Mapping[str, Floats]
 ) -> CorrectionModel:
-    """Correct a record that cannot be searched with the effects known from other records.
-
-    Args:
-        field: the earth's field along the deployment.
-        logged: logged series of the record; an effect that requires a missing one is omitted.
-    """
+    """Correct a record that cannot be searched with the effects known from others, but those of series not logged."""
     terms, covariances = [], [made.fit.covariance[:5, :5]]
     for kind, (information, score) in shared.effects.items():
         if all(name in logged or name in product.RECORD_SERIES for name in kind.needs):

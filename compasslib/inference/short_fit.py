@@ -133,8 +133,6 @@ def recording_scene(
     Args:
         time_s: (n,), UTC seconds or numbers of readings.
         field: {horizontal_nT, vertical_nT}, None where the place is unknown.
-        tilt_deg: pitch and roll, (n,) each.
-        departures: series that terms require, (n,) each.
     """
     unit_field, zero = np.ones(len(time_s)), np.zeros(len(time_s))
     h, z = (PLACELESS_NT, 0.0) if field is None else (field["horizontal_nT"], field["vertical_nT"])
@@ -222,13 +220,7 @@ def fit_hypothesis(
     near: FittedHypothesis | None = None,
     use: NDArray[np.bool_] | None = None,
 ) -> FittedHypothesis:
-    """Fit the base parameters and terms of a hypothesis.
-
-    Args:
-        terms: terms at their starting values; their dates are held fixed.
-        near: fit whose base parameters are the starting values.
-        use: mask of the samples used, (n,).
-    """
+    """Fit the base parameters, from those of a fit near, and terms, from their values; dates are held fixed."""
     base = comparison.start if near is None else near.base
     begin = _linearize(
         comparison,

@@ -49,11 +49,7 @@ def laws(comparison: ShortComparison) -> tuple[Law, ...]:
 
 
 def short_options(state: FittedHypothesis, taken: Collection[str] = ()) -> tuple[Option, ...]:
-    """Enumerate the candidate effects beside a hypothesis, each at its candidate places.
-
-    Args:
-        taken: names of effects that are left out.
-    """
+    """Enumerate the candidate effects beside a hypothesis but those taken, each at its candidate places."""
     listed = []
     for kind in (kind for kind in state.comparison.terms if kind.name not in taken):
         listed += [*_dated(state, kind)] if kind.dated() else [_option(state, kind())]
@@ -139,7 +135,7 @@ def _located(
         n, count, parameters = columns.shape
         ends = parameters * np.arange(count + 1)
         flat = columns.reshape(n, -1)
-        return int(np.argmax(log_evidence(WHITE, state.columns, flat, ends, state.evident[:, None])[1]))
+        return int(np.argmax(log_evidence(WHITE, state.columns, flat, ends, state.evident[:, None])(1.0)[1]))
 
     places, columns = columns_at(grid)
     cells, finer = np.ones(len(places)), np.array(step)
@@ -174,42 +170,39 @@ def _option(state: FittedHypothesis, term: Effect, derivative: Floats | None = N
     return Option(term, block_of(type(term)), derivative * usual, usual, cell=cell)
 
 
-def weigh(state: FittedHypothesis, options: Sequence[Option], residuals: Floats, scatter: float = 1.0) -> Evidence:
-    """Compute the evidence of options under each law of the noise.
+def weigh(state: FittedHypothesis, options: Sequence[Option], residuals: Floats) -> Callable[[float], Evidence]:
+    """Prepare the evidence of options under each law of the noise, for residuals (n, r).
 
-    Args:
-        residuals: (n, r) degrees.
-        scatter: variance of scores between blocks over that of homogeneous noise.
+    Returns:
+        Function of the variance of scores between blocks over that of homogeneous noise.
     """
     ends = np.cumsum([0, *(option.columns.shape[1] for option in options)])
     columns = np.concatenate([np.zeros((len(residuals), 0)), *(option.columns for option in options)], axis=1)
-    known = {"rule_deg": state.comparison.rule_deg, "scatter": scatter}
-    each = [log_evidence(law, state.columns, columns, ends, residuals, **known) for law in laws(state.comparison)]
-    none, factors = (np.array(part) for part in zip(*each, strict=True))
-    return Evidence((None,) * len(each), np.array([option.share for option in options]), none, factors)
+    shares, rule_deg = np.array([option.share for option in options]), state.comparison.rule_deg
+    each = [log_evidence(law, state.columns, columns, ends, residuals, rule_deg) for law in laws(state.comparison)]
+
+    def evidence(scatter: float) -> Evidence:
+        none, factors = (np.array(part) for part in zip(*(of_law(scatter) for of_law in each), strict=True))
+        return Evidence((None,) * len(each), shares, none, factors)
+
+    return evidence
 
 
 def log_evidence(
-    law: Law,
-    base: Floats,
-    columns: Floats,
-    ends: NDArray[np.intp],
-    residuals: Floats,
-    *,
-    rule_deg: float = 0.0,
-    scatter: float = 1.0,
-) -> tuple[Floats, Floats]:
-    """Compute the log likelihood without options, (r,), and the log Bayes factor of each, (g, r), under one noise law.
+    law: Law, base: Floats, columns: Floats, ends: NDArray[np.intp], residuals: Floats, rule_deg: float = 0.0
+) -> Callable[[float], tuple[Floats, Floats]]:
+    """Prepare the log likelihood without options, (r,), and the log Bayes factor of each, (g, r), under one noise law.
 
     Coefficients of the base have a flat prior, and the variance of the noise is unknown (Student's law).
 
     Args:
-        base: columns of the hypothesis, (n, b).
-        columns: those of the options, (n, m).
+        base, columns: of the hypothesis, (n, b), and of the options, (n, m).
         ends: boundaries between the options' columns, (g + 1,).
         residuals: (n, r) degrees.
         rule_deg: systematic error, the least standard deviation of the noise.
-        scatter: variance of scores between blocks over that of homogeneous noise.
+
+    Returns:
+        Function of the variance of scores between blocks over that of homogeneous noise.
     """
     n, ratio = len(base), arma_variance_ratio(law)
     orthonormal, triangle = np.linalg.qr(arma_innovations(base, law))
@@ -218,27 +211,29 @@ def log_evidence(
     basis, white = orthonormal @ left[:, retained], arma_innovations(columns, law)
     target, cross = project_out(arma_innovations(residuals, law), basis), basis.T @ white
     square = np.sum(target**2, axis=0) + n * max(rule_deg, FINEST_DEG) ** 2 / ratio
-    freedom = max(n - int(retained.sum()), 1) / scatter
-    none = -0.5 * freedom * np.log(square) - 0.5 * np.log(ratio) - np.sum(np.log(size[retained]))
-    score, sizes = white.T @ target, np.diff(ends)
-    factors = np.empty((len(sizes), residuals.shape[1]))
+    volume = 0.5 * np.log(ratio) + np.sum(np.log(size[retained]))
+    score, sizes, groups = white.T @ target, np.diff(ends), []
     for count in np.unique(sizes):
         options = np.flatnonzero(sizes == count)
         index = ends[options][:, None] + np.arange(count)
         part, taken = (x[:, index].transpose(1, 2, 0) for x in (white, cross))
         values, vectors = np.linalg.eigh(part @ part.transpose(0, 2, 1) - taken @ taken.transpose(0, 2, 1))
         along = (vectors.transpose(0, 2, 1) @ score[index]) ** 2
-        each = [log_bayes_factors(np.maximum(values, 0.0), along, a, square, freedom) for a in AMPLITUDES]
-        factors[options] = np.logaddexp.reduce(each, axis=0) - np.log(len(AMPLITUDES))
-    return none, factors
+        groups.append((options, np.maximum(values, 0.0), along))
+
+    def evidence(scatter: float) -> tuple[Floats, Floats]:
+        freedom = max(n - int(retained.sum()), 1) / scatter
+        factors = np.empty((len(sizes), residuals.shape[1]))
+        for options, values, along in groups:
+            each = [log_bayes_factors(values, along, a, square, freedom) for a in AMPLITUDES]
+            factors[options] = np.logaddexp.reduce(each, axis=0) - np.log(len(AMPLITUDES))
+        return -0.5 * freedom * np.log(square) - volume, factors
+
+    return evidence
 
 
 def score_scatter(fitted: FittedHypothesis, law: Law, columns: Sequence[Floats]) -> float:
-    """Estimate by how much scores vary more between blocks than homogeneous noise explains, at least 1.
-
-    Args:
-        columns: those of several effects, of which the median counts.
-    """
+    """Estimate by how much scores of effects vary more between blocks than homogeneous noise explains, at least 1."""
     base = orthonormal_basis(arma_innovations(fitted.columns, law))
     left = project_out(arma_innovations(fitted.evident[:, None], law), base)[:, 0]
     variance = max(float(np.mean(left**2)), FINEST_DEG**2)

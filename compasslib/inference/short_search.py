@@ -8,7 +8,7 @@ exceed the noise a thousandfold.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -99,12 +99,11 @@ class ShortInference:
 
 
 def search_effects(comparison: ShortComparison, options: Options) -> ShortInference:
-    """Search for the terms that explain a comparison, each with its alternatives.
-
-    Listed effects enter first: one wide composed form may stand for two of them.
-    """
+    """Search for the terms that explain a comparison, each with its alternatives."""
     search = _Search(comparison, options)
-    entered = search.run(search.run((), listed=True), listed=False)
+    entered = search.run(listed=False)
+    if any(isinstance(term, ComposedEffect) for term in entered):  # one wide form may stand for two listed effects
+        entered = max(entered, search.run(listed=True), key=search.gain)
     places = [search.weigh_in_place((*entered[:k], *entered[k + 1 :])) for k in range(len(entered))]
     return ShortInference(
         before=search.fit(()),
@@ -126,7 +125,7 @@ def detect(place: ShortPlace, surrogates: int) -> Detection:
     if surrogates and place.options:
         kinds = (False,) if place.base.comparison.independent else (False, True)
         residuals = np.concatenate([_draw(place, surrogates, resampled) for resampled in kinds], axis=1)
-        each = weigh(place.base, place.options, residuals, place.scatter).statistic
+        each = weigh(place.base, place.options, residuals)(place.scatter).statistic
         statistics = np.split(each, len(kinds))
     return Detection.by_rank(float(place.evidence.statistic[0]), statistics)
 
@@ -159,14 +158,15 @@ class _Search:
     options: Options
     fits: dict[Terms, FittedHypothesis] = field(default_factory=dict)
     weighed: dict[frozenset[Effect], ShortPlace] = field(default_factory=dict)
+    prepared: dict[Terms, Callable[[float], Evidence]] = field(default_factory=dict)  # evidence of the last term's fit
 
-    def run(self, entered: Terms, *, listed: bool) -> Terms:
+    def run(self, *, listed: bool) -> Terms:
         """Enter effects while one more is detected.
 
         Args:
             listed: whether composed effects are left out.
         """
-        visited = set[frozenset[Effect]]()
+        entered, visited = Terms(), set[frozenset[Effect]]()
         while True:
             entered = self._settle(entered, listed)
             further = self.further(entered)
@@ -222,13 +222,13 @@ class _Search:
         if key not in self.weighed:
             state = self.fit(others)
             options = short_options(state, {term.name for term in others})
-            place = self._fitted(ShortPlace(state, options, weigh(state, options, state.evident[:, None]), state))
+            evidence = weigh(state, options, state.evident[:, None])
+            place = self._fitted(ShortPlace(state, options, evidence(1.0), state))
             if options and not self.comparison.independent:
                 # Weigh them again, with the scatter that is left once the likeliest effect is fitted.
                 first = {type(option.term): option.columns for option in reversed(options)}
                 scatter = score_scatter(place.likeliest, place.law(), list(first.values()))
-                again = weigh(state, options, state.evident[:, None], scatter)
-                place = self._fitted(replace(place, evidence=again, scatter=scatter))
+                place = self._fitted(replace(place, evidence=evidence(scatter), scatter=scatter))
             self.weighed[key] = replace(place, odds=self.options.prior_odds)
         return self.weighed[key]
 
@@ -241,12 +241,14 @@ class _Search:
             k = max(alike, key=logs.__getitem__)
             if form not in self.comparison.terms and logs[k] < NEARLY * logs.max():
                 continue
-            fitted = self.fit((*terms, options[k].term))
-            columns_of_term = parameter_slices(fitted.terms, len(fitted.base))[-1]
-            columns, others = fitted.columns[:, columns_of_term], np.delete(fitted.columns, columns_of_term, axis=1)
-            pull = fitted.evident + columns @ fitted.terms[-1].values
-            option = replace(options[k], columns=columns * options[k].usual)
-            again = weigh(replace(fitted, columns=others), [option], pull[:, None], linear.scatter)
+            fitted = self.fit(beside := (*terms, options[k].term))
+            if beside not in self.prepared:
+                own = parameter_slices(fitted.terms, len(fitted.base))[-1]
+                columns, others = fitted.columns[:, own], np.delete(fitted.columns, own, axis=1)
+                pull = fitted.evident + columns @ fitted.terms[-1].values
+                option = replace(options[k], columns=columns * options[k].usual)
+                self.prepared[beside] = weigh(replace(fitted, columns=others), [option], pull[:, None])
+            again = self.prepared[beside](linear.scatter)
             corrected[:, alike] += (again.none + again.options[:, 0] - linear.evidence.none - corrected[:, k])[:, None]
             if form in self.comparison.terms and not fitted.terms[-1].possible:
                 corrected[:, alike] = -np.inf
@@ -260,6 +262,12 @@ class _Search:
         if place.detection is None:
             self.weighed[key] = replace(place, detection=detect(place, self.options.surrogates))
         return self.weighed[key]
+
+    def gain(self, entered: Terms) -> float:
+        """Sum the log evidence of terms, each beside those before it."""
+        places = [self.weigh_in_place(entered[:k]) for k in range(len(entered))]
+        each = zip(places, entered, strict=True)
+        return sum(float(np.logaddexp.reduce(place.logs[place.alike(type(term))])) for place, term in each)
 
 
 def _rank_alone(place: ShortPlace) -> tuple[RankedEffect, ...]:

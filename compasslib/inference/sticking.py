@@ -46,13 +46,10 @@ def sticking_sector(fitted: FittedModel) -> HeadingCluster | None:
     cell = (angles.wrap360(fitted.heading_deg[known]) / CELL_DEG).astype(np.intp) % cells
     counts = np.bincount(block * cells + cell, minlength=(block[-1] + 1) * cells).reshape(-1, cells).astype(float)
     # Predict each cell's count by a parabola through its neighbours, (blocks, cells).
-    away = np.arange(NEAREST_CELL, FARTHEST_CELL + 1.0)
-    design = np.column_stack([np.ones(len(away)), away**2])
-    weights = np.linalg.pinv(design)[0] / 2.0
-    expected_by_cell = sum(
-        w * (np.roll(counts, int(k), axis=1) + np.roll(counts, -int(k), axis=1))
-        for w, k in zip(weights, away, strict=True)
-    )
+    away = np.arange(NEAREST_CELL, FARTHEST_CELL + 1)
+    weights = np.linalg.pinv(np.column_stack([np.ones(len(away)), away**2.0]))[0] / 2.0
+    neighbours = [np.roll(counts, k, axis=1) + np.roll(counts, -k, axis=1) for k in away.tolist()]
+    expected_by_cell = np.tensordot(weights, neighbours, 1)
     excess = counts - expected_by_cell
     score = excess.sum(axis=0) / np.maximum(np.linalg.norm(excess, axis=0), 1.0)
     held, expected = counts.sum(axis=0), np.maximum(expected_by_cell.sum(axis=0), 1.0)

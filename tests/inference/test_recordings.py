@@ -63,7 +63,7 @@ def none(g, t):
 def test_evidence_is_that_of_students_law():
     rng = np.random.default_rng(1)
     base, columns, residual = rng.normal(size=(14, 3)), rng.normal(size=(14, 2)), rng.normal(size=14)
-    found = log_evidence(WHITE, base, columns, np.array([0, 2]), residual[:, None])
+    found = log_evidence(WHITE, base, columns, np.array([0, 2]), residual[:, None])(1.0)
     logs = []
     for amplitude in (0.0, *AMPLITUDES):
         precision = np.linalg.inv(np.eye(14) + amplitude**2 * columns @ columns.T)

@@ -20,16 +20,17 @@ from tests.world.swing import CIRCLES, LEGS, ONE_CIRCLE, Boat
 
 KNOT_M_S = 1852.0 / 3600.0
 WATER_KN = 0.8 * np.exp(0.6j)
+CURRENT = {"east_m_s": KNOT_M_S * WATER_KN.real, "north_m_s": KNOT_M_S * WATER_KN.imag}
 BOAT = Boat(plan=CIRCLES, minutes=25.0, leeway_deg=1.0, iron=Iron((1500.0, -900.0, 0.0)))
+ONE_SPEED = replace(BOAT, plan=ONE_CIRCLE, speeds_vary=False, water_kn=WATER_KN)
 
 
-def table(path: Path, boat: Boat, seed: int = 1) -> Path:
-    made = swing.sail(np.random.default_rng(seed), boat, 5.0)
-    return recordings.written(made, path)
+def table(path: Path, boat: Boat) -> Path:
+    return recordings.written(swing.sail(np.random.default_rng(1), boat, 5.0), path)
 
 
-def swung(folder: Path, boat: Boat, seed: int = 1, **settings: object) -> Diagnosis:
-    path = table(folder / "swing.csv", boat, seed)
+def swung(folder: Path, boat: Boat, **settings: object) -> Diagnosis:
+    path = table(folder / "swing.csv", boat)
     return kinds.diagnose("swing", [path], {"declination": 5.0, **settings}, Options())
 
 
@@ -37,11 +38,35 @@ def sets(found: Diagnosis) -> list[set[str]]:
     return [{one.effect, *one.alternatives} for one in found.findings]
 
 
-def near(found: Diagnosis, **truth: float) -> None:
-    """Assert that parameters of the first finding are within four standard errors of the truth."""
-    for name, value in truth.items():
-        told = found.findings[0].parameters[name]
-        assert abs(told.value - value) < 4.0 * told.sigma, f"{name}: {told}"
+@pytest.mark.parametrize(
+    ("boat", "names", "side", "truth"),
+    [
+        pytest.param(replace(BOAT, water_kn=WATER_KN), {"water_drift"}, "water", CURRENT, id="speeds that vary"),
+        pytest.param(replace(ONE_SPEED, log_scale=1.04), {"water_drift"}, "water", CURRENT, id="a speed log"),
+        pytest.param(
+            replace(BOAT, lobes=(3, 3.0, 40.0)), {"sextantal"}, "compass",
+            {"sine_deg": 3.0 * np.cos(np.radians(40.0)), "cosine_deg": 3.0 * np.sin(np.radians(40.0))}, id="harmonic",
+        ),
+        pytest.param(replace(BOAT, plan=LEGS, lag_s=6.0), {"compass_lag", "clock_offset"}, "", {}, id="late reading"),
+        pytest.param(replace(BOAT, plan=LEGS, clock_s=-9.0), {"course_lag", "clock_offset"}, "", {}, id="clock"),
+        pytest.param(
+            replace(BOAT, iron=Iron((20000.0, 0.0, 0.0)), minutes=40.0), {"large_deviation"}, "compass", {}, id="iron"
+        ),
+    ],
+)  # fmt: skip
+def test_one_effect_is_identified_with_its_size(tmp_path, boat, names, side, truth):
+    found = swung(tmp_path, boat)
+    (one,) = found.findings
+    assert {one.effect, *one.alternatives} == names and (one.side == side or not side)
+    assert found.verdict == ("ambiguous" if len(names) > 1 else "explained") or one.effect == "large_deviation"
+    for name, value in truth.items():  # within four standard errors
+        assert abs(one.parameters[name].value - value) < 4.0 * one.parameters[name].sigma
+    if delay := abs(boat.lag_s or boat.clock_s):
+        told = next(iter(one.parameters.values()))
+        assert abs(abs(told.value) - delay) < 4.0 * told.sigma
+    if one.effect == "water_drift":  # calibration and diagnosis state the same current
+        fitted = calibrations.calibrate("swing", [tmp_path / "swing.csv"], {"declination": 5.0}).details["drift"]
+        assert one.parameters["drift_kn"].value == fitted["drift_kn"] and fitted["described"] in one.text
 
 
 def test_a_swing_without_current_is_consistent(tmp_path):
@@ -50,50 +75,16 @@ def test_a_swing_without_current_is_consistent(tmp_path):
     assert "do not show in the courses: less than" in found.why and "water_drift" not in dict(found.not_testable)
 
 
-def test_speeds_that_vary_show_the_water(tmp_path):
-    found = swung(tmp_path, replace(BOAT, water_kn=WATER_KN))
-    assert sets(found) == [{"water_drift"}] and found.findings[0].side == "water"
-    near(found, east_m_s=KNOT_M_S * WATER_KN.real, north_m_s=KNOT_M_S * WATER_KN.imag, drift_kn=0.8)
-    assert "The water: set " in found.findings[0].text
-    fitted = calibrations.calibrate("swing", [tmp_path / "swing.csv"], {"declination": 5.0}).details["drift"]
-    told = found.findings[0].parameters  # calibration and diagnosis state the same current
-    assert told["drift_kn"].value == fitted["drift_kn"] and fitted["described"] in found.findings[0].text
-
-
 def test_one_circle_at_one_speed_cannot_separate_current_from_b_and_c(tmp_path):
-    found = swung(tmp_path, replace(BOAT, plan=ONE_CIRCLE, speeds_vary=False, water_kn=WATER_KN))
+    found = swung(tmp_path, ONE_SPEED)
     assert (found.verdict, found.findings) == ("insufficient", ())
     assert "cannot be separated from B and C" in dict(found.not_testable)["water_drift"]
     assert "two speeds" in (found.separated_by or "")
 
 
-def test_a_speed_log_alone_determines_the_current(tmp_path):
-    found = swung(tmp_path, replace(BOAT, plan=ONE_CIRCLE, speeds_vary=False, water_kn=WATER_KN, log_scale=1.04))
-    assert sets(found) == [{"water_drift"}]
-    near(found, east_m_s=KNOT_M_S * WATER_KN.real, north_m_s=KNOT_M_S * WATER_KN.imag)
-    assert "through the water" in found.findings[0].text
-
-
-@pytest.mark.parametrize(
-    ("late", "names"),
-    [({"lag_s": 6.0}, {"compass_lag", "clock_offset"}), ({"clock_s": -9.0}, {"course_lag", "clock_offset"})],
-)
-def test_a_delay_has_its_sign_and_may_be_a_clock_offset(tmp_path, late, names):
-    found = swung(tmp_path, replace(BOAT, plan=LEGS, **late))
-    assert (found.verdict, sets(found)) == ("ambiguous", [names])
-    told = next(iter(found.findings[0].parameters.values()))
-    assert abs(abs(told.value) - abs(next(iter(late.values())))) < 4.0 * told.sigma
-
-
 def test_a_receiver_filter_is_not_attributed_to_the_compass(tmp_path):
     found = swung(tmp_path, replace(BOAT, plan=LEGS, filter_s=8.0))
     assert len(found.findings) == 1 and "course_lag" in sets(found)[0] and "compass_lag" not in sets(found)[0]
-
-
-def test_a_harmonic_is_attributed_to_the_compass(tmp_path):
-    found = swung(tmp_path, replace(BOAT, lobes=(3, 3.0, 40.0)))
-    assert sets(found) == [{"sextantal"}] and found.findings[0].side == "compass"
-    near(found, sine_deg=3.0 * np.cos(np.radians(40.0)), cosine_deg=3.0 * np.sin(np.radians(40.0)))
 
 
 def test_a_card_pulled_in_one_sector_is_not_a_harmonic(tmp_path):
@@ -162,8 +153,3 @@ def test_averaging_intervals_exclude_outliers_and_gaps():
     off[100] = 80.0
     over = swing_kind.without_outliers(time_s, off)
     assert len(over) == 60 and over.number[100] == -1 and over.mean(off) == pytest.approx(np.full(60, 5.0), abs=1.2)
-
-
-def test_strong_iron_is_too_large_for_the_series(tmp_path):
-    found = swung(tmp_path, replace(BOAT, iron=Iron((20000.0, 0.0, 0.0)), minutes=40.0))  # 0.8 of the field
-    assert [one.effect for one in found.findings] == ["large_deviation"]

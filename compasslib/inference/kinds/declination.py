@@ -61,11 +61,7 @@ class Jump:
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options | None = None) -> Diagnosis:
-    """Diagnose an observatory's declination against a field model plus a constant.
-
-    Args:
-        files: IAGA-2002 files of one observatory.
-        settings: settings of a calibration of this kind.
+    """Diagnose an observatory's declination, of IAGA-2002 files, against a field model plus a constant.
 
     Raises:
         InputError: a file cannot be read, the place is not known, a date lies outside the model, or the field is not
@@ -80,12 +76,7 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
 
 
 def diagnose_series(series: FieldSeries, field: EarthField, options: Options) -> Diagnosis:
-    """Diagnose a series against a declination along time plus a constant.
-
-    Args:
-        series: series of an observatory, at least half a day.
-        field: declination along time by the model, or a given constant.
-    """
+    """Diagnose a series of at least half a day against a declination along time plus a constant."""
     limit = options.min_effect_deg
     jumps, jump_untested = find_jumps(observatory.compare(series, field, limit_deg=limit), limit)
     risen = sum((jump.rise_deg * (series.time_s >= jump.date_s) for jump in jumps), np.zeros(len(series)))

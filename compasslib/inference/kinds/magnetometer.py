@@ -53,12 +53,7 @@ WOBBLE_SAMPLES = 31  # window of the running mean of tilts; faster changes are m
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
-    """Diagnose a magnetometer's log against an iron-free, level compass.
-
-    Args:
-        files: CSV files, or A files of a 3D-ACM.
-        settings: resolved settings of the calibration file.
-    """
+    """Diagnose a magnetometer's log, CSV or A files of a 3D-ACM, against an iron-free, level compass."""
     log = magnetometer_log.read(files, settings)
     return diagnose_log(log, field=settings.get("field"), options=options)
 

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib import angles, compass
 from compasslib.deviation import fit_deviation
@@ -75,11 +74,7 @@ class ClockError:
         return self.offset_named or self.drift_named
 
     def ahead_s(self, time_s: Floats) -> Floats:
-        """Compute the named clock error along time, seconds, (n,).
-
-        Args:
-            time_s: UTC seconds, the first sample first, (n,).
-        """
+        """Compute the named clock error along time, seconds, (n,)."""
         years = (time_s - time_s[0]) / YEAR_S
         hours = self.offset_named * self.offset_h + self.drift_named * self.drift_h_year * years
         return np.asarray(HOUR_S * hours)
@@ -185,11 +180,6 @@ def repair_pairs(pairs: Pairs, clock: ClockError) -> Pairs:
     return take(replace(pairs, **moved), inside)
 
 
-def pairs_remaining(pairs: Pairs, again: Pairs) -> NDArray[np.bool_]:
-    """Build a mask that is true for pairs that remain after a clock correction, (n,)."""
-    return np.isin(pairs.time_s, again.time_s)
-
-
 def _ahead_h(upper: Floats, lower: Floats, step_s: float) -> float:
     """Estimate by how many hours the upper clock is ahead from the peak of the speeds' cross-correlation, or NaN."""
     reach = int(LONGEST_HOURS * HOUR_S / step_s)
@@ -203,15 +193,6 @@ def _ahead_h(upper: Floats, lower: Floats, step_s: float) -> float:
     before, at, after = (float(cross[j]) for j in (k - 1, k, k + 1))
     top = 0.5 * (before - after) / (before - 2.0 * at + after)
     return -(float(lags[k]) + top) * step_s / HOUR_S
-
-
-@dataclass(frozen=True)
-class Repair:
-    """Pairs corrected for a clock error, the compass fitted to them, and the clock findings."""
-
-    pairs: Pairs
-    fit: DeviationFit
-    findings: list[Finding]
 
 
 @single_threaded()
@@ -250,15 +231,14 @@ def diagnose(
     is_series = fit.method == "von_appen"
     exact = fit_deviation("exact", pairs) if is_series else fit
     first = [] if not is_series else exact_compass_findings(pairs, exact, fit, options.min_effect_deg)
-    repair, doubted = _repair_clock(pairs, exact, estimate_clock_error(wide))
-    if repair is not None:
-        held = pairs_remaining(pairs, repair.pairs)
-        logged = {name: column[held] for name, column in logged.items()}
-        first += repair.findings
-        pairs, exact = repair.pairs, repair.fit
+    repaired, exact, of_clock, doubted = _repair_clock(pairs, exact, estimate_clock_error(wide))
+    if of_clock:
+        remain = np.isin(pairs.time_s, repaired.time_s)
+        logged = {name: column[remain] for name, column in logged.items()}
+        pairs, first = repaired, [*first, *of_clock]
     case = compare_pairs(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic, units=units)
     terms, missing = case.terms, case.not_testable
-    if repair is not None:
+    if of_clock:
         # Interpolated directions share their noise with the flow direction, on which this term depends.
         why = "directions read between two samples, after the clocks, share their noise with the direction of the flow"
         terms = tuple(kind for kind in terms if kind is not VeerWithDirection)
@@ -278,24 +258,26 @@ def diagnose(
     return replace(diagnosed, fit=exact, applied=applied)
 
 
-def _repair_clock(pairs: Pairs, fit: DeviationFit, clock: ClockError) -> tuple[Repair | None, tuple[str, ...]]:
-    """Correct the pairs for a clock error, or warn why the correction is rejected."""
+def _repair_clock(
+    pairs: Pairs, fit: DeviationFit, clock: ClockError
+) -> tuple[Pairs, DeviationFit, list[Finding], tuple[str, ...]]:
+    """Correct the pairs for a clock error and fit the compass again, or warn why the correction is rejected."""
     if not clock.named:
-        return None, ()
+        return pairs, fit, [], ()
     again = repair_pairs(pairs, clock)
     if not (short := len(again) < FEWEST_PAIRS):
         start = fit if fit.known_beforehand or fit.prior is not None else None  # else the fit contains the clock error
         freed = fit_deviation(fit.method, again, start)
-        clock_result = clock_findings(pairs, again, (fit, freed), clock)
-        if freed.fitted and not any(finding.held_out.refuted for finding in clock_result):
-            return Repair(again, freed, clock_result), ()
+        found = clock_findings(pairs, again, (fit, freed), clock)
+        if freed.fitted and not any(each.held_out.refuted for each in found):
+            return again, freed, found, ()
     why = "too few pairs are left once corrected" if short else "held-out directions then agree less"
     hours = clock.ahead_s(pairs.time_s)[[0, -1]] / HOUR_S
     warning = (
         f"by the speeds the two clocks differ by {hours[0]:+.1f} h at the start and {hours[1]:+.1f} h at the end, but "
         f"{why}: nothing was corrected; check clocks, time zones and dates of both"
     )
-    return None, (warning,)
+    return pairs, fit, [], (warning,)
 
 
 def clock_findings(
@@ -306,7 +288,7 @@ def clock_findings(
     Args:
         after: pairs with the reference interpolated to the true times.
     """
-    same = pairs_remaining(before, after)
+    same = np.isin(before.time_s, after.time_s)
     moved = angles.difference(observed_heading(after), observed_heading(before)[same])
     left = [held_out_residual(pairs, fit) for pairs, fit in zip((before, after), fits, strict=True)]
     left[0] = left[0][same]

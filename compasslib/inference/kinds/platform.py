@@ -55,14 +55,9 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
 def diagnose_readings(
     correct_deg: Floats, recorded_deg: Floats, *, field: Mapping[str, float] | None, options: Options
 ) -> Diagnosis:
-    """Diagnose readings in the order in which they were taken.
+    """Diagnose readings in the order in which they were taken; ``field`` is None where the place is unknown.
 
     A log with correlated errors of neighbouring readings is refused: they look like changes with time.
-
-    Args:
-        correct_deg: directions of the bench, magnetic, (n,).
-        recorded_deg: recorded headings, (n,).
-        field: the earth's field there, None where the place is unknown.
     """
     shared = decorrelation_length(recorded_deg, correct_deg)
     if shared > 1:
@@ -155,7 +150,7 @@ def _too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options:
     if angles.rms(apart) < options.min_effect_deg or exact.square >= series.square:
         return []
     option = (Option(LargeDeviation(), block_of(LargeDeviation), apart[:, None], np.ones(1)),)
-    evidence = short_options.weigh(series, option, series.evident[:, None])
+    evidence = short_options.weigh(series, option, series.evident[:, None])(1.0)
     if not short_search.detect(ShortPlace(series, option, evidence, exact), options.surrogates).significant:
         return []
     proof = short_findings.held_out_gain(series, exact, exact.terms, _heading_error)

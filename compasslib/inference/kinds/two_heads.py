@@ -56,11 +56,7 @@ class AlignedHeads:
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
-    """Diagnose the heading difference of two heads against a rigid rotation.
-
-    Args:
-        files: PD0 files of head a and of head b.
-        settings: resolved settings of the calibration file.
+    """Diagnose the heading difference of two heads, of PD0 files a and b, against a rigid rotation.
 
     Raises:
         InputError: not two files, or one that cannot be read.
@@ -85,10 +81,8 @@ def diagnose_motion(
     """Diagnose two heads from their motions.
 
     Args:
-        a: motion of one head, by its own clock.
-        b: motion of the other head, by its own clock corrected for its known offset.
-        farthest_s: largest clock difference searched first, s; if the headings are then unrelated, it is a day.
-        field: the earth's field there, None where the place is unknown.
+        a, b: by their own clocks, that of b corrected for its known offset.
+        farthest_s: largest clock difference searched first; if the headings are then unrelated, it is a day.
     """
     aligned, count = None, min(len(a.time_s), len(b.time_s))
     if count >= two_heads.MIN_SAMPLES:
