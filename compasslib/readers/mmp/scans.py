@@ -132,27 +132,24 @@ def _parse_binary(data: bytes) -> tuple[Scans, int]:
     )
     if len(rest) <= BETWEEN + RECORD.itemsize:  # at most a header and part of a record
         damaged = failed = int(lost.sum()) + (len(rest) > TAIL.itemsize)
-    place, good, blocks = np.cumsum(1 + np.where(new, 0, lost)), np.ones(len(at), dtype=bool), list[ProfileBlock]()
+    place, good, times = np.cumsum(1 + np.where(new, 0, lost)), np.ones(len(at), dtype=bool), list[tuple[float, ...]]()
     for first, stop in zip(begins.tolist(), ends.tolist(), strict=True):
         behind = data[end[stop - 1] : at[stop] - FRONT.itemsize if stop < len(at) else len(data)]
         # A float of which only the first bytes were written is smaller than any speed.
         good[stop - 1] = abs(float(records["values"][stop - 1, -1])) >= 1e-30 or any(behind)
-        rate = (
-            float(np.frombuffer(data, FRONT, 1, at[first] - FRONT.itemsize)["rate_hz"][0]) if marked[first] else np.nan
-        )
+        front = np.frombuffer(data, FRONT, 1, at[first] - FRONT.itemsize)["rate_hz"] if marked[first] else [np.nan]
+        rate = float(front[0]) if 0 < front[0] < 100 else np.nan
         on, off = np.frombuffer(behind, TAIL, 1)[0].item() if len(behind) >= TAIL.itemsize else (np.nan, np.nan)
         known = abs(on - time_s[first]) < DAY_S and on <= off < on + 30 * DAY_S
-        times = {"on_s": float(on), "off_s": float(off)} if known else {}
-        count = int(good[:stop].sum())
-        blocks.append(
-            ProfileBlock(int(good[:first].sum()), count, UNKNOWN, rate if 0 < rate < 100 else np.nan, **times)
-        )
+        times.append((rate, float(on), float(off)) if known else (rate, np.nan, np.nan))
+    kept = np.append(0, np.cumsum(good))
+    spans = zip(kept[begins].tolist(), kept[ends].tolist(), times, strict=True)
+    blocks = tuple(ProfileBlock(begin, stop, UNKNOWN, *known) for begin, stop, known in spans)
     profile = np.cumsum(new) - 1
     place -= place[begins][profile]
-    values = records["values"][good].astype(float)
     torn = int(np.sum(~good))
-    scans = Scans(time_s[good], values, place[good], profile[good], tuple(blocks), damaged + torn)
-    return scans, failed + torn
+    values = records["values"][good].astype(float)
+    return Scans(time_s[good], values, place[good], profile[good], blocks, damaged + torn), failed + torn
 
 
 def _read_file(path: Path) -> Scans:
