@@ -104,20 +104,21 @@ def record_times(records: np.ndarray) -> Floats:
     return civil_seconds(year, month, day, *records["clock"].astype(np.int64).T)
 
 
-def _is_binary(data: bytes) -> bool:
-    at, _ = _find_records(data)
-    return bool((np.diff(at) == RECORD.itemsize).any()) or any(data[k - len(MARK) : k] == MARK for k in at.tolist())
+def _follows_mark(data: bytes, at: Ints) -> Bools:
+    """Flag the byte offsets at which a header ends."""
+    octets, mark = np.frombuffer(data, np.uint8), np.frombuffer(MARK, np.uint8)
+    ends = octets[np.maximum(at, len(mark))[:, None] + np.arange(-len(mark), 0)] == mark
+    return np.asarray(ends.all(axis=1) & (at >= FRONT.itemsize))
 
 
-def _parse_binary(data: bytes) -> tuple[Scans, int]:
+def _parse_binary(data: bytes, at: Ints, records: np.ndarray) -> tuple[Scans, int]:
     """Divide the records of a binary file into profiles, and count the damaged ones, which the memory's fill is not.
 
     A profile begins behind a header, or behind other bytes of its length if the clock pauses. How many records are lost
     is estimated from the number of bytes between others.
     """
-    at, records = _find_records(data)
     time_s, end = record_times(records), at + RECORD.itemsize
-    marked = np.array([data[k - len(MARK) : k] == MARK for k in at.tolist()]) & (at >= FRONT.itemsize)
+    marked = _follows_mark(data, at)
     gap = at[1:] - end[:-1]
     new = np.append(True, marked[1:] | ((gap >= FRONT.itemsize) & (np.abs(np.diff(time_s)) > PAUSE_S)))
     begins = np.flatnonzero(new)
@@ -154,8 +155,9 @@ def _parse_binary(data: bytes) -> tuple[Scans, int]:
 
 def _read_file(path: Path) -> Scans:
     data, notes = _undo_modem(path, files.read_bytes(path))
-    if _is_binary(data):
-        scans, failed = _parse_binary(data)
+    at, records = _find_records(data)
+    if (np.diff(at) == RECORD.itemsize).any() or _follows_mark(data, at).any():
+        scans, failed = _parse_binary(data, at, records)
         if len(scans.blocks) == 1:
             scans = replace(scans, blocks=(replace(scans.blocks[0], number=rows.number_in_name(path)),))
         return replace(_select_possible(path, scans, failed), notes=notes)
@@ -187,12 +189,12 @@ def _undo_modem(path: Path, data: bytes) -> tuple[bytes, tuple[str, ...]]:
         elif instrument in last:  # continues the last profile of the instrument
             last[instrument].append(content)
     undone = files.looks_escaped(data)
-    if profiles:
-        sent = b"".join(dict.fromkeys(b"".join(parts) for parts in profiles))
-    else:
-        sent = files.unescape(data) if undone else data
-        if len(_find_records(sent)[0]) <= len(_find_records(data)[0]):
-            return data, ()
+    sent = b"".join(dict.fromkeys(b"".join(parts) for parts in profiles))
+    if undone and not profiles:
+        sent = files.unescape(data)
+        sent = sent if len(_find_records(sent)[0]) > len(_find_records(data)[0]) else b""
+    if not sent:
+        return data, ()
     notes = [f"{path.name} {files.ESCAPES_UNDONE}"] * undone
     if len(last) > 1:
         names = " and ".join(last)
