@@ -28,7 +28,7 @@ from compasslib.config import cruise as config
 from compasslib.earthfield import parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.preparation.deployment import to_utc
-from compasslib.readers.pd0.fields import Leaders, Rewritten, rewrite
+from compasslib.readers.pd0.fields import Ensembles, Rewritten, rewrite
 from compasslib.readers.times import DATENUM_1970
 from compasslib.records import PROBABLY_BAD
 from compasslib.stages.settings import Moorings
@@ -171,7 +171,7 @@ class _Product:
             actual, advice = "one that the results were not made from", "run the cruise again"
             raise InputError(other, expected=f"the raw file behind {source}", found=actual, advice=advice)
 
-    def turn(self, leaders: Leaders, *, same_s: float = 0.001, same_deg: float = 0.006) -> Floats:
+    def turn(self, leaders: Ensembles, *, same_s: float = 0.001, same_deg: float = 0.006) -> Floats:
         """Compute corrected minus recorded heading of each ensemble, NaN where there is none, (k,) degrees.
 
         An ensemble has the heading of the sample whose time and recorded heading are the same but for rounding.
