@@ -29,6 +29,7 @@ from compasslib.types import Floats
 Ints = NDArray[np.int64]
 Form = tuple[bool, int]  # whether rows have a time stamp; number of other columns
 UNKNOWN = -1  # profile number if it is not stated
+PAUSE_S = 60.0  # between the clocks of scans, that divides profiles whose header is lost
 _ZEROS = bytes.maketrans(b"123456789", b"000000000")
 _ROW_CHARACTERS = b"0 \t\r.,+-:/"
 _STAMP = re.compile(rb"00[-/]00[-/]0000 00:00:00")
@@ -169,12 +170,15 @@ def parse_profiles(text: Text, path: Path) -> tuple[list[ProfileBlock], Ints]:
         known = {statement.kind: statement.value for statement in [*reversed(tail), *head]}
         hertz, on, off = (known.get(kind, np.nan) for kind in ("rate", "on", "off"))
         number = int(known.get("profile", UNKNOWN))
-        block = ProfileBlock(begin, end, number, hertz if hertz > 0 else np.nan, on, off)
-        for piece in _pieces(block, text.time_s):
-            introduced = between[k] and piece.begin == begin
-            start = between[k][-1].offset if introduced else int(text.offset[piece.begin]) if piece.begin else 0
-            place[piece.begin : piece.end] -= np.searchsorted(text.offset, start) + np.searchsorted(text.damaged, start)
-            profiles.append(piece)
+        pauses = np.zeros(0, dtype=np.int64)
+        if number == UNKNOWN:  # header lines may be missing: divide at pauses of the clock, in either direction
+            with np.errstate(invalid="ignore"):
+                pauses = np.flatnonzero(np.abs(np.diff(text.time_s[begin:end])) > PAUSE_S) + 1 + begin
+        for first, stop in pairwise([begin, *pauses.tolist(), end]):
+            introduced = between[k] and first == begin
+            start = between[k][-1].offset if introduced else int(text.offset[first]) if first else 0
+            place[first:stop] -= np.searchsorted(text.offset, start) + np.searchsorted(text.damaged, start)
+            profiles.append(ProfileBlock(first, stop, number, hertz if hertz > 0 else np.nan, on, off))
     if len(profiles) == 1 and profiles[0].number == UNKNOWN:
         profiles = [replace(profiles[0], number=number_in_name(path))]
     rate = np.nan
@@ -207,17 +211,6 @@ def _statement(line: bytes) -> Statement | None:
             month, day, year, *clock = (np.array([int(part)]) for part in stamp.groups())
             return Statement(name, float(civil_seconds(year, month, day, *clock)[0]))
     return Statement(match.lastgroup or "")
-
-
-def _pieces(block: ProfileBlock, time_s: Floats, pause_s: float = 60.0) -> list[ProfileBlock]:
-    """Split a profile without a number at pauses of its clock, in either direction: its header lines may be missing."""
-    if block.number != UNKNOWN:
-        return [block]
-    with np.errstate(invalid="ignore"):
-        step = np.diff(time_s[block.begin : block.end])
-        cuts = np.flatnonzero(np.abs(step) > pause_s) + 1 + block.begin
-    limits = [block.begin, *cuts.tolist(), block.end]
-    return [replace(block, begin=a, end=b) for a, b in pairwise(limits)]
 
 
 def _cut(statements: Sequence[Statement], times_first: bool) -> int:

@@ -22,7 +22,7 @@ from compasslib.errors import InputError
 from compasslib.readers import files
 from compasslib.readers.files import refuse_mostly_damaged
 from compasslib.readers.mmp import rows
-from compasslib.readers.mmp.rows import UNKNOWN, Ints, ProfileBlock
+from compasslib.readers.mmp.rows import PAUSE_S, UNKNOWN, Ints, ProfileBlock
 from compasslib.readers.times import FIRST_YEAR, LAST_YEAR, civil_seconds
 from compasslib.records import take
 from compasslib.types import DAY_S, Bools, Floats
@@ -35,7 +35,6 @@ FRONT = np.dtype([("length", ">u4"), ("settings", "V63"), ("rate_hz", "<f4"), ("
 RECORD = np.dtype([("clock", "u1", (3,)), ("month", "u1"), ("day", "u1"), ("year", "<u2"), ("values", "<f4", (10,))])
 TAIL = np.dtype([("on_s", ">u4"), ("off_s", ">u4")])  # UTC seconds since 1970
 BETWEEN = TAIL.itemsize + FRONT.itemsize  # bytes between the records of two profiles
-PAUSE_S = 60.0
 
 
 @dataclass(frozen=True, eq=False)
