@@ -111,17 +111,18 @@ def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
             elif not inside and pattern.count(b"0") > (len(pattern) + 1) // 4:  # a row with a flipped character
                 damaged.append(k)
     stamped, columns = usual or (False, 0)
-    numbers, time_s, dated = [lines[k] for k in rows], np.full(len(rows), np.nan), np.ones(len(rows), dtype=bool)
+    ends = [patterns[k].find(b":") + 6 if stamped else 0 for k in rows]  # of the time stamps
+    time_s, dated = np.full(len(rows), np.nan), np.ones(len(rows), dtype=bool)
     if stamped and rows:
-        begin = [patterns[k].find(b"0") for k in rows]
-        end = [patterns[k].find(b":") + 6 for k in rows]
-        stamps = [line[a : a + 10] + line[b - 8 : b] for line, a, b in zip(numbers, begin, end, strict=True)]
-        digits = np.frombuffer(b"".join(stamps), np.uint8).reshape(-1, 18)[:, _STAMP_DIGITS].astype(np.int64) - ord("0")
+        begins = [patterns[k].find(b"0") for k in rows]
+        each = zip(rows, begins, ends, strict=True)
+        stamps = b"".join([lines[k][begin : begin + 10] + lines[k][end - 8 : end] for k, begin, end in each])
+        digits = np.frombuffer(stamps, np.uint8).reshape(-1, 18)[:, _STAMP_DIGITS].astype(np.int64) - ord("0")
         month, day, century, year, *clock = (10 * digits[:, ::2] + digits[:, 1::2]).T
         time_s = civil_seconds(100 * century + year, month, day, *clock)
         dated = np.isfinite(time_s)
-        numbers = [line[b:] for line, b in zip(numbers, end, strict=True)]
-    values = np.fromstring(b" ".join(numbers).replace(b",", b" "), sep=" ").reshape(len(rows), columns)
+    numbers = b" ".join([lines[k][end:] for k, end in zip(rows, ends, strict=True)])
+    values = np.fromstring(numbers.replace(b",", b" "), sep=" ").reshape(len(rows), columns)
     places = np.array(rows, dtype=np.int64)
     width = columns + 2 * stamped
     return Text(
