@@ -28,7 +28,7 @@ from compasslib.config import cruise as config
 from compasslib.earthfield import parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.preparation.deployment import to_utc
-from compasslib.readers.pd0.fields import Leaders, rewrite
+from compasslib.readers.pd0.fields import Ensembles, rewrite
 from compasslib.readers.times import DATENUM_1970
 from compasslib.stages.settings import Moorings
 from compasslib.types import Floats
@@ -157,7 +157,7 @@ class _Headings:
         self._found = np.zeros(len(time), dtype=bool)
         self._reader, self._deployment = settings["reader"], settings["deployment"]
 
-    def turn(self, leaders: Leaders, *, same_s: float = 0.001, same_deg: float = 0.006) -> Floats:
+    def turn(self, leaders: Ensembles, *, same_s: float = 0.001, same_deg: float = 0.006) -> Floats:
         """Compute corrected minus recorded heading of each ensemble, NaN where there is none, (k,) degrees.
 
         An ensemble has the heading of the sample whose time and recorded heading are the same but for rounding.

@@ -166,25 +166,23 @@ def test_orientation_of_the_metadata_takes_precedence(tmp_path):
     assert "30 of 30 samples say that it looked up; down counts." in record.warnings
 
 
-def test_declination_setting_is_removed_unless_metadata_override(tmp_path):
+@pytest.mark.parametrize(
+    ("stated", "heading", "velocity", "said"),
+    [
+        (None, 12.5, 12.5, "declination of 12.5 degrees that was set"),
+        (3.0, 3.0, 3.0, "the file tells 12.5"),
+        ({"heading": 3, "velocity": 0}, 3.0, 0.0, "the file tells 12.5"),
+    ],
+)
+def test_declination_setting_is_removed_unless_metadata_override(tmp_path, stated, heading, velocity, said):
     samples = drawn(4)
     plain = read(tmp_path, of_signature(samples, ENU))
-    for stated, said in ((None, "declination of 12.5 degrees that was set"), (3.0, "the file tells 12.5")):
-        record = read(tmp_path, of_signature(samples, ENU, declination=12.5), declination_applied=stated)
-        off = record.heading_bias_deg
-        assert off == (12.5 if stated is None else 3.0) and said in " ".join(record.warnings)
-        assert np.allclose((record.heading_deg + off) % 360.0, plain.heading_deg)
-        back = np.exp(1j * np.deg2rad(off)) * (record.north + 1j * record.east)
-        assert np.allclose(back, plain.north + 1j * plain.east)
-
-
-def test_headings_and_velocities_may_contain_different_declinations(tmp_path):
-    samples = drawn(4)
-    plain = read(tmp_path, of_signature(samples, ENU))
-    data, apart = of_signature(samples, ENU, declination=12.5), {"heading": 3, "velocity": 0}
-    record = read(tmp_path, data, declination_applied=apart)
-    assert np.allclose((record.heading_deg + 3.0) % 360.0, plain.heading_deg) and (record.east == plain.east).all()
-    assert (record.heading_bias_deg, record.velocity_bias_deg) == (3.0, 0.0)
+    record = read(tmp_path, of_signature(samples, ENU, declination=12.5), declination_applied=stated)
+    assert (record.heading_bias_deg, record.velocity_bias_deg) == (heading, velocity)
+    assert said in " ".join(record.warnings)
+    assert np.allclose((record.heading_deg + heading) % 360.0, plain.heading_deg)
+    back = np.exp(1j * np.deg2rad(velocity)) * (record.north + 1j * record.east)
+    assert np.allclose(back, plain.north + 1j * plain.east)
 
 
 def test_error_codes_and_low_correlation_are_flagged(tmp_path):
@@ -258,6 +256,7 @@ def test_matching_files_are_joined_in_time_order(tmp_path):
 
 def test_unusable_files_are_refused_in_one_line(tmp_path):
     good = drawn(n=3)
+    two, one = (of_older([replace(s, velocity=s.velocity[:k]) for s in drawn(cells=30)], beams=k) for k in (2, 1))
     vector = encoder.configuration(ENU, 1, serial="VEC 1") + encoder.record(0x11, bytes(22))
     side = [replace(s, extra={"orientation": 0}) for s in drawn(4, n=3)]
     refusals = {
@@ -269,6 +268,8 @@ def test_unusable_files_are_refused_in_one_line(tmp_path):
         of_signature(side): "found an instrument on its side by its own word in 3 of 3 samples; give orientation: up",
         of_signature(drawn(4, n=3))[1200:]: "expected the matrix of its 4 beams among the text records",
         encoder.text(): "expected averages or bursts, found records A0",
+        two: "expected 3 slanted beams, found 2 beams, which are level",
+        one: "expected 3 slanted beams, found 1 beam;",
         of_older(drawn(n=3), khz=1234): "expected a head of 2000, 1000, 600, 400 kHz, found 1234 kHz",
     }
     for data, words in refusals.items():
@@ -296,9 +297,3 @@ def test_averages_are_recognized_by_the_sampling_interval(tmp_path, name, apart_
     else:
         data = of_older(samples, average_s=360)
     assert sum("the mean of 360 s" in line for line in read(tmp_path, data, name).warnings) == said
-
-
-@pytest.mark.parametrize(("beams", "said"), [(2, "found 2 beams, which are level"), (1, "found 1 beam;")])
-def test_files_without_three_slanted_beams_are_refused(tmp_path, beams, said):
-    data = of_older([replace(s, velocity=s.velocity[:beams]) for s in drawn(cells=30)], beams=beams)
-    assert said in refused(tmp_path, data) and "expected 3 slanted beams" in refused(tmp_path, data)

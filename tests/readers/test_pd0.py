@@ -594,14 +594,11 @@ def test_files_of_two_instruments_are_refused_and_few_ensembles_flagged(field: s
     assert read(strange).heading_quality.tolist() == [1] * 150 + [4] and read(strange).counts["other_instrument"] == 1
 
 
-NUMBERS = [(8104, 8104), (8104, "08104"), (8104, "WH8104"), (8104, "SN 8104"), (8104, "WHS300-8104"), (8104, 8104.0)]
-
-
-@pytest.mark.parametrize(("file", "told"), [*NUMBERS, (8104, "unknown"), (8104, None), (0, 7514), (2**32 - 1, 7514)])
-def test_matching_or_unknown_serial_number_is_accepted(file: int, told: object, tmp_path: Path) -> None:
-    path = written(tmp_path, *series(5, fixed={"serial": file}))
+@pytest.mark.parametrize("told", [8104, "08104", "WH8104", "SN 8104", "WHS300-8104", 8104.0, "unknown", None])
+def test_matching_or_unknown_serial_number_is_accepted(told: object, tmp_path: Path) -> None:
+    path = written(tmp_path, *series(5, fixed={"serial": 8104}))
     record = read(path, serial_number=None if told is None else str(told))
-    assert record.serial_number == ("8104" if file == 8104 else "") and record.warnings == ()
+    assert record.serial_number == "8104" and record.warnings == ()
 
 
 def test_serial_number_contradicting_the_metadata_is_refused(tmp_path: Path) -> None:
@@ -609,11 +606,13 @@ def test_serial_number_contradicting_the_metadata_is_refused(tmp_path: Path) -> 
     assert "expected serial number SN 8104, found 7514" in refused(path, serial_number="SN 8104")
 
 
-def test_short_leader_and_varying_bytes_give_no_serial_number(tmp_path: Path) -> None:
+def test_unwritten_short_and_varying_bytes_give_no_serial_number(tmp_path: Path) -> None:
     """After a leader of 53 bytes, the next block occupies the bytes of a longer leader's serial number."""
+    fixed = [{"serial": 0}, {"serial": 2**32 - 1}]
+    unwritten = [[ensemble(PROFILE, number=i + 1, fixed=each) for i in range(5)] for each in fixed]
     short = [ensemble(PROFILE, number=i + 1, fixed={"serial": 5 + i, "length": 53}) for i in range(200)]
     noise = [ensemble(PROFILE, number=i + 1, fixed={"serial": 5 + i, "board": bytes([i] * 8)}) for i in range(200)]
-    for parts in (short, noise):
+    for parts in (*unwritten, short, noise):
         record = read(written(tmp_path, *parts), serial_number="8104")
         assert record.serial_number == "" and not record.counts["other_instrument"]
 
@@ -690,32 +689,31 @@ def test_heading_bias_is_removed_from_headings_and_earth_velocities(coordinates:
     assert biased.warnings == ("The file's heading bias EB of 20 degrees was taken out of the headings.",)
 
 
-def test_declination_applied_replaces_the_heading_bias(tmp_path: Path) -> None:
-    path = written(tmp_path, ensemble(PROFILE, fixed={"eb": 2000}, heading=1000))
-    record = read(path, declination_applied=-15.0)
-    assert record.heading_deg.tolist() == [25.0]
-    np.testing.assert_allclose([record.east[0, 0], record.north[0, 0]], np.ravel(angles.turn(0.1, 0.2, 15.0)))
-    assert record.warnings == (
-        "declination_applied of -15 degrees was taken out of the headings, "
-        "although the file's heading bias EB is 20 degrees.",
-    )
-    assert read(path, declination_applied=20.005).warnings == ()
+DECLINATIONS = [  # declination_applied, coordinates, degrees taken from headings and from velocities, warning
+    (-15.0, EARTH, -15.0, -15.0, "declination_applied of -15 degrees was taken out of the headings, although the file"),
+    (20.005, EARTH, 20.005, 20.005, ""),
+    (20.0, BEAM, 20.0, 20.0, ""),
+    ({"heading": 20.0, "velocity": 0.0}, BEAM, 20.0, 20.0, "{heading: 20, velocity: 0} degrees was taken out"),
+    ({"heading": 20.0, "velocity": 0.0}, EARTH, 20.0, 0.0, "{heading: 20, velocity: 0} degrees was taken out"),
+]
 
 
-@pytest.mark.parametrize("coordinates", [BEAM, EARTH])
-def test_headings_and_velocities_may_contain_different_declinations(coordinates: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("stated", "coordinates", "heading", "velocity", "said"), DECLINATIONS)
+def test_declination_applied_replaces_the_heading_bias(
+    stated: Any, coordinates: int, heading: float, velocity: float, said: str, tmp_path: Path
+) -> None:
     path = written(tmp_path, ensemble(PROFILE, fixed={"ex": EX[coordinates], "eb": 2000}, heading=1000))
-    whole, apart = (read(path, declination_applied=said) for said in (20.0, {"heading": 20.0, "velocity": 0.0}))
-    assert apart.heading_deg.tolist() == whole.heading_deg.tolist() == [350.0]
-    if coordinates == BEAM:  # rotated by the headings on reading
-        np.testing.assert_array_equal(apart.east, whole.east)
-        assert apart.velocity_bias_deg == 20.0
-        said = refused(path, declination_applied={"heading": 20.0, "velocity": 5.0})
-        assert "velocity: 0, as velocities are not in earth coordinates" in said
-    else:
-        np.testing.assert_allclose([apart.east[0, 0], apart.north[0, 0]], [0.1, 0.2])
-        assert (apart.heading_bias_deg, apart.velocity_bias_deg) == (20.0, 0.0)
-        assert "{heading: 20, velocity: 0} degrees was taken out of the headings" in apart.warnings[0]
+    record = read(path, declination_applied=stated)
+    np.testing.assert_allclose(record.heading_deg, (10.0 - heading) % 360.0)
+    assert (record.heading_bias_deg, record.velocity_bias_deg) == (heading, velocity)
+    assert said in " ".join(record.warnings) and bool(record.warnings) == bool(said)
+    if coordinates == EARTH:
+        flow = [record.east[0, 0], record.north[0, 0]]
+        np.testing.assert_allclose(flow, np.ravel(angles.turn(0.1, 0.2, -velocity)), atol=1e-12)
+    else:  # rotated by the headings on reading
+        np.testing.assert_array_equal(record.east, read(path, declination_applied=20.0).east)
+        line = refused(path, declination_applied={"heading": 20.0, "velocity": 5.0})
+        assert "velocity: 0, as velocities are not in earth coordinates" in line
 
 
 def test_heading_alignment_is_refused_without_a_setting(tmp_path: Path) -> None:

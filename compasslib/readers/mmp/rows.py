@@ -29,6 +29,7 @@ from compasslib.types import Floats
 Ints = NDArray[np.int64]
 Form = tuple[bool, int]  # whether rows have a time stamp; number of other columns
 UNKNOWN = -1  # profile number if it is not stated
+PAUSE_S = 60.0  # between the clocks of scans, that divides profiles whose header is lost
 _ZEROS = bytes.maketrans(b"123456789", b"000000000")
 _ROW_CHARACTERS = b"0 \t\r.,+-:/"
 _STAMP = re.compile(rb"00[-/]00[-/]0000 00:00:00")
@@ -110,17 +111,18 @@ def parse(data: bytes, wanted: Callable[[Form], bool]) -> Text:
             elif not inside and pattern.count(b"0") > (len(pattern) + 1) // 4:  # a row with a flipped character
                 damaged.append(k)
     stamped, columns = usual or (False, 0)
-    numbers, time_s, dated = [lines[k] for k in rows], np.full(len(rows), np.nan), np.ones(len(rows), dtype=bool)
+    ends = [patterns[k].find(b":") + 6 if stamped else 0 for k in rows]  # of the time stamps
+    time_s, dated = np.full(len(rows), np.nan), np.ones(len(rows), dtype=bool)
     if stamped and rows:
-        begin = [patterns[k].find(b"0") for k in rows]
-        end = [patterns[k].find(b":") + 6 for k in rows]
-        stamps = [line[a : a + 10] + line[b - 8 : b] for line, a, b in zip(numbers, begin, end, strict=True)]
-        digits = np.frombuffer(b"".join(stamps), np.uint8).reshape(-1, 18)[:, _STAMP_DIGITS].astype(np.int64) - ord("0")
+        begins = [patterns[k].find(b"0") for k in rows]
+        each = zip(rows, begins, ends, strict=True)
+        stamps = b"".join([lines[k][begin : begin + 10] + lines[k][end - 8 : end] for k, begin, end in each])
+        digits = np.frombuffer(stamps, np.uint8).reshape(-1, 18)[:, _STAMP_DIGITS].astype(np.int64) - ord("0")
         month, day, century, year, *clock = (10 * digits[:, ::2] + digits[:, 1::2]).T
         time_s = civil_seconds(100 * century + year, month, day, *clock)
         dated = np.isfinite(time_s)
-        numbers = [line[b:] for line, b in zip(numbers, end, strict=True)]
-    values = np.fromstring(b" ".join(numbers).replace(b",", b" "), sep=" ").reshape(len(rows), columns)
+    numbers = b" ".join([lines[k][end:] for k, end in zip(rows, ends, strict=True)])
+    values = np.fromstring(numbers.replace(b",", b" "), sep=" ").reshape(len(rows), columns)
     places = np.array(rows, dtype=np.int64)
     width = columns + 2 * stamped
     return Text(
@@ -169,12 +171,15 @@ def parse_profiles(text: Text, path: Path) -> tuple[list[ProfileBlock], Ints]:
         known = {statement.kind: statement.value for statement in [*reversed(tail), *head]}
         hertz, on, off = (known.get(kind, np.nan) for kind in ("rate", "on", "off"))
         number = int(known.get("profile", UNKNOWN))
-        block = ProfileBlock(begin, end, number, hertz if hertz > 0 else np.nan, on, off)
-        for piece in _pieces(block, text.time_s):
-            introduced = between[k] and piece.begin == begin
-            start = between[k][-1].offset if introduced else int(text.offset[piece.begin]) if piece.begin else 0
-            place[piece.begin : piece.end] -= np.searchsorted(text.offset, start) + np.searchsorted(text.damaged, start)
-            profiles.append(piece)
+        pauses = np.zeros(0, dtype=np.int64)
+        if number == UNKNOWN:  # header lines may be missing: divide at pauses of the clock, in either direction
+            with np.errstate(invalid="ignore"):
+                pauses = np.flatnonzero(np.abs(np.diff(text.time_s[begin:end])) > PAUSE_S) + 1 + begin
+        for first, stop in pairwise([begin, *pauses.tolist(), end]):
+            introduced = between[k] and first == begin
+            start = between[k][-1].offset if introduced else int(text.offset[first]) if first else 0
+            place[first:stop] -= np.searchsorted(text.offset, start) + np.searchsorted(text.damaged, start)
+            profiles.append(ProfileBlock(first, stop, number, hertz if hertz > 0 else np.nan, on, off))
     if len(profiles) == 1 and profiles[0].number == UNKNOWN:
         profiles = [replace(profiles[0], number=number_in_name(path))]
     rate = np.nan
@@ -207,17 +212,6 @@ def _statement(line: bytes) -> Statement | None:
             month, day, year, *clock = (np.array([int(part)]) for part in stamp.groups())
             return Statement(name, float(civil_seconds(year, month, day, *clock)[0]))
     return Statement(match.lastgroup or "")
-
-
-def _pieces(block: ProfileBlock, time_s: Floats, pause_s: float = 60.0) -> list[ProfileBlock]:
-    """Split a profile without a number at pauses of its clock, in either direction: its header lines may be missing."""
-    if block.number != UNKNOWN:
-        return [block]
-    with np.errstate(invalid="ignore"):
-        step = np.diff(time_s[block.begin : block.end])
-        cuts = np.flatnonzero(np.abs(step) > pause_s) + 1 + block.begin
-    limits = [block.begin, *cuts.tolist(), block.end]
-    return [replace(block, begin=a, end=b) for a, b in pairwise(limits)]
 
 
 def _cut(statements: Sequence[Statement], times_first: bool) -> int:

@@ -22,7 +22,7 @@ from compasslib.errors import InputError
 from compasslib.readers import files
 from compasslib.readers.files import refuse_mostly_damaged
 from compasslib.readers.mmp import rows
-from compasslib.readers.mmp.rows import UNKNOWN, Ints, ProfileBlock
+from compasslib.readers.mmp.rows import PAUSE_S, UNKNOWN, Ints, ProfileBlock
 from compasslib.readers.times import FIRST_YEAR, LAST_YEAR, civil_seconds
 from compasslib.records import take
 from compasslib.types import DAY_S, Bools, Floats
@@ -35,7 +35,6 @@ FRONT = np.dtype([("length", ">u4"), ("settings", "V63"), ("rate_hz", "<f4"), ("
 RECORD = np.dtype([("clock", "u1", (3,)), ("month", "u1"), ("day", "u1"), ("year", "<u2"), ("values", "<f4", (10,))])
 TAIL = np.dtype([("on_s", ">u4"), ("off_s", ">u4")])  # UTC seconds since 1970
 BETWEEN = TAIL.itemsize + FRONT.itemsize  # bytes between the records of two profiles
-PAUSE_S = 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,20 +103,21 @@ def record_times(records: np.ndarray) -> Floats:
     return civil_seconds(year, month, day, *records["clock"].astype(np.int64).T)
 
 
-def _is_binary(data: bytes) -> bool:
-    at, _ = _find_records(data)
-    return bool((np.diff(at) == RECORD.itemsize).any()) or any(data[k - len(MARK) : k] == MARK for k in at.tolist())
+def _follows_mark(data: bytes, at: Ints) -> Bools:
+    """Flag the byte offsets at which a header ends."""
+    octets, mark = np.frombuffer(data, np.uint8), np.frombuffer(MARK, np.uint8)
+    ends = octets[np.maximum(at, len(mark))[:, None] + np.arange(-len(mark), 0)] == mark
+    return np.asarray(ends.all(axis=1) & (at >= FRONT.itemsize))
 
 
-def _parse_binary(data: bytes) -> tuple[Scans, int]:
+def _parse_binary(data: bytes, at: Ints, records: np.ndarray) -> tuple[Scans, int]:
     """Divide the records of a binary file into profiles, and count the damaged ones, which the memory's fill is not.
 
     A profile begins behind a header, or behind other bytes of its length if the clock pauses. How many records are lost
     is estimated from the number of bytes between others.
     """
-    at, records = _find_records(data)
     time_s, end = record_times(records), at + RECORD.itemsize
-    marked = np.array([data[k - len(MARK) : k] == MARK for k in at.tolist()]) & (at >= FRONT.itemsize)
+    marked = _follows_mark(data, at)
     gap = at[1:] - end[:-1]
     new = np.append(True, marked[1:] | ((gap >= FRONT.itemsize) & (np.abs(np.diff(time_s)) > PAUSE_S)))
     begins = np.flatnonzero(new)
@@ -132,33 +132,31 @@ def _parse_binary(data: bytes) -> tuple[Scans, int]:
     )
     if len(rest) <= BETWEEN + RECORD.itemsize:  # at most a header and part of a record
         damaged = failed = int(lost.sum()) + (len(rest) > TAIL.itemsize)
-    place, good, blocks = np.cumsum(1 + np.where(new, 0, lost)), np.ones(len(at), dtype=bool), list[ProfileBlock]()
+    place, good, times = np.cumsum(1 + np.where(new, 0, lost)), np.ones(len(at), dtype=bool), list[tuple[float, ...]]()
     for first, stop in zip(begins.tolist(), ends.tolist(), strict=True):
         behind = data[end[stop - 1] : at[stop] - FRONT.itemsize if stop < len(at) else len(data)]
         # A float of which only the first bytes were written is smaller than any speed.
         good[stop - 1] = abs(float(records["values"][stop - 1, -1])) >= 1e-30 or any(behind)
-        rate = (
-            float(np.frombuffer(data, FRONT, 1, at[first] - FRONT.itemsize)["rate_hz"][0]) if marked[first] else np.nan
-        )
+        front = np.frombuffer(data, FRONT, 1, at[first] - FRONT.itemsize)["rate_hz"] if marked[first] else [np.nan]
+        rate = float(front[0]) if 0 < front[0] < 100 else np.nan
         on, off = np.frombuffer(behind, TAIL, 1)[0].item() if len(behind) >= TAIL.itemsize else (np.nan, np.nan)
         known = abs(on - time_s[first]) < DAY_S and on <= off < on + 30 * DAY_S
-        times = {"on_s": float(on), "off_s": float(off)} if known else {}
-        count = int(good[:stop].sum())
-        blocks.append(
-            ProfileBlock(int(good[:first].sum()), count, UNKNOWN, rate if 0 < rate < 100 else np.nan, **times)
-        )
+        times.append((rate, float(on), float(off)) if known else (rate, np.nan, np.nan))
+    kept = np.append(0, np.cumsum(good))
+    spans = zip(kept[begins].tolist(), kept[ends].tolist(), times, strict=True)
+    blocks = tuple(ProfileBlock(begin, stop, UNKNOWN, *known) for begin, stop, known in spans)
     profile = np.cumsum(new) - 1
     place -= place[begins][profile]
-    values = records["values"][good].astype(float)
     torn = int(np.sum(~good))
-    scans = Scans(time_s[good], values, place[good], profile[good], tuple(blocks), damaged + torn)
-    return scans, failed + torn
+    values = records["values"][good].astype(float)
+    return Scans(time_s[good], values, place[good], profile[good], blocks, damaged + torn), failed + torn
 
 
 def _read_file(path: Path) -> Scans:
     data, notes = _undo_modem(path, files.read_bytes(path))
-    if _is_binary(data):
-        scans, failed = _parse_binary(data)
+    at, records = _find_records(data)
+    if (np.diff(at) == RECORD.itemsize).any() or _follows_mark(data, at).any():
+        scans, failed = _parse_binary(data, at, records)
         if len(scans.blocks) == 1:
             scans = replace(scans, blocks=(replace(scans.blocks[0], number=rows.number_in_name(path)),))
         return replace(_select_possible(path, scans, failed), notes=notes)
@@ -190,12 +188,12 @@ def _undo_modem(path: Path, data: bytes) -> tuple[bytes, tuple[str, ...]]:
         elif instrument in last:  # continues the last profile of the instrument
             last[instrument].append(content)
     undone = files.looks_escaped(data)
-    if profiles:
-        sent = b"".join(dict.fromkeys(b"".join(parts) for parts in profiles))
-    else:
-        sent = files.unescape(data) if undone else data
-        if len(_find_records(sent)[0]) <= len(_find_records(data)[0]):
-            return data, ()
+    sent = b"".join(dict.fromkeys(b"".join(parts) for parts in profiles))
+    if undone and not profiles:
+        sent = files.unescape(data)
+        sent = sent if len(_find_records(sent)[0]) > len(_find_records(data)[0]) else b""
+    if not sent:
+        return data, ()
     notes = [f"{path.name} {files.ESCAPES_UNDONE}"] * undone
     if len(last) > 1:
         names = " and ".join(last)

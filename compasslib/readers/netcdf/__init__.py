@@ -245,13 +245,10 @@ def _with_bins(file: File) -> File:
     named = file.variables.get(str(columns.get("depth")))
     if named is not None and bins in named.dimensions:
         columns["cell_depth"] = columns.pop("depth")
-    suffix = first.source.name.removeprefix("vel") if first.name != first.source.name else ""
+    of_dolfyn = first.name != first.source.name
+    suffix = first.source.name.removeprefix("vel") if of_dolfyn else ""
     other_series = "vel" if suffix else "vel_avg"
-    if (
-        first.name != first.source.name
-        and other_series in file.variables
-        and not {"time", "east", "north"} & {*columns}
-    ):
+    if of_dolfyn and other_series in file.variables and not {"time", "east", "north"} & {*columns}:
         file.note(
             f"{first.source.name} was read; {other_series} is another series of the same instrument, which columns: "
             f"{{time: time{other_series.removeprefix('vel')}}} reads instead."

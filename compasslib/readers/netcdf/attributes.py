@@ -20,6 +20,7 @@ import numpy as np
 
 from compasslib.readers import flags as vocabularies
 from compasslib.readers.netcdf.variables import Attributes, File, Variable, find, values
+from compasslib.readers.pd0.checks import refuse_alignment
 from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Flags
 from compasslib.types import Floats
 
@@ -318,13 +319,7 @@ def heading_alignment(file: File, heading: Variable | None) -> float:
     stated, holders = file.alignment, (heading, file)
     given = ((n, unit * (_number(each.attribute(n)) or 0.0)) for n, unit in ALIGNMENTS.items() for each in holders)
     name, degrees = next(((name, degrees) for name, degrees in given if degrees), ("heading alignment EA", 0.0))
-    if stated is None and degrees:
-        advice = "give heading_alignment: degrees to add to the file's heading to get beam 3's, or 0 to ignore EA"
-        raise file.refuse(name, "a heading alignment EA of 0 degrees", f"{degrees:g} degrees", advice)
-    if stated and not degrees:
-        expected = f"one that is not 0, as heading_alignment is {stated:g}"
-        advice = "delete heading_alignment: it only says how to take an EA that the file holds"
-        raise file.refuse(name, expected, "none", advice)
+    refuse_alignment(f"{file.path}: {name}", np.array([degrees]), stated)
     if degrees:
         added = f"heading_alignment of {stated or 0.0:g} degrees was added to the headings"
         file.note(f"{added}; {name} is {degrees:g} degrees.")

@@ -144,7 +144,8 @@ def _read_file(path: Path, settings: Settings) -> _File:
         dropped += left_out
         if ensembles is None:
             continue
-        checks.refuse_alignment(str(path), ensembles, settings.heading_alignment)
+        aligned = ensembles.heading_alignment_deg
+        checks.refuse_alignment(f"{path}: heading alignment EA", aligned, settings.heading_alignment)
         is_earth = bool((ensembles.coordinates == Coordinates.EARTH).all())
         checks.refuse_rotation(str(path), settings.declination_applied, is_earth=is_earth)
         east, north, up, error, three_beam = currents.compute_currents(ensembles, settings)

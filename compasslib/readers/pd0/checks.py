@@ -55,24 +55,22 @@ def refuse_mixed(where: str, leaders: Ensembles) -> None:
         raise InputError(where, expected="ensembles of one instrument", found=shown, advice=ADVICE)
 
 
-def refuse_alignment(where: str, leaders: Ensembles, stated: float | None) -> None:
-    """Reject an EA without ``heading_alignment``, and a nonzero ``heading_alignment`` with a zero or changing EA."""
-    aligned = leaders.heading_alignment_deg
+def refuse_alignment(where: str, aligned: Floats, stated: float | None) -> None:
+    """Reject an EA without ``heading_alignment``, and a nonzero ``heading_alignment`` with a zero or changing EA.
+
+    Args:
+        aligned: EA of each ensemble, degrees.
+    """
     if stated is None and aligned.any():
-        raise InputError(
-            f"{where}: heading alignment EA",
-            expected="0 degrees",
-            found=f"{aligned[np.flatnonzero(aligned)[0]]:g} degrees",
-            advice="give heading_alignment: degrees to add to the recorded heading to get beam 3's, or 0 to ignore EA",
-        )
-    written = [value for value, count in Counter(aligned.tolist()).items() if count > STRAY * len(aligned)]
+        advice = "give heading_alignment: degrees to add to the recorded heading to get beam 3's, or 0 to ignore EA"
+        shown = f"{aligned[np.flatnonzero(aligned)[0]]:g} degrees"
+        raise InputError(where, expected="0 degrees", found=shown, advice=advice)
+    written = sorted(value for value, count in Counter(aligned.tolist()).items() if count > STRAY * len(aligned))
     if stated and (len(written) > 1 or 0.0 in written):
-        raise InputError(
-            f"{where}: heading alignment EA",
-            expected=f"one that is not 0, as heading_alignment is {stated:g}",
-            found=" and ".join(f"{value:g} degrees" for value in sorted(written)),
-            advice="delete heading_alignment: it only says how to take an EA that the file holds",
-        )
+        expected = f"one that is not 0, as heading_alignment is {stated:g}"
+        advice = "delete heading_alignment: it only says how to take an EA that the file holds"
+        shown = " and ".join(f"{value:g} degrees" for value in written)
+        raise InputError(where, expected=expected, found=shown, advice=advice)
 
 
 def refuse_rotation(where: str, stated: AppliedDeclination | None, *, is_earth: bool) -> None:

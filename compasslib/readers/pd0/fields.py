@@ -134,22 +134,6 @@ class Ensembles:
         return len(self.number)
 
 
-@dataclass(frozen=True, eq=False)
-class Leaders:
-    """Leader fields that concern headings, (n,) each."""
-
-    time_s: Floats  # seconds since 1970-01-01 by the instrument's clock, NaN where invalid
-    heading_deg: Floats  # including the heading bias EB; NaN outside [0, 360)
-    heading_bias_deg: Floats  # EB
-    coordinates: Bytes  # ``Coordinates``
-
-
-def decode_leaders(run: EnsembleRun) -> Leaders:
-    """Decode the leaders of a run, including runs that ``decode_runs`` drops."""
-    columns = _decode_fixed(run.rows, run.layout) | _decode_variable(run.rows, run.layout)
-    return Leaders(**{field.name: columns[field.name] for field in fields(Leaders)})
-
-
 def misfit(layout: Layout) -> str:
     """Tell why ensembles of a layout are dropped, by the keys of ``DROPPED``; empty if they hold four beams.
 
@@ -323,7 +307,7 @@ def from_hundredths(counts: NDArray[np.int16]) -> Floats:
 # values: -32768 in every velocity, and a heading of 655.35 degrees, which no compass reports.
 
 TRACKED = (24, 50)  # byte offsets of the velocities of the bottom track, and of those of the water layer
-Turn = Callable[[Leaders], Floats]
+Turn = Callable[[Ensembles], Floats]
 
 
 @dataclass(frozen=True)
@@ -347,28 +331,28 @@ def rewrite(source: str | Path, target: str | Path, turn: Turn) -> Rewritten:
     corrected, flagged = 0, 0
     with Path(target).open("wb") as file:
         for run in runs:
-            leaders = decode_leaders(run)
-            by = np.full(len(run.rows), np.nan) if misfit(run.layout) else turn(leaders)
-            file.write(_turn_run(run, leaders, by).tobytes())
+            ensembles = None if misfit(run.layout) else _decode(run.layout, [run])
+            by = np.full(len(run.rows), np.nan) if ensembles is None else turn(ensembles)
+            file.write(_turn_run(run, ensembles, by).tobytes())
             corrected, flagged = corrected + int(np.isfinite(by).sum()), flagged + int(np.isnan(by).sum())
     return Rewritten(corrected, flagged, tuple(skipped))
 
 
-def _turn_run(run: EnsembleRun, leaders: Leaders, by: Floats) -> Bytes:
+def _turn_run(run: EnsembleRun, ensembles: Ensembles | None, by: Floats) -> Bytes:
     rows, layout = run.rows.copy(), run.layout
+    turned = np.full(len(rows), np.nan) if ensembles is None else ensembles.heading_deg + by
+    hundredths = np.rint(100.0 * angles.wrap360(np.rint(100.0 * turned) / 100.0))
     begin = next(layout.blocks[i][0] for i in VARIABLE_LEADERS if i in layout.blocks) + 18  # of the heading
-    hundredths = np.rint(100.0 * angles.wrap360(np.rint(100.0 * (leaders.heading_deg + by)) / 100.0))
     rows[:, begin : begin + 2] = _bytes(np.where(np.isfinite(by), hundredths, _NO_HEADING).astype("<u2"))
-    whole = not misfit(layout)
     begin, stop = layout.blocks.get(Block.VELOCITY, (0, 0))
-    room = 8 * layout.cells if whole else (stop - begin - 2) // 2 * 2
+    room = 8 * layout.cells if ensembles else (stop - begin - 2) // 2 * 2
     places = [(begin + 2, begin + 2 + room)] * (room > 0)
     begin, stop = layout.blocks.get(Block.BOTTOM_TRACK, (0, 0))
     places += [(begin + at, begin + at + 8) for at in TRACKED if begin + at + 8 <= stop]
     for begin, stop in places:
         counts = np.ascontiguousarray(rows[:, begin:stop]).view("<i2").copy()
-        if whole:
-            in_earth = (leaders.coordinates == Coordinates.EARTH) & np.isfinite(by)
+        if ensembles:
+            in_earth = (ensembles.coordinates == Coordinates.EARTH) & np.isfinite(by)
             _turn_counts(counts.reshape(len(rows), -1, 4), by, in_earth)
         counts[np.isnan(by)] = MISSING_COUNT
         rows[:, begin:stop] = _bytes(counts)
