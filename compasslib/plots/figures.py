@@ -191,34 +191,12 @@ The modulus of the field scatters by {{ left.before | number(2) }} % before and 
 {% endif %}""",
     ),
     Figure(
-        "tilt_check",
-        _calibration("tilt_check"),
-        "Tilts of the two instruments",
-        """\
-Tilts of the two instruments, rotated onto each other. {{ (c.get("frame") or {}).get("text", "") }}""",
-    ),
-    Figure(
-        "along_time",
-        _calibration("along_time"),
-        "Both compasses along time",
-        "Headings of both instruments along time and their difference. {{ offset(c) }}",
-    ),
-    Figure(
         "series",
         _calibration("series"),
         "Declination of the observatory",
         """\
 Declination along time, observed and by the field model. The constant between them is
 {{ c.get("constant_deg") | with_sigma(c.get("constant_sigma_deg"), "°") }} (1σ).""",
-    ),
-    Figure(
-        "disturbance",
-        _calibration("disturbance"),
-        "Disturbances of the field",
-        """\
-{% set storms = c.get("storms") or [] %}
-Residual after level and quiet day along time: {{ storms | length | plural("storm") }}
-{%- if storms %}, the largest with a range of {{ storms | map(attribute="range_deg") | max | degrees(2) }}{% endif %}.""",
     ),
     Figure(
         "compared",

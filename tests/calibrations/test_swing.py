@@ -73,11 +73,10 @@ def test_the_eight_headings_by_true_heading(eight):
     assert found.residual_rms_deg == pytest.approx(4.05, abs=0.005)  # physics page, section 7
     assert (found.n, found.coverage, found.kind, found.model) == (8, 8, "swing", "series")
     assert found.details["drift"] is None
-    told, rms = " ".join(found.warnings), "residual of the series 4.05° rms"
+    told = " ".join(found.warnings)
     assert "8 headings determine at most 8 coefficients" in told
     assert "sin 4 of the heading is not observable" in told
     assert "swing 16 to 24 headings" in told
-    assert f"{rms}; with the third harmonic of the heading 2.57°, with the fourth 2.68°" in told
 
 
 def test_the_eight_headings_by_course_over_ground(eight):

@@ -21,7 +21,6 @@ from compasslib.errors import InputError
 from compasslib.inference import kinds
 from compasslib.inference.comparison import Options
 from compasslib.plots import calibrations as figures
-from compasslib.plots import instruments
 from tests.world import package
 from tests.world.package import Head, Sea
 from tests.world.pd0_encoder import START, ensemble
@@ -241,17 +240,6 @@ def test_real_headings_of_87_degrees_are_refused(tmp_path):
     found = heads.calibrate([path, other], {})
     assert found.details["terms"] == 1 and "B, C, D and E are refused" in found.why
     assert found.details["offset_deg"] == pytest.approx(12.0, abs=0.01)
-
-
-@pytest.mark.parametrize("draw", [instruments.draw_tilt_check, instruments.draw_along_time])
-def test_figures_are_drawn(draw, full, narrow, tmp_path):
-    for name, found in (
-        ("full", full),
-        ("narrow", narrow),
-        ("none", Calibration(heads.KIND, "none", 0, 0, why="no time shared")),
-    ):
-        draw(tmp_path / f"{name}.png", found)
-        assert Path(tmp_path / f"{name}.png").stat().st_size > 10_000
 
 
 def _still(path, n, heading):

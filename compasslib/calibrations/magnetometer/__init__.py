@@ -129,16 +129,15 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     exact = exact_coefficients(solved.iron, solved.dip_ratio)
     known = bool(np.isfinite(exact).all())
     folded = known and not compass.turns_full_circle(exact)
-    doubts = _doubts(solved)
     return Calibration(
         kind=KIND,
         model=choice.fitted.model.name,
         n=len(log.raw),
         coverage=count_sectors(solved.headings()[0]),
         points=_points(solved),
-        details={**_details(solved), "doubts": doubts},
+        details=_details(solved),
         why=FOLDED if folded else "" if known else NO_DIP,
-        warnings=(*log.warnings, *said, *_warnings(solved), *doubts),
+        warnings=(*log.warnings, *said, *_warnings(solved)),
         **(_correction(solved, exact, folded=folded) if known else {}),
     )
 
@@ -245,29 +244,6 @@ def _warnings(solved: SolvedIron) -> list[str]:
                 "S11" in solved.choice.undetermined
             ),
             "No tilts are logged: a misalignment of the magnetometer is not detected.": not (level or tilted),
-        }
-    )
-
-
-def _doubts(solved: SolvedIron, *, max_residual_percent: float = 5.0, max_axis_ratio: float = 1.4) -> list[str]:
-    """List misfits that iron fixed to a compass cannot cause and that make the coefficients doubtful.
-
-    Args:
-        max_residual_percent: of the modulus: largest residual of a compass with iron fixed to it.
-        max_axis_ratio: of the largest to the smallest sensitivity of an axis; sensors differ by a quarter, iron by
-            less.
-    """
-    residual, dimensions = solved.residual_percent()["after"], 2 if solved.choice.level else 3
-    strengths = np.linalg.svd(solved.soft(solved.iron)[:dimensions, :dimensions], compute_uv=False)
-    ratio = strengths[0] / strengths[-1]
-    return applicable(
-        {
-            f"the modulus varies by {residual:.0f} % after correction for hard and soft iron: iron that moved, axes "
-            "exchanged or of another sign than the tilts', an axis that failed, or readings beyond the scale": (
-                residual > max_residual_percent
-            ),
-            f"one axis measures {ratio:.1f} times the field of another: axes in different units, or one that is "
-            "failing; the logged heading may not have this error": ratio > max_axis_ratio,
         }
     )
 

@@ -239,7 +239,7 @@ def _complete(made: Calibration, swing: Swing, series: SwingFit, exact: SwingFit
             *_constant_warnings(swing, series),
             *(f"left out: {n} {why}" for why, n in observed.left_out.items()),
             *observed.warnings,
-            *_heading_warnings(swing, series),
+            *_heading_warnings(observed.recorded_deg),
             *_water_warnings(swing, series, drift),
             *_time_warnings(swing, series),
             *_series_warnings(swing, series, exact),
@@ -312,29 +312,15 @@ def _constant_warnings(swing: Swing, series: SwingFit, least_deg: float = 2.0) -
     ]
 
 
-def _heading_warnings(
-    swing: Swing, series: SwingFit, *, wide_gap_deg: float = 100.0, structure_deg: float = 2.0
-) -> list[str]:
-    """Warn of few headings, wide gaps, and a residual of a steady swing that reading errors do not explain."""
-    recorded, residual = swing.observed.recorded_deg, series.residuals[COURSE]
-    distinct, gap, n = observations.distinct_headings(recorded), observations.widest_gap(recorded), len(recorded)
-    rms, size = angles.rms(residual), []
-    for order in (3, 4):
-        columns = np.stack(angles.sin_cos(order * recorded), axis=-1)
-        if order == 4 and distinct == 8:
-            columns = columns[:, 1:]  # sin 4 of the heading is unobservable
-        both = np.column_stack([series_design(recorded), columns])
-        size.append(angles.rms(residual - both @ np.linalg.lstsq(both, residual, rcond=1e-6)[0]))
+def _heading_warnings(recorded_deg: Floats, *, wide_gap_deg: float = 100.0) -> list[str]:
+    distinct, n = observations.distinct_headings(recorded_deg), len(recorded_deg)
+    gap = observations.widest_gap(recorded_deg)
     return applicable(
         {
             f"{distinct} headings determine at most {distinct} coefficients, 5 of which are fitted"
             f"{': sin 4 of the heading is not observable' if distinct == 8 else ''}; "
             f"third and fourth harmonics cannot be tested. To test them, {REMEDY}": distinct < 16,
             f"{n - distinct} of {n} observations repeat a heading and do not add to it": distinct < n < 100,
-            f"residual of the series {rms:.2f}° rms; with the third harmonic of the heading {size[0]:.2f}°, with the "
-            f"fourth {size[1]:.2f}°: sextantal or octantal deviation is possible": (
-                rms > structure_deg and not swing.observed.timed
-            ),
             f"{gap:.0f}° of the circle hold no heading: the table is extrapolated there": gap > wide_gap_deg,
         }
     )

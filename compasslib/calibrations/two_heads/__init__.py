@@ -145,23 +145,13 @@ def _make_calibration(
     warnings: tuple[str, ...],
 ) -> Calibration:
     """Compose the result of a rigid rotation by an offset and the series fitted to the difference that remains."""
-    pitch_a, roll_a = motion.tilt_angles(pairs.lean_a)
-    pitch_b, roll_b = motion.tilt_angles(pairs.lean_b)
     points = {
         "time_s": pairs.time_s,
         "recorded_a_deg": pairs.recorded_a,
         "recorded_deg": pairs.recorded_b,
-        "simulated_b_deg": angles.wrap360(pairs.recorded_b + difference_deg),
         "deviation_deg": difference_deg,
-        "offset_deg": offset_deg - difference_deg,
         "residual_deg": series.residual_deg,
         "kept": series.used.astype(float),
-        "pitch_a_deg": pitch_a,
-        "roll_a_deg": roll_a,
-        "pitch_b_deg": pitch_b,
-        "roll_b_deg": roll_b,
-        "tilt_residual_deg": frame.residual_deg,
-        "turn_rate_deg_s": pairs.rate_deg_s,
     }
     spikes, rms, coverage = (
         int(np.sum(~series.used)),

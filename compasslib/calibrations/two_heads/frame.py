@@ -43,8 +43,7 @@ class Frame:
     """Mounting of b relative to a."""
 
     rotation: Floats  # (3, 3) from a's body to b's
-    residual_deg: Floats  # (n,) angle between the downward vectors of b and of a after the rotation
-    rms_deg: float
+    rms_deg: float  # of the angle between the downward vectors of b and of a after the rotation
     verdict: str  # rigid | doubtful | not rigid | mirrored | not testable
     text: str
 
@@ -100,7 +99,7 @@ def fit_frame(
         verdict, text = "rigid", f"{mapped}: the frame is rigid within the accuracy of inclinometers."
     else:
         verdict, text = "doubtful", f"{mapped}: larger than the difference of two good inclinometers."
-    return Frame(rotation, residual, rms, verdict, text)
+    return Frame(rotation, rms, verdict, text)
 
 
 def upright(offset_deg: float, lean_a: Complexes, lean_b: Complexes) -> Floats:
