@@ -156,13 +156,6 @@ def test_the_fit_has_no_noise_bias(rng):
     assert np.all(np.abs(np.mean(off, axis=0)) < 3.5 * error)  # nine numbers, just over three standard errors
 
 
-def test_noise_is_estimated(rng):
-    field = iron.readings(rng, iron.some(rng), iron.tumble(rng, 4000), noise=0.03) / iron.FIELD
-    data = ScaledReadings(field, np.zeros_like(field))
-    _, variance = ellipsoid.solve(ELLIPSOID, data, np.zeros(3))
-    assert np.sqrt(variance) == pytest.approx(0.03, rel=0.05)  # 1/sqrt(2 n) is 1.1 %
-
-
 @pytest.mark.parametrize("model", [ELLIPSOID, ELLIPSE], ids=lambda m: m.name)
 def test_scores_are_the_gradient_of_the_adjusted_loss(rng, model):
     motion = iron.level_motion(rng, 40, tilt_deg=30.0)

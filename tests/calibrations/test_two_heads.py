@@ -11,7 +11,6 @@ import pytest
 
 from compasslib import angles, calibrations
 from compasslib.archive import calibrations as calibration_files
-from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import result
 from compasslib.calibrations import two_heads as heads
 from compasslib.calibrations.result import Calibration
@@ -72,13 +71,6 @@ def test_tilts_show_the_rigid_frame_of_an_up_looker(full):
     assert full.details["frame"]["verdict"] == "rigid"
     # Noise of 0.1 degrees in two inclinometers, each on two axes.
     assert full.details["frame"]["residual_rms_deg"] == pytest.approx(0.2, abs=0.03)
-
-
-def test_ambiguities_are_stated_and_the_details_are_json(full, tmp_path):
-    write_json(tmp_path / "c.json", full.details)
-    assert read_json(tmp_path / "c.json")["offset_deg"] == pytest.approx(full.details["offset_deg"])
-    assert any("does not show which of them is wrong" in warning for warning in full.warnings)
-    assert any("from the mounting angle" in warning for warning in full.warnings)
 
 
 def test_narrow_headings_determine_only_an_offset(narrow):
