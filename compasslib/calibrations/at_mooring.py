@@ -39,8 +39,8 @@ def carry_to_mooring(
     record: Record,
     pairs: Pairs,
     *,
-    parts: Sequence[str] = (),
-    iron_nT: float = IRON_NT,
+    parts: Sequence[str] = (),  # parts near the mooring's compass
+    iron_nT: float = IRON_NT,  # prior standard deviation of hard and of induced iron, see ``transfer_coefficients``
     min_noise_deg: float = 0.8,
     max_noise_deg: float = 8.0,
 ) -> DeviationFit:
@@ -49,8 +49,6 @@ def carry_to_mooring(
     The model is evaluated on the pairs, but not fitted to them.
 
     Args:
-        parts: parts near the mooring's compass.
-        iron_nT: prior standard deviation of hard and of induced iron, see ``transfer_coefficients``.
         min_noise_deg, max_noise_deg: bounds of the compass noise for the decision between branches.
     """
     if missing := [f"calibration {each['name']}: {why}" for each in contents if (why := _missing_part(each, field))]:

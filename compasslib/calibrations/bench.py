@@ -122,19 +122,14 @@ def describe_object(
     changes: Sequence[ObjectChange],
     size_m: float,
     *,
-    min_distances: int = 4,
-    two_sigma_chi2: float = 4.0,
-    min_p_value: float = 0.01,
+    min_distances: int = 4,  # needed to fit an exponent
+    two_sigma_chi2: float = 4.0,  # growth of chi-squared at the ends of an interval of 95 %, one parameter
+    min_p_value: float = 0.01,  # below which changes are not those of a dipole
 ) -> dict[str, Any]:
     """Describe the changes by an object, nearest first, their decrease with distance and the safe distance.
 
     Beyond the safe distance a dipole changes no deviation by more than ``SAFE_DEG``. It follows from the changes beyond
     twice the object's size unless a dipole cannot cause these.
-
-    Args:
-        min_distances: needed to fit an exponent.
-        two_sigma_chi2: growth of chi-squared at the ends of an interval of 95 %, one parameter.
-        min_p_value: below which changes are not those of a dipole.
     """
     from scipy.special import chdtrc  # imported late: only needed for objects
 

@@ -131,14 +131,13 @@ def check_field(
     series: FieldSeries,
     place: tuple[float, float],
     *,
-    impossible_nT: float = 5000.0,
+    impossible_nT: float = 5000.0,  # more than any crustal field at an observatory
     no_baseline: float = 0.1,
     no_baseline_deg: float = 0.3,
 ) -> list[str]:
     """Warn if the medians of a month of a file are not the model's at its place, (latitude, longitude), if known.
 
     Args:
-        impossible_nT: more than any crustal field at an observatory.
         no_baseline, no_baseline_deg: share of the model's horizontal field, and declination, below which a series is a
             variation about zero.
 

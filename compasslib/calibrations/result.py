@@ -164,20 +164,15 @@ def compare(
     before: Mapping[str, Any],
     name: str,
     *,
-    significance: float = 0.05,
-    min_p_value: float = 0.001,
-    min_amplitude_sigmas: float = 3.0,
+    significance: float = 0.05,  # p-value below which two calibrations differ significantly
+    min_p_value: float = 0.001,  # smaller ones are not printed
+    min_amplitude_sigmas: float = 3.0,  # least amplitude, in standard deviations, that has a phase
 ) -> dict[str, Any]:
     """Compare a calibration with an earlier one of the same compass, such as before its batteries were demagnetised.
 
     Le Menn et al. 2023, sections 3 and 4, compare curves by eye and by their phase shift. Here the difference of each
     coefficient is given with its uncertainty, and with the p-value (chi square) of no difference. The budgets are
     not included, as errors common to both calibrations cancel.
-
-    Args:
-        significance: p-value below which two calibrations differ significantly.
-        min_p_value: smaller ones are not printed.
-        min_amplitude_sigmas: least amplitude, in standard deviations, that has a phase.
     """
     if not after.coefficients.size or before["coefficients"] is None:
         missing = name if before["coefficients"] is None else "this calibration"

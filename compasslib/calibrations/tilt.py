@@ -54,24 +54,20 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
 
 
 def split_axes(
-    reference_deg: Floats,
-    recorded_deg: Floats,
+    reference_deg: Floats,  # tilts of the platform, (n,), signed or absolute
+    recorded_deg: Floats,  # pitch and roll, (2, n)
     *,
-    level_deg: float = 0.5,
+    level_deg: float = 0.5,  # above the least reference tilt, both axes count as level
     skew_deg: float = 1.0,
     skew_share: float = 0.25,
-    same_tilt_deg: float = 0.2,
+    same_tilt_deg: float = 0.2,  # reference tilts that round to one multiple repeat a setting of the platform
 ) -> tuple[dict[str, AxisReadings], int, list[str]]:
     """Assign each reading to the tilted axis, level readings to both, in the sign convention of the instrument.
 
     Repeats of a setting are averaged.
 
     Args:
-        reference_deg: tilts of the platform, (n,), signed or absolute.
-        recorded_deg: pitch and roll, (2, n).
-        level_deg: above the least reference tilt, both axes count as level.
         skew_deg, skew_share: tilt of the other axis, absolute and relative, above which both are tilted.
-        same_tilt_deg: reference tilts that round to one multiple repeat a setting of the platform.
 
     Returns:
         The readings of each axis, the number of readings with both axes tilted, and notes on signs.

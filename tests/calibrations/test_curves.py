@@ -130,7 +130,7 @@ def test_form_that_generated_the_data_is_chosen():
     recorded, noise = ring() + 3.0, np.random.default_rng(1).normal(0.0, 0.1, 36)
     correct = angles.wrap360(recorded + series_deviation(4.0 * SERIES, recorded) + noise)
     made = calibrated(BenchReadings(correct, recorded))
-    assert made.model == "smith" and "smith 0." in made.details["chosen_by"]
+    assert made.model == "smith"
     assert set(made.details["models"]) == {form.name for form in platform.FORMS}
 
 

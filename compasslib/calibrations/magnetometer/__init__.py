@@ -24,7 +24,7 @@ from compasslib.calibrations.magnetometer.log import Axes, Log, about_down, leve
 from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.deviation.series import series_design, series_deviation
 from compasslib.errors import applicable
-from compasslib.types import Floats
+from compasslib.types import Bools, Floats
 
 KIND, NO_MODEL = "magnetometer", "none"
 NO_DIP = (
@@ -54,9 +54,7 @@ class SolvedIron:
     levelling: Floats  # (n, 3, 3)
     dip_ratio: float  # downward over horizontal field; 0 on a level platform, NaN where unknown
     dip_replicates: Floats  # (blocks,)
-    turn_deg: Floats  # (3,) from magnetometer to instrument about forward, starboard, down; NaN where undetermined
-    turn_sigma_deg: Floats  # (3,)
-    turn_replicates_deg: Floats  # (blocks, 3) part of the rotation determined by tilts, 0 where none
+    turned: Bools  # (3,) whether the turn from magnetometer to instrument about forward, starboard, down is determined
     logged_is_correct: bool = False  # whether the logged heading follows the corrected axes
 
     @property
@@ -187,12 +185,8 @@ def _points(solved: SolvedIron) -> dict[str, Floats]:
 def _details(solved: SolvedIron) -> dict[str, Any]:
     """Collect the details specific to a magnetometer, ready for JSON; null where undetermined."""
     choice, size, to_body = solved.choice, solved.choice.scale * solved.gain(solved.iron), solved.axes.matrix
-    misalignment = {
-        name: {"value": float(angle), "sigma": float(sigma)} if np.isfinite(angle) else None
-        for name, angle, sigma in zip(TURNS, solved.turn_deg, solved.turn_sigma_deg, strict=True)
-    }
-    undetermined = dict(choice.undetermined)
-    undetermined |= {f"turn about {name}": OPEN_TURN for name, angle in misalignment.items() if angle is None}
+    open_turns = [name for name, known in zip(TURNS, solved.turned, strict=True) if not known]
+    undetermined = choice.undetermined | {f"turn about {name}": OPEN_TURN for name in open_turns}
     # Iron in the file's axes; where the selected model has no soft iron, its uncertainty is that of the largest model.
     largest = choice.full.iron()[1] if choice.full and choice.full is not choice.fitted else solved.replicates
     shift = choice.scale * to_body.T @ (solved.moved - solved.iron)[:3]
@@ -222,7 +216,6 @@ def _details(solved: SolvedIron) -> dict[str, Any]:
         "field_in_file_unit": size,
         "field_is": "horizontal" if choice.level else "total",
         "modulus_residual_percent": solved.residual_percent(),
-        "misalignment_deg": misalignment,
         "left_out": solved.log.left_out,
     }
 
@@ -324,9 +317,7 @@ def _solve_iron(
         levelling=log.levelling(),
         dip_ratio=dip,
         dip_replicates=np.full(len(replicates), dip),
-        turn_deg=np.array([np.nan, np.nan, axes.vertical_deg]),
-        turn_sigma_deg=np.array([np.nan, np.nan, axes.vertical_sigma_deg]),
-        turn_replicates_deg=np.zeros((len(replicates), 3)),
+        turned=np.array([False, False, axes.turned]),
     )
     return _align_to_heading(_align_to_tilts(solved) if log.tilted and not choice.level else solved)
 
@@ -334,27 +325,18 @@ def _solve_iron(
 def _align_to_tilts(solved: SolvedIron) -> SolvedIron:
     """Rotate the iron into the frame of the tilt sensor, where the vertical field is constant and gives the dip."""
     readings, down, block = solved.readings, solved.down, ellipsoid.blocks(len(solved.readings))
-    turn, dip_ratio, turned = estimate_tilt_misalignment(solved.iron, readings, down)
+    turned, dip_ratio, iron = align_vertical(solved.iron, readings, down)
     parts = [(each, block != k) for k, each in enumerate(solved.replicates)]
-    each = [estimate_tilt_misalignment(iron, readings.take(kept), down[kept]) for iron, kept in parts]
-    turns, dips, irons = (np.array(column) for column in zip(*each, strict=True))
-    sigma, by_heading = ellipsoid.sigma(turns), np.isfinite(solved.turn_deg)
-    return replace(
-        solved,
-        iron=turned,
-        replicates=irons,
-        dip_ratio=dip_ratio,
-        dip_replicates=dips,
-        turn_deg=np.where(by_heading, solved.turn_deg + np.nan_to_num(turn), turn),
-        turn_sigma_deg=np.where(by_heading, np.hypot(solved.turn_sigma_deg, np.nan_to_num(sigma)), sigma),
-        turn_replicates_deg=np.nan_to_num(turns),
-    )
+    each = [align_vertical(replicate, readings.take(kept), down[kept])[1:] for replicate, kept in parts]
+    dips, irons = (np.array(column) for column in zip(*each, strict=True))
+    known = solved.turned | turned
+    return replace(solved, iron=iron, replicates=irons, dip_ratio=dip_ratio, dip_replicates=dips, turned=known)
 
 
-def estimate_tilt_misalignment(
+def align_vertical(
     iron: Floats, readings: ScaledReadings, down: Floats, *, max_dilution: float = 10.0
-) -> tuple[Floats, float, Floats]:
-    """Estimate the small rotation from magnetometer to tilt sensor that makes the vertical field constant.
+) -> tuple[Bools, float, Floats]:
+    """Apply the small rotation from magnetometer to tilt sensor that makes the vertical field constant.
 
     With the downward direction t, the vertical field t . (h + e x h) is a constant c in every orientation, so
     t . h = c - e . (h x t) is linear in the rotation e about forward, starboard and down.
@@ -363,8 +345,8 @@ def estimate_tilt_misalignment(
         max_dilution: radians of misalignment per relative error of the field: 0.3 % then cause 1.7 degrees.
 
     Returns:
-        The rotation (3,) in degrees, NaN about axes that the tilts do not determine; downward over horizontal field;
-        and the iron with the rotation included in G.
+        Whether the tilts determine the turn about each axis, (3,); downward over horizontal field; and the iron with
+        the rotation included in G.
     """
     from scipy.spatial.transform import Rotation  # imported late: only needed for logs with tilts
 
@@ -380,11 +362,9 @@ def estimate_tilt_misalignment(
         columns[:, 1:] *= ~wide
         solved = np.linalg.lstsq(columns, np.sum(turned * down, axis=1), rcond=None)[0]
         turn = Rotation.from_rotvec(solved[1:]).as_matrix() @ turn
-    vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2.0
     sine = float(solved[0])  # of the dip
     dip_ratio = sine / float(np.sqrt(max(1.0 - sine**2, 1e-6)))
-    rotated = np.append(iron[:3], (turn @ iron[3:].reshape(3, 3)).ravel())
-    return np.where(wide, np.nan, vector / angles.DEGREE), dip_ratio, rotated
+    return ~wide, dip_ratio, np.append(iron[:3], (turn @ iron[3:].reshape(3, 3)).ravel())
 
 
 def _align_to_heading(solved: SolvedIron, *, max_scatter_ratio: float = 0.5) -> SolvedIron:
@@ -409,7 +389,6 @@ def _align_to_heading(solved: SolvedIron, *, max_scatter_ratio: float = 0.5) -> 
         turns_deg[k], _ = mean_and_scatter(
             angles.difference(logged[kept], level_heading(field, solved.levelling[kept]))
         )
-    sigma = float(ellipsoid.sigma(angles.difference(turns_deg, centre) + solved.turn_replicates_deg[:, 2]))
     rotated = [
         np.append(iron[:3], (about_down(float(by_deg)) @ iron[3:].reshape(3, 3)).ravel())
         for iron, by_deg in zip((solved.iron, *solved.replicates), (centre, *turns_deg), strict=True)
@@ -418,7 +397,6 @@ def _align_to_heading(solved: SolvedIron, *, max_scatter_ratio: float = 0.5) -> 
         solved,
         iron=rotated[0],
         replicates=np.array(rotated[1:]),
-        turn_deg=np.append(solved.turn_deg[:2], np.nan_to_num(solved.turn_deg[2]) + centre),
-        turn_sigma_deg=np.append(solved.turn_sigma_deg[:2], sigma),
+        turned=np.append(solved.turned[:2], True),
         logged_is_correct=True,
     )

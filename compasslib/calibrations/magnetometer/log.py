@@ -72,8 +72,7 @@ class Axes:
 
     matrix: Floats  # (3, 3) body = matrix @ file
     text: str
-    vertical_deg: float = float("nan")  # mean of the logged heading minus that of the axes
-    vertical_sigma_deg: float = float("nan")
+    turned: bool = False  # whether the logged heading determines the turn about the vertical
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
@@ -219,8 +218,7 @@ def determine_axes(log: Log, *, max_resultant: float = 0.9, alike_deg: float = 2
     if scatter > alike_deg:
         doubt = f"The logged heading is not that of the raw axes (scatter {scatter:.1f}°): it is levelled or corrected."
         return Axes(best, text), [f"{doubt} Coefficients here are for the heading of the raw axes."]
-    sigma = scatter / np.sqrt(min(len(log.raw), MIN_READINGS))  # successive readings share their error
-    return Axes(about_down(off) @ best, text, off, sigma), []
+    return Axes(about_down(off) @ best, text, turned=True), []
 
 
 def search_axes(log: Log) -> tuple[Floats, float, float]:

@@ -33,7 +33,6 @@ PAIR = 2
 CLOCK = {  # keys in calibration.json -> fields of a clock difference
     **{name: name for name in ("offset_s", "sigma_s", "drift_s_per_day", "drift_sigma_s_per_day", "drift_applied")},
     **{"found": "determined", "from_tilts_s": "from_tilts_s", "from_headings_s": "from_headings_s"},
-    **{f"correlation_of_{of}_rates": f"{of}_correlation" for of in ("tilt", "heading")},
 }
 AMBIGUITY = (
     "The difference of two compasses does not show which of them is wrong: the coefficients are those of b relative to "

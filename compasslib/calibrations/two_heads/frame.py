@@ -53,19 +53,12 @@ def fit_frame(
     lean_a: Complexes,
     lean_b: Complexes,
     *,
-    rigid_deg: float = 0.5,
-    max_rms_deg: float = 1.5,
-    min_variation_deg: float = 0.3,
-    min_correlation: float = 0.5,
+    rigid_deg: float = 0.5,  # rms difference of two inclinometers according to their makers
+    max_rms_deg: float = 1.5,  # exceeds the rms difference of any two inclinometers on one frame
+    min_variation_deg: float = 0.3,  # least rms variation of a's tilts that determines a rotation
+    min_correlation: float = 0.5,  # correlation of the tilts below which b does not follow a
 ) -> Frame:
-    """Fit the constant rotation that best maps a's tilts to b's, and decide whether both heads are on one rigid frame.
-
-    Args:
-        rigid_deg: rms difference of two inclinometers according to their makers.
-        max_rms_deg: exceeds the rms difference of any two inclinometers on one frame.
-        min_variation_deg: least rms variation of a's tilts that determines a rotation.
-        min_correlation: correlation of the tilts below which b does not follow a.
-    """
+    """Fit the constant rotation that best maps a's tilts to b's, and test whether both are on one rigid frame."""
     left, _, right = np.linalg.svd(down(lean_b).T @ down(lean_a))
     rotation = np.asarray(left * [1.0, 1.0, np.sign(np.linalg.det(left @ right))] @ right)
     chord = np.linalg.norm(down(lean_a) @ rotation.T - down(lean_b), axis=1)
@@ -149,9 +142,9 @@ def fit_difference(
     time_s: Floats,
     recorded_deg: Floats,
     difference_deg: Floats,
-    rate_sigma_deg: Floats,
+    rate_sigma_deg: Floats,  # change of each difference by one standard deviation of the clock offset, (n,)
     *,
-    clip_sigmas: float = 5.0,
+    clip_sigmas: float = 5.0,  # limit beyond which a difference is a spike
     max_stretches: int = 16,
     samples_in_stretch: float = 40.0,
 ) -> HeadingDifference:
@@ -159,8 +152,6 @@ def fit_difference(
 
     Args:
         difference_deg: b's heading simulated from a's minus the recorded one, in [-180, 180) about a small mean, (n,).
-        rate_sigma_deg: change of each difference by one standard deviation of the clock offset, (n,).
-        clip_sigmas: limit beyond which a difference is a spike.
         max_stretches, samples_in_stretch: most blocks of a record, and independent samples in each.
     """
     covered = covered_sectors(recorded_deg)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -107,8 +107,6 @@ class ClockDifference:
     drift_sigma_s_per_day: float = float("nan")
     drift_applied: bool = False
     middle_s: float = 0.0  # by b's clock
-    tilt_correlation: float = 0.0  # of the rates, at the offset
-    heading_correlation: float = 0.0
     from_tilts_s: tuple[float, float] = UNKNOWN  # offset and standard deviation
     from_headings_s: tuple[float, float] = UNKNOWN
     determined: bool = False
@@ -175,27 +173,24 @@ def estimate_clock_offset(
     b: Motion,
     max_offset_s: float,
     *,
-    min_correlation: float = 0.3,
+    min_correlation: float = 0.3,  # of rates by which clocks can be compared; 5 / sqrt(n) for short records
     disagree_sigmas: float = 4.0,
     disagree_s: float = 0.02,
-    drift_sigmas: float = 3.0,
+    drift_sigmas: float = 3.0,  # less significant drifts are reported but not applied
 ) -> ClockDifference:
     """Estimate the offset of b's clock from a's, with drift; not ``determined`` if the motions are uncorrelated.
 
     Args:
-        min_correlation: of rates by which clocks can be compared; 5 / sqrt(n) for short records.
         disagree_sigmas, disagree_s: limits beyond which tilts and headings have different lags.
-        drift_sigmas: less significant drifts are reported but not applied.
     """
     needed = max(min_correlation, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
     lag, tilts, headings = _lattice_peak(a, b, max_offset_s)
     middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
-    clock = ClockDifference(middle_s=middle, tilt_correlation=tilts, heading_correlation=headings)
     used = [(a.lean_rate, b.lean_rate)] if tilts >= needed else []
     used += [(a.turn_rate, b.turn_rate)] if headings >= needed else []
     if not used:
         warning = "tilts and headings of the two heads hardly change together: the clocks are used uncorrected"
-        return replace(clock, warnings=(warning,))
+        return ClockDifference(middle_s=middle, warnings=(warning,))
     alone = [_offset(*_solve_lag(rates, np.array([lag]), middle)) for rates in used]
     by_tilts = alone[0] if tilts >= needed else UNKNOWN
     by_headings = alone[-1] if headings >= needed else UNKNOWN
@@ -212,13 +207,13 @@ def estimate_clock_offset(
     drift, sigma = float(both[1]), float(np.sqrt(both_covariance[1, 1]))
     applied = abs(drift) > drift_sigmas * sigma and abs(drift) * float(np.ptp(b.time_s)) > RESOLUTION_S
     offset_s, sigma_s = _offset(both, both_covariance) if applied else _offset(value, covariance)
-    return replace(
-        clock,
+    return ClockDifference(
         offset_s=offset_s,
         sigma_s=sigma_s,
         drift_s_per_day=drift * DAY_S,
         drift_sigma_s_per_day=sigma * DAY_S,
         drift_applied=applied,
+        middle_s=middle,
         from_tilts_s=by_tilts,
         from_headings_s=by_headings,
         determined=True,
