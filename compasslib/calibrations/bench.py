@@ -1,9 +1,7 @@
 """Field on a bench: changes from an observatory, homogeneity from a spun instrument, objects near a compass.
 
-Le Menn et al. 2023, section 2: a record of the field during the calibration, and Table 3. Their section 4 states that
-the influence of an object falls as the square of the distance; that of a dipole falls as the cube, and no object is a
-dipole at distances comparable to its size. The change is a vector, (B, C), which adds to or cancels the deviation on
-the bench without the object.
+Le Menn et al. 2023, section 2, Table 3 and section 4. The paper lets the influence of an object fall as the square of
+the distance; that of a dipole falls as the cube, and no object is a dipole at distances comparable to its size.
 """
 
 from __future__ import annotations
@@ -128,8 +126,7 @@ def describe_object(
 ) -> dict[str, Any]:
     """Describe the changes by an object, nearest first, their decrease with distance and the safe distance.
 
-    Beyond the safe distance a dipole changes no deviation by more than ``SAFE_DEG``. It follows from the changes beyond
-    twice the object's size unless a dipole cannot cause these.
+    From there on a dipole changes no deviation by ``SAFE_DEG``; changes within twice the object's size do not count.
     """
     from scipy.special import chdtrc  # imported late: only needed for objects
 

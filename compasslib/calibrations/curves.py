@@ -1,9 +1,8 @@
 """Deviation curves fitted to reference and recorded headings by weighted least squares, in five forms.
 
-Three forms are series in the recorded heading: one cycle (Le Menn et al. 2023, eq. 3), Smith's five terms (their eq. 5
-with von Appen's letters: D goes with sin 2, E with cos 2) and a polynomial of degree six (eq. 7). The fourth is the
-exact compass of Evans and Smith, the fifth an empirical series of six harmonics, for deviations not caused by iron.
-Forms are compared by their leave-one-out residuals.
+Series in the recorded heading are one cycle (Le Menn et al. 2023, eq. 3), Smith's five terms (eq. 5 with von Appen's
+letters: D goes with sin 2, E with cos 2), a polynomial of degree six (eq. 7) and six harmonics; the fifth form is the
+exact compass of Evans and Smith. Forms are compared by their leave-one-out residuals.
 """
 
 from __future__ import annotations
@@ -211,10 +210,7 @@ def count_sectors(recorded_deg: ArrayLike) -> int:
 
 
 def student_widening(dof: int) -> float:
-    """Compute the factor that inflates a standard deviation estimated with few degrees of freedom.
-
-    Two inflated standard deviations are Student's interval of 95.45 %, the nominal coverage of k = 2 (GUM, annex G).
-    """
+    """Inflate a standard deviation of few degrees of freedom so that two are 95.45 %, as for k = 2 (GUM, annex G)."""
     from scipy.special import stdtrit  # imported late: only fits need it
 
     return float(stdtrit(dof, 0.97725)) / 2.0
@@ -261,8 +257,7 @@ def select_curve(
     """Select the first curve, unless another one predicts left-out points better.
 
     A form with more coefficients must be better by twice the standard error of the difference, one with as many just
-    better. Forms with fewer are not considered: they are contained in the first, and their uncertainty would neglect
-    the omitted terms. With too few degrees of freedom the first curve is returned, as a selection would be random.
+    better. Forms with fewer are contained in the first: their uncertainty would neglect the omitted terms.
     """
     best = curves[0]
     for other in (curve for curve in curves[1:] if curve.dof <= best.dof and best.dof >= min_dof_to_select):

@@ -33,9 +33,8 @@ ADVICE = "correct the file's columns, units or place, or take the observatory's 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
     """Estimate the constant difference of an observatory's declination from the model, the quiet day and the storms.
 
-    Args:
-        settings: ``latitude``, ``longitude``, which override the headers'; ``declination``: auto, or a number that
-            replaces the model; ``table_step_deg``.
+    The settings are ``latitude`` and ``longitude``, which override the headers', ``declination``, auto or a number that
+    replaces the model, and ``table_step_deg``.
 
     Raises:
         InputError: a file cannot be read, the position is unknown, a date lies outside the model, or the field is not
@@ -183,9 +182,7 @@ def check_field(
 def with_observatory_warnings(
     field: EarthField, files: Sequence[str | Path], *, covered_share: float = 0.5
 ) -> EarthField:
-    """Add warnings about a mooring's observatory to the mooring's field: mistakes in its file, days not covered.
-
-    Where a series covers less than ``covered_share`` of the deployment's days, most of the disturbance is zero.
+    """Add warnings about a mooring's observatory to its field: mistakes in the file, days not covered.
 
     Raises:
         InputError: a file cannot be read, or as for ``check_field``.

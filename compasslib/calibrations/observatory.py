@@ -1,7 +1,4 @@
-"""Observatory declination compared with a field model: slow level, quiet-day curve, storms and crustal constant.
-
-``compare`` is the entry point for calibration and diagnosis, ``covariates`` for a mooring.
-"""
+"""Observatory declination compared with a field model: slow level, quiet-day curve, storms and crustal constant."""
 
 from __future__ import annotations
 

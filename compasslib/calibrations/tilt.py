@@ -35,8 +35,6 @@ class AxisReadings:
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
     """Calibrate the pitch and the roll of a tilt sensor against the tilts of a platform, by CSV files of all three.
 
-    The settings are ``columns``, ``withhold``, the keys of tables, ``budget`` and ``uncertainty``.
-
     Raises:
         InputError: a file cannot be read, or a column is absent or is not in degrees.
     """
@@ -62,12 +60,7 @@ def split_axes(
     skew_share: float = 0.25,
     same_tilt_deg: float = 0.2,  # reference tilts that round to one multiple repeat a setting of the platform
 ) -> tuple[dict[str, AxisReadings], int, list[str]]:
-    """Assign each reading to the tilted axis, level readings to both, in the sign convention of the instrument.
-
-    Repeats of a setting are averaged.
-
-    Args:
-        skew_deg, skew_share: tilt of the other axis, absolute and relative, above which both are tilted.
+    """Assign readings to the tilted axis, level ones to both, with the instrument's signs; repeats are averaged.
 
     Returns:
         The readings of each axis, the number of readings with both axes tilted, and notes on signs.

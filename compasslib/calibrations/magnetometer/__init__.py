@@ -1,8 +1,7 @@
 """Calibration of a compass from the raw axes of its magnetometer: hard and soft iron, and their effect on the heading.
 
-Le Menn et al. 2023, eqs. (1), (2) and section 6. The axes are forward, starboard, down unless a logged heading shows
-otherwise. An ellipsoid determines G^T G only: the rotation between magnetometer and instrument is known only as far as
-tilts and heading determine it. Parameters that the orientations do not determine are reported and not fitted.
+Le Menn et al. 2023, eqs. (1), (2) and section 6. An ellipsoid determines G^T G only: the rotation between magnetometer
+and instrument is known as far as tilts and heading determine it. What the orientations do not determine is not fitted.
 """
 
 from __future__ import annotations
@@ -104,8 +103,6 @@ class SolvedIron:
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
     """Calibrate a magnetometer from CSV files with x, y and perhaps z, pitch_deg, roll_deg, heading_deg, time_utc.
-
-    The settings are ``columns``, ``withhold`` and ``field`` {horizontal_nT, vertical_nT, ...} or None.
 
     Raises:
         InputError: a column is absent or a cell is not a number.
@@ -371,9 +368,6 @@ def _align_to_heading(solved: SolvedIron, *, max_scatter_ratio: float = 0.5) -> 
     """Rotate the iron about the vertical to a logged heading that follows the corrected axes better than the raw ones.
 
     Such a heading has been corrected for iron already, so it determines how the magnetometer is mounted.
-
-    Args:
-        max_scatter_ratio: of logged minus corrected headings to logged minus raw ones.
     """
     logged = solved.log.heading_deg
     if logged is None or not solved.headed:

@@ -163,10 +163,7 @@ def are_direction_cosines(log: Log) -> bool:
 
 
 def unusable_reason(log: Log, *, steady_share: float = 0.02) -> str:
-    """Explain why the readings cannot be a magnetometer's log of a turning instrument; empty if they can.
-
-    Columns whose modulus varies by less than ``steady_share`` may hold gravity or direction cosines.
-    """
+    """Explain why the readings cannot be a magnetometer's log of a turning instrument; empty if they can."""
     raw = log.raw
     for k, name in enumerate("xy"):
         if len(raw) and np.ptp(raw[:, k]) == 0.0:
@@ -193,17 +190,10 @@ def level_heading(field: Floats, levelling: Floats) -> Floats:
 
 
 def determine_axes(log: Log, *, max_resultant: float = 0.9, alike_deg: float = 2.0) -> tuple[Axes, list[str]]:
-    """Determine the axes from the logged heading if it follows them, else assume x forward, y starboard, z down.
+    """Determine the axes from the logged heading if it follows them, else assume x forward, y starboard, z down; warn.
 
     The heading fixes the quarter turn, the handedness and, with tilts, up or down; the remaining offset is the angle
     about the vertical between magnetometer and instrument.
-
-    Args:
-        max_resultant: mean resultant length above which logged headings do not constrain the axes.
-        alike_deg: scatter beyond which they are levelled or corrected.
-
-    Returns:
-        The axes, and warnings.
     """
     usual = _describe_axes(np.eye(3))
     assumed = Axes(np.eye(3), f"{usual} (assumed)")

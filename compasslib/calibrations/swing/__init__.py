@@ -44,10 +44,6 @@ MIDDLE_NT = 18_000.0  # horizontal field of middle latitudes
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
     """Estimate the deviation from a swing, with uncertainty, table, verdict and magnets.
 
-    Args:
-        files: CSV tables, or NMEA 0183 logs with ``format: nmea0183``.
-        settings: the keys of the calibration file (see ``observations.SwingOptions`` for those specific to swings).
-
     Raises:
         InputError: a file or column cannot be used, or the declination is not known.
     """
@@ -124,11 +120,7 @@ def azimuth(latitude: float, longitude: float, time_s: float) -> float:
 
 
 def _principal_courses(swing: Swing) -> dict[str, Any]:
-    """Compute the coefficients from the principal courses by the formulae of MM, which need no fit.
-
-    Residual B and C follow from one heading (Lushnikov), from two 60 to 120 degrees apart, and from speeds on opposite
-    courses.
-    """
+    """Compute the coefficients from the principal courses, and residual B and C, by the formulae of MM."""
     observed, declination = swing.observed, swing.declination_deg
     psi = adjustment.pseudo_deviations(observed.course_deg, observed.recorded_deg)
     principal = adjustment.principal_coefficients(psi, declination)
@@ -291,10 +283,7 @@ def _refusal(swing: Swing) -> str:
 
 
 def _constant_warnings(swing: Swing, series: SwingFit, least_deg: float = 2.0) -> list[str]:
-    """Warn if A is close to -1 or -2 times the declination: north references or a sign are then probably confused.
-
-    Smaller angles are not compared.
-    """
+    """Warn if A is close to -1 or -2 times the declination: north references or a sign are then probably confused."""
     constant, declination = float(series.parameters[0]), swing.declination_deg
     near = max(2.0 * float(np.sqrt(series.covariance[0, 0])), 0.5)
     if min(abs(constant), abs(declination)) <= max(least_deg, near):

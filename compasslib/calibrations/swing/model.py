@@ -1,8 +1,7 @@
 """Observation model of a swing: compass, declination, set and drift of the water, delay of the courses.
 
-Velocity over ground is the velocity of the water plus that of the ship through the water. After subtraction of the
-drift, its direction is therefore the true heading, whatever the speed. No speed through the water is needed; where the
-ship's log gives one, it constrains the length of the difference too.
+Velocity over ground minus the drift is the velocity through the water: its direction is the true heading, whatever the
+speed. Where the ship's log gives a speed through the water, it constrains the length of the difference too.
 """
 
 from __future__ import annotations
@@ -109,11 +108,7 @@ def _estimate_noise(
     *,
     min_information: float = 2.0,
 ) -> SwingNoise:
-    """Estimate the noise of one kind of observation.
-
-    Args:
-        min_information: ratio of prior to data standard deviation above which the data determine a parameter.
-    """
+    """Estimate the noise of one kind of observation."""
     residual, columns = block.observe(parameters)
     if block.sigma is not None:
         scatter = np.hypot(block.sigma, np.sqrt(np.mean(first_sigma**2)))

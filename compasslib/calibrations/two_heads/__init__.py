@@ -45,10 +45,6 @@ AMBIGUITY = (
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
     """Estimate the difference of the compasses of two profilers on one frame from the PD0 files of head a and head b.
 
-    Args:
-        settings: start_s, end_s (window by a's clock), orientation, declination_applied, heading_alignment (of a and
-            b), max_clock_seconds, clock_offset_seconds (None: fitted).
-
     Raises:
         InputError: there are not two files, or one cannot be read.
     """

@@ -1,14 +1,9 @@
 """Frame of two heads from their tilts alone, and the difference of their headings as a series.
 
-The downward vectors in the bodies of b and a are related by a constant rotation, v_b = R v_a. The rotation is fitted by
-Procrustes' method (Kabsch, Acta Cryst. A32, 922, 1976), with equal noise in both heads. Both orientations use the same
-body axes forward, starboard, down (physics page, section 8), so that upward-looking heads need no special treatment; a
-mirrored fit reveals a roll with reversed sign. A lean is the downward vector in a head's body, forward + i starboard
-(``motion.lean``).
-
-The difference of the headings is a series in b's recorded heading with as many terms as the headings determine: Smith's
-(von Appen 2015, eq. 1; Moncunill Marimón et al. 2023, eq. 1), constant, semicircular, quadrantal. Its covariance is a
-jackknife over blocks of the record, because the errors of a cast are autocorrelated.
+The downward vectors in the bodies of b and a are related by a constant rotation, fitted by Procrustes' method (Kabsch,
+Acta Cryst. A32, 922, 1976). Both orientations use the same body axes (physics page, section 8). The difference is a
+series in b's recorded heading with as many of Smith's terms as the headings determine (von Appen 2015, eq. 1;
+Moncunill Marimón et al. 2023, eq. 1); its covariance is a jackknife over blocks, as the errors are autocorrelated.
 """
 
 from __future__ import annotations
@@ -150,9 +145,7 @@ def fit_difference(
 ) -> HeadingDifference:
     """Fit the largest series that the covered headings determine, without spikes, with its covariance.
 
-    Args:
-        difference_deg: b's heading simulated from a's minus the recorded one, in [-180, 180) about a small mean, (n,).
-        max_stretches, samples_in_stretch: most blocks of a record, and independent samples in each.
+    ``difference_deg`` is b's heading simulated from a's minus the recorded one, about a small mean, (n,).
     """
     covered = covered_sectors(recorded_deg)
     inflation = {k: variance_inflation(covered, k) for k in TERM_NAMES}
@@ -206,10 +199,7 @@ def covered_sectors(recorded_deg: Floats) -> Bools:
 
 
 def variance_inflation(covered: Bools, terms: int) -> float:
-    """Compute the largest variance inflation of a coefficient relative to a fit of it alone.
-
-    All covered sectors have equal weight: many samples at one heading do not help.
-    """
+    """Compute the largest variance inflation of a coefficient relative to a fit of it alone."""
     if covered.sum() < terms:
         return float("inf")
     columns = series_design(SECTOR_DEG * (np.flatnonzero(covered) + 0.5))[:, :terms]
@@ -228,11 +218,7 @@ def _describe_refusal(terms: int, covered: Bools, inflation: dict[int, float]) -
 
 
 def deviation_table(series: HeadingDifference, heading_deg: Floats, *, reach_deg: float = 10.0) -> DeviationTable:
-    """Tabulate the deviation without constant at recorded headings; NaN far from covered ones if terms are refused.
-
-    Args:
-        reach_deg: extrapolation beyond the covered headings in a table of fewer than five terms.
-    """
+    """Tabulate the deviation without constant at recorded headings; NaN far from covered ones if terms are refused."""
     columns, others = np.split(series_design(heading_deg), [series.terms], axis=1)
     # At covered headings the fitted terms have absorbed the refused ones; elsewhere, these add an error of their own.
     unseen = (others - columns @ series.leak) * ALLOWANCE_DEG[series.terms - 1 :]

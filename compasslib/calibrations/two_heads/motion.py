@@ -130,11 +130,7 @@ def step(time_s: Floats) -> float:
 def extract_motion(
     record: Record, start_s: float | None = None, end_s: float | None = None, *, steepest_tilt: float = 45.0
 ) -> Motion:
-    """Select the usable part of a record: finite headings and tilts, in order of time, upright, inside a window.
-
-    Args:
-        steepest_tilt: degrees; larger tilts occur on deck or after a fall.
-    """
+    """Select the usable part of a record: finite headings and tilts, in order of time, upright, inside a window."""
     tilts = np.abs(record.pitch_deg) + np.abs(record.roll_deg)
     with np.errstate(invalid="ignore"):
         usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD) & (tilts < steepest_tilt)
@@ -178,11 +174,7 @@ def estimate_clock_offset(
     disagree_s: float = 0.02,
     drift_sigmas: float = 3.0,  # less significant drifts are reported but not applied
 ) -> ClockDifference:
-    """Estimate the offset of b's clock from a's, with drift; not ``determined`` if the motions are uncorrelated.
-
-    Args:
-        disagree_sigmas, disagree_s: limits beyond which tilts and headings have different lags.
-    """
+    """Estimate the offset of b's clock from a's, with drift; not ``determined`` if the motions are uncorrelated."""
     needed = max(min_correlation, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
     lag, tilts, headings = _lattice_peak(a, b, max_offset_s)
     middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
@@ -239,9 +231,6 @@ def _lattice_peak(
     """Find the lag at which the rates of tilts and headings correlate best, and both correlations there.
 
     If the tilts alone correlate clearly better at another lag, that lag is used, because a compass may be delayed.
-
-    Args:
-        min_gain_sigmas: gain in Fisher's z required of the tilts at a lag of their own, in standard errors.
     """
     lattice = min(step(a.time_s), step(b.time_s))
     end = max(a.time_s[-1], b.time_s[-1])
