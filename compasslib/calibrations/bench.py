@@ -61,8 +61,6 @@ def measure_homogeneity(
     recorded_deg: Floats,
     spun_reference_deg: Floats,
     spun_recorded_deg: Floats,
-    *,
-    min_directions: int = 4,
 ) -> dict[str, Any]:
     """Compare an instrument spun in place, (m,), with the curve fitted to the rotated platform, (n,), degrees."""
     points = curves.deviation_points(recorded_deg, reference_deg)
@@ -70,8 +68,8 @@ def measure_homogeneity(
     fitted = [fit for fit in fits if isinstance(fit, FittedCurve)]
     observed = angles.difference(spun_reference_deg, spun_recorded_deg)
     known = np.isfinite(observed)
-    if not fitted or known.sum() < min_directions:
-        few = f"{known.sum()} directions of the spun instrument, at least {min_directions} tell it"
+    if not fitted or known.sum() < 4:  # Table 3
+        few = f"{known.sum()} directions of the spun instrument, at least 4 tell it"
         text = f"The homogeneity of the field is not determined: {few if fitted else fits[0]}"
         return {"max_deg": None, "mean_deg": None, "text": text}
     off = angles.difference(observed[known], curves.select_curve(fitted).deviation(spun_recorded_deg[known]))

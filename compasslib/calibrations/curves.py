@@ -216,16 +216,8 @@ def student_widening(dof: int) -> float:
     return float(stdtrit(dof, 0.97725)) / 2.0
 
 
-def fit_curve(
-    form: CurveForm, points: Points, *, max_vagueness: float = 3.0, max_residual_deg: float = 10.0
-) -> FittedCurve | str:
-    """Fit a form to points at distinct headings; if it cannot be fitted, give the reason instead.
-
-    Args:
-        max_vagueness: largest standard error of a determined curve anywhere on the circle, in units of the scatter of
-            one reading.
-        max_residual_deg: rms residual beyond which a curve is rejected.
-    """
+def fit_curve(form: CurveForm, points: Points) -> FittedCurve | str:
+    """Fit a form to points at distinct headings; if it cannot be fitted, give the reason instead."""
     if len(points) <= (needed := len(form.letters)):
         return f"{needed} coefficients need at least {needed + 1} headings, there are {len(points)}"
     solution = form.solve(points)
@@ -233,10 +225,11 @@ def fit_curve(
         return "no curve of this form passes near the points"
     by = form.around(solution.coefficients)
     vague = np.einsum("ni,ij,nj->n", by, solution.cofactor, by)
-    if float(np.sqrt(np.max(vague))) > max_vagueness or np.max(solution.leverage) > 1.0 - 1e-6:
+    # The standard error of a determined curve is nowhere more than three times the scatter of a reading.
+    if float(np.sqrt(np.max(vague))) > 3.0 or np.max(solution.leverage) > 1.0 - 1e-6:
         return "the headings do not determine it: they leave too wide a gap in the circle"
     residual = form.correct_residual(solution, points)
-    if (off := angles.rms(residual)) > max_residual_deg:
+    if (off := angles.rms(residual)) > 10.0:
         return f"it misses the readings by {off:.0f} degrees rms"
     dof = len(points) - needed
     widening = student_widening(dof)

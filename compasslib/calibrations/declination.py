@@ -179,9 +179,7 @@ def check_field(
     return list(warnings.values())
 
 
-def with_observatory_warnings(
-    field: EarthField, files: Sequence[str | Path], *, covered_share: float = 0.5
-) -> EarthField:
+def with_observatory_warnings(field: EarthField, files: Sequence[str | Path]) -> EarthField:
     """Add warnings about a mooring's observatory to its field: mistakes in the file, days not covered.
 
     Raises:
@@ -194,7 +192,7 @@ def with_observatory_warnings(
     days = np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / DAY_S))
     first, last = np.floor(field.time_s[[0, -1]] / DAY_S)
     covered = float(np.sum((days >= first) & (days <= last)) / (last - first + 1.0))
-    if covered < covered_share:
+    if covered < 0.5:
         warnings.append(
             f"the observatory {series.station} covers {100.0 * covered:.0f} % of the deployment's days; elsewhere the "
             "disturbance of the field is taken as zero"

@@ -68,7 +68,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
             given = {**given, "homogeneity_deg": abs(found["max_deg"])}
     rows, missing = budget.sources(given, settings.get("budget"))
     step = float(settings.get("table_step_deg", 10.0))
-    fitted = calibrate_readings("platform", BenchReadings(reference, recorded), rows, table_step_deg=step)
+    fitted = calibrate_readings(BenchReadings(reference, recorded), rows, table_step_deg=step)
     doubts: list[str] = []
     if mounting is None and (shift := fitted.details.get("constant_shift")):
         doubts = _constant_doubts(shift["value_deg"], shift["sigma_deg"], settings.get("declination_deg"), files)
@@ -118,7 +118,6 @@ def _constant_doubts(
 
 
 def calibrate_readings(
-    kind: str,
     readings: BenchReadings,
     sources: Sequence[Source] = (),  # rows of the uncertainty budget besides the scatter about the curve
     *,
@@ -142,7 +141,7 @@ def calibrate_readings(
     fitted = {name: fit for name, fit in fits.items() if isinstance(fit, FittedCurve)}
     reasons = {name: fit for name, fit in fits.items() if isinstance(fit, str)}
     made = Calibration(
-        kind=kind,
+        kind="platform",
         model="none",
         n=len(readings),
         coverage=curves.count_sectors(readings.recorded_deg),

@@ -94,22 +94,19 @@ def compare_all(name: str, content: Mapping[str, Any], earlier: Mapping[str, Map
     """Compare a calibration with others, as the keys of calibration.json that need them.
 
     The curves of several calibrations are described with the change of their one-cycle part from the first; an object
-    by its changes relative to the first, the one without it.
-
-    Args:
-        earlier: contents of the calibrations to compare it with, by name.
+    by its changes relative to the first, the one without it. ``earlier`` has contents by name.
     """
     if not earlier:
         alone = {"object": {**content["object"], "text": NO_BENCH}} if content.get("object") else {}
         return {"comparison": None, "compared": []} | alone
     first, *others = {**earlier, name: content}
-    made, pages = from_json(content), {**earlier, name: content}
+    pages = {**earlier, name: content}
     compared = [{"name": first, "coefficients": pages[first]["coefficients"], "amplitude_deg": None, "phase_deg": None}]
     for other in others:
         against = compare(from_json(pages[other]), pages[first], first)
         change = against.get("one_cycle") or {"amplitude_deg": None, "phase_deg": None}
         compared.append({"name": other, "coefficients": pages[other]["coefficients"], **change})
-    result: dict[str, Any] = {"comparison": compare(made, pages[first], first), "compared": compared}
+    result: dict[str, Any] = {"comparison": against, "compared": compared}
     if content.get("object"):
         changes = changes_by_object(pages[first], [pages[other] for other in others])
         described = describe_object(changes, content["object"]["size_m"]) if changes else {}

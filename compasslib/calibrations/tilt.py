@@ -145,11 +145,9 @@ def _fit(read: AxisReadings, *, min_dof: int = 4) -> FittedCurve | str:
     return curves.fit_curve(form, Points(read.recorded_deg, read.reference_deg - read.recorded_deg))
 
 
-def _describe(
-    axis: str, read: AxisReadings, curve: FittedCurve, rows: Sequence[Source], *, table_step_deg: float = 5.0
-) -> dict[str, Any]:
+def _describe(axis: str, read: AxisReadings, curve: FittedCurve, rows: Sequence[Source]) -> dict[str, Any]:
     low, high = float(read.recorded_deg.min()), float(read.recorded_deg.max())
-    steps = np.arange(np.ceil(low / table_step_deg), np.floor(high / table_step_deg) + 1) * table_step_deg
+    steps = 5.0 * np.arange(np.ceil(low / 5.0), np.floor(high / 5.0) + 1)
     common, expanded = budget.common(rows), budget.expanded(rows)
     error = -curve.deviation(np.linspace(low, high, 101))
     largest = float(error[np.argmax(np.abs(error))])

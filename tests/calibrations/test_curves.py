@@ -24,7 +24,7 @@ def smith_bench(n: int = 36, noise_deg: float = 0.3, seed: int = 1) -> BenchRead
 
 
 def calibrated(read: BenchReadings, **keys):
-    return platform.calibrate_readings("platform", read, **keys)
+    return platform.calibrate_readings(read, **keys)
 
 
 # --- the forms ------------------------------------------------------------------------------------------------------

@@ -238,14 +238,7 @@ def _warnings(solved: SolvedIron) -> list[str]:
     )
 
 
-def _sources(
-    solved: SolvedIron, table: DeviationTable, series: Floats, *, tilt_sensor_deg: float = 0.20
-) -> tuple[Source, ...]:
-    """Make the uncertainty budget of a corrected heading.
-
-    Args:
-        tilt_sensor_deg: standard uncertainty; Le Menn et al. 2023, section 2, gives 0.40 degrees expanded.
-    """
+def _sources(solved: SolvedIron, table: DeviationTable, series: Floats) -> tuple[Source, ...]:
     horizontal = 1.0 / float(np.hypot(1.0, solved.dip_ratio))
     off = table.deviation_deg - series_deviation(series, table.heading_deg)
     how = "block jackknife, with what a mean tilt hides of vertical iron, rms over the table"
@@ -260,7 +253,7 @@ def _sources(
         if solved.choice.level:
             ratio = float(np.mean(np.abs(np.sum(solved.corrected() * solved.down, axis=1))))
         how = "0.40° expanded (Le Menn et al. 2023, section 2) times vertical over horizontal field"
-        sources.append(Source("tilt sensor", tilt_sensor_deg * ratio, how))
+        sources.append(Source("tilt sensor", 0.20 * ratio, how))
     if solved.log.tilted and solved.choice.level:
         tilt = float(np.sqrt(np.mean(np.var(solved.down[:, :2], axis=0))))
         hard = float(np.hypot(*solved.iron[:2]))
@@ -364,7 +357,7 @@ def align_vertical(
     return ~wide, dip_ratio, np.append(iron[:3], (turn @ iron[3:].reshape(3, 3)).ravel())
 
 
-def _align_to_heading(solved: SolvedIron, *, max_scatter_ratio: float = 0.5) -> SolvedIron:
+def _align_to_heading(solved: SolvedIron) -> SolvedIron:
     """Rotate the iron about the vertical to a logged heading that follows the corrected axes better than the raw ones.
 
     Such a heading has been corrected for iron already, so it determines how the magnetometer is mounted.
@@ -374,7 +367,7 @@ def _align_to_heading(solved: SolvedIron, *, max_scatter_ratio: float = 0.5) -> 
         return solved
     recorded, corrected = solved.headings()
     centre, scatter = mean_and_scatter(angles.difference(logged, corrected))
-    if scatter > max_scatter_ratio * mean_and_scatter(angles.difference(logged, recorded))[1]:
+    if scatter > 0.5 * mean_and_scatter(angles.difference(logged, recorded))[1]:
         return solved
     block, turns_deg = ellipsoid.blocks(len(logged)), np.zeros(len(solved.replicates))
     for k, replicate in enumerate(solved.replicates):  # each with the readings that it was fitted to

@@ -78,14 +78,12 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     return _complete(made, swing, series, exact=model.fit_swing(swing, exact=True, start=series.parameters))
 
 
-def _place(
-    observed: Observations, settings: Mapping[str, Any], *, max_error_deg: float = 2.0
-) -> tuple[float, float] | None:
+def _place(observed: Observations, settings: Mapping[str, Any]) -> tuple[float, float] | None:
     """Look up the position of the swing, and refuse one that is not that of the log."""
     if settings.get("latitude") is None or settings.get("longitude") is None:
         return observed.place
     given = float(settings["latitude"]), float(settings["longitude"])
-    if observed.place and np.max(np.abs(angles.difference(given, observed.place))) > max_error_deg:
+    if observed.place and np.max(np.abs(angles.difference(given, observed.place))) > 2.0:  # degrees
         raise InputError(
             "latitude, longitude",
             expected="the place of the log's own positions, {:.2f}, {:.2f}".format(*observed.place),
@@ -301,7 +299,7 @@ def _constant_warnings(swing: Swing, series: SwingFit, least_deg: float = 2.0) -
     ]
 
 
-def _heading_warnings(recorded_deg: Floats, *, wide_gap_deg: float = 100.0) -> list[str]:
+def _heading_warnings(recorded_deg: Floats) -> list[str]:
     distinct, n = observations.distinct_headings(recorded_deg), len(recorded_deg)
     gap = observations.widest_gap(recorded_deg)
     return applicable(
@@ -310,7 +308,7 @@ def _heading_warnings(recorded_deg: Floats, *, wide_gap_deg: float = 100.0) -> l
             f"{': sin 4 of the heading is not observable' if distinct == 8 else ''}; "
             f"third and fourth harmonics cannot be tested. To test them, {REMEDY}": distinct < 16,
             f"{n - distinct} of {n} observations repeat a heading and do not add to it": distinct < n < 100,
-            f"{gap:.0f}° of the circle hold no heading: the table is extrapolated there": gap > wide_gap_deg,
+            f"{gap:.0f}° of the circle hold no heading: the table is extrapolated there": gap > 100.0,
         }
     )
 
@@ -361,7 +359,7 @@ def _time_warnings(swing: Swing, series: SwingFit) -> list[str]:
     )
 
 
-def _series_warnings(swing: Swing, series: SwingFit, exact: SwingFit, *, series_limit_deg: float = 20.0) -> list[str]:
+def _series_warnings(swing: Swing, series: SwingFit, exact: SwingFit) -> list[str]:
     """Warn of another declination in the log, and of deviations beyond the validity of the series (Le Menn)."""
     stated, declination = swing.observed.variation_deg, swing.declination_deg
     columns = series_design(np.arange(0.0, 360.0, angles.SECTOR_DEG))
@@ -373,6 +371,6 @@ def _series_warnings(swing: Swing, series: SwingFit, exact: SwingFit, *, series_
                 np.isfinite(stated) and abs(float(angles.difference(stated, declination))) >= 0.5
             ),
             f"deviations up to {largest:.0f}° exceed the validity of the five-term series (about 20°): its residual is "
-            f"{left:.1f}° rms, that of the exact compass {by_exact:.1f}°": largest >= series_limit_deg,
+            f"{left:.1f}° rms, that of the exact compass {by_exact:.1f}°": largest >= 20.0,
         }
     )

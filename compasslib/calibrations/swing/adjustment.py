@@ -51,9 +51,7 @@ def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[st
     return mean_by_point(angles.difference(course_deg, recorded_deg), course_deg, recorded_deg)
 
 
-def principal_coefficients(
-    psi: Mapping[str, float], declination_deg: float, *, sin_45: float = 0.707
-) -> dict[str, Any]:
+def principal_coefficients(psi: Mapping[str, float], declination_deg: float) -> dict[str, Any]:
     """Compute A, B bar, C bar, D and E from pseudo-deviations, MM (39), (44) to (50); NaN where a course is missing.
 
     D is the mean over the steered quadrants, which is (47) for all four. With a declination of 0, the
@@ -61,7 +59,7 @@ def principal_coefficients(
     """
     n, ne, e, se, s, sw, w, nw = (psi[point] for point in POINTS)
     a_bar, b_bar, c_bar = (n + e + s + w) / 4.0, (e - w) / 2.0, (n - s) / 2.0
-    along, across = sin_45 * (b_bar + c_bar), sin_45 * (b_bar - c_bar)
+    along, across = 0.707 * (b_bar + c_bar), 0.707 * (b_bar - c_bar)
     quadrants = {"NE": ne - a_bar - along, "SE": a_bar + across - se}
     quadrants |= {"SW": sw - a_bar + along, "NW": a_bar - across - nw}
     steered = [d for d in quadrants.values() if np.isfinite(d)]

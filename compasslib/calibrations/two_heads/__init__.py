@@ -221,13 +221,7 @@ def _sources(
 
 
 def _warnings(
-    pairs: PairedHeads,
-    clock: ClockDifference,
-    frame: Frame,
-    series: HeadingDifference,
-    spikes: int,
-    *,
-    max_interval_s: float = 600.0,
+    pairs: PairedHeads, clock: ClockDifference, frame: Frame, series: HeadingDifference, spikes: int
 ) -> list[str]:
     gain = f"{clock.drift_s_per_day:+.2f} ± {clock.drift_sigma_s_per_day:.2f} s a day"
     where = frames.stretches_deg(series.covered)
@@ -242,8 +236,6 @@ def _warnings(
             f"the differences are autocorrelated: effective sample size {series.n_effective:.0f} of {len(pairs)}; the "
             f"uncertainty rests on {series.stretches} blocks": series.stretches == frames.MIN_STRETCHES,
             f"{spikes} of {len(pairs)} differences are spikes and excluded": spikes > 0,
-            "the heads sample too rarely to resolve a clock error of seconds": (
-                motion.step(pairs.time_s) > max_interval_s
-            ),
+            "the heads sample too rarely to resolve a clock error of seconds": motion.step(pairs.time_s) > 600.0,
         }
     )

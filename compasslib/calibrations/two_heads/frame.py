@@ -217,7 +217,7 @@ def _describe_refusal(terms: int, covered: Bools, inflation: dict[int, float]) -
     return f"B, C, D and E are refused: {where}; {five} and one of {TERM_NAMES[3]} {times[3]}, {limit}"
 
 
-def deviation_table(series: HeadingDifference, heading_deg: Floats, *, reach_deg: float = 10.0) -> DeviationTable:
+def deviation_table(series: HeadingDifference, heading_deg: Floats) -> DeviationTable:
     """Tabulate the deviation without constant at recorded headings; NaN far from covered ones if terms are refused."""
     columns, others = np.split(series_design(heading_deg), [series.terms], axis=1)
     # At covered headings the fitted terms have absorbed the refused ones; elsewhere, these add an error of their own.
@@ -230,7 +230,7 @@ def deviation_table(series: HeadingDifference, heading_deg: Floats, *, reach_deg
         return DeviationTable(heading_deg, deviation, sigma)
     centres = SECTOR_DEG * (np.flatnonzero(series.covered) + 0.5)
     away = np.abs(angles.difference(heading_deg[:, None], centres))
-    known = (away <= SECTOR_DEG / 2.0 + reach_deg).any(axis=1)
+    known = (away <= 1.5 * SECTOR_DEG).any(axis=1)  # one sector beyond the covered ones
     return DeviationTable(heading_deg, np.where(known, deviation, np.nan), np.where(known, sigma, np.nan))
 
 

@@ -127,13 +127,12 @@ def step(time_s: Floats) -> float:
     return float(np.median(np.diff(time_s)))
 
 
-def extract_motion(
-    record: Record, start_s: float | None = None, end_s: float | None = None, *, steepest_tilt: float = 45.0
-) -> Motion:
+def extract_motion(record: Record, start_s: float | None = None, end_s: float | None = None) -> Motion:
     """Select the usable part of a record: finite headings and tilts, in order of time, upright, inside a window."""
     tilts = np.abs(record.pitch_deg) + np.abs(record.roll_deg)
     with np.errstate(invalid="ignore"):
-        usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD) & (tilts < steepest_tilt)
+        upright = tilts < 45.0  # larger tilts occur on deck or after a fall
+    usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD) & upright
     usable &= record.time_s >= (-np.inf if start_s is None else start_s)
     usable &= record.time_s <= (np.inf if end_s is None else end_s)
     time_s, first = np.unique(record.time_s[usable], return_index=True)
@@ -225,9 +224,7 @@ def _weighted_mean(solutions: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, 
     return np.asarray(whole @ np.sum(parts, axis=0)), np.asarray(whole)
 
 
-def _lattice_peak(
-    a: Motion, b: Motion, max_offset_s: float, *, min_gain_sigmas: float = 5.0
-) -> tuple[float, float, float]:
+def _lattice_peak(a: Motion, b: Motion, max_offset_s: float) -> tuple[float, float, float]:
     """Find the lag at which the rates of tilts and headings correlate best, and both correlations there.
 
     If the tilts alone correlate clearly better at another lag, that lag is used, because a compass may be delayed.
@@ -241,8 +238,8 @@ def _lattice_peak(
     reachable = np.abs(lags) <= max(max_offset_s, lattice / 2.0)
     best = int(np.argmax(np.where(reachable, tilts**2 + headings**2, -1.0)))
     by_tilts = int(np.argmax(np.where(reachable, tilts, -1.0)))
-    clearer = np.arctanh(min(tilts[by_tilts], 0.999)) - np.arctanh(min(tilts[best], 0.999))
-    if abs(lags[by_tilts] - lags[best]) > 1.5 * lattice and clearer > min_gain_sigmas * np.sqrt(20.0 / len(b.time_s)):
+    gain = np.arctanh(min(tilts[by_tilts], 0.999)) - np.arctanh(min(tilts[best], 0.999))  # in Fisher's z
+    if abs(lags[by_tilts] - lags[best]) > 1.5 * lattice and gain > 5.0 * np.sqrt(20.0 / len(b.time_s)):
         best = by_tilts
     return float(lags[best]), float(tilts[best]), float(headings[best])
 
