@@ -126,7 +126,7 @@ def run(design: Design, benches: int, seed: int) -> list[Measured]:
     models = Counter[str]()
     for _ in range(benches):
         true, readings = bench(design, rng)
-        made = platform.calibrate_readings("platform", readings)
+        made = platform.calibrate_readings(readings)
         for shares, z in zip(found.values(), misses(design, true, made), strict=True):
             known = np.abs(z[np.isfinite(z)])
             shares += [float(np.mean(known <= 1.96))] if known.size else []  # values of one bench are dependent
@@ -192,10 +192,7 @@ def run_transfer(
             hard = hard / np.hypot(1.0, ratio)
             induced = ratio * hard
         parts = np.array([0.01, *hard, *induced / BREST.vertical_nT, *rng.normal(0.0, 0.02, 2)])
-        made = [
-            platform.calibrate_readings("platform", read(PLATFORM, model.iron_design(place) @ parts, rng))
-            for place in places
-        ]
+        made = [platform.calibrate_readings(read(PLATFORM, model.iron_design(place) @ parts, rng)) for place in places]
         if not all(each.exact.size for each in made):
             continue  # such a calibration corrects no mooring
         known = [
@@ -224,7 +221,7 @@ def run_object(objects: int, seed: int) -> list[Measured]:
         pages = []
         for distance in (np.inf, *DISTANCES_M):
             true = own + np.array([0.0, *moment / distance**DIPOLE, 0.0, 0.0])
-            made = platform.calibrate_readings("platform", read(PLATFORM, true, rng))
+            made = platform.calibrate_readings(read(PLATFORM, true, rng))
             letters = dict(zip("ABCDE", made.coefficients, strict=True))
             page = {"name": "", "coefficients": letters, "covariance": made.covariance}
             pages.append(page | {"object": {"distance_m": distance}})

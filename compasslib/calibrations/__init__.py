@@ -46,8 +46,8 @@ KINDS: dict[str, Kind] = {
     "tilt": Kind("tilt", ("tilt",), by_heading=False),
     "magnetometer": Kind("magnetometer", ("magnetometer",), formats=("table", "mmp_acm")),
     "swing": Kind("swing", formats=("table", "nmea0183")),
-    "declination": Kind("declination", ("series", "disturbance"), by_heading=False, formats=("iaga2002",)),
-    "two_heads": Kind("two_heads", ("tilt_check", "along_time"), formats=("pd0",)),
+    "declination": Kind("declination", ("series",), by_heading=False, formats=("iaga2002",)),
+    "two_heads": Kind("two_heads", formats=("pd0",)),
 }
 FIGURES = ("deviation", "certificate")  # common to all kinds with a deviation curve
 

@@ -39,20 +39,12 @@ def carry_to_mooring(
     record: Record,
     pairs: Pairs,
     *,
-    parts: Sequence[str] = (),
-    iron_nT: float = IRON_NT,
+    parts: Sequence[str] = (),  # parts near the mooring's compass
+    iron_nT: float = IRON_NT,  # prior standard deviation of hard and of induced iron, see ``transfer_coefficients``
     min_noise_deg: float = 0.8,
     max_noise_deg: float = 8.0,
 ) -> DeviationFit:
-    """Transfer the exact compass of calibrations to a mooring's field; no coefficients if that is impossible.
-
-    The model is evaluated on the pairs, but not fitted to them.
-
-    Args:
-        parts: parts near the mooring's compass.
-        iron_nT: prior standard deviation of hard and of induced iron, see ``transfer_coefficients``.
-        min_noise_deg, max_noise_deg: bounds of the compass noise for the decision between branches.
-    """
+    """Transfer the exact compass of calibrations to a mooring's field, unfitted; no coefficients if impossible."""
     if missing := [f"calibration {each['name']}: {why}" for each in contents if (why := _missing_part(each, field))]:
         return DeviationFit(METHOD, len(pairs), why="; ".join(missing))
     transferred = _transfer(contents, field, iron_nT)
@@ -95,12 +87,7 @@ def _change(contents: Sequence[Mapping[str, Any]], coefficients: Floats) -> dict
 def compass_from_coefficients(
     model: str, coefficients: Mapping[str, float], covariance: Any | None, record: Record, pairs: Pairs
 ) -> DeviationFit:
-    """Build the deviation model from the coefficients given in a mooring's file.
-
-    Args:
-        model: ``exact`` (dimensionless) or ``von_appen`` (degrees).
-        covariance: (5, 5), None where it is unknown.
-    """
+    """Build the model from the coefficients (exact: dimensionless; von_appen: degrees) of a mooring's file."""
     exact, known = model == "exact", covariance is not None
     values, unit = np.array([coefficients[k] for k in LETTERS]), 1.0 if exact else 1.0 / angles.DEGREE
     spread = np.array(covariance or np.diag(np.full(5, unit**2)), dtype=float)
@@ -157,10 +144,7 @@ def origin(contents: Sequence[Mapping[str, Any]], field: EarthField, iron_nT: fl
 
 
 def _missing_part(content: Mapping[str, Any], field: EarthField, *, same_field: float = 0.05) -> str:
-    """Explain why a calibration cannot be carried to a mooring; empty if it can.
-
-    An empirical curve remains valid only where the horizontal field differs by at most ``same_field`` of it.
-    """
+    """Explain why a calibration cannot be carried to a mooring; empty if it can."""
     if content["exact"] is None:
         return content["why"] or "it has no coefficients of the exact compass, its headings do not determine them"
     if not np.isfinite(np.array(content["exact"]["covariance"], dtype=float)).all():

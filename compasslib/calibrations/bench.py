@@ -1,9 +1,7 @@
 """Field on a bench: changes from an observatory, homogeneity from a spun instrument, objects near a compass.
 
-Le Menn et al. 2023, section 2: a record of the field during the calibration, and Table 3. Their section 4 states that
-the influence of an object falls as the square of the distance; that of a dipole falls as the cube, and no object is a
-dipole at distances comparable to its size. The change is a vector, (B, C), which adds to or cancels the deviation on
-the bench without the object.
+Le Menn et al. 2023, section 2, Table 3 and section 4. The paper lets the influence of an object fall as the square of
+the distance; that of a dipole falls as the cube, and no object is a dipole at distances comparable to its size.
 """
 
 from __future__ import annotations
@@ -63,8 +61,6 @@ def measure_homogeneity(
     recorded_deg: Floats,
     spun_reference_deg: Floats,
     spun_recorded_deg: Floats,
-    *,
-    min_directions: int = 4,
 ) -> dict[str, Any]:
     """Compare an instrument spun in place, (m,), with the curve fitted to the rotated platform, (n,), degrees."""
     points = curves.deviation_points(recorded_deg, reference_deg)
@@ -72,8 +68,8 @@ def measure_homogeneity(
     fitted = [fit for fit in fits if isinstance(fit, FittedCurve)]
     observed = angles.difference(spun_reference_deg, spun_recorded_deg)
     known = np.isfinite(observed)
-    if not fitted or known.sum() < min_directions:
-        few = f"{known.sum()} directions of the spun instrument, at least {min_directions} tell it"
+    if not fitted or known.sum() < 4:  # Table 3
+        few = f"{known.sum()} directions of the spun instrument, at least 4 tell it"
         text = f"The homogeneity of the field is not determined: {few if fitted else fits[0]}"
         return {"max_deg": None, "mean_deg": None, "text": text}
     off = angles.difference(observed[known], curves.select_curve(fitted).deviation(spun_recorded_deg[known]))
@@ -122,19 +118,13 @@ def describe_object(
     changes: Sequence[ObjectChange],
     size_m: float,
     *,
-    min_distances: int = 4,
-    two_sigma_chi2: float = 4.0,
-    min_p_value: float = 0.01,
+    min_distances: int = 4,  # needed to fit an exponent
+    two_sigma_chi2: float = 4.0,  # growth of chi-squared at the ends of an interval of 95 %, one parameter
+    min_p_value: float = 0.01,  # below which changes are not those of a dipole
 ) -> dict[str, Any]:
     """Describe the changes by an object, nearest first, their decrease with distance and the safe distance.
 
-    Beyond the safe distance a dipole changes no deviation by more than ``SAFE_DEG``. It follows from the changes beyond
-    twice the object's size unless a dipole cannot cause these.
-
-    Args:
-        min_distances: needed to fit an exponent.
-        two_sigma_chi2: growth of chi-squared at the ends of an interval of 95 %, one parameter.
-        min_p_value: below which changes are not those of a dipole.
+    From there on a dipole changes no deviation by ``SAFE_DEG``; changes within twice the object's size do not count.
     """
     from scipy.special import chdtrc  # imported late: only needed for objects
 

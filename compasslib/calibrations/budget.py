@@ -1,8 +1,7 @@
 """Uncertainty budget of a bench, after the Guide to the Expression of Uncertainty in Measurement.
 
-The rows are those of Le Menn et al. 2023, section 2. Their Tables 4 and 5 are images: the distribution of each row, and
-whether it applies to directions or tilts, are taken from the text. The expanded uncertainty is 0.896 degrees for
-reference directions (0.90 is printed) and 0.384 degrees for reference tilts (0.40).
+The rows are those of Le Menn et al. 2023, section 2, whose tables are images: distributions are taken from the text.
+Expanded: 0.896 degrees for reference directions (0.90 is printed), 0.384 degrees for reference tilts (0.40).
 """
 
 from __future__ import annotations
@@ -64,9 +63,7 @@ def sources(
 ) -> tuple[tuple[Source, ...], list[str]]:
     """List the rows of a budget as standard uncertainties, with notes on missing rows and on those of another kind.
 
-    Args:
-        given: degrees, in the sense of ``ROWS``.
-        budget: ``le_menn`` fills missing rows with the values of that paper, where it has one.
+    ``given`` is in degrees, in the sense of ``ROWS``; the budget ``le_menn`` fills other rows with that paper's values.
     """
     made, absent, foreign = [], [], []
     for name, row in ROWS.items():

@@ -1,9 +1,8 @@
 """Deviation curves fitted to reference and recorded headings by weighted least squares, in five forms.
 
-Three forms are series in the recorded heading: one cycle (Le Menn et al. 2023, eq. 3), Smith's five terms (their eq. 5
-with von Appen's letters: D goes with sin 2, E with cos 2) and a polynomial of degree six (eq. 7). The fourth is the
-exact compass of Evans and Smith, the fifth an empirical series of six harmonics, for deviations not caused by iron.
-Forms are compared by their leave-one-out residuals.
+Series in the recorded heading are one cycle (Le Menn et al. 2023, eq. 3), Smith's five terms (eq. 5 with von Appen's
+letters: D goes with sin 2, E with cos 2), a polynomial of degree six (eq. 7) and six harmonics; the fifth form is the
+exact compass of Evans and Smith. Forms are compared by their leave-one-out residuals.
 """
 
 from __future__ import annotations
@@ -211,25 +210,14 @@ def count_sectors(recorded_deg: ArrayLike) -> int:
 
 
 def student_widening(dof: int) -> float:
-    """Compute the factor that inflates a standard deviation estimated with few degrees of freedom.
-
-    Two inflated standard deviations are Student's interval of 95.45 %, the nominal coverage of k = 2 (GUM, annex G).
-    """
+    """Inflate a standard deviation of few degrees of freedom so that two are 95.45 %, as for k = 2 (GUM, annex G)."""
     from scipy.special import stdtrit  # imported late: only fits need it
 
     return float(stdtrit(dof, 0.97725)) / 2.0
 
 
-def fit_curve(
-    form: CurveForm, points: Points, *, max_vagueness: float = 3.0, max_residual_deg: float = 10.0
-) -> FittedCurve | str:
-    """Fit a form to points at distinct headings; if it cannot be fitted, give the reason instead.
-
-    Args:
-        max_vagueness: largest standard error of a determined curve anywhere on the circle, in units of the scatter of
-            one reading.
-        max_residual_deg: rms residual beyond which a curve is rejected.
-    """
+def fit_curve(form: CurveForm, points: Points) -> FittedCurve | str:
+    """Fit a form to points at distinct headings; if it cannot be fitted, give the reason instead."""
     if len(points) <= (needed := len(form.letters)):
         return f"{needed} coefficients need at least {needed + 1} headings, there are {len(points)}"
     solution = form.solve(points)
@@ -237,10 +225,11 @@ def fit_curve(
         return "no curve of this form passes near the points"
     by = form.around(solution.coefficients)
     vague = np.einsum("ni,ij,nj->n", by, solution.cofactor, by)
-    if float(np.sqrt(np.max(vague))) > max_vagueness or np.max(solution.leverage) > 1.0 - 1e-6:
+    # The standard error of a determined curve is nowhere more than three times the scatter of a reading.
+    if float(np.sqrt(np.max(vague))) > 3.0 or np.max(solution.leverage) > 1.0 - 1e-6:
         return "the headings do not determine it: they leave too wide a gap in the circle"
     residual = form.correct_residual(solution, points)
-    if (off := angles.rms(residual)) > max_residual_deg:
+    if (off := angles.rms(residual)) > 10.0:
         return f"it misses the readings by {off:.0f} degrees rms"
     dof = len(points) - needed
     widening = student_widening(dof)
@@ -261,8 +250,7 @@ def select_curve(
     """Select the first curve, unless another one predicts left-out points better.
 
     A form with more coefficients must be better by twice the standard error of the difference, one with as many just
-    better. Forms with fewer are not considered: they are contained in the first, and their uncertainty would neglect
-    the omitted terms. With too few degrees of freedom the first curve is returned, as a selection would be random.
+    better. Forms with fewer are contained in the first: their uncertainty would neglect the omitted terms.
     """
     best = curves[0]
     for other in (curve for curve in curves[1:] if curve.dof <= best.dof and best.dof >= min_dof_to_select):

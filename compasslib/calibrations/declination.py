@@ -33,9 +33,8 @@ ADVICE = "correct the file's columns, units or place, or take the observatory's 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
     """Estimate the constant difference of an observatory's declination from the model, the quiet day and the storms.
 
-    Args:
-        settings: ``latitude``, ``longitude``, which override the headers'; ``declination``: auto, or a number that
-            replaces the model; ``table_step_deg``.
+    The settings are ``latitude`` and ``longitude``, which override the headers', ``declination``, auto or a number that
+    replaces the model, and ``table_step_deg``.
 
     Raises:
         InputError: a file cannot be read, the position is unknown, a date lies outside the model, or the field is not
@@ -131,14 +130,13 @@ def check_field(
     series: FieldSeries,
     place: tuple[float, float],
     *,
-    impossible_nT: float = 5000.0,
+    impossible_nT: float = 5000.0,  # more than any crustal field at an observatory
     no_baseline: float = 0.1,
     no_baseline_deg: float = 0.3,
 ) -> list[str]:
     """Warn if the medians of a month of a file are not the model's at its place, (latitude, longitude), if known.
 
     Args:
-        impossible_nT: more than any crustal field at an observatory.
         no_baseline, no_baseline_deg: share of the model's horizontal field, and declination, below which a series is a
             variation about zero.
 
@@ -181,12 +179,8 @@ def check_field(
     return list(warnings.values())
 
 
-def with_observatory_warnings(
-    field: EarthField, files: Sequence[str | Path], *, covered_share: float = 0.5
-) -> EarthField:
-    """Add warnings about a mooring's observatory to the mooring's field: mistakes in its file, days not covered.
-
-    Where a series covers less than ``covered_share`` of the deployment's days, most of the disturbance is zero.
+def with_observatory_warnings(field: EarthField, files: Sequence[str | Path]) -> EarthField:
+    """Add warnings about a mooring's observatory to its field: mistakes in the file, days not covered.
 
     Raises:
         InputError: a file cannot be read, or as for ``check_field``.
@@ -198,7 +192,7 @@ def with_observatory_warnings(
     days = np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / DAY_S))
     first, last = np.floor(field.time_s[[0, -1]] / DAY_S)
     covered = float(np.sum((days >= first) & (days <= last)) / (last - first + 1.0))
-    if covered < covered_share:
+    if covered < 0.5:
         warnings.append(
             f"the observatory {series.station} covers {100.0 * covered:.0f} % of the deployment's days; elsewhere the "
             "disturbance of the field is taken as zero"

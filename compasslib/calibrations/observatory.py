@@ -1,21 +1,4 @@
-"""Observatory declination compared with a field model: slow level, quiet-day curve, storms and crustal constant.
-
-``compare`` is the entry point for calibration and diagnosis, ``covariates`` for a mooring. Example: ten quiet days,
-0.3 degrees off the model, with a storm on the fifth:
-
->>> import numpy as np
->>> from compasslib.calibrations import observatory
->>> from compasslib.records import EarthField, FieldSeries
->>> time_s = np.arange(0.0, 10 * observatory.DAY_S, 60.0)
->>> storm = np.where(np.abs(time_s - 4.5 * observatory.DAY_S) < 7200.0, 0.5 * np.sin(time_s / 600.0), 0.0)
->>> declination, unknown = -4.7 + storm, np.full(time_s.shape, np.nan)
->>> series = FieldSeries(time_s, declination, unknown, unknown, "XYZ", 66.5, 0.4, 0.0)
->>> ends, constant = time_s[[0, -1]], np.ones(2)
->>> model = EarthField(ends, -5.0 * constant, 12000.0 * constant, 50000.0 * constant, -5.0 * constant)
->>> found = observatory.compare(series, model, limit_deg=0.2)
->>> round(found.constant_deg, 3), len(found.storms), round(found.storms[0].range_deg, 2)
-(0.3, 1, 1.0)
-"""
+"""Observatory declination compared with a field model: slow level, quiet-day curve, storms and crustal constant."""
 
 from __future__ import annotations
 
@@ -156,29 +139,25 @@ def three_hour_rms(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
     return np.where(full, np.sqrt(total / count), 0.0), np.where(full, without_largest, 0.0)
 
 
-def find_storms(
-    time_s: Floats, off: Floats, limit_deg: float, *, min_without_largest: float = 0.5, storm_factor: float = 3.0
-) -> tuple[Bools, list[tuple[float, ...]], float, int]:
+def find_storms(time_s: Floats, off: Floats, limit_deg: float) -> tuple[Bools, list[tuple[float, ...]], float, int]:
     """Detect storms in the declination without level and quiet-day curve, (n,) degrees.
 
-    Args:
-        min_without_largest: fraction of the limit required of a window without its largest value, lest that be a spike.
-        storm_factor: least ratio of a storm to the median disturbance, in records of MIN_DAYS or more.
+    A storm is three times the median disturbance, and half of the limit without its largest value, a possible spike.
 
     Returns:
         Mask of disturbed values; begin, end, rms and worst three-hour rms of each storm; median disturbance; spikes.
     """
     size, without_largest = three_hour_rms(time_s, off)
     ordinary = float(np.median(size)) if np.ptp(time_s) >= MIN_DAYS * DAY_S else 0.0
-    limit = max(limit_deg, storm_factor * ordinary)
-    core = (size >= limit) & (without_largest >= min_without_largest * limit)
+    limit = max(limit_deg, 3.0 * ordinary)
+    core = (size >= limit) & (without_largest >= 0.5 * limit)
     spikes = int(np.sum((size >= limit) & ~core & (np.abs(off) >= limit)))
     stormy, within = core, time_s[core]
     if len(within):
         near = np.clip(np.searchsorted(within, time_s), 1, len(within))
         before, after = within[near - 1], within[np.minimum(near, len(within) - 1)]
         stormy = np.minimum(np.abs(time_s - before), np.abs(after - time_s)) <= WINDOW_S / 2.0
-    at, half = np.flatnonzero(stormy & (np.abs(off) >= min_without_largest * limit)), _step(time_s) / 2.0
+    at, half = np.flatnonzero(stormy & (np.abs(off) >= 0.5 * limit)), _step(time_s) / 2.0
     found: list[tuple[float, ...]] = []
     for group in np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1) if len(at) else []:
         span = slice(group[0], group[-1] + 1)
@@ -251,14 +230,10 @@ def too_short_reason(series: FieldSeries) -> str:
     return "" if hours >= 12 else f"the series has a declination in {hours} hours; 12 are needed"
 
 
-def compare(
-    series: FieldSeries, model: EarthField, *, limit_deg: float = 0.5, near_days: int = 4, min_near: int = 5
-) -> FieldComparison:
-    """Separate observed minus model declination into level, quiet-day curve and storms.
+def compare(series: FieldSeries, model: EarthField, *, limit_deg: float = 0.5) -> FieldComparison:
+    """Separate observed minus model declination into level (over nine days), quiet-day curve and storms.
 
-    Args:
-        limit_deg: rms over three hours from which a disturbance is a storm.
-        near_days, min_near: slow level: half width of the running median, and least number of days in it.
+    A disturbance is a storm from ``limit_deg`` rms over three hours on.
     """
     time_s, observed = average(series, AVERAGED_S)
     by_model = earthfield.declination_at(model, time_s)
@@ -276,7 +251,7 @@ def compare(
     np.maximum.at(rough, hour, np.maximum(change[:-1], change[1:]))
     parts = zip(np.split(left, begins[1:]), np.split(rough[hour], begins[1:]), strict=True)
     levels = np.array([np.median(x[r <= np.median(r)]) for x, r in parts])
-    level = _running_median(days, levels, near_days, min_near)[which_day]
+    level = _running_median(days, levels, reach=4, least=5)[which_day]
     quiet = _quiet_days(time_s, left - level, find_storms(time_s, left - level, limit_deg)[0])
     curve = hourly_median(time_s, off - level, quiet) if quiet.any() else first
     disturbed = off - level - interpolate_daily_curve(curve, time_s)
@@ -308,15 +283,13 @@ def compare(
     )
 
 
-def _quiet_days(
-    time_s: Floats, rough: Floats, stormy: Bools, *, quiet_share: float = 0.2, whole_day: float = 0.9
-) -> Bools:
-    """Select the values of the quietest share of the days, among those without storms and with most samples."""
+def _quiet_days(time_s: Floats, rough: Floats, stormy: Bools) -> Bools:
+    """Select the values of the quietest fifth of the days, among those without storms and with 90 % of samples."""
     days, which, count = np.unique(np.floor(time_s / DAY_S), return_inverse=True, return_counts=True)
-    whole = (count * _step(time_s) >= whole_day * DAY_S) & (np.bincount(which, stormy) == 0)
+    whole = (count * _step(time_s) >= 0.9 * DAY_S) & (np.bincount(which, stormy) == 0)
     about = rough - (np.bincount(which, rough) / count)[which]
     size = np.where(whole, np.bincount(which, about**2) / count, np.inf)
-    quietest = np.argsort(size)[: max(int(quiet_share * len(days)), 1)]
+    quietest = np.argsort(size)[: max(int(0.2 * len(days)), 1)]
     return np.isin(which, quietest[np.isfinite(size[quietest])])
 
 

@@ -68,7 +68,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
             given = {**given, "homogeneity_deg": abs(found["max_deg"])}
     rows, missing = budget.sources(given, settings.get("budget"))
     step = float(settings.get("table_step_deg", 10.0))
-    fitted = calibrate_readings("platform", BenchReadings(reference, recorded), rows, table_step_deg=step)
+    fitted = calibrate_readings(BenchReadings(reference, recorded), rows, table_step_deg=step)
     doubts: list[str] = []
     if mounting is None and (shift := fitted.details.get("constant_shift")):
         doubts = _constant_doubts(shift["value_deg"], shift["sigma_deg"], settings.get("declination_deg"), files)
@@ -86,16 +86,11 @@ def _constant_doubts(
     declination_deg: float | None,
     files: Sequence[str | Path],
     *,
-    quarter_deg: float = 87.0,
-    large_deg: float = 5.0,
-    least_deg: float = 2.0,
+    quarter_deg: float = 87.0,  # a quarter turn, but for a compass's own constant
+    large_deg: float = 5.0,  # larger than the alignment errors of benches and mounts
+    least_deg: float = 2.0,  # smallest declination and constant that are compared
 ) -> list[str]:
     """Explain a constant that is large or equals the declination, and is thus unlikely to be the compass's own.
-
-    Args:
-        quarter_deg: a quarter turn, but for a compass's own constant.
-        large_deg: larger than the alignment errors of benches and mounts.
-        least_deg: smallest declination and constant that are compared.
 
     Raises:
         InputError: the constant is a quarter turn or more.
@@ -123,19 +118,13 @@ def _constant_doubts(
 
 
 def calibrate_readings(
-    kind: str,
     readings: BenchReadings,
-    sources: Sequence[Source] = (),
+    sources: Sequence[Source] = (),  # rows of the uncertainty budget besides the scatter about the curve
     *,
     table_step_deg: float = 10.0,
-    max_leakage: float = 0.5,
+    max_leakage: float = 0.5,  # fraction of an omitted quadrantal deviation that may appear in A, B or C
 ) -> Calibration:
-    """Fit the curves to bench readings and select one, if any is determined.
-
-    Args:
-        sources: rows of the uncertainty budget besides the scatter about the curve.
-        max_leakage: fraction of an omitted quadrantal deviation that may appear in A, B or C.
-    """
+    """Fit the curves to bench readings and select one, if any is determined."""
     # Repeats share the error of the bench's setting: they are averaged and count once.
     slots = np.round(angles.wrap360(readings.reference_deg) / SAME_HEADING_DEG)
     groups = [np.flatnonzero(slots == slot) for slot in np.unique(slots)]
@@ -152,7 +141,7 @@ def calibrate_readings(
     fitted = {name: fit for name, fit in fits.items() if isinstance(fit, FittedCurve)}
     reasons = {name: fit for name, fit in fits.items() if isinstance(fit, str)}
     made = Calibration(
-        kind=kind,
+        kind="platform",
         model="none",
         n=len(readings),
         coverage=curves.count_sectors(readings.recorded_deg),
@@ -213,11 +202,7 @@ def _details(
     for name, fit in fitted.items():
         total = budget.expanded((*sources, budget.residual(fit.scatter_deg, fit.dof)))
         models[name] = fit.to_json() | {"expanded_deg": total} | _extremes(-fit.residual_deg)
-    scores = [f"{name} {fit.score_deg:.2f}" for name, fit in fitted.items()]
-    details: dict[str, Any] = {
-        "models": {form.name: models[form.name] for form in FORMS},
-        "chosen_by": f"{chosen.form.name}; degrees rms on headings left out one by one: {', '.join(scores)}",
-    }
+    details: dict[str, Any] = {"models": {form.name: models[form.name] for form in FORMS}}
     if chosen.form is POLYNOMIAL:
         return details
     curve = fitted.get(SMITH.name, chosen)

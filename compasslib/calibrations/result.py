@@ -94,22 +94,19 @@ def compare_all(name: str, content: Mapping[str, Any], earlier: Mapping[str, Map
     """Compare a calibration with others, as the keys of calibration.json that need them.
 
     The curves of several calibrations are described with the change of their one-cycle part from the first; an object
-    by its changes relative to the first, the one without it.
-
-    Args:
-        earlier: contents of the calibrations to compare it with, by name.
+    by its changes relative to the first, the one without it. ``earlier`` has contents by name.
     """
     if not earlier:
         alone = {"object": {**content["object"], "text": NO_BENCH}} if content.get("object") else {}
         return {"comparison": None, "compared": []} | alone
     first, *others = {**earlier, name: content}
-    made, pages = from_json(content), {**earlier, name: content}
+    pages = {**earlier, name: content}
     compared = [{"name": first, "coefficients": pages[first]["coefficients"], "amplitude_deg": None, "phase_deg": None}]
     for other in others:
         against = compare(from_json(pages[other]), pages[first], first)
         change = against.get("one_cycle") or {"amplitude_deg": None, "phase_deg": None}
         compared.append({"name": other, "coefficients": pages[other]["coefficients"], **change})
-    result: dict[str, Any] = {"comparison": compare(made, pages[first], first), "compared": compared}
+    result: dict[str, Any] = {"comparison": against, "compared": compared}
     if content.get("object"):
         changes = changes_by_object(pages[first], [pages[other] for other in others])
         described = describe_object(changes, content["object"]["size_m"]) if changes else {}
@@ -164,20 +161,15 @@ def compare(
     before: Mapping[str, Any],
     name: str,
     *,
-    significance: float = 0.05,
-    min_p_value: float = 0.001,
-    min_amplitude_sigmas: float = 3.0,
+    significance: float = 0.05,  # p-value below which two calibrations differ significantly
+    min_p_value: float = 0.001,  # smaller ones are not printed
+    min_amplitude_sigmas: float = 3.0,  # least amplitude, in standard deviations, that has a phase
 ) -> dict[str, Any]:
     """Compare a calibration with an earlier one of the same compass, such as before its batteries were demagnetised.
 
     Le Menn et al. 2023, sections 3 and 4, compare curves by eye and by their phase shift. Here the difference of each
     coefficient is given with its uncertainty, and with the p-value (chi square) of no difference. The budgets are
     not included, as errors common to both calibrations cancel.
-
-    Args:
-        significance: p-value below which two calibrations differ significantly.
-        min_p_value: smaller ones are not printed.
-        min_amplitude_sigmas: least amplitude, in standard deviations, that has a phase.
     """
     if not after.coefficients.size or before["coefficients"] is None:
         missing = name if before["coefficients"] is None else "this calibration"

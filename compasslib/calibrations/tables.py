@@ -29,10 +29,7 @@ def read_columns(
 
     In the settings, ``columns`` gives headers that differ from the roles (``date`` and ``clock`` may replace
     ``time_utc``), ``withhold`` roles or headers to ignore, and the keys of ``delimited.Layout`` the format of the
-    tables. An optional column is read if it is named or in all files.
-
-    Args:
-        bounds: least and largest value by unit, with which a role ends.
+    tables. An optional column is read if it is named or in all files. Bounds are by unit, with which a role ends.
 
     Raises:
         InputError: a file or column is absent or withheld, or a value cannot be read or is out of bounds.

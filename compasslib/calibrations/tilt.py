@@ -35,8 +35,6 @@ class AxisReadings:
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
     """Calibrate the pitch and the roll of a tilt sensor against the tilts of a platform, by CSV files of all three.
 
-    The settings are ``columns``, ``withhold``, the keys of tables, ``budget`` and ``uncertainty``.
-
     Raises:
         InputError: a file cannot be read, or a column is absent or is not in degrees.
     """
@@ -54,24 +52,15 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
 
 
 def split_axes(
-    reference_deg: Floats,
-    recorded_deg: Floats,
+    reference_deg: Floats,  # tilts of the platform, (n,), signed or absolute
+    recorded_deg: Floats,  # pitch and roll, (2, n)
     *,
-    level_deg: float = 0.5,
+    level_deg: float = 0.5,  # above the least reference tilt, both axes count as level
     skew_deg: float = 1.0,
     skew_share: float = 0.25,
-    same_tilt_deg: float = 0.2,
+    same_tilt_deg: float = 0.2,  # reference tilts that round to one multiple repeat a setting of the platform
 ) -> tuple[dict[str, AxisReadings], int, list[str]]:
-    """Assign each reading to the tilted axis, level readings to both, in the sign convention of the instrument.
-
-    Repeats of a setting are averaged.
-
-    Args:
-        reference_deg: tilts of the platform, (n,), signed or absolute.
-        recorded_deg: pitch and roll, (2, n).
-        level_deg: above the least reference tilt, both axes count as level.
-        skew_deg, skew_share: tilt of the other axis, absolute and relative, above which both are tilted.
-        same_tilt_deg: reference tilts that round to one multiple repeat a setting of the platform.
+    """Assign readings to the tilted axis, level ones to both, with the instrument's signs; repeats are averaged.
 
     Returns:
         The readings of each axis, the number of readings with both axes tilted, and notes on signs.
@@ -156,11 +145,9 @@ def _fit(read: AxisReadings, *, min_dof: int = 4) -> FittedCurve | str:
     return curves.fit_curve(form, Points(read.recorded_deg, read.reference_deg - read.recorded_deg))
 
 
-def _describe(
-    axis: str, read: AxisReadings, curve: FittedCurve, rows: Sequence[Source], *, table_step_deg: float = 5.0
-) -> dict[str, Any]:
+def _describe(axis: str, read: AxisReadings, curve: FittedCurve, rows: Sequence[Source]) -> dict[str, Any]:
     low, high = float(read.recorded_deg.min()), float(read.recorded_deg.max())
-    steps = np.arange(np.ceil(low / table_step_deg), np.floor(high / table_step_deg) + 1) * table_step_deg
+    steps = 5.0 * np.arange(np.ceil(low / 5.0), np.floor(high / 5.0) + 1)
     common, expanded = budget.common(rows), budget.expanded(rows)
     error = -curve.deviation(np.linspace(low, high, 101))
     largest = float(error[np.argmax(np.abs(error))])

@@ -176,29 +176,11 @@ The modulus of the field scatters by {{ left.before | number(2) }} % before and 
 {% endif %}""",
     ),
     _calibration(
-        "tilt_check",
-        "Tilts of the two instruments",
-        """Rotated onto each other. {{ (c.get("frame") or {}).get("text", "") }}""",
-    ),
-    _calibration(
-        "along_time",
-        "Both compasses along time",
-        "Headings of both instruments and their difference. {{ offset(c) }}",
-    ),
-    _calibration(
         "series",
         "Declination of the observatory",
         """\
 Observed and by the field model; constant between them
 {{ c.get("constant_deg") | with_sigma(c.get("constant_sigma_deg"), "°") }} (1σ).""",
-    ),
-    _calibration(
-        "disturbance",
-        "Disturbances of the field",
-        """\
-{% set storms = c.get("storms") or [] %}
-Residual after level and quiet day: {{ storms | length | plural("storm") }}
-{%- if storms %}, the largest with a range of {{ storms | map(attribute="range_deg") | max | degrees(2) }}{% endif %}.""",
     ),
     _calibration(
         "compared",

@@ -1,4 +1,4 @@
-"""Figures of one kind of calibration: tilt, magnetometer, two heads on a frame, observatory declination."""
+"""Figures of one kind of calibration: tilt, magnetometer, observatory declination."""
 
 from __future__ import annotations
 
@@ -14,17 +14,13 @@ from matplotlib.patches import Patch
 
 from compasslib import angles, compass
 from compasslib.calibrations.result import Calibration
-from compasslib.calibrations.two_heads.motion import down, lean, tilt_angles
 from compasslib.deviation.series import series_deviation
 from compasslib.plots.page import (
     BLACK,
-    BLUE,
     CORRECTED,
     GAP,
     GREEN,
     GREY,
-    MAGNETIC,
-    ORANGE,
     RECORDED,
     SKY,
     VERMILION,
@@ -34,22 +30,18 @@ from compasslib.plots.page import (
     legend,
     page,
     signed,
-    thinned,
 )
-from compasslib.statistics.resampling import NORMAL_95, blocks_by_count
+from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import DAY_S, Floats
 
 TURN_DEG = np.arange(0.0, 361.0, 1.0)
 DOT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.6, "markeredgewidth": 0}
 POINT: dict[str, Any] = DOT | {"markersize": 3.5, "color": BLACK}
-SAMPLE: dict[str, Any] = DOT | {"color": GREY}
-SHOWN: dict[str, Any] = SAMPLE | {"markersize": 3.0}  # in a legend
 BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}
 SERIES: dict[str, Any] = {"color": BLACK, "linestyle": (0, (2.5, 1.5)), "linewidth": 1.0}
 LINE: dict[str, Any] = {"color": BLACK, "linewidth": 0.8}
 MODEL: dict[str, Any] = {"color": GREY, "linewidth": 1.2, "linestyle": (0, (4, 2))}
 STORM: dict[str, Any] = {"color": VERMILION, "alpha": 0.18, "linewidth": 0}
-BLOCKS = 40  # of a record of two heads, of which means are drawn
 FILE_UNIT = "(file's unit)"
 
 
@@ -200,73 +192,6 @@ def _alpha(n: int) -> float:
     return float(np.clip(12.0 / np.sqrt(max(n, 1)), 0.12, 0.8))
 
 
-# Two heads on one frame.
-
-
-def draw_tilt_check(path: str | Path, result: Calibration) -> None:
-    """Draw the tilts of b against those of a rotated to the frame of b, and the residual angle along time."""
-    points = result.points
-    with page(path, 4.2) as figure:
-        panels = figure.subplot_mosaic([["pitch", "roll"], ["left", "left"]], height_ratios=(2.0, 1.0))
-        if "frame" not in result.details:
-            empty(*panels.values())
-            return
-        there = down(lean(points["pitch_a_deg"], points["roll_a_deg"]))
-        rotated = there @ np.array(result.details["frame"]["rotation"]).T
-        for key, here in zip(("pitch", "roll"), tilt_angles(rotated[:, 0] + 1j * rotated[:, 1]), strict=True):
-            axes, recorded, thin = panels[key], points[f"{key}_b_deg"], thinned(len(points["time_s"]))
-            axes.plot(here[thin], recorded[thin], **SAMPLE)
-            low, high = np.percentile(np.concatenate([here, recorded]), (0.2, 99.8))
-            room = max(0.06 * (high - low), 0.1)
-            ends = (low - room, high + room)
-            axes.plot(ends, ends, **LINE)
-            axes.set(xlim=ends, ylim=ends, aspect="equal")
-            axes.set(xlabel=f"{key.capitalize()} of a, turned (°)", ylabel=f"{key.capitalize()} of b (°)")
-        handles = _draw_along_time(panels["left"], result, points["tilt_residual_deg"])
-        panels["left"].set_ylim(bottom=0.0)
-        panels["left"].set(xlabel="b's clock (UTC)", ylabel="Angle between\nverticals (°)")
-        legend(figure, [*handles, Line2D([], [], **LINE, label="equal")])
-
-
-def draw_along_time(path: str | Path, result: Calibration) -> None:
-    """Draw the heading offset of b from a, and the recorded headings of both, along time."""
-    with page(path, 4.8) as figure:
-        panels = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
-        if not result.points or "frame" not in result.details:
-            empty(*panels)
-            return
-        offset, half = result.details["offset_deg"], NORMAL_95 * result.details["offset_sigma_deg"]
-        # The heading-dependent part is removed; the remainder should be constant.
-        handles = _draw_along_time(panels[0], result, offset - result.points["residual_deg"])
-        panels[0].axhspan(offset - half, offset + half, color=BLUE, alpha=0.25, linewidth=0)
-        label = f"offset {signed(offset, '.2f')}° ± {half:.2f}° (95 %)"
-        handles.append(panels[0].axhline(offset, color=BLUE, linewidth=1.0, label=label))
-        panels[0].set(xlabel="", ylabel="Offset of b\nfrom a (°)")
-        thin, days = thinned(len(result.points["time_s"])), result.points["time_s"] / DAY_S
-        for head, column, colour in (("a", "recorded_a_deg", BLUE), ("b", "recorded_deg", VERMILION)):
-            panels[1].plot(days[thin], result.points[column][thin], **{**SAMPLE, "color": colour})
-            handles.append(Line2D([], [], **{**SHOWN, "color": colour}, label=f"head {head}"))
-        degrees(panels[1].yaxis, (0.0, 360.0))
-        dates(panels[1])
-        panels[1].set(xlabel="b's clock (UTC)", ylabel=f"Recorded heading\n{MAGNETIC}")
-        figure.align_ylabels(panels)
-        legend(figure, handles, columns=1)
-
-
-def _draw_along_time(axes: Axes, result: Calibration, values: Floats) -> list[Artist]:
-    """Draw samples and block means within limits that contain 99 % of the samples; return their legend handles."""
-    time, thin = result.points["time_s"], thinned(len(result.points["time_s"]))
-    axes.plot(time[thin] / DAY_S, values[thin], **SAMPLE)
-    used, stretch = result.points["kept"] > 0, blocks_by_count(time, BLOCKS)
-    blocks = [used & (stretch == k) for k in np.unique(stretch[used])]
-    axes.plot([time[mine].mean() / DAY_S for mine in blocks], [values[mine].mean() for mine in blocks], **POINT)
-    low, high = np.percentile(values, (0.5, 99.5))
-    room = max(0.08 * (high - low), 0.2)
-    axes.set_ylim(low - room, high + room)
-    dates(axes)
-    return [Line2D([], [], label="single samples", **SHOWN), Line2D([], [], label="block means", **POINT)]
-
-
 # An observatory's declination.
 
 
@@ -300,37 +225,6 @@ def draw_series(path: str | Path, result: Calibration) -> None:
             axes.axhline(0.0, color=BLACK, linewidth=0.6)
             axes.set(xlim=(0, 24), xticks=range(0, 25, 3), xlabel="Hour (UTC)", ylabel="Quiet day (°)")
         legend(figure, handles, columns=1)
-
-
-def draw_disturbance(path: str | Path, result: Calibration, *, days: float = 3.0) -> None:
-    """Draw the residual with its slow level, and the disturbance with the 95 % range of its calm hours.
-
-    Of long records, only ``days`` about the largest storm are shown of the disturbance.
-    """
-    with page(path, 4.4) as figure:
-        panels, points = figure.subplots(2, 1), result.points
-        if not points:
-            empty(*panels)
-            return
-        time_s, level = points["time_s"], points["level_deg"] - result.details["constant_deg"]
-        handles = [
-            _draw_line(panels[0], time_s, points["residual_deg"], **LINE, label="observed, 10-minute means or samples"),
-            _draw_line(panels[0], time_s, level, color=ORANGE, linewidth=1.2, label="slow level"),
-        ]
-        _draw_line(panels[1], time_s, points["disturbance_deg"], **LINE)
-        calm = points["disturbance_deg"][points["storm"] == 0.0]
-        half = float(np.quantile(np.abs(calm), 0.95)) if calm.size else 0.0
-        handles.append(panels[1].axhspan(-half, half, **BAND, label=f"95 % range of calm hours: ±{half:.2f}°"))
-        panels[0].set_ylabel("Observed minus model\nand constant (°)")
-        panels[1].set_ylabel("Without slow level\nand quiet day (°)")
-        storms = [_draw_storms(axes, result) for axes in panels]
-        if storms[1] and np.ptp(time_s) >= 3.0 * days * DAY_S:
-            largest = max(result.details["storms"], key=lambda entry: entry["range_deg"])
-            panels[1].set_xlim(_day(largest["from"]) - days / 2.0, _day(largest["to"]) + days / 2.0)
-        for axes in panels:
-            dates(axes)
-        figure.align_ylabels(panels)
-        legend(figure, [*handles, *storms[0]], columns=1)
 
 
 def _draw_line(axes: Axes, time_s: Floats, values: Floats, **look: Any) -> Artist:

@@ -209,7 +209,7 @@ def paragraphs(template: str, block: str, **given: Any) -> tuple[str, ...]:
     return tuple(text for part in filled if (text := re.sub(r"[ \n]+", " ", part).strip(" ")))
 
 
-HELPERS = '{% from "mooring.txt" import methods, span %}{% from "calibration.txt" import offset %}'
+HELPERS = '{% from "mooring.txt" import methods, span %}'
 
 
 def caption(text: str, **given: Any) -> str:

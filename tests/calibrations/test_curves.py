@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compasslib import angles, compass
+from compasslib import angles
 from compasslib.calibrations import budget, curves, platform
 from compasslib.calibrations.curves import EMPIRICAL, EXACT, ONE_CYCLE, POLYNOMIAL, SMITH, FittedCurve
 from compasslib.calibrations.platform import BenchReadings
@@ -24,7 +24,7 @@ def smith_bench(n: int = 36, noise_deg: float = 0.3, seed: int = 1) -> BenchRead
 
 
 def calibrated(read: BenchReadings, **keys):
-    return platform.calibrate_readings("platform", read, **keys)
+    return platform.calibrate_readings(read, **keys)
 
 
 # --- the forms ------------------------------------------------------------------------------------------------------
@@ -54,18 +54,6 @@ def test_exact_compass_is_recovered_exactly_without_noise():
     for true in (MILD, FOLDED, (0.1, 0.6, -0.2, 0.1, 0.05)):
         made = calibrated(readings(ring(24), true, noise_deg=0.0))
         assert np.allclose(made.exact, true, atol=1e-9) and made.residual_rms_deg < 1e-6
-
-
-def test_le_menn_4_has_a_cosine_in_its_denominator():
-    """The paper prints a sine, with which the formula is not the compass of section 3 of the physics page."""
-    a, b, c, d, e = MILD
-    heading = np.arange(0.0, 360.0, 7.0)
-    (s, k), (s2, k2) = angles.sin_cos(heading), angles.sin_cos(2.0 * heading)
-    above = a + b * s + c * k + d * s2 + e * k2
-    true = angles.difference(heading, compass.recorded_heading(MILD, heading))
-    right, printed = (1.0 + b * x - c * s + d * k2 - e * s2 for x in (k, s))
-    assert np.allclose(angles.argument(right + 1j * above), angles.wrap360(true), atol=1e-9)
-    assert np.max(np.abs(angles.difference(angles.argument(printed + 1j * above), true))) > 1.0
 
 
 def test_le_menn_5_exchanges_the_letters_d_and_e():
@@ -142,7 +130,7 @@ def test_form_that_generated_the_data_is_chosen():
     recorded, noise = ring() + 3.0, np.random.default_rng(1).normal(0.0, 0.1, 36)
     correct = angles.wrap360(recorded + series_deviation(4.0 * SERIES, recorded) + noise)
     made = calibrated(BenchReadings(correct, recorded))
-    assert made.model == "smith" and "smith 0." in made.details["chosen_by"]
+    assert made.model == "smith"
     assert set(made.details["models"]) == {form.name for form in platform.FORMS}
 
 
@@ -219,12 +207,6 @@ def test_folded_compass_has_exact_coefficients_and_no_table():
     assert not made.coefficients.size and np.isnan(made.table.deviation_deg).all()
     assert any(text.startswith("the compass cannot turn full circle: it shows 16") for text in made.warnings)
     assert made.details["models"]["one_cycle"]["why"].startswith("it misses the readings by 3")
-
-
-def test_offset_of_half_a_turn_does_not_split_the_deviations():
-    read = smith_bench()
-    made = calibrated(BenchReadings(angles.wrap360(read.reference_deg + 175.0), read.recorded_deg))
-    assert made.coefficients[0] == pytest.approx(175.6, abs=0.3) and made.residual_rms_deg < 0.5
 
 
 def test_coverage_counts_occupied_sectors():

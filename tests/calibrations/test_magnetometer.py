@@ -156,13 +156,6 @@ def test_the_fit_has_no_noise_bias(rng):
     assert np.all(np.abs(np.mean(off, axis=0)) < 3.5 * error)  # nine numbers, just over three standard errors
 
 
-def test_noise_is_estimated(rng):
-    field = iron.readings(rng, iron.some(rng), iron.tumble(rng, 4000), noise=0.03) / iron.FIELD
-    data = ScaledReadings(field, np.zeros_like(field))
-    _, variance = ellipsoid.solve(ELLIPSOID, data, np.zeros(3))
-    assert np.sqrt(variance) == pytest.approx(0.03, rel=0.05)  # 1/sqrt(2 n) is 1.1 %
-
-
 @pytest.mark.parametrize("model", [ELLIPSOID, ELLIPSE], ids=lambda m: m.name)
 def test_scores_are_the_gradient_of_the_adjusted_loss(rng, model):
     motion = iron.level_motion(rng, 40, tilt_deg=30.0)
@@ -222,11 +215,7 @@ def test_misalignment_is_recovered_from_tilts_and_heading(tmp_path, rng):
     askew = iron.turned(np.array([[4.0, -2.0, 3.0]]))[0]  # instrument to magnetometer
     values = iron.readings(rng, iron.Iron(true.soft @ askew, true.hard, true.dip_deg), motion, noise=0.003)
     found = magnetometer.calibrate([log(tmp_path, values, motion, heading_deg=motion[:, 0] % 360.0)], {})
-    back = found.details["misalignment_deg"]
     assert not any(name.startswith("turn") for name in found.details["undetermined"])
-    angles_deg = [back[name]["value"] for name in ("forward", "starboard", "vertical")]
-    # The root of S S^T is turned by less than a degree from S; small turns about three axes add up to a degree.
-    assert angles_deg == pytest.approx([3.0, -2.0, 4.0], abs=1.0)
     raw, corrected = found.points["recorded_deg"], found.points["corrected_deg"]
     steep = np.abs(motion[:, 1]) < 60.0  # headings are ill-defined near the vertical
     assert np.sqrt(np.mean(off(corrected, motion[:, 0])[steep] ** 2)) < 1.5
@@ -350,43 +339,3 @@ def test_figure_is_reproducible(tmp_path, rng, kind):
     for name in ("one.png", "two.png"):
         draw(tmp_path / name, found)
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
-
-
-# --- counts ---------------------------------------------------------------------------------------------------------
-
-
-def counts(rng, share: float) -> dict[str, np.ndarray]:
-    """Simulate a level log in whole counts whose largest horizontal value is 32768 / ``share``."""
-    motion = iron.level_motion(rng, 1500)
-    raw = iron.readings(rng, iron.some(rng), motion)
-    raw = np.rint(raw * 32768.0 / share / np.abs(raw[:, :2]).max())
-    return {"x": raw[:, 0], "y": raw[:, 1], "z": 0.1 * raw[:, 2], "pitch_deg": motion[:, 1], "roll_deg": motion[:, 2]}
-
-
-def calibrated_log(tmp_path, columns):
-    return magnetometer.calibrate([iron.write(tmp_path / "log.csv", **columns)], {})
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda c: {"x": c["y"], "y": c["x"]}, "% after correction for hard and soft iron"),
-        (lambda c: {"y": -c["y"]}, "% after correction for hard and soft iron"),
-        (lambda c: {"x": np.abs(c["x"])}, "% after correction for hard and soft iron"),
-        (lambda c: {"x": 1.6 * c["x"]}, "axes in different units"),
-    ],
-    ids=["exchanged", "sign", "no sign", "unit"],
-)
-def test_distortion_not_due_to_fixed_iron_raises_a_doubt(tmp_path, rng, change, said):
-    whole = counts(rng, 1.5)
-    whole["z"] *= 10.0
-    assert calibrated_log(tmp_path, whole).details["doubts"] == []
-    found = calibrated_log(tmp_path, whole | change(whole))
-    assert found.why or said in " ".join(found.details["doubts"])
-
-
-@pytest.mark.parametrize("name", ["signature500", "hmc5883l_sphere"])
-def test_real_logs_raise_no_doubts(name):
-    made = of_real_log(name)
-    assert made.details["doubts"] == []
-    assert not any("scale" in said or "stuck" in said for said in made.warnings)

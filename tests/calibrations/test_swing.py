@@ -73,11 +73,10 @@ def test_the_eight_headings_by_true_heading(eight):
     assert found.residual_rms_deg == pytest.approx(4.05, abs=0.005)  # physics page, section 7
     assert (found.n, found.coverage, found.kind, found.model) == (8, 8, "swing", "series")
     assert found.details["drift"] is None
-    told, rms = " ".join(found.warnings), "residual of the series 4.05° rms"
+    told = " ".join(found.warnings)
     assert "8 headings determine at most 8 coefficients" in told
     assert "sin 4 of the heading is not observable" in told
     assert "swing 16 to 24 headings" in told
-    assert f"{rms}; with the third harmonic of the heading 2.57°, with the fourth 2.68°" in told
 
 
 def test_the_eight_headings_by_course_over_ground(eight):
@@ -121,13 +120,8 @@ def test_recorded_headings_already_true_are_reported_first(tmp_path, declination
     magnetic = written(tmp_path, **columns | {"compass_deg": angles.wrap360(columns["compass_deg"] - declination)})
     right = swing.calibrate([magnetic], SURE | {"declination_deg": declination})
     assert not any("minus the declination" in text for text in right.warnings)
-
-
-def test_wrong_sign_of_the_declination_is_reported(tmp_path):
-    columns = at_sea(truth=np.array([0.0, 5.0, -3.0, 1.2, -0.5]), noise_deg=0.1)
-    path = written(tmp_path, **columns | {"compass_deg": angles.wrap360(columns["compass_deg"] - 8.0)})
-    found = swing.calibrate([path], SURE | {"declination_deg": -8.0})
-    assert "twice minus the declination of -8.0°: the declination probably has the wrong sign" in found.warnings[0]
+    wrong = swing.calibrate([magnetic], SURE | {"declination_deg": -declination})
+    assert "twice minus the declination" in wrong.warnings[0] and "has the wrong sign" in wrong.warnings[0]
 
 
 def test_strong_iron_is_fitted_by_the_exact_compass(tmp_path):
@@ -310,15 +304,6 @@ def test_few_headings_widen_intervals_and_repeats_do_not_narrow(tmp_path):
     assert not any("determine at most" in line for line in many.warnings)
 
 
-def test_slow_fixes_are_left_out_and_counted(tmp_path):
-    columns = at_sea(36)
-    columns["speed_kn"][:4] = 1.0
-    found = swing.calibrate([written(tmp_path, **columns)], SURE)
-    assert found.n == 32
-    assert found.details["left_out"] == {"not above 2 kn": 4}
-    assert "left out: 4 not above 2 kn" in found.warnings
-
-
 def circling(seconds: int, rate_deg_s: float) -> dict[str, np.ndarray]:
     """Simulate the log of a circling boat whose course over ground is three seconds late."""
     rng, time = np.random.default_rng(2), np.arange(seconds)
@@ -362,51 +347,6 @@ def test_a_delay_that_explains_most_of_the_misfit_is_applied(tmp_path, late, app
     assert without.n < found.n and budget.expanded(found.sources) < budget.expanded(without.sources)
 
 
-def noisy(seed: int, *, both: bool) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Simulate A to E and a log at one speed: 6 degrees of deviation, drift up to half a knot, ordinary noise."""
-    rng, time = np.random.default_rng(seed), np.arange(1200.0)
-    truth = np.array([0.6, 6.0 * np.cos(seed), 6.0 * np.sin(seed), 1.0, -0.5])
-    turn = 0.6 * np.where(both & (time >= 600.0), -1.0, 1.0)
-    heading = np.cumsum(turn) + 360.0 * rng.uniform()
-    water = rng.uniform(0.0, 0.5) * np.exp(2j * np.pi * rng.uniform())
-    ground = 4.0 * np.exp(1j * np.radians(90.0 - heading)) + water
-    course = np.interp(time - 2.0, time, np.unwrap(np.radians(90.0) - np.angle(ground)))
-    columns = {
-        "compass_deg": angles.wrap360(np.round(recorded(heading, truth) + rng.normal(0.0, 1.5, 1200))),
-        "cog_deg": angles.wrap360(np.round(np.degrees(course) + rng.normal(size=1200))),
-        "speed_kn": np.round(np.abs(ground) + 0.05 * rng.normal(size=1200), 1),
-        "time_utc": np.datetime_as_string(np.datetime64("2021-05-24T11:00:00") + time.astype("timedelta64[s]")),
-    }
-    return truth, columns
-
-
-@pytest.mark.parametrize("both", [False, True])
-def test_coefficients_at_one_speed_lie_within_stated_uncertainty(tmp_path, both):
-    """Six ordinary logs of a boat that turns one way, or both ways, at 0.6 degrees per second."""
-    for seed in range(6):
-        truth, columns = noisy(seed, both=both)
-        found = swing.calibrate([written(tmp_path, **columns)], SURE)
-        assert np.all(np.abs(found.coefficients - truth) < 3.0 * sigmas(found))
-        assert found.details["drift"]["drift_kn"] < 1.0
-        assert found.residual_rms_deg < 3.0
-        if not both:  # compass noise is no delay; A's uncertainty includes an undetected one
-            assert abs(found.coefficients[0] - truth[0]) < 2.5 * sigmas(found)[0] and sigmas(found)[0] > 1.0
-
-
-def test_headings_beyond_a_circle_are_refused(tmp_path):
-    columns = at_sea(36)
-    columns["compass_deg"][3] = 999.0
-    with pytest.raises(InputError, match=r"numbers from -180 to 360, or nothing, found 1 beyond, 999 first"):
-        swing.calibrate([written(tmp_path, **columns)], SURE)
-
-
-def test_quick_turns_are_left_out(tmp_path):
-    found = swing.calibrate([written(tmp_path, **circling(900, 3.0))], SURE)
-    assert found.n < 30
-    assert found.why
-    assert any("turning quicker than 1 degrees a second" in line for line in found.warnings)
-
-
 def test_zero_readings_in_a_log_are_left_out_and_counted(tmp_path):
     columns = circling(900, 0.8)
     whole = swing.calibrate([written(tmp_path, **columns)], SURE)
@@ -426,6 +366,11 @@ def test_invalid_swing_files_are_refused_with_the_reason(tmp_path):
         swing.calibrate([path], SURE)
     with pytest.raises(InputError, match=r"'hdg' \(compass_deg\): expected one of the file's columns, found comp"):
         swing.calibrate([path], SURE | {"columns": {"compass_deg": "hdg", "true_deg": "heading"}})
+    columns = at_sea(36)
+    columns["compass_deg"][3] = 999.0
+    with pytest.raises(InputError, match=r"numbers from -180 to 360, or nothing, found 1 beyond, 999 first"):
+        swing.calibrate([written(tmp_path, **columns)], SURE)
+    path = written(tmp_path, compass_deg=[1.0], heading=[2.0])
     with pytest.raises(InputError, match="declination: expected a number, or position and date"):
         swing.calibrate([path], {"columns": {"true_deg": "heading"}})
 

@@ -11,7 +11,6 @@ import pytest
 
 from compasslib import angles, calibrations
 from compasslib.archive import calibrations as calibration_files
-from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import result
 from compasslib.calibrations import two_heads as heads
 from compasslib.calibrations.result import Calibration
@@ -21,7 +20,6 @@ from compasslib.errors import InputError
 from compasslib.inference import kinds
 from compasslib.inference.comparison import Options
 from compasslib.plots import calibrations as figures
-from compasslib.plots import instruments
 from tests.world import package
 from tests.world.package import Head, Sea
 from tests.world.pd0_encoder import START, ensemble
@@ -73,13 +71,6 @@ def test_tilts_show_the_rigid_frame_of_an_up_looker(full):
     assert full.details["frame"]["verdict"] == "rigid"
     # Noise of 0.1 degrees in two inclinometers, each on two axes.
     assert full.details["frame"]["residual_rms_deg"] == pytest.approx(0.2, abs=0.03)
-
-
-def test_ambiguities_are_stated_and_the_details_are_json(full, tmp_path):
-    write_json(tmp_path / "c.json", full.details)
-    assert read_json(tmp_path / "c.json")["offset_deg"] == pytest.approx(full.details["offset_deg"])
-    assert any("does not show which of them is wrong" in warning for warning in full.warnings)
-    assert any("from the mounting angle" in warning for warning in full.warnings)
 
 
 def test_narrow_headings_determine_only_an_offset(narrow):
@@ -241,17 +232,6 @@ def test_real_headings_of_87_degrees_are_refused(tmp_path):
     found = heads.calibrate([path, other], {})
     assert found.details["terms"] == 1 and "B, C, D and E are refused" in found.why
     assert found.details["offset_deg"] == pytest.approx(12.0, abs=0.01)
-
-
-@pytest.mark.parametrize("draw", [instruments.draw_tilt_check, instruments.draw_along_time])
-def test_figures_are_drawn(draw, full, narrow, tmp_path):
-    for name, found in (
-        ("full", full),
-        ("narrow", narrow),
-        ("none", Calibration(heads.KIND, "none", 0, 0, why="no time shared")),
-    ):
-        draw(tmp_path / f"{name}.png", found)
-        assert Path(tmp_path / f"{name}.png").stat().st_size > 10_000
 
 
 def _still(path, n, heading):

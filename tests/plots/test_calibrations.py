@@ -45,7 +45,7 @@ def shown(made: Calibration) -> StoredCalibration:
 @cache
 def page(case: str) -> StoredCalibration:
     rows, _ = budget.sources({"maker_accuracy_deg": 2.0}, "le_menn")
-    return shown(platform.calibrate_readings("platform", CASES[case], rows))
+    return shown(platform.calibrate_readings(CASES[case], rows))
 
 
 @pytest.fixture(scope="module")

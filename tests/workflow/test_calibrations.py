@@ -119,6 +119,6 @@ def test_observatory_calibration_runs_without_moorings(tmp_path):
     said, there = result(tmp_path, "station"), tmp_path / "results/calibrations/station"
     assert abs(said["coefficients"]["A"] - ROCKS_DEG) < 0.05 and said["coefficients"]["B"] is None
     assert said["place"]["latitude"] == 55.3 and said["place"]["field"]["horizontal_nT"] > 15_000
-    assert {path.name for path in (there / "figures").iterdir()} == {"diagnosis.png", "disturbance.png", "series.png"}
+    assert {path.name for path in (there / "figures").iterdir()} == {"diagnosis.png", "series.png"}
     assert len((there / "table.csv").read_text().splitlines()) == 37
     assert not planned(tmp_path) and not (tmp_path / "results/summary.csv").exists()

@@ -1,8 +1,7 @@
 """Calibration of a compass from the raw axes of its magnetometer: hard and soft iron, and their effect on the heading.
 
-Le Menn et al. 2023, eqs. (1), (2) and section 6. The axes are forward, starboard, down unless a logged heading shows
-otherwise. An ellipsoid determines G^T G only: the rotation between magnetometer and instrument is known only as far as
-tilts and heading determine it. Parameters that the orientations do not determine are reported and not fitted.
+Le Menn et al. 2023, eqs. (1), (2) and section 6. An ellipsoid determines G^T G only: the rotation between magnetometer
+and instrument is known as far as tilts and heading determine it. What the orientations do not determine is not fitted.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from compasslib.calibrations.magnetometer.log import Axes, Log, about_down, leve
 from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.deviation.series import series_design, series_deviation
 from compasslib.errors import applicable
-from compasslib.types import Floats
+from compasslib.types import Bools, Floats
 
 KIND, NO_MODEL = "magnetometer", "none"
 NO_DIP = (
@@ -54,9 +53,7 @@ class SolvedIron:
     levelling: Floats  # (n, 3, 3)
     dip_ratio: float  # downward over horizontal field; 0 on a level platform, NaN where unknown
     dip_replicates: Floats  # (blocks,)
-    turn_deg: Floats  # (3,) from magnetometer to instrument about forward, starboard, down; NaN where undetermined
-    turn_sigma_deg: Floats  # (3,)
-    turn_replicates_deg: Floats  # (blocks, 3) part of the rotation determined by tilts, 0 where none
+    turned: Bools  # (3,) whether the turn from magnetometer to instrument about forward, starboard, down is determined
     logged_is_correct: bool = False  # whether the logged heading follows the corrected axes
 
     @property
@@ -107,8 +104,6 @@ class SolvedIron:
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
     """Calibrate a magnetometer from CSV files with x, y and perhaps z, pitch_deg, roll_deg, heading_deg, time_utc.
 
-    The settings are ``columns``, ``withhold`` and ``field`` {horizontal_nT, vertical_nT, ...} or None.
-
     Raises:
         InputError: a column is absent or a cell is not a number.
     """
@@ -129,16 +124,15 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     exact = exact_coefficients(solved.iron, solved.dip_ratio)
     known = bool(np.isfinite(exact).all())
     folded = known and not compass.turns_full_circle(exact)
-    doubts = _doubts(solved)
     return Calibration(
         kind=KIND,
         model=choice.fitted.model.name,
         n=len(log.raw),
         coverage=count_sectors(solved.headings()[0]),
         points=_points(solved),
-        details={**_details(solved), "doubts": doubts},
+        details=_details(solved),
         why=FOLDED if folded else "" if known else NO_DIP,
-        warnings=(*log.warnings, *said, *_warnings(solved), *doubts),
+        warnings=(*log.warnings, *said, *_warnings(solved)),
         **(_correction(solved, exact, folded=folded) if known else {}),
     )
 
@@ -188,12 +182,8 @@ def _points(solved: SolvedIron) -> dict[str, Floats]:
 def _details(solved: SolvedIron) -> dict[str, Any]:
     """Collect the details specific to a magnetometer, ready for JSON; null where undetermined."""
     choice, size, to_body = solved.choice, solved.choice.scale * solved.gain(solved.iron), solved.axes.matrix
-    misalignment = {
-        name: {"value": float(angle), "sigma": float(sigma)} if np.isfinite(angle) else None
-        for name, angle, sigma in zip(TURNS, solved.turn_deg, solved.turn_sigma_deg, strict=True)
-    }
-    undetermined = dict(choice.undetermined)
-    undetermined |= {f"turn about {name}": OPEN_TURN for name, angle in misalignment.items() if angle is None}
+    open_turns = [name for name, known in zip(TURNS, solved.turned, strict=True) if not known]
+    undetermined = choice.undetermined | {f"turn about {name}": OPEN_TURN for name in open_turns}
     # Iron in the file's axes; where the selected model has no soft iron, its uncertainty is that of the largest model.
     largest = choice.full.iron()[1] if choice.full and choice.full is not choice.fitted else solved.replicates
     shift = choice.scale * to_body.T @ (solved.moved - solved.iron)[:3]
@@ -223,7 +213,6 @@ def _details(solved: SolvedIron) -> dict[str, Any]:
         "field_in_file_unit": size,
         "field_is": "horizontal" if choice.level else "total",
         "modulus_residual_percent": solved.residual_percent(),
-        "misalignment_deg": misalignment,
         "left_out": solved.log.left_out,
     }
 
@@ -249,37 +238,7 @@ def _warnings(solved: SolvedIron) -> list[str]:
     )
 
 
-def _doubts(solved: SolvedIron, *, max_residual_percent: float = 5.0, max_axis_ratio: float = 1.4) -> list[str]:
-    """List misfits that iron fixed to a compass cannot cause and that make the coefficients doubtful.
-
-    Args:
-        max_residual_percent: of the modulus: largest residual of a compass with iron fixed to it.
-        max_axis_ratio: of the largest to the smallest sensitivity of an axis; sensors differ by a quarter, iron by
-            less.
-    """
-    residual, dimensions = solved.residual_percent()["after"], 2 if solved.choice.level else 3
-    strengths = np.linalg.svd(solved.soft(solved.iron)[:dimensions, :dimensions], compute_uv=False)
-    ratio = strengths[0] / strengths[-1]
-    return applicable(
-        {
-            f"the modulus varies by {residual:.0f} % after correction for hard and soft iron: iron that moved, axes "
-            "exchanged or of another sign than the tilts', an axis that failed, or readings beyond the scale": (
-                residual > max_residual_percent
-            ),
-            f"one axis measures {ratio:.1f} times the field of another: axes in different units, or one that is "
-            "failing; the logged heading may not have this error": ratio > max_axis_ratio,
-        }
-    )
-
-
-def _sources(
-    solved: SolvedIron, table: DeviationTable, series: Floats, *, tilt_sensor_deg: float = 0.20
-) -> tuple[Source, ...]:
-    """Make the uncertainty budget of a corrected heading.
-
-    Args:
-        tilt_sensor_deg: standard uncertainty; Le Menn et al. 2023, section 2, gives 0.40 degrees expanded.
-    """
+def _sources(solved: SolvedIron, table: DeviationTable, series: Floats) -> tuple[Source, ...]:
     horizontal = 1.0 / float(np.hypot(1.0, solved.dip_ratio))
     off = table.deviation_deg - series_deviation(series, table.heading_deg)
     how = "block jackknife, with what a mean tilt hides of vertical iron, rms over the table"
@@ -294,7 +253,7 @@ def _sources(
         if solved.choice.level:
             ratio = float(np.mean(np.abs(np.sum(solved.corrected() * solved.down, axis=1))))
         how = "0.40° expanded (Le Menn et al. 2023, section 2) times vertical over horizontal field"
-        sources.append(Source("tilt sensor", tilt_sensor_deg * ratio, how))
+        sources.append(Source("tilt sensor", 0.20 * ratio, how))
     if solved.log.tilted and solved.choice.level:
         tilt = float(np.sqrt(np.mean(np.var(solved.down[:, :2], axis=0))))
         hard = float(np.hypot(*solved.iron[:2]))
@@ -348,9 +307,7 @@ def _solve_iron(
         levelling=log.levelling(),
         dip_ratio=dip,
         dip_replicates=np.full(len(replicates), dip),
-        turn_deg=np.array([np.nan, np.nan, axes.vertical_deg]),
-        turn_sigma_deg=np.array([np.nan, np.nan, axes.vertical_sigma_deg]),
-        turn_replicates_deg=np.zeros((len(replicates), 3)),
+        turned=np.array([False, False, axes.turned]),
     )
     return _align_to_heading(_align_to_tilts(solved) if log.tilted and not choice.level else solved)
 
@@ -358,27 +315,18 @@ def _solve_iron(
 def _align_to_tilts(solved: SolvedIron) -> SolvedIron:
     """Rotate the iron into the frame of the tilt sensor, where the vertical field is constant and gives the dip."""
     readings, down, block = solved.readings, solved.down, ellipsoid.blocks(len(solved.readings))
-    turn, dip_ratio, turned = estimate_tilt_misalignment(solved.iron, readings, down)
+    turned, dip_ratio, iron = align_vertical(solved.iron, readings, down)
     parts = [(each, block != k) for k, each in enumerate(solved.replicates)]
-    each = [estimate_tilt_misalignment(iron, readings.take(kept), down[kept]) for iron, kept in parts]
-    turns, dips, irons = (np.array(column) for column in zip(*each, strict=True))
-    sigma, by_heading = ellipsoid.sigma(turns), np.isfinite(solved.turn_deg)
-    return replace(
-        solved,
-        iron=turned,
-        replicates=irons,
-        dip_ratio=dip_ratio,
-        dip_replicates=dips,
-        turn_deg=np.where(by_heading, solved.turn_deg + np.nan_to_num(turn), turn),
-        turn_sigma_deg=np.where(by_heading, np.hypot(solved.turn_sigma_deg, np.nan_to_num(sigma)), sigma),
-        turn_replicates_deg=np.nan_to_num(turns),
-    )
+    each = [align_vertical(replicate, readings.take(kept), down[kept])[1:] for replicate, kept in parts]
+    dips, irons = (np.array(column) for column in zip(*each, strict=True))
+    known = solved.turned | turned
+    return replace(solved, iron=iron, replicates=irons, dip_ratio=dip_ratio, dip_replicates=dips, turned=known)
 
 
-def estimate_tilt_misalignment(
+def align_vertical(
     iron: Floats, readings: ScaledReadings, down: Floats, *, max_dilution: float = 10.0
-) -> tuple[Floats, float, Floats]:
-    """Estimate the small rotation from magnetometer to tilt sensor that makes the vertical field constant.
+) -> tuple[Bools, float, Floats]:
+    """Apply the small rotation from magnetometer to tilt sensor that makes the vertical field constant.
 
     With the downward direction t, the vertical field t . (h + e x h) is a constant c in every orientation, so
     t . h = c - e . (h x t) is linear in the rotation e about forward, starboard and down.
@@ -387,8 +335,8 @@ def estimate_tilt_misalignment(
         max_dilution: radians of misalignment per relative error of the field: 0.3 % then cause 1.7 degrees.
 
     Returns:
-        The rotation (3,) in degrees, NaN about axes that the tilts do not determine; downward over horizontal field;
-        and the iron with the rotation included in G.
+        Whether the tilts determine the turn about each axis, (3,); downward over horizontal field; and the iron with
+        the rotation included in G.
     """
     from scipy.spatial.transform import Rotation  # imported late: only needed for logs with tilts
 
@@ -404,27 +352,22 @@ def estimate_tilt_misalignment(
         columns[:, 1:] *= ~wide
         solved = np.linalg.lstsq(columns, np.sum(turned * down, axis=1), rcond=None)[0]
         turn = Rotation.from_rotvec(solved[1:]).as_matrix() @ turn
-    vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2.0
     sine = float(solved[0])  # of the dip
     dip_ratio = sine / float(np.sqrt(max(1.0 - sine**2, 1e-6)))
-    rotated = np.append(iron[:3], (turn @ iron[3:].reshape(3, 3)).ravel())
-    return np.where(wide, np.nan, vector / angles.DEGREE), dip_ratio, rotated
+    return ~wide, dip_ratio, np.append(iron[:3], (turn @ iron[3:].reshape(3, 3)).ravel())
 
 
-def _align_to_heading(solved: SolvedIron, *, max_scatter_ratio: float = 0.5) -> SolvedIron:
+def _align_to_heading(solved: SolvedIron) -> SolvedIron:
     """Rotate the iron about the vertical to a logged heading that follows the corrected axes better than the raw ones.
 
     Such a heading has been corrected for iron already, so it determines how the magnetometer is mounted.
-
-    Args:
-        max_scatter_ratio: of logged minus corrected headings to logged minus raw ones.
     """
     logged = solved.log.heading_deg
     if logged is None or not solved.headed:
         return solved
     recorded, corrected = solved.headings()
     centre, scatter = mean_and_scatter(angles.difference(logged, corrected))
-    if scatter > max_scatter_ratio * mean_and_scatter(angles.difference(logged, recorded))[1]:
+    if scatter > 0.5 * mean_and_scatter(angles.difference(logged, recorded))[1]:
         return solved
     block, turns_deg = ellipsoid.blocks(len(logged)), np.zeros(len(solved.replicates))
     for k, replicate in enumerate(solved.replicates):  # each with the readings that it was fitted to
@@ -433,7 +376,6 @@ def _align_to_heading(solved: SolvedIron, *, max_scatter_ratio: float = 0.5) -> 
         turns_deg[k], _ = mean_and_scatter(
             angles.difference(logged[kept], level_heading(field, solved.levelling[kept]))
         )
-    sigma = float(ellipsoid.sigma(angles.difference(turns_deg, centre) + solved.turn_replicates_deg[:, 2]))
     rotated = [
         np.append(iron[:3], (about_down(float(by_deg)) @ iron[3:].reshape(3, 3)).ravel())
         for iron, by_deg in zip((solved.iron, *solved.replicates), (centre, *turns_deg), strict=True)
@@ -442,7 +384,6 @@ def _align_to_heading(solved: SolvedIron, *, max_scatter_ratio: float = 0.5) -> 
         solved,
         iron=rotated[0],
         replicates=np.array(rotated[1:]),
-        turn_deg=np.append(solved.turn_deg[:2], np.nan_to_num(solved.turn_deg[2]) + centre),
-        turn_sigma_deg=np.append(solved.turn_sigma_deg[:2], sigma),
+        turned=np.append(solved.turned[:2], True),
         logged_is_correct=True,
     )

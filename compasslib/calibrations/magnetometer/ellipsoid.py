@@ -1,13 +1,10 @@
 """Hard and soft iron from magnetometer readings alone: the field's modulus is the same in every orientation.
 
 Le Menn et al. 2023, eqs. (1), (2), after Fang et al. 2011: m = S f + b + n and |G (m - b)| = 1 with G the inverse of S
-divided by the field strength. Two families of models share the algebra. In ``space`` the full modulus is constant; on a
-platform that stays ``level`` but for small tilts, the horizontal one, squared |h|^2 - (t h)^2 with t pointing down.
-
-The noise term of eq. (2) is -2 (m - b)^T G^T G n + n^T G^T G n (printed without the first sign). Its mean is not zero,
-which biases the plain algebraic fit. The adjusted loss (Kukush, Markovsky and Van Huffel 2004) is minimized instead:
-for isotropic Gaussian noise of variance s, its expectation equals the loss of noise-free readings to every order. The
-variance s is estimated as the value at which the adjusted loss vanishes.
+over the field strength. In space the full modulus is constant; on a platform that stays level but for small tilts, the
+horizontal one, squared |h|^2 - (t h)^2 with t pointing down. The noise term of eq. (2), printed without its first sign,
+biases the plain algebraic fit; the adjusted loss (Kukush, Markovsky and Van Huffel 2004) has the expectation of the
+loss of noise-free readings. The noise variance is that at which the adjusted loss vanishes.
 """
 
 from __future__ import annotations
@@ -263,11 +260,7 @@ def _choose_spatial(body: Floats) -> ModelChoice | None:
 def _choose_level(
     log: Log, body: Floats, *, max_level_tilt_deg: float = 30.0, max_level_scatter: float = 0.3
 ) -> ModelChoice:
-    """Choose a circle or an ellipse, for a level platform.
-
-    Args:
-        max_level_tilt_deg, max_level_scatter: largest tilt; without tilts, largest scatter of z relative to the radius.
-    """
+    """Choose a circle or an ellipse, for a level platform."""
     down = log.levelling()[:, 2, :]
     tilt = float(np.percentile(angles.argument(down[:, 2] + 1j * np.hypot(down[:, 0], down[:, 1])), 99.0))
     if log.tilted and tilt > max_level_tilt_deg:
@@ -348,10 +341,9 @@ def _unusable_circle(
 def _standard_errors(
     model: Model, fitted: FittedEllipsoid, readings: ScaledReadings, noise: tuple[float, float]
 ) -> dict[str, float]:
-    """Compute each parameter's standard error relative to the field, from averaged noise and systematic errors.
+    """Compute each parameter's standard error relative to the field, with all parameters free.
 
-    These are magnified by the square root of the diagonal of the inverse information of an average reading, with all
-    parameters free. Eigenvalues of the information are bounded below by 1e-14 of the largest.
+    Averaged noise and systematic errors are magnified by the inverse information of an average reading.
     """
     _, weight, gradient = _linearize(fitted.iron()[0], readings)
     steepness = 2.0 * np.linalg.norm(weight, axis=1)[:, None]  # |d(squared modulus) / d(reading)|
@@ -363,10 +355,7 @@ def _standard_errors(
 
 
 def _noise(largest: Model, fitted: FittedEllipsoid, readings: ScaledReadings) -> tuple[float, float]:
-    """Estimate the noise per axis and the effective sample size from the largest model that can be fitted.
-
-    The residual soft iron of a sphere would count as noise with a long correlation time.
-    """
+    """Estimate noise per axis and effective sample size from the largest model, without soft iron in the residual."""
     iron, noise = fitted.iron()[0], fitted.noise
     try:
         parameters, variance = solve(largest, readings, iron[:3])

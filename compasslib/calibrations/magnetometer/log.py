@@ -72,8 +72,7 @@ class Axes:
 
     matrix: Floats  # (3, 3) body = matrix @ file
     text: str
-    vertical_deg: float = float("nan")  # mean of the logged heading minus that of the axes
-    vertical_sigma_deg: float = float("nan")
+    turned: bool = False  # whether the logged heading determines the turn about the vertical
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
@@ -164,10 +163,7 @@ def are_direction_cosines(log: Log) -> bool:
 
 
 def unusable_reason(log: Log, *, steady_share: float = 0.02) -> str:
-    """Explain why the readings cannot be a magnetometer's log of a turning instrument; empty if they can.
-
-    Columns whose modulus varies by less than ``steady_share`` may hold gravity or direction cosines.
-    """
+    """Explain why the readings cannot be a magnetometer's log of a turning instrument; empty if they can."""
     raw = log.raw
     for k, name in enumerate("xy"):
         if len(raw) and np.ptp(raw[:, k]) == 0.0:
@@ -194,17 +190,10 @@ def level_heading(field: Floats, levelling: Floats) -> Floats:
 
 
 def determine_axes(log: Log, *, max_resultant: float = 0.9, alike_deg: float = 2.0) -> tuple[Axes, list[str]]:
-    """Determine the axes from the logged heading if it follows them, else assume x forward, y starboard, z down.
+    """Determine the axes from the logged heading if it follows them, else assume x forward, y starboard, z down; warn.
 
     The heading fixes the quarter turn, the handedness and, with tilts, up or down; the remaining offset is the angle
     about the vertical between magnetometer and instrument.
-
-    Args:
-        max_resultant: mean resultant length above which logged headings do not constrain the axes.
-        alike_deg: scatter beyond which they are levelled or corrected.
-
-    Returns:
-        The axes, and warnings.
     """
     usual = _describe_axes(np.eye(3))
     assumed = Axes(np.eye(3), f"{usual} (assumed)")
@@ -219,8 +208,7 @@ def determine_axes(log: Log, *, max_resultant: float = 0.9, alike_deg: float = 2
     if scatter > alike_deg:
         doubt = f"The logged heading is not that of the raw axes (scatter {scatter:.1f}°): it is levelled or corrected."
         return Axes(best, text), [f"{doubt} Coefficients here are for the heading of the raw axes."]
-    sigma = scatter / np.sqrt(min(len(log.raw), MIN_READINGS))  # successive readings share their error
-    return Axes(about_down(off) @ best, text, off, sigma), []
+    return Axes(about_down(off) @ best, text, turned=True), []
 
 
 def search_axes(log: Log) -> tuple[Floats, float, float]:

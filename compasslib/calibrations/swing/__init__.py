@@ -44,10 +44,6 @@ MIDDLE_NT = 18_000.0  # horizontal field of middle latitudes
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
     """Estimate the deviation from a swing, with uncertainty, table, verdict and magnets.
 
-    Args:
-        files: CSV tables, or NMEA 0183 logs with ``format: nmea0183``.
-        settings: the keys of the calibration file (see ``observations.SwingOptions`` for those specific to swings).
-
     Raises:
         InputError: a file or column cannot be used, or the declination is not known.
     """
@@ -82,14 +78,12 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     return _complete(made, swing, series, exact=model.fit_swing(swing, exact=True, start=series.parameters))
 
 
-def _place(
-    observed: Observations, settings: Mapping[str, Any], *, max_error_deg: float = 2.0
-) -> tuple[float, float] | None:
+def _place(observed: Observations, settings: Mapping[str, Any]) -> tuple[float, float] | None:
     """Look up the position of the swing, and refuse one that is not that of the log."""
     if settings.get("latitude") is None or settings.get("longitude") is None:
         return observed.place
     given = float(settings["latitude"]), float(settings["longitude"])
-    if observed.place and np.max(np.abs(angles.difference(given, observed.place))) > max_error_deg:
+    if observed.place and np.max(np.abs(angles.difference(given, observed.place))) > 2.0:  # degrees
         raise InputError(
             "latitude, longitude",
             expected="the place of the log's own positions, {:.2f}, {:.2f}".format(*observed.place),
@@ -124,11 +118,7 @@ def azimuth(latitude: float, longitude: float, time_s: float) -> float:
 
 
 def _principal_courses(swing: Swing) -> dict[str, Any]:
-    """Compute the coefficients from the principal courses by the formulae of MM, which need no fit.
-
-    Residual B and C follow from one heading (Lushnikov), from two 60 to 120 degrees apart, and from speeds on opposite
-    courses.
-    """
+    """Compute the coefficients from the principal courses, and residual B and C, by the formulae of MM."""
     observed, declination = swing.observed, swing.declination_deg
     psi = adjustment.pseudo_deviations(observed.course_deg, observed.recorded_deg)
     principal = adjustment.principal_coefficients(psi, declination)
@@ -239,7 +229,7 @@ def _complete(made: Calibration, swing: Swing, series: SwingFit, exact: SwingFit
             *_constant_warnings(swing, series),
             *(f"left out: {n} {why}" for why, n in observed.left_out.items()),
             *observed.warnings,
-            *_heading_warnings(swing, series),
+            *_heading_warnings(observed.recorded_deg),
             *_water_warnings(swing, series, drift),
             *_time_warnings(swing, series),
             *_series_warnings(swing, series, exact),
@@ -291,10 +281,7 @@ def _refusal(swing: Swing) -> str:
 
 
 def _constant_warnings(swing: Swing, series: SwingFit, least_deg: float = 2.0) -> list[str]:
-    """Warn if A is close to -1 or -2 times the declination: north references or a sign are then probably confused.
-
-    Smaller angles are not compared.
-    """
+    """Warn if A is close to -1 or -2 times the declination: north references or a sign are then probably confused."""
     constant, declination = float(series.parameters[0]), swing.declination_deg
     near = max(2.0 * float(np.sqrt(series.covariance[0, 0])), 0.5)
     if min(abs(constant), abs(declination)) <= max(least_deg, near):
@@ -312,30 +299,16 @@ def _constant_warnings(swing: Swing, series: SwingFit, least_deg: float = 2.0) -
     ]
 
 
-def _heading_warnings(
-    swing: Swing, series: SwingFit, *, wide_gap_deg: float = 100.0, structure_deg: float = 2.0
-) -> list[str]:
-    """Warn of few headings, wide gaps, and a residual of a steady swing that reading errors do not explain."""
-    recorded, residual = swing.observed.recorded_deg, series.residuals[COURSE]
-    distinct, gap, n = observations.distinct_headings(recorded), observations.widest_gap(recorded), len(recorded)
-    rms, size = angles.rms(residual), []
-    for order in (3, 4):
-        columns = np.stack(angles.sin_cos(order * recorded), axis=-1)
-        if order == 4 and distinct == 8:
-            columns = columns[:, 1:]  # sin 4 of the heading is unobservable
-        both = np.column_stack([series_design(recorded), columns])
-        size.append(angles.rms(residual - both @ np.linalg.lstsq(both, residual, rcond=1e-6)[0]))
+def _heading_warnings(recorded_deg: Floats) -> list[str]:
+    distinct, n = observations.distinct_headings(recorded_deg), len(recorded_deg)
+    gap = observations.widest_gap(recorded_deg)
     return applicable(
         {
             f"{distinct} headings determine at most {distinct} coefficients, 5 of which are fitted"
             f"{': sin 4 of the heading is not observable' if distinct == 8 else ''}; "
             f"third and fourth harmonics cannot be tested. To test them, {REMEDY}": distinct < 16,
             f"{n - distinct} of {n} observations repeat a heading and do not add to it": distinct < n < 100,
-            f"residual of the series {rms:.2f}° rms; with the third harmonic of the heading {size[0]:.2f}°, with the "
-            f"fourth {size[1]:.2f}°: sextantal or octantal deviation is possible": (
-                rms > structure_deg and not swing.observed.timed
-            ),
-            f"{gap:.0f}° of the circle hold no heading: the table is extrapolated there": gap > wide_gap_deg,
+            f"{gap:.0f}° of the circle hold no heading: the table is extrapolated there": gap > 100.0,
         }
     )
 
@@ -386,7 +359,7 @@ def _time_warnings(swing: Swing, series: SwingFit) -> list[str]:
     )
 
 
-def _series_warnings(swing: Swing, series: SwingFit, exact: SwingFit, *, series_limit_deg: float = 20.0) -> list[str]:
+def _series_warnings(swing: Swing, series: SwingFit, exact: SwingFit) -> list[str]:
     """Warn of another declination in the log, and of deviations beyond the validity of the series (Le Menn)."""
     stated, declination = swing.observed.variation_deg, swing.declination_deg
     columns = series_design(np.arange(0.0, 360.0, angles.SECTOR_DEG))
@@ -398,6 +371,6 @@ def _series_warnings(swing: Swing, series: SwingFit, exact: SwingFit, *, series_
                 np.isfinite(stated) and abs(float(angles.difference(stated, declination))) >= 0.5
             ),
             f"deviations up to {largest:.0f}° exceed the validity of the five-term series (about 20°): its residual is "
-            f"{left:.1f}° rms, that of the exact compass {by_exact:.1f}°": largest >= series_limit_deg,
+            f"{left:.1f}° rms, that of the exact compass {by_exact:.1f}°": largest >= 20.0,
         }
     )

@@ -1,9 +1,8 @@
-"""Coefficients from the eight principal courses: Moncunill Marimon et al. 2023 (MM), J. Navigation.
+"""Coefficients from the eight principal courses: Moncunill Marimon et al. 2023 (MM), J. Navigation. In degrees.
 
 A pseudo-deviation is the course over ground minus the compass course. A, D and E derived from it are free of set and
-drift of the water except for second-order terms; B and C contain these in full. A single visual reference, (54) to
-(60), corrects the component across its heading, while drift remains along it. Two references 60 to 120 degrees apart,
-or speeds over ground on opposite courses, remove the drift. Angles are in degrees.
+drift of the water except for second-order terms; B and C contain these in full. One visual reference removes them
+across its heading, two references 60 to 120 degrees apart or speeds on opposite courses entirely.
 """
 
 from __future__ import annotations
@@ -52,20 +51,15 @@ def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[st
     return mean_by_point(angles.difference(course_deg, recorded_deg), course_deg, recorded_deg)
 
 
-def principal_coefficients(
-    psi: Mapping[str, float], declination_deg: float, *, sin_45: float = 0.707
-) -> dict[str, Any]:
+def principal_coefficients(psi: Mapping[str, float], declination_deg: float) -> dict[str, Any]:
     """Compute A, B bar, C bar, D and E from pseudo-deviations, MM (39), (44) to (50); NaN where a course is missing.
 
     D is the mean over the steered quadrants, which is (47) for all four. With a declination of 0, the
-    pseudo-deviations, by point, are treated as deviations.
-
-    Args:
-        sin_45: as printed by MM, to reproduce their numbers to the last digit.
+    pseudo-deviations, by point, are treated as deviations. MM print 0.707 for the sine of 45 degrees.
     """
     n, ne, e, se, s, sw, w, nw = (psi[point] for point in POINTS)
     a_bar, b_bar, c_bar = (n + e + s + w) / 4.0, (e - w) / 2.0, (n - s) / 2.0
-    along, across = sin_45 * (b_bar + c_bar), sin_45 * (b_bar - c_bar)
+    along, across = 0.707 * (b_bar + c_bar), 0.707 * (b_bar - c_bar)
     quadrants = {"NE": ne - a_bar - along, "SE": a_bar + across - se}
     quadrants |= {"SW": sw - a_bar + along, "NW": a_bar - across - nw}
     steered = [d for d in quadrants.values() if np.isfinite(d)]
@@ -133,13 +127,10 @@ def _semicircular_part(known: Mapping[str, float], course_deg: float, deviation_
 
 
 def drift_in_one_heading(ratio: float, heading_deg: float) -> dict[str, Any]:
-    """Describe the error of Lushnikov's B and C due to an unknown drift, which MM do not mention.
+    """Describe the error of Lushnikov's B and C due to an unknown drift of at most ``ratio``, which MM do not mention.
 
     Step (60) takes the component along the heading from B bar and C bar, which include the drift: the error of (B, C)
     is -57.3 (d/S) cos(set - heading) along (cos heading, -sin heading), so the deviation errs most 90 degrees off it.
-
-    Args:
-        ratio: largest drift over the ship's speed, d/S; the drift is uniformly distributed over a disc of this radius.
     """
     sine, cosine = (float(x) for x in angles.sin_cos(heading_deg))
     largest = ratio / angles.DEGREE
@@ -162,11 +153,7 @@ def drift_in_one_heading(ratio: float, heading_deg: float) -> dict[str, Any]:
 def drift_by_opposite_courses(speed_kn: Mapping[str, float], *, speed_scatter: float = 0.02) -> dict[str, float] | None:
     """Compute x and y of (22) from speeds over ground on the four cardinal courses; None where one is missing.
 
-    The ship's speed through the water must be the same on opposite courses: with a relative scatter s of the speed,
-    x and y have a standard uncertainty of 57.3 s / sqrt 2.
-
-    Args:
-        speed_scatter: relative, of the speed through the water at one engine setting, assumed.
+    The ship's speed through the water must be the same on opposite courses; a relative scatter is assumed.
     """
     n, e, s, w = (speed_kn[point] for point in "NESW")
     if not np.isfinite([n, e, s, w]).all():

@@ -1,8 +1,7 @@
 """Observation model of a swing: compass, declination, set and drift of the water, delay of the courses.
 
-Velocity over ground is the velocity of the water plus that of the ship through the water. After subtraction of the
-drift, its direction is therefore the true heading, whatever the speed. No speed through the water is needed; where the
-ship's log gives one, it constrains the length of the difference too.
+Velocity over ground minus the drift is the velocity through the water: its direction is the true heading, whatever the
+speed. Where the ship's log gives a speed through the water, it constrains the length of the difference too.
 """
 
 from __future__ import annotations
@@ -104,18 +103,12 @@ def _estimate_noise(
     block: Block,
     parameters: Floats,
     sigma: Floats,
-    before: SwingNoise | None,
-    first_sigma: Floats,
+    before: SwingNoise | None,  # noise of the round before
+    first_sigma: Floats,  # scatter of the first block
     *,
     min_information: float = 2.0,
 ) -> SwingNoise:
-    """Estimate the noise of one kind of observation.
-
-    Args:
-        before: noise of the round before.
-        first_sigma: scatter of the first block.
-        min_information: ratio of prior to data standard deviation above which the data determine a parameter.
-    """
+    """Estimate the noise of one kind of observation."""
     residual, columns = block.observe(parameters)
     if block.sigma is not None:
         scatter = np.hypot(block.sigma, np.sqrt(np.mean(first_sigma**2)))
@@ -247,29 +240,24 @@ def fit_swing(swing: Swing, *, exact: bool = False, start: Floats | None = None)
     return solve(blocks, mean, prior_widths(swing), begin)
 
 
-def prior_widths(
-    swing: Swing, *, fixed_sigma: float = 1e-9, log_sigma: float = 0.1, spring_s: float = 3 * HOUR_S
-) -> Floats:
+def prior_widths(swing: Swing) -> Floats:
     """Compute the prior standard deviation of each parameter, infinite for the compass coefficients.
 
     A drift distributed uniformly over a disc has half of the disc's radius as standard deviation along either axis.
-
-    Args:
-        fixed_sigma: prior standard deviation of a parameter that cannot be determined.
-        log_sigma: prior standard deviation of the scale of a ship's log.
-        spring_s: a tidal current rises from slack to full in three hours.
     """
+    fixed_sigma = 1e-9  # of a parameter that cannot be determined
     observed, sigma = swing.observed, np.full(SIZE, fixed_sigma)
     sigma[SERIES] = np.inf
     sigma[DECLINATION] = max(swing.declination_sigma_deg, fixed_sigma)
     if observed.over_ground:
         sigma[DRIFT] = max(swing.widest_drift / 2.0, fixed_sigma)
     if observed.timed:
-        lasted = float(np.ptp(observed.time_s))
-        sigma[CHANGES] = np.maximum(sigma[DRIFT] * min(1.0, lasted / spring_s), fixed_sigma)
+        # A tidal current rises from slack to full in three hours.
+        share = min(1.0, float(np.ptp(observed.time_s)) / (3.0 * HOUR_S))
+        sigma[CHANGES] = np.maximum(sigma[DRIFT] * share, fixed_sigma)
         sigma[LAG] = max(swing.options.max_lag_s / 2.0, fixed_sigma)
     if swing.by_log().any():
-        sigma[LOG] = log_sigma
+        sigma[LOG] = 0.1
     return sigma
 
 
@@ -295,9 +283,9 @@ def _drift_angle(
     facing_deg: Floats,
     by_compass: Floats,
     *,
-    smoothed_s: float = 60.0,
-    min_left: float = 1e-6,
-    min_speed_share: float = 0.3,
+    smoothed_s: float = 60.0,  # window over which speeds are averaged
+    min_left: float = 1e-6,  # least norm of a harmonic of amplitude 1 after projecting out the compass terms
+    min_speed_share: float = 0.3,  # lower bound, relative to the speed, where the drift is faster than the ship
 ) -> tuple[Floats, Floats]:
     """Compute the drift angle of the courses, (n,) degrees, and its derivatives by the parameters, (n, k).
 
@@ -305,11 +293,6 @@ def _drift_angle(
     on A, D and E (MM (37), (43)). Only varying speeds may separate the drift from B and C. At a constant speed, the
     drift angle differs from a deviation only in higher harmonics of the heading; since compasses may have these too,
     they are projected out of the derivatives.
-
-    Args:
-        smoothed_s: window over which speeds are averaged.
-        min_left: least norm of a harmonic of amplitude 1 after projecting out the compass terms.
-        min_speed_share: lower bound, relative to the speed, where the drift is faster than the ship.
     """
     (sine, cosine), (east, north), time_s = angles.sin_cos(facing_deg), swing.drift(parameters), swing.observed.time_s
     # Noise of the speeds, and of the compass through the heading, would look like varying speeds: both are smoothed.

@@ -93,8 +93,6 @@ class Observations:
 def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observations:
     """Read a swing from CSV tables or NMEA 0183 logs, excluding and counting slow fixes and fast turns.
 
-    The settings are ``format``, ``columns``, ``withhold`` and the keys of ``SwingOptions``.
-
     Raises:
         InputError: a file, a column or a value cannot be read.
     """
@@ -168,11 +166,7 @@ def _read_tables(files: Sequence[str | Path], settings: Mapping[str, Any]) -> tu
 
 
 def isolated_readings(time_s: Floats, recorded_deg: Floats, *, readings: int = 3, alike_deg: float = 40.0) -> Bools:
-    """Flag readings of a dense log that agree with less than half of their neighbours, such as dropouts logged as 0.
-
-    Args:
-        readings, alike_deg: readings compared on either side, and largest change of heading between them.
-    """
+    """Flag readings of a dense log that agree with less than half of their neighbours, such as dropouts logged as 0."""
     n, agree, near = len(time_s), np.zeros(len(time_s)), np.zeros(len(time_s))
     for k in range(1, min(readings, n - 1) + 1):
         close = time_s[k:] - time_s[:-k] <= TURN_WINDOW_S / 2.0
@@ -250,13 +244,9 @@ def rate_and_heading(time_s: Floats, turned_deg: Floats, slow: Bools) -> tuple[F
     """Compute the rate of turn, a slope over one minute, and headings averaged over 20 s, (n,) each.
 
     In runs shorter than 20 s, the rate is the difference over a minute and the heading is the reading; near the ends of
-    others, the rate is that of the nearest full minute. Differences of readings are not used otherwise: they share the
-    compass noise with the deviation, which would look like a delay. Single readings are not used as abscissa: effects
-    of water and compass coincide only at the same headings.
-
-    Args:
-        turned_deg: unwrapped readings, (n,).
-        slow: mask of samples outside fast turns, (n,).
+    others, the rate is that of the nearest full minute. Differences of readings would share the compass noise with the
+    deviation, which would look like a delay; effects of water and compass coincide only at the same headings.
+    ``turned_deg`` are unwrapped readings, ``slow`` is the mask of samples outside fast turns, (n,) each.
     """
     apart = (np.diff(time_s) > APART_S) | (np.diff(slow.astype(int)) != 0)
     ends = np.clip(np.stack([time_s - STEADY_S / 2.0, time_s + STEADY_S / 2.0]), time_s[0], time_s[-1])

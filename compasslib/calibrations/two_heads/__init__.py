@@ -33,7 +33,6 @@ PAIR = 2
 CLOCK = {  # keys in calibration.json -> fields of a clock difference
     **{name: name for name in ("offset_s", "sigma_s", "drift_s_per_day", "drift_sigma_s_per_day", "drift_applied")},
     **{"found": "determined", "from_tilts_s": "from_tilts_s", "from_headings_s": "from_headings_s"},
-    **{f"correlation_of_{of}_rates": f"{of}_correlation" for of in ("tilt", "heading")},
 }
 AMBIGUITY = (
     "The difference of two compasses does not show which of them is wrong: the coefficients are those of b relative to "
@@ -45,10 +44,6 @@ AMBIGUITY = (
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
     """Estimate the difference of the compasses of two profilers on one frame from the PD0 files of head a and head b.
-
-    Args:
-        settings: start_s, end_s (window by a's clock), orientation, declination_applied, heading_alignment (of a and
-            b), max_clock_seconds, clock_offset_seconds (None: fitted).
 
     Raises:
         InputError: there are not two files, or one cannot be read.
@@ -145,23 +140,13 @@ def _make_calibration(
     warnings: tuple[str, ...],
 ) -> Calibration:
     """Compose the result of a rigid rotation by an offset and the series fitted to the difference that remains."""
-    pitch_a, roll_a = motion.tilt_angles(pairs.lean_a)
-    pitch_b, roll_b = motion.tilt_angles(pairs.lean_b)
     points = {
         "time_s": pairs.time_s,
         "recorded_a_deg": pairs.recorded_a,
         "recorded_deg": pairs.recorded_b,
-        "simulated_b_deg": angles.wrap360(pairs.recorded_b + difference_deg),
         "deviation_deg": difference_deg,
-        "offset_deg": offset_deg - difference_deg,
         "residual_deg": series.residual_deg,
         "kept": series.used.astype(float),
-        "pitch_a_deg": pitch_a,
-        "roll_a_deg": roll_a,
-        "pitch_b_deg": pitch_b,
-        "roll_b_deg": roll_b,
-        "tilt_residual_deg": frame.residual_deg,
-        "turn_rate_deg_s": pairs.rate_deg_s,
     }
     spikes, rms, coverage = (
         int(np.sum(~series.used)),
@@ -236,13 +221,7 @@ def _sources(
 
 
 def _warnings(
-    pairs: PairedHeads,
-    clock: ClockDifference,
-    frame: Frame,
-    series: HeadingDifference,
-    spikes: int,
-    *,
-    max_interval_s: float = 600.0,
+    pairs: PairedHeads, clock: ClockDifference, frame: Frame, series: HeadingDifference, spikes: int
 ) -> list[str]:
     gain = f"{clock.drift_s_per_day:+.2f} ± {clock.drift_sigma_s_per_day:.2f} s a day"
     where = frames.stretches_deg(series.covered)
@@ -257,8 +236,6 @@ def _warnings(
             f"the differences are autocorrelated: effective sample size {series.n_effective:.0f} of {len(pairs)}; the "
             f"uncertainty rests on {series.stretches} blocks": series.stretches == frames.MIN_STRETCHES,
             f"{spikes} of {len(pairs)} differences are spikes and excluded": spikes > 0,
-            "the heads sample too rarely to resolve a clock error of seconds": (
-                motion.step(pairs.time_s) > max_interval_s
-            ),
+            "the heads sample too rarely to resolve a clock error of seconds": motion.step(pairs.time_s) > 600.0,
         }
     )

@@ -1,14 +1,9 @@
 """Frame of two heads from their tilts alone, and the difference of their headings as a series.
 
-The downward vectors in the bodies of b and a are related by a constant rotation, v_b = R v_a. The rotation is fitted by
-Procrustes' method (Kabsch, Acta Cryst. A32, 922, 1976), with equal noise in both heads. Both orientations use the same
-body axes forward, starboard, down (physics page, section 8), so that upward-looking heads need no special treatment; a
-mirrored fit reveals a roll with reversed sign. A lean is the downward vector in a head's body, forward + i starboard
-(``motion.lean``).
-
-The difference of the headings is a series in b's recorded heading with as many terms as the headings determine: Smith's
-(von Appen 2015, eq. 1; Moncunill Marimón et al. 2023, eq. 1), constant, semicircular, quadrantal. Its covariance is a
-jackknife over blocks of the record, because the errors of a cast are autocorrelated.
+The downward vectors in the bodies of b and a are related by a constant rotation, fitted by Procrustes' method (Kabsch,
+Acta Cryst. A32, 922, 1976). Both orientations use the same body axes (physics page, section 8). The difference is a
+series in b's recorded heading with as many of Smith's terms as the headings determine (von Appen 2015, eq. 1;
+Moncunill Marimón et al. 2023, eq. 1); its covariance is a jackknife over blocks, as the errors are autocorrelated.
 """
 
 from __future__ import annotations
@@ -43,8 +38,7 @@ class Frame:
     """Mounting of b relative to a."""
 
     rotation: Floats  # (3, 3) from a's body to b's
-    residual_deg: Floats  # (n,) angle between the downward vectors of b and of a after the rotation
-    rms_deg: float
+    rms_deg: float  # of the angle between the downward vectors of b and of a after the rotation
     verdict: str  # rigid | doubtful | not rigid | mirrored | not testable
     text: str
 
@@ -54,19 +48,12 @@ def fit_frame(
     lean_a: Complexes,
     lean_b: Complexes,
     *,
-    rigid_deg: float = 0.5,
-    max_rms_deg: float = 1.5,
-    min_variation_deg: float = 0.3,
-    min_correlation: float = 0.5,
+    rigid_deg: float = 0.5,  # rms difference of two inclinometers according to their makers
+    max_rms_deg: float = 1.5,  # exceeds the rms difference of any two inclinometers on one frame
+    min_variation_deg: float = 0.3,  # least rms variation of a's tilts that determines a rotation
+    min_correlation: float = 0.5,  # correlation of the tilts below which b does not follow a
 ) -> Frame:
-    """Fit the constant rotation that best maps a's tilts to b's, and decide whether both heads are on one rigid frame.
-
-    Args:
-        rigid_deg: rms difference of two inclinometers according to their makers.
-        max_rms_deg: exceeds the rms difference of any two inclinometers on one frame.
-        min_variation_deg: least rms variation of a's tilts that determines a rotation.
-        min_correlation: correlation of the tilts below which b does not follow a.
-    """
+    """Fit the constant rotation that best maps a's tilts to b's, and test whether both are on one rigid frame."""
     left, _, right = np.linalg.svd(down(lean_b).T @ down(lean_a))
     rotation = np.asarray(left * [1.0, 1.0, np.sign(np.linalg.det(left @ right))] @ right)
     chord = np.linalg.norm(down(lean_a) @ rotation.T - down(lean_b), axis=1)
@@ -100,7 +87,7 @@ def fit_frame(
         verdict, text = "rigid", f"{mapped}: the frame is rigid within the accuracy of inclinometers."
     else:
         verdict, text = "doubtful", f"{mapped}: larger than the difference of two good inclinometers."
-    return Frame(rotation, residual, rms, verdict, text)
+    return Frame(rotation, rms, verdict, text)
 
 
 def upright(offset_deg: float, lean_a: Complexes, lean_b: Complexes) -> Floats:
@@ -150,19 +137,15 @@ def fit_difference(
     time_s: Floats,
     recorded_deg: Floats,
     difference_deg: Floats,
-    rate_sigma_deg: Floats,
+    rate_sigma_deg: Floats,  # change of each difference by one standard deviation of the clock offset, (n,)
     *,
-    clip_sigmas: float = 5.0,
+    clip_sigmas: float = 5.0,  # limit beyond which a difference is a spike
     max_stretches: int = 16,
     samples_in_stretch: float = 40.0,
 ) -> HeadingDifference:
     """Fit the largest series that the covered headings determine, without spikes, with its covariance.
 
-    Args:
-        difference_deg: b's heading simulated from a's minus the recorded one, in [-180, 180) about a small mean, (n,).
-        rate_sigma_deg: change of each difference by one standard deviation of the clock offset, (n,).
-        clip_sigmas: limit beyond which a difference is a spike.
-        max_stretches, samples_in_stretch: most blocks of a record, and independent samples in each.
+    ``difference_deg`` is b's heading simulated from a's minus the recorded one, about a small mean, (n,).
     """
     covered = covered_sectors(recorded_deg)
     inflation = {k: variance_inflation(covered, k) for k in TERM_NAMES}
@@ -216,10 +199,7 @@ def covered_sectors(recorded_deg: Floats) -> Bools:
 
 
 def variance_inflation(covered: Bools, terms: int) -> float:
-    """Compute the largest variance inflation of a coefficient relative to a fit of it alone.
-
-    All covered sectors have equal weight: many samples at one heading do not help.
-    """
+    """Compute the largest variance inflation of a coefficient relative to a fit of it alone."""
     if covered.sum() < terms:
         return float("inf")
     columns = series_design(SECTOR_DEG * (np.flatnonzero(covered) + 0.5))[:, :terms]
@@ -237,12 +217,8 @@ def _describe_refusal(terms: int, covered: Bools, inflation: dict[int, float]) -
     return f"B, C, D and E are refused: {where}; {five} and one of {TERM_NAMES[3]} {times[3]}, {limit}"
 
 
-def deviation_table(series: HeadingDifference, heading_deg: Floats, *, reach_deg: float = 10.0) -> DeviationTable:
-    """Tabulate the deviation without constant at recorded headings; NaN far from covered ones if terms are refused.
-
-    Args:
-        reach_deg: extrapolation beyond the covered headings in a table of fewer than five terms.
-    """
+def deviation_table(series: HeadingDifference, heading_deg: Floats) -> DeviationTable:
+    """Tabulate the deviation without constant at recorded headings; NaN far from covered ones if terms are refused."""
     columns, others = np.split(series_design(heading_deg), [series.terms], axis=1)
     # At covered headings the fitted terms have absorbed the refused ones; elsewhere, these add an error of their own.
     unseen = (others - columns @ series.leak) * ALLOWANCE_DEG[series.terms - 1 :]
@@ -254,7 +230,7 @@ def deviation_table(series: HeadingDifference, heading_deg: Floats, *, reach_deg
         return DeviationTable(heading_deg, deviation, sigma)
     centres = SECTOR_DEG * (np.flatnonzero(series.covered) + 0.5)
     away = np.abs(angles.difference(heading_deg[:, None], centres))
-    known = (away <= SECTOR_DEG / 2.0 + reach_deg).any(axis=1)
+    known = (away <= 1.5 * SECTOR_DEG).any(axis=1)  # one sector beyond the covered ones
     return DeviationTable(heading_deg, np.where(known, deviation, np.nan), np.where(known, sigma, np.nan))
 
 

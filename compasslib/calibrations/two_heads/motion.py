@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -107,8 +107,6 @@ class ClockDifference:
     drift_sigma_s_per_day: float = float("nan")
     drift_applied: bool = False
     middle_s: float = 0.0  # by b's clock
-    tilt_correlation: float = 0.0  # of the rates, at the offset
-    heading_correlation: float = 0.0
     from_tilts_s: tuple[float, float] = UNKNOWN  # offset and standard deviation
     from_headings_s: tuple[float, float] = UNKNOWN
     determined: bool = False
@@ -129,17 +127,12 @@ def step(time_s: Floats) -> float:
     return float(np.median(np.diff(time_s)))
 
 
-def extract_motion(
-    record: Record, start_s: float | None = None, end_s: float | None = None, *, steepest_tilt: float = 45.0
-) -> Motion:
-    """Select the usable part of a record: finite headings and tilts, in order of time, upright, inside a window.
-
-    Args:
-        steepest_tilt: degrees; larger tilts occur on deck or after a fall.
-    """
+def extract_motion(record: Record, start_s: float | None = None, end_s: float | None = None) -> Motion:
+    """Select the usable part of a record: finite headings and tilts, in order of time, upright, inside a window."""
     tilts = np.abs(record.pitch_deg) + np.abs(record.roll_deg)
     with np.errstate(invalid="ignore"):
-        usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD) & (tilts < steepest_tilt)
+        upright = tilts < 45.0  # larger tilts occur on deck or after a fall
+    usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD) & upright
     usable &= record.time_s >= (-np.inf if start_s is None else start_s)
     usable &= record.time_s <= (np.inf if end_s is None else end_s)
     time_s, first = np.unique(record.time_s[usable], return_index=True)
@@ -175,27 +168,20 @@ def estimate_clock_offset(
     b: Motion,
     max_offset_s: float,
     *,
-    min_correlation: float = 0.3,
+    min_correlation: float = 0.3,  # of rates by which clocks can be compared; 5 / sqrt(n) for short records
     disagree_sigmas: float = 4.0,
     disagree_s: float = 0.02,
-    drift_sigmas: float = 3.0,
+    drift_sigmas: float = 3.0,  # less significant drifts are reported but not applied
 ) -> ClockDifference:
-    """Estimate the offset of b's clock from a's, with drift; not ``determined`` if the motions are uncorrelated.
-
-    Args:
-        min_correlation: of rates by which clocks can be compared; 5 / sqrt(n) for short records.
-        disagree_sigmas, disagree_s: limits beyond which tilts and headings have different lags.
-        drift_sigmas: less significant drifts are reported but not applied.
-    """
+    """Estimate the offset of b's clock from a's, with drift; not ``determined`` if the motions are uncorrelated."""
     needed = max(min_correlation, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
     lag, tilts, headings = _lattice_peak(a, b, max_offset_s)
     middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
-    clock = ClockDifference(middle_s=middle, tilt_correlation=tilts, heading_correlation=headings)
     used = [(a.lean_rate, b.lean_rate)] if tilts >= needed else []
     used += [(a.turn_rate, b.turn_rate)] if headings >= needed else []
     if not used:
         warning = "tilts and headings of the two heads hardly change together: the clocks are used uncorrected"
-        return replace(clock, warnings=(warning,))
+        return ClockDifference(middle_s=middle, warnings=(warning,))
     alone = [_offset(*_solve_lag(rates, np.array([lag]), middle)) for rates in used]
     by_tilts = alone[0] if tilts >= needed else UNKNOWN
     by_headings = alone[-1] if headings >= needed else UNKNOWN
@@ -212,13 +198,13 @@ def estimate_clock_offset(
     drift, sigma = float(both[1]), float(np.sqrt(both_covariance[1, 1]))
     applied = abs(drift) > drift_sigmas * sigma and abs(drift) * float(np.ptp(b.time_s)) > RESOLUTION_S
     offset_s, sigma_s = _offset(both, both_covariance) if applied else _offset(value, covariance)
-    return replace(
-        clock,
+    return ClockDifference(
         offset_s=offset_s,
         sigma_s=sigma_s,
         drift_s_per_day=drift * DAY_S,
         drift_sigma_s_per_day=sigma * DAY_S,
         drift_applied=applied,
+        middle_s=middle,
         from_tilts_s=by_tilts,
         from_headings_s=by_headings,
         determined=True,
@@ -238,15 +224,10 @@ def _weighted_mean(solutions: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, 
     return np.asarray(whole @ np.sum(parts, axis=0)), np.asarray(whole)
 
 
-def _lattice_peak(
-    a: Motion, b: Motion, max_offset_s: float, *, min_gain_sigmas: float = 5.0
-) -> tuple[float, float, float]:
+def _lattice_peak(a: Motion, b: Motion, max_offset_s: float) -> tuple[float, float, float]:
     """Find the lag at which the rates of tilts and headings correlate best, and both correlations there.
 
     If the tilts alone correlate clearly better at another lag, that lag is used, because a compass may be delayed.
-
-    Args:
-        min_gain_sigmas: gain in Fisher's z required of the tilts at a lag of their own, in standard errors.
     """
     lattice = min(step(a.time_s), step(b.time_s))
     end = max(a.time_s[-1], b.time_s[-1])
@@ -257,8 +238,8 @@ def _lattice_peak(
     reachable = np.abs(lags) <= max(max_offset_s, lattice / 2.0)
     best = int(np.argmax(np.where(reachable, tilts**2 + headings**2, -1.0)))
     by_tilts = int(np.argmax(np.where(reachable, tilts, -1.0)))
-    clearer = np.arctanh(min(tilts[by_tilts], 0.999)) - np.arctanh(min(tilts[best], 0.999))
-    if abs(lags[by_tilts] - lags[best]) > 1.5 * lattice and clearer > min_gain_sigmas * np.sqrt(20.0 / len(b.time_s)):
+    gain = np.arctanh(min(tilts[by_tilts], 0.999)) - np.arctanh(min(tilts[best], 0.999))  # in Fisher's z
+    if abs(lags[by_tilts] - lags[best]) > 1.5 * lattice and gain > 5.0 * np.sqrt(20.0 / len(b.time_s)):
         best = by_tilts
     return float(lags[best]), float(tilts[best]), float(headings[best])
 
