@@ -34,31 +34,20 @@ def installed() -> bool:
 
 
 def remarks(path: str | Path) -> list[str]:
-    """Check a file of the archive against each convention and list the remarks, except unavoidable ones.
-
-    Args:
-        path: one of ``PRODUCTS``, or another netCDF file, which is checked against CF only.
-
-    Raises:
-        InputError: the file is missing or damaged.
-    """
+    """Check one of ``PRODUCTS``, or another file against CF only, and list the remarks, except unavoidable ones."""
     product = Path(path).name in PRODUCTS
     issues = [f"OceanSITES: {remark}" for remark in oceansites_remarks(path)] if product else []
     if not installed():
         return issues
     issues += [f"CF: {remark}" for remark in checked(path, CF)]
-    absent = (f"{SPELLINGS[name]}/{name}" if name in SPELLINGS else name for name in not_given(path))
+    with open_netcdf(path) as nc:
+        not_given = missing(nc.ncattrs())
+    absent = (f"{SPELLINGS[name]}/{name}" if name in SPELLINGS else name for name in not_given)
     unavoidable = UNAVOIDABLE | {f"Global Attributes {name} not present" for name in absent}
     asked = set(checked(path, ACDD)) - unavoidable if product else set()
     # The checker counts bins beyond surface and bottom, which are not part of the extent and have flag 4.
     asked = {remark for remark in asked if not remark.startswith("geospatial_vertical_extents_match")}
     return issues + [f"ACDD: {remark}" for remark in sorted(asked)]
-
-
-def not_given(path: str | Path) -> list[str]:
-    """List the global attributes that the conventions request and the YAML files do not give."""
-    with open_netcdf(path) as nc:
-        return missing(nc.ncattrs())
 
 
 def checked(path: str | Path, checker: str) -> list[str]:
@@ -115,18 +104,10 @@ FIXED = {
     ),
 }
 # Number of samples from which they are defined.
-FROM_SAMPLES = {
-    "time_coverage_start": 1,
-    "time_coverage_end": 1,
-    "time_coverage_duration": 1,
-    "time_coverage_resolution": 2,
-}
-GIVEN = ("title", "summary")  # required too; for those that only the user can give see ``not_given``
+FROM_SAMPLES = {"time_coverage_resolution": 2} | {f"time_coverage_{end}": 1 for end in ("start", "end", "duration")}
+GIVEN = ("title", "summary")  # required too; for those that only the user can give see ``remarks``
 RANGES = {
-    "geospatial_lat_min": 90.0,
-    "geospatial_lat_max": 90.0,
-    "geospatial_lon_min": 180.0,
-    "geospatial_lon_max": 180.0,
+    f"geospatial_{axis}_{end}": limit for axis, limit in (("lat", 90.0), ("lon", 180.0)) for end in ("min", "max")
 }
 # Attributes of coordinates [2.4].
 COORDINATES: dict[str, dict[str, str]] = {
@@ -160,11 +141,7 @@ ORIENTATIONS = ("upward", "downward", "horizontal")  # table 8
 
 
 def oceansites_remarks(path: str | Path) -> list[str]:
-    """Check a file against the OceanSITES manual and return the remarks, one sentence each.
-
-    Raises:
-        InputError: the file is missing or damaged.
-    """
+    """Check a file against the OceanSITES manual and return the remarks, one sentence each."""
     with open_netcdf(path) as nc:
         apart = {*nc.dimensions, "TIME", "LATITUDE", "LONGITUDE"} | _bounds(nc)
         data = [name for name, variable in nc.variables.items() if variable.dtype.kind == "f" and name not in apart]
