@@ -251,7 +251,7 @@ def write_corrected(
             depths += [known.min(), known.max()] if known.size else []
             corrected += int(np.isfinite(piece.heading_corrected_deg).sum())
             declination.append(piece.declination_deg)
-        instrument = {key: told for key in SENSOR_KEYS[:3] if (told := getattr(record, key))}
+        instrument = {key: value for key in SENSOR_KEYS[:3] if (value := getattr(record, key))}
         described = global_attributes(
             site,
             time_s=record.time_s,
@@ -262,7 +262,7 @@ def write_corrected(
         )
         nc.setncatts(described)
         of_sensor = sensor_attributes(described, record.looks_up)
-        of_sensor |= {key: told for key in ("recorded_in", "sound_speed") if (told := getattr(record, key))}
+        of_sensor |= {key: value for key in ("recorded_in", "sound_speed") if (value := getattr(record, key))}
         of_model = declination_attributes(described, record.time_s, np.concatenate(declination))
         for variable in (entry for name, entry in CORRECTED.items() if name in nc.variables):
             nc[variable.name].setncatts(of_sensor if variable.sensed else {})

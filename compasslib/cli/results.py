@@ -96,13 +96,13 @@ def _calibrations(root: Path) -> dict[str, Path]:
 def _moorings(root: Path) -> dict[str, Path]:
     """Find the folders of moorings, or of their instruments where several are corrected."""
     marks, reserved = ("work", "logs", *MOORING_FILES), {*RESERVED}
-    found = dict[str, Path]()
+    folders = dict[str, Path]()
     for path in (*root.glob("*/"), *root.glob("*/*/")):
         parts = path.relative_to(root).parts
         if not reserved & {*parts} and any((path / mark).exists() for mark in marks):
-            found["/".join(parts)] = path
-    wholes = {name.partition("/")[0] for name in found if "/" in name}
-    return {name: path for name, path in sorted(found.items()) if name not in wholes}
+            folders["/".join(parts)] = path
+    wholes = {name.partition("/")[0] for name in folders if "/" in name}
+    return {name: path for name, path in sorted(folders.items()) if name not in wholes}
 
 
 def missing_files(folder: Path, needed: Sequence[str]) -> list[str]:
