@@ -79,11 +79,14 @@ def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, o
             write_variable(nc, Variable(f"{variables.CHANNEL}{name}", meaning, unit), series, level=0)
         for name, profile in record.profiles.items():
             values = _beams_first(profile[:])
-            variable = CORRECTED[variables.PROFILES[name]]
-            fill, kind = None if values.dtype.kind == "u" else variable.fill, values.dtype.str[1:]
             shape = variables.BEAMS if values.ndim == 3 else variables.BINS
-            stored = replace(variable, dtype=kind, fill=fill, dimensions=shape, content="", coordinates="")
-            write_variable(nc, stored, values, level=0)
+            variable = replace(CORRECTED[variables.PROFILES[name]], dimensions=shape, coordinates="")
+            if values.dtype == np.uint8:
+                bits = {**variable.also, "_Unsigned": "true"}
+                variable = replace(variable, dtype="i1", fill=None, valid=None, also=bits)
+            else:
+                variable = replace(variable, dtype=values.dtype.str[1:])
+            write_variable(nc, variable, values, level=0)
 
 
 def _beams_first(values: NDArray[Any]) -> NDArray[Any]:
