@@ -15,6 +15,7 @@ from typing import NamedTuple, TextIO
 
 from compasslib.archive import crate, deposit, summary, verification
 from compasslib.archive.files import read_json
+from compasslib.cli import require_folder
 from compasslib.config import compasses, cruise
 from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
@@ -25,13 +26,6 @@ from compasslib.stages.settings import Moorings
 MOORING_FILES = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "work/field.json")
 CALIBRATION_FILES = ("calibration.json", "table.csv")
 COMPARED = ("corrected.nc", ".json", "table.csv")  # files of a deposit that are unpacked for comparison
-
-
-def require_folder(cruise: str) -> None:
-    """Raise InputError if the folder of a cruise does not exist."""
-    if not Path(cruise).is_dir():
-        advice = "name the folder of a cruise"
-        raise InputError(cruise, expected="a cruise folder", found="no such folder", advice=advice)
 
 
 def mooring_folder(cruise: str, mooring: str, parts: Sequence[str] = ("",), what: str = "mooring") -> Path:

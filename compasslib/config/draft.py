@@ -35,8 +35,6 @@ UNITS = {
     "first_bin": "m, from the transducer to the middle of the first bin",
     "time_format": "as '%d/%m/%Y %H:%M' or '%m/%d/%Y %H:%M'",
 }
-
-
 SILENT = ("table", "acm_table", "mmp_acm")  # formats that never state whether directions are magnetic or true
 ORIENTED = ("pd0", "nortek", "netcdf", "ocean_contour", "mat", "rdi_text")  # formats that may state the orientation
 
