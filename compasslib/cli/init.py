@@ -7,6 +7,7 @@ import os
 import re
 from argparse import Namespace
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import combinations
@@ -177,14 +178,11 @@ def _add_calibration(path: Path, form: str, table: detect.GuessedTable | None, c
     comments = {"date": TO_CARRY}
     if form == "iaga2002":
         kind, placed = "declination", True
-        contents.series["declination_observatory"] = Series(
-            {"format": form, "files": [file]}, None, -math.inf, math.inf
-        )
-        try:
+        covariate = {"format": form, "files": [file]}
+        contents.series["declination_observatory"] = Series(covariate, None, -math.inf, math.inf)
+        with suppress(InputError):  # compass check will report the error
             series = iaga2002.read([path])
             placed = bool(np.isfinite(series.latitude + series.longitude))
-        except InputError:  # compass check will report the error
-            pass
         if not placed:
             comments |= _place(keys, contents.place, "of the observatory", draft.DECIDE)
     elif form == "nmea0183":
