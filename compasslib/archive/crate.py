@@ -99,13 +99,13 @@ def crate(
     required = {"softwareRequirements": [reference(entity["@id"]) for entity in tools], **OWN}
     makers = {record["software"] for record in jobs.values()} | ({maker} if stopped else set())
     software = {each: _software(each, url) | required for each in sorted(makers)}
-    of = {each: reference(entity["@id"]) for each, entity in software.items()}
+    programs = {each: reference(entity["@id"]) for each, entity in software.items()}
     actions = [
-        _action(name, of[record["software"]], *_described(record, configuration), record["wrote"])
+        _action(name, programs[record["software"]], *_described(record, configuration), record["wrote"])
         for name, record in jobs.items()
     ]
     actions += [
-        _action(f"stopped/{subject}", of[maker], {"name": subject, "error": why}, configuration[subject])
+        _action(f"stopped/{subject}", programs[maker], {"name": subject, "error": why}, configuration[subject])
         for subject, why in stopped.items()
     ]
     owned = owners(attributes)

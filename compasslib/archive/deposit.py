@@ -125,8 +125,8 @@ def missing_attributes(attributes: Mapping[str, Any]) -> list[str]:
 def workflow_files() -> dict[str, Path]:
     """List the files of the workflow and its license by their paths in a deposit."""
     parts = ("Snakefile", "rules/*.smk", "scripts/*.py", "report/*.rst", "profiles/*/*.yaml")
-    found = [path for part in parts for path in provenance.WORKFLOW.glob(part)]
-    named = {f"workflow/{path.relative_to(provenance.WORKFLOW).as_posix()}": path for path in found}
+    paths = [path for part in parts for path in provenance.WORKFLOW.glob(part)]
+    named = {f"workflow/{path.relative_to(provenance.WORKFLOW).as_posix()}": path for path in paths}
     return named | {"workflow/LICENSE": provenance.RELEASE_FILES / "LICENSE"}
 
 

@@ -207,8 +207,8 @@ def write_variable(
             fill_value=variable.fill,
             chunk_cache=CACHE_BYTES,
         )
-        own = () if flags is None else (f"{variable.name}_QC",)
-        made.setncatts({**replace(variable, ancillary=(*own, *variable.ancillary)).attributes(), **(also or {})})
+        quality = () if flags is None else (f"{variable.name}_QC",)
+        made.setncatts({**replace(variable, ancillary=(*quality, *variable.ancillary)).attributes(), **(also or {})})
     place = ... if rows is None else tuple(rows if name == "TIME" else slice(None) for name in variable.dimensions)
     nc[variable.name][place] = values
     if flags is not None:

@@ -79,11 +79,14 @@ def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, o
             write_variable(nc, Variable(f"{variables.CHANNEL}{name}", meaning, unit), series, level=0)
         for name, profile in record.profiles.items():
             values = _beams_first(profile[:])
-            variable = CORRECTED[variables.PROFILES[name]]
-            fill, kind = None if values.dtype.kind == "u" else variable.fill, values.dtype.str[1:]
             shape = variables.BEAMS if values.ndim == 3 else variables.BINS
-            stored = replace(variable, dtype=kind, fill=fill, dimensions=shape, content="", coordinates="")
-            write_variable(nc, stored, values, level=0)
+            variable = replace(CORRECTED[variables.PROFILES[name]], dimensions=shape, coordinates="")
+            if values.dtype == np.uint8:
+                bits = {**variable.also, "_Unsigned": "true"}
+                variable = replace(variable, dtype="i1", fill=None, valid=None, also=bits)
+            else:
+                variable = replace(variable, dtype=values.dtype.str[1:])
+            write_variable(nc, variable, values, level=0)
 
 
 def _beams_first(values: NDArray[Any]) -> NDArray[Any]:
@@ -251,7 +254,7 @@ def write_corrected(
             depths += [known.min(), known.max()] if known.size else []
             corrected += int(np.isfinite(piece.heading_corrected_deg).sum())
             declination.append(piece.declination_deg)
-        instrument = {key: told for key in SENSOR_KEYS[:3] if (told := getattr(record, key))}
+        instrument = {key: value for key in SENSOR_KEYS[:3] if (value := getattr(record, key))}
         described = global_attributes(
             site,
             time_s=record.time_s,
@@ -262,7 +265,7 @@ def write_corrected(
         )
         nc.setncatts(described)
         of_sensor = sensor_attributes(described, record.looks_up)
-        of_sensor |= {key: told for key in ("recorded_in", "sound_speed") if (told := getattr(record, key))}
+        of_sensor |= {key: value for key in ("recorded_in", "sound_speed") if (value := getattr(record, key))}
         of_model = declination_attributes(described, record.time_s, np.concatenate(declination))
         for variable in (entry for name, entry in CORRECTED.items() if name in nc.variables):
             nc[variable.name].setncatts(of_sensor if variable.sensed else {})

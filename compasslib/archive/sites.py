@@ -131,8 +131,8 @@ def _join_headings(
         rows, sources = d.days - days[0], d.number[1:] - 1
         place = np.array([0, *range(mode, mode + len(d.modes) - 1)])
         mode += len(d.modes) - 1
-        own = d.values["HEADING_ERROR_MODE"]
-        modes[np.ix_(place, rows)] = np.where(np.isfinite(own), own, modes[np.ix_(place, rows)])
+        given = d.values["HEADING_ERROR_MODE"]
+        modes[np.ix_(place, rows)] = np.where(np.isfinite(given), given, modes[np.ix_(place, rows)])
         shares[np.ix_(sources, place)] = d.values["HEADING_ERROR_SHARE"]
         random[np.ix_(sources[: d.affected], rows)] = d.values["HEADING_ERROR_RANDOM"]
         turned[np.ix_(sources[: d.affected], rows)] = d.values["HEADING_CORRECTION"]

@@ -393,7 +393,7 @@ def _gridded_current(name: str, towards: str, standard_name: str, parameter: str
         comment="Successive running means of 24, 24 and 25 hours (Godin 1972), at noon; missing where less than 0.99 "
         "of the weights have a velocity.",
     )  # fmt: skip
-    uncertainties = (_uncertainty(of, known, CELLS, _TOTAL) for of, known in ((name, standard_name), (low, "")))
+    uncertainties = (_uncertainty(base, known, CELLS, _TOTAL) for base, known in ((name, standard_name), (low, "")))
     return [velocity, without_tides, *uncertainties]
 
 

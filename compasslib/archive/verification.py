@@ -119,10 +119,10 @@ def read_manifest(root: Path) -> dict[str, Any]:
     page: dict[str, Any] = read_json(root / crate.FILE)
     try:
         crate.made_from(page, "")
-        found = "" if crate.listed(page) else "no file listed"
+        fault = "" if crate.listed(page) else "no file listed"
     except (KeyError, TypeError, AttributeError, ValueError) as error:
-        found = repr(error)
-    if found:
+        fault = repr(error)
+    if fault:
         expected, advice = "a manifest that lists the files of a run", "make run writes it"
-        raise InputError(str(root / crate.FILE), expected=expected, found=found, advice=advice)
+        raise InputError(str(root / crate.FILE), expected=expected, found=fault, advice=advice)
     return page

@@ -59,6 +59,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return status
 
 
+def require_folder(cruise: str) -> None:
+    """Raise InputError if the folder of a cruise does not exist."""
+    if not os.path.isdir(cruise):
+        advice = "name the folder of a cruise"
+        raise InputError(cruise, expected="a cruise folder", found="no such folder", advice=advice)
+
+
 def _failed(line: str, status: int = 1) -> int:
     print(line, file=sys.stderr)
     return status

@@ -80,15 +80,15 @@ def check(asked: Namespace) -> int:
     print_warnings([text for inspection in inspections.values() for text in inspection.warnings], sys.stdout)
     for line in problems:
         print(f"error: {line}", file=sys.stderr)
-    told = _plural(len(problems), "problem")
+    counted = _plural(len(problems), "problem")
     if refused:
-        print(f"cannot run, {told}")
+        print(f"cannot run, {counted}")
     else:
-        counted = ((cruise.moorings, "mooring"), (cruise.calibrations, "calibration"))
-        everything = " and ".join(_plural(len(each), noun) for each, noun in counted if each) or "nothing to run"
+        kinds = ((cruise.moorings, "mooring"), (cruise.calibrations, "calibration"))
+        everything = " and ".join(_plural(len(each), noun) for each, noun in kinds if each) or "nothing to run"
         stopped = [name for name, inspection in inspections.items() if not inspection.usable]
         left_out = f" (stopped: {', '.join(stopped)})" if stopped else ""
-        print(f"{everything}: can run, {told}{left_out}")
+        print(f"{everything}: can run, {counted}{left_out}")
     return int(bool(problems))
 
 

@@ -273,9 +273,9 @@ def _needed(module: str) -> Any:
     try:
         return import_module(module)
     except ImportError as error:
-        package, found = module.partition(".")[0], "it is not installed"
+        package, actual = module.partition(".")[0], "it is not installed"
         advice = f"pip install {package}"
-        raise InputError("--to", expected=f"the package {package}", found=found, advice=advice) from error
+        raise InputError("--to", expected=f"the package {package}", found=actual, advice=advice) from error
 
 
 def _tables(nc: netCDF4.Dataset) -> Iterator[Any]:

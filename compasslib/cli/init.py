@@ -7,6 +7,7 @@ import os
 import re
 from argparse import Namespace
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import combinations
@@ -161,9 +162,9 @@ def _sort(paths: Sequence[Path], name: str | None, contents: Contents) -> None:
         else:
             groups.setdefault((mooring, form, _stem(path, form)), []).append(path)
     for (mooring, form, stem), files in groups.items():
-        beside = [path for path in companions if form == "mmp_acm" and path.parent == files[0].parent]
+        with_scans = [path for path in companions if form == "mmp_acm" and path.parent == files[0].parent]
         others = contents.folders.setdefault(mooring, {})
-        others[_free(stem, others)] = _draft(form, files, tables[files[0]], beside, contents)
+        others[_free(stem, others)] = _draft(form, files, tables[files[0]], with_scans, contents)
     advice = "name it under pressure_files of a profiler, or under covariates"
     profilers = {files[0].parent for (_, form, _), files in groups.items() if form == "mmp_acm"}
     alone = [path for path in companions if not COMPANION.search(path.name) and path.parent not in profilers]
@@ -177,14 +178,11 @@ def _add_calibration(path: Path, form: str, table: detect.GuessedTable | None, c
     comments = {"date": TO_CARRY}
     if form == "iaga2002":
         kind, placed = "declination", True
-        contents.series["declination_observatory"] = Series(
-            {"format": form, "files": [file]}, None, -math.inf, math.inf
-        )
-        try:
+        covariate = {"format": form, "files": [file]}
+        contents.series["declination_observatory"] = Series(covariate, None, -math.inf, math.inf)
+        with suppress(InputError):  # compass check will report the error
             series = iaga2002.read([path])
             placed = bool(np.isfinite(series.latitude + series.longitude))
-        except InputError:  # compass check will report the error
-            pass
         if not placed:
             comments |= _place(keys, contents.place, "of the observatory", draft.DECIDE)
     elif form == "nmea0183":
@@ -362,8 +360,8 @@ def _by_directions(instruments: Mapping[str, Drafted], turning: Mapping[str, Rec
             shares[first, other], shares[other, first] = parsed
     for name in turning:
         pairs = [(shares[key], shares[key[::-1]], key[1]) for key in shares if key[0] == name]
-        if pairs and all(is_affected(own, others) for own, others, _ in pairs):
-            share = min(own.share for own, _, _ in pairs)
+        if pairs and all(is_affected(share, others) for share, others, _ in pairs):
+            share = min(each.share for each, _, _ in pairs)
             other_shares = " and ".join(f"{other}'s {max(others.share, 0.0):.0%}" for _, others, other in pairs)
             return name, f"its heading explains {share:.0%} of the difference of directions, {other_shares}"
     return None

@@ -15,6 +15,7 @@ from typing import NamedTuple, TextIO
 
 from compasslib.archive import crate, deposit, summary, verification
 from compasslib.archive.files import read_json
+from compasslib.cli import require_folder
 from compasslib.config import compasses, cruise
 from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
@@ -25,13 +26,6 @@ from compasslib.stages.settings import Moorings
 MOORING_FILES = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "work/field.json")
 CALIBRATION_FILES = ("calibration.json", "table.csv")
 COMPARED = ("corrected.nc", ".json", "table.csv")  # files of a deposit that are unpacked for comparison
-
-
-def require_folder(cruise: str) -> None:
-    """Raise InputError if the folder of a cruise does not exist."""
-    if not Path(cruise).is_dir():
-        advice = "name the folder of a cruise"
-        raise InputError(cruise, expected="a cruise folder", found="no such folder", advice=advice)
 
 
 def mooring_folder(cruise: str, mooring: str, parts: Sequence[str] = ("",), what: str = "mooring") -> Path:
@@ -96,13 +90,13 @@ def _calibrations(root: Path) -> dict[str, Path]:
 def _moorings(root: Path) -> dict[str, Path]:
     """Find the folders of moorings, or of their instruments where several are corrected."""
     marks, reserved = ("work", "logs", *MOORING_FILES), {*RESERVED}
-    found = dict[str, Path]()
+    folders = dict[str, Path]()
     for path in (*root.glob("*/"), *root.glob("*/*/")):
         parts = path.relative_to(root).parts
         if not reserved & {*parts} and any((path / mark).exists() for mark in marks):
-            found["/".join(parts)] = path
-    wholes = {name.partition("/")[0] for name in found if "/" in name}
-    return {name: path for name, path in sorted(found.items()) if name not in wholes}
+            folders["/".join(parts)] = path
+    wholes = {name.partition("/")[0] for name in folders if "/" in name}
+    return {name: path for name, path in sorted(folders.items()) if name not in wholes}
 
 
 def missing_files(folder: Path, needed: Sequence[str]) -> list[str]:

@@ -10,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from compasslib.archive import provenance
+from compasslib.cli import require_folder
 from compasslib.errors import InputError
 
 WITHOUT_LOCK = re.compile(r"--unlock|--nolock|--dry-?run|-[a-zA-Z]*n[a-zA-Z]*")
@@ -20,11 +21,9 @@ def run(asked: Namespace) -> int:
     if find_spec("snakemake") is None:
         advice = "pip install 'compasslib[workflow]', or make install in a checkout"
         raise InputError("compass run", expected="Snakemake", found="none in this environment", advice=advice)
-    cruise, options = Path(asked.cruise), list(asked.options)
-    if not cruise.is_dir():
-        advice = "name the folder of a cruise"
-        raise InputError(asked.cruise, expected="a cruise folder", found="no such folder", advice=advice)
-    if not any(map(WITHOUT_LOCK.fullmatch, options)) and any(cruise.glob(".snakemake/locks/*.lock")):
+    require_folder(asked.cruise)
+    options, locked = list(asked.options), any(Path(asked.cruise).glob(".snakemake/locks/*.lock"))
+    if locked and not any(map(WITHOUT_LOCK.fullmatch, options)):
         advice = f"wait until it has ended; if it was killed: compass run {asked.cruise} -- --unlock"
         raise InputError(asked.cruise, expected="one run at a time", found="the lock of another", advice=advice)
     profile, snakefile = provenance.WORKFLOW / "profiles" / asked.profile, provenance.WORKFLOW / "Snakefile"

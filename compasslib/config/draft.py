@@ -35,10 +35,8 @@ UNITS = {
     "first_bin": "m, from the transducer to the middle of the first bin",
     "time_format": "as '%d/%m/%Y %H:%M' or '%m/%d/%Y %H:%M'",
 }
-
-
 SILENT = ("table", "acm_table", "mmp_acm")  # formats that never state whether directions are magnetic or true
-TOLD_UP = ("pd0", "nortek", "netcdf", "ocean_contour", "mat", "rdi_text")  # formats that may state the orientation
+ORIENTED = ("pd0", "nortek", "netcdf", "ocean_contour", "mat", "rdi_text")  # formats that may state the orientation
 
 
 @dataclass(frozen=True)
@@ -242,7 +240,7 @@ def _directions(drafted: Drafted, record: Record) -> list[tuple[str, Any, str]]:
     """Draft orientation, reference of directions and declination: key, value, comment; a comment alone has no key."""
     rows: list[tuple[str, Any, str]] = []
     silent = drafted.format in SILENT
-    if drafted.format in TOLD_UP and drafted.keys.get("orientation") != DECIDE:
+    if drafted.format in ORIENTED and drafted.keys.get("orientation") != DECIDE:
         rows.append(("orientation", "up" if record.looks_up else "down", "as the files say"))
     north = drafted.north if silent else record.direction_reference
     bias = 0.0 if silent else record.heading_bias_deg or record.velocity_bias_deg or 0.0

@@ -19,7 +19,7 @@ import netCDF4
 import pytest
 import yaml
 
-from compasslib import __version__, plugins
+from compasslib import __version__
 from compasslib.archive import crate, deposit, provenance, verification
 from compasslib.cli import main
 from compasslib.config import cruise as config
@@ -138,10 +138,7 @@ DEPOSITED = {
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        ({crate.FILE: "[" * 100_000}, "RecursionError"),
-        ({crate.FILE: '{"@graph": [5]}'}, "TypeError"),
         ({crate.FILE: '{"@graph": []}'}, "KeyError: 'compasslib'"),
-        ({"config/config.yaml": "a: &a [1]\nb: [*a, *a]\n"}, "config/config.yaml: line 2, column 5: .*the alias .a"),
         ({"config/config.yaml": "[1]"}, "config/config.yaml: expected keys with values, found a list"),
     ],
 )
@@ -179,26 +176,15 @@ def test_deposit_is_a_complete_workflow_run_crate(unpacked):
     assert all(provenance.sha256(unpacked / name) == digest for name, digest in known.items() if "/" in name)
 
 
-def test_software_url_gives_programs_of_a_deposit_an_address(processed, monkeypatch):
-    """Process Run Crate 0.5 recommends a URL and an absolute identifier; the workflow is a file with its path."""
+def test_software_url_is_the_address_of_the_library(processed, monkeypatch):
+    """Process Run Crate 0.5 recommends a URL and an absolute identifier."""
     monkeypatch.chdir(processed)
-    provenance.software()  # known once and for all, without that package
-    monkeypatch.setattr(plugins, "plugin_packages", lambda: ("tiltmeter 0.1",))  # without a known URL
-    options = config.load_cruise(processed).options.attributes
-    jobs, behind = crate.read_jobs(Path().glob("results/M1/logs/*.json")), {"": [], "mooring M1": []}
-
-    def programs(attributes: dict) -> list[dict]:
-        page = crate.crate(jobs, configuration=behind, attributes=attributes)
-        described = deposit.compose(page, attributes, {deposit.WORKFLOW_FILE: "0", crate.LOCK: "0"}, processed)
-        return [entity for entity in described["@graph"] if "Software" in str(entity["@type"])]
-
-    given, workflow = programs(options | {"software_url": "https://example.org/c"}), "Correction of compass deviations"
-    assert len(given) > 20
-    assert {entity["name"] for entity in given if "url" not in entity} == {"tiltmeter"}
-    relative = {entity["name"] for entity in given if not entity["@id"].startswith("https://")}
-    assert relative == {"tiltmeter", workflow}
-    without = {entity["name"] for entity in programs(options) if "url" not in entity}
-    assert without == {"tiltmeter", workflow, "compasslib"}
+    jobs = crate.read_jobs(Path().glob("results/M1/logs/*.json"))
+    for attributes in ({"software_url": "https://example.org/c"}, {}):
+        page = crate.crate(jobs, configuration={"": [], "mooring M1": []}, attributes=attributes)
+        programs = of_type(page, "SoftwareApplication")
+        assert len(programs) > 20
+        assert {each["name"] for each in programs if "url" not in each} == (set() if attributes else {"compasslib"})
 
 
 def test_deposit_of_changed_results_is_refused(archive, tmp_path, capsys):
@@ -365,9 +351,7 @@ def test_missing_or_invalid_manifest_is_reported(archive, content):
 
 PLANTED = {
     "in a new folder": "results/new/deep/x.csv",
-    "among the products": "results/M1/corrected2.nc",
     "among the logs": "results/M1/logs/notes.txt",
-    "among the figures": "results/M1/figures/mine.pdf",
     "with a name that is no UTF-8": b"results/M1/caf\xe9.nc".decode(errors="surrogateescape"),
     "with a line break in its name": "results/M1/a\nb.nc",
 }

@@ -16,17 +16,14 @@ import pytest
 
 from compasslib import angles
 from compasslib.archive import netcdf
-from compasslib.archive.attributes import Site
-from compasslib.cli import export, main
+from compasslib.cli import main
 from compasslib.pipeline.process import process_mooring
-from compasslib.preparation.deployment import apply_deployment
 from compasslib.readers import pd0
 from compasslib.readers.pd0.fields import rewrite
 from compasslib.readers.pd0.frames import find_ensembles
 from compasslib.records import MISSING
 from tests.world.launch import change
 from tests.world.pd0_encoder import ensemble
-from tests.world.products import PROCESSING, USUAL, product_of
 from tests.world.sea import SHARED, START, cruise
 
 EH2 = SHARED / "pd0/eh2_20060530_20060717_0007m.000"
@@ -277,29 +274,3 @@ def test_real_file_with_new_headings_is_read_by_mhkit(tmp_path):
         np.testing.assert_allclose(found.values.T, expected[:n], atol=1e-5)
     good = np.moveaxis(seen.prcnt_gd.values, 0, 2).swapaxes(0, 1)
     np.testing.assert_array_equal(good, old.profiles["percent_good"][:n])
-
-
-@pytest.mark.skipif(not EH2.exists(), reason="needs the recordings beside the project")
-def test_real_record_is_exported_to_csv_and_mat(tmp_path):
-    """A real record of 27 bins with an invented deviation."""
-    from scipy.io import loadmat
-
-    days = [np.datetime64(f"2006-06-{day:02d}").astype("M8[s]").astype(float) for day in (1, 8)]
-    record = apply_deployment(
-        pd0.read([EH2], orientation="down", **READ),
-        **{"start_s": days[0], "end_s": days[1], "water_depth": 45.5, "latitude": 47.5977, "nominal_depth": 7.0},
-    )
-    made = product_of(record, deviation(record.heading_deg))
-    source = tmp_path / "corrected.nc"
-    netcdf.write_corrected(source, made, site=Site("E0", 47.6, -124.6), attributes=USUAL, processing=PROCESSING)
-    export.write_csv(source, tmp_path / "E0.csv", tmp_path / "E0.csv.json")
-    export.write_mat(source, tmp_path / "E0.mat")
-    read = pytest.importorskip("pandas").read_csv(tmp_path / "E0.csv")
-    data = loadmat(tmp_path / "E0.mat", simplify_cells=True)["data"]
-    n, m = made.east.shape
-    assert m == 27 and len(read) == n * m > 4000
-    for key, name in (("up", "WCUR"), ("error_velocity", "ERROR_VELOCITY")):
-        np.testing.assert_array_equal(data[name], record.profiles[key])
-        np.testing.assert_allclose(read[name].to_numpy().reshape(n, m), record.profiles[key], rtol=1e-6)
-    np.testing.assert_array_equal(read.CORRELATION_2.to_numpy().reshape(n, m), record.profiles["correlation"][..., 1])
-    np.testing.assert_array_equal(data["ECHO_INTENSITY"], np.moveaxis(record.profiles["echo"], 2, 0))

@@ -14,7 +14,6 @@ import numpy as np
 from compasslib.archive import variables
 from compasslib.archive.attributes import SPELLINGS, missing
 from compasslib.archive.files import open_netcdf
-from tests.world.netcdf_layouts import OCEANSITES
 
 CHECKER = "compliance_checker"
 CF, ACDD = "cf:1.11", "acdd:1.3"
@@ -35,31 +34,20 @@ def installed() -> bool:
 
 
 def remarks(path: str | Path) -> list[str]:
-    """Check a file of the archive against each convention and list the remarks, except unavoidable ones.
-
-    Args:
-        path: one of ``PRODUCTS``, or another netCDF file, which is checked against CF only.
-
-    Raises:
-        InputError: the file is missing or damaged.
-    """
+    """Check one of ``PRODUCTS``, or another file against CF only, and list the remarks, except unavoidable ones."""
     product = Path(path).name in PRODUCTS
     issues = [f"OceanSITES: {remark}" for remark in oceansites_remarks(path)] if product else []
     if not installed():
         return issues
     issues += [f"CF: {remark}" for remark in checked(path, CF)]
-    absent = (f"{SPELLINGS[name]}/{name}" if name in SPELLINGS else name for name in not_given(path))
+    with open_netcdf(path) as nc:
+        not_given = missing(nc.ncattrs())
+    absent = (f"{SPELLINGS[name]}/{name}" if name in SPELLINGS else name for name in not_given)
     unavoidable = UNAVOIDABLE | {f"Global Attributes {name} not present" for name in absent}
     asked = set(checked(path, ACDD)) - unavoidable if product else set()
     # The checker counts bins beyond surface and bottom, which are not part of the extent and have flag 4.
     asked = {remark for remark in asked if not remark.startswith("geospatial_vertical_extents_match")}
     return issues + [f"ACDD: {remark}" for remark in sorted(asked)]
-
-
-def not_given(path: str | Path) -> list[str]:
-    """List the global attributes that the conventions request and the YAML files do not give."""
-    with open_netcdf(path) as nc:
-        return missing(nc.ncattrs())
 
 
 def checked(path: str | Path, checker: str) -> list[str]:
@@ -82,7 +70,7 @@ def checked(path: str | Path, checker: str) -> list[str]:
 # requires, and values that it prescribes for optional ones; discrete sampling geometries (2.3, notes), which it
 # permits, have their own dimensions.
 
-Rules = Iterator[tuple[str, Any]]  # a remark, and whether the file breaks the rule
+Remarks = Iterator[str]
 
 MOMENT = r"\d{4}-\d\d-\d\dT\d\d:\d\d(:\d\d(\.\d+)?)?Z"
 INTERVAL = r"P(?=.)(\d+Y)?(\d+M)?(\d+D)?(T(\d+H)?(\d+M)?(\d+(\.\d+)?S)?)?"
@@ -115,14 +103,11 @@ FIXED = {
         r"Data verified against model or other contextual information|Other QC process applied"
     ),
 }
-FROM_SAMPLES = {"time_coverage_start": 1, "time_coverage_end": 1, "time_coverage_duration": 1}  # number that defines it
-FROM_SAMPLES |= {"time_coverage_resolution": 2}
-GIVEN = ("title", "summary")  # required too; for those that only the user can give see ``not_given``
+# Number of samples from which they are defined.
+FROM_SAMPLES = {"time_coverage_resolution": 2} | {f"time_coverage_{end}": 1 for end in ("start", "end", "duration")}
+GIVEN = ("title", "summary")  # required too; for those that only the user can give see ``remarks``
 RANGES = {
-    "geospatial_lat_min": 90.0,
-    "geospatial_lat_max": 90.0,
-    "geospatial_lon_min": 180.0,
-    "geospatial_lon_max": 180.0,
+    f"geospatial_{axis}_{end}": limit for axis, limit in (("lat", 90.0), ("lon", 180.0)) for end in ("min", "max")
 }
 # Attributes of coordinates [2.4].
 COORDINATES: dict[str, dict[str, str]] = {
@@ -141,115 +126,142 @@ NAMES = {
     "CDIR": "direction_of_sea_water_velocity",
     "CSPD": "sea_water_speed",
 }
-FLAGS = dict(zip((0, 1, 2, 3, 4, 7, 8, 9), OCEANSITES.split(), strict=True))  # table 2
+FLAGS = {  # table 2
+    0: "unknown",
+    1: "good_data",
+    2: "probably_good_data",
+    3: "potentially_correctable_bad_data",
+    4: "bad_data",
+    7: "nominal_value",
+    8: "interpolated_value",
+    9: "missing_value",
+}
 USABLE = (1, 2, 7, 8)  # flags that a missing value must not have
 ORIENTATIONS = ("upward", "downward", "horizontal")  # table 8
 
 
 def oceansites_remarks(path: str | Path) -> list[str]:
-    """Check a file against the OceanSITES manual and return the remarks, one sentence each.
-
-    Raises:
-        InputError: the file is missing or damaged.
-    """
+    """Check a file against the OceanSITES manual and return the remarks, one sentence each."""
     with open_netcdf(path) as nc:
         apart = {*nc.dimensions, "TIME", "LATITUDE", "LONGITUDE"} | _bounds(nc)
-        rules = [*_attributes(nc), *_coordinates(nc), *_names(nc)]
-        for name, variable in nc.variables.items():
-            rules += _data(nc, name) if variable.dtype.kind == "f" and name not in apart else []
-            rules += _flags(nc, name) if name.endswith("_QC") else []
-        return [remark for remark, broken in rules if broken]
+        data = [name for name, variable in nc.variables.items() if variable.dtype.kind == "f" and name not in apart]
+        issues = [*_attributes(nc), *_coordinates(nc), *_time(nc), *_names(nc)]
+        issues += [remark for name in data for remark in (*_data(nc, name), *_flagged(nc, name))]
+        return issues + [remark for name in nc.variables if name.endswith("_QC") for remark in _flags(nc, name)]
 
 
-def _attributes(nc: netCDF4.Dataset) -> Rules:
+def _attributes(nc: netCDF4.Dataset) -> Remarks:
     samples = len(nc.dimensions.get("TIME", ()))
     for name, form in FIXED.items():
-        value, defined = _attribute(nc, name), samples >= FROM_SAMPLES.get(name, 0)
-        yield f"global attribute {name} is {value!r}, not one of {form}", defined and not re.fullmatch(form, value)
-    there = "DEPTH" in nc.variables and np.any(_usable(nc["DEPTH"]))
-    for name in (*GIVEN, *("geospatial_vertical_min", "geospatial_vertical_max") * bool(there)):
-        yield f"global attribute {name} is missing", not _attribute(nc, name)
-    version = f"OceanSITES-{_attribute(nc, 'format_version')}"
-    yield "format_version is not the one in Conventions", version not in _attribute(nc, "Conventions")
+        value = _attribute(nc, name)
+        if samples >= FROM_SAMPLES.get(name, 0) and not re.fullmatch(form, value):
+            yield f"global attribute {name} is {value!r}, not one of {form}"
+    yield from (f"global attribute {name} is missing" for name in GIVEN if not _attribute(nc, name))
+    if f"OceanSITES-{_attribute(nc, 'format_version')}" not in _attribute(nc, "Conventions"):
+        yield "format_version is not the one in Conventions"
     for name, limit in RANGES.items():
         bound = getattr(nc, name, None)
-        outside = bound is None or not -limit <= float(bound) <= limit
-        yield f"global attribute {name} is {bound}, not between {-limit:g} and {limit:g}", outside
+        if bound is None or not -limit <= float(bound) <= limit:
+            yield f"global attribute {name} is {bound}, not between {-limit:g} and {limit:g}"
+    if "DEPTH" in nc.variables and np.any(_usable(nc["DEPTH"])):
+        missing = [name for name in ("geospatial_vertical_min", "geospatial_vertical_max") if not _attribute(nc, name)]
+        yield from (f"global attribute {name} is missing" for name in missing)
 
 
-def _coordinates(nc: netCDF4.Dataset) -> Rules:
+def _coordinates(nc: netCDF4.Dataset) -> Remarks:
     for name, expected in COORDINATES.items():
         if name not in nc.variables:
-            yield f"variable {name} is missing", True
+            yield f"variable {name} is missing"
             continue
         crs = {"coordinate_reference_frame": f"urn:ogc:def:crs:EPSG::{FRAMES[name]}"} if name in FRAMES else {}
         for key, value in (expected | crs).items():
-            yield f"{name}:{key} is {_attribute(nc[name], key)!r}, not {value!r}", _attribute(nc[name], key) != value
-        yield f"{name} has neither QC_indicator nor {name}_QC", not _has_quality(nc, name)
-    if time := nc.variables.get("TIME"):
-        times = np.asarray(time[...], dtype=float)
-        yield "TIME is not double TIME(TIME)", time.dtype != np.float64 or time.dimensions != ("TIME",)
-        yield "TIME may have no missing values", "_FillValue" in time.ncattrs() or not np.isfinite(times).all()
-        yield "TIME does not increase", not (np.diff(times) > 0).all()
+            if _attribute(nc[name], key) != value:
+                yield f"{name}:{key} is {_attribute(nc[name], key)!r}, not {value!r}"
+        if not _attribute(nc[name], "QC_indicator") and f"{name}_QC" not in nc.variables:
+            yield f"{name} has neither QC_indicator nor {name}_QC"
 
 
-def _names(nc: netCDF4.Dataset) -> Rules:
-    for name in {*nc.variables} - _bounds(nc):
-        variable, standard = nc[name], NAMES.get(name)
-        yield f"variable {name} is not named in capitals", not re.fullmatch(r"[A-Z][A-Z0-9_]*", name)
-        yield f"{name}:standard_name is not {standard}", standard and _attribute(variable, "standard_name") != standard
-        left = (variables.BEAM.name, "MODE", "AFFECTED")  # CF 2.4: dimensions of neither space nor time stand first
-        late = "TIME" in [other for other in variable.dimensions if other not in left][1:]
-        yield f"{name}: TIME is not the first of its dimensions", late
-        yield f"{name}:long_name is missing", not _attribute(variable, "long_name")
-
-
-def _data(nc: netCDF4.Dataset, name: str) -> Rules:
-    """Check units, fill value, coordinates and flags of a data variable [2.5, 2.6]."""
-    variable, flag = nc[name], f"{name}_QC"
-    placed = name in COORDINATES or name.endswith("_DEPTH") or _attribute(variable, "coordinates")
-    yield f"{name}:units is missing", not _attribute(variable, "units")
-    yield f"{name}:_FillValue is missing", "_FillValue" not in variable.ncattrs()
-    yield f"{name}:coordinates is missing", not placed
-    for key in ("coordinates", "ancillary_variables"):
-        for other in _attribute(variable, key).split():
-            yield f"{name}:{key} names {other}, which is not in the file", other not in nc.variables
-    facing = _attribute(variable, "sensor_orientation")
-    yield f"{name}:sensor_orientation is {facing!r}, not of table 8", facing not in ("", *ORIENTATIONS)
-    if name.endswith("_UNCERTAINTY") and name != "HEADING_COMMON_UNCERTAINTY":  # a part of that of HEADING_CORRECTED
-        base = name.removesuffix("_UNCERTAINTY")
-        other = base not in nc.variables or _attribute(variable, "units") != _attribute(nc[base], "units")
-        yield f"{name}:units are not those of {base}", other
-        named = _attribute(variable, "long_name") == f"uncertainty of {base}"
-        yield f"{name}:long_name is not 'uncertainty of {base}'", not named
-    if flag not in nc.variables:
-        helpers = {other for v in nc.variables.values() for other in _attribute(v, "ancillary_variables").split()}
-        yield f"{name} has neither QC_indicator nor {flag}", name not in helpers and not _has_quality(nc, name)
+def _time(nc: netCDF4.Dataset) -> Remarks:
+    if "TIME" not in nc.variables:
         return
-    linked = flag in _attribute(variable, "ancillary_variables").split()
-    yield f"{name}:ancillary_variables does not name {flag}", not linked
-    alike = nc[flag].dimensions == variable.dimensions
-    yield f"{flag} has other dimensions than {name}", not alike
-    yield f"{flag} calls a missing value usable", alike and np.any(~_usable(variable) & np.isin(nc[flag][...], USABLE))
+    if nc["TIME"].dtype != np.float64 or nc["TIME"].dimensions != ("TIME",):
+        yield "TIME is not double TIME(TIME)"
+    times = np.asarray(nc["TIME"][...], dtype=float)
+    if "_FillValue" in nc["TIME"].ncattrs() or not np.isfinite(times).all():
+        yield "TIME may have no missing values"
+    if not (np.diff(times) > 0).all():
+        yield "TIME does not increase"
 
 
-def _flags(nc: netCDF4.Dataset, name: str) -> Rules:
+def _names(nc: netCDF4.Dataset) -> Remarks:
+    for name, variable in nc.variables.items():
+        if name in _bounds(nc):
+            continue
+        if not re.fullmatch(r"[A-Z][A-Z0-9_]*", name):
+            yield f"variable {name} is not named in capitals"
+        if name in NAMES and _attribute(variable, "standard_name") != NAMES[name]:
+            yield f"{name}:standard_name is not {NAMES[name]}"
+        left = (variables.BEAM.name, "MODE", "AFFECTED")  # CF 2.4: dimensions of neither space nor time stand first
+        if "TIME" in [other for other in variable.dimensions if other not in left][1:]:
+            yield f"{name}: TIME is not the first of its dimensions"
+        if not _attribute(variable, "long_name"):
+            yield f"{name}:long_name is missing"
+
+
+def _data(nc: netCDF4.Dataset, name: str) -> Remarks:
+    """Check units, fill value and coordinates of a data variable [2.5]."""
+    variable = nc[name]
+    if not _attribute(variable, "units"):
+        yield f"{name}:units is missing"
+    if "_FillValue" not in variable.ncattrs():
+        yield f"{name}:_FillValue is missing"
+    if name not in COORDINATES and not name.endswith("_DEPTH") and not _attribute(variable, "coordinates"):
+        yield f"{name}:coordinates is missing"
+    for key in ("coordinates", "ancillary_variables"):
+        absent = [other for other in _attribute(variable, key).split() if other not in nc.variables]
+        yield from (f"{name}:{key} names {other}, which is not in the file" for other in absent)
+    if _attribute(variable, "sensor_orientation") not in ("", *ORIENTATIONS):
+        yield f"{name}:sensor_orientation is {_attribute(variable, 'sensor_orientation')!r}, not of table 8"
+    if name.endswith("_UNCERTAINTY") and name != "HEADING_COMMON_UNCERTAINTY":  # a part of that of HEADING_CORRECTED
+        yield from _uncertainty(nc, name)
+
+
+def _uncertainty(nc: netCDF4.Dataset, name: str) -> Remarks:
+    base = name.removesuffix("_UNCERTAINTY")
+    if base not in nc.variables or _attribute(nc[name], "units") != _attribute(nc[base], "units"):
+        yield f"{name}:units are not those of {base}"
+    if _attribute(nc[name], "long_name") != f"uncertainty of {base}":
+        yield f"{name}:long_name is not 'uncertainty of {base}'"
+
+
+def _flagged(nc: netCDF4.Dataset, name: str) -> Remarks:
+    """Check that a data variable has flags or ``QC_indicator``, or is ancillary to another variable [2.6]."""
+    helpers = {other for v in nc.variables.values() for other in _attribute(v, "ancillary_variables").split()}
+    if f"{name}_QC" not in nc.variables:
+        if name not in helpers and not _attribute(nc[name], "QC_indicator"):
+            yield f"{name} has neither QC_indicator nor {name}_QC"
+        return
+    if f"{name}_QC" not in _attribute(nc[name], "ancillary_variables").split():
+        yield f"{name}:ancillary_variables does not name {name}_QC"
+    if nc[f"{name}_QC"].dimensions != nc[name].dimensions:
+        yield f"{name}_QC has other dimensions than {name}"
+    elif np.any(~_usable(nc[name]) & np.isin(nc[f"{name}_QC"][...], USABLE)):
+        yield f"{name}_QC calls a missing value usable"
+
+
+def _flags(nc: netCDF4.Dataset, name: str) -> Remarks:
     """Check type, name and scale of a flag variable [2.6, table 2]."""
     variable, base = nc[name], name.removesuffix("_QC")
-    values, meanings = (
-        np.atleast_1d(getattr(variable, "flag_values", [])),
-        _attribute(variable, "flag_meanings").split(),
-    )
-    named = _attribute(variable, "long_name") == f"quality flag for {base}"
-    yield f"{name} is not of type byte", variable.dtype != np.int8
-    yield f"{name}:long_name is not 'quality flag for {base}'", not named
-    yield f"{name}:flag_values are not those of table 2", values.tolist() != list(FLAGS)
-    yield f"{name}:flag_meanings are not those of table 2", meanings != list(FLAGS.values())
-    yield f"{name} holds a flag that table 2 has not", not np.isin(variable[...], list(FLAGS)).all()
-
-
-def _has_quality(nc: netCDF4.Dataset, name: str) -> bool:
-    return bool(_attribute(nc[name], "QC_indicator")) or f"{name}_QC" in nc.variables
+    if variable.dtype != np.int8:
+        yield f"{name} is not of type byte"
+    if _attribute(variable, "long_name") != f"quality flag for {base}":
+        yield f"{name}:long_name is not 'quality flag for {base}'"
+    if np.atleast_1d(getattr(variable, "flag_values", [])).tolist() != list(FLAGS):
+        yield f"{name}:flag_values are not those of table 2"
+    if _attribute(variable, "flag_meanings").split() != list(FLAGS.values()):
+        yield f"{name}:flag_meanings are not those of table 2"
+    if not np.isin(variable[...], list(FLAGS)).all():
+        yield f"{name} holds a flag that table 2 has not"
 
 
 def _bounds(nc: netCDF4.Dataset) -> set[str]:

@@ -108,18 +108,8 @@ def product_of(record: Record, deviation: np.ndarray) -> CorrectedRecord:
 
 def make_pairs(n: int = 50) -> Pairs:
     rng = np.random.default_rng(2)
-    others = (
-        "warnings",
-        "expected_m_s",
-        "veer_deg",
-        "doubts",
-        "reference_index",
-        "reference_names",
-        "time_s",
-        "compass",
-        "slowed",
-        "slow_shear",
-    )
+    others = {"warnings", "expected_m_s", "veer_deg", "doubts", "reference_index", "reference_names", "time_s"}
+    others |= {"compass", "slowed", "slow_shear"}
     arrays = [field.name for field in dataclasses.fields(Pairs) if field.name not in others]
     values: dict = {name: rng.normal(10, 1, n) for name in arrays}
     values |= {"reference_index": np.arange(n, dtype=np.int8) % 2, "reference_names": ("deep", "mid")}
