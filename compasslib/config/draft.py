@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -89,21 +89,15 @@ def mooring(name: str, drafted: Mooring, said: Position) -> str:
     """Compose the text of config/moorings/NAME.yaml."""
     affected_first = sorted(drafted.instruments, key=lambda each: each != drafted.roles.affected)
     instruments = {each: drafted.instruments[each] for each in affected_first}
-    return "".join(
-        [
-            SCHEMA.format("../schema/mooring"),
-            HEAD,
-            _line("name", name),
-            *_place(list(instruments.values()), said),
-            *_window(instruments),
-            _line("declination", "auto", "by IGRF at this place, along time; or degrees east"),
-            *_roles(drafted.roles),
-            "instruments:\n",
-            *(line for each in instruments for line in _instrument(each, instruments[each])),
-            *(["covariates:\n"] if drafted.series else []),
-            *(f"  {each}: {_flow(keys)}\n" for each, keys in drafted.series.items()),
-        ]
-    )
+    lines = [SCHEMA.format("../schema/mooring"), HEAD, _line("name", name), *_place(instruments, said)]
+    lines += _window(instruments)
+    lines += [
+        _line("declination", "auto", "by IGRF at this place, along time; or degrees east"),
+        *_roles(drafted.roles),
+    ]
+    lines += ["instruments:\n", *(line for each in instruments for line in _instrument(each, instruments[each]))]
+    lines += ["covariates:\n"] * bool(drafted.series)
+    return "".join([*lines, *(f"  {each}: {_flow(keys)}\n" for each, keys in drafted.series.items())])
 
 
 def calibration(kind: str, keys: Mapping[str, Any], comments: Mapping[str, str]) -> str:
@@ -124,19 +118,21 @@ def decisions(text: str) -> int:
     return len(re.findall(rf"^[^#\n]*: {DECIDE}\b", text, re.MULTILINE))
 
 
-def _place(drafted: Sequence[Drafted], said: Position) -> list[str]:
-    place = next((each.place for each in drafted if each.place), (None, None))
+def _place(instruments: Mapping[str, Drafted], said: Position) -> list[str]:
+    drafted = instruments.values()
+    latitude, longitude = next((each.place for each in drafted if each.place), (None, None))
     deep = next((each.water_depth_m for each in drafted if each.water_depth_m), None)
-    rows = (
-        ("latitude", said.latitude, place[0], "degrees north"),
-        ("longitude", said.longitude, place[1], "degrees east, west negative"),
-        ("water_depth", said.water_depth, deep, "m"),
-    )
     lines = []
-    for key, stated, recorded, unit in rows:
-        comment = "" if stated is not None else unit if recorded is None else f"{unit}, as the file says"
-        value = stated if stated is not None else recorded
-        lines.append(_line(key, DECIDE if value is None else value, comment))
+    for key, recorded, unit in (
+        ("latitude", latitude, "degrees north"),
+        ("longitude", longitude, "degrees east, west negative"),
+        ("water_depth", deep, "m"),
+    ):
+        if (stated := getattr(said, key)) is not None:
+            lines.append(_line(key, stated))
+        else:
+            comment = unit if recorded is None else f"{unit}, as the file says"
+            lines.append(_line(key, DECIDE if recorded is None else recorded, comment))
     return lines
 
 
@@ -162,28 +158,22 @@ def _roles(roles: Roles) -> list[str]:
         return [affected, "# reference: none recorded at the same time; without one only a calibration can correct\n"]
     if roles.affected and len(roles.others) == 1:
         return [affected, _line("reference", roles.others[0], "the other instrument that recorded at the same time")]
-    return [
-        affected,
-        _line("reference", DECIDE, f"away from iron; one name or a list of names: {', '.join(roles.others)}"),
-    ]
+    names = ", ".join(roles.others)
+    return [affected, _line("reference", DECIDE, f"away from iron; one name or a list of names: {names}")]
 
 
 def _instrument(name: str, drafted: Drafted) -> list[str]:
-    return [
-        f"  {name}:\n",
-        *([f"    # could not be read: {drafted.trouble}\n"] if drafted.trouble else []),
-        _line("format", drafted.format, indent=4),
-        _line("files", list(drafted.files) if len(drafted.files) > 1 else drafted.files[0], indent=4),
-        _depth(drafted),
-        *_directions(drafted),
-        *(
-            _line(key, value, UNITS.get(key, "") if value == DECIDE else "", indent=4)
-            for key, value in drafted.keys.items()
-            if key != "columns"
-        ),
-        *_columns(drafted),
-        *([_line("attributes", {"serial_number": drafted.serial_number}, indent=4)] if drafted.serial_number else []),
-    ]
+    lines = [f"  {name}:\n", *[f"    # could not be read: {drafted.trouble}\n"] * bool(drafted.trouble)]
+    lines += [_line("format", drafted.format, indent=4)]
+    lines += [_line("files", list(drafted.files) if len(drafted.files) > 1 else drafted.files[0], indent=4)]
+    lines += [_depth(drafted), *_directions(drafted)]
+    for key, value in drafted.keys.items():
+        if key != "columns":
+            lines.append(_line(key, value, UNITS.get(key, "") if value == DECIDE else "", indent=4))
+    lines += _columns(drafted)
+    if drafted.serial_number:
+        lines.append(_line("attributes", {"serial_number": drafted.serial_number}, indent=4))
+    return lines
 
 
 def _depth(drafted: Drafted) -> str:
@@ -199,19 +189,16 @@ def _depth(drafted: Drafted) -> str:
 def _directions(drafted: Drafted) -> list[str]:
     if drafted.trouble:
         return []
-    up = {None: [], True: ["up"], False: ["down"]}[drafted.looks_up]
-    lines = [_line("orientation", word, "as the files say", indent=4) for word in up]
-    if drafted.direction_reference == "true" or (drafted.direction_reference and drafted.heading_bias_deg is None):
-        return [*lines, _line("direction_reference", drafted.direction_reference, "as the files say", indent=4)]
-    if drafted.direction_reference is None:
-        return [*lines, _line("direction_reference", DECIDE, UNITS["direction_reference"], indent=4)]
-    if drafted.format == "netcdf" and not drafted.heading_bias_deg:
-        return [*lines, _line("direction_reference", drafted.direction_reference, "as the files say", indent=4)]
-    if drafted.heading_bias_deg:  # a value here would override that of the file
-        note = f"    # the file's heading bias or declination, {drafted.heading_bias_deg:+.2f}, is taken out\n"
-        return [*lines, note]
+    said, north, bias = "as the files say", drafted.direction_reference, drafted.heading_bias_deg
+    lines = [] if drafted.looks_up is None else [_line("orientation", "up" if drafted.looks_up else "down", said, 4)]
+    if north is None:
+        return [*lines, _line("direction_reference", DECIDE, UNITS["direction_reference"], 4)]
+    if north == "true" or bias is None or (drafted.format == "netcdf" and not bias):
+        return [*lines, _line("direction_reference", north, said, 4)]
+    if bias:  # a value here would override that of the file
+        return [*lines, f"    # the file's heading bias or declination, {bias:+.2f}, is taken out\n"]
     ask = "degrees east that are in the directions already, 0 for none; the files tell of none"
-    return [*lines, _line("declination_applied", DECIDE, ask, indent=4)]
+    return [*lines, _line("declination_applied", DECIDE, ask, 4)]
 
 
 def _columns(drafted: Drafted) -> list[str]:
