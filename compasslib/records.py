@@ -304,15 +304,13 @@ def join_records(records: Sequence[Record]) -> Record:
         shown = " and ".join(f"{bins} bins looking {'up' if up else 'down'}" for bins, up, *_ in sorted(kinds))
         advice = "give each recording as an instrument of its own"
         raise InputError("files", expected="parts of one recording", found=shown or "none", advice=advice)
-    columns = {name: column for name, column in vars(ordered[0]).items() if isinstance(column, np.ndarray)}
+    columns = [name for name, column in vars(ordered[0]).items() if isinstance(column, np.ndarray)]
     together: dict[str, Any] = {name: np.concatenate([getattr(record, name) for record in ordered]) for name in columns}
     for several in _BY_NAME:
-        each = [getattr(record, several) for record in ordered]
-        shapes = {
-            name: {record[name].shape[1:] if name in record else None for record in each} for name in sorted(each[0])
-        }
-        alike = [name for name, shown in shapes.items() if len(shown) == 1]
-        together[several] = {name: np.concatenate([record[name] for record in each]) for name in alike}
+        first, *others = [getattr(record, several) for record in ordered]
+        alike = [name for name in sorted(first)
+                 if all(name in each and each[name].shape[1:] == first[name].shape[1:] for each in others)]  # fmt: skip
+        together[several] = {name: np.concatenate([each[name] for each in (first, *others)]) for name in alike}
     counts = {key: sum(record.counts.get(key, 0) for record in ordered) for key in ordered[0].counts}
     warnings = tuple(dict.fromkeys(line for record in ordered for line in record.warnings))
     return replace(ordered[0], **together, counts=counts, warnings=warnings)

@@ -298,11 +298,10 @@ def _absent(upper: Record, trusted: Sequence[Record]) -> list[str]:
 
 
 def _unusable(record: Record, *, heading: bool) -> str:
-    velocities = (record.quality <= PROBABLY_GOOD) & np.isfinite(record.east + record.north)
     headings = np.isfinite(record.heading_deg) & (record.heading_quality <= PROBABLY_GOOD)
     reasons = {
         "has no sample inside the deployment": not len(record.time_s),
-        "has no usable velocity": not velocities.any(),
+        "has no usable velocity": not usable_velocities(record).any(),
         "has velocities of zero only": not (np.nan_to_num(record.east).any() or np.nan_to_num(record.north).any()),
         "has no usable heading: is it the one with the compass to correct?": heading and not headings.any(),
         "has no depth": not np.isfinite(record.depth_m).any(),
