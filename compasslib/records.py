@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,13 +68,6 @@ DEEPEST_M = 12000  # metres or dbar; no sea is deeper
 PROFILES = ("up", "error_velocity", "echo", "correlation", "percent_good")
 
 
-class Rows(Protocol):
-    """An array, or an object that loads its rows on access."""
-
-    def __getitem__(self, which: Any, /) -> Any:
-        """Select rows."""
-
-
 @dataclass(frozen=True)
 class Record:
     """Measurements of one instrument, as returned by a reader or prepared by ``apply_deployment``.
@@ -109,8 +102,8 @@ class Record:
     channels: Mapping[str, Floats] = field(default_factory=dict)
     channel_units: Mapping[str, str] = field(default_factory=dict)  #: unit of each channel, if known
     #: further profiles, with the keys of ``PROFILES``; (n, m) m/s, NaN where missing, or (n, m, beams) counts in the
-    #: integers of the file, -1 where missing
-    profiles: Mapping[str, Rows] = field(default_factory=dict)
+    #: integers of the file, -1 where missing; an array, or an object that loads its rows on access
+    profiles: Mapping[str, Any] = field(default_factory=dict)
     recorded_in: str = ""  #: beam | instrument | ship | earth, if stated in the files
     sound_speed: str = ""  #: what was done where the speed of sound in its files is not that of the water
     bins_mapped: bool = False  #: whether beam velocities were combined at equal depth, accounting for tilt
