@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,13 +68,6 @@ DEEPEST_M = 12000  # metres or dbar; no sea is deeper
 PROFILES = ("up", "error_velocity", "echo", "correlation", "percent_good")
 
 
-class Rows(Protocol):
-    """An array, or an object that loads its rows on access."""
-
-    def __getitem__(self, which: Any, /) -> Any:
-        """Select rows."""
-
-
 @dataclass(frozen=True)
 class Record:
     """Measurements of one instrument, as returned by a reader or prepared by ``apply_deployment``.
@@ -109,8 +102,8 @@ class Record:
     channels: Mapping[str, Floats] = field(default_factory=dict)
     channel_units: Mapping[str, str] = field(default_factory=dict)  #: unit of each channel, if known
     #: further profiles, with the keys of ``PROFILES``; (n, m) m/s, NaN where missing, or (n, m, beams) counts in the
-    #: integers of the file, -1 where missing
-    profiles: Mapping[str, Rows] = field(default_factory=dict)
+    #: integers of the file, -1 where missing; an array, or an object that loads its rows on access
+    profiles: Mapping[str, Any] = field(default_factory=dict)
     recorded_in: str = ""  #: beam | instrument | ship | earth, if stated in the files
     sound_speed: str = ""  #: what was done where the speed of sound in its files is not that of the water
     bins_mapped: bool = False  #: whether beam velocities were combined at equal depth, accounting for tilt
@@ -304,15 +297,13 @@ def join_records(records: Sequence[Record]) -> Record:
         shown = " and ".join(f"{bins} bins looking {'up' if up else 'down'}" for bins, up, *_ in sorted(kinds))
         advice = "give each recording as an instrument of its own"
         raise InputError("files", expected="parts of one recording", found=shown or "none", advice=advice)
-    columns = {name: column for name, column in vars(ordered[0]).items() if isinstance(column, np.ndarray)}
+    columns = [name for name, column in vars(ordered[0]).items() if isinstance(column, np.ndarray)]
     together: dict[str, Any] = {name: np.concatenate([getattr(record, name) for record in ordered]) for name in columns}
     for several in _BY_NAME:
-        each = [getattr(record, several) for record in ordered]
-        shapes = {
-            name: {record[name].shape[1:] if name in record else None for record in each} for name in sorted(each[0])
-        }
-        alike = [name for name, shown in shapes.items() if len(shown) == 1]
-        together[several] = {name: np.concatenate([record[name] for record in each]) for name in alike}
+        first, *others = [getattr(record, several) for record in ordered]
+        alike = [name for name in sorted(first)
+                 if all(name in each and each[name].shape[1:] == first[name].shape[1:] for each in others)]  # fmt: skip
+        together[several] = {name: np.concatenate([each[name] for each in (first, *others)]) for name in alike}
     counts = {key: sum(record.counts.get(key, 0) for record in ordered) for key in ordered[0].counts}
     warnings = tuple(dict.fromkeys(line for record in ordered for line in record.warnings))
     return replace(ordered[0], **together, counts=counts, warnings=warnings)

@@ -47,7 +47,6 @@ from compasslib.records import (
     Pairs,
     Record,
     ReferenceCompass,
-    Rows,
     SlowShear,
 )
 from compasslib.types import DAY_S, Bools, Floats
@@ -119,7 +118,7 @@ def read_record(path: str | Path, *, velocities: bool = True) -> Record:
     return Record(**content | {"bin_range_m": ranges, "warnings": tuple(content["warnings"])})
 
 
-def read_profiles(path: str | Path) -> dict[str, Rows]:
+def read_profiles(path: str | Path) -> dict[str, Any]:
     """Open the profiles of a record written by ``write_record``; their rows are read on access."""
     with open_netcdf(path) as nc:
         return {

@@ -29,9 +29,9 @@ def _row(what: str) -> Any:
 
 TABLE_IS_CSV = BeforeValidator(lambda value: "csv" if value == "table" else value)
 Angle = Annotated[values.Number, Field(ge=-360, le=360)]
-Pair = Annotated[tuple[Angle, Angle], values.one_or_two(float)]
+Pair = Annotated[tuple[Angle, Angle], values.listed(float, 2)]
 Direction = Literal["up", "down"]
-Orientations = Annotated[tuple[Direction, Direction], values.one_or_two(Direction)]
+Orientations = Annotated[tuple[Direction, Direction], values.listed(Direction, 2)]
 
 
 class KindKey(Section):

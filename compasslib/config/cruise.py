@@ -129,19 +129,19 @@ def validate(model: type[Model], raw: dict[str, Any], file: str, place: RawFolde
 
 def valid_parts(cruise: Path, file: str) -> tuple[dict[str, Instrument], dict[str, Covariate]]:
     """Validate each instrument and covariate of a mooring file separately and leave out those with mistakes."""
+
+    def valid(model: type[Model], listed: Any) -> dict[str, Model]:
+        parts: dict[str, Model] = {}
+        for name, content in listed.items() if isinstance(listed, dict) else ():
+            with suppress(ValidationError):
+                parts[name] = model.model_validate(content, context=RawFolder(cruise, made_later=False))
+        return parts
+
     try:
         raw = decided(read(cruise, file, "name: EG4"))
     except InputError:
-        return {}, {}
-    return _valid(Instrument, raw.get("instruments"), cruise), _valid(Covariate, raw.get("covariates"), cruise)
-
-
-def _valid(model: type[Model], listed: Any, cruise: Path) -> dict[str, Model]:
-    valid: dict[str, Model] = {}
-    for name, raw in listed.items() if isinstance(listed, dict) else ():
-        with suppress(ValidationError):
-            valid[name] = model.model_validate(raw, context=RawFolder(cruise, made_later=False))
-    return valid
+        raw = {}
+    return valid(Instrument, raw.get("instruments")), valid(Covariate, raw.get("covariates"))
 
 
 def undecided(raw: Any, place: str = "") -> list[str]:
@@ -160,24 +160,21 @@ def decided(raw: Any) -> Any:
 
 
 def _mooring_files(cruise: Path, moorings: str | Sequence[str]) -> list[str]:
-    where = f"{CONFIG}: moorings"
-    if not isinstance(moorings, str):
-        for file in moorings:
-            if not os.path.isfile(cruise / file):
-                advice = "put it there or correct the path, relative to the cruise folder"
-                raise InputError(where, expected="existing mooring files", found=f"no file {file}", advice=advice)
-        return sorted(set(moorings))
-    advice = "put the mooring files there, or write moorings: [] where the cruise has none"
-    expected = "a folder with files NAME.yaml"
-    if not os.path.isdir(cruise / moorings):
-        raise InputError(where, expected=expected, found=f"no folder {moorings}", advice=advice)
-    names = [name for name in os.listdir(cruise / moorings) if name.endswith((".yaml", ".yml")) and name[0] != "."]
-    if not names:
-        raise InputError(where, expected=expected, found=f"none in {moorings}", advice=advice)
-    if bad := [name for name in sorted(names) if not name.isprintable()]:
-        expected = "names in UTF-8 without control characters"
-        raise InputError(moorings, expected=expected, found=shown(bad[0]), advice="rename the file")
-    return [f"{moorings}/{name}" for name in sorted(names)]
+    where, advice = f"{CONFIG}: moorings", "correct the path, relative to the cruise folder, or write moorings: []"
+    files = sorted(set(moorings))
+    if isinstance(moorings, str):
+        listed = os.listdir(cruise / moorings) if os.path.isdir(cruise / moorings) else []
+        files = sorted(f"{moorings}/{name}" for name in listed if name.endswith((".yaml", ".yml")) and name[0] != ".")
+        if not files:
+            expected, found = "a folder with files NAME.yaml", f"none in {moorings}"
+            raise InputError(where, expected=expected, found=found, advice=advice)
+    for file in files:
+        if not file.isprintable():
+            expected = "names in UTF-8 without control characters"
+            raise InputError(str(moorings), expected=expected, found=shown(file), advice="rename the file")
+        if not os.path.isfile(cruise / file):
+            raise InputError(where, expected="existing mooring files", found=f"no file {file}", advice=advice)
+    return files
 
 
 def _check_calibrations(cruise: Path, known: dict[str, CalibrationFile], names: Sequence[str], file: str) -> None:

@@ -195,10 +195,8 @@ def _roles(roles: Roles) -> list[str]:
         return [affected, "# reference: none recorded at the same time; without one only a calibration can correct\n"]
     if roles.affected and len(roles.others) == 1:
         return [affected, _line("reference", roles.others[0], "the other instrument that recorded at the same time")]
-    return [
-        affected,
-        _line("reference", DECIDE, f"away from iron; one name or a list of names: {', '.join(roles.others)}"),
-    ]
+    names = ", ".join(roles.others)
+    return [affected, _line("reference", DECIDE, f"away from iron; one name or a list of names: {names}")]
 
 
 def _instrument(name: str, drafted: Drafted) -> list[str]:

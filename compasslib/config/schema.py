@@ -397,15 +397,13 @@ class Mooring(Section):
             expected = f"a name other than {', '.join(RESERVED)}, which results/ holds for other things"
             raise problem("name", expected, shown(self.name), "rename the mooring")
         if self.start_s >= self.end_s:
-            raise problem(
-                "end", f"a time after start, {iso_time(self.start_s)}", iso_time(self.end_s), "correct one of the two"
-            )
+            expected = f"a time after start, {iso_time(self.start_s)}"
+            raise problem("end", expected, iso_time(self.end_s), "correct one of the two")
         grid = self.product.grid
         if self.site and not (self.product.daily and grid and grid.step_m and grid.from_m is not None):
             expected = "product: {daily: true, grid: {step_m: ..., from_m: ...}}, as deployments are joined on one axis"
-            raise problem(
-                "site", expected, "other keys of product", "add them to config.yaml, for all deployments alike"
-            )
+            advice = "add them to config.yaml, for all deployments alike"
+            raise problem("site", expected, "other keys of product", advice)
         for name, series in self.covariates.items():
             if name in KNOWN_SERIES and series.format == "table":
                 expected = "for a table a name that the search does not use itself"
@@ -413,12 +411,11 @@ class Mooring(Section):
         return self
 
     @model_validator(mode="after")
-    def _check_instruments(self) -> Self:
+    def _check_roles(self) -> Self:
         for role, names in (("compromised", self.affected), ("reference", self.reference)):
-            for name in names:
-                if name not in self.instruments:
-                    there, advice = ", ".join(self.instruments) or "none", "write one of these names"
-                    raise problem(role, f"an instrument of this mooring ({there})", shown(name), advice)
+            if absent := [name for name in names if name not in self.instruments]:
+                expected = f"an instrument of this mooring ({', '.join(self.instruments) or 'none'})"
+                raise problem(role, expected, shown(absent[0]), "write one of these names")
             if twice := [name for name in names if names.count(name) > 1]:
                 raise problem(role, "each name once", f"{shown(twice[0])} twice", "delete one of the two")
         if not self.affected:
@@ -426,38 +423,41 @@ class Mooring(Section):
         if both := [name for name in self.affected if name in self.reference]:
             advice = "name the reference instrument, or delete reference where there is none"
             raise problem("reference", "another instrument than compromised", shown(both[0]), advice)
-        for name in self.affected if len(self.affected) > 1 else ():
-            if name.lower() in FOLDERS:
-                expected = f"a name other than {', '.join(FOLDERS)}, which results/{self.name} holds for other things"
-                raise problem("compromised", expected, shown(name), "rename the instrument")
-        for name, instrument in self.instruments.items():
-            if instrument.fit is not None and (len(self.affected) == 1 or name not in self.affected):
-                expected, advice = "this key only where several instruments are compromised", "write fit at the top"
-                raise problem(f"instruments.{name}.fit", expected, "it here", advice)
+        several = self.affected if len(self.affected) > 1 else ()
+        if reserved := [name for name in several if name.lower() in FOLDERS]:
+            expected = f"a name other than {', '.join(FOLDERS)}, which results/{self.name} holds for other things"
+            raise problem("compromised", expected, shown(reserved[0]), "rename the instrument")
+        if useless := [name for name, each in self.instruments.items() if each.fit and name not in several]:
+            expected, advice = "this key only where several instruments are compromised", "write fit at the top"
+            raise problem(f"instruments.{useless[0]}.fit", expected, "it here", advice)
         for mooring in self.split().values():
             compass, method = mooring.instruments[mooring.compromised].compass, mooring.fit.method
             if compass is not None and method in ("calibration", "coefficients"):
                 advice = f"delete fit here, and write compass: {compass} in the calibration's file"
                 expected = f"another method beside compass: {compass}, by which calibrations of it come in already"
                 raise problem("fit.method", expected, shown(method), advice)
+        return self
+
+    @model_validator(mode="after")
+    def _check_windows_and_depths(self) -> Self:
         for name, instrument in self.instruments.items():
-            windows: dict[str, tuple[Exclusion, ...]] = {"exclude": instrument.exclude}
-            windows["flags_by_hand"] = instrument.flags_by_hand
-            for place, window in ((f"{key_}[{k}]", w) for key_, each in windows.items() for k, w in enumerate(each)):
+            place = f"instruments.{name}"
+            windows = {f"exclude[{k}]": window for k, window in enumerate(instrument.exclude)}
+            windows |= {f"flags_by_hand[{k}]": window for k, window in enumerate(instrument.flags_by_hand)}
+            for key_, window in windows.items():
                 if window.to_s < self.start_s or window.from_s > self.end_s:
                     expected = f"a window within the deployment, {iso_time(self.start_s)} to {iso_time(self.end_s)}"
                     dates, advice = f"{iso_time(window.from_s)} to {iso_time(window.to_s)}", "correct or delete it"
-                    raise problem(f"instruments.{name}.{place}", expected, dates, advice)
+                    raise problem(f"{place}.{key_}", expected, dates, advice)
             if instrument.depth is not None and instrument.depth > self.water_depth * DEPTH_SLACK:
                 expected = f"metres from 0 to the water depth, {self.water_depth:g}"
-                raise problem(f"instruments.{name}.depth", expected, shown(instrument.depth), "correct one of the two")
+                raise problem(f"{place}.depth", expected, shown(instrument.depth), "correct one of the two")
             if (other := instrument.depth_from) is not None:
                 others = self.instruments | self.covariates
                 if other == name or other not in others or others[other].format == "iaga2002":
                     expected = "another instrument, or a table of covariates, of this mooring"
-                    raise problem(f"instruments.{name}.depth_from", expected, shown(other), "correct the name")
-                for place, depth in ((name, instrument.depth), (other, others[other].depth)):
-                    if depth is None:
-                        expected, advice = f"depth of {place}, as the distance along the wire is needed", "add it"
-                        raise problem(f"instruments.{name}.depth_from", expected, "none", advice)
+                    raise problem(f"{place}.depth_from", expected, shown(other), "correct the name")
+                if unknown := [each for each in (name, other) if others[each].depth is None]:
+                    expected = f"depth of {unknown[0]}, as the distance along the wire is needed"
+                    raise problem(f"{place}.depth_from", expected, "none", "add it")
         return self

@@ -80,18 +80,10 @@ def spelled(kind: Any, words: dict[Any, Any]) -> BeforeValidator:
     return BeforeValidator(replace, json_schema_input_type=kind)
 
 
-def one_or_more(single: Any) -> BeforeValidator:
-    """Convert one value to a list of it."""
+def listed(single: Any, count: int = 1) -> BeforeValidator:
+    """Let one value stand for a list of it, or for each of ``count``."""
     return BeforeValidator(
-        lambda value: value if isinstance(value, list | tuple) else (value,),
-        json_schema_input_type=single | list[single],
-    )
-
-
-def one_or_two(single: Any) -> BeforeValidator:
-    """Let one value stand for both of two."""
-    return BeforeValidator(
-        lambda value: value if isinstance(value, list | tuple) else (value, value),
+        lambda value: value if isinstance(value, list | tuple) else (value,) * count,
         json_schema_input_type=single | list[single],
     )
 
@@ -221,12 +213,12 @@ def _usable(path: str) -> str:
     return path
 
 
-def _raw_files(listed: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+def _raw_files(given: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
     """Find existing raw files, with globs expanded and sorted; without a ``RawFolder`` only check their form."""
     place = info.context
-    if not listed:
+    if not given:
         raise problem(None, "at least one file", "an empty list")
-    actual = [file for path in listed for file in ([path] if place is None else _expand_glob(path, place))]
+    actual = [file for path in given for file in ([path] if place is None else _expand_glob(path, place))]
     results = os.path.realpath((place.root if place else Path()) / RESULTS)
     for file in actual:
         if os.path.realpath((place.root if place else Path()) / file).startswith(f"{results}{os.sep}"):
@@ -269,10 +261,10 @@ Cell = str | Count | Number
 Column = Text | Annotated[int, Field(strict=True, ge=1)]
 TimeColumns = Column | Annotated[tuple[Column, ...], Field(min_length=2, max_length=6)]
 Name = Annotated[str, AfterValidator(name)]
-Names = Annotated[tuple[Name, ...], one_or_more(str)]
+Names = Annotated[tuple[Name, ...], listed(str)]
 Sphere = Name | Literal[True]
 Time = Annotated[float, BeforeValidator(lambda value: time_s(str(value)), json_schema_input_type=str)]
-Paths = Annotated[tuple[Annotated[str, AfterValidator(_path)], ...], one_or_more(str)]
+Paths = Annotated[tuple[Annotated[str, AfterValidator(_path)], ...], listed(str)]
 Files = Annotated[Paths, AfterValidator(_raw_files)]
 MooringPaths = Annotated[str, AfterValidator(_path)] | Paths
 Attributes = Annotated[dict[str, Any], AfterValidator(attributes)]
@@ -286,7 +278,7 @@ Delimiter = Annotated[
 ]
 Decimal = Annotated[Literal[".", ","], spelled(str, {"point": ".", "comma": ","})]
 Zone = Annotated[str, AfterValidator(zone)]
-Missing = Annotated[tuple[Annotated[Cell, AfterValidator(lambda value: str(value).strip())], ...], one_or_more(Cell)]
+Missing = Annotated[tuple[Annotated[Cell, AfterValidator(lambda value: str(value).strip())], ...], listed(Cell)]
 WRITTEN = Literal["magnetic", "true", True]
 Reference = Annotated[
     Literal["magnetic", "true"], spelled(WRITTEN, {True: "true"})
@@ -294,13 +286,13 @@ Reference = Annotated[
 FigureFormat = Literal["png", "pdf"]
 Formats = Annotated[
     tuple[FigureFormat, ...],
-    one_or_more(FigureFormat),
-    AfterValidator(lambda listed: tuple(sorted({"png", *listed}, reverse=True)) if listed else ()),
+    listed(FigureFormat),
+    AfterValidator(lambda given: tuple(sorted({"png", *given}, reverse=True)) if given else ()),
 ]
 FlagValues = Annotated[
     tuple[Literal[1, 2, 3], ...],
     Field(min_length=1),
-    one_or_more(int),
+    listed(int),
     AfterValidator(lambda flags: tuple(sorted(set(flags)))),
 ]
 Coefficients = Annotated[dict[_LETTER, Number], Field(min_length=5), AfterValidator(lambda x: dict(sorted(x.items())))]
@@ -309,6 +301,6 @@ Covariance = Annotated[
     Field(min_length=5, max_length=5),
     AfterValidator(covariance),
 ]
-Span = Annotated[tuple[Positive, Positive], AfterValidator(ascending), one_or_two(float)]
+Span = Annotated[tuple[Positive, Positive], AfterValidator(ascending), listed(float, 2)]
 DepthM = Annotated[Number, Field(ge=0)]
-Depths = Annotated[tuple[DepthM, DepthM], AfterValidator(ascending), one_or_two(float)]
+Depths = Annotated[tuple[DepthM, DepthM], AfterValidator(ascending), listed(float, 2)]

@@ -60,7 +60,14 @@ def compare_speeds(upper: SpeedSeries, lower: SpeedSeries) -> ClockOffset:
     step_s = max(float(np.median(np.diff(time_s))) for time_s, _ in (upper, lower))
     searched = step_s <= 2 * HOUR_S and abs(lags_h[best]) <= near_h  # the search resolves these more finely
     if searched or _score(sums[:, best] - sums[:, stated]) <= sigmas:
-        return _check_relation(products, stated)
+        shared = sums[products.shared, stated]
+        if _score(shared) > 3.0 or products.whole > 0.5 or len(shared) < 30:
+            return ClockOffset()
+        why = (
+            f"the speeds of the two instruments are uncorrelated ({shared.sum():.2f}) at any clock offset within "
+            f"{lags_h[-1] // 24} days: check that both files are of this mooring and this year"
+        )
+        return ClockOffset(uncorrelated=why)
     rival = products.best(np.abs(lags_h - lags_h[best]) > near_h)
     sure = abs(lags_h[best]) < lags_h[-1] and _score(sums[:, best] - sums[:, rival]) > sigmas
     lag_h, first, second = int(lags_h[best]), float(sums[:, best].sum()), float(sums[:, stated].sum())
@@ -123,18 +130,6 @@ def _score(gain: Floats) -> float:
     t = float(gain.mean() / max(float(gain.std(ddof=1)) / np.sqrt(len(gain)), 1e-12))
     size = (8.0 * freedom + 1.0) / (8.0 * freedom + 3.0) * np.sqrt(freedom * np.log1p(t**2 / freedom))
     return float(np.sign(t) * size)
-
-
-def _check_relation(products: LaggedProducts, stated: int) -> ClockOffset:
-    """Report if the speeds are uncorrelated over months, as of files of different places or years."""
-    shared = products.sums[products.shared, stated]
-    if _score(shared) > 3.0 or products.whole > 0.5 or len(shared) < 30:
-        return ClockOffset()
-    why = (
-        f"the speeds of the two instruments are uncorrelated ({shared.sum():.2f}) at any clock offset within "
-        f"{products.lags_h[-1] // 24} days: check that both files are of this mooring and this year"
-    )
-    return ClockOffset(uncorrelated=why)
 
 
 def find_valid_times(record: Record) -> tuple[Bools, dict[str, int], list[str]]:

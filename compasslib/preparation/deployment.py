@@ -239,9 +239,6 @@ def _depth_warnings(given: Floats, depth: Floats, source: str, nominal: float | 
     return notes
 
 
-FIELD_STRENGTH = "field_strength"
-
-
 def add_covariates(record: Record, series: Mapping[str, Mapping[str, Any]]) -> Record:
     """Interpolate covariates from tables to the record's times, NaN outside their coverage.
 
@@ -251,7 +248,12 @@ def add_covariates(record: Record, series: Mapping[str, Mapping[str, Any]]) -> R
     channels, units, warnings = {**record.channels}, {**record.channel_units}, [*record.warnings]
     for name, settings in series.items():
         time_s, value, notes = table.read_series(settings)
-        at = interpolate_covariate(record.time_s, time_s, value)
+        at = np.full(len(record.time_s), np.nan)
+        if len(time_s) > 1:  # NaN outside its coverage and in gaps longer than three median steps
+            steps, after = np.diff(time_s), np.clip(np.searchsorted(time_s, record.time_s), 1, len(time_s) - 1)
+            inside = (record.time_s >= time_s[0]) & (record.time_s <= time_s[-1])
+            inside &= steps[after - 1] <= 3.0 * np.median(steps)
+            at[inside] = np.interp(record.time_s[inside], time_s, value)
         if len(at) and not np.isfinite(at).any():
             span = " to ".join(str(np.datetime64(int(t), "s")) for t in time_s[[0, -1]])
             expected = f"values of {name} while the mooring was deployed"
@@ -285,17 +287,7 @@ def add_field_strength(record: Record) -> Record:
     )
     return replace(
         record,
-        channels={**record.channels, FIELD_STRENGTH: percent},
-        channel_units={**record.channel_units, FIELD_STRENGTH: "percent"},
+        channels={**record.channels, "field_strength": percent},
+        channel_units={**record.channel_units, "field_strength": "percent"},
         warnings=(*record.warnings, note),
     )
-
-
-def interpolate_covariate(at_s: Floats, time_s: Floats, value: Floats) -> Floats:
-    """Interpolate a series to other times, (n,), NaN outside its coverage and in gaps longer than 3 median steps."""
-    if len(time_s) < 2:
-        return np.full(len(at_s), np.nan)
-    steps = np.diff(time_s)
-    after = np.clip(np.searchsorted(time_s, at_s), 1, len(time_s) - 1)
-    inside = (at_s >= time_s[0]) & (at_s <= time_s[-1]) & (steps[after - 1] <= 3.0 * np.median(steps))
-    return np.where(inside, np.interp(at_s, time_s, value), np.nan)

@@ -111,20 +111,7 @@ def find_pairs(
     paired = take(upper, keep)
     declination = earthfield.declination_at(field, paired.time_s)
     top, bottom = _to_true(velocity[keep], paired, declination), _to_true(other[keep], lower, declination)
-    pairs = Pairs(
-        time_s=paired.time_s,
-        heading_deg=paired.heading_deg,
-        pitch_deg=paired.pitch_deg,
-        roll_deg=paired.roll_deg,
-        upper_east=top.real,
-        upper_north=top.imag,
-        lower_east=bottom.real,
-        lower_north=bottom.imag,
-        upper_depth_m=depth[keep],
-        lower_depth_m=other_depth[keep],
-        separation_minutes=minutes[keep],
-        declination_deg=declination,
-    )
+    pairs = _assemble(paired, top, bottom, (depth[keep], other_depth[keep], minutes[keep]), declination)
     if reason := find_identical_velocities(pairs):
         return replace(take(pairs, np.zeros(0, dtype=np.intp)), warnings=(reason,))
     doubts = ((angles.UNIFORM_SIGMA_DEG, clocks.uncorrelated),) if clocks.uncorrelated else ()
@@ -149,14 +136,13 @@ def describe_pairs(name: str, pairs: Pairs) -> str:
         metres = float(np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m)))
         apart = f"{metres:.1f} m apart in the median" if np.isfinite(metres) else "made elsewhere"
         line = f"{name}: {len(pairs)} overlapping pairs, {apart}"
-        if pairs.reference_index is not None:
-            counts = np.bincount(pairs.reference_index, minlength=len(pairs.reference_names)).tolist()
-            each = ", ".join(f"{who} {n}" for who, n in zip(pairs.reference_names, counts, strict=True))
-            line += f" ({each})"
-        if pairs.expected_m_s is not None:
-            mean, predicted = (100.0 * error for error in pairs.expected_m_s)
-            off = f"{predicted:.1f} cm/s off the prediction, {mean:.1f} off the mean"
-            line += f"; by the profile the water there is {off}"
+    if len(pairs) and pairs.reference_index is not None:
+        counts = np.bincount(pairs.reference_index, minlength=len(pairs.reference_names)).tolist()
+        line += f" ({', '.join(f'{who} {n}' for who, n in zip(pairs.reference_names, counts, strict=True))})"
+    if len(pairs) and pairs.expected_m_s is not None:
+        mean, predicted = (100.0 * error for error in pairs.expected_m_s)
+        off = f"{predicted:.1f} cm/s off the prediction, {mean:.1f} off the mean"
+        line += f"; by the profile the water there is {off}"
     return "\n".join([line, *(f"{name}: warning: {warning}" for warning in pairs.warnings)])
 
 
@@ -281,6 +267,16 @@ def _heading(lower: Record, time_s: Floats, tolerance_s: float) -> Floats | None
     return angles.argument(at) if np.isfinite(at).any() else None
 
 
+def _assemble(
+    samples: Record, top: Complexes, bottom: Complexes, apart: tuple[Floats, Floats, Floats], declination: Floats
+) -> Pairs:
+    """Create pairs from samples of the affected instrument, velocities, and depths and minutes between them."""
+    return Pairs(
+        samples.time_s, samples.heading_deg, samples.pitch_deg, samples.roll_deg,
+        top.real, top.imag, bottom.real, bottom.imag, *apart, declination,
+    )  # fmt: skip
+
+
 def _to_true(velocity: Complexes, record: Record, declination: Floats) -> Complexes:
     if record.direction_reference == "true":
         return velocity
@@ -297,23 +293,20 @@ def _absent(upper: Record, trusted: Sequence[Record]) -> list[str]:
         return reasons
     if upper.time_s[0] > trusted[0].time_s[-1] or trusted[0].time_s[0] > upper.time_s[-1]:
         return ["the two records do not overlap in time"]
-    depths = [float(np.nanmedian(record.depth_m)) for record in (upper, trusted[0])]
-    where = f"instruments at {depths[0]:.0f} and {depths[1]:.0f} m"
-    return [f"no two velocities are near enough in time and depth ({where})"]
+    depths = [f"{np.nanmedian(record.depth_m):.0f}" for record in (upper, trusted[0])]
+    return [f"no two velocities are near enough in time and depth (instruments at {' and '.join(depths)} m)"]
 
 
 def _unusable(record: Record, *, heading: bool) -> str:
-    if not len(record.time_s):
-        return "has no sample inside the deployment"
-    if not ((record.quality <= PROBABLY_GOOD) & np.isfinite(record.east + record.north)).any():
-        return "has no usable velocity"
-    if not (np.nan_to_num(record.east).any() or np.nan_to_num(record.north).any()):
-        return "has velocities of zero only"
-    if heading and not (np.isfinite(record.heading_deg) & (record.heading_quality <= PROBABLY_GOOD)).any():
-        return "has no usable heading: is it the one with the compass to correct?"
-    if not np.isfinite(record.depth_m).any():
-        return "has no depth"
-    return ""
+    headings = np.isfinite(record.heading_deg) & (record.heading_quality <= PROBABLY_GOOD)
+    reasons = {
+        "has no sample inside the deployment": not len(record.time_s),
+        "has no usable velocity": not usable_velocities(record).any(),
+        "has velocities of zero only": not (np.nan_to_num(record.east).any() or np.nan_to_num(record.north).any()),
+        "has no usable heading: is it the one with the compass to correct?": heading and not headings.any(),
+        "has no depth": not np.isfinite(record.depth_m).any(),
+    }
+    return next((reason for reason, holds in reasons.items() if holds), "")
 
 
 def _refuse_other_frame(pairs: Pairs) -> None:
@@ -363,21 +356,12 @@ def match_ready_pairs(columns: Mapping[str, Floats], scale: float, record: Recor
         near = np.abs(samples[at] - rows["time"]) <= 0.5 * np.median(np.diff(samples))
         near &= np.diff(at, prepend=-1) > 0  # at most one pair per sample, the first
     rows, at = {role: column[near] for role, column in rows.items()}, at[near]
-    unknown = np.full(len(at), np.nan)
-    pairs = Pairs(
-        time_s=samples[at],
-        heading_deg=angles.wrap360(rows["heading"]),
-        pitch_deg=record.pitch_deg[at],
-        roll_deg=record.roll_deg[at],
-        upper_east=scale * rows["upper_east"],
-        upper_north=scale * rows["upper_north"],
-        lower_east=scale * rows["lower_east"],
-        lower_north=scale * rows["lower_north"],
-        upper_depth_m=unknown,
-        lower_depth_m=unknown,
-        separation_minutes=unknown,
-        declination_deg=earthfield.declination_at(field, samples[at]),
-    )
+    matched, unknown = take(record, at), np.full(len(at), np.nan)
+    rows = {role: scale * column if role.endswith(("east", "north")) else column for role, column in rows.items()}
+    top, bottom = rows["upper_east"] + 1j * rows["upper_north"], rows["lower_east"] + 1j * rows["lower_north"]
+    declination = earthfield.declination_at(field, matched.time_s)
+    pairs = _assemble(matched, top, bottom, (unknown, unknown, unknown), declination)
+    pairs = replace(pairs, heading_deg=angles.wrap360(rows["heading"]))
     moving = np.min(np.abs(pairs.flows), axis=0) > 0.0
     pairs = take(pairs, moving & (record.heading_quality[at] < BAD))
     if reason := find_identical_velocities(pairs):

@@ -52,6 +52,11 @@ class Velocities:
     quality: Flags  # (k, m)
     up: Floats | None = None  # (k, m) vertical velocity, m/s; None if it was not measured
 
+    def part(self, which: slice) -> Velocities:
+        """Select some of the samples."""
+        up = None if self.up is None else self.up[which]
+        return Velocities(self.velocity[which], self.depth_m[which], self.quality[which], up)
+
 
 @dataclass(frozen=True)
 class Source:
@@ -276,25 +281,25 @@ def _place_points(source: Source, learnt: Learnt, rows: slice, axes: Axes, slots
     if not inside.any():
         return empty_cells(len(slots), slice(0, 0), points.up is not None)
     window = slice(int(level[inside].min()), int(level[inside].max()) + 1)
-    shape = len(slots), window.stop - window.start
-    place, size = (slot * shape[1] + level - window.start)[inside], shape[0] * shape[1]
-    count = np.bincount(place, minlength=size)
-    number = np.maximum(count, 1)
+    width = window.stop - window.start
+    place, index = np.unique((slot * width + level - window.start)[inside], return_inverse=True)
+    at, count = np.divmod(place, width), np.bincount(index)
 
     def mean(values: Floats) -> Floats:
-        return np.where(count > 0, np.bincount(place, values[inside], size) / number, np.nan).reshape(shape)
+        return np.bincount(index, values[inside]) / count
 
-    late = mean(time_s - axes.time_s[0]) + axes.time_s[0] - axes.time_s[slots.start : slots.stop, None]
-    off = np.nan_to_num(mean(depth) - axes.depth_m[window])
-    spread = by_depth.at(np.hypot(off, source.depth_sigma_m)) + learnt.by_time.at(np.abs(np.nan_to_num(late)))
-    worst = np.zeros(size, dtype=np.int8)
-    np.maximum.at(worst, place, points.quality[:, 0][inside])
-    return Cells(
-        velocity=mean(velocity.real) + 1j * mean(velocity.imag),
-        up=None if points.up is None else mean(points.up[:, 0]),
-        quality=worst.reshape(shape), count=count.reshape(shape).astype(np.int32), measured=count.reshape(shape) > 0,
-        noise=by_depth.noise / (2.0 * number.reshape(shape)), spread=spread, levels=window,
-    )  # fmt: skip
+    late = mean(time_s - axes.time_s[0]) + axes.time_s[0] - axes.time_s[slots.start + at[0]]
+    off = mean(depth) - axes.depth_m[window.start + at[1]]
+    worst = np.zeros(len(place), dtype=np.int8)
+    np.maximum.at(worst, index, points.quality[:, 0][inside])
+    cells = empty_cells(len(slots), window, points.up is not None)
+    cells.velocity[at] = mean(velocity.real) + 1j * mean(velocity.imag)
+    if cells.up is not None and points.up is not None:
+        cells.up[at] = mean(points.up[:, 0])
+    cells.quality[at], cells.count[at], cells.measured[at] = worst, count, True
+    cells.noise[at] = by_depth.noise / (2.0 * count)
+    cells.spread[at] = by_depth.at(np.hypot(off, source.depth_sigma_m)) + learnt.by_time.at(np.abs(late))
+    return cells
 
 
 def bridge_gaps(cells: Cells, step_s: float, max_gap_s: float, by_time: Differences) -> Cells:

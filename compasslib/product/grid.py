@@ -158,9 +158,12 @@ def survey(source: Source) -> Survey:
     blocks, ranges, steps, samples = [], [], [], 0
     scans = source.bins == 1 and source.profiles
     stride = max(1, -(-n // PIECE) // 8)
+    read_at_once = PIECE * max(64 // source.bins, 1)
     for number, begin in enumerate(range(0, n, PIECE)):
         rows = slice(begin, begin + PIECE)
-        here = source.rows(rows)
+        if begin % read_at_once == 0:
+            read = source.rows(slice(begin, begin + read_at_once))
+        here = read.part(slice(begin % read_at_once, begin % read_at_once + PIECE))
         usable = np.isfinite(here.velocity.real) & np.isfinite(here.depth_m)
         metre = here.depth_m[usable]
         metre = np.rint(metre[(metre >= 0.0) & (metre < DEEPEST_M - 0.5)]).astype(int)
