@@ -220,10 +220,6 @@ FORMS: Mapping[str, Form] = {
         _numbered(FREE_WAVES), places=SPAN, words="as a free function of {}",
         formula=f"Σ p_k·cos(kπ·(t − begin) / (end − begin)) / √(1 + (k/{FREE_FROM:g})²)",
     ),
-    "step": Form(
-        lambda term, x, t: (t >= term.begin_s).astype(float)[:, None], places=(("begin_s", "s"),),
-        words="from a date on", formula="p from begin on, before 0",
-    ),
     "box": Form(
         lambda term, x, t: ((t >= term.begin_s) & (t < term.end_s)).astype(float)[:, None],
         places=SPAN, words="for a while", formula="p from begin to end, else 0",
