@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.deviation.model import DeviationFit, heading_residual, observed_heading, pair_speeds
 from compasslib.records import Pairs, iso_time
-from compasslib.statistics.resampling import adjacent
+from compasslib.statistics.resampling import adjacent, blocks_by_span
 from compasslib.types import DAY_S, Bools, Floats
 
 
@@ -80,7 +80,10 @@ def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
     """
     if not fit.fitted or fit.method == "von_appen" or len(pairs) < MIN_WINDOWS * MIN_WINDOW_PAIRS:
         return ()
-    windows = _cut(pairs.time_s)
+    # Windows of WINDOW_S, or longer ones if these have too few pairs on average.
+    number = blocks_by_span(pairs.time_s, max(WINDOW_S, float(np.ptp(pairs.time_s)) * MIN_WINDOW_PAIRS / len(pairs)))
+    windows = [np.flatnonzero(number == k) for k in range(number[-1] + 1)]
+    windows = [rows for rows in windows if len(rows) >= MIN_WINDOW_PAIRS // 2]
     if len(windows) < MIN_WINDOWS:
         return ()
     residual, speed = heading_residual(fit, pairs), np.minimum(*pair_speeds(pairs))
@@ -102,15 +105,6 @@ def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
         apart = float(np.hypot(rms[far].max(), rms[~far].max(initial=0.0)))
         doubts = (*doubts, doubt_whole_record(min(apart, angles.UNIFORM_SIGMA_DEG), why))
     return doubts
-
-
-def _cut(time_s: Floats) -> list[NDArray[np.intp]]:
-    """Divide the pairs into windows of WINDOW_S, or longer ones if these have too few pairs on average."""
-    span = float(np.ptp(time_s))
-    length = max(WINDOW_S, span * MIN_WINDOW_PAIRS / len(time_s))
-    number = np.floor((time_s - time_s[0]) / length).astype(int)
-    cut = [np.flatnonzero(number == k) for k in range(number[-1] + 1)]
-    return [selected for selected in cut if len(selected) >= MIN_WINDOW_PAIRS // 2]
 
 
 def _describe(residual_deg: Floats, speed: Floats, heading_deg: Floats) -> tuple[float, float, Floats, Floats]:

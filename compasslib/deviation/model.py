@@ -303,21 +303,15 @@ def estimate_safe_distance(fit: DeviationFit, sphere_distance_m: tuple[float, fl
     field = float(np.hypot(*b_c))
     sigma = float(np.sqrt(b_c @ fit.covariance[1:3, 1:3] @ b_c)) / max(field, 1e-12) if fit.covariance.size else 0.0
     bounds = max(field - NORMAL_95 * sigma, 0.0), field + NORMAL_95 * sigma
-    ends = list(zip(bounds, ORIENTATION, sphere_distance_m, strict=True))
-    reached = [r for r in DISTANCES_M if r > sphere_distance_m[1]]
+    reached = np.array([r for r in DISTANCES_M if r > sphere_distance_m[1]])
+    ends = zip(bounds, ORIENTATION, sphere_distance_m, strict=True)
+    fields = np.array([share * p * (r0 / reached) ** 3 for p, share, r0 in ends])
+    largest = np.where(fields < 1.0, np.arcsin(np.minimum(fields, 1.0)) / angles.DEGREE, 180.0)
     return {
         "relative_field": field,
         "relative_field_sigma": sigma,
         "assumed": {"distance_m": list(sphere_distance_m), "orientation": list(ORIENTATION)},
         "distances": [
-            {"m": r, "deviation_deg": [_largest_deviation(share * p * (r0 / r) ** 3) for p, share, r0 in ends]}
-            for r in reached
+            {"m": r, "deviation_deg": both} for r, both in zip(reached.tolist(), largest.T.tolist(), strict=True)
         ],
     }
-
-
-def _largest_deviation(relative_field: float) -> float:
-    """Compute the largest deviation by a field relative to the earth's horizontal one, degrees; 180 from 1 on."""
-    if relative_field >= 1.0:
-        return 180.0
-    return float(angles.argument(complex(np.sqrt(1.0 - relative_field**2), relative_field)))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, make_dataclass
 from functools import cache
+from itertools import accumulate
 from typing import Any, ClassVar
 
 import numpy as np
@@ -87,14 +88,12 @@ TARGETS: Mapping[str, EffectTarget] = {
     "flow_direction": EffectTarget((("veer", "degrees", 1.0),), "water", lambda size, *_: size[:, 0], "water"),
 }  # fmt: skip
 
-Series = Callable[[Any, Floats, Floats], Floats]  # (term, driver, times) -> (n, c)
-
 
 @dataclass(frozen=True)
 class Form:
     """Functional form of the dependence on a driver: its time series and its places."""
 
-    series: Series
+    series: Callable[[Any, Floats, Floats], Floats]  # (term, driver, times) -> (n, c)
     suffixes: tuple[str, ...] = ("",)  # of the parameter names, one per series
     per_driver: bool = False  # whether the parameter's unit is divided by the driver's
     places: tuple[tuple[str, str], ...] = ()  # name and unit; "of the driver" means the driver's unit
@@ -114,11 +113,9 @@ def _lagged(x: Floats, time_s: Floats, constant_s: float) -> Floats:
 
 def _play(x: Floats, width: float) -> Floats:
     """Apply a play operator (backlash) to a driver: the output stays until the driver moves it, (n,)."""
-    half, result, at = width / 2.0, np.empty(len(x)), float(x[0]) if len(x) else 0.0
-    for i, now in enumerate(x.tolist()):
-        at = min(max(at, now - half), now + half)
-        result[i] = at
-    return result
+    half = width / 2.0
+    follow = accumulate(x.tolist(), lambda at, now: min(max(at, now - half), now + half))
+    return np.fromiter(follow, float, len(x))
 
 
 SMOOTH, WIDE = 6, 4.0  # functions of a smooth curve, and standard deviations from its middle that it reaches
@@ -222,10 +219,6 @@ FORMS: Mapping[str, Form] = {
         lambda term, x, t: _cosines(term, t, FREE_WAVES) / np.hypot(1.0, np.arange(1, FREE_WAVES + 1) / FREE_FROM),
         _numbered(FREE_WAVES), places=SPAN, words="as a free function of {}",
         formula=f"Σ p_k·cos(kπ·(t − begin) / (end − begin)) / √(1 + (k/{FREE_FROM:g})²)",
-    ),
-    "step": Form(
-        lambda term, x, t: (t >= term.begin_s).astype(float)[:, None], places=(("begin_s", "s"),),
-        words="from a date on", formula="p from begin on, before 0",
     ),
     "box": Form(
         lambda term, x, t: ((t >= term.begin_s) & (t < term.end_s)).astype(float)[:, None],
@@ -383,7 +376,6 @@ def compose_effect(
 
 
 # Composed effects that are common enough to have a name.
-USUAL_GAIN, USUAL_BIAS_M_S = 0.05, 0.02  # of one beam pair relative to the other; of a velocity, by ringing
 MOVES = "iron near the compass moves as the instrument leans, a battery or a cable"
 Pressure = compose_effect(
     "field_horizontal", "depth", "linear", name="pressure",
@@ -396,24 +388,24 @@ PivotFriction = compose_effect(
     words="the compass sticks on its pivot and stops short of each heading, on the side that it comes from",
 )  # fmt: skip
 BeamGain = compose_effect(
-    "flow_gain", "time", "always", name="beam_gain", usual=USUAL_GAIN,
+    "flow_gain", "time", "always", name="beam_gain", usual=0.05,  # of one beam pair relative to the other
     words="the beam pairs of this instrument are of unequal gain, which turns currents and no heading",
 )  # fmt: skip
 VelocityBias = compose_effect(
-    "flow_offset", "time", "always", name="velocity_bias", usual=USUAL_BIAS_M_S,
+    "flow_offset", "time", "always", name="velocity_bias", usual=0.02,  # m/s
     words="the velocities of this instrument have a constant offset in its own frame, as by ringing",
 )  # fmt: skip
 
 
 def effect_by_name(effect: str) -> type[ComposedEffect]:
-    """Look up the class of a composed effect by its name, composed:ACTS_ON/DRIVER/FORM."""
+    """Create the class of a composed effect from its name, composed:ACTS_ON/DRIVER/FORM."""
     return compose_effect(*effect.removeprefix(COMPOSED).split("/"))
 
 
 def as_current(term: ComposedEffect) -> ComposedEffect:
     """Make the corresponding term of the current's direction, with the same driver, form and places and zero size."""
-    kind = compose_effect("flow_direction", *term.composition[1:])
-    return kind(**{f.name: getattr(term, f.name) for f in fields(term) if not f.metadata["step"]})
+    places = (getattr(term, f.name) for f in fields(term) if not f.metadata["step"])
+    return place_effect(compose_effect("flow_direction", *term.composition[1:]), *places)
 
 
 def place_effect(kind: type[ComposedEffect], *at: float) -> ComposedEffect:

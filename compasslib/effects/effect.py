@@ -41,7 +41,7 @@ class Scene:
     roll_deg: Floats  # (n,) starboard down
     begin_s: float  # origin of drifts
     departures: Mapping[str, Floats] = field(default_factory=dict)  # (n,) covariates minus their references
-    turned: Callable[[float], Floats] | None = None  # seconds ahead -> change of heading until then, (n,) degrees
+    turned: Any = None  # seconds ahead -> change of heading until then, (n,) degrees; None if unknown
 
     def __len__(self) -> int:
         return len(self.time_s)

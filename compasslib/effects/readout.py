@@ -137,16 +137,9 @@ CompassLag = _reading(
     literature="first order: reading minus lag times its rate of turn, clockwise positive",
     lag_s=parameter("s", "time by which the reading is late", 300.0),
 )  # fmt: skip
-
-
-def _turned(scene: Scene, ahead_s: float) -> Floats:
-    assert scene.turned is not None
-    return scene.turned(ahead_s)
-
-
 CompassDelay = _reading(
     "CompassDelay", "The reading is delayed exactly, not to first order, as the instrument may swing quickly.",
-    lambda term, scene: _turned(scene, -term.lag_s),
+    lambda term, scene: scene.turned(-term.lag_s),
     name="compass_lag", driver="turn_rate", recordings=("magnetometer", "two_heads"),
     literature="a delay; for slow turns its first order, reading minus lag times the rate of turn",
     lag_s=parameter("s", "time by which the reading is late", 0.1),
