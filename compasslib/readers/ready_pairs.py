@@ -14,6 +14,7 @@ from compasslib.types import Floats
 
 ROLES = ("time", "heading", "upper_east", "upper_north", "lower_east", "lower_north")
 ADVICE = "correct fit.columns in the mooring file"
+LARGEST_DATENUM = 8.0e5  # year 2190; seconds since 1970 are larger
 
 
 def read_ready_pairs(path: Path, columns: Mapping[str, str]) -> dict[str, Floats]:
@@ -26,20 +27,15 @@ def read_ready_pairs(path: Path, columns: Mapping[str, str]) -> dict[str, Floats
     """
     if path.suffix.lower() != ".mat":
         return read_table(path, columns, ADVICE).columns
-    variables, series = matlab.load(path), dict[str, Floats]()
-    for role, name in columns.items():
-        values = np.atleast_1d(matlab.find_numbers(path, variables, name, role))
-        if values.ndim > 1:
-            shown = " x ".join(map(str, values.shape))
-            raise InputError(
-                f"{path}: {name} ({role})", expected="a series, 1 x n or n x 1", found=shown, advice=ADVICE
-            )
-        series[role] = values
-    if len({len(values) for values in series.values()}) != 1:
-        shown = ", ".join(f"{columns[role]} {len(values)}" for role, values in series.items())
-        raise InputError(str(path), expected="variables of one length", found=shown, advice=ADVICE)
+    variables = matlab.load(path)
+    series = {role: np.atleast_1d(matlab.find_numbers(path, variables, name, role)) for role, name in columns.items()}
+    if len({values.shape for values in series.values()}) != 1 or series["time"].ndim > 1:
+        shapes = (f"{columns[role]} {' x '.join(map(str, values.shape))}" for role, values in series.items())
+        expected = "series of one length, 1 x n or n x 1"
+        raise InputError(str(path), expected=expected, found=", ".join(shapes), advice=ADVICE)
+    scale = "datenum" if np.nanmin(series["time"], initial=np.inf) < LARGEST_DATENUM else "epoch"
     try:
-        series["time"], _ = times.from_numbers(series["time"])
+        series["time"], _ = times.from_numbers(series["time"], scale)
     except times.Unreadable as error:
         where, expected = f"{path}: {columns['time']}", "times as datenum or as seconds since 1970"
         raise InputError(where, expected=expected, found=error.shown, advice=ADVICE) from None
