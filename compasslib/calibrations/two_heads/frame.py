@@ -101,7 +101,8 @@ def upright(offset_deg: float, lean_a: Complexes, lean_b: Complexes) -> Floats:
         cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         least = np.eye(3) + cross + cross @ cross / (1.0 + vertical_a @ vertical_b)  # Rodrigues
         rotation = np.asarray(least) @ turned
-        turn += float(angles.difference(offset_deg, angles.direction(rotation[0, 1], rotation[0, 0])))
+        reached = angles.wrap180(angles.direction(rotation[0, 1], rotation[0, 0]))
+        turn += float(angles.difference(offset_deg, reached))
     return rotation
 
 

@@ -289,7 +289,8 @@ def _gradient_sums(rates: Rates, parameters: Floats, middle_s: float) -> tuple[F
     columns = np.stack([np.ones_like(time_s), time_s - middle_s])[: len(parameters)]
     at = time_s - parameters @ columns
     here = other.at(at)
-    along = np.nansum(np.conj(value) * here)
+    known = np.isfinite(here)
+    along = np.sum(np.conj(value[known]) * here[known])
     turned = value * along / max(abs(along), 1e-300)  # samples of b rotated into a's frame
     first, second = -np.real(np.conj(turned) * other.at(at, 1)), np.real(np.conj(turned) * other.at(at, 2))
     known = np.isfinite(first) & np.isfinite(second)
