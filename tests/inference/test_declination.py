@@ -56,11 +56,6 @@ def drifting(**changed):
     return replace(added(made, 4.0 * (made.time_s - START_S) / (365.25 * DAY_S)), **changed)
 
 
-def noisy():
-    made = series(60, seed=6)
-    return added(made, np.random.default_rng(0).normal(0.0, 1.0, len(made)))
-
-
 @pytest.mark.parametrize(
     ("made", "number", "verdict", "effect", "alternatives", "truth"),
     [
@@ -108,7 +103,8 @@ def test_a_storm_and_a_jump_are_separated_in_one_series():
 
 
 def test_a_noisy_series_is_unexplained_without_storms():
-    found = judged(noisy())
+    made = series(60, seed=6)
+    found = judged(added(made, np.random.default_rng(0).normal(0.0, 1.0, len(made))))
     assert found.verdict == "unexplained" and "restless" in found.unexplained.text
     assert not found.findings
 
