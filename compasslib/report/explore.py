@@ -1,7 +1,7 @@
-"""Data of results/explore.html: the series of every mooring, for one page that needs no network.
+"""Data of results/explore.html: the series and sections of every mooring, for one page that needs no network.
 
 A mooring is one block of bytes: the times in float64, then each series in whole numbers of a step, which keep the page
-small. A record with more samples than ``most`` is thinned to every k-th sample.
+small. A record with more samples than ``most`` is thinned to every k-th sample; a section is averaged to fewer columns.
 """
 
 from __future__ import annotations
@@ -14,10 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from compasslib import angles
 from compasslib.archive import netcdf, provenance, summary
 from compasslib.archive.files import open_netcdf, read_json, read_variable
+from compasslib.archive.gridded import read_section
 from compasslib.preparation.references import combine_references
 from compasslib.report import STYLE, words, write_page
 from compasslib.report.results import read_summary
@@ -41,13 +43,21 @@ def write(path: str | Path, title: str, names: Sequence[str]) -> None:
 
 
 def collect(name: str, root: Path, row: Mapping[str, str], share: float) -> dict[str, Any]:
-    """Collect what the page shows of a mooring: its row of summary.csv, series, and spans to mark."""
+    """Collect what the page shows of a mooring: its row of summary.csv, series, section, and spans to mark."""
     time_s, series, depth_m = read_series(root / name, most=int(10_000 * share))
     packed = [time_s.tobytes()]
     about = {key: pack(values, packed) for key, values in series.items() if np.isfinite(values).any()}
+    gridded, section = root / name.partition("/")[0] / "gridded.nc", dict[str, Any]()
+    if gridded.exists():
+        means = read_section(gridded, columns=int(400 * share) + 1)
+        parts = {"u_recorded": means.before.real, "v_recorded": means.before.imag}
+        parts |= {"u_corrected": means.after.real, "v_corrected": means.after.imag}
+        section = {key: pack(100.0 * values, packed, levels=400) for key, values in parts.items()}
+        section |= {"edges": means.edges_s[[0, -1]].tolist(), "depths": means.depth_m.tolist()}
+        section["reference"] = (np.nan_to_num(means.reference_share) >= 0.5).tolist()  # which has no recorded heading
     return {
         "name": name, "use": row["use"], "verdict": row["verdict"], "sigma": row["use_sigma_deg"], "n": len(time_s),
-        "depth": None if np.isnan(depth_m) else round(depth_m), "series": about,
+        "depth": None if np.isnan(depth_m) else round(depth_m), "series": about, "section": section,
         "spans": list(describe_spans(root / name)),
         "bytes": base64.b64encode(zlib.compress(b"".join(packed), 9)).decode(),
     }  # fmt: skip
@@ -85,11 +95,13 @@ def read_series(folder: Path, most: int) -> tuple[Floats, dict[str, Floats], flo
     return np.insert(time_s, gaps, between), {k: np.insert(v, gaps, np.nan) for k, v in series.items()}, bin_.depth_m
 
 
-def pack(values: Floats, packed: list[bytes], levels: int = 10_000) -> list[float]:
-    """Append the values to the bytes as one of some levels each, and return the lowest and their step."""
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+def pack(values: ArrayLike, packed: list[bytes], levels: int = 10_000) -> list[float]:
+    """Append the values to the bytes as one of some levels each, row by row, and return the lowest and their step."""
+    numbers = np.asarray(values, dtype=float)
+    known = numbers[np.isfinite(numbers)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     step = (high - low) / levels or 1.0
-    whole = np.where(np.isfinite(values), np.round((np.nan_to_num(values) - low) / step), MISSING)
+    whole = np.where(np.isfinite(numbers), np.round((np.nan_to_num(numbers) - low) / step), MISSING)
     packed.append(whole.astype("<u2").tobytes())
     return [low, step]
 

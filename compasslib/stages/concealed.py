@@ -20,6 +20,7 @@ from compasslib.preparation.references import combine_references
 from compasslib.records import BAD
 from compasslib.report import sections, words, write_page
 from compasslib.report.results import ReportFigure
+from compasslib.stages.recordings import FOLDER
 from compasslib.statistics.resampling import NORMAL_95, block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
 
@@ -38,9 +39,10 @@ def concealed(
     errors = {name: heading_errors(truth, read_headings(root / name)) for name, truth in known.items()}
     reach = error_reach([error for x in errors.values() for error in (x.fit_deg, x.corrected_deg)])
     moorings = [reveal(name, root, truth, errors[name], reach) for name, truth in known.items()]
-    real = read_json(recordings)["recordings"]
-    rows, software = count_named(real, moorings), provenance.software()
-    write_page(page, "concealed.html", rows=rows, real=real, moorings=moorings, software=software)
+    real, stored = read_json(recordings)["recordings"], read_json(FOLDER / "moored.json")
+    rows = count_named(real, stored["moorings"], moorings)
+    content = {"rows": rows, "real": real, "stored": stored, "moorings": moorings}
+    write_page(page, "concealed.html", **content, software=provenance.software())
     say(f"{page}: {len(moorings)} moorings beside the truth")
 
 
@@ -180,22 +182,19 @@ def named_level(cause: Mapping[str, Any], findings: Sequence[Mapping[str, Any]])
 
 
 def count_named(
-    real: Sequence[Mapping[str, Any]], simulated: Sequence[Mapping[str, Any]]
+    real: Sequence[Mapping[str, Any]], stored: Sequence[Mapping[str, Any]], simulated: Sequence[Mapping[str, Any]]
 ) -> list[tuple[str, int, int, int, int, int]]:
     """Count causes, those whose driver and whose effect was named, cases without a cause, and those accused."""
     logs = [item["cases"] for item in real if item["effects"] and item["figures"] and len(item["cases"]) > 1]
     named, controls = [cases[0]["expected"] for cases in logs], [x["expected"] for cases in logs for x in cases[1:]]
+    with_cause, none = [x for x in stored if x["planted"]], [x for x in stored if not x["planted"]]
+    moored = (sum(x["driver"] for x in with_cause), sum(x["effect"] for x in with_cause))
     levels = [cause["level"] for item in simulated for cause in item["truth"]["planted"]]
     accused = [bool(item["false"]) for item in simulated if not item["truth"]["planted"]]
     known = (len(levels), sum(map(bool, levels)), levels.count("effect"), len(accused), sum(accused))
+    withheld = (len(logs), sum(named), sum(named), len(controls), controls.count(False))
     return [
-        (
-            "Real compasses, a correction withheld",
-            len(logs),
-            sum(named),
-            sum(named),
-            len(controls),
-            controls.count(False),
-        ),
+        ("Real compasses, a correction withheld", *withheld),
+        ("Real water, simulated iron", len(with_cause), *moored, len(none), sum(x["detected"] for x in none)),
         ("Simulated moorings", *known),
     ]
