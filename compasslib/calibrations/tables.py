@@ -39,8 +39,8 @@ def read_columns(
     headers = {role: str(named.get(role) or role) for role in (*needed, *optional)}
     for role in needed:
         if {role, headers[role]} & withheld:
-            expected, found = "columns that the calibration can do without", f"{role}, which it needs"
-            raise InputError("withhold", expected=expected, found=found, advice="take it out of withhold")
+            expected, actual = "columns that the calibration can do without", f"{role}, which it needs"
+            raise InputError("withhold", expected=expected, found=actual, advice="take it out of withhold")
     heads = [delimited.read_head(path, [headers[role] for role in needed], layout) for path in paths]
     there = set.intersection(*(set(head.names) for head in heads))
     wanted = {

@@ -166,8 +166,8 @@ def _mooring_files(cruise: Path, moorings: str | Sequence[str]) -> list[str]:
         listed = os.listdir(cruise / moorings) if os.path.isdir(cruise / moorings) else []
         files = sorted(f"{moorings}/{name}" for name in listed if name.endswith((".yaml", ".yml")) and name[0] != ".")
         if not files:
-            expected, found = "a folder with files NAME.yaml", f"none in {moorings}"
-            raise InputError(where, expected=expected, found=found, advice=advice)
+            expected, actual = "a folder with files NAME.yaml", f"none in {moorings}"
+            raise InputError(where, expected=expected, found=actual, advice=advice)
     for file in files:
         if not file.isprintable():
             expected = "names in UTF-8 without control characters"
@@ -312,16 +312,19 @@ def parse(data: bytes, name: str, example: str = "key: value") -> dict[str, Any]
         data.decode("utf-8-sig")
         content = yaml.load(text, Loader=_Loader)
     except UnicodeDecodeError as error:
-        found = f"bytes that are not UTF-8 at {error.start}"
+        actual = f"bytes that are not UTF-8 at {error.start}"
     except yaml.MarkedYAMLError as error:
         mark: Any = error.problem_mark or error.context_mark
-        where, found = f"{name}: line {mark.line + 1}, column {mark.column + 1}", f"a mistake of form ({error.problem})"
+        where, actual = (
+            f"{name}: line {mark.line + 1}, column {mark.column + 1}",
+            f"a mistake of form ({error.problem})",
+        )
     except yaml.reader.ReaderError as error:
-        where, found = f"{name}: line {text.count(chr(10), 0, error.position) + 1}", "a control character"
+        where, actual = f"{name}: line {text.count(chr(10), 0, error.position) + 1}", "a control character"
     else:
         if isinstance(content, dict):
             return content
-        found = "an empty file" if content is None else f"{shown(content)} alone"
-        raise InputError(name, expected="keys with values", found=found, advice=f"write for example {example}")
+        actual = "an empty file" if content is None else f"{shown(content)} alone"
+        raise InputError(name, expected="keys with values", found=actual, advice=f"write for example {example}")
     advice = "check encoding, indentation, colons, quotes and brackets"
-    raise InputError(where, expected="YAML in UTF-8", found=found, advice=advice)
+    raise InputError(where, expected="YAML in UTF-8", found=actual, advice=advice)

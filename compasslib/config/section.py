@@ -63,8 +63,8 @@ def describe(model: type[BaseModel], error: Any, file: str) -> InputError:
     if kind == "extra_forbidden":
         allowed, unknown = list(allowed_keys(inner or model)), str(error["loc"][-1])
         advice = nearest(unknown, allowed) or "delete it, or indent it below the key that it belongs to"
-        expected, found = f"a key out of {', '.join(allowed)}", f"the unknown {shown(unknown)}"
-        return InputError(f"{file}: {place}", expected=expected, found=found, advice=advice)
+        expected, actual = f"a key out of {', '.join(allowed)}", f"the unknown {shown(unknown)}"
+        return InputError(f"{file}: {place}", expected=expected, found=actual, advice=advice)
     example = f"for example {place.rpartition('.')[2].partition('[')[0]}: {field.examples[0]}" if field else ""
     texts = {"expected": field.description if field else "", "found": shown(value)}
     texts["advice"] = (field and field.json_schema_extra["advice"]) or f"write {example}"

@@ -228,10 +228,10 @@ def sum_sigma(
         source: instrument of each cell as row of ``errors.shares``, negative if there is none.
         memory_s: e-folding time of the errors not due to the heading.
     """
-    modes, random, rest = _of_times(weight_east, weight_north, velocity, other, source, errors)
+    modes, random, white = _of_times(weight_east, weight_north, velocity, other, source, errors)
     remembered = sum(_remembered(series, errors.memory_s / step_s) for series in random)
-    rest_variance = (1.0 + 2.0 * memory_s / step_s) * rest.sum()
-    return float(np.sqrt(np.sum(modes.sum(axis=1) ** 2) + remembered + rest_variance))
+    correlated = (1.0 + 2.0 * memory_s / step_s) * white.sum()
+    return float(np.sqrt(np.sum(modes.sum(axis=1) ** 2) + remembered + correlated))
 
 
 def time_variances(
@@ -239,8 +239,8 @@ def time_variances(
     errors: HeadingErrors,
 ) -> Floats:  # fmt: skip
     """Compute the variance of the weighted sum at each single time, (t,); arguments as for ``sum_sigma``."""
-    modes, random, rest = _of_times(weight_east, weight_north, velocity, other, source, errors)
-    return np.asarray(np.sum(modes**2, axis=0) + np.sum(random**2, axis=0) + rest)
+    modes, random, white = _of_times(weight_east, weight_north, velocity, other, source, errors)
+    return np.asarray(np.sum(modes**2, axis=0) + np.sum(random**2, axis=0) + white)
 
 
 def _of_times(

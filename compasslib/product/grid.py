@@ -207,8 +207,8 @@ def make_axes(sources: Sequence[Source], surveys: Sequence[Survey], rules: GridR
     first = min(low for low, _ in ends) if rules.from_m is None else rules.from_m
     last = max(max(high for _, high in ends) if rules.to_m is None else rules.to_m, first)
     if (depths := int((last - first) / step_m + 1e-6) + 1) > 6000:  # 1 m apart over most of the ocean
-        found, advice = f"{depths} from {first:g} to {last:g} m", "write a larger step_m, or from_m and to_m"
-        raise InputError("product.grid", expected="up to 6000 depths", found=found, advice=advice)
+        actual, advice = f"{depths} from {first:g} to {last:g} m", "write a larger step_m, or from_m and to_m"
+        raise InputError("product.grid", expected="up to 6000 depths", found=actual, advice=advice)
     depth_m = np.round(first + step_m * np.arange(depths), 3)
     used = [s for s, each in zip(sources, surveys, strict=True) if not each.empty] or list(sources[:1])
     timed = next((s for s in used if not s.profiles and len(s.time_s) > 1), None)

@@ -139,8 +139,8 @@ def refuse_large_arrays(where: str, needed: int, size: int, cells: int | None = 
             what, declared = "profiles", f", as one declares {cells} cells,"
             advice = "give each configuration of the instrument as files of its own"
         expected = f"{what} that take up to {allowed // MEGABYTE} MB of memory"
-        found = f"{needed // MEGABYTE} MB{declared} in {size / MEGABYTE:.1f} MB of files"
-        raise TooLarge(where, expected=expected, found=found, advice=advice)
+        actual = f"{needed // MEGABYTE} MB{declared} in {size / MEGABYTE:.1f} MB of files"
+        raise TooLarge(where, expected=expected, found=actual, advice=advice)
 
 
 def refuse_mostly_damaged(path: str | Path, records: str, *, damaged: int, whole: int) -> None:

@@ -57,5 +57,5 @@ def stated_north(texts: Mapping[str, Iterable[str]]) -> str | None:
     for role in {"east", "north", "direction", "heading"} & {*texts}:
         words = " ".join(texts[role]).lower()
         norths[role == "heading"] |= {north for north, pattern in _NORTH.items() if pattern.search(words)}
-    found = norths[False] or norths[True]
-    return found.pop() if len(found) == 1 else None
+    north = norths[False] or norths[True]
+    return north.pop() if len(north) == 1 else None

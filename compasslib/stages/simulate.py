@@ -43,9 +43,9 @@ def put(name: str, files: Sequence[str]) -> Iterator[Path]:
     try:
         yield folder
         if missing := [file for file in files if not (folder / file).is_file()]:
-            advice, found = "name the files as the simulation does", "one that it does not write"
+            advice, actual = "name the files as the simulation does", "one that it does not write"
             expected = f"a raw file of the simulation of {name}"
-            raise InputError(missing[0], expected=expected, found=found, advice=advice)
+            raise InputError(missing[0], expected=expected, found=actual, advice=advice)
         write_json(PLANNED / f"{name}.json", {"wrote": {file: provenance.sha256(folder / file) for file in files}})
         for file in files:
             Path(file).parent.mkdir(parents=True, exist_ok=True)
@@ -77,9 +77,9 @@ def to_simulate(cruise: Cruise, warn: Callable[[str], object] = print, *, check:
         present = [file for file in (*files, truth_file(name)) if check and os.path.lexists(file)]
         foreign = [file for file in present if os.path.islink(file) or (file, provenance.sha256(file)) not in made]
         if foreign and (missing := [file for file in files if not os.path.isfile(file)]):
-            found = f"a file or link that is there already, while {missing[0]} is missing"
+            actual = f"a file or link that is there already, while {missing[0]} is missing"
             advice = "measured files are never written over: add the missing one, or delete demonstration: true"
-            raise InputError(foreign[0], expected="what the simulation wrote, or nothing", found=found, advice=advice)
+            raise InputError(foreign[0], expected="what the simulation wrote, or nothing", found=actual, advice=advice)
         if foreign:
             warn(f"{name}: raw files used as they stand: no record says that the simulation wrote them")
         else:

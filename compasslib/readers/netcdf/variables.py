@@ -322,7 +322,7 @@ def _unit(variable: Variable) -> str:
 
 def read_position(path: Path) -> dict[str, float]:
     """Read latitude, longitude and water depth (m), as far as the file states each as one finite number."""
-    found: dict[str, float] = {}
+    position: dict[str, float] = {}
     with netCDF4.Dataset(path) as nc:
         variables, attributes = variables_of(path, nc), {name: nc.getncattr(name) for name in nc.ncattrs()}
         for key, names in PLACE_NAMES.items():
@@ -333,5 +333,5 @@ def read_position(path: Path) -> dict[str, float]:
                     continue
                 distinct = np.unique(value)
                 if distinct.size == 1 and np.isfinite(distinct[0]):
-                    found.setdefault(key, float(distinct[0]))
-    return found
+                    position.setdefault(key, float(distinct[0]))
+    return position
