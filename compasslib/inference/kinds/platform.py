@@ -134,7 +134,9 @@ def search_curve(
     if exact is None or by_exact is None or clearly * np.log(by_exact.square / by_series.square) > CLEARLY:
         return short_search.search_effects(replace(series, terms=READOUT + more), options), []
     found = short_search.search_effects(replace(exact, terms=READOUT + FIELD + more), options)
-    return found, _too_large(by_series, found.fitted, options)
+    # What no listed effect explains is not credited to the exact compass.
+    listed = by_exact if any(isinstance(term, ComposedEffect) for term in found.fitted.terms) else found.fitted
+    return found, _too_large(by_series, listed, options)
 
 
 def _too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options: Options) -> list[Finding]:
@@ -160,7 +162,6 @@ def _too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options:
 def _heading_error(fitted: FittedHypothesis) -> Floats:
     """Compute the error of the corrected headings: the residual of the exact compass is that of the recorded ones."""
     residual = fitted.comparison.residual
-    composed = any(isinstance(term, ComposedEffect) for term in fitted.terms)
-    if isinstance(residual, CurveResidual) and residual.exact and not composed:
+    if isinstance(residual, CurveResidual) and residual.exact:
         return residual.heading_error(fitted.base, fitted.terms)
     return fitted.residual_deg
