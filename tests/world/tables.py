@@ -167,7 +167,10 @@ def _read(path: Path, kind: str, settings: dict[str, object]) -> Truth:
         time_s, value, _ = table.read_series({"files": [path], **settings})
         return Truth(time_s, value, value)
     if kind == "calibration":
-        logged = log.read([path], settings)
+        columns = dict(settings["columns"])  # type: ignore[call-overload]
+        if "time" in columns:
+            columns["time_utc"] = columns.pop("time")
+        logged = log.read([path], settings | {"columns": columns})
         return Truth(logged.time_s, *logged.raw[:, :2].T)
     record = readers.read(kind, [path], settings)
     return Truth(record.time_s, record.east[:, 0], record.north[:, 0])
