@@ -215,7 +215,8 @@ def same_samples(record: Record, first: NDArray[np.intp], second: NDArray[np.int
 
 
 def _span(time_s: Floats) -> str:
-    ends = np.array([time_s.min(), time_s.max()]).astype("datetime64[s]")
+    with np.errstate(invalid="ignore"):  # a damaged time may be beyond any date, and is shown as NaT
+        ends = np.array([time_s.min(), time_s.max()]).astype("datetime64[s]")
     return " to ".join(ends.astype("datetime64[D]").astype(str))
 
 
