@@ -41,7 +41,7 @@ RESERVED = (
 )
 FOLDERS = ("work", "figures", "logs", "benchmarks")  # subfolders of results/NAME
 COVARIATE_ADVICE = "add for example columns: {time: time_utc, value: current_mA}"
-CENTURY_S = 3.2e9
+CENTURY_S = 3.2e9  # a clock that is further off was never set
 DEPTH_SLACK = 1.05  # a charted water depth is rarely better than 5 %
 
 

@@ -112,6 +112,7 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
 
 
 def auto(expected: str, example: str, **limits: Any) -> Any:
+    """Declare a key that may be ``auto``, which is None, or a value within limits."""
     return key(f"auto, or {expected}", example, None, **limits)
 
 

@@ -89,6 +89,7 @@ def listed(single: Any, count: int = 1) -> BeforeValidator:
 
 
 def ascending(ends: tuple[float, float]) -> tuple[float, float]:
+    """Return both ends of an interval; the second must not be below the first."""
     if ends[0] > ends[1]:
         raise problem()
     return ends

@@ -121,7 +121,7 @@ class Magnetometer:
     step_nt: float = 40.0
 
 
-FULL_SCALE_NT = 50_000.0
+FULL_SCALE_NT = 50_000.0  # to which the quadratic error of a sensor refers
 
 
 def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: float) -> Magnetometer:

@@ -79,7 +79,7 @@ def average_compasses(at: CompassSeries, heading_deg: Floats) -> CompassAverage:
 
 
 def compass_series(fit: DeviationFit, readings: Readings) -> CompassSeries:
-    """Evaluate a fitted exact compass along its own record."""
+    """Evaluate a fitted compass along its own record."""
     by = partial(heading_sensitivity, fit)
     return CompassSeries(readings.heading_deg, fit.coefficients, fit.covariance, by)
 

@@ -27,8 +27,8 @@ def reading_slope(fit: DeviationFit, heading_deg: Floats) -> Floats:
 
 def heading_sensitivity(fit: DeviationFit, heading_deg: Floats) -> Floats:
     """Compute the derivative of the correct heading of a reading by A..E, (n, 5) degrees per unit."""
-    slope = np.maximum(reading_slope(fit, heading_deg), MIN_SLOPE)
+    least = np.maximum(reading_slope(fit, heading_deg), MIN_SLOPE)
     if fit.method == "von_appen":
-        return series_design(heading_deg) / slope[:, None]
-    sign = np.sign(compass.slope(fit.coefficients, heading_deg))
-    return (-compass.gradient(fit.coefficients, heading_deg) / (sign * slope)).T
+        return series_design(heading_deg) / least[:, None]
+    slope = np.copysign(least, compass.slope(fit.coefficients, heading_deg))
+    return (-compass.gradient(fit.coefficients, heading_deg) / slope).T

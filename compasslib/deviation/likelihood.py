@@ -239,7 +239,7 @@ def scatter_widths(noise: ScatterNoise, upper_speed: Floats, lower_speed: Floats
 # reaches a twentieth of the circle, and only the cells within reach are stored, as a list.
 
 
-ROWS_PER_BLOCK = 8
+ROWS_PER_BLOCK = 8  # for speed; results do not depend on it
 
 
 def nearby_headings(recorded_deg: Floats, predicted_deg: Floats, reach_deg: float) -> tuple[Indices, Indices, Floats]:

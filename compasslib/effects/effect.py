@@ -24,7 +24,7 @@ from compasslib.types import Floats
 Side = Literal["compass", "reference", "water", "clock"]
 Stage = Literal["surroundings", "sensor", "readout", "clock"]
 
-YEAR_S = 365.25 * DAY_S
+YEAR_S = 365.25 * DAY_S  # a Julian year
 USUAL_DEG = 4.0  # prior rms change of heading by an effect whose physics sets no size
 SHORT_RECORDINGS = ("platform", "swing", "magnetometer", "two_heads")
 READINGS = ("mooring", *SHORT_RECORDINGS)  # recordings of a compass

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from compasslib import angles, compass
 from compasslib.deviation.correction import reference_modes
-from compasslib.deviation.curve import correct_roots
+from compasslib.deviation.curve import correct_roots, reading_slope
 from compasslib.deviation.histograms import BIN_DEG, BINS, Counts, directions_at_pairs
 from compasslib.deviation.model import (
     DeviationFit,
@@ -30,7 +30,7 @@ from compasslib.deviation.model import (
     observed_heading,
     pair_speeds,
 )
-from compasslib.deviation.series import inverse_table, series_design, series_deviation, series_slope
+from compasslib.deviation.series import inverse_table, series_design, series_deviation
 from compasslib.plots.page import (
     BAND,
     BLACK,
@@ -145,10 +145,9 @@ def deviation_curve(fit: DeviationFit, begin_deg: float, headings_deg: ArrayLike
     sigma = np.full(beta.shape, np.nan)
     if fit.covariance.size:
         by = series_design(beta).T if fit.method == "von_appen" else compass.gradient(fit.coefficients, beta)
-        slope = np.abs((series_slope if fit.method == "von_appen" else compass.slope)(fit.coefficients, beta))
-        reference = reference_modes(fit, beta)
+        reference = reference_modes(fit, beta) * reading_slope(fit, beta)[:, None]
         variance = np.einsum("in,ij,jn->n", by, fit.covariance[:5, :5], by)
-        sigma = np.sqrt(variance + np.sum((reference * slope[:, None]) ** 2, axis=1))
+        sigma = np.sqrt(variance + np.sum(reference**2, axis=1))
     # The exact compass is inverted at all headings, but two of them may have the same recorded heading.
     if fit.method == "von_appen":
         inverted = inverse_table(fit.coefficients)[1]

@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.deviation.average import CompassSeries, compass_series
 from compasslib.deviation.correction import MIN_PROBABILITY
-from compasslib.deviation.exact import MIN_SLOPE
 from compasslib.deviation.model import DeviationFit, nearest_root
-from compasslib.deviation.series import series_design, series_slope
 from compasslib.preparation.water import fit_structure_function
 from compasslib.product.cells import Axes, Differences, average_slots
 from compasslib.records import Readings, ReferenceCompass
@@ -56,9 +54,6 @@ def compass_modes(fit: DeviationFit, at: CompassSeries | None, readings: Reading
     """
     if not fit.fitted:
         return np.zeros((len(heading_deg), 0))
-    if fit.method == "von_appen" and at is None:
-        slope = np.maximum(np.abs(series_slope(fit.coefficients, heading_deg)), MIN_SLOPE)
-        return np.nan_to_num(series_design(heading_deg) / slope[:, None] @ _square_root(fit.covariance))
     at = compass_series(fit, readings) if at is None else at
     likeliest, columns = nearest_root(at.roots(), heading_deg) if at.others else heading_deg, []
     members = [at, *at.others]

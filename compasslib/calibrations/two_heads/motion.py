@@ -16,7 +16,7 @@ from compasslib.statistics.resampling import blocks_by_count, student_factor
 from compasslib.types import DAY_S, Complexes, Floats
 
 GAP_STEPS = 3.0  # longest gap that is interpolated, in sampling intervals
-STRETCHES = 30
+STRETCHES = 30  # of a record, left out one by one for standard errors
 RESOLUTION_S = 0.01 / np.sqrt(12.0)  # PD0 clocks count hundredths of a second
 UNKNOWN = (float("nan"), float("nan"))
 
