@@ -182,11 +182,11 @@ def _complete(made: Calibration, swing: Swing, series: SwingFit, exact: SwingFit
         without_water |= {"D": principal["D"] - water["D"], "E": principal["E"] + water["E"]}
     delay = None
     if observed.delay_s:
-        (late, of), (without, left) = ("courses", "readings"), observed.misfit_deg
-        late, of = (late, of) if lag_s[0] > 0.0 else (of, late)
+        late, other = ("courses", "readings") if lag_s[0] > 0.0 else ("readings", "courses")
+        without, left = observed.misfit_deg
         text = (
             f"The {late} are late by {abs(lag_s[0]):.1f} ± {1.96 * lag_s[1]:.1f} s (95 %). They are paired with the "
-            f"{of} of then, and turns are kept: the mean misfit is {left:.1f}° instead of {without:.1f}°."
+            f"{other} of then, and turns are kept: the mean misfit is {left:.1f}° instead of {without:.1f}°."
         )
         misfit = {"without": without, "with": left}
         delay = {"applied_s": observed.delay_s, "misfit_deg": misfit, "text": text}
