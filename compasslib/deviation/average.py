@@ -93,12 +93,38 @@ def average_with_none(fit: DeviationFit) -> tuple[DeviationFit, float | None]:
     """Average a fitted exact compass with one that has no deviation, and compute the probability of the latter.
 
     The covariance is that of the average, including the spread between the hypotheses. Well-determined coefficients
-    hardly change. Where iron is declared, no deviation is no hypothesis. A two-valued compass, which cannot be free of
-    iron, a fixed compass and one with a prior from other records are not averaged; their probability is None.
+    hardly change. Where iron is declared, no deviation is no hypothesis. The probability is None if the compass cannot
+    be averaged, see ``has_average``.
     """
-    if fit.method != "exact" or not fit.fitted or fit.folded or fit.fixed or fit.prior is not None:
+    if not has_average(fit):
         return fit, None
-    estimate = fit.coefficients
+    mean, covariance, kept, none = average_coefficients(fit.coefficients, fit.covariance, fit)
+    reference = fit.reference
+    if reference is not None:  # a compass without deviation does not follow the reference's errors
+        reference = replace(reference, iron=kept @ reference.iron, share=1.0 - none)
+    return replace(fit, coefficients=mean, covariance=covariance, reference=reference), none
+
+
+def has_average(fit: DeviationFit) -> bool:
+    """Check that a compass may have no deviation: it is not two-valued, fixed, or with a prior from other records."""
+    return fit.method == "exact" and fit.fitted and not (fit.folded or fit.fixed) and fit.prior is None
+
+
+def average_coefficients(
+    parameters: Floats, covariance: Floats, fit: DeviationFit
+) -> tuple[Floats, Floats, Floats, float]:
+    """Average estimated parameters over the priors of A..E, those of a compass without deviation among them.
+
+    Args:
+        parameters: A..E, and further parameters, whose prior is flat, (p,).
+        covariance: (p, p).
+        fit: the fit that states the errors of the reference, and whether iron is declared.
+
+    Returns:
+        Their mean, (p,), covariance, (p, p), the share of an error of A..E that remains, (5, 5), and the probability
+        that there is no deviation.
+    """
+    estimate, spread_of_fit = parameters[:5], covariance[:5, :5]
     deviated = [
         np.array([align, iron, iron, *2 * [max(0.1 * iron, 0.02)]])
         for iron, align in product(IRON_SCALES, ALIGNMENT_SCALES)
@@ -107,8 +133,8 @@ def average_with_none(fit: DeviationFit) -> tuple[DeviationFit, float | None]:
     none = 0.0 if fit.iron_declared else 0.2
     chance = np.append(none, np.full(len(deviated), (1.0 - none) / len(deviated)))
     constant, iron = _reference_covariance(fit)
-    gain = prior @ np.linalg.inv(fit.covariance + iron + prior)
-    total = fit.covariance + iron + constant + prior
+    gain = prior @ np.linalg.inv(spread_of_fit + iron + prior)
+    total = spread_of_fit + iron + constant + prior
     misfit = np.einsum("i,kij,j->k", estimate, np.linalg.inv(total), estimate)
     # Half of the logarithm, as veer that a fit attributes to iron is not independent noise.
     log_likelihood = -0.25 * (np.linalg.slogdet(total).logabsdet + misfit)
@@ -117,15 +143,13 @@ def average_with_none(fit: DeviationFit) -> tuple[DeviationFit, float | None]:
     means = gain @ estimate
     mean = weight @ means
     unknown = np.eye(5) - gain  # the iron is not included: it has modes of its own
-    spread = gain @ fit.covariance @ gain.transpose(0, 2, 1) + unknown @ prior @ unknown.transpose(0, 2, 1)
+    spread = gain @ spread_of_fit @ gain.transpose(0, 2, 1) + unknown @ prior @ unknown.transpose(0, 2, 1)
     spread += np.einsum("ki,kj->kij", means - mean, means - mean)
-    covariance = np.einsum("k,kij->ij", weight, spread)
-    reference = fit.reference
-    if reference is not None:  # a compass without deviation does not follow the reference's errors
-        kept = np.einsum("k,kij->ij", weight, gain)
-        reference = replace(reference, iron=kept @ reference.iron, share=float(1.0 - weight[0]))
-    averaged = replace(fit, coefficients=mean, covariance=(covariance + covariance.T) / 2.0, reference=reference)
-    return averaged, float(weight[0])
+    # The further parameters follow by their regression on A..E.
+    slope = np.linalg.solve(spread_of_fit, covariance[:5]).T
+    averaged = covariance + slope @ (np.einsum("k,kij->ij", weight, spread) - spread_of_fit) @ slope.T
+    kept = np.einsum("k,kij->ij", weight, gain)
+    return parameters + slope @ (mean - estimate), (averaged + averaged.T) / 2.0, kept, float(weight[0])
 
 
 def _reference_covariance(fit: DeviationFit) -> tuple[Floats, Floats]:

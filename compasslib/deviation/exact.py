@@ -48,7 +48,7 @@ from compasslib.deviation.model import (
 )
 from compasslib.deviation.reference import iron_pattern, reference_errors
 from compasslib.records import Pairs
-from compasslib.statistics.least_squares import minimize_bfgs, robust_width
+from compasslib.statistics.least_squares import minimize_bfgs
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import block_jackknife, block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
@@ -328,8 +328,7 @@ def robust_covariance(scores: Floats, fit: DeviationFit, pairs: Pairs, effective
 
     In time it is the jackknife over blocks of days. Across flow directions the scores of each octant are summed: the
     veer between two depths differs between flow directions for months, which blocks of days do not show. Variance
-    between octants in excess of the blocks is added, then the mean veer expected from the profile, then an allowance
-    for veer that is correlated with the heading.
+    between octants in excess of the blocks is added, then the mean veer expected from the profile.
 
     Args:
         scores: each pair's gradient of the log-likelihood by A..E, (n, 5).
@@ -358,18 +357,11 @@ def robust_covariance(scores: Floats, fit: DeviationFit, pairs: Pairs, effective
     width = fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in pair_speeds(pairs)))
     by_degree = (STUDENT_DOF + 1.0) * left / (STUDENT_DOF * width**2 + left**2)
     turned = inverse @ (scores.T @ by_degree) * pairs.veer_deg
-    # The wake locks the heading to water that is itself sheared across the sphere. Veer may correlate by 0.05 with the
-    # heading's excursions: simulated moorings show 0.03 to 0.1, which no record can distinguish from iron.
-    heading, weight = angles.wrap360(observed_heading(pairs) - left), width**-2.0
-    excursion = angles.sin_cos(heading - angles.mean(heading, weight))[0]
-    excursion = excursion - np.average(excursion, weights=weight)
-    excursion = excursion / max(np.sqrt(np.average(excursion**2, weights=weight)), 1e-6)
-    locked = inverse @ (scores.T @ (by_degree * (0.05 * robust_width(left) * excursion)))
     if not few:  # with few blocks, the inverse includes the prior
         for prior in priors[1:]:
             along_time += pairs_per_independent(pairs, effective) * inverse @ prior.precision[:5, :5] @ inverse
     shown = along_time + positive_part(across - along_time)
-    return shown + positive_part(np.outer(turned, turned) - shown) + np.outer(locked, locked)
+    return shown + positive_part(np.outer(turned, turned) - shown)
 
 
 def reference_response(fit: DeviationFit, pairs: Pairs, priors: Priors) -> Floats:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.deviation.average import CompassSeries
+from compasslib.deviation.average import CompassSeries, average_coefficients, has_average
 from compasslib.deviation.average import compass_series as along_of_fit
 from compasslib.deviation.doubts import Doubt, doubts_from_json
 from compasslib.deviation.exact import positive_part
@@ -120,17 +120,21 @@ def inflate_covariance(fit: DeviationFit, covariance: Floats) -> DeviationFit:
     return replace(fit, covariance=inflated)
 
 
-def limit_precision(member: WeightedCompass, fit: DeviationFit) -> WeightedCompass:
-    """Limit the precision of a compass's coefficients to that of the fit alone.
+def with_priors(member: WeightedCompass, fit: DeviationFit) -> WeightedCompass:
+    """Average a compass with effects over the priors of its coefficients, with at least the uncertainty of the fit.
 
-    The search estimates uncertainty from blocks of days. These do not show veer that depends for months on the flow's
-    direction, nor veer correlated with the heading; the fit includes both (``deviation.spread``).
+    The search estimates uncertainty from blocks of days, which do not show veer that depends for months on the flow's
+    direction; the fit includes it. Coefficients that an effect leaves undetermined, such as A beside iron of the
+    reference, are limited by their priors.
     """
     if member.compass is None:
         return member
-    covariance = member.compass.covariance.copy()
+    covariance, simulation = member.compass.covariance.copy(), member.compass.simulation
     covariance[:5, :5] += positive_part(fit.covariance[:5, :5] - covariance[:5, :5])
-    return replace(member, compass=replace(member.compass, covariance=covariance))
+    if has_average(fit):
+        parameters, covariance, *_ = average_coefficients(simulation.parameters, covariance, fit)
+        simulation = simulation.at(parameters)
+    return replace(member, compass=replace(member.compass, simulation=simulation, covariance=covariance))
 
 
 @dataclass(frozen=True)

@@ -254,7 +254,7 @@ def diagnose(
         return replace(diagnosed, applied=())
     if diagnosed.covariance is not None and not exact.known_beforehand:  # uncertainty of the coefficients by slow water
         exact = products.inflate_covariance(exact, diagnosed.covariance)
-    applied = tuple(products.limit_precision(item, exact) for item in diagnosed.applied)
+    applied = tuple(products.with_priors(item, exact) for item in diagnosed.applied)
     return replace(diagnosed, fit=exact, applied=applied)
 
 
