@@ -130,6 +130,7 @@ def _winadcp(path: Path, truth: Truth) -> dict[str, Any]:
     made |= {"SerEmmpersec": np.rint(1000 * truth.east), "SerNmmpersec": np.rint(1000 * truth.north)}
     made |= {"AnH100thDeg": np.rint(100 * truth.heading)[:, None], "AnOrienUP": np.ones((len(truth.time), 1))}
     made |= {"RDIBin1Mid": 6.0, "RDIBinSize": 4.0, "SerBins": 1.0 + np.arange(truth.east.shape[1])[None]}
+    made["RDIFileName"] = "A_000.000"
     savemat(path, made)
     return {"direction_reference": "magnetic"}
 
@@ -138,7 +139,9 @@ def _rdradcp(path: Path, truth: Truth) -> dict[str, Any]:
     ranges = 6.0 + 4.0 * np.arange(truth.east.shape[1])[:, None]
     config = {"ranges": ranges, "orientation": "down", "coord_sys": "earth", "magnetic_var": 0.0}
     adcp = {"mtime": truth.time_s[None] / DAY_S + 719529.0, "east_vel": truth.east.T, "north_vel": truth.north.T}
-    savemat(path, {"adcp": adcp | {"heading": truth.heading[None], "config": config}})
+    adcp["heading"] = truth.heading[None]
+    adcp = {name: np.pad(values, ((0, 0), (0, 2))) for name, values in adcp.items()}  # ensembles that were not read
+    savemat(path, {"adcp": adcp | {"config": config}})
     return {"direction_reference": "magnetic"}
 
 
