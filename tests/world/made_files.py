@@ -152,7 +152,10 @@ def _named_arrays(path: Path, truth: Truth) -> dict[str, Any]:
     return {"columns": columns, "orientation": "up", "direction_reference": "magnetic", "time_format": "epoch"}
 
 
-SENSORS = "Month|Day|Year|Hour|Minute|Second|Error code|Status code|Battery voltage|Soundspeed|Heading|Pitch|Roll"
+SENSORS = (
+    "Month|Day|Year|Hour|Minute|Second|Error code|Status code|Battery voltage|Soundspeed|Heading|Pitch|Roll|"
+    "Pressure   (dbar)|Pressure   (m)"
+)
 FLOW = ("Velocity (Beam1|X|East)  (m/s)", "Velocity (Beam2|Y|North)  (m/s)", "Velocity (Beam3|Z|Up)  (m/s)")
 
 
@@ -163,7 +166,7 @@ def _conversion(path: Path, truth: Truth, *, profiler: bool) -> dict[str, Any]:
     for k, (y, m, d, h, i, s) in enumerate(truth.parts):
         own = "" if profiler else " ".join(f"{x:8.3f}" for x in flow[:, k, 0])
         begin = f"{m:2d} {d:2d} {y} {h:2d} {i:2d} {s:2d} 00000000 00110000 {own} 12.1 1480.0"
-        lines.append(f"{begin} {truth.heading[k]:6.1f} 1.0 0.5")
+        lines.append(f"{begin} {truth.heading[k]:6.1f} 1.0 0.5 100.0 99.1")
     names = SENSORS.split("|")
     names = names if profiler else [*names[:8], *FLOW, *names[8:]]
     suffix = "sen" if profiler else "dat"
