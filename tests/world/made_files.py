@@ -187,10 +187,11 @@ def _contour(path: Path, truth: Truth) -> dict[str, Any]:
         config.setncattr("DataInfo_transformsAndCorrections_magneticDeclination", "60.0")
         config.setncattr("Instrument_user_decl", "30.0")
         group.createDimension("time", len(truth.time))
-        group.createDimension("Range", truth.east.shape[1])
+        ranges = "BurstVelocityENU_Range"
+        group.createDimension(ranges, truth.east.shape[1])
         series = {"Velocity_East": (truth.north, "m/s"), "Velocity_North": (-truth.east, "m/s")}
         for name, (values, unit) in series.items():
-            group.createVariable(name, "f8", ("time", "Range"))[:] = values
+            group.createVariable(name, "f8", ("time", ranges))[:] = values
             group[name].units = unit
         for name, values, unit in (
             ("MatlabTimeStamp", truth.time_s / DAY_S + 719529.0, "days"),
@@ -199,8 +200,8 @@ def _contour(path: Path, truth: Truth) -> dict[str, Any]:
         ):
             group.createVariable(name, "f8", ("time",))[:] = values
             group[name].units = unit
-        group.createVariable("Range", "f8", ("Range",))[:] = 3.0 + np.arange(truth.east.shape[1])
-        group["Range"].units = "m"
+        group.createVariable(ranges, "f8", (ranges,))[:] = 3.0 + np.arange(truth.east.shape[1])
+        group[ranges].units = "m"
     return {"direction_reference": "magnetic"}
 
 
