@@ -25,7 +25,7 @@ from compasslib.types import Floats
 
 HEADINGS, COURSES = ("HDG", "HDM"), ("RMC", "VTG")
 USUAL = (HEADINGS[0], COURSES[0])
-MAGNETIC = "HC"  # talker of a magnetic compass; AP and AG are autopilots
+MAGNETIC, AUTOPILOTS = "HC", ("AG", "AP")  # talkers
 LOSSES = {
     "damaged": "damaged sentences (checksum absent or wrong, or cut short)",
     "strange_bytes": "bytes that are no text",
@@ -82,7 +82,7 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC", ta
             where,
             expected=f"{heading} of {talker or 'one talker'}",
             found=f"those of {senders}",
-            advice=f"write talker: {MAGNETIC if MAGNETIC in talkers else min(talkers)}",
+            advice=f"write talker: {min(talkers, key=_by_rank)}",
         )
     if not (len(fixes) and values[heading]):
         shown = f"{len(values[heading])} {heading} and {len(fixes)} {course} with numbers, {counts['damaged']} damaged"
@@ -117,13 +117,18 @@ def read_any(path: Path) -> tuple[dict[str, str], list[str], NmeaLog] | None:
     """
     sent = {(kind.decode(), talker.decode()) for talker, kind in _NUMBERED.findall(read_text_bytes(path))}
     for heading, course in product(HEADINGS, COURSES):
-        talkers = sorted((name for kind, name in sent if kind == heading), key=lambda name: (name != MAGNETIC, name))
+        talkers = sorted((name for kind, name in sent if kind == heading), key=_by_rank)
         for talker in (None, *talkers[:1]):
             with suppress(InputError):
                 log = read([path], heading=heading, course=course, talker=talker)
                 columns = {"compass_deg": heading, "cog_deg": course} if (heading, course) != USUAL else {}
                 return columns, talkers if talker else [], log
     return None
+
+
+def _by_rank(talker: str) -> tuple[bool, bool, str]:
+    """Sort a magnetic compass before others, and autopilots last."""
+    return talker != MAGNETIC, talker in AUTOPILOTS, talker
 
 
 def _collect(

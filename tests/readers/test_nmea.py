@@ -72,6 +72,13 @@ def test_one_heading_and_one_course_a_block_belong_together(tmp_path, order):
     assert f"with the heading {'before' if order > 0 else 'behind'} them" in read.warnings[0]
 
 
+@pytest.mark.parametrize(("other", "named"), [("AP", "II"), ("HC", "HC")])
+def test_talker_is_asked_for_and_no_autopilot_is_proposed(tmp_path, other, named):
+    both = [line for k in range(6) for line in (sentence(f"{other}HDG,{k}.0,,,,"), sentence(f"IIHDG,{k}.0,,,,"))]
+    with pytest.raises(InputError, match=f"write talker: {named}$"):
+        log(tmp_path, [*both, rmc(0, 12.5)])
+
+
 def test_each_fault_loses_one_sentence(tmp_path):
     whole = lines()
     wrong_sum, cut, bare = whole[3][:-1] + "0", whole[5][:20], whole[7].split("*")[0]
