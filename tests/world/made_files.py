@@ -66,6 +66,17 @@ def _by_number(path: Path, truth: Truth) -> dict[str, Any]:
     return {"columns": {"time": [1, 2, 3, 4, 5, 6], "east": 7, "north": 8, "heading": 9}}
 
 
+def _by_number_and_comma(path: Path, truth: Truth) -> dict[str, Any]:
+    _rows(path, truth, [str(t).split("T") for t in truth.time], by=" ", decimal=",")
+    return {"columns": {"date": 1, "clock": 2, "east": 3, "north": 4, "heading": 5}}
+
+
+def _odf(path: Path, truth: Truth) -> dict[str, Any]:
+    times = [t.strftime("'%d-%b-%Y %H:%M:%S.00'").split() for t in truth.time.astype(object)]
+    _rows(path, truth, times, "ODF_HEADER,\n  FILE_SPECIFICATION='M1',\n-- DATA --\n", by="  ")
+    return {"columns": {"date": 1, "clock": 2, "east": 3, "north": 4, "heading": 5}, "skip_rows": 3}
+
+
 def _day_of_year(path: Path, truth: Truth) -> dict[str, Any]:
     new_year = truth.time.astype("datetime64[Y]").astype("datetime64[s]")
     days = 1.0 + (truth.time - new_year).astype(float) / DAY_S
@@ -82,7 +93,7 @@ def _matplotlib(path: Path, truth: Truth) -> dict[str, Any]:
 
 
 def _twice(path: Path, truth: Truth) -> dict[str, Any]:
-    _rows(path, truth, [[str(t), "9.9"] for t in truth.time], "t,u,u,v,h,h\n")
+    _rows(path, truth, [[str(t), "9.9"] for t in truth.time], "mooring M1,\nt,u,u,v,h,h\n")
     return {"columns": COLUMNS | {"east": "u.2", "flag": "h.2"}, "flags": L20}
 
 
@@ -92,6 +103,11 @@ def _header_line(path: Path, truth: Truth) -> dict[str, Any]:
     text = path.read_text().replace("\n", "\n! a remark\n", 9)
     path.write_text(text.replace("! 3 lines\n! a remark\nt,u,v,h,q\n", "! 3 lines\n"))
     return {"columns": COLUMNS, "comment": "!", "header": text.split("\n").index("t,u,v,h,q") + 1}
+
+
+def _units_in_comment(path: Path, truth: Truth) -> dict[str, Any]:
+    _rows(path, truth, _iso(truth), "# M1\n# t,u,v,h,q\n# ,cm/s,cm/s,degrees,\n", scale=100.0)
+    return {"columns": COLUMNS}
 
 
 def _comma(path: Path, truth: Truth) -> dict[str, Any]:
@@ -223,10 +239,13 @@ def _polar(path: Path, truth: Truth) -> dict[str, Any]:
 # Kind -> format, suffix, number of cells, writer, which gives the settings, and whether it holds headings and flags.
 KINDS: dict[str, tuple[str, str, int, Callable[[Path, Truth], dict[str, Any]], bool, bool]] = {
     "columns by number": ("table", ".dat", 1, _by_number, True, False),
+    "columns by number and decimal commas": ("table", ".dat", 1, _by_number_and_comma, True, False),
+    "ODF": ("table", ".odf", 1, _odf, True, False),
     "year and day of the year": ("table", ".csv", 1, _day_of_year, True, False),
     "matplotlib": ("table", ".csv", 1, _matplotlib, True, False),
     "names that repeat": ("table", ".csv", 1, _twice, True, True),
     "header line and comments": ("table", ".csv", 1, _header_line, True, False),
+    "units in a comment": ("table", ".csv", 1, _units_in_comment, True, False),
     "decimal commas and cm/s": ("table", ".csv", 1, _comma, True, False),
     "day first and flags": ("table", ".txt", 1, _day_first, True, True),
     "quoted": ("table", ".csv", 1, _quoted, True, False),
