@@ -141,6 +141,11 @@ def test_fill_values_of_nines_are_missing(tmp_path, filler):
     assert record.counts["fillers"] == 3 and np.isnan(record.east[5:]).all() and np.isfinite(record.east[:5]).all()
 
 
+def test_fill_value_of_one_row_is_missing(tmp_path):
+    record = table(tmp_path, f"{ROWS}2007-09-05T01:00:00Z,100.5,-999.9,-999.9\n")
+    assert record.counts["fillers"] == 1 and np.isnan(record.east[5:]).all() and np.isfinite(record.east[:5]).all()
+
+
 def test_time_of_day_in_a_column_of_numbers_is_refused_with_advice(tmp_path):
     columns = {"time": 1, "east": 2, "north": 3}
     with pytest.raises(InputError, match="two columns: date and clock"):
