@@ -126,13 +126,15 @@ def _quoted(path: Path, truth: Truth) -> dict[str, Any]:
     return {"columns": COLUMNS | {"east": "u, east"}}
 
 
-def _odv(path: Path, truth: Truth) -> dict[str, Any]:
+def _odv(path: Path, truth: Truth, *, julian: bool = False) -> dict[str, Any]:
     head = "//<subject>SDN:LOCAL:U</subject><object>SDN:P01::LCEWEL01</object><units>SDN:P06::UVBB</units>\n"
     names = ["Cruise", "Station", "Type", "YYYY-MM-DDThh:mm:ss.sss", "Bot. Depth [m]", "time_ISO8601", "QV:SEADATANET"]
+    names[5] = "Chronological Julian Date [days]" if julian else names[5]
+    times = [f"{t / DAY_S + 2440588.0:.8f}" for t in truth.time_s] if julian else [f"{t}.000" for t in truth.time]
     names += [x for name in ("U [cm/s]", "NSCT [cm/s]", "Heading [degrees]") for x in (name, "QV:SEADATANET")]
     rows = [["Cr", "M1", "*", "2019-05-03T00:00:00.000", "200"], *[[""] * 5] * (len(truth.time) - 1)]
-    numbers = zip(truth.time, 100 * truth.east[:, 0], 100 * truth.north[:, 0], truth.heading, truth.flag, strict=True)
-    cells = [[f"{t}.000", "1", f"{u:.1f}", str(q), f"{v:.1f}", "1", f"{h:.1f}", "1"] for t, u, v, h, q in numbers]
+    numbers = zip(times, 100 * truth.east[:, 0], 100 * truth.north[:, 0], truth.heading, truth.flag, strict=True)
+    cells = [[t, "1", f"{u:.1f}", str(q), f"{v:.1f}", "1", f"{h:.1f}", "1"] for t, u, v, h, q in numbers]
     lines = ["\t".join([*row, *cell]) for row, cell in zip(rows, cells, strict=True)]
     path.write_text(head + "\n".join(["\t".join(names), *lines, ""]))
     return {}
@@ -250,6 +252,7 @@ KINDS: dict[str, tuple[str, str, int, Callable[[Path, Truth], dict[str, Any]], b
     "day first and flags": ("table", ".txt", 1, _day_first, True, True),
     "quoted": ("table", ".csv", 1, _quoted, True, False),
     "odv": ("odv", ".txt", 1, _odv, True, True),
+    "odv by Julian days": ("odv", ".txt", 1, partial(_odv, julian=True), True, True),
     "WinADCP": ("mat", ".mat", 5, _winadcp, True, False),
     "rdradcp": ("mat", ".mat", 5, _rdradcp, True, False),
     "arrays by columns": ("mat", ".mat", 4, _named_arrays, True, False),
