@@ -60,11 +60,13 @@ def test_pairs_contain_the_encoded_values(tmp_path):
     assert read.warnings == ()
 
 
+@pytest.mark.parametrize("apart_s", [1, 10])
 @pytest.mark.parametrize("order", [1, -1])
-def test_one_heading_and_one_course_a_block_belong_together(tmp_path, order):
-    """Every 10 s; other sentences of a block stand between the two."""
+def test_one_heading_and_one_course_a_block_belong_together(tmp_path, order, apart_s):
+    """Other sentences of a block stand between the two."""
     blocks = [
-        (sentence(f"HCHDG,{10 * k}.0,,,10,E"), sentence("GPGSV,1,1,00"), rmc(10 * k, 10 * k + 12.5)) for k in range(6)
+        (sentence(f"HCHDG,{10 * k}.0,,,10,E"), sentence("GPGSV,1,1,00"), rmc(apart_s * k, 10 * k + 12.5))
+        for k in range(6)
     ]
     read = log(tmp_path, [line for block in blocks for line in block[::order]])
     assert read.heading_deg.tolist() == [0.0, 10.0, 20.0, 30.0, 40.0, 50.0]
