@@ -226,7 +226,7 @@ _WORDS = {
     "temperature": r"(?:water_?)?temp(?:erature)?",
 }
 _PARTS = {  # of a time in several columns
-    "year": r"y{2,4}|years?",
+    "year": r"y{2,4}|yrs?|years?",
     "month": r"mm?|mo|mon|months?",
     "day": r"dd?|days?",
     "day_of_year": r"day_?of_?year|year_?day|doy|jday|julian_?day",

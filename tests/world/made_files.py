@@ -66,6 +66,12 @@ def _by_number(path: Path, truth: Truth) -> dict[str, Any]:
     return {"columns": {"time": [1, 2, 3, 4, 5, 6], "east": 7, "north": 8, "heading": 9}}
 
 
+def _short_names(path: Path, truth: Truth) -> dict[str, Any]:
+    names = ["yr", "mon", "day", "hr", "min", "sec"]
+    _rows(path, truth, [[str(x) for x in row] for row in truth.parts], ",".join([*names, "u,v,h,q\n"]))
+    return {"columns": COLUMNS | {"time": names}}
+
+
 def _by_number_and_comma(path: Path, truth: Truth) -> dict[str, Any]:
     _rows(path, truth, [str(t).split("T") for t in truth.time], by=" ", decimal=",")
     return {"columns": {"date": 1, "clock": 2, "east": 3, "north": 4, "heading": 5}}
@@ -241,6 +247,7 @@ def _polar(path: Path, truth: Truth) -> dict[str, Any]:
 # Kind -> format, suffix, number of cells, writer, which gives the settings, and whether it holds headings and flags.
 KINDS: dict[str, tuple[str, str, int, Callable[[Path, Truth], dict[str, Any]], bool, bool]] = {
     "columns by number": ("table", ".dat", 1, _by_number, True, False),
+    "short names of date and time": ("table", ".csv", 1, _short_names, True, False),
     "columns by number and decimal commas": ("table", ".dat", 1, _by_number_and_comma, True, False),
     "ODF": ("table", ".odf", 1, _odf, True, False),
     "year and day of the year": ("table", ".csv", 1, _day_of_year, True, False),
