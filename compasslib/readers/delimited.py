@@ -145,9 +145,9 @@ def read_table(
     head = read_head(path, [header for each in named.values() for header in each], layout)
     places = {role: [_place(path, head, role, header, advice) for header in each] for role, each in named.items()}
     wanted = {place for each in places.values() for place in each}
-    units, remarks = (_count_units(head, sorted(wanted), rows) for rows in (head.sample, head.remarks))
+    units = _count_units(head, sorted(wanted), head.sample)
     body = open_body(path, head, wanted, layout, skip=units)
-    written = (*head.remarks[:remarks], *head.sample[:units])
+    written = unit_lines(head, sorted(wanted))
     said = {
         role: tuple(row[place].strip() for place in each for row in (head.names, *written))
         for role, each in places.items()
@@ -307,6 +307,11 @@ def _place(path: Path, head: Head, role: str, header: str | int, advice: str) ->
     raise InputError(
         f"{path}: column {header!r} ({role})", expected="one of the file's columns", found=shown, advice=advice
     )
+
+
+def unit_lines(head: Head, wanted: Sequence[int]) -> list[list[str]]:
+    """Select the cells of unit lines below the header, in comments and in rows."""
+    return [row for rows in (head.remarks, head.sample) for row in rows[: _count_units(head, wanted, rows)]]
 
 
 def _count_units(head: Head, wanted: Sequence[int], rows: Sequence[Sequence[str]], most: int = 2) -> int:

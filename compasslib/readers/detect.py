@@ -280,13 +280,14 @@ def guess_columns(path: Path) -> GuessedTable | None:
         if head and delimiter == " ":  # columns, or words of one name: columns part most rows alike
             alike = sum(len(row) == len(head.names) for row in head.sample)
             head = None if 2 * alike < len(head.sample) or re.search("[\t;,]", head.text) else head
-        if head:
-            return guess_from_names(head.names)
+        if head and (guess := guess_from_names(head.names)):
+            flow = [head.names.index(guess.columns[role]) for role in units.FLOWS if role in guess.columns]
+            return guess_from_names(head.names, delimited.unit_lines(head, flow))
     return None
 
 
-def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
-    """Guess the columns of a table from its column names, None if they are inconclusive.
+def guess_from_names(names: Sequence[str], below: Sequence[Sequence[str]] = ()) -> GuessedTable | None:
+    """Guess the columns of a table from its column names and unit lines, None if they are inconclusive.
 
     >>> guess_from_names(["Date/Time", "Vel East [cm/s]", "Vel North [cm/s]", "Depth (m)"]).columns["east"]
     'Vel East [cm/s]'
@@ -306,9 +307,11 @@ def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
             columns.pop("time", None)
         about = _ABOUT if "time" in columns else ("date", "clock", *_ABOUT)
         chosen = {role: columns[role] for role in ("time", *flow, *about) if role in columns}
-        stated = (units.stated_factor(role, [columns[role]]) for role in flow if role in units.FLOWS)
+        at = {role: names.index(header) for role, header in chosen.items() if header in names}
+        said = {role: [row[k] for row in (names, *below) if k < len(row)] for role, k in at.items()}
+        stated = (units.stated_factor(role, said[role]) for role in flow if role in units.FLOWS)
         factors = {factor for factor, _ in filter(None, stated)}
-        north = units.stated_north({role: [header] for role, header in columns.items()})
+        north = units.stated_north(said)
         return GuessedTable("instrument", chosen, factors.pop() if len(factors) == 1 else None, north)
     for kind, words, must in _TABLES:
         roles = match_roles(names, words)

@@ -38,6 +38,7 @@ SAID = {  # lines of the draft; what the file does not say is DECIDE
     "speed and direction": {"format: netcdf", "direction_reference: 'true'"},
     "year and day of the year": {"format: table", "time: [YEAR, DAY_OF_YEAR]"},
     "short names of date and time": {"format: table", "time: [yr, mon, day, hr, min, sec]"},
+    "units in a comment": {"format: table", "scale: 0.01"},
     "decimal commas and cm/s": {"format: table", "scale: 0.01"},
 }
 
