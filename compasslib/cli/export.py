@@ -231,9 +231,16 @@ def write_erddap(source: Path, target: Path) -> None:
     grid = data.drop_dims(["MODE", "SOURCES", "AFFECTED"], errors="ignore")
     other = [name for name, values in grid.data_vars.items() if values.dims not in ((), ("TIME", "DEPTH"))]
     grid = grid.drop_vars([*(name for name in other if not str(name).endswith("_bnds")), "STATION"])
-    for values in grid.data_vars.values():
-        named = str(values.attrs.get("ancillary_variables", "")).split()
-        values.attrs["ancillary_variables"] = " ".join(name for name in named if name in grid)
+    for name in ("featureType", "cdm_timeseries_variables", "cdm_profile_variables"):  # of the stations left out
+        grid.attrs.pop(name, None)
+    grid.attrs["cdm_data_type"] = "Grid"
+    grid["TIME"].attrs.pop("cf_role", None)
+    for name, values in grid.variables.items():
+        if kept := [other for other in str(values.attrs.pop("ancillary_variables", "")).split() if other in grid]:
+            values.attrs["ancillary_variables"] = " ".join(kept)
+        values.encoding.setdefault("_FillValue", None)  # none on coordinates
+        if str(name).endswith("_bnds"):
+            values.encoding["coordinates"] = None
     with atomic_write(target) as temporary:
         grid.to_netcdf(temporary, format="NETCDF4_CLASSIC")
 

@@ -106,8 +106,11 @@ def test_erddap_gets_one_set_of_axes(world, tmp_path, capsys):
         kept = {name: v.dimensions for name, v in nc.variables.items() if not name.endswith("_bnds")}
         assert {axes for axes in kept.values() if len(axes) > 1} == {("TIME", "DEPTH")} and "UCUR_UNCERTAINTY" in kept
         np.testing.assert_array_equal(nc["UCUR"][:], whole["UCUR"][:])
-        assert nc["TIME"].units == whole["TIME"].units and nc.cdm_profile_variables == "TIME"
+        assert nc["TIME"].units == whole["TIME"].units and whole.cdm_profile_variables == "TIME"
+        assert nc.cdm_data_type == "Grid" and not {"featureType", "cdm_timeseries_variables"} & {*nc.ncattrs()}
         assert set(nc["UCUR"].ancillary_variables.split()) <= set(kept)
+        assert not any("_FillValue" in nc[name].ncattrs() for name in ("TIME", "DEPTH", "LATITUDE", "TIME_bnds"))
+        assert whole["TIME"].cf_role == "profile_id" and whole["STATION"].cf_role == "timeseries_id"
 
 
 def test_packages_that_a_form_needs_are_named(world, tmp_path, capsys, monkeypatch):
