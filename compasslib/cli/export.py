@@ -6,6 +6,7 @@ import io
 import json
 import shutil
 import sys
+import zipfile
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
@@ -219,10 +220,16 @@ def write_parquet(source: Path, table: Path) -> None:
 
 
 def write_zarr(source: Path, target: Path) -> None:
-    """Write corrected.nc with its own names as Zarr, packed as one ZIP."""
+    """Write corrected.nc with its own names as Zarr 2, which has texts of fixed length, packed as one ZIP.
+
+    It is packed at the end: in a store that is a ZIP, each later version of the metadata is a further entry.
+    """
     data, storage = _needed("xarray").load_dataset(source), _needed("zarr.storage")
-    with atomic_write(target) as temporary, storage.ZipStore(temporary, mode="w") as store:
-        data.to_zarr(store)
+    written: dict[str, Any] = {}
+    data.to_zarr(storage.MemoryStore(written), zarr_format=2)
+    with atomic_write(target) as temporary, zipfile.ZipFile(temporary, "w") as packed:
+        for name in sorted(written):
+            packed.writestr(zipfile.ZipInfo(name), written[name].to_bytes())
 
 
 def write_erddap(source: Path, target: Path) -> None:

@@ -8,6 +8,7 @@ import json
 import shutil
 import sys
 import warnings
+import zipfile
 from pathlib import Path
 
 import netCDF4
@@ -97,6 +98,20 @@ def test_parquet_has_the_rows_of_the_table(world, tmp_path, capsys):
     told = json.loads(parquet.read_schema(file).metadata[b"compasslib"])
     same = json.loads(sidecar.read_text())
     assert [*told["columns"]["UCUR"]] == [*same["columns"]["UCUR"]] and told["for_all_rows"] == same["for_all_rows"]
+
+
+def test_zarr_has_the_values_and_attributes_of_the_product_once(world, tmp_path, capsys, recwarn):
+    xarray, zarr = pytest.importorskip("xarray"), pytest.importorskip("zarr")
+    (file,) = exported(capsys, world, "zarr", tmp_path / "a")
+    assert not [warning for warning in recwarn if "zarr" in str(warning.message)]
+    with zipfile.ZipFile(file) as packed:
+        assert len({*packed.namelist()}) == len(packed.namelist())
+    assert (
+        xarray.open_zarr(zarr.storage.ZipStore(file, mode="r"))
+        .load()
+        .identical(xarray.load_dataset(world / "corrected/M1/corrected.nc"))
+    )
+    assert exported(capsys, world, "zarr", tmp_path / "b")[0].read_bytes() == file.read_bytes()
 
 
 def test_erddap_gets_one_set_of_axes(world, tmp_path, capsys):
