@@ -175,8 +175,7 @@ _OF_BINS, _OF_MOORING = "TIME LATITUDE LONGITUDE DEPTH", "LATITUDE LONGITUDE"
 
 TIME = Variable(
     "TIME", "time of measurement", "days since 1950-01-01T00:00:00Z", "time", valid=(0.0, 90000.0), fill=None,
-    also={"axis": "T", "calendar": "standard", "cf_role": "profile_id", "QC_indicator": "probably good data"},
-    parameter="ELTJLD01", comment="UTC",
+    also={"axis": "T", "QC_indicator": "probably good data"}, parameter="ELTJLD01", comment="UTC",
 )  # fmt: skip
 LATITUDE = Variable(
     "LATITUDE", "latitude of the mooring", "degrees_north", "latitude", dimensions=(), valid=(-90.0, 90.0),

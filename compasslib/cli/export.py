@@ -241,7 +241,6 @@ def write_erddap(source: Path, target: Path) -> None:
     for name in ("featureType", "cdm_timeseries_variables", "cdm_profile_variables"):  # of the stations left out
         grid.attrs.pop(name, None)
     grid.attrs["cdm_data_type"] = "Grid"
-    grid["TIME"].attrs.pop("cf_role", None)
     for name, values in grid.variables.items():
         if kept := [other for other in str(values.attrs.pop("ancillary_variables", "")).split() if other in grid]:
             values.attrs["ancillary_variables"] = " ".join(kept)

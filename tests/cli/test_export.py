@@ -125,7 +125,6 @@ def test_erddap_gets_one_set_of_axes(world, tmp_path, capsys):
         assert nc.cdm_data_type == "Grid" and not {"featureType", "cdm_timeseries_variables"} & {*nc.ncattrs()}
         assert set(nc["UCUR"].ancillary_variables.split()) <= set(kept)
         assert not any("_FillValue" in nc[name].ncattrs() for name in ("TIME", "DEPTH", "LATITUDE", "TIME_bnds"))
-        assert whole["TIME"].cf_role == "profile_id" and whole["STATION"].cf_role == "timeseries_id"
 
 
 def test_packages_that_a_form_needs_are_named(world, tmp_path, capsys, monkeypatch):
