@@ -6,6 +6,7 @@ import io
 import json
 import shutil
 import sys
+import zipfile
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
@@ -219,10 +220,16 @@ def write_parquet(source: Path, table: Path) -> None:
 
 
 def write_zarr(source: Path, target: Path) -> None:
-    """Write corrected.nc with its own names as Zarr, packed as one ZIP."""
+    """Write corrected.nc with its own names as Zarr 2, which has texts of fixed length, packed as one ZIP.
+
+    It is packed at the end: in a store that is a ZIP, each later version of the metadata is a further entry.
+    """
     data, storage = _needed("xarray").load_dataset(source), _needed("zarr.storage")
-    with atomic_write(target) as temporary, storage.ZipStore(temporary, mode="w") as store:
-        data.to_zarr(store)
+    written: dict[str, Any] = {}
+    data.to_zarr(storage.MemoryStore(written), zarr_format=2)
+    with atomic_write(target) as temporary, zipfile.ZipFile(temporary, "w") as packed:
+        for name in sorted(written):
+            packed.writestr(zipfile.ZipInfo(name), written[name].to_bytes())
 
 
 def write_erddap(source: Path, target: Path) -> None:
@@ -231,9 +238,15 @@ def write_erddap(source: Path, target: Path) -> None:
     grid = data.drop_dims(["MODE", "SOURCES", "AFFECTED"], errors="ignore")
     other = [name for name, values in grid.data_vars.items() if values.dims not in ((), ("TIME", "DEPTH"))]
     grid = grid.drop_vars([*(name for name in other if not str(name).endswith("_bnds")), "STATION"])
-    for values in grid.data_vars.values():
-        named = str(values.attrs.get("ancillary_variables", "")).split()
-        values.attrs["ancillary_variables"] = " ".join(name for name in named if name in grid)
+    for name in ("featureType", "cdm_timeseries_variables", "cdm_profile_variables"):  # of the stations left out
+        grid.attrs.pop(name, None)
+    grid.attrs["cdm_data_type"] = "Grid"
+    for name, values in grid.variables.items():
+        if kept := [other for other in str(values.attrs.pop("ancillary_variables", "")).split() if other in grid]:
+            values.attrs["ancillary_variables"] = " ".join(kept)
+        values.encoding.setdefault("_FillValue", None)  # none on coordinates
+        if str(name).endswith("_bnds"):
+            values.encoding["coordinates"] = None
     with atomic_write(target) as temporary:
         grid.to_netcdf(temporary, format="NETCDF4_CLASSIC")
 

@@ -260,7 +260,8 @@ def _draft(
 
             where = read_position(files[0])
         return Drafted(form, inside, keys, record, north=table.north if table else None, where=where)
-    unread = ["direction_reference"] * (form == "netcdf")  # what the file says of it is not known yet
+    north = form not in (*draft.SILENT, "netcdf", "mat") or (table and table.north)
+    unread = [] if north else ["direction_reference"]  # what the file says of it is not known yet
     return Drafted(form, inside, keys | dict.fromkeys([*sorted(asked), *unread], draft.DECIDE), trouble=trouble)
 
 

@@ -98,7 +98,7 @@ def read(form: str, paths: Sequence[Path], settings: Mapping[str, Any]) -> Recor
     known = get_format(form)
     keys = {key: settings.get(key) for key in known.keys}
     if not known.plugin:
-        with detect.format_hints(form, paths, offered=FORMATS):
+        with detect.format_hints(form, paths, offered=FORMATS, skipped=bool(keys.get("skip_rows"))):
             record: Record = import_module(f"compasslib.readers.{known.module}").read(paths, **keys)
         return record
     point = plugins.plugin_table(plugins.READERS, FORMATS)[form]

@@ -34,6 +34,7 @@ DATE_AND_CLOCK = ("date", "clock")  # roles of the date and the time of day, com
 NUMBER_FORM = "a number or nothing"
 MEND = "mend or remove the line"
 JOIN = "list the columns of the time: time: [YEAR, MONTH, DAY, HOUR, MINUTE, SECOND]"
+APART_TIMES = "date and time of day are two columns: date and clock"
 DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"}  # in order of preference
 HEAD_LINES = 1000  # searched for the header
 NUMBER_STARTS = tuple("+-.0123456789")
@@ -44,6 +45,8 @@ TYPESETTING = {"\u2212": "-", "\xa0": " ", "\u202f": " "} | dict.fromkeys("\u201
 APART = "\x1f"  # stands between cells that were quoted
 Header = str | int | Sequence[str | int]  # name or number of a column; several are the parts of a time
 _ONLY_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+", re.ASCII)
+_APART = re.compile(r"\d +[-+.\d]")
+_CLOCK = re.compile(r"\d{1,2}:\d\d")
 _WORD = re.compile(r'=?"[^"\n]*"|\S+')
 _FLAGS = re.compile(r"(?i)(?:^|[\W_])(?:qv|qc|flags?)(?:$|[\W_])")  # headers of quality flags
 _PART = re.compile(r"(?i)y{2,4}|years?|months?|days?|hours?|minutes?|seconds?")  # headers of a part of a time
@@ -103,6 +106,7 @@ class Head:
     clock: int | None = None  # index of a column without a name that continues the time before it
     ended: bool = True  # whether the last line was terminated
     sample: list[list[str]] = field(default_factory=list)  # cells of the first rows
+    remarks: list[list[str]] = field(default_factory=list)  # cells of the comments between header and first row
 
 
 @dataclass(frozen=True)
@@ -141,10 +145,11 @@ def read_table(
     head = read_head(path, [header for each in named.values() for header in each], layout)
     places = {role: [_place(path, head, role, header, advice) for header in each] for role, each in named.items()}
     wanted = {place for each in places.values() for place in each}
-    units = _count_units(head, sorted(wanted))
+    units = _count_units(head, sorted(wanted), head.sample)
     body = open_body(path, head, wanted, layout, skip=units)
+    written = unit_lines(head, sorted(wanted))
     said = {
-        role: tuple(row[place].strip() for place in each for row in (head.names, *head.sample[:units]))
+        role: tuple(row[place].strip() for place in each for row in (head.names, *written))
         for role, each in places.items()
     }
     timed = {role: places.pop(role) for role in (*TIMES, *DATE_AND_CLOCK) if role in places}
@@ -158,7 +163,7 @@ def read_table(
         unknown = [f"{path.name}: flags stand in {shown}, which columns do not name as flag: none was used."]
     numbers, by_comma = body.numbers({role: each[0] for role, each in places.items()})
     notes = [*head.notes, *[f"{body.headers} more header line{'s' * (body.headers > 1)}"] * (body.headers > 0)]
-    notes += ["units below the header"] * (units > 0) + ["decimal commas"] * by_comma + [time_note] * bool(time_note)
+    notes += ["units below the header"] * bool(written) + ["decimal commas"] * by_comma + [time_note] * bool(time_note)
     twice = {header for each in named.values() for header in each if f"{header}.2" in head.names}
     notes += [f"the first of the columns {name}, of which {name}.2 is the second" for name in sorted(twice)]
     read = [f"the table was read as it is written: {', '.join(notes)}"] if notes else []
@@ -187,7 +192,7 @@ def read_head(path: Path, needed: Iterable[str | int], layout: Layout = DEFAULT_
     wanted = {name for name in needed if isinstance(name, str)}
     if needed and not wanted and layout.header is None:
         layout = replace(layout, header=0)  # columns by their numbers need no header
-    head = find_head(path, lambda names: wanted <= {*names}, layout)
+    head = find_head(path, lambda names: wanted <= {*_number_repeated(names)}, layout)
     assert head is not None  # without ``must`` the first line is the fallback
     return head
 
@@ -221,7 +226,7 @@ def find_head(
         return None
     at, delimiter = located or (layout.header - 1 if layout.header else next(iter(rows), skipped), "")
     line = lines[at] if at < len(lines) else ""
-    delimiter = delimiter or next((each for each in candidates if each in line.strip()), " ")
+    delimiter = delimiter or next((each for each in candidates if _parts(line.strip(), each)), " ")
     names = layout.split_header(line, delimiter) if line else []
     if layout.header == 0:
         names, at, line = [str(k) for k in range(1, len(names) + 1)], at - 1, ""
@@ -234,10 +239,18 @@ def find_head(
     if delimiter == " " and sample and all(len(row) == len(names) + 1 for row in sample):  # one name for date and clock
         clock = next((k for k, cell in enumerate(sample[0]) if k and ":" in cell), None)
         names = names if clock is None else [*names[:clock], "", *names[clock:]]
-    earlier = [names[:k].count(name) for k, name in enumerate(names)]
-    names = [f"{name}.{n + 1}" if n else name for name, n in zip(names, earlier, strict=True)]
+    names = _number_repeated(names)
     begin = sum(len(line.encode()) + 1 for line in lines[: at + 1])
-    return Head(source, names, at + 1, begin, delimiter, tuple(notes), line, clock, ended, sample)
+    first = next((k for k in rows if k > at), at)
+    below = [lines[k].lstrip(" " + "".join(layout.comments)).rstrip(" \r") for k in filled if at < k < first]
+    remarks = [split_line(line, delimiter) for line in below]
+    return Head(source, names, at + 1, begin, delimiter, tuple(notes), line, clock, ended, sample, remarks)
+
+
+def _number_repeated(names: Sequence[str]) -> list[str]:
+    """Name the second column of a name NAME.2, the third NAME.3."""
+    earlier = [names[:k].count(name) for k, name in enumerate(names)]
+    return [f"{name}.{n + 1}" if n else name for name, n in zip(names, earlier, strict=True)]
 
 
 def _locate_header(
@@ -263,6 +276,11 @@ def _locate_header(
     return None
 
 
+def _parts(line: str, delimiter: str) -> bool:
+    """Return whether a delimiter is in a line without leaving numbers with blanks between them in several cells."""
+    return delimiter in line and sum(bool(_APART.search(cell)) for cell in line.split(delimiter)) < 2
+
+
 def split_line(line: str, delimiter: str) -> list[str]:
     """Split a line at a delimiter outside quotation marks; several blanks count as one."""
     if delimiter == " ":
@@ -283,16 +301,23 @@ def _place(path: Path, head: Head, role: str, header: str | int, advice: str) ->
         return head.names.index(header)
     if head.names and all(name[:1] in NUMBER_STARTS for name in head.names):
         advice = "a file without a header has its columns by numbers, 1 for the first: columns: {time: 1, ...}"
+    if isinstance(header, int):
+        advice = "correct the number, or write delimiter: comma, semicolon, tab or blank"
     shown = ", ".join(head.names) or "an empty file"
     raise InputError(
         f"{path}: column {header!r} ({role})", expected="one of the file's columns", found=shown, advice=advice
     )
 
 
-def _count_units(head: Head, wanted: Sequence[int], most: int = 2) -> int:
+def unit_lines(head: Head, wanted: Sequence[int]) -> list[list[str]]:
+    """Select the cells of unit lines below the header, in comments and in rows."""
+    return [row for rows in (head.remarks, head.sample) for row in rows[: _count_units(head, wanted, rows)]]
+
+
+def _count_units(head: Head, wanted: Sequence[int], rows: Sequence[Sequence[str]], most: int = 2) -> int:
     """Count unit lines below the header, whose requested cells hold unit-like words instead of numbers."""
     count = 0
-    for row in head.sample[:most] if head.line else ():
+    for row in rows[:most] if head.line else ():
         cells = [row[k].strip() for k in wanted if k < len(row)]
         words = [cell for cell in cells if cell.lower() not in MISSING_TEXT]
         if not words or len(cells) < len(wanted) or not all(map(_UNIT.fullmatch, words)):
@@ -395,6 +420,8 @@ class Body:
                 )
             except times.Unreadable as error:
                 advice = JOIN if _PART.fullmatch(self.head.names[several[0]]) else error.advice
+                if self.head.delimiter == " " and " " in (layout.time_format or "") and len(several) == 1:
+                    advice = f"between blanks {APART_TIMES}"
                 raise self.error(error.row, several[0], error.expected, error.shown, advice) from None
         return columns, note
 
@@ -444,5 +471,6 @@ class Body:
                 is_word = NUMBER.fullmatch(cell) or not any(map(str.isdigit, cell))  # may stand for a missing value
                 advice = f"{MEND}, or write missing: [{cell!r}]" if is_word and len(cell) <= 20 else MEND
                 advice = "correct decimal" if layout.decimal else advice
+                advice = f"between blanks {APART_TIMES}" if _CLOCK.match(cell) else advice
                 raise self.error(row, places[role], NUMBER_FORM, repr(cell), advice)
         return {role: values for role, (values, _) in parsed.items()}, bool(commas) and not layout.decimal

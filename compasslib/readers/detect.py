@@ -31,7 +31,7 @@ CONVERT = "export it as a text table and write format: table"
 EXPORT = "give the file that the instrument or its program wrote"
 UNPACK = "unpack it"
 AGAIN = "copy or export it again"
-BELOW = "write format: table, skip_rows: (the number of lines up to {}) and columns by their numbers, or make it netCDF"
+SKIP = "write format: table, skip_rows: (the number of lines up to {}) and columns by their numbers{}"
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,10 @@ class Kind:
 EMPTY = Kind("an empty file", None, rb"\Z", AGAIN)
 ZEROS = Kind("a file of nothing but zeros", None, rb"\0+\Z", AGAIN)
 PD0 = Kind("an RDI PD0 file", "pd0", rb"\x7f\x7f..\0")
+BELOW = (  # tables below a header
+    Kind("an IOS shell file", None, rb"(?:\*[^\n]*\n){1,3}?\*IOS HEADER", SKIP.format("*END OF HEADER", "")),
+    Kind("an ODF file", None, rb"\s*ODF_HEADER\s*,", SKIP.format("-- DATA --", " (a time is two: date: 1, clock: 2)")),
+)
 KINDS = (
     EMPTY,
     ZEROS,
@@ -93,8 +97,7 @@ KINDS = (
         rb"(?:[01]\d{3}(?:[ \t]+[01]\d{3}){3,}\s*\n){3}",
         "convert them by the coefficients of the sensors, and give a text table with format: table",
     ),
-    Kind("an IOS shell file", None, rb"(?:\*[^\n]*\n){1,3}?\*IOS HEADER", BELOW.format("*END OF HEADER")),
-    Kind("an ODF file", None, rb"\s*ODF_HEADER\s*,", BELOW.format("-- DATA --")),
+    *BELOW,
     Kind("an ODV spreadsheet", "odv", rb"(?://[^\n]*\n)*Cruise[\t;]Station[\t;]"),
     Kind("a header file of Nortek's conversion", "nortek", rb"\[[^\]\n]*\.(?:aqd|prf|wpr|vec|hdr)\]\s"),
     Kind(
@@ -136,13 +139,14 @@ def detect_kind(path: str | Path) -> Kind | None:
 
 @contextmanager
 def format_hints(
-    form: str, paths: Sequence[str | Path], *, offered: Collection[str] = (), advice: str = ""
+    form: str, paths: Sequence[str | Path], *, offered: Collection[str] = (), advice: str = "", skipped: bool = False
 ) -> Iterator[None]:
     """Replace a reader's error by one that names the actual kind of a file given with the wrong format.
 
     Args:
         offered: formats that the error may recommend.
         advice: advice if the detected format is not offered; by default that of the detected kind.
+        skipped: whether the reader was told to skip the header above a table.
 
     Raises:
         InputError: the reader's own if every file is of its format or unknown, else one that names the kind.
@@ -154,7 +158,8 @@ def format_hints(
     except InputError as error:
         for path in paths:
             kind = detect_kind(path) if Path(path).is_file() else None
-            if kind is None or kind is EMPTY or (kind in (TABLE, PROSE) and form in TEXTS):
+            known = (kind in (TABLE, PROSE) and form in TEXTS) or (kind in BELOW and skipped)
+            if kind is None or kind is EMPTY or known:
                 continue  # the reader's own message says more
             if ALIKE.get(kind.form or "", kind.form) != (alike := ALIKE.get(form, form)):
                 expected = next(
@@ -221,7 +226,7 @@ _WORDS = {
     "temperature": r"(?:water_?)?temp(?:erature)?",
 }
 _PARTS = {  # of a time in several columns
-    "year": r"y{2,4}|years?",
+    "year": r"y{2,4}|yrs?|years?",
     "month": r"mm?|mo|mon|months?",
     "day": r"dd?|days?",
     "day_of_year": r"day_?of_?year|year_?day|doy|jday|julian_?day",
@@ -275,13 +280,14 @@ def guess_columns(path: Path) -> GuessedTable | None:
         if head and delimiter == " ":  # columns, or words of one name: columns part most rows alike
             alike = sum(len(row) == len(head.names) for row in head.sample)
             head = None if 2 * alike < len(head.sample) or re.search("[\t;,]", head.text) else head
-        if head:
-            return guess_from_names(head.names)
+        if head and (guess := guess_from_names(head.names)):
+            flow = [head.names.index(guess.columns[role]) for role in units.FLOWS if role in guess.columns]
+            return guess_from_names(head.names, delimited.unit_lines(head, flow))
     return None
 
 
-def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
-    """Guess the columns of a table from its column names, None if they are inconclusive.
+def guess_from_names(names: Sequence[str], below: Sequence[Sequence[str]] = ()) -> GuessedTable | None:
+    """Guess the columns of a table from its column names and unit lines, None if they are inconclusive.
 
     >>> guess_from_names(["Date/Time", "Vel East [cm/s]", "Vel North [cm/s]", "Depth (m)"]).columns["east"]
     'Vel East [cm/s]'
@@ -301,9 +307,11 @@ def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
             columns.pop("time", None)
         about = _ABOUT if "time" in columns else ("date", "clock", *_ABOUT)
         chosen = {role: columns[role] for role in ("time", *flow, *about) if role in columns}
-        stated = (units.stated_factor(role, [columns[role]]) for role in flow if role in units.FLOWS)
+        at = {role: names.index(header) for role, header in chosen.items() if header in names}
+        said = {role: [row[k] for row in (names, *below) if k < len(row)] for role, k in at.items()}
+        stated = (units.stated_factor(role, said[role]) for role in flow if role in units.FLOWS)
         factors = {factor for factor, _ in filter(None, stated)}
-        north = units.stated_north({role: [header] for role, header in columns.items()})
+        north = units.stated_north(said)
         return GuessedTable("instrument", chosen, factors.pop() if len(factors) == 1 else None, north)
     for kind, words, must in _TABLES:
         roles = match_roles(names, words)

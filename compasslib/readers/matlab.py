@@ -144,7 +144,7 @@ def _of_winadcp(path: Path, variables: Mapping[str, Any]) -> Content:
     numbers = {
         name: np.atleast_1d(np.asarray(x, float))
         for name, x in variables.items()
-        if name.startswith(("Ser", "An", "RDI"))
+        if name.startswith(("Ser", "An", "RDI")) and np.asarray(x).dtype.kind in "iuf"
     }
     counts = {role: (numbers[name], factor) for role, (name, factor) in WINADCP.items() if name in numbers}
     series = {role: np.where(np.abs(x) == -MISSING_COUNT, np.nan, factor * x) for role, (x, factor) in counts.items()}
@@ -173,7 +173,9 @@ def _of_rdradcp(path: Path, adcp: Mapping[str, Any]) -> Content:
         shown, advice = f"{system} coordinates, EA {alignment:g}", "give the instrument's PD0 file: format: pd0"
         expected = "earth coordinates and a heading alignment EA of 0"
         raise InputError(str(path), expected=expected, found=shown, advice=advice)
-    series = {role: np.asarray(adcp[name], float).T for role, name in RDRADCP.items() if name in adcp}  # (n, cells)
+    filled = np.ravel(adcp["mtime"]) != 0.0  # ensembles for which memory was reserved, but that the file did not hold
+    values = {role: np.asarray(adcp[name], float).T for role, name in RDRADCP.items() if name in adcp}  # (n, cells)
+    series = {role: x[filled] if len(x) == len(filled) else x for role, x in values.items()}
     series |= {"range": np.abs(np.asarray(config["ranges"], float))} if "ranges" in config else {}
     bias, angle = (float(config.get(name, 0.0)) for name in ("magnetic_var", "beam_angle"))
     notes = (f"The heading bias EB of {bias:g} degrees was taken out of the directions.",) * (bias != 0.0)

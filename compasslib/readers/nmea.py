@@ -25,7 +25,7 @@ from compasslib.types import Floats
 
 HEADINGS, COURSES = ("HDG", "HDM"), ("RMC", "VTG")
 USUAL = (HEADINGS[0], COURSES[0])
-MAGNETIC = "HC"  # talker of a magnetic compass; AP and AG are autopilots
+MAGNETIC, AUTOPILOTS = "HC", ("AG", "AP")  # talkers
 LOSSES = {
     "damaged": "damaged sentences (checksum absent or wrong, or cut short)",
     "strange_bytes": "bytes that are no text",
@@ -82,7 +82,7 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC", ta
             where,
             expected=f"{heading} of {talker or 'one talker'}",
             found=f"those of {senders}",
-            advice=f"write talker: {MAGNETIC if MAGNETIC in talkers else min(talkers)}",
+            advice=f"write talker: {min(talkers, key=_by_rank)}",
         )
     if not (len(fixes) and values[heading]):
         shown = f"{len(values[heading])} {heading} and {len(fixes)} {course} with numbers, {counts['damaged']} damaged"
@@ -96,7 +96,7 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC", ta
     lost = [f"{counts[key]} {what}" for key, what in LOSSES.items() if counts[key]]
     warnings = [f"left out of the log: {', '.join(lost)}"] if lost else []
     if counts["in_blocks"]:
-        side = "before" if values[heading][0][0] < fixes[0, 0] else "behind"
+        side = "before" if counts["heading_first"] else "behind"
         warnings.append(
             f"{heading} and {course} come in blocks of one each: {counts['in_blocks']} courses were paired with the "
             f"heading {side} them, in the order in which the log begins"
@@ -117,13 +117,18 @@ def read_any(path: Path) -> tuple[dict[str, str], list[str], NmeaLog] | None:
     """
     sent = {(kind.decode(), talker.decode()) for talker, kind in _NUMBERED.findall(read_text_bytes(path))}
     for heading, course in product(HEADINGS, COURSES):
-        talkers = sorted((name for kind, name in sent if kind == heading), key=lambda name: (name != MAGNETIC, name))
+        talkers = sorted((name for kind, name in sent if kind == heading), key=_by_rank)
         for talker in (None, *talkers[:1]):
             with suppress(InputError):
                 log = read([path], heading=heading, course=course, talker=talker)
                 columns = {"compass_deg": heading, "cog_deg": course} if (heading, course) != USUAL else {}
                 return columns, talkers if talker else [], log
     return None
+
+
+def _by_rank(talker: str) -> tuple[bool, bool, str]:
+    """Sort a magnetic compass before others, and autopilots last."""
+    return talker != MAGNETIC, talker in AUTOPILOTS, talker
 
 
 def _collect(
@@ -201,6 +206,8 @@ def _sentences(paths: Sequence[Path], counts: Counter[str], wanted: Sequence[str
         counts["strange_bytes"] += count_unprintable(content)
         of_wanted = Counter[bool]()
         for text, line in zip(content.decode("ascii", errors="replace").splitlines(), line_number, strict=False):
+            if "heading_first" not in counts and (named := [kind for kind in wanted if kind in text]):
+                counts["heading_first"] = int(named[0] == wanted[0])  # whether or not the sentence is intact
             start = text.rfind("$")
             if start < 0:
                 continue
@@ -221,22 +228,20 @@ def _pair(fixes: Floats, values: _Values, heading: str, counts: Counter[str]) ->
     """Pair each course with a heading, and drop those without or repeated."""
     line, time_s = fixes[:, 0], fixes[:, 1]
     at, headings = np.transpose(values[heading])
-    value, apart_s = _nearest(values[heading], line, time_s)
-    # In blocks of one heading and one course more than 2.5 s apart, the order is that of the first block.
-    before = np.searchsorted(at, line)
-    first = int(before[0] > 0)  # whether a block begins with its heading
+    nearest, apart_s = _nearest(values[heading], line, time_s)
+    # In blocks of one heading and one course, the order is that of the first block.
+    before, first = np.searchsorted(at, line), counts["heading_first"]
     single = np.diff(before, prepend=0) == 1 if first else np.diff(before, append=len(at)) == 1
-    rare = len(line) > 1 and float(np.nanmedian(np.diff(time_s))) > APART_S
-    in_block = single & rare
-    value = angles.wrap360(np.where(in_block, headings[np.clip(before - first, 0, len(at) - 1)], value))
-    near = ~(apart_s > APART_S) | in_block  # without a clock the nearest heading in the stream is used
+    value = angles.wrap360(np.where(single, headings[np.clip(before - first, 0, len(at) - 1)], nearest))
+    near = ~(apart_s > APART_S) | single  # without a clock the nearest heading in the stream is used
+    by_order = single & ((apart_s > APART_S) | (value != angles.wrap360(nearest)))
     # Receivers may send sentences twice in a row; only a log concatenated with itself repeats rows after a step back.
     back = np.append(False, np.cumsum(np.diff(time_s) < -APART_S) > 0)
     rows = np.nan_to_num(np.column_stack([fixes[:, 1:], value]), nan=-1.0)
     again = np.ones(len(rows), dtype=bool)
     again[np.unique(rows, axis=0, return_index=True)[1]] = False
     repeated = again & back & near
-    counts.update(in_blocks=int(in_block.sum()), repeated=int(repeated.sum()), unpaired=int((~near).sum()))
+    counts.update(in_blocks=int(by_order.sum()), repeated=int(repeated.sum()), unpaired=int((~near).sum()))
     series = dict(zip(FIX, fixes.T[1:], strict=True)) | {
         "heading_deg": value,
         "true_heading_deg": _nearest(values["HDT"], line, time_s)[0],

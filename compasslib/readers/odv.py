@@ -22,12 +22,14 @@ from compasslib.records import BAD, GOOD, NOT_CHECKED, PROBABLY_BAD, Record
 LAYOUT = delimited.Layout(comment="//")
 PARAMETERS = {  # beginning of a P01 code -> role
     "LCEW": "east", "LCNS": "north", "LCSA": "speed", "LCDA": "direction", "HEAD": "heading", "PTCH": "tilt_x",
-    "ROLL": "tilt_y", "PRES": "pressure", "ADEPZZ": "depth", "TEMP": "temperature", "DTUT8601": "time",
+    "ROLL": "tilt_y", "PRES": "pressure", "ADEPZZ": "depth", "TEMP": "temperature", "DTUT8601": "time", "CJDY": "time",
 }  # fmt: skip
 OF_ODV = {"0": GOOD, "1": NOT_CHECKED, "4": PROBABLY_BAD, "8": BAD}
 _SUBJECT = re.compile(r"<subject>SDN:LOCAL:([^<]+)</subject>\s*<object>SDN:P01::(\w+)</object>")
 _FLAGS = re.compile(r"QV(?::(?P<name>[^.]*))?(?:\.\d+)?|QF(?:\.\d+)?")
-_TIME = re.compile(r"(?i)time_iso8601.*|(?P<station>yyyy-mm-ddThh:mm(?::ss(?:\.s+)?)?)")  # of a row, or of its station
+_TIME = re.compile(  # of a row, or of its station
+    r"(?i)time_iso8601.*|(?P<julian>chronological julian date.*)|(?P<station>yyyy-mm-ddThh:mm(?::ss(?:\.s+)?)?)"
+)
 
 
 def read(
@@ -75,8 +77,10 @@ def read(
                 meanings = {value.lower(): vocabularies.MEANINGS[word] for value, word in vocabulary}
                 known |= meanings or OF_ODV
         known |= vocabularies.parse_flag_settings(flags)
-        carried = {"time"} if (match := _TIME.fullmatch(str(headers["time"]))) and match["station"] else ()
-        tables.append(delimited.read_table(path, headers | flagged, "correct columns", LAYOUT, known, carried=carried))
+        match = _TIME.fullmatch(str(headers["time"]))
+        carried = {"time"} if match and match["station"] else ()
+        layout = replace(LAYOUT, time_format="julian") if match and match["julian"] else LAYOUT
+        tables.append(delimited.read_table(path, headers | flagged, "correct columns", layout, known, carried=carried))
     record = to_record(paths, tables, scale, direction_reference)
     is_stated = direction_reference or any(units.stated_north(table.said) for table in tables)
     return replace(record, unstated=() if is_stated else ("direction_reference",))
@@ -94,7 +98,7 @@ def find_columns(head: delimited.Head) -> dict[str, str]:
         columns |= {role: name} if role and role not in columns else {}
     roles = detect.match_roles(name for name in names if name not in columns.values())
     roles = {role: name for role, name in roles.items() if role not in delimited.DATE_AND_CLOCK}
-    times = sorted(filter(_TIME.fullmatch, names), key=lambda name: not name.startswith("time"))
+    times = sorted(filter(_TIME.fullmatch, names), key=lambda name: (not name.startswith("time"), name.startswith("Y")))
     return roles | ({"time": times[0]} if times else {}) | columns
 
 

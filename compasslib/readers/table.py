@@ -173,19 +173,22 @@ def _remove_invalid(table: dict[str, Floats]) -> dict[str, int]:
 
 
 def _fillers(table: Mapping[str, Floats], far: float = 2.0) -> Bools:
-    """Flag rows whose velocity is a repeated fill value consisting of nines only, such as -99.9 or 9999.
+    """Flag rows whose velocity is a fill value consisting of nines only, such as -99.9 or 9999.
 
-    Unless both components hold it, it exceeds the largest measured speed by a factor ``far``.
+    It is repeated, and both components hold it or it exceeds the largest measured speed by a factor ``far``; once is
+    enough where both apply.
     """
     speeds = [table[role] for role in units.FLOWS if role in table]
     known = [(10.0**n - 1.0) / 10.0**k for n in range(2, 7) for k in range(n) if (n, k) != (2, 0)]  # 9.9, 999, 99.9 ...
     nines = [np.isin(np.abs(column), known) for column in speeds]
-    candidates = [np.logical_and.reduce(nines) & (speeds[0] == speeds[-1]) & (len(speeds) > 1)]
+    both = np.logical_and.reduce(nines) & (speeds[0] == speeds[-1]) & (len(speeds) > 1)
+    candidates, alone = [both], np.zeros_like(both)
     for column, nine in zip(speeds, nines, strict=True):
         if nine.any():
             others = np.abs(column[~nine & np.isfinite(column)])
             candidates.append(nine & (np.abs(column) > far * others.max(initial=0.0)))
-    return np.logical_or.reduce([rows if rows.sum() > 1 else np.zeros_like(rows) for rows in candidates])
+            alone |= both & candidates[-1]
+    return np.logical_or.reduce([rows for rows in candidates if rows.sum() > 1] + [alone])
 
 
 def _unrepeated(table: Mapping[str, Floats]) -> tuple[Any, int, int]:

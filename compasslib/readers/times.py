@@ -338,6 +338,7 @@ SCALES: dict[str, tuple[Callable[[Floats], Floats], str]] = {
         "matplotlib's days",
     ),
     "excel": (lambda x: np.round((x - 25569.0) * DAY_S, 3), "Excel's days"),
+    "julian": (lambda x: np.round((x - JULIAN_DAY_1970) * DAY_S, 3), "chronological Julian days, from midnight on"),
     "decimal_year": (_decimal_years, "years with a fraction of their own length"),
 }
 

@@ -8,6 +8,7 @@ import json
 import shutil
 import sys
 import warnings
+import zipfile
 from pathlib import Path
 
 import netCDF4
@@ -99,6 +100,20 @@ def test_parquet_has_the_rows_of_the_table(world, tmp_path, capsys):
     assert [*told["columns"]["UCUR"]] == [*same["columns"]["UCUR"]] and told["for_all_rows"] == same["for_all_rows"]
 
 
+def test_zarr_has_the_values_and_attributes_of_the_product_once(world, tmp_path, capsys, recwarn):
+    xarray, zarr = pytest.importorskip("xarray"), pytest.importorskip("zarr")
+    (file,) = exported(capsys, world, "zarr", tmp_path / "a")
+    assert not [warning for warning in recwarn if "zarr" in str(warning.message)]
+    with zipfile.ZipFile(file) as packed:
+        assert len({*packed.namelist()}) == len(packed.namelist())
+    assert (
+        xarray.open_zarr(zarr.storage.ZipStore(file, mode="r"))
+        .load()
+        .identical(xarray.load_dataset(world / "corrected/M1/corrected.nc"))
+    )
+    assert exported(capsys, world, "zarr", tmp_path / "b")[0].read_bytes() == file.read_bytes()
+
+
 def test_erddap_gets_one_set_of_axes(world, tmp_path, capsys):
     pytest.importorskip("xarray")
     (file,) = exported(capsys, world, "erddap", tmp_path)
@@ -106,8 +121,10 @@ def test_erddap_gets_one_set_of_axes(world, tmp_path, capsys):
         kept = {name: v.dimensions for name, v in nc.variables.items() if not name.endswith("_bnds")}
         assert {axes for axes in kept.values() if len(axes) > 1} == {("TIME", "DEPTH")} and "UCUR_UNCERTAINTY" in kept
         np.testing.assert_array_equal(nc["UCUR"][:], whole["UCUR"][:])
-        assert nc["TIME"].units == whole["TIME"].units and nc.cdm_profile_variables == "TIME"
+        assert nc["TIME"].units == whole["TIME"].units and whole.cdm_profile_variables == "TIME"
+        assert nc.cdm_data_type == "Grid" and not {"featureType", "cdm_timeseries_variables"} & {*nc.ncattrs()}
         assert set(nc["UCUR"].ancillary_variables.split()) <= set(kept)
+        assert not any("_FillValue" in nc[name].ncattrs() for name in ("TIME", "DEPTH", "LATITUDE", "TIME_bnds"))
 
 
 def test_packages_that_a_form_needs_are_named(world, tmp_path, capsys, monkeypatch):

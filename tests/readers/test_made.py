@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from compasslib import readers
 from compasslib.cli import main
@@ -36,6 +37,8 @@ SAID = {  # lines of the draft; what the file does not say is DECIDE
     "OceanContour": {"format: ocean_contour", "orientation: down"},
     "speed and direction": {"format: netcdf", "direction_reference: 'true'"},
     "year and day of the year": {"format: table", "time: [YEAR, DAY_OF_YEAR]"},
+    "short names of date and time": {"format: table", "time: [yr, mon, day, hr, min, sec]"},
+    "units in a comment": {"format: table", "scale: 0.01"},
     "decimal commas and cm/s": {"format: table", "scale: 0.01"},
 }
 
@@ -49,6 +52,15 @@ def test_init_says_of_a_folder_what_its_files_say(tmp_path, capsys, kind):
     text = (tmp_path / "config/moorings/M.yaml").read_text()
     lines = {re.sub(r"\s+#.*", "", line).strip() for line in text.splitlines()}
     assert SAID[kind] <= lines and "left out" not in capsys.readouterr().err
+
+
+def test_north_of_files_that_cannot_be_read_yet_is_asked_for(tmp_path, capsys):
+    (tmp_path / "raw").mkdir()
+    (tmp_path / "raw/a.csv").write_text("time,u,v,heading\n39670.02,0.1,0.2,30.0\n39670.04,0.1,0.2,31.0\n")
+    savemat(tmp_path / "raw/b.mat", {"t": np.arange(9.0), "u": np.ones(9), "v": np.ones(9)})
+    assert main(["init", str(tmp_path / "raw"), "--into", str(tmp_path), "--name", "M"]) == 0
+    text = "".join(path.read_text() for path in (tmp_path / "config/moorings").iterdir())
+    assert text.count("direction_reference: DECIDE") == 2 and "time_format: DECIDE" in text
 
 
 def test_recording_beside_its_conversion_is_drafted_once(tmp_path):

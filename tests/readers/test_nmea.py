@@ -60,16 +60,25 @@ def test_pairs_contain_the_encoded_values(tmp_path):
     assert read.warnings == ()
 
 
+@pytest.mark.parametrize("apart_s", [1, 10])
 @pytest.mark.parametrize("order", [1, -1])
-def test_one_heading_and_one_course_a_block_belong_together(tmp_path, order):
-    """Every 10 s; other sentences of a block stand between the two."""
+def test_one_heading_and_one_course_a_block_belong_together(tmp_path, order, apart_s):
+    """Other sentences of a block stand between the two."""
     blocks = [
-        (sentence(f"HCHDG,{10 * k}.0,,,10,E"), sentence("GPGSV,1,1,00"), rmc(10 * k, 10 * k + 12.5)) for k in range(6)
+        (sentence(f"HCHDG,{10 * k}.0,,,10,E"), sentence("GPGSV,1,1,00"), rmc(apart_s * k, 10 * k + 12.5))
+        for k in range(6)
     ]
     read = log(tmp_path, [line for block in blocks for line in block[::order]])
     assert read.heading_deg.tolist() == [0.0, 10.0, 20.0, 30.0, 40.0, 50.0]
     assert read.course_deg.tolist() == [12.5, 22.5, 32.5, 42.5, 52.5, 62.5]
     assert f"with the heading {'before' if order > 0 else 'behind'} them" in read.warnings[0]
+
+
+@pytest.mark.parametrize(("other", "named"), [("AP", "II"), ("HC", "HC")])
+def test_talker_is_asked_for_and_no_autopilot_is_proposed(tmp_path, other, named):
+    both = [line for k in range(6) for line in (sentence(f"{other}HDG,{k}.0,,,,"), sentence(f"IIHDG,{k}.0,,,,"))]
+    with pytest.raises(InputError, match=f"write talker: {named}$"):
+        log(tmp_path, [*both, rmc(0, 12.5)])
 
 
 def test_each_fault_loses_one_sentence(tmp_path):

@@ -141,6 +141,17 @@ def test_fill_values_of_nines_are_missing(tmp_path, filler):
     assert record.counts["fillers"] == 3 and np.isnan(record.east[5:]).all() and np.isfinite(record.east[:5]).all()
 
 
+def test_fill_value_of_one_row_is_missing(tmp_path):
+    record = table(tmp_path, f"{ROWS}2007-09-05T01:00:00Z,100.5,-999.9,-999.9\n")
+    assert record.counts["fillers"] == 1 and np.isnan(record.east[5:]).all() and np.isfinite(record.east[:5]).all()
+
+
+def test_time_of_day_in_a_column_of_numbers_is_refused_with_advice(tmp_path):
+    columns = {"time": 1, "east": 2, "north": 3}
+    with pytest.raises(InputError, match="two columns: date and clock"):
+        table(tmp_path, "ODF_HEADER,\n-- DATA --\n '04-SEP-2007 00:00:00.00' 1.0 2.0\n", columns, skip_rows=2)
+
+
 def test_typographic_signs_and_repeated_headers_are_read(tmp_path):
     record = table(tmp_path, "t,z,u,v\n2007-09-04\u00a000:00,1,\u22125,1\nt,z,u,v\n2007-09-04 01:00,1,5,1\n")
     assert record.east[:, 0].tolist() == [-0.05, 0.05]

@@ -66,6 +66,23 @@ def _by_number(path: Path, truth: Truth) -> dict[str, Any]:
     return {"columns": {"time": [1, 2, 3, 4, 5, 6], "east": 7, "north": 8, "heading": 9}}
 
 
+def _short_names(path: Path, truth: Truth) -> dict[str, Any]:
+    names = ["yr", "mon", "day", "hr", "min", "sec"]
+    _rows(path, truth, [[str(x) for x in row] for row in truth.parts], ",".join([*names, "u,v,h,q\n"]))
+    return {"columns": COLUMNS | {"time": names}}
+
+
+def _by_number_and_comma(path: Path, truth: Truth) -> dict[str, Any]:
+    _rows(path, truth, [str(t).split("T") for t in truth.time], by=" ", decimal=",")
+    return {"columns": {"date": 1, "clock": 2, "east": 3, "north": 4, "heading": 5}}
+
+
+def _odf(path: Path, truth: Truth) -> dict[str, Any]:
+    times = [t.strftime("'%d-%b-%Y %H:%M:%S.00'").split() for t in truth.time.astype(object)]
+    _rows(path, truth, times, "ODF_HEADER,\n  FILE_SPECIFICATION='M1',\n-- DATA --\n", by="  ")
+    return {"columns": {"date": 1, "clock": 2, "east": 3, "north": 4, "heading": 5}, "skip_rows": 3}
+
+
 def _day_of_year(path: Path, truth: Truth) -> dict[str, Any]:
     new_year = truth.time.astype("datetime64[Y]").astype("datetime64[s]")
     days = 1.0 + (truth.time - new_year).astype(float) / DAY_S
@@ -82,7 +99,7 @@ def _matplotlib(path: Path, truth: Truth) -> dict[str, Any]:
 
 
 def _twice(path: Path, truth: Truth) -> dict[str, Any]:
-    _rows(path, truth, [[str(t), "9.9"] for t in truth.time], "t,u,u,v,h,h\n")
+    _rows(path, truth, [[str(t), "9.9"] for t in truth.time], "mooring M1,\nt,u,u,v,h,h\n")
     return {"columns": COLUMNS | {"east": "u.2", "flag": "h.2"}, "flags": L20}
 
 
@@ -92,6 +109,11 @@ def _header_line(path: Path, truth: Truth) -> dict[str, Any]:
     text = path.read_text().replace("\n", "\n! a remark\n", 9)
     path.write_text(text.replace("! 3 lines\n! a remark\nt,u,v,h,q\n", "! 3 lines\n"))
     return {"columns": COLUMNS, "comment": "!", "header": text.split("\n").index("t,u,v,h,q") + 1}
+
+
+def _units_in_comment(path: Path, truth: Truth) -> dict[str, Any]:
+    _rows(path, truth, _iso(truth), "# M1\n# t,u,v,h,q\n# ,cm/s,cm/s,degrees,\n", scale=100.0)
+    return {"columns": COLUMNS}
 
 
 def _comma(path: Path, truth: Truth) -> dict[str, Any]:
@@ -110,13 +132,15 @@ def _quoted(path: Path, truth: Truth) -> dict[str, Any]:
     return {"columns": COLUMNS | {"east": "u, east"}}
 
 
-def _odv(path: Path, truth: Truth) -> dict[str, Any]:
+def _odv(path: Path, truth: Truth, *, julian: bool = False) -> dict[str, Any]:
     head = "//<subject>SDN:LOCAL:U</subject><object>SDN:P01::LCEWEL01</object><units>SDN:P06::UVBB</units>\n"
     names = ["Cruise", "Station", "Type", "YYYY-MM-DDThh:mm:ss.sss", "Bot. Depth [m]", "time_ISO8601", "QV:SEADATANET"]
+    names[5] = "Chronological Julian Date [days]" if julian else names[5]
+    times = [f"{t / DAY_S + 2440588.0:.8f}" for t in truth.time_s] if julian else [f"{t}.000" for t in truth.time]
     names += [x for name in ("U [cm/s]", "NSCT [cm/s]", "Heading [degrees]") for x in (name, "QV:SEADATANET")]
     rows = [["Cr", "M1", "*", "2019-05-03T00:00:00.000", "200"], *[[""] * 5] * (len(truth.time) - 1)]
-    numbers = zip(truth.time, 100 * truth.east[:, 0], 100 * truth.north[:, 0], truth.heading, truth.flag, strict=True)
-    cells = [[f"{t}.000", "1", f"{u:.1f}", str(q), f"{v:.1f}", "1", f"{h:.1f}", "1"] for t, u, v, h, q in numbers]
+    numbers = zip(times, 100 * truth.east[:, 0], 100 * truth.north[:, 0], truth.heading, truth.flag, strict=True)
+    cells = [[t, "1", f"{u:.1f}", str(q), f"{v:.1f}", "1", f"{h:.1f}", "1"] for t, u, v, h, q in numbers]
     lines = ["\t".join([*row, *cell]) for row, cell in zip(rows, cells, strict=True)]
     path.write_text(head + "\n".join(["\t".join(names), *lines, ""]))
     return {}
@@ -130,6 +154,7 @@ def _winadcp(path: Path, truth: Truth) -> dict[str, Any]:
     made |= {"SerEmmpersec": np.rint(1000 * truth.east), "SerNmmpersec": np.rint(1000 * truth.north)}
     made |= {"AnH100thDeg": np.rint(100 * truth.heading)[:, None], "AnOrienUP": np.ones((len(truth.time), 1))}
     made |= {"RDIBin1Mid": 6.0, "RDIBinSize": 4.0, "SerBins": 1.0 + np.arange(truth.east.shape[1])[None]}
+    made["RDIFileName"] = "A_000.000"
     savemat(path, made)
     return {"direction_reference": "magnetic"}
 
@@ -138,7 +163,9 @@ def _rdradcp(path: Path, truth: Truth) -> dict[str, Any]:
     ranges = 6.0 + 4.0 * np.arange(truth.east.shape[1])[:, None]
     config = {"ranges": ranges, "orientation": "down", "coord_sys": "earth", "magnetic_var": 0.0}
     adcp = {"mtime": truth.time_s[None] / DAY_S + 719529.0, "east_vel": truth.east.T, "north_vel": truth.north.T}
-    savemat(path, {"adcp": adcp | {"heading": truth.heading[None], "config": config}})
+    adcp["heading"] = truth.heading[None]
+    adcp = {name: np.pad(values, ((0, 0), (0, 2))) for name, values in adcp.items()}  # ensembles that were not read
+    savemat(path, {"adcp": adcp | {"config": config}})
     return {"direction_reference": "magnetic"}
 
 
@@ -149,7 +176,10 @@ def _named_arrays(path: Path, truth: Truth) -> dict[str, Any]:
     return {"columns": columns, "orientation": "up", "direction_reference": "magnetic", "time_format": "epoch"}
 
 
-SENSORS = "Month|Day|Year|Hour|Minute|Second|Error code|Status code|Battery voltage|Soundspeed|Heading|Pitch|Roll"
+SENSORS = (
+    "Month|Day|Year|Hour|Minute|Second|Error code|Status code|Battery voltage|Soundspeed|Heading|Pitch|Roll|"
+    "Pressure   (dbar)|Pressure   (m)"
+)
 FLOW = ("Velocity (Beam1|X|East)  (m/s)", "Velocity (Beam2|Y|North)  (m/s)", "Velocity (Beam3|Z|Up)  (m/s)")
 
 
@@ -160,7 +190,7 @@ def _conversion(path: Path, truth: Truth, *, profiler: bool) -> dict[str, Any]:
     for k, (y, m, d, h, i, s) in enumerate(truth.parts):
         own = "" if profiler else " ".join(f"{x:8.3f}" for x in flow[:, k, 0])
         begin = f"{m:2d} {d:2d} {y} {h:2d} {i:2d} {s:2d} 00000000 00110000 {own} 12.1 1480.0"
-        lines.append(f"{begin} {truth.heading[k]:6.1f} 1.0 0.5")
+        lines.append(f"{begin} {truth.heading[k]:6.1f} 1.0 0.5 100.0 99.1")
     names = SENSORS.split("|")
     names = names if profiler else [*names[:8], *FLOW, *names[8:]]
     suffix = "sen" if profiler else "dat"
@@ -181,10 +211,11 @@ def _contour(path: Path, truth: Truth) -> dict[str, Any]:
         config.setncattr("DataInfo_transformsAndCorrections_magneticDeclination", "60.0")
         config.setncattr("Instrument_user_decl", "30.0")
         group.createDimension("time", len(truth.time))
-        group.createDimension("Range", truth.east.shape[1])
+        ranges = "BurstVelocityENU_Range"
+        group.createDimension(ranges, truth.east.shape[1])
         series = {"Velocity_East": (truth.north, "m/s"), "Velocity_North": (-truth.east, "m/s")}
         for name, (values, unit) in series.items():
-            group.createVariable(name, "f8", ("time", "Range"))[:] = values
+            group.createVariable(name, "f8", ("time", ranges))[:] = values
             group[name].units = unit
         for name, values, unit in (
             ("MatlabTimeStamp", truth.time_s / DAY_S + 719529.0, "days"),
@@ -193,8 +224,8 @@ def _contour(path: Path, truth: Truth) -> dict[str, Any]:
         ):
             group.createVariable(name, "f8", ("time",))[:] = values
             group[name].units = unit
-        group.createVariable("Range", "f8", ("Range",))[:] = 3.0 + np.arange(truth.east.shape[1])
-        group["Range"].units = "m"
+        group.createVariable(ranges, "f8", (ranges,))[:] = 3.0 + np.arange(truth.east.shape[1])
+        group[ranges].units = "m"
     return {"direction_reference": "magnetic"}
 
 
@@ -216,14 +247,19 @@ def _polar(path: Path, truth: Truth) -> dict[str, Any]:
 # Kind -> format, suffix, number of cells, writer, which gives the settings, and whether it holds headings and flags.
 KINDS: dict[str, tuple[str, str, int, Callable[[Path, Truth], dict[str, Any]], bool, bool]] = {
     "columns by number": ("table", ".dat", 1, _by_number, True, False),
+    "short names of date and time": ("table", ".csv", 1, _short_names, True, False),
+    "columns by number and decimal commas": ("table", ".dat", 1, _by_number_and_comma, True, False),
+    "ODF": ("table", ".odf", 1, _odf, True, False),
     "year and day of the year": ("table", ".csv", 1, _day_of_year, True, False),
     "matplotlib": ("table", ".csv", 1, _matplotlib, True, False),
     "names that repeat": ("table", ".csv", 1, _twice, True, True),
     "header line and comments": ("table", ".csv", 1, _header_line, True, False),
+    "units in a comment": ("table", ".csv", 1, _units_in_comment, True, False),
     "decimal commas and cm/s": ("table", ".csv", 1, _comma, True, False),
     "day first and flags": ("table", ".txt", 1, _day_first, True, True),
     "quoted": ("table", ".csv", 1, _quoted, True, False),
     "odv": ("odv", ".txt", 1, _odv, True, True),
+    "odv by Julian days": ("odv", ".txt", 1, partial(_odv, julian=True), True, True),
     "WinADCP": ("mat", ".mat", 5, _winadcp, True, False),
     "rdradcp": ("mat", ".mat", 5, _rdradcp, True, False),
     "arrays by columns": ("mat", ".mat", 4, _named_arrays, True, False),

@@ -52,7 +52,8 @@ NAMES = {  # variable names of each role, by preference
     "depth": "INSTRUMENT_DEPTH instrument_depth DEPTH DEPH D_3 depth",
     "temperature": "TEMP TEMPERATURE Tx_1211 T_1211 T_28 T_20 temp temperature WaterTemperature",
     "declination": "DECLINATION MAGNETIC_DECLINATION",
-    "range": "HEIGHT_ABOVE_SENSOR DIST_ALONG_BEAMS BIN_RANGE bindist range distance DISTANCE Range",
+    "range": "HEIGHT_ABOVE_SENSOR DIST_ALONG_BEAMS BIN_RANGE bindist range distance DISTANCE Range "
+    "AvgVelocityENU_Range BurstVelocityENU_Range",
     "cell_depth": "DEPTH bin_depth depth DEPTHS DEPH",
 }
 STANDARD_NAMES = {  # minus: opposite sign

@@ -47,7 +47,7 @@ def decode(header: Path) -> Samples:
     text = read_text(header)[0].decode()
     pieces = _SECTION.split(text)
     columns = {
-        suffix.lower(): {name.lower(): int(k) for k, name in _COLUMN.findall(body)}
+        suffix.lower(): {name.lower(): int(k) for k, name in reversed(_COLUMN.findall(body))}  # dbar stands before m
         for suffix, body in zip(pieces[1::2], pieces[2::2], strict=True)
     }
     source = next((suffix for suffix in ("sen", "dat") if {*CLOCK, "heading"} <= columns.get(suffix, {}).keys()), None)
@@ -60,7 +60,7 @@ def decode(header: Path) -> Samples:
         )
     names = columns[source]
     wanted = {name: names[name] for name in SENSORS if name in names}
-    velocities = [k for name, k in names.items() if name.startswith("velocity")]
+    velocities = sorted(k for name, k in names.items() if name.startswith("velocity"))
     wanted |= {f"velocity {beam}": k for beam, k in enumerate(velocities)}
     table = read_table(_sibling(header, source), {"time": [names[part] for part in CLOCK], **wanted}, layout=LAYOUT)
     values = {name: table.columns.get(name, np.full(table.rows, np.nan)) for name in SENSORS}
