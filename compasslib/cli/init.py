@@ -26,7 +26,7 @@ from compasslib.errors import InputError
 from compasslib.preparation.affected import ExplainedShare, compare_headings, is_affected
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.readers import detect, iaga2002, nmea
-from compasslib.readers.netcdf import ocean_contour
+from compasslib.readers.netcdf.variables import is_ocean_contour, read_position
 from compasslib.readers.nortek import converted
 from compasslib.readers.table import read_series
 from compasslib.records import DEEPEST_M, Record
@@ -139,7 +139,7 @@ def _sort(paths: Sequence[Path], name: str | None, contents: Contents) -> None:
             continue  # read together with the header file of its conversion, or with its scans
         recorded = next((each for each in map(path.with_suffix, RECORDINGS) if each in paths), None)
         unpacked = path.with_suffix(".TXT")
-        form = "ocean_contour" if form == "netcdf" and ocean_contour.is_ocean_contour(path) else form
+        form = "ocean_contour" if form == "netcdf" and is_ocean_contour(path) else form
         table = tables[path] = detect.guess_columns(path) if form == "table" else None
         mooring = name
         if not mooring:  # named after the folder of its files, unless that has a generic name
@@ -256,8 +256,6 @@ def _draft(
         keys |= dict.fromkeys({"orientation"} & {*record.unstated, *retried}, draft.DECIDE)
         where: dict[str, float] = {}
         if form == "netcdf":
-            from compasslib.readers.netcdf.variables import read_position
-
             where = read_position(files[0])
         return Drafted(form, inside, keys, record, north=table.north if table else None, where=where)
     unread = ["direction_reference"] * (form == "netcdf")  # what the file says of it is not known yet

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from compasslib.errors import InputError
-from compasslib.readers import flags, times
+from compasslib.readers import times, vocabulary
 from compasslib.readers.cells import BLANKS, MISSING_TEXT, NUMBER, Column, Rows, parse_numbers, split_rows
 from compasslib.readers.files import read_text
 from compasslib.records import NOT_CHECKED, PROBABLY_BAD
@@ -410,11 +410,11 @@ class Body:
         """Convert words or values of quality flags to those of OceanSITES, and warn of unknown ones."""
         texts = [*self.column(place)]
         counts = Counter(texts)
-        known = {cell: NOT_CHECKED if not cell else flags.flag_of(cell, cell, meanings) for cell in counts}
+        known = {cell: NOT_CHECKED if not cell else vocabulary.flag_of(cell, cell, meanings) for cell in counts}
         codes = {cell: PROBABLY_BAD if flag is None else flag for cell, flag in known.items()}
         nameless = {cell: counts[cell] for cell, flag in known.items() if flag is None}
         where = f"{self.path.name}: column {self.head.names[place]}"
-        said = [flags.describe_unknown_flags(where, nameless)] if nameless else []
+        said = [vocabulary.describe_unknown_flags(where, nameless)] if nameless else []
         return np.fromiter(map(codes.__getitem__, texts), dtype=float, count=len(texts)), said
 
     def numbers(self, places: Mapping[str, int]) -> tuple[dict[str, Floats], bool]:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from compasslib.errors import InputError, TransientError
-from compasslib.readers import delimited, units
+from compasslib.readers import delimited, vocabulary
 from compasslib.readers.files import GZIP_MAGIC, MEGABYTE, TooLarge, detect_utf16, unreadable
 
 HEAD_BYTES = 65536
@@ -301,9 +301,9 @@ def guess_from_names(names: Sequence[str]) -> GuessedTable | None:
             columns.pop("time", None)
         about = _ABOUT if "time" in columns else ("date", "clock", *_ABOUT)
         chosen = {role: columns[role] for role in ("time", *flow, *about) if role in columns}
-        stated = (units.stated_factor(role, [columns[role]]) for role in flow if role in units.FLOWS)
+        stated = (vocabulary.stated_factor(role, [columns[role]]) for role in flow if role in vocabulary.FLOWS)
         factors = {factor for factor, _ in filter(None, stated)}
-        north = units.stated_north({role: [header] for role, header in columns.items()})
+        north = vocabulary.stated_north({role: [header] for role, header in columns.items()})
         return GuessedTable("instrument", chosen, factors.pop() if len(factors) == 1 else None, north)
     for kind, words, must in _TABLES:
         roles = match_roles(names, words)
@@ -331,5 +331,5 @@ def match_roles(names: Iterable[str], words: Mapping[str, str] = _WORDS) -> dict
 
 def _plain(name: str) -> str:
     """Normalize a header: strip its unit, convert to lower case, and join its words by underscores."""
-    unitless = units.SPEED_END.sub("", _UNIT.sub("", name.strip().lower()).strip())
+    unitless = vocabulary.SPEED_END.sub("", _UNIT.sub("", name.strip().lower()).strip())
     return re.sub(r"[\W_]+", "_", unitless).strip("_")

@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 from compasslib import angles, compass
 from compasslib.earthfield import parse_applied_declination
 from compasslib.errors import InputError
-from compasslib.readers import flags as vocabularies
-from compasslib.readers import nortek
+from compasslib.readers import nortek, vocabulary
 from compasslib.readers.files import DAMAGE_ERRORS
-from compasslib.readers.netcdf import attributes, frames, ocean_contour, variables
+from compasslib.readers.netcdf import attributes, variables
 from compasslib.readers.netcdf.variables import File, Variable, find, values
 from compasslib.readers.pd0.currents import true_pitch
-from compasslib.readers.units import SPEED
+from compasslib.readers.vocabulary import SPEED
 from compasslib.records import DEEPEST_M, GOOD, PROBABLY_BAD, Flags, Record, join_records, new_record
 from compasslib.types import Floats
 
@@ -62,7 +61,6 @@ def read(
     direction_reference: str,
     heading_alignment: float | None = None,
     flags: Mapping[str, Sequence[object]] | None = None,
-    grouped: bool = False,
 ) -> Record:
     """Read the files of one instrument in order of time, with currents relative to ``direction_reference``.
 
@@ -72,14 +70,13 @@ def read(
         declination_applied: declination contained in headings and velocities, degrees; overrides the file's.
         heading_alignment: degrees to add to headings; required if the file states a nonzero heading alignment EA.
         flags: good, bad and unchecked -> flag meanings or values that are in no known vocabulary.
-        grouped: whether the series stand in the groups of OceanContour.
 
     Raises:
         InputError: a file is unreadable, or its variables, units, bins or reference north are undetermined.
     """
     settings = {
         "columns": {role: name for role, name in (columns or {}).items() if name is not None},
-        "meanings": vocabularies.parse_flag_settings(flags),
+        "meanings": vocabulary.parse_flag_settings(flags),
         "orientation": orientation,
         "reference": direction_reference,
         "declination": parse_applied_declination(declination_applied),
@@ -89,10 +86,7 @@ def read(
     for path in map(Path, paths):
         try:
             with netCDF4.Dataset(path) as nc:
-                group, stated = nc, variables.attributes_of(nc)
-                if grouped:
-                    group, stated = ocean_contour.find_series(path, nc)
-                records.append(_record(*_open(path, group, stated, settings)))
+                records.append(_record(*_open(path, *variables.find_series(path, nc), settings)))
         except DAMAGE_ERRORS as error:
             shown = f"{type(error).__name__}: {error}"
             raise InputError(str(path), expected="a whole netCDF file", found=shown, advice=ADVICE) from None
@@ -101,11 +95,6 @@ def read(
 
 def _open(path: Path, nc: Any, stated: Mapping[str, Any], settings: Mapping[str, Any]) -> tuple[File, Floats, Flags]:
     """Open a file along its time dimension; read times, and flags that are GOOD unless the time is doubtful."""
-    if nc.groups and not nc.variables:
-        advice = "write the group with the velocities as a file of its own"
-        advice = "write format: ocean_contour" if ocean_contour.is_ocean_contour(path) else advice
-        shown = f"groups {', '.join(nc.groups)}"
-        raise InputError(str(path), expected="variables at the top", found=shown, advice=advice)
     if (system := str(stated.get("coord_sys", "earth"))) != "earth":
         advice = "give the instrument's own file, or save it after rotate2(ds, 'earth')"
         raise InputError(f"{path}: coord_sys", expected="earth", found=system, advice=advice)
@@ -157,14 +146,14 @@ def _record(file: File, time_s: Floats, time_flags: Flags) -> Record:
         east, northward = angles.components(northward, towards)
         pair = parts[:1] * 2  # a direction has no other frame
     known = [flags for variable in parts if (flags := attributes.read_flags(file, variable)) is not None]
-    quality = vocabularies.worst_flag(known or [np.full(east.shape, GOOD)]).reshape(n, -1)
+    quality = vocabulary.worst_flag(known or [np.full(east.shape, GOOD)]).reshape(n, -1)
     heading_variable = find(file, "heading", (file.time,))
     recorded = _headings(file, n, heading_variable)
     stated_flags = attributes.read_flags(file, heading_variable)
-    heading_flags = vocabularies.worst_flag([GOOD if stated_flags is None else stated_flags, time_flags])
+    heading_flags = vocabulary.worst_flag([GOOD if stated_flags is None else stated_flags, time_flags])
     flow, by_heading = _turn_other_frame(file, pair, (east, northward, _velocity(file, "up")), recorded)
     if by_heading:
-        quality = vocabularies.worst_flag([quality, heading_flags[:, None]])
+        quality = vocabulary.worst_flag([quality, heading_flags[:, None]])
     east, northward, up = flow
     of_north = heading_variable if by_heading and heading_variable is not None else pair[0]
     north = attributes.find_north(file, of_north, heading_variable)
@@ -179,7 +168,7 @@ def _record(file: File, time_s: Floats, time_flags: Flags) -> Record:
     heading = np.where(np.isfinite(heading), angles.wrap360(heading), np.nan)
     ranges, looks_up, depth = _bins(file, n, east.shape[1])
     _refuse_rows(file, time_s, depth)
-    quality = vocabularies.worst_flag([quality, time_flags[:, None]])
+    quality = vocabulary.worst_flag([quality, time_flags[:, None]])
     backwards = ranges.shape[1] > 1 and np.nanmedian(np.diff(ranges, axis=1)) < 0.0
     order = slice(None, None, -1) if backwards else slice(None)
     attributes.note_unlinked(file)
@@ -272,21 +261,21 @@ def _component(file: File, role: str) -> Variable:
     variable = find(file, role, *_profile_dimensions(file))
     if variable is None:
         there, advice = ", ".join(file.variables), f"name it in the mooring file: columns: {{{role}: NAME}}"
-        if words := frames.other_frames(file):
-            there, advice = words, frames.ADVICE
+        if words := attributes.other_frames(file):
+            there, advice = words, attributes.OTHER_FRAME
         raise file.refuse(role, f"a variable of the velocity ({role})", there, advice)
     return variable
 
 
 def _turn_other_frame(file: File, pair: Sequence[Variable], flow: _Flow, heading: Floats) -> tuple[_Flow, bool]:
     """Turn components that are not east and north, as far as the file says how, and tell whether by the heading."""
-    words = "" if pair[0].source is pair[1].source else frames.other_frame(file, pair)
+    words = "" if pair[0].source is pair[1].source else attributes.other_frame(file, pair)
     if not words:
         return flow, False
-    if not frames.turns_with_heading(file, pair) or find(file, "heading", (file.time,)) is None:
-        turned = frames.turn_axes(file, pair, flow[:2])
+    if not attributes.turns_with_heading(file, pair) or find(file, "heading", (file.time,)) is None:
+        turned = attributes.turn_axes(file, pair, flow[:2])
         if turned is None:
-            raise file.refuse("velocities", "east and north", words, frames.ADVICE)
+            raise file.refuse("velocities", "east and north", words, attributes.OTHER_FRAME)
         return (*turned, flow[2]), False
     x, y, z = flow
     tilts = [np.nan_to_num(_series(file, role, len(x))) * (z is not None) for role in ("tilt_x", "tilt_y")]

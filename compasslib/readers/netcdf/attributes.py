@@ -1,4 +1,4 @@
-"""Interpret the metadata of a netCDF file: quality flags, and the reference north of directions.
+"""Interpret the metadata of a netCDF file: quality flags, the reference north of directions, the frame of velocities.
 
 Flags are read in CF's three forms (CF 3.5): ``flag_values`` lists mutually exclusive states, ``flag_masks`` independent
 conditions, and both together bit fields with several states each. Among several conditions, flag variables or
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
 from operator import or_
@@ -18,7 +18,8 @@ from typing import Any
 import netCDF4
 import numpy as np
 
-from compasslib.readers import flags as vocabularies
+from compasslib import angles
+from compasslib.readers import vocabulary
 from compasslib.readers.netcdf.variables import Attributes, File, Variable, find, values
 from compasslib.readers.pd0.checks import refuse_alignment
 from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Flags
@@ -39,7 +40,7 @@ def read_flags(file: File, variable: Variable | None) -> Flags | None:
         InputError: the flags have dimensions that the variable does not have.
     """
     each = [_arrange(file, variable, flag) for flag in _flag_variables(file, variable)] if variable else []
-    return vocabularies.worst_flag(each) if each else None
+    return vocabulary.worst_flag(each) if each else None
 
 
 def note_unlinked(file: File) -> None:
@@ -93,7 +94,7 @@ def _arrange(file: File, variable: Variable, quality: Variable) -> Flags:
     present = [names.index(name) for name in wanted if name in names]
     codes = _decode(file, quality).transpose([*present, *(k for k in range(len(names)) if k not in present)])
     codes = codes.reshape([*(file.sizes[name] if name in names else 1 for name in wanted), -1])
-    worst = vocabularies.worst_flag(list(np.moveaxis(codes, -1, 0)))
+    worst = vocabulary.worst_flag(list(np.moveaxis(codes, -1, 0)))
     return np.broadcast_to(worst, [file.sizes[name] for name in wanted])
 
 
@@ -115,7 +116,7 @@ def _decode(file: File, quality: Variable) -> Flags:
     if empty:
         file.note(f"{quality.name}: {empty} flags were never written; they count as not checked.")
     if unknown:
-        file.note(vocabularies.describe_unknown_flags(quality.name, unknown))
+        file.note(vocabulary.describe_unknown_flags(quality.name, unknown))
     return codes[where].reshape(stored.shape)
 
 
@@ -135,7 +136,7 @@ def _interpreter(file: File, quality: Variable) -> Callable[[Any], _Meaning]:
     """Choose the function that interprets a flag value, by the form in which the variable states meanings."""
     meanings = quality.attribute("flag_meanings")
     words = [word for word in re.split(r"[\s,;]+", meanings.strip()) if word] if isinstance(meanings, str) else []
-    words = words or [vocabularies.normalize(word) for word in np.atleast_1d(meanings if meanings is not None else [])]
+    words = words or [vocabulary.normalize(word) for word in np.atleast_1d(meanings if meanings is not None else [])]
     values, masks = (_listed(quality.attribute(name)) for name in ("flag_values", "flag_masks"))
     is_number = isinstance(quality.dtype, np.dtype) and quality.dtype.kind in "iu"
     if len(values) == 1 < len(words) == len(values[0]):
@@ -148,12 +149,11 @@ def _interpreter(file: File, quality: Variable) -> Callable[[Any], _Meaning]:
             table = {chr(int(value)): word for value, word in table.items()} | table
         return partial(_by_values, file, table)
     texts = [quality.text(name) for name in NAMING]
-    name, vocabulary = vocabularies.find_vocabulary(
-        *texts, quality.name, file.text("conventions"), file.text("data_type")
-    )
+    texts += [quality.name, file.text("conventions"), file.text("data_type")]
+    name, known = vocabulary.find_vocabulary(*texts)
     says = f"those of {name} are taken, which the file names." if name else "the file names no vocabulary."
     file.note(f"{quality.name} does not state what its flags mean: {says}")
-    return partial(_by_values, file, {str(ord(value)): word for value, word in vocabulary.items()} | {**vocabulary})
+    return partial(_by_values, file, {str(ord(value)): word for value, word in known.items()} | {**known})
 
 
 def _listed(stated: Any) -> list[str]:
@@ -173,7 +173,7 @@ def _label(value: Any) -> str:
 def _by_values(file: File, words: Mapping[str, str], value: Any) -> _Meaning:
     label = _label(value)
     word = words.get(label, "")
-    flag = vocabularies.flag_of(label, word, file.meanings)
+    flag = vocabulary.flag_of(label, word, file.meanings)
     return (PROBABLY_BAD, (word or label,)) if flag is None else (flag, ())
 
 
@@ -185,7 +185,7 @@ def _by_masks(
         return whole, ()
     number, *fields = (int(text) % 2**bits for text in (_label(value), *masks))
     states = [int(text) % 2**bits for text in values] or fields
-    flag_of = {w: vocabularies.flag_of(mask, w, file.meanings) for w, mask in zip(words, masks, strict=True)}
+    flag_of = {w: vocabulary.flag_of(mask, w, file.meanings) for w, mask in zip(words, masks, strict=True)}
     pairs = zip(fields, states, strict=True)
     holds = [number & mask == state if values else number & mask > 0 for mask, state in pairs]
     holding = [word for word, is_so in zip(words, holds, strict=True) if is_so]
@@ -196,7 +196,7 @@ def _by_masks(
     if not holding and not unknown and {GOOD, PROBABLY_GOOD} & {*flag_of.values()}:
         unknown.append(_label(value))  # a condition that means "good" exists but does not hold
     known = [flag for word in holding if (flag := flag_of[word]) is not None] or [NOT_CHECKED]
-    return int(vocabularies.worst_flag([*known, *[PROBABLY_BAD] * bool(unknown)])), tuple(unknown)
+    return int(vocabulary.worst_flag([*known, *[PROBABLY_BAD] * bool(unknown)])), tuple(unknown)
 
 
 # Reference north of a file's directions, and the declination contained in them.
@@ -340,3 +340,114 @@ def _number(value: object) -> float | None:
 
 def _in_degrees(degrees: Floats) -> str:
     return f"{np.nanmedian(degrees):.2f} degrees"
+
+
+# Frames: Nortek's XYZ is turned by the heading beside it, and rotated components by the directions towards which they
+# say that they are positive. No other frame can be turned without a guess.
+
+_PLACES = "shore|shelf|slope|isobath|channel|stream|flow|track|ax[ie]s|canyon|strait|fjord|section|bank|river|valley"
+_FLOW = "(?:velocity|speed|current|component|direction)"
+_ELSEWHERE = re.compile(  # words of other frames, whatever else the text says
+    rf"(?:along|cross|across)[ -]*(?:{_PLACES})|\blong-?shore|\b(?:on|off)shore {_FLOW}|\bstreamwise|\bdownstream"
+    r"|(?:principal|major|minor)[ -]ax[ie]s|\b(?:model|native|curvilinear|rotated)[ -]grid"
+    r"|\bgrid[ -]*(?:[xyuvij]\b|east|north|ax[ie]s|coord|relative|direction)"
+    r"|\b(?:ship|vessel|platform)(?:'s)?[ -](?:frame|coord|ax[ie]s|relative)"
+    rf"|relative (?:the )?(?:ship|vessel|platform)|\b(?:starboard|forward|fore-?aft|athwart\w*)[ -]{_FLOW}"
+)
+_ROTATED = re.compile(
+    r"\brotat(?:ed|ion)\b"
+    r"(?!.{0,40}(?:declination|variation|\b(?:in|on)?to (?:the )?(?:true|geographic|earth|enu|magnetic|east|north)))"
+)
+_INSTRUMENT = re.compile(  # words that "east" in the same text overrules, as in Nortek's "Velocity (Beam1|X|East)"
+    rf"beam ?[1-5]\b|\bbeam[ -](?:{_FLOW}|coord|frame)|along[ -]beam|\bradial|\bxyz\b"
+    rf"|\b[xy][ -](?:{_FLOW}|axis|sea water)"
+    r"|\bvel(?:ocity)?[ -]?[xy]\b|\b(?:instrument|sensor|body|head)(?:'s)?[ -](?:frame|coord|ax[ie]s|reference)"
+)
+_NAMES = re.compile(r"(?:^| )(?:along|across|cross|rot|rotated|grid|inst|ship|[xy])(?:$| )")
+_FROM = re.compile(r"\bfrom (?:\S+ ){1,3}(?:in)?to (?:the )?(?:earth|geographic|true|enu|east)\w*")
+_EAST = re.compile(r"east|north|\b(?:[uv]cur|ewct|nsct|[uv] 120[56]|lc[en][ws]ap01)\b")
+_SYSTEM = re.compile(r"coord\w*(?:sys|trans|frame)|(?:velocity|reference|ref)_?frame|^frame$", re.IGNORECASE)
+_SYSTEMS = re.compile(r"\b(?:xyz|beam|inst|ship|vessel|body|grid|rotat|principal)|shore")
+_ROTATION = re.compile(r"rotat\w*_?angle\w*|angle_of_rotation|rotation(?:_deg\w*)?", re.IGNORECASE)
+_AZIMUTH = re.compile(r"(?:positive_)?(?:direction|azimuth|bearing)(?:_deg\w*)?", re.IGNORECASE)
+_TOWARDS = re.compile(r"\b(?:along|towards?|positive)\b\D{0,15}?(\d+(?:\.\d+)?) ?(?:°|deg)")
+_NOT_FROM_NORTH = re.compile(r"counter|anti|from (?:the )?east|mathematical")
+OTHER_FRAME = (
+    "give east and north or the instrument's own file, or write in both long names the direction from north, as "
+    "'towards 36.5 degrees'"
+)
+
+
+def other_frame(file: File, pair: Sequence[Variable]) -> str:
+    """Find the words that give two components another frame than east and north; empty without any."""
+    for variable in pair:
+        texts = list(_texts(variable))
+        is_east = any(_EAST.search(text) for name, text in texts if name != "comment")
+        for name, text in texts:
+            words = _FROM.sub("", text)
+            here = _EAST.search(words) or (is_east and name == "comment")
+            if (
+                _ELSEWHERE.search(words)
+                or _ROTATED.search(words)
+                or (not here and _INSTRUMENT.search(words))
+                or (not name and not is_east and _NAMES.search(words))
+                or (name != "comment" and _TOWARDS.search(words))
+            ):
+                return f"{variable.name} ({text})" if name else variable.name
+        stated = [*_systems(variable), *_systems(file)]
+        if stated and is_east:
+            file.note(f"{stated[0]} stands beside {variable.name}, which counts as east and north, as it is named.")
+        elif stated:
+            return f"{variable.name} ({stated[0]})"
+    return ""
+
+
+def other_frames(file: File) -> str:
+    """List the velocities of a file that are not named as east and north; empty without any."""
+    flows = [variable for variable in file.variables.values() if variable.text("units").lower() in vocabulary.SPEED]
+    return ", ".join(filter(None, (other_frame(file, [variable]) for variable in flows)))
+
+
+def turns_with_heading(file: File, pair: Sequence[Variable]) -> bool:
+    """Return whether the components are X and Y of Nortek's XYZ, of which X points along the heading."""
+    words = [text for variable in pair for _, text in _texts(variable)]
+    words += [text for holder in (file, *pair) for text in _systems(holder)]
+    makers = " ".join(map(str, file.attributes.values()))
+    return any(re.search(r"\bxyz\b", text) for text in words) and not re.search(r"(?i)rdi\b|teledyne|workhorse", makers)
+
+
+def turn_axes(file: File, pair: Sequence[Variable], flow: Sequence[Floats]) -> tuple[Floats, Floats] | None:
+    """Compute east and north from components along two stated directions; None unless these are at right angles.
+
+    Both directions may be rounded to whole degrees.
+    """
+    texts = [" ".join(text for _, text in _texts(variable)) for variable in pair]
+    found = [_TOWARDS.search(text) for text in texts]
+    if not all(found) or any(map(_NOT_FROM_NORTH.search, texts)):
+        return None
+    towards = np.array([float(match[1]) for match in found if match])
+    if abs(abs(float(angles.difference(*towards))) - 90.0) > 1.0:
+        return None
+    sine, cosine = angles.sin_cos(towards)
+    file.note(f"{pair[0].name} and {pair[1].name} were turned from {towards[0]:g} and {towards[1]:g} degrees.")
+    return flow[0] * sine[0] + flow[1] * sine[1], flow[0] * cosine[0] + flow[1] * cosine[1]
+
+
+def _texts(variable: Variable) -> Iterator[tuple[str, str]]:
+    """Yield attribute and text of what describes a variable, the name first, in lower case without underscores."""
+    listed: list[tuple[str, Any]] = [("", variable.name)]
+    listed += [(name, variable.text(name)) for name in ("standard_name", "long_name", "description", "comment")]
+    listed += [(n, f"towards {value} degrees") for n, value in variable.attributes.items() if _AZIMUTH.fullmatch(n)]
+    for name, text in listed:
+        if text:
+            yield name, re.sub(r"[_\s]+", " ", text).lower().replace("relative to", "relative")
+
+
+def _systems(holder: Attributes) -> Iterator[str]:
+    """Yield attributes that name another coordinate system than the earth's, or a rotation."""
+    for name, stated in holder.attributes.items():
+        value = str(stated).lower()
+        other = _SYSTEM.search(name) and _SYSTEMS.search(value) and not re.search("earth|enu", value)
+        angle = _ROTATION.fullmatch(name) and re.fullmatch(r"-?\d+\.?\d*", value) and float(value)
+        if other or angle or (name in ("comment", "summary") and _ROTATED.search(_FROM.sub("", value))):
+            yield f"{name}: {value}"
