@@ -11,7 +11,7 @@ from __future__ import annotations
 import gzip
 import re
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -170,6 +170,12 @@ def unescape(data: bytes) -> bytes:
     for pair, octet in ESCAPE_PAIRS:
         data = data.replace(pair, octet)
     return data
+
+
+def undo_escapes(data: bytes, count: Callable[[bytes], int]) -> tuple[bytes, bool]:
+    """Remove the escapes of a modem if the data seem to have them and more records are intact afterwards."""
+    plain = unescape(data) if looks_escaped(data) else data
+    return (plain, True) if plain is not data and count(plain) > count(data) else (data, False)
 
 
 def looks_escaped(data: bytes) -> bool:

@@ -81,14 +81,10 @@ def find_ensembles(path: str | Path) -> tuple[list[EnsembleRun], list[Skipped], 
     Raises:
         InputError: the file cannot be read.
     """
-    data = files.read_bytes(path)
-    sample = data[: files.CHUNK_BYTES]
-    escaped = files.looks_escaped(sample) and _count_good(files.unescape(sample)) > _count_good(sample)
-    return *scan(files.unescape(data) if escaped else data), escaped
-
-
-def _count_good(data: bytes) -> int:
-    return sum(len(run.rows) for run in scan(data)[0])
+    data, escaped = files.undo_escapes(
+        files.read_bytes(path), lambda tried: sum(len(run.rows) for run in scan(tried)[0])
+    )
+    return *scan(data), escaped
 
 
 def batches(runs: Sequence[EnsembleRun]) -> Iterator[list[EnsembleRun]]:
