@@ -2,7 +2,7 @@
 
 What a ``Layout`` leaves open is detected where it is unambiguous, and reported; else an error names the key to set.
 A row with surplus cells, a missing requested cell or a word in place of a number raises an error, as shifted cells can
-still parse as numbers. Only an unterminated last line may be truncated; it is dropped and counted.
+still parse as numbers; only an unterminated last line may be truncated, and is dropped.
 """
 
 from __future__ import annotations
@@ -37,10 +37,8 @@ JOIN = "list the columns of the time: time: [YEAR, MONTH, DAY, HOUR, MINUTE, SEC
 DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"}  # in order of preference
 HEAD_LINES = 1000  # searched for the header
 NUMBER_STARTS = tuple("+-.0123456789")
-COMMENT_MARKS = ("#", "%")
+COMMENT_MARKS = ("#", "%")  # at the beginning of lines without data
 QUOTES = " \t=\"'"  # stripped around headers and times: left by repeated export, or ="..."
-# Typographic minus sign, no-break spaces and quotation marks.
-TYPESETTING = {"\u2212": "-", "\xa0": " ", "\u202f": " "} | dict.fromkeys("\u201c\u201d\u2018\u2019", "'")
 APART = "\x1f"  # stands between cells that were quoted
 Header = str | int | Sequence[str | int]  # name or number of a column; several are the parts of a time
 _ONLY_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+", re.ASCII)
@@ -69,20 +67,15 @@ class Layout:
         given = {field.name: settings.get(field.name) for field in fields(cls)}
         return cls(**(given | {"missing": tuple(given["missing"] or ())}))
 
-    @property
-    def comments(self) -> tuple[str, ...]:
-        """Marks at the beginning of lines without data."""
-        return (self.comment,) if self.comment else COMMENT_MARKS
-
     def is_comment(self, line: str) -> bool:
         """Return whether a line begins with a mark of lines without data."""
-        return line.lstrip().startswith(self.comments)
+        return line.lstrip().startswith(self.comment or COMMENT_MARKS)
 
     def split_header(self, line: str, delimiter: str) -> list[str]:
         """Split a header line, which may be written as a comment, as by numpy.savetxt."""
         text = line.lstrip()
-        if mark := next((mark for mark in self.comments if text.startswith(mark)), ""):
-            line = text.lstrip(mark).strip() or line
+        if self.is_comment(line):
+            line = text.lstrip(self.comment or text[0]).strip() or line
         return [cell.strip(QUOTES) for cell in split_line(line, delimiter)]
 
 
@@ -141,7 +134,13 @@ def read_table(
     head = read_head(path, [header for each in named.values() for header in each], layout)
     places = {role: [_place(path, head, role, header, advice) for header in each] for role, each in named.items()}
     wanted = {place for each in places.values() for place in each}
-    units = _count_units(head, sorted(wanted))
+    units = 0  # number of lines of units below the header: words instead of numbers
+    for row in head.sample[:2] if head.line else ():
+        cells = [row[k].strip() for k in sorted(wanted) if k < len(row)]
+        words = [cell for cell in cells if cell.lower() not in MISSING_TEXT]
+        if not words or len(cells) < len(wanted) or not all(map(_UNIT.fullmatch, words)):
+            break
+        units += 1
     body = open_body(path, head, wanted, layout, skip=units)
     said = {
         role: tuple(row[place].strip() for place in each for row in (head.names, *head.sample[:units]))
@@ -157,8 +156,8 @@ def read_table(
         shown = ", ".join(unused)
         unknown = [f"{path.name}: flags stand in {shown}, which columns do not name as flag: none was used."]
     numbers, by_comma = body.numbers({role: each[0] for role, each in places.items()})
-    notes = [*head.notes, *[f"{body.headers} more header line{'s' * (body.headers > 1)}"] * (body.headers > 0)]
-    notes += ["units below the header"] * (units > 0) + ["decimal commas"] * by_comma + [time_note] * bool(time_note)
+    notes = [*head.notes, *["units below the header"] * (units > 0)]
+    notes += ["decimal commas"] * by_comma + [time_note] * bool(time_note)
     twice = {header for each in named.values() for header in each if f"{header}.2" in head.names}
     notes += [f"the first of the columns {name}, of which {name}.2 is the second" for name in sorted(twice)]
     read = [f"the table was read as it is written: {', '.join(notes)}"] if notes else []
@@ -206,9 +205,6 @@ def find_head(
         InputError: the file cannot be read.
     """
     source, notes, ended = read_text(path)
-    if not source.isascii():
-        for mark, plain in TYPESETTING.items():
-            source = source.replace(mark.encode(), plain.encode())
     end, skipped = 0, layout.skip_rows or 0
     for _ in range(skipped + HEAD_LINES):
         end = source.find(b"\n", end) + 1 or len(source)
@@ -289,41 +285,27 @@ def _place(path: Path, head: Head, role: str, header: str | int, advice: str) ->
     )
 
 
-def _count_units(head: Head, wanted: Sequence[int], most: int = 2) -> int:
-    """Count unit lines below the header, whose requested cells hold unit-like words instead of numbers."""
-    count = 0
-    for row in head.sample[:most] if head.line else ():
-        cells = [row[k].strip() for k in wanted if k < len(row)]
-        words = [cell for cell in cells if cell.lower() not in MISSING_TEXT]
-        if not words or len(cells) < len(wanted) or not all(map(_UNIT.fullmatch, words)):
-            break
-        count += 1
-    return count
-
-
 def open_body(
     path: Path, head: Head, wanted: Collection[int], layout: Layout = DEFAULT_LAYOUT, *, skip: int = 0
 ) -> Body:
-    """Split the rows below the header, without the first ones to skip and repeated headers, into the wanted columns.
+    """Split the rows below the header, without the first ones to skip, into the wanted columns.
 
     Raises:
         InputError: a line has more cells than the header, or a quotation mark is not closed.
     """
-    source, begin, delimiter, header, n = head.source, head.begin, head.delimiter, head.text, len(head.names)
-    if source.find(b'"', begin) >= 0:
-        source, begin, delimiter = _without_quotes(path, head), 1, APART
-        header = APART.join(split_line(header, head.delimiter))
+    source, begin, delimiter, n = head.source, head.begin, head.delimiter, len(head.names)
+    if source.find(b'"', begin) >= 0:  # write the rows without quotation marks, with a separator that no cell holds
+        lines = source[begin:].decode(errors="replace").split("\n")[:-1]
+        if torn := next((k for k, line in enumerate(lines, head.line + 1) if line.count('"') % 2), None):
+            expected, shown = "cells that end in their line", "a quotation mark that is not closed"
+            raise InputError(f"{path}: line {torn}", expected=expected, found=shown, advice=MEND)
+        source = "".join(f"{APART.join(split_line(line, delimiter))}\n" for line in lines).encode()
+        begin, delimiter = 0, APART
     rows = split_rows(source, begin, delimiter, sorted({*wanted, *([head.clock] if head.clock else [])}))
     content = rows.lines.strip(BLANKS + delimiter.encode())
     keep = content.begin < content.end
-    marked = keep & np.isin(content.data[content.begin], [ord(mark[0]) for mark in layout.comments])
+    marked = keep & np.isin(content.data[content.begin], [ord(mark[0]) for mark in (layout.comment or COMMENT_MARKS)])
     keep[marked] = [not layout.is_comment(line) for line in rows.lines[marked]]
-    again, repeated = list[int](), f"\n{header}\n".encode()
-    at = source.find(repeated, begin - 1) if header else -1
-    while at >= 0:
-        again.append(at + 1)
-        at = source.find(repeated, at + 1)
-    keep[np.searchsorted(rows.lines.begin, again)] = False
     rows, cut, by = rows[keep][skip:], 0, None if delimiter == " " else delimiter
     if not head.ended and len(rows.lines):
         # The last line is truncated if it lacks cells, or its last cell has fewer decimals than any other.
@@ -337,17 +319,7 @@ def open_body(
             where, shown = f"{path}: line {head.line + rows.number[row] + 1}", f"a line of {rows.width[row]} cells"
             advice = "correct delimiter" if len(long) == len(rows.lines) > 1 else MEND
             raise InputError(where, expected=f"{n} cells as in the header", found=shown, advice=advice)
-    return Body(path, head, rows, layout, cut, len(again))
-
-
-def _without_quotes(path: Path, head: Head) -> bytes:
-    """Write the rows behind a line feed, without quotation marks and with a separator that no cell holds."""
-    lines = head.source[head.begin :].decode(errors="replace").split("\n")[:-1]
-    for k, line in enumerate(lines, head.line + 1):
-        if line.count('"') % 2:
-            expected, shown = "cells that end in their line", "a quotation mark that is not closed"
-            raise InputError(f"{path}: line {k}", expected=expected, found=shown, advice=MEND)
-    return "\n".join(["", *(APART.join(split_line(line, head.delimiter)) for line in lines), ""]).encode()
+    return Body(path, head, rows, layout, cut)
 
 
 @dataclass(frozen=True)
@@ -359,7 +331,6 @@ class Body:
     rows: Rows
     layout: Layout
     cut: int  # number of truncated last lines dropped
-    headers: int  # number of headers between the rows
 
     def column(self, place: int, expected: str = NUMBER_FORM) -> Column:
         """Select the cells of a column, which every row must have."""

@@ -14,11 +14,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from compasslib.errors import InputError, TransientError
 from compasslib.readers import delimited, vocabulary
-from compasslib.readers.files import GZIP_MAGIC, MEGABYTE, TooLarge, detect_utf16, unreadable
+from compasslib.readers.files import GZIP_MAGIC, MEGABYTE, TooLarge, is_utf16, unreadable
 
 HEAD_BYTES = 65536
 ALIKE = {"acm_table": "table", "csv": "table", "ocean_contour": "netcdf"}  # formats of one kind of file
@@ -115,6 +113,8 @@ def detect_kind(path: str | Path) -> Kind | None:
     Raises:
         InputError: the file cannot be read.
     """
+    from compasslib.readers.pd0.frames import scan
+
     try:
         with Path(path).open("rb") as file:
             head = file.read(HEAD_BYTES)
@@ -123,7 +123,7 @@ def detect_kind(path: str | Path) -> Kind | None:
                 head = zlib.decompressobj(wbits=31).decompress(head, HEAD_BYTES)
             kind = _kind_of_head(head)
             if not packed and (kind is None or kind is ZEROS or (kind.form in TEXTS and not _is_text(head))):
-                kind = PD0 if _holds_ensemble(head + file.read(MEGABYTE)) else kind  # behind other bytes
+                kind = PD0 if scan(head + file.read(MEGABYTE))[0] else kind  # ensembles behind other bytes
     except zlib.error:
         return Kind("a gzip file", None, advice=UNPACK)
     except OSError as error:
@@ -169,8 +169,8 @@ def format_hints(
 def _kind_of_head(head: bytes) -> Kind | None:
     if kind := next((each for each in KINDS if re.match(each.holds, head, re.DOTALL)), None):
         return kind
-    if wide := detect_utf16(head):
-        head = head[: len(head) // 2 * 2].decode(wide, errors="replace").encode("latin-1", errors="replace")
+    if is_utf16(head):
+        head = head[: len(head) // 2 * 2].decode("utf-16", errors="replace").encode("latin-1", errors="replace")
     if not _is_text(head):
         return None
     lines = [line for line in head.splitlines() if line.strip()]
@@ -183,17 +183,6 @@ def _kind_of_head(head: bytes) -> Kind | None:
 
 def _is_text(head: bytes) -> bool:
     return len(head.translate(None, _PLAIN)) <= 0.02 * len(head)
-
-
-def _holds_ensemble(data: bytes) -> bool:
-    """Return whether a PD0 ensemble with a valid checksum is somewhere in the data."""
-    octets = np.frombuffer(data, np.uint8).astype(np.int64)
-    total, words = np.append(0, np.cumsum(octets)), octets[:-1] + 256 * octets[1:]
-    begin = np.flatnonzero(words[:-2] == 0x7F7F)
-    end = begin + words[begin + 2]
-    whole = (end > begin + 4) & (end < len(words))
-    begin, end = begin[whole], end[whole]
-    return bool(((total[end] - total[begin]) % 65536 == words[end]).any())
 
 
 _UNIT = re.compile(

@@ -98,14 +98,14 @@ def read_text(path: Path) -> tuple[bytes, list[str], bool]:
         InputError: the file cannot be read, or contains bytes that are not text.
     """
     data, notes = read_text_bytes(path), list[str]()
-    encoding = detect_utf16(data)
+    wide = is_utf16(data)
     try:
-        if encoding:
-            data, notes = data[: len(data) // 2 * 2].decode(encoding).encode(), ["in UTF-16"]
+        if wide:
+            data, notes = data[: len(data) // 2 * 2].decode("utf-16").encode(), ["in UTF-16"]
         elif not data.isascii():
             data = data.decode("utf-8-sig").encode()
     except UnicodeError as error:
-        if encoding or data.translate(None, _TEXT + _LATIN):
+        if wide or data.translate(None, _TEXT + _LATIN):
             expected, advice = "a readable CSV file in UTF-8, UTF-16 or Latin-1", "check path and format"
             raise InputError(str(path), expected=expected, found=error, advice=advice) from None
         data, notes = data.decode("latin-1").encode(), ["in Latin-1"]
@@ -115,15 +115,9 @@ def read_text(path: Path) -> tuple[bytes, list[str], bool]:
     return data if ended or not data else data + b"\n", notes, ended
 
 
-def detect_utf16(data: bytes, sample: int = 4096) -> str | None:
-    """Detect UTF-16 from the first bytes of a text, None if it has another encoding."""
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff") and (b"\n\0" in data or b"\0\n" in data):
-        return "utf-16"
-    low, high = data[:sample:2], data[1:sample:2]
-    if min(len(low), len(high)) < 8:
-        return None
-    by = {"utf-16-le": high.count(0) / len(high) - low.count(0), "utf-16-be": low.count(0) / len(low) - high.count(0)}
-    return next((name for name, share in by.items() if share > 0.9), None)
+def is_utf16(data: bytes) -> bool:
+    """Return whether a text is in UTF-16, by its byte order mark."""
+    return data[:2] in (b"\xff\xfe", b"\xfe\xff") and (b"\n\0" in data or b"\0\n" in data)
 
 
 def count_unprintable(data: bytes) -> int:
