@@ -35,7 +35,7 @@ class _File:
     """Content of one file, in batches."""
 
     leaders: list[Ensembles]  # without profiles
-    columns: list[Columns]  # profiles of the record
+    columns: list[Columns]  # profiles
     echo: list[Columns]  # "ranges", see ``echo_ranges``; "near": mean of the two nearest bins, low where water is clear
     counts: dict[str, int]
     warnings: tuple[str, ...]
@@ -65,12 +65,7 @@ def read(
 ) -> Record:
     """Read one record from files sorted by their first times, with currents rotated by the recorded magnetic heading.
 
-    Args:
-        orientation: up or down, overrides that of the ensembles; None uses the recorded orientation of each ensemble.
-        declination_applied: declination contained in headings (and earth velocities), degrees; overrides EB.
-        heading_alignment: degrees to add to the recorded heading to get that of beam 3; required if EA is not 0.
-        serial_number: expected serial number, possibly with letters around its digits.
-        sound_speed: auto (as None), keep or {salinity: S}, see ``currents.correct_sound_speed``.
+    The settings override what the file states, see ``currents.Settings``.
 
     Raises:
         InputError: a file is unreadable, holds no ensemble or other than four beams, the serial number differs, or EA
@@ -80,10 +75,6 @@ def read(
     settings = Settings(orientation, applied, heading_alignment, serial_number, sound_speed)
     if not paths:
         raise InputError("files", expected="at least one PD0 file", found="none", advice="name the instrument's files")
-    if orientation not in (None, "up", "down"):
-        shown, advice = repr(orientation), "write orientation: up"
-        raise InputError("orientation", expected="up or down", found=shown, advice=advice)
-    # The files may be listed in any order.
     content = sorted((_read_file(path, settings) for path in paths), key=lambda file: float(file.leaders[0].time_s[0]))
     return _record(", ".join(map(str, paths)), content, settings)
 
@@ -154,9 +145,9 @@ def _read_file(path: Path, settings: Settings) -> _File:
         columns |= {name: getattr(ensembles, name) for name in COUNTS}
         near = ensembles.echo[:, :2].astype(float)
         near = np.where(near.any(axis=(1, 2)), near.mean(axis=(1, 2)), np.nan)
-        none, no_bytes = np.empty((len(ensembles), 0, 4)), np.empty((len(ensembles), 0, 4), np.uint8)
+        none, no_counts = np.empty((len(ensembles), 0, 4)), np.empty((len(ensembles), 0, 4), np.uint8)
         content.leaders.append(
-            replace(ensembles, velocity=none, correlation=no_bytes, echo=no_bytes, percent_good=no_bytes)
+            replace(ensembles, velocity=none, echo=no_counts, correlation=no_counts, percent_good=no_counts)
         )
         content.columns.append(columns)
         content.echo.append({"ranges": echo_ranges(ensembles), "near": near})
@@ -222,6 +213,11 @@ def _record(where: str, content: Sequence[_File], settings: Settings) -> Record:
         "sound_speed_corrected": int(np.sum(sound.factor != 1.0)),
         "sound_speed_doubtful": int(sound.doubtful.sum()),
     }
+    profiles: dict[str, NDArray[Any]] = {name: arrays[name] for name in ("up", "error_velocity")}
+    for name, (_, bit) in COUNTS.items():
+        if arrays[name].any():  # else the block was never filled
+            lacking = (np.arange(cells) >= leaders.cells[:, None]) | ((leaders.blocks & bit) == 0)[:, None]
+            profiles[name] = np.where(lacking[..., None], np.int16(-1), arrays[name]) if lacking.any() else arrays[name]
     codes = np.unique(leaders.coordinates)
     # Distances of the bins, (n, m) metres, NaN beyond the last bin of an ensemble.
     # With a single configuration all ensembles share one row.
@@ -248,7 +244,7 @@ def _record(where: str, content: Sequence[_File], settings: Settings) -> Record:
             "echo": echo["near"],
         },
         channel_units={"transmit_current": "count", "heading_spread": "degree", "echo": "count"},
-        profiles=_profiles(arrays, leaders),
+        profiles=profiles,
         bins_mapped=bool(np.all(leaders.bins_mapped | (leaders.coordinates == Coordinates.BEAM))),
         recorded_in=Coordinates(codes[0]).name.lower() if len(codes) == 1 else "several",
         quality=np.maximum(arrays["quality"], velocity_flags[:, None]),
@@ -264,24 +260,10 @@ def _record(where: str, content: Sequence[_File], settings: Settings) -> Record:
         sound_speed=sound.sentence,
         warnings=(
             *(line for file in content for line in file.warnings),
-            *checks.describe_headings(leaders, settings),
-            *checks.describe_configuration(leaders, counts, settings),
+            *checks.describe_recording(leaders, counts, settings),
             *notes,
         ),
     )
-
-
-def _profiles(arrays: Columns, leaders: Ensembles) -> dict[str, NDArray[Any]]:
-    """Collect the profiles recorded with the velocities, without all-zero ones; -1 where an ensemble lacks counts."""
-    profiles = {name: arrays[name] for name in ("up", "error_velocity")}
-    beyond = np.arange(arrays["east"].shape[1]) >= leaders.cells[:, None]
-    for name, (_, bit) in COUNTS.items():
-        counts, absent = arrays[name], (leaders.blocks & bit) == 0
-        if not counts.any():  # the block was never filled
-            continue
-        lacking = beyond | absent[:, None]
-        profiles[name] = np.where(lacking[..., None], np.int16(-1), counts) if lacking.any() else counts
-    return profiles
 
 
 def _most_frequent(values: Floats) -> float:

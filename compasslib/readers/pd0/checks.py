@@ -42,17 +42,17 @@ def refuse_mixed(where: str, leaders: Ensembles) -> None:
     beams, count = Counter(leaders.beams.tolist()).most_common(1)[0]
     if beams != 4:
         raise InputError(where, expected="4 beams", found=f"{beams} in {count} ensembles", advice=FOUR)
-    number = _number_kinds(leaders)
-    kinds = Counter(number.tolist())
-    if len(kinds) > 1 and kinds.most_common(2)[1][1] > STRAY * len(leaders):
+    number = _number_kinds(leaders).tolist()
+    kinds = Counter(number).most_common(3)
+    if len(kinds) > 1 and kinds[1][1] > STRAY * len(leaders):
         described = []
-        for kind, count in kinds.most_common(3):
-            k = int(np.flatnonzero(number == kind)[0])
-            cells = f"{leaders.cells[k]} cells of {leaders.cell_m[k]:g} m"
-            facing = "up" if leaders.looks_up[k] else "down"
+        for k, count in ((number.index(label), count) for label, count in kinds):
+            cells, facing = (
+                f"{leaders.cells[k]} cells of {leaders.cell_m[k]:g} m",
+                "up" if leaders.looks_up[k] else "down",
+            )
             described.append(f"{count} of {leaders.frequency_khz[k]:g} kHz with {cells} looking {facing}")
-        shown = " and ".join(described)
-        raise InputError(where, expected="ensembles of one instrument", found=shown, advice=ADVICE)
+        raise InputError(where, expected="ensembles of one instrument", found=" and ".join(described), advice=ADVICE)
 
 
 def refuse_alignment(where: str, aligned: Floats, stated: float | None) -> None:
@@ -164,53 +164,50 @@ def describe_file(name: str, counts: Mapping[str, int], skipped: Sequence[Skippe
     )
 
 
-def describe_headings(leaders: Ensembles, settings: Settings) -> Iterator[str]:
-    """Compose the warnings about the headings of a recording."""
-    biases, applied = np.unique(leaders.heading_bias_deg), settings.declination_applied
-    written = _join_numbers(biases)
-    if applied is None and biases.any():
-        yield f"The file's heading bias EB of {written} degrees was taken out of the headings."
-    if applied is not None and np.round(np.subtract.outer(biases, applied), 2).any():
-        reason = f"although the file's heading bias EB is {written} degrees"
-        yield f"declination_applied of {applied} degrees was taken out of the headings, {reason}."
-    if leaders.heading_alignment_deg.any() and settings.heading_alignment is not None:
-        shown = _join_numbers(np.unique(leaders.heading_alignment_deg))
-        added = f"heading_alignment of {settings.heading_alignment:g} degrees was added to the headings"
-        yield f"{added}; the file's heading alignment EA is {shown} degrees."
-    if not leaders.heading_measured.any() and np.ptp(leaders.heading_deg) == 0.0:
-        heading = f"The heading of {leaders.heading_deg[0]:g} degrees was set by hand (EH)"
-        yield f"{heading}, as EZ takes none from the compass: it cannot be corrected."
-    if missing := int(np.isnan(leaders.heading_deg).sum()):
-        yield f"{missing} of {len(leaders)} ensembles have no valid heading."
-
-
-def describe_configuration(leaders: Ensembles, counts: Mapping[str, int], settings: Settings) -> list[str]:
-    """Compose the warnings about the configuration of a recording."""
+def describe_recording(leaders: Ensembles, counts: Mapping[str, int], settings: Settings) -> Iterator[str]:
+    """Compose the warnings about the headings and the configuration of a recording."""
+    n, biases, applied = len(leaders), np.unique(leaders.heading_bias_deg), settings.declination_applied
+    alignments, contradicted = np.unique(leaders.heading_alignment_deg), leaders.angle_contradicted
+    bias, alignment, angle = map(_join_numbers, (biases, alignments, np.unique(leaders.beam_angle_deg[contradicted])))
     words = ("up", "down") if mostly_looks_up(leaders, settings) else ("down", "up")
     says = "the others do, and each was turned by its own" if settings.orientation is None else "the metadata do"
-    disagree, contradicted = counts["orientation_disagrees"], leaders.angle_contradicted
-    level = ~leaders.tilts_used
-    in_earth, in_ship = (level & (leaders.coordinates == code) for code in (Coordinates.EARTH, Coordinates.SHIP))
-    angle = _join_numbers(np.unique(leaders.beam_angle_deg[contradicted]))
-    sentences = {
-        f"{disagree} of {len(leaders)} ensembles say that they looked {words[1]}; {words[0]} counts, as {says}.": (
-            disagree > STRAY * len(leaders)
-        ),
-        f"{counts['three_beam']} of {counts['velocities']} currents come from three beams: one beam is dead or weak, "
-        "and nothing checks the other three.": 2 * counts["three_beam"] > counts["velocities"],
-        f"The recording holds {counts['configurations']} configurations; bins that one lacks are padded, each has its "
-        "ranges.": counts["configurations"] > 1,
-        "Velocities in earth coordinates were turned by the instrument without its tilts.": in_earth.any(),
-        "Velocities in ship coordinates were recorded without tilts; they were turned as the instrument's own.": (
-            in_ship.any()
-        ),
-        "Some ensembles do not say their beam angle; beam velocities of theirs cannot be used.": (
-            np.isnan(leaders.beam_angle_deg).any()
-        ),
-        f"{contradicted.sum()} of {len(leaders)} ensembles state another beam angle in byte 58; the {angle} degrees of "
-        "the system configuration count.": contradicted.any(),
-    }
-    return [*applicable(sentences), *describe_averages(float(np.median(leaders.average_s)), leaders.time_s)]
+    in_earth, in_ship = (
+        ~leaders.tilts_used & (leaders.coordinates == code) for code in (Coordinates.EARTH, Coordinates.SHIP)
+    )
+    yield from applicable(
+        {
+            f"The file's heading bias EB of {bias} degrees was taken out of the headings.": (
+                applied is None and biases.any()
+            ),
+            f"declination_applied of {applied} degrees was taken out of the headings, although the file's heading bias "
+            f"EB is {bias} degrees.": applied is not None and np.round(np.subtract.outer(biases, applied), 2).any(),
+            f"heading_alignment of {settings.heading_alignment or 0.0:g} degrees was added to the headings; the file's heading "
+            f"alignment EA is {alignment} degrees.": alignments.any() and settings.heading_alignment is not None,
+            f"The heading of {leaders.heading_deg[0]:g} degrees was set by hand (EH), as EZ takes none from the "
+            "compass: it cannot be corrected.": (
+                not leaders.heading_measured.any() and np.ptp(leaders.heading_deg) == 0.0
+            ),
+            f"{counts['heading_missing']} of {n} ensembles have no valid heading.": (
+                np.isnan(leaders.heading_deg).any()
+            ),
+            f"{counts['orientation_disagrees']} of {n} ensembles say that they looked {words[1]}; {words[0]} counts, "
+            f"as {says}.": counts["orientation_disagrees"] > STRAY * n,
+            f"{counts['three_beam']} of {counts['velocities']} currents come from three beams: one beam is dead or "
+            "weak, and nothing checks the other three.": 2 * counts["three_beam"] > counts["velocities"],
+            f"The recording holds {counts['configurations']} configurations; bins that one lacks are padded, each has "
+            "its ranges.": counts["configurations"] > 1,
+            "Velocities in earth coordinates were turned by the instrument without its tilts.": in_earth.any(),
+            "Velocities in ship coordinates were recorded without tilts; they were turned as the instrument's own.": (
+                in_ship.any()
+            ),
+            "Some ensembles do not say their beam angle; beam velocities of theirs cannot be used.": (
+                np.isnan(leaders.beam_angle_deg).any()
+            ),
+            f"{contradicted.sum()} of {n} ensembles state another beam angle in byte 58; the {angle} degrees of the "
+            "system configuration count.": contradicted.any(),
+        }
+    )
+    yield from describe_averages(float(np.median(leaders.average_s)), leaders.time_s)
 
 
 def count_configurations(leaders: Ensembles) -> int:
