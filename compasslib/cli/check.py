@@ -27,7 +27,7 @@ from compasslib.pipeline.process import process_mooring
 from compasslib.preparation.pairs import PairRules, find_pairs, match_ready_pairs
 from compasslib.readers import iaga2002, table
 from compasslib.readers.matlab import PAIR_ROLES, read_ready_pairs
-from compasslib.readers.pd0.checks import match_serial_number
+from compasslib.readers.pd0 import match_serial_number
 from compasslib.records import BAD, Record
 from compasslib.report.words import position
 from compasslib.stages import read

@@ -68,12 +68,8 @@ def read(
 ) -> Record:
     """Read the files of one instrument in order of time.
 
-    Args:
-        columns: role -> name of a variable, with dots for fields of structures, as adcp.mtime (time may list its
-            parts); needed for files of other programs.
-        orientation: up or down; None uses that stated in the file.
-        declination_applied: declination contained in headings and velocities, degrees; overrides the file's.
-        time_format: scale of the times, as for tables; None recognises it.
+    Settings override what the file states; ``columns`` (role -> name of a variable, with dots for fields of structures)
+    is needed for files of other programs.
 
     Raises:
         InputError: a file is damaged, lacks time or velocities, or does not state what only the mooring file can.

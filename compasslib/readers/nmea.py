@@ -33,7 +33,6 @@ LOSSES = {
     "unpaired": "courses without a heading within 2.5 s",
     "empty": "courses without a number",
     "impossible": "numbers that no heading, course, speed or place can be",
-    "repeated": "courses that stand in the log already, after its clock went back",
 }
 NAN = float("nan")
 FASTEST_KN = 100.0
@@ -218,7 +217,7 @@ def _sentences(paths: Sequence[Path], counts: Counter[str], wanted: Sequence[str
 
 
 def _pair(fixes: Floats, values: _Values, heading: str, counts: Counter[str]) -> dict[str, Floats]:
-    """Pair each course with a heading, and drop those without or repeated."""
+    """Pair each course with a heading, and drop those without."""
     line, time_s = fixes[:, 0], fixes[:, 1]
     at, headings = np.transpose(values[heading])
     value, apart_s = _nearest(values[heading], line, time_s)
@@ -230,19 +229,13 @@ def _pair(fixes: Floats, values: _Values, heading: str, counts: Counter[str]) ->
     in_block = single & rare
     value = angles.wrap360(np.where(in_block, headings[np.clip(before - first, 0, len(at) - 1)], value))
     near = ~(apart_s > APART_S) | in_block  # without a clock the nearest heading in the stream is used
-    # Receivers may send sentences twice in a row; only a log concatenated with itself repeats rows after a step back.
-    back = np.append(False, np.cumsum(np.diff(time_s) < -APART_S) > 0)
-    rows = np.nan_to_num(np.column_stack([fixes[:, 1:], value]), nan=-1.0)
-    again = np.ones(len(rows), dtype=bool)
-    again[np.unique(rows, axis=0, return_index=True)[1]] = False
-    repeated = again & back & near
-    counts.update(in_blocks=int(in_block.sum()), repeated=int(repeated.sum()), unpaired=int((~near).sum()))
+    counts.update(in_blocks=int(in_block.sum()), unpaired=int((~near).sum()))
     series = dict(zip(FIX, fixes.T[1:], strict=True)) | {
         "heading_deg": value,
         "true_heading_deg": _nearest(values["HDT"], line, time_s)[0],
         "water_speed_kn": _nearest(values["VHW"], line, time_s)[0],
     }
-    return {name: column[near & ~repeated] for name, column in series.items()}
+    return {name: column[near] for name, column in series.items()}
 
 
 def _nearest(values: list[tuple[int, float]], line: Floats, time_s: Floats) -> tuple[Floats, Floats]:

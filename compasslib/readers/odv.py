@@ -38,11 +38,6 @@ def read(
 ) -> Record:
     """Read the time series of one instrument.
 
-    Args:
-        columns: role -> header as for tables, where parameters and names do not identify the column.
-        flags: good, bad and unchecked -> flag values that are in no known vocabulary.
-        direction_reference: magnetic or true; None uses that stated in headers, else magnetic.
-
     Raises:
         InputError: a file holds several stations or no velocities, or as for tables.
     """

@@ -46,11 +46,8 @@ def read(
     """Read one record from one or several tables, sorted by their first times.
 
     Args:
-        columns: role -> header or number: time (several: its parts), or date and clock; depth or pressure; east+north,
-            speed+direction, or x+y+heading (x forward, y to port); tilt_x, tilt_y, temperature; flag. ``scale`` is the
-            factor of velocities to m/s, by default that of the unit in headers or unit lines, else 1.
-        flags: good, bad and unchecked -> flag meanings or values that are in no known vocabulary.
-        direction_reference: magnetic or true; None uses that of headers or unit lines, else magnetic.
+        columns: role -> header or number, and ``scale``, the factor of velocities to m/s, by default that of the unit
+            in headers or unit lines, else 1; x is forward, y to port.
         **layout: fields of ``delimited.Layout``.
 
     Raises:
@@ -203,7 +200,7 @@ def _unrepeated(table: Mapping[str, Floats]) -> tuple[Any, int, int]:
     return np.sort(alone), len(rows) - len(distinct), len(distinct) - len(alone)
 
 
-def _order(table: Mapping[str, Floats], *, unordered: float = 0.1, by_level: float = 0.75) -> tuple[Any, int]:
+def _order(table: Mapping[str, Floats], unordered: float = 0.1, by_level: float = 0.75) -> tuple[Any, int]:
     """Find the order in time of rows that are listed newest first, level by level or unordered; count the last's steps.
 
     A few steps back (a share up to ``unordered``) are a clock adjustment, left to the checks of the deployment. Rows
@@ -212,7 +209,7 @@ def _order(table: Mapping[str, Floats], *, unordered: float = 0.1, by_level: flo
     steps = np.diff(table["time"])
     back, groups = int((steps < 0.0).sum()), int((steps != 0.0).sum()) + 1
     mixed = back > unordered * (groups - 1)
-    levels = {"depth", "pressure"} & set(table) and len(np.unique(table["time"])) <= by_level * groups
+    levels = {"depth", "pressure"} & {*table} and len(np.unique(table["time"])) <= by_level * groups
     if not back or not (mixed or levels):
         return slice(None), 0
     return np.argsort(table["time"], kind="stable"), back if mixed and (steps > 0.0).any() else 0

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
 from operator import or_
@@ -21,11 +21,11 @@ import numpy as np
 from compasslib import angles
 from compasslib.readers import vocabulary
 from compasslib.readers.netcdf.variables import Attributes, File, Variable, find, values
-from compasslib.readers.pd0.checks import refuse_alignment
+from compasslib.readers.pd0 import refuse_alignment
 from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Flags
 from compasslib.types import Floats
 
-SUFFIXES = ("_SEADATANET_QC", "_quality_control", "_quality_flag", "_QC", "_flag", "_qc_agg", "_qartod_results")
+SUFFIX = re.compile("_SEADATANET_QC|_quality_control|_quality_flag|_QC|_flag|_qc_agg|_qartod_results", re.IGNORECASE)
 STATED = ("flag_values", "flag_masks", "flag_meanings")
 ROLLUP = "aggregate_quality_flag"  # CF standard name of the flag that summarizes all others
 TESTS = "_TESTS"  # suffix in this program's own product: failed tests, listed in addition to the quality flag
@@ -45,40 +45,40 @@ def read_flags(file: File, variable: Variable | None) -> Flags | None:
 
 def note_unlinked(file: File) -> None:
     """Note flag variables along time that are not linked to any variable of the file."""
-    whole = {name: v for name, v in file.variables.items() if name == v.source.name}
-    linked = {name for variable in whole.values() for name in _ancillary(file, variable)}
-    flags = [name for name, v in whole.items() if file.time in v.spans and _states_flags(v) and not _stem(name, whole)]
-    if alone := [name for name in flags if name not in linked]:
+    linked = {name for names in _links(file).values() for name in names}
+    alone = [name for name, v in file.variables.items() if file.time in v.spans and _states_flags(v)]
+    if alone := [name for name in alone if name == file.variables[name].source.name and name not in linked]:
         file.notes.append(
             f"Flags {', '.join(alone[:5])} belong to no variable of the file and were not used; name them in the "
             "ancillary_variables of what they are about."
         )
 
 
+def _links(file: File) -> dict[str, list[str]]:
+    """List the flag variables of each variable: those listed as ancillary, and those named after it with a suffix."""
+    whole = {name: v for name, v in file.variables.items() if name == v.source.name}
+    links: dict[str, list[str]] = {}
+    for name, variable in whole.items():
+        listed = [each for each in re.split(r"[\s,;]+", variable.text("ancillary_variables")) if each in whole]
+        links[name] = [each for each in listed if _states_flags(whole[each]) or SUFFIX.search(each)]
+    for name in whole:
+        for match in SUFFIX.finditer(name):
+            if match.end() == len(name) and (stem := name[: match.start()]) in links and name not in links[stem]:
+                links[stem].append(name)
+    return links
+
+
 def _flag_variables(file: File, variable: Variable) -> list[Variable]:
-    """Find the flag variables of a variable: those listed as ancillary, and those named after it with a suffix."""
-    suffix = re.compile("|".join(SUFFIXES), re.IGNORECASE)
-    names = [n for n in _ancillary(file, variable) if _states_flags(file.variables[n]) or suffix.search(n)]
-    names += [name for name in file.variables if _stem(name, (variable.source.name,))]
-    names = list(dict.fromkeys(names))
+    """Find the flag variables of a variable; an aggregate flag replaces all others."""
+    names = _links(file)[variable.source.name]
     summing = [name for name in names if ROLLUP in file.variables[name].text("standard_name")]
     counted = [name for name in names if not name.endswith(TESTS)]
     component = variable.name.removeprefix(variable.source.name)
     return [file.variables.get(name + component, file.variables[name]) for name in summing or counted or names]
 
 
-def _ancillary(file: File, variable: Variable) -> list[str]:
-    return [name for name in re.split(r"[\s,;]+", variable.text("ancillary_variables")) if name in file.variables]
-
-
 def _states_flags(variable: Variable) -> bool:
     return variable.attribute(*STATED) is not None or "flag" in variable.text("standard_name")
-
-
-def _stem(name: str, among: Collection[str]) -> str:
-    """Strip the suffix of a flag variable's name; empty unless the stem is among the given names."""
-    stems = (name[: -len(suffix)] for suffix in SUFFIXES if name.lower().endswith(suffix.lower()))
-    return next((stem for stem in stems if stem in among), "")
 
 
 def _arrange(file: File, variable: Variable, quality: Variable) -> Flags:

@@ -30,7 +30,7 @@ from compasslib.readers.nortek.packets import (
     by_beam,
     find_packets,
 )
-from compasslib.readers.pd0.checks import match_serial_number, refuse_rotation
+from compasslib.readers.pd0 import match_serial_number, refuse_rotation
 from compasslib.readers.pd0.currents import map_cells
 from compasslib.readers.pd0.fields import STRAY
 from compasslib.readers.times import FIRST_YEAR, Ints, civil_seconds, describe_averages
