@@ -121,10 +121,9 @@ def read_table(
     """Read the requested columns of one table.
 
     Args:
-        headers: role -> header, or number of the column from 1; ``time`` and ``time_utc`` may list the columns of
-            their parts, ``date`` and ``clock`` become ``time``, ``flag`` and ``flag_ROLE`` hold quality flags.
+        headers: role -> header, or number of the column from 1; several are the parts of a time. ``date`` and ``clock``
+            become ``time``, ``flag`` and ``flag_ROLE`` hold quality flags, which ``meanings`` interprets.
         advice: for a missing column.
-        meanings: flag value or meaning -> OceanSITES flag.
         carried: roles whose empty cells repeat the cell above.
 
     Raises:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib.errors import InputError
 
@@ -152,6 +153,11 @@ def block_type(**fields: tuple[int, str]) -> np.dtype[np.void]:
     """Create the data type of a block of bytes from the offset and format of its fields."""
     offsets, formats = zip(*fields.values(), strict=True)
     return np.dtype({"names": [*fields], "formats": [*formats], "offsets": [*offsets]})
+
+
+def read_words(data: NDArray[np.uint8], at: NDArray[np.int64]) -> NDArray[np.uint16]:
+    """Read the little-endian 16-bit words at byte offsets."""
+    return data[at] + data[at + 1].astype(np.uint16) * np.uint16(256)
 
 
 def list_some(texts: Sequence[str], most: int = 20) -> str:

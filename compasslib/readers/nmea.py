@@ -63,10 +63,8 @@ class NmeaLog:
 def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC", talker: str | None = None) -> NmeaLog:
     """Read NMEA 0183 logs, pairing each course with the heading nearest in the stream.
 
-    Args:
-        heading: sentence of the magnetic heading, ``HDG`` or ``HDM``.
-        course: sentence of the course over ground, ``RMC`` or ``VTG`` (timed by interpolation between RMC).
-        talker: sender of the headings, as ``HC`` for a magnetic compass; required where several send them.
+    The course is of sentences ``RMC`` or ``VTG`` (timed by interpolation between RMC); ``talker``, the sender of the
+    headings, is required where several send them.
 
     Raises:
         InputError: a file cannot be read, over half of its headings and courses are damaged, several instruments send

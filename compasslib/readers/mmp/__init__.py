@@ -81,12 +81,9 @@ def read(
 
     Pitch is TX (forward up) and roll is TY (port up), as in the logger's own computation of the heading.
 
-    Args:
-        paths: A files of one instrument, unpacked ASCII or binary.
-        pressure_files: companion E or C files or tables; if empty, the depth is unknown.
-        start_offset_seconds: time of the first scan minus profile start, for scans without a clock. A profile starts
-            at the switch-on time stated in its A or E file, or else with the first row of its E file or table.
-        **layout: format of pressure tables, by the fields of ``delimited.Layout``.
+    Without ``pressure_files`` (E or C files, or tables, whose format ``layout`` gives) the depth is unknown.
+    ``start_offset_seconds`` is the time of the first scan minus profile start, for scans without a clock: a profile
+    starts at the switch-on time in its A or E file, or else with the first row of its E file or table.
 
     Raises:
         InputError: a file is unreadable or of another kind, or none of the scans without a clock can be dated.

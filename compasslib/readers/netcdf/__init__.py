@@ -261,7 +261,8 @@ def _component(file: File, role: str) -> Variable:
     variable = find(file, role, *_profile_dimensions(file))
     if variable is None:
         there, advice = ", ".join(file.variables), f"name it in the mooring file: columns: {{{role}: NAME}}"
-        if words := attributes.other_frames(file):
+        flows = [each for each in file.variables.values() if each.text("units").lower() in SPEED]
+        if words := ", ".join(filter(None, (attributes.other_frame(file, [flow]) for flow in flows))):
             there, advice = words, attributes.OTHER_FRAME
         raise file.refuse(role, f"a variable of the velocity ({role})", there, advice)
     return variable

@@ -29,7 +29,7 @@ SUFFIX = re.compile("_SEADATANET_QC|_quality_control|_quality_flag|_QC|_flag|_qc
 STATED = ("flag_values", "flag_masks", "flag_meanings")
 ROLLUP = "aggregate_quality_flag"  # CF standard name of the flag that summarizes all others
 TESTS = "_TESTS"  # suffix in this program's own product: failed tests, listed in addition to the quality flag
-_Meaning = tuple[int, tuple[str, ...]]  # OceanSITES flag of a value, and its meanings that are unknown
+_Meaning = tuple[str, str]  # value or mask, and the word for it; empty without one
 NAMING = ("conventions", "quality_control_conventions", "sdn_conventions_urn", "references", "long_name", "comment")
 
 
@@ -105,14 +105,16 @@ def _decode(file: File, quality: Variable) -> Flags:
         stored = np.char.strip(np.array(np.ma.filled(stored, ""), dtype=bytes if stored.dtype.kind == "S" else str))
         stored = np.char.decode(stored, "latin-1") if stored.dtype.kind == "S" else stored
     distinct, where, counts = np.unique(stored, return_inverse=True, return_counts=True)
-    meaning, unknown, empty = _interpreter(file, quality), Counter[str](), 0
+    meanings_of, unknown, empty = _interpreter(file, quality), Counter[str](), 0
     codes = np.full(len(distinct), NOT_CHECKED, dtype=np.int8)
     for k, (value, n) in enumerate(zip(distinct.tolist(), counts.tolist(), strict=True)):
         if _is_empty(quality, value):
             empty += n
             continue
-        codes[k], nameless = meaning(value)
-        unknown.update(dict.fromkeys(nameless, n))
+        known = {word or label: vocabulary.flag_of(label, word, file.meanings) for label, word in meanings_of(value)}
+        unknown.update({word: n for word, flag in known.items() if flag is None})
+        flags = [PROBABLY_BAD if flag is None else flag for flag in known.values()]
+        codes[k] = vocabulary.worst_flag(flags or [NOT_CHECKED])
     if empty:
         file.note(f"{quality.name}: {empty} flags were never written; they count as not checked.")
     if unknown:
@@ -132,7 +134,7 @@ def _is_empty(quality: Variable, value: Any) -> bool:
     return is_fill and _label(value) not in _listed(quality.attribute("flag_values"))
 
 
-def _interpreter(file: File, quality: Variable) -> Callable[[Any], _Meaning]:
+def _interpreter(file: File, quality: Variable) -> Callable[[Any], list[_Meaning]]:
     """Choose the function that interprets a flag value, by the form in which the variable states meanings."""
     meanings = quality.attribute("flag_meanings")
     words = [word for word in re.split(r"[\s,;]+", meanings.strip()) if word] if isinstance(meanings, str) else []
@@ -147,13 +149,13 @@ def _interpreter(file: File, quality: Variable) -> Callable[[Any], _Meaning]:
         table = dict(zip(values, words, strict=True))
         if not is_number and all(map(str.isdigit, values)):  # characters stated by their codes
             table = {chr(int(value)): word for value, word in table.items()} | table
-        return partial(_by_values, file, table)
+        return partial(_by_values, table)
     texts = [quality.text(name) for name in NAMING]
     texts += [quality.name, file.text("conventions"), file.text("data_type")]
     name, known = vocabulary.find_vocabulary(*texts)
     says = f"those of {name} are taken, which the file names." if name else "the file names no vocabulary."
     file.note(f"{quality.name} does not state what its flags mean: {says}")
-    return partial(_by_values, file, {str(ord(value)): word for value, word in known.items()} | {**known})
+    return partial(_by_values, {str(ord(value)): word for value, word in known.items()} | {**known})
 
 
 def _listed(stated: Any) -> list[str]:
@@ -170,33 +172,27 @@ def _label(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _by_values(file: File, words: Mapping[str, str], value: Any) -> _Meaning:
-    label = _label(value)
-    word = words.get(label, "")
-    flag = vocabulary.flag_of(label, word, file.meanings)
-    return (PROBABLY_BAD, (word or label,)) if flag is None else (flag, ())
+def _by_values(words: Mapping[str, str], value: Any) -> list[_Meaning]:
+    return [(_label(value), words.get(_label(value), ""))]
 
 
 def _by_masks(
     file: File, bits: int, words: Sequence[str], masks: Sequence[str], values: Sequence[str], value: Any
-) -> _Meaning:
-    """Interpret a bit field: the worst flag among the conditions that hold."""
-    if (whole := file.meanings.get(_label(value))) is not None:
-        return whole, ()
-    number, *fields = (int(text) % 2**bits for text in (_label(value), *masks))
+) -> list[_Meaning]:
+    """List the conditions of a bit field that hold, and the value itself if it has bits or a state without meaning."""
+    label = _label(value)
+    number, *fields = (int(text) % 2**bits for text in (label, *masks))
     states = [int(text) % 2**bits for text in values] or fields
-    flag_of = {w: vocabulary.flag_of(mask, w, file.meanings) for w, mask in zip(words, masks, strict=True)}
     pairs = zip(fields, states, strict=True)
     holds = [number & mask == state if values else number & mask > 0 for mask, state in pairs]
-    holding = [word for word, is_so in zip(words, holds, strict=True) if is_so]
+    conditions = [*zip(masks, words, strict=True)]
+    holding = [each for each, is_so in zip(conditions, holds, strict=True) if is_so]
     explained = reduce(or_, (mask for mask, is_so in zip(fields, holds, strict=True) if is_so), 0)
-    unknown = [word for word in holding if flag_of[word] is None]
-    if number & ~explained:
-        unknown.append(_label(value))  # bits without a stated meaning
-    if not holding and not unknown and {GOOD, PROBABLY_GOOD} & {*flag_of.values()}:
-        unknown.append(_label(value))  # a condition that means "good" exists but does not hold
-    known = [flag for word in holding if (flag := flag_of[word]) is not None] or [NOT_CHECKED]
-    return int(vocabulary.worst_flag([*known, *[PROBABLY_BAD] * bool(unknown)])), tuple(unknown)
+    flags = {vocabulary.flag_of(*each, file.meanings) for each in conditions}
+    is_not_good = not holding and bool({GOOD, PROBABLY_GOOD} & flags)  # a condition that means "good" does not hold
+    if label in file.meanings:
+        return [(label, "")]
+    return [*holding, (label, "")] if number & ~explained or is_not_good else holding
 
 
 # Reference north of a file's directions, and the declination contained in them.
@@ -400,12 +396,6 @@ def other_frame(file: File, pair: Sequence[Variable]) -> str:
         elif stated:
             return f"{variable.name} ({stated[0]})"
     return ""
-
-
-def other_frames(file: File) -> str:
-    """List the velocities of a file that are not named as east and north; empty without any."""
-    flows = [variable for variable in file.variables.values() if variable.text("units").lower() in vocabulary.SPEED]
-    return ", ".join(filter(None, (other_frame(file, [variable]) for variable in flows)))
 
 
 def turns_with_heading(file: File, pair: Sequence[Variable]) -> bool:

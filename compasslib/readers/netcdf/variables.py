@@ -127,11 +127,7 @@ class Variable(Attributes):
         return {name for name, size in zip(self.dimensions, self.shape, strict=True) if size > 1}
 
     def numbers(self) -> Floats:
-        """Read unpacked values, with NaN for fill values and values out of range.
-
-        Raises:
-            InputError: see ``refuse_size``.
-        """
+        """Read unpacked values, with NaN for fill values and values out of range; errors as of ``refuse_size``."""
         refuse_size(self.path, self.source)
         with np.errstate(invalid="ignore"):
             data = np.ma.filled(np.ma.asarray(self.source[self.key]).astype(float), np.nan)

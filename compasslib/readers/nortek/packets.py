@@ -116,17 +116,12 @@ def _find_records(data: Bytes) -> tuple[Places, _Columns, bool]:
     if len(records[0]):
         return marks, records, True
     start = marks[marks + 8 <= data.size]  # header, one word and checksum
-    end = start + 2 * word(data, start + 2).astype(np.int64)
+    end = start + 2 * files.read_words(data, start + 2).astype(np.int64)
     whole = (end >= start + 8) & (end <= data.size)
     start, end = start[whole], end[whole]
-    holds = sums[end - 2] - sums[start] + np.uint16(NORTEK_START) == word(data, end - 2)
+    holds = sums[end - 2] - sums[start] + np.uint16(NORTEK_START) == files.read_words(data, end - 2)
     start, end = start[holds], end[holds]
     return marks, (data[start + 1].astype(np.int64), start, start, end), False
-
-
-def word(data: Bytes, at: Places) -> NDArray[np.uint16]:
-    """Read the little-endian 16-bit words at byte offsets."""
-    return data[at] + data[at + 1].astype(np.uint16) * np.uint16(256)
 
 
 def _find_signature(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> _Columns:
@@ -135,7 +130,8 @@ def _find_signature(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> _Co
         start = marks[marks + length <= data.size]
         start = start[data[start + 1] == length]
         start = start[
-            sums[start + length - 2] - sums[start] + np.uint16(NORTEK_START) == word(data, start + length - 2)
+            sums[start + length - 2] - sums[start] + np.uint16(NORTEK_START)
+            == files.read_words(data, start + length - 2)
         ]
         columns = np.arange(4, 4 + np.dtype(size_type).itemsize)
         size = data[start[:, None] + columns].view(size_type)[:, 0].astype(np.int64)
@@ -143,7 +139,9 @@ def _find_signature(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> _Co
         whole = begin + size <= data.size
         start, begin, size = start[whole], begin[whole], size[whole]
         last = np.where(size % 2, data[np.maximum(begin + size, 1) - 1], 0).astype(np.uint16) * np.uint16(256)
-        holds = sums[begin + size // 2 * 2] - sums[begin] + np.uint16(NORTEK_START) + last == word(data, begin - 4)
+        holds = sums[begin + size // 2 * 2] - sums[begin] + np.uint16(NORTEK_START) + last == files.read_words(
+            data, begin - 4
+        )
         records.append(np.stack([data[start + 2], start, begin, begin + size])[:, holds].astype(np.int64))
     both = np.concatenate(records, axis=1)
     kind, start, begin, end = both[:, np.argsort(both[1], kind="stable")]
@@ -185,8 +183,3 @@ class Samples:
 def by_beam(rows: Bytes, at: int, beams: int, cells: int) -> Bytes:
     """Reorder bytes stored beam by beam from offset ``at`` on to (n, cells, beams)."""
     return np.moveaxis(rows[:, at : at + beams * cells].reshape(len(rows), beams, cells), 1, 2).copy()
-
-
-def axes_of(matrix: Floats) -> Floats:
-    """Reduce a matrix from beams to axes to the rows x, y and z, (3, k), averaging two estimates of z."""
-    return matrix if len(matrix) == 3 else np.vstack([matrix[:2], matrix[2:].mean(axis=0)])

@@ -83,6 +83,9 @@ def decode(packets: Packets) -> Samples:
     if holds & Has.PERCENT_GOOD and None not in between:
         place = places[-1] + sum(size or 0 for size in between)
         profiles |= {"percent_good": rows[:, place : place + cells].copy()} if place + cells <= rows.shape[1] else {}
+    axes = (
+        np.eye(beams) if beams == 3 else np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0.5, 0.5]])
+    )  # two estimates of z
     name, matrix = "average" if kind == AVERAGE else "burst", None
     if coordinates == Coordinates.BEAM:
         section = "AVG" if kind == AVERAGE else "BURST"
@@ -92,10 +95,10 @@ def decode(packets: Packets) -> Samples:
             expected = f"the matrix of its {beams} beams among the text records (GETXF{section})"
             advice = "take the instrument's own file from its first byte on"
             raise InputError(str(packets.path), expected=expected, found="none", advice=advice)
-        matrix = records.axes_of(np.array(elements, dtype=float).reshape(beams, beams)).tolist()
+        matrix = (axes @ np.array(elements, dtype=float).reshape(beams, beams)).tolist()
     velocity = raw[..., :2] if coordinates == Coordinates.EARTH else raw
     if coordinates == Coordinates.INSTRUMENT:
-        velocity = raw @ records.axes_of(np.eye(beams)).T
+        velocity = raw @ axes.T
     others = int(np.sum((packets.kind != kind) & (packets.kind != TEXT)))
     bad = np.zeros(velocity.shape[:2], dtype=bool)
     if "correlation" in profiles:

@@ -207,17 +207,13 @@ def _find_candidates(whole: Bytes, begin: int, end: int) -> _Candidates:
     size = min(end - begin, data.size - 1)
     marks = np.flatnonzero((data[:size] == _MARK) & (data[1 : size + 1] == _MARK))
     marks = marks[marks + _HEADER <= data.size]
-    length = _pair(data, marks + 2)
+    length = files.read_words(data, marks + 2).astype(np.int64)
     complete = (length >= _SHORTEST) & (marks + length + 2 <= data.size)
     marks, length = marks[complete], length[complete]
     sums = np.concatenate([np.zeros(1, np.uint16), np.cumsum(data, dtype=np.uint16)])
-    holds = (sums[marks + length] - sums[marks]) == _pair(data, marks + length)
+    holds = (sums[marks + length] - sums[marks]) == files.read_words(data, marks + length)
     failed, length = marks[~holds], length[~holds]
     leader = 6 + 2 * data[failed + 5].astype(np.int64)
-    fits = (_pair(data, failed + 6) == leader) & (leader + 2 <= length)
-    fits &= np.isin(_pair(data, failed + np.where(fits, leader, 0)), FIXED_LEADERS)
+    fits = (files.read_words(data, failed + 6) == leader) & (leader + 2 <= length)
+    fits &= np.isin(files.read_words(data, failed + np.where(fits, leader, 0)), FIXED_LEADERS)
     return _Candidates(begin + marks[holds], begin + failed, begin + failed[fits])
-
-
-def _pair(data: Bytes, at: Places) -> Places:
-    return data[at].astype(np.int64) + 256 * data[at + 1].astype(np.int64)
