@@ -57,6 +57,12 @@ KINDS = (
     Kind("a file of Office (Excel, Word)", None, rb"PK\x03\x04.*(?:xl|word)/|\xd0\xcf\x11\xe0"),
     Kind("a packed file", None, rb"PK[\x03\x05][\x04\x06]|BZh[1-9]|\xfd7zXZ\0|7z\xbc\xaf|Rar!", UNPACK),
     Kind("a database (SQLite, RBR's .rsk, Parquet or JSON)", None, rb"SQLite format 3\0|PAR1|\s*[{\[]\s*[\"{\[]"),
+    Kind(
+        "an image or a document",
+        None,
+        rb"(?i)\s*(?:%PDF-|<!doctype html|<html|<\?xml|\{\\rtf)|\x89PNG|\xff\xd8\xff|GIF8[79]a|II\*\0|MM\0\*",
+        EXPORT,
+    ),
     Kind("scans of a Falmouth 3D-ACM", "mmp_acm", rb"(?:\x01[A-Z]{2}\d{7}_[^\x02]{21}\x02.{279,320}|.{279})DATA"),
     Kind("an IAGA-2002 file", "iaga2002", rb"[^\n]{0,999}Format\s+IAGA-2002"),
     Kind("a Sea-Bird file (cnv or hex)", None, rb"\s*\* ?Sea-?Bird"),
