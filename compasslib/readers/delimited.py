@@ -351,7 +351,13 @@ class Body:
             places = {"time": [places[role][0] for role in DATE_AND_CLOCK]}
         for role, several in places.items():
             if len(several) > 1 and not apart:
-                columns[role] = self._time_of_parts(several)
+                parts = self.numbers({str(place): place for place in several})[0]
+                columns[role], row = times.from_parts([*parts.values()])
+                if row is not None:
+                    shown = " ".join(self.column(place).text(row) for place in several)
+                    expected = "year and day of the year, or year, month, day and so on"
+                    raise self.error(row, several[0], expected, shown)
+                columns[role] -= times.parse_zone(layout.timezone)
                 continue
             if self.head.clock == several[0] + 1:
                 several = [several[0], self.head.clock]
@@ -367,14 +373,6 @@ class Body:
                 advice = JOIN if _PART.fullmatch(self.head.names[several[0]]) else error.advice
                 raise self.error(error.row, several[0], error.expected, error.shown, advice) from None
         return columns, note
-
-    def _time_of_parts(self, places: Sequence[int]) -> Floats:
-        parts = self.numbers({str(place): place for place in places})[0]
-        time_s, row = times.from_parts([*parts.values()])
-        if row is not None:
-            shown = " ".join(self.column(place).text(row) for place in places)
-            raise self.error(row, places[0], "year and day of the year, or year, month, day and so on", shown)
-        return time_s - times.parse_zone(self.layout.timezone)
 
     def flags(self, place: int, meanings: Mapping[str, int]) -> tuple[Floats, list[str]]:
         """Convert words or values of quality flags to those of OceanSITES, and warn of unknown ones."""

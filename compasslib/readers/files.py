@@ -190,8 +190,8 @@ def payloads(data: bytes) -> Iterator[tuple[str, bytes]]:
 
     A damaged frame yields all bytes up to the next one.
     """
-    undo = looks_escaped(data)
     heads = list(FRAME.finditer(data))
+    undo = bool(heads) and looks_escaped(data)
     ends = [*(head.start() for head in heads), len(data)][1:]
     for head, end in zip(heads, ends, strict=True):
         length = int(head[2], 16)

@@ -135,9 +135,19 @@ def _collect(
     values: _Values = {name: [] for name in (*HEADINGS, "HDT", "VHW")}
     for line, sentence in sentences:
         kind = getattr(sentence, "sentence_type", "")  # absent in proprietary sentences
-        if kind == "RMC" and (fix := _rmc(sentence, counts)):
-            clock.append((line, fix[0]))
-            rows += [(line, *fix)] if course == "RMC" else []
+        if kind == "RMC" and sentence.status != "A":
+            counts["void"] += 1
+        elif kind == "RMC":
+            try:
+                time_s = datetime.combine(sentence.datestamp, sentence.timestamp).replace(tzinfo=UTC).timestamp()
+                place = float(sentence.latitude), float(sentence.longitude)
+            except (TypeError, ValueError, AttributeError):
+                counts["damaged"] += 1  # valid checksum, but an invalid time or position
+                continue
+            clock.append((line, time_s))
+            track, speed = _number(sentence.true_course), _number(sentence.spd_over_grnd)
+            variation = _number(sentence.mag_variation) * (-1.0 if sentence.mag_var_dir == "W" else 1.0)
+            rows += [(line, time_s, track, speed, *place, variation)] if course == "RMC" else []
         elif kind == course == "VTG":
             track, speed = _number(sentence.true_track), _number(sentence.spd_over_grnd_kts)
             rows.append((line, NAN, track, speed, NAN, NAN, NAN))
@@ -163,22 +173,6 @@ def _collect(
         interpolated = np.interp(fixes[:, 0], *np.transpose(clock))
         fixes[:, 1] = np.where(np.isfinite(fixes[:, 1]), fixes[:, 1], interpolated)
     return fixes, values, +talkers
-
-
-def _rmc(sentence: Any, counts: Counter[str]) -> tuple[float, ...] | None:
-    """Get the ``FIX`` of a sentence RMC; None if it is void or damaged."""
-    if sentence.status != "A":
-        counts["void"] += 1
-        return None
-    try:
-        time_s = datetime.combine(sentence.datestamp, sentence.timestamp).replace(tzinfo=UTC).timestamp()
-        place = float(sentence.latitude), float(sentence.longitude)
-    except (TypeError, ValueError, AttributeError):
-        counts["damaged"] += 1  # valid checksum, but an invalid time or position
-        return None
-    sign = -1.0 if sentence.mag_var_dir == "W" else 1.0
-    course, speed = _number(sentence.true_course), _number(sentence.spd_over_grnd)
-    return time_s, course, speed, *place, sign * _number(sentence.mag_variation)
 
 
 def _number(text: object) -> float:

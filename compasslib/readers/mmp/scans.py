@@ -413,8 +413,9 @@ def _undo_modem(path: Path, data: bytes) -> tuple[bytes, tuple[str, ...]]:
             profiles.append(last[instrument])
         elif instrument in last:  # continues the last profile of the instrument
             last[instrument].append(content)
-    sent, undone = b"".join(dict.fromkeys(b"".join(parts) for parts in profiles)), files.looks_escaped(data)
-    if not profiles:
+    if profiles:
+        sent, undone = b"".join(dict.fromkeys(b"".join(parts) for parts in profiles)), files.looks_escaped(data)
+    else:
         sent, undone = files.undo_escapes(data, lambda sample: len(_find_records(sample)[0]))
     notes = [f"{path.name} {files.ESCAPES_UNDONE}"] * undone
     if len(last) > 1:

@@ -209,11 +209,14 @@ def _record(where: str, content: Sequence[_File], settings: Settings) -> Record:
         arrays[name] *= sound.factor[:, None]
     heading = currents.magnetic_heading(leaders, settings)
     upward = mostly_looks_up(leaders, settings)
+    # Without the distance of bin 1, which varies with the speed of sound.
+    setup = leaders.cells, leaders.cell_m, leaders.blank_m, leaders.coordinates
+    setups = np.column_stack([*setup, leaders.beam_angle_deg, leaders.frequency_khz])
     counts |= strays | {
         "velocities": int(np.isfinite(arrays["east"]).sum()),
         "orientation_disagrees": int(np.sum(leaders.looks_up != upward)),
         "heading_missing": int(np.isnan(heading).sum()),
-        "configurations": count_configurations(leaders),
+        "configurations": len(np.unique(_number_rows(np.nan_to_num(setups, nan=-1.0)))),
         "sound_speed_corrected": int(np.sum(sound.factor != 1.0)),
         "sound_speed_doubtful": int(sound.doubtful.sum()),
     }
@@ -457,13 +460,6 @@ def describe_recording(leaders: Ensembles, counts: Mapping[str, int], settings: 
         }
     )
     yield from describe_averages(float(np.median(leaders.average_s)), leaders.time_s)
-
-
-def count_configurations(leaders: Ensembles) -> int:
-    """Count the configurations, without the distance of bin 1, which varies with the speed of sound."""
-    columns = leaders.cells, leaders.cell_m, leaders.blank_m, leaders.coordinates
-    setups = np.column_stack([*columns, leaders.beam_angle_deg, leaders.frequency_khz])
-    return len(np.unique(_number_rows(np.nan_to_num(setups, nan=-1.0))))
 
 
 def mostly_looks_up(leaders: Ensembles, settings: Settings) -> bool:
