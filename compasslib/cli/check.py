@@ -26,8 +26,8 @@ from compasslib.errors import InputError
 from compasslib.pipeline.process import process_mooring
 from compasslib.preparation.pairs import PairRules, find_pairs, match_ready_pairs
 from compasslib.readers import iaga2002, table
-from compasslib.readers.pd0.checks import match_serial_number
-from compasslib.readers.ready_pairs import ROLES, read_ready_pairs
+from compasslib.readers.matlab import PAIR_ROLES, read_ready_pairs
+from compasslib.readers.pd0 import match_serial_number
 from compasslib.records import BAD, Record
 from compasslib.report.words import position
 from compasslib.stages import read
@@ -235,7 +235,7 @@ def _inspect_pairs(inspection: Inspection, name: str, rules: Moorings, records: 
         inspection.warnings += [f"{name}: {text}" for text in along.warnings]
         asked, columns = PairRules(**settings["rules"] | {"predict": False}), settings["columns"]
         if (ready := rules.ready_pairs(name)) and columns is not None:
-            rows = read_ready_pairs(Path(ready[0]), {role: columns[role] for role in ROLES})
+            rows = read_ready_pairs(Path(ready[0]), {role: columns[role] for role in PAIR_ROLES})
             by_source = {ready[0]: match_ready_pairs(rows, columns["scale"], records[0], along)}
         else:
             roles = rules.cruise.moorings[name].reference

@@ -25,9 +25,8 @@ from compasslib.config.values import shown
 from compasslib.errors import InputError
 from compasslib.preparation.affected import ExplainedShare, compare_headings, is_affected
 from compasslib.preparation.deployment import apply_deployment
-from compasslib.readers import detect, iaga2002, nmea
-from compasslib.readers.netcdf import ocean_contour
-from compasslib.readers.nortek import converted
+from compasslib.readers import detect, iaga2002, nmea, nortek
+from compasslib.readers.netcdf.variables import is_ocean_contour, read_position
 from compasslib.readers.table import read_series
 from compasslib.records import DEEPEST_M, Record
 
@@ -135,17 +134,17 @@ def _sort(paths: Sequence[Path], name: str | None, contents: Contents) -> None:
     for path in paths:
         kind = detect.detect_kind(path)
         form = kind.form if kind else None
-        if (form != "nortek" and converted.header_of(path) in paths) or (profiler and path in companions):
+        if (form != "nortek" and nortek.header_of(path) in paths) or (profiler and path in companions):
             continue  # read together with the header file of its conversion, or with its scans
         recorded = next((each for each in map(path.with_suffix, RECORDINGS) if each in paths), None)
         unpacked = path.with_suffix(".TXT")
-        form = "ocean_contour" if form == "netcdf" and ocean_contour.is_ocean_contour(path) else form
+        form = "ocean_contour" if form == "netcdf" and is_ocean_contour(path) else form
         table = tables[path] = detect.guess_columns(path) if form == "table" else None
         mooring = name
         if not mooring:  # named after the folder of its files, unless that has a generic name
             folders = (path.absolute().parent.name, Path(os.path.abspath(contents.root)).name)
             mooring = next((_name(folder) for folder in folders if folder.lower() not in NAMELESS), "M1")
-        if path.suffix.lower() == converted.HEADER and recorded:
+        if path.suffix.lower() == nortek.HEADER and recorded:
             contents.left.append(f"{path}: converted from {recorded.name}, which is read")
         elif form == "mmp_acm" and unpacked in paths and unpacked != path:
             contents.left.append(f"{path}: its scans stand unpacked in {unpacked.name}")
@@ -256,8 +255,6 @@ def _draft(
         keys |= dict.fromkeys({"orientation"} & {*record.unstated, *retried}, draft.DECIDE)
         where: dict[str, float] = {}
         if form == "netcdf":
-            from compasslib.readers.netcdf.variables import read_position
-
             where = read_position(files[0])
         return Drafted(form, inside, keys, record, north=table.north if table else None, where=where)
     north = form not in (*draft.SILENT, "netcdf", "mat") or (table and table.north)

@@ -16,8 +16,7 @@ from compasslib.config.section import FitOptions, ProductOptions, Section, allow
 from compasslib.config.values import problem, shown
 from compasslib.earthfield import parse_applied_declination
 from compasslib.readers import TABLE_KEYS
-from compasslib.readers.flags import normalize
-from compasslib.readers.units import stated_north
+from compasslib.readers.vocabulary import normalize, stated_north
 from compasslib.records import iso_time
 
 TABLES = ("table", "acm_table")

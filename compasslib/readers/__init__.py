@@ -57,7 +57,7 @@ FORMATS = {
     "netcdf": Format("netcdf", (*STATED_KEYS, "heading_alignment", "flags")),
     "rdi_text": Format("rdi_text", ("orientation",)),
     "pd12": Format("pd12", ("orientation", "bin_size", "first_bin")),
-    "ocean_contour": Format("ocean_contour", STATED_KEYS),
+    "ocean_contour": Format("netcdf", STATED_KEYS),
     "mat": Format("matlab", (*STATED_KEYS, "time_format")),
     "odv": Format("odv", COLUMN_KEYS),
     "nortek": Format("nortek", ("orientation", "declination_applied", "serial_number")),

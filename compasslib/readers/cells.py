@@ -141,7 +141,6 @@ def parse_numbers(
     Numbers are NaN where the text stands for a missing one, and infinite where it is no number.
 
     Args:
-        column: cells without surrounding blanks.
         decimal: mark; None accepts points and commas.
         missing: texts that stand for missing values, besides the usual ones.
     """

@@ -2,7 +2,7 @@
 
 What a ``Layout`` leaves open is detected where it is unambiguous, and reported; else an error names the key to set.
 A row with surplus cells, a missing requested cell or a word in place of a number raises an error, as shifted cells can
-still parse as numbers. Only an unterminated last line may be truncated; it is dropped and counted.
+still parse as numbers; only an unterminated last line may be truncated, and is dropped.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from compasslib.errors import InputError
-from compasslib.readers import flags, times
+from compasslib.readers import times, vocabulary
 from compasslib.readers.cells import BLANKS, MISSING_TEXT, NUMBER, Column, Rows, parse_numbers, split_rows
 from compasslib.readers.files import read_text
 from compasslib.records import NOT_CHECKED, PROBABLY_BAD
@@ -38,10 +38,8 @@ APART_TIMES = "date and time of day are two columns: date and clock"
 DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"}  # in order of preference
 HEAD_LINES = 1000  # searched for the header
 NUMBER_STARTS = tuple("+-.0123456789")
-COMMENT_MARKS = ("#", "%")
+COMMENT_MARKS = ("#", "%")  # at the beginning of lines without data
 QUOTES = " \t=\"'"  # stripped around headers and times: left by repeated export, or ="..."
-# Typographic minus sign, no-break spaces and quotation marks.
-TYPESETTING = {"\u2212": "-", "\xa0": " ", "\u202f": " "} | dict.fromkeys("\u201c\u201d\u2018\u2019", "'")
 APART = "\x1f"  # stands between cells that were quoted
 Header = str | int | Sequence[str | int]  # name or number of a column; several are the parts of a time
 _ONLY_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+", re.ASCII)
@@ -72,20 +70,15 @@ class Layout:
         given = {field.name: settings.get(field.name) for field in fields(cls)}
         return cls(**(given | {"missing": tuple(given["missing"] or ())}))
 
-    @property
-    def comments(self) -> tuple[str, ...]:
-        """Marks at the beginning of lines without data."""
-        return (self.comment,) if self.comment else COMMENT_MARKS
-
     def is_comment(self, line: str) -> bool:
         """Return whether a line begins with a mark of lines without data."""
-        return line.lstrip().startswith(self.comments)
+        return line.lstrip().startswith(self.comment or COMMENT_MARKS)
 
     def split_header(self, line: str, delimiter: str) -> list[str]:
         """Split a header line, which may be written as a comment, as by numpy.savetxt."""
         text = line.lstrip()
-        if mark := next((mark for mark in self.comments if text.startswith(mark)), ""):
-            line = text.lstrip(mark).strip() or line
+        if self.is_comment(line):
+            line = text.lstrip(self.comment or text[0]).strip() or line
         return [cell.strip(QUOTES) for cell in split_line(line, delimiter)]
 
 
@@ -132,10 +125,9 @@ def read_table(
     """Read the requested columns of one table.
 
     Args:
-        headers: role -> header, or number of the column from 1; ``time`` and ``time_utc`` may list the columns of
-            their parts, ``date`` and ``clock`` become ``time``, ``flag`` and ``flag_ROLE`` hold quality flags.
+        headers: role -> header, or number of the column from 1; several are the parts of a time. ``date`` and ``clock``
+            become ``time``, ``flag`` and ``flag_ROLE`` hold quality flags, which ``meanings`` interprets.
         advice: for a missing column.
-        meanings: flag value or meaning -> OceanSITES flag.
         carried: roles whose empty cells repeat the cell above.
 
     Raises:
@@ -162,8 +154,8 @@ def read_table(
         shown = ", ".join(unused)
         unknown = [f"{path.name}: flags stand in {shown}, which columns do not name as flag: none was used."]
     numbers, by_comma = body.numbers({role: each[0] for role, each in places.items()})
-    notes = [*head.notes, *[f"{body.headers} more header line{'s' * (body.headers > 1)}"] * (body.headers > 0)]
-    notes += ["units below the header"] * bool(written) + ["decimal commas"] * by_comma + [time_note] * bool(time_note)
+    notes = [*head.notes, *["units below the header"] * bool(written)]
+    notes += ["decimal commas"] * by_comma + [time_note] * bool(time_note)
     twice = {header for each in named.values() for header in each if f"{header}.2" in head.names}
     notes += [f"the first of the columns {name}, of which {name}.2 is the second" for name in sorted(twice)]
     read = [f"the table was read as it is written: {', '.join(notes)}"] if notes else []
@@ -211,9 +203,6 @@ def find_head(
         InputError: the file cannot be read.
     """
     source, notes, ended = read_text(path)
-    if not source.isascii():
-        for mark, plain in TYPESETTING.items():
-            source = source.replace(mark.encode(), plain.encode())
     end, skipped = 0, layout.skip_rows or 0
     for _ in range(skipped + HEAD_LINES):
         end = source.find(b"\n", end) + 1 or len(source)
@@ -242,7 +231,8 @@ def find_head(
     names = _number_repeated(names)
     begin = sum(len(line.encode()) + 1 for line in lines[: at + 1])
     first = next((k for k in rows if k > at), at)
-    below = [lines[k].lstrip(" " + "".join(layout.comments)).rstrip(" \r") for k in filled if at < k < first]
+    marks = " " + (layout.comment or "".join(COMMENT_MARKS))
+    below = [lines[k].lstrip(marks).rstrip(" \r") for k in filled if at < k < first]
     remarks = [split_line(line, delimiter) for line in below]
     return Head(source, names, at + 1, begin, delimiter, tuple(notes), line, clock, ended, sample, remarks)
 
@@ -329,26 +319,24 @@ def _count_units(head: Head, wanted: Sequence[int], rows: Sequence[Sequence[str]
 def open_body(
     path: Path, head: Head, wanted: Collection[int], layout: Layout = DEFAULT_LAYOUT, *, skip: int = 0
 ) -> Body:
-    """Split the rows below the header, without the first ones to skip and repeated headers, into the wanted columns.
+    """Split the rows below the header, without the first ones to skip, into the wanted columns.
 
     Raises:
         InputError: a line has more cells than the header, or a quotation mark is not closed.
     """
-    source, begin, delimiter, header, n = head.source, head.begin, head.delimiter, head.text, len(head.names)
-    if source.find(b'"', begin) >= 0:
-        source, begin, delimiter = _without_quotes(path, head), 1, APART
-        header = APART.join(split_line(header, head.delimiter))
+    source, begin, delimiter, n = head.source, head.begin, head.delimiter, len(head.names)
+    if source.find(b'"', begin) >= 0:  # write the rows without quotation marks, with a separator that no cell holds
+        lines = source[begin:].decode(errors="replace").split("\n")[:-1]
+        if torn := next((k for k, line in enumerate(lines, head.line + 1) if line.count('"') % 2), None):
+            expected, shown = "cells that end in their line", "a quotation mark that is not closed"
+            raise InputError(f"{path}: line {torn}", expected=expected, found=shown, advice=MEND)
+        source = "".join(f"{APART.join(split_line(line, delimiter))}\n" for line in lines).encode()
+        begin, delimiter = 0, APART
     rows = split_rows(source, begin, delimiter, sorted({*wanted, *([head.clock] if head.clock else [])}))
     content = rows.lines.strip(BLANKS + delimiter.encode())
     keep = content.begin < content.end
-    marked = keep & np.isin(content.data[content.begin], [ord(mark[0]) for mark in layout.comments])
+    marked = keep & np.isin(content.data[content.begin], [ord(mark[0]) for mark in (layout.comment or COMMENT_MARKS)])
     keep[marked] = [not layout.is_comment(line) for line in rows.lines[marked]]
-    again, repeated = list[int](), f"\n{header}\n".encode()
-    at = source.find(repeated, begin - 1) if header else -1
-    while at >= 0:
-        again.append(at + 1)
-        at = source.find(repeated, at + 1)
-    keep[np.searchsorted(rows.lines.begin, again)] = False
     rows, cut, by = rows[keep][skip:], 0, None if delimiter == " " else delimiter
     if not head.ended and len(rows.lines):
         # The last line is truncated if it lacks cells, or its last cell has fewer decimals than any other.
@@ -362,17 +350,7 @@ def open_body(
             where, shown = f"{path}: line {head.line + rows.number[row] + 1}", f"a line of {rows.width[row]} cells"
             advice = "correct delimiter" if len(long) == len(rows.lines) > 1 else MEND
             raise InputError(where, expected=f"{n} cells as in the header", found=shown, advice=advice)
-    return Body(path, head, rows, layout, cut, len(again))
-
-
-def _without_quotes(path: Path, head: Head) -> bytes:
-    """Write the rows behind a line feed, without quotation marks and with a separator that no cell holds."""
-    lines = head.source[head.begin :].decode(errors="replace").split("\n")[:-1]
-    for k, line in enumerate(lines, head.line + 1):
-        if line.count('"') % 2:
-            expected, shown = "cells that end in their line", "a quotation mark that is not closed"
-            raise InputError(f"{path}: line {k}", expected=expected, found=shown, advice=MEND)
-    return "\n".join(["", *(APART.join(split_line(line, head.delimiter)) for line in lines), ""]).encode()
+    return Body(path, head, rows, layout, cut)
 
 
 @dataclass(frozen=True)
@@ -384,7 +362,6 @@ class Body:
     rows: Rows
     layout: Layout
     cut: int  # number of truncated last lines dropped
-    headers: int  # number of headers between the rows
 
     def column(self, place: int, expected: str = NUMBER_FORM) -> Column:
         """Select the cells of a column, which every row must have."""
@@ -406,7 +383,13 @@ class Body:
             places = {"time": [places[role][0] for role in DATE_AND_CLOCK]}
         for role, several in places.items():
             if len(several) > 1 and not apart:
-                columns[role] = self._time_of_parts(several)
+                parts = self.numbers({str(place): place for place in several})[0]
+                columns[role], row = times.from_parts([*parts.values()])
+                if row is not None:
+                    shown = " ".join(self.column(place).text(row) for place in several)
+                    expected = "year and day of the year, or year, month, day and so on"
+                    raise self.error(row, several[0], expected, shown)
+                columns[role] -= times.parse_zone(layout.timezone)
                 continue
             if self.head.clock == several[0] + 1:
                 several = [several[0], self.head.clock]
@@ -425,23 +408,15 @@ class Body:
                 raise self.error(error.row, several[0], error.expected, error.shown, advice) from None
         return columns, note
 
-    def _time_of_parts(self, places: Sequence[int]) -> Floats:
-        parts = self.numbers({str(place): place for place in places})[0]
-        time_s, row = times.from_parts([*parts.values()])
-        if row is not None:
-            shown = " ".join(self.column(place).text(row) for place in places)
-            raise self.error(row, places[0], "year and day of the year, or year, month, day and so on", shown)
-        return time_s - times.parse_zone(self.layout.timezone)
-
     def flags(self, place: int, meanings: Mapping[str, int]) -> tuple[Floats, list[str]]:
         """Convert words or values of quality flags to those of OceanSITES, and warn of unknown ones."""
         texts = [*self.column(place)]
         counts = Counter(texts)
-        known = {cell: NOT_CHECKED if not cell else flags.flag_of(cell, cell, meanings) for cell in counts}
+        known = {cell: NOT_CHECKED if not cell else vocabulary.flag_of(cell, cell, meanings) for cell in counts}
         codes = {cell: PROBABLY_BAD if flag is None else flag for cell, flag in known.items()}
         nameless = {cell: counts[cell] for cell, flag in known.items() if flag is None}
         where = f"{self.path.name}: column {self.head.names[place]}"
-        said = [flags.describe_unknown_flags(where, nameless)] if nameless else []
+        said = [vocabulary.describe_unknown_flags(where, nameless)] if nameless else []
         return np.fromiter(map(codes.__getitem__, texts), dtype=float, count=len(texts)), said
 
     def numbers(self, places: Mapping[str, int]) -> tuple[dict[str, Floats], bool]:

@@ -14,11 +14,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from compasslib.errors import InputError, TransientError
-from compasslib.readers import delimited, units
-from compasslib.readers.files import GZIP_MAGIC, MEGABYTE, TooLarge, detect_utf16, unreadable
+from compasslib.readers import delimited, vocabulary
+from compasslib.readers.files import GZIP_MAGIC, MEGABYTE, TooLarge, is_utf16, unreadable
 
 HEAD_BYTES = 65536
 ALIKE = {"acm_table": "table", "csv": "table", "ocean_contour": "netcdf"}  # formats of one kind of file
@@ -99,13 +97,13 @@ KINDS = (
     ),
     *BELOW,
     Kind("an ODV spreadsheet", "odv", rb"(?://[^\n]*\n)*Cruise[\t;]Station[\t;]"),
-    Kind("a header file of Nortek's conversion", "nortek", rb"\[[^\]\n]*\.(?:aqd|prf|wpr|vec|hdr)\]\s"),
     Kind(
         "a binary file written as hexadecimal text",
         None,
         rb"(?:[^\n]*\n)?[^\n]{0,80}?(?<![\w.:])(?=\d*[A-Fa-f])[\dA-Fa-f]{40}",
         "turn the digits into bytes (xxd -r -p)",
     ),
+    Kind("a header file of Nortek's conversion", "nortek", rb"\[[^\]\n]*\.(?:aqd|prf|wpr|vec|hdr)\]\s"),
 )
 TABLE = Kind("a text table", "table")
 PROSE = Kind("a text without columns", None, advice=EXPORT)
@@ -118,6 +116,8 @@ def detect_kind(path: str | Path) -> Kind | None:
     Raises:
         InputError: the file cannot be read.
     """
+    from compasslib.readers.pd0.frames import scan
+
     try:
         with Path(path).open("rb") as file:
             head = file.read(HEAD_BYTES)
@@ -126,7 +126,7 @@ def detect_kind(path: str | Path) -> Kind | None:
                 head = zlib.decompressobj(wbits=31).decompress(head, HEAD_BYTES)
             kind = _kind_of_head(head)
             if not packed and (kind is None or kind is ZEROS or (kind.form in TEXTS and not _is_text(head))):
-                kind = PD0 if _holds_ensemble(head + file.read(MEGABYTE)) else kind  # behind other bytes
+                kind = PD0 if scan(head + file.read(MEGABYTE))[0] else kind  # ensembles behind other bytes
     except zlib.error:
         return Kind("a gzip file", None, advice=UNPACK)
     except OSError as error:
@@ -174,8 +174,8 @@ def format_hints(
 def _kind_of_head(head: bytes) -> Kind | None:
     if kind := next((each for each in KINDS if re.match(each.holds, head, re.DOTALL)), None):
         return kind
-    if wide := detect_utf16(head):
-        head = head[: len(head) // 2 * 2].decode(wide, errors="replace").encode("latin-1", errors="replace")
+    if is_utf16(head):
+        head = head[: len(head) // 2 * 2].decode("utf-16", errors="replace").encode("latin-1", errors="replace")
     if not _is_text(head):
         return None
     lines = [line for line in head.splitlines() if line.strip()]
@@ -188,17 +188,6 @@ def _kind_of_head(head: bytes) -> Kind | None:
 
 def _is_text(head: bytes) -> bool:
     return len(head.translate(None, _PLAIN)) <= 0.02 * len(head)
-
-
-def _holds_ensemble(data: bytes) -> bool:
-    """Return whether a PD0 ensemble with a valid checksum is somewhere in the data."""
-    octets = np.frombuffer(data, np.uint8).astype(np.int64)
-    total, words = np.append(0, np.cumsum(octets)), octets[:-1] + 256 * octets[1:]
-    begin = np.flatnonzero(words[:-2] == 0x7F7F)
-    end = begin + words[begin + 2]
-    whole = (end > begin + 4) & (end < len(words))
-    begin, end = begin[whole], end[whole]
-    return bool(((total[end] - total[begin]) % 65536 == words[end]).any())
 
 
 _UNIT = re.compile(
@@ -281,7 +270,7 @@ def guess_columns(path: Path) -> GuessedTable | None:
             alike = sum(len(row) == len(head.names) for row in head.sample)
             head = None if 2 * alike < len(head.sample) or re.search("[\t;,]", head.text) else head
         if head and (guess := guess_from_names(head.names)):
-            flow = [head.names.index(guess.columns[role]) for role in units.FLOWS if role in guess.columns]
+            flow = [head.names.index(guess.columns[role]) for role in vocabulary.FLOWS if role in guess.columns]
             return guess_from_names(head.names, delimited.unit_lines(head, flow))
     return None
 
@@ -309,9 +298,9 @@ def guess_from_names(names: Sequence[str], below: Sequence[Sequence[str]] = ()) 
         chosen = {role: columns[role] for role in ("time", *flow, *about) if role in columns}
         at = {role: names.index(header) for role, header in chosen.items() if header in names}
         said = {role: [row[k] for row in (names, *below) if k < len(row)] for role, k in at.items()}
-        stated = (units.stated_factor(role, said[role]) for role in flow if role in units.FLOWS)
+        stated = (vocabulary.stated_factor(role, said[role]) for role in flow if role in vocabulary.FLOWS)
         factors = {factor for factor, _ in filter(None, stated)}
-        north = units.stated_north(said)
+        north = vocabulary.stated_north(said)
         return GuessedTable("instrument", chosen, factors.pop() if len(factors) == 1 else None, north)
     for kind, words, must in _TABLES:
         roles = match_roles(names, words)
@@ -339,5 +328,5 @@ def match_roles(names: Iterable[str], words: Mapping[str, str] = _WORDS) -> dict
 
 def _plain(name: str) -> str:
     """Normalize a header: strip its unit, convert to lower case, and join its words by underscores."""
-    unitless = units.SPEED_END.sub("", _UNIT.sub("", name.strip().lower()).strip())
+    unitless = vocabulary.SPEED_END.sub("", _UNIT.sub("", name.strip().lower()).strip())
     return re.sub(r"[\W_]+", "_", unitless).strip("_")

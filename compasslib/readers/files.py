@@ -11,10 +11,11 @@ from __future__ import annotations
 import gzip
 import re
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib.errors import InputError
 
@@ -98,14 +99,14 @@ def read_text(path: Path) -> tuple[bytes, list[str], bool]:
         InputError: the file cannot be read, or contains bytes that are not text.
     """
     data, notes = read_text_bytes(path), list[str]()
-    encoding = detect_utf16(data)
+    wide = is_utf16(data)
     try:
-        if encoding:
-            data, notes = data[: len(data) // 2 * 2].decode(encoding).encode(), ["in UTF-16"]
+        if wide:
+            data, notes = data[: len(data) // 2 * 2].decode("utf-16").encode(), ["in UTF-16"]
         elif not data.isascii():
             data = data.decode("utf-8-sig").encode()
     except UnicodeError as error:
-        if encoding or data.translate(None, _TEXT + _LATIN):
+        if wide or data.translate(None, _TEXT + _LATIN):
             expected, advice = "a readable CSV file in UTF-8, UTF-16 or Latin-1", "check path and format"
             raise InputError(str(path), expected=expected, found=error, advice=advice) from None
         data, notes = data.decode("latin-1").encode(), ["in Latin-1"]
@@ -115,15 +116,9 @@ def read_text(path: Path) -> tuple[bytes, list[str], bool]:
     return data if ended or not data else data + b"\n", notes, ended
 
 
-def detect_utf16(data: bytes, sample: int = 4096) -> str | None:
-    """Detect UTF-16 from the first bytes of a text, None if it has another encoding."""
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff") and (b"\n\0" in data or b"\0\n" in data):
-        return "utf-16"
-    low, high = data[:sample:2], data[1:sample:2]
-    if min(len(low), len(high)) < 8:
-        return None
-    by = {"utf-16-le": high.count(0) / len(high) - low.count(0), "utf-16-be": low.count(0) / len(low) - high.count(0)}
-    return next((name for name, share in by.items() if share > 0.9), None)
+def is_utf16(data: bytes) -> bool:
+    """Return whether a text is in UTF-16, by its byte order mark."""
+    return data[:2] in (b"\xff\xfe", b"\xfe\xff") and (b"\n\0" in data or b"\0\n" in data)
 
 
 def count_unprintable(data: bytes) -> int:
@@ -160,6 +155,11 @@ def block_type(**fields: tuple[int, str]) -> np.dtype[np.void]:
     return np.dtype({"names": [*fields], "formats": [*formats], "offsets": [*offsets]})
 
 
+def read_words(data: NDArray[np.uint8], at: NDArray[np.int64]) -> NDArray[np.uint16]:
+    """Read the little-endian 16-bit words at byte offsets."""
+    return data[at] + data[at + 1].astype(np.uint16) * np.uint16(256)
+
+
 def list_some(texts: Sequence[str], most: int = 20) -> str:
     """List ranges of skipped bytes, at most ``most``, and the number of the others."""
     return ", ".join(texts[:most]) + (f" and {len(texts) - most} more ranges" if len(texts) > most else "")
@@ -170,6 +170,12 @@ def unescape(data: bytes) -> bytes:
     for pair, octet in ESCAPE_PAIRS:
         data = data.replace(pair, octet)
     return data
+
+
+def undo_escapes(data: bytes, count: Callable[[bytes], int]) -> tuple[bytes, bool]:
+    """Remove the escapes of a modem if the data seem to have them and more records are intact afterwards."""
+    plain = unescape(data) if looks_escaped(data) else data
+    return (plain, True) if plain is not data and count(plain) > count(data) else (data, False)
 
 
 def looks_escaped(data: bytes) -> bool:
@@ -184,8 +190,8 @@ def payloads(data: bytes) -> Iterator[tuple[str, bytes]]:
 
     A damaged frame yields all bytes up to the next one.
     """
-    undo = looks_escaped(data)
     heads = list(FRAME.finditer(data))
+    undo = bool(heads) and looks_escaped(data)
     ends = [*(head.start() for head in heads), len(data)][1:]
     for head, end in zip(heads, ends, strict=True):
         length = int(head[2], 16)

@@ -6,8 +6,7 @@ The line DATE below the header names the four components, which vary between yea
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,13 +27,6 @@ ADVICE = "give IAGA-2002 files of one observatory"
 SETS = ("D", "XY")  # sets of components that determine the declination
 
 
-@dataclass(frozen=True)
-class _File:
-    header: Mapping[str, str]
-    rows: Floats  # (4, n) time, declination, horizontal and vertical field
-    damaged: int  # number of rows
-
-
 def read(paths: Sequence[str | Path]) -> FieldSeries:
     """Read the series of one observatory from its files, sorted by time without repeated times.
 
@@ -42,18 +34,18 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
         InputError: a file is not of this format, holds no rows or no declination, or is of another station.
     """
     with detect.format_hints("iaga2002", paths, advice=ADVICE):
-        files = [_read_file(Path(path)) for path in paths]
-    stations = [file.header.get("iaga code", "").upper() for file in files]
+        headers, tables, damaged = zip(*(_read_file(Path(path)) for path in paths), strict=True)
+    stations = [header.get("iaga code", "").upper() for header in headers]
     for path, station in zip(paths, stations, strict=True):
         if station != stations[0]:
             expected = f"station {stations[0] or 'without code'} as in {paths[0]}"
             raise InputError(str(path), expected=expected, found=station or "no code", advice=ADVICE)
-    rows = np.concatenate([file.rows for file in files], axis=1)
+    rows = np.concatenate(tables, axis=1)
     _, first = np.unique(rows[0], return_index=True)
     time_s, declination, horizontal, vertical = rows[:, first]
     counts = {
         "rows": rows.shape[1],
-        "damaged": sum(file.damaged for file in files),
+        "damaged": sum(damaged),
         "repeated": rows.shape[1] - len(first),
         "missing": int(np.sum(~np.isfinite(declination))),
     }
@@ -63,7 +55,7 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
         "missing": "rows have no declination",
     }
     labels = ("station name", "iaga code", "geodetic latitude", "geodetic longitude", "elevation")
-    said = {label: next(filter(None, (file.header.get(label) for file in files)), "") for label in labels}
+    said = {label: next(filter(None, (header.get(label) for header in headers)), "") for label in labels}
     return FieldSeries(
         time_s=time_s,
         declination_deg=declination,
@@ -73,15 +65,16 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
         latitude=_number(said["geodetic latitude"]),
         longitude=_number(said["geodetic longitude"]),
         elevation_m=_number(said["elevation"]),
-        definitive=all(file.header.get("data type", "").lower().startswith("definitive") for file in files),
+        definitive=all(header.get("data type", "").lower().startswith("definitive") for header in headers),
         counts=counts,
         warnings=tuple(f"{counts[key]} {text}" for key, text in texts.items() if counts[key]),
         files=tuple(map(str, paths)),
-        origin=np.repeat(np.arange(len(files)), [file.rows.shape[1] for file in files])[first],
+        origin=np.repeat(np.arange(len(tables)), [table.shape[1] for table in tables])[first],
     )
 
 
-def _read_file(path: Path) -> _File:
+def _read_file(path: Path) -> tuple[dict[str, str], Floats, int]:
+    """Read the header, (4, n) time, declination, horizontal and vertical field, and the number of damaged rows."""
     lines = read_text_bytes(path).decode("latin-1").splitlines()
     begin = next((k for k, line in enumerate(lines) if line.startswith("DATE")), None)
     if begin is None or "IAGA-2002" not in lines[0].upper():
@@ -106,23 +99,16 @@ def _read_file(path: Path) -> _File:
         raise InputError(str(path), expected=expected, found=shown, advice=ADVICE)
     values = np.where(np.abs(numbers[:, 7:]) >= MISSING, np.nan, numbers[:, 7:])[sound]
     header = {line[:24].strip().lower(): line[24:].rstrip(" |").strip() for line in lines[:begin]}
-    field = _field(dict(zip(letters, values.T, strict=True)))
-    return _File(header, np.stack([time_s[sound], *field]), len(texts) - int(sound.sum()))
-
-
-def _field(values: Mapping[str, Floats]) -> tuple[Floats, Floats, Floats]:
-    """Compute declination (degrees), horizontal and vertical field (nT) from the available components, (n,) each."""
-    nothing = np.full(len(next(iter(values.values()))), np.nan)
-    if "D" in values:
-        declination = angles.wrap180(values["D"] / 60.0)
-        horizontal = values.get("H", nothing)
+    known, nothing = dict(zip(letters, values.T, strict=True)), np.full(len(values), np.nan)
+    if "D" in known:
+        declination, horizontal = angles.wrap180(known["D"] / 60.0), known.get("H", nothing)
     else:
-        declination = angles.wrap180(angles.direction(values["Y"], values["X"]))
-        horizontal = np.hypot(values["X"], values["Y"])
-    vertical = values.get("Z", nothing)
-    if {"I", "F"} <= set(values) and "Z" not in values:
-        vertical = values["F"] * angles.sin_cos(values["I"] / 60.0)[0]
-    return declination, horizontal, vertical
+        declination = angles.wrap180(angles.direction(known["Y"], known["X"]))
+        horizontal = np.hypot(known["X"], known["Y"])
+    vertical = known.get("Z", nothing)
+    if {"I", "F"} <= {*known} and "Z" not in known:
+        vertical = known["F"] * angles.sin_cos(known["I"] / 60.0)[0]
+    return header, np.stack([time_s[sound], declination, horizontal, vertical]), len(texts) - int(sound.sum())
 
 
 def _number(text: str) -> float:

@@ -1,4 +1,4 @@
-"""Read MATLAB files of version 4 to 7.3: exports of WinADCP, structures of rdradcp, others by columns.
+"""Read MATLAB files of version 4 to 7.3: exports of WinADCP, structures of rdradcp, others by columns; ready pairs.
 
 A file of version 7.3 is HDF5, which netCDF4 reads. Sources: WinADCP User's Guide (names and units of exported series);
 R. Pawlowicz, rdradcp.m.
@@ -17,6 +17,7 @@ from compasslib import angles
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.readers import times
+from compasslib.readers.delimited import read_table
 from compasslib.readers.files import DAMAGE_ERRORS, MISSING_COUNT, refuse_large_arrays
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.pd12 import BEAM_ANGLE_DEG
@@ -37,6 +38,9 @@ RDRADCP = {
 }  # fmt: skip
 FIELDS = SERIES | {"voltage": "supply_voltage"}
 VERTICAL = ("up", "error_velocity")
+PAIR_ROLES = ("time", "heading", "upper_east", "upper_north", "lower_east", "lower_north")
+PAIRS_ADVICE = "correct fit.columns in the mooring file"
+LARGEST_DATENUM = 8.0e5  # year 2190; seconds since 1970 are larger
 NO_BIAS = "WinADCP does not export the heading bias EB: none was taken out but for declination_applied."
 
 
@@ -64,12 +68,8 @@ def read(
 ) -> Record:
     """Read the files of one instrument in order of time.
 
-    Args:
-        columns: role -> name of a variable, with dots for fields of structures, as adcp.mtime (time may list its
-            parts); needed for files of other programs.
-        orientation: up or down; None uses that stated in the file.
-        declination_applied: declination contained in headings and velocities, degrees; overrides the file's.
-        time_format: scale of the times, as for tables; None recognises it.
+    Settings override what the file states; ``columns`` (role -> name of a variable, with dots for fields of structures)
+    is needed for files of other programs.
 
     Raises:
         InputError: a file is damaged, lacks time or velocities, or does not state what only the mooring file can.
@@ -263,3 +263,28 @@ def to_record(
         warnings=(*content.notes, *([note] if note else [])),
         unstated=("orientation",) * (not content.orientation),
     )
+
+
+def read_ready_pairs(path: Path, columns: Mapping[str, str]) -> dict[str, Floats]:
+    """Read time (UTC seconds since 1970), heading (degrees) and velocities (in the file's unit), (n,) each.
+
+    Times in a MATLAB file may be datenum or seconds since 1970.
+
+    Raises:
+        InputError: the file or a column is missing, or cannot be read within the limits of raw files.
+    """
+    if path.suffix.lower() != ".mat":
+        return read_table(path, columns, PAIRS_ADVICE).columns
+    variables = load(path)
+    series = {role: np.atleast_1d(find_numbers(path, variables, name, role)) for role, name in columns.items()}
+    if len({values.shape for values in series.values()}) != 1 or series["time"].ndim > 1:
+        shapes = (f"{columns[role]} {' x '.join(map(str, values.shape))}" for role, values in series.items())
+        expected = "series of one length, 1 x n or n x 1"
+        raise InputError(str(path), expected=expected, found=", ".join(shapes), advice=PAIRS_ADVICE)
+    scale = "datenum" if np.nanmin(series["time"], initial=np.inf) < LARGEST_DATENUM else "epoch"
+    try:
+        series["time"], _ = times.from_numbers(series["time"], scale)
+    except times.Unreadable as error:
+        where, expected = f"{path}: {columns['time']}", "times as datenum or as seconds since 1970"
+        raise InputError(where, expected=expected, found=error.shown, advice=PAIRS_ADVICE) from None
+    return series

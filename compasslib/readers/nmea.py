@@ -33,7 +33,6 @@ LOSSES = {
     "unpaired": "courses without a heading within 2.5 s",
     "empty": "courses without a number",
     "impossible": "numbers that no heading, course, speed or place can be",
-    "repeated": "courses that stand in the log already, after its clock went back",
 }
 NAN = float("nan")
 FASTEST_KN = 100.0
@@ -64,10 +63,8 @@ class NmeaLog:
 def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC", talker: str | None = None) -> NmeaLog:
     """Read NMEA 0183 logs, pairing each course with the heading nearest in the stream.
 
-    Args:
-        heading: sentence of the magnetic heading, ``HDG`` or ``HDM``.
-        course: sentence of the course over ground, ``RMC`` or ``VTG`` (timed by interpolation between RMC).
-        talker: sender of the headings, as ``HC`` for a magnetic compass; required where several send them.
+    The course is of sentences ``RMC`` or ``VTG`` (timed by interpolation between RMC); ``talker``, the sender of the
+    headings, is required where several send them.
 
     Raises:
         InputError: a file cannot be read, over half of its headings and courses are damaged, several instruments send
@@ -143,9 +140,19 @@ def _collect(
     values: _Values = {name: [] for name in (*HEADINGS, "HDT", "VHW")}
     for line, sentence in sentences:
         kind = getattr(sentence, "sentence_type", "")  # absent in proprietary sentences
-        if kind == "RMC" and (fix := _rmc(sentence, counts)):
-            clock.append((line, fix[0]))
-            rows += [(line, *fix)] if course == "RMC" else []
+        if kind == "RMC" and sentence.status != "A":
+            counts["void"] += 1
+        elif kind == "RMC":
+            try:
+                time_s = datetime.combine(sentence.datestamp, sentence.timestamp).replace(tzinfo=UTC).timestamp()
+                place = float(sentence.latitude), float(sentence.longitude)
+            except (TypeError, ValueError, AttributeError):
+                counts["damaged"] += 1  # valid checksum, but an invalid time or position
+                continue
+            clock.append((line, time_s))
+            track, speed = _number(sentence.true_course), _number(sentence.spd_over_grnd)
+            variation = _number(sentence.mag_variation) * (-1.0 if sentence.mag_var_dir == "W" else 1.0)
+            rows += [(line, time_s, track, speed, *place, variation)] if course == "RMC" else []
         elif kind == course == "VTG":
             track, speed = _number(sentence.true_track), _number(sentence.spd_over_grnd_kts)
             rows.append((line, NAN, track, speed, NAN, NAN, NAN))
@@ -171,22 +178,6 @@ def _collect(
         interpolated = np.interp(fixes[:, 0], *np.transpose(clock))
         fixes[:, 1] = np.where(np.isfinite(fixes[:, 1]), fixes[:, 1], interpolated)
     return fixes, values, +talkers
-
-
-def _rmc(sentence: Any, counts: Counter[str]) -> tuple[float, ...] | None:
-    """Get the ``FIX`` of a sentence RMC; None if it is void or damaged."""
-    if sentence.status != "A":
-        counts["void"] += 1
-        return None
-    try:
-        time_s = datetime.combine(sentence.datestamp, sentence.timestamp).replace(tzinfo=UTC).timestamp()
-        place = float(sentence.latitude), float(sentence.longitude)
-    except (TypeError, ValueError, AttributeError):
-        counts["damaged"] += 1  # valid checksum, but an invalid time or position
-        return None
-    sign = -1.0 if sentence.mag_var_dir == "W" else 1.0
-    course, speed = _number(sentence.true_course), _number(sentence.spd_over_grnd)
-    return time_s, course, speed, *place, sign * _number(sentence.mag_variation)
 
 
 def _number(text: object) -> float:
@@ -225,7 +216,7 @@ def _sentences(paths: Sequence[Path], counts: Counter[str], wanted: Sequence[str
 
 
 def _pair(fixes: Floats, values: _Values, heading: str, counts: Counter[str]) -> dict[str, Floats]:
-    """Pair each course with a heading, and drop those without or repeated."""
+    """Pair each course with a heading, and drop those without."""
     line, time_s = fixes[:, 0], fixes[:, 1]
     at, headings = np.transpose(values[heading])
     nearest, apart_s = _nearest(values[heading], line, time_s)
@@ -235,19 +226,13 @@ def _pair(fixes: Floats, values: _Values, heading: str, counts: Counter[str]) ->
     value = angles.wrap360(np.where(single, headings[np.clip(before - first, 0, len(at) - 1)], nearest))
     near = ~(apart_s > APART_S) | single  # without a clock the nearest heading in the stream is used
     by_order = single & ((apart_s > APART_S) | (value != angles.wrap360(nearest)))
-    # Receivers may send sentences twice in a row; only a log concatenated with itself repeats rows after a step back.
-    back = np.append(False, np.cumsum(np.diff(time_s) < -APART_S) > 0)
-    rows = np.nan_to_num(np.column_stack([fixes[:, 1:], value]), nan=-1.0)
-    again = np.ones(len(rows), dtype=bool)
-    again[np.unique(rows, axis=0, return_index=True)[1]] = False
-    repeated = again & back & near
-    counts.update(in_blocks=int(by_order.sum()), repeated=int(repeated.sum()), unpaired=int((~near).sum()))
+    counts.update(in_blocks=int(by_order.sum()), unpaired=int((~near).sum()))
     series = dict(zip(FIX, fixes.T[1:], strict=True)) | {
         "heading_deg": value,
         "true_heading_deg": _nearest(values["HDT"], line, time_s)[0],
         "water_speed_kn": _nearest(values["VHW"], line, time_s)[0],
     }
-    return {name: column[near & ~repeated] for name, column in series.items()}
+    return {name: column[near] for name, column in series.items()}
 
 
 def _nearest(values: list[tuple[int, float]], line: Floats, time_s: Floats) -> tuple[Floats, Floats]:

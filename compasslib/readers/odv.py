@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from compasslib.errors import InputError
-from compasslib.readers import delimited, detect, units
-from compasslib.readers import flags as vocabularies
+from compasslib.readers import delimited, detect, vocabulary
 from compasslib.readers.table import to_record
 from compasslib.records import BAD, GOOD, NOT_CHECKED, PROBABLY_BAD, Record
 
@@ -40,11 +39,6 @@ def read(
     direction_reference: str | None = None,
 ) -> Record:
     """Read the time series of one instrument.
-
-    Args:
-        columns: role -> header as for tables, where parameters and names do not identify the column.
-        flags: good, bad and unchecked -> flag values that are in no known vocabulary.
-        direction_reference: magnetic or true; None uses that stated in headers, else magnetic.
 
     Raises:
         InputError: a file holds several stations or no velocities, or as for tables.
@@ -73,16 +67,16 @@ def read(
             after = head.names[head.names.index(name) + 1 :] if name in head.names else []
             if after and (match := _FLAGS.fullmatch(after[0])):
                 flagged[f"flag_{role}"] = after[0]
-                vocabulary = vocabularies.find_vocabulary(str(match["name"]))[1].items()
-                meanings = {value.lower(): vocabularies.MEANINGS[word] for value, word in vocabulary}
+                words = vocabulary.find_vocabulary(str(match["name"]))[1].items()
+                meanings = {value.lower(): vocabulary.MEANINGS[word] for value, word in words}
                 known |= meanings or OF_ODV
-        known |= vocabularies.parse_flag_settings(flags)
+        known |= vocabulary.parse_flag_settings(flags)
         match = _TIME.fullmatch(str(headers["time"]))
         carried = {"time"} if match and match["station"] else ()
         layout = replace(LAYOUT, time_format="julian") if match and match["julian"] else LAYOUT
         tables.append(delimited.read_table(path, headers | flagged, "correct columns", layout, known, carried=carried))
     record = to_record(paths, tables, scale, direction_reference)
-    is_stated = direction_reference or any(units.stated_north(table.said) for table in tables)
+    is_stated = direction_reference or any(vocabulary.stated_north(table.said) for table in tables)
     return replace(record, unstated=() if is_stated else ("direction_reference",))
 
 

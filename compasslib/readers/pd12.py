@@ -14,9 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from compasslib.errors import InputError
+from compasslib.errors import InputError, applicable
 from compasslib.readers import files
 from compasslib.readers.files import refuse_large_arrays, refuse_mostly_damaged
 from compasslib.readers.pd0.currents import true_pitch
@@ -55,7 +54,16 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
     where = ", ".join(map(str, paths))
     frames, counts = _frames(paths)
     heads = np.frombuffer(b"".join(frame[: HEADER.itemsize] for frame in frames), HEADER)
-    _refuse(where, paths, heads, counts)
+    if not len(heads):
+        beginning = files.read_bytes(paths[0])[:16] if paths else b""
+        begins = f"a file that begins with {beginning!r}" if beginning else "an empty file"
+        shown = f"{counts['damaged']} that are damaged in {begins}"
+        advice = "check that format: pd12 and the file belong together"
+        raise InputError(where, expected="PD12 ensembles (6E 7F) with their checksum", found=shown, advice=advice)
+    if (partial := (heads["components"] & FOUR) != FOUR).any():
+        shown = f"components {int(heads['components'][partial][0] & FOUR):04b} in {int(partial.sum())} ensembles"
+        advice = "take the instrument's own recording, format: pd0"
+        raise InputError(where, expected="all four velocities (command PO 1111)", found=shown, advice=advice)
     names = ("year", "month", "day", "hour", "minute", "second", "hundredths")
     time_s = civil_seconds(*(heads[name].astype(np.int64) for name in names), last_year=LAST_YEAR)
     dated = np.isfinite(time_s)
@@ -71,8 +79,20 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
         flow[:, mine, :bins] = np.where(components == files.MISSING_COUNT, np.nan, components / 1000.0)
     east, north, up, error = flow
     steps = np.diff(np.unique(heads["number"].astype(np.int64)))
-    lost = int((np.maximum(steps // (int(np.median(steps)) if len(steps) else 1), 1) - 1).sum())
-    counts |= {"bad_dates": int(np.sum(~dated)), "ensembles": len(heads), "lost": lost}
+    missing = int((np.maximum(steps // (int(np.median(steps)) if len(steps) else 1), 1) - 1).sum())
+    counts |= {"bad_dates": int(np.sum(~dated)), "ensembles": len(heads), "lost": missing}
+    whole = counts["ensembles"] + counts["repeated"] + counts["bad_dates"]
+    lost = {
+        f"{counts['escaped']} of {whole} ensembles came with the modem's escapes, which were undone.": counts[
+            "escaped"
+        ],
+        f"{counts['damaged']} places begin like a PD12 ensemble and fail its checksum; they were left out.": (
+            counts["damaged"]
+        ),
+        f"{counts['lost']} ensembles are missing by their numbers.": counts["lost"],
+        f"{counts['repeated']} ensembles were sent more than once; each counts once.": counts["repeated"],
+        f"{counts['bad_dates']} ensembles have an impossible date and were left out.": counts["bad_dates"],
+    }
     heading = np.where(heads["heading"] < 36000, heads["heading"] / 100.0, np.nan)
     pitch, roll = from_hundredths(heads["pitch"]), from_hundredths(heads["roll"])
     # Shift the bin distances of ensembles that start at a later bin.
@@ -93,7 +113,7 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
         beam_angle_deg=BEAM_ANGLE_DEG,
         profiles={"up": up.astype(np.float32), "error_velocity": error.astype(np.float32)},
         counts=counts,
-        warnings=_warnings(counts),
+        warnings=(COORDINATES, *applicable(lost)),
     )
 
 
@@ -139,29 +159,3 @@ def _whole(data: bytes) -> bytes | None:
     if size != HEADER.itemsize + 2 * bins * (components & FOUR).bit_count():
         return None
     return data[:size] if sum(data[:size]) & 0xFFFF == int.from_bytes(data[size : size + 2], "little") else b""
-
-
-def _refuse(where: str, paths: Sequence[Path], heads: NDArray[np.void], counts: dict[str, int]) -> None:
-    if not len(heads):
-        beginning = files.read_bytes(paths[0])[:16] if paths else b""
-        begins = f"a file that begins with {beginning!r}" if beginning else "an empty file"
-        shown = f"{counts['damaged']} that are damaged in {begins}"
-        advice = "check that format: pd12 and the file belong together"
-        raise InputError(where, expected="PD12 ensembles (6E 7F) with their checksum", found=shown, advice=advice)
-    if (partial := (heads["components"] & FOUR) != FOUR).any():
-        shown = f"components {int(heads['components'][partial][0] & FOUR):04b} in {int(partial.sum())} ensembles"
-        advice = "take the instrument's own recording, format: pd0"
-        raise InputError(where, expected="all four velocities (command PO 1111)", found=shown, advice=advice)
-
-
-def _warnings(counts: dict[str, int]) -> tuple[str, ...]:
-    sent = counts["ensembles"] + counts["repeated"] + counts["bad_dates"]
-    whole = f"{counts['escaped']} of {sent} ensembles came with the modem's escapes, which were undone."
-    said = {
-        "damaged": "places begin like a PD12 ensemble and fail its checksum; they were left out",
-        "lost": "ensembles are missing by their numbers",
-        "repeated": "ensembles were sent more than once; each counts once",
-        "bad_dates": "ensembles have an impossible date and were left out",
-    }
-    lines = [f"{counts[key]} {text}." for key, text in said.items() if counts[key]]
-    return (COORDINATES, *[whole] * bool(counts["escaped"]), *lines)

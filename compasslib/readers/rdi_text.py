@@ -38,9 +38,6 @@ EXPORT = "export the series as text with WinADCP, names and units in the header,
 def read(paths: Sequence[Path], *, orientation: str | None) -> Record:
     """Read the ensembles of one instrument from files in order of time.
 
-    Args:
-        orientation: up or down; None uses the column Ori of the file.
-
     Raises:
         InputError: a file is not such an export, lacks required columns, or has a damaged row.
     """
@@ -62,7 +59,17 @@ def _read_file(path: Path, orientation: str | None) -> Record:
     if (short := np.flatnonzero(body.rows.width < width)).size:
         shown = f"a line of {body.rows.width[short[0]]} cells"
         raise body.error(int(short[0]), 0, f"{width} cells as in the header", shown)
-    time_s = _times(body, [places[name][0] for name in CLOCK], places["HH"][1:])
+    if not len(body.rows.lines):
+        raise InputError(str(path), expected="a row an ensemble", found="none", advice=EXPORT)
+    clock = [places[name][0] for name in CLOCK]
+    parts = [*_numbers(body, clock).T]
+    parts[0] = times.full_years(parts[0])
+    if hundredths := places["HH"][1:]:
+        parts[-1] = parts[-1] + _numbers(body, hundredths)[:, 0] / 100.0
+    time_s, wrong = times.from_parts(parts)
+    if wrong is not None:
+        shown = " ".join(body.column(k).text(wrong) for k in clock)
+        raise body.error(wrong, clock[0], " ".join(("YR", *CLOCK[1:])), shown)
     series, _ = body.numbers({role: places[name][0] for name, role in SERIES.items() if len(places[name]) == 1})
     first_flow, second = (_numbers(body, each) for each in flow)
     series |= dict(zip(pair, (factor * first_flow, second * (factor if pair[1] == "north" else 1.0)), strict=True))
@@ -97,20 +104,6 @@ def _numbers(body: Body, places: Sequence[int]) -> Floats:
     """Read columns of numbers, (rows, columns)."""
     columns, _ = body.numbers({str(k): k for k in places})
     return np.column_stack([*columns.values()])
-
-
-def _times(body: Body, places: Sequence[int], hundredths: Sequence[int]) -> Floats:
-    if not len(body.rows.lines):
-        raise InputError(str(body.path), expected="a row an ensemble", found="none", advice=EXPORT)
-    parts = list(_numbers(body, places).T)
-    parts[0] = times.full_years(parts[0])
-    if hundredths:
-        parts[-1] = parts[-1] + _numbers(body, hundredths)[:, 0] / 100.0
-    time_s, wrong = times.from_parts(parts)
-    if wrong is not None:
-        shown = " ".join(body.column(k).text(wrong) for k in places)
-        raise body.error(wrong, places[0], " ".join(("YR", *CLOCK[1:])), shown)
-    return time_s
 
 
 def _find_currents(path: Path, head: Head) -> tuple[tuple[str, str], list[list[int]], Floats, float]:

@@ -13,8 +13,7 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.errors import InputError
-from compasslib.readers import flags as vocabularies
-from compasslib.readers import units
+from compasslib.readers import vocabulary
 from compasslib.readers.delimited import COLUMN_MAP, Layout, Table, read_table, table_notes
 from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record, new_record
 from compasslib.types import Bools, Floats
@@ -24,7 +23,7 @@ SERIES = {  # role -> field of a record
     "tilt_x": "pitch_deg", "tilt_y": "roll_deg", "pressure": "pressure_dbar", "depth": "depth_m",
     "temperature": "temperature_c",
 }  # fmt: skip
-FLOW_FLAGS = ("flag", "flag_time", *(f"flag_{role}" for role in (*units.FLOWS, "direction")))
+FLOW_FLAGS = ("flag", "flag_time", *(f"flag_{role}" for role in (*vocabulary.FLOWS, "direction")))
 LOSSES = {
     "rows_cut": "last lines were cut short and left out",
     "rows_repeated": "rows repeat time and depth of another and were left out",
@@ -47,11 +46,8 @@ def read(
     """Read one record from one or several tables, sorted by their first times.
 
     Args:
-        columns: role -> header or number: time (several: its parts), or date and clock; depth or pressure; east+north,
-            speed+direction, or x+y+heading (x forward, y to port); tilt_x, tilt_y, temperature; flag. ``scale`` is the
-            factor of velocities to m/s, by default that of the unit in headers or unit lines, else 1.
-        flags: good, bad and unchecked -> flag meanings or values that are in no known vocabulary.
-        direction_reference: magnetic or true; None uses that of headers or unit lines, else magnetic.
+        columns: role -> header or number, and ``scale``, the factor of velocities to m/s, by default that of the unit
+            in headers or unit lines, else 1; x is forward, y to port.
         **layout: fields of ``delimited.Layout``.
 
     Raises:
@@ -59,7 +55,7 @@ def read(
             ``scale`` or ``direction_reference``.
     """
     headers = {role: column for role, column in columns.items() if role != "scale" and column is not None}
-    known, form = vocabularies.parse_flag_settings(flags), Layout.from_settings(layout)
+    known, form = vocabulary.parse_flag_settings(flags), Layout.from_settings(layout)
     tables = [read_table(path, headers, COLUMN_MAP, form, known) for path in paths]
     return to_record(paths, tables, columns.get("scale"), direction_reference)
 
@@ -103,7 +99,7 @@ def to_record(
         series["heading_deg"] = np.where(np.isfinite(heading), angles.wrap360(heading), np.nan)
         series["heading_quality"] = table.get("flag_heading", np.full(len(row), GOOD))[first]
     if of_flow:
-        worst = vocabularies.worst_flag([flag.astype(int) for flag in of_flow])
+        worst = vocabulary.worst_flag([flag.astype(int) for flag in of_flow])
         series["quality"] = np.nan_to_num(spread(worst.astype(float)), nan=MISSING)
     lost = [f"{counts[key]} {text}" for key, text in LOSSES.items() if counts[key]]
     return new_record(
@@ -125,8 +121,8 @@ def _stated(
     said = []
     factor = None if scale is None else float(scale)
     for path, file in zip(paths, files, strict=True):
-        for role in (role for role in units.FLOWS if role in file.said):
-            found = units.stated_factor(role, file.said[role])
+        for role in (role for role in vocabulary.FLOWS if role in file.said):
+            found = vocabulary.stated_factor(role, file.said[role])
             if found and factor is not None and not np.isclose(found[0], factor):
                 raise InputError(
                     f"{path}: column {file.said[role][0]!r}",
@@ -137,7 +133,7 @@ def _stated(
             if found and factor is None:
                 factor = found[0]
                 said += [f"velocities were multiplied by {factor:.6g}, as they are in {found[1]}"] * (factor != 1.0)
-        north = units.stated_north(file.said)
+        north = vocabulary.stated_north(file.said)
         if north and reference not in (None, north):
             expected, advice = f"directions from {reference} north", f"write direction_reference: '{north}'"
             raise InputError(f"{path}: headers and units", expected=expected, found=f"{north} north", advice=advice)
@@ -149,9 +145,9 @@ def _stated(
 def _in_units(file: Table, said: list[str]) -> dict[str, Floats]:
     """Convert the columns of a table other than velocities to the units of records, by headers and unit lines."""
     columns = dict(file.columns)
-    for role in units.FACTORS.keys() & columns.keys() - {*units.FLOWS}:
-        if found := units.stated_factor(role, file.said[role]):
-            shift = units.ZERO_CELSIUS if role == "temperature" and found[1] in units.KELVIN else 0.0
+    for role in vocabulary.FACTORS.keys() & columns.keys() - {*vocabulary.FLOWS}:
+        if found := vocabulary.stated_factor(role, file.said[role]):
+            shift = vocabulary.ZERO_CELSIUS if role == "temperature" and found[1] in vocabulary.KELVIN else 0.0
             columns[role] = found[0] * columns[role] - shift
             said += [f"{role} was converted from {found[1]}"] * (found[0] != 1.0 or shift > 0.0)
     return columns
@@ -163,7 +159,7 @@ def _remove_invalid(table: dict[str, Floats]) -> dict[str, int]:
     invalid = {role: (table[role] < -180.0) | (table[role] > 360.0) for role in angle_roles}
     flagged = {role: table[flag] >= PROBABLY_BAD for role in SERIES if (flag := f"flag_{role}") in table}
     filled = _fillers(table)
-    for role, wrong in (invalid | flagged | {role: filled for role in units.FLOWS if role in table}).items():
+    for role, wrong in (invalid | flagged | {role: filled for role in vocabulary.FLOWS if role in table}).items():
         table[role] = np.where(wrong, np.nan, table[role])
     return {
         "directions_impossible": int(sum(wrong.sum() for wrong in invalid.values())),
@@ -178,7 +174,7 @@ def _fillers(table: Mapping[str, Floats], far: float = 2.0) -> Bools:
     It is repeated, and both components hold it or it exceeds the largest measured speed by a factor ``far``; once is
     enough where both apply.
     """
-    speeds = [table[role] for role in units.FLOWS if role in table]
+    speeds = [table[role] for role in vocabulary.FLOWS if role in table]
     known = [(10.0**n - 1.0) / 10.0**k for n in range(2, 7) for k in range(n) if (n, k) != (2, 0)]  # 9.9, 999, 99.9 ...
     nines = [np.isin(np.abs(column), known) for column in speeds]
     both = np.logical_and.reduce(nines) & (speeds[0] == speeds[-1]) & (len(speeds) > 1)
@@ -207,7 +203,7 @@ def _unrepeated(table: Mapping[str, Floats]) -> tuple[Any, int, int]:
     return np.sort(alone), len(rows) - len(distinct), len(distinct) - len(alone)
 
 
-def _order(table: Mapping[str, Floats], *, unordered: float = 0.1, by_level: float = 0.75) -> tuple[Any, int]:
+def _order(table: Mapping[str, Floats], unordered: float = 0.1, by_level: float = 0.75) -> tuple[Any, int]:
     """Find the order in time of rows that are listed newest first, level by level or unordered; count the last's steps.
 
     A few steps back (a share up to ``unordered``) are a clock adjustment, left to the checks of the deployment. Rows
@@ -216,7 +212,7 @@ def _order(table: Mapping[str, Floats], *, unordered: float = 0.1, by_level: flo
     steps = np.diff(table["time"])
     back, groups = int((steps < 0.0).sum()), int((steps != 0.0).sum()) + 1
     mixed = back > unordered * (groups - 1)
-    levels = {"depth", "pressure"} & set(table) and len(np.unique(table["time"])) <= by_level * groups
+    levels = {"depth", "pressure"} & {*table} and len(np.unique(table["time"])) <= by_level * groups
     if not back or not (mixed or levels):
         return slice(None), 0
     return np.argsort(table["time"], kind="stable"), back if mixed and (steps > 0.0).any() else 0

@@ -293,9 +293,7 @@ def parse_zone(zone: str | None) -> float:
 def parse_origin(text: str, calendar: str) -> float:
     """Parse the reference time of a unit such as "days since", UTC seconds since 1970.
 
-    Args:
-        text: a date, optionally a time of day and an offset from UTC, as in 1992-10-8 15:15:42.5 -6:00 (CF 4.4).
-        calendar: standard, proleptic_gregorian or julian.
+    The text is a date, optionally a time of day and an offset from UTC, as in 1992-10-8 15:15:42.5 -6:00 (CF 4.4).
 
     Raises:
         Unreadable: the text is not such a time, or contains anything else.

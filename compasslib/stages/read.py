@@ -32,7 +32,7 @@ from compasslib.preparation.pairs import (
 )
 from compasslib.preparation.references import join_references
 from compasslib.readers import table
-from compasslib.readers.ready_pairs import ROLES, read_ready_pairs
+from compasslib.readers.matlab import PAIR_ROLES, read_ready_pairs
 from compasslib.records import Record, ReferenceCompass
 
 
@@ -133,7 +133,7 @@ def overlap(
     sources = {f"work/{Path(file).name}": known for file, known in provenance.hashes([record, *references]).items()}
     made = provenance.origin("pairs found", sources)
     if ready and columns is not None:
-        rows = read_ready_pairs(Path(ready[0]), {role: columns[role] for role in ROLES})
+        rows = read_ready_pairs(Path(ready[0]), {role: columns[role] for role in PAIR_ROLES})
         matched = match_ready_pairs(rows, columns["scale"], above, along)
         matched = replace(matched, compass=reference_compass("reference", along, magnetic=True))
         known = provenance.hashes(ready)

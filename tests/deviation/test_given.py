@@ -18,7 +18,7 @@ from compasslib.deviation.model import fit_from_json
 from compasslib.deviation.series import fit_series
 from compasslib.errors import InputError
 from compasslib.preparation.pairs import match_ready_pairs
-from compasslib.readers.ready_pairs import ROLES, read_ready_pairs
+from compasslib.readers.matlab import PAIR_ROLES, read_ready_pairs
 from compasslib.records import GOOD, PROBABLY_BAD
 from tests.world import chain
 from tests.world.launch import change
@@ -31,7 +31,7 @@ COVARIANCE = (np.diag([0.01, 0.02, 0.02, 0.01, 0.01]) ** 2).tolist()
 
 
 def rows_of(seen) -> dict[str, np.ndarray]:
-    return {"time": seen.time_s, "heading": seen.heading_deg} | {role: getattr(seen, role) for role in ROLES[2:]}
+    return {"time": seen.time_s, "heading": seen.heading_deg} | {role: getattr(seen, role) for role in PAIR_ROLES[2:]}
 
 
 ROWS = rows_of(SEEN)
@@ -78,7 +78,7 @@ def test_a_given_series_equals_the_fitted_one():
 
 def written(path, times, form="table", seen=SEEN):
     """Write the pairs as a table or MATLAB file, velocities in cm/s."""
-    rows = {role: rows_of(seen)[role] * (100.0 if "_" in role else 1.0) for role in ROLES} | {"time": times}
+    rows = {role: rows_of(seen)[role] * (100.0 if "_" in role else 1.0) for role in PAIR_ROLES} | {"time": times}
     if form == "mat":
         savemat(path, {f"v_{role}": column[:, None] for role, column in rows.items()})
     elif form == "mat 7.3":
@@ -88,12 +88,12 @@ def written(path, times, form="table", seen=SEEN):
     else:
         with path.open("w", newline="") as stream:
             writer = csv.writer(stream)
-            writer.writerow([f"v_{role}" for role in ROLES])
-            writer.writerows(zip(*(rows[role] for role in ROLES), strict=True))
+            writer.writerow([f"v_{role}" for role in PAIR_ROLES])
+            writer.writerows(zip(*(rows[role] for role in PAIR_ROLES), strict=True))
     return path
 
 
-COLUMNS = {role: f"v_{role}" for role in ROLES}
+COLUMNS = {role: f"v_{role}" for role in PAIR_ROLES}
 DATENUM = SEEN.time_s / 86400.0 + 719529.0
 ISO = np.array([np.datetime_as_string(np.datetime64(round(t), "s")) + "Z" for t in SEEN.time_s])
 

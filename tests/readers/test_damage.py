@@ -98,7 +98,7 @@ MATRIX = {
     "junk at the end": "R X X R R R R R X R R R",
     "a tail of FF":    "R X X R R R R R X R R R",
     "a tail of 00":    "R R R R R R R R R R R R",
-    "twice":           "R R R R R R R R X R R R",
+    "twice":           "R X X R R R R R X R R R",
     "reversed":        "R X X R X R X X X X X X",
     "empty":           "X X X X X X X X X X X X",
     "text":            "X X X X X X X X X X X X",

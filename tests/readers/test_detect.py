@@ -85,10 +85,9 @@ def test_random_bytes_are_not_recognized(tmp_path):
     assert detect_kind(path) is None
 
 
-@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
-def test_utf_16_table_is_recognized(tmp_path, encoding):
+def test_utf_16_table_is_recognized(tmp_path):
     path = tmp_path / "x"
-    path.write_bytes((TABLE * 9).decode().encode(encoding))
+    path.write_bytes((TABLE * 9).decode().encode("utf-16"))
     assert detect_kind(path).form == "table"
 
 

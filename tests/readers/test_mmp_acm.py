@@ -16,7 +16,6 @@ from compasslib.demo import demonstration, profiler, water
 from compasslib.demo.demonstration import DEPLOYED_S
 from compasslib.errors import InputError
 from compasslib.readers import mmp as acm
-from compasslib.readers.mmp import rows as mmp_rows
 from compasslib.readers.mmp import scans as mmp_scans
 from compasslib.records import GOOD, MISSING, PROBABLY_BAD, Record
 from tests.world.sea import real
@@ -389,14 +388,6 @@ def test_engineering_files_are_read_in_four_variants(tmp_path, comma, header):
     assert (start.number, start.on_s) == (7, float(ON_S) if header else first_row)
 
 
-def test_timestamp_of_six_numbers_in_old_engineering_files(tmp_path):
-    rows = ["09 05 2007 13 46 40 150 11.3 500.00 -24.1", "09 05 2007 13 46 50 152 11.3 497.50 -24.3"]
-    found = acm.read_companions([written(tmp_path, "E0000007.TXT", "\n".join(rows) + "\n")])
-    assert found.pressure_dbar.tolist() == [500.0, 497.5]
-    assert found.time_s.tolist() == [ON_S + 0.0, ON_S + 10.0]
-    assert found.starts[0].number == 7
-
-
 def test_ctd_file_is_timed_and_yields_to_engineering_file(tmp_path):
     dbar = np.linspace(500, 400, 400).tolist()
     c_file = written(tmp_path, "C0000007.TXT", ctd(7, ON_S, ON_S + 400, dbar))
@@ -587,7 +578,7 @@ def test_malformed_row_is_dropped(tmp_path, old, new):
 def test_numbers_with_varying_decimals_are_accepted(tmp_path):
     rng = np.random.default_rng(3)
     rows = [" ".join(f"{x:g}" for x in rng.uniform(-1, 1, 9).round(4)) for _ in range(300)]
-    parsed = mmp_rows.parse("\n".join(rows).encode(), lambda form: form == (False, 9))
+    parsed = mmp_scans.parse("\n".join(rows).encode(), lambda form: form == (False, 9), Path("acm.txt"))
     assert parsed.values.shape == (300, 9)
     assert parsed.values.tolist() == [[float(x) for x in row.split()] for row in rows]
 

@@ -16,9 +16,9 @@ import pytest
 
 from compasslib import angles, readers
 from compasslib.errors import InputError
-from compasslib.readers.flags import MEANINGS, flag_of
 from compasslib.readers.pd0 import currents
 from compasslib.readers.times import Unreadable, parse_origin
+from compasslib.readers.vocabulary import MEANINGS, flag_of
 from compasslib.records import BAD, GOOD, MISSING, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Record
 from tests.world import netcdf_layouts as layouts
 from tests.world.netcdf_layouts import DECLINATION, M, N

@@ -262,7 +262,7 @@ def test_unusable_files_are_refused_in_one_line(tmp_path):
     refusals = {
         b"": "expected records of a Nortek file (A5), found an empty file",
         b"7F7F, a letter": "found a file that begins with b'7F7F, a letter'",
-        of_older(good)[800:]: "the user's configuration (A5 00), which tells what the velocities are, found none",
+        of_older(good)[800:]: "the configuration A5 00, which tells what the velocities are, found none",
         of_older(good) + of_older(good, XYZ): "found 2 that differ; give each recording as a file of its own",
         vector: "expected velocities of an Aquadopp, an Aquadopp profiler or an AWAC, found those of a Vector",
         of_signature(side): "found an instrument on its side by its own word in 3 of 3 samples; give orientation: up",

@@ -368,8 +368,6 @@ def test_directory_missing_file_and_no_file_are_refused(tmp_path: Path) -> None:
     assert "expected a readable file, found Is a directory; check" in refused(tmp_path)
     assert "none.000: expected a readable file, found No such file" in refused(tmp_path / "none.000")
     assert "expected at least one PD0 file" in refused()
-    sideways = refused(written(tmp_path, *series(1)), orientation="sideways")
-    assert "orientation: expected up or down, found 'sideways'" in sideways
 
 
 # --------------------------------------------------------------------------------------------------- fields

@@ -152,12 +152,6 @@ def test_time_of_day_in_a_column_of_numbers_is_refused_with_advice(tmp_path):
         table(tmp_path, "ODF_HEADER,\n-- DATA --\n '04-SEP-2007 00:00:00.00' 1.0 2.0\n", columns, skip_rows=2)
 
 
-def test_typographic_signs_and_repeated_headers_are_read(tmp_path):
-    record = table(tmp_path, "t,z,u,v\n2007-09-04\u00a000:00,1,\u22125,1\nt,z,u,v\n2007-09-04 01:00,1,5,1\n")
-    assert record.east[:, 0].tolist() == [-0.05, 0.05]
-    assert record.warnings == ("the table was read as it is written: 1 more header line",)
-
-
 @pytest.mark.parametrize(
     ("times", "seconds"),
     [
@@ -219,7 +213,6 @@ MARKS = [("'", "'"), ('"', '"'), ('="', '"')]
         ('"t" "u" "v"', '"{}" "{}" "{}"'),
         ("t, u, v", ' "{}", {}, {}'),
         ("t,u,v", '"""{}""",{},{}'),
-        ("t;u;v", "\u201c{}\u201d;{};{}"),
         ("t,u,v", '=" {}",{},{}'),
         *((f"{a}t{b}{by}u{by}v", by.join([f"{a}{{}}{b}", "{}", "{}"])) for a, b in MARKS for by in ", \t"),
     ],

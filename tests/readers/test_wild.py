@@ -57,7 +57,7 @@ FILES = [
     ("netcdf_heading_cdegrees.nc", "netcdf", TRUE_UP, "", {1: 100}, FIRST),
     ("netcdf_speed_direction.nc", "netcdf", TRUE_UP, "", {1: 100}, FIRST),
     ("netcdf_speed_direction.nc", "netcdf", UP, "found true north by HCDT's reference", {}, None),
-    ("netcdf_oceancontour_groups.nc", "netcdf", TRUE_UP, "write format: ocean_contour", {}, None),
+    ("netcdf_oceancontour_groups.nc", "netcdf", TRUE_UP, "", {1: 80}, FIRST),
     ("netcdf_oceancontour_groups.nc", "ocean_contour", TRUE_UP, "", {1: 80}, FIRST),
     ("netcdf_oceancontour_groups.nc", "ocean_contour", UP, "-17.00 degrees of declination", {1: 80}, (0.0353, 0.0060)),
     ("netcdf_oceancontour_groups.nc", "ocean_contour", {}, "write orientation: up or down", {}, None),

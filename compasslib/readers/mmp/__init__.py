@@ -26,9 +26,7 @@ from compasslib.errors import InputError, applicable
 from compasslib.readers.delimited import DEFAULT_LAYOUT, Layout, find_head, read_table, table_notes
 from compasslib.readers.detect import detect_kind
 from compasslib.readers.files import read_bytes, refuse_mostly_damaged
-from compasslib.readers.mmp.rows import UNKNOWN, ProfileBlock, parse, parse_profiles
-from compasslib.readers.mmp.scans import Scans, follows_previous, interpolate_clock, is_text, read_scans, sample_rates
-from compasslib.readers.times import civil_seconds
+from compasslib.readers.mmp.scans import UNKNOWN, ProfileBlock, Scans, interpolate_clock, is_text, parse, read_scans
 from compasslib.records import GOOD, PROBABLY_BAD, Record, new_record
 from compasslib.types import Bools, Floats
 
@@ -83,12 +81,9 @@ def read(
 
     Pitch is TX (forward up) and roll is TY (port up), as in the logger's own computation of the heading.
 
-    Args:
-        paths: A files of one instrument, unpacked ASCII or binary.
-        pressure_files: companion E or C files or tables; if empty, the depth is unknown.
-        start_offset_seconds: time of the first scan minus profile start, for scans without a clock. A profile starts
-            at the switch-on time stated in its A or E file, or else with the first row of its E file or table.
-        **layout: format of pressure tables, by the fields of ``delimited.Layout``.
+    Without ``pressure_files`` (E or C files, or tables, whose format ``layout`` gives) the depth is unknown.
+    ``start_offset_seconds`` is the time of the first scan minus profile start, for scans without a clock: a profile
+    starts at the switch-on time in its A or E file, or else with the first row of its E file or table.
 
     Raises:
         InputError: a file is unreadable or of another kind, or none of the scans without a clock can be dated.
@@ -103,7 +98,10 @@ def read(
     x, y = instrument_axes(scans.values[:, 6:] / 100.0)
     aliased, timed, rate = is_aliased(scans), np.isfinite(time_s), rate_hz[scans.profile]
     # The heading of an aliased scan is invalid, and so is the rotation from it to the next scan.
-    joined = follows_previous(scans.clock_s, scans.profile, scans.place, rate) & ~aliased[:-1]
+    step = np.diff(scans.clock_s)
+    with np.errstate(invalid="ignore", divide="ignore"):  # whole seconds may conceal a difference of up to one second
+        waited = (step < 0) | (step > 1.0 + 1.0 / rate[1:])
+    joined = (np.diff(scans.profile) == 0) & (np.diff(scans.place) == 1) & ~waited & ~aliased[:-1]
     y = remove_swing(y, swing_rate(heading, rate, joined))
     keep = timed & ~aliased
     east, north = to_earth(x[keep], y[keep], heading[keep])
@@ -204,8 +202,7 @@ def is_aliased(scans: Scans) -> Bools:
 def _scan_times(scans: Scans, companion: Companion, offset: float) -> tuple[Floats, Floats, list[str]]:
     """Determine the times of all scans, NaN where unknown, and the sample rate of each profile; compose warnings."""
     nominal = np.array([block.rate_hz for block in scans.blocks])
-    rate = sample_rates(scans.clock_s, scans.profile, scans.place, nominal)
-    unclocked, notes = np.isnan(scans.clock_s), []
+    rate, unclocked, notes = _sample_rates(scans, nominal), np.isnan(scans.clock_s), []
     if (other := np.isfinite(nominal) & (nominal != rate)).any():
         notes.append(
             f"the clock of {int(other.sum())} profiles shows {np.median(rate[other]):.3g} scans a second where the "
@@ -219,6 +216,25 @@ def _scan_times(scans: Scans, companion: Companion, offset: float) -> tuple[Floa
     elif offset:
         notes.append("start_offset_seconds has no effect: the scans carry a clock")
     return time_s, rate, notes
+
+
+def _sample_rates(scans: Scans, nominal_hz: Floats, few: int = 10, close: float = 0.2) -> Floats:
+    """Choose the sample rate of each profile, (p,) Hz: the nominal one, unless the clock contradicts it.
+
+    Args:
+        nominal_hz: (p,) NaN where the file states none.
+        few: number of scans up to which a clock of whole seconds does not determine the rate.
+        close: largest relative difference of the two rates.
+    """
+    every = np.arange(len(nominal_hz))
+    first, last = (np.searchsorted(scans.profile, every, side=side) for side in ("left", "right"))
+    known = np.flatnonzero(last - first > few)
+    begin, end = first[known], last[known] - 1
+    shown = np.full(len(every), np.nan)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shown[known] = (scans.place[end] - scans.place[begin]) / (scans.clock_s[end] - scans.clock_s[begin])
+        contradicts = np.isfinite(shown) & ~(np.abs(shown / nominal_hz - 1.0) < close)
+    return np.where(contradicts, shown, nominal_hz)
 
 
 def _starts(scans: Scans, companion: Companion, offset: float, rate: Floats) -> tuple[Floats, Floats, list[str]]:
@@ -309,36 +325,27 @@ def _read_file(path: Path, layout: Layout) -> Companion:
     if not is_text(data):
         advice, known = "unpack the profiler's binary files with the maker's unpacker", detect_kind(path)
         raise InputError(str(path), expected=EXPECTED, found=known.name if known else "a binary file", advice=advice)
-    text = parse(data, lambda form: form[1] > DBAR)
+    text = parse(data, lambda form: form[1] > DBAR, path)
     if text.form is None:
         first = data.strip().split(b"\n")[0][:60].decode("latin-1").strip()
         shown = f"a first line {first!r}" if first else "an empty file"
         raise InputError(str(path), expected=EXPECTED, found=shown, advice="correct pressure_files")
-    time_s, values, foreign = text.time_s, text.values, text.foreign
-    stamped, columns = text.form
-    if not stamped and columns > 6 + DBAR:  # the oldest unpackers write the stamp as six numbers
-        month, day, year, *clock = values[:, :6].astype(np.int64).T
-        stamp_s = civil_seconds(year, month, day, *clock)
-        if np.isfinite(stamp_s).all():
-            stamped, time_s, values, foreign = True, stamp_s, values[:, 6:], 0
-            text = replace(text, time_s=time_s)
-    profiles, _ = parse_profiles(text, path)
-    damaged = len(text.damaged)
-    refuse_mostly_damaged(path, "rows of pressure", damaged=damaged - foreign, whole=len(time_s))
-    if not stamped:
-        if any(not block.off_s > block.on_s for block in profiles):
+    time_s, clocked = text.time_s, text.form[0]
+    refuse_mostly_damaged(path, "rows of pressure", damaged=text.damaged - text.foreign, whole=len(time_s))
+    if not clocked:
+        if any(not block.off_s > block.on_s for block in text.blocks):
             expected, shown = "'turned on at' and 'turned off at' lines", "rows without a clock and no such lines"
             advice = "unpack with header lines, or give the engineering (E) files"
             raise InputError(str(path), expected=expected, found=shown, advice=advice)
-        halves = [(block, np.arange(block.end - block.begin) + 0.5) for block in profiles]
+        halves = [(block, np.arange(block.end - block.begin) + 0.5) for block in text.blocks]
         spread = [block.on_s + half * (block.off_s - block.on_s) / len(half) for block, half in halves]
         time_s = np.concatenate(spread)
     starts = tuple(
-        block if np.isfinite(block.on_s) else replace(block, on_s=float(time_s[block.begin])) for block in profiles
+        block if np.isfinite(block.on_s) else replace(block, on_s=float(time_s[block.begin])) for block in text.blocks
     )
     # The profiler writes zeros before its first reading.
-    pressure = np.where(values[:, DBAR] == 0, np.nan, values[:, DBAR])
-    return Companion(time_s, pressure, starts, damaged, clocked=stamped)
+    pressure = np.where(text.values[:, DBAR] == 0, np.nan, text.values[:, DBAR])
+    return Companion(time_s, pressure, starts, text.damaged, clocked=clocked)
 
 
 def _columns(names: Sequence[str]) -> dict[str, str]:

@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 from compasslib import angles, compass
 from compasslib.earthfield import parse_applied_declination
 from compasslib.errors import InputError
-from compasslib.readers import flags as vocabularies
-from compasslib.readers import nortek
+from compasslib.readers import nortek, vocabulary
 from compasslib.readers.files import DAMAGE_ERRORS
-from compasslib.readers.netcdf import attributes, frames, ocean_contour, variables
+from compasslib.readers.netcdf import attributes, variables
 from compasslib.readers.netcdf.variables import File, Variable, find, values
 from compasslib.readers.pd0.currents import true_pitch
-from compasslib.readers.units import SPEED
+from compasslib.readers.vocabulary import SPEED
 from compasslib.records import DEEPEST_M, GOOD, PROBABLY_BAD, Flags, Record, join_records, new_record
 from compasslib.types import Floats
 
@@ -62,24 +61,18 @@ def read(
     direction_reference: str,
     heading_alignment: float | None = None,
     flags: Mapping[str, Sequence[object]] | None = None,
-    grouped: bool = False,
 ) -> Record:
     """Read the files of one instrument in order of time, with currents relative to ``direction_reference``.
 
-    Args:
-        columns: role -> variable name, where names and standard names do not identify the variable.
-        orientation: up or down; None uses that stated in the file.
-        declination_applied: declination contained in headings and velocities, degrees; overrides the file's.
-        heading_alignment: degrees to add to headings; required if the file states a nonzero heading alignment EA.
-        flags: good, bad and unchecked -> flag meanings or values that are in no known vocabulary.
-        grouped: whether the series stand in the groups of OceanContour.
+    Settings override what the file states; ``columns`` (role -> variable name) is for names that do not identify the
+    variable, ``flags`` for flag meanings or values that are in no known vocabulary.
 
     Raises:
         InputError: a file is unreadable, or its variables, units, bins or reference north are undetermined.
     """
     settings = {
         "columns": {role: name for role, name in (columns or {}).items() if name is not None},
-        "meanings": vocabularies.parse_flag_settings(flags),
+        "meanings": vocabulary.parse_flag_settings(flags),
         "orientation": orientation,
         "reference": direction_reference,
         "declination": parse_applied_declination(declination_applied),
@@ -89,10 +82,7 @@ def read(
     for path in map(Path, paths):
         try:
             with netCDF4.Dataset(path) as nc:
-                group, stated = nc, variables.attributes_of(nc)
-                if grouped:
-                    group, stated = ocean_contour.find_series(path, nc)
-                records.append(_record(*_open(path, group, stated, settings)))
+                records.append(_record(*_open(path, *variables.find_series(path, nc), settings)))
         except DAMAGE_ERRORS as error:
             shown = f"{type(error).__name__}: {error}"
             raise InputError(str(path), expected="a whole netCDF file", found=shown, advice=ADVICE) from None
@@ -101,11 +91,6 @@ def read(
 
 def _open(path: Path, nc: Any, stated: Mapping[str, Any], settings: Mapping[str, Any]) -> tuple[File, Floats, Flags]:
     """Open a file along its time dimension; read times, and flags that are GOOD unless the time is doubtful."""
-    if nc.groups and not nc.variables:
-        advice = "write the group with the velocities as a file of its own"
-        advice = "write format: ocean_contour" if ocean_contour.is_ocean_contour(path) else advice
-        shown = f"groups {', '.join(nc.groups)}"
-        raise InputError(str(path), expected="variables at the top", found=shown, advice=advice)
     if (system := str(stated.get("coord_sys", "earth"))) != "earth":
         advice = "give the instrument's own file, or save it after rotate2(ds, 'earth')"
         raise InputError(f"{path}: coord_sys", expected="earth", found=system, advice=advice)
@@ -128,22 +113,16 @@ def _open(path: Path, nc: Any, stated: Mapping[str, Any], settings: Mapping[str,
     both = {role: f"{file.columns.get(role) or given}[{role[0].upper()}]" for role in ("east", "north")}
     components = {role: name for role, name in both.items() if name in file.variables}
     file = replace(file, time=long[0], columns={**file.columns, **components})
-    _refuse_ragged(file)
-    time_s, flags = variables.read_times(file, time), attributes.read_flags(file, time)
-    bad = np.full(len(time_s), GOOD) if flags is None else np.where(flags < PROBABLY_BAD, GOOD, flags)
-    return file, time_s, bad.astype(np.int8)
-
-
-def _refuse_ragged(file: File) -> None:
-    """Reject the concatenated series of several instruments or bins: CF's ragged arrays (9.3.3 and 9.3.4)."""
-    for variable in file.variables.values():
+    for variable in file.variables.values():  # CF's ragged arrays (9.3.3 and 9.3.4)
         instances = variable.text("instance_dimension") if variable.dimensions == (file.time,) else ""
         if not instances and variable.dimensions and variable.text("sample_dimension") == file.time:
             instances = variable.dimensions[0]
-        n = file.sizes.get(instances, 0)
-        if n > 1:
-            shown = f"{n} in one, by {variable.name}"
+        if (count := sizes.get(instances, 0)) > 1:
+            shown = f"{count} in one, by {variable.name}"
             raise file.refuse(file.time, "the series of one instrument", shown, SPLIT_ADVICE)
+    time_s, flags = variables.read_times(file, time), attributes.read_flags(file, time)
+    bad = np.full(len(time_s), GOOD) if flags is None else np.where(flags < PROBABLY_BAD, GOOD, flags)
+    return file, time_s, bad.astype(np.int8)
 
 
 def _record(file: File, time_s: Floats, time_flags: Flags) -> Record:
@@ -157,14 +136,20 @@ def _record(file: File, time_s: Floats, time_flags: Flags) -> Record:
         east, northward = angles.components(northward, towards)
         pair = parts[:1] * 2  # a direction has no other frame
     known = [flags for variable in parts if (flags := attributes.read_flags(file, variable)) is not None]
-    quality = vocabularies.worst_flag(known or [np.full(east.shape, GOOD)]).reshape(n, -1)
+    quality = vocabulary.worst_flag(known or [np.full(east.shape, GOOD)]).reshape(n, -1)
     heading_variable = find(file, "heading", (file.time,))
-    recorded = _headings(file, n, heading_variable)
+    recorded = np.full(n, np.nan)
+    if heading_variable is not None:
+        recorded = np.broadcast_to(values(file, "heading", heading_variable), n)
+        wrong = (recorded < -180.0) | (recorded > 360.0)  # as -999 and 65535 of a logger
+        if wrong.any():
+            file.note(f"{int(wrong.sum())} headings are no angles and count as missing.")
+        recorded = np.where(wrong, np.nan, recorded)
     stated_flags = attributes.read_flags(file, heading_variable)
-    heading_flags = vocabularies.worst_flag([GOOD if stated_flags is None else stated_flags, time_flags])
+    heading_flags = vocabulary.worst_flag([GOOD if stated_flags is None else stated_flags, time_flags])
     flow, by_heading = _turn_other_frame(file, pair, (east, northward, _velocity(file, "up")), recorded)
     if by_heading:
-        quality = vocabularies.worst_flag([quality, heading_flags[:, None]])
+        quality = vocabulary.worst_flag([quality, heading_flags[:, None]])
     east, northward, up = flow
     of_north = heading_variable if by_heading and heading_variable is not None else pair[0]
     north = attributes.find_north(file, of_north, heading_variable)
@@ -178,8 +163,12 @@ def _record(file: File, time_s: Floats, time_flags: Flags) -> Record:
     heading = np.full(n, np.nan) if in_heading is None else heading - in_heading
     heading = np.where(np.isfinite(heading), angles.wrap360(heading), np.nan)
     ranges, looks_up, depth = _bins(file, n, east.shape[1])
-    _refuse_rows(file, time_s, depth)
-    quality = vocabularies.worst_flag([quality, time_flags[:, None]])
+    by_depth = np.lexsort((depth, time_s))
+    again = int(np.sum((np.diff(time_s[by_depth]) == 0.0) & (np.diff(depth[by_depth]) > 0.0)))
+    if file.bins is None and again > 0.1 * n:  # bins as rows of one series
+        shown = f"{again} of {n} times repeated at another depth"
+        raise file.refuse(file.time, "one row a time", shown, SPLIT_ADVICE)
+    quality = vocabulary.worst_flag([quality, time_flags[:, None]])
     backwards = ranges.shape[1] > 1 and np.nanmedian(np.diff(ranges, axis=1)) < 0.0
     order = slice(None, None, -1) if backwards else slice(None)
     attributes.note_unlinked(file)
@@ -189,6 +178,15 @@ def _record(file: File, time_s: Floats, time_flags: Flags) -> Record:
     pitch, roll = (_series(file, role, n) for role in ("tilt_x", "tilt_y"))
     if file.text("inst_make") == "TRDI":  # dolfyn stores the tilt sensor's pitch, measured inside the roll
         pitch = true_pitch(pitch, roll)
+    pressure_variable = find(file, "pressure", (file.time,))
+    pressure = _series(file, "pressure", n, pressure_variable)
+    beyond = np.abs(pressure) > DEEPEST_M  # MHKiT writes a pressure below the atmosphere's as 2^32
+    if beyond.any():
+        file.note(f"{int(beyond.sum())} pressures lie beyond {DEEPEST_M} dbar and count as missing.")
+        pressure[beyond] = np.nan
+    if pressure_variable is not None and pressure_variable.name == "PRES" and "IMOS" in file.text("conventions"):
+        file.notes.append(f"PRES of IMOS is absolute: {ATMOSPHERE_DBAR} dbar of atmosphere were subtracted.")
+        pressure -= ATMOSPHERE_DBAR
     return new_record(
         time_s,
         east[:, order],
@@ -198,7 +196,7 @@ def _record(file: File, time_s: Floats, time_flags: Flags) -> Record:
         pitch_deg=pitch,
         roll_deg=roll,
         recorded_in="instrument" if by_heading else "",
-        pressure_dbar=_pressure(file, n),
+        pressure_dbar=pressure,
         depth_m=depth,
         temperature_c=_series(file, "temperature", n),
         quality=quality[:, order],
@@ -223,15 +221,6 @@ def _record(file: File, time_s: Floats, time_flags: Flags) -> Record:
             *["direction_reference"] * (not north.word and file.declination is None),
         ),
     )
-
-
-def _refuse_rows(file: File, time_s: Floats, depth_m: Floats, share: float = 0.1) -> None:
-    """Reject bins that are listed as rows of one series: a share of the times is repeated at another depth."""
-    order = np.lexsort((depth_m, time_s))
-    again = (np.diff(time_s[order]) == 0.0) & (np.diff(depth_m[order]) > 0.0)
-    if file.bins is None and again.sum() > share * len(time_s):
-        shown = f"{int(again.sum())} of {len(time_s)} times repeated at another depth"
-        raise file.refuse(file.time, "one row a time", shown, SPLIT_ADVICE)
 
 
 def _with_bins(file: File) -> File:
@@ -272,21 +261,22 @@ def _component(file: File, role: str) -> Variable:
     variable = find(file, role, *_profile_dimensions(file))
     if variable is None:
         there, advice = ", ".join(file.variables), f"name it in the mooring file: columns: {{{role}: NAME}}"
-        if words := frames.other_frames(file):
-            there, advice = words, frames.ADVICE
+        flows = [each for each in file.variables.values() if each.text("units").lower() in SPEED]
+        if words := ", ".join(filter(None, (attributes.other_frame(file, [flow]) for flow in flows))):
+            there, advice = words, attributes.OTHER_FRAME
         raise file.refuse(role, f"a variable of the velocity ({role})", there, advice)
     return variable
 
 
 def _turn_other_frame(file: File, pair: Sequence[Variable], flow: _Flow, heading: Floats) -> tuple[_Flow, bool]:
     """Turn components that are not east and north, as far as the file says how, and tell whether by the heading."""
-    words = "" if pair[0].source is pair[1].source else frames.other_frame(file, pair)
+    words = "" if pair[0].source is pair[1].source else attributes.other_frame(file, pair)
     if not words:
         return flow, False
-    if not frames.turns_with_heading(file, pair) or find(file, "heading", (file.time,)) is None:
-        turned = frames.turn_axes(file, pair, flow[:2])
+    if not attributes.turns_with_heading(file, pair) or find(file, "heading", (file.time,)) is None:
+        turned = attributes.turn_axes(file, pair, flow[:2])
         if turned is None:
-            raise file.refuse("velocities", "east and north", words, frames.ADVICE)
+            raise file.refuse("velocities", "east and north", words, attributes.OTHER_FRAME)
         return (*turned, flow[2]), False
     x, y, z = flow
     tilts = [np.nan_to_num(_series(file, role, len(x))) * (z is not None) for role in ("tilt_x", "tilt_y")]
@@ -296,18 +286,6 @@ def _turn_other_frame(file: File, pair: Sequence[Variable], flow: _Flow, heading
     how = "heading, pitch and roll" if np.any(tilts) else "heading alone"
     file.note(f"Velocities of the instrument's axes were turned to east and north by the {how}.")
     return (east, north, None if z is None else up), True
-
-
-def _headings(file: File, n: int, variable: Variable | None) -> Floats:
-    """Read headings as recorded, NaN where they are no angle, as -999 and 65535 of a logger."""
-    if variable is None:
-        return np.full(n, np.nan)
-    heading = np.broadcast_to(values(file, "heading", variable), n).astype(float)
-    with np.errstate(invalid="ignore"):
-        wrong = (heading < -180.0) | (heading > 360.0)
-    if wrong.any():
-        file.note(f"{int(wrong.sum())} headings are no angles and count as missing.")
-    return np.where(wrong, np.nan, heading)
 
 
 def _series(file: File, role: str, n: int, variable: Variable | None = None) -> Floats:
@@ -321,18 +299,6 @@ def _series(file: File, role: str, n: int, variable: Variable | None = None) -> 
         file.note(f"{variable.name}: {int(bad.sum())} values are flagged and count as missing.")
         series[bad] = np.nan
     return series
-
-
-def _pressure(file: File, n: int) -> Floats:
-    variable = find(file, "pressure", (file.time,))
-    pressure = _series(file, "pressure", n, variable)
-    if wrong := int(np.sum(np.abs(pressure) > DEEPEST_M)):  # MHKiT writes a pressure below the atmosphere's as 2^32
-        file.notes.append(f"{wrong} pressures lie beyond {DEEPEST_M} dbar and count as missing.")
-        pressure[np.abs(pressure) > DEEPEST_M] = np.nan
-    if variable is None or variable.name != "PRES" or "IMOS" not in file.text("conventions"):
-        return pressure
-    file.notes.append(f"PRES of IMOS is absolute: {ATMOSPHERE_DBAR} dbar of atmosphere were subtracted.")
-    return pressure - ATMOSPHERE_DBAR
 
 
 def _bins(file: File, n: int, m: int) -> tuple[Floats, bool, Floats]:

@@ -1,4 +1,4 @@
-"""Interpret the metadata of a netCDF file: quality flags, and the reference north of directions.
+"""Interpret the metadata of a netCDF file: quality flags, the reference north of directions, the frame of velocities.
 
 Flags are read in CF's three forms (CF 3.5): ``flag_values`` lists mutually exclusive states, ``flag_masks`` independent
 conditions, and both together bit fields with several states each. Among several conditions, flag variables or
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
 from operator import or_
@@ -18,17 +18,18 @@ from typing import Any
 import netCDF4
 import numpy as np
 
-from compasslib.readers import flags as vocabularies
+from compasslib import angles
+from compasslib.readers import vocabulary
 from compasslib.readers.netcdf.variables import Attributes, File, Variable, find, values
-from compasslib.readers.pd0.checks import refuse_alignment
+from compasslib.readers.pd0 import refuse_alignment
 from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Flags
 from compasslib.types import Floats
 
-SUFFIXES = ("_SEADATANET_QC", "_quality_control", "_quality_flag", "_QC", "_flag", "_qc_agg", "_qartod_results")
+SUFFIX = re.compile("_SEADATANET_QC|_quality_control|_quality_flag|_QC|_flag|_qc_agg|_qartod_results", re.IGNORECASE)
 STATED = ("flag_values", "flag_masks", "flag_meanings")
 ROLLUP = "aggregate_quality_flag"  # CF standard name of the flag that summarizes all others
 TESTS = "_TESTS"  # suffix in this program's own product: failed tests, listed in addition to the quality flag
-_Meaning = tuple[int, tuple[str, ...]]  # OceanSITES flag of a value, and its meanings that are unknown
+_Meaning = tuple[str, str]  # value or mask, and the word for it; empty without one
 NAMING = ("conventions", "quality_control_conventions", "sdn_conventions_urn", "references", "long_name", "comment")
 
 
@@ -39,45 +40,45 @@ def read_flags(file: File, variable: Variable | None) -> Flags | None:
         InputError: the flags have dimensions that the variable does not have.
     """
     each = [_arrange(file, variable, flag) for flag in _flag_variables(file, variable)] if variable else []
-    return vocabularies.worst_flag(each) if each else None
+    return vocabulary.worst_flag(each) if each else None
 
 
 def note_unlinked(file: File) -> None:
     """Note flag variables along time that are not linked to any variable of the file."""
-    whole = {name: v for name, v in file.variables.items() if name == v.source.name}
-    linked = {name for variable in whole.values() for name in _ancillary(file, variable)}
-    flags = [name for name, v in whole.items() if file.time in v.spans and _states_flags(v) and not _stem(name, whole)]
-    if alone := [name for name in flags if name not in linked]:
+    linked = {name for names in _links(file).values() for name in names}
+    alone = [name for name, v in file.variables.items() if file.time in v.spans and _states_flags(v)]
+    if alone := [name for name in alone if name == file.variables[name].source.name and name not in linked]:
         file.notes.append(
             f"Flags {', '.join(alone[:5])} belong to no variable of the file and were not used; name them in the "
             "ancillary_variables of what they are about."
         )
 
 
+def _links(file: File) -> dict[str, list[str]]:
+    """List the flag variables of each variable: those listed as ancillary, and those named after it with a suffix."""
+    whole = {name: v for name, v in file.variables.items() if name == v.source.name}
+    links: dict[str, list[str]] = {}
+    for name, variable in whole.items():
+        listed = [each for each in re.split(r"[\s,;]+", variable.text("ancillary_variables")) if each in whole]
+        links[name] = [each for each in listed if _states_flags(whole[each]) or SUFFIX.search(each)]
+    for name in whole:
+        for match in SUFFIX.finditer(name):
+            if match.end() == len(name) and (stem := name[: match.start()]) in links and name not in links[stem]:
+                links[stem].append(name)
+    return links
+
+
 def _flag_variables(file: File, variable: Variable) -> list[Variable]:
-    """Find the flag variables of a variable: those listed as ancillary, and those named after it with a suffix."""
-    suffix = re.compile("|".join(SUFFIXES), re.IGNORECASE)
-    names = [n for n in _ancillary(file, variable) if _states_flags(file.variables[n]) or suffix.search(n)]
-    names += [name for name in file.variables if _stem(name, (variable.source.name,))]
-    names = list(dict.fromkeys(names))
+    """Find the flag variables of a variable; an aggregate flag replaces all others."""
+    names = _links(file)[variable.source.name]
     summing = [name for name in names if ROLLUP in file.variables[name].text("standard_name")]
     counted = [name for name in names if not name.endswith(TESTS)]
     component = variable.name.removeprefix(variable.source.name)
     return [file.variables.get(name + component, file.variables[name]) for name in summing or counted or names]
 
 
-def _ancillary(file: File, variable: Variable) -> list[str]:
-    return [name for name in re.split(r"[\s,;]+", variable.text("ancillary_variables")) if name in file.variables]
-
-
 def _states_flags(variable: Variable) -> bool:
     return variable.attribute(*STATED) is not None or "flag" in variable.text("standard_name")
-
-
-def _stem(name: str, among: Collection[str]) -> str:
-    """Strip the suffix of a flag variable's name; empty unless the stem is among the given names."""
-    stems = (name[: -len(suffix)] for suffix in SUFFIXES if name.lower().endswith(suffix.lower()))
-    return next((stem for stem in stems if stem in among), "")
 
 
 def _arrange(file: File, variable: Variable, quality: Variable) -> Flags:
@@ -93,7 +94,7 @@ def _arrange(file: File, variable: Variable, quality: Variable) -> Flags:
     present = [names.index(name) for name in wanted if name in names]
     codes = _decode(file, quality).transpose([*present, *(k for k in range(len(names)) if k not in present)])
     codes = codes.reshape([*(file.sizes[name] if name in names else 1 for name in wanted), -1])
-    worst = vocabularies.worst_flag(list(np.moveaxis(codes, -1, 0)))
+    worst = vocabulary.worst_flag(list(np.moveaxis(codes, -1, 0)))
     return np.broadcast_to(worst, [file.sizes[name] for name in wanted])
 
 
@@ -104,18 +105,20 @@ def _decode(file: File, quality: Variable) -> Flags:
         stored = np.char.strip(np.array(np.ma.filled(stored, ""), dtype=bytes if stored.dtype.kind == "S" else str))
         stored = np.char.decode(stored, "latin-1") if stored.dtype.kind == "S" else stored
     distinct, where, counts = np.unique(stored, return_inverse=True, return_counts=True)
-    meaning, unknown, empty = _interpreter(file, quality), Counter[str](), 0
+    meanings_of, unknown, empty = _interpreter(file, quality), Counter[str](), 0
     codes = np.full(len(distinct), NOT_CHECKED, dtype=np.int8)
     for k, (value, n) in enumerate(zip(distinct.tolist(), counts.tolist(), strict=True)):
         if _is_empty(quality, value):
             empty += n
             continue
-        codes[k], nameless = meaning(value)
-        unknown.update(dict.fromkeys(nameless, n))
+        known = {word or label: vocabulary.flag_of(label, word, file.meanings) for label, word in meanings_of(value)}
+        unknown.update({word: n for word, flag in known.items() if flag is None})
+        flags = [PROBABLY_BAD if flag is None else flag for flag in known.values()]
+        codes[k] = vocabulary.worst_flag(flags or [NOT_CHECKED])
     if empty:
         file.note(f"{quality.name}: {empty} flags were never written; they count as not checked.")
     if unknown:
-        file.note(vocabularies.describe_unknown_flags(quality.name, unknown))
+        file.note(vocabulary.describe_unknown_flags(quality.name, unknown))
     return codes[where].reshape(stored.shape)
 
 
@@ -131,11 +134,11 @@ def _is_empty(quality: Variable, value: Any) -> bool:
     return is_fill and _label(value) not in _listed(quality.attribute("flag_values"))
 
 
-def _interpreter(file: File, quality: Variable) -> Callable[[Any], _Meaning]:
+def _interpreter(file: File, quality: Variable) -> Callable[[Any], list[_Meaning]]:
     """Choose the function that interprets a flag value, by the form in which the variable states meanings."""
     meanings = quality.attribute("flag_meanings")
     words = [word for word in re.split(r"[\s,;]+", meanings.strip()) if word] if isinstance(meanings, str) else []
-    words = words or [vocabularies.normalize(word) for word in np.atleast_1d(meanings if meanings is not None else [])]
+    words = words or [vocabulary.normalize(word) for word in np.atleast_1d(meanings if meanings is not None else [])]
     values, masks = (_listed(quality.attribute(name)) for name in ("flag_values", "flag_masks"))
     is_number = isinstance(quality.dtype, np.dtype) and quality.dtype.kind in "iu"
     if len(values) == 1 < len(words) == len(values[0]):
@@ -146,14 +149,13 @@ def _interpreter(file: File, quality: Variable) -> Callable[[Any], _Meaning]:
         table = dict(zip(values, words, strict=True))
         if not is_number and all(map(str.isdigit, values)):  # characters stated by their codes
             table = {chr(int(value)): word for value, word in table.items()} | table
-        return partial(_by_values, file, table)
+        return partial(_by_values, table)
     texts = [quality.text(name) for name in NAMING]
-    name, vocabulary = vocabularies.find_vocabulary(
-        *texts, quality.name, file.text("conventions"), file.text("data_type")
-    )
+    texts += [quality.name, file.text("conventions"), file.text("data_type")]
+    name, known = vocabulary.find_vocabulary(*texts)
     says = f"those of {name} are taken, which the file names." if name else "the file names no vocabulary."
     file.note(f"{quality.name} does not state what its flags mean: {says}")
-    return partial(_by_values, file, {str(ord(value)): word for value, word in vocabulary.items()} | {**vocabulary})
+    return partial(_by_values, {str(ord(value)): word for value, word in known.items()} | {**known})
 
 
 def _listed(stated: Any) -> list[str]:
@@ -170,33 +172,27 @@ def _label(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _by_values(file: File, words: Mapping[str, str], value: Any) -> _Meaning:
-    label = _label(value)
-    word = words.get(label, "")
-    flag = vocabularies.flag_of(label, word, file.meanings)
-    return (PROBABLY_BAD, (word or label,)) if flag is None else (flag, ())
+def _by_values(words: Mapping[str, str], value: Any) -> list[_Meaning]:
+    return [(_label(value), words.get(_label(value), ""))]
 
 
 def _by_masks(
     file: File, bits: int, words: Sequence[str], masks: Sequence[str], values: Sequence[str], value: Any
-) -> _Meaning:
-    """Interpret a bit field: the worst flag among the conditions that hold."""
-    if (whole := file.meanings.get(_label(value))) is not None:
-        return whole, ()
-    number, *fields = (int(text) % 2**bits for text in (_label(value), *masks))
+) -> list[_Meaning]:
+    """List the conditions of a bit field that hold, and the value itself if it has bits or a state without meaning."""
+    label = _label(value)
+    number, *fields = (int(text) % 2**bits for text in (label, *masks))
     states = [int(text) % 2**bits for text in values] or fields
-    flag_of = {w: vocabularies.flag_of(mask, w, file.meanings) for w, mask in zip(words, masks, strict=True)}
     pairs = zip(fields, states, strict=True)
     holds = [number & mask == state if values else number & mask > 0 for mask, state in pairs]
-    holding = [word for word, is_so in zip(words, holds, strict=True) if is_so]
+    conditions = [*zip(masks, words, strict=True)]
+    holding = [each for each, is_so in zip(conditions, holds, strict=True) if is_so]
     explained = reduce(or_, (mask for mask, is_so in zip(fields, holds, strict=True) if is_so), 0)
-    unknown = [word for word in holding if flag_of[word] is None]
-    if number & ~explained:
-        unknown.append(_label(value))  # bits without a stated meaning
-    if not holding and not unknown and {GOOD, PROBABLY_GOOD} & {*flag_of.values()}:
-        unknown.append(_label(value))  # a condition that means "good" exists but does not hold
-    known = [flag for word in holding if (flag := flag_of[word]) is not None] or [NOT_CHECKED]
-    return int(vocabularies.worst_flag([*known, *[PROBABLY_BAD] * bool(unknown)])), tuple(unknown)
+    flags = {vocabulary.flag_of(*each, file.meanings) for each in conditions}
+    is_not_good = not holding and bool({GOOD, PROBABLY_GOOD} & flags)  # a condition that means "good" does not hold
+    if label in file.meanings:
+        return [(label, "")]
+    return [*holding, (label, "")] if number & ~explained or is_not_good else holding
 
 
 # Reference north of a file's directions, and the declination contained in them.
@@ -340,3 +336,108 @@ def _number(value: object) -> float | None:
 
 def _in_degrees(degrees: Floats) -> str:
     return f"{np.nanmedian(degrees):.2f} degrees"
+
+
+# Frames: Nortek's XYZ is turned by the heading beside it, and rotated components by the directions towards which they
+# say that they are positive. No other frame can be turned without a guess.
+
+_PLACES = "shore|shelf|slope|isobath|channel|stream|flow|track|ax[ie]s|canyon|strait|fjord|section|bank|river|valley"
+_FLOW = "(?:velocity|speed|current|component|direction)"
+_ELSEWHERE = re.compile(  # words of other frames, whatever else the text says
+    rf"(?:along|cross|across)[ -]*(?:{_PLACES})|\blong-?shore|\b(?:on|off)shore {_FLOW}|\bstreamwise|\bdownstream"
+    r"|(?:principal|major|minor)[ -]ax[ie]s|\b(?:model|native|curvilinear|rotated)[ -]grid"
+    r"|\bgrid[ -]*(?:[xyuvij]\b|east|north|ax[ie]s|coord|relative|direction)"
+    r"|\b(?:ship|vessel|platform)(?:'s)?[ -](?:frame|coord|ax[ie]s|relative)"
+    rf"|relative (?:the )?(?:ship|vessel|platform)|\b(?:starboard|forward|fore-?aft|athwart\w*)[ -]{_FLOW}"
+)
+_ROTATED = re.compile(
+    r"\brotat(?:ed|ion)\b"
+    r"(?!.{0,40}(?:declination|variation|\b(?:in|on)?to (?:the )?(?:true|geographic|earth|enu|magnetic|east|north)))"
+)
+_INSTRUMENT = re.compile(  # words that "east" in the same text overrules, as in Nortek's "Velocity (Beam1|X|East)"
+    rf"beam ?[1-5]\b|\bbeam[ -](?:{_FLOW}|coord|frame)|along[ -]beam|\bradial|\bxyz\b"
+    rf"|\b[xy][ -](?:{_FLOW}|axis|sea water)"
+    r"|\bvel(?:ocity)?[ -]?[xy]\b|\b(?:instrument|sensor|body|head)(?:'s)?[ -](?:frame|coord|ax[ie]s|reference)"
+)
+_NAMES = re.compile(r"(?:^| )(?:along|across|cross|rot|rotated|grid|inst|ship|[xy])(?:$| )")
+_FROM = re.compile(r"\bfrom (?:\S+ ){1,3}(?:in)?to (?:the )?(?:earth|geographic|true|enu|east)\w*")
+_EAST = re.compile(r"east|north|\b(?:[uv]cur|ewct|nsct|[uv] 120[56]|lc[en][ws]ap01)\b")
+_SYSTEM = re.compile(r"coord\w*(?:sys|trans|frame)|(?:velocity|reference|ref)_?frame|^frame$", re.IGNORECASE)
+_SYSTEMS = re.compile(r"\b(?:xyz|beam|inst|ship|vessel|body|grid|rotat|principal)|shore")
+_ROTATION = re.compile(r"rotat\w*_?angle\w*|angle_of_rotation|rotation(?:_deg\w*)?", re.IGNORECASE)
+_AZIMUTH = re.compile(r"(?:positive_)?(?:direction|azimuth|bearing)(?:_deg\w*)?", re.IGNORECASE)
+_TOWARDS = re.compile(r"\b(?:along|towards?|positive)\b\D{0,15}?(\d+(?:\.\d+)?) ?(?:°|deg)")
+_NOT_FROM_NORTH = re.compile(r"counter|anti|from (?:the )?east|mathematical")
+OTHER_FRAME = (
+    "give east and north or the instrument's own file, or write in both long names the direction from north, as "
+    "'towards 36.5 degrees'"
+)
+
+
+def other_frame(file: File, pair: Sequence[Variable]) -> str:
+    """Find the words that give two components another frame than east and north; empty without any."""
+    for variable in pair:
+        texts = list(_texts(variable))
+        is_east = any(_EAST.search(text) for name, text in texts if name != "comment")
+        for name, text in texts:
+            words = _FROM.sub("", text)
+            here = _EAST.search(words) or (is_east and name == "comment")
+            if (
+                _ELSEWHERE.search(words)
+                or _ROTATED.search(words)
+                or (not here and _INSTRUMENT.search(words))
+                or (not name and not is_east and _NAMES.search(words))
+                or (name != "comment" and _TOWARDS.search(words))
+            ):
+                return f"{variable.name} ({text})" if name else variable.name
+        stated = [*_systems(variable), *_systems(file)]
+        if stated and is_east:
+            file.note(f"{stated[0]} stands beside {variable.name}, which counts as east and north, as it is named.")
+        elif stated:
+            return f"{variable.name} ({stated[0]})"
+    return ""
+
+
+def turns_with_heading(file: File, pair: Sequence[Variable]) -> bool:
+    """Return whether the components are X and Y of Nortek's XYZ, of which X points along the heading."""
+    words = [text for variable in pair for _, text in _texts(variable)]
+    words += [text for holder in (file, *pair) for text in _systems(holder)]
+    makers = " ".join(map(str, file.attributes.values()))
+    return any(re.search(r"\bxyz\b", text) for text in words) and not re.search(r"(?i)rdi\b|teledyne|workhorse", makers)
+
+
+def turn_axes(file: File, pair: Sequence[Variable], flow: Sequence[Floats]) -> tuple[Floats, Floats] | None:
+    """Compute east and north from components along two stated directions; None unless these are at right angles.
+
+    Both directions may be rounded to whole degrees.
+    """
+    texts = [" ".join(text for _, text in _texts(variable)) for variable in pair]
+    found = [_TOWARDS.search(text) for text in texts]
+    if not all(found) or any(map(_NOT_FROM_NORTH.search, texts)):
+        return None
+    towards = np.array([float(match[1]) for match in found if match])
+    if abs(abs(float(angles.difference(*towards))) - 90.0) > 1.0:
+        return None
+    sine, cosine = angles.sin_cos(towards)
+    file.note(f"{pair[0].name} and {pair[1].name} were turned from {towards[0]:g} and {towards[1]:g} degrees.")
+    return flow[0] * sine[0] + flow[1] * sine[1], flow[0] * cosine[0] + flow[1] * cosine[1]
+
+
+def _texts(variable: Variable) -> Iterator[tuple[str, str]]:
+    """Yield attribute and text of what describes a variable, the name first, in lower case without underscores."""
+    listed: list[tuple[str, Any]] = [("", variable.name)]
+    listed += [(name, variable.text(name)) for name in ("standard_name", "long_name", "description", "comment")]
+    listed += [(n, f"towards {value} degrees") for n, value in variable.attributes.items() if _AZIMUTH.fullmatch(n)]
+    for name, text in listed:
+        if text:
+            yield name, re.sub(r"[_\s]+", " ", text).lower().replace("relative to", "relative")
+
+
+def _systems(holder: Attributes) -> Iterator[str]:
+    """Yield attributes that name another coordinate system than the earth's, or a rotation."""
+    for name, stated in holder.attributes.items():
+        value = str(stated).lower()
+        other = _SYSTEM.search(name) and _SYSTEMS.search(value) and not re.search("earth|enu", value)
+        angle = _ROTATION.fullmatch(name) and re.fullmatch(r"-?\d+\.?\d*", value) and float(value)
+        if other or angle or (name in ("comment", "summary") and _ROTATED.search(_FROM.sub("", value))):
+            yield f"{name}: {value}"

@@ -1,12 +1,14 @@
 """Identify netCDF variables by column map, name or standard name, and read their values in the units of records.
 
 Names are those of OceanSITES, IMOS (imos-toolbox), EPIC (stglib, ADCPy), dolfyn and MHKiT, and of this program's own
-product; standard names are CF's. Dimensions are identified by name, never by order.
+product; standard names are CF's. Dimensions are identified by name, never by order. Sources for OceanContour, whose
+series stand in groups: aodn/imos-toolbox, OceanContour parser; Nortek, Integrators Guide AD2CP.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +23,7 @@ from compasslib.errors import InputError
 from compasslib.readers.cells import LARGEST
 from compasslib.readers.files import refuse_large_arrays
 from compasslib.readers.times import DATENUM_1970, JULIAN_DAY_1970, Unreadable, parse_origin
-from compasslib.readers.units import ANGLE, FACTORS, KELVIN, SPEED, TEMPERATURE, ZERO_CELSIUS
+from compasslib.readers.vocabulary import ANGLE, FACTORS, KELVIN, SPEED, TEMPERATURE, ZERO_CELSIUS
 from compasslib.types import DAY_S, HOUR_S, Floats
 
 EPIC_DAY, EPIC_MS = "true julian day", "msec since 0:00 gmt"
@@ -39,6 +41,14 @@ PLACE_NAMES = {  # variables of one value, or attributes: OceanSITES, IMOS (imos
     "longitude": ("LONGITUDE", "longitude", "lon", "geospatial_lon_min"),
     "water_depth": ("water_depth", "WATER_DEPTH", "site_nominal_depth", "sea_floor_depth_below_sea_surface"),
 }
+# OceanContour: attributes of the declinations that the instrument and the program added, which add up; attribute as in
+# other files -> attribute of Config; orientation of the z axis in bits 25 to 27 of the status word.
+DECLINATIONS = ("datainfo_transformsandcorrections_magneticdeclination", "instrument_user_decl")
+OF_CONFIG = {
+    "beam_angle": "datainfo_slantangles", "serial_number": "instrument_serialnumberdoppler",
+    "model": "instrument_instrumentname",
+}  # fmt: skip
+ORIENTATIONS = {4: "up", 5: "down"}
 NAMES = {  # variable names of each role, by preference
     "east": "UCUR_RECORDED UCUR_MAG UCUR EWCT u_1205 LCEWAP01 east vel_east Velocity_East Vel_East u vel[E] vel_avg[E]",
     "north": "VCUR_RECORDED VCUR_MAG VCUR NSCT v_1206 LCNSAP01 north vel_north Velocity_North Vel_North v "
@@ -118,11 +128,7 @@ class Variable(Attributes):
         return {name for name, size in zip(self.dimensions, self.shape, strict=True) if size > 1}
 
     def numbers(self) -> Floats:
-        """Read unpacked values, with NaN for fill values and values out of range.
-
-        Raises:
-            InputError: see ``refuse_size``.
-        """
+        """Read unpacked values, with NaN for fill values and values out of range; errors as of ``refuse_size``."""
         refuse_size(self.path, self.source)
         with np.errstate(invalid="ignore"):
             data = np.ma.filled(np.ma.asarray(self.source[self.key]).astype(float), np.nan)
@@ -149,6 +155,48 @@ def refuse_size(path: Path, variable: netCDF4.Variable) -> None:
     chunk = width * math.prod(int(size) for size in stored) if isinstance(stored, list) else 0
     declared = max(8 * math.prod(variable.shape), chunk)
     refuse_large_arrays(f"{path}: {variable.name}", declared, path.stat().st_size)
+
+
+def is_ocean_contour(path: Path) -> bool:
+    """Return whether a netCDF file has the groups of OceanContour; not if it cannot be opened."""
+    try:
+        with netCDF4.Dataset(path) as nc:
+            return {"Data", "Config"} <= {*nc.groups}
+    except OSError:
+        return False
+
+
+def find_series(path: Path, nc: netCDF4.Dataset) -> tuple[netCDF4.Dataset | netCDF4.Group, dict[str, Any]]:
+    """Find the variables of a file and its attributes; of OceanContour's groups the averages, or else the bursts.
+
+    Raises:
+        InputError: no group has velocities to east and north.
+    """
+    if not nc.groups or nc.variables:
+        return nc, attributes_of(nc)
+    groups: dict[str, netCDF4.Group] = {}
+    if {"Data", "Config"} <= {*nc.groups}:
+        below = [*nc.groups["Data"].groups.values()]
+        for group in below:  # extended by the groups inside
+            groups |= {group.name: group} if any(re.search("(?i)vel.*east", name) for name in group.variables) else {}
+            below += group.groups.values()
+    if not groups:
+        expected, advice = (
+            "variables, or groups Config and Data of OceanContour",
+            "write the group as a file of its own",
+        )
+        raise InputError(str(path), expected=expected, found=f"groups {', '.join(nc.groups)}", advice=advice)
+    group = next(
+        (group for name, group in groups.items() if name.lower().startswith("av")), next(iter(groups.values()))
+    )
+    config = attributes_of(nc.groups["Config"])
+    stated = {key: config[name] for key, name in OF_CONFIG.items() if name in config}
+    stated["magnetic_declination_applied"] = sum(float(config.get(name) or 0.0) for name in DECLINATIONS)
+    if (status := group.variables.get("Status")) is not None:
+        codes = np.ma.compressed(status[...]).astype(np.int64) >> 25 & 7
+        usual = int(np.bincount(codes).argmax()) if len(codes) else None
+        stated |= {"orientation": ORIENTATIONS[usual]} if usual in ORIENTATIONS else {}
+    return group, stated
 
 
 def variables_of(path: Path, nc: netCDF4.Dataset | netCDF4.Group) -> dict[str, Variable]:

@@ -74,26 +74,16 @@ class Packets:
         return np.lib.stride_tricks.sliding_window_view(self.data, length)[begin]
 
 
-def no_packets(path: Path) -> Packets:
-    """Create the records of a text file, which has none."""
-    nothing = np.zeros(0, dtype=np.int64)
-    return Packets(path, nothing.astype(np.uint8), False, nothing, nothing, nothing, nothing, 0)
-
-
 def find_packets(path: str | Path) -> Packets:
     """Find the records of a file, in the Signature's format if it contains any such record.
 
     Raises:
         InputError: the file cannot be read, holds no record of either format, or more damaged than intact records.
     """
-    data = np.frombuffer(files.read_bytes(path), dtype=np.uint8)
+    stream = files.read_bytes(path)
+    stream, escaped = files.undo_escapes(stream, lambda tried: len(_find_records(np.frombuffer(tried, np.uint8))[1][0]))
+    data = np.frombuffer(stream, dtype=np.uint8)
     marks, records, signature = _find_records(data)
-    escaped = False
-    if files.looks_escaped(data[: files.CHUNK_BYTES].tobytes()):
-        undone = np.frombuffer(files.unescape(data.tobytes()), dtype=np.uint8)
-        other = _find_records(undone)
-        if escaped := len(other[1][0]) > len(records[0]):
-            data, (marks, records, signature) = undone, other
     if not len(records[0]):
         beginning = data[:16].tobytes()
         shown = f"a file that begins with {beginning!r}" if beginning else "an empty file"
@@ -126,17 +116,12 @@ def _find_records(data: Bytes) -> tuple[Places, _Columns, bool]:
     if len(records[0]):
         return marks, records, True
     start = marks[marks + 8 <= data.size]  # header, one word and checksum
-    end = start + 2 * word(data, start + 2).astype(np.int64)
+    end = start + 2 * files.read_words(data, start + 2).astype(np.int64)
     whole = (end >= start + 8) & (end <= data.size)
     start, end = start[whole], end[whole]
-    holds = sums[end - 2] - sums[start] + np.uint16(NORTEK_START) == word(data, end - 2)
+    holds = sums[end - 2] - sums[start] + np.uint16(NORTEK_START) == files.read_words(data, end - 2)
     start, end = start[holds], end[holds]
     return marks, (data[start + 1].astype(np.int64), start, start, end), False
-
-
-def word(data: Bytes, at: Places) -> NDArray[np.uint16]:
-    """Read the little-endian 16-bit words at byte offsets."""
-    return data[at] + data[at + 1].astype(np.uint16) * np.uint16(256)
 
 
 def _find_signature(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> _Columns:
@@ -145,7 +130,8 @@ def _find_signature(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> _Co
         start = marks[marks + length <= data.size]
         start = start[data[start + 1] == length]
         start = start[
-            sums[start + length - 2] - sums[start] + np.uint16(NORTEK_START) == word(data, start + length - 2)
+            sums[start + length - 2] - sums[start] + np.uint16(NORTEK_START)
+            == files.read_words(data, start + length - 2)
         ]
         columns = np.arange(4, 4 + np.dtype(size_type).itemsize)
         size = data[start[:, None] + columns].view(size_type)[:, 0].astype(np.int64)
@@ -153,7 +139,9 @@ def _find_signature(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> _Co
         whole = begin + size <= data.size
         start, begin, size = start[whole], begin[whole], size[whole]
         last = np.where(size % 2, data[np.maximum(begin + size, 1) - 1], 0).astype(np.uint16) * np.uint16(256)
-        holds = sums[begin + size // 2 * 2] - sums[begin] + np.uint16(NORTEK_START) + last == word(data, begin - 4)
+        holds = sums[begin + size // 2 * 2] - sums[begin] + np.uint16(NORTEK_START) + last == files.read_words(
+            data, begin - 4
+        )
         records.append(np.stack([data[start + 2], start, begin, begin + size])[:, holds].astype(np.int64))
     both = np.concatenate(records, axis=1)
     kind, start, begin, end = both[:, np.argsort(both[1], kind="stable")]
@@ -162,7 +150,7 @@ def _find_signature(data: Bytes, marks: Places, sums: NDArray[np.uint16]) -> _Co
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Samples in file order; n is their number, m the number of bins."""
+    """Samples in file order; n is their number, m the number of bins, and all arrays run along them."""
 
     offset: Places  # (n,) byte offset in the file
     time_s: Floats  # (n,) seconds since 1970-01-01 by the instrument's clock; NaN where invalid
@@ -176,14 +164,14 @@ class Samples:
     quality: Flags  # (n, m) OceanSITES flags of velocities
     heading_quality: Flags  # (n,) OceanSITES flags of headings
     looks_up: Bools  # (n,) as the instrument states
-    bin_range_m: tuple[float, ...]  # (m,) vertical distance from the head; 0 for a point meter
+    bin_range_m: list[float]  # (m,) vertical distance from the head; 0 for a point meter
     recorded: int  # of ``Coordinates``
     beam_angle_deg: float  # from the vertical; 0 for a point meter
     serial: str
     sideways: Bools | None = None  # (n,) whether the instrument lay on its side, if it states that
     model: str = ""  # empty if the file does not state it
     declination_deg: float = 0.0  # declination that the instrument added to its headings
-    beams_to_axes: tuple[tuple[float, ...], ...] = ()  # matrix from beams to x, y, z; empty unless in beam coordinates
+    beams_to_axes: list[list[float]] | None = None  # matrix from beams to x, y, z; None unless in beam coordinates
     average_s: float = 0.0  # averaging time of a sample, which begins at ``time_s``
     magnetometer: Floats | None = None  # (n, 3) counts along x, y, z
     up: Floats | None = None  # (n, m) m/s, only for velocities in earth coordinates
@@ -195,8 +183,3 @@ class Samples:
 def by_beam(rows: Bytes, at: int, beams: int, cells: int) -> Bytes:
     """Reorder bytes stored beam by beam from offset ``at`` on to (n, cells, beams)."""
     return np.moveaxis(rows[:, at : at + beams * cells].reshape(len(rows), beams, cells), 1, 2).copy()
-
-
-def axes_of(matrix: Floats) -> Floats:
-    """Reduce a matrix from beams to axes to the rows x, y and z, (3, k), averaging two estimates of z."""
-    return matrix if len(matrix) == 3 else np.vstack([matrix[:2], matrix[2:].mean(axis=0)])

@@ -8,8 +8,7 @@ configured declination. Source: Nortek, Integrators Guide AD2CP (2017), 6.1 and 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from enum import IntEnum, IntFlag
+from enum import IntFlag
 from typing import Any
 
 import numpy as np
@@ -17,24 +16,12 @@ import numpy as np
 from compasslib.errors import InputError
 from compasslib.readers.files import MISSING_COUNT, block_type
 from compasslib.readers.nortek import packets as records
-from compasslib.readers.nortek.packets import (
-    SLANT_DEG,
-    Coordinates,
-    Packets,
-    Places,
-    Samples,
-)
+from compasslib.readers.nortek.packets import SLANT_DEG, Coordinates, Packets, Places, Samples
 from compasslib.readers.times import civil_seconds
 from compasslib.records import BAD, GOOD, LEAST_PERCENT_GOOD, MISSING
 from compasslib.types import Floats
 
-
-class Kind(IntEnum):
-    """Identifiers of the records."""
-
-    BURST = 0x15
-    AVERAGE = 0x16
-    TEXT = 0xA0
+BURST, AVERAGE, TEXT = 0x15, 0x16, 0xA0  # identifiers of the records
 
 
 class Has(IntFlag):
@@ -68,10 +55,10 @@ def decode(packets: Packets) -> Samples:
     Raises:
         InputError: no velocities of data format 3, beam velocities without a matrix, or other than 3 or 4 beams.
     """
-    at = np.flatnonzero(packets.kind == Kind.TEXT)
+    at = np.flatnonzero(packets.kind == TEXT)
     texts = (packets.data[packets.begin[k] + 1 : packets.end[k]].tobytes().decode("latin-1") for k in at)
     text = "\n".join(texts)
-    kind = next((kind for kind in (Kind.AVERAGE, Kind.BURST) if (packets.kind == kind).any()), None)
+    kind = next((kind for kind in (AVERAGE, BURST) if (packets.kind == kind).any()), None)
     if kind is None:
         there = ", ".join(f"{k:02X}" for k in np.unique(packets.kind).tolist())
         raise InputError(str(packets.path), expected="averages or bursts", found=f"records {there}", advice=ADVICE)
@@ -96,17 +83,23 @@ def decode(packets: Packets) -> Samples:
     if holds & Has.PERCENT_GOOD and None not in between:
         place = places[-1] + sum(size or 0 for size in between)
         profiles |= {"percent_good": rows[:, place : place + cells].copy()} if place + cells <= rows.shape[1] else {}
-    section = "AVG" if kind == Kind.AVERAGE else "BURST"
-    matrix = _matrix(text, section) if coordinates == Coordinates.BEAM else None
-    if coordinates == Coordinates.BEAM and (matrix is None or matrix.shape[1] != beams):
-        expected = f"the matrix of its {beams} beams among the text records (GETXFAVG, GETXFBURST)"
-        shown = "none" if matrix is None else f"one of {matrix.shape[1]}"
-        advice = "take the instrument's own file from its first byte on"
-        raise InputError(str(packets.path), expected=expected, found=shown, advice=advice)
+    axes = (
+        np.eye(beams) if beams == 3 else np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0.5, 0.5]])
+    )  # two estimates of z
+    name, matrix = "average" if kind == AVERAGE else "burst", None
+    if coordinates == Coordinates.BEAM:
+        section = "AVG" if kind == AVERAGE else "BURST"
+        line = re.search(rf"^GETXF{section},ROWS={beams},COLS={beams},(.*)$", text, re.MULTILINE)
+        elements = re.findall(r"M\d\d=(-?\d+\.\d+)", line[1] if line else "")
+        if len(elements) != beams**2:
+            expected = f"the matrix of its {beams} beams among the text records (GETXF{section})"
+            advice = "take the instrument's own file from its first byte on"
+            raise InputError(str(packets.path), expected=expected, found="none", advice=advice)
+        matrix = (axes @ np.array(elements, dtype=float).reshape(beams, beams)).tolist()
     velocity = raw[..., :2] if coordinates == Coordinates.EARTH else raw
     if coordinates == Coordinates.INSTRUMENT:
-        velocity = raw @ records.axes_of(np.eye(beams)).T
-    others = int(np.sum((packets.kind != kind) & (packets.kind != Kind.TEXT)))
+        velocity = raw @ axes.T
+    others = int(np.sum((packets.kind != kind) & (packets.kind != TEXT)))
     bad = np.zeros(velocity.shape[:2], dtype=bool)
     if "correlation" in profiles:
         bad |= profiles["correlation"].min(axis=2) < 50  # percent, recommended by Nortek
@@ -114,40 +107,42 @@ def decode(packets: Packets) -> Samples:
         bad |= profiles["percent_good"] < LEAST_PERCENT_GOOD
     flags = np.where(np.isnan(velocity).any(axis=-1), MISSING, np.where(bad, BAD, GOOD)).astype(np.int8)
     left_out = {"other_configurations": len(of_kind) - len(mine), "other_kinds": others}
+    notes, file = list[str](), packets.path.name
+    if "GETUSER," not in text:
+        notes.append(f"{file}: its text does not tell whether a declination was set; declination_applied settles it.")
+    if others:
+        bursts = int(np.sum(packets.kind == BURST)) if kind == AVERAGE else 0
+        of_bursts = f", {bursts} of them bursts," if bursts else ""
+        notes.append(f"{file}: the {name}s were read; {others} records of other kinds{of_bursts} were passed over.")
+    if left_out["other_configurations"]:
+        count = left_out["other_configurations"]
+        notes.append(f"{file}: {count} {name}s of another configuration than most were left out.")
+    # Centimetres or millimetres.
+    blanking = float(head["blanking"][0]) / (100.0 if head["status"][0] & 2 else 1000.0)
     return Samples(
         offset=packets.start[mine],
         **_sensors(head),
         velocity=velocity,
         quality=flags,
-        bin_range_m=_ranges(head[0], cells),
+        bin_range_m=(blanking + float(head["cell"][0]) / 1000.0 * (1.0 + np.arange(cells))).tolist(),
         recorded=coordinates,
         beam_angle_deg=_setting(text, "BEAMCFGLIST", "THETA", SLANT_DEG),
         serial=str(head["serial"][0] or ""),
         model=next(iter(re.findall(r'^ID,.*?\bSTR="([^"]+)"', text, re.MULTILINE)), ""),
         declination_deg=_setting(text, "GETUSER", "DECL", 0.0),
-        beams_to_axes=tuple(map(tuple, records.axes_of(matrix).tolist())) if matrix is not None else (),
-        average_s=_setting(text, "GETAVG", "AI", 0.0) if kind == Kind.AVERAGE else 0.0,
+        beams_to_axes=matrix,
+        average_s=_setting(text, "GETAVG", "AI", 0.0) if kind == AVERAGE else 0.0,
         magnetometer=head["magnetometer"] * 1.0,
         up=raw[..., 2:].mean(axis=-1) if coordinates == Coordinates.EARTH else None,
         profiles=profiles,
         counts=left_out,
-        notes=tuple(_notes(packets, kind, left_out, "GETUSER," in text)),
+        notes=tuple(notes),
     )
 
 
 def _setting(text: str, section: str, name: str, usual: float) -> float:
     match = re.search(rf"^{section},.*?\b{name}=(-?\d+\.?\d*)", text, re.MULTILINE)
     return float(match[1]) if match else usual
-
-
-def _matrix(text: str, section: str) -> Floats | None:
-    """Parse the transformation matrix from beams to axes for averages or bursts, (k, k); None if it is not given."""
-    line = re.search(rf"^GETXF{section},ROWS=(\d),COLS=(\d),(.*)$", text, re.MULTILINE)
-    if line is None:
-        return None
-    numbers = [float(value) for value in re.findall(r"M\d\d=(-?\d+\.\d+)", line[3])]
-    shape = int(line[1]), int(line[2])
-    return np.array(numbers).reshape(shape) if len(numbers) == shape[0] * shape[1] else None
 
 
 def _most_frequent_configuration(packets: Packets, at: Places) -> Places:
@@ -183,22 +178,3 @@ def _sensors(head: Any) -> dict[str, Any]:
         "looks_up": orientation != 5,
         "sideways": orientation < 4,
     }
-
-
-def _ranges(head: Any, cells: int) -> tuple[float, ...]:
-    """Compute the distances of bin centres, metres: blanking plus bin size times the bin number from 1."""
-    blanking = float(head["blanking"]) / (100.0 if head["status"] & 2 else 1000.0)  # centimetres or millimetres
-    return tuple((blanking + float(head["cell"]) / 1000.0 * (1.0 + np.arange(cells))).tolist())
-
-
-def _notes(packets: Packets, kind: Kind, counts: dict[str, int], states_declination: bool) -> Iterator[str]:
-    name = packets.path.name
-    if not states_declination:
-        yield f"{name}: its text does not tell whether a declination was set; declination_applied settles it."
-    if counts["other_kinds"]:
-        shown = f"{name}: the {kind.name.lower()}s were read; {counts['other_kinds']} records of other kinds"
-        bursts = int(np.sum(packets.kind == Kind.BURST)) if kind == Kind.AVERAGE else 0
-        yield f"{shown}{f', {bursts} of them bursts,' if bursts else ''} were passed over."
-    if counts["other_configurations"]:
-        shown = f"{name}: {counts['other_configurations']} {kind.name.lower()}s of another configuration than most"
-        yield f"{shown} were left out."

@@ -7,8 +7,9 @@ to the bin depths of a level instrument before they are combined.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
@@ -17,16 +18,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.earthfield import parse_applied_declination
-from compasslib.errors import InputError
+from compasslib.earthfield import AppliedDeclination, parse_applied_declination
+from compasslib.errors import InputError, applicable
 from compasslib.readers import files
-from compasslib.readers.pd0 import checks, currents, fields
-from compasslib.readers.pd0.currents import Settings
-from compasslib.readers.pd0.fields import COUNTS, DROPPED, Coordinates, Ensembles
-from compasslib.readers.pd0.frames import batches, find_ensembles
-from compasslib.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Record
-from compasslib.types import Floats
+from compasslib.readers.pd0 import currents, fields
+from compasslib.readers.pd0.currents import Settings, looks_up
+from compasslib.readers.pd0.fields import COUNTS, DROPPED, STRAY, Coordinates, Ensembles
+from compasslib.readers.pd0.frames import Skipped, batches, find_ensembles
+from compasslib.readers.times import describe_averages
+from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Flags, Record
+from compasslib.types import DAY_S, Floats
 
+ADVICE = "give each recording as a file of its own"
+FOUR = "export its four slanted beams, or give the velocities as a table"
 Columns = dict[str, NDArray[Any]]  # by name, (n, m, ...) each
 
 
@@ -35,7 +39,7 @@ class _File:
     """Content of one file, in batches."""
 
     leaders: list[Ensembles]  # without profiles
-    columns: list[Columns]  # profiles of the record
+    columns: list[Columns]  # profiles
     echo: list[Columns]  # "ranges", see ``echo_ranges``; "near": mean of the two nearest bins, low where water is clear
     counts: dict[str, int]
     warnings: tuple[str, ...]
@@ -65,12 +69,7 @@ def read(
 ) -> Record:
     """Read one record from files sorted by their first times, with currents rotated by the recorded magnetic heading.
 
-    Args:
-        orientation: up or down, overrides that of the ensembles; None uses the recorded orientation of each ensemble.
-        declination_applied: declination contained in headings (and earth velocities), degrees; overrides EB.
-        heading_alignment: degrees to add to the recorded heading to get that of beam 3; required if EA is not 0.
-        serial_number: expected serial number, possibly with letters around its digits.
-        sound_speed: auto (as None), keep or {salinity: S}, see ``currents.correct_sound_speed``.
+    The settings override what the file states, see ``currents.Settings``.
 
     Raises:
         InputError: a file is unreadable, holds no ensemble or other than four beams, the serial number differs, or EA
@@ -80,10 +79,6 @@ def read(
     settings = Settings(orientation, applied, heading_alignment, serial_number, sound_speed)
     if not paths:
         raise InputError("files", expected="at least one PD0 file", found="none", advice="name the instrument's files")
-    if orientation not in (None, "up", "down"):
-        shown, advice = repr(orientation), "write orientation: up"
-        raise InputError("orientation", expected="up or down", found=shown, advice=advice)
-    # The files may be listed in any order.
     content = sorted((_read_file(path, settings) for path in paths), key=lambda file: float(file.leaders[0].time_s[0]))
     return _record(", ".join(map(str, paths)), content, settings)
 
@@ -119,10 +114,10 @@ def echo_ranges(ensembles: Ensembles, boundary: int = 50, heard: int = 15) -> Fl
 
 def _refuse_empty(path: str | Path, count: int, dropped: Counter[str]) -> None:
     misfits = dropped["not_of_four_beams"]
-    if misfits > fields.STRAY * (misfits + count):  # more than damage explains
+    if misfits > STRAY * (misfits + count):  # more than damage explains
         expected = "blocks of four columns, as many rows as the leader tells cells"
         shown = f"others, perhaps of five beams, in {misfits} of {misfits + count} ensembles"
-        raise InputError(str(path), expected=expected, found=shown, advice=checks.FOUR)
+        raise InputError(str(path), expected=expected, found=shown, advice=FOUR)
     if count:
         return
     beginning = files.read_bytes(path)[:16]
@@ -145,18 +140,18 @@ def _read_file(path: Path, settings: Settings) -> _File:
         if ensembles is None:
             continue
         aligned = ensembles.heading_alignment_deg
-        checks.refuse_alignment(f"{path}: heading alignment EA", aligned, settings.heading_alignment)
+        refuse_alignment(f"{path}: heading alignment EA", aligned, settings.heading_alignment)
         is_earth = bool((ensembles.coordinates == Coordinates.EARTH).all())
-        checks.refuse_rotation(str(path), settings.declination_applied, is_earth=is_earth)
+        refuse_rotation(str(path), settings.declination_applied, is_earth=is_earth)
         east, north, up, error, three_beam = currents.compute_currents(ensembles, settings)
         columns = {"east": east, "north": north, "quality": currents.flag_currents(ensembles, east, north)}
         columns |= {"up": up.astype(np.float32), "error_velocity": error.astype(np.float32)}
         columns |= {name: getattr(ensembles, name) for name in COUNTS}
         near = ensembles.echo[:, :2].astype(float)
         near = np.where(near.any(axis=(1, 2)), near.mean(axis=(1, 2)), np.nan)
-        none, no_bytes = np.empty((len(ensembles), 0, 4)), np.empty((len(ensembles), 0, 4), np.uint8)
+        none, no_counts = np.empty((len(ensembles), 0, 4)), np.empty((len(ensembles), 0, 4), np.uint8)
         content.leaders.append(
-            replace(ensembles, velocity=none, correlation=no_bytes, echo=no_bytes, percent_good=no_bytes)
+            replace(ensembles, velocity=none, echo=no_counts, correlation=no_counts, percent_good=no_counts)
         )
         content.columns.append(columns)
         content.echo.append({"ranges": echo_ranges(ensembles), "near": near})
@@ -182,7 +177,7 @@ def _read_file(path: Path, settings: Settings) -> _File:
     gaps = number[inside] - number[inside - 1] - 1
     # Decreasing numbers mark the start of a new recording, where the loss is unknown.
     counts["lost"] = int(gaps[gaps > 0].sum())
-    return replace(content, warnings=tuple(checks.describe_file(Path(path).name, counts, skipped, escaped=escaped)))
+    return replace(content, warnings=tuple(describe_file(Path(path).name, counts, skipped, escaped=escaped)))
 
 
 def _refuse_padding(where: str, columns: Columns, count: int, cells: int, size: int) -> None:
@@ -194,9 +189,9 @@ def _refuse_padding(where: str, columns: Columns, count: int, cells: int, size: 
 def _record(where: str, content: Sequence[_File], settings: Settings) -> Record:
     leaders = fields.concatenate([part for file in content for part in file.leaders])
     counts = {key: sum(file.counts[key] for file in content) for key in content[0].counts}
-    checks.refuse_mixed(where, leaders)
-    written = str(next(iter(checks.frequent_numbers(leaders.serial)), ""))
-    serial = checks.match_serial_number(where, written, settings.serial_number)
+    refuse_mixed(where, leaders)
+    written = str(next(iter(frequent_numbers(leaders.serial)), ""))
+    serial = match_serial_number(where, written, settings.serial_number)
     batched = [columns for file in content for columns in file.columns]
     cells = int(leaders.cells.max())
     _refuse_padding(where, batched[0], len(leaders), cells, counts["bytes_total"])
@@ -206,22 +201,30 @@ def _record(where: str, content: Sequence[_File], settings: Settings) -> Record:
         for name in [*batched[0]]
     }
     echo = {name: np.concatenate([part[name] for file in content for part in file.echo]) for name in ("ranges", "near")}
-    flags, strays, notes = checks.flag_strays(leaders)
+    flags, strays, notes = flag_strays(leaders)
     sound = currents.correct_sound_speed(leaders, settings.sound_speed)
     notes += [sound.sentence] if sound.sentence else []
     velocity_flags = np.where(sound.doubtful, np.maximum(flags, PROBABLY_GOOD), flags)
     for name in ("east", "north", "up", "error_velocity"):
         arrays[name] *= sound.factor[:, None]
     heading = currents.magnetic_heading(leaders, settings)
-    looks_up = checks.mostly_looks_up(leaders, settings)
+    upward = mostly_looks_up(leaders, settings)
+    # Without the distance of bin 1, which varies with the speed of sound.
+    setup = leaders.cells, leaders.cell_m, leaders.blank_m, leaders.coordinates
+    setups = np.column_stack([*setup, leaders.beam_angle_deg, leaders.frequency_khz])
     counts |= strays | {
         "velocities": int(np.isfinite(arrays["east"]).sum()),
-        "orientation_disagrees": int(np.sum(leaders.looks_up != looks_up)),
+        "orientation_disagrees": int(np.sum(leaders.looks_up != upward)),
         "heading_missing": int(np.isnan(heading).sum()),
-        "configurations": checks.count_configurations(leaders),
+        "configurations": len(np.unique(_number_rows(np.nan_to_num(setups, nan=-1.0)))),
         "sound_speed_corrected": int(np.sum(sound.factor != 1.0)),
         "sound_speed_doubtful": int(sound.doubtful.sum()),
     }
+    profiles: dict[str, NDArray[Any]] = {name: arrays[name] for name in ("up", "error_velocity")}
+    for name, (_, bit) in COUNTS.items():
+        if arrays[name].any():  # else the block was never filled
+            lacking = (np.arange(cells) >= leaders.cells[:, None]) | ((leaders.blocks & bit) == 0)[:, None]
+            profiles[name] = np.where(lacking[..., None], np.int16(-1), arrays[name]) if lacking.any() else arrays[name]
     codes = np.unique(leaders.coordinates)
     # Distances of the bins, (n, m) metres, NaN beyond the last bin of an ensemble.
     # With a single configuration all ensembles share one row.
@@ -248,12 +251,12 @@ def _record(where: str, content: Sequence[_File], settings: Settings) -> Record:
             "echo": echo["near"],
         },
         channel_units={"transmit_current": "count", "heading_spread": "degree", "echo": "count"},
-        profiles=_profiles(arrays, leaders),
+        profiles=profiles,
         bins_mapped=bool(np.all(leaders.bins_mapped | (leaders.coordinates == Coordinates.BEAM))),
         recorded_in=Coordinates(codes[0]).name.lower() if len(codes) == 1 else "several",
         quality=np.maximum(arrays["quality"], velocity_flags[:, None]),
         heading_quality=np.where(np.isnan(heading), MISSING, flags).astype(np.int8),
-        looks_up=looks_up,
+        looks_up=upward,
         beam_angle_deg=_most_frequent(leaders.beam_angle_deg),
         direction_reference="magnetic",
         heading_bias_deg=_most_frequent(currents.heading_bias(leaders, settings)),
@@ -264,26 +267,205 @@ def _record(where: str, content: Sequence[_File], settings: Settings) -> Record:
         sound_speed=sound.sentence,
         warnings=(
             *(line for file in content for line in file.warnings),
-            *checks.describe_headings(leaders, settings),
-            *checks.describe_configuration(leaders, counts, settings),
+            *describe_recording(leaders, counts, settings),
             *notes,
         ),
     )
 
 
-def _profiles(arrays: Columns, leaders: Ensembles) -> dict[str, NDArray[Any]]:
-    """Collect the profiles recorded with the velocities, without all-zero ones; -1 where an ensemble lacks counts."""
-    profiles = {name: arrays[name] for name in ("up", "error_velocity")}
-    beyond = np.arange(arrays["east"].shape[1]) >= leaders.cells[:, None]
-    for name, (_, bit) in COUNTS.items():
-        counts, absent = arrays[name], (leaders.blocks & bit) == 0
-        if not counts.any():  # the block was never filled
-            continue
-        lacking = beyond | absent[:, None]
-        profiles[name] = np.where(lacking[..., None], np.int16(-1), counts) if lacking.any() else counts
-    return profiles
-
-
 def _most_frequent(values: Floats) -> float:
     distinct, times = np.unique(values, return_counts=True)
     return float(distinct[np.argmax(times)])
+
+
+def refuse_mixed(where: str, leaders: Ensembles) -> None:
+    """Reject ensembles of two instruments, as of one that looks up and one that looks down, or not of four beams.
+
+    Raises:
+        InputError: there are more of the second kind than a share STRAY.
+    """
+    for name, numbers in (("serial number", leaders.serial), ("processor board", leaders.board)):
+        several = frequent_numbers(numbers)
+        if len(several) > 1:
+            shown = " and ".join(f"{name} {number} in {count}" for number, count in several.items())
+            advice = f"name one instrument's files only, or {ADVICE}"
+            raise InputError(where, expected="ensembles of one instrument", found=shown, advice=advice)
+    beams, count = Counter(leaders.beams.tolist()).most_common(1)[0]
+    if beams != 4:
+        raise InputError(where, expected="4 beams", found=f"{beams} in {count} ensembles", advice=FOUR)
+    number = _number_kinds(leaders).tolist()
+    kinds = Counter(number).most_common(3)
+    if len(kinds) > 1 and kinds[1][1] > STRAY * len(leaders):
+        described = []
+        for k, count in ((number.index(label), count) for label, count in kinds):
+            cells, facing = (
+                f"{leaders.cells[k]} cells of {leaders.cell_m[k]:g} m",
+                "up" if leaders.looks_up[k] else "down",
+            )
+            described.append(f"{count} of {leaders.frequency_khz[k]:g} kHz with {cells} looking {facing}")
+        raise InputError(where, expected="ensembles of one instrument", found=" and ".join(described), advice=ADVICE)
+
+
+def refuse_alignment(where: str, aligned: Floats, stated: float | None) -> None:
+    """Reject an EA without ``heading_alignment``, and a nonzero ``heading_alignment`` with a zero or changing EA.
+
+    Args:
+        aligned: EA of each ensemble, degrees.
+    """
+    if stated is None and aligned.any():
+        advice = "give heading_alignment: degrees to add to the recorded heading to get beam 3's, or 0 to ignore EA"
+        shown = f"{aligned[np.flatnonzero(aligned)[0]]:g} degrees"
+        raise InputError(where, expected="0 degrees", found=shown, advice=advice)
+    written = sorted(value for value, count in Counter(aligned.tolist()).items() if count > STRAY * len(aligned))
+    if stated and (len(written) > 1 or 0.0 in written):
+        expected = f"one that is not 0, as heading_alignment is {stated:g}"
+        advice = "delete heading_alignment: it only says how to take an EA that the file holds"
+        shown = " and ".join(f"{value:g} degrees" for value in written)
+        raise InputError(where, expected=expected, found=shown, advice=advice)
+
+
+def refuse_rotation(where: str, stated: AppliedDeclination | None, *, is_earth: bool) -> None:
+    """Reject a declination of velocities that differs from that of headings unless they are in earth coordinates."""
+    if stated is not None and stated.velocity and stated.differs and not is_earth:
+        expected = "velocity: 0, as velocities are not in earth coordinates and are turned by the headings"
+        raise InputError(f"{where}: declination_applied", expected=expected, found=stated, advice="correct it")
+
+
+def match_serial_number(where: str, recorded: str, stated: str | None) -> str:
+    """Compare a file's serial number, possibly empty, with that of the metadata, ignoring letters around the digits.
+
+    Raises:
+        InputError: the two differ.
+    """
+    number, numbers = ([int(digits) for digits in re.findall(r"\d+", text or "")] for text in (recorded, stated))
+    if number and numbers and not {*number} & {*numbers}:
+        advice = "the files may be another instrument's: correct files or serial_number"
+        raise InputError(where, expected=f"serial number {stated}", found=recorded, advice=advice)
+    return recorded
+
+
+def frequent_numbers(numbers: NDArray[np.int64]) -> dict[int, int]:
+    """Count the nonzero numbers that occur too often to be damage, in descending order of frequency.
+
+    Values that differ from ensemble to ensemble are not numbers of an instrument.
+    """
+    most = Counter(numbers[numbers != 0].tolist()).most_common()
+    return {number: count for number, count in most if count > max(1.0, STRAY * len(numbers))}
+
+
+def flag_strays(leaders: Ensembles) -> tuple[Flags, dict[str, int], list[str]]:
+    """Flag ensembles of another instrument, or after the clock jumped by days, (n,); also give counts and warnings."""
+    kinds = _number_kinds(leaders)
+    other = kinds != np.bincount(kinds).argmax()
+    count = int(other.sum())
+    notes = [f"{count} ensembles are of another instrument than the rest; they were flagged."] if count else []
+    steps = np.diff(leaders.time_s)
+    usual = float(np.median(np.abs(steps))) if len(steps) else 0.0
+    # Up to three: pauses between bursts are more, and shorter.
+    jumps = (np.diff(leaders.number) == 1) & (steps > max(DAY_S, 20.0 * usual))
+    jumped = np.append(False, np.cumsum(jumps) > 0) & (jumps.sum() <= 3)
+    if jumped.any():
+        notes.append(
+            f"The clock jumps ahead by days between ensembles whose numbers follow each other; the {int(jumped.sum())} "
+            "after that were flagged, as their time is not known."
+        )
+    flags = np.where(other, BAD, np.where(jumped, PROBABLY_BAD, GOOD)).astype(np.int8)
+    return flags, {"other_instrument": count, "after_clock_jump": int(jumped.sum())}, notes
+
+
+def _number_kinds(leaders: Ensembles) -> NDArray[np.int64]:
+    """Label ensembles by instrument, (n,): number, frequency, beams, and the usual orientation of each bin layout."""
+    other = np.zeros(len(leaders), dtype=bool)
+    for numbers in (leaders.serial, leaders.board):
+        usual = next(iter(frequent_numbers(numbers)), 0)
+        other |= (numbers != 0) & (numbers != usual) & (usual != 0)
+    known = [np.nan_to_num(leaders.frequency_khz), np.nan_to_num(leaders.beam_angle_deg)]
+    heads = np.column_stack([*known, leaders.convex, leaders.beams, other])
+    cells = np.column_stack([heads, leaders.cells, leaders.cell_m, leaders.blank_m])
+    layout = _number_rows(cells)
+    up = np.bincount(layout, leaders.looks_up) / np.bincount(layout) > 0.5
+    faces = up[layout] if len(up) > 1 else np.zeros(len(leaders), dtype=bool)
+    return _number_rows(np.column_stack([heads, faces]))
+
+
+def _number_rows(rows: Floats) -> NDArray[np.int64]:
+    """Label each row by its index among the distinct rows, (n,); only rows unlike the previous one are sorted."""
+    new = np.append(True, (rows[1:] != rows[:-1]).any(axis=1))[: len(rows)]
+    _, number = np.unique(rows[new], axis=0, return_inverse=True)
+    return np.asarray(number.ravel()[np.cumsum(new) - 1], dtype=np.int64)
+
+
+def describe_file(name: str, counts: Mapping[str, int], skipped: Sequence[Skipped], *, escaped: bool) -> Iterator[str]:
+    """Compose the warnings about one file."""
+    if escaped:
+        yield f"{name} {files.ESCAPES_UNDONE}; places are those of the bytes after that."
+    if skipped:
+        damage = (
+            f"; {counts['damaged']} places in them begin like an ensemble and fail its checksum, chance pairs of 7F "
+            f"included, and by the ensemble numbers {counts['lost']} ensembles are lost"
+        )
+        belong = f"{name}: {counts['bytes_skipped']} of {counts['bytes_total']} bytes belong to no good ensemble"
+        yield f"{belong} and were skipped{damage if counts['damaged'] else ''}."
+        ranges = [f"{each.offset} to {each.offset + each.length - 1} ({each.reason})" for each in skipped]
+        yield f"{name}: skipped bytes {files.list_some(ranges)}."
+    yield from (
+        f"{name}: {counts[key]} good ensembles {reason} and were left out."
+        for key, reason in DROPPED.items()
+        if counts[key]
+    )
+
+
+def describe_recording(leaders: Ensembles, counts: Mapping[str, int], settings: Settings) -> Iterator[str]:
+    """Compose the warnings about the headings and the configuration of a recording."""
+    n, biases, applied = len(leaders), np.unique(leaders.heading_bias_deg), settings.declination_applied
+    alignments, contradicted = np.unique(leaders.heading_alignment_deg), leaders.angle_contradicted
+    bias, alignment, angle = map(_join_numbers, (biases, alignments, np.unique(leaders.beam_angle_deg[contradicted])))
+    words = ("up", "down") if mostly_looks_up(leaders, settings) else ("down", "up")
+    says = "the others do, and each was turned by its own" if settings.orientation is None else "the metadata do"
+    in_earth, in_ship = (
+        ~leaders.tilts_used & (leaders.coordinates == code) for code in (Coordinates.EARTH, Coordinates.SHIP)
+    )
+    heading_alignment, aligned = settings.heading_alignment or 0.0, settings.heading_alignment is not None
+    yield from applicable(
+        {
+            f"The file's heading bias EB of {bias} degrees was taken out of the headings.": (
+                applied is None and biases.any()
+            ),
+            f"declination_applied of {applied} degrees was taken out of the headings, although the file's heading bias "
+            f"EB is {bias} degrees.": applied is not None and np.round(np.subtract.outer(biases, applied), 2).any(),
+            f"heading_alignment of {heading_alignment:g} degrees was added to the headings; the file's "
+            f"heading alignment EA is {alignment} degrees.": alignments.any() and aligned,
+            f"The heading of {leaders.heading_deg[0]:g} degrees was set by hand (EH), as EZ takes none from the "
+            "compass: it cannot be corrected.": (
+                not leaders.heading_measured.any() and np.ptp(leaders.heading_deg) == 0.0
+            ),
+            f"{counts['heading_missing']} of {n} ensembles have no valid heading.": (
+                np.isnan(leaders.heading_deg).any()
+            ),
+            f"{counts['orientation_disagrees']} of {n} ensembles say that they looked {words[1]}; {words[0]} counts, "
+            f"as {says}.": counts["orientation_disagrees"] > STRAY * n,
+            f"{counts['three_beam']} of {counts['velocities']} currents come from three beams: one beam is dead or "
+            "weak, and nothing checks the other three.": 2 * counts["three_beam"] > counts["velocities"],
+            f"The recording holds {counts['configurations']} configurations; bins that one lacks are padded, each has "
+            "its ranges.": counts["configurations"] > 1,
+            "Velocities in earth coordinates were turned by the instrument without its tilts.": in_earth.any(),
+            "Velocities in ship coordinates were recorded without tilts; they were turned as the instrument's own.": (
+                in_ship.any()
+            ),
+            "Some ensembles do not say their beam angle; beam velocities of theirs cannot be used.": (
+                np.isnan(leaders.beam_angle_deg).any()
+            ),
+            f"{contradicted.sum()} of {n} ensembles state another beam angle in byte 58; the {angle} degrees of the "
+            "system configuration count.": contradicted.any(),
+        }
+    )
+    yield from describe_averages(float(np.median(leaders.average_s)), leaders.time_s)
+
+
+def mostly_looks_up(leaders: Ensembles, settings: Settings) -> bool:
+    """Return whether the instrument looks up, by the metadata or else by the majority of ensembles."""
+    return bool(np.mean(looks_up(leaders, settings)) > 0.5)
+
+
+def _join_numbers(values: Floats) -> str:
+    return " and ".join(f"{value:g}" for value in values[:5]) + (" and others" if len(values) > 5 else "")

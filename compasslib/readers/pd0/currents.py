@@ -105,18 +105,6 @@ def fill_missing_beam(beams: Floats) -> tuple[Floats, Bools]:
     return np.where(missing & alone[..., None], -_ERROR_SIGNS * error, beams), alone
 
 
-def _map_bins(ensembles: Ensembles, up: Bools) -> Floats:
-    """Map the velocities of four beams to the bin depths of a level instrument, (n, m, 4) m/s."""
-    sine, cosine = angles.sin_cos(ensembles.beam_angle_deg)
-    across = np.where(ensembles.convex, sine, -sine)
-    pitch, roll = true_pitch(ensembles.tilt1_deg, ensembles.tilt2_deg), ensembles.tilt2_deg + np.where(up, 180.0, 0.0)
-    (sp, cp), (sr, cr) = angles.sin_cos(pitch), angles.sin_cos(roll)
-    # Vertical reach of each beam relative to that of a level instrument.
-    along, x, y = cosine * cp * cr, across * cp * sr, across * sp
-    reach = np.abs(np.stack([along - x, along + x, along - y, along + y], axis=-1) / cosine[:, None])
-    return map_cells(ensembles.velocity, reach, ensembles.bin1_m, ensembles.cell_m, ensembles.cells)
-
-
 def map_cells(
     beams: Floats, reach: Floats, bin1_m: Floats, cell_m: Floats, cells: NDArray[np.int_], most: float = 0.4
 ) -> Floats:
@@ -189,13 +177,7 @@ def instrument_to_earth(
     starboard = x * cr + z * sr
     forward = x * (sp * sr) + y * cp - z * (sp * cr)
     up = -x * (cp * sr) + y * sp + z * (cp * cr)
-    east, north = ship_to_earth(starboard, forward, heading_deg)
-    return east, north, up
-
-
-def ship_to_earth(starboard: Floats, forward: Floats, heading_deg: Floats) -> tuple[Floats, Floats]:
-    """Rotate velocities in level axes, (n, m) or (n,), to (east, north) by the heading of the forward axis, (n,)."""
-    return angles.turn(starboard, forward, _column(heading_deg, starboard))
+    return *angles.turn(starboard, forward, _column(heading_deg, starboard)), up
 
 
 def _column(per_sample: ArrayLike, like: Floats) -> Floats:
@@ -205,21 +187,32 @@ def _column(per_sample: ArrayLike, like: Floats) -> Floats:
 
 def _turn(ensembles: Ensembles, settings: Settings, code: int) -> tuple[Floats, Floats, Floats, Floats, int]:
     """Compute the velocities of ensembles in a single coordinate system ``code``, see ``compute_currents``."""
-    heading = magnetic_heading(ensembles, settings)
+    heading, upward = magnetic_heading(ensembles, settings), looks_up(ensembles, settings)
+    by = heading, ensembles.tilt1_deg, ensembles.tilt2_deg, upward
     if code == Coordinates.BEAM:
-        beams, solved = fill_missing_beam(_map_bins(ensembles, looks_up(ensembles, settings)))
+        sine, cosine = angles.sin_cos(ensembles.beam_angle_deg)
+        across = np.where(ensembles.convex, sine, -sine)
+        roll = ensembles.tilt2_deg + np.where(upward, 180.0, 0.0)
+        sp, cp = angles.sin_cos(true_pitch(ensembles.tilt1_deg, ensembles.tilt2_deg))
+        sr, cr = angles.sin_cos(roll)
+        # Vertical reach of each beam relative to that of a level instrument.
+        along, x, y = cosine * cp * cr, across * cp * sr, across * sp
+        reach = np.abs(np.stack([along - x, along + x, along - y, along + y], axis=-1) / cosine[:, None])
+        mapped = map_cells(ensembles.velocity, reach, ensembles.bin1_m, ensembles.cell_m, ensembles.cells)
+        beams, solved = fill_missing_beam(mapped)
         *xyz, error = beams_to_instrument(beams, ensembles.beam_angle_deg[:, None], ensembles.convex[:, None])
-        turned = _turn_with_tilts(ensembles, settings, xyz, heading)
-        return *turned, np.where(solved, np.nan, error), int(solved.sum())
+        return *instrument_to_earth(xyz, *by), np.where(solved, np.nan, error), int(solved.sum())
     x, y, z, error = np.moveaxis(ensembles.velocity, -1, 0)
     if code == Coordinates.INSTRUMENT:
-        turned = _turn_with_tilts(ensembles, settings, (x, y, z), heading)
+        turned = instrument_to_earth((x, y, z), *by)
     elif code == Coordinates.SHIP:  # without heading_alignment, as the instrument already rotated these axes by EA
         heading = angles.wrap360(ensembles.heading_deg - heading_bias(ensembles, settings))
-        turned = *ship_to_earth(x, y, heading), z
+        turned = *angles.turn(x, y, heading[:, None]), z
         if not ensembles.tilts_used.all():
-            tilted, level = _turn_with_tilts(ensembles, settings, (x, y, z), heading), ensembles.tilts_used[:, None]
-            east, north, up = (np.where(level, a, b) for a, b in zip(turned, tilted, strict=True))
+            tilted = instrument_to_earth((x, y, z), heading, *by[1:])
+            east, north, up = (
+                np.where(ensembles.tilts_used[:, None], a, b) for a, b in zip(turned, tilted, strict=True)
+            )
             turned = east, north, up
     else:  # remove the heading bias, by which the instrument rotated its velocities as well
         bias = velocity_bias(ensembles, settings)
@@ -227,13 +220,6 @@ def _turn(ensembles: Ensembles, settings: Settings, code: int) -> tuple[Floats, 
     # The instrument's own solutions from three beams have no error velocity.
     missing = np.isnan(ensembles.velocity)
     return *turned, error, int(np.sum(missing[..., 3] & ~missing[..., 0]))
-
-
-def _turn_with_tilts(
-    ensembles: Ensembles, settings: Settings, xyz: Sequence[Floats], heading_deg: Floats
-) -> tuple[Floats, Floats, Floats]:
-    up = looks_up(ensembles, settings)
-    return instrument_to_earth(xyz, heading_deg, ensembles.tilt1_deg, ensembles.tilt2_deg, up)
 
 
 # Speed of sound.

@@ -340,8 +340,8 @@ def rewrite(source: str | Path, target: str | Path, turn: Turn) -> Rewritten:
 
 def _turn_run(run: EnsembleRun, ensembles: Ensembles | None, by: Floats) -> Bytes:
     rows, layout = run.rows.copy(), run.layout
-    turned = np.full(len(rows), np.nan) if ensembles is None else ensembles.heading_deg + by
-    hundredths = np.rint(100.0 * angles.wrap360(np.rint(100.0 * turned) / 100.0))
+    heading = np.full(len(rows), np.nan) if ensembles is None else ensembles.heading_deg + by
+    hundredths = np.rint(100.0 * angles.wrap360(np.rint(100.0 * heading) / 100.0))
     begin = next(layout.blocks[i][0] for i in VARIABLE_LEADERS if i in layout.blocks) + 18  # of the heading
     rows[:, begin : begin + 2] = _bytes(np.where(np.isfinite(by), hundredths, _NO_HEADING).astype("<u2"))
     begin, stop = layout.blocks.get(Block.VELOCITY, (0, 0))
@@ -353,7 +353,12 @@ def _turn_run(run: EnsembleRun, ensembles: Ensembles | None, by: Floats) -> Byte
         counts = np.ascontiguousarray(rows[:, begin:stop]).view("<i2").copy()
         if ensembles:
             in_earth = (ensembles.coordinates == Coordinates.EARTH) & np.isfinite(by)
-            _turn_counts(counts.reshape(len(rows), -1, 4), by, in_earth)
+            flow = counts.reshape(len(rows), -1, 4)
+            known = (flow[..., :2] != MISSING_COUNT).all(axis=-1) & in_earth[:, None]
+            turned = np.rint(np.stack(angles.turn(flow[..., 0], flow[..., 1], np.nan_to_num(by)[:, None]), axis=-1))
+            fits = known & (np.abs(turned) <= np.iinfo(np.int16).max).all(axis=-1)
+            flow[fits, :2] = turned[fits].astype(np.int16)
+            flow[known & ~fits] = MISSING_COUNT
         counts[np.isnan(by)] = MISSING_COUNT
         rows[:, begin:stop] = _bytes(counts)
     sums = rows[:, : layout.length].sum(axis=1, dtype=np.uint16)  # wraps modulo 65,536, as the checksum does
@@ -363,12 +368,3 @@ def _turn_run(run: EnsembleRun, ensembles: Ensembles | None, by: Floats) -> Byte
 
 def _bytes(numbers: NDArray[np.integer]) -> Bytes:
     return np.ascontiguousarray(numbers).reshape(len(numbers), -1).view(np.uint8)
-
-
-def _turn_counts(counts: NDArray[np.int16], by: Floats, which: Bools) -> None:
-    """Rotate velocities of selected ensembles in place, (k, m, 4) mm/s; missing where the format cannot hold them."""
-    known = (counts[..., :2] != MISSING_COUNT).all(axis=-1) & which[:, None]
-    turned = np.rint(np.stack(angles.turn(counts[..., 0], counts[..., 1], np.nan_to_num(by)[:, None]), axis=-1))
-    fits = known & (np.abs(turned) <= np.iinfo(np.int16).max).all(axis=-1)
-    counts[fits, :2] = turned[fits].astype(np.int16)
-    counts[known & ~fits] = MISSING_COUNT

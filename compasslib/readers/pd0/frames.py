@@ -81,14 +81,10 @@ def find_ensembles(path: str | Path) -> tuple[list[EnsembleRun], list[Skipped], 
     Raises:
         InputError: the file cannot be read.
     """
-    data = files.read_bytes(path)
-    sample = data[: files.CHUNK_BYTES]
-    escaped = files.looks_escaped(sample) and _count_good(files.unescape(sample)) > _count_good(sample)
-    return *scan(files.unescape(data) if escaped else data), escaped
-
-
-def _count_good(data: bytes) -> int:
-    return sum(len(run.rows) for run in scan(data)[0])
+    data, escaped = files.undo_escapes(
+        files.read_bytes(path), lambda tried: sum(len(run.rows) for run in scan(tried)[0])
+    )
+    return *scan(data), escaped
 
 
 def batches(runs: Sequence[EnsembleRun]) -> Iterator[list[EnsembleRun]]:
@@ -211,17 +207,13 @@ def _find_candidates(whole: Bytes, begin: int, end: int) -> _Candidates:
     size = min(end - begin, data.size - 1)
     marks = np.flatnonzero((data[:size] == _MARK) & (data[1 : size + 1] == _MARK))
     marks = marks[marks + _HEADER <= data.size]
-    length = _pair(data, marks + 2)
+    length = files.read_words(data, marks + 2).astype(np.int64)
     complete = (length >= _SHORTEST) & (marks + length + 2 <= data.size)
     marks, length = marks[complete], length[complete]
     sums = np.concatenate([np.zeros(1, np.uint16), np.cumsum(data, dtype=np.uint16)])
-    holds = (sums[marks + length] - sums[marks]) == _pair(data, marks + length)
+    holds = (sums[marks + length] - sums[marks]) == files.read_words(data, marks + length)
     failed, length = marks[~holds], length[~holds]
     leader = 6 + 2 * data[failed + 5].astype(np.int64)
-    fits = (_pair(data, failed + 6) == leader) & (leader + 2 <= length)
-    fits &= np.isin(_pair(data, failed + np.where(fits, leader, 0)), FIXED_LEADERS)
+    fits = (files.read_words(data, failed + 6) == leader) & (leader + 2 <= length)
+    fits &= np.isin(files.read_words(data, failed + np.where(fits, leader, 0)), FIXED_LEADERS)
     return _Candidates(begin + marks[holds], begin + failed, begin + failed[fits])
-
-
-def _pair(data: Bytes, at: Places) -> Places:
-    return data[at].astype(np.int64) + 256 * data[at + 1].astype(np.int64)
