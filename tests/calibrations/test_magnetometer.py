@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compasslib.calibrations import magnetometer
+from compasslib.archive.calibrations import StoredCalibration
+from compasslib.calibrations import magnetometer, result
 from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.calibrations.magnetometer.ellipsoid import ELLIPSE, ELLIPSOID, ScaledReadings
-from compasslib.calibrations.result import Calibration
+from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.deviation.series import series_design
 from compasslib.errors import InputError
 from compasslib.plots.instruments import draw_magnetometer as draw
@@ -336,6 +337,8 @@ def test_figure_is_reproducible(tmp_path, rng, kind):
     values = iron.readings(rng, true, motion)
     values = values[:, :2] if kind == "flat" else values[:20] if kind == "refused" else values
     found = magnetometer.calibrate([log(tmp_path, values, motion if kind == "level" else None)], {})
+    table = found.table or DeviationTable(*np.zeros((3, 0)))
+    shown = StoredCalibration(result.to_json("log", found, {}), table, found.points)
     for name in ("one.png", "two.png"):
-        draw(tmp_path / name, found)
+        draw(tmp_path / name, shown)
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()

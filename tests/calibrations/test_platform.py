@@ -12,9 +12,9 @@ import pytest
 from compasslib import angles, calibrations, compass
 from compasslib.archive import calibrations as calibration_files
 from compasslib.archive.files import read_json, write_json
-from compasslib.calibrations import MODELS, at_mooring, budget, platform, result
-from compasslib.calibrations.bench import ObjectChange, describe_object, measure_homogeneity
-from compasslib.calibrations.platform import BenchReadings
+from compasslib.calibrations import MODELS, at_mooring, platform, result
+from compasslib.calibrations.platform import BenchReadings, measure_homogeneity
+from compasslib.calibrations.result import ObjectChange, describe_object
 from compasslib.deviation import describe_fit, fit_deviation
 from compasslib.deviation.model import FieldAtPlace, fit_from_json
 from compasslib.errors import InputError
@@ -53,7 +53,7 @@ def test_columns_can_be_renamed_and_incomplete_lines_are_counted(tmp_path):
     paths = [write_table(tmp_path / f"{k}.csv", readings(ring(24)[k::2]), names=("bench", "heading")) for k in (0, 1)]
     paths[0].write_text(paths[0].read_text() + "3.0,\n,4.0\nnan,nan\n")
     columns = {"reference_deg": "bench", "recorded_deg": "heading"}
-    made = platform.calibrate(paths, {"columns": columns, "uncertainty": dict.fromkeys(budget.ROWS, 0.1)})
+    made = platform.calibrate(paths, {"columns": columns, "uncertainty": dict.fromkeys(result.ROWS, 0.1)})
     assert made.n == 24 and made.warnings[0] == "3 lines without both headings are excluded"
 
 
@@ -119,10 +119,10 @@ def test_ambiguous_bench_error_is_a_doubt_passed_to_the_mooring(tmp_path, read, 
 
 def test_budget_of_le_menn_reproduces_the_published_numbers():
     """Section 2: 0.90 degrees for directions; for tilts it prints 0.40, but the numbers in its text give 0.38."""
-    rows, _ = budget.sources({}, "le_menn")
-    assert f"{budget.expanded(rows):.3f}" == "0.896" and "maker_accuracy_deg" not in {row.name for row in rows}
-    assert f"{budget.expanded(budget.sources({}, 'le_menn', 'tilt')[0]):.3f}" == "0.384"
-    physical = budget.physical_field(rows)
+    rows, _ = result.sources({}, "le_menn")
+    assert f"{result.expanded(rows):.3f}" == "0.896" and "maker_accuracy_deg" not in {row.name for row in rows}
+    assert f"{result.expanded(result.sources({}, 'le_menn', 'tilt')[0]):.3f}" == "0.384"
+    physical = result.physical_field(rows)
     assert [f"{x:.2f}" for x in physical["field_deg"]] == ["0.16", "0.20"]
     assert [f"{x:.2f}" for x in physical["expanded_deg"]] == ["0.75", "0.76"]
 
@@ -130,17 +130,17 @@ def test_budget_of_le_menn_reproduces_the_published_numbers():
 def test_tilt_rows_are_accepted_but_do_not_enter_the_budget(tmp_path):
     given = {"ruggedness_deg": 3.0, "protractor_deg": 4.0}
     made, without = (calibrated(tmp_path, budget="le_menn", uncertainty=x) for x in (given, {}))
-    assert budget.expanded(made.sources) == budget.expanded(without.sources)
+    assert result.expanded(made.sources) == result.expanded(without.sources)
     assert any("not of kind platform are excluded from the budget" in text for text in made.warnings)
     assert "0.16 to 0.20 degrees" in made.details["physical_field"]["text"]
     assert "physical_field" not in calibrated(tmp_path, budget="le_menn", uncertainty={"field_deg": 0.1}).details
 
 
 def test_given_budget_rows_override_the_published_ones():
-    rows = {r.name: r for r in budget.sources({"graduation_deg": 0.1, "maker_accuracy_deg": 2.0, "slope_deg": None})[0]}
+    rows = {r.name: r for r in result.sources({"graduation_deg": 0.1, "maker_accuracy_deg": 2.0, "slope_deg": None})[0]}
     assert set(rows) == {"graduation_deg", "maker_accuracy_deg"} and rows["graduation_deg"].standard_deg == 0.1
     assert rows["maker_accuracy_deg"].standard_deg == pytest.approx(2.0 / 6.0**0.5)
-    mixed = {r.name: r for r in budget.sources({"graduation_deg": 0.1}, "le_menn")[0]}
+    mixed = {r.name: r for r in result.sources({"graduation_deg": 0.1}, "le_menn")[0]}
     assert "(given)" in mixed["graduation_deg"].how and "Le Menn" in mixed["slope_deg"].how
 
 
@@ -149,7 +149,7 @@ def test_expanded_uncertainty_is_twice_the_root_sum_of_squares(tmp_path):
     said = page(made)["uncertainty"]
     total = np.sqrt(sum(row["standard_deg"] ** 2 for row in said["rows"].values()))
     assert said["expanded_deg"] == pytest.approx(2.0 * total)
-    assert {*budget.ROWS} - set(said["rows"]) == {"ruggedness_deg", "protractor_deg"}
+    assert {*result.ROWS} - set(said["rows"]) == {"ruggedness_deg", "protractor_deg"}
     assert not any("budget has no row" in text for text in made.warnings)
     bare = calibrated(tmp_path)
     assert set(page(bare)["uncertainty"]["rows"]) == {"fit_residual"}
@@ -300,22 +300,22 @@ def test_rate_of_false_differences_matches_the_significance_level(tmp_path):
     differ = []
     for seed in range(100):
         before = page(calibrated(tmp_path, readings(ring(12), seed=2 * seed)), "before")
-        after = calibrated(tmp_path, readings(ring(12), seed=2 * seed + 1))
-        differ.append(result.compare(after, before, "before")["differ"])
+        after = page(calibrated(tmp_path, readings(ring(12), seed=2 * seed + 1)))
+        differ.append(result.compare(after, before)["differ"])
     assert np.mean(differ) <= 0.12  # 5 % plus three standard errors of 100 draws
 
 
 def test_a_demagnetised_compass_has_no_phase_and_a_refused_one_is_not_compared(tmp_path):
     before = page(calibrated(tmp_path), "before")
-    clean = calibrated(tmp_path, readings(coefficients=(0.0,) * 5, seed=4))
-    found = result.compare(clean, before, "before")
+    clean = page(calibrated(tmp_path, readings(coefficients=(0.0,) * 5, seed=4)))
+    found = result.compare(clean, before)
     assert found["one_cycle"]["phase_deg"] is None and "too small on one side" in found["text"] and found["differ"]
-    four = calibrated(tmp_path, readings(ring(4)))
-    assert set(result.compare(four, before, "before")["difference"]) == set("ABC")
-    refused = calibrated(tmp_path, readings([10.0]))
-    assert "no calibration: one heading only" in result.log_line(page(refused))
-    assert result.compare(refused, before, "before")["why"] == "this calibration has no coefficients"
-    assert result.compare(clean, page(refused), "bad")["why"] == "bad has no coefficients"
+    four = page(calibrated(tmp_path, readings(ring(4))))
+    assert set(result.compare(four, before)["difference"]) == set("ABC")
+    refused = page(calibrated(tmp_path, readings([10.0])), "bad")
+    assert "no calibration: one heading only" in result.log_line(refused)
+    assert result.compare(refused, before)["why"] == "this calibration has no coefficients"
+    assert result.compare(clean, refused)["why"] == "bad has no coefficients"
 
 
 # --- at a mooring ---------------------------------------------------------------------------------------------------

@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.calibrations.budget import Source
 from compasslib.calibrations.curves import CIRCLE_DEG, count_sectors
 from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.calibrations.magnetometer import log as magnetometer_log
 from compasslib.calibrations.magnetometer.ellipsoid import FittedEllipsoid, ModelChoice, ScaledReadings
 from compasslib.calibrations.magnetometer.log import Axes, Log, about_down, level_heading, mean_and_scatter
-from compasslib.calibrations.result import Calibration, DeviationTable
+from compasslib.calibrations.result import Calibration, DeviationTable, Source
 from compasslib.deviation.series import series_design, series_deviation
 from compasslib.errors import applicable
 from compasslib.types import Bools, Floats

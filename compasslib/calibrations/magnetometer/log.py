@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.calibrations.tables import read_columns
+from compasslib.calibrations import read_columns
 from compasslib.errors import InputError
 from compasslib.readers.mmp import is_aliased
 from compasslib.readers.mmp import scans as mmp_scans

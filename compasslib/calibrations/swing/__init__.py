@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles, earthfield
-from compasslib.calibrations.budget import Source
 from compasslib.calibrations.curves import count_sectors
-from compasslib.calibrations.result import Calibration
+from compasslib.calibrations.result import Calibration, Source
 from compasslib.calibrations.swing import adjustment, model, observations
 from compasslib.calibrations.swing.model import COURSE, LAG, SERIES, Swing, SwingFit, set_and_drift
 from compasslib.calibrations.swing.observations import Observations, SwingOptions

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
+from compasslib.calibrations import read_columns
 from compasslib.calibrations.curves import count_sectors
-from compasslib.calibrations.tables import read_columns
 from compasslib.deviation.series import series_design
 from compasslib.effects.ship import FilteredCourse
 from compasslib.errors import InputError

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles
-from compasslib.calibrations.budget import Source
-from compasslib.calibrations.result import Calibration
+from compasslib.calibrations.result import Calibration, Source
 from compasslib.calibrations.two_heads import frame as frames
 from compasslib.calibrations.two_heads import motion
 from compasslib.calibrations.two_heads.frame import Frame, HeadingDifference
