@@ -56,6 +56,11 @@ class Motion:
     lean: Complexes  # downward vector in the body, forward + i starboard: the sines of the tilts
 
     @property
+    def middle_s(self) -> float:
+        """Middle of the record."""
+        return float(self.time_s[0] + self.time_s[-1]) / 2.0
+
+    @property
     def recorded_deg(self) -> Floats:
         """Recorded heading, [0, 360)."""
         return angles.wrap360(self.heading_deg)
@@ -117,6 +122,11 @@ class ClockDifference:
         drift = self.drift_s_per_day / DAY_S if self.drift_applied else 0.0
         return time_s - self.offset_s - drift * (time_s - self.middle_s)
 
+    def to_json(self) -> dict[str, Any]:
+        """Describe the difference for calibration.json."""
+        hidden = ("middle_s", "determined", "warnings")
+        return {name: x for name, x in vars(self).items() if name not in hidden} | {"found": self.determined}
+
     def heading_error_deg(self, rate_deg_s: Floats) -> Floats:
         """Compute the error of heading differences due to one standard deviation of the offset, (n,) degrees."""
         return rate_deg_s * (self.sigma_s if np.isfinite(self.sigma_s) else 0.0)
@@ -127,19 +137,32 @@ def step(time_s: Floats) -> float:
     return float(np.median(np.diff(time_s)))
 
 
-def extract_motion(record: Record, start_s: float | None = None, end_s: float | None = None) -> Motion:
+def extract_motion(record: Record, start_s: float = -np.inf, end_s: float = np.inf) -> Motion:
     """Select the usable part of a record: finite headings and tilts, in order of time, upright, inside a window."""
     tilts = np.abs(record.pitch_deg) + np.abs(record.roll_deg)
     with np.errstate(invalid="ignore"):
         upright = tilts < 45.0  # larger tilts occur on deck or after a fall
     usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD) & upright
-    usable &= record.time_s >= (-np.inf if start_s is None else start_s)
-    usable &= record.time_s <= (np.inf if end_s is None else end_s)
+    usable &= (record.time_s >= start_s) & (record.time_s <= end_s)
     time_s, first = np.unique(record.time_s[usable], return_index=True)
     index = np.flatnonzero(usable)[first]
     heading = record.heading_deg[index]
     turned = np.concatenate([heading[:1], angles.difference(heading[1:], heading[:-1])])
     return Motion(time_s, np.cumsum(turned), lean(record.pitch_deg[index], record.roll_deg[index]))
+
+
+def overlap_in_time(a: Motion, b: Motion, max_offset_s: float) -> bool:
+    """Return whether two heads measured at the same time, for a largest clock offset in seconds."""
+    return bool(max(a.time_s[0], b.time_s[0] - max_offset_s) < min(a.time_s[-1], b.time_s[-1] + max_offset_s))
+
+
+def pair_samples(a: Motion, b: Motion, clock: ClockDifference) -> PairedHeads:
+    """Interpolate a to the times of b, converted to a's clock."""
+    at = clock.by_a(b.time_s)
+    heading, lean, rate = a.heading.at(at), GapSpline(a.time_s, a.lean).at(at), a.heading.at(at, 1)
+    known = np.isfinite(heading) & np.isfinite(lean)
+    recorded = angles.wrap360(heading[known])
+    return PairedHeads(b.time_s[known], recorded, b.recorded_deg[known], lean[known], b.lean[known], rate[known])
 
 
 def lean(pitch_deg: Floats, roll_deg: Floats) -> Complexes:
@@ -176,7 +199,7 @@ def estimate_clock_offset(
     """Estimate the offset of b's clock from a's, with drift; not ``determined`` if the motions are uncorrelated."""
     needed = max(min_correlation, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
     lag, tilts, headings = _lattice_peak(a, b, max_offset_s)
-    middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
+    middle = b.middle_s
     used = [(a.lean_rate, b.lean_rate)] if tilts >= needed else []
     used += [(a.turn_rate, b.turn_rate)] if headings >= needed else []
     if not used:
