@@ -161,7 +161,7 @@ def test_the_fit_has_no_noise_bias(rng):
 def test_scores_are_the_gradient_of_the_adjusted_loss(rng, model):
     motion = iron.level_motion(rng, 40, tilt_deg=30.0)
     data = ScaledReadings(rng.normal(size=(40, 3)), iron.turned(motion)[:, :, 2])
-    at, s = rng.normal(size=len(model.moves)), 0.02
+    at, s = rng.normal(size=len(model.parameters)), 0.02
 
     def loss(parameters):
         centre, matrix = np.split(parameters @ model.chain, [3])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +18,14 @@ from compasslib import angles, compass
 from compasslib.calibrations.curves import CIRCLE_DEG, count_sectors
 from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.calibrations.magnetometer import log as magnetometer_log
-from compasslib.calibrations.magnetometer.ellipsoid import FittedEllipsoid, ModelChoice, ScaledReadings
+from compasslib.calibrations.magnetometer.ellipsoid import ModelChoice, ScaledReadings
 from compasslib.calibrations.magnetometer.log import Axes, Log, about_down, level_heading, mean_and_scatter
 from compasslib.calibrations.result import Calibration, DeviationTable, Source
 from compasslib.deviation.series import series_design, series_deviation
 from compasslib.errors import applicable
 from compasslib.types import Bools, Floats
 
-KIND, NO_MODEL = "magnetometer", "none"
+KIND = "magnetometer"
 NO_DIP = (
     "Hard and soft iron are determined, but their effect on the heading depends on the dip: log the tilts, or give "
     "latitude, longitude and date."
@@ -45,20 +46,27 @@ class SolvedIron:
     log: Log
     axes: Axes
     choice: ModelChoice
-    fitted: FittedEllipsoid
-    readings: ScaledReadings
     iron: Floats  # (12,) centre and G, for the scaled readings
     replicates: Floats  # (blocks, 12)
-    levelling: Floats  # (n, 3, 3)
     dip_ratio: float  # downward over horizontal field; 0 on a level platform, NaN where unknown
     dip_replicates: Floats  # (blocks,)
     turned: Bools  # (3,) whether the turn from magnetometer to instrument about forward, starboard, down is determined
     logged_is_correct: bool = False  # whether the logged heading follows the corrected axes
 
     @property
+    def readings(self) -> ScaledReadings:
+        """The readings, scaled."""
+        return self.choice.readings
+
+    @property
     def headed(self) -> bool:
         """Whether headings can be computed: tilts were logged, or the platform is level."""
         return self.log.tilted or self.choice.level
+
+    @cached_property
+    def levelling(self) -> Floats:
+        """Matrices from the body frame to the level frame, (n, 3, 3)."""
+        return self.log.levelling()
 
     @property
     def down(self) -> Floats:
@@ -84,6 +92,11 @@ class SolvedIron:
         """Compute recorded and corrected headings, (n,) degrees each."""
         return level_heading(self.readings.field, self.levelling), level_heading(self.corrected(), self.levelling)
 
+    def moduli(self) -> tuple[Floats, Floats]:
+        """Compute the modulus before and after the correction, (n,) each, of scaled readings."""
+        down = self.readings.down
+        return ellipsoid.modulus(self.readings.field, down), ellipsoid.modulus(self.corrected(), down)
+
     def gain(self, iron: Floats) -> float:
         """Compute the field's modulus in scaled readings: the mean diagonal of the observed axes."""
         soft = np.linalg.inv(iron[3:].reshape(3, 3))
@@ -93,12 +106,6 @@ class SolvedIron:
         """Compute the soft iron relative to the mean diagonal of the observed axes, body frame, (3, 3)."""
         return np.linalg.inv(iron[3:].reshape(3, 3)) / self.gain(iron)
 
-    def residual_percent(self) -> dict[str, float]:
-        """Compute the scatter of the modulus about its mean before and after correction, percent."""
-        moduli = {"before": ellipsoid.modulus(self.readings.field, self.readings.down)}
-        moduli["after"] = ellipsoid.modulus(self.corrected(), self.readings.down)
-        return {when: float(100.0 * modulus.std() / modulus.mean()) for when, modulus in moduli.items()}
-
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
     """Calibrate a magnetometer from CSV files with x, y and perhaps z, pitch_deg, roll_deg, heading_deg, time_utc.
@@ -106,26 +113,25 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     Raises:
         InputError: a column is absent or a cell is not a number.
     """
-    log, choice = magnetometer_log.read(files, settings), ModelChoice()
-    if not (why := magnetometer_log.unusable_reason(log)):
+    log = magnetometer_log.read(files, settings)
+    choice: ModelChoice | str = magnetometer_log.unusable_reason(log)
+    if not choice:
         axes, said = magnetometer_log.determine_axes(log)
         choice = ellipsoid.choose_model(log, log.raw @ axes.matrix.T)
-        far = ellipsoid.find_outliers(choice)
-        if far.any():
-            log = log.take(~far, f"{far.sum()} of {far.size} readings are outliers of the fitted modulus and excluded.")
-            choice = ellipsoid.choose_model(log, log.raw @ axes.matrix.T)
-        why = choice.why
-    if choice.fitted is None or choice.readings is None:
+    if isinstance(choice, ModelChoice) and (far := ellipsoid.find_outliers(choice)).any():
+        log = log.take(~far, f"{far.sum()} of {far.size} readings are outliers of the fitted modulus and excluded.")
+        choice = ellipsoid.choose_model(log, log.raw @ axes.matrix.T)
+    if isinstance(choice, str):
         undetermined = [*ellipsoid.PARAMETERS]
         details = {"hard_iron": None, "soft_iron": None, "undetermined": undetermined, "left_out": log.left_out}
-        return Calibration(KIND, NO_MODEL, len(log.raw), 0, details=details, why=why, warnings=log.warnings)
-    solved = _solve_iron(log, axes, choice, choice.fitted, choice.readings, settings.get("field"))
+        return Calibration(KIND, "none", len(log.raw), 0, details=details, why=choice, warnings=log.warnings)
+    solved = _solve_iron(log, axes, choice, settings.get("field"))
     exact = exact_coefficients(solved.iron, solved.dip_ratio)
     known = bool(np.isfinite(exact).all())
     folded = known and not compass.turns_full_circle(exact)
     return Calibration(
         kind=KIND,
-        model=choice.fitted.model.name,
+        model=choice.fitted.name,
         n=len(log.raw),
         coverage=count_sectors(solved.headings()[0]),
         points=_points(solved),
@@ -163,17 +169,17 @@ def _correction(solved: SolvedIron, exact: Floats, *, folded: bool) -> dict[str,
 
 def _points(solved: SolvedIron) -> dict[str, Floats]:
     """Tabulate readings and corrected readings, (n,) each, in the file's unit and axes."""
-    scale, field, log = solved.choice.scale, solved.corrected(), solved.log
-    size, down = scale * solved.gain(solved.iron), solved.readings.down
+    scale, log = solved.choice.scale, solved.log
+    size, corrected = scale * solved.gain(solved.iron), solved.corrected() @ solved.axes.matrix
+    before, after = solved.moduli()
     axes = "xyz" if log.has_z else "xy"
     columns = {name: log.raw[:, k] for k, name in enumerate(axes)}
-    columns |= {f"{name}_corrected": size * (field @ solved.axes.matrix)[:, k] for k, name in enumerate(axes)}
-    columns["modulus"] = scale * ellipsoid.modulus(solved.readings.field, down)
-    columns["modulus_corrected"] = size * ellipsoid.modulus(field, down)
+    columns |= {f"{name}_corrected": size * corrected[:, k] for k, name in enumerate(axes)}
+    columns |= {"modulus": scale * before, "modulus_corrected": size * after}
     if solved.headed:
-        recorded, corrected = solved.headings()
-        columns |= {"recorded_deg": recorded, "corrected_deg": corrected}
-        columns["deviation_deg"] = angles.difference(corrected, recorded)
+        recorded, correct = solved.headings()
+        columns |= {"recorded_deg": recorded, "corrected_deg": correct}
+        columns["deviation_deg"] = angles.difference(correct, recorded)
     extra = {"pitch_deg": log.pitch_deg, "roll_deg": log.roll_deg, "logged_deg": log.heading_deg, "time_s": log.time_s}
     return columns | {name: values for name, values in extra.items() if values is not None}
 
@@ -184,34 +190,29 @@ def _details(solved: SolvedIron) -> dict[str, Any]:
     open_turns = [name for name, known in zip(TURNS, solved.turned, strict=True) if not known]
     undetermined = choice.undetermined | {f"turn about {name}": OPEN_TURN for name in open_turns}
     # Iron in the file's axes; where the selected model has no soft iron, its uncertainty is that of the largest model.
-    largest = choice.full.iron()[1] if choice.full and choice.full is not choice.fitted else solved.replicates
+    largest = choice.full.replicates if choice.full is not choice.fitted else solved.replicates
     shift = choice.scale * to_body.T @ (solved.moved - solved.iron)[:3]
     soft = np.array([to_body.T @ solved.soft(replicate) @ to_body for replicate in largest])
-    iron = {
-        "hard_iron": choice.scale * to_body.T @ solved.iron[:3],
-        "hard_iron_sigma": ellipsoid.sigma(choice.scale * solved.replicates[:, :3] @ to_body, shift),
-        "soft_iron": to_body.T @ solved.soft(solved.iron) @ to_body,
-        "soft_iron_sigma": ellipsoid.sigma(soft),
-    }
-    shown = {name: values.astype(object) for name, values in iron.items()}
+    unknown = np.zeros(12, dtype=bool)
     for name in choice.undetermined:
-        for values in shown.values():
-            if name in ellipsoid.CENTRE and values.ndim == 1:
-                values[ellipsoid.CENTRE.index(name)] = None
-            elif name in ellipsoid.PLACES and values.ndim == 2:
-                i, j = ellipsoid.PLACES[name]
-                values[i, j] = values[j, i] = None
+        unknown[ellipsoid.ENTRIES[name]] = True
+    null, of_soft = np.array(None), unknown[3:].reshape(3, 3)
+    hard_sigma = ellipsoid.sigma(choice.scale * solved.replicates[:, :3] @ to_body, shift)
+    moduli = dict(zip(("before", "after"), solved.moduli(), strict=True))
     return {
-        "model": solved.fitted.model.name,
+        "model": choice.fitted.name,
         "axes": solved.axes.text,
-        **{name: values.tolist() for name, values in shown.items()},
+        "hard_iron": np.where(unknown[:3], null, choice.scale * to_body.T @ solved.iron[:3]).tolist(),
+        "hard_iron_sigma": np.where(unknown[:3], null, hard_sigma).tolist(),
+        "soft_iron": np.where(of_soft, null, to_body.T @ solved.soft(solved.iron) @ to_body).tolist(),
+        "soft_iron_sigma": np.where(of_soft, null, ellipsoid.sigma(soft)).tolist(),
         "undetermined": list(undetermined),
         "undetermined_why": undetermined,
         "scores": choice.scores,
-        "noise": size * solved.fitted.noise,
+        "noise": size * choice.fitted.noise,
         "field_in_file_unit": size,
         "field_is": "horizontal" if choice.level else "total",
-        "modulus_residual_percent": solved.residual_percent(),
+        "modulus_residual_percent": {when: float(100.0 * x.std() / x.mean()) for when, x in moduli.items()},
         "left_out": solved.log.left_out,
     }
 
@@ -241,7 +242,7 @@ def _sources(solved: SolvedIron, table: DeviationTable, series: Floats) -> tuple
     horizontal = 1.0 / float(np.hypot(1.0, solved.dip_ratio))
     off = table.deviation_deg - series_deviation(series, table.heading_deg)
     how = "block jackknife, with what a mean tilt hides of vertical iron, rms over the table"
-    reading_deg = solved.fitted.noise / horizontal / angles.DEGREE
+    reading_deg = solved.choice.fitted.noise / horizontal / angles.DEGREE
     sources = [
         Source("fit", float(np.sqrt(np.mean(table.sigma_deg**2))), how),
         Source("series", angles.rms(off), "rms of the five terms about the exact deviation"),
@@ -284,30 +285,12 @@ def series_coefficients(coefficients: Floats) -> Floats:
 # Iron in the frame of the instrument: the selected ellipsoid, rotated as far as tilts and logged heading determine.
 
 
-def _solve_iron(
-    log: Log,
-    axes: Axes,
-    choice: ModelChoice,
-    fitted: FittedEllipsoid,
-    readings: ScaledReadings,
-    field: Mapping[str, float] | None,
-) -> SolvedIron:
+def _solve_iron(log: Log, axes: Axes, choice: ModelChoice, field: Mapping[str, float] | None) -> SolvedIron:
     """Express the iron in the frame of the instrument; the earth's field gives the dip where there are no tilts."""
-    iron, replicates = fitted.iron()
+    iron, replicates = choice.fitted.iron, choice.fitted.replicates
     dip = 0.0 if choice.level else np.nan if field is None else field["vertical_nT"] / field["horizontal_nT"]
-    solved = SolvedIron(
-        log,
-        axes,
-        choice,
-        fitted,
-        readings,
-        iron,
-        replicates,
-        levelling=log.levelling(),
-        dip_ratio=dip,
-        dip_replicates=np.full(len(replicates), dip),
-        turned=np.array([False, False, axes.turned]),
-    )
+    dips, turned = np.full(len(replicates), dip), np.array([False, False, axes.turned])
+    solved = SolvedIron(log, axes, choice, iron, replicates, dip, dips, turned)
     return _align_to_heading(_align_to_tilts(solved) if log.tilted and not choice.level else solved)
 
 
@@ -368,21 +351,15 @@ def _align_to_heading(solved: SolvedIron) -> SolvedIron:
     centre, scatter = mean_and_scatter(angles.difference(logged, corrected))
     if scatter > 0.5 * mean_and_scatter(angles.difference(logged, recorded))[1]:
         return solved
-    block, turns_deg = ellipsoid.blocks(len(logged)), np.zeros(len(solved.replicates))
+    block, turns_deg = ellipsoid.blocks(len(logged)), [centre]
     for k, replicate in enumerate(solved.replicates):  # each with the readings that it was fitted to
         kept = block != k
         field = ellipsoid.corrected(replicate, solved.readings.take(kept))
-        turns_deg[k], _ = mean_and_scatter(
-            angles.difference(logged[kept], level_heading(field, solved.levelling[kept]))
-        )
-    rotated = [
-        np.append(iron[:3], (about_down(float(by_deg)) @ iron[3:].reshape(3, 3)).ravel())
-        for iron, by_deg in zip((solved.iron, *solved.replicates), (centre, *turns_deg), strict=True)
+        off = angles.difference(logged[kept], level_heading(field, solved.levelling[kept]))
+        turns_deg.append(mean_and_scatter(off)[0])
+    iron, *replicates = [
+        np.append(iron[:3], (about_down(by_deg) @ iron[3:].reshape(3, 3)).ravel())
+        for iron, by_deg in zip((solved.iron, *solved.replicates), turns_deg, strict=True)
     ]
-    return replace(
-        solved,
-        iron=rotated[0],
-        replicates=np.array(rotated[1:]),
-        turned=np.append(solved.turned[:2], True),
-        logged_is_correct=True,
-    )
+    turned = np.append(solved.turned[:2], True)
+    return replace(solved, iron=iron, replicates=np.array(replicates), turned=turned, logged_is_correct=True)

@@ -16,7 +16,8 @@ from compasslib.readers.mmp import is_aliased
 from compasslib.readers.mmp import scans as mmp_scans
 from compasslib.types import Bools, Floats
 
-MEASURED = ("z", "pitch_deg", "roll_deg", "heading_deg")  # without which a row is incomplete, if they are there
+TILTS = ("pitch_deg", "roll_deg")
+MEASURED = ("z", *TILTS, "heading_deg")  # without which a row is incomplete, if they are there
 MIN_READINGS = 50  # different ones
 # Modulus of accelerometer columns in g, m/s^2 and counts of a 16-bit 2 g sensor. Direction cosines have 1 too.
 GRAVITIES = {1.0: "1", 9.80665: "9.81", 16384.0: "16384"}
@@ -90,19 +91,18 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     if not good.all():
         warnings.append(f"{int((~good).sum())} of {good.size} rows lack a number and are excluded.")
     columns = {role: x[good] for role, x in read.items() if role in measured or role not in MEASURED}
-    z, pitch, roll, heading = (columns.get(role) for role in MEASURED)
-    if z is not None and z.size and np.ptp(z) == 0.0:
-        warnings.append(f"Column z is {z[0]:g} throughout: the sensor is stuck and the column is not used.")
-        z = None
-    if (pitch is None) != (roll is None):
+    if "z" in columns and columns["z"].size and np.ptp(columns["z"]) == 0.0:
+        z = columns.pop("z")[0]
+        warnings.append(f"Column z is {z:g} throughout: the sensor is stuck and the column is not used.")
+    tilts = [columns[role] for role in TILTS if role in columns]
+    if len(tilts) == 1:
         warnings.append("Only one of pitch and roll is there: tilts are not used.")
-    elif pitch is not None and roll is not None and not (pitch.any() or roll.any()):
+    elif tilts and not np.any(tilts):
+        columns = {role: x for role, x in columns.items() if role not in TILTS}
         warnings.append("All tilts are zero: they are taken as not logged, and the readings as level.")
-        pitch = roll = None
-    if z is None and pitch is not None:
+    elif tilts and "z" not in columns:
         warnings.append("Without z the tilts cannot be compensated: the readings are taken as level.")
-    log = _compose(columns, z, pitch, roll, heading, int((~good).sum()), warnings)
-    log = replace(log, temperature_c=columns.get("temperature_c"), channels={name: columns[name] for name in others})
+    log = _compose(columns, int((~good).sum()), warnings, others)
     if not len(log.raw):
         return log
     low, high = np.percentile(log.raw, (1.0, 99.0), axis=0)  # range of the central 98 % of an axis
@@ -112,18 +112,21 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
 
 
 def _compose(
-    columns: Mapping[str, Floats],
-    z: Floats | None,
-    pitch: Floats | None,
-    roll: Floats | None,
-    heading: Floats | None,
-    left_out: int,
-    warnings: Sequence[str],
+    columns: Mapping[str, Floats], left_out: int, warnings: Sequence[str], channels: Sequence[str] = ()
 ) -> Log:
-    if z is None or pitch is None or roll is None:
-        pitch = roll = None
-    raw = np.column_stack([columns["x"], columns["y"], np.zeros(len(columns["x"])) if z is None else z])
-    return Log(raw, z is not None, pitch, roll, heading, columns.get("time_utc"), left_out, tuple(warnings))
+    z, tilted = columns.get("z"), {"z", *TILTS} <= {*columns}
+    return Log(
+        raw=np.column_stack([columns["x"], columns["y"], np.zeros(len(columns["x"])) if z is None else z]),
+        has_z=z is not None,
+        pitch_deg=columns["pitch_deg"] if tilted else None,
+        roll_deg=columns["roll_deg"] if tilted else None,
+        heading_deg=columns.get("heading_deg"),
+        time_s=columns.get("time_utc"),
+        left_out=left_out,
+        warnings=tuple(warnings),
+        temperature_c=columns.get("temperature_c"),
+        channels={name: columns[name] for name in channels},
+    )
 
 
 def _read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
@@ -144,17 +147,16 @@ def _read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
         for role, header in HEADERS.items()
         if not {role, header} & set(withhold)
     }
-    z, pitch, roll, heading = (columns.get(role) for role in MEASURED)
     warnings = [f"{int(aliased.sum())} first scans of a profile are aliased and excluded."]
-    if pitch is not None and roll is not None and scans.damaged:
+    if {*TILTS} <= {*columns} and scans.damaged:
         warnings.append(f"{scans.damaged} damaged rows are excluded.")
-    if heading is not None and np.isnan(heading).any():
-        heading = None
+    if np.isnan(columns.get("heading_deg", 0.0)).any():
+        del columns["heading_deg"]
         warnings.append("The scans carry no heading.")
     if "time_utc" not in withhold:
         nominal = np.array([block.rate_hz for block in scans.blocks])
         columns["time_utc"] = mmp_scans.interpolate_clock(scans.clock_s, scans.profile, nominal[scans.profile])[keep]
-    return replace(_compose(columns, z, pitch, roll, heading, int((~keep).sum()), warnings), axis_by_axis=True)
+    return replace(_compose(columns, int((~keep).sum()), warnings), axis_by_axis=True)
 
 
 def are_direction_cosines(log: Log) -> bool:
