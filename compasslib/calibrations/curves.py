@@ -71,6 +71,10 @@ class CurveForm:
         """Evaluate the deviation at recorded headings, (n,) degrees; NaN where it is not unique."""
         return self.design(recorded_deg) @ coefficients
 
+    def nearest_deviation(self, coefficients: Floats, points: Points) -> Floats:
+        """Evaluate the deviation at points, (n,) degrees; of two the nearer to the observed one."""
+        return self.deviation(coefficients, points.recorded_deg)
+
     def gradient(self, coefficients: Floats, recorded_deg: Floats) -> Floats:
         """Compute the derivative of the deviation by each coefficient, (n, k)."""
         return self.design(recorded_deg)
@@ -111,6 +115,13 @@ class ExactForm(CurveForm):
         if not compass.turns_full_circle(coefficients):
             return np.full(recorded_deg.shape, np.nan)
         return angles.difference(compass.inverse(coefficients, recorded_deg)[:, 0], recorded_deg)
+
+    def nearest_deviation(self, coefficients: Floats, points: Points) -> Floats:
+        """Evaluate the deviation at points, (n,) degrees, by the nearer of the two headings that give a reading."""
+        observed = points.recorded_deg + points.deviation_deg
+        off = angles.difference(compass.inverse(coefficients, points.recorded_deg), observed[:, None])
+        nearer = np.argmin(np.where(np.isfinite(off), np.abs(off), np.inf), axis=1)
+        return points.deviation_deg + off[np.arange(len(off)), nearer]
 
     def gradient(self, coefficients: Floats, recorded_deg: Floats) -> Floats:
         """Compute the derivative of the deviation by A to E, (n, 5): at a constant reading, -dγ / (dγ / dβ)."""
@@ -168,11 +179,6 @@ class FittedCurve:
     dof: int
     scatter_deg: float  # standard deviation of correct headings about the curve, inflated for few readings
 
-    @property
-    def score_deg(self) -> float:
-        """Leave-one-out rms error, degrees."""
-        return angles.rms(self.left_out_deg)
-
     def deviation(self, recorded_deg: ArrayLike) -> Floats:
         """Evaluate the deviation at recorded headings, (n,) degrees; NaN where it is not unique."""
         return self.form.deviation(self.coefficients, np.asarray(recorded_deg, dtype=float))
@@ -190,7 +196,7 @@ class FittedCurve:
             coefficients = [*powers, *[0.0] * (POLYNOMIAL_DEGREE + 1 - len(powers))]  # numpy drops trailing zeros
         return {
             "coefficients": dict(zip(self.form.letters, coefficients, strict=True)),
-            "left_out_rms_deg": self.score_deg,
+            "left_out_rms_deg": angles.rms(self.left_out_deg),
             "residual_rms_deg": angles.rms(self.residual_deg),
             "dof": self.dof,
             "source": self.form.source,

@@ -192,15 +192,13 @@ def calibrate_readings(
     table_step_deg: float = 10.0,
 ) -> Calibration:
     """Fit the curves to bench readings and select one, if any is determined."""
-    # Repeats share the error of the bench's setting: they are averaged and count once.
-    slots = np.round(angles.wrap360(readings.reference_deg) / SAME_HEADING_DEG)
-    groups = [np.flatnonzero(slots == slot) for slot in np.unique(slots)]
-    averaged = [
-        np.array([float(angles.mean(x[group])) for group in groups])
-        for x in (readings.recorded_deg, readings.reference_deg)
-    ]
-    observed, points = curves.deviation_points(*averaged), _points(readings)
-    fitted, reasons = _fit_forms(observed)
+    all_points = curves.deviation_points(readings.recorded_deg, readings.reference_deg)
+    points = {
+        "reference_deg": angles.wrap360(readings.reference_deg),
+        "recorded_deg": all_points.recorded_deg,
+        "deviation_deg": all_points.deviation_deg,
+    }
+    observed, fitted, reasons = _fit_forms(readings)
     made = Calibration(
         kind=PLATFORM,
         model="none",
@@ -213,7 +211,8 @@ def calibrate_readings(
     if not fitted:
         return replace(made, why=_refusal(observed, reasons))
     chosen = curves.select_curve([*fitted.values()])
-    points = points | _residuals(points, chosen)
+    points["fitted_deg"] = chosen.form.nearest_deviation(chosen.coefficients, all_points)
+    points["residual_deg"] = angles.wrap180(points["deviation_deg"] - points["fitted_deg"])
     coefficients: dict[str, Any] = {}
     if smith := fitted.get(SMITH.name):
         coefficients = {"coefficients": smith.coefficients, "covariance": smith.covariance}
@@ -233,30 +232,39 @@ def calibrate_readings(
         residual_rms_deg=angles.rms(points["residual_deg"]),
         sources=rows,
         table=DeviationTable(heading, deviation, np.where(np.isfinite(deviation), sigma, np.nan)),
-        points=points,
         details={
             **made.details,
             "errors": _extremes(-observed.deviation_deg),
-            "models": _describe_models(fitted, reasons, sources),
-            **({} if chosen.form is POLYNOMIAL else _constant_shift(fitted.get(SMITH.name, chosen), sources)),
+            **_describe_models(fitted, reasons, chosen, sources),
         },
         warnings=tuple(_warnings(readings, observed, reasons, chosen)),
     )
 
 
 def _fit_forms(
-    observed: Points,
+    readings: BenchReadings,
     *,
     max_leakage: float = 0.5,  # fraction of an omitted quadrantal deviation that may appear in A, B or C
-) -> tuple[dict[str, FittedCurve], dict[str, str]]:
-    """Fit all forms; give the fitted curves by name, and the reason for each form that cannot be fitted."""
+) -> tuple[Points, dict[str, FittedCurve], dict[str, str]]:
+    """Fit all forms to readings averaged by heading: repeats share the error of the bench's setting and count once.
+
+    Returns:
+        The averaged points, the fitted curves by name, and the reason for each form that cannot be fitted.
+    """
+    slots = np.round(angles.wrap360(readings.reference_deg) / SAME_HEADING_DEG)
+    groups = [slots == slot for slot in np.unique(slots)]
+    recorded, reference = (
+        np.array([float(angles.mean(x[group])) for group in groups])
+        for x in (readings.recorded_deg, readings.reference_deg)
+    )
+    observed = curves.deviation_points(recorded, reference)
     fits = {form.name: curves.fit_curve(form, observed) for form in FORMS}
     if isinstance(fits[SMITH.name], str) and isinstance(fits[ONE_CYCLE.name], FittedCurve):
         columns = series_design(observed.recorded_deg)
         if np.max(np.abs(np.linalg.pinv(columns[:, :3]) @ columns[:, 3:])) > max_leakage:
             fits[ONE_CYCLE.name] = "an unobservable quadrantal deviation would look like one cycle"
     fitted = {name: fit for name, fit in fits.items() if isinstance(fit, FittedCurve)}
-    return fitted, {name: fit for name, fit in fits.items() if isinstance(fit, str)}
+    return observed, fitted, {name: fit for name, fit in fits.items() if isinstance(fit, str)}
 
 
 def _fit_residual(curve: FittedCurve) -> Source:
@@ -264,34 +272,17 @@ def _fit_residual(curve: FittedCurve) -> Source:
     return Source(result.FIT_RESIDUAL, curve.scatter_deg, how)
 
 
-def _points(readings: BenchReadings) -> dict[str, Floats]:
-    points = curves.deviation_points(readings.recorded_deg, readings.reference_deg)
-    reference = angles.wrap360(readings.reference_deg)
-    return dict(zip((*ROLES, "deviation_deg"), (reference, *vars(points).values()), strict=True))
-
-
-def _residuals(points: Mapping[str, Floats], chosen: FittedCurve) -> dict[str, Floats]:
-    recorded, deviation = points["recorded_deg"], points["deviation_deg"]
-    fitted = chosen.deviation(recorded)
-    if chosen.form is EXACT:  # the nearer of the two headings that give the same reading
-        off = angles.difference(compass.inverse(chosen.coefficients, recorded), (recorded + deviation)[:, None])
-        nearer = np.argmin(np.where(np.isfinite(off), np.abs(off), np.inf), axis=1)
-        fitted = deviation + off[np.arange(len(off)), nearer]
-    return {"fitted_deg": fitted, "residual_deg": angles.wrap180(deviation - fitted)}
-
-
 def _describe_models(
-    fitted: Mapping[str, FittedCurve], reasons: Mapping[str, str], sources: Sequence[Source]
-) -> dict[str, dict[str, Any]]:
+    fitted: Mapping[str, FittedCurve], reasons: Mapping[str, str], chosen: FittedCurve, sources: Sequence[Source]
+) -> dict[str, Any]:
+    """Describe each form, and the constant of the deviation, which a compass's own calibration may cause (Fig. 18)."""
     models: dict[str, dict[str, Any]] = {form.name: {"why": reasons.get(form.name)} for form in FORMS}
     for name, fit in fitted.items():
         total = result.expanded((*sources, _fit_residual(fit)))
         models[name] = fit.to_json() | {"expanded_deg": total} | _extremes(-fit.residual_deg)
-    return models
-
-
-def _constant_shift(curve: FittedCurve, sources: Sequence[Source]) -> dict[str, Any]:
-    """Describe the constant of the deviation, which a compass's own calibration may cause (Fig. 18)."""
+    if chosen.form is POLYNOMIAL:
+        return {"models": models}
+    curve = fitted.get(SMITH.name, chosen)
     unit = 1.0 / angles.DEGREE if curve.form is EXACT else 1.0
     value = unit * float(curve.coefficients[0])
     sigma = float(np.hypot(unit * np.sqrt(curve.covariance[0, 0]), result.common(sources)))
@@ -300,7 +291,8 @@ def _constant_shift(curve: FittedCurve, sources: Sequence[Source]) -> dict[str, 
         f"A constant shift of {value:+.2f} ± {2.0 * sigma:.2f} degrees (k = 2) is {'' if proven else 'not '}"
         "significant; it may be of the compass, its mounting or the reference direction."
     )
-    return {"constant_shift": {"value_deg": value, "sigma_deg": sigma, "differs_from_none": proven, "text": text}}
+    shift = {"value_deg": value, "sigma_deg": sigma, "differs_from_none": proven, "text": text}
+    return {"models": models, "constant_shift": shift}
 
 
 def _extremes(error_deg: Floats) -> dict[str, float]:

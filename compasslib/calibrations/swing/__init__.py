@@ -80,7 +80,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     if made.why:
         return replace(made, points=_points(swing, None))
     series = model.fit_swing(swing)
-    exact = model.fit_swing(swing, exact=True, start=series.parameters)
+    exact = model.fit_swing(replace(swing, exact=True), start=series.parameters)
     drift = model.separate_drift(swing, series) if observed.over_ground else None
     return replace(
         made,

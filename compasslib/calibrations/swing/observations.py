@@ -267,14 +267,6 @@ def rate_and_heading(time_s: Floats, turned_deg: Floats, slow: Bools) -> tuple[F
     return rate, mean
 
 
-def since_middle(time_s: Floats) -> Floats:
-    """Scale time to -1/2 to 1/2 over the swing, (n,); 0 if any time is unknown."""
-    if not np.isfinite(time_s).all():
-        return np.zeros(time_s.shape)
-    first, last = time_s.min(), time_s.max()
-    return (time_s - (first + last) / 2.0) / max(last - first, 1.0)
-
-
 def group_headings(recorded_deg: Floats, *, heading_gap_deg: float = 2.0) -> NDArray[np.int_]:
     """Assign observations to numbered headings, (n,): repeats, closer than the gap, share a number."""
     order = np.argsort(recorded_deg, kind="stable")
