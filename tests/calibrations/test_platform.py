@@ -109,7 +109,7 @@ def test_ambiguous_bench_error_is_a_doubt_passed_to_the_mooring(tmp_path, read, 
     made = calibrated(tmp_path, read, declination_deg=declination)
     assert said in " ".join(made.warnings)
     seen, _ = pairs()
-    told = at_mooring.carry_to_mooring([page(made)], SEA, record_of(seen), seen).warnings
+    told = at_mooring.carry_to_mooring([page(made)], SEA, record_of(seen), seen)[0].warnings
     assert any(said in text and text.startswith("calibration aqd: ") for text in told)
     assert calibrated(tmp_path, declination_deg=declination).details["doubts"] == []
 
@@ -334,7 +334,7 @@ def at_home(coefficients, share: float = 1.0) -> np.ndarray:
 def test_transferred_calibration_covers_the_true_coefficients(tmp_path, at_sea, share):
     made = calibrated(tmp_path, readings(coefficients=at_home(at_sea, share)), budget="le_menn")
     seen, heading = pairs(at_sea, n=700)
-    fit = at_mooring.carry_to_mooring([page(made)], SEA, record_of(seen), seen)
+    fit, origin = at_mooring.carry_to_mooring([page(made)], SEA, record_of(seen), seen)
     assert fit.method == "calibration" and fit.folded == (not compass.turns_full_circle(at_sea))
     off = (fit.coefficients - at_sea) / np.sqrt(np.diag(fit.covariance))
     assert np.all(np.abs(off) < 2.5) and np.abs(off).max() > 0.01
@@ -343,8 +343,8 @@ def test_transferred_calibration_covers_the_true_coefficients(tmp_path, at_sea, 
     assert fit.warnings[0].startswith("calibration aqd: B and C are known to 0.")
     assert fit_from_json(fit.to_json()).warnings == fit.warnings
     assert fit_deviation("calibration", seen, near=fit) is fit
-    origin = at_mooring.origin([page(made)], SEA)["calibration"]
-    assert origin["name"] == "aqd" and set(origin["coefficients"]) == set("ABCDE")
+    source = origin["calibration"]
+    assert source["name"] == "aqd" and set(source["coefficients"]) == set("ABCDE")
     if not fit.folded:
         found = compass.inverse(fit.coefficients, seen.heading_deg)[:, 0]
         assert angles.rms(found - heading) < 6.0
@@ -354,7 +354,7 @@ def test_folded_calibration_is_transferred_without_pairs(tmp_path):
     made = calibrated(tmp_path, readings(ring(24), FOLDED))
     seen, _ = pairs((0.0, -1.1 * 1.78, 0.7 * 1.78, 0.02, -0.01), n=300)
     none = replace(seen, **{k: v[:0] for k, v in vars(seen).items() if isinstance(v, np.ndarray)})
-    fit = at_mooring.carry_to_mooring([page(made)], SEA, record_of(seen), none)
+    fit, _ = at_mooring.carry_to_mooring([page(made)], SEA, record_of(seen), none)
     assert fit.folded and fit.n_pairs == 0 and np.isnan(fit.residual_rms_deg)
     assert "residual" not in describe_fit("M1", fit) and "warning: calibration aqd" in describe_fit("M1", fit)
 
@@ -371,7 +371,7 @@ def test_folded_calibration_is_transferred_without_pairs(tmp_path):
 def test_calibration_that_cannot_be_transferred_states_why(tmp_path, read, settings, why):
     seen, _ = pairs(MILD, n=50)
     refused = page(calibrated(tmp_path, read), settings=settings or {"field": None})
-    fit = at_mooring.carry_to_mooring([refused], SEA, record_of(seen), seen)
+    fit, _ = at_mooring.carry_to_mooring([refused], SEA, record_of(seen), seen)
     assert not fit.fitted and fit.why.startswith(why) and fit.n_pairs == 50
 
 
@@ -383,7 +383,7 @@ def test_empirical_curve_is_not_transferred_to_another_field(tmp_path, ratio):
     bent = replace(bent, reference_deg=bent.reference_deg + 3.0 * angles.sin_cos(4.0 * bent.recorded_deg)[0])
     level = float(SEA.horizontal_nT[0]) / ratio
     made = page(calibrated(tmp_path, bent), settings={"field": HOME | {"horizontal_nT": level}})
-    fit = at_mooring.carry_to_mooring([made], SEA, record_of(seen), seen)
+    fit, _ = at_mooring.carry_to_mooring([made], SEA, record_of(seen), seen)
     assert made["model"] == "empirical" and fit.fitted == (ratio == 1.03)
     assert fit.fitted or "is 0.90 of the calibration's; calibrate where it is the same within 5 %" in fit.why
     if fit.fitted:  # the uncertainty includes the residual of the exact compass, 3 degrees over the root of 2
@@ -395,21 +395,21 @@ def test_change_between_two_calibrations_enters_the_uncertainty(tmp_path):
     seen, _ = pairs(MILD, n=50)
     pages = [page(calibrated(tmp_path, readings(coefficients=at_home(iron))), name, {"field": HOME, "parts": ["pack"]})
              for name, iron in (("before", MILD), ("after", (0.02, 0.25, 0.05, 0.03, -0.02)))]  # fmt: skip
-    single, both = (at_mooring.carry_to_mooring(x, SEA, record_of(seen), seen) for x in (pages[:1], pages))
+    (single, _), (both, source) = (at_mooring.carry_to_mooring(x, SEA, record_of(seen), seen)
+                                   for x in (pages[:1], pages))  # fmt: skip
     change = both.coefficients - single.coefficients
     assert 2.0 * change[1:3] == pytest.approx([0.1, -0.05], abs=0.03)  # transferred as half hard, half induced iron
     added = both.covariance - single.covariance
     assert added[1, 1] == pytest.approx((2.0 * change[1]) ** 2 / 12.0, rel=0.5) and added[1, 2] < 0.0
     told = [text for text in both.warnings if "between the calibrations before" in text]
     assert len(told) == 1 and "° rms" in told[0]
-    source = at_mooring.origin(pages, SEA)
     assert source["calibration_after"]["name"] == "after" and 3.0 < source["calibration_change"]["rms_deg"] < 6.0
 
 
 def test_parts_that_differ_from_the_calibration_give_a_warning(tmp_path):
     seen, _ = pairs(MILD, n=50)
     made = page(calibrated(tmp_path), settings={"field": HOME, "parts": ["alkaline pack", "Frame"]})
-    told = [at_mooring.carry_to_mooring([made], SEA, record_of(seen), seen, parts=parts).warnings
+    told = [at_mooring.carry_to_mooring([made], SEA, record_of(seen), seen, parts=parts)[0].warnings
             for parts in (["frame", "alkaline pack"], ["frame", "lithium pack"], [])]  # fmt: skip
     stated = [[text for text in warnings if "moored with" in text] for warnings in told]
     assert not stated[0] and "alkaline pack, lithium pack may turn the compass" in stated[1][0]
@@ -419,7 +419,7 @@ def test_parts_that_differ_from_the_calibration_give_a_warning(tmp_path):
 def test_calibration_budget_enters_the_uncertainty_of_the_mooring(tmp_path):
     seen, _ = pairs(MILD, n=50)
     made = [page(calibrated(tmp_path, uncertainty={"graduation_deg": x})) for x in (3.0, 0.1)]
-    wide, narrow = (at_mooring.carry_to_mooring([each], SEA, record_of(seen), seen) for each in made)
+    wide, narrow = (at_mooring.carry_to_mooring([each], SEA, record_of(seen), seen)[0] for each in made)
     assert np.sqrt(wide.covariance[0, 0]) / angles.DEGREE == pytest.approx(3.0, abs=0.1)
     assert wide.covariance[0, 0] > 10.0 * narrow.covariance[0, 0]
 
