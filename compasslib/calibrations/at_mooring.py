@@ -41,8 +41,6 @@ def carry_to_mooring(
     *,
     parts: Sequence[str] = (),  # parts near the mooring's compass
     iron_nT: float = IRON_NT,  # prior standard deviation of hard and of induced iron, see ``transfer_coefficients``
-    min_noise_deg: float = 0.8,
-    max_noise_deg: float = 8.0,
 ) -> tuple[DeviationFit, dict[str, Any]]:
     """Transfer the exact compass of one calibration, or of one before and one after, to a mooring's field, unfitted.
 
@@ -71,7 +69,7 @@ def carry_to_mooring(
         origin["calibration_change"] = {"rms_deg": size, "text": text}
         warnings.append(text)
     scatter = max(content["residual_rms_deg"] or 0.0 for content in contents)
-    noise = ScatterNoise(compass_deg=float(np.clip(scatter, min_noise_deg, max_noise_deg)))
+    noise = ScatterNoise(compass_deg=float(np.clip(scatter, 0.8, 8.0)))
     known = transferred.coefficients, transferred.covariance
     fit = DeviationFit(METHOD, len(pairs), *known, noise=noise, warnings=tuple(warnings))
     return evaluate_on_record(fit, record, pairs), origin
@@ -135,7 +133,7 @@ def _with_residual(fit: DeviationFit, residual: Floats, pairs: Pairs, **more: An
     return replace(fit, n_effective=effective, residual_rms_deg=angles.rms(residual), **more)
 
 
-def _missing_part(content: Mapping[str, Any], field: EarthField, *, same_field: float = 0.05) -> str:
+def _missing_part(content: Mapping[str, Any], field: EarthField) -> str:
     """Explain why a calibration cannot be carried to a mooring; empty if it can."""
     if content["exact"] is None:
         return content["why"] or "it has no coefficients of the exact compass, its headings do not determine them"
@@ -144,11 +142,11 @@ def _missing_part(content: Mapping[str, Any], field: EarthField, *, same_field: 
     if content["place"]["field"] is None:
         return "its place or date is unknown, so that its coefficients cannot be carried to the mooring's field"
     ratio = float(np.mean(field.horizontal_nT)) / content["place"]["field"]["horizontal_nT"]
-    if content["model"] == EMPIRICAL.name and abs(ratio - 1.0) > same_field:
+    if content["model"] == EMPIRICAL.name and abs(ratio - 1.0) > 0.05:
         return (
             "its curve is empirical, and how much of it iron makes, which the field changes, is unknown: the level "
             f"field of the mooring is {ratio:.2f} of the calibration's; calibrate where it is the same within "
-            f"{100.0 * same_field:.0f} %, correct the instrument's table and calibrate again, or fit a reference"
+            "5 %, correct the instrument's table and calibrate again, or fit a reference"
         )
     return ""
 

@@ -133,10 +133,10 @@ class ExactForm(CurveForm):
         weight = self._weight(coefficients, CIRCLE_DEG)
         return compass.gradient(coefficients, CIRCLE_DEG).T * np.sqrt(weight)[:, None]
 
-    def correct_residual(self, solution: LeastSquares, points: Points, *, min_slope: float = 0.3) -> Floats:
+    def correct_residual(self, solution: LeastSquares, points: Points) -> Floats:
         """Divide residuals of the recorded heading by minus the slope, bounded as it approaches 0 near a fold."""
         slope = compass.slope(solution.coefficients, points.recorded_deg + points.deviation_deg)
-        bounded = np.where(slope < 0, -1.0, 1.0) * np.maximum(np.abs(slope), min_slope)
+        bounded = np.where(slope < 0, -1.0, 1.0) * np.maximum(np.abs(slope), 0.3)
         return -1.0 / bounded * solution.residual_deg
 
     @staticmethod
@@ -250,18 +250,16 @@ def fit_curve(form: CurveForm, points: Points) -> FittedCurve | str:
     )
 
 
-def select_curve(
-    curves: Sequence[FittedCurve], *, min_dof_to_select: int = 3, min_gain_sigmas: float = 2.0
-) -> FittedCurve:
+def select_curve(curves: Sequence[FittedCurve]) -> FittedCurve:
     """Select the first curve, unless another one predicts left-out points better.
 
     A form with more coefficients must be better by twice the standard error of the difference, one with as many just
     better. Forms with fewer are contained in the first: their uncertainty would neglect the omitted terms.
     """
     best = curves[0]
-    for other in (curve for curve in curves[1:] if curve.dof <= best.dof and best.dof >= min_dof_to_select):
+    for other in (curve for curve in curves[1:] if curve.dof <= best.dof and best.dof >= 3):
         gain = best.left_out_deg**2 - other.left_out_deg**2
         same = len(other.form.letters) == len(best.form.letters)
-        needed = 0.0 if same else min_gain_sigmas * float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
+        needed = 0.0 if same else 2.0 * float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
         best = other if float(np.mean(gain)) > needed else best
     return best

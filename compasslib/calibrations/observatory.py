@@ -149,14 +149,7 @@ def station_field(series: FieldSeries, settings: Mapping[str, Any], where: str) 
     return field, check_field(series, place)
 
 
-def check_field(
-    series: FieldSeries,
-    place: tuple[float, float],
-    *,
-    impossible_nT: float = 5000.0,  # more than any crustal field at an observatory
-    no_baseline: float = 0.1,  # share of the model's horizontal field below which a series is a variation about zero
-    no_baseline_deg: float = 0.3,  # the same for its declination
-) -> list[str]:
+def check_field(series: FieldSeries, place: tuple[float, float]) -> list[str]:
     """Warn if the medians of a month of a file are not the model's at its place, (latitude, longitude), if known.
 
     Raises:
@@ -181,7 +174,7 @@ def check_field(
         across = model[1] * angles.DEGREE * float(np.abs(angles.chord(angles.difference(declination, model[0]))))
         if not np.nanmax([across, abs(horizontal - model[1]), abs(vertical - model[2])]) > CRUST_NT:
             continue
-        variation = abs(declination) < no_baseline_deg < abs(model[0]) or horizontal < no_baseline * model[1]
+        variation = abs(declination) < 0.3 < abs(model[0]) or horizontal < 0.1 * model[1]
         why = f"rocks rarely make more than {CRUST_NT:.0f} nT; check columns, units, place and dates"
         why = "a variation about zero: the baseline is missing" if variation else why
         parts = [f"D {declination:+.2f} degrees"]
@@ -191,7 +184,7 @@ def check_field(
         year = iso_time(time_s)[:4]
         where = series.files[month[0]] if series.files else series.station
         observed = f"{','.join(parts)} ({why})"
-        if variation or across > impossible_nT:
+        if variation or across > 5000.0:  # nT, more than any crustal field at an observatory
             raise InputError(where, expected=f"about {by_model} in {year}, as IGRF has", found=observed, advice=ADVICE)
         warnings.setdefault(where, f"{where}: {observed}, where IGRF has {by_model} in {year}")
     return list(warnings.values())
@@ -306,13 +299,13 @@ def hourly_median(time_s: Floats, off: Floats, chosen: Bools) -> Floats:
     return curve - np.median(curve)
 
 
-def strongest_disturbance(time_s: Floats, off_deg: Floats, *, max_stretches: int = 12) -> tuple[float, float]:
+def strongest_disturbance(time_s: Floats, off_deg: Floats) -> tuple[float, float]:
     """Find start and end of the strongest disturbance, or of the record if many stretches are as strong."""
     size, _ = three_hour_rms(time_s, off_deg)
     at = np.flatnonzero(size >= 0.5 * size.max())
     groups = np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1)
     strongest = next(group for group in groups if np.argmax(size) in group)
-    if len(groups) > max_stretches or not size.max():
+    if len(groups) > 12 or not size.max():
         return float(time_s[0]), float(time_s[-1])
     clear = strongest[np.abs(off_deg[strongest]) >= 0.25 * np.abs(off_deg[strongest]).max()]
     return float(time_s[clear[0]]), float(time_s[clear[-1]])
@@ -465,28 +458,17 @@ def _quiet_days(time_s: Floats, rough: Floats, stormy: Bools) -> Bools:
     return np.isin(which, quietest[np.isfinite(size[quietest])])
 
 
-def _constant_sigma(
-    each_day: Floats,
-    days: Floats,
-    disturbance_deg: float,
-    *,
-    min_blocks: int = 5,
-    whole_year_days: int = 330,
-    day_level_deg: float = 0.016,
-    disturbance_share: float = 0.4,
-    season_deg: float = 0.006,
-) -> float:
+def _constant_sigma(each_day: Floats, days: Floats, disturbance_deg: float) -> float:
     """Estimate the standard error of the constant from blocks of days, or from an assumed spread if these are few.
 
-    Args:
-        day_level_deg, disturbance_share, season_deg: standard deviation of daily means about the annual mean, share of
-            the disturbance added to it, and standard deviation of seasonal means. Tuned to Eskdalemuir 1980 and 2003,
-            on which the benchmark measures coverage: no independent check.
+    The standard deviations of daily means about the annual mean and of seasonal means, and the share of the disturbance
+    added, are tuned to Eskdalemuir 1980 and 2003, on which the benchmark measures coverage: no independent check.
     """
     blocks = np.unique(np.floor(days / BLOCK_DAYS), return_inverse=True)[1]
-    if blocks[-1] + 1 < min_blocks:
-        spread = np.hypot(day_level_deg, disturbance_share * disturbance_deg)
+    season_deg = 0.006
+    if blocks[-1] + 1 < 5:
+        spread = np.hypot(0.016, 0.4 * disturbance_deg)
         return float(np.hypot(spread / np.sqrt(len(days)), season_deg))
     each = np.array([np.median(each_day[blocks == k]) for k in range(blocks[-1] + 1)])
-    season = season_deg if np.ptp(days) < whole_year_days else 0.0
+    season = season_deg if np.ptp(days) < 330 else 0.0
     return float(np.hypot(np.std(each, ddof=1) / np.sqrt(len(each)), season))

@@ -31,6 +31,8 @@ from compasslib.types import Floats
 ROLES = ("reference_deg", "recorded_deg")
 FORMS = (SMITH, EXACT, POLYNOMIAL, ONE_CYCLE, EMPIRICAL)
 SAME_HEADING_DEG = 1.0  # reference directions that round to one multiple repeat a setting of the bench
+SAME_TILT_DEG = 0.2  # the same for tilts
+LEVEL_DEG, SKEW_DEG = 0.5, 1.0  # tilts up to which an axis is level, and from which two axes are tilted together
 SWING = "swing 16 to 24 headings all round the circle"
 TILT_ROLES = ("reference_tilt_deg", "recorded_pitch_deg", "recorded_roll_deg")
 AXES = ("pitch", "roll")
@@ -95,12 +97,10 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     )
 
 
-def _correct_field(
-    reference_deg: Floats, time_s: Floats, files: Sequence[str], *, max_steps: float = 1.5
-) -> tuple[Floats, dict[str, Any]]:
+def _correct_field(reference_deg: Floats, time_s: Floats, files: Sequence[str]) -> tuple[Floats, dict[str, Any]]:
     """Correct reference directions, (n,), for changes of the declination about its mean over the readings.
 
-    Readings at an unknown time or farther than ``max_steps`` sampling intervals from any sample are not corrected.
+    Readings at an unknown time or farther than 1.5 sampling intervals from any sample are not corrected.
     """
     series = iaga2002.read(files)
     known = np.isfinite(series.declination_deg)
@@ -109,7 +109,7 @@ def _correct_field(
         text = f"{series.station} has no declination at the times of the readings, which stay uncorrected"
         return reference_deg, {"station": series.station, "corrected": 0, "range_deg": None, "text": text}
     nearest = np.array([np.min(np.abs(at - t)) if np.isfinite(t) else np.inf for t in time_s])
-    near = nearest <= max_steps * np.median(np.diff(at))
+    near = nearest <= 1.5 * np.median(np.diff(at))
     change, count, size = np.zeros(reference_deg.shape), int(near.sum()), 0.0
     if count:
         change[near] = np.interp(time_s[near], at, declination)
@@ -149,21 +149,14 @@ def measure_homogeneity(
 
 
 def _constant_doubts(
-    value: float,
-    sigma: float,
-    declination_deg: float | None,
-    files: Sequence[str | Path],
-    *,
-    quarter_deg: float = 87.0,  # a quarter turn, but for a compass's own constant
-    large_deg: float = 5.0,  # larger than the alignment errors of benches and mounts
-    least_deg: float = 2.0,  # smallest declination and constant that are compared
+    value: float, sigma: float, declination_deg: float | None, files: Sequence[str | Path]
 ) -> list[str]:
     """Explain a constant that is large or equals the declination, and is thus unlikely to be the compass's own.
 
     Raises:
         InputError: the constant is a quarter turn or more.
     """
-    if abs(value) >= quarter_deg:
+    if abs(value) >= 87.0:  # a quarter turn, but for a compass's own constant
         stood = float(angles.wrap360(-90.0 * np.round(value / 90.0)))
         raise InputError(
             ", ".join(str(file) for file in files),
@@ -175,11 +168,11 @@ def _constant_doubts(
     if abs(value) <= 2.0 * sigma:
         return []
     near, reasons = max(2.0 * sigma, 0.5), []
-    if declination_deg is not None and min(abs(declination_deg), abs(value)) > least_deg:
+    if declination_deg is not None and min(abs(declination_deg), abs(value)) > 2.0:
         signs = {"": 1.0, " with the other sign": -1.0}
         alike = [text for text, sign in signs.items() if abs(value - sign * declination_deg) < near]
         reasons = [f"it is the declination, {declination_deg:+.1f}{text}: reference_deg may be true" for text in alike]
-    if abs(value) > large_deg:
+    if abs(value) > 5.0:  # larger than the alignment errors of benches and mounts
         reasons.append("the instrument may have stood turned (mounting_deg), or reference_deg is true")
     text = f"a constant of {value:+.1f} degrees, which turns all headings alike: {'; '.join(reasons)}"
     return [text] if reasons else []
@@ -243,8 +236,6 @@ def calibrate_readings(
 
 def _fit_forms(
     readings: BenchReadings,
-    *,
-    max_leakage: float = 0.5,  # fraction of an omitted quadrantal deviation that may appear in A, B or C
 ) -> tuple[Points, dict[str, FittedCurve], dict[str, str]]:
     """Fit all forms to readings averaged by heading: repeats share the error of the bench's setting and count once.
 
@@ -261,7 +252,8 @@ def _fit_forms(
     fits = {form.name: curves.fit_curve(form, observed) for form in FORMS}
     if isinstance(fits[SMITH.name], str) and isinstance(fits[ONE_CYCLE.name], FittedCurve):
         columns = series_design(observed.recorded_deg)
-        if np.max(np.abs(np.linalg.pinv(columns[:, :3]) @ columns[:, 3:])) > max_leakage:
+        leakage = np.linalg.pinv(columns[:, :3]) @ columns[:, 3:]  # of omitted terms into A, B and C
+        if np.max(np.abs(leakage)) > 0.5:
             fits[ONE_CYCLE.name] = "an unobservable quadrantal deviation would look like one cycle"
     fitted = {name: fit for name, fit in fits.items() if isinstance(fit, FittedCurve)}
     return observed, fitted, {name: fit for name, fit in fits.items() if isinstance(fit, str)}
@@ -379,11 +371,6 @@ def calibrate_tilt(files: Sequence[str | Path], settings: Mapping[str, Any]) -> 
 def split_axes(
     reference_deg: Floats,  # tilts of the platform, (n,), signed or absolute
     recorded_deg: Floats,  # pitch and roll, (2, n)
-    *,
-    level_deg: float = 0.5,  # above the least reference tilt, both axes count as level
-    skew_deg: float = 1.0,
-    skew_share: float = 0.25,
-    same_tilt_deg: float = 0.2,  # reference tilts that round to one multiple repeat a setting of the platform
 ) -> tuple[dict[str, BenchReadings], int, list[str]]:
     """Assign readings to the tilted axis, level ones to both, with the instrument's signs; repeats are averaged.
 
@@ -394,24 +381,24 @@ def split_axes(
     if not len(reference_deg):
         return readings, 0, notes
     size = np.abs(reference_deg)
-    level = (size <= size.min() + level_deg) & (size <= skew_deg)
+    level = (size <= size.min() + LEVEL_DEG) & (size <= SKEW_DEG)
     zero = np.median(recorded_deg[:, level], axis=1) if level.any() else np.zeros(2)
     lean = recorded_deg - zero[:, None]
     most, least = np.max(np.abs(lean), axis=0), np.min(np.abs(lean), axis=0)
-    skew = ~level & (least > np.maximum(skew_deg, skew_share * most))
+    skew = ~level & (least > np.maximum(SKEW_DEG, 0.25 * most))
     tilted = np.argmax(np.abs(lean), axis=0)
     for k, name in enumerate(AXES):
         chosen = level | (tilted == k) & ~skew
         if not (chosen & ~level).any():
             continue
         reference, leaning = reference_deg[chosen], lean[k][chosen]
-        if np.min(reference) >= 0.0 and np.min(leaning) < -level_deg:
+        if np.min(reference) >= 0.0 and np.min(leaning) < -LEVEL_DEG:
             reference = np.where(level[chosen], reference, np.sign(leaning) * reference)
             notes.append(f"{name}: reference tilts have no sign; that of the recorded tilt is taken")
         elif np.sum(reference * leaning) < 0.0:
             reference = -reference
             notes.append(f"{name}: the platform counts tilts in the other sense; their sign is changed")
-        _, which, count = np.unique(np.round(reference / same_tilt_deg), return_inverse=True, return_counts=True)
+        _, which, count = np.unique(np.round(reference / SAME_TILT_DEG), return_inverse=True, return_counts=True)
         means = (np.bincount(which, x) / count for x in (reference, recorded_deg[k][chosen]))
         readings[name] = BenchReadings(*means)
     return readings, int(skew.sum()), notes
@@ -446,11 +433,11 @@ def calibrate_axes(readings: Mapping[str, BenchReadings], sources: Sequence[Sour
     )
 
 
-def _fit_tilt(recorded_deg: Floats, correction_deg: Floats, *, min_dof: int = 4) -> FittedCurve | str:
+def _fit_tilt(recorded_deg: Floats, correction_deg: Floats) -> FittedCurve | str:
     if not len(recorded_deg):
         return "no reading leans this axis alone"
     # The highest degree allowed, not the best fit: otherwise the uncertainty would neglect undetected curvature.
-    allowed = [name for name, letters in TILT_FORMS.items() if len(recorded_deg) - len(letters) >= min_dof]
+    allowed = [name for name, letters in TILT_FORMS.items() if len(recorded_deg) - len(letters) >= 4]
     name = allowed[-1] if allowed else "line"
     design = partial(np.vander, N=len(TILT_FORMS[name]), increasing=True)
     span = np.linspace(recorded_deg.min(), recorded_deg.max(), 21)

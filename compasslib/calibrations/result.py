@@ -238,14 +238,7 @@ def compare_all(name: str, content: Mapping[str, Any], earlier: Mapping[str, Map
     return {"comparison": comparison, "compared": compared} | without_bench
 
 
-def compare(
-    after: Mapping[str, Any],
-    before: Mapping[str, Any],
-    *,
-    significance: float = 0.05,  # p-value below which two calibrations differ significantly
-    min_p_value: float = 0.001,  # smaller ones are not printed
-    min_amplitude_sigmas: float = 3.0,  # least amplitude, in standard deviations, that has a phase
-) -> dict[str, Any]:
+def compare(after: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
     """Compare a calibration with an earlier one of the same compass, such as before its batteries were demagnetised.
 
     Le Menn et al. 2023, sections 3 and 4, compare curves by eye and by their phase shift. Here the difference of each
@@ -273,12 +266,12 @@ def compare(
     change, sigma = here[0] - there[0], float(np.hypot(here[1], there[1]))
     size = {"after": here[0], "before": there[0], "difference": change, "sigma": sigma}
     phase, moved = None, "it is too small on one side to have a phase"
-    if not min(here[0] / here[1], there[0] / there[1]) < min_amplitude_sigmas:
+    if not min(here[0] / here[1], there[0] / there[1]) < 3.0:  # amplitudes in standard deviations
         shift, spread = float(angles.difference(here[2], there[2])), float(np.hypot(here[3], there[3]))
         phase = {"after": here[2], "before": there[2], "shift": shift, "sigma": spread}
         moved = f"its phase moves by {shift:+.0f} ± {2 * spread:.0f} degrees"
-    differ = p_value < significance
-    chance = f"p = {p_value:.2g}" if p_value >= min_p_value else f"p < {min_p_value}"
+    differ = p_value < 0.05
+    chance = f"p = {p_value:.2g}" if p_value >= 0.001 else "p < 0.001"
     return {
         "with": name,
         "one_cycle": {"amplitude_deg": size, "phase_deg": phase},
@@ -330,14 +323,7 @@ def changes_by_object(without: Mapping[str, Any], others: Sequence[Mapping[str, 
     return sorted(found, key=lambda each: each.distance_m)
 
 
-def describe_object(
-    changes: Sequence[ObjectChange],
-    size_m: float,
-    *,
-    min_distances: int = 4,  # needed to fit an exponent
-    two_sigma_chi2: float = 4.0,  # growth of chi-squared at the ends of an interval of 95 %, one parameter
-    min_p_value: float = 0.01,  # below which changes are not those of a dipole
-) -> dict[str, Any]:
+def describe_object(changes: Sequence[ObjectChange], size_m: float) -> dict[str, Any]:
     """Describe the changes by an object, nearest first, their decrease with distance and the safe distance.
 
     From there on a dipole changes no deviation by ``SAFE_DEG``; changes within twice the object's size do not count.
@@ -359,9 +345,9 @@ def describe_object(
     if near:
         where = ", ".join(f"{each.distance_m:g} m" for each in near)
         texts.append(f"At {where} it is nearer than twice its size and no dipole: nothing follows for other distances.")
-    if len(changes) >= min_distances and not near:
+    if len(changes) >= 4 and not near:
         misfits = fit_fall(far, EXPONENTS)[2]
-        within, best = EXPONENTS[misfits <= misfits.min() + two_sigma_chi2], float(EXPONENTS[np.argmin(misfits)])
+        within, best = EXPONENTS[misfits <= misfits.min() + 4.0], float(EXPONENTS[np.argmin(misfits)])  # two sigmas
         low, high = float(within[0]), float(within[-1])
         content["exponent"] = {"value": best, "low": low, "high": high}
         texts.append(f"They fall with the power {best:.1f} of the distance ({low:.1f} to {high:.1f}).")
@@ -369,7 +355,7 @@ def describe_object(
         strength, covariance, misfit = fit_fall(far, DIPOLE)
         p_value = float(chdtrc(2 * len(far) - 2, float(misfit))) if len(far) > 1 else None
         content["p_value"] = p_value
-        if p_value is not None and p_value < min_p_value:
+        if p_value is not None and p_value < 0.01:
             texts.append("No dipole falls so: no safe distance follows.")
         else:
             size = float(np.hypot(*strength))

@@ -305,16 +305,11 @@ def _align_to_tilts(solved: SolvedIron) -> SolvedIron:
     return replace(solved, iron=iron, replicates=irons, dip_ratio=dip_ratio, dip_replicates=dips, turned=known)
 
 
-def align_vertical(
-    iron: Floats, readings: ScaledReadings, down: Floats, *, max_dilution: float = 10.0
-) -> tuple[Bools, float, Floats]:
+def align_vertical(iron: Floats, readings: ScaledReadings, down: Floats) -> tuple[Bools, float, Floats]:
     """Apply the small rotation from magnetometer to tilt sensor that makes the vertical field constant.
 
     With the downward direction t, the vertical field t . (h + e x h) is a constant c in every orientation, so
     t . h = c - e . (h x t) is linear in the rotation e about forward, starboard and down.
-
-    Args:
-        max_dilution: radians of misalignment per relative error of the field: 0.3 % then cause 1.7 degrees.
 
     Returns:
         Whether the tilts determine the turn about each axis, (3,); downward over horizontal field; and the iron with
@@ -330,7 +325,9 @@ def align_vertical(
         if not wide.any():
             values, vectors = np.linalg.eigh(columns.T @ columns / len(columns))
             inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T
-            wide = np.sqrt(np.diag(inverse))[1:] > max_dilution
+            wide = (
+                np.sqrt(np.diag(inverse))[1:] > 10.0
+            )  # radians a relative error of the field: 0.3 % cause 1.7 degrees
         columns[:, 1:] *= ~wide
         solved = np.linalg.lstsq(columns, np.sum(turned * down, axis=1), rcond=None)[0]
         turn = Rotation.from_rotvec(solved[1:]).as_matrix() @ turn

@@ -229,12 +229,12 @@ def choose_model(log: Log, body: Floats) -> ModelChoice | str:
     return (_choose_spatial(body) if log.has_z else None) or _choose_level(log, body)
 
 
-def find_outliers(choice: ModelChoice, *, outlier_widths: float = 6.0, max_outlier_share: float = 0.05) -> Bools:
+def find_outliers(choice: ModelChoice) -> Bools:
     """Flag readings far from the fitted modulus, (n,); none if these would be 5 % or more."""
     off = modulus(corrected(choice.full.iron, choice.readings), choice.readings.down) - 1.0
     off = np.abs(off - np.median(off))
-    far = off > outlier_widths * max(robust_width(off), SYSTEMATIC_ERROR)
-    return far if far.mean() < max_outlier_share else np.zeros_like(far)
+    far = off > 6.0 * max(robust_width(off), SYSTEMATIC_ERROR)
+    return far if far.mean() < 0.05 else np.zeros_like(far)
 
 
 def _choose_spatial(body: Floats) -> ModelChoice | None:
@@ -253,13 +253,11 @@ def _choose_spatial(body: Floats) -> ModelChoice | None:
     return ModelChoice(chosen, full, readings, scale, level=False, scores=scores, undetermined=reasons)
 
 
-def _choose_level(
-    log: Log, body: Floats, *, max_level_tilt_deg: float = 30.0, max_level_scatter: float = 0.3
-) -> ModelChoice | str:
+def _choose_level(log: Log, body: Floats) -> ModelChoice | str:
     """Choose a circle or an ellipse, for a level platform."""
     down = log.levelling()[:, 2, :]
     tilt = float(np.percentile(angles.argument(down[:, 2] + 1j * np.hypot(down[:, 0], down[:, 1])), 99.0))
-    if log.tilted and tilt > max_level_tilt_deg:
+    if log.tilted and tilt > 30.0:
         return "The orientations neither cover the sphere nor stay level."
     readings, scale, centre = _scaled(body, down)
     circle = fit(CIRCLE, readings, centre)
@@ -268,7 +266,7 @@ def _choose_level(
     noise = _noise(ELLIPSE, circle, readings)
     if why := _unusable_circle(circle, readings, noise[0]):
         return why
-    if log.has_z and not log.tilted and readings.field[:, 2].std() > max_level_scatter:
+    if log.has_z and not log.tilted and readings.field[:, 2].std() > 0.3:
         return "The orientations neither cover the sphere nor stay level, and no tilts are logged."
     both = _standard_errors(ELLIPSE, circle, readings, noise)
     lost = _undetermined_groups(both, LEVEL_SOFT)
@@ -314,9 +312,7 @@ def _scaled(body: Floats, down: Floats) -> tuple[ScaledReadings, float, Floats]:
     return ScaledReadings(body / scale, down), scale, centre / scale
 
 
-def _unusable_circle(
-    circle: FittedEllipsoid, readings: ScaledReadings, noise: float, *, min_arc_deg: float = 120.0, min_sectors: int = 6
-) -> str:
+def _unusable_circle(circle: FittedEllipsoid, readings: ScaledReadings, noise: float) -> str:
     """Explain why the circle fitted to the readings is unusable; empty if it is usable."""
     if noise > MAX_SCATTER:
         return (
@@ -325,10 +321,10 @@ def _unusable_circle(
         )
     towards = np.sort(angles.argument((readings.field - circle.iron[:3])[:, :2] @ np.array([1.0, -1.0j])))
     arc = 360.0 - float(np.max(np.diff(towards, append=towards[0] + 360.0)))
-    if arc < min_arc_deg:
-        return f"The instrument turned through {arc:.0f}°, at least {min_arc_deg:.0f}° (a third of a turn) is needed."
-    if (sectors := count_sectors(towards)) < min_sectors:
-        return f"The readings repeat {sectors} headings, at least {min_sectors} apart by 10° are needed."
+    if arc < 120.0:
+        return f"The instrument turned through {arc:.0f}°, at least 120° (a third of a turn) is needed."
+    if (sectors := count_sectors(towards)) < 6:
+        return f"The readings repeat {sectors} headings, at least 6 apart by 10° are needed."
     return ""
 
 

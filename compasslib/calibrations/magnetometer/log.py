@@ -164,7 +164,7 @@ def are_direction_cosines(log: Log) -> bool:
     return log.has_z and bool(np.all(np.abs(np.linalg.norm(log.raw, axis=1) - 1.0) < 2e-3))
 
 
-def unusable_reason(log: Log, *, steady_share: float = 0.02) -> str:
+def unusable_reason(log: Log) -> str:
     """Explain why the readings cannot be a magnetometer's log of a turning instrument; empty if they can."""
     raw = log.raw
     for k, name in enumerate("xy"):
@@ -174,12 +174,12 @@ def unusable_reason(log: Log, *, steady_share: float = 0.02) -> str:
         return f"{distinct} different readings in {len(raw)} rows, at least {MIN_READINGS} are needed."
     length = np.linalg.norm(raw, axis=1)
     mean = float(length.mean())
-    if not log.has_z or float(length.std()) >= steady_share * mean:
+    if not log.has_z or float(length.std()) >= 0.02 * mean:
         return ""
     if log.axis_by_axis and are_direction_cosines(log):
         return COSINES
     for value, text in GRAVITIES.items():
-        if abs(mean - value) < steady_share * value:
+        if abs(mean - value) < 0.02 * value:
             also = " (or direction cosines, whose strength is gone)" if value == 1.0 else ""
             return f"The modulus of x, y, z is {text} throughout: this is gravity, from an accelerometer{also}."
     return ""
@@ -191,7 +191,7 @@ def level_heading(field: Floats, levelling: Floats) -> Floats:
     return angles.argument(north[:, 0] - 1j * north[:, 1])
 
 
-def determine_axes(log: Log, *, max_resultant: float = 0.9, alike_deg: float = 2.0) -> tuple[Axes, list[str]]:
+def determine_axes(log: Log) -> tuple[Axes, list[str]]:
     """Determine the axes from the logged heading if it follows them, else assume x forward, y starboard, z down; warn.
 
     The heading fixes the quarter turn, the handedness and, with tilts, up or down; the remaining offset is the angle
@@ -201,13 +201,13 @@ def determine_axes(log: Log, *, max_resultant: float = 0.9, alike_deg: float = 2
     assumed = Axes(np.eye(3), f"{usual} (assumed)")
     if log.heading_deg is None:
         return assumed, ["No heading is logged: x is taken as forward, y as starboard, z as down."]
-    if float(angles.resultant_length(log.heading_deg)) > max_resultant:
+    if float(angles.resultant_length(log.heading_deg)) > 0.9:
         return assumed, ["The logged heading hardly turns: x is taken as forward, y as starboard, z as down."]
     best, scatter, off = search_axes(log)
     if scatter > MAX_SCATTER_DEG:
         return assumed, [f"The logged heading does not follow the axes (scatter {scatter:.0f}°). {usual}."]
     text = _describe_axes(best) + " (from the logged heading)"
-    if scatter > alike_deg:
+    if scatter > 2.0:
         doubt = f"The logged heading is not that of the raw axes (scatter {scatter:.1f}°): it is levelled or corrected."
         return Axes(best, text), [f"{doubt} Coefficients here are for the heading of the raw axes."]
     return Axes(about_down(off) @ best, text, turned=True), []

@@ -299,11 +299,11 @@ def _warnings(swing: Swing, series: SwingFit, exact: SwingFit, drift: Mapping[st
     return [*_constant_warnings(swing, series), *applicable(conditions)]
 
 
-def _constant_warnings(swing: Swing, series: SwingFit, least_deg: float = 2.0) -> list[str]:
+def _constant_warnings(swing: Swing, series: SwingFit) -> list[str]:
     """Warn if A is close to -1 or -2 times the declination: north references or a sign are then probably confused."""
     constant, declination = float(series.parameters[0]), swing.declination_deg
     near = max(2.0 * float(np.sqrt(series.covariance[0, 0])), 0.5)
-    if min(abs(constant), abs(declination)) <= max(least_deg, near):
+    if min(abs(constant), abs(declination)) <= max(2.0, near):
         return []
     confused = {
         1.0: "the recorded headings are probably true already (HDG of some logs is), or the courses magnetic; if so, "

@@ -166,15 +166,15 @@ def drift_in_one_heading(ratio: float, heading_deg: float) -> dict[str, Any]:
     }
 
 
-def drift_by_opposite_courses(speed_kn: Mapping[str, float], *, speed_scatter: float = 0.02) -> dict[str, float] | None:
+def drift_by_opposite_courses(speed_kn: Mapping[str, float]) -> dict[str, float] | None:
     """Compute x and y of (22) from speeds over ground on the four cardinal courses; None where one is missing.
 
-    The ship's speed through the water must be the same on opposite courses; a relative scatter is assumed.
+    The ship's speed through the water must be the same on opposite courses; a scatter of 2 % is assumed.
     """
     n, e, s, w = (speed_kn[point] for point in "NESW")
     if not np.isfinite([n, e, s, w]).all():
         return None
-    x, y, sigma = (n - s) / (n + s), (e - w) / (e + w), speed_scatter / np.sqrt(2.0)
+    x, y, sigma = (n - s) / (n + s), (e - w) / (e + w), 0.02 / np.sqrt(2.0)
     return {"x": x / angles.DEGREE, "y": y / angles.DEGREE, "sigma_deg": sigma / angles.DEGREE}
 
 

@@ -105,8 +105,6 @@ def _estimate_noise(
     sigma: Floats,
     before: SwingNoise | None,  # noise of the round before
     first_sigma: Floats,  # scatter of the first block
-    *,
-    min_information: float = 2.0,
 ) -> SwingNoise:
     """Estimate the noise of one kind of observation."""
     residual, columns = block.observe(parameters)
@@ -117,7 +115,7 @@ def _estimate_noise(
     # Degrees of freedom of the fit: free parameters, and those that the data determine better than the prior.
     scaled, known = columns / size[:, None], np.isfinite(sigma)
     free, by_priors = span_basis(scaled[:, ~known]), scaled[:, known] * sigma[known]
-    beyond = span_basis(by_priors - free @ (free.T @ by_priors), least=min_information)
+    beyond = span_basis(by_priors - free @ (free.T @ by_priors), least=2.0)
     basis = span_basis(np.column_stack([free, beyond]) * size[:, None])
     noise, repeats = estimate_swing_noise(residual, basis, speed_kn=block.speed_kn, blocks=block.blocks), 1.0
     if block.groups is not None:  # errors common to the readings on one heading do not average out
@@ -233,16 +231,7 @@ class Swing:
         residual = self.predict(parameters[SERIES], heading, observed.settled_deg).residual_deg
         return angles.difference(residual, unsettled), slopes
 
-    def _drift_angle(
-        self,
-        parameters: Floats,
-        facing_deg: Floats,
-        by_compass: Floats,
-        *,
-        smoothed_s: float = 60.0,  # window over which speeds are averaged
-        min_left: float = 1e-6,  # least norm of a harmonic of amplitude 1 after projecting out the compass terms
-        min_speed_share: float = 0.3,  # lower bound, relative to the speed, where the drift is faster than the ship
-    ) -> tuple[Floats, Floats]:
+    def _drift_angle(self, parameters: Floats, facing_deg: Floats, by_compass: Floats) -> tuple[Floats, Floats]:
         """Compute the drift angle of the courses, (n,) degrees, and its derivatives by the parameters, (n, k).
 
         Linearised at the fitted B and C, which absorb part of the drift, it includes the second-order effect of the
@@ -253,18 +242,18 @@ class Swing:
         (sine, cosine), (east, north) = angles.sin_cos(facing_deg), self.drift(parameters)
         # Noise of speeds, and of the compass through the heading, would look like varying speeds: both are smoothed.
         along, beside, over_ground = (
-            observations.moving_average(x, self.observed.time_s, smoothed_s)
+            observations.moving_average(x, self.observed.time_s, 60.0)
             for x in (east * sine + north * cosine, east * cosine - north * sine, self.speed_kn)
         )
-        least = np.maximum(min_speed_share * over_ground, 1e-3)
+        least = np.maximum(0.3 * over_ground, 1e-3)  # where the drift is faster than the ship
         speed = np.maximum(np.sqrt(np.maximum(over_ground**2 - beside**2, 0.0)) - along, least)  # through the water
         east, north = speed * sine + east, speed * cosine + north
-        square = np.maximum(east**2 + north**2, (min_speed_share * speed) ** 2)
+        square = np.maximum(east**2 + north**2, (0.3 * speed) ** 2)
         across = np.stack([north, -east], axis=-1) / square[:, None] / angles.DEGREE  # by the drift's east and north
         higher = np.column_stack([np.stack(angles.sin_cos(order * facing_deg), axis=-1) for order in HARMONICS])
         higher = higher - by_compass @ np.linalg.lstsq(by_compass, higher, rcond=1e-9)[0]
         # On five headings only rounding errors remain of the higher harmonics.
-        basis, slopes = span_basis(higher, least=min_left), np.zeros((len(speed), SIZE))
+        basis, slopes = span_basis(higher, least=1e-6), np.zeros((len(speed), SIZE))
         slopes[:, DRIFT] = across - basis @ (basis.T @ across)
         slopes[:, CHANGES] = across * self.since[:, None]
         return angles.difference(angles.direction(east, north), facing_deg), slopes

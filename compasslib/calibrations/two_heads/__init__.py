@@ -214,17 +214,11 @@ class Frame:
     text: str
 
 
-def fit_frame(
-    time_s: Floats,
-    lean_a: Complexes,
-    lean_b: Complexes,
-    *,
-    rigid_deg: float = 0.5,  # rms difference of two inclinometers according to their makers
-    max_rms_deg: float = 1.5,  # exceeds the rms difference of any two inclinometers on one frame
-    min_variation_deg: float = 0.3,  # least rms variation of a's tilts that determines a rotation
-    min_correlation: float = 0.5,  # correlation of the tilts below which b does not follow a
-) -> Frame:
-    """Fit the constant rotation that best maps a's tilts to b's, and test whether both are on one rigid frame."""
+def fit_frame(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
+    """Fit the constant rotation that best maps a's tilts to b's, and test whether both are on one rigid frame.
+
+    Two inclinometers differ by up to 0.5 degrees rms according to their makers; 1.5 exceed any two on one frame.
+    """
     left, _, right = np.linalg.svd(down(lean_b).T @ down(lean_a))
     rotation = np.asarray(left * [1.0, 1.0, np.sign(np.linalg.det(left @ right))] @ right)
     chord = np.linalg.norm(down(lean_a) @ rotation.T - down(lean_b), axis=1)
@@ -239,22 +233,22 @@ def fit_frame(
     mapped = (
         f"One rotation maps a's tilts to b's; residual {rms:.2f}° of {variation:.2f}° rms (worst block {worst:.2f}°)"
     )
-    if variation < min_variation_deg:
+    if variation < 0.3:
         verdict = "not testable"
         text = f"The tilts vary by {variation:.2f}° rms only, too little to test whether the frame is rigid."
-    elif mirrored >= min_correlation and mirrored > proper + 0.2:
+    elif mirrored >= 0.5 and mirrored > proper + 0.2:
         verdict = "mirrored"
         text = (
             "The tilts of b are those of a mirrored: one head counts its roll the other way, or its orientation (up or "
             "down) is wrong."
         )
-    elif proper < min_correlation or rms > max_rms_deg:
+    elif proper < 0.5 or rms > 1.5:
         verdict = "not rigid"
         text = (
             f"The tilts of b are not those of a by one rotation (residual {rms:.2f}° of {variation:.2f}° rms, "
             f"correlation {proper:.2f}): the heads are not on one rigid frame, or a tilt sensor is broken."
         )
-    elif rms <= rigid_deg and worst <= max_rms_deg:
+    elif rms <= 0.5 and worst <= 1.5:
         verdict, text = "rigid", f"{mapped}: the frame is rigid within the accuracy of inclinometers."
     else:
         verdict, text = "doubtful", f"{mapped}: larger than the difference of two good inclinometers."
@@ -318,10 +312,6 @@ def fit_difference(
     recorded_deg: Floats,
     difference_deg: Floats,
     rate_sigma_deg: Floats,  # change of each difference by one standard deviation of the clock offset, (n,)
-    *,
-    clip_sigmas: float = 5.0,  # limit beyond which a difference is a spike
-    max_stretches: int = 16,
-    samples_in_stretch: float = 40.0,
 ) -> HeadingDifference:
     """Fit the largest series that the covered headings determine, without spikes, with its covariance.
 
@@ -335,7 +325,7 @@ def fit_difference(
     for _ in range(5):
         coefficients = np.linalg.lstsq(columns[used], difference_deg[used], rcond=None)[0]
         residual = difference_deg - columns @ coefficients
-        now = np.abs(residual) <= clip_sigmas * max(robust_width(residual), 0.01)
+        now = np.abs(residual) <= 5.0 * max(robust_width(residual), 0.01)
         if (now == used).all():
             break
         used = now
@@ -343,7 +333,7 @@ def fit_difference(
     # Neighbouring blocks are correlated across their border: blocks of m independent samples show 1 - 1/(2m) of the
     # variance of long ones (first-order autoregression). Few blocks require Student's t instead of a normal
     # distribution.
-    count = int(np.clip(effective / samples_in_stretch, MIN_STRETCHES, max_stretches))
+    count = int(np.clip(effective / 40.0, MIN_STRETCHES, 16))
     widened = student_factor(count - 1) ** 2 / (1.0 - 0.5 / max(effective / count, 1.0))
     rows, pulls = columns[used], columns[used] * residual[used][:, None]
     covariance = block_jackknife(rows, pulls, blocks_by_count(time_s, count)[used], rows.T @ rows) * widened

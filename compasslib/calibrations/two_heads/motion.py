@@ -178,18 +178,12 @@ def tilt_angles(lean: Complexes) -> tuple[Floats, Floats]:
     return pitch, angles.wrap180(angles.direction(y, z))
 
 
-def estimate_clock_offset(
-    a: Motion,
-    b: Motion,
-    max_offset_s: float,
-    *,
-    min_correlation: float = 0.3,  # of rates by which clocks can be compared; 5 / sqrt(n) for short records
-    disagree_sigmas: float = 4.0,
-    disagree_s: float = 0.02,
-    drift_sigmas: float = 3.0,  # less significant drifts are reported but not applied
-) -> ClockDifference:
-    """Estimate the offset of b's clock from a's, with drift; not ``determined`` if the motions are uncorrelated."""
-    needed = max(min_correlation, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
+def estimate_clock_offset(a: Motion, b: Motion, max_offset_s: float) -> ClockDifference:
+    """Estimate the offset of b's clock from a's, with drift; not ``determined`` if the motions are uncorrelated.
+
+    Drifts of less than three standard deviations are reported but not applied.
+    """
+    needed = max(0.3, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
     lag, correlations = _lattice_peak(a, b, max_offset_s)
     middle, pairs = b.middle_s, list(zip(a.rates, b.rates, strict=True))
     alone = {k: _solve_lag(pairs[k], np.array([lag]), middle) for k in (0, 1) if correlations[k] >= needed}
@@ -198,7 +192,7 @@ def estimate_clock_offset(
         return ClockDifference(middle_s=middle, warnings=(warning,))
     by_tilts, by_headings = (_offset(*alone[k]) if k in alone else UNKNOWN for k in (0, 1))
     used, apart, warnings = [*alone], abs(by_tilts[0] - by_headings[0]), tuple[str, ...]()
-    if apart > disagree_s and apart > disagree_sigmas * float(np.hypot(by_tilts[1], by_headings[1])):
+    if apart > 0.02 and apart > 4.0 * float(np.hypot(by_tilts[1], by_headings[1])):
         used = [0]
         warnings = (
             f"b's clock differs from a's by {by_tilts[0]:+.3f} s according to the tilts and by {by_headings[0]:+.3f} s "
@@ -207,7 +201,7 @@ def estimate_clock_offset(
     value, covariance = _weighted_mean([alone[k] for k in used])
     both, both_covariance = _weighted_mean([_solve_lag(pairs[k], np.array([value[0], 0.0]), middle) for k in used])
     drift, sigma = float(both[1]), float(np.sqrt(both_covariance[1, 1]))
-    applied = abs(drift) > drift_sigmas * sigma and abs(drift) * float(np.ptp(b.time_s)) > RESOLUTION_S
+    applied = abs(drift) > 3.0 * sigma and abs(drift) * float(np.ptp(b.time_s)) > RESOLUTION_S
     offset_s, sigma_s = _offset(both, both_covariance) if applied else _offset(value, covariance)
     return ClockDifference(
         offset_s=offset_s,
