@@ -72,7 +72,12 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         clock = motion.estimate_clock_offset(first, second, max_offset_s)
     else:
         clock = ClockDifference(float(fixed), motion.RESOLUTION_S, middle_s=second.middle_s)
-    pairs, warnings = motion.pair_samples(first, second, clock), warnings + clock.warnings
+    pairs = motion.pair_samples(first, second, clock)
+    return calibrate_pairs(pairs, clock, warnings + clock.warnings)
+
+
+def calibrate_pairs(pairs: PairedHeads, clock: ClockDifference, warnings: tuple[str, ...] = ()) -> Calibration:
+    """Estimate the rotation between two heads and the difference of their headings from paired samples."""
     made = Calibration(KIND, "none", len(pairs), 0, warnings=warnings)
     if len(pairs) < MIN_SAMPLES:
         why = f"{len(pairs)} samples of both heads at the same time, at least {MIN_SAMPLES} are needed"
@@ -80,9 +85,8 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     if not covered_sectors(pairs.recorded_b).any():
         return replace(made, why=f"no sector of 10° of headings holds {MIN_IN_SECTOR} samples of both heads")
     # Fit the rotation as the constant of the series, iteratively, because it enters the effect of tilt too.
-    frame = fit_frame(pairs.time_s, pairs.lean_a, pairs.lean_b)
+    frame, by_clock = fit_frame(pairs.time_s, pairs.lean_a, pairs.lean_b), clock.heading_error_deg(pairs.rate_deg_s)
     offset = float(angles.mean(angles.difference(pairs.recorded_b, pairs.recorded_a)))
-    by_clock = clock.heading_error_deg(pairs.rate_deg_s)
     for _ in range(3):
         difference = angles.difference(simulated_heading(pairs, offset, frame), pairs.recorded_b)
         series = fit_difference(pairs.time_s, pairs.recorded_b, difference, by_clock)
@@ -227,9 +231,9 @@ def fit_frame(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
     scale = max(float(np.sqrt(np.sum(np.abs(a) ** 2) * np.sum(np.abs(b) ** 2))), 1e-300)
     # Correlations of b's tilts with a's, and with a's mirrored, up to a rotation.
     proper, mirrored = float(abs(np.sum(np.conj(a) * b))) / scale, float(abs(np.sum(a * b))) / scale
-    variation, rms = float(np.sqrt(np.mean(np.abs(a) ** 2))) / angles.DEGREE, float(np.sqrt(np.mean(residual**2)))
+    variation, rms = float(np.sqrt(np.mean(np.abs(a) ** 2))) / angles.DEGREE, angles.rms(residual)
     stretch = blocks_by_count(time_s, STRETCHES)
-    worst = max(float(np.sqrt(np.mean(residual[stretch == k] ** 2))) for k in np.unique(stretch))
+    worst = max(angles.rms(residual[stretch == k]) for k in np.unique(stretch))
     mapped = (
         f"One rotation maps a's tilts to b's; residual {rms:.2f}° of {variation:.2f}° rms (worst block {worst:.2f}°)"
     )
