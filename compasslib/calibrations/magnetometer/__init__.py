@@ -41,22 +41,26 @@ TABLE_DEG = np.arange(0.0, 360.0, 10.0)
 
 @dataclass(frozen=True)
 class SolvedIron:
-    """Iron with everything needed to compute headings; replicates leave out one block of the readings each."""
+    """Iron with everything needed to compute headings: of all readings, then without one block of them each."""
 
     log: Log
     axes: Axes
     choice: ModelChoice
-    iron: Floats  # (12,) centre and G, for the scaled readings
-    replicates: Floats  # (blocks, 12)
-    dip_ratio: float  # downward over horizontal field; 0 on a level platform, NaN where unknown
-    dip_replicates: Floats  # (blocks,)
+    irons: Floats  # (1 + blocks, 12) centre and G, for the scaled readings
+    dip_ratios: Floats  # (1 + blocks,) downward over horizontal field; 0 on a level platform, NaN where unknown
     turned: Bools  # (3,) whether the turn from magnetometer to instrument about forward, starboard, down is determined
     logged_is_correct: bool = False  # whether the logged heading follows the corrected axes
 
     @property
-    def readings(self) -> ScaledReadings:
-        """The readings, scaled."""
-        return self.choice.readings
+    def iron(self) -> Floats:
+        """Centre and G by all readings, (12,)."""
+        return self.irons[0]
+
+    @property
+    def parts(self) -> list[Bools]:
+        """Masks (n,) of the readings from which each of ``irons`` comes."""
+        block = ellipsoid.blocks(len(self.choice.readings))
+        return [block != k for k in range(-1, len(self.irons) - 1)]
 
     @property
     def headed(self) -> bool:
@@ -86,16 +90,18 @@ class SolvedIron:
 
     def corrected(self) -> Floats:
         """Correct the readings for the iron: the normalized field, (n, 3)."""
-        return ellipsoid.corrected(self.iron, self.readings)
+        return ellipsoid.corrected(self.iron, self.choice.readings)
 
     def headings(self) -> tuple[Floats, Floats]:
         """Compute recorded and corrected headings, (n,) degrees each."""
-        return level_heading(self.readings.field, self.levelling), level_heading(self.corrected(), self.levelling)
+        return level_heading(self.choice.readings.field, self.levelling), level_heading(
+            self.corrected(), self.levelling
+        )
 
     def moduli(self) -> tuple[Floats, Floats]:
         """Compute the modulus before and after the correction, (n,) each, of scaled readings."""
-        down = self.readings.down
-        return ellipsoid.modulus(self.readings.field, down), ellipsoid.modulus(self.corrected(), down)
+        down = self.choice.readings.down
+        return ellipsoid.modulus(self.choice.readings.field, down), ellipsoid.modulus(self.corrected(), down)
 
     def gain(self, iron: Floats) -> float:
         """Compute the field's modulus in scaled readings: the mean diagonal of the observed axes."""
@@ -126,9 +132,9 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         details = {"hard_iron": None, "soft_iron": None, "undetermined": undetermined, "left_out": log.left_out}
         return Calibration(KIND, "none", len(log.raw), 0, details=details, why=choice, warnings=log.warnings)
     solved = _solve_iron(log, axes, choice, settings.get("field"))
-    exact = exact_coefficients(solved.iron, solved.dip_ratio)
-    known = bool(np.isfinite(exact).all())
-    folded = known and not compass.turns_full_circle(exact)
+    exact = np.array([*map(exact_coefficients, solved.irons, solved.dip_ratios.tolist())])
+    known = bool(np.isfinite(exact[0]).all())
+    folded = known and not compass.turns_full_circle(exact[0])
     return Calibration(
         kind=KIND,
         model=choice.fitted.name,
@@ -142,16 +148,16 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     )
 
 
-def _correction(solved: SolvedIron, exact: Floats, *, folded: bool) -> dict[str, Any]:
+def _correction(solved: SolvedIron, all_exact: Floats, *, folded: bool) -> dict[str, Any]:
     """Compute coefficients, table and budget of the deviation by the iron; only the exact coefficients if folded."""
-    replicates = np.array([*map(exact_coefficients, solved.replicates, solved.dip_replicates.tolist())])
-    moved = exact_coefficients(solved.moved, solved.dip_ratio)
-    correction: dict[str, Any] = {"exact": exact, "exact_covariance": ellipsoid.covariance(replicates, moved - exact)}
+    exact, moved = all_exact[0], exact_coefficients(solved.moved, solved.dip_ratios[0])
+    covariance = ellipsoid.covariance(all_exact[1:], moved - exact)
+    correction: dict[str, Any] = {"exact": exact, "exact_covariance": covariance}
     if folded:
         return correction
-    series, value = series_coefficients(exact), exact_deviation(exact, TABLE_DEG)
-    each_series = np.array([series_coefficients(replicate) for replicate in replicates])
-    off = np.array([angles.difference(exact_deviation(each, TABLE_DEG), value) for each in (moved, *replicates)])
+    series, *each_series = (series_coefficients(each) for each in all_exact)
+    value = exact_deviation(exact, TABLE_DEG)
+    off = np.array([angles.difference(exact_deviation(each, TABLE_DEG), value) for each in (moved, *all_exact[1:])])
     table = DeviationTable(TABLE_DEG, value, ellipsoid.sigma(off[1:], off[0]))
     # Misfit of the series: over the readings, or around the circle if these have no headings.
     recorded, deviation = CIRCLE_DEG, exact_deviation(exact, CIRCLE_DEG)
@@ -160,7 +166,7 @@ def _correction(solved: SolvedIron, exact: Floats, *, folded: bool) -> dict[str,
         deviation = angles.difference(corrected, recorded)
     return correction | {
         "coefficients": series,
-        "covariance": ellipsoid.covariance(each_series, series_coefficients(moved) - series),
+        "covariance": ellipsoid.covariance(np.array(each_series), series_coefficients(moved) - series),
         "residual_rms_deg": angles.rms(deviation - series_deviation(series, recorded)),
         "sources": _sources(solved, table, series),
         "table": table,
@@ -190,14 +196,14 @@ def _details(solved: SolvedIron) -> dict[str, Any]:
     open_turns = [name for name, known in zip(TURNS, solved.turned, strict=True) if not known]
     undetermined = choice.undetermined | {f"turn about {name}": OPEN_TURN for name in open_turns}
     # Iron in the file's axes; where the selected model has no soft iron, its uncertainty is that of the largest model.
-    largest = choice.full.replicates if choice.full is not choice.fitted else solved.replicates
+    largest = choice.full.replicates if choice.full is not choice.fitted else solved.irons[1:]
     shift = choice.scale * to_body.T @ (solved.moved - solved.iron)[:3]
     soft = np.array([to_body.T @ solved.soft(replicate) @ to_body for replicate in largest])
     unknown = np.zeros(12, dtype=bool)
     for name in choice.undetermined:
         unknown[ellipsoid.ENTRIES[name]] = True
     null, of_soft = np.array(None), unknown[3:].reshape(3, 3)
-    hard_sigma = ellipsoid.sigma(choice.scale * solved.replicates[:, :3] @ to_body, shift)
+    hard_sigma = ellipsoid.sigma(choice.scale * solved.irons[1:, :3] @ to_body, shift)
     moduli = dict(zip(("before", "after"), solved.moduli(), strict=True))
     return {
         "model": choice.fitted.name,
@@ -239,7 +245,7 @@ def _warnings(solved: SolvedIron) -> list[str]:
 
 
 def _sources(solved: SolvedIron, table: DeviationTable, series: Floats) -> tuple[Source, ...]:
-    horizontal = 1.0 / float(np.hypot(1.0, solved.dip_ratio))
+    horizontal = 1.0 / float(np.hypot(1.0, solved.dip_ratios[0]))
     off = table.deviation_deg - series_deviation(series, table.heading_deg)
     how = "block jackknife, with what a mean tilt hides of vertical iron, rms over the table"
     reading_deg = solved.choice.fitted.noise / horizontal / angles.DEGREE
@@ -249,7 +255,7 @@ def _sources(solved: SolvedIron, table: DeviationTable, series: Floats) -> tuple
         Source("one reading", reading_deg, "scatter of the modulus, one axis"),
     ]
     if solved.log.tilted:
-        ratio = abs(solved.dip_ratio)
+        ratio = abs(solved.dip_ratios[0])
         if solved.choice.level:
             ratio = float(np.mean(np.abs(np.sum(solved.corrected() * solved.down, axis=1))))
         how = "0.40° expanded (Le Menn et al. 2023, section 2) times vertical over horizontal field"
@@ -287,22 +293,19 @@ def series_coefficients(coefficients: Floats) -> Floats:
 
 def _solve_iron(log: Log, axes: Axes, choice: ModelChoice, field: Mapping[str, float] | None) -> SolvedIron:
     """Express the iron in the frame of the instrument; the earth's field gives the dip where there are no tilts."""
-    iron, replicates = choice.fitted.iron, choice.fitted.replicates
+    irons = np.vstack([choice.fitted.iron, choice.fitted.replicates])
     dip = 0.0 if choice.level else np.nan if field is None else field["vertical_nT"] / field["horizontal_nT"]
-    dips, turned = np.full(len(replicates), dip), np.array([False, False, axes.turned])
-    solved = SolvedIron(log, axes, choice, iron, replicates, dip, dips, turned)
-    return _align_to_heading(_align_to_tilts(solved) if log.tilted and not choice.level else solved)
-
-
-def _align_to_tilts(solved: SolvedIron) -> SolvedIron:
-    """Rotate the iron into the frame of the tilt sensor, where the vertical field is constant and gives the dip."""
-    readings, down, block = solved.readings, solved.down, ellipsoid.blocks(len(solved.readings))
-    turned, dip_ratio, iron = align_vertical(solved.iron, readings, down)
-    parts = [(each, block != k) for k, each in enumerate(solved.replicates)]
-    each = [align_vertical(replicate, readings.take(kept), down[kept])[1:] for replicate, kept in parts]
-    dips, irons = (np.array(column) for column in zip(*each, strict=True))
-    known = solved.turned | turned
-    return replace(solved, iron=iron, replicates=irons, dip_ratio=dip_ratio, dip_replicates=dips, turned=known)
+    turned = np.array([False, False, axes.turned])
+    solved = SolvedIron(log, axes, choice, irons, np.full(len(irons), dip), turned)
+    if log.tilted and not choice.level:  # into the frame of the tilt sensor
+        readings, down = choice.readings, solved.down
+        each = [
+            align_vertical(iron, readings.take(part), down[part])
+            for iron, part in zip(irons, solved.parts, strict=True)
+        ]
+        known, dips, aligned = (np.array(column) for column in zip(*each, strict=True))
+        solved = replace(solved, irons=aligned, dip_ratios=dips, turned=turned | known[0])
+    return _align_to_heading(solved)
 
 
 def align_vertical(iron: Floats, readings: ScaledReadings, down: Floats) -> tuple[Bools, float, Floats]:
@@ -325,9 +328,8 @@ def align_vertical(iron: Floats, readings: ScaledReadings, down: Floats) -> tupl
         if not wide.any():
             values, vectors = np.linalg.eigh(columns.T @ columns / len(columns))
             inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T
-            wide = (
-                np.sqrt(np.diag(inverse))[1:] > 10.0
-            )  # radians a relative error of the field: 0.3 % cause 1.7 degrees
+            # Radians per relative error of the field: 0.3 % of it then cause 1.7 degrees.
+            wide = np.sqrt(np.diag(inverse))[1:] > 10.0
         columns[:, 1:] *= ~wide
         solved = np.linalg.lstsq(columns, np.sum(turned * down, axis=1), rcond=None)[0]
         turn = Rotation.from_rotvec(solved[1:]).as_matrix() @ turn
@@ -345,18 +347,15 @@ def _align_to_heading(solved: SolvedIron) -> SolvedIron:
     if logged is None or not solved.headed:
         return solved
     recorded, corrected = solved.headings()
-    centre, scatter = mean_and_scatter(angles.difference(logged, corrected))
-    if scatter > 0.5 * mean_and_scatter(angles.difference(logged, recorded))[1]:
+    if (
+        mean_and_scatter(angles.difference(logged, corrected))[1]
+        > 0.5 * mean_and_scatter(angles.difference(logged, recorded))[1]
+    ):
         return solved
-    block, turns_deg = ellipsoid.blocks(len(logged)), [centre]
-    for k, replicate in enumerate(solved.replicates):  # each with the readings that it was fitted to
-        kept = block != k
-        field = ellipsoid.corrected(replicate, solved.readings.take(kept))
-        off = angles.difference(logged[kept], level_heading(field, solved.levelling[kept]))
-        turns_deg.append(mean_and_scatter(off)[0])
-    iron, *replicates = [
-        np.append(iron[:3], (about_down(by_deg) @ iron[3:].reshape(3, 3)).ravel())
-        for iron, by_deg in zip((solved.iron, *solved.replicates), turns_deg, strict=True)
-    ]
+    irons = []
+    for iron, part in zip(solved.irons, solved.parts, strict=True):
+        field = ellipsoid.corrected(iron, solved.choice.readings.take(part))
+        turn_deg, _ = mean_and_scatter(angles.difference(logged[part], level_heading(field, solved.levelling[part])))
+        irons.append(np.append(iron[:3], (about_down(turn_deg) @ iron[3:].reshape(3, 3)).ravel()))
     turned = np.append(solved.turned[:2], True)
-    return replace(solved, iron=iron, replicates=np.array(replicates), turned=turned, logged_is_correct=True)
+    return replace(solved, irons=np.array(irons), turned=turned, logged_is_correct=True)
