@@ -124,10 +124,7 @@ def _correct_field(reference_deg: Floats, time_s: Floats, files: Sequence[str]) 
 
 
 def measure_homogeneity(
-    reference_deg: Floats,
-    recorded_deg: Floats,
-    spun_reference_deg: Floats,
-    spun_recorded_deg: Floats,
+    reference_deg: Floats, recorded_deg: Floats, spun_reference_deg: Floats, spun_recorded_deg: Floats
 ) -> dict[str, Any]:
     """Compare an instrument spun in place, (m,), with the curve fitted to the rotated platform, (n,), degrees."""
     points = curves.deviation_points(recorded_deg, reference_deg)
@@ -234,9 +231,7 @@ def calibrate_readings(
     )
 
 
-def _fit_forms(
-    readings: BenchReadings,
-) -> tuple[Points, dict[str, FittedCurve], dict[str, str]]:
+def _fit_forms(readings: BenchReadings) -> tuple[Points, dict[str, FittedCurve], dict[str, str]]:
     """Fit all forms to readings averaged by heading: repeats share the error of the bench's setting and count once.
 
     Returns:
