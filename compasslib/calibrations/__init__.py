@@ -77,7 +77,7 @@ def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any
     """Calibrate a compass from raw files in the order of the YAML file, with its keys as settings.
 
     Raises:
-        InputError: a file cannot be read.
+        InputError: a file cannot be used.
     """
     from compasslib import earthfield  # imported late: the Snakefile needs ``KINDS`` only
 

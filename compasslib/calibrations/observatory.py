@@ -37,15 +37,7 @@ ADVICE = "correct the file's columns, units or place, or take the observatory's 
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Estimate the constant difference of an observatory's declination from the model, the quiet day and the storms.
-
-    The settings are ``latitude`` and ``longitude``, which override the headers', ``declination``, auto or a number that
-    replaces the model, and ``table_step_deg``.
-
-    Raises:
-        InputError: a file cannot be read, the position is unknown, a date lies outside the model, or the field is not
-            that of the place.
-    """
+    """Estimate the constant difference of an observatory's declination from the model, the quiet day and the storms."""
     series = iaga2002.read(files)
     place, header = _station_place(series, settings), (series.latitude, series.longitude)
     warnings = [*series.warnings]
@@ -129,13 +121,10 @@ def _station_place(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[fl
 
 
 def station_field(series: FieldSeries, settings: Mapping[str, Any], where: str) -> tuple[EarthField, list[str]]:
-    """Evaluate the field model along a series, with the warnings of ``check_field``.
-
-    A number as ``declination`` of the settings replaces the model's.
+    """Evaluate the field model, or the declination of the settings, along a series; with ``check_field``'s warnings.
 
     Raises:
-        InputError: neither header nor settings give the position, a date lies outside the model, or as for
-            ``check_field``.
+        InputError: the position is unknown, a date lies outside the model, or the field is not that of the place.
     """
     latitude, longitude = place = _station_place(series, settings)
     if not np.isfinite(latitude + longitude):
@@ -191,11 +180,7 @@ def check_field(series: FieldSeries, place: tuple[float, float]) -> list[str]:
 
 
 def with_observatory_warnings(field: EarthField, files: Sequence[str | Path]) -> EarthField:
-    """Add warnings about a mooring's observatory to its field: mistakes in the file, days not covered.
-
-    Raises:
-        InputError: a file cannot be read, or as for ``check_field``.
-    """
+    """Add warnings about a mooring's observatory to its field: mistakes in the file, days not covered."""
     if not files:
         return field
     series = iaga2002.read(files)
@@ -245,9 +230,6 @@ def covariates(files: Sequence[str | Path], time_s: Floats) -> tuple[Floats, Flo
     """Compute a mooring's covariates from an observatory: field variation across and along its north, (n,) degrees.
 
     They retain storms and daily variation, without the secular variation and the crustal constant.
-
-    Raises:
-        InputError: a file cannot be read.
     """
     series = iaga2002.read(files)
     # The variation along north, relative to the field, turns a needle where magnetic north has another direction.

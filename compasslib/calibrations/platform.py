@@ -53,15 +53,8 @@ class BenchReadings:
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
     """Calibrate a compass on a bench.
 
-    Args:
-        settings: ``columns``, ``withhold``, the keys of tables, ``table_step_deg``, ``budget``, ``uncertainty``;
-            ``mounting_deg``, clockwise angle from the bench's direction to the instrument's;
-            ``declination_deg`` of the place; ``observatory`` and ``spun``, those of the files that record the field
-            and the readings of the instrument spun in one place.
-
-    Raises:
-        InputError: a file cannot be read, a column is absent or not in degrees, or a
-            constant of a quarter turn or more is not resolved by ``mounting_deg``.
+    ``mounting_deg`` is the clockwise angle from the bench's direction to the instrument's; ``observatory`` and ``spun``
+    name those of the files that record the field, and the readings of the instrument spun in one place.
     """
     spun, observatory = list(settings.get("spun") or ()), list(settings.get("observatory") or ())
     files = [file for file in files if str(file) not in {*spun, *observatory}]
@@ -148,11 +141,7 @@ def measure_homogeneity(
 def _constant_doubts(
     value: float, sigma: float, declination_deg: float | None, files: Sequence[str | Path]
 ) -> list[str]:
-    """Explain a constant that is large or equals the declination, and is thus unlikely to be the compass's own.
-
-    Raises:
-        InputError: the constant is a quarter turn or more.
-    """
+    """Explain a constant that is large or equals the declination, and is thus unlikely to be the compass's own."""
     if abs(value) >= 87.0:  # a quarter turn, but for a compass's own constant
         stood = float(angles.wrap360(-90.0 * np.round(value / 90.0)))
         raise InputError(
@@ -232,11 +221,8 @@ def calibrate_readings(
 
 
 def _fit_forms(readings: BenchReadings) -> tuple[Points, dict[str, FittedCurve], dict[str, str]]:
-    """Fit all forms to readings averaged by heading: repeats share the error of the bench's setting and count once.
-
-    Returns:
-        The averaged points, the fitted curves by name, and the reason for each form that cannot be fitted.
-    """
+    """Average readings by heading and fit all forms; give the points, the curves, and why others cannot be fitted."""
+    # Repeats share the error of the bench's setting: they count once.
     slots = np.round(angles.wrap360(readings.reference_deg) / SAME_HEADING_DEG)
     groups = [slots == slot for slot in np.unique(slots)]
     recorded, reference = (
@@ -345,11 +331,7 @@ def _warnings(readings: BenchReadings, observed: Points, reasons: Mapping[str, s
 
 
 def calibrate_tilt(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Calibrate the pitch and the roll of a tilt sensor against the tilts of a platform, by CSV files of all three.
-
-    Raises:
-        InputError: a file cannot be read, or a column is absent or is not in degrees.
-    """
+    """Calibrate the pitch and the roll of a tilt sensor against the tilts of a platform, by CSV files of all three."""
     columns, notes = read_columns(files, settings, TILT_ROLES, bounds=TWO_TURNS)
     known = np.isfinite(np.sum([columns[role] for role in TILT_ROLES], axis=0))
     reference, *recorded = (columns[role][known] for role in TILT_ROLES)
@@ -369,8 +351,7 @@ def split_axes(
 ) -> tuple[dict[str, BenchReadings], int, list[str]]:
     """Assign readings to the tilted axis, level ones to both, with the instrument's signs; repeats are averaged.
 
-    Returns:
-        The readings of each axis, the number of readings with both axes tilted, and notes on signs.
+    Given are the readings of each axis, the number of readings with both axes tilted, and notes on signs.
     """
     readings, notes = dict.fromkeys(AXES, BenchReadings(np.zeros(0), np.zeros(0))), list[str]()
     if not len(reference_deg):

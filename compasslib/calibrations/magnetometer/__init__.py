@@ -114,11 +114,7 @@ class SolvedIron:
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Calibrate a magnetometer from CSV files with x, y and perhaps z, pitch_deg, roll_deg, heading_deg, time_utc.
-
-    Raises:
-        InputError: a column is absent or a cell is not a number.
-    """
+    """Calibrate a magnetometer from CSV files with x, y and perhaps z, pitch_deg, roll_deg, heading_deg, time_utc."""
     log = magnetometer_log.read(files, settings)
     choice: ModelChoice | str = magnetometer_log.unusable_reason(log)
     if not choice:
@@ -314,9 +310,8 @@ def align_vertical(iron: Floats, readings: ScaledReadings, down: Floats) -> tupl
     With the downward direction t, the vertical field t . (h + e x h) is a constant c in every orientation, so
     t . h = c - e . (h x t) is linear in the rotation e about forward, starboard and down.
 
-    Returns:
-        Whether the tilts determine the turn about each axis, (3,); downward over horizontal field; and the iron with
-        the rotation included in G.
+    Given are whether the tilts determine the turn about each axis, (3,); downward over horizontal field; and the iron
+    with the rotation included in G.
     """
     from scipy.spatial.transform import Rotation  # imported late: only needed for logs with tilts
 

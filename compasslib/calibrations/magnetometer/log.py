@@ -77,11 +77,7 @@ class Axes:
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
-    """Read the log from files, with the settings ``format``, ``columns``, ``withhold`` and ``covariates``.
-
-    Raises:
-        InputError: x or y is absent or withheld, or a cell is not a number.
-    """
+    """Read the log from files, with the settings ``format``, ``columns``, ``withhold`` and ``covariates``."""
     if settings.get("format") == "mmp_acm":
         return _read_acm([Path(file) for file in files], set(settings.get("withhold") or ()))
     others = tuple(settings.get("covariates") or ())

@@ -41,11 +41,7 @@ MIDDLE_NT = 18_000.0  # horizontal field of middle latitudes
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Estimate the deviation from a swing, with uncertainty, table, verdict and magnets.
-
-    Raises:
-        InputError: a file or column cannot be used, or the declination is not known.
-    """
+    """Estimate the deviation from a swing, with uncertainty, table, verdict and magnets."""
     observed, options = observations.read(files, settings), SwingOptions.from_settings(settings)
     place, date_s = _place(observed, settings), settings.get("date_s")
     if date_s is None and np.isfinite(observed.time_s).any():

@@ -91,11 +91,7 @@ class Observations:
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observations:
-    """Read a swing from CSV tables or NMEA 0183 logs, excluding and counting slow fixes and fast turns.
-
-    Raises:
-        InputError: a file, a column or a value cannot be read.
-    """
+    """Read a swing from CSV tables or NMEA 0183 logs, excluding and counting slow fixes and fast turns."""
     options, log = SwingOptions.from_settings(settings), settings.get("format") == "nmea0183"
     columns, more = _read_logs(files, settings) if log else _read_tables(files, settings)
     empty, over_ground = np.full(columns["compass_deg"].shape, np.nan), "true_deg" not in columns

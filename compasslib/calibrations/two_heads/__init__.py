@@ -52,11 +52,7 @@ AMBIGUITY = (
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Estimate the difference of the compasses of two profilers on one frame from the PD0 files of head a and head b.
-
-    Raises:
-        InputError: there are not two files, or one cannot be read.
-    """
+    """Estimate the difference of the compasses of two profilers on one frame from the PD0 files of heads a and b."""
     a, b = read_heads(files, settings)
     warnings = (*a.warnings, *b.warnings)
     max_offset_s = float(setting(settings, "max_clock_seconds", MAX_CLOCK_OFFSET_S))
