@@ -23,6 +23,7 @@ from compasslib.calibrations.magnetometer.log import Axes, Log, about_down, leve
 from compasslib.calibrations.result import Calibration, DeviationTable, Source
 from compasslib.deviation.series import series_design, series_deviation
 from compasslib.errors import applicable
+from compasslib.records import take
 from compasslib.types import Bools, Floats
 
 KIND = "magnetometer"
@@ -296,7 +297,7 @@ def _solve_iron(log: Log, axes: Axes, choice: ModelChoice, field: Mapping[str, f
     if log.tilted and not choice.level:  # into the frame of the tilt sensor
         readings, down = choice.readings, solved.down
         each = [
-            align_vertical(iron, readings.take(part), down[part])
+            align_vertical(iron, take(readings, part), down[part])
             for iron, part in zip(irons, solved.parts, strict=True)
         ]
         known, dips, aligned = (np.array(column) for column in zip(*each, strict=True))
@@ -349,7 +350,7 @@ def _align_to_heading(solved: SolvedIron) -> SolvedIron:
         return solved
     irons = []
     for iron, part in zip(solved.irons, solved.parts, strict=True):
-        field = ellipsoid.corrected(iron, solved.choice.readings.take(part))
+        field = ellipsoid.corrected(iron, take(solved.choice.readings, part))
         turn_deg, _ = mean_and_scatter(angles.difference(logged[part], level_heading(field, solved.levelling[part])))
         irons.append(np.append(iron[:3], (about_down(turn_deg) @ iron[3:].reshape(3, 3)).ravel()))
     turned = np.append(solved.turned[:2], True)

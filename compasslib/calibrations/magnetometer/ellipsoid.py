@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.calibrations.curves import count_sectors
 from compasslib.calibrations.magnetometer.log import Log
+from compasslib.records import take
 from compasslib.statistics.least_squares import robust_width
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import student_factor
@@ -46,10 +47,6 @@ class ScaledReadings:
 
     def __len__(self) -> int:
         return len(self.field)
-
-    def take(self, index: Bools) -> ScaledReadings:
-        """Select readings by a mask (n,)."""
-        return ScaledReadings(self.field[index], self.down[index])
 
 
 @dataclass(frozen=True)
@@ -366,8 +363,8 @@ def _select_by_cross_validation(
         off = np.full(len(readings), np.nan)
         try:
             for k in range(5):
-                iron = solve(model, readings.take(fold != k), centre)[0] @ model.chain
-                left = readings.take(fold == k)
+                iron = solve(model, take(readings, fold != k), centre)[0] @ model.chain
+                left = take(readings, fold == k)
                 off[fold == k] = modulus(corrected(iron, left), left.down) - 1.0
             scores[model.name] = float(100.0 * np.sqrt(np.mean(off**2)))
         except np.linalg.LinAlgError:

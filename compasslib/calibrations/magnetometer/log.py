@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from compasslib import angles, compass
+from compasslib import angles, compass, records
 from compasslib.calibrations import read_columns
 from compasslib.errors import InputError
 from compasslib.readers.mmp import is_aliased
@@ -50,11 +50,8 @@ class Log:
 
     def take(self, index: Bools, *warnings: str) -> Log:
         """Select readings by a mask (n,) and append warnings that state the reason."""
-        columns: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        columns = {name: x[index] for name, x in columns.items() if isinstance(x, np.ndarray)}
-        channels = {name: x[index] for name, x in self.channels.items()}
-        left_out, said = self.left_out + int((~index).sum()), (*self.warnings, *warnings)
-        return replace(self, **columns, channels=channels, left_out=left_out, warnings=said)
+        left_out = self.left_out + int((~index).sum())
+        return replace(records.take(self, index), left_out=left_out, warnings=(*self.warnings, *warnings))
 
     def levelling(self) -> Floats:
         """Compute the matrices from the body frame to the level frame, (n, 3, 3); the identity without tilts."""

@@ -17,6 +17,7 @@ from compasslib.deviation.series import series_design
 from compasslib.effects.ship import FilteredCourse
 from compasslib.errors import InputError
 from compasslib.readers import nmea
+from compasslib.records import take
 from compasslib.types import Bools, Floats
 
 OPTIONAL = ("cog_deg", "true_deg", "speed_kn", "water_speed_kn", "time_utc")
@@ -80,14 +81,10 @@ class Observations:
         """Whether all observations have a time."""
         return bool(len(self) and np.isfinite(self.time_s).all())
 
-    def take(self, index: Bools | NDArray[np.intp]) -> Observations:
-        """Select observations by a mask or by indices, (n,)."""
-        return replace(self, **{f.name: getattr(self, f.name)[index] for f in fields(self) if f.type == "Floats"})
-
     def keep(self, good: Bools, why: str) -> Observations:
         """Select observations by a mask, (n,), and count the others by reason."""
         lost = {} if good.all() else {why: int((~good).sum())}
-        return replace(self.take(good), left_out={**self.left_out, **lost})
+        return replace(take(self, good), left_out={**self.left_out, **lost})
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observations:
@@ -113,7 +110,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
         known = known.keep(known.speed_kn > options.min_speed_kn, f"not above {options.min_speed_kn:g} kn")
     if not known.timed:
         return known
-    known = known.take(np.argsort(known.time_s, kind="stable"))
+    known = take(known, np.argsort(known.time_s, kind="stable"))
     known = known.keep(~isolated_readings(known.time_s, known.recorded_deg), "unlike the readings before and after")
     steps = angles.difference(known.recorded_deg[1:], known.recorded_deg[:-1])
     turned = np.cumsum(np.append(known.recorded_deg[:1], steps))
