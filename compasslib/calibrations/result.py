@@ -220,9 +220,9 @@ def compare_all(name: str, content: Mapping[str, Any], earlier: Mapping[str, Map
     The curves of several calibrations are described with the change of their one-cycle part from the first; an object
     by its changes relative to the first, the one without it. ``earlier`` has contents by name.
     """
-    without_bench = {"object": {**content["object"], "text": NO_BENCH}} if content.get("object") else {}
+    near: dict[str, Any] = {"object": {**content["object"], "text": NO_BENCH}} if content.get("object") else {}
     if not earlier:
-        return {"comparison": None, "compared": []} | without_bench
+        return {"comparison": None, "compared": []} | near
     pages = {**earlier, name: content}
     first, *others = pages
     unknown = {"amplitude_deg": None, "phase_deg": None}
@@ -231,11 +231,11 @@ def compare_all(name: str, content: Mapping[str, Any], earlier: Mapping[str, Map
         comparison = compare(pages[other], pages[first])
         change = comparison.get("one_cycle") or unknown
         compared.append({"name": other, "coefficients": pages[other]["coefficients"], **change})
-    if without_bench and not pages[first].get("object"):
+    if near and not pages[first].get("object"):
         changes = changes_by_object(pages[first], [pages[other] for other in others])
         described = describe_object(changes, content["object"]["size_m"]) if changes else {}
-        without_bench = {"object": content["object"] | described}
-    return {"comparison": comparison, "compared": compared} | without_bench
+        near = {"object": content["object"] | described}
+    return {"comparison": comparison, "compared": compared} | near
 
 
 def compare(after: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:

@@ -68,21 +68,19 @@ class SwingFit:
     noises: Mapping[str, SwingNoise]
 
 
-def solve(
-    blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats, *, rounds: int = 4, steps: int = 3
-) -> SwingFit:
+def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -> SwingFit:
     """Fit the parameters to all blocks by Gauss-Newton.
 
     The scatter of the first block is added in quadrature to the known ``sigma`` of others. Parameters have the prior
     ``mean`` and ``sigma``, (k,), the latter infinite for a parameter without a prior.
     """
     parameters, noises = start.astype(float), dict[str, SwingNoise]()
-    for _ in range(rounds):
+    for _ in range(4):
         before, noises = noises, {}
         for block in blocks:
             first = next(iter(noises.values())).sigma if noises else np.zeros(1)
             noises[block.name] = _estimate_noise(block, parameters, sigma, before.get(block.name), first)
-        for _ in range(steps):
+        for _ in range(3):
             prior = np.column_stack([np.diag(1.0 / sigma), (parameters - mean) / sigma])
             stacked = np.vstack([*(block.rows(parameters, noises[block.name]) for block in blocks), prior])
             parameters = parameters - np.linalg.lstsq(stacked[:, :-1], stacked[:, -1])[0]
