@@ -221,7 +221,7 @@ def calibrate_readings(
 
 
 def _fit_forms(readings: BenchReadings) -> tuple[Points, dict[str, FittedCurve], dict[str, str]]:
-    """Average readings by heading and fit all forms; give the points, the curves, and why others cannot be fitted."""
+    """Fit all forms to readings averaged by heading: the points, fitted curves, and why the others cannot be fitted."""
     # Repeats share the error of the bench's setting: they count once.
     slots = np.round(angles.wrap360(readings.reference_deg) / SAME_HEADING_DEG)
     groups = [slots == slot for slot in np.unique(slots)]
@@ -351,7 +351,7 @@ def split_axes(
 ) -> tuple[dict[str, BenchReadings], int, list[str]]:
     """Assign readings to the tilted axis, level ones to both, with the instrument's signs; repeats are averaged.
 
-    Given are the readings of each axis, the number of readings with both axes tilted, and notes on signs.
+    The result is the readings of each axis, the number of readings with both axes tilted, and notes on signs.
     """
     readings, notes = dict.fromkeys(AXES, BenchReadings(np.zeros(0), np.zeros(0))), list[str]()
     if not len(reference_deg):

@@ -311,8 +311,8 @@ def align_vertical(iron: Floats, readings: ScaledReadings, down: Floats) -> tupl
     With the downward direction t, the vertical field t . (h + e x h) is a constant c in every orientation, so
     t . h = c - e . (h x t) is linear in the rotation e about forward, starboard and down.
 
-    Given are whether the tilts determine the turn about each axis, (3,); downward over horizontal field; and the iron
-    with the rotation included in G.
+    The result is whether the tilts determine the turn about each axis, (3,); downward over horizontal field; and the
+    iron with the rotation included in G.
     """
     from scipy.spatial.transform import Rotation  # imported late: only needed for logs with tilts
 

@@ -357,7 +357,7 @@ def _noise(largest: Model, fitted: FittedEllipsoid, readings: ScaledReadings) ->
 def _select_by_cross_validation(
     models: Sequence[Model], readings: ScaledReadings, centre: Floats
 ) -> tuple[FittedEllipsoid, FittedEllipsoid, dict[str, float]]:
-    """Select the model that best predicts held-out contiguous blocks; give it, the largest, and the errors, percent."""
+    """Select the model that best predicts held-out blocks: that model, the largest, and the rms of each, percent."""
     fold, scores = blocks(len(readings)) % 5, dict[str, float]()
     for model in models:
         off = np.full(len(readings), np.nan)
