@@ -24,11 +24,9 @@ import targets
 from targets import Measured
 
 from compasslib import angles, compass
-from compasslib.calibrations import platform, tilt
-from compasslib.calibrations.bench import DIPOLE, SAFE_DEG, changes_by_object, describe_object
+from compasslib.calibrations import platform
 from compasslib.calibrations.platform import BenchReadings
-from compasslib.calibrations.result import Calibration
-from compasslib.calibrations.tilt import AxisReadings
+from compasslib.calibrations.result import DIPOLE, SAFE_DEG, Calibration, changes_by_object, describe_object
 from compasslib.deviation import model
 from compasslib.deviation.model import FieldAtPlace
 from compasslib.deviation.series import series_deviation
@@ -146,9 +144,9 @@ def run_tilts(steps: int, platforms: int, seed: int) -> Measured:
         true = rng.normal(size=(2, 3)) * [0.5, 0.02, rng.choice([0.0, 0.001])]
         recorded = reference - np.array([np.polynomial.Polynomial(each)(reference) for each in true])
         recorded += rng.normal(0.0, TILT_DEG, recorded.shape)
-        reads = {axis: AxisReadings(reference, each) for axis, each in zip(tilt.AXES, recorded, strict=True)}
-        axes, inside = tilt.calibrate_axes(reads, ()).details["axes"], []
-        for axis, each in zip(tilt.AXES, true, strict=True):
+        reads = {axis: BenchReadings(reference, each) for axis, each in zip(platform.AXES, recorded, strict=True)}
+        axes, inside = platform.calibrate_axes(reads, ()).details["axes"], []
+        for axis, each in zip(platform.AXES, true, strict=True):
             at = axes[axis]["table"]
             fitted = reference - np.polynomial.Polynomial(each)(reference)
             off = at["correction_deg"] - np.interp(at["recorded_deg"], fitted, reference - fitted)

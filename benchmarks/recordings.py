@@ -76,7 +76,7 @@ def heads(rng: np.random.Generator, effect: str) -> Made:
         paths = [Path(folder) / "a.000", Path(folder) / "b.000"]
         for path, head in zip(paths, (a, b), strict=True):
             path.write_bytes(package.encoded(package.stand(rng, motion, head), looks_up=head.looks_up))
-        first, second = (heads_of.read_head(path, {}, k) for k, path in enumerate(paths))
+        first, second = heads_of.read_heads(paths, {})
     moved = [motions.extract_motion(one) for one in (first, second)]
     if effect == "heading_slip":
         late = np.arange(len(moved[1].time_s)) >= rng.uniform(0.3, 0.7) * len(moved[1].time_s)

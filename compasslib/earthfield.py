@@ -73,27 +73,22 @@ def field_along(
     end_s: float,
     declination: float | None = None,
     applied: Mapping[str, float] | None = None,
-    *,
-    node_spacing_s: float = 30 * DAY_S,
-    disagreement_deg: float = 1.0,
-    applied_disagreement_deg: float = 2.0,
 ) -> EarthField:
     """Compute the field over a deployment; a given declination overrides the model's and is compared with it.
 
     Args:
         declination: declination in the metadata, degrees east, or None for the model's.
-        applied: by instrument, declination that its files already include according to the metadata, degrees.
-        node_spacing_s: the field is linear in time within an epoch of five years.
-        disagreement_deg, applied_disagreement_deg: an instrument may be set up with a chart some years old.
+        applied: by instrument, declination that its files already include according to the metadata, degrees; an
+            instrument may be set up with a chart some years old.
 
     Raises:
         InputError: a date is outside the model.
     """
-    nodes = np.linspace(start_s, end_s, 2 + int((end_s - start_s) // node_spacing_s))
+    nodes = np.linspace(start_s, end_s, 2 + int((end_s - start_s) // (30 * DAY_S)))
     model, horizontal, vertical = igrf(latitude, longitude, nodes)
-    warnings = [] if declination is None else _disagreement("declination", declination, model, disagreement_deg)
+    warnings = [] if declination is None else _disagreement("declination", declination, model, 1.0)
     for name, degrees in (applied or {}).items():
-        warnings += _disagreement(f"{name}: declination_applied", degrees, model, applied_disagreement_deg)
+        warnings += _disagreement(f"{name}: declination_applied", degrees, model, 2.0)
     return EarthField(
         time_s=nodes,
         declination_deg=model if declination is None else np.full(nodes.shape, float(declination)),
@@ -110,13 +105,13 @@ def declination_at(field: EarthField, time_s: ArrayLike) -> Floats:
     return np.interp(np.asarray(time_s, dtype=float), field.time_s, field.declination_deg)
 
 
-def model_sigma(horizontal_nT: float, constant_deg: float = 0.26, by_field_nT: float = 5417.0) -> float:
+def model_sigma(horizontal_nT: float) -> float:
     """Compute the standard deviation of a field model's declination, with crust and daily variation, degrees.
 
     That of WMM2025 (Chulliat et al. 2025, The US/UK World Magnetic Model for 2025-2030, technical report; WMM2020 has
     5625 nT) is used for IGRF.
     """
-    return float(np.hypot(constant_deg, by_field_nT / horizontal_nT))
+    return float(np.hypot(0.26, 5417.0 / horizontal_nT))
 
 
 def field_from_json(content: Mapping[str, Any]) -> EarthField:
@@ -146,22 +141,16 @@ def _disagreement(name: str, degrees: float, model: Floats, tolerance_deg: float
     ]
 
 
-def recognize_mistake(
-    degrees: float, model: float, *, recognised_deg: float = 0.5, recognised_share: float = 0.05
-) -> str:
-    """Describe the mistake that explains a declination other than the model's; empty if there is none.
-
-    Args:
-        recognised_deg, recognised_share: tolerance, absolute and relative, in recognizing a mistake.
-    """
+def recognize_mistake(degrees: float, model: float) -> str:
+    """Describe the mistake that explains a declination other than the model's; empty if there is none."""
     mistakes = {
         ", which has the other sign": -model,
         ", of which it looks like the double": 2.0 * model,
         ", of which it looks like the double with the other sign": -2.0 * model,
     }
     text, value = min(mistakes.items(), key=lambda mistake: abs(degrees - mistake[1]))
-    tolerance_deg = min(max(recognised_deg, recognised_share * abs(value)), abs(value) / 2.0)
-    return text if abs(degrees - value) <= tolerance_deg and abs(model) > recognised_deg else ""
+    tolerance_deg = min(max(0.5, 0.05 * abs(value)), abs(value) / 2.0)
+    return text if abs(degrees - value) <= tolerance_deg and abs(model) > 0.5 else ""
 
 
 @cache

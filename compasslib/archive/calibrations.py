@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from compasslib.archive.files import SIGNIFICANT_DIGITS, read_csv, read_json, write_csv, write_json
-from compasslib.calibrations import result
 from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.types import Floats
 
@@ -24,15 +23,6 @@ class StoredCalibration:
     content: Mapping[str, Any]  # calibration.json
     table: DeviationTable
     points: Mapping[str, Floats]
-
-    @property
-    def calibration(self) -> Calibration:
-        """The calibration composed of its content, table and points."""
-        return replace(
-            result.from_json(self.content),
-            table=self.table if self.table.heading_deg.size else None,
-            points=self.points,
-        )
 
 
 def write(

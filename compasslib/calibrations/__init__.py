@@ -22,10 +22,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from compasslib.readers import detect
+import numpy as np
+
+from compasslib.errors import InputError
+from compasslib.readers import delimited, detect
 from compasslib.statistics import single_threaded
+from compasslib.types import Floats
 
 if TYPE_CHECKING:  # the Snakefile needs ``KINDS`` only
     from compasslib.calibrations.result import Calibration
@@ -33,21 +38,21 @@ if TYPE_CHECKING:  # the Snakefile needs ``KINDS`` only
 
 @dataclass(frozen=True)
 class Kind:
-    """Module, figures and file formats of a kind of calibration."""
+    """Function, figures and file formats of a kind of calibration."""
 
-    module: str  # in this package; its calibrate(files, settings) returns the Calibration
+    function: str  # MODULE.NAME in this package: (files, settings) -> Calibration
     figures: tuple[str, ...] = ()  # drawn by draw_NAME(path, calibration) of plots.instruments
     by_heading: bool = True  # whether it has a deviation curve, and thus the common ``FIGURES``
     formats: tuple[str, ...] = ("table",)  # of its files, the default first
 
 
 KINDS: dict[str, Kind] = {
-    "platform": Kind("platform"),
-    "tilt": Kind("tilt", ("tilt",), by_heading=False),
-    "magnetometer": Kind("magnetometer", ("magnetometer",), formats=("table", "mmp_acm")),
-    "swing": Kind("swing", formats=("table", "nmea0183")),
-    "declination": Kind("declination", ("series",), by_heading=False, formats=("iaga2002",)),
-    "two_heads": Kind("two_heads", formats=("pd0",)),
+    "platform": Kind("platform.calibrate"),
+    "tilt": Kind("platform.calibrate_tilt", ("tilt",), by_heading=False),
+    "magnetometer": Kind("magnetometer.calibrate", ("magnetometer",), formats=("table", "mmp_acm")),
+    "swing": Kind("swing.calibrate", formats=("table", "nmea0183")),
+    "declination": Kind("observatory.calibrate", ("series",), by_heading=False, formats=("iaga2002",)),
+    "two_heads": Kind("two_heads.calibrate", formats=("pd0",)),
 }
 FIGURES = ("deviation", "certificate")  # common to all kinds with a deviation curve
 
@@ -58,6 +63,8 @@ MODELS = {  # descriptions of the deviation curves
     "one_cycle": "one cycle",
     "empirical": "empirical, six harmonics",
 }
+
+TWO_TURNS = {"deg": (-720.0, 720.0)}
 
 
 def figure_names(kind: str) -> list[str]:
@@ -70,14 +77,66 @@ def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any
     """Calibrate a compass from raw files in the order of the YAML file, with its keys as settings.
 
     Raises:
-        InputError: a file cannot be read.
+        InputError: a file cannot be used.
     """
     from compasslib import earthfield  # imported late: the Snakefile needs ``KINDS`` only
 
-    offered, module = KINDS[kind].formats, import_module(f"compasslib.calibrations.{KINDS[kind].module}")
-    form = settings.get("format") or offered[0]
+    module, name = KINDS[kind].function.split(".")
+    function, offered = getattr(import_module(f"compasslib.calibrations.{module}"), name), KINDS[kind].formats
     series = set(settings.get("observatory") or ())  # these have another format
     tables = [file for file in files if str(file) not in series]
-    with detect.format_hints(form, tables, offered=offered, advice="correct file or kind in the calibration's file"):
-        made: Calibration = module.calibrate(files, earthfield.resolve_settings(settings))
+    form, advice = settings.get("format") or offered[0], "correct file or kind in the calibration's file"
+    with detect.format_hints(form, tables, offered=offered, advice=advice):
+        made: Calibration = function(files, earthfield.resolve_settings(settings))
     return made
+
+
+def read_columns(
+    files: Sequence[str | Path],
+    settings: Mapping[str, Any],
+    needed: Sequence[str],
+    optional: Sequence[str] = (),
+    *,
+    bounds: Mapping[str, tuple[float, float]] = MappingProxyType({}),
+) -> tuple[dict[str, Floats], tuple[str, ...]]:
+    """Read columns of tables by role, concatenated over the files, and notes on the tables.
+
+    In the settings, ``columns`` gives headers that differ from the roles (``date`` and ``clock`` may replace
+    ``time_utc``), ``withhold`` roles or headers to ignore, and the keys of ``delimited.Layout`` the format of the
+    tables. An optional column is read if it is named or in all files. Bounds are by unit, with which a role ends.
+
+    Raises:
+        InputError: a file or column is absent or withheld, or a value cannot be read or is out of bounds.
+    """
+    paths, named = [Path(file) for file in files], settings.get("columns") or {}
+    layout, withheld = delimited.Layout.from_settings(settings), set(settings.get("withhold") or ())
+    headers = {role: str(named.get(role) or role) for role in (*needed, *optional)}
+    withheld_roles = {role for role, header in headers.items() if {role, header} & withheld}
+    for role in needed:
+        if role in withheld_roles:
+            expected, actual = "columns that the calibration can do without", f"{role}, which it needs"
+            raise InputError("withhold", expected=expected, found=actual, advice="take it out of withhold")
+    heads = [delimited.read_head(path, [headers[role] for role in needed], layout) for path in paths]
+    there = set.intersection(*(set(head.names) for head in heads))
+    wanted = {
+        role: header
+        for role, header in headers.items()
+        if role in needed or (role not in withheld_roles and (header != role or header in there))
+    }
+    wanted |= delimited.date_and_clock(named, withheld)
+    advice = "correct columns in the calibration's file"
+    tables = [delimited.read_table(path, wanted, advice, layout) for path in paths]
+    columns = {role: np.concatenate([table.columns[role] for table in tables]) for role in tables[0].columns}
+    if "time" in columns:
+        columns["time_utc"] = columns.pop("time")
+    for role, values in columns.items():
+        low, high = bounds.get(role.rpartition("_")[2], (-np.inf, np.inf))
+        beyond = values[(values < low) | (values > high)]
+        if beyond.size:
+            raise InputError(
+                f"{', '.join(map(str, paths))}: {role}",
+                expected=f"numbers from {low:g} to {high:g}, or nothing",
+                found=f"{beyond.size} beyond, {beyond[0]:g} first",
+                advice="correct the column or its unit; leave cells without a reading empty",
+            )
+    return columns, delimited.table_notes(tables)

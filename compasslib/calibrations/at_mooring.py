@@ -41,28 +41,42 @@ def carry_to_mooring(
     *,
     parts: Sequence[str] = (),  # parts near the mooring's compass
     iron_nT: float = IRON_NT,  # prior standard deviation of hard and of induced iron, see ``transfer_coefficients``
-    min_noise_deg: float = 0.8,
-    max_noise_deg: float = 8.0,
-) -> DeviationFit:
-    """Transfer the exact compass of calibrations to a mooring's field, unfitted; no coefficients if impossible."""
+) -> tuple[DeviationFit, dict[str, Any]]:
+    """Transfer the exact compass of one calibration, or of one before and one after, to a mooring's field, unfitted.
+
+    Returns:
+        The model, without coefficients if the transfer is impossible, and its origin for deviation.json.
+    """
+    sources = [{key: content[key] for key in ("name", "kind", "place")} for content in contents]
+    origin: dict[str, Any] = dict(zip(("calibration", "calibration_after"), sources, strict=False))
     if missing := [f"calibration {each['name']}: {why}" for each in contents if (why := _missing_part(each, field))]:
-        return DeviationFit(METHOD, len(pairs), why="; ".join(missing))
+        return DeviationFit(METHOD, len(pairs), why="; ".join(missing)), origin
     transferred = _transfer(contents, field, iron_nT)
     names = " and ".join(content["name"] for content in contents)
     warnings = [f"calibration {names}: {transferred.warning}"] if transferred.warning else []
-    for content in contents:
+    for content, source in zip(contents, sources, strict=True):
+        source["coefficients"] = content["exact"]["coefficients"]
         doubts = [*content.get("doubts", ()), *_other_parts(content.get("parts", ()), parts)]
         warnings += [f"calibration {content['name']}: {doubt}" for doubt in doubts]
     if len(contents) > 1:
-        warnings.append(_change(contents, transferred.each)["text"])
+        headings = (compass.recorded_heading(each, CIRCLE_DEG) for each in transferred.each)
+        size = angles.rms(angles.difference(*headings))
+        before, after = (f"{each['name']} ({each['place']['date'] or 'not dated'})" for each in contents)
+        text = (
+            f"the compass changed by {size:.1f}° rms between the calibrations {before} and {after}: the mean of both "
+            "is used, and the change is in the uncertainty of all headings"
+        )
+        origin["calibration_change"] = {"rms_deg": size, "text": text}
+        warnings.append(text)
     scatter = max(content["residual_rms_deg"] or 0.0 for content in contents)
-    noise = ScatterNoise(compass_deg=float(np.clip(scatter, min_noise_deg, max_noise_deg)))
+    noise = ScatterNoise(compass_deg=float(np.clip(scatter, 0.8, 8.0)))
     known = transferred.coefficients, transferred.covariance
     fit = DeviationFit(METHOD, len(pairs), *known, noise=noise, warnings=tuple(warnings))
-    return evaluate_on_record(fit, record, pairs)
+    return evaluate_on_record(fit, record, pairs), origin
 
 
 def _other_parts(calibrated: Sequence[str], moored: Sequence[str]) -> list[str]:
+    """Warn of parts that are near the compass in the calibration or at the mooring only."""
     there, here = ({part.casefold() for part in parts} for parts in (calibrated, moored))
     differing = [part for part in (*calibrated, *moored) if (part.casefold() in there) != (part.casefold() in here)]
     if not differing:
@@ -72,16 +86,6 @@ def _other_parts(calibrated: Sequence[str], moored: Sequence[str]) -> list[str]:
         f"calibrated {stated}, moored {near}: {', '.join(differing)} may turn the compass by more than the stated "
         "uncertainty; calibrate with what is moored, or correct parts"
     ]
-
-
-def _change(contents: Sequence[Mapping[str, Any]], coefficients: Floats) -> dict[str, Any]:
-    size = angles.rms(angles.difference(*(compass.recorded_heading(each, CIRCLE_DEG) for each in coefficients)))
-    before, after = (f"{each['name']} ({each['place']['date'] or 'not dated'})" for each in contents)
-    text = (
-        f"the compass changed by {size:.1f}° rms between the calibrations {before} and {after}: the mean of both is "
-        "used, and the change is in the uncertainty of all headings"
-    )
-    return {"rms_deg": size, "text": text}
 
 
 def compass_from_coefficients(
@@ -129,21 +133,7 @@ def _with_residual(fit: DeviationFit, residual: Floats, pairs: Pairs, **more: An
     return replace(fit, n_effective=effective, residual_rms_deg=angles.rms(residual), **more)
 
 
-def origin(contents: Sequence[Mapping[str, Any]], field: EarthField, iron_nT: float = IRON_NT) -> dict[str, Any]:
-    """Describe the origin of the model for deviation.json: the calibration, and any after the deployment."""
-    usable = not any(_missing_part(content, field) for content in contents)
-    sources = [
-        {key: content[key] for key in ("name", "kind", "place")}
-        | ({"coefficients": content["exact"]["coefficients"]} if usable else {})
-        for content in contents
-    ]
-    described: dict[str, Any] = dict(zip(("calibration", "calibration_after"), sources, strict=False))
-    if usable and len(contents) > 1:
-        described["calibration_change"] = _change(contents, _transfer(contents, field, iron_nT).each)
-    return described
-
-
-def _missing_part(content: Mapping[str, Any], field: EarthField, *, same_field: float = 0.05) -> str:
+def _missing_part(content: Mapping[str, Any], field: EarthField) -> str:
     """Explain why a calibration cannot be carried to a mooring; empty if it can."""
     if content["exact"] is None:
         return content["why"] or "it has no coefficients of the exact compass, its headings do not determine them"
@@ -152,11 +142,11 @@ def _missing_part(content: Mapping[str, Any], field: EarthField, *, same_field: 
     if content["place"]["field"] is None:
         return "its place or date is unknown, so that its coefficients cannot be carried to the mooring's field"
     ratio = float(np.mean(field.horizontal_nT)) / content["place"]["field"]["horizontal_nT"]
-    if content["model"] == EMPIRICAL.name and abs(ratio - 1.0) > same_field:
+    if content["model"] == EMPIRICAL.name and abs(ratio - 1.0) > 0.05:
         return (
             "its curve is empirical, and how much of it iron makes, which the field changes, is unknown: the level "
             f"field of the mooring is {ratio:.2f} of the calibration's; calibrate where it is the same within "
-            f"{100.0 * same_field:.0f} %, correct the instrument's table and calibrate again, or fit a reference"
+            "5 %, correct the instrument's table and calibrate again, or fit a reference"
         )
     return ""
 

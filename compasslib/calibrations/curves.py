@@ -42,6 +42,7 @@ class LeastSquares:
     cofactor: Floats  # (k, k) covariance relative to the variance of a reading with weight 1
     leverage: Floats  # (n,) diagonal of the hat matrix
     residual_deg: Floats  # (n,) observed minus fitted, of the quantity to which the form is fitted
+    correct_residual_deg: Floats  # (n,) the same of the correct heading
 
 
 def least_squares(columns: Floats, observed: Floats, weight: Floats) -> LeastSquares:
@@ -49,8 +50,8 @@ def least_squares(columns: Floats, observed: Floats, weight: Floats) -> LeastSqu
     root = np.sqrt(weight)[:, None]
     inverse = np.linalg.pinv(root * columns)
     coefficients = inverse @ (root[:, 0] * observed)
-    leverage = np.einsum("ni,in->n", root * columns, inverse)
-    return LeastSquares(coefficients, weight, inverse @ inverse.T, leverage, observed - columns @ coefficients)
+    leverage, residual = np.einsum("ni,in->n", root * columns, inverse), observed - columns @ coefficients
+    return LeastSquares(coefficients, weight, inverse @ inverse.T, leverage, residual, residual)
 
 
 @dataclass(frozen=True)
@@ -71,24 +72,23 @@ class CurveForm:
         """Evaluate the deviation at recorded headings, (n,) degrees; NaN where it is not unique."""
         return self.design(recorded_deg) @ coefficients
 
+    def nearest_deviation(self, coefficients: Floats, points: Points) -> Floats:
+        """Evaluate the deviation at points, (n,) degrees; of two the nearer to the observed one."""
+        return self.deviation(coefficients, points.recorded_deg)
+
     def gradient(self, coefficients: Floats, recorded_deg: Floats) -> Floats:
         """Compute the derivative of the deviation by each coefficient, (n, k)."""
         return self.design(recorded_deg)
 
     def around(self, coefficients: Floats) -> Floats:
-        """Compute the derivatives of the fitted quantity round the circle, (m, k)."""
+        """Compute the weighted derivatives of the fitted quantity round the circle, (m, k)."""
         return self.design(self.tested_deg)
-
-    def correct_residual(self, solution: LeastSquares, points: Points) -> Floats:
-        """Convert residuals of the fitted quantity to those of the correct heading, (n,) degrees."""
-        return solution.residual_deg
 
 
 class ExactForm(CurveForm):
     """The exact compass, fitted to the recorded heading: Le Menn et al. 2023, eq. (4), with cos in its denominator."""
 
     def solve(self, points: Points) -> LeastSquares | None:
-        """Fit A to E by Gauss-Newton; None where it diverges."""
         correct = points.recorded_deg + points.deviation_deg
         # Start: sin D = A cos D + B sin g + C cos g + D sin(b + g) + E cos(b + g), which is Im(e^{-ig} q) = 0.
         sine, cosine = angles.sin_cos(points.recorded_deg)
@@ -96,21 +96,30 @@ class ExactForm(CurveForm):
         sine_off, cosine_off = angles.sin_cos(points.deviation_deg)
         columns = np.stack([cosine_off, sine, cosine, sine_sum, cosine_sum], axis=-1)
         coefficients = least_squares(columns, sine_off, np.ones(len(points))).coefficients
-        for _ in range(20):  # two steps suffice for readings of a real compass
+        for _ in range(20):  # Gauss-Newton; two steps suffice for readings of a real compass
             off = angles.difference(points.recorded_deg, compass.recorded_heading(coefficients, correct))
             step = least_squares(compass.gradient(coefficients, correct).T, off, self._weight(coefficients, correct))
             coefficients = coefficients + step.coefficients
             if np.max(np.abs(step.coefficients)) < 1e-9:
-                return replace(step, coefficients=coefficients, residual_deg=off)
+                # Minus the slope converts to the correct heading; it is bounded as it approaches 0 near a fold.
+                slope = compass.slope(coefficients, correct)
+                bounded = np.where(slope < 0, -1.0, 1.0) * np.maximum(np.abs(slope), 0.3)
+                correct_residual = -1.0 / bounded * off
+                return replace(step, coefficients=coefficients, residual_deg=off, correct_residual_deg=correct_residual)
             if not np.all(np.abs(coefficients) < 10.0):
                 return None
         return None
 
     def deviation(self, coefficients: Floats, recorded_deg: Floats) -> Floats:
-        """Evaluate the deviation at recorded headings, (n,) degrees; NaN if the compass cannot turn full circle."""
         if not compass.turns_full_circle(coefficients):
             return np.full(recorded_deg.shape, np.nan)
         return angles.difference(compass.inverse(coefficients, recorded_deg)[:, 0], recorded_deg)
+
+    def nearest_deviation(self, coefficients: Floats, points: Points) -> Floats:
+        observed = points.recorded_deg + points.deviation_deg
+        off = angles.difference(compass.inverse(coefficients, points.recorded_deg), observed[:, None])
+        nearer = np.argmin(np.where(np.isfinite(off), np.abs(off), np.inf), axis=1)
+        return points.deviation_deg + off[np.arange(len(off)), nearer]
 
     def gradient(self, coefficients: Floats, recorded_deg: Floats) -> Floats:
         """Compute the derivative of the deviation by A to E, (n, 5): at a constant reading, -dγ / (dγ / dβ)."""
@@ -118,15 +127,8 @@ class ExactForm(CurveForm):
         return -(compass.gradient(coefficients, root) / compass.slope(coefficients, root)).T
 
     def around(self, coefficients: Floats) -> Floats:
-        """Compute the weighted derivatives of the recorded heading round the circle, (m, 5)."""
         weight = self._weight(coefficients, CIRCLE_DEG)
         return compass.gradient(coefficients, CIRCLE_DEG).T * np.sqrt(weight)[:, None]
-
-    def correct_residual(self, solution: LeastSquares, points: Points, *, min_slope: float = 0.3) -> Floats:
-        """Divide residuals of the recorded heading by minus the slope, bounded as it approaches 0 near a fold."""
-        slope = compass.slope(solution.coefficients, points.recorded_deg + points.deviation_deg)
-        bounded = np.where(slope < 0, -1.0, 1.0) * np.maximum(np.abs(slope), min_slope)
-        return -1.0 / bounded * solution.residual_deg
 
     @staticmethod
     def _weight(coefficients: Floats, correct_deg: Floats) -> Floats:
@@ -168,11 +170,6 @@ class FittedCurve:
     dof: int
     scatter_deg: float  # standard deviation of correct headings about the curve, inflated for few readings
 
-    @property
-    def score_deg(self) -> float:
-        """Leave-one-out rms error, degrees."""
-        return angles.rms(self.left_out_deg)
-
     def deviation(self, recorded_deg: ArrayLike) -> Floats:
         """Evaluate the deviation at recorded headings, (n,) degrees; NaN where it is not unique."""
         return self.form.deviation(self.coefficients, np.asarray(recorded_deg, dtype=float))
@@ -190,7 +187,7 @@ class FittedCurve:
             coefficients = [*powers, *[0.0] * (POLYNOMIAL_DEGREE + 1 - len(powers))]  # numpy drops trailing zeros
         return {
             "coefficients": dict(zip(self.form.letters, coefficients, strict=True)),
-            "left_out_rms_deg": self.score_deg,
+            "left_out_rms_deg": angles.rms(self.left_out_deg),
             "residual_rms_deg": angles.rms(self.residual_deg),
             "dof": self.dof,
             "source": self.form.source,
@@ -228,7 +225,7 @@ def fit_curve(form: CurveForm, points: Points) -> FittedCurve | str:
     # The standard error of a determined curve is nowhere more than three times the scatter of a reading.
     if float(np.sqrt(np.max(vague))) > 3.0 or np.max(solution.leverage) > 1.0 - 1e-6:
         return "the headings do not determine it: they leave too wide a gap in the circle"
-    residual = form.correct_residual(solution, points)
+    residual = solution.correct_residual_deg
     if (off := angles.rms(residual)) > 10.0:
         return f"it misses the readings by {off:.0f} degrees rms"
     dof = len(points) - needed
@@ -244,18 +241,16 @@ def fit_curve(form: CurveForm, points: Points) -> FittedCurve | str:
     )
 
 
-def select_curve(
-    curves: Sequence[FittedCurve], *, min_dof_to_select: int = 3, min_gain_sigmas: float = 2.0
-) -> FittedCurve:
+def select_curve(curves: Sequence[FittedCurve]) -> FittedCurve:
     """Select the first curve, unless another one predicts left-out points better.
 
     A form with more coefficients must be better by twice the standard error of the difference, one with as many just
     better. Forms with fewer are contained in the first: their uncertainty would neglect the omitted terms.
     """
     best = curves[0]
-    for other in (curve for curve in curves[1:] if curve.dof <= best.dof and best.dof >= min_dof_to_select):
+    for other in (curve for curve in curves[1:] if curve.dof <= best.dof and best.dof >= 3):
         gain = best.left_out_deg**2 - other.left_out_deg**2
         same = len(other.form.letters) == len(best.form.letters)
-        needed = 0.0 if same else min_gain_sigmas * float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
+        needed = 0.0 if same else 2.0 * float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
         best = other if float(np.mean(gain)) > needed else best
     return best

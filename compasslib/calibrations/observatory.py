@@ -1,18 +1,23 @@
-"""Observatory declination compared with a field model: slow level, quiet-day curve, storms and crustal constant."""
+"""Observatory declination compared with IGRF: slow level, quiet-day curve, storms and their constant difference.
+
+The constant is mostly the crustal field. No compass is calibrated: A is the observed minus the model's declination, B
+to E have no meaning here.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from compasslib import angles, earthfield
+from compasslib.calibrations.result import Calibration, DeviationTable, Source
 from compasslib.errors import InputError
 from compasslib.readers import iaga2002
-from compasslib.records import EarthField, FieldSeries
+from compasslib.records import EarthField, FieldSeries, iso_time
 from compasslib.types import DAY_S, HOUR_S, Bools, Floats
 
 MIN_SHARE = 0.5  # fraction of the samples required for a mean
@@ -20,7 +25,175 @@ WINDOW_S = 3 * HOUR_S
 APART_S = 24 * HOUR_S  # windows farther apart belong to separate storms
 MIN_DAYS = 5  # of a record from which its usual day and disturbance are known
 BLOCK_DAYS = 27  # a rotation of the sun
+KIND = "declination"
 AVERAGED_S = 600.0  # averaging interval of one-minute values: storms last longer
+CONSTANT_HOW = "blocks of 27 days; under 135 days a middle latitude's spread of daily levels, assumed"
+AMBIGUITY = (
+    "A includes the crustal field, the error of IGRF and an error of the observatory's azimuth mark; one series cannot "
+    "separate them."
+)
+CRUST_NT = 600.0  # largest crustal field that is accepted; most stations have less than 300
+ADVICE = "correct the file's columns, units or place, or take the observatory's own file"
+
+
+def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
+    """Estimate the constant difference of an observatory's declination from the model, the quiet day and the storms."""
+    series = iaga2002.read(files)
+    place, header = _station_place(series, settings), (series.latitude, series.longitude)
+    warnings = [*series.warnings]
+    if np.any(np.abs(angles.difference(place, header)) > 0.5):  # degrees
+        warnings.append("the file has the station at {:g} N {:g} E; the YAML's place counts".format(*header))
+    located = {"latitude": place[0], "longitude": place[1], "elevation_m": series.elevation_m}
+    of_file = {
+        "station": series.station,
+        **{name: float(value) if np.isfinite(value) else None for name, value in located.items()},
+        "date": iso_time(float(np.mean(series.time_s[[0, -1]])))[:10],
+        "definitive": series.definitive,
+        "rows": dict(series.counts),
+    }
+    if why := too_short_reason(series):
+        return Calibration(KIND, "none", 0, 0, details=of_file, why=why, warnings=tuple(warnings))
+    field, mistakes = station_field(series, settings, str(files[0]))
+    compared = compare(series, field)
+    warnings += mistakes
+    if compared.spikes:
+        warnings.append(f"{compared.spikes} isolated outliers: spikes, or storms shorter than three hours")
+    constant, sigma = compared.constant_deg, compared.constant_sigma_deg
+    covariance = np.full((5, 5), np.nan)
+    covariance[0, 0] = sigma**2
+    # The same constant at every heading: the correction of headings converted to true with the model's declination.
+    heading = np.arange(0.0, 360.0, float(settings.get("table_step_deg", 10.0)))
+    curve = compared.curve_deg - np.mean(compared.curve_deg)
+    residual, calm = compared.residual_deg - constant, compared.disturbed_deg[~compared.stormy]
+    of_curve = f"rms of the curve of {compared.quiet_days} days"
+    return Calibration(
+        kind=KIND,
+        model=f"{'IGRF' if field.source == 'IGRF' else 'the given declination'} plus a constant",
+        n=len(compared.time_s),
+        coverage=0,
+        coefficients=np.append(constant, np.full(4, np.nan)),
+        covariance=covariance,
+        residual_rms_deg=angles.rms(residual),
+        sources=(
+            Source("constant", sigma, CONSTANT_HOW),
+            Source("daily variation", float(np.std(np.nan_to_num(curve))), of_curve),
+            Source("disturbance", angles.rms(calm), "rms of what level and quiet day leave, storms left out"),
+        ),
+        table=DeviationTable(heading, np.full(len(heading), constant), np.full(len(heading), sigma)),
+        points={
+            "time_s": compared.time_s,
+            "declination_deg": compared.observed_deg,
+            "model_deg": compared.model_deg,
+            "level_deg": compared.level_deg,
+            "quiet_day_deg": interpolate_daily_curve(curve, compared.time_s),
+            "residual_deg": residual,
+            "disturbance_deg": compared.disturbed_deg,
+            "storm": compared.stormy.astype(float),
+        },
+        details=of_file | _describe(series, compared, curve) | {"model_source": field.source},
+        warnings=(*warnings, *field.warnings),
+    )
+
+
+def _describe(series: FieldSeries, compared: FieldComparison, curve_deg: Floats) -> dict[str, Any]:
+    observed = angles.difference(series.declination_deg, compared.observed_deg[0])
+    amplitude, days = float(np.ptp(curve_deg)) / 2.0, compared.quiet_days
+    return {
+        "constant_deg": compared.constant_deg,
+        "constant_sigma_deg": compared.constant_sigma_deg,
+        "days": compared.days,
+        "from": iso_time(series.time_s[0]),
+        "to": iso_time(series.time_s[-1]),
+        "range_deg": float(np.ptp(observed[np.isfinite(observed)])),
+        "quiet_day": {"days": days, "amplitude_deg": amplitude, "by_hour_deg": curve_deg} if days else None,
+        "storms": [
+            {"from": iso_time(x.begin_s), "to": iso_time(x.end_s), "range_deg": x.range_deg, "rms_deg": x.rms_deg}
+            for x in compared.storms
+        ],
+        "cannot_tell": [AMBIGUITY],
+    }
+
+
+def _station_place(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[float, float]:
+    """Look up latitude and longitude, degrees: in the settings, else in the header."""
+    latitude, longitude = settings.get("latitude"), settings.get("longitude")
+    return (series.latitude, series.longitude) if latitude is None or longitude is None else (latitude, longitude)
+
+
+def station_field(series: FieldSeries, settings: Mapping[str, Any], where: str) -> tuple[EarthField, list[str]]:
+    """Evaluate the field model, or the declination of the settings, along a series; with ``check_field``'s warnings.
+
+    Raises:
+        InputError: the position is unknown, a date lies outside the model, or the field is not that of the place.
+    """
+    latitude, longitude = place = _station_place(series, settings)
+    if not np.isfinite(latitude + longitude):
+        expected = "geodetic latitude and longitude in the header"
+        advice = "add latitude and longitude to the calibration's YAML file"
+        raise InputError(where, expected=expected, found="none", advice=advice)
+    given = settings.get("declination")
+    number = None if given in (None, "auto") else float(given)
+    first_s, last_s = (float(series.time_s[k]) for k in (0, -1))
+    field = earthfield.field_along(latitude, float(angles.wrap180(longitude)), first_s, last_s, number)
+    return field, check_field(series, place)
+
+
+def check_field(series: FieldSeries, place: tuple[float, float]) -> list[str]:
+    """Warn if the medians of a month of a file are not the model's at its place, (latitude, longitude), if known.
+
+    Raises:
+        InputError: a mistake that affects the declination is identified, or the field is impossible at that place.
+    """
+    warnings: dict[str, str] = {}
+    known = np.isfinite(series.declination_deg)
+    if not (np.isfinite(place).all() and known.any()):
+        return []
+    file = series.origin if len(series.origin) == len(series) else np.zeros(len(series), dtype=np.intp)
+    months = np.stack([file, np.floor(series.time_s / (BLOCK_DAYS * DAY_S)).astype(np.intp)])
+    for month in np.unique(months[:, known], axis=1).T:
+        part = np.all(months == month[:, None], axis=0)
+        first = series.declination_deg[part & known][0]
+        off = np.nanmedian(angles.difference(series.declination_deg[part], first))
+        declination, time_s = float(angles.wrap180(first + off)), float(np.median(series.time_s[part]))
+        horizontal, vertical = (
+            float(np.nanmedian(x[part])) if np.isfinite(x[part]).any() else float("nan")
+            for x in (series.horizontal_nT, series.vertical_nT)
+        )
+        model = [float(x[0]) for x in earthfield.igrf(*place, [time_s])]
+        across = model[1] * angles.DEGREE * float(np.abs(angles.chord(angles.difference(declination, model[0]))))
+        if not np.nanmax([across, abs(horizontal - model[1]), abs(vertical - model[2])]) > CRUST_NT:
+            continue
+        variation = abs(declination) < 0.3 < abs(model[0]) or horizontal < 0.1 * model[1]
+        why = f"rocks rarely make more than {CRUST_NT:.0f} nT; check columns, units, place and dates"
+        why = "a variation about zero: the baseline is missing" if variation else why
+        parts = [f"D {declination:+.2f} degrees"]
+        parts += [f" H {horizontal:.0f} nT"] if np.isfinite(horizontal) else []
+        parts += [f" Z {vertical:+.0f} nT"] if np.isfinite(vertical) else []
+        by_model = "D {:+.1f} degrees, H {:.0f} nT, Z {:+.0f} nT at {:g} N {:g} E".format(*model, *place)
+        year = iso_time(time_s)[:4]
+        where = series.files[month[0]] if series.files else series.station
+        observed = f"{','.join(parts)} ({why})"
+        if variation or across > 5000.0:  # nT, more than any crustal field at an observatory
+            raise InputError(where, expected=f"about {by_model} in {year}, as IGRF has", found=observed, advice=ADVICE)
+        warnings.setdefault(where, f"{where}: {observed}, where IGRF has {by_model} in {year}")
+    return list(warnings.values())
+
+
+def with_observatory_warnings(field: EarthField, files: Sequence[str | Path]) -> EarthField:
+    """Add warnings about a mooring's observatory to its field: mistakes in the file, days not covered."""
+    if not files:
+        return field
+    series = iaga2002.read(files)
+    warnings = check_field(series, (series.latitude, series.longitude))
+    days = np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / DAY_S))
+    first, last = np.floor(field.time_s[[0, -1]] / DAY_S)
+    covered = float(np.sum((days >= first) & (days <= last)) / (last - first + 1.0))
+    if covered < 0.5:
+        warnings.append(
+            f"the observatory {series.station} covers {100.0 * covered:.0f} % of the deployment's days; elsewhere the "
+            "disturbance of the field is taken as zero"
+        )
+    return replace(field, warnings=(*field.warnings, *warnings))
 
 
 @dataclass(frozen=True)
@@ -57,9 +230,6 @@ def covariates(files: Sequence[str | Path], time_s: Floats) -> tuple[Floats, Flo
     """Compute a mooring's covariates from an observatory: field variation across and along its north, (n,) degrees.
 
     They retain storms and daily variation, without the secular variation and the crustal constant.
-
-    Raises:
-        InputError: a file cannot be read.
     """
     series = iaga2002.read(files)
     # The variation along north, relative to the field, turns a needle where magnetic north has another direction.
@@ -111,13 +281,13 @@ def hourly_median(time_s: Floats, off: Floats, chosen: Bools) -> Floats:
     return curve - np.median(curve)
 
 
-def strongest_disturbance(time_s: Floats, off_deg: Floats, *, max_stretches: int = 12) -> tuple[float, float]:
+def strongest_disturbance(time_s: Floats, off_deg: Floats) -> tuple[float, float]:
     """Find start and end of the strongest disturbance, or of the record if many stretches are as strong."""
     size, _ = three_hour_rms(time_s, off_deg)
     at = np.flatnonzero(size >= 0.5 * size.max())
     groups = np.split(at, np.flatnonzero(np.diff(time_s[at]) > APART_S) + 1)
     strongest = next(group for group in groups if np.argmax(size) in group)
-    if len(groups) > max_stretches or not size.max():
+    if len(groups) > 12 or not size.max():
         return float(time_s[0]), float(time_s[-1])
     clear = strongest[np.abs(off_deg[strongest]) >= 0.25 * np.abs(off_deg[strongest]).max()]
     return float(time_s[clear[0]]), float(time_s[clear[-1]])
@@ -201,29 +371,6 @@ class FieldComparison:
         return _step(self.time_s)
 
 
-def model_field(series: FieldSeries, settings: Mapping[str, Any], where: str) -> EarthField:
-    """Evaluate the field model along a series, with the declination replaced by a number if the settings have one.
-
-    Raises:
-        InputError: neither header nor settings give the position, or a date lies outside the model.
-    """
-    latitude, longitude = station_place(series, settings)
-    if not np.isfinite(latitude + longitude):
-        expected = "geodetic latitude and longitude in the header"
-        advice = "add latitude and longitude to the calibration's YAML file"
-        raise InputError(where, expected=expected, found="none", advice=advice)
-    given = settings.get("declination")
-    number = None if given in (None, "auto") else float(given)
-    first_s, last_s = (float(series.time_s[k]) for k in (0, -1))
-    return earthfield.field_along(latitude, float(angles.wrap180(longitude)), first_s, last_s, number)
-
-
-def station_place(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[float, float]:
-    """Look up latitude and longitude, degrees: in the settings, else in the header."""
-    latitude, longitude = settings.get("latitude"), settings.get("longitude")
-    return (series.latitude, series.longitude) if latitude is None or longitude is None else (latitude, longitude)
-
-
 def too_short_reason(series: FieldSeries) -> str:
     """Explain why a series is too short to be compared with a model; empty if it is not."""
     hours = len(np.unique(np.floor(series.time_s[np.isfinite(series.declination_deg)] / HOUR_S)))
@@ -293,28 +440,17 @@ def _quiet_days(time_s: Floats, rough: Floats, stormy: Bools) -> Bools:
     return np.isin(which, quietest[np.isfinite(size[quietest])])
 
 
-def _constant_sigma(
-    each_day: Floats,
-    days: Floats,
-    disturbance_deg: float,
-    *,
-    min_blocks: int = 5,
-    whole_year_days: int = 330,
-    day_level_deg: float = 0.016,
-    disturbance_share: float = 0.4,
-    season_deg: float = 0.006,
-) -> float:
+def _constant_sigma(each_day: Floats, days: Floats, disturbance_deg: float) -> float:
     """Estimate the standard error of the constant from blocks of days, or from an assumed spread if these are few.
 
-    Args:
-        day_level_deg, disturbance_share, season_deg: standard deviation of daily means about the annual mean, share of
-            the disturbance added to it, and standard deviation of seasonal means. Tuned to Eskdalemuir 1980 and 2003,
-            on which the benchmark measures coverage: no independent check.
+    The standard deviations of daily means about the annual mean and of seasonal means, and the share of the disturbance
+    added, are tuned to Eskdalemuir 1980 and 2003, on which the benchmark measures coverage: no independent check.
     """
     blocks = np.unique(np.floor(days / BLOCK_DAYS), return_inverse=True)[1]
-    if blocks[-1] + 1 < min_blocks:
-        spread = np.hypot(day_level_deg, disturbance_share * disturbance_deg)
+    season_deg = 0.006
+    if blocks[-1] + 1 < 5:
+        spread = np.hypot(0.016, 0.4 * disturbance_deg)
         return float(np.hypot(spread / np.sqrt(len(days)), season_deg))
     each = np.array([np.median(each_day[blocks == k]) for k in range(blocks[-1] + 1)])
-    season = season_deg if np.ptp(days) < whole_year_days else 0.0
+    season = season_deg if np.ptp(days) < 330 else 0.0
     return float(np.hypot(np.std(each, ddof=1) / np.sqrt(len(each)), season))

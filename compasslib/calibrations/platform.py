@@ -1,33 +1,47 @@
-"""Calibration of a compass on a bench with known directions: Le Menn et al. 2023, sections 2 and 6."""
+"""Calibration of compasses and tilt sensors on a bench of known directions or tilts: Le Menn et al. 2023."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.calibrations import bench, budget, curves
-from compasslib.calibrations.budget import Source
-from compasslib.calibrations.curves import EMPIRICAL, EXACT, ONE_CYCLE, POLYNOMIAL, SMITH, FittedCurve
-from compasslib.calibrations.result import Calibration, DeviationTable
-from compasslib.calibrations.tables import TWO_TURNS, read_columns
+from compasslib.calibrations import TWO_TURNS, curves, read_columns, result
+from compasslib.calibrations.curves import (
+    EMPIRICAL,
+    EXACT,
+    ONE_CYCLE,
+    POLYNOMIAL,
+    SMITH,
+    CurveForm,
+    FittedCurve,
+    Points,
+)
+from compasslib.calibrations.result import PLATFORM, TILT, Calibration, DeviationTable, Source
 from compasslib.deviation.series import series_design
 from compasslib.errors import InputError, applicable
+from compasslib.readers import iaga2002
 from compasslib.types import Floats
 
 ROLES = ("reference_deg", "recorded_deg")
 FORMS = (SMITH, EXACT, POLYNOMIAL, ONE_CYCLE, EMPIRICAL)
 SAME_HEADING_DEG = 1.0  # reference directions that round to one multiple repeat a setting of the bench
+SAME_TILT_DEG = 0.2  # the same for tilts
+LEVEL_DEG, SKEW_DEG = 0.5, 1.0  # tilts up to which an axis is level, and from which two axes are tilted together
 SWING = "swing 16 to 24 headings all round the circle"
+TILT_ROLES = ("reference_tilt_deg", "recorded_pitch_deg", "recorded_roll_deg")
+AXES = ("pitch", "roll")
+TILT_FORMS = {"line": "AB", "quadratic": "ABC", "cubic": "ABCD"}  # in powers of the recorded tilt
 
 
 @dataclass(frozen=True)
 class BenchReadings:
-    """Reference and recorded headings, (n,) each, magnetic."""
+    """Reference and recorded headings, magnetic, or tilts about one axis, (n,) each, degrees."""
 
     reference_deg: Floats
     recorded_deg: Floats
@@ -39,15 +53,8 @@ class BenchReadings:
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
     """Calibrate a compass on a bench.
 
-    Args:
-        settings: ``columns``, ``withhold``, the keys of tables, ``table_step_deg``, ``budget``, ``uncertainty``;
-            ``mounting_deg``, clockwise angle from the bench's direction to the instrument's;
-            ``declination_deg`` of the place; ``observatory`` and ``spun``, those of the files that record the field
-            and the readings of the instrument spun in one place.
-
-    Raises:
-        InputError: a file cannot be read, a column is absent or not in degrees, or a
-            constant of a quarter turn or more is not resolved by ``mounting_deg``.
+    ``mounting_deg`` is the clockwise angle from the bench's direction to the instrument's; ``observatory`` and ``spun``
+    name those of the files that record the field, and the readings of the instrument spun in one place.
     """
     spun, observatory = list(settings.get("spun") or ()), list(settings.get("observatory") or ())
     files = [file for file in files if str(file) not in {*spun, *observatory}]
@@ -57,45 +64,85 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     reference = angles.wrap360(columns["reference_deg"][known] + (mounting or 0.0))
     recorded, conditions = columns["recorded_deg"][known], dict[str, Any]()
     if observatory:
-        reference, conditions["observatory"] = bench.correct_field(reference, columns["time_utc"][known], observatory)
+        reference, conditions["observatory"] = _correct_field(reference, columns["time_utc"][known], observatory)
     given = settings.get("uncertainty") or {}
     if spun:
         turned, _ = read_columns(spun, settings, ROLES, bounds=TWO_TURNS)
         spun_reference = angles.wrap360(turned["reference_deg"] + (mounting or 0.0))
-        found = bench.measure_homogeneity(reference, recorded, spun_reference, turned["recorded_deg"])
+        found = measure_homogeneity(reference, recorded, spun_reference, turned["recorded_deg"])
         conditions["homogeneity"] = found
         if given.get("homogeneity_deg") is None and found["max_deg"] is not None:
             given = {**given, "homogeneity_deg": abs(found["max_deg"])}
-    rows, missing = budget.sources(given, settings.get("budget"))
+    rows, missing = result.sources(given, settings.get("budget"))
     step = float(settings.get("table_step_deg", 10.0))
     fitted = calibrate_readings(BenchReadings(reference, recorded), rows, table_step_deg=step)
     doubts: list[str] = []
     if mounting is None and (shift := fitted.details.get("constant_shift")):
         doubts = _constant_doubts(shift["value_deg"], shift["sigma_deg"], settings.get("declination_deg"), files)
+    if settings.get("budget") == result.LE_MENN and given.get("field_deg") is None and fitted.model != "none":
+        level = (settings.get("field") or {}).get("horizontal_nT", result.PAPER_FIELD_NT)
+        conditions["physical_field"] = result.physical_field(fitted.sources, level)
     lost = [] if known.all() else [f"{int(np.sum(~known))} lines without both headings are excluded"]
-    details: dict[str, Any] = {**fitted.details, **conditions, "doubts": doubts}
-    if settings.get("budget") == budget.LE_MENN and given.get("field_deg") is None and fitted.model != "none":
-        level = (settings.get("field") or {}).get("horizontal_nT", budget.PAPER_FIELD_NT)
-        details["physical_field"] = budget.physical_field(fitted.sources, level)
-    return replace(fitted, details=details, warnings=(*notes, *lost, *fitted.warnings, *doubts, *missing))
+    return replace(
+        fitted,
+        details={**fitted.details, **conditions, "doubts": doubts},
+        warnings=(*notes, *lost, *fitted.warnings, *doubts, *missing),
+    )
+
+
+def _correct_field(reference_deg: Floats, time_s: Floats, files: Sequence[str]) -> tuple[Floats, dict[str, Any]]:
+    """Correct reference directions, (n,), for changes of the declination about its mean over the readings.
+
+    Readings at an unknown time or farther than 1.5 sampling intervals from any sample are not corrected.
+    """
+    series = iaga2002.read(files)
+    known = np.isfinite(series.declination_deg)
+    at, declination = series.time_s[known], series.declination_deg[known]
+    if len(at) < 2 or not np.isfinite(time_s).any():
+        text = f"{series.station} has no declination at the times of the readings, which stay uncorrected"
+        return reference_deg, {"station": series.station, "corrected": 0, "range_deg": None, "text": text}
+    nearest = np.array([np.min(np.abs(at - t)) if np.isfinite(t) else np.inf for t in time_s])
+    near = nearest <= 1.5 * np.median(np.diff(at))
+    change, count, size = np.zeros(reference_deg.shape), int(near.sum()), 0.0
+    if count:
+        change[near] = np.interp(time_s[near], at, declination)
+        change[near] -= np.mean(change[near])
+        size = float(np.ptp(change[near]))
+    text = (
+        f"{count} of {len(near)} readings are corrected for changes of the declination at {series.station}, "
+        f"{size:.2f} degrees in all; field_deg may then be the noise alone"
+    )
+    corrected = {"station": series.station, "corrected": count, "range_deg": size, "text": text}
+    return angles.wrap360(reference_deg - change), corrected
+
+
+def measure_homogeneity(
+    reference_deg: Floats, recorded_deg: Floats, spun_reference_deg: Floats, spun_recorded_deg: Floats
+) -> dict[str, Any]:
+    """Compare an instrument spun in place, (m,), with the curve fitted to the rotated platform, (n,), degrees."""
+    points = curves.deviation_points(recorded_deg, reference_deg)
+    fits = [curves.fit_curve(form, points) for form in (SMITH, EXACT)]
+    fitted = [fit for fit in fits if isinstance(fit, FittedCurve)]
+    observed = angles.difference(spun_reference_deg, spun_recorded_deg)
+    known = np.isfinite(observed)
+    if not fitted or known.sum() < 4:  # Table 3
+        few = f"{known.sum()} directions of the spun instrument, at least 4 tell it"
+        text = f"The homogeneity of the field is not determined: {few if fitted else fits[0]}"
+        return {"max_deg": None, "mean_deg": None, "text": text}
+    off = angles.difference(observed[known], curves.select_curve(fitted).deviation(spun_recorded_deg[known]))
+    largest, mean = float(off[np.argmax(np.abs(off))]), float(np.mean(off))
+    text = (
+        f"The instrument spun in {len(off)} directions differs from the rotated platform by up to {largest:+.2f} "
+        f"degrees, by {mean:+.2f} on average: the largest is the homogeneity's row of the budget"
+    )
+    return {"max_deg": largest, "mean_deg": mean, "text": text}
 
 
 def _constant_doubts(
-    value: float,
-    sigma: float,
-    declination_deg: float | None,
-    files: Sequence[str | Path],
-    *,
-    quarter_deg: float = 87.0,  # a quarter turn, but for a compass's own constant
-    large_deg: float = 5.0,  # larger than the alignment errors of benches and mounts
-    least_deg: float = 2.0,  # smallest declination and constant that are compared
+    value: float, sigma: float, declination_deg: float | None, files: Sequence[str | Path]
 ) -> list[str]:
-    """Explain a constant that is large or equals the declination, and is thus unlikely to be the compass's own.
-
-    Raises:
-        InputError: the constant is a quarter turn or more.
-    """
-    if abs(value) >= quarter_deg:
+    """Explain a constant that is large or equals the declination, and is thus unlikely to be the compass's own."""
+    if abs(value) >= 87.0:  # a quarter turn, but for a compass's own constant
         stood = float(angles.wrap360(-90.0 * np.round(value / 90.0)))
         raise InputError(
             ", ".join(str(file) for file in files),
@@ -107,11 +154,11 @@ def _constant_doubts(
     if abs(value) <= 2.0 * sigma:
         return []
     near, reasons = max(2.0 * sigma, 0.5), []
-    if declination_deg is not None and min(abs(declination_deg), abs(value)) > least_deg:
+    if declination_deg is not None and min(abs(declination_deg), abs(value)) > 2.0:
         signs = {"": 1.0, " with the other sign": -1.0}
         alike = [text for text, sign in signs.items() if abs(value - sign * declination_deg) < near]
         reasons = [f"it is the declination, {declination_deg:+.1f}{text}: reference_deg may be true" for text in alike]
-    if abs(value) > large_deg:
+    if abs(value) > 5.0:  # larger than the alignment errors of benches and mounts
         reasons.append("the instrument may have stood turned (mounting_deg), or reference_deg is true")
     text = f"a constant of {value:+.1f} degrees, which turns all headings alike: {'; '.join(reasons)}"
     return [text] if reasons else []
@@ -122,38 +169,30 @@ def calibrate_readings(
     sources: Sequence[Source] = (),  # rows of the uncertainty budget besides the scatter about the curve
     *,
     table_step_deg: float = 10.0,
-    max_leakage: float = 0.5,  # fraction of an omitted quadrantal deviation that may appear in A, B or C
 ) -> Calibration:
     """Fit the curves to bench readings and select one, if any is determined."""
-    # Repeats share the error of the bench's setting: they are averaged and count once.
-    slots = np.round(angles.wrap360(readings.reference_deg) / SAME_HEADING_DEG)
-    groups = [np.flatnonzero(slots == slot) for slot in np.unique(slots)]
-    reference, recorded = (
-        np.array([float(angles.mean(x[group])) for group in groups])
-        for x in (readings.reference_deg, readings.recorded_deg)
-    )
-    observed = curves.deviation_points(recorded, reference)
-    fits = {form.name: curves.fit_curve(form, observed) for form in FORMS}
-    if isinstance(fits[SMITH.name], str) and isinstance(fits[ONE_CYCLE.name], FittedCurve):
-        columns = series_design(observed.recorded_deg)
-        if np.max(np.abs(np.linalg.pinv(columns[:, :3]) @ columns[:, 3:])) > max_leakage:
-            fits[ONE_CYCLE.name] = "an unobservable quadrantal deviation would look like one cycle"
-    fitted = {name: fit for name, fit in fits.items() if isinstance(fit, FittedCurve)}
-    reasons = {name: fit for name, fit in fits.items() if isinstance(fit, str)}
+    all_points = curves.deviation_points(readings.recorded_deg, readings.reference_deg)
+    points = {
+        "reference_deg": angles.wrap360(readings.reference_deg),
+        "recorded_deg": all_points.recorded_deg,
+        "deviation_deg": all_points.deviation_deg,
+    }
+    observed, fitted, reasons = _fit_forms(readings)
     made = Calibration(
-        kind="platform",
+        kind=PLATFORM,
         model="none",
         n=len(readings),
         coverage=curves.count_sectors(readings.recorded_deg),
         sources=tuple(sources),
-        points=_points(readings, None),
-        details={"headings": len(recorded)},
+        points=points,
+        details={"headings": len(observed)},
     )
     if not fitted:
         return replace(made, why=_refusal(observed, reasons))
     chosen = curves.select_curve([*fitted.values()])
-    rows = (*sources, budget.residual(chosen.scatter_deg, chosen.dof))
-    points, coefficients = _points(readings, chosen), dict[str, Any]()
+    points["fitted_deg"] = chosen.form.nearest_deviation(chosen.coefficients, all_points)
+    points["residual_deg"] = angles.wrap180(points["deviation_deg"] - points["fitted_deg"])
+    coefficients: dict[str, Any] = {}
     if smith := fitted.get(SMITH.name):
         coefficients = {"coefficients": smith.coefficients, "covariance": smith.covariance}
     elif chosen.form is ONE_CYCLE:
@@ -162,8 +201,9 @@ def calibrate_readings(
         coefficients = {"coefficients": np.append(chosen.coefficients, [np.nan, np.nan]), "covariance": unknown}
     if exact := fitted.get(EXACT.name):
         coefficients |= {"exact": exact.coefficients, "exact_covariance": exact.covariance}
+    rows = (*sources, _fit_residual(chosen))
     heading = np.arange(0.0, 360.0, table_step_deg)
-    deviation, sigma = chosen.deviation(heading), np.hypot(chosen.sigma(heading), budget.common(rows))
+    deviation, sigma = chosen.deviation(heading), np.hypot(chosen.sigma(heading), result.common(rows))
     return replace(
         made,
         model=chosen.form.name,
@@ -171,60 +211,73 @@ def calibrate_readings(
         residual_rms_deg=angles.rms(points["residual_deg"]),
         sources=rows,
         table=DeviationTable(heading, deviation, np.where(np.isfinite(deviation), sigma, np.nan)),
-        points=points,
-        details={**made.details}
-        | {"errors": _extremes(-observed.deviation_deg)}
-        | _details(fitted, reasons, chosen, sources),
+        details={
+            **made.details,
+            "errors": _extremes(-observed.deviation_deg),
+            **_describe_models(fitted, reasons, chosen, sources),
+        },
         warnings=tuple(_warnings(readings, observed, reasons, chosen)),
     )
 
 
-def _points(readings: BenchReadings, chosen: FittedCurve | None) -> dict[str, Floats]:
-    points = curves.deviation_points(readings.recorded_deg, readings.reference_deg)
-    columns = {"reference_deg": angles.wrap360(readings.reference_deg), "recorded_deg": points.recorded_deg}
-    columns |= {"deviation_deg": points.deviation_deg}
-    if chosen is None:
-        return columns
-    fitted = chosen.deviation(points.recorded_deg)
-    if chosen.form is EXACT:  # the nearer of the two headings that give the same reading
-        roots = compass.inverse(chosen.coefficients, points.recorded_deg)
-        off = angles.difference(roots, (points.recorded_deg + points.deviation_deg)[:, None])
-        nearer = np.argmin(np.where(np.isfinite(off), np.abs(off), np.inf), axis=1)
-        fitted = points.deviation_deg + off[np.arange(len(off)), nearer]
-    return columns | {"fitted_deg": fitted, "residual_deg": angles.wrap180(points.deviation_deg - fitted)}
+def _fit_forms(readings: BenchReadings) -> tuple[Points, dict[str, FittedCurve], dict[str, str]]:
+    """Fit all forms to readings averaged by heading: the points, fitted curves, and why the others cannot be fitted."""
+    # Repeats share the error of the bench's setting: they count once.
+    slots = np.round(angles.wrap360(readings.reference_deg) / SAME_HEADING_DEG)
+    groups = [slots == slot for slot in np.unique(slots)]
+    recorded, reference = (
+        np.array([float(angles.mean(x[group])) for group in groups])
+        for x in (readings.recorded_deg, readings.reference_deg)
+    )
+    observed = curves.deviation_points(recorded, reference)
+    fits = {form.name: curves.fit_curve(form, observed) for form in FORMS}
+    if isinstance(fits[SMITH.name], str) and isinstance(fits[ONE_CYCLE.name], FittedCurve):
+        columns = series_design(observed.recorded_deg)
+        leakage = np.linalg.pinv(columns[:, :3]) @ columns[:, 3:]  # of omitted terms into A, B and C
+        if np.max(np.abs(leakage)) > 0.5:
+            fits[ONE_CYCLE.name] = "an unobservable quadrantal deviation would look like one cycle"
+    fitted = {name: fit for name, fit in fits.items() if isinstance(fit, FittedCurve)}
+    return observed, fitted, {name: fit for name, fit in fits.items() if isinstance(fit, str)}
 
 
-def _details(
+def _fit_residual(curve: FittedCurve) -> Source:
+    how = f"scatter about the curve, {curve.dof} degrees of freedom, by Student's t"
+    return Source(result.FIT_RESIDUAL, curve.scatter_deg, how)
+
+
+def _describe_models(
     fitted: Mapping[str, FittedCurve], reasons: Mapping[str, str], chosen: FittedCurve, sources: Sequence[Source]
 ) -> dict[str, Any]:
     """Describe each form, and the constant of the deviation, which a compass's own calibration may cause (Fig. 18)."""
-    models: dict[str, dict[str, Any]] = {name: {"why": why} for name, why in reasons.items()}
+    models: dict[str, dict[str, Any]] = {form.name: {"why": reasons.get(form.name)} for form in FORMS}
     for name, fit in fitted.items():
-        total = budget.expanded((*sources, budget.residual(fit.scatter_deg, fit.dof)))
+        total = result.expanded((*sources, _fit_residual(fit)))
         models[name] = fit.to_json() | {"expanded_deg": total} | _extremes(-fit.residual_deg)
-    details: dict[str, Any] = {"models": {form.name: models[form.name] for form in FORMS}}
     if chosen.form is POLYNOMIAL:
-        return details
+        return {"models": models}
     curve = fitted.get(SMITH.name, chosen)
     unit = 1.0 / angles.DEGREE if curve.form is EXACT else 1.0
     value = unit * float(curve.coefficients[0])
-    sigma = float(np.hypot(unit * np.sqrt(curve.covariance[0, 0]), budget.common(sources)))
+    sigma = float(np.hypot(unit * np.sqrt(curve.covariance[0, 0]), result.common(sources)))
     proven = abs(value) > 2.0 * sigma
     text = (
         f"A constant shift of {value:+.2f} ± {2.0 * sigma:.2f} degrees (k = 2) is {'' if proven else 'not '}"
         "significant; it may be of the compass, its mounting or the reference direction."
     )
     shift = {"value_deg": value, "sigma_deg": sigma, "differs_from_none": proven, "text": text}
-    return details | {"constant_shift": shift}
+    return {"models": models, "constant_shift": shift}
 
 
 def _extremes(error_deg: Floats) -> dict[str, float]:
     """Compute the largest and the peak-to-peak error, recorded minus reference, as Le Menn et al. 2023 do."""
-    largest = float(error_deg[np.argmax(np.abs(error_deg))])
-    return {"max_error_deg": largest, "peak_to_peak_deg": float(np.ptp(error_deg))}
+    return {"max_error_deg": _largest(error_deg), "peak_to_peak_deg": float(np.ptp(error_deg))}
 
 
-def _refusal(observed: curves.Points, reasons: Mapping[str, str]) -> str:
+def _largest(error_deg: Floats) -> float:
+    return float(error_deg[np.argmax(np.abs(error_deg))])
+
+
+def _refusal(observed: Points, reasons: Mapping[str, str]) -> str:
     if not len(observed):
         return f"no reading with both headings; {SWING}"
     if len(observed) == 1:
@@ -237,9 +290,7 @@ def _refusal(observed: curves.Points, reasons: Mapping[str, str]) -> str:
     )
 
 
-def _warnings(
-    readings: BenchReadings, observed: curves.Points, reasons: Mapping[str, str], chosen: FittedCurve
-) -> list[str]:
+def _warnings(readings: BenchReadings, observed: Points, reasons: Mapping[str, str], chosen: FittedCurve) -> list[str]:
     recorded, count = np.sort(observed.recorded_deg), len(observed)
     ahead = angles.wrap360(np.roll(recorded, -1) - recorded)
     widest = int(np.argmax(ahead))
@@ -274,3 +325,122 @@ def _warnings(
             "headings; no series represents it and the table is empty"
         )
     return warnings
+
+
+# Tilt sensors: section 2 and Table 5.
+
+
+def calibrate_tilt(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
+    """Calibrate the pitch and the roll of a tilt sensor against the tilts of a platform, by CSV files of all three."""
+    columns, notes = read_columns(files, settings, TILT_ROLES, bounds=TWO_TURNS)
+    known = np.isfinite(np.sum([columns[role] for role in TILT_ROLES], axis=0))
+    reference, *recorded = (columns[role][known] for role in TILT_ROLES)
+    readings, skew, signs = split_axes(reference, np.array(recorded))
+    rows, missing = result.sources(settings.get("uncertainty") or {}, settings.get("budget"), TILT)
+    warnings = [*notes, *signs, *missing]
+    if not known.all():
+        warnings.append(f"{int(np.sum(~known))} lines without reference tilt, pitch and roll are excluded")
+    if skew:
+        warnings.append(f"{skew} readings tilt pitch and roll together and are excluded: tilt one axis at a time")
+    return replace(calibrate_axes(readings, rows), n=int(known.sum()) - skew, warnings=tuple(warnings))
+
+
+def split_axes(
+    reference_deg: Floats,  # tilts of the platform, (n,), signed or absolute
+    recorded_deg: Floats,  # pitch and roll, (2, n)
+) -> tuple[dict[str, BenchReadings], int, list[str]]:
+    """Assign readings to the tilted axis, level ones to both, with the instrument's signs; repeats are averaged.
+
+    The result is the readings of each axis, the number of readings with both axes tilted, and notes on signs.
+    """
+    readings, notes = dict.fromkeys(AXES, BenchReadings(np.zeros(0), np.zeros(0))), list[str]()
+    if not len(reference_deg):
+        return readings, 0, notes
+    size = np.abs(reference_deg)
+    level = (size <= size.min() + LEVEL_DEG) & (size <= SKEW_DEG)
+    zero = np.median(recorded_deg[:, level], axis=1) if level.any() else np.zeros(2)
+    lean = recorded_deg - zero[:, None]
+    most, least = np.max(np.abs(lean), axis=0), np.min(np.abs(lean), axis=0)
+    skew = ~level & (least > np.maximum(SKEW_DEG, 0.25 * most))
+    tilted = np.argmax(np.abs(lean), axis=0)
+    for k, name in enumerate(AXES):
+        chosen = level | (tilted == k) & ~skew
+        if not (chosen & ~level).any():
+            continue
+        reference, leaning = reference_deg[chosen], lean[k][chosen]
+        if np.min(reference) >= 0.0 and np.min(leaning) < -LEVEL_DEG:
+            reference = np.where(level[chosen], reference, np.sign(leaning) * reference)
+            notes.append(f"{name}: reference tilts have no sign; that of the recorded tilt is taken")
+        elif np.sum(reference * leaning) < 0.0:
+            reference = -reference
+            notes.append(f"{name}: the platform counts tilts in the other sense; their sign is changed")
+        _, which, count = np.unique(np.round(reference / SAME_TILT_DEG), return_inverse=True, return_counts=True)
+        means = (np.bincount(which, x) / count for x in (reference, recorded_deg[k][chosen]))
+        readings[name] = BenchReadings(*means)
+    return readings, int(skew.sum()), notes
+
+
+def calibrate_axes(readings: Mapping[str, BenchReadings], sources: Sequence[Source]) -> Calibration:
+    """Fit a polynomial to each axis; the larger of their scatters enters the budget."""
+    axes, fits, columns = dict[str, Any](), dict[str, FittedCurve](), list[tuple[Floats, ...]]()
+    for k, (axis, read) in enumerate(readings.items()):
+        correction, fitted = read.reference_deg - read.recorded_deg, np.full(len(read), np.nan)
+        fit = _fit_tilt(read.recorded_deg, correction)
+        if isinstance(fit, FittedCurve):
+            fits[axis], fitted = fit, fit.deviation(read.recorded_deg)
+            axes[axis] = _describe_tilt(axis, read.recorded_deg, fit, (*sources, _fit_residual(fit)))
+        else:
+            axes[axis] = {"why": fit}
+        number = np.full(len(read), float(k))
+        columns.append((number, read.reference_deg, read.recorded_deg, correction, correction - fitted))
+    names = ("axis", "reference_tilt_deg", "recorded_tilt_deg", "correction_deg", "residual_deg")
+    points = {name: np.concatenate(column) for name, column in zip(names, zip(*columns, strict=True), strict=True)}
+    made = Calibration(TILT, "none", len(points["axis"]), 0, sources=tuple(sources), points=points)
+    if not fits:
+        reasons = "; ".join(f"{axis}: {each['why']}" for axis, each in axes.items())
+        return replace(made, why=f"{reasons}; tilt the platform in 8 steps or more, one axis at a time")
+    widest = max(fits.values(), key=lambda fit: fit.scatter_deg)
+    return replace(
+        made,
+        model=", ".join(f"{axis} by a {fit.form.name}" for axis, fit in fits.items()),
+        residual_rms_deg=angles.rms(points["residual_deg"]),
+        sources=(*sources, _fit_residual(widest)),
+        details={"axes": axes},
+    )
+
+
+def _fit_tilt(recorded_deg: Floats, correction_deg: Floats) -> FittedCurve | str:
+    if not len(recorded_deg):
+        return "no reading leans this axis alone"
+    # The highest degree allowed, not the best fit: otherwise the uncertainty would neglect undetected curvature.
+    allowed = [name for name, letters in TILT_FORMS.items() if len(recorded_deg) - len(letters) >= 4]
+    name = allowed[-1] if allowed else "line"
+    design = partial(np.vander, N=len(TILT_FORMS[name]), increasing=True)
+    span = np.linspace(recorded_deg.min(), recorded_deg.max(), 21)
+    form = CurveForm(name, TILT_FORMS[name], "Le Menn et al. 2023, section 2", design, span)
+    return curves.fit_curve(form, Points(recorded_deg, correction_deg))
+
+
+def _describe_tilt(axis: str, recorded_deg: Floats, curve: FittedCurve, rows: Sequence[Source]) -> dict[str, Any]:
+    low, high = float(recorded_deg.min()), float(recorded_deg.max())
+    steps = 5.0 * np.arange(np.ceil(low / 5.0), np.floor(high / 5.0) + 1)
+    common, expanded = result.common(rows), result.expanded(rows)
+    largest = _largest(-curve.deviation(np.linspace(low, high, 101)))
+    return {
+        **curve.to_json(),
+        "covariance": curve.covariance,
+        "form": curve.form.name,
+        "n": len(recorded_deg),
+        "recorded_range_deg": [low, high],
+        "max_error_deg": largest,
+        "expanded_deg": expanded,
+        "common_deg": common,
+        "table": {
+            "recorded_deg": steps,
+            "correction_deg": curve.deviation(steps),
+            "sigma_deg": np.hypot(curve.sigma(steps), common),
+        },
+        "text": f"{axis.capitalize()}: a {curve.form.name} through {len(recorded_deg)} tilts from {low:.1f} to "
+        f"{high:.1f} degrees leaves {angles.rms(curve.residual_deg):.2f} degrees rms; the largest error is "
+        f"{largest:+.2f} degrees, the expanded uncertainty of a corrected tilt {expanded:.2f} degrees (k = 2).",
+    }

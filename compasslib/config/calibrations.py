@@ -103,7 +103,7 @@ class PlatformColumns(Section):
 
 
 class Uncertainty(Section):
-    """Contributions to the uncertainty budgets of platform and tilt, defined in ``calibrations.budget.ROWS``."""
+    """Contributions to the uncertainty budgets of platform and tilt, defined in ``calibrations.result.ROWS``."""
 
     graduation_deg: values.Number | None = _row("a standard uncertainty")
     slope_deg: values.Number | None = _row("a largest error")

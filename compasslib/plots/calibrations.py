@@ -61,7 +61,7 @@ def draw_figure(figure: str, path: str | Path, shown: StoredCalibration) -> None
     if draw := common.get(figure):
         draw(path, shown)
     else:
-        getattr(instruments, f"draw_{figure}")(path, shown.calibration)
+        getattr(instruments, f"draw_{figure}")(path, shown)
 
 
 def draw_deviation(path: str | Path, shown: StoredCalibration) -> None:

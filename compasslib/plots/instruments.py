@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from compasslib import angles, compass
-from compasslib.calibrations.result import Calibration
+from compasslib.archive.calibrations import StoredCalibration
 from compasslib.deviation.series import series_deviation
 from compasslib.plots.page import (
     BLACK,
@@ -45,9 +45,9 @@ STORM: dict[str, Any] = {"color": VERMILION, "alpha": 0.18, "linewidth": 0}
 FILE_UNIT = "(file's unit)"
 
 
-def draw_tilt(path: str | Path, calibration: Calibration) -> None:
+def draw_tilt(path: str | Path, calibration: StoredCalibration) -> None:
     """Draw the corrections of pitch and roll against the recorded tilt, with the curves and their 95 % band."""
-    axes, points = calibration.details.get("axes", {}), calibration.points
+    axes, points = calibration.content.get("axes", {}), calibration.points
     with page(path, 3.0) as figure:
         for k, (panel, axis) in enumerate(zip(figure.subplots(1, 2, sharey=True), ("pitch", "roll"), strict=True)):
             here, fit = points.get("axis", np.zeros(0)) == k, axes.get(axis, {})
@@ -77,7 +77,7 @@ def draw_tilt(path: str | Path, calibration: Calibration) -> None:
 # A magnetometer.
 
 
-def draw_magnetometer(path: str | Path, calibration: Calibration) -> None:
+def draw_magnetometer(path: str | Path, calibration: StoredCalibration) -> None:
     """Draw readings before and after calibration, the modulus against the heading, and the deviation."""
     points, table = calibration.points, calibration.table
     if not points:
@@ -85,11 +85,11 @@ def draw_magnetometer(path: str | Path, calibration: Calibration) -> None:
             empty(figure.subplots(), words="nothing fitted")
         return
     rows = ["ab", "cc"]
-    if "recorded_deg" in points or table is not None:  # the correction needs the dip, or headings
+    if "recorded_deg" in points or table.heading_deg.size:  # the correction needs the dip, or headings
         rows += ["dd"]
     with page(path, 2.2 * len(rows)) as figure:
         panels = list(figure.subplot_mosaic("\n".join(rows), height_ratios=(1.1, 1, 1)[: len(rows)]).values())
-        if calibration.details["field_is"] == "horizontal":
+        if calibration.content["field_is"] == "horizontal":
             _draw_level_plane(panels[0], calibration)
             if "z" in points:
                 look = DOT | {"color": RECORDED, "alpha": _alpha(len(points["z"]))}
@@ -108,29 +108,30 @@ def draw_magnetometer(path: str | Path, calibration: Calibration) -> None:
         handles: list[Artist] = [
             Line2D([], [], **dot, color=RECORDED, label="before"),
             Line2D([], [], **dot, color=CORRECTED, label="after"),
-            Line2D([], [], color=VERMILION, linewidth=1.0, label=f"fitted {calibration.model}"),
+            Line2D([], [], color=VERMILION, linewidth=1.0, label=f"fitted {calibration.content['model']}"),
             Line2D([], [], color=BLACK, linewidth=1.0, label="without iron"),
         ]
-        if table is not None:
+        if table.heading_deg.size:
             handles += [Line2D([], [], color=GREEN, label="exact correction"), Patch(**BAND, label="95 % band")]
             handles += [Line2D([], [], **SERIES, label="five-term series")]
         legend(figure, handles)
 
 
-def _draw_level_plane(axes: Axes, calibration: Calibration) -> None:
+def _draw_level_plane(axes: Axes, calibration: StoredCalibration) -> None:
     """Draw the levelled field q = X - iY in the frame of a compass that turns about the vertical."""
-    points, size = calibration.points, calibration.details["field_in_file_unit"]
+    points, size = calibration.points, calibration.content["field_in_file_unit"]
+    exact = np.array([*calibration.content["exact"]["coefficients"].values()])
     before = points["modulus"] * angles.phasor(points["recorded_deg"])
     after = points["modulus_corrected"] * angles.phasor(points["corrected_deg"])
-    fitted, circle = size * compass.level_field(calibration.exact, TURN_DEG), size * angles.phasor(TURN_DEG)
+    fitted, circle = size * compass.level_field(exact, TURN_DEG), size * angles.phasor(TURN_DEG)
     readings = [np.stack([field.real, -field.imag]) for field in (before, after)]
     outlines = [np.stack([field.real, -field.imag]) for field in (fitted, circle)]
     _draw_field(axes, readings, outlines, ("Forward", "Starboard"))
 
 
-def _draw_plane(axes: Axes, calibration: Calibration, names: tuple[str, str]) -> None:
+def _draw_plane(axes: Axes, calibration: StoredCalibration, names: tuple[str, str]) -> None:
     """Draw the readings in a plane, with the outlines of the ellipsoid b + F S u, |u| = 1, and of the sphere F u."""
-    points, details = calibration.points, calibration.details
+    points, details = calibration.points, calibration.content
     index = ["xyz".index(name) for name in names]
     size, centre, rows = details["field_in_file_unit"], np.array(details["hard_iron"])[index], details["soft_iron"]
     soft = np.array([[float(i == j) if s is None else s for j, s in enumerate(row)] for i, row in enumerate(rows)])
@@ -151,11 +152,11 @@ def _draw_field(axes: Axes, readings: Sequence[Floats], outlines: Sequence[Float
     axes.set(xlabel=f"{names[0]} {FILE_UNIT}", ylabel=f"{names[1]} {FILE_UNIT}")
 
 
-def _draw_modulus(axes: Axes, calibration: Calibration) -> None:
+def _draw_modulus(axes: Axes, calibration: StoredCalibration) -> None:
     """Draw the departure of the modulus from its mean, percent, against the heading if there is one."""
     points = calibration.points
     axes.axhline(0.0, color=BLACK, linewidth=0.7)
-    axes.set(xlabel="Reading", ylabel=f"{calibration.details['field_is'].capitalize()} modulus\noff its mean (%)")
+    axes.set(xlabel="Reading", ylabel=f"{calibration.content['field_is'].capitalize()} modulus\noff its mean (%)")
     looks = (("modulus", "recorded_deg", RECORDED), ("modulus_corrected", "corrected_deg", CORRECTED))
     for column, heading, colour in looks:
         off = 100.0 * (points[column] / points[column].mean() - 1.0)
@@ -171,18 +172,19 @@ def _draw_modulus(axes: Axes, calibration: Calibration) -> None:
             axes.set_xlabel("Heading, recorded or corrected (°)")
 
 
-def _draw_correction(axes: Axes, calibration: Calibration) -> None:
+def _draw_correction(axes: Axes, calibration: StoredCalibration) -> None:
     """Draw the deviation against the recorded heading: readings, exact curve with its 95 % band, five-term series."""
     points, table = calibration.points, calibration.table
     if "recorded_deg" in points:
         recorded, deviation = points["recorded_deg"], points["deviation_deg"]
         axes.plot(recorded, deviation, **DOT, color=CORRECTED, alpha=_alpha(len(recorded)))
-    if table is not None:
+    if table.heading_deg.size:
         heading, value, sigma = (np.append(v, v[0]) for v in (table.heading_deg, table.deviation_deg, table.sigma_deg))
         heading[-1] = 360.0
         axes.fill_between(heading, value - NORMAL_95 * sigma, value + NORMAL_95 * sigma, **BAND)
         axes.plot(heading, value, color=GREEN)
-        axes.plot(TURN_DEG, series_deviation(calibration.coefficients, TURN_DEG), **SERIES)
+        series = np.array([*calibration.content["coefficients"].values()])
+        axes.plot(TURN_DEG, series_deviation(series, TURN_DEG), **SERIES)
     axes.axhline(0.0, color=BLACK, linewidth=0.7)
     degrees(axes.xaxis, (0.0, 360.0))
     axes.set(xlabel="Recorded heading γ (°)", ylabel="Deviation β − γ (°)")
@@ -195,32 +197,35 @@ def _alpha(n: int) -> float:
 # An observatory's declination.
 
 
-def draw_series(path: str | Path, result: Calibration) -> None:
+def draw_series(path: str | Path, calibration: StoredCalibration) -> None:
     """Draw the observed declination, the model, the model plus a constant, and the quiet-day variation added to it."""
-    quiet = result.details["quiet_day"] if result.points else None
+    quiet = calibration.content["quiet_day"] if calibration.points else None
     with page(path, 4.8 if quiet else 3.2) as figure:
         ratios = (1.5, 1.0) if quiet else (1.0,)
         top, *below = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]
-        if not result.points:
+        if not calibration.points:
             empty(top)
             return
-        points, constant = result.points, result.details["constant_deg"]
-        model, sigma = result.model.removesuffix(" plus a constant"), NORMAL_95 * result.details["constant_sigma_deg"]
+        points, constant = calibration.points, calibration.content["constant_deg"]
+        model, sigma = (
+            calibration.content["model"].removesuffix(" plus a constant"),
+            NORMAL_95 * calibration.content["constant_sigma_deg"],
+        )
         lines: list[tuple[Floats, dict[str, Any]]] = [
             (points["declination_deg"], LINE | {"label": "observed"}),
             (points["model_deg"], MODEL | {"label": model}),
         ]
-        if quiet and result.details["days"] <= 10:  # else it cannot be seen
+        if quiet and calibration.content["days"] <= 10:  # else it cannot be seen
             look = {"color": SKY, "linewidth": 1.0, "label": "with the quiet-day variation"}
             lines.append((points["model_deg"] + constant + points["quiet_day_deg"], look))
         label = f"{model} {signed(constant, '+.3f')}° ± {sigma:.3f}° (95 %)"
         lines.append((points["model_deg"] + constant, {"color": GREEN, "linewidth": 1.2, "label": label}))
         handles = [_draw_line(top, points["time_s"], values, **look) for values, look in lines]
-        handles += _draw_storms(top, result)
+        handles += _draw_storms(top, calibration)
         top.set_ylabel("Declination (° east)")
         dates(top)
         for axes in below:
-            by_hour = np.array(result.details["quiet_day"]["by_hour_deg"])
+            by_hour = np.array(calibration.content["quiet_day"]["by_hour_deg"])
             axes.plot(np.arange(24) + 0.5, by_hour, color=SKY, marker="o", markersize=3)
             axes.axhline(0.0, color=BLACK, linewidth=0.6)
             axes.set(xlim=(0, 24), xticks=range(0, 25, 3), xlabel="Hour (UTC)", ylabel="Quiet day (°)")
@@ -234,8 +239,8 @@ def _draw_line(axes: Axes, time_s: Floats, values: Floats, **look: Any) -> Artis
     return axes.plot(np.insert(time_s, ends, time_s[ends]) / DAY_S, np.insert(values, ends, np.nan), **look)[0]
 
 
-def _draw_storms(axes: Axes, result: Calibration) -> list[Artist]:
-    storms = result.details["storms"]
+def _draw_storms(axes: Axes, calibration: StoredCalibration) -> list[Artist]:
+    storms = calibration.content["storms"]
     for storm in storms:
         axes.axvspan(_day(storm["from"]), _day(storm["to"]), **STORM)
     axes.margins(x=0.01)

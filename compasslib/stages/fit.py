@@ -70,6 +70,6 @@ def transfer_calibration(
     elsewhere = [read_json(path) for path in calibrations]
     near = combine_references(netcdf.read_pairs(pairs))
     iron_nT = SPHERE_NT if sphere else IRON_NT
-    carried = at_mooring.carry_to_mooring(elsewhere, there, upper, near, parts=parts, iron_nT=iron_nT)
-    write_json(fit, deviation_json(carried, upper) | at_mooring.origin(elsewhere, there, iron_nT))
+    carried, origin = at_mooring.carry_to_mooring(elsewhere, there, upper, near, parts=parts, iron_nT=iron_nT)
+    write_json(fit, deviation_json(carried, upper) | origin)
     say(describe_fit(mooring, carried))

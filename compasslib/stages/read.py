@@ -11,7 +11,7 @@ from typing import Any
 from compasslib import earthfield, readers
 from compasslib.archive import netcdf, provenance
 from compasslib.archive.files import read_json, write_json
-from compasslib.calibrations import declination
+from compasslib.calibrations.observatory import with_observatory_warnings
 from compasslib.deviation.reference import reference_compass
 from compasslib.preparation.deployment import (
     add_covariates,
@@ -124,7 +124,7 @@ def overlap(
     Raises:
         InputError: a file of pairs or of an observatory cannot be read, or a date lies outside the model of the field.
     """
-    along = declination.with_observatory_warnings(earthfield.field_along(**place), observatory)
+    along = with_observatory_warnings(earthfield.field_along(**place), observatory)
     write_json(field, vars(along))
     along = earthfield.field_from_json(read_json(field))  # as every later stage reads it
     say(earthfield.describe_field(mooring, along))

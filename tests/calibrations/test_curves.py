@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from compasslib import angles
-from compasslib.calibrations import budget, curves, platform
+from compasslib.calibrations import curves, platform, result
 from compasslib.calibrations.curves import EMPIRICAL, EXACT, ONE_CYCLE, POLYNOMIAL, SMITH, FittedCurve
 from compasslib.calibrations.platform import BenchReadings
 from compasslib.deviation.series import series_deviation
@@ -139,17 +139,17 @@ def test_table_includes_the_uncertainty_common_to_all_headings():
     assert len(made.table.heading_deg) == 24 and made.table.heading_deg[1] == 15.0
     off = made.table.deviation_deg - series_deviation(SERIES, made.table.heading_deg)
     assert np.all(np.abs(off) < 4.0 * made.table.sigma_deg)
-    rows, _ = budget.sources({"graduation_deg": 3.0})
+    rows, _ = result.sources({"graduation_deg": 3.0})
     shared = calibrated(smith_bench(), sources=rows)
     assert np.all(shared.table.sigma_deg > 3.0) and np.all(shared.table.sigma_deg < 3.1)
-    maker = calibrated(smith_bench(), sources=budget.sources({"maker_accuracy_deg": 6.0})[0])
+    maker = calibrated(smith_bench(), sources=result.sources({"maker_accuracy_deg": 6.0})[0])
     assert np.all(maker.table.sigma_deg < 0.3)  # the maker's accuracy is that of a single reading
 
 
 def test_constant_shift_is_reported_with_its_uncertainty():
     shift = calibrated(smith_bench()).details["constant_shift"]
     assert shift["differs_from_none"] and abs(shift["value_deg"] - SERIES[0]) < 3.0 * shift["sigma_deg"]
-    unsure = calibrated(smith_bench(), sources=budget.sources({"graduation_deg": 2.0})[0]).details["constant_shift"]
+    unsure = calibrated(smith_bench(), sources=result.sources({"graduation_deg": 2.0})[0]).details["constant_shift"]
     assert not unsure["differs_from_none"] and "is not significant" in unsure["text"]
 
 

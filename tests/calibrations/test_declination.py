@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from compasslib import earthfield
+from compasslib.archive.calibrations import StoredCalibration
 from compasslib.archive.files import read_json, write_json
-from compasslib.calibrations import declination, observatory, result
+from compasslib.calibrations import observatory, result
 from compasslib.errors import InputError
 from compasslib.plots import instruments
 from tests.world.iaga_files import DAY_S, HOUR_S, LATITUDE, LONGITUDE, ROCKS_DEG, START_S, series, write
@@ -26,7 +27,7 @@ def held(made, limit_deg=0.5):
 
 
 def test_constant_and_daily_variation_are_recovered(tmp_path):
-    made = declination.calibrate([write(tmp_path / "a.hor", series(60))], {"declination": "auto"})
+    made = observatory.calibrate([write(tmp_path / "a.hor", series(60))], {"declination": "auto"})
     assert made.why == "" and made.model == "IGRF plus a constant" and made.n == 60 * 24
     assert abs(made.coefficients[0] - ROCKS_DEG) < 2.0 * np.sqrt(made.covariance[0, 0]) < 0.06
     assert np.isnan(made.coefficients[1:]).all() and made.details["storms"] == []
@@ -72,7 +73,7 @@ def test_covariates_are_unaffected_by_wrapping_at_180(tmp_path):
 def test_a_series_that_is_too_short_is_refused(tmp_path):
     made = series(1)
     short = replace(made, declination_deg=np.where(np.arange(24) < 8, made.declination_deg, np.nan))
-    found = declination.calibrate([write(tmp_path / "a.hor", short)], {})
+    found = observatory.calibrate([write(tmp_path / "a.hor", short)], {})
     assert found.why == "the series has a declination in 8 hours; 12 are needed" and not found.coefficients.size
     instruments.draw_series(tmp_path / "a.png", found)
     assert (tmp_path / "a.png").stat().st_size > 5_000
@@ -81,20 +82,20 @@ def test_a_series_that_is_too_short_is_refused(tmp_path):
 def test_position_of_yaml_counts_and_one_is_needed(tmp_path):
     path = write(tmp_path / "a.hor", series(2), place=False)
     with pytest.raises(InputError, match=r"a\.hor: expected geodetic latitude and longitude in the header, found none"):
-        declination.calibrate([path], {"latitude": None, "longitude": None})
-    assert declination.calibrate([path], PLACE).coefficients[0] == pytest.approx(ROCKS_DEG, abs=0.1)
-    found = declination.calibrate([write(tmp_path / "b.hor", series(2))], {"latitude": 57.0, "longitude": -3.2})
+        observatory.calibrate([path], {"latitude": None, "longitude": None})
+    assert observatory.calibrate([path], PLACE).coefficients[0] == pytest.approx(ROCKS_DEG, abs=0.1)
+    found = observatory.calibrate([write(tmp_path / "b.hor", series(2))], {"latitude": 57.0, "longitude": -3.2})
     assert any("the file has the station at 55.3 N 356.8 E" in said for said in found.warnings)
 
 
 def test_calibration_round_trips_through_json_and_is_drawn(tmp_path):
-    made = declination.calibrate([write(tmp_path / "a.hor", series(40))], {})
+    made = observatory.calibrate([write(tmp_path / "a.hor", series(40))], {})
     page = result.to_json("quiet", made, PLACE)
     write_json(tmp_path / "calibration.json", page)
     again = read_json(tmp_path / "calibration.json")
     assert again["coefficients"]["A"] == pytest.approx(made.coefficients[0]) and again["coefficients"]["B"] is None
     assert "A +0.2" in result.log_line(again) and "nan" not in result.log_line(page)
-    shown = replace(result.from_json(again), points=made.points, table=made.table)
+    shown = StoredCalibration(again, made.table, made.points)
     instruments.draw_series(tmp_path / "a.png", shown)
     assert (tmp_path / "a.png").stat().st_size > 20_000
 
@@ -110,28 +111,28 @@ def test_missing_baseline_is_named_and_refused(tmp_path):
     made = at_igrf(40)
     about_zero = replace(made, declination_deg=made.declination_deg - 4.0, horizontal_nT=made.horizontal_nT - 17_000.0)
     with pytest.raises(InputError, match="a variation about zero: the baseline is missing"):
-        declination.calibrate([write(tmp_path / "a.hor", about_zero, "DHZF")], {})
+        observatory.calibrate([write(tmp_path / "a.hor", about_zero, "DHZF")], {})
 
 
 def test_large_constant_gives_a_warning_and_a_huge_one_is_refused(tmp_path):
     made = at_igrf(40)
     lava, turned = (replace(made, declination_deg=made.declination_deg + x) for x in (-3.4, 25.0))
-    found = declination.calibrate([write(tmp_path / "a.hor", lava)], {})
+    found = observatory.calibrate([write(tmp_path / "a.hor", lava)], {})
     assert "rocks rarely make more than 600 nT" in " ".join(found.warnings)
     with pytest.raises(InputError, match=r"as IGRF has, found D \+20"):
-        declination.calibrate([write(tmp_path / "a.hor", turned)], {})
+        observatory.calibrate([write(tmp_path / "a.hor", turned)], {})
 
 
 @real
 def test_eskdalemuir_gives_no_warnings():
     for name in ("esk20030610dmin.min", "esk20031029dmin.min", "esk20031120dmin.min", "esk1980dhor.hor"):
-        assert declination.calibrate([REAL / name], PLACE).warnings == ()
+        assert observatory.calibrate([REAL / name], PLACE).warnings == ()
 
 
 @real
 def test_eskdalemuir_is_a_tenth_of_a_degree_west_of_igrf():
-    quiet = declination.calibrate([REAL / "esk20030610dmin.min"], {})
-    year = declination.calibrate([REAL / "esk2003dhor.hor"], PLACE)
+    quiet = observatory.calibrate([REAL / "esk20030610dmin.min"], {})
+    year = observatory.calibrate([REAL / "esk2003dhor.hor"], PLACE)
     assert year.coefficients[0] == pytest.approx(-0.114, abs=0.005)
     assert abs(quiet.coefficients[0] - year.coefficients[0]) < 1.96 * np.sqrt(quiet.covariance[0, 0])
     assert quiet.details["range_deg"] < 0.3 and quiet.details["storms"] == []
@@ -139,7 +140,7 @@ def test_eskdalemuir_is_a_tenth_of_a_degree_west_of_igrf():
 
 @real
 def test_great_storm_of_2003_is_detected_with_its_range():
-    made = declination.calibrate([REAL / "esk20031029dmin.min"], {})
+    made = observatory.calibrate([REAL / "esk20031029dmin.min"], {})
     (storm,) = made.details["storms"]
     assert storm["from"] == "2003-10-29T06:10:00Z" and storm["range_deg"] == pytest.approx(4.2, abs=0.05)
     assert made.details["quiet_day"] is None

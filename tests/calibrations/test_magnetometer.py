@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compasslib.calibrations import magnetometer
+from compasslib.archive.calibrations import StoredCalibration
+from compasslib.calibrations import magnetometer, result
 from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.calibrations.magnetometer.ellipsoid import ELLIPSE, ELLIPSOID, ScaledReadings
-from compasslib.calibrations.result import Calibration
+from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.deviation.series import series_design
 from compasslib.errors import InputError
 from compasslib.plots.instruments import draw_magnetometer as draw
@@ -160,7 +161,7 @@ def test_the_fit_has_no_noise_bias(rng):
 def test_scores_are_the_gradient_of_the_adjusted_loss(rng, model):
     motion = iron.level_motion(rng, 40, tilt_deg=30.0)
     data = ScaledReadings(rng.normal(size=(40, 3)), iron.turned(motion)[:, :, 2])
-    at, s = rng.normal(size=len(model.moves)), 0.02
+    at, s = rng.normal(size=len(model.parameters)), 0.02
 
     def loss(parameters):
         centre, matrix = np.split(parameters @ model.chain, [3])
@@ -336,6 +337,8 @@ def test_figure_is_reproducible(tmp_path, rng, kind):
     values = iron.readings(rng, true, motion)
     values = values[:, :2] if kind == "flat" else values[:20] if kind == "refused" else values
     found = magnetometer.calibrate([log(tmp_path, values, motion if kind == "level" else None)], {})
+    table = found.table or DeviationTable(*np.zeros((3, 0)))
+    shown = StoredCalibration(result.to_json("log", found, {}), table, found.points)
     for name in ("one.png", "two.png"):
-        draw(tmp_path / name, found)
+        draw(tmp_path / name, shown)
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()

@@ -10,7 +10,7 @@ from matplotlib.image import imread
 
 from compasslib import angles, compass
 from compasslib.archive.calibrations import StoredCalibration
-from compasslib.calibrations import budget, result, swing
+from compasslib.calibrations import result, swing
 from compasslib.calibrations.result import Calibration
 from compasslib.deviation.series import series_deviation
 from compasslib.errors import InputError
@@ -205,7 +205,7 @@ def test_five_courses_and_one_mark_state_the_error_by_drift(tmp_path, set_deg):
     mark = [{"compass_deg": float(recorded(np.array([40.0]), truth)[0]), "true_deg": 40.0}]
     found = swing.calibrate([written(tmp_path, **columns)], SURE | {"visual": mark})
     off = found.coefficients - truth
-    assert np.all(np.abs(off) < 1.96 * sigmas(found)) and budget.expanded(found.sources) < 8.0
+    assert np.all(np.abs(off) < 1.96 * sigmas(found)) and result.expanded(found.sources) < 8.0
     drift = found.details["residual_b_c"]["one_heading"]["drift"]
     by_mark = [found.details["residual_b_c"]["one_heading"][k] for k in "BC"]
     error = 5.73 * np.cos(np.deg2rad(set_deg - 40.0)) * np.array([drift["along"]["B"], drift["along"]["C"]])
@@ -344,7 +344,7 @@ def test_a_delay_that_explains_most_of_the_misfit_is_applied(tmp_path, late, app
     late_ones = "courses" if applied > 0 else "readings"
     assert f"The {late_ones} are late by {abs(delay_s):.1f}" in found.details["delay"]["text"]
     without = swing.calibrate([path], SURE | {"declination_deg": 5.0, "max_lag_s": 0.0})
-    assert without.n < found.n and budget.expanded(found.sources) < budget.expanded(without.sources)
+    assert without.n < found.n and result.expanded(found.sources) < result.expanded(without.sources)
 
 
 def test_zero_readings_in_a_log_are_left_out_and_counted(tmp_path):

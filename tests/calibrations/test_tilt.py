@@ -8,9 +8,9 @@ from PIL import Image
 
 from compasslib import calibrations, earthfield
 from compasslib.archive.calibrations import StoredCalibration
-from compasslib.calibrations import budget, result, tilt
+from compasslib.calibrations import platform, result
+from compasslib.calibrations.platform import BenchReadings
 from compasslib.calibrations.result import DeviationTable
-from compasslib.calibrations.tilt import AxisReadings
 from compasslib.inference import kinds
 from compasslib.inference.comparison import Options
 from compasslib.plots import calibrations as plots
@@ -35,7 +35,7 @@ def bench(rng, noise_deg=0.1, sign=1.0):
 def calibrated(tmp_path, rows, **settings):
     path = tmp_path / "tilts.csv"
     lines = [",".join(f"{x:.3f}" for x in row) for row in np.transpose(rows)]
-    path.write_text("\n".join([",".join(tilt.ROLES), *lines]) + "\n")
+    path.write_text("\n".join([",".join(platform.TILT_ROLES), *lines]) + "\n")
     return calibrations.calibrate("tilt", [path], settings)
 
 
@@ -49,7 +49,7 @@ def test_both_axes_are_recovered_for_any_sign_of_the_reference(tmp_path, sign):
         assert abs(fit["max_error_deg"]) == pytest.approx(abs(a) + 20.0 * abs(b), abs=0.25)
         assert fit["expanded_deg"] == pytest.approx(np.hypot(0.384, 2.0 * 0.1), abs=0.08)
     page = result.to_json("tilts", made, earthfield.resolve_settings(BREST))
-    assert set(page["uncertainty"]["rows"]) == {"slope_deg", "ruggedness_deg", "protractor_deg", budget.FIT_RESIDUAL}
+    assert set(page["uncertainty"]["rows"]) == {"slope_deg", "ruggedness_deg", "protractor_deg", result.FIT_RESIDUAL}
     assert any("sign" in text for text in made.warnings) != np.array_equal(sign, 1.0)
 
 
@@ -67,9 +67,9 @@ def test_stated_intervals_cover_the_truth():
     """With 300 platforms; benchmarks/calibrations.py simulates 1000."""
     rng, inside = np.random.default_rng(3), []
     for _ in range(300):
-        reads = {axis: AxisReadings(STEPS, (STEPS - a) / (1 + b) + rng.normal(0, 0.1, 17))
+        reads = {axis: BenchReadings(STEPS, (STEPS - a) / (1 + b) + rng.normal(0, 0.1, 17))
                  for axis, (a, b) in TRUE.items()}  # fmt: skip
-        made = tilt.calibrate_axes(reads, ())
+        made = platform.calibrate_axes(reads, ())
         for axis, (a, b) in TRUE.items():
             table = made.details["axes"][axis]["table"]
             off = table["correction_deg"] - a - b * table["recorded_deg"]

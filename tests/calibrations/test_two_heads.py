@@ -14,7 +14,6 @@ from compasslib.archive import calibrations as calibration_files
 from compasslib.calibrations import result
 from compasslib.calibrations import two_heads as heads
 from compasslib.calibrations.result import Calibration
-from compasslib.calibrations.two_heads import frame as heads_frame
 from compasslib.calibrations.two_heads import motion as heads_motion
 from compasslib.errors import InputError
 from compasslib.inference import kinds
@@ -85,19 +84,19 @@ def test_narrow_headings_determine_only_an_offset(narrow):
 
 
 def test_variance_is_inflated_by_an_arc_of_87_degrees_and_not_by_the_full_circle():
-    assert heads_frame.variance_inflation(np.full(36, True), 5) == pytest.approx(1.0)
+    assert heads.variance_inflation(np.full(36, True), 5) == pytest.approx(1.0)
     heading = np.linspace(272.0, 359.0, 2000)
-    covered = heads_frame.covered_sectors(heading)
-    assert heads_frame.variance_inflation(covered, 3) > 50.0
-    assert heads_frame.variance_inflation(covered, 5) > 10_000.0
-    assert heads_frame.stretches_deg(covered) == "270° to 360°"
+    covered = heads.covered_sectors(heading)
+    assert heads.variance_inflation(covered, 3) > 50.0
+    assert heads.variance_inflation(covered, 5) > 10_000.0
+    assert heads.stretches_deg(covered) == "270° to 360°"
 
 
 @pytest.mark.parametrize(("width", "terms"), [(87, 1), (140, 1), (175, 3), (210, 3), (245, 5), (360, 5)])
 def test_number_of_terms_by_width_of_the_arc(width, terms):
     rng, n = np.random.default_rng(3), 4000
     heading = angles.wrap360(20.0 + width * rng.random(n))
-    fitted = heads_frame.fit_difference(np.arange(float(n)), heading, rng.normal(0.0, 1.0, n), np.zeros(n))
+    fitted = heads.fit_difference(np.arange(float(n)), heading, rng.normal(0.0, 1.0, n), np.zeros(n))
     assert fitted.terms == terms
     assert ("D and E are refused" in fitted.refused) == (terms < 5)
 
@@ -199,10 +198,10 @@ def test_rotated_heading_is_that_of_the_tilted_body():
     heading, pitch, roll = rng.uniform(0, 360, 50), rng.uniform(-12, 12, 50), rng.uniform(-12, 12, 50)
     wanted, pitch_b, roll_b = package.mounted(heading, (pitch, roll), (65.0, 4.0, -6.0))
     lean_a, lean_b = heads_motion.lean(pitch, roll), heads_motion.lean(pitch_b, roll_b)
-    frame = heads_frame.fit_frame(np.arange(50.0), lean_a, lean_b)
+    frame = heads.fit_frame(np.arange(50.0), lean_a, lean_b)
     assert frame.rms_deg < 1e-5
-    for rotation in (frame.rotation, heads_frame.upright(65.0, lean_a, lean_b)):
-        turned = heads_frame.turned_heading(heading, lean_a, rotation)
+    for rotation in (frame.rotation, heads.upright(65.0, lean_a, lean_b)):
+        turned = heads.turned_heading(heading, lean_a, rotation)
         off = angles.difference(turned, wanted)
         # ``upright`` matches only the mean leans; the fitted rotation is exact.
         assert np.abs(off).max() < (1e-9 if rotation is frame.rotation else 0.2)

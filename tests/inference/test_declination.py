@@ -10,7 +10,7 @@ import pytest
 
 from compasslib import earthfield
 from compasslib.calibrations import observatory
-from compasslib.calibrations.declination import with_observatory_warnings
+from compasslib.calibrations.observatory import with_observatory_warnings
 from compasslib.deviation import fit_deviation
 from compasslib.inference.comparison import Options
 from compasslib.inference.kinds import declination

@@ -12,7 +12,7 @@ from matplotlib.image import imread
 from matplotlib.text import Annotation
 
 from compasslib.archive.calibrations import StoredCalibration
-from compasslib.calibrations import FIGURES, budget, platform, result
+from compasslib.calibrations import FIGURES, platform, result
 from compasslib.calibrations.platform import BenchReadings
 from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.plots import calibrations, deviation
@@ -44,7 +44,7 @@ def shown(made: Calibration) -> StoredCalibration:
 
 @cache
 def page(case: str) -> StoredCalibration:
-    rows, _ = budget.sources({"maker_accuracy_deg": 2.0}, "le_menn")
+    rows, _ = result.sources({"maker_accuracy_deg": 2.0}, "le_menn")
     return shown(platform.calibrate_readings(CASES[case], rows))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from compasslib import readers
-from compasslib.calibrations import declination, swing
+from compasslib.calibrations import observatory, swing
 from compasslib.cli import main
 from compasslib.config.schema import Instrument
 from compasslib.errors import InputError
@@ -151,7 +151,7 @@ def test_calibrations_of_wild_files():
     assert "minus the declination of +10.7°" in found.warnings[0] and "declination: 0" in found.warnings[0]
     series = iaga2002.read([real("wild/iaga_variation_hdzf.min")])
     with pytest.raises(InputError, match="a variation about zero: the baseline is missing"):
-        declination.check_field(series, (series.latitude, series.longitude))
+        observatory.check_field(series, (series.latitude, series.longitude))
 
 
 @pytest.mark.skipif(not SHARED.exists(), reason="no ../shared/data")

@@ -20,7 +20,7 @@ import pytest
 from compasslib import report
 from compasslib.archive import calibrations
 from compasslib.archive.files import write_json
-from compasslib.calibrations import calibrate, result, tilt, two_heads
+from compasslib.calibrations import calibrate, platform, result, two_heads
 from compasslib.effects import SIDES
 from compasslib.errors import InputError
 from compasslib.inference.diagnosis import Diagnosis
@@ -335,7 +335,7 @@ def made_of(kind: str, folder: Path, tilt_deg=np.r_[-20.0:20.1:1.0]) -> result.C
             {"compass_deg": course, "cog_deg": course + rng.normal(0.0, 1.0, 36), "speed_kn": 0.0 * course + 6.0},
             {"declination": 2.0},
         ),
-        "tilt": (dict.fromkeys(tilt.ROLES, tilt_deg), {}),
+        "tilt": (dict.fromkeys(platform.TILT_ROLES, tilt_deg), {}),
     }[kind]
     np.savetxt(
         folder / "log.csv", np.column_stack(list(columns.values())), "%.3f", ",", header=",".join(columns), comments=""

@@ -8,24 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.calibrations.budget import Source
 from compasslib.calibrations.curves import CIRCLE_DEG, count_sectors
 from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.calibrations.magnetometer import log as magnetometer_log
-from compasslib.calibrations.magnetometer.ellipsoid import FittedEllipsoid, ModelChoice, ScaledReadings
+from compasslib.calibrations.magnetometer.ellipsoid import ModelChoice, ScaledReadings
 from compasslib.calibrations.magnetometer.log import Axes, Log, about_down, level_heading, mean_and_scatter
-from compasslib.calibrations.result import Calibration, DeviationTable
+from compasslib.calibrations.result import Calibration, DeviationTable, Source
 from compasslib.deviation.series import series_design, series_deviation
 from compasslib.errors import applicable
+from compasslib.records import take
 from compasslib.types import Bools, Floats
 
-KIND, NO_MODEL = "magnetometer", "none"
+KIND = "magnetometer"
 NO_DIP = (
     "Hard and soft iron are determined, but their effect on the heading depends on the dip: log the tilts, or give "
     "latitude, longitude and date."
@@ -41,25 +42,36 @@ TABLE_DEG = np.arange(0.0, 360.0, 10.0)
 
 @dataclass(frozen=True)
 class SolvedIron:
-    """Iron with everything needed to compute headings; replicates leave out one block of the readings each."""
+    """Iron with everything needed to compute headings: of all readings, then without one block of them each."""
 
     log: Log
     axes: Axes
     choice: ModelChoice
-    fitted: FittedEllipsoid
-    readings: ScaledReadings
-    iron: Floats  # (12,) centre and G, for the scaled readings
-    replicates: Floats  # (blocks, 12)
-    levelling: Floats  # (n, 3, 3)
-    dip_ratio: float  # downward over horizontal field; 0 on a level platform, NaN where unknown
-    dip_replicates: Floats  # (blocks,)
+    irons: Floats  # (1 + blocks, 12) centre and G, for the scaled readings
+    dip_ratios: Floats  # (1 + blocks,) downward over horizontal field; 0 on a level platform, NaN where unknown
     turned: Bools  # (3,) whether the turn from magnetometer to instrument about forward, starboard, down is determined
     logged_is_correct: bool = False  # whether the logged heading follows the corrected axes
+
+    @property
+    def iron(self) -> Floats:
+        """Centre and G by all readings, (12,)."""
+        return self.irons[0]
+
+    @property
+    def parts(self) -> list[Bools]:
+        """Masks (n,) of the readings from which each of ``irons`` comes."""
+        block = ellipsoid.blocks(len(self.choice.readings))
+        return [block != k for k in range(-1, len(self.irons) - 1)]
 
     @property
     def headed(self) -> bool:
         """Whether headings can be computed: tilts were logged, or the platform is level."""
         return self.log.tilted or self.choice.level
+
+    @cached_property
+    def levelling(self) -> Floats:
+        """Matrices from the body frame to the level frame, (n, 3, 3)."""
+        return self.log.levelling()
 
     @property
     def down(self) -> Floats:
@@ -79,11 +91,18 @@ class SolvedIron:
 
     def corrected(self) -> Floats:
         """Correct the readings for the iron: the normalized field, (n, 3)."""
-        return ellipsoid.corrected(self.iron, self.readings)
+        return ellipsoid.corrected(self.iron, self.choice.readings)
 
     def headings(self) -> tuple[Floats, Floats]:
         """Compute recorded and corrected headings, (n,) degrees each."""
-        return level_heading(self.readings.field, self.levelling), level_heading(self.corrected(), self.levelling)
+        return level_heading(self.choice.readings.field, self.levelling), level_heading(
+            self.corrected(), self.levelling
+        )
+
+    def moduli(self) -> tuple[Floats, Floats]:
+        """Compute the modulus before and after the correction, (n,) each, of scaled readings."""
+        down = self.choice.readings.down
+        return ellipsoid.modulus(self.choice.readings.field, down), ellipsoid.modulus(self.corrected(), down)
 
     def gain(self, iron: Floats) -> float:
         """Compute the field's modulus in scaled readings: the mean diagonal of the observed axes."""
@@ -94,39 +113,28 @@ class SolvedIron:
         """Compute the soft iron relative to the mean diagonal of the observed axes, body frame, (3, 3)."""
         return np.linalg.inv(iron[3:].reshape(3, 3)) / self.gain(iron)
 
-    def residual_percent(self) -> dict[str, float]:
-        """Compute the scatter of the modulus about its mean before and after correction, percent."""
-        moduli = {"before": ellipsoid.modulus(self.readings.field, self.readings.down)}
-        moduli["after"] = ellipsoid.modulus(self.corrected(), self.readings.down)
-        return {when: float(100.0 * modulus.std() / modulus.mean()) for when, modulus in moduli.items()}
-
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Calibrate a magnetometer from CSV files with x, y and perhaps z, pitch_deg, roll_deg, heading_deg, time_utc.
-
-    Raises:
-        InputError: a column is absent or a cell is not a number.
-    """
-    log, choice = magnetometer_log.read(files, settings), ModelChoice()
-    if not (why := magnetometer_log.unusable_reason(log)):
+    """Calibrate a magnetometer from CSV files with x, y and perhaps z, pitch_deg, roll_deg, heading_deg, time_utc."""
+    log = magnetometer_log.read(files, settings)
+    choice: ModelChoice | str = magnetometer_log.unusable_reason(log)
+    if not choice:
         axes, said = magnetometer_log.determine_axes(log)
         choice = ellipsoid.choose_model(log, log.raw @ axes.matrix.T)
-        far = ellipsoid.find_outliers(choice)
-        if far.any():
-            log = log.take(~far, f"{far.sum()} of {far.size} readings are outliers of the fitted modulus and excluded.")
-            choice = ellipsoid.choose_model(log, log.raw @ axes.matrix.T)
-        why = choice.why
-    if choice.fitted is None or choice.readings is None:
+    if isinstance(choice, ModelChoice) and (far := ellipsoid.find_outliers(choice)).any():
+        log = log.take(~far, f"{far.sum()} of {far.size} readings are outliers of the fitted modulus and excluded.")
+        choice = ellipsoid.choose_model(log, log.raw @ axes.matrix.T)
+    if isinstance(choice, str):
         undetermined = [*ellipsoid.PARAMETERS]
         details = {"hard_iron": None, "soft_iron": None, "undetermined": undetermined, "left_out": log.left_out}
-        return Calibration(KIND, NO_MODEL, len(log.raw), 0, details=details, why=why, warnings=log.warnings)
-    solved = _solve_iron(log, axes, choice, choice.fitted, choice.readings, settings.get("field"))
-    exact = exact_coefficients(solved.iron, solved.dip_ratio)
-    known = bool(np.isfinite(exact).all())
-    folded = known and not compass.turns_full_circle(exact)
+        return Calibration(KIND, "none", len(log.raw), 0, details=details, why=choice, warnings=log.warnings)
+    solved = _solve_iron(log, axes, choice, settings.get("field"))
+    exact = np.array([*map(exact_coefficients, solved.irons, solved.dip_ratios.tolist())])
+    known = bool(np.isfinite(exact[0]).all())
+    folded = known and not compass.turns_full_circle(exact[0])
     return Calibration(
         kind=KIND,
-        model=choice.fitted.model.name,
+        model=choice.fitted.name,
         n=len(log.raw),
         coverage=count_sectors(solved.headings()[0]),
         points=_points(solved),
@@ -137,16 +145,16 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     )
 
 
-def _correction(solved: SolvedIron, exact: Floats, *, folded: bool) -> dict[str, Any]:
+def _correction(solved: SolvedIron, all_exact: Floats, *, folded: bool) -> dict[str, Any]:
     """Compute coefficients, table and budget of the deviation by the iron; only the exact coefficients if folded."""
-    replicates = np.array([*map(exact_coefficients, solved.replicates, solved.dip_replicates.tolist())])
-    moved = exact_coefficients(solved.moved, solved.dip_ratio)
-    correction: dict[str, Any] = {"exact": exact, "exact_covariance": ellipsoid.covariance(replicates, moved - exact)}
+    exact, moved = all_exact[0], exact_coefficients(solved.moved, solved.dip_ratios[0])
+    covariance = ellipsoid.covariance(all_exact[1:], moved - exact)
+    correction: dict[str, Any] = {"exact": exact, "exact_covariance": covariance}
     if folded:
         return correction
-    series, value = series_coefficients(exact), exact_deviation(exact, TABLE_DEG)
-    each_series = np.array([series_coefficients(replicate) for replicate in replicates])
-    off = np.array([angles.difference(exact_deviation(each, TABLE_DEG), value) for each in (moved, *replicates)])
+    series, *each_series = (series_coefficients(each) for each in all_exact)
+    value = exact_deviation(exact, TABLE_DEG)
+    off = np.array([angles.difference(exact_deviation(each, TABLE_DEG), value) for each in (moved, *all_exact[1:])])
     table = DeviationTable(TABLE_DEG, value, ellipsoid.sigma(off[1:], off[0]))
     # Misfit of the series: over the readings, or around the circle if these have no headings.
     recorded, deviation = CIRCLE_DEG, exact_deviation(exact, CIRCLE_DEG)
@@ -155,7 +163,7 @@ def _correction(solved: SolvedIron, exact: Floats, *, folded: bool) -> dict[str,
         deviation = angles.difference(corrected, recorded)
     return correction | {
         "coefficients": series,
-        "covariance": ellipsoid.covariance(each_series, series_coefficients(moved) - series),
+        "covariance": ellipsoid.covariance(np.array(each_series), series_coefficients(moved) - series),
         "residual_rms_deg": angles.rms(deviation - series_deviation(series, recorded)),
         "sources": _sources(solved, table, series),
         "table": table,
@@ -164,17 +172,17 @@ def _correction(solved: SolvedIron, exact: Floats, *, folded: bool) -> dict[str,
 
 def _points(solved: SolvedIron) -> dict[str, Floats]:
     """Tabulate readings and corrected readings, (n,) each, in the file's unit and axes."""
-    scale, field, log = solved.choice.scale, solved.corrected(), solved.log
-    size, down = scale * solved.gain(solved.iron), solved.readings.down
+    scale, log = solved.choice.scale, solved.log
+    size, corrected = scale * solved.gain(solved.iron), solved.corrected() @ solved.axes.matrix
+    before, after = solved.moduli()
     axes = "xyz" if log.has_z else "xy"
     columns = {name: log.raw[:, k] for k, name in enumerate(axes)}
-    columns |= {f"{name}_corrected": size * (field @ solved.axes.matrix)[:, k] for k, name in enumerate(axes)}
-    columns["modulus"] = scale * ellipsoid.modulus(solved.readings.field, down)
-    columns["modulus_corrected"] = size * ellipsoid.modulus(field, down)
+    columns |= {f"{name}_corrected": size * corrected[:, k] for k, name in enumerate(axes)}
+    columns |= {"modulus": scale * before, "modulus_corrected": size * after}
     if solved.headed:
-        recorded, corrected = solved.headings()
-        columns |= {"recorded_deg": recorded, "corrected_deg": corrected}
-        columns["deviation_deg"] = angles.difference(corrected, recorded)
+        recorded, correct = solved.headings()
+        columns |= {"recorded_deg": recorded, "corrected_deg": correct}
+        columns["deviation_deg"] = angles.difference(correct, recorded)
     extra = {"pitch_deg": log.pitch_deg, "roll_deg": log.roll_deg, "logged_deg": log.heading_deg, "time_s": log.time_s}
     return columns | {name: values for name, values in extra.items() if values is not None}
 
@@ -185,34 +193,29 @@ def _details(solved: SolvedIron) -> dict[str, Any]:
     open_turns = [name for name, known in zip(TURNS, solved.turned, strict=True) if not known]
     undetermined = choice.undetermined | {f"turn about {name}": OPEN_TURN for name in open_turns}
     # Iron in the file's axes; where the selected model has no soft iron, its uncertainty is that of the largest model.
-    largest = choice.full.iron()[1] if choice.full and choice.full is not choice.fitted else solved.replicates
+    largest = choice.full.replicates if choice.full is not choice.fitted else solved.irons[1:]
     shift = choice.scale * to_body.T @ (solved.moved - solved.iron)[:3]
     soft = np.array([to_body.T @ solved.soft(replicate) @ to_body for replicate in largest])
-    iron = {
-        "hard_iron": choice.scale * to_body.T @ solved.iron[:3],
-        "hard_iron_sigma": ellipsoid.sigma(choice.scale * solved.replicates[:, :3] @ to_body, shift),
-        "soft_iron": to_body.T @ solved.soft(solved.iron) @ to_body,
-        "soft_iron_sigma": ellipsoid.sigma(soft),
-    }
-    shown = {name: values.astype(object) for name, values in iron.items()}
+    unknown = np.zeros(12, dtype=bool)
     for name in choice.undetermined:
-        for values in shown.values():
-            if name in ellipsoid.CENTRE and values.ndim == 1:
-                values[ellipsoid.CENTRE.index(name)] = None
-            elif name in ellipsoid.PLACES and values.ndim == 2:
-                i, j = ellipsoid.PLACES[name]
-                values[i, j] = values[j, i] = None
+        unknown[ellipsoid.ENTRIES[name]] = True
+    null, of_soft = np.array(None), unknown[3:].reshape(3, 3)
+    hard_sigma = ellipsoid.sigma(choice.scale * solved.irons[1:, :3] @ to_body, shift)
+    moduli = dict(zip(("before", "after"), solved.moduli(), strict=True))
     return {
-        "model": solved.fitted.model.name,
+        "model": choice.fitted.name,
         "axes": solved.axes.text,
-        **{name: values.tolist() for name, values in shown.items()},
+        "hard_iron": np.where(unknown[:3], null, choice.scale * to_body.T @ solved.iron[:3]).tolist(),
+        "hard_iron_sigma": np.where(unknown[:3], null, hard_sigma).tolist(),
+        "soft_iron": np.where(of_soft, null, to_body.T @ solved.soft(solved.iron) @ to_body).tolist(),
+        "soft_iron_sigma": np.where(of_soft, null, ellipsoid.sigma(soft)).tolist(),
         "undetermined": list(undetermined),
         "undetermined_why": undetermined,
         "scores": choice.scores,
-        "noise": size * solved.fitted.noise,
+        "noise": size * choice.fitted.noise,
         "field_in_file_unit": size,
         "field_is": "horizontal" if choice.level else "total",
-        "modulus_residual_percent": solved.residual_percent(),
+        "modulus_residual_percent": {when: float(100.0 * x.std() / x.mean()) for when, x in moduli.items()},
         "left_out": solved.log.left_out,
     }
 
@@ -239,17 +242,17 @@ def _warnings(solved: SolvedIron) -> list[str]:
 
 
 def _sources(solved: SolvedIron, table: DeviationTable, series: Floats) -> tuple[Source, ...]:
-    horizontal = 1.0 / float(np.hypot(1.0, solved.dip_ratio))
+    horizontal = 1.0 / float(np.hypot(1.0, solved.dip_ratios[0]))
     off = table.deviation_deg - series_deviation(series, table.heading_deg)
     how = "block jackknife, with what a mean tilt hides of vertical iron, rms over the table"
-    reading_deg = solved.fitted.noise / horizontal / angles.DEGREE
+    reading_deg = solved.choice.fitted.noise / horizontal / angles.DEGREE
     sources = [
         Source("fit", float(np.sqrt(np.mean(table.sigma_deg**2))), how),
         Source("series", angles.rms(off), "rms of the five terms about the exact deviation"),
         Source("one reading", reading_deg, "scatter of the modulus, one axis"),
     ]
     if solved.log.tilted:
-        ratio = abs(solved.dip_ratio)
+        ratio = abs(solved.dip_ratios[0])
         if solved.choice.level:
             ratio = float(np.mean(np.abs(np.sum(solved.corrected() * solved.down, axis=1))))
         how = "0.40° expanded (Le Menn et al. 2023, section 2) times vertical over horizontal field"
@@ -285,58 +288,31 @@ def series_coefficients(coefficients: Floats) -> Floats:
 # Iron in the frame of the instrument: the selected ellipsoid, rotated as far as tilts and logged heading determine.
 
 
-def _solve_iron(
-    log: Log,
-    axes: Axes,
-    choice: ModelChoice,
-    fitted: FittedEllipsoid,
-    readings: ScaledReadings,
-    field: Mapping[str, float] | None,
-) -> SolvedIron:
+def _solve_iron(log: Log, axes: Axes, choice: ModelChoice, field: Mapping[str, float] | None) -> SolvedIron:
     """Express the iron in the frame of the instrument; the earth's field gives the dip where there are no tilts."""
-    iron, replicates = fitted.iron()
+    irons = np.vstack([choice.fitted.iron, choice.fitted.replicates])
     dip = 0.0 if choice.level else np.nan if field is None else field["vertical_nT"] / field["horizontal_nT"]
-    solved = SolvedIron(
-        log,
-        axes,
-        choice,
-        fitted,
-        readings,
-        iron,
-        replicates,
-        levelling=log.levelling(),
-        dip_ratio=dip,
-        dip_replicates=np.full(len(replicates), dip),
-        turned=np.array([False, False, axes.turned]),
-    )
-    return _align_to_heading(_align_to_tilts(solved) if log.tilted and not choice.level else solved)
+    turned = np.array([False, False, axes.turned])
+    solved = SolvedIron(log, axes, choice, irons, np.full(len(irons), dip), turned)
+    if log.tilted and not choice.level:  # into the frame of the tilt sensor
+        readings, down = choice.readings, solved.down
+        each = [
+            align_vertical(iron, take(readings, part), down[part])
+            for iron, part in zip(irons, solved.parts, strict=True)
+        ]
+        known, dips, aligned = (np.array(column) for column in zip(*each, strict=True))
+        solved = replace(solved, irons=aligned, dip_ratios=dips, turned=turned | known[0])
+    return _align_to_heading(solved)
 
 
-def _align_to_tilts(solved: SolvedIron) -> SolvedIron:
-    """Rotate the iron into the frame of the tilt sensor, where the vertical field is constant and gives the dip."""
-    readings, down, block = solved.readings, solved.down, ellipsoid.blocks(len(solved.readings))
-    turned, dip_ratio, iron = align_vertical(solved.iron, readings, down)
-    parts = [(each, block != k) for k, each in enumerate(solved.replicates)]
-    each = [align_vertical(replicate, readings.take(kept), down[kept])[1:] for replicate, kept in parts]
-    dips, irons = (np.array(column) for column in zip(*each, strict=True))
-    known = solved.turned | turned
-    return replace(solved, iron=iron, replicates=irons, dip_ratio=dip_ratio, dip_replicates=dips, turned=known)
-
-
-def align_vertical(
-    iron: Floats, readings: ScaledReadings, down: Floats, *, max_dilution: float = 10.0
-) -> tuple[Bools, float, Floats]:
+def align_vertical(iron: Floats, readings: ScaledReadings, down: Floats) -> tuple[Bools, float, Floats]:
     """Apply the small rotation from magnetometer to tilt sensor that makes the vertical field constant.
 
     With the downward direction t, the vertical field t . (h + e x h) is a constant c in every orientation, so
     t . h = c - e . (h x t) is linear in the rotation e about forward, starboard and down.
 
-    Args:
-        max_dilution: radians of misalignment per relative error of the field: 0.3 % then cause 1.7 degrees.
-
-    Returns:
-        Whether the tilts determine the turn about each axis, (3,); downward over horizontal field; and the iron with
-        the rotation included in G.
+    The result is whether the tilts determine the turn about each axis, (3,); downward over horizontal field; and the
+    iron with the rotation included in G.
     """
     from scipy.spatial.transform import Rotation  # imported late: only needed for logs with tilts
 
@@ -348,7 +324,8 @@ def align_vertical(
         if not wide.any():
             values, vectors = np.linalg.eigh(columns.T @ columns / len(columns))
             inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T
-            wide = np.sqrt(np.diag(inverse))[1:] > max_dilution
+            # Radians per relative error of the field: 0.3 % of it then cause 1.7 degrees.
+            wide = np.sqrt(np.diag(inverse))[1:] > 10.0
         columns[:, 1:] *= ~wide
         solved = np.linalg.lstsq(columns, np.sum(turned * down, axis=1), rcond=None)[0]
         turn = Rotation.from_rotvec(solved[1:]).as_matrix() @ turn
@@ -366,24 +343,15 @@ def _align_to_heading(solved: SolvedIron) -> SolvedIron:
     if logged is None or not solved.headed:
         return solved
     recorded, corrected = solved.headings()
-    centre, scatter = mean_and_scatter(angles.difference(logged, corrected))
-    if scatter > 0.5 * mean_and_scatter(angles.difference(logged, recorded))[1]:
+    if (
+        mean_and_scatter(angles.difference(logged, corrected))[1]
+        > 0.5 * mean_and_scatter(angles.difference(logged, recorded))[1]
+    ):
         return solved
-    block, turns_deg = ellipsoid.blocks(len(logged)), np.zeros(len(solved.replicates))
-    for k, replicate in enumerate(solved.replicates):  # each with the readings that it was fitted to
-        kept = block != k
-        field = ellipsoid.corrected(replicate, solved.readings.take(kept))
-        turns_deg[k], _ = mean_and_scatter(
-            angles.difference(logged[kept], level_heading(field, solved.levelling[kept]))
-        )
-    rotated = [
-        np.append(iron[:3], (about_down(float(by_deg)) @ iron[3:].reshape(3, 3)).ravel())
-        for iron, by_deg in zip((solved.iron, *solved.replicates), (centre, *turns_deg), strict=True)
-    ]
-    return replace(
-        solved,
-        iron=rotated[0],
-        replicates=np.array(rotated[1:]),
-        turned=np.append(solved.turned[:2], True),
-        logged_is_correct=True,
-    )
+    irons = []
+    for iron, part in zip(solved.irons, solved.parts, strict=True):
+        field = ellipsoid.corrected(iron, take(solved.choice.readings, part))
+        turn_deg, _ = mean_and_scatter(angles.difference(logged[part], level_heading(field, solved.levelling[part])))
+        irons.append(np.append(iron[:3], (about_down(turn_deg) @ iron[3:].reshape(3, 3)).ravel()))
+    turned = np.append(solved.turned[:2], True)
+    return replace(solved, irons=np.array(irons), turned=turned, logged_is_correct=True)

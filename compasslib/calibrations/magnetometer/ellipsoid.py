@@ -9,9 +9,8 @@ loss of noise-free readings. The noise variance is that at which the adjusted lo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.calibrations.curves import count_sectors
 from compasslib.calibrations.magnetometer.log import Log
+from compasslib.records import take
 from compasslib.statistics.least_squares import robust_width
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import student_factor
@@ -29,6 +29,9 @@ CENTRE = ("x offset", "y offset", "z offset")
 PLACES = {"S11": (0, 0), "S22": (1, 1), "S33": (2, 2), "S12": (0, 1), "S13": (0, 2), "S23": (1, 2)}
 DIAGONAL, OTHERS, LEVEL_SOFT = ("S11", "S22", "S33"), ("S12", "S13", "S23"), ("S11", "S22", "S12")
 PARAMETERS = CENTRE + DIAGONAL + OTHERS
+# Where each parameter stands in a vector of centre (3) and matrix (9).
+ENTRIES = {name: [k] for k, name in enumerate(CENTRE)}
+ENTRIES |= {name: [3 + 3 * i + j, 3 + 3 * j + i] for name, (i, j) in PLACES.items()}
 MAX_STANDARD_ERROR = 0.05  # relative to the field: parameters with a larger one are undetermined
 # Relative to the field: errors by nonlinearity, cross-axis sensitivity and gradients, which do not average out.
 SYSTEMATIC_ERROR = 0.003
@@ -45,30 +48,23 @@ class ScaledReadings:
     def __len__(self) -> int:
         return len(self.field)
 
-    def take(self, index: Bools) -> ScaledReadings:
-        """Select readings by a mask (n,)."""
-        return ScaledReadings(self.field[index], self.down[index])
-
 
 @dataclass(frozen=True)
 class Model:
-    """Free parameters of a model, each with the entries of centre and matrix G that it changes, and by how much."""
+    """Free parameters of a model, and their linear map to the centre (3) and the matrix G (9), (p, 12)."""
 
     name: str
-    moves: dict[str, dict[str, float]]
+    parameters: tuple[str, ...]
+    chain: Floats
 
-    @cached_property
-    def chain(self) -> Floats:
-        """Linear map of the parameters to the centre (3) and the matrix G (9), (p, 12)."""
-        chain = np.zeros((len(self.moves), 12))
-        for row, moves in zip(chain, self.moves.values(), strict=True):
-            for name, by in moves.items():
-                if name in CENTRE:
-                    row[CENTRE.index(name)] = by
-                else:
-                    i, j = PLACES[name]
-                    row[3 + 3 * i + j] = row[3 + 3 * j + i] = by
-        return chain
+
+def _model(name: str, moves: Mapping[str, Mapping[str, float]]) -> Model:
+    """Make a model from the entries of centre and G that each parameter changes, and by how much."""
+    chain = np.zeros((len(moves), 12))
+    for row, changed in zip(chain, moves.values(), strict=True):
+        for entry, by in changed.items():
+            row[ENTRIES[entry]] = by
+    return Model(name, tuple(moves), chain)
 
 
 def _alone(*names: str) -> dict[str, dict[str, float]]:
@@ -76,29 +72,25 @@ def _alone(*names: str) -> dict[str, dict[str, float]]:
 
 
 SCALE = {"scale": dict.fromkeys(DIAGONAL, 1.0)}
-SPHERE = Model("sphere", _alone(*CENTRE) | SCALE)
-AXES = Model("ellipsoid along the axes", _alone(*CENTRE, *DIAGONAL))
-ELLIPSOID = Model("ellipsoid", _alone(*PARAMETERS))
-CIRCLE = Model("circle", _alone(*CENTRE[:2]) | SCALE)
+SPHERE = _model("sphere", _alone(*CENTRE) | SCALE)
+AXES = _model("ellipsoid along the axes", _alone(*CENTRE, *DIAGONAL))
+ELLIPSOID = _model("ellipsoid", _alone(*PARAMETERS))
+CIRCLE = _model("circle", _alone(*CENTRE[:2]) | SCALE)
 # The third axis is unobservable: its sensitivity is set to the mean of the other two.
 HALVES = {"S11": {"S11": 1.0, "S33": 0.5}, "S22": {"S22": 1.0, "S33": 0.5}}
-ELLIPSE = Model("ellipse", _alone(*CENTRE[:2]) | HALVES | _alone("S12"))
+ELLIPSE = _model("ellipse", _alone(*CENTRE[:2]) | HALVES | _alone("S12"))
 # Never fitted: serves to assess which parameters the tilts of a level platform would determine.
-LEVEL_AND_THIRD = Model("ellipse and third axis", _alone(*CENTRE, *DIAGONAL, "S12"))
+LEVEL_AND_THIRD = _model("ellipse and third axis", _alone(*CENTRE, *DIAGONAL, "S12"))
 
 
 @dataclass(frozen=True)
 class FittedEllipsoid:
-    """Fitted model; all uncertainties follow from the jackknife ``replicates``, parameters with one block left out."""
+    """Fitted centre and G as one vector; all uncertainties follow from the jackknife ``replicates``."""
 
-    model: Model
-    parameters: Floats  # (p,)
+    name: str  # of the model
+    iron: Floats  # (12,)
+    replicates: Floats  # (blocks, 12) with one block left out each
     noise: float  # standard deviation per axis, relative to the modulus
-    replicates: Floats  # (blocks, p)
-
-    def iron(self) -> tuple[Floats, Floats]:
-        """Compute centre and G as one vector (12,), and those of each replicate (blocks, 12)."""
-        return self.parameters @ self.model.chain, self.replicates @ self.model.chain
 
 
 def corrected(iron: Floats, readings: ScaledReadings) -> Floats:
@@ -141,7 +133,8 @@ def fit(model: Model, readings: ScaledReadings, centre: Floats) -> FittedEllipso
                 replicates[k] += np.linalg.solve(information - columns[i].T @ columns[i], score[i].sum(axis=0))
     except np.linalg.LinAlgError:
         return None
-    return FittedEllipsoid(model, parameters, float(np.sqrt(max(variance, 0.0))), replicates)
+    noise = float(np.sqrt(max(variance, 0.0)))
+    return FittedEllipsoid(model.name, parameters @ model.chain, replicates @ model.chain, noise)
 
 
 def blocks(n: int) -> NDArray[np.signedinteger]:
@@ -214,32 +207,31 @@ def adjusted_scores(
 
 @dataclass(frozen=True)
 class ModelChoice:
-    """The selected model and its alternatives; ``why`` states the reason where no model could be fitted."""
+    """The selected model and its alternatives."""
 
-    fitted: FittedEllipsoid | None = None
-    readings: ScaledReadings | None = None
-    scale: float = 1.0  # file units per unit of the scaled readings
-    level: bool = False
-    scores: dict[str, float] = field(default_factory=dict)  # rms error of the modulus on held-out blocks, percent
-    undetermined: dict[str, str] = field(default_factory=dict)  # parameter -> reason
-    full: FittedEllipsoid | None = None  # the largest model that the readings determine
-    why: str = ""
-
-
-def choose_model(log: Log, body: Floats) -> ModelChoice:
-    """Choose the model that readings (n, 3) in the body frame determine: an ellipsoid, else one for level platforms."""
-    spatial = _choose_spatial(body) if log.has_z else None
-    return spatial if spatial and spatial.fitted else _choose_level(log, body)
+    fitted: FittedEllipsoid
+    full: FittedEllipsoid  # the largest model that the readings determine
+    readings: ScaledReadings
+    scale: float  # file units per unit of the scaled readings
+    level: bool
+    scores: dict[str, float]  # rms error of the modulus on held-out blocks, percent
+    undetermined: dict[str, str]  # parameter -> reason
 
 
-def find_outliers(choice: ModelChoice, *, outlier_widths: float = 6.0, max_outlier_share: float = 0.05) -> Bools:
+def choose_model(log: Log, body: Floats) -> ModelChoice | str:
+    """Choose the model that readings (n, 3) in the body frame determine, an ellipsoid, else one for level platforms.
+
+    Where no model can be fitted, the reason is returned instead.
+    """
+    return (_choose_spatial(body) if log.has_z else None) or _choose_level(log, body)
+
+
+def find_outliers(choice: ModelChoice) -> Bools:
     """Flag readings far from the fitted modulus, (n,); none if these would be 5 % or more."""
-    if choice.full is None or choice.readings is None:
-        return np.zeros(0, dtype=bool)
-    off = modulus(corrected(choice.full.iron()[0], choice.readings), choice.readings.down) - 1.0
+    off = modulus(corrected(choice.full.iron, choice.readings), choice.readings.down) - 1.0
     off = np.abs(off - np.median(off))
-    far = off > outlier_widths * max(robust_width(off), SYSTEMATIC_ERROR)
-    return far if far.mean() < max_outlier_share else np.zeros_like(far)
+    far = off > 6.0 * max(robust_width(off), SYSTEMATIC_ERROR)
+    return far if far.mean() < 0.05 else np.zeros_like(far)
 
 
 def _choose_spatial(body: Floats) -> ModelChoice | None:
@@ -252,35 +244,32 @@ def _choose_spatial(body: Floats) -> ModelChoice | None:
     if any(unsure[name] > MAX_STANDARD_ERROR for name in CENTRE):
         return None
     lost = _undetermined_groups(unsure, DIAGONAL, OTHERS)
-    models = [model for model in (SPHERE, AXES, ELLIPSOID) if not set(lost) & set(model.moves)]
+    models = [model for model in (SPHERE, AXES, ELLIPSOID) if not set(lost) & set(model.parameters)]
     reasons = {name: _reason(unsure[name], "the orientations leave it") for name in lost}
-    return _select_by_cross_validation(models, readings, centre, ModelChoice(scale=scale, undetermined=reasons))
+    chosen, full, scores = _select_by_cross_validation(models, readings, centre)
+    return ModelChoice(chosen, full, readings, scale, level=False, scores=scores, undetermined=reasons)
 
 
-def _choose_level(
-    log: Log, body: Floats, *, max_level_tilt_deg: float = 30.0, max_level_scatter: float = 0.3
-) -> ModelChoice:
+def _choose_level(log: Log, body: Floats) -> ModelChoice | str:
     """Choose a circle or an ellipse, for a level platform."""
     down = log.levelling()[:, 2, :]
     tilt = float(np.percentile(angles.argument(down[:, 2] + 1j * np.hypot(down[:, 0], down[:, 1])), 99.0))
-    if log.tilted and tilt > max_level_tilt_deg:
-        return ModelChoice(why="The orientations neither cover the sphere nor stay level.")
+    if log.tilted and tilt > 30.0:
+        return "The orientations neither cover the sphere nor stay level."
     readings, scale, centre = _scaled(body, down)
     circle = fit(CIRCLE, readings, centre)
     if circle is None:
-        return ModelChoice(why="The readings lie on no circle: the instrument did not turn, or the record is constant.")
+        return "The readings lie on no circle: the instrument did not turn, or the record is constant."
     noise = _noise(ELLIPSE, circle, readings)
     if why := _unusable_circle(circle, readings, noise[0]):
-        return ModelChoice(why=why)
-    if log.has_z and not log.tilted and readings.field[:, 2].std() > max_level_scatter:
-        level = "The orientations neither cover the sphere nor stay level, and no tilts are logged."
-        return ModelChoice(why=level)
+        return why
+    if log.has_z and not log.tilted and readings.field[:, 2].std() > 0.3:
+        return "The orientations neither cover the sphere nor stay level, and no tilts are logged."
     both = _standard_errors(ELLIPSE, circle, readings, noise)
     lost = _undetermined_groups(both, LEVEL_SOFT)
     standard_errors = _standard_errors(CIRCLE, circle, readings, noise) if lost else both
     if max(standard_errors["x offset"], standard_errors["y offset"]) > MAX_STANDARD_ERROR:
-        why = "The readings cover too little of a turn: not even the centre of the circle is determined."
-        return ModelChoice(why=why)
+        return "The readings cover too little of a turn: not even the centre of the circle is determined."
     # What turning about the vertical does not determine.
     mixed = "turning about the vertical, what the vertical field induces looks like hard iron in x and y"
     vertical = dict.fromkeys(("z offset", "S33"), "without tilts the horizontal field does not show it")
@@ -292,8 +281,8 @@ def _choose_level(
         reasons = dict.fromkeys(reasons, "there is no z")
     reasons |= {name: _reason(both[name], "the part of a turn leaves it") for name in lost}
     models = [CIRCLE] if lost else [CIRCLE, ELLIPSE]
-    partial = ModelChoice(scale=scale, level=True, undetermined=reasons)
-    return _select_by_cross_validation(models, readings, centre, partial)
+    chosen, full, scores = _select_by_cross_validation(models, readings, centre)
+    return ModelChoice(chosen, full, readings, scale, level=True, scores=scores, undetermined=reasons)
 
 
 def _undetermined_groups(unsure: dict[str, float], *groups: tuple[str, ...]) -> list[str]:
@@ -320,21 +309,19 @@ def _scaled(body: Floats, down: Floats) -> tuple[ScaledReadings, float, Floats]:
     return ScaledReadings(body / scale, down), scale, centre / scale
 
 
-def _unusable_circle(
-    circle: FittedEllipsoid, readings: ScaledReadings, noise: float, *, min_arc_deg: float = 120.0, min_sectors: int = 6
-) -> str:
+def _unusable_circle(circle: FittedEllipsoid, readings: ScaledReadings, noise: float) -> str:
     """Explain why the circle fitted to the readings is unusable; empty if it is usable."""
     if noise > MAX_SCATTER:
         return (
             f"The readings scatter by {100.0 * noise:.0f} % about a circle or ellipse: the instrument did not turn, "
             "or its field is not the earth's with iron."
         )
-    towards = np.sort(angles.argument((readings.field - circle.iron()[0][:3])[:, :2] @ np.array([1.0, -1.0j])))
+    towards = np.sort(angles.argument((readings.field - circle.iron[:3])[:, :2] @ np.array([1.0, -1.0j])))
     arc = 360.0 - float(np.max(np.diff(towards, append=towards[0] + 360.0)))
-    if arc < min_arc_deg:
-        return f"The instrument turned through {arc:.0f}°, at least {min_arc_deg:.0f}° (a third of a turn) is needed."
-    if (sectors := count_sectors(towards)) < min_sectors:
-        return f"The readings repeat {sectors} headings, at least {min_sectors} apart by 10° are needed."
+    if arc < 120.0:
+        return f"The instrument turned through {arc:.0f}°, at least 120° (a third of a turn) is needed."
+    if (sectors := count_sectors(towards)) < 6:
+        return f"The readings repeat {sectors} headings, at least 6 apart by 10° are needed."
     return ""
 
 
@@ -345,18 +332,18 @@ def _standard_errors(
 
     Averaged noise and systematic errors are magnified by the inverse information of an average reading.
     """
-    _, weight, gradient = _linearize(fitted.iron()[0], readings)
+    _, weight, gradient = _linearize(fitted.iron, readings)
     steepness = 2.0 * np.linalg.norm(weight, axis=1)[:, None]  # |d(squared modulus) / d(reading)|
     columns = gradient @ model.chain.T / np.maximum(steepness, 1e-6)
     values, vectors = np.linalg.eigh(columns.T @ columns / len(readings))
     inverse = (vectors / np.maximum(values, 1e-14 * values[-1])) @ vectors.T
     each = float(np.hypot(noise[0] / np.sqrt(noise[1]), SYSTEMATIC_ERROR))
-    return dict(zip(model.moves, (each * np.sqrt(np.diag(inverse))).tolist(), strict=True))
+    return dict(zip(model.parameters, (each * np.sqrt(np.diag(inverse))).tolist(), strict=True))
 
 
 def _noise(largest: Model, fitted: FittedEllipsoid, readings: ScaledReadings) -> tuple[float, float]:
     """Estimate noise per axis and effective sample size from the largest model, without soft iron in the residual."""
-    iron, noise = fitted.iron()[0], fitted.noise
+    iron, noise = fitted.iron, fitted.noise
     try:
         parameters, variance = solve(largest, readings, iron[:3])
         iron, noise = parameters @ largest.chain, float(np.sqrt(max(variance, 0.0)))
@@ -368,22 +355,19 @@ def _noise(largest: Model, fitted: FittedEllipsoid, readings: ScaledReadings) ->
 
 
 def _select_by_cross_validation(
-    models: Sequence[Model], readings: ScaledReadings, centre: Floats, partial: ModelChoice
-) -> ModelChoice:
-    """Select the model that best predicts held-out contiguous blocks, by the rms error of the modulus, percent."""
+    models: Sequence[Model], readings: ScaledReadings, centre: Floats
+) -> tuple[FittedEllipsoid, FittedEllipsoid, dict[str, float]]:
+    """Select the model that best predicts held-out blocks: that model, the largest, and the rms of each, percent."""
     fold, scores = blocks(len(readings)) % 5, dict[str, float]()
     for model in models:
         off = np.full(len(readings), np.nan)
         try:
             for k in range(5):
-                iron = solve(model, readings.take(fold != k), centre)[0] @ model.chain
-                left = readings.take(fold == k)
+                iron = solve(model, take(readings, fold != k), centre)[0] @ model.chain
+                left = take(readings, fold == k)
                 off[fold == k] = modulus(corrected(iron, left), left.down) - 1.0
             scores[model.name] = float(100.0 * np.sqrt(np.mean(off**2)))
         except np.linalg.LinAlgError:
             scores[model.name] = float("inf")
-    fits = {model.name: fitted for model in models if (fitted := fit(model, readings, centre))}
-    if not fits:
-        return ModelChoice(why="No ellipsoid can be fitted to the readings.")
-    chosen, full = fits[min(fits, key=lambda name: scores[name])], [*fits.values()][-1]
-    return replace(partial, fitted=chosen, readings=readings, scores=scores, full=full)
+    fits = [fitted for model in models if (fitted := fit(model, readings, centre))]
+    return min(fits, key=lambda fitted: scores[fitted.name]), fits[-1], scores

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from compasslib import angles, compass
-from compasslib.calibrations.tables import read_columns
+from compasslib import angles, compass, records
+from compasslib.calibrations import read_columns
 from compasslib.errors import InputError
 from compasslib.readers.mmp import is_aliased
 from compasslib.readers.mmp import scans as mmp_scans
 from compasslib.types import Bools, Floats
 
-MEASURED = ("z", "pitch_deg", "roll_deg", "heading_deg")  # without which a row is incomplete, if they are there
+TILTS = ("pitch_deg", "roll_deg")
+MEASURED = ("z", *TILTS, "heading_deg")  # without which a row is incomplete, if they are there
 MIN_READINGS = 50  # different ones
 # Modulus of accelerometer columns in g, m/s^2 and counts of a 16-bit 2 g sensor. Direction cosines have 1 too.
 GRAVITIES = {1.0: "1", 9.80665: "9.81", 16384.0: "16384"}
@@ -49,11 +50,8 @@ class Log:
 
     def take(self, index: Bools, *warnings: str) -> Log:
         """Select readings by a mask (n,) and append warnings that state the reason."""
-        columns: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        columns = {name: x[index] for name, x in columns.items() if isinstance(x, np.ndarray)}
-        channels = {name: x[index] for name, x in self.channels.items()}
-        left_out, said = self.left_out + int((~index).sum()), (*self.warnings, *warnings)
-        return replace(self, **columns, channels=channels, left_out=left_out, warnings=said)
+        left_out = self.left_out + int((~index).sum())
+        return replace(records.take(self, index), left_out=left_out, warnings=(*self.warnings, *warnings))
 
     def levelling(self) -> Floats:
         """Compute the matrices from the body frame to the level frame, (n, 3, 3); the identity without tilts."""
@@ -76,11 +74,7 @@ class Axes:
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
-    """Read the log from files, with the settings ``format``, ``columns``, ``withhold`` and ``covariates``.
-
-    Raises:
-        InputError: x or y is absent or withheld, or a cell is not a number.
-    """
+    """Read the log from files, with the settings ``format``, ``columns``, ``withhold`` and ``covariates``."""
     if settings.get("format") == "mmp_acm":
         return _read_acm([Path(file) for file in files], set(settings.get("withhold") or ()))
     others = tuple(settings.get("covariates") or ())
@@ -90,19 +84,18 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     if not good.all():
         warnings.append(f"{int((~good).sum())} of {good.size} rows lack a number and are excluded.")
     columns = {role: x[good] for role, x in read.items() if role in measured or role not in MEASURED}
-    z, pitch, roll, heading = (columns.get(role) for role in MEASURED)
-    if z is not None and z.size and np.ptp(z) == 0.0:
-        warnings.append(f"Column z is {z[0]:g} throughout: the sensor is stuck and the column is not used.")
-        z = None
-    if (pitch is None) != (roll is None):
+    if "z" in columns and columns["z"].size and np.ptp(columns["z"]) == 0.0:
+        z = columns.pop("z")[0]
+        warnings.append(f"Column z is {z:g} throughout: the sensor is stuck and the column is not used.")
+    tilts = [columns[role] for role in TILTS if role in columns]
+    if len(tilts) == 1:
         warnings.append("Only one of pitch and roll is there: tilts are not used.")
-    elif pitch is not None and roll is not None and not (pitch.any() or roll.any()):
+    elif tilts and not np.any(tilts):
+        columns = {role: x for role, x in columns.items() if role not in TILTS}
         warnings.append("All tilts are zero: they are taken as not logged, and the readings as level.")
-        pitch = roll = None
-    if z is None and pitch is not None:
+    elif tilts and "z" not in columns:
         warnings.append("Without z the tilts cannot be compensated: the readings are taken as level.")
-    log = _compose(columns, z, pitch, roll, heading, int((~good).sum()), warnings)
-    log = replace(log, temperature_c=columns.get("temperature_c"), channels={name: columns[name] for name in others})
+    log = _compose(columns, int((~good).sum()), warnings, others)
     if not len(log.raw):
         return log
     low, high = np.percentile(log.raw, (1.0, 99.0), axis=0)  # range of the central 98 % of an axis
@@ -112,18 +105,21 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
 
 
 def _compose(
-    columns: Mapping[str, Floats],
-    z: Floats | None,
-    pitch: Floats | None,
-    roll: Floats | None,
-    heading: Floats | None,
-    left_out: int,
-    warnings: Sequence[str],
+    columns: Mapping[str, Floats], left_out: int, warnings: Sequence[str], channels: Sequence[str] = ()
 ) -> Log:
-    if z is None or pitch is None or roll is None:
-        pitch = roll = None
-    raw = np.column_stack([columns["x"], columns["y"], np.zeros(len(columns["x"])) if z is None else z])
-    return Log(raw, z is not None, pitch, roll, heading, columns.get("time_utc"), left_out, tuple(warnings))
+    z, tilted = columns.get("z"), {"z", *TILTS} <= {*columns}
+    return Log(
+        raw=np.column_stack([columns["x"], columns["y"], np.zeros(len(columns["x"])) if z is None else z]),
+        has_z=z is not None,
+        pitch_deg=columns["pitch_deg"] if tilted else None,
+        roll_deg=columns["roll_deg"] if tilted else None,
+        heading_deg=columns.get("heading_deg"),
+        time_s=columns.get("time_utc"),
+        left_out=left_out,
+        warnings=tuple(warnings),
+        temperature_c=columns.get("temperature_c"),
+        channels={name: columns[name] for name in channels},
+    )
 
 
 def _read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
@@ -144,17 +140,16 @@ def _read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
         for role, header in HEADERS.items()
         if not {role, header} & set(withhold)
     }
-    z, pitch, roll, heading = (columns.get(role) for role in MEASURED)
     warnings = [f"{int(aliased.sum())} first scans of a profile are aliased and excluded."]
-    if pitch is not None and roll is not None and scans.damaged:
+    if {*TILTS} <= {*columns} and scans.damaged:
         warnings.append(f"{scans.damaged} damaged rows are excluded.")
-    if heading is not None and np.isnan(heading).any():
-        heading = None
+    if np.isnan(columns.get("heading_deg", 0.0)).any():
+        del columns["heading_deg"]
         warnings.append("The scans carry no heading.")
     if "time_utc" not in withhold:
         nominal = np.array([block.rate_hz for block in scans.blocks])
         columns["time_utc"] = mmp_scans.interpolate_clock(scans.clock_s, scans.profile, nominal[scans.profile])[keep]
-    return replace(_compose(columns, z, pitch, roll, heading, int((~keep).sum()), warnings), axis_by_axis=True)
+    return replace(_compose(columns, int((~keep).sum()), warnings), axis_by_axis=True)
 
 
 def are_direction_cosines(log: Log) -> bool:
@@ -162,7 +157,7 @@ def are_direction_cosines(log: Log) -> bool:
     return log.has_z and bool(np.all(np.abs(np.linalg.norm(log.raw, axis=1) - 1.0) < 2e-3))
 
 
-def unusable_reason(log: Log, *, steady_share: float = 0.02) -> str:
+def unusable_reason(log: Log) -> str:
     """Explain why the readings cannot be a magnetometer's log of a turning instrument; empty if they can."""
     raw = log.raw
     for k, name in enumerate("xy"):
@@ -172,12 +167,12 @@ def unusable_reason(log: Log, *, steady_share: float = 0.02) -> str:
         return f"{distinct} different readings in {len(raw)} rows, at least {MIN_READINGS} are needed."
     length = np.linalg.norm(raw, axis=1)
     mean = float(length.mean())
-    if not log.has_z or float(length.std()) >= steady_share * mean:
+    if not log.has_z or float(length.std()) >= 0.02 * mean:
         return ""
     if log.axis_by_axis and are_direction_cosines(log):
         return COSINES
     for value, text in GRAVITIES.items():
-        if abs(mean - value) < steady_share * value:
+        if abs(mean - value) < 0.02 * value:
             also = " (or direction cosines, whose strength is gone)" if value == 1.0 else ""
             return f"The modulus of x, y, z is {text} throughout: this is gravity, from an accelerometer{also}."
     return ""
@@ -189,7 +184,7 @@ def level_heading(field: Floats, levelling: Floats) -> Floats:
     return angles.argument(north[:, 0] - 1j * north[:, 1])
 
 
-def determine_axes(log: Log, *, max_resultant: float = 0.9, alike_deg: float = 2.0) -> tuple[Axes, list[str]]:
+def determine_axes(log: Log) -> tuple[Axes, list[str]]:
     """Determine the axes from the logged heading if it follows them, else assume x forward, y starboard, z down; warn.
 
     The heading fixes the quarter turn, the handedness and, with tilts, up or down; the remaining offset is the angle
@@ -199,13 +194,13 @@ def determine_axes(log: Log, *, max_resultant: float = 0.9, alike_deg: float = 2
     assumed = Axes(np.eye(3), f"{usual} (assumed)")
     if log.heading_deg is None:
         return assumed, ["No heading is logged: x is taken as forward, y as starboard, z as down."]
-    if float(angles.resultant_length(log.heading_deg)) > max_resultant:
+    if float(angles.resultant_length(log.heading_deg)) > 0.9:
         return assumed, ["The logged heading hardly turns: x is taken as forward, y as starboard, z as down."]
     best, scatter, off = search_axes(log)
     if scatter > MAX_SCATTER_DEG:
         return assumed, [f"The logged heading does not follow the axes (scatter {scatter:.0f}°). {usual}."]
     text = _describe_axes(best) + " (from the logged heading)"
-    if scatter > alike_deg:
+    if scatter > 2.0:
         doubt = f"The logged heading is not that of the raw axes (scatter {scatter:.1f}°): it is levelled or corrected."
         return Axes(best, text), [f"{doubt} Coefficients here are for the heading of the raw axes."]
     return Axes(about_down(off) @ best, text, turned=True), []

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles, earthfield
-from compasslib.calibrations.budget import Source
 from compasslib.calibrations.curves import count_sectors
-from compasslib.calibrations.result import Calibration
+from compasslib.calibrations.result import Calibration, Source
 from compasslib.calibrations.swing import adjustment, model, observations
 from compasslib.calibrations.swing.model import COURSE, LAG, SERIES, Swing, SwingFit, set_and_drift
 from compasslib.calibrations.swing.observations import Observations, SwingOptions
@@ -42,11 +41,7 @@ MIDDLE_NT = 18_000.0  # horizontal field of middle latitudes
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Estimate the deviation from a swing, with uncertainty, table, verdict and magnets.
-
-    Raises:
-        InputError: a file or column cannot be used, or the declination is not known.
-    """
+    """Estimate the deviation from a swing, with uncertainty, table, verdict and magnets."""
     observed, options = observations.read(files, settings), SwingOptions.from_settings(settings)
     place, date_s = _place(observed, settings), settings.get("date_s")
     if date_s is None and np.isfinite(observed.time_s).any():
@@ -61,21 +56,39 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         declination, horizontal = float(east[0]), float(level[0])
     sigma = options.declination_sigma_deg or earthfield.model_sigma(horizontal or MIDDLE_NT)
     swing = Swing(observed, options, float(declination), sigma, _marks(options, place))
-    details = {
-        **_principal_courses(swing),
-        "declination_deg": swing.declination_deg,
-        "latitude": place[0] if place else None,
-        "longitude": place[1] if place else None,
-        "date": None if date_s is None else datetime.fromtimestamp(date_s, UTC).strftime("%Y-%m-%d"),
-        "left_out": dict(observed.left_out),
-        "marks": [{"compass_deg": c, "true_deg": t} for c, t in swing.marks],
-    }
-    made = Calibration(KIND, MODEL, len(observed), count_sectors(observed.recorded_deg), details=details)
-    if why := _refusal(swing):
-        lost = tuple(f"left out: {n} {what}" for what, n in observed.left_out.items())
-        return replace(made, why=why, points=_points(swing, None), warnings=lost + observed.warnings)
+    made = Calibration(
+        KIND,
+        MODEL,
+        n=len(observed),
+        coverage=count_sectors(observed.recorded_deg),
+        details={
+            **_principal_courses(swing),
+            "declination_deg": swing.declination_deg,
+            "latitude": place[0] if place else None,
+            "longitude": place[1] if place else None,
+            "date": None if date_s is None else datetime.fromtimestamp(date_s, UTC).strftime("%Y-%m-%d"),
+            "left_out": dict(observed.left_out),
+            "marks": [{"compass_deg": c, "true_deg": t} for c, t in swing.marks],
+        },
+        why=_refusal(swing),
+        warnings=(*(f"left out: {n} {why}" for why, n in observed.left_out.items()), *observed.warnings),
+    )
+    if made.why:
+        return replace(made, points=_points(swing, None))
     series = model.fit_swing(swing)
-    return _complete(made, swing, series, exact=model.fit_swing(swing, exact=True, start=series.parameters))
+    exact = model.fit_swing(replace(swing, exact=True), start=series.parameters)
+    drift = model.separate_drift(swing, series) if observed.over_ground else None
+    return replace(
+        made,
+        coefficients=series.parameters[SERIES],
+        covariance=series.covariance[SERIES, SERIES],
+        exact=exact.parameters[SERIES],
+        exact_covariance=exact.covariance[SERIES, SERIES],
+        residual_rms_deg=angles.rms(series.residuals[COURSE]),
+        points=_points(swing, series),
+        warnings=(*made.warnings, *_warnings(swing, series, exact, drift)),
+        **_certificate(made.details, swing, series, exact, drift),
+    )
 
 
 def _place(observed: Observations, settings: Mapping[str, Any]) -> tuple[float, float] | None:
@@ -122,61 +135,38 @@ def _principal_courses(swing: Swing) -> dict[str, Any]:
     observed, declination = swing.observed, swing.declination_deg
     psi = adjustment.pseudo_deviations(observed.course_deg, observed.recorded_deg)
     principal = adjustment.principal_coefficients(psi, declination)
-    known, bars = {letter: principal[letter] for letter in "ADE"}, (principal["B_bar"], principal["C_bar"])
     minus_true = None  # A, D and E from courses over ground minus those from true headings (MM Table 3)
     if len(observed) and np.isfinite(observed.also_course_deg).all():
         also = adjustment.pseudo_deviations(observed.also_course_deg, observed.recorded_deg)
         by_course = adjustment.principal_coefficients(also, declination)
-        minus_true = {letter: by_course[letter] - known[letter] for letter in known}
+        minus_true = {letter: by_course[letter] - principal[letter] for letter in "ADE"}
     speed = float(np.median(observed.speed_kn)) if swing.has_speed and len(observed) else None
     ratio = swing.widest_drift / (speed or 1.0) if observed.over_ground else 0.0
-    residual: dict[str, Any] = {}
-    if np.isfinite([*known.values(), *bars]).all():
-        shown = [(c, float(angles.difference(t - declination, c))) for c, t in swing.marks]
-        if shown:
-            (compass_deg, deviation_deg), one = shown[0], adjustment.residual_by_lushnikov(known, bars, *shown[0])
-            residual["one_heading"] = {**one, "compass_deg": compass_deg, "deviation_deg": deviation_deg}
-        if len(shown) > 1:
-            try:
-                b, c = adjustment.residual_from_two_headings(known, shown[0], shown[1])
-                residual["two_headings"] = {"B": b, "C": c}
-            except InputError as error:
-                residual["two_headings"] = {"why": str(error)}
-        if shown and ratio and "B" not in residual.get("two_headings", {}):
-            residual["one_heading"]["drift"] = adjustment.drift_in_one_heading(ratio, sum(shown[0]))
-        if observed.over_ground and swing.has_speed:
-            speeds = adjustment.mean_by_point(observed.speed_kn, observed.course_deg, observed.recorded_deg)
-            if water := adjustment.drift_by_opposite_courses(speeds):
-                by_speed = {"B": bars[0] + water["x"], "C": bars[1] - water["y"]}
-                residual["opposite_courses"] = {**by_speed, **water}
+    speeds = None
+    if observed.over_ground and swing.has_speed:
+        speeds = adjustment.mean_by_point(observed.speed_kn, observed.course_deg, observed.recorded_deg)
+    marks = [(c, float(angles.difference(t - declination, c))) for c, t in swing.marks]
     return {
-        "cardinal": _to_json(principal),
-        "pseudo_deviation_deg": _to_json(psi),
-        "cardinal_bound_deg": float(adjustment.error_bound_deg(ratio)),
+        "cardinal": principal,
+        "pseudo_deviation_deg": psi,
+        "cardinal_bound_deg": adjustment.error_bound_deg(ratio),
         "drift_ratio": ratio,
-        "residual_b_c": residual or None,
+        "residual_b_c": adjustment.residual_b_and_c(principal, marks, ratio, speeds) or None,
         "pseudo_minus_true": minus_true,
         "speed_kn": speed,
     }
 
 
-def _to_json(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert numbers for JSON, non-finite ones to None."""
-    return {
-        key: _to_json(x) if isinstance(x, Mapping) else (float(x) if np.isfinite(x) else None)
-        for key, x in content.items()
-    }
-
-
-def _complete(made: Calibration, swing: Swing, series: SwingFit, exact: SwingFit) -> Calibration:
-    """Complete a calibration by the fits: coefficients, table, budget, verdict and magnets."""
-    observed, principal = swing.observed, made.details["cardinal"]
+def _certificate(
+    details: Mapping[str, Any], swing: Swing, series: SwingFit, exact: SwingFit, drift: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """Make table, uncertainty budget and details: drift and delay, verdict, magnets and their adjustment."""
+    observed, principal, options = swing.observed, details["cardinal"], swing.options
     coefficients, covariance = series.parameters[SERIES], series.covariance[SERIES, SERIES]
-    table = adjustment.deviation_table(coefficients, covariance, swing.options.table_step_deg)
+    table = adjustment.deviation_table(coefficients, covariance, options.table_step_deg)
     lag_s = [observed.delay_s + float(series.parameters[LAG]), float(np.sqrt(series.covariance[LAG, LAG]))]
-    drift = model.separate_drift(swing, series) if observed.over_ground else None
     without_water = None  # B, C, D and E corrected for set and drift, MM (36), (40) to (42)
-    if drift and drift["separable"] and None not in (principal[k] for k in ("B_bar", "C_bar", "D", "E")):
+    if drift and drift["separable"] and np.isfinite([principal[k] for k in ("B_bar", "C_bar", "D", "E")]).all():
         water = adjustment.set_and_drift_terms(drift["drift_ratio"], drift["set_deg"] - swing.declination_deg)
         without_water = {"B": principal["B_bar"] + water["x"], "C": principal["C_bar"] - water["y"]}
         without_water |= {"D": principal["D"] - water["D"], "E": principal["E"] + water["E"]}
@@ -188,53 +178,30 @@ def _complete(made: Calibration, swing: Swing, series: SwingFit, exact: SwingFit
             f"The {late} are late by {abs(lag_s[0]):.1f} ± {1.96 * lag_s[1]:.1f} s (95 %). They are paired with the "
             f"{other} of then, and turns are kept: the mean misfit is {left:.1f}° instead of {without:.1f}°."
         )
-        misfit = {"without": without, "with": left}
-        delay = {"applied_s": observed.delay_s, "misfit_deg": misfit, "text": text}
-    planned, steps = (
-        adjustment.plan_magnets(coefficients, swing.options.table_step_deg),
-        adjustment.adjust(coefficients),
-    )
+        delay = {"applied_s": observed.delay_s, "misfit_deg": {"without": without, "with": left}, "text": text}
+    magnets, steps = adjustment.plan_magnets(coefficients, table.heading_deg), adjustment.adjust(coefficients)
     correctors: dict[str, Any] = {"steps": steps}
-    if planned["largest_deg"]["none"] > adjustment.LIMIT_DEG:
+    if magnets["largest_deg"]["none"] > adjustment.LIMIT_DEG:
         correctors["text"] = " ".join(step["text"] for step in steps)
     # Uncertainty budget: rms of each source over the table's headings; the squares sum to the table's mean square.
     columns, squares = series_design(table.heading_deg), dict[tuple[str, str], float]()
     for key, part in series.parts.items():
         left_over = np.einsum("ij,jk,ik->i", columns, part[SERIES, SERIES], columns)
         squares[BUDGET[key]] = squares.get(BUDGET[key], 0.0) + float(np.mean(left_over))
-    return replace(
-        made,
-        coefficients=coefficients,
-        covariance=covariance,
-        exact=exact.parameters[SERIES],
-        exact_covariance=exact.covariance[SERIES, SERIES],
-        residual_rms_deg=angles.rms(series.residuals[COURSE]),
-        sources=tuple(Source(name, float(np.sqrt(x)), how) for (name, how), x in squares.items() if x > 1e-12),
-        table=table,
-        points=_points(swing, series),
-        details={
-            **made.details,
-            "drift": drift,
-            "cardinal_without_water": without_water,
-            "lag_s": lag_s if observed.timed else None,
-            "delay": delay,
-            "iso_25862": adjustment.verdict(table, swing.options.vessel_length_m, made.details["speed_kn"]),
-            "nullify": planned,
-            "correctors": correctors,
-            "directive_force": adjustment.directive_force(coefficients, table.heading_deg),
-            "n_effective": series.noises[COURSE].n_effective,
-            "exact_residual_rms_deg": angles.rms(exact.residuals[COURSE]),
-        },
-        warnings=(
-            *_constant_warnings(swing, series),
-            *(f"left out: {n} {why}" for why, n in observed.left_out.items()),
-            *observed.warnings,
-            *_heading_warnings(observed.recorded_deg),
-            *_water_warnings(swing, series, drift),
-            *_time_warnings(swing, series),
-            *_series_warnings(swing, series, exact),
-        ),
-    )
+    more = {
+        "drift": drift,
+        "cardinal_without_water": without_water,
+        "lag_s": lag_s if observed.timed else None,
+        "delay": delay,
+        "iso_25862": adjustment.verdict(table, options.vessel_length_m, details["speed_kn"]),
+        "nullify": magnets,
+        "correctors": correctors,
+        "directive_force": adjustment.directive_force(coefficients, table.heading_deg),
+        "n_effective": series.noises[COURSE].n_effective,
+        "exact_residual_rms_deg": angles.rms(exact.residuals[COURSE]),
+    }
+    sources = tuple(Source(name, float(np.sqrt(x)), how) for (name, how), x in squares.items() if x > 1e-12)
+    return {"table": table, "sources": sources, "details": {**details, **more}}
 
 
 def _points(swing: Swing, series: SwingFit | None) -> dict[str, Floats]:
@@ -277,14 +244,62 @@ def _refusal(swing: Swing) -> str:
     )
 
 
-# Conditions under which the curve holds.
+def _warnings(swing: Swing, series: SwingFit, exact: SwingFit, drift: Mapping[str, Any] | None) -> list[str]:
+    """List the conditions under which the curve holds: of headings, water, delay and size of the deviation.
+
+    If the only quadrantal course does not lie in the mark's quadrant, an error of D enters B and C (MM section 7.1, 4).
+    """
+    observed, declination, most_s = swing.observed, swing.declination_deg, swing.options.max_lag_s
+    n, distinct = len(observed), observations.distinct_headings(observed.recorded_deg)
+    gap, stated = observations.widest_gap(observed.recorded_deg), observed.variation_deg
+    water, widest = drift is not None, swing.widest_drift
+    psi = adjustment.pseudo_deviations(observed.course_deg, observed.recorded_deg)
+    steered = [point for point in adjustment.POINTS[1::2] if np.isfinite(psi[point])]
+    marked = {adjustment.POINTS[2 * int(angles.wrap360(compass) // 90.0) + 1] for compass, _ in swing.marks}
+    sigma, effective = np.sqrt(np.diag(series.covariance)), series.noises[COURSE].n_effective
+    columns = series_design(np.arange(0.0, 360.0, angles.SECTOR_DEG))
+    largest = float(np.max(np.abs(columns @ series.parameters[SERIES])))
+    left, by_exact = angles.rms(series.residuals[COURSE]), angles.rms(exact.residuals[COURSE])
+    conditions = {
+        f"{distinct} headings determine at most {distinct} coefficients, 5 of which are fitted"
+        f"{': sin 4 of the heading is not observable' if distinct == 8 else ''}; "
+        f"third and fourth harmonics cannot be tested. To test them, {REMEDY}": distinct < 16,
+        f"{n - distinct} of {n} observations repeat a heading and do not add to it": distinct < n < 100,
+        f"{gap:.0f}° of the circle hold no heading: the table is extrapolated there": gap > 100.0,
+        f"no speeds were logged: a drift up to {widest:.2f} of the ship's speed is assumed (drift_ratio)": (
+            water and not swing.has_speed
+        ),
+        str(drift and drift["text"]): drift and not drift["separable"],
+        f"the estimated drift exceeds the {widest:g} kn that are allowed: raise max_drift_kn if that is possible": (
+            water and swing.has_speed and set_and_drift(series.parameters)[1] > widest
+        ),
+        f"the mark lies in the quadrant of {', '.join(sorted(marked))} and D comes from {', '.join(steered)} "
+        "alone, so that an error of D by higher harmonics enters B and C: steer the quadrantal course of the "
+        "mark's quadrant, between the first two cardinal courses": (
+            water and len(steered) == 1 and not marked <= set(steered)
+        ),
+        f"the delay of the courses is the longest allowed, {most_s:g} s: raise max_lag_s if it may be longer": (
+            observed.delay_s and abs(observed.delay_s) >= most_s
+        ),
+        f"residuals are autocorrelated; effective sample size {effective:.0f} of {n}": (
+            observed.timed and effective < n / 2.0
+        ),
+        "the ship turned one way only, so that the delay of the course cannot be separated from A: swing to both "
+        "sides": observed.timed and abs(series.covariance[0, LAG]) / (sigma[0] * sigma[LAG]) > 0.7,
+        f"the log states a declination of {stated:+.1f}°, {declination:+.1f}° is used": (
+            np.isfinite(stated) and abs(float(angles.difference(stated, declination))) >= 0.5
+        ),
+        f"deviations up to {largest:.0f}° exceed the validity of the five-term series (about 20°): its residual is "
+        f"{left:.1f}° rms, that of the exact compass {by_exact:.1f}°": largest >= 20.0,
+    }
+    return [*_constant_warnings(swing, series), *applicable(conditions)]
 
 
-def _constant_warnings(swing: Swing, series: SwingFit, least_deg: float = 2.0) -> list[str]:
+def _constant_warnings(swing: Swing, series: SwingFit) -> list[str]:
     """Warn if A is close to -1 or -2 times the declination: north references or a sign are then probably confused."""
     constant, declination = float(series.parameters[0]), swing.declination_deg
     near = max(2.0 * float(np.sqrt(series.covariance[0, 0])), 0.5)
-    if min(abs(constant), abs(declination)) <= max(least_deg, near):
+    if min(abs(constant), abs(declination)) <= max(2.0, near):
         return []
     confused = {
         1.0: "the recorded headings are probably true already (HDG of some logs is), or the courses magnetic; if so, "
@@ -297,80 +312,3 @@ def _constant_warnings(swing: Swing, series: SwingFit, least_deg: float = 2.0) -
         for times, what in confused.items()
         if abs(float(angles.difference(constant, -times * declination))) < near
     ]
-
-
-def _heading_warnings(recorded_deg: Floats) -> list[str]:
-    distinct, n = observations.distinct_headings(recorded_deg), len(recorded_deg)
-    gap = observations.widest_gap(recorded_deg)
-    return applicable(
-        {
-            f"{distinct} headings determine at most {distinct} coefficients, 5 of which are fitted"
-            f"{': sin 4 of the heading is not observable' if distinct == 8 else ''}; "
-            f"third and fourth harmonics cannot be tested. To test them, {REMEDY}": distinct < 16,
-            f"{n - distinct} of {n} observations repeat a heading and do not add to it": distinct < n < 100,
-            f"{gap:.0f}° of the circle hold no heading: the table is extrapolated there": gap > 100.0,
-        }
-    )
-
-
-def _water_warnings(swing: Swing, series: SwingFit, drift: Mapping[str, Any] | None) -> list[str]:
-    """Warn of what the water may do to B and C.
-
-    If the only quadrantal course does not lie in the mark's quadrant, an error of D enters them (MM section 7.1, 4).
-    """
-    if drift is None:
-        return []
-    widest = swing.widest_drift
-    psi = adjustment.pseudo_deviations(swing.observed.course_deg, swing.observed.recorded_deg)
-    steered = [point for point in adjustment.POINTS[1::2] if np.isfinite(psi[point])]
-    marked = {adjustment.POINTS[2 * int(angles.wrap360(compass) // 90.0) + 1] for compass, _ in swing.marks}
-    return applicable(
-        {
-            f"no speeds were logged: a drift up to {widest:.2f} of the ship's speed is assumed (drift_ratio)": (
-                not swing.has_speed
-            ),
-            str(drift["text"]): not drift["separable"],
-            f"the estimated drift exceeds the {widest:g} kn that are allowed: raise max_drift_kn if that is possible": (
-                swing.has_speed and set_and_drift(series.parameters)[1] > widest
-            ),
-            f"the mark lies in the quadrant of {', '.join(sorted(marked))} and D comes from {', '.join(steered)} "
-            "alone, so that an error of D by higher harmonics enters B and C: steer the quadrantal course of the "
-            "mark's quadrant, between the first two cardinal courses": len(steered) == 1 and not marked <= set(steered),
-        }
-    )
-
-
-def _time_warnings(swing: Swing, series: SwingFit) -> list[str]:
-    observed, most = swing.observed, swing.options.max_lag_s
-    if not observed.timed:
-        return []
-    sigma, effective = np.sqrt(np.diag(series.covariance)), series.noises[COURSE].n_effective
-    return applicable(
-        {
-            f"the delay of the courses is the longest allowed, {most:g} s: raise max_lag_s if it may be longer": (
-                observed.delay_s and abs(observed.delay_s) >= most
-            ),
-            f"residuals are autocorrelated; effective sample size {effective:.0f} of {len(observed)}": (
-                effective < len(observed) / 2.0
-            ),
-            "the ship turned one way only, so that the delay of the course cannot be separated from A: swing to both "
-            "sides": abs(series.covariance[0, LAG]) / (sigma[0] * sigma[LAG]) > 0.7,
-        }
-    )
-
-
-def _series_warnings(swing: Swing, series: SwingFit, exact: SwingFit) -> list[str]:
-    """Warn of another declination in the log, and of deviations beyond the validity of the series (Le Menn)."""
-    stated, declination = swing.observed.variation_deg, swing.declination_deg
-    columns = series_design(np.arange(0.0, 360.0, angles.SECTOR_DEG))
-    largest = float(np.max(np.abs(columns @ series.parameters[SERIES])))
-    left, by_exact = angles.rms(series.residuals[COURSE]), angles.rms(exact.residuals[COURSE])
-    return applicable(
-        {
-            f"the log states a declination of {stated:+.1f}°, {declination:+.1f}° is used": (
-                np.isfinite(stated) and abs(float(angles.difference(stated, declination))) >= 0.5
-            ),
-            f"deviations up to {largest:.0f}° exceed the validity of the five-term series (about 20°): its residual is "
-            f"{left:.1f}° rms, that of the exact compass {by_exact:.1f}°": largest >= 20.0,
-        }
-    )

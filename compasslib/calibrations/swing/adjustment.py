@@ -7,7 +7,7 @@ across its heading, two references 60 to 120 degrees apart or speeds on opposite
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike
 
 from compasslib import angles
 from compasslib.calibrations.result import LETTERS, DeviationTable
-from compasslib.deviation.series import series_design
-from compasslib.errors import InputError
+from compasslib.deviation.series import series_design, series_deviation
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Floats
 
@@ -74,9 +73,9 @@ def principal_coefficients(psi: Mapping[str, float], declination_deg: float) -> 
     }
 
 
-def error_bound_deg(ratio: ArrayLike) -> Floats:
+def error_bound_deg(ratio: float) -> float:
     """Bound the error of D and E for a ratio of drift to ship's speed, MM (37), (43) and Table 1."""
-    return 0.5 / angles.DEGREE * np.asarray(ratio, dtype=float) ** 2
+    return 0.5 / angles.DEGREE * ratio**2
 
 
 def set_and_drift_terms(ratio: float, set_deg: float) -> dict[str, float]:
@@ -85,29 +84,46 @@ def set_and_drift_terms(ratio: float, set_deg: float) -> dict[str, float]:
     B = B bar + x, C = C bar - y, E = E bar + xy (its second-order term), D = D bar - (x2 - y2)/2. The ratio is that of
     drift to the ship's speed, d/S; the set is the magnetic direction towards which the water flows.
     """
-    sine, cosine = angles.sin_cos(set_deg)
-    sine2, cosine2 = angles.sin_cos(2.0 * set_deg)
-    first, second = ratio / angles.DEGREE, float(error_bound_deg(ratio))
+    (sine, cosine), (sine2, cosine2) = angles.sin_cos(set_deg), angles.sin_cos(2.0 * set_deg)
+    first, second = ratio / angles.DEGREE, error_bound_deg(ratio)
     terms = {"x": first * cosine, "y": first * sine, "E": second * sine2, "D": second * cosine2}
     return {name: float(value) for name, value in terms.items()}
 
 
+def residual_b_and_c(
+    principal: Mapping[str, Any],
+    marks: Sequence[tuple[float, float]],  # recorded heading and deviation
+    drift_ratio: float,  # largest; 0 where courses are not over ground
+    speed_kn: Mapping[str, float] | None,  # over ground, by point
+) -> dict[str, Any]:
+    """Correct B bar and C bar for the water by one mark, by two and by the speeds on opposite courses, where given."""
+    residual: dict[str, Any] = {}
+    if not np.isfinite([principal[k] for k in ("A", "D", "E", "B_bar", "C_bar")]).all():
+        return residual
+    bars = principal["B_bar"], principal["C_bar"]
+    if marks:
+        (compass_deg, deviation_deg), one = marks[0], residual_by_lushnikov(principal, bars, *marks[0])
+        residual["one_heading"] = {**one, "compass_deg": compass_deg, "deviation_deg": deviation_deg}
+    if len(marks) > 1:
+        residual["two_headings"] = residual_from_two_headings(principal, marks[0], marks[1])
+    if marks and drift_ratio and "B" not in residual.get("two_headings", {}):
+        residual["one_heading"]["drift"] = drift_in_one_heading(drift_ratio, sum(marks[0]))
+    if speed_kn and (water := drift_by_opposite_courses(speed_kn)):
+        residual["opposite_courses"] = {"B": bars[0] + water["x"], "C": bars[1] - water["y"], **water}
+    return residual
+
+
 def residual_from_two_headings(
     known: Mapping[str, float], first: tuple[float, float], second: tuple[float, float]
-) -> tuple[float, float]:
-    """Solve for residual B and C from known A, D, E and (course, deviation) on two headings (MM section 6).
-
-    Raises:
-        InputError: the headings are not 60 to 120 degrees apart.
-    """
+) -> dict[str, Any]:
+    """Solve for residual B and C from known A, D, E and (course, deviation) on two headings (MM section 6)."""
     apart = abs(float(angles.difference(first[0], second[0])))
     if not 60.0 <= apart <= 120.0:
-        expected, advice = "two headings 60 to 120 degrees apart", "steer for another mark"
-        raise InputError("visual", expected=expected, found=f"{apart:.0f} degrees", advice=advice)
+        return {"why": f"the two headings are {apart:.0f} degrees apart, 60 to 120 are needed: steer for another mark"}
     eta1, eta2 = (_semicircular_part(known, *each) for each in (first, second))
     (sine1, cosine1), (sine2, cosine2) = np.array([angles.sin_cos(each[0]) for each in (first, second)])
     across = float(angles.sin_cos(first[0] - second[0])[0])
-    return (eta1 * cosine2 - eta2 * cosine1) / across, (eta2 * sine1 - eta1 * sine2) / across
+    return {"B": (eta1 * cosine2 - eta2 * cosine1) / across, "C": (eta2 * sine1 - eta1 * sine2) / across}
 
 
 def residual_by_lushnikov(
@@ -150,15 +166,15 @@ def drift_in_one_heading(ratio: float, heading_deg: float) -> dict[str, Any]:
     }
 
 
-def drift_by_opposite_courses(speed_kn: Mapping[str, float], *, speed_scatter: float = 0.02) -> dict[str, float] | None:
+def drift_by_opposite_courses(speed_kn: Mapping[str, float]) -> dict[str, float] | None:
     """Compute x and y of (22) from speeds over ground on the four cardinal courses; None where one is missing.
 
-    The ship's speed through the water must be the same on opposite courses; a relative scatter is assumed.
+    The ship's speed through the water must be the same on opposite courses; a scatter of 2 % is assumed.
     """
     n, e, s, w = (speed_kn[point] for point in "NESW")
     if not np.isfinite([n, e, s, w]).all():
         return None
-    x, y, sigma = (n - s) / (n + s), (e - w) / (e + w), speed_scatter / np.sqrt(2.0)
+    x, y, sigma = (n - s) / (n + s), (e - w) / (e + w), 0.02 / np.sqrt(2.0)
     return {"x": x / angles.DEGREE, "y": y / angles.DEGREE, "sigma_deg": sigma / angles.DEGREE}
 
 
@@ -203,17 +219,14 @@ def verdict(table: DeviationTable, length_m: float | None, speed_kn: float | Non
     return {"verdict": word, "largest_deg": value, "on_deg": on, "conditions": conditions, "text": text}
 
 
-def plan_magnets(coefficients: Floats, step_deg: float) -> dict[str, Any]:
+def plan_magnets(coefficients: Floats, heading_deg: Floats) -> dict[str, Any]:
     """Plan magnets for B and C and tabulate the residual deviation of each choice (MM section 7.2, points 8 and 9)."""
-    size, remains = dict(zip(LETTERS, np.abs(coefficients), strict=True)), {}
+    remains, largest = {}, {}
     for choice, letters in {"none": "", "B": "B", "C": "C", "both": "BC"}.items():
-        remaining = coefficients * [letter not in letters for letter in LETTERS]
-        remains[choice] = deviation_table(remaining, np.zeros((5, 5)), step_deg).deviation_deg.tolist()
-    largest = {choice: float(np.max(np.abs(deviations))) for choice, deviations in remains.items()}
-    first, falls = (
-        max("BC", key=lambda letter: size[letter]),
-        f"the largest deviation falls from {largest['none']:.1f}°",
-    )
+        remaining = series_deviation(coefficients * [letter not in letters for letter in LETTERS], heading_deg)
+        remains[choice], largest[choice] = remaining.tolist(), float(np.max(np.abs(remaining)))
+    b, c = coefficients[1:3]
+    first, falls = "B" if abs(b) >= abs(c) else "C", f"the largest deviation falls from {largest['none']:.1f}°"
     if largest["none"] <= LIMIT_DEG:
         text = f"No deviation exceeds 4° (largest {largest['none']:.1f}°); nothing need be nullified."
     elif largest[first] <= LIMIT_DEG:
@@ -225,7 +238,7 @@ def plan_magnets(coefficients: Floats, step_deg: float) -> dict[str, Any]:
             f"With B and C nullified {largest['both']:.1f}° remain, more than 4°: soft iron near the compass; "
             "only another place for the compass, or soft-iron correctors, take it away."
         )
-    magnets = {letter: magnets_for(letter, float(coefficients[LETTERS.index(letter)])) for letter in "BC"}
+    magnets = {"B": magnets_for("B", float(b)), "C": magnets_for("C", float(c))}
     return {"magnets": magnets, "residual_table_deg": remains, "largest_deg": largest, "text": text}
 
 
@@ -236,19 +249,23 @@ def magnets_for(letter: str, value_deg: float) -> dict[str, Any]:
     of the red end: red ends forward cancel B, to starboard a positive C (Handbook of Magnetic Compass Adjustment).
     """
     if letter == "B":
-        courses, settle = (90.0 - value_deg, 270.0 + value_deg), (90.0, 270.0)
-        red = "forward" if value_deg > 0 else "aft"
+        courses, settle, ends = (90.0 - value_deg, 270.0 + value_deg), (90.0, 270.0), ("forward", "aft")
     else:
-        courses, settle = (-value_deg, 180.0 + value_deg), (0.0, 180.0)
-        red = "to starboard" if value_deg > 0 else "to port"
-    first, second = (float(x) for x in angles.wrap360(courses))
+        courses, settle, ends = (-value_deg, 180.0 + value_deg), (0.0, 180.0), ("to starboard", "to port")
+    red, (first, second) = ends[value_deg <= 0], (float(x) for x in angles.wrap360(courses))
     text = (
         f"To nullify {letter} ({value_deg:+.1f}°): steer {first:05.1f}° (or {second:05.1f}°) by compass, read the "
         f"course over ground, keep it by the receiver, and turn the {LIE[letter]} magnets, red ends {red}, until the "
         f"compass shows {settle[0]:03.0f}° (or {settle[1]:03.0f}°)."
     )
-    courses_deg = {"letter": letter, "lie": LIE[letter], "courses_deg": (first, second), "settle_deg": settle}
-    return courses_deg | {"red_towards": red, "text": text}
+    return {
+        "letter": letter,
+        "lie": LIE[letter],
+        "courses_deg": (first, second),
+        "settle_deg": settle,
+        "red_towards": red,
+        "text": text,
+    }
 
 
 def adjust(

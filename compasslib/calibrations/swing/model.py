@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -68,21 +68,19 @@ class SwingFit:
     noises: Mapping[str, SwingNoise]
 
 
-def solve(
-    blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats, *, rounds: int = 4, steps: int = 3
-) -> SwingFit:
+def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -> SwingFit:
     """Fit the parameters to all blocks by Gauss-Newton.
 
     The scatter of the first block is added in quadrature to the known ``sigma`` of others. Parameters have the prior
     ``mean`` and ``sigma``, (k,), the latter infinite for a parameter without a prior.
     """
     parameters, noises = start.astype(float), dict[str, SwingNoise]()
-    for _ in range(rounds):
+    for _ in range(4):
         before, noises = noises, {}
         for block in blocks:
             first = next(iter(noises.values())).sigma if noises else np.zeros(1)
             noises[block.name] = _estimate_noise(block, parameters, sigma, before.get(block.name), first)
-        for _ in range(steps):
+        for _ in range(3):
             prior = np.column_stack([np.diag(1.0 / sigma), (parameters - mean) / sigma])
             stacked = np.vstack([*(block.rows(parameters, noises[block.name]) for block in blocks), prior])
             parameters = parameters - np.linalg.lstsq(stacked[:, :-1], stacked[:, -1])[0]
@@ -105,8 +103,6 @@ def _estimate_noise(
     sigma: Floats,
     before: SwingNoise | None,  # noise of the round before
     first_sigma: Floats,  # scatter of the first block
-    *,
-    min_information: float = 2.0,
 ) -> SwingNoise:
     """Estimate the noise of one kind of observation."""
     residual, columns = block.observe(parameters)
@@ -117,7 +113,7 @@ def _estimate_noise(
     # Degrees of freedom of the fit: free parameters, and those that the data determine better than the prior.
     scaled, known = columns / size[:, None], np.isfinite(sigma)
     free, by_priors = span_basis(scaled[:, ~known]), scaled[:, known] * sigma[known]
-    beyond = span_basis(by_priors - free @ (free.T @ by_priors), least=min_information)
+    beyond = span_basis(by_priors - free @ (free.T @ by_priors), least=2.0)
     basis = span_basis(np.column_stack([free, beyond]) * size[:, None])
     noise, repeats = estimate_swing_noise(residual, basis, speed_kn=block.speed_kn, blocks=block.blocks), 1.0
     if block.groups is not None:  # errors common to the readings on one heading do not average out
@@ -144,31 +140,19 @@ class Prediction:
     facing_deg: Floats  # (n,) magnetic heading inferred from the reading
 
 
-Curve = Callable[[Floats, Floats, Floats], Prediction]  # coefficients, headings, readings, degrees
-
-
-def _series(coefficients: Floats, heading: Floats, recorded: Floats) -> Prediction:
-    columns = series_design(recorded)
-    fitted = recorded + columns @ coefficients
-    return Prediction(angles.difference(heading, fitted), -columns, np.ones(len(recorded)), fitted)
-
-
-def _exact(coefficients: Floats, heading: Floats, recorded: Floats) -> Prediction:
-    residual = angles.difference(compass.recorded_heading(coefficients, angles.wrap360(heading)), recorded)
-    root = compass.inverse(coefficients, recorded)[:, 0]
-    fitted = np.where(np.isfinite(root), root, heading)  # readings outside the compass's range have no root
-    return Prediction(residual, compass.gradient(coefficients, fitted).T, compass.slope(coefficients, fitted), fitted)
-
-
 @dataclass(frozen=True)
 class Swing:
-    """Observations of a swing with its options and the known inputs of the model."""
+    """Observations of a swing with the known inputs of the model, and their observation equations.
+
+    An equation maps the parameters to residuals (n,) and their derivatives (n, k).
+    """
 
     observed: Observations
     options: SwingOptions
     declination_deg: float
     declination_sigma_deg: float
     marks: tuple[tuple[float, float], ...] = ()  # (recorded, true) headings by a visual mark or the sun
+    exact: bool = False  # whether the compass is the exact model (dimensionless) or the series (degrees)
 
     @property
     def has_speed(self) -> bool:
@@ -185,17 +169,26 @@ class Swing:
         """Speed over ground (n,), knots; 1 where it is unknown."""
         return self.observed.speed_kn if self.has_speed else np.ones(len(self.observed))
 
-    def by_log(self, *, min_water_kn: float = 0.5) -> Bools:
-        """Flag samples with a logged speed through the water; none unless more than half have one."""
+    @cached_property
+    def logged(self) -> Bools:
+        """Samples with a logged speed through the water of more than half a knot; none unless most have one."""
         observed = self.observed
-        logged = np.nan_to_num(observed.water_speed_kn) > min_water_kn
+        logged = np.nan_to_num(observed.water_speed_kn) > 0.5
         return logged & (observed.over_ground and self.has_speed and len(observed) > 0 and logged.mean() > 0.5)
+
+    @cached_property
+    def since(self) -> Floats:
+        """Time scaled to -1/2 to 1/2 over the swing, (n,); 0 if any time is unknown."""
+        time_s = self.observed.time_s
+        if not np.isfinite(time_s).all():
+            return np.zeros(time_s.shape)
+        first, last = time_s.min(), time_s.max()
+        return (time_s - (first + last) / 2.0) / max(last - first, 1.0)
 
     def drift(self, parameters: Floats) -> tuple[Floats, Floats]:
         """Compute the water's velocity at each observation, true east and north, knots."""
-        since = observations.since_middle(self.observed.time_s)
-        east = parameters[EAST] + parameters[EAST_CHANGE] * since
-        return east, parameters[NORTH] + parameters[NORTH_CHANGE] * since
+        east = parameters[EAST] + parameters[EAST_CHANGE] * self.since
+        return east, parameters[NORTH] + parameters[NORTH_CHANGE] * self.since
 
     def through_water(self, parameters: Floats) -> tuple[Floats, Floats]:
         """Compute the ship's velocity through the water, true east and north, knots."""
@@ -207,36 +200,108 @@ class Swing:
         turn_deg_s = self.observed.steady_turn_deg_s
         return self.declination_deg + parameters[DECLINATION] - parameters[LAG] * turn_deg_s
 
+    def predict(self, coefficients: Floats, heading: Floats, recorded: Floats) -> Prediction:
+        """Compare readings with those of the compass at headings, (n,) degrees each."""
+        if not self.exact:
+            columns = series_design(recorded)
+            fitted = recorded + columns @ coefficients
+            return Prediction(angles.difference(heading, fitted), -columns, np.ones(len(recorded)), fitted)
+        residual = angles.difference(compass.recorded_heading(coefficients, angles.wrap360(heading)), recorded)
+        root = compass.inverse(coefficients, recorded)[:, 0]
+        fitted = np.where(np.isfinite(root), root, heading)  # readings outside the compass's range have no root
+        by_compass, slope = compass.gradient(coefficients, fitted).T, compass.slope(coefficients, fitted)
+        return Prediction(residual, by_compass, slope, fitted)
 
-def fit_swing(swing: Swing, *, exact: bool = False, start: Floats | None = None) -> SwingFit:
-    """Fit drift, course delay and the compass, as the exact model (dimensionless) or as the series (degrees)."""
+    def by_courses(self, parameters: Floats) -> tuple[Floats, Floats]:
+        """Compute the residuals of the compass against the courses, degrees."""
+        observed, offset = self.observed, self.offset(parameters)
+        heading: Floats = observed.course_deg - offset
+        slopes: Floats = np.zeros((len(observed), SIZE))
+        predicted = self.predict(parameters[SERIES], heading, observed.settled_deg)
+        if observed.over_ground:
+            alike = predicted.by_compass / predicted.by_heading[:, None]
+            aside, slopes = self._drift_angle(parameters, predicted.facing_deg + offset, alike)
+            heading, slopes = heading - aside, -slopes
+        slopes[:, DECLINATION], slopes[:, LAG] = -1.0, observed.steady_turn_deg_s
+        slopes *= predicted.by_heading[:, None]
+        slopes[:, SERIES] = predicted.by_compass
+        unsettled = angles.difference(observed.recorded_deg, observed.settled_deg)
+        residual = self.predict(parameters[SERIES], heading, observed.settled_deg).residual_deg
+        return angles.difference(residual, unsettled), slopes
+
+    def _drift_angle(self, parameters: Floats, facing_deg: Floats, by_compass: Floats) -> tuple[Floats, Floats]:
+        """Compute the drift angle of the courses, (n,) degrees, and its derivatives by the parameters, (n, k).
+
+        Linearised at the fitted B and C, which absorb part of the drift, it includes the second-order effect of the
+        drift on A, D and E (MM (37), (43)). Only varying speeds may separate the drift from B and C. At a constant
+        speed, the drift angle differs from a deviation only in higher harmonics of the heading; since compasses may
+        have these too, they are projected out of the derivatives.
+        """
+        (sine, cosine), (east, north) = angles.sin_cos(facing_deg), self.drift(parameters)
+        # Noise of speeds, and of the compass through the heading, would look like varying speeds: both are smoothed.
+        along, beside, over_ground = (
+            observations.moving_average(x, self.observed.time_s, 60.0)
+            for x in (east * sine + north * cosine, east * cosine - north * sine, self.speed_kn)
+        )
+        least = np.maximum(0.3 * over_ground, 1e-3)  # where the drift is faster than the ship
+        speed = np.maximum(np.sqrt(np.maximum(over_ground**2 - beside**2, 0.0)) - along, least)  # through the water
+        east, north = speed * sine + east, speed * cosine + north
+        square = np.maximum(east**2 + north**2, (0.3 * speed) ** 2)
+        across = np.stack([north, -east], axis=-1) / square[:, None] / angles.DEGREE  # by the drift's east and north
+        higher = np.column_stack([np.stack(angles.sin_cos(order * facing_deg), axis=-1) for order in HARMONICS])
+        higher = higher - by_compass @ np.linalg.lstsq(by_compass, higher, rcond=1e-9)[0]
+        # On five headings only rounding errors remain of the higher harmonics.
+        basis, slopes = span_basis(higher, least=1e-6), np.zeros((len(speed), SIZE))
+        slopes[:, DRIFT] = across - basis @ (basis.T @ across)
+        slopes[:, CHANGES] = across * self.since[:, None]
+        return angles.difference(angles.direction(east, north), facing_deg), slopes
+
+    def by_marks(self, parameters: Floats) -> tuple[Floats, Floats]:
+        """Compute the residuals of the compass against the marks, degrees."""
+        recorded, true = np.transpose(self.marks)
+        predicted = self.predict(parameters[SERIES], true - self.declination_deg - parameters[DECLINATION], recorded)
+        slopes = np.zeros((len(recorded), SIZE))
+        slopes[:, SERIES], slopes[:, DECLINATION] = predicted.by_compass, -predicted.by_heading
+        return predicted.residual_deg, slopes
+
+    def by_log(self, parameters: Floats) -> tuple[Floats, Floats]:
+        """Compute the speed through the water minus the scaled speed of the ship's log, knots."""
+        east, north = self.through_water(parameters)
+        through = np.maximum(np.hypot(east, north), 1e-3)
+        logged = np.where(self.logged, self.observed.water_speed_kn, 0.0)
+        slopes = np.zeros((len(self.observed), SIZE))
+        slopes[:, EAST], slopes[:, NORTH], slopes[:, LOG] = -east / through, -north / through, -logged
+        slopes[:, CHANGES] = slopes[:, DRIFT] * self.since[:, None]
+        return (through - parameters[LOG] * logged) * self.logged, slopes * self.logged[:, None]
+
+
+def fit_swing(swing: Swing, start: Floats | None = None) -> SwingFit:
+    """Fit drift, course delay and the compass."""
     observed, mean = swing.observed, np.zeros(SIZE)
     mean[LOG] = 1.0
     begin = mean.copy() if start is None else start.copy()
     if start is None:  # start A at the mean offset, lest readings of a misaligned compass be clipped
         off = angles.mean(observed.course_deg - observed.recorded_deg)
         begin[0] = angles.wrap180(off - swing.declination_deg)
-    if exact:  # start from magnetic headings: courses corrected for drift and delay
+    if swing.exact:  # start from magnetic headings: courses corrected for drift and delay
         through = angles.direction(*swing.through_water(begin)) if observed.over_ground else observed.course_deg
         w = angles.phasor(angles.wrap360(through - swing.offset(begin)))
         g, ones = np.conj(angles.phasor(observed.recorded_deg)), np.ones_like(w)
         # Linear in A to E: Im(e^{-i gamma} q) = 0 (physics page, section 3).
         columns = np.imag(g[:, None] * np.stack([-1j * w, ones, -1j * ones, np.conj(w), -1j * np.conj(w)], axis=-1))
         begin[SERIES] = np.linalg.lstsq(columns, -np.imag(g * w))[0]
-    in_time, groups, curve = None, None, _exact if exact else _series
+    in_time, groups = None, None
     if observed.timed:  # blocks of 20 s, numbered without the empty ones
         block = np.floor((observed.time_s - observed.time_s[0]) / observations.BLOCK_S)
         in_time = np.unique(block, return_inverse=True)[1]
     else:
         groups = observations.group_headings(observed.recorded_deg)
-    slow = observed.speed_kn if swing.has_speed and observed.over_ground else None
-    course = partial(_course, swing=swing, curve=curve)
-    blocks = [Block(COURSE, course, slow, in_time, groups=groups, prior_sigma=swing.options.course_sigma_deg)]
+    slow, scatter = observed.speed_kn if swing.has_speed and observed.over_ground else None, swing.options
+    blocks = [Block(COURSE, swing.by_courses, slow, in_time, groups=groups, prior_sigma=scatter.course_sigma_deg)]
     if swing.marks:
-        observe = partial(_mark, swing=swing, curve=curve)
-        blocks.append(Block(VISUAL, observe, sigma=swing.options.visual_sigma_deg))
-    if swing.by_log().any():
-        blocks.append(Block(WATER, partial(_water, swing=swing), blocks=in_time))
+        blocks.append(Block(VISUAL, swing.by_marks, sigma=scatter.visual_sigma_deg))
+    if swing.logged.any():
+        blocks.append(Block(WATER, swing.by_log, blocks=in_time))
     return solve(blocks, mean, prior_widths(swing), begin)
 
 
@@ -256,81 +321,9 @@ def prior_widths(swing: Swing) -> Floats:
         share = min(1.0, float(np.ptp(observed.time_s)) / (3.0 * HOUR_S))
         sigma[CHANGES] = np.maximum(sigma[DRIFT] * share, fixed_sigma)
         sigma[LAG] = max(swing.options.max_lag_s / 2.0, fixed_sigma)
-    if swing.by_log().any():
+    if swing.logged.any():
         sigma[LOG] = 0.1
     return sigma
-
-
-def _course(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Floats]:
-    observed, offset = swing.observed, swing.offset(parameters)
-    heading: Floats = observed.course_deg - offset
-    slopes: Floats = np.zeros((len(observed), SIZE))
-    predicted = curve(parameters[SERIES], heading, observed.settled_deg)
-    if observed.over_ground:
-        alike = predicted.by_compass / predicted.by_heading[:, None]
-        aside, slopes = _drift_angle(parameters, swing, predicted.facing_deg + offset, alike)
-        heading, slopes = heading - aside, -slopes
-    slopes[:, DECLINATION], slopes[:, LAG] = -1.0, observed.steady_turn_deg_s
-    slopes *= predicted.by_heading[:, None]
-    slopes[:, SERIES] = predicted.by_compass
-    unsettled = angles.difference(observed.recorded_deg, observed.settled_deg)
-    return angles.difference(curve(parameters[SERIES], heading, observed.settled_deg).residual_deg, unsettled), slopes
-
-
-def _drift_angle(
-    parameters: Floats,
-    swing: Swing,
-    facing_deg: Floats,
-    by_compass: Floats,
-    *,
-    smoothed_s: float = 60.0,  # window over which speeds are averaged
-    min_left: float = 1e-6,  # least norm of a harmonic of amplitude 1 after projecting out the compass terms
-    min_speed_share: float = 0.3,  # lower bound, relative to the speed, where the drift is faster than the ship
-) -> tuple[Floats, Floats]:
-    """Compute the drift angle of the courses, (n,) degrees, and its derivatives by the parameters, (n, k).
-
-    Linearised at the fitted B and C, which absorb part of the drift, it includes the second-order effect of the drift
-    on A, D and E (MM (37), (43)). Only varying speeds may separate the drift from B and C. At a constant speed, the
-    drift angle differs from a deviation only in higher harmonics of the heading; since compasses may have these too,
-    they are projected out of the derivatives.
-    """
-    (sine, cosine), (east, north), time_s = angles.sin_cos(facing_deg), swing.drift(parameters), swing.observed.time_s
-    # Noise of the speeds, and of the compass through the heading, would look like varying speeds: both are smoothed.
-    along, beside, over_ground = (
-        observations.moving_average(x, time_s, smoothed_s)
-        for x in (east * sine + north * cosine, east * cosine - north * sine, swing.speed_kn)
-    )
-    least = np.maximum(min_speed_share * over_ground, 1e-3)
-    speed = np.maximum(np.sqrt(np.maximum(over_ground**2 - beside**2, 0.0)) - along, least)  # through the water
-    east, north = speed * sine + east, speed * cosine + north
-    square = np.maximum(east**2 + north**2, (min_speed_share * speed) ** 2)
-    across = np.stack([north, -east], axis=-1) / square[:, None] / angles.DEGREE  # by the drift's east and north
-    higher = np.column_stack([np.stack(angles.sin_cos(order * facing_deg), axis=-1) for order in HARMONICS])
-    higher = higher - by_compass @ np.linalg.lstsq(by_compass, higher, rcond=1e-9)[0]
-    # On five headings only rounding errors remain of the higher harmonics.
-    basis, slopes = span_basis(higher, least=min_left), np.zeros((len(speed), SIZE))
-    slopes[:, DRIFT] = across - basis @ (basis.T @ across)
-    slopes[:, CHANGES] = across * observations.since_middle(time_s)[:, None]
-    return angles.difference(angles.direction(east, north), facing_deg), slopes
-
-
-def _mark(parameters: Floats, swing: Swing, curve: Curve) -> tuple[Floats, Floats]:
-    recorded, true = np.transpose(swing.marks)
-    predicted = curve(parameters[SERIES], true - swing.declination_deg - parameters[DECLINATION], recorded)
-    slopes = np.zeros((len(recorded), SIZE))
-    slopes[:, SERIES], slopes[:, DECLINATION] = predicted.by_compass, -predicted.by_heading
-    return predicted.residual_deg, slopes
-
-
-def _water(parameters: Floats, swing: Swing) -> tuple[Floats, Floats]:
-    """Compute the speed through the water minus the scaled speed of the ship's log, knots, and its derivatives."""
-    since, used = observations.since_middle(swing.observed.time_s), swing.by_log()
-    east, north = swing.through_water(parameters)
-    through, logged = np.maximum(np.hypot(east, north), 1e-3), np.where(used, swing.observed.water_speed_kn, 0.0)
-    slopes = np.zeros((len(swing.observed), SIZE))
-    slopes[:, EAST], slopes[:, NORTH], slopes[:, LOG] = -east / through, -north / through, -logged
-    slopes[:, CHANGES] = slopes[:, DRIFT] * since[:, None]
-    return (through - parameters[LOG] * logged) * used, slopes * used[:, None]
 
 
 def set_and_drift(parameters: Floats) -> tuple[float, float]:

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
+from compasslib.calibrations import read_columns
 from compasslib.calibrations.curves import count_sectors
-from compasslib.calibrations.tables import read_columns
 from compasslib.deviation.series import series_design
 from compasslib.effects.ship import FilteredCourse
 from compasslib.errors import InputError
 from compasslib.readers import nmea
+from compasslib.records import take
 from compasslib.types import Bools, Floats
 
 OPTIONAL = ("cog_deg", "true_deg", "speed_kn", "water_speed_kn", "time_utc")
@@ -80,22 +81,14 @@ class Observations:
         """Whether all observations have a time."""
         return bool(len(self) and np.isfinite(self.time_s).all())
 
-    def take(self, index: Bools | NDArray[np.intp]) -> Observations:
-        """Select observations by a mask or by indices, (n,)."""
-        return replace(self, **{f.name: getattr(self, f.name)[index] for f in fields(self) if f.type == "Floats"})
-
     def keep(self, good: Bools, why: str) -> Observations:
         """Select observations by a mask, (n,), and count the others by reason."""
         lost = {} if good.all() else {why: int((~good).sum())}
-        return replace(self.take(good), left_out={**self.left_out, **lost})
+        return replace(take(self, good), left_out={**self.left_out, **lost})
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observations:
-    """Read a swing from CSV tables or NMEA 0183 logs, excluding and counting slow fixes and fast turns.
-
-    Raises:
-        InputError: a file, a column or a value cannot be read.
-    """
+    """Read a swing from CSV tables or NMEA 0183 logs, excluding and counting slow fixes and fast turns."""
     options, log = SwingOptions.from_settings(settings), settings.get("format") == "nmea0183"
     columns, more = _read_logs(files, settings) if log else _read_tables(files, settings)
     empty, over_ground = np.full(columns["compass_deg"].shape, np.nan), "true_deg" not in columns
@@ -117,7 +110,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
         known = known.keep(known.speed_kn > options.min_speed_kn, f"not above {options.min_speed_kn:g} kn")
     if not known.timed:
         return known
-    known = known.take(np.argsort(known.time_s, kind="stable"))
+    known = take(known, np.argsort(known.time_s, kind="stable"))
     known = known.keep(~isolated_readings(known.time_s, known.recorded_deg), "unlike the readings before and after")
     steps = angles.difference(known.recorded_deg[1:], known.recorded_deg[:-1])
     turned = np.cumsum(np.append(known.recorded_deg[:1], steps))
@@ -165,34 +158,30 @@ def _read_tables(files: Sequence[str | Path], settings: Mapping[str, Any]) -> tu
     return wrapped, {"warnings": notes}
 
 
-def isolated_readings(time_s: Floats, recorded_deg: Floats, *, readings: int = 3, alike_deg: float = 40.0) -> Bools:
-    """Flag readings of a dense log that agree with less than half of their neighbours, such as dropouts logged as 0."""
+def isolated_readings(time_s: Floats, recorded_deg: Floats) -> Bools:
+    """Flag readings of a dense log that agree, within 40 degrees, with less than half of their three neighbours a side.
+
+    Such readings are dropouts logged as 0.
+    """
     n, agree, near = len(time_s), np.zeros(len(time_s)), np.zeros(len(time_s))
-    for k in range(1, min(readings, n - 1) + 1):
+    for k in range(1, min(3, n - 1) + 1):
         close = time_s[k:] - time_s[:-k] <= TURN_WINDOW_S / 2.0
-        alike = close & (np.abs(angles.difference(recorded_deg[k:], recorded_deg[:-k])) <= alike_deg)
+        alike = close & (np.abs(angles.difference(recorded_deg[k:], recorded_deg[:-k])) <= 40.0)
         for part in (slice(k, n), slice(0, n - k)):
             near[part] += close
             agree[part] += alike
-    return (near > readings) & (agree < near / 2.0)
+    return (near > 3) & (agree < near / 2.0)
 
 
-def _with_delay(
-    known: Observations,
-    turned_deg: Floats,
-    max_lag_s: float,
-    *,
-    min_lasted_s: float = 480.0,
-    max_left: float = 0.7,
-) -> Observations:
-    """Pair each course of a log with a delayed reading, if that reduces the misfit enough (``max_left``).
+def _with_delay(known: Observations, turned_deg: Floats, max_lag_s: float) -> Observations:
+    """Pair each course of a log of at least eight minutes with a delayed reading, if that reduces the misfit by 30 %.
 
     Turns, which reveal a delay, then need not be excluded. The misfit is the mean absolute 20 s average of residuals
     about a series in the recorded heading: it is robust to outliers, the series absorbs a steady drift to first order,
     and averaging the noise by filtering the readings brings no advantage. ``turned_deg`` are unwrapped readings, (n,).
     """
     time_s = known.time_s
-    if len(known) < 2 or np.ptp(time_s) < min_lasted_s or np.median(np.diff(time_s)) > APART_S:
+    if len(known) < 2 or np.ptp(time_s) < 480.0 or np.median(np.diff(time_s)) > APART_S:
         return known
     seconds = np.arange(time_s[0], time_s[-1] + 1.0)
     turned = np.interp(seconds, time_s, turned_deg)
@@ -214,7 +203,7 @@ def _with_delay(
     forms = [(delay, False) for delay in delays] + [(delay, True) for delay in delays if delay > 0.0]
     misfits = [misfit(*form) for form in forms]
     (delay, filtered), left, without = forms[int(np.argmin(misfits))], min(misfits), misfit(0.0, False)
-    if left > max_left * without:
+    if left > 0.7 * without:
         return known
     recorded, on = paired(delay, filtered)
     return replace(
@@ -267,20 +256,12 @@ def rate_and_heading(time_s: Floats, turned_deg: Floats, slow: Bools) -> tuple[F
     return rate, mean
 
 
-def since_middle(time_s: Floats) -> Floats:
-    """Scale time to -1/2 to 1/2 over the swing, (n,); 0 if any time is unknown."""
-    if not np.isfinite(time_s).all():
-        return np.zeros(time_s.shape)
-    first, last = time_s.min(), time_s.max()
-    return (time_s - (first + last) / 2.0) / max(last - first, 1.0)
-
-
-def group_headings(recorded_deg: Floats, *, heading_gap_deg: float = 2.0) -> NDArray[np.int_]:
-    """Assign observations to numbered headings, (n,): repeats, closer than the gap, share a number."""
+def group_headings(recorded_deg: Floats) -> NDArray[np.int_]:
+    """Assign observations to numbered headings, (n,): repeats, at most 2 degrees apart, share a number."""
     order = np.argsort(recorded_deg, kind="stable")
     groups = np.empty(len(order), dtype=int)
-    groups[order] = np.cumsum(np.append(0.0, np.diff(recorded_deg[order])) > heading_gap_deg)
-    if len(order) and recorded_deg[order[0]] + 360.0 - recorded_deg[order[-1]] <= heading_gap_deg:
+    groups[order] = np.cumsum(np.append(0.0, np.diff(recorded_deg[order])) > 2.0)
+    if len(order) and recorded_deg[order[0]] + 360.0 - recorded_deg[order[-1]] <= 2.0:
         groups[groups == groups.max()] = 0
     return groups
 

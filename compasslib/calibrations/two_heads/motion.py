@@ -56,6 +56,11 @@ class Motion:
     lean: Complexes  # downward vector in the body, forward + i starboard: the sines of the tilts
 
     @property
+    def middle_s(self) -> float:
+        """Middle of the record."""
+        return float(self.time_s[0] + self.time_s[-1]) / 2.0
+
+    @property
     def recorded_deg(self) -> Floats:
         """Recorded heading, [0, 360)."""
         return angles.wrap360(self.heading_deg)
@@ -66,20 +71,12 @@ class Motion:
         return GapSpline(self.time_s, self.heading_deg)
 
     @cached_property
-    def turn_rate(self) -> GapSpline:
-        """Spline of the rate of turn between samples, degrees per second."""
-        return self._rate(self.heading_deg)
-
-    @cached_property
-    def lean_rate(self) -> GapSpline:
-        """Spline of the rate of tilt between samples, degrees per second."""
-        return self._rate(self.lean / angles.DEGREE)
-
-    def _rate(self, values: NDArray) -> GapSpline:
-        interval = np.diff(self.time_s)
+    def rates(self) -> tuple[GapSpline, GapSpline]:
+        """Splines of the rates of tilt and of turn between samples, degrees per second."""
+        interval, middle = np.diff(self.time_s), (self.time_s[1:] + self.time_s[:-1]) / 2.0
         near = interval <= GAP_STEPS * step(self.time_s)
-        middle = (self.time_s[1:] + self.time_s[:-1]) / 2.0
-        return GapSpline(middle[near], (np.diff(values) / interval)[near])
+        tilt, turn = (np.diff(x) / interval for x in (self.lean / angles.DEGREE, self.heading_deg))
+        return GapSpline(middle[near], tilt[near]), GapSpline(middle[near], turn[near])
 
 
 @dataclass(frozen=True)
@@ -117,6 +114,11 @@ class ClockDifference:
         drift = self.drift_s_per_day / DAY_S if self.drift_applied else 0.0
         return time_s - self.offset_s - drift * (time_s - self.middle_s)
 
+    def to_json(self) -> dict[str, Any]:
+        """Describe the difference for calibration.json."""
+        hidden = ("middle_s", "determined", "warnings")
+        return {name: x for name, x in vars(self).items() if name not in hidden} | {"found": self.determined}
+
     def heading_error_deg(self, rate_deg_s: Floats) -> Floats:
         """Compute the error of heading differences due to one standard deviation of the offset, (n,) degrees."""
         return rate_deg_s * (self.sigma_s if np.isfinite(self.sigma_s) else 0.0)
@@ -127,19 +129,32 @@ def step(time_s: Floats) -> float:
     return float(np.median(np.diff(time_s)))
 
 
-def extract_motion(record: Record, start_s: float | None = None, end_s: float | None = None) -> Motion:
+def extract_motion(record: Record, start_s: float = -np.inf, end_s: float = np.inf) -> Motion:
     """Select the usable part of a record: finite headings and tilts, in order of time, upright, inside a window."""
     tilts = np.abs(record.pitch_deg) + np.abs(record.roll_deg)
     with np.errstate(invalid="ignore"):
         upright = tilts < 45.0  # larger tilts occur on deck or after a fall
     usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD) & upright
-    usable &= record.time_s >= (-np.inf if start_s is None else start_s)
-    usable &= record.time_s <= (np.inf if end_s is None else end_s)
+    usable &= (record.time_s >= start_s) & (record.time_s <= end_s)
     time_s, first = np.unique(record.time_s[usable], return_index=True)
     index = np.flatnonzero(usable)[first]
     heading = record.heading_deg[index]
     turned = np.concatenate([heading[:1], angles.difference(heading[1:], heading[:-1])])
     return Motion(time_s, np.cumsum(turned), lean(record.pitch_deg[index], record.roll_deg[index]))
+
+
+def overlap_in_time(a: Motion, b: Motion, max_offset_s: float) -> bool:
+    """Return whether two heads measured at the same time, for a largest clock offset in seconds."""
+    return bool(max(a.time_s[0], b.time_s[0] - max_offset_s) < min(a.time_s[-1], b.time_s[-1] + max_offset_s))
+
+
+def pair_samples(a: Motion, b: Motion, clock: ClockDifference) -> PairedHeads:
+    """Interpolate a to the times of b, converted to a's clock."""
+    at = clock.by_a(b.time_s)
+    heading, lean, rate = a.heading.at(at), GapSpline(a.time_s, a.lean).at(at), a.heading.at(at, 1)
+    known = np.isfinite(heading) & np.isfinite(lean)
+    recorded = angles.wrap360(heading[known])
+    return PairedHeads(b.time_s[known], recorded, b.recorded_deg[known], lean[known], b.lean[known], rate[known])
 
 
 def lean(pitch_deg: Floats, roll_deg: Floats) -> Complexes:
@@ -163,40 +178,30 @@ def tilt_angles(lean: Complexes) -> tuple[Floats, Floats]:
     return pitch, angles.wrap180(angles.direction(y, z))
 
 
-def estimate_clock_offset(
-    a: Motion,
-    b: Motion,
-    max_offset_s: float,
-    *,
-    min_correlation: float = 0.3,  # of rates by which clocks can be compared; 5 / sqrt(n) for short records
-    disagree_sigmas: float = 4.0,
-    disagree_s: float = 0.02,
-    drift_sigmas: float = 3.0,  # less significant drifts are reported but not applied
-) -> ClockDifference:
-    """Estimate the offset of b's clock from a's, with drift; not ``determined`` if the motions are uncorrelated."""
-    needed = max(min_correlation, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
-    lag, tilts, headings = _lattice_peak(a, b, max_offset_s)
-    middle = float(b.time_s[0] + b.time_s[-1]) / 2.0
-    used = [(a.lean_rate, b.lean_rate)] if tilts >= needed else []
-    used += [(a.turn_rate, b.turn_rate)] if headings >= needed else []
-    if not used:
+def estimate_clock_offset(a: Motion, b: Motion, max_offset_s: float) -> ClockDifference:
+    """Estimate the offset of b's clock from a's, with drift; not ``determined`` if the motions are uncorrelated.
+
+    Drifts of less than three standard deviations are reported but not applied.
+    """
+    needed = max(0.3, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
+    lag, correlations = _lattice_peak(a, b, max_offset_s)
+    middle, pairs = b.middle_s, list(zip(a.rates, b.rates, strict=True))
+    alone = {k: _solve_lag(pairs[k], np.array([lag]), middle) for k in (0, 1) if correlations[k] >= needed}
+    if not alone:
         warning = "tilts and headings of the two heads hardly change together: the clocks are used uncorrected"
         return ClockDifference(middle_s=middle, warnings=(warning,))
-    alone = [_offset(*_solve_lag(rates, np.array([lag]), middle)) for rates in used]
-    by_tilts = alone[0] if tilts >= needed else UNKNOWN
-    by_headings = alone[-1] if headings >= needed else UNKNOWN
-    warnings: tuple[str, ...] = ()
-    apart = abs(by_tilts[0] - by_headings[0])
-    if apart > disagree_s and apart > disagree_sigmas * float(np.hypot(by_tilts[1], by_headings[1])):
-        used = used[:1]
+    by_tilts, by_headings = (_offset(*alone[k]) if k in alone else UNKNOWN for k in (0, 1))
+    used, apart, warnings = [*alone], abs(by_tilts[0] - by_headings[0]), tuple[str, ...]()
+    if apart > 0.02 and apart > 4.0 * float(np.hypot(by_tilts[1], by_headings[1])):
+        used = [0]
         warnings = (
             f"b's clock differs from a's by {by_tilts[0]:+.3f} s according to the tilts and by {by_headings[0]:+.3f} s "
             "according to the headings: one compass lags behind its tilt sensors; the tilts are used",
         )
-    value, covariance = _weighted_mean([_solve_lag(rates, np.array([lag]), middle) for rates in used])
-    both, both_covariance = _weighted_mean([_solve_lag(rates, np.array([value[0], 0.0]), middle) for rates in used])
+    value, covariance = _weighted_mean([alone[k] for k in used])
+    both, both_covariance = _weighted_mean([_solve_lag(pairs[k], np.array([value[0], 0.0]), middle) for k in used])
     drift, sigma = float(both[1]), float(np.sqrt(both_covariance[1, 1]))
-    applied = abs(drift) > drift_sigmas * sigma and abs(drift) * float(np.ptp(b.time_s)) > RESOLUTION_S
+    applied = abs(drift) > 3.0 * sigma and abs(drift) * float(np.ptp(b.time_s)) > RESOLUTION_S
     offset_s, sigma_s = _offset(both, both_covariance) if applied else _offset(value, covariance)
     return ClockDifference(
         offset_s=offset_s,
@@ -224,7 +229,7 @@ def _weighted_mean(solutions: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, 
     return np.asarray(whole @ np.sum(parts, axis=0)), np.asarray(whole)
 
 
-def _lattice_peak(a: Motion, b: Motion, max_offset_s: float) -> tuple[float, float, float]:
+def _lattice_peak(a: Motion, b: Motion, max_offset_s: float) -> tuple[float, tuple[float, float]]:
     """Find the lag at which the rates of tilts and headings correlate best, and both correlations there.
 
     If the tilts alone correlate clearly better at another lag, that lag is used, because a compass may be delayed.
@@ -232,7 +237,7 @@ def _lattice_peak(a: Motion, b: Motion, max_offset_s: float) -> tuple[float, flo
     lattice = min(step(a.time_s), step(b.time_s))
     end = max(a.time_s[-1], b.time_s[-1])
     grid = np.arange(min(a.time_s[0], b.time_s[0]), end + lattice, lattice)
-    tilts, headings = (_correlations(*pair, grid) for pair in ((a.lean_rate, b.lean_rate), (a.turn_rate, b.turn_rate)))
+    tilts, headings = (_correlations(*pair, grid) for pair in zip(a.rates, b.rates, strict=True))
     place = np.arange(len(grid))
     lags = lattice * np.where(place > len(grid) // 2, place - len(grid), place)
     reachable = np.abs(lags) <= max(max_offset_s, lattice / 2.0)
@@ -241,17 +246,16 @@ def _lattice_peak(a: Motion, b: Motion, max_offset_s: float) -> tuple[float, flo
     gain = np.arctanh(min(tilts[by_tilts], 0.999)) - np.arctanh(min(tilts[best], 0.999))  # in Fisher's z
     if abs(lags[by_tilts] - lags[best]) > 1.5 * lattice and gain > 5.0 * np.sqrt(20.0 / len(b.time_s)):
         best = by_tilts
-    return float(lags[best]), float(tilts[best]), float(headings[best])
+    return float(lags[best]), (float(tilts[best]), float(headings[best]))
 
 
 def _correlations(first: GapSpline, second: GapSpline, grid: Floats) -> Floats:
     """Compute the modulus of the correlation of two rates on a grid at each lag, in FFT order, zero-padded."""
-    there, size = [_interpolate_rate(rate, grid) for rate in (first, second)], len(grid)
-    whole = np.fft.ifft(np.conj(np.fft.fft(there[0], 2 * size)) * np.fft.fft(there[1], 2 * size))
-    half = size // 2 + 1
-    lags = np.concatenate([whole[:half], whole[2 * size - (size - half) :]])
-    scale = float(np.sqrt(np.sum(np.abs(there[0]) ** 2) * np.sum(np.abs(there[1]) ** 2)))
-    return np.abs(lags) / max(scale, 1e-300)
+    x, y = (_interpolate_rate(rate, grid) for rate in (first, second))
+    size, half = len(grid), len(grid) // 2 + 1
+    whole = np.fft.ifft(np.conj(np.fft.fft(x, 2 * size)) * np.fft.fft(y, 2 * size))
+    scale = float(np.sqrt(np.sum(np.abs(x) ** 2) * np.sum(np.abs(y) ** 2)))
+    return np.abs(np.concatenate([whole[:half], whole[size + half :]])) / max(scale, 1e-300)
 
 
 def _interpolate_rate(curve: GapSpline, grid: Floats) -> Complexes:

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.calibrations import declination as field_check
 from compasslib.calibrations import observatory
 from compasslib.calibrations.observatory import FieldComparison
 from compasslib.effects import Effect
@@ -70,8 +69,7 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
     series = iaga2002.read(files)
     if why := observatory.too_short_reason(series):
         return diagnosis.insufficient(why)
-    field = observatory.model_field(series, settings, str(files[0]))
-    field_check.check_field(series, observatory.station_place(series, settings))
+    field, _ = observatory.station_field(series, settings, str(files[0]))
     return diagnose_series(series, field, options or Options())
 
 
@@ -251,7 +249,7 @@ def _constant_finding(compared: FieldComparison, series: FieldSeries, field: Ear
     """Find a constant that is larger than the crustal field explains."""
     size, sigma, off = abs(compared.constant_deg), compared.constant_sigma_deg, compared.residual_deg
     strength = np.nanmedian(np.append(series.horizontal_nT, field.horizontal_nT))
-    most = float(np.arctan2(field_check.CRUST_NT, strength)) / angles.DEGREE
+    most = float(np.arctan2(observatory.CRUST_NT, strength)) / angles.DEGREE
     if size - 1.96 * sigma <= most:
         return None
     by_model = np.interp(compared.time_s, field.time_s, field.model_declination_deg)

@@ -62,12 +62,12 @@ def diagnose_log(log: Log, *, field: Mapping[str, float] | None, options: Option
     """Diagnose a log."""
     if len(log.raw) < magnetometer_log.MIN_READINGS:
         return diagnosis.insufficient(magnetometer_log.unusable_reason(log))
-    choice, why_not = ModelChoice(), ""  # the fitted ellipsoid, or why the readings do not show iron
+    choice: ModelChoice | str  # the fitted ellipsoid, or why the readings do not show iron
     if magnetometer_log.are_direction_cosines(log):
-        why_not = magnetometer_log.COSINES
-    elif not (why_not := magnetometer_log.unusable_reason(log)):
-        choice = ellipsoid.choose_model(log, log.raw)
-        why_not = "" if choice.fitted is not None else choice.why
+        choice = magnetometer_log.COSINES
+    else:
+        choice = magnetometer_log.unusable_reason(log) or ellipsoid.choose_model(log, log.raw)
+    why_not = choice if isinstance(choice, str) else ""
     axes, no_heading = _axes(log, choice)
     missing = {
         "hard_iron": why_not,
@@ -78,13 +78,13 @@ def diagnose_log(log: Log, *, field: Mapping[str, float] | None, options: Option
     not_testable = tuple((effect, why) for effect, why in missing.items() if why)
     if why_not and no_heading:
         return diagnosis.insufficient(f"{why_not.rstrip('.')}, and {no_heading}", not_testable)
-    parts = [] if why_not else [_compare_modulus(log, axes, choice, field)]
+    parts = [] if isinstance(choice, str) else [_compare_modulus(log, axes, choice, field)]
     parts += [] if no_heading else [_compare_heading(log, axes, field)]
     outcomes = [build_outcome(short_search.search_effects(part, options), options.min_effect_deg) for part in parts]
     return diagnosis.combine_outcomes(outcomes, options, not_testable=not_testable)
 
 
-def _axes(log: Log, choice: ModelChoice) -> tuple[Floats, str]:
+def _axes(log: Log, choice: ModelChoice | str) -> tuple[Floats, str]:
     """Orient the axes by the logged heading, or explain why it does not follow them.
 
     Since the logged heading may be corrected for strong iron, axes with the iron removed are tried as well.
@@ -94,8 +94,8 @@ def _axes(log: Log, choice: ModelChoice) -> tuple[Floats, str]:
     if angles.rms(angles.difference(log.heading_deg, float(angles.mean(log.heading_deg)))) < FEWEST_TURN_DEG:
         return np.eye(3), f"the logged heading varies by less than {FEWEST_TURN_DEG:.0f} degrees rms"
     tries = [magnetometer_log.search_axes(log)]
-    if choice.fitted is not None:
-        centre = choice.scale * choice.fitted.iron()[0][:3]
+    if isinstance(choice, ModelChoice):
+        centre = choice.scale * choice.fitted.iron[:3]
         tries.append(magnetometer_log.search_axes(replace(log, raw=log.raw - centre)))
     matrix, scatter, _ = min(tries, key=lambda candidate: candidate[1])
     if scatter > magnetometer_log.MAX_SCATTER_DEG:
@@ -166,13 +166,12 @@ def _tilted_instead(log: Log, choice: ModelChoice, body: Floats, field: Mapping[
 
     An unknown vertical field may have any strength.
     """
-    assert choice.fitted is not None
     if not choice.level or log.tilted:
         return ()
     vertical = abs(float(body[:, 2].mean())) if log.has_z else 0.0
     if not log.has_z and field is not None:
         vertical = choice.scale * abs(field["vertical_nT"]) / field["horizontal_nT"]
-    hard = choice.scale * float(np.hypot(*choice.fitted.iron()[0][:2]))
+    hard = choice.scale * float(np.hypot(*choice.fitted.iron[:2]))
     needed = float(np.arctan2(hard, max(vertical, 1e-12))) / angles.DEGREE
     return ("tilt_uncompensated",) if not vertical or needed < LEVEL_TILT_DEG else ()
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.calibrations import two_heads
-from compasslib.calibrations.two_heads import frame as frames
 from compasslib.calibrations.two_heads import motion
 from compasslib.calibrations.two_heads.motion import ClockDifference, Motion, PairedHeads
 from compasslib.effects.effect import Effect, turning_scene
@@ -23,7 +22,6 @@ from compasslib.effects.forward import COMPASS_STEPS
 from compasslib.effects.iron import HardIronStep, HardIronTrend, Heeling, LevelHardIron, LevelSoftIron
 from compasslib.effects.readout import CompassDelay
 from compasslib.effects.water import ClockDrift, ClockOffset
-from compasslib.errors import InputError
 from compasslib.inference import diagnosis, finding, short_findings, short_fit, short_search
 from compasslib.inference.comparison import Options, build_finding, equal_chances
 from compasslib.inference.diagnosis import Diagnosis
@@ -61,15 +59,12 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
     Raises:
         InputError: not two files, or one that cannot be read.
     """
-    if len(files) != two_heads.PAIR:
-        raise InputError("file", expected="two files", found=f"{len(files)}", advice="write file: [a.000, b.000]")
-    a, b = (two_heads.read_head(path, settings, k) for k, path in enumerate(files))
+    a, b = two_heads.read_heads(files, settings)
     farthest = float(two_heads.setting(settings, "max_clock_seconds", two_heads.MAX_CLOCK_OFFSET_S))
-    start, end = settings.get("start_s"), settings.get("end_s")
+    start, end = (two_heads.setting(settings, *edge) for edge in (("start_s", -np.inf), ("end_s", np.inf)))
     known = float(two_heads.setting(settings, "clock_offset_seconds", 0.0))
     reach = max(farthest, motion.DAY_S)
-    window = [None if edge is None else edge + known + way * reach for edge, way in ((start, -1.0), (end, 1.0))]
-    second = motion.extract_motion(b, *window)
+    second = motion.extract_motion(b, start + known - reach, end + known + reach)
     second = replace(second, time_s=second.time_s - known)
     first = motion.extract_motion(a, start, end)
     return diagnose_motion(first, second, farthest_s=farthest, field=settings.get("field"), options=options)
@@ -110,13 +105,13 @@ def diagnose_motion(
 
 def _align(a: Motion, b: Motion, farthest_s: float) -> AlignedHeads:
     """Align both heads by their clocks, extending the search to a day if the headings remain unrelated."""
-    given = two_heads.pair_samples(a, b, two_heads.known_clock_offset(b, 0.0))
+    given = motion.pair_samples(a, b, ClockDifference())
     tried = []
     for reach_s in (farthest_s, motion.DAY_S):
         clock = ClockDifference()
-        if two_heads.overlap_in_time(a, b, reach_s):
+        if motion.overlap_in_time(a, b, reach_s):
             clock = motion.estimate_clock_offset(a, b, reach_s)
-        pairs = two_heads.pair_samples(a, b, clock)
+        pairs = motion.pair_samples(a, b, clock)
         tried.append(AlignedHeads(given, pairs, clock))
         if len(pairs) >= two_heads.MIN_SAMPLES and _scatter(pairs) <= two_heads.UNRELATED_DEG:
             return tried[-1]
@@ -131,7 +126,7 @@ def _scatter(pairs: PairedHeads) -> float:
 
 def _compare(aligned: AlignedHeads, a: Motion, field: Mapping[str, float] | None) -> ShortComparison:
     pairs = aligned.corrected
-    frame = frames.fit_frame(pairs.time_s, pairs.lean_a, pairs.lean_b)
+    frame = two_heads.fit_frame(pairs.time_s, pairs.lean_a, pairs.lean_b)
     offset = float(angles.mean(angles.difference(pairs.recorded_b, pairs.recorded_a)))
     samples = thin_indices(len(pairs))
     pitch, roll = (tilt[samples] for tilt in motion.tilt_angles(pairs.lean_b))
