@@ -80,7 +80,7 @@ def write(kind: str, ground: Ground, folder: Path) -> None:
     raw = folder / "raw/M"
     sealed.TOP = TOP  # with more bins than the default
     sealed.write(ground, effects, raw, export)
-    settings = draw._described(drawn, ground) | {"diagnose": {"enabled": False}, "product": {"daily": True}}
+    settings = draw.described(drawn, ground) | {"diagnose": {"enabled": False}, "product": {"daily": True}}
     if kind == "profiler":
         settings["instruments"]["deep"] = write_profiles(ground, wrong, raw / "deep.csv")
     (folder / "config/moorings").mkdir(parents=True)

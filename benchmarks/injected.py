@@ -1,7 +1,7 @@
 """Score of the search for unmodelled effects on real currents: bins of three records, with a simulated compass.
 
     python benchmarks/injected.py 210 1 --kind null --rows ROWS     210 recordings without an effect, by seed 1
-    python benchmarks/injected.py 60 1 --record papa                every kind of one record
+    python benchmarks/injected.py 60 1                              every kind
 
 The bins of one profile share their compass: they differ by the water only, and any finding on a compass is false. One
 bin is the reference, turned by the errors of a compass of its own; the headings of those beyond a gap are re-read by a
@@ -84,16 +84,11 @@ def file_of(record: str) -> Path:
 
 
 @cache
-def profile(record: str):
-    return water.profile(record)
-
-
-@cache
 def whole(record: str, depth: int, gap: int) -> Seen:
     """Compute pairs of one bin with those beyond a gap of ``gap`` cells; of a point meter with neighbours in time."""
     if record == LEFT_OUT:
         return stood_in()
-    own = profile(record)
+    own = water.profile(record)
     trusted, top = water.as_trusted(own, depth), water.bins_of(own, slice(depth + gap, None))
     field = EarthField(own.time_s[[0, -1]], *np.zeros((4, 2)))
     rules = [PairRules(max_metres=1000.0, predict=predict) for predict in (True, False)]
@@ -228,10 +223,10 @@ def published(drawn: sea.Drawn, own: Seen) -> float:
     return bench.error(made.heading_deg, drawn)
 
 
-def measure(kind: str, index: int, seed: int, records: list[str], gap: int | None) -> dict:
+def measure(kind: str, index: int, seed: int, records: list[str]) -> dict:
     """Simulate and diagnose one recording and return its row of the score."""
     record, k = records[index % len(records)], index // len(records)
-    some = [one for one in cases(record) if gap in (None, one.gap) and (kind == "null" or one.logged == LOGGED[0])]
+    some = [one for one in cases(record) if kind == "null" or one.logged == LOGGED[0]]
     case = some[k % len(some)]
     own = seen(case)
     drawn, size = draw(case, own, kind, k, 100_000 * seed + 10_000 * KINDS.index(kind) + index)
@@ -313,16 +308,12 @@ def headings(table: targets.Report, kind: str, rows: list[dict]) -> None:
 
 
 def main() -> None:
-    parser = targets.parser(__doc__, 42, KINDS, rows=True)
-    parser.add_argument("--record", choices=tuple(GAPS), action="append")
-    parser.add_argument("--gap", type=int, help="cells between the trusted bin and the nearest of the others")
-    asked = parser.parse_args()
-    records = [name for name in asked.record or GAPS if file_of(name).exists() and asked.gap in (None, *GAPS[name])]
+    asked = targets.parser(__doc__, 42, KINDS, rows=True).parse_args()
+    records = [name for name in GAPS if file_of(name).exists()]
     if not records:
         print(f"not measured: there is no real record in {water.DATA} to inject into")
         return
-    measured = lambda *one: measure(*one, asked.seed, records, asked.gap)  # noqa: E731
-    rows = targets.resumed(asked, KINDS, measured, records=records, gap=asked.gap)
+    rows = targets.resumed(asked, KINDS, lambda *one: measure(*one, asked.seed, records), records=records)
     sys.exit(report(rows))
 
 

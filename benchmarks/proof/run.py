@@ -36,7 +36,6 @@ def main(given: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--second", action="store_true", help="the second world: internal waves, a leaning string, no real water"
     )
-    parser.add_argument("--kind", choices=sorted({*draw.MADE, *draw.REAL}), help="moorings of one kind only")
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--data", type=Path, default=runs.DATA, help="folder of recordings (../shared/data)")
     parser.add_argument("--records", type=Path, help="folder with descriptions of more real records")
@@ -69,7 +68,7 @@ def metadata(asked: argparse.Namespace) -> dict[str, Any]:
     return {
         "seed": asked.seed if by_hand else seal.seed(asked.frozen), "seed_of": origin,
         "count": asked.count, "real": real, "hours": asked.hours, "records": there, "second": asked.second,
-        "kind": asked.kind, "families": seal.families(), "commit": seal.commit(),
+        "families": seal.families(), "commit": seal.commit(),
     }  # fmt: skip
 
 
@@ -84,8 +83,9 @@ def draw_sealed(asked: argparse.Namespace, said: dict[str, Any], work: Path) -> 
     if begun.exists() and json.loads(begun.read_text()) != said:
         raise seal.Broken(f"{work} holds another proof: delete it, or name another --work")
     begun.write_text(json.dumps(said, indent=1) + "\n")
-    counts, options = (said["count"], said["real"]), {"second": said["second"], "kind": said["kind"]}
-    drawn = {one.name: one for one in draw.draw(said["seed"], counts, said["hours"], said["records"], **options)}
+    counts = (said["count"], said["real"])
+    made = draw.draw(said["seed"], counts, said["hours"], said["records"], second=said["second"])
+    drawn = {one.name: one for one in made}
     if not published.exists() or not (work / "sealed").exists():
         wanted = [name for name in drawn if not (locked / f"{name}.json").exists()]
         each(partial(_draw, drawn, work, asked.data, asked.records), wanted, asked.cores, "draw")

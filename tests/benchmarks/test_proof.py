@@ -267,4 +267,3 @@ def test_moorings_are_drawn_in_the_stated_shares():
     waters = [{one.water for one in drawn if one.real is real} for real in (False, True)]
     assert waters == [{"made", "eh2", "papa"}, {"eh2", "papa", "aqd"}]  # stand-in references are never extended
     assert draw.draw(1, (200, 100), 8800, there) == drawn != draw.draw(2, (200, 100), 8800, there)
-    assert {one.kind for one in draw.draw(1, (9, 3), 8800, there, kind="undecidable")} == {"undecidable"}
