@@ -9,8 +9,6 @@ about the mean deviation, inverted where most pairs lie. Without a truth file, t
 taken as the truth.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import json

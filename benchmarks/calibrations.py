@@ -12,8 +12,6 @@ For moorings: the share of B and C at 65 N within 95 %, where hard and induced i
 transfer, from that prior at fixed ratios, and, without a target, from wider and narrower ones.
 """
 
-from __future__ import annotations
-
 import sys
 from collections import Counter
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ Visible sizes are residuals after a fit of five coefficients. The reference's co
 other reference logs its heading. It uses one core.
 """
 
-from __future__ import annotations
-
 import itertools
 import sys
 import time

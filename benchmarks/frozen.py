@@ -8,8 +8,6 @@ equal. Changed sentences and flags are counted and listed. The exit status is 1 
 set of files differs.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import json

@@ -6,8 +6,6 @@ Moorings in plain and structured water, with a diving sphere, with a profiler as
 Each has a random error of the reference's compass (2 degrees) and of the declination. Intervals are over moorings.
 """
 
-from __future__ import annotations
-
 import functools
 import json
 import sys

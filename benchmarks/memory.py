@@ -5,8 +5,6 @@
 Only the length of the record matters: it is simple (tide, slow current, weak iron). Ten years may take 1.5 GB per job.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from itertools import pairwise

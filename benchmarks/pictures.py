@@ -5,8 +5,6 @@ python benchmarks/pictures.py power papers    those of these makers
 python benchmarks/pictures.py --from CRUISE demonstration    from a cruise that has been run already
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -12,8 +12,6 @@ deviation and tests nothing else: it detects none. Moorings in real water are th
 ../shared/data they are left out.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections.abc import Iterable, Sequence

@@ -5,8 +5,6 @@
 The records are those of benchmarks/proof/records, and are not part of the project.
 """
 
-from __future__ import annotations
-
 import sys
 from datetime import UTC, datetime
 from pathlib import Path

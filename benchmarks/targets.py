@@ -3,8 +3,6 @@
 A target is missed if the 95 % interval excludes it; a script that misses one ends with status 1.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -7,8 +7,6 @@ ensembles. Nortek is a real Aquadopp file, if available, an AWAC and a Signature
 is the small PD0 file saved by mhkit.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import logging

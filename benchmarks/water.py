@@ -8,8 +8,6 @@ simulated compass near iron. The bins of one instrument share their compass, so 
 reference bin is not used in the prediction. Needs ../shared/data, and reports if it is absent.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Write the scorecard as JSON, its tables as CSV, its figures, and a Markdown page that shows them."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Heading errors of a mooring by its unsealed truth: as recorded, by fits, and of the product."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

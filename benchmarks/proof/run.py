@@ -1,7 +1,5 @@
 """Draw moorings, seal their truth, process and score them. An interrupted run resumes where it stopped."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import multiprocessing

@@ -1,7 +1,5 @@
 """Score diagnoses against unsealed truths, by pure functions of the content of files."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Hashes of files, published before the truth is unsealed and compared afterwards; a seed that nobody chose."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """Count the rows of a proof: rates with intervals, scores, probabilities, errors of headings, targets."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field

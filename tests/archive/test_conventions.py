@@ -1,7 +1,5 @@
 """Would catch an archive file that breaks CF, ACDD or OceanSITES, and a check of these that overlooks it."""
 
-from __future__ import annotations
-
 import shutil
 import socket
 from pathlib import Path

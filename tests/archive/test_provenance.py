@@ -1,7 +1,5 @@
 """Would catch a manifest that misses a file or its origin, changed files not told, results cleared by mistake."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

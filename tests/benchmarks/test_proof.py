@@ -1,7 +1,5 @@
 """Would catch a changed truth that is scored, wrong points for a verdict, a resumed proof with another scorecard."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Would catch an output of ``compass`` that misstates a result, a refusal of several lines, a wrong exit status."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

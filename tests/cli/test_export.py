@@ -1,7 +1,5 @@
 """Would catch an export that other programs read otherwise, a PD0 file changed in more than its directions."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

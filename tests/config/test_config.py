@@ -2,8 +2,6 @@
 
 # ruff: noqa: E501, RUF100 - messages are compared as printed, on one line
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -1,7 +1,5 @@
 """Would catch a truth that the analysis can read, or a page that compares findings with the wrong causes."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

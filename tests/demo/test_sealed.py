@@ -1,7 +1,5 @@
 """Would catch a planted effect that does not act by its formula, or not in the requested size."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Would catch a simulated sea without the published statistics, or files unlike an instrument's."""
 
-from __future__ import annotations
-
 import json
 import warnings
 from dataclasses import replace

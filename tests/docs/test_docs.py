@@ -1,7 +1,5 @@
 """Would catch code, YAML, links, commands or numbers of a page that do not work, and a site that does not build."""
 
-from __future__ import annotations
-
 import csv
 import doctest
 import importlib

@@ -1,7 +1,5 @@
 """Would catch a damaged file or an error that stops other moorings, and results that are stale or made in vain."""
 
-from __future__ import annotations
-
 import csv
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Would catch values of ``compass correct`` unlike the workflow's, or incomplete results."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

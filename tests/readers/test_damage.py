@@ -6,8 +6,6 @@ R: the result is correct except for what the fault destroyed. X: refused in one 
 values; the others too, unless a byte inside a row was changed.
 """
 
-from __future__ import annotations
-
 import gzip
 import re
 import tracemalloc

@@ -1,7 +1,5 @@
 """Would catch a layout of other software misread: names, norths, units, flags, times, dimensions."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import logging

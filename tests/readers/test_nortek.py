@@ -1,7 +1,5 @@
 """Would catch values unlike mhkit's or an independent reading, and damage that costs more than its sample."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 from pathlib import Path

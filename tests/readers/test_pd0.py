@@ -1,7 +1,5 @@
 """Would catch values unlike mhkit's or a known solution, and damage that costs more than its ensemble."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import io

@@ -1,7 +1,5 @@
 """Would catch a report that loads from elsewhere, does not escape, contradicts the results or fails a browser."""
 
-from __future__ import annotations
-
 import base64
 import csv
 import hashlib

@@ -1,7 +1,5 @@
 """Would catch a calibration that needs a mooring, or that does not reach the one that it corrects."""
 
-from __future__ import annotations
-
 import csv
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Would catch results that depend on where jobs run and files lie: through Slurm on loopback, or a storage plug-in."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Would catch headings of the lowered example beyond the stated uncertainty."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

@@ -1,7 +1,5 @@
 """Would catch a redeployed compass's records analysed apart, against the truth, or stages re-run in vain."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

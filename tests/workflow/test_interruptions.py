@@ -1,7 +1,5 @@
 """Would catch results lost, stale or half-written after a kill, a second run or a full disk."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """Would catch a changed key that re-runs too little or too much, a command of ``compass verify`` that does not mend."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

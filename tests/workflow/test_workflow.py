@@ -1,7 +1,5 @@
 """Would catch results of a whole run that are incomplete, differ from another run's, or are made in vain."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

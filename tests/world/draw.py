@@ -1,7 +1,5 @@
 """Simulated moorings with planted effects of requested visible size, written as a cruise folder beside their truth."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime

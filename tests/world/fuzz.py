@@ -5,8 +5,6 @@
 prints how many files of each kind were read and refused. ``readers/test_fuzz.py`` runs it briefly.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile

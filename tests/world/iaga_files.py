@@ -1,7 +1,5 @@
 """IAGA-2002 files and quiet series for tests, with a crustal offset, a daily variation and noise."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Run cruises through Snakemake as users do, and inspect the results."""
 
-from __future__ import annotations
-
 import atexit
 import hashlib
 import json

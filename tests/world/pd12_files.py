@@ -1,7 +1,5 @@
 """Encode PD12 independently of the reader, and the frames that a modem controller adds around ensembles."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from datetime import datetime

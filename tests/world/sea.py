@@ -1,7 +1,5 @@
 """A small simulated sea for tests: currents rotated by a known compass, as pairs or as a cruise folder."""
 
-from __future__ import annotations
-
 import csv
 from datetime import UTC, datetime, timedelta
 from pathlib import Path

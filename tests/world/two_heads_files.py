@@ -1,7 +1,5 @@
 """PD0 files of two heads for tests: from a simulated cast, or from a real recording with changed headings."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Draw the moorings of a proof by seed: kind, water, planted effects and their sizes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any

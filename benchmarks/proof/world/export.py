@@ -1,7 +1,5 @@
 """Write the raw files of a mooring's instruments and its YAML file, and the truth to a separate folder."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
