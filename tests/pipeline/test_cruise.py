@@ -138,12 +138,6 @@ def test_the_run_after_the_repair_is_complete(done):
     assert "Nothing to be done" in snakemake(done, "--dry-run").stdout
 
 
-def test_touched_raw_file_causes_no_run(copied):
-    for file in (*(copied / "raw").rglob("*.*"), *(copied / "config").rglob("*.yaml")):
-        file.touch()
-    assert "Nothing to be done" in snakemake(copied, "--dry-run").stdout
-
-
 def test_changed_raw_file_reruns_its_mooring(copied):
     with (copied / "raw/GOOD/deep.csv").open("a") as stream:
         stream.write("\n")
