@@ -9,8 +9,6 @@ about the mean deviation, inverted where most pairs lie. Without a truth file, t
 taken as the truth.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import json
@@ -22,6 +20,7 @@ from pathlib import Path
 
 import netCDF4
 import numpy as np
+import targets
 import yaml
 from runs import PROJECT, cost, snakemake
 
@@ -98,11 +97,6 @@ def headings(source: Path, name: str, methods: list[Path]) -> list[str]:
     return [name, f"{rms(before):.1f}°", told(after), f"{rms(sigma):.2f}°", f"{within:.0f} %", *alone]
 
 
-def table(head: tuple[str, ...], rows: list[list[str]]) -> None:
-    """Print a table in Markdown."""
-    print("\n".join(f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head), *rows)) + "\n")
-
-
 def currents(source: Path, name: str) -> list[str]:
     """Compare gridded.nc, as far as from the affected instrument, with its cells rotated by the true heading."""
     folder = source / "results" / name
@@ -146,8 +140,12 @@ def main() -> None:
         folders = [] if asked.product else [Path(scratch) / method for method in METHODS]
         for folder in folders:
             run(asked.cruise, folder, folder.name)
-        table(HEADINGS, [headings(asked.cruise, name, folders) for name in names])
-    table(CURRENTS, [currents(asked.cruise, name) for name in names])
+        targets.head(*HEADINGS)
+        for name in names:
+            targets.line(*headings(asked.cruise, name, folders))
+    targets.head(*CURRENTS)
+    for name in names:
+        targets.line(*currents(asked.cruise, name))
 
 
 if __name__ == "__main__":

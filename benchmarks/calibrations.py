@@ -12,8 +12,6 @@ For moorings: the share of B and C at 65 N within 95 %, where hard and induced i
 transfer, from that prior at fixed ratios, and, without a target, from wider and narrower ones.
 """
 
-from __future__ import annotations
-
 import sys
 from collections import Counter
 from dataclasses import dataclass
@@ -131,7 +129,7 @@ def run(design: Design, benches: int, seed: int) -> list[Measured]:
         models[made.model] += 1
     targets.line(design.name, ", ".join(f"{name} {n / benches:.0%}" for name, n in sorted(models.items())))
     return [
-        targets.mean(f"{design.name}: {what} within 95 %", shares, **ALLOWED, unit=" %", times=100.0)
+        targets.mean(f"{design.name}: {what} within 95 %", shares, **ALLOWED, percent=True)
         for what, shares in found.items()
         if shares
     ]
@@ -152,7 +150,7 @@ def run_tilts(steps: int, platforms: int, seed: int) -> Measured:
             off = at["correction_deg"] - np.interp(at["recorded_deg"], fitted, reference - fitted)
             inside.append(np.abs(off) <= 1.96 * at["sigma_deg"])
         shares.append(float(np.mean(np.concatenate(inside))))
-    return targets.mean(f"tilts, {steps} of each axis: within 95 %", shares, **ALLOWED, unit=" %", times=100.0)
+    return targets.mean(f"tilts, {steps} of each axis: within 95 %", shares, **ALLOWED, percent=True)
 
 
 PLATFORM = Design("36, before a mooring", ring(36), "exact", 0.1)
@@ -203,7 +201,7 @@ def run_transfer(
         widths.append(2.0 * half[1])
     targets.line(name, targets.middle(np.array(widths)))
     least, most = (0.0, 1.0) if times != 1.0 else (0.93, 0.97 if ratio is None else 1.0)
-    return targets.mean(f"{name}: within 95 %", shares, least=least, most=most, unit=" %", times=100.0)
+    return targets.mean(f"{name}: within 95 %", shares, least=least, most=most, percent=True)
 
 
 DISTANCES_M, MOMENT_DEG_M3, SIZE_M = (0.3, 0.4, 0.6, 0.9), 0.2, 0.1

@@ -7,8 +7,6 @@ exact compass is fitted to the circles and predicts the drive, each heading the 
 truth is the course between the positions one second before and after, by GNSS.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from pathlib import Path

@@ -7,8 +7,6 @@ Visible sizes are residuals after a fit of five coefficients. The reference's co
 other reference logs its heading. It uses one core.
 """
 
-from __future__ import annotations
-
 import itertools
 import sys
 import time
@@ -214,17 +212,6 @@ def error(heading, drawn) -> float:
     return angles.rms(angles.difference(heading, drawn.heading))
 
 
-def held(what: str, values, *, most: float = 1.0, least: float = 0.0) -> bool:
-    """Print a share with its target; return False if the interval excludes the target."""
-    return told(targets.share(what, values, least=least, most=most))
-
-
-def told(one: targets.Measured) -> bool:
-    """Print a measure unless it has no data; return False if its target is missed."""
-    line(one.what, one.value, one.verdict)
-    return one.held
-
-
 def rms(values) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float("nan")
 
@@ -234,77 +221,71 @@ def covered(row: dict) -> bool:
     return set(row["truth"]) <= names
 
 
-def line(what: str, value: str, target: str = "") -> None:
-    if not value.startswith(("–", "nan")):
-        targets.line(what, value, target)
-
-
-def report(rows: list[dict]) -> bool:
-    """Print the score; return False if any target is outside its interval."""
+def report(rows: list[dict]) -> int:
+    """Print the score; return 1 if any target is outside its interval."""
     # Some effects are limited to plausible sizes; moorings whose effect is smaller than requested are left out.
     rows = [r for r in rows if all(r["visible"][x] > 0.8 * r["size"] for x in r["truth"] if x in sea.STRONGEST)]
     kind = {name: [row for row in rows if row["kind"] == name] for name in KINDS}
-    targets.head("measure", "value", "target")
-    nulls = kind["null"]
-    good = [
-        held("nulls: P(compass) + P(clock) at least 1/2", map(accused, nulls), most=0.01),
-        held("nulls called unexplained", (r["left"] is not None for r in nulls), most=0.02),
-    ]
-    line("nulls with any name", targets.share_of(bool(r["sets"]) for r in nulls))
+    of_size = lambda name, size: [row for row in kind[name] if row["size"] == size]  # noqa: E731
+    table, nulls = targets.Report(), kind["null"]
+    table.share("nulls: P(compass) + P(clock) at least 1/2", map(accused, nulls), most=0.01)
+    table.share("nulls called unexplained", map(unexplained, nulls), most=0.02)
+    table.share("nulls with any name", (r["sets"] for r in nulls))
     for size in SIZES["single"]:
-        some = [r for r in kind["single"] if r["size"] == size]
+        what, some = f"single {size}", of_size("single", size)
         seen = [r for r in some if detected(r)]
-        alone = [r for r in seen if len(r["sets"]) == 1 and len(r["sets"][0]) == 1 and r["left"] is None]
-        what = f"single {size}: P of the truth's side at least 1/2"
-        line(what, targets.share_of(map(detected, some)))
-        good.append(held(f"single {size}: truth in the set, where detected", map(covered, seen), least=0.97))
-        good.append(held(f"single {size}: right where one name is given", map(covered, alone), least=0.97))
-        good.append(held(f"single {size}: family right where one name is given", map(family, alone), least=0.99))
+        alone = [r for r in seen if named_alone(r)]
+        table.share(f"{what}: P of the truth's side at least 1/2", map(detected, some))
+        table.share(f"{what}: truth in the set, where detected", map(covered, seen), least=0.97)
+        table.share(f"{what}: right where one name is given", map(covered, alone), least=0.97)
+        table.share(f"{what}: family right where one name is given", map(family, alone), least=0.99)
         names = np.mean([sum(map(len, r["sets"])) for r in seen or [{"sets": []}]])
-        line(f"single {size}: names in a set, mean", f"{names:.2f}")
-        line(f"single {size}: unexplained beside or instead", targets.share_of(r["left"] is not None for r in some))
-    reliability(nulls + kind["single"] + kind["two"])
+        table.note(f"{what}: names in a set, mean", f"{names:.2f}")
+        table.share(f"{what}: unexplained beside or instead", map(unexplained, some))
+    reliability(table, nulls + kind["single"] + kind["two"])
     for name in SINGLES:
-        some = [r for r in kind["single"] if name in r["truth"]]
-        each = [targets.share_of(detected(r) for r in some if r["size"] == size) for size in SIZES["single"]]
-        line(f"- {name}: detected at {SIZES['single']}", ", ".join(each))
-    clock = kind["clock"]
-    line("clocks: named", targets.share_of(covered(r) for r in clock))
-    line("clocks: nothing else named", targets.share_of(len(r["sets"]) == 1 for r in clock if covered(r)))
+        each = [[r for r in of_size("single", size) if name in r["truth"]] for size in SIZES["single"]]
+        shares = ", ".join(targets.share_of(map(detected, some)) for some in each)
+        table.note(f"- {name}: detected at {SIZES['single']}", shares)
+    clocks = [r for r in kind["clock"] if covered(r)]
+    table.share("clocks: named", map(covered, kind["clock"]))
+    table.share("clocks: nothing else named", (len(r["sets"]) == 1 for r in clocks))
     at = [r for r in kind["limit"] if r.get("limit", 0.0) is not None]
-    good.append(held("at the stated limit: P of the side at least 1/2", map(detected, at), least=0.85, most=0.95))
-    good.append(held("moorings without a limit of an effect", (r not in at for r in kind["limit"]), most=0.2))
+    table.share("at the stated limit: P of the side at least 1/2", map(detected, at), least=0.85, most=0.95)
+    table.share("moorings without a limit of an effect", (r not in at for r in kind["limit"]), most=0.2)
     for size in SIZES["two"]:
-        some = [r for r in kind["two"] if r["size"] == size]
-        good.append(held(f"two effects, {size} each: set covers both", map(covered, some), least=0.9 * (size == 3.0)))
+        each = map(covered, of_size("two", size))
+        table.share(f"two effects, {size} each: set covers both", each, least=0.9 * (size == 3.0))
     for size in SIZES["unknown"]:
-        some = [r for r in kind["unknown"] if r["size"] == size]
-        seen, bare = ([each(r) for r in some] for each in (strange, bare_name))
-        good.append(held(f"out of the catalogue, {size}: unexplained or composed", seen, least=0.9 * (size == 3.0)))
-        good.append(held(f"out of the catalogue, {size}: a bare name", bare, most=0.05))
+        what, some = f"out of the catalogue, {size}", of_size("unknown", size)
+        table.share(f"{what}: unexplained or composed", map(strange, some), least=0.9 * (size == 3.0))
+        table.share(f"{what}: a bare name", (r["sets"] and not strange(r) for r in some), most=0.05)
     shifted, noisy = ([r for r in kind["control"] if bool(r["truth"]) == x] for x in (True, False))
-    named = [any(one[0] == "temperature" for one in r["sets"]) for r in shifted]
-    good.append(held("shifted covariate: temperature named", named, most=0.05))
-    among = targets.share_of(any("temperature" in one for one in r["sets"]) for r in shifted)
-    line("shifted covariate: temperature among the names", among)
-    good.append(held("doubled noise: named", (bool(r["sets"]) for r in noisy), most=0.02))
-    good.append(oracle(nulls, "nulls"))
-    good.append(oracle(kind["single"] + kind["two"], "singles and pairs"))
+    firsts, anywhere = ([["temperature" in one[:n] for one in r["sets"]] for r in shifted] for n in (1, None))
+    table.share("shifted covariate: temperature named", map(any, firsts), most=0.05)
+    table.share("shifted covariate: temperature among the names", map(any, anywhere))
+    table.share("doubled noise: named", (r["sets"] for r in noisy), most=0.02)
+    oracle(table, nulls, "nulls")
+    oracle(table, kind["single"] + kind["two"], "singles and pairs")
     if rows:
         times = [r["seconds"] for r in rows]
-        line("seconds a mooring: 95 %, most", f"{np.quantile(times, 0.95):.1f}, {max(times):.1f}")
-        good.append(told(targets.limit("seconds a mooring, median", float(np.median(times)), most=6.0)))
-    return all(good)
+        table.note("seconds a mooring: 95 %, most", f"{np.quantile(times, 0.95):.1f}, {max(times):.1f}")
+        table.add(targets.limit("seconds a mooring, median", float(np.median(times)), most=6.0))
+    return int(table.missed)
+
+
+def unexplained(row: dict) -> bool:
+    return row["left"] is not None
+
+
+def named_alone(row: dict) -> bool:
+    """Return whether one name was given, with nothing unexplained beside it."""
+    return [len(one) for one in row["sets"]] == [1] and not unexplained(row)
 
 
 def strange(row: dict) -> bool:
     """Return whether a mismatch outside the catalogue was found, unexplained or composed."""
-    return row["left"] is not None or any(name.startswith("composed") for one in row["sets"] for name in one[:1])
-
-
-def bare_name(row: dict) -> bool:
-    """Return whether only effects of the catalogue were named."""
-    return bool(row["sets"]) and not strange(row)
+    return unexplained(row) or any(one[0].startswith("composed") for one in row["sets"])
 
 
 def accused(row: dict) -> bool:
@@ -317,7 +298,7 @@ def detected(row: dict) -> bool:
     return any(row["sides"].get(SIDES[name], 0.0) >= 0.5 for name in row["truth"])
 
 
-def reliability(rows: list[dict]) -> None:
+def reliability(table: targets.Report, rows: list[dict]) -> None:
     """Print the share of correct names, first or alternative, by their stated probability."""
     told = [
         (p, name in (r["truth"] or QUIET)) for r in rows for one in r["probability"] for name, p in one.items()
@@ -326,31 +307,27 @@ def reliability(rows: list[dict]) -> None:
         some = [(p, right) for p, right in told if low <= p < high]
         if some:
             what = f"effects named with {100 * np.mean([p for p, _ in some]):.0f} % on average: correct"
-            line(what, targets.share_of(right for _, right in some))
+            table.share(what, (right for _, right in some))
 
 
-def oracle(rows: list[dict], what: str) -> bool:
+def oracle(table: targets.Report, rows: list[dict], what: str) -> None:
+    """Print heading errors beside those of the true model, and the errors of parameters."""
     rows = [r for r in rows if "error_oracle" in r]
-    if not rows:
-        return True
     covers = [r["covered"] for r in rows]
-    within = targets.mean(f"{what}: headings within 95 %", covers, least=0.93, most=0.97, unit=" %", times=100.0)
-    good = told(within)
+    table.add(targets.mean(f"{what}: headings within 95 %", covers, least=0.93, most=0.97, percent=True))
     worse = (r["error_after"] > r["error_plain"] + 0.1 for r in rows)
-    good &= held(f"{what}: headings worse than by the fit alone by over 0.1 degree", worse, most=0.05)
+    table.share(f"{what}: headings worse than by the fit alone by over 0.1 degree", worse, most=0.05)
     made = [r for r in rows if set(r["truth"]) <= set(PRODUCT)]
     for name, some in (("all", made), ("applied", [r for r in made if r["applied"]])):
         errors = [rms([r[k] for r in some]) for k in ("error_before", "error_after", "error_oracle")]
         shown = ", ".join(f"{x:.2f}" for x in errors)
-        line(f"true heading error before, after, oracle, rms ({name})", shown, "<= oracle + 0.3")
-        near = targets.share_of(r["error_after"] <= r["error_oracle"] + 0.3 for r in some)
-        line(f"after <= oracle + 0.3 ({name})", near)
+        table.note(f"true heading error before, after, oracle, rms ({name})", shown, "<= oracle + 0.3")
+        near = (r["error_after"] <= r["error_oracle"] + 0.3 for r in some)
+        table.share(f"after <= oracle + 0.3 ({name})", near)
     for size in (1.5, 3.0):
         z = [z for r in rows if r["size"] == size and len(r["truth"]) == 1 for z in r["z"]]
-        if z:
-            square = f"parameter z of single effects, mean square at {size}"
-            good &= told(targets.mean(square, np.square(z), least=0.9**2, most=1.1**2))
-    return bool(good)
+        square = f"parameter z of single effects, mean square at {size}"
+        table.add(targets.mean(square, np.square(z), least=0.9**2, most=1.1**2))
 
 
 def family(row: dict) -> bool:
@@ -359,13 +336,11 @@ def family(row: dict) -> bool:
 
 
 def main() -> None:
-    parser = targets.parser(__doc__, 60, KINDS, red=True, rows=True)
+    parser = targets.parser(__doc__, 60, KINDS, rows=True)
+    parser.add_argument("--red", action="store_true", help="the water of the two depths differs for days to seasons")
     asked = parser.parse_args()
-    kinds = KINDS if asked.kind is None else (asked.kind,)
-    wanted = [(kind, index) for kind in kinds for index in range(asked.count)]
-    run = {"seed": asked.seed, "red": asked.red}
-    rows = targets.resumed(asked.rows, run, wanted, lambda kind, index: measure(kind, index, asked.seed, red=asked.red))
-    sys.exit(0 if report(rows) else 1)
+    rows = targets.resumed(asked, KINDS, lambda *one: measure(*one, asked.seed, red=asked.red), red=asked.red)
+    sys.exit(report(rows))
 
 
 if __name__ == "__main__":

@@ -4,11 +4,9 @@
     python benchmarks/frozen.py e368bdf CRUISE ... --kept DIR  these cruises; DIR keeps the results, which are reused
 
 Headings and velocities may differ by 1e-9, other numbers by ``DIGITS`` significant digits; verdicts and names must be
-equal. Changed sentences and flags are counted and listed. The exit status is 1 if a number, a verdict, a name or the
+equal. Changed sentences are counted and listed. The exit status is 1 if a number, a flag, a verdict, a name or the
 set of files differs.
 """
-
-from __future__ import annotations
 
 import argparse
 import csv
@@ -19,7 +17,6 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter, defaultdict
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +26,7 @@ from runs import DATA, PROJECT, cost
 
 NEAR = 1e-9
 DIGITS = 6  # significant digits of numbers other than headings and velocities
+SHOWN = 12  # differences of each kind that are listed
 EXACT = re.compile(r"HEADING(?!.*UNCERTAINTY)|DEVIATION|[UV]CUR|BRANCH|corrected_deg")
 NAMES = re.compile(r"(^|/)(verdict|effect|side|alternatives|method|kind|model|name|folded|effects)(/|$)")
 OF_THE_RUN = re.compile(r"(^|/)(software.*|product_version|history|date_.*|source_files|metadata_link|.*sha256.*)(/|$)")
@@ -51,23 +49,22 @@ def process(project: Path, source: Path, folder: Path) -> Path:
     return folder / "results"
 
 
-def leaves(content: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the path and value of every leaf of a JSON document."""
-    if isinstance(content, dict | list):
-        for key, value in content.items() if isinstance(content, dict) else enumerate(content):
-            yield from leaves(value, f"{path}/{key}")
-    else:
-        yield path, content
-
-
 def read(path: Path) -> dict[str, Any]:
     """Read the content of a file by name: numbers, arrays and texts."""
     found: dict[str, Any] = {}
+
+    def add(content: Any, name: str) -> None:
+        if isinstance(content, dict | list):
+            for key, value in content.items() if isinstance(content, dict) else enumerate(content):
+                add(value, f"{name}/{key}")
+        else:
+            found[name] = content
+
     if path.suffix == ".json":
-        found = dict(leaves(json.loads(path.read_text())))
+        add(json.loads(path.read_text()), "")
     elif path.suffix == ".csv":
         with path.open(newline="") as stream:
-            found = {f"/{k}/{key}": cell for k, row in enumerate(csv.DictReader(stream)) for key, cell in row.items()}
+            add(list(csv.DictReader(stream)), "")
     else:
         with netCDF4.Dataset(path) as data:
             for name, variable in data.variables.items():
@@ -90,37 +87,34 @@ def difference(key: str, old: Any, new: Any) -> tuple[str, str]:
     limit = NEAR if EXACT.search(key) else 0.5 * 10.0**-DIGITS * np.abs(a)
     with np.errstate(invalid="ignore"):
         apart = ~((np.abs(a - b) <= limit) | (a == b) | (np.isnan(a) & np.isnan(b)))
-    shown = f": up to {np.nanmax(np.abs(a - b)):.3g} in {apart.sum()} of {a.size}" if apart.any() else ""
-    return ("number" if apart.any() else ""), shown
+    if not apart.any():
+        return "", ""
+    changed = f": up to {np.nanmax(np.abs(a - b)):.3g} in {apart.sum()} of {a.size}"
+    if key.endswith("_QC"):
+        changed = f": {dict(Counter(f'{x:.0f} to {y:.0f}' for x, y in zip(a[apart], b[apart], strict=True)))}"
+    return "flags" if key.endswith("_QC") else "number", changed
 
 
 def compare(old: Path, new: Path) -> dict[str, list[str]]:
     """List the places where the results of two runs differ, by kind of difference."""
     where: dict[str, list[str]] = defaultdict(list)
-    kept = [
+    earlier, later = (
         {str(path.relative_to(results)): path for path in results.rglob("*") if path.suffix in (".json", ".csv", ".nc")}
         for results in (old, new)
-    ]
-    for name in sorted(kept[0].keys() | kept[1].keys()):
+    )
+    for name in sorted(earlier.keys() | later.keys()):
         if {"logs", "benchmarks"} & set(Path(name).parts) or name == "ro-crate-metadata.json":
             continue
-        if any(name not in files for files in kept):
-            internal = "internal " if "work" in Path(name).parts else ""
-            where[f"{internal}file"].append(f"{name}: only in the {'earlier' if name in kept[0] else 'later'}")
+        if name not in earlier or name not in later:
+            kind = "internal file" if "work" in Path(name).parts else "file"
+            where[kind].append(f"{name}: only in the {'earlier' if name in earlier else 'later'}")
             continue
-        before, after = read(kept[0][name]), read(kept[1][name])
-        for key in sorted(before.keys() | after.keys()):
-            if key not in before or key not in after:
-                where["key"].append(f"{name}{key}")
-                continue
+        before, after = read(earlier[name]), read(later[name])
+        where["key"] += [f"{name}{key}" for key in sorted(before.keys() ^ after.keys())]
+        for key in sorted(before.keys() & after.keys()):
             kind, shown = difference(key, before[key], after[key])
-            if kind:
-                where[kind].append(f"{name}{key}{shown}")
-            if key == "/HEADING_CORRECTED_QC" and before[key].shape == after[key].shape:
-                changed = Counter(zip(before[key].tolist(), after[key].tolist(), strict=True))
-                flags = {f"{a:.0f} to {b:.0f}": n for (a, b), n in sorted(changed.items()) if a != b}
-                where["flags"] += [f"{name}: {flags}"] if flags else []
-    return where
+            where[kind].append(f"{name}{key}{shown}")
+    return {kind: places for kind, places in sorted(where.items()) if kind and places}
 
 
 def main() -> None:
@@ -128,7 +122,6 @@ def main() -> None:
     parser.add_argument("commit")
     parser.add_argument("cruises", nargs="*", type=Path, help="cruise folders whose raw files exist")
     parser.add_argument("--kept", type=Path, help="folder that is kept")
-    parser.add_argument("--shown", type=int, default=12, help="differences that are listed of each kind")
     asked = parser.parse_args()
     cruises = asked.cruises or [PROJECT, *(path for path in [DATA / "cruise_eh2"] if path.is_dir())]
     if not (cruises[0] / "raw").is_dir():
@@ -143,10 +136,10 @@ def main() -> None:
         for cruise in cruises:
             sides = ((earlier, "earlier"), (PROJECT, "later"))
             where = compare(*(process(project, cruise, folder / side / cruise.name) for project, side in sides))
-            print(f"{cruise.name}: " + (", ".join(f"{kind} {len(w)}" for kind, w in sorted(where.items())) or "equal"))
-            for kind, places in sorted(where.items()):
-                print("\n".join(f"  {kind}: {place}" for place in places[: asked.shown]))
-            failed |= bool({"number", "name", "file"} & where.keys())
+            print(f"{cruise.name}: " + (", ".join(f"{kind} {len(w)}" for kind, w in where.items()) or "equal"))
+            for kind, places in where.items():
+                print("\n".join(f"  {kind}: {place}" for place in places[:SHOWN]))
+            failed |= bool({"number", "flags", "name", "file"} & where.keys())
     sys.exit(failed)
 
 

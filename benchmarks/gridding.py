@@ -6,8 +6,6 @@ Moorings in plain and structured water, with a diving sphere, with a profiler as
 Each has a random error of the reference's compass (2 degrees) and of the declination. Intervals are over moorings.
 """
 
-from __future__ import annotations
-
 import functools
 import json
 import sys
@@ -80,7 +78,7 @@ def write(kind: str, ground: Ground, folder: Path) -> None:
     raw = folder / "raw/M"
     sealed.TOP = TOP  # with more bins than the default
     sealed.write(ground, effects, raw, export)
-    settings = draw._described(drawn, ground) | {"diagnose": {"enabled": False}, "product": {"daily": True}}
+    settings = draw.described(drawn, ground) | {"diagnose": {"enabled": False}, "product": {"daily": True}}
     if kind == "profiler":
         settings["instruments"]["deep"] = write_profiles(ground, wrong, raw / "deep.csv")
     (folder / "config/moorings").mkdir(parents=True)

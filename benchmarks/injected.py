@@ -1,7 +1,7 @@
 """Score of the search for unmodelled effects on real currents: bins of three records, with a simulated compass.
 
     python benchmarks/injected.py 210 1 --kind null --rows ROWS     210 recordings without an effect, by seed 1
-    python benchmarks/injected.py 60 1 --record papa                every kind of one record
+    python benchmarks/injected.py 60 1                              every kind
 
 The bins of one profile share their compass: they differ by the water only, and any finding on a compass is false. One
 bin is the reference, turned by the errors of a compass of its own; the headings of those beyond a gap are re-read by a
@@ -84,16 +84,11 @@ def file_of(record: str) -> Path:
 
 
 @cache
-def profile(record: str):
-    return water.profile(record)
-
-
-@cache
 def whole(record: str, depth: int, gap: int) -> Seen:
     """Compute pairs of one bin with those beyond a gap of ``gap`` cells; of a point meter with neighbours in time."""
     if record == LEFT_OUT:
         return stood_in()
-    own = profile(record)
+    own = water.profile(record)
     trusted, top = water.as_trusted(own, depth), water.bins_of(own, slice(depth + gap, None))
     field = EarthField(own.time_s[[0, -1]], *np.zeros((4, 2)))
     rules = [PairRules(max_metres=1000.0, predict=predict) for predict in (True, False)]
@@ -228,10 +223,10 @@ def published(drawn: sea.Drawn, own: Seen) -> float:
     return bench.error(made.heading_deg, drawn)
 
 
-def measure(kind: str, index: int, seed: int, records: list[str], gap: int | None) -> dict:
+def measure(kind: str, index: int, seed: int, records: list[str]) -> dict:
     """Simulate and diagnose one recording and return its row of the score."""
     record, k = records[index % len(records)], index // len(records)
-    some = [one for one in cases(record) if gap in (None, one.gap) and (kind == "null" or one.logged == LOGGED[0])]
+    some = [one for one in cases(record) if kind == "null" or one.logged == LOGGED[0]]
     case = some[k % len(some)]
     own = seen(case)
     drawn, size = draw(case, own, kind, k, 100_000 * seed + 10_000 * KINDS.index(kind) + index)
@@ -244,19 +239,13 @@ def measure(kind: str, index: int, seed: int, records: list[str], gap: int | Non
 # The report.
 
 
-def held(what: str, rows: list[dict], told, *, most: float = 1.0, least: float = 0.0) -> bool:
-    """Print a share of all and of each record; return False if the interval of all excludes the target."""
-    if not rows:
-        return True
-    values = [told(row) for row in rows]
-    plain = targets.share(what, values, least=least, most=most)
+def shares(table: targets.Report, what: str, rows: list[dict], told, **target: float) -> None:
+    """Print a share of all and of each record."""
     # Windows share their water: the interval may be that by resampling them.
-    good = bench.told(targets.grouped(plain, values, [row["water"] for row in rows]))
+    table.share(what, map(told, rows), **target, groups=[row["water"] for row in rows])
     for record in dict.fromkeys(row["record"] for row in rows):
-        own = [row for row in rows if row["record"] == record]
-        note = "used for no choice" if record == LEFT_OUT else ""
-        bench.line(f"- {record}", targets.share_of(told(row) for row in own), note)
-    return good
+        own = targets.share_of(told(row) for row in rows if row["record"] == record)
+        table.note(f"- {record}", own, "used for no choice" if record == LEFT_OUT else "")
 
 
 def named(row: dict) -> bool:
@@ -264,82 +253,68 @@ def named(row: dict) -> bool:
     return any(side_of(names[0]) in ("compass", "clock") for names in row["sets"])
 
 
-def report(rows: list[dict]) -> bool:
-    """Print the score; return False if any target is outside its interval."""
+def report(rows: list[dict]) -> int:
+    """Print the score; return 1 if any target is outside its interval."""
     short = [row for row in rows if row["verdict"] == "insufficient"]
     rows = [row for row in rows if row["verdict"] != "insufficient"]
     rows = [r for r in rows if all(r["visible"][x] > 0.8 * r["size"] for x in r["truth"] if x in sea.STRONGEST)]
     print(f"\n{len(rows)} recordings, {len(short)} too short")
-    targets.head("measure", "value", "target")
-    of = {kind: [row for row in rows if row["kind"] == kind] for kind in KINDS}
-    good = [
-        held("no effect: attributed to compass or clock", of["null"], named, most=0.02),
-        held("no effect: P(compass) + P(clock) at least 1/2", of["null"], bench.accused, most=0.02),
-        held("no effect: unexplained", of["null"], lambda row: row["left"] is not None),
-        held("no effect: attributed to anything", of["null"], lambda row: bool(row["sets"])),
-    ]
+    table, of = targets.Report(), {kind: [row for row in rows if row["kind"] == kind] for kind in KINDS}
+    shares(table, "no effect: attributed to compass or clock", of["null"], named, most=0.02)
+    shares(table, "no effect: P(compass) + P(clock) at least 1/2", of["null"], bench.accused, most=0.02)
+    shares(table, "no effect: unexplained", of["null"], bench.unexplained)
+    shares(table, "no effect: attributed to anything", of["null"], lambda row: bool(row["sets"]))
     for logged in LOGGED:
         some = [row for row in of["null"] if row["case"]["logged"] == logged]
-        what = f"no effect, covariates {logged}: attributed to compass or clock"
-        bench.line(what, targets.share_of(map(named, some)))
+        table.share(f"no effect, covariates {logged}: attributed to compass or clock", map(named, some))
     for size in bench.SIZES["single"]:
-        some = [row for row in of["single"] if row["size"] == size]
+        what, some = f"single {size}", [row for row in of["single"] if row["size"] == size]
         got = [row for row in some if bench.detected(row)]
-        alone = [row for row in got if len(row["sets"]) == 1 and len(row["sets"][0]) == 1 and row["left"] is None]
-        good += [
-            held(f"single {size}: true side with a probability of at least 1/2", some, bench.detected),
-            held(f"single {size}: truth in the set, where detected", got, bench.covered, least=0.97),
-            held(f"single {size}: right where one name is given", alone, bench.covered, least=0.97),
-        ]
-    bench.reliability(of["null"] + of["single"] + of["two"])
+        alone = [row for row in got if bench.named_alone(row)]
+        shares(table, f"{what}: true side with a probability of at least 1/2", some, bench.detected)
+        shares(table, f"{what}: truth in the set, where detected", got, bench.covered, least=0.97)
+        shares(table, f"{what}: right where one name is given", alone, bench.covered, least=0.97)
+    bench.reliability(table, of["null"] + of["single"] + of["two"])
     for kind in KINDS:
-        headings(kind, of[kind])
+        headings(table, kind, of[kind])
     if rows:
         seconds = [row["seconds"] for row in rows]
-        bench.line("seconds per recording: median, 95 %", f"{np.median(seconds):.1f}, {np.quantile(seconds, 0.95):.1f}")
-    return all(good)
+        times = f"{np.median(seconds):.1f}, {np.quantile(seconds, 0.95):.1f}"
+        table.note("seconds per recording: median, 95 %", times)
+    return int(table.missed)
 
 
-def headings(kind: str, rows: list[dict]) -> None:
+def headings(table: targets.Report, kind: str, rows: list[dict]) -> None:
     """Print heading errors and the coverage of their 95 % intervals.
 
     If held-out pairs refute the fit, the product flags all headings doubtful: these are counted and left out.
     """
     ways = ("recorded", "published", "plain", "after", "level")
     for record in dict.fromkeys(row["record"] for row in rows):
-        own = [row["refuted"] for row in rows if row["record"] == record]
-        bench.line(f"{kind}, {record}: refuted by held-out pairs, all headings doubtful", targets.share_of(own))
+        refuted = (row["refuted"] for row in rows if row["record"] == record)
+        table.share(f"{kind}, {record}: refuted by held-out pairs, all headings doubtful", refuted)
     rows = [row for row in rows if not row["refuted"]]
     for record in (*dict.fromkeys(row["record"] for row in rows), "all") if rows else ():
-        own = [row for row in rows if record in ("all", row["record"])]
+        what, own = f"{kind}, {record}", [row for row in rows if record in ("all", row["record"])]
         each = {way: np.array([row[f"error_{way}"] for row in own], dtype=float) for way in ways}
-        text = ", ".join(f"{np.sqrt(np.nanmean(one**2)):.2f}" for one in each.values())
         fitted = f"published method ({np.isfinite(each['published']).sum()} of {len(own)} fitted)"
-        what = f"{kind}, {record}: rms error in degrees: recorded, {fitted}, fit, product, best five coefficients"
-        bench.line(what, text)
-        worse = targets.share_of(row["error_after"] > row["error_plain"] + 0.1 for row in own)
-        bench.line(f"{kind}, {record}: worse than the fit by over 0.1 degree", worse)
+        errors = ", ".join(f"{np.sqrt(np.nanmean(one**2)):.2f}" for one in each.values())
+        table.note(f"{what}: rms error in degrees: recorded, {fitted}, fit, product, best five coefficients", errors)
+        worse = (row["error_after"] > row["error_plain"] + 0.1 for row in own)
+        table.share(f"{what}: worse than the fit by over 0.1 degree", worse)
         both = [100.0 * np.array([row[name] for row in own]) for name in ("covered", "centred")]
         told = f"{targets.middle(both[0], np.mean, unit=' %', fewest=5)}; {both[1].mean():.1f} %"
-        bench.line(f"{kind}, {record}: headings within 95 %; the same without their mean error", told)
+        table.note(f"{what}: headings within 95 %; the same without their mean error", told)
 
 
 def main() -> None:
-    parser = targets.parser(__doc__, 42, KINDS, rows=True)
-    parser.add_argument("--record", choices=tuple(GAPS), action="append")
-    parser.add_argument("--gap", type=int, help="cells between the trusted bin and the nearest of the others")
-    asked = parser.parse_args()
-    records = [name for name in asked.record or GAPS if file_of(name).exists() and asked.gap in (None, *GAPS[name])]
+    asked = targets.parser(__doc__, 42, KINDS, rows=True).parse_args()
+    records = [name for name in GAPS if file_of(name).exists()]
     if not records:
         print(f"not measured: there is no real record in {water.DATA} to inject into")
         return
-    kinds = KINDS if asked.kind is None else (asked.kind,)
-    wanted = [(kind, index) for kind in kinds for index in range(asked.count)]
-    run = {"seed": asked.seed, "records": records, "gap": asked.gap}
-    rows = targets.resumed(
-        asked.rows, run, wanted, lambda kind, index: measure(kind, index, asked.seed, records, asked.gap)
-    )
-    sys.exit(0 if report(rows) else 1)
+    rows = targets.resumed(asked, KINDS, lambda *one: measure(*one, asked.seed, records), records=records)
+    sys.exit(report(rows))
 
 
 if __name__ == "__main__":

@@ -1,11 +1,9 @@
 """Peak memory and CPU time of each stage for one long record: years of 10-minute ensembles of 40 bins.
 
-    python benchmarks/memory.py [YEARS] [FOLDER]
+    python benchmarks/memory.py [YEARS]
 
 Only the length of the record matters: it is simple (tide, slow current, weak iron). Ten years may take 1.5 GB per job.
 """
-
-from __future__ import annotations
 
 import sys
 import tempfile
@@ -24,8 +22,10 @@ START_S, YEAR_S, STEP_S, CELLS = 1_262_304_000, 31_557_600, 600, 40  # from 2010
 LIMIT_MB = 1536
 IRON = (0.01, 0.2, -0.1, 0.02, 0.01)
 SETUP = adcp.Setup(300, True, CELLS, 2.0, 1.76, 4.0, 30, "earth", 1)
-STAGES = ("work/top.nc", "work/deep.nc", "work/pairs/overlap.nc", "work/fit.json", "diagnosis.json", "corrected.nc")
-STAGES = (*STAGES, "gridded.nc", "figures/timeline.png")
+STAGES = (
+    *("work/top.nc", "work/deep.nc", "work/pairs/overlap.nc", "work/fit.json", "diagnosis.json", "corrected.nc"),
+    *("gridded.nc", "figures/timeline.png"),
+)
 
 
 def write_cruise(folder: Path, years: float, rng: np.random.Generator) -> None:
@@ -84,26 +84,21 @@ def ensembles(time_s: np.ndarray, east: np.ndarray, north: np.ndarray, rng: np.r
     )  # fmt: skip
 
 
-def main(years: float, folder: Path) -> int:
+def main(years: float) -> int:
     """Write the record, run it stage by stage, print the table; return 1 if a stage exceeds ``LIMIT_MB``."""
-    if not (folder / "raw").exists():
-        write_cruise(folder, years, np.random.default_rng(1))
-    size = (folder / "raw/top.000").stat().st_size / 1e6
-    print(f"{years:g} years, {round(years * YEAR_S / STEP_S)} ensembles of {CELLS} bins, {size:.0f} MB of PD0\n")
     targets.head("up to", "peak MB", "CPU s")
     peaks = []
-    for target in STAGES:
-        took = runs.cost(runs.snakemake(folder, "--quiet", "all", "--", f"results/M/{target}", cores=1))
-        peaks.append(took.peak_mb)
-        targets.line(target, f"{took.peak_mb:.0f}", f"{took.cpu_s:.1f}")
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        write_cruise(folder, years, np.random.default_rng(1))
+        size = (folder / "raw/top.000").stat().st_size / 1e6
+        for target in STAGES:
+            took = runs.cost(runs.snakemake(folder, "--quiet", "all", "--", f"results/M/{target}", cores=1))
+            peaks.append(took.peak_mb)
+            targets.line(target, f"{took.peak_mb:.0f}", f"{took.cpu_s:.1f}")
+    print(f"\n{years:g} years, {round(years * YEAR_S / STEP_S)} ensembles of {CELLS} bins, {size:.0f} MB of PD0")
     return targets.report([targets.limit("largest peak, MB", max(peaks), most=LIMIT_MB)])
 
 
 if __name__ == "__main__":
-    length = float(sys.argv[1]) if len(sys.argv) > 1 else 1.0
-    if len(sys.argv) > 2:
-        sys.exit(main(length, Path(sys.argv[2])))
-    else:
-        with tempfile.TemporaryDirectory() as temporary:
-            status = main(length, Path(temporary) / "cruise")
-        sys.exit(status)
+    sys.exit(main(float(sys.argv[1]) if len(sys.argv) > 1 else 1.0))

@@ -1,7 +1,5 @@
 """Figures 4 and 5 of von Appen (2015) as pictures of the documentation: angles, and series with B alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,11 +1,9 @@
-"""Redraw the pictures of README and docs.
+"""Redraw the pictures of README and docs, which docs/gallery.md shows with the command of each.
 
 python benchmarks/pictures.py                  all of them, about ten minutes
 python benchmarks/pictures.py power papers    those of these makers
 python benchmarks/pictures.py --from CRUISE demonstration    from a cruise that has been run already
 """
-
-from __future__ import annotations
 
 import argparse
 import json
@@ -14,8 +12,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from pathlib import Path
 
 from PIL import Image
@@ -26,31 +23,17 @@ sys.path.insert(0, str(PROJECT))
 DOCS = PROJECT / "docs"
 
 
-@dataclass(frozen=True)
-class Maker:
-    """Some of the pictures, and how they are drawn."""
-
-    title: str
-    copied: Mapping[str, str] = field(default_factory=dict)  # pictures, relative to docs, of results of a cruise
-    drawn: Sequence[str] = ()  # pictures drawn by ``draw`` from the folder of a cruise that was run, or an empty one
-    draw: Callable[[Path], None] | None = None
-    cruise: str = ""  # folder of the cruise to run first, relative to the project
-
-    @property
-    def pictures(self) -> list[str]:
-        return [*self.drawn, *self.copied]
-
-    def make(self, cruise: Path) -> None:
-        """Make the pictures from a cruise that was run."""
-        for picture, result in self.copied.items():
-            shutil.copyfile(cruise / "results" / result, DOCS / picture)
-        if self.draw is not None:
-            self.draw(cruise)
+def copy(figures: Path, **pictures: str) -> None:
+    """Copy figures of a folder by their names to pictures of the documentation."""
+    for name, picture in pictures.items():
+        shutil.copyfile(figures / f"{name}.png", DOCS / picture)
 
 
-def beside(cruise: Path) -> None:
-    """Combine figures of the currents of EG4 side by side into one."""
-    images = [Image.open(cruise / f"results/EG4/figures/{name}.png") for name in ("sticks", "progressive", "roses")]
+def demonstration(cruise: Path) -> None:
+    """Copy figures of EG4, and combine those of its currents side by side into one."""
+    figures = cruise / "results/EG4/figures"
+    copy(figures, **{name: f"eg4_{name}.png" for name in ("deviation", "scatter", "section")})
+    images = [Image.open(figures / f"{name}.png") for name in ("sticks", "progressive", "roses")]
     whole = Image.new("RGB", (sum(one.width for one in images), max(one.height for one in images)), "white")
     for k, one in enumerate(images):
         whole.paste(one, (sum(earlier.width for earlier in images[:k]), 0))
@@ -58,11 +41,22 @@ def beside(cruise: Path) -> None:
 
 
 def report(cruise: Path) -> None:
+    """Take the top of the report as Chromium shows it; left as it is where there is none."""
     from tests.world import browser
 
-    with tempfile.TemporaryDirectory() as folder, browser.chromium(Path(folder)) as chromium:
-        chromium.open(cruise / "results/report.html", 1200, 1500)
-        chromium.picture(DOCS / "report.png", whole=False)
+    if browser.program():
+        with tempfile.TemporaryDirectory() as folder, browser.chromium(Path(folder)) as chromium:
+            chromium.open(cruise / "results/report.html", 1200, 1500)
+            chromium.picture(DOCS / "report.png", whole=False)
+
+
+def tutorial(cruise: Path) -> None:
+    names = ("sticks", "deviation", "scatter")
+    copy(cruise / "results/EG4/figures", **{name: f"tutorial/{name}.png" for name in names})
+
+
+def redeployed(cruise: Path) -> None:
+    copy(cruise / "results/compasses/wh8104/figures", coefficients="redeployed.png")
 
 
 def concealed(cruise: Path) -> None:
@@ -71,7 +65,7 @@ def concealed(cruise: Path) -> None:
     from compasslib.plots.diagnosis import draw_errors, error_reach
     from compasslib.stages.concealed import heading_errors, read_headings
 
-    shutil.copyfile(cruise / "results/C1/figures/diagnosis.png", DOCS / "diagnosis.png")
+    copy(cruise / "results/C1/figures", diagnosis="diagnosis.png")
     truths = {path.stem: read_json(path) for path in sorted((cruise / "concealed").glob("*.json"))}
     errors = {name: heading_errors(truth, read_headings(cruise / "results" / name)) for name, truth in truths.items()}
     reach = error_reach([error for each in errors.values() for error in (each.fit_deg, each.corrected_deg)])
@@ -80,45 +74,29 @@ def concealed(cruise: Path) -> None:
     draw_errors(picture, c1.time_s, c1.fit_deg, c1.corrected_deg, c1.sigma_deg, dates, reach)
 
 
-def power(folder: Path) -> None:
-    import power as measured
-
-    measured.draw(json.loads(measured.KEPT.read_text()), DOCS / "power.png")
-
-
-def papers(folder: Path) -> None:
+def papers(_: None) -> None:
     from benchmarks import papers
 
     papers.draw_angles(DOCS / "angles.png")
     papers.draw_synthetic_curves(DOCS / "synthetic.png")
 
 
-COMMAND = ".venv/bin/python benchmarks/pictures.py "
-BY_HAND = {"tutorial": f"{COMMAND}--from CRUISE tutorial    # the cruise of the tutorial"}
-MAKERS = {
-    "demonstration": Maker(
-        "EG4 of the demonstration cruise before and after",
-        {f"eg4_{name}.png": f"EG4/figures/{name}.png" for name in ("deviation", "scatter", "section")},
-        ("currents.png",), beside, cruise=".",
-    ),
-    "report": Maker(
-        "The top of the demonstration's report, as Chromium shows it", drawn=("report.png",), draw=report, cruise="."
-    ),
-    "tutorial": Maker(
-        "The mooring of the tutorial",
-        {f"tutorial/{name}.png": f"EG4/figures/{name}.png" for name in ("sticks", "deviation", "scatter")},
-    ),
-    "redeployed": Maker(
-        "One compass by all its records",
-        {"redeployed.png": "compasses/wh8104/figures/coefficients.png"}, cruise="examples/redeployed",
-    ),
-    "concealed": Maker(
-        "The diagnosis of C1 and its heading errors",
-        drawn=("diagnosis.png", "concealed_errors.png"), draw=concealed, cruise=".",
-    ),
-    "papers": Maker("Figures 4 and 5 of von Appen 2015", drawn=("angles.png", "synthetic.png"), draw=papers),
-    "power": Maker("Power of the search", drawn=("power.png",), draw=power),
-}  # fmt: skip
+def power(_: None) -> None:
+    import power as measured
+
+    measured.draw(json.loads(measured.KEPT.read_text()), DOCS / "power.png")
+
+
+# With the cruise to run first, relative to the project; that of the tutorial is made by hand.
+MAKERS: dict[str, tuple[Callable[..., None], str]] = {
+    "demonstration": (demonstration, "."),
+    "report": (report, "."),
+    "tutorial": (tutorial, "given"),
+    "redeployed": (redeployed, "examples/redeployed"),
+    "concealed": (concealed, "."),
+    "papers": (papers, ""),
+    "power": (power, ""),
+}
 
 
 def run(cruise: str, folder: Path) -> Path:
@@ -135,37 +113,22 @@ def run(cruise: str, folder: Path) -> Path:
     return folder
 
 
-def gallery() -> str:
-    """Compose the page of all pictures, each with the command that draws it."""
-    lines = ["# Gallery", "", "The pictures of these pages, each with the command of a checkout that draws it."]
-    for name, maker in MAKERS.items():
-        lines += ["", f"## {maker.title}", "", f"    {BY_HAND.get(name, COMMAND + name)}"]
-        lines += [line for picture in maker.pictures for line in ("", f"![{Path(picture).stem}]({picture})")]
-    return "\n".join(lines) + "\n"
-
-
 def main() -> None:
-    """Draw pictures, and write the gallery."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("makers", nargs="*", help=f"of {', '.join(MAKERS)}; all where none is named")
     parser.add_argument("--from", dest="cruise", type=Path, help="a cruise that has been run already, of one maker")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        ready: dict[str, Path] = {}
+        ready: dict[str, Path | None] = {"": None}
         for name in asked.makers or MAKERS:
-            maker, own = MAKERS[name], Path(folder) / name
-            own.mkdir()
-            if name == "report" and not shutil.which("chromium"):
-                print("report: left as it is, there is no Chromium")
+            make, cruise = MAKERS[name]
+            if cruise == "given" and not asked.cruise:
+                print(f"{name}: left as it is, its cruise is not given: --from CRUISE {name}")
                 continue
-            if name == "tutorial" and not asked.cruise:
-                print("tutorial: left as it is, its cruise is not given: --from CRUISE tutorial")
-                continue
-            if asked.cruise or not maker.cruise:
-                ready[maker.cruise] = asked.cruise or own
-            maker.make(ready.get(maker.cruise) or ready.setdefault(maker.cruise, run(maker.cruise, own)))
-            (DOCS / "gallery.md").write_text(gallery())
-            print(f"{name}: {', '.join(maker.pictures)}")
+            if cruise not in ready:
+                ready[cruise] = asked.cruise or run(cruise, Path(tempfile.mkdtemp(dir=folder)))
+            make(ready[cruise])
+            print(f"{name}: drawn")
 
 
 if __name__ == "__main__":

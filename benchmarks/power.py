@@ -12,8 +12,6 @@ deviation and tests nothing else: it detects none. Moorings in real water are th
 ../shared/data they are left out.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections.abc import Iterable, Sequence
@@ -29,7 +27,7 @@ from matplotlib.lines import Line2D
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
-from benchmarks.proof import standing
+from benchmarks.proof import seal
 from benchmarks.proof.score import first, says
 from compasslib.demo.concealed import beyond, signal_to_noise, waves
 from compasslib.effects import driver_of
@@ -212,7 +210,7 @@ def summary(rows: Sequence[dict[str, Any]], seed: int) -> dict[str, Any]:
     }  # fmt: skip
     return {
         "command": f"benchmarks/power.py {1 + max(row['index'] for row in rows)} {seed} --rows ROWS --keep",
-        "commit": standing.commit()[: standing.DIGITS],
+        "commit": seal.commit()[:12],
         "seed": seed,
         "limit_z": round(LIMIT, 2),
         "relative_size": EDGES,
@@ -280,13 +278,11 @@ def main() -> None:
     asked = parser.parse_args()
     if asked.moored is not None:
         made = [moored(record, kind, asked.moored) for record in INSTRUMENTS for kind in ("listed", "unlisted", "null")]
-        commit, command = standing.commit()[: standing.DIGITS], f"benchmarks/power.py --moored {asked.moored}"
+        commit, command = seal.commit()[:12], f"benchmarks/power.py --moored {asked.moored}"
         kept = {"command": command, "commit": commit, "date": f"{datetime.now(UTC):%Y-%m-%d}", "moorings": made}
         MOORED.write_text(json.dumps(kept, ensure_ascii=False) + "\n")
         return
-    kinds = [asked.kind] if asked.kind else [*KINDS, "null"]
-    wanted = [(kind, index) for index in range(asked.count) for kind in kinds]
-    rows = targets.resumed(asked.rows, {"seed": asked.seed}, wanted, lambda k, index: measure(k, index, asked.seed))
+    rows = targets.resumed(asked, (*KINDS, "null"), lambda *one: measure(*one, asked.seed))
     made = summary(rows, asked.seed)
     if asked.keep:
         KEPT.write_text(json.dumps(made, indent=1) + "\n")

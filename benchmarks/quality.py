@@ -5,23 +5,20 @@
 The records are those of benchmarks/proof/records, and are not part of the project.
 """
 
-from __future__ import annotations
-
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import targets
+from runs import DATA
 
-PROJECT = Path(__file__).resolve().parents[1]
-sys.path.append(str(PROJECT))
-
-from benchmarks.proof.world.records import Described, described  # noqa: E402
-from compasslib import readers  # noqa: E402
-from compasslib.preparation.deployment import apply_deployment  # noqa: E402
-from compasslib.preparation.quality import MAKERS  # noqa: E402
-from compasslib.records import PROBABLY_GOOD, Record  # noqa: E402
+from benchmarks.proof.world.records import Described, described
+from compasslib import readers
+from compasslib.preparation.deployment import apply_deployment
+from compasslib.preparation.quality import MAKERS
+from compasslib.records import PROBABLY_GOOD, Record
 
 OFF = ({"echo_jump": 30.0}, {"spike": 7.0}, {"spike": 10.0}, {"error_velocity": 0.3}, {"correlation": 100.0})
 
@@ -39,21 +36,19 @@ def read(one: Described, quality: dict[str, Any]) -> Record:
     )  # fmt: skip
 
 
-def shares(one: Described) -> list[str]:
-    """Format the rows of a record: usable share before, by default, and with each test that is off by default."""
-    rows, makers = [], dict(MAKERS.get(one.keys["format"], {}))
+def show(one: Described) -> None:
+    """Print the rows of a record: usable share before, by default, and with each test that is off by default."""
+    makers = dict(MAKERS.get(one.keys["format"], {}))
     for name, limits in (("none", {}), ("default", makers), *((str(off), makers | off) for off in OFF)):
         record = read(one, limits)
         usable = np.mean(record.quality <= PROBABLY_GOOD)
         headings = np.mean(record.heading_quality <= PROBABLY_GOOD)
         name = ", ".join(f"{key} {value:g}" for key, value in limits.items() if value != makers.get(key)) or name
-        rows.append(f"| {one.name} | {name} | {100 * usable:.3f} | {100 * headings:.1f} |")
-    return rows
+        targets.line(one.name, name, f"{100 * usable:.3f}", f"{100 * headings:.1f}")
 
 
 if __name__ == "__main__":
-    data = Path(sys.argv[1]) if sys.argv[1:] else PROJECT.parent / "shared/data"
-    print("| record | thresholds besides percent good, speed, tilt | velocities usable (%) | headings usable (%) |")
-    print("|---|---|---|---|")
-    for each in described(data):
-        print(*shares(each), sep="\n")
+    thresholds = "thresholds besides percent good, speed, tilt"
+    targets.head("record", thresholds, "velocities usable (%)", "headings usable (%)")
+    for each in described(Path(sys.argv[1]) if sys.argv[1:] else DATA):
+        show(each)

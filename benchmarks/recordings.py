@@ -8,8 +8,6 @@ parameters are right if the rms of their errors over their standard errors is 0.
 concealed effect are part of the demonstration.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

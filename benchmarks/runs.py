@@ -1,7 +1,5 @@
 """Runs of the workflow for benchmarks: commands and their cost."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

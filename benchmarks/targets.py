@@ -3,15 +3,11 @@
 A target is missed if the 95 % interval excludes it; a script that misses one ends with status 1.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -46,17 +42,12 @@ class Measured:
         return self.target if self.held else f"{self.target}, MISSED"
 
 
-def parser(
-    doc: str, count: int, kinds: Sequence[str] = (), *, red: bool = False, rows: bool = False
-) -> argparse.ArgumentParser:
-    """Make the parser of a benchmark: count, seed, and the options that several benchmarks have."""
+def parser(doc: str, count: int, kinds: Sequence[str], *, rows: bool = False) -> argparse.ArgumentParser:
+    """Make the parser of a benchmark: count, seed, one of its kinds, and the file of rows where it has one."""
     made = argparse.ArgumentParser(description=doc.splitlines()[0])
     made.add_argument("count", type=int, nargs="?", default=count, help=f"cases, of each kind (default {count})")
     made.add_argument("seed", type=int, nargs="?", default=1)
-    if kinds:
-        made.add_argument("--kind", choices=kinds)
-    if red:
-        made.add_argument("--red", action="store_true", help="the water of the two depths differs for days to seasons")
+    made.add_argument("--kind", choices=kinds)
     if rows:
         made.add_argument("--rows", type=Path, help="file of a line of JSON a case; what is in it is not made again")
     return made
@@ -82,40 +73,35 @@ def share_of(values: Iterable[object]) -> str:
     return text_of(sum(held), len(held))
 
 
-def share(what: str, values: Iterable[object], *, least: float = 0.0, most: float = 1.0) -> Measured:
-    """Compute a share with its target."""
-    held = [bool(one) for one in values]
-    low, high = interval(sum(held), len(held)) if held else (0.0, 1.0)
-    return Measured(what, text_of(sum(held), len(held)), low, high, least, most, _said(least, most, " %", 100.0))
+def share(
+    what: str, values: Iterable[object], *, least: float = 0.0, most: float = 1.0, groups: Sequence[object] = ()
+) -> Measured:
+    """Compute a share with its target.
 
-
-def grouped(plain: Measured, values: Sequence[object], groups: Sequence[object]) -> Measured:
-    """Widen the interval of a share to that by resampling groups of dependent cases, if this is wider."""
-    if not values:
-        return plain
-    held, group = np.array([bool(one) for one in values]), np.unique(np.array(groups), return_inverse=True)[1]
-    sums, counts = np.bincount(group, held), np.bincount(group)
-    picked = np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))
-    ends = np.quantile(sums[picked].sum(axis=1) / counts[picked].sum(axis=1), [0.025, 0.975]).tolist()
-    low, high = min(plain.low, ends[0]), max(plain.high, ends[1])
-    value = f"{100 * held.mean():.1f} % of {len(held)} ({100 * low:.1f}–{100 * high:.1f})"
-    return replace(plain, value=value, low=low, high=high)
+    Args:
+        groups: of each case, if cases depend on each other in groups; resampling them may widen the interval.
+    """
+    held = np.array([bool(one) for one in values])
+    value, low, high = share_of(held), *(interval(int(held.sum()), len(held)) if len(held) else (0.0, 1.0))
+    if len(groups):
+        group = np.unique(np.array(groups), return_inverse=True)[1]
+        sums, counts = np.bincount(group, held), np.bincount(group)
+        picked = np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))
+        ends = np.quantile(sums[picked].sum(axis=1) / counts[picked].sum(axis=1), [0.025, 0.975]).tolist()
+        low, high = min(low, ends[0]), max(high, ends[1])
+        value = f"{100 * held.mean():.1f} % of {len(held)} ({100 * low:.1f}–{100 * high:.1f})"
+    return Measured(what, value, low, high, least, most, _said(least, most, " %", 100.0))
 
 
 def mean(
-    what: str,
-    values: Sequence[float],
-    *,
-    least: float = -np.inf,
-    most: float = np.inf,
-    unit: str = "",
-    times: float = 1.0,
+    what: str, values: Sequence[float], *, least: float = -np.inf, most: float = np.inf, percent: bool = False
 ) -> Measured:
-    """Compute a mean with its interval by resampling, and its target; printed numbers are multiplied by ``times``."""
-    each = np.asarray(values, dtype=float)
+    """Compute a mean with its interval by resampling, and its target; shares are printed in percent if asked."""
+    each, (times, unit) = np.asarray(values, dtype=float), (100.0, " %") if percent else (1.0, "")
     low, high = resampled(each, lambda some: some.mean(axis=-1)) or (-np.inf, np.inf)
-    told = middle(times * each, np.mean, unit=unit)
-    return Measured(what, told, low, high, least, most, _said(least, most, unit, times))
+    return Measured(
+        what, middle(times * each, np.mean, unit=unit), low, high, least, most, _said(least, most, unit, times)
+    )
 
 
 def middle(values: np.ndarray, of: Callable[..., Any] = np.median, *, unit: str = "", fewest: int = FEWEST) -> str:
@@ -127,33 +113,50 @@ def middle(values: np.ndarray, of: Callable[..., Any] = np.median, *, unit: str 
     return f"{of(values):.3g}{unit} of {len(values)} ({between})"
 
 
-def limit(what: str, value: float, *, most: float, unit: str = "") -> Measured:
+def limit(what: str, value: float, *, most: float) -> Measured:
     """Return a number without an interval, with its upper limit as the target."""
-    return Measured(what, f"{value:.3g}{unit}", value, value, most=most, target=_said(-np.inf, most, unit, 1.0))
+    return Measured(what, f"{value:.3g}", value, value, most=most, target=_said(-np.inf, most, "", 1.0))
 
 
 def resampled(
-    values: np.ndarray, of: Callable[[np.ndarray], np.ndarray], seed: int = 1, *, fewest: int = FEWEST
+    values: np.ndarray, of: Callable[[np.ndarray], np.ndarray], *, fewest: int = FEWEST
 ) -> tuple[float, float] | None:
     """Compute the 95 % interval of a statistic by resampling the cases (Efron 1979); None if they are too few."""
     if values.size < fewest:
         return None
-    drawn = of(np.random.default_rng(seed).choice(values, (DRAWS, values.size)))
+    drawn = of(np.random.default_rng(1).choice(values, (DRAWS, values.size)))
     low, high = np.quantile(drawn, [0.025, 0.975])
     return float(low), float(high)
 
 
-def report(lines: Sequence[Measured]) -> int:
+class Report:
+    """A table of measures, printed line by line."""
+
+    def __init__(self) -> None:
+        self.missed = False  # whether the interval of any measure excludes its target
+        head("measure", "value", "target")
+
+    def add(self, one: Measured) -> None:
+        """Print a measure and note whether its target is missed."""
+        self.note(one.what, one.value, one.verdict)
+        self.missed |= not one.held
+
+    def share(self, what: str, values: Iterable[object], **target: Any) -> None:
+        """Print a share with its target, if it has one."""
+        self.add(share(what, values, **target))
+
+    def note(self, what: str, value: str, target: str = "") -> None:
+        """Print a line, unless there are no data."""
+        if not value.startswith(("–", "nan")):
+            line(what, value, target)
+
+
+def report(lines: Iterable[Measured]) -> int:
     """Print a table and return the exit status: 1 if any target is missed."""
-    head("measure", "value", "target")
-    missed = [one for one in lines if not told(one)]
-    return int(bool(missed))
-
-
-def told(one: Measured) -> bool:
-    """Print one line; return False if its target is missed."""
-    line(one.what, one.value, one.verdict)
-    return one.held
+    table = Report()
+    for one in lines:
+        table.add(one)
+    return int(table.missed)
 
 
 def head(*names: str) -> None:
@@ -168,46 +171,30 @@ def line(*cells: object) -> None:
     print(f"| {' | '.join(map(str, cells))} |", flush=True)
 
 
-def rows_of(file: Path | None, run: dict[str, Any]) -> list[dict[str, Any]]:
-    """Read the rows of a file of this run; without a file there are none."""
+def resumed(
+    asked: argparse.Namespace, kinds: Sequence[str], measure: Callable[[str, int], dict[str, Any]], **run: Any
+) -> list[dict[str, Any]]:
+    """Measure the cases asked for, of one kind or of all; those in the file ``asked.rows`` are read from it.
+
+    Args:
+        run: settings of the run, which all rows of the file must have.
+    """
+    file, run = asked.rows, {"seed": asked.seed, **run}
     made = [json.loads(text) for text in file.read_text().splitlines()] if file and file.exists() else []
     if any(row.get(key) != value for row in made for key, value in run.items()):
         sys.exit(f"{file}: expected rows of {run}, found those of another run; name another file")
-    return made
-
-
-def added(file: Path | None, row: dict[str, Any]) -> dict[str, Any]:
-    """Append a row to the file, and return it as it would be read."""
-    text = json.dumps(row, default=float)
-    if file:
-        with file.open("a") as stream:
-            stream.write(text + "\n")
-    made: dict[str, Any] = json.loads(text)
-    return made
-
-
-def resumed(
-    file: Path | None,
-    run: dict[str, Any],
-    wanted: Sequence[tuple[str, int]],
-    measure: Callable[[str, int], Any],
-    cores: int = 1,
-) -> list[dict[str, Any]]:
-    """Return a row for each wanted (kind, index), read from a file of this run, or measured and added to it."""
-    known = {(row["kind"], row["index"]): row for row in rows_of(file, run)}
-    missing = [one for one in wanted if one not in known]
-    with ProcessPoolExecutor(cores) if cores > 1 else nullcontext() as pool:
-        made = (pool.map if pool else map)(measure, *zip(*missing, strict=True)) if missing else ()
-        for count, (one, row) in enumerate(zip(missing, made, strict=True), 1):
-            known[one] = added(file, run | row)
-            progress(f"{one[0]} {one[1] + 1}, {count} of {len(missing)}")
+    known = {(row["kind"], row["index"]): row for row in made}
+    wanted = [(kind, index) for kind in ([asked.kind] if asked.kind else kinds) for index in range(asked.count)]
+    for done, one in enumerate(wanted, 1):
+        if one not in known:
+            text = json.dumps(run | measure(*one), default=float)
+            if file:
+                with file.open("a") as stream:
+                    stream.write(text + "\n")
+            known[one] = json.loads(text)
+            print(f"\r{one[0]} {one[1] + 1}, {done} of {len(wanted)}", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     return [known[one] for one in wanted]
-
-
-def progress(text: str) -> None:
-    """Print the progress of a run over the previous message."""
-    print(f"\r{text}", end="", file=sys.stderr, flush=True)
 
 
 def _said(least: float, most: float, unit: str, times: float) -> str:

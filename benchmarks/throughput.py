@@ -7,8 +7,6 @@ ensembles. Nortek is a real Aquadopp file, if available, an AWAC and a Signature
 is the small PD0 file saved by mhkit.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import logging
@@ -22,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import targets
+from mhkit import dolfyn  # type: ignore[import-untyped]
 from runs import DATA
 
 from compasslib import readers
@@ -29,7 +28,6 @@ from compasslib.readers.pd0 import decode
 from compasslib.readers.pd0.frames import find_ensembles
 from tests.world import nortek_encoder as encoder
 
-SCANS = DATA / "acm/mmp_global_A0000001.TXT"
 RAW, AQUADOPP = DATA / "pd0/eh2_20060530_20060717_0007m.000", DATA / "moored/aqd9330.aqd"
 KEYS = {
     "pd0": {"orientation": "down", "declination_applied": None, "heading_alignment": None},
@@ -52,8 +50,6 @@ def speed(path: Path, action: Callable[[Path], object], repeats: int = REPEATS) 
 
 def by_mhkit(path: Path) -> object:
     """Read with mhkit, without its messages."""
-    from mhkit import dolfyn  # type: ignore[import-untyped]
-
     with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return dolfyn.load(str(path)).load().close() if path.suffix == ".nc" else dolfyn.read(str(path))
@@ -82,46 +78,6 @@ def written(folder: Path) -> list[Path]:
     return [folder / name for name in files]
 
 
-def as_netcdf(path: Path) -> Path:
-    """Convert a raw file to netCDF by mhkit."""
-    from mhkit import dolfyn
-
-    made = path.with_suffix(".nc")
-    with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        dolfyn.save(by_mhkit(path), str(made))
-    return made
-
-
-def of_tables(folder: Path, n: int = 300_000) -> None:
-    """Time reading tables of several layouts, and unpacked scans of a moored profiler, by records."""
-    import pandas as pd
-
-    dates = pd.DatetimeIndex(np.datetime64("2007-09-04T00:00:00") + np.timedelta64(600, "s") * np.arange(n))
-    drawn = pd.DataFrame(np.random.default_rng(1).normal(0.0, 20.0, (n, 4)).round(3), columns=list("zuvt"))
-    plain = drawn.assign(time=dates.strftime("%Y-%m-%dT%H:%M:%S"))
-    flags = plain.assign(q=np.where(np.arange(n) % 7, "good_data", "bad_data"))
-    parts = drawn.assign(Y=dates.year, M=dates.month, D=dates.day, h=dates.hour, m=dates.minute, s=0)
-    columns = {"time": "time", "depth": "z", "east": "u", "north": "v", "temperature": "t"}
-    by_number = {"time": [5, 6, 7, 8, 9, 10], "depth": 1, "east": 2, "north": 3, "temperature": 4}
-    cases = {
-        "plain": (plain, {}, columns),
-        "flags": (flags, {}, columns | {"flag": "q"}),
-        "d/m/y": (drawn.assign(time=dates.strftime("%d/%m/%Y %H:%M")), {}, columns),
-        "decimal commas": (plain, {"sep": ";", "decimal": ","}, columns),
-        "no header, six columns of time": (parts, {"header": False}, by_number),
-    }
-    print()
-    for name, (frame, layout, headers) in cases.items():
-        frame.to_csv(folder / "deep.csv", index=False, **layout)
-        read = speed(folder / "deep.csv", lambda one, by=headers: readers.read("table", [one], {"columns": by}), 3)
-        print(f"table, {name}: {read:.1f} MB/s")
-    if SCANS.exists():
-        (folder / SCANS.name).write_bytes(SCANS.read_bytes() * 8)
-        read = speed(folder / SCANS.name, lambda one: readers.read("mmp_acm", [one], {"pressure_files": ()}), 3)
-        print(f"scans of a moored profiler, text: {read:.1f} MB/s")
-
-
 def main(raw: Path) -> None:
     """Write the files, time each way of reading them, and print the table."""
     logging.disable(logging.CRITICAL)
@@ -136,13 +92,13 @@ def main(raw: Path) -> None:
             nortek.append(folder / AQUADOPP.name)
             nortek[-1].write_bytes(AQUADOPP.read_bytes())
         targets.head("file", "MB", "here, MB/s", "mhkit, MB/s", "times mhkit", "of plain reading")
-        cases = [("pd0", large, small), *(("nortek", one, one) for one in nortek)]
-        for kind, path, other in [*cases, ("netcdf", made := as_netcdf(small), made)]:
+        dolfyn.save(by_mhkit(small), str(made := folder / "small.nc"))
+        cases = [("pd0", large, small), *(("nortek", one, one) for one in nortek), ("netcdf", made, made)]
+        for kind, path, other in cases:
             ours = speed(path, lambda one, kind=kind: readers.read(kind, [one], KEYS[kind]))
             theirs, plain = library(other), speed(path, Path.read_bytes)
             told = (f"{theirs:.1f}", f"{ours / theirs:.1f}") if isinstance(theirs, float) else (theirs, "–")
             targets.line(path.name, f"{path.stat().st_size / 1e6:.1f}", f"{ours:.1f}", *told, f"{ours / plain:.3f}")
-        of_tables(folder)
         print(f"\nPD0 by decode() alone, currents not turned: {speed(large, decode):.1f} MB/s")
 
 

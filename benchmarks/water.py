@@ -8,13 +8,12 @@ simulated compass near iron. The bins of one instrument share their compass, so 
 reference bin is not used in the prediction. Needs ../shared/data, and reports if it is absent.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import targets
@@ -49,6 +48,7 @@ class Case:
     gap: int
 
 
+@cache
 def profile(name: str) -> Record:
     """Read a real moored profile, with its depth set constant."""
     if name == "eh2":
@@ -163,8 +163,7 @@ def main() -> None:
     every = list(cases())
     if not every:
         sys.exit(0)
-    records = {one.record: profile(one.record) for one in every}
-    reduced = [fall(records[one.record], one.depth, one.gap) for one in every]
+    reduced = [fall(profile(one.record), one.depth, one.gap) for one in every]
     with ProcessPoolExecutor(asked.cores) as pool:
         errors = list(pool.map(heading_error, every))
     targets.head("record", "gap, cells", "noise across the flow falls, %", "stated / real rms",

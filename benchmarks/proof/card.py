@@ -1,6 +1,4 @@
-"""Write the scorecard as JSON, its tables as CSV, and a Markdown page that shows them with the figures."""
-
-from __future__ import annotations
+"""Write the scorecard as JSON, its tables as CSV, its figures, and a Markdown page that shows them."""
 
 import csv
 import json
@@ -8,8 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from matplotlib.ticker import FixedLocator, NullLocator
+
 from benchmarks import targets
-from benchmarks.proof import tally
+from benchmarks.proof import score, tally
+from compasslib.plots.page import BLUE, GREY, WIDE_IN, page
 
 DEFINITIONS = (
     "No fault: nothing is wrong with the compass; its current may be named. Listed effects stand in the catalogue, "
@@ -23,15 +25,18 @@ DEFINITIONS = (
     "intervals: Clopper and Pearson's of rates, else by resampling the moorings."
 )
 NOT_SHOWN = ("Every mooring",)  # on the page: it is long
-Table = tuple[str, list[str], list[list[str]]]
+TICKS_DEG = (0.2, 0.5, 1, 2, 5, 10, 20, 50)
+Table = tuple[list[str], list[list[str]]]
 
 
 def write(out: Path, made: dict[str, Any]) -> None:
-    """Write scorecard.json, scorecard.md and a CSV file for each of its tables."""
-    out.mkdir(parents=True, exist_ok=True)
+    """Write scorecard.json, scorecard.md, a CSV file for each of its tables, and the figures."""
+    (out / "figures").mkdir(parents=True, exist_ok=True)
     (out / "scorecard.json").write_text(json.dumps(made, indent=1) + "\n")
+    draw_power(out / "figures/power.png", made["power"])
+    draw_headings(out / "figures/headings.png", made["moorings"])
     links, shown = [], []
-    for title, head, rows in _tables(made):
+    for title, (head, rows) in _tables(made).items():
         if rows:
             name = f"{title.partition(',')[0].lower().replace(' ', '_')}.csv"
             with (out / name).open("w", newline="", encoding="utf-8") as file:
@@ -41,77 +46,60 @@ def write(out: Path, made: dict[str, Any]) -> None:
             if title not in NOT_SHOWN:
                 shown.append(f"```{{csv-table}} {title}\n:file: {name}\n:header-rows: 1\n```")
     figures = [f"![{path.stem}](figures/{path.name})" for path in sorted((out / "figures").glob("*.png"))]
-    parts = [_heading(made), DEFINITIONS, f"Tables: {', '.join(links)}.", shown[0], *figures, *shown[1:]]
+    seal = made["seal"]
+    parts = [
+        f"# Sealed proof, seed {seal['seed']}: {seal['count']} moorings in simulated water, {seal['real']} in real",
+        f"Truth sealed as {seal['sha256']}, before the pipeline ran. Seed: {seal['seed_of']}. Families of effects "
+        f"{seal['families']}. Commit {seal['commit']}. Simulated records last {seal['hours']} hours; real ones: "
+        f"{', '.join(seal['records']) or 'none'}.",
+        *(DEFINITIONS, f"Tables: {', '.join(links)}.", shown[0], *figures, *shown[1:]),
+    ]
     (out / "scorecard.md").write_text("\n\n".join(parts) + "\n")
 
 
-def _heading(made: dict[str, Any]) -> str:
-    seal = made["seal"]
-    title = f"# Sealed proof, seed {seal['seed']}: {seal['count']} moorings in simulated water, {seal['real']} in real"
-    sealed = f"Truth sealed as {seal['sha256']}, before the pipeline ran. Seed: {seal['seed_of']}. "
-    sealed += f"Families of effects {seal['families']}. Commit {seal['commit']}. "
-    sealed += f"Simulated records last {seal['hours']} hours; real ones: {', '.join(seal['records']) or 'none'}."
-    return f"{title}\n\n{sealed}"
-
-
-def _tables(made: dict[str, Any]) -> list[Table]:
-    of_headings = ["moorings", "n", "fit", "product", *tally.HEADINGS[2:]]
-    of_headings += ["product ≤ sampled + 0.3°", "worse than fit by 0.1°", "within 95 % interval"]
-    of_moorings = ["mooring", "kind", "water", "planted (visible)", "named", "unexplained", "outcome", "score"]
-    of_moorings += ["heading errors: fit, product, sampled, oracle", "why not named"]
-    sizes, keys = ["visible", "water", "n", "detected", "named"], ("place", "count", "detected", "named")
+def _tables(made: dict[str, Any]) -> dict[str, Table]:
+    """Compose the tables, each by its title from its head and rows."""
+    stated = {what: one for what, one in made["probabilities"].items() if one["count"]}
+    rules = ("brier", "log")
+    scores = [
+        [what, str(one["count"]), _percent(one["share"]), *(cell for rule in rules for cell in _rule(one[rule]))]
+        for what, one in stated.items()
+    ]
+    came = [
+        [what, f"{100.0 * each['stated']:.1f} %", targets.text_of(each["hits"], each["count"])]
+        for what, one in stated.items()
+        for each in one["bins"]
+    ]
+    errors = [
+        [
+            *(name, str(one["count"]), *(f"{_text(one[f'{key}_deg'])}°" for key in tally.HEADINGS)),
+            *(_percent(one[key]) for key in ("near_sampled", "worse", "covered_95")),
+        ]
+        for name, one in made["headings"].items()
+        if one["count"]
+    ]
+    points = [
+        [name, *(_text(one[place]) for place in tally.PLACES), _between(one["ahead"])]
+        for name, one in made["points"].items()
+    ]
+    keys = ("place", "count", "detected", "named")
     power = [[f"{x['from_deg']:g} to {x['to_deg']:g}°", *(str(x[key]) for key in keys)] for x in made["power"]]
     goals = [[x["what"], x["value"], f"{x['target']}{', MISSED' if x['missed'] else ''}"] for x in made["goals"]]
     rates = [[x["what"], *(targets.text_of(*x[place]) for place in tally.PLACES)] for x in made["measures"]]
-    scores = ["probability of", "n", "base rate"]
-    for rule in ("Brier score", "log score"):
-        scores += [rule, "base rate's", "improvement"]
-    return [
-        ("Targets", ["measure", "value", "target"], goals),
-        ("Scores", ["tool", *tally.PLACES, "this pipeline minus tool"], _points(made["points"])),
-        ("Rates", ["measure", *tally.PLACES], rates),
-        ("Scores of stated probabilities", scores, _scores(made["probabilities"])),
-        ("Reliability of stated probabilities", ["probability of", "stated", "observed"], _came(made["probabilities"])),
-        ("Errors of the heading, rms", of_headings, _headings(made["headings"])),
-        ("Single effects by visible size", sizes, power),
-        ("Every mooring", of_moorings, [_mooring(row) for row in made["moorings"]]),
-    ]  # fmt: skip
-
-
-def _points(tools: dict[str, Any]) -> list[list[str]]:
-    return [
-        [name, *(_text(one[place]) for place in tally.PLACES), _between(one["ahead"])] for name, one in tools.items()
-    ]
-
-
-def _scores(stated: dict[str, Any]) -> list[list[str]]:
-    return [
-        [what, str(one["count"]), _percent(one["share"]), *_rule(one["brier"]), *_rule(one["log"])]
-        for what, one in stated.items()
-        if one["count"]
-    ]
-
-
-def _rule(one: dict[str, Any]) -> list[str]:
-    return [f"{one['own']:.3f}", f"{one['share']:.3f}", _between(one["better"])]
-
-
-def _came(stated: dict[str, Any]) -> list[list[str]]:
-    return [
-        [what, f"{100.0 * each['stated']:.1f} %", targets.text_of(each["hits"], each["count"])]
-        for what, one in stated.items()
-        if one["count"]
-        for each in one["bins"]
-    ]
-
-
-def _headings(groups: dict[str, dict[str, Any]]) -> list[list[str]]:
-    keys, shares = [f"{key}_deg" for key in tally.HEADINGS], ("near_sampled", "worse", "covered_95")
-    return [
-        [name, str(one["count"]), *(f"{_text(one[key])}°" for key in keys), *(_percent(one[key]) for key in shares)]
-        for name, one in groups.items()
-        if one["count"]
-    ]
+    of_scores = ["probability of", "n", "base rate", "Brier score", "base rate's", "improvement", "log score"]
+    of_errors = ["moorings", "n", "fit", "product", *tally.HEADINGS[2:], "product ≤ sampled + 0.3°"]
+    of_moorings = ["mooring", "kind", "water", "planted (visible)", "named", "unexplained", "outcome", "score"]
+    of_moorings += ["heading errors: fit, product, sampled, oracle", "why not named"]
+    return {
+        "Targets": (["measure", "value", "target"], goals),
+        "Scores": (["tool", *tally.PLACES, "this pipeline minus tool"], points),
+        "Rates": (["measure", *tally.PLACES], rates),
+        "Scores of stated probabilities": ([*of_scores, "base rate's", "improvement"], scores),
+        "Reliability of stated probabilities": (["probability of", "stated", "observed"], came),
+        "Errors of the heading, rms": ([*of_errors, "worse than fit by 0.1°", "within 95 % interval"], errors),
+        "Single effects by visible size": (["visible", "water", "n", "detected", "named"], power),
+        "Every mooring": (of_moorings, [_mooring(row) for row in made["moorings"]]),
+    }
 
 
 def _mooring(row: dict[str, Any]) -> list[str]:
@@ -125,6 +113,10 @@ def _mooring(row: dict[str, Any]) -> list[str]:
     return [row["name"], kind, water, *told]
 
 
+def _rule(one: dict[str, Any]) -> list[str]:
+    return [f"{one['own']:.3f}", f"{one['share']:.3f}", _between(one["better"])]
+
+
 def _between(interval: Sequence[float] | None) -> str:
     return "{:+.3f} to {:+.3f}".format(*interval) if interval else "–"
 
@@ -135,3 +127,49 @@ def _text(value: float | None) -> str:
 
 def _percent(value: float | None) -> str:
     return "–" if value is None else f"{100.0 * value:.0f} %"
+
+
+def draw_power(path: Path, bins: Sequence[dict[str, Any]]) -> None:
+    """Draw the share of single effects that were detected and named against their visible size."""
+    title = "Single effects detected and named, by visible size\n"
+    title += "Bars are 95 % intervals (Clopper and Pearson); n is the number of moorings."
+    with page(path, 2.9, width_in=WIDE_IN, title=title) as figure:
+        panels = figure.subplots(1, 2, sharey=True)
+        for axes, (place, water) in zip(panels, {"made": "simulated", "real": "real"}.items(), strict=True):
+            some = [one for one in bins if one["place"] == place]
+            for key, colour, shift in (("detected", GREY, -0.08), ("named", BLUE, 0.08)):
+                if some:
+                    share = np.array([one[key] / one["count"] for one in some])
+                    ends = np.array([targets.interval(one[key], one["count"]) for one in some])
+                    look = {"fmt": "o", "color": colour, "label": key, "capsize": 2}
+                    axes.errorbar(np.arange(len(some)) + shift, share, np.abs(ends.T - share), **look)
+            axes.set_xticks(range(len(some)), [f"{_range(one)}\nn = {one['count']}" for one in some])
+            axes.set(xlabel=f"Visible size, {water} water, rms (°)", ylim=(-0.03, 1.03))
+        panels[0].set_ylabel("Share")
+        panels[0].legend(loc="upper left", ncols=2, bbox_to_anchor=(0.08, 1.15))
+
+
+def _range(one: dict[str, Any]) -> str:
+    if one["to_deg"] == tally.BINS_DEG[-1]:
+        return f"over {one['from_deg']:g}"
+    return f"{one['from_deg']:g}–{one['to_deg']:g}" if one["from_deg"] else f"under {one['to_deg']:g}"
+
+
+def draw_headings(path: Path, rows: Sequence[dict[str, Any]]) -> None:
+    """Draw the rms heading error of the product against that of the fit for every mooring."""
+    title = "True error of the heading, rms, a dot for each mooring\n"
+    title += "Below the line the product is better than the fit."
+    groups = {"No fault": score.QUIET, "Listed effects": score.KNOWN, "Unlisted effects": ("strange",)}
+    with page(path, 2.9, width_in=WIDE_IN, title=title) as figure:
+        panels = figure.subplots(1, len(groups), sharex=True, sharey=True)
+        for axes, (what, kinds) in zip(panels, groups.items(), strict=True):
+            some = [row for row in rows if row["kind"] in kinds and row["before_deg"] and row["after_deg"]]
+            axes.axline((1.0, 1.0), (2.0, 2.0), color=GREY, linewidth=0.6)
+            axes.plot([row["before_deg"] for row in some], [row["after_deg"] for row in some], "o", color=BLUE,
+                      markersize=3, alpha=0.5, markeredgewidth=0.0)  # fmt: skip
+            axes.set(xscale="log", yscale="log", title=f"{what}, n = {len(some)}", xlabel="Fit (°)")
+            for axis in (axes.xaxis, axes.yaxis):
+                axis.set_major_locator(FixedLocator(TICKS_DEG))
+                axis.set_major_formatter("{x:g}")
+                axis.set_minor_locator(NullLocator())
+        panels[0].set_ylabel("Product (°)")

@@ -1,24 +1,16 @@
 """Score diagnoses against unsealed truths, by pure functions of the content of files."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
+from compasslib.effects import SIDES
+
 QUIET = ("null", "noisy", "turned", "veering", "reference", "rolled", "mirrored")  # nothing is wrong with the compass
 UNNAMED = ("strange", "shifted")  # no name in the catalogue is right for the planted effect
 KNOWN = ("single", "pair")
-CATALOGUE = (
-    "heeling", "hard_iron_drift", "hard_iron_step", "battery_change", "temperature", "supply_voltage", "sextantal",
-    "octantal", "heading_slip", "compass_drift", "compass_lag", "tilt_uncompensated", "stuck_tilt", "current_veer",
-    "clock_offset", "clock_drift", "field_disturbance", "mooring_motion", "large_deviation", "declination_error",
-    "hard_iron", "soft_iron", "pressure", "secular_variation", "mounting_offset", "pivot_friction", "water_drift",
-    "course_lag", "beam_gain", "velocity_bias", "reference_deviation", "reference_slip", "reference_beams",
-    "reference_bias", "moving_iron", "tilt_offset",
-)  # fmt: skip
 CURRENT = ("current_veer", "mooring_motion", "beam_gain", "velocity_bias")  # effects reported under ``current``
 LIKE = {"moving_iron": "heeling"}  # a magnet that swings with tilt has the same effect as vertical iron
 FIELD = "field_forward field_starboard field_down"
@@ -82,66 +74,50 @@ def right(name: str, effect: dict[str, Any]) -> bool:
 def judge(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
     """Classify a diagnosis by comparison with the truth."""
     named, left = named_sets(truth, diagnosis), diagnosis["unexplained"] is not None
-    if truth["kind"] == "insufficient":
-        return "right" if diagnosis["verdict"] == "insufficient" else "wrong name" if named else "missed"
     if diagnosis["verdict"] in ("insufficient", "stopped"):
         return "refused"
     if truth["kind"] in QUIET:
-        return "false name" if _accused(truth, diagnosis) else "false alarm" if left else "right"
+        return "false name" if _accused(diagnosis) else "false alarm" if left else "right"
     if not named and not left:
         return "missed"
     if truth["kind"] in UNNAMED:
         listed = [each for each in named if not all(name.startswith("composed") for name in each)]
         told = left or len(listed) < len(named)  # a composed name states that no listed effect explains it
         return "bare name" if not told else "name beside" if listed else "right"
-    return _doubt(truth, named, left) if truth["kind"] == "undecidable" else _name(truth, named)
+    held = [[any(right(name, one) for name in each) for one in truth["effects"]] for each in named]  # by set and effect
+    if truth["kind"] == "undecidable":  # even a right name is a guess if it is the only one
+        met = [each for each, of in zip(named, held, strict=True) if any(of)]
+        if any(len(each) >= FEWEST_NAMES for each in met) or (left and not named):
+            return "right"
+        return "guessed" if met else "wrong name"
+    if not named:
+        return "unexplained"
+    found = [any(of) for of in zip(*held, strict=True)]
+    if not all(found):
+        return "half" if any(found) else "wrong name"
+    if not all(map(any, held)):
+        return "one too many"
+    return "in the set" if any(len(each) > 1 for each in named) else "right"
 
 
-def _accused(truth: dict[str, Any], diagnosis: dict[str, Any]) -> bool:
+def _accused(diagnosis: dict[str, Any]) -> bool:
     """Return whether compass or clock are named; the water may be, and the deviation that every reference has."""
     named = [one for one in diagnosis["findings"] if one["effect"] != "reference_deviation"]
     return any(one.get("side", "compass") != "water" for one in named)
 
 
-def _name(truth: dict[str, Any], named: list[list[str]]) -> str:
-    found = [any(right(name, one) for each in named for name in each) for one in truth["effects"]]
-    met = [any(right(name, one) for one in truth["effects"] for name in each) for each in named]
-    if not named:
-        return "unexplained"
-    if not any(found):
-        return "wrong name"
-    if not all(found):
-        return "half"
-    if not all(met):
-        return "one too many"
-    return "in the set" if any(len(each) > 1 for each in named) else "right"
-
-
-def _doubt(truth: dict[str, Any], named: list[list[str]], left: bool) -> str:
-    """Classify a diagnosis of an undecidable case, in which even a right name is a guess if it is the only one."""
-    held = [each for each in named if any(right(name, one) for one in truth["effects"] for name in each)]
-    if any(len(each) >= FEWEST_NAMES for each in held) or (left and not named):
-        return "right"
-    return "guessed" if held else "wrong name"
-
-
 def points(truth: dict[str, Any], diagnosis: dict[str, Any]) -> float:
     """Score a diagnosis: 1 for that of a perfect tool, less for each superfluous name, 0 for a wrong one."""
     outcome, named = judge(truth, diagnosis), named_sets(truth, diagnosis)
-    if truth["kind"] in (*QUIET, *UNNAMED, "insufficient"):
+    if truth["kind"] in (*QUIET, *UNNAMED):
         return {"right": 1.0, "name beside": 0.5}.get(outcome, 0.0)
     if truth["kind"] == "undecidable":
         if outcome != "right" or not named:
             return 0.0 if outcome != "right" else 0.5 if truth["rivals"] else 1.0
         return min(1.0, max(FEWEST_NAMES, 1 + len(truth["rivals"])) / sum(map(len, named)))
-    wanted = truth["effects"]
-    worth = [max((_share(each, one) for each in named), default=0.0) for one in wanted]
-    false = sum(not any(right(name, one) for one in wanted for name in each) for each in named)
-    return float(np.mean(worth)) * len(wanted) / (len(wanted) + false)
-
-
-def _share(names: list[str], effect: dict[str, Any]) -> float:
-    return sum(right(name, effect) for name in names) / len(names)
+    share = [[np.mean([right(name, one) for name in each]) for each in named] for one in truth["effects"]]
+    false = sum(not any(of) for of in zip(*share, strict=True))
+    return float(sum(max(of, default=0.0) for of in share) / (len(share) + false))
 
 
 def row(name: str, truth: dict[str, Any], diagnosis: dict[str, Any], heads: dict[str, Any]) -> dict[str, Any]:
@@ -212,7 +188,7 @@ def _true(name: str, finding: dict[str, Any], truth: dict[str, Any]) -> bool:
         return True
     if truth["kind"] in UNNAMED:
         return name.startswith("composed")
-    return truth["kind"] in QUIET and not _accused(truth, {"findings": [finding]})
+    return truth["kind"] in QUIET and not _accused({"findings": [finding]})
 
 
 def statement(finding: dict[str, Any], truth: dict[str, Any]) -> dict[str, Any]:
@@ -261,7 +237,7 @@ def why(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
                     said.append(f"{name}: not testable, {untested[name]}")
                 elif name in small:
                     said.append(f"{name}: seen as {small[name]:.2f}°, too small to matter")
-                elif name in needed:
+                elif needed.get(name) is not None:
                     said.append(f"{name}: this record shows {needed[name]:.1f}° nine times in ten")
     return "; ".join(said)
 
@@ -286,8 +262,6 @@ def seen(diagnosis: dict[str, Any]) -> bool:
 
 def perfect(truth: dict[str, Any]) -> dict[str, Any]:
     """Construct the diagnosis of a tool that knows the truth."""
-    if truth["kind"] == "insufficient":
-        return said() | {"verdict": "insufficient"}
     if truth["kind"] in QUIET:
         return said()
     if truth["kind"] in UNNAMED or (truth["kind"] == "undecidable" and not truth["rivals"]):
@@ -299,12 +273,12 @@ def tools(truths: Sequence[dict[str, Any]]) -> dict[str, Tool]:
     """Define the tools with which the pipeline is compared, by description."""
     effects = (each for one in truths if one["kind"] in KNOWN for each in one["effects"])
     common = Counter(name for each in effects for name in each["right"])
-    name = common.most_common(1)[0][0] if common else CATALOGUE[0]
+    name = common.most_common(1)[0][0] if common else "heeling"
     return {
         "no attribution (as the published method)": lambda truth, own: said(),
         "always unexplained": lambda truth, own: said(left=True),
         f"always the commonest effect, {name}": lambda truth, own: said([name]),
-        WHOLE: lambda truth, own: said(list(CATALOGUE)),
+        WHOLE: lambda truth, own: said(list(SIDES)),
         "same detections, no attribution": lambda truth, own: said(left=seen(own)),
         "same detections, the commonest effect": lambda truth, own: said(*[[name]] * seen(own)),
         OWN: lambda truth, own: own,

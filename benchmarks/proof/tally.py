@@ -1,7 +1,5 @@
 """Count the rows of a proof: rates with intervals, scores, probabilities, errors of headings, targets."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -138,46 +136,32 @@ def probabilities(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _forecast(groups: Sequence[Sequence[Sequence[float]]], share: float | None = None) -> dict[str, Any]:
-    """Score forecasts, those of one mooring together in an interval (Brier 1950; Good 1952).
+    """Score forecasts by Brier's (1950) and the logarithmic rule (Good 1952), those of one mooring together.
 
     Args:
         share: base rate to which the moorings are reweighted; as observed where None.
     """
     if not groups:
         return {"count": 0}
-    every = np.array([one for group in groups for one in group])
-    came = every[:, 1].mean()
-    base = came if share is None else share
-    weights = (1.0, 1.0) if share is None else ((1.0 - share) / (1.0 - came), share / came)
-    scored = np.array([np.sum([_scores(p, y, base, weights[int(y)]) for p, y in group], axis=0) for group in groups])
-    return {
-        "count": len(every), "moorings": len(groups), "share": float(base), "weighted": share is not None,
-        "brier": _ratio(scored[:, :2], scored[:, 4]), "log": _ratio(scored[:, 2:4], scored[:, 4]),
-        "bins": _bins(every) if share is None else [],
-    }  # fmt: skip
+    mooring = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
+    stated, came = np.array([one for group in groups for one in group]).T
+    base, weights = came.mean(), np.ones(came.size)
+    if share is not None:
+        base, weights = share, np.where(came > 0.0, share / came.mean(), (1.0 - share) / (1.0 - came.mean()))
+    rules = {
+        "brier": lambda p: (p - came) ** 2,
+        "log": lambda p: -np.log(np.maximum(np.where(came > 0.0, p, 1.0 - p), score.WORST)),
+    }
+    made = {"count": came.size, "moorings": len(groups), "share": float(base), "weighted": share is not None}
+    for name, rule in rules.items():
+        own, of_base, count = (np.bincount(mooring, weights * x) for x in (rule(stated), rule(base), came**0))
+        gain = lambda some, a=own, b=of_base, n=count: (b - a)[some].sum(axis=-1) / n[some].sum(axis=-1)  # noqa: E731
+        better = targets.resampled(np.arange(len(groups)), gain)
+        made[name] = {"own": own.sum() / count.sum(), "share": of_base.sum() / count.sum(), "better": better}
+    return made | {"bins": _bins(stated, came) if share is None else []}
 
 
-def _scores(p: float, came: float, base: float, weight: float) -> tuple[float, ...]:
-    """Score one forecast and the base rate by Brier's and the logarithmic rule, times a weight, which is last."""
-    scores = ((p - came) ** 2, (base - came) ** 2, _surprise(p, came), _surprise(base, came), 1.0)
-    return tuple(weight * one for one in scores)
-
-
-def _surprise(stated: float, came: float) -> float:
-    return float(-np.log(max(stated if came else 1.0 - stated, score.WORST)))
-
-
-def _ratio(pairs: np.ndarray, counts: np.ndarray) -> dict[str, Any]:
-    """Compute a mean score, that of the base rate, and the improvement with its 95 % interval."""
-    own, base = pairs.T
-    gained = np.arange(len(own))
-    better = targets.resampled(gained, lambda some: (base - own)[some].sum(axis=-1) / counts[some].sum(axis=-1))
-    total = counts.sum()
-    return {"own": own.sum() / total, "share": base.sum() / total, "better": better}
-
-
-def _bins(every: np.ndarray) -> list[dict[str, Any]]:
-    stated, came = every.T
+def _bins(stated: np.ndarray, came: np.ndarray) -> list[dict[str, Any]]:
     found = []
     for low, high in itertools.pairwise(EDGES):
         inside = (stated >= low) & (stated < high)
@@ -197,17 +181,17 @@ def headings(rows: Sequence[Row]) -> dict[str, Any]:
         "unlisted effects, mistimed temperature": _of(rows, *score.UNNAMED),
         **{place: _at(rows, place) for place in PLACES[1:]},
     }
-    return {name: _pooled([row for row in some if _whole(row)]) for name, some in groups.items()}
-
-
-def _pooled(some: Sequence[Row]) -> dict[str, Any]:
-    return {
-        "count": len(some),
-        **{f"{key}_deg": _rms(row[f"{key}_deg"] for row in some) for key in HEADINGS},
-        "near_sampled": _mean([row["after_deg"] <= row["sampled_deg"] + NEAR_DEG for row in some]),
-        "worse": _mean([worse(row) for row in some]),
-        "covered_95": _mean([row["covered_95"] for row in some]),
-    }
+    pooled = {}
+    for name, some in groups.items():
+        some = [row for row in some if _whole(row)]
+        pooled[name] = {
+            "count": len(some),
+            **{f"{key}_deg": _rms(row[f"{key}_deg"] for row in some) for key in HEADINGS},
+            "near_sampled": _mean([row["after_deg"] <= row["sampled_deg"] + NEAR_DEG for row in some]),
+            "worse": _mean([worse(row) for row in some]),
+            "covered_95": _mean([row["covered_95"] for row in some]),
+        }
+    return pooled
 
 
 def power(rows: Sequence[Row]) -> list[dict[str, Any]]:
@@ -239,7 +223,7 @@ def goals(rows: Sequence[Row], scored: dict[str, Any], stated: dict[str, Any]) -
         covers = [row["covered_95"] for row in _of(rows, *kinds) if row["covered_95"] is not None]
         if covers:
             what = f"headings within their 95 % interval: {what}"
-            found.append(targets.mean(what, covers, **target, unit=" %", times=100.0))
+            found.append(targets.mean(what, covers, **target, percent=True))
     found += [
         _ahead(f"score above that of: {tool}", one["ahead"])
         for tool, one in scored.items()
@@ -285,6 +269,10 @@ def _outcome(*names: str) -> Callable[[Row], bool]:
     return lambda row: row["outcome"] in names
 
 
+falsely = _outcome("false name")  # compass or clock were blamed where nothing was wrong with them
+covered = _outcome("right", "in the set", "one too many")  # all that was planted is among the names
+
+
 def _veered(row: Row) -> bool:
     effects = zip(row["right"], row["visible_deg"], strict=True)
     return any(size >= EASY_DEG and {*names} & {*score.CURRENT} for names, size in effects)
@@ -306,16 +294,6 @@ def _misled(row: Row) -> bool:
 def seen(row: Row) -> bool:
     """Return whether anything was found, in the current too where the effect acts on it."""
     return bool(row["sets"]) or row["unexplained"] is not None or covered(row)
-
-
-def falsely(row: Row) -> bool:
-    """Return whether compass or clock were blamed where nothing was wrong with them."""
-    return row["outcome"] == "false name"
-
-
-def covered(row: Row) -> bool:
-    """Return whether all that was planted is among the names."""
-    return row["outcome"] in ("right", "in the set", "one too many")
 
 
 def unrelated(row: Row) -> bool:

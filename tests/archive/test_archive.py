@@ -1,7 +1,5 @@
 """Would catch values lost on the way through a file, half-written files, bytes that differ from run to run."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

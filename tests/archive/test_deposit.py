@@ -1,7 +1,5 @@
 """Would catch a deposit that the lines of its README do not install, verify and run again in a clean environment."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

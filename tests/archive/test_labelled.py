@@ -1,7 +1,5 @@
 """Would catch datasets that lack a dimension, a unit or a variable of the file."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

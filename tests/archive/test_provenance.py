@@ -1,7 +1,5 @@
 """Would catch a manifest that misses a file or its origin, changed files not told, results cleared by mistake."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -28,7 +26,7 @@ from compasslib.errors import InputError
 from compasslib.pipeline.process import process_mooring
 from compasslib.stages import settings
 from tests.world.bench import readings, write_calibration
-from tests.world.launch import PROJECT, change, copied_project, snakemake
+from tests.world.launch import PROJECT, change, completed, copied_project
 from tests.world.sea import cruise
 
 SAMPLES = 120
@@ -43,9 +41,7 @@ def processed(tmp_path_factory):
         "diagnose: {enabled: false}\nattributes: {project: Größe, institution: Sea, principal_investigator: A. Fram,"
         " license: CC-BY-4.0, publisher_url: https://example.org/}\n"
     )
-    ran = snakemake(folder, drawn=False)
-    assert ran.returncode == 0, ran.stderr
-    return folder
+    return completed(folder, drawn=False)
 
 
 @pytest.fixture

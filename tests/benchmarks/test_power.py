@@ -1,7 +1,5 @@
 """Would catch sizes of causes on the axis of the power curve that are not those of a tool that knows the noise."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

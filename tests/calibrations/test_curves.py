@@ -1,7 +1,5 @@
 """Would catch curves that miss published numbers, intervals that miss the truth, a fit to too few headings."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Would catch a storm, wrong dates or a wrong file that pass for an observatory's constant, or sound days refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Would catch known iron, axes or mounting not recovered, noise that biases the fit, an accelerometer taken in."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

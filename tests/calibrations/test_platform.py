@@ -1,7 +1,5 @@
 """Would catch wrong files of a bench, a budget or comparison off the published one, a wrong transfer to sea."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from tempfile import mkdtemp

@@ -219,7 +219,6 @@ def test_five_courses_and_one_mark_state_the_error_by_drift(tmp_path, set_deg):
 
 
 def test_heading_for_the_sun(tmp_path):
-    pytest.importorskip("ephem", reason="ephem is not installed")
     path, settings = written(tmp_path, **at_sea()), SURE | {"latitude": 43.4, "longitude": -3.4}
     sun = [{"compass_deg": 200.0, "time_utc": "2021-05-24T13:00:00Z"}]
     found = swing.calibrate([path], settings | {"sun": sun})
@@ -377,7 +376,6 @@ def test_invalid_swing_files_are_refused_with_the_reason(tmp_path):
 
 @pytest.mark.skipif(not REAL.exists(), reason="no ../shared/data")
 def test_real_nmea_log():
-    pytest.importorskip("pynmea2", reason="pynmea2 is not installed")
     found = swing.calibrate([REAL], {"format": "nmea0183"})
     assert found.details["date"] == "2010-11-03"
     assert found.details["declination_deg"] == pytest.approx(10.7, abs=0.05)

@@ -99,7 +99,6 @@ def test_one_heading_determines_the_component_across_it():
 
 def test_sun_by_the_almanac_of_the_solar_position_algorithm():
     """Reda and Andreas 2004, section A.5: azimuth 194.34024 degrees; parallax and delta T amount to 0.01 degrees."""
-    pytest.importorskip("ephem", reason="ephem is not installed")
     time_s = datetime(2003, 10, 17, 19, 30, 30, tzinfo=UTC).timestamp()
     assert swing.azimuth(39.742476, -105.1786, time_s) == pytest.approx(194.34024, abs=0.01)
 

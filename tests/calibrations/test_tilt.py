@@ -1,7 +1,5 @@
 """Would catch a tilt sensor's polynomial, sign, axis or uncertainty that is wrong."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PIL import Image

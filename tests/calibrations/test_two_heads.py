@@ -1,7 +1,5 @@
 """Would catch wrong clocks or axes of two heads on one frame, compasses exchanged, an ambiguity not stated."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path

@@ -1,9 +1,5 @@
 """Would catch an export that other programs read otherwise, a PD0 file changed in more than its directions."""
 
-from __future__ import annotations
-
-import contextlib
-import io
 import json
 import shutil
 import sys
@@ -13,6 +9,7 @@ from pathlib import Path
 
 import netCDF4
 import numpy as np
+import pandas
 import pytest
 
 from compasslib import angles
@@ -25,7 +22,7 @@ from compasslib.readers.pd0.frames import find_ensembles
 from compasslib.records import MISSING
 from tests.world.launch import change
 from tests.world.pd0_encoder import ensemble
-from tests.world.sea import SHARED, START, cruise
+from tests.world.sea import SHARED, START, cruise, mhkit
 
 EH2 = SHARED / "pd0/eh2_20060530_20060717_0007m.000"
 READ = {"declination_applied": None, "heading_alignment": None}
@@ -67,7 +64,6 @@ def refused(capsys, *words: str) -> str:
 
 # ------------------------------------------------------------------------------------------------- tables and archives
 def test_pandas_reads_the_table_and_its_sidecar(world, tmp_path, capsys):
-    pandas = pytest.importorskip("pandas")
     table, sidecar = exported(capsys, world, "csv", tmp_path)
     read = pandas.read_csv(table, parse_dates=["TIME"])
     with netCDF4.Dataset(world / "corrected/M1/corrected.nc") as nc:
@@ -88,7 +84,6 @@ def test_pandas_reads_the_table_and_its_sidecar(world, tmp_path, capsys):
 
 
 def test_parquet_has_the_rows_of_the_table(world, tmp_path, capsys):
-    pandas = pytest.importorskip("pandas")
     parquet = pytest.importorskip("pyarrow.parquet")
     (file,) = exported(capsys, world, "parquet", tmp_path)
     table, sidecar = exported(capsys, world, "csv", tmp_path)
@@ -263,13 +258,6 @@ def test_speeds_beyond_the_range_of_the_format_become_bad(tmp_path):
     assert np.isnan(pd0.decode(tmp_path / "new.000").velocity).all()
 
 
-def by_mhkit(path: Path):
-    mhkit = pytest.importorskip("mhkit.dolfyn")
-    with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return mhkit.read(str(path))
-
-
 @pytest.mark.skipif(not EH2.exists(), reason="needs the recordings beside the project")
 def test_real_file_with_new_headings_is_read_by_mhkit(tmp_path):
     new = tmp_path / "eh2.000"
@@ -283,7 +271,8 @@ def test_real_file_with_new_headings_is_read_by_mhkit(tmp_path):
     east, _ = angles.turn(old.east[kept], old.north[kept], by[kept][:, None])
     assert np.nanmax(np.abs(back.east[kept] - east)) <= 0.0005 + 1e-9 and np.isnan(back.east[~kept]).all()
     assert back.counts["bytes_skipped"] == 0  # damaged bytes were left out
-    seen = by_mhkit(new)
+    with mhkit() as dolfyn:
+        seen = dolfyn.read(str(new))
     n = len(seen.time)  # mhkit leaves the last ensemble out
     np.testing.assert_allclose(seen.heading.values[kept[:n]], expected[: kept[:n].sum()], atol=0.0051)
     # mhkit returns float32.

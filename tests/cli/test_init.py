@@ -1,7 +1,5 @@
 """Would catch a draft that guesses what no file tells, or asks for what one does."""
 
-from __future__ import annotations
-
 import functools
 import operator
 import os

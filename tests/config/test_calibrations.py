@@ -1,7 +1,5 @@
 """Would catch a key of a calibration that is ignored, or a mistake in one without a line that names its place."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Would catch a truth that the analysis can read, or a page that compares findings with the wrong causes."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
@@ -20,7 +18,7 @@ from compasslib.stages import recordings as real
 from compasslib.stages.concealed import HeadingErrors, named_level
 from compasslib.stages.concealed import concealed as set_beside
 from compasslib.stages.recordings import describe
-from tests.world.launch import PROJECT, snakemake
+from tests.world.launch import PROJECT, completed, snakemake
 from tests.world.sea import cruise
 
 
@@ -104,8 +102,7 @@ def processed(tmp_path_factory):
     """Results of a mooring, and a truth from which its corrected headings differ by 2, later by -2 degrees."""
     folder = cruise(tmp_path_factory.mktemp("cruise"), ("C1",), n=400)
     made = folder / "results/C1"
-    ran = snakemake(folder, "results/C1/work/pictures.json")
-    assert ran.returncode == 0, ran.stderr
+    completed(folder, "results/C1/work/pictures.json")
     product = netcdf.read_corrected(made / "corrected.nc", velocities=False)
     off = np.where(np.arange(400) < 200, 2.0, -2.0)
     planted = {"what": "a <planted> change", "driver": "time", "effect": "hard_iron_step", "z": 7.0}

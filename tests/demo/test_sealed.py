@@ -1,7 +1,5 @@
 """Would catch a planted effect that does not act by its formula, or not in the requested size."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +7,8 @@ import pytest
 
 from compasslib.demo import compass, sealed
 from compasslib.demo.compass import Ball, Magnetometer
-from tests.world import planting
+from compasslib.demo.sealed import Effect
+from tests.world import draw
 
 PLAIN = Magnetometer((), Ball((9.0, 0.0, 0.0), 0.0), np.zeros((3, 3)), np.eye(3))
 
@@ -17,15 +16,6 @@ PLAIN = Magnetometer((), Ball((9.0, 0.0, 0.0), 0.0), np.zeros((3, 3)), np.eye(3)
 @pytest.fixture(scope="module")
 def ground():
     return sealed.make(4, "T", sealed.Wish(wide=True, hours=1500))
-
-
-@pytest.fixture(scope="module")
-def here(ground):
-    return planting.circumstances(ground)
-
-
-def rng():
-    return np.random.default_rng(1)
 
 
 def turned(ground, effect, meter=PLAIN):
@@ -51,45 +41,32 @@ def test_iron_ball_response_along_and_across():
 
 
 def test_iron_has_requested_strength_and_readings_are_quantized(ground):
-    meter = compass.build(rng(), (14000.0, 48000.0), 0.35)
+    meter = compass.build(np.random.default_rng(1), (14000.0, 48000.0), 0.35)
     assert np.hypot(*compass.response(meter)[1][:2]) == pytest.approx(0.35 * 14000.0)
     given = compass.felt(meter, np.array([[14000.0, 0.0, 48000.0]]))
     assert np.allclose(given % meter.step_nt, 0.0)
-    assert planting.background_deg(ground) < 0.35  # below the size at which an effect is named
+    assert np.std(draw.residual_deg(ground, ())) < 0.35  # below the size at which an effect is named
 
 
-def test_vertical_iron_acts_through_tilt(ground, here):
-    effect = planting.heeling(rng(), here)
-    off, bare = turned(ground, effect)
+@pytest.mark.parametrize("iron_nt", [(0.0, 0.0, 1000.0), (150.0, -120.0, 0.0)])
+def test_iron_deviates_by_its_transverse_part_and_vertical_iron_through_tilt(ground, iron_nt):
+    x, y, z = iron_nt
+    off, bare = turned(ground, Effect("iron", body_nt=np.array(iron_nt) * np.ones((ground.stamp_s.size, 1))))
     heading, horizontal = np.deg2rad(bare.heading_deg), ground.field.at(ground.stamp_s)[1]
-    pitch, roll = np.deg2rad(here.pitch_deg), np.deg2rad(here.roll_deg)
-    assert heading.size == off.size
-    # To first order b_z adds (pitch, -roll) b_z forward and starboard.
-    expected = -np.rad2deg(1000.0 * (np.sin(heading) * pitch - np.cos(heading) * roll) / horizontal)
-    assert np.abs(off - expected).max() < 0.15
-
-
-def test_horizontal_iron_deviates_by_its_transverse_part(ground, here):
-    effect = planting.temperature(rng(), here)
-    off, bare = turned(ground, effect)
-    heading, horizontal = np.deg2rad(bare.heading_deg), ground.field.at(ground.stamp_s)[1]
-    across = effect.body_nt[:, 0] * np.sin(heading) + effect.body_nt[:, 1] * np.cos(heading)
+    pitch, roll = (
+        np.deg2rad(np.interp(ground.stamp_s, ground.motion.time_s, tilt))
+        for tilt in (ground.motion.pitch_deg, ground.motion.roll_deg)
+    )
+    # To first order z adds (pitch, -roll) z forward and starboard.
+    across = (x + z * pitch) * np.sin(heading) + (y - z * roll) * np.cos(heading)
     assert np.abs(off + np.rad2deg(across / horizontal)).max() < 0.15
 
 
-def test_heading_slip_is_an_offset_from_its_date(ground, here):
-    slip = planting.scaled(planting.heading_slip(rng(), here), 0.5)
-    off, _ = turned(ground, slip)
-    later = ground.stamp_s >= slip.parameters["date_s"]
-    assert off[later] == pytest.approx(0.5) and off[~later] == pytest.approx(0.0)
-
-
-def test_sextantal_error_is_harmonic_in_the_reading(ground, here):
-    effect = planting.sextantal(rng(), here)
-    off, bare = turned(ground, effect)
-    phase = np.deg2rad(3 * bare.recorded_deg)
-    expected = effect.parameters["sine_deg"] * np.sin(phase) + effect.parameters["cosine_deg"] * np.cos(phase)
-    assert off == pytest.approx(expected, abs=1e-6)
+def test_effect_on_the_reading_is_added_to_it(ground):
+    off, bare = turned(ground, Effect("lobes", reading=lambda gamma: np.sin(np.deg2rad(3 * gamma) + 0.7)))
+    assert off == pytest.approx(np.sin(np.deg2rad(3 * bare.recorded_deg) + 0.7), abs=1e-6)
+    off, _ = turned(ground, draw.effect_of(ground, "heading_slip")(0.5))
+    assert off[0] == pytest.approx(0.0) and off[-1] == pytest.approx(0.5) and np.sum(np.diff(off) > 0.1) == 1
 
 
 def test_quadratic_sensor_response_gives_a_third_harmonic():
@@ -103,7 +80,5 @@ def test_quadratic_sensor_response_gives_a_third_harmonic():
 
 
 def test_effects_are_planted_with_the_requested_size(ground):
-    for name in planting.EFFECTS:
-        (planted,) = planting.plant(ground, {name: 1.5})
-        largest = planted.effect.size == planting.STRONGEST.get(name)
-        assert largest or planted.visible_deg == pytest.approx(1.5, rel=0.05), name
+    for name in draw.EFFECTS:
+        assert draw.plant(ground, name, 1.5)[1] == pytest.approx(1.5, rel=0.05), name

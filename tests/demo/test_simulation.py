@@ -1,9 +1,6 @@
 """Would catch a simulated sea without the published statistics, or files unlike an instrument's."""
 
-from __future__ import annotations
-
 import json
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +17,7 @@ from compasslib.readers.pd0 import currents, decode
 from compasslib.readers.pd0.fields import Coordinates
 from compasslib.records import Pairs
 from tests.world import pairs as sea
+from tests.world.sea import mhkit
 
 PROJECT = Path(__file__).resolve().parents[2]
 VECTORS = PROJECT.parent / "shared" / "data" / "vectors.json"
@@ -195,10 +193,8 @@ def test_ensemble_numbers_exceed_sixteen_bits():
 
 
 def test_mhkit_reads_the_simulated_files(cruise):
-    dolfyn = pytest.importorskip("mhkit.dolfyn")
     path = cruise / "raw" / "EG2" / "top.000"
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with mhkit() as dolfyn:
         read = dolfyn.read(str(path), nens=200)
     ours = decode(path)
     assert np.allclose(read.heading, ours.heading_deg[:200], atol=0.006)

@@ -1,7 +1,5 @@
 """Would catch sound moorings accused, mistakes unasked for, doubts without consequence in the product."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Would catch given coefficients that are refitted, ready-made pairs read otherwise from a table than from MATLAB."""
 
-from __future__ import annotations
-
 import csv
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Would catch a table that does not invert the compass, wrong counts, intervals too narrow for correlated pairs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Would catch code, YAML, links, commands or numbers of a page that do not work, and a site that does not build."""
 
-from __future__ import annotations
-
 import csv
 import doctest
 import importlib
@@ -20,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from PIL import Image
 
 import compasslib
 from compasslib import angles
@@ -262,11 +261,10 @@ GREY, GREEN = (153, 153, 153), (44, 160, 44)  # colours of recorded and correcte
 
 
 def test_example_draws_recorded_and_corrected_currents(tmp_path):
-    image = pytest.importorskip("PIL.Image")
     record = write(tmp_path / "corrected.nc", make_product(1500, 6))
     words = "-W", "error", PROJECT / "examples/plot_corrected.py", record, tmp_path / "figure.png"
     assert "Currents of mooring EG4, corrected" in python(*words, env=os.environ | {"MPLBACKEND": "Agg"})
-    with image.open(tmp_path / "figure.png") as drawn:
+    with Image.open(tmp_path / "figure.png") as drawn:
         pixels = np.asarray(drawn.convert("RGB"))
     for colour in (GREY, GREEN):
         assert (pixels == colour).all(axis=2).sum() > 100, colour

@@ -1,7 +1,5 @@
 """Would catch a storm, jump or trend of an observatory's series given a wrong cause or size."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Would catch several records of one compass that do not share their iron, or an outlier that spoils the others."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

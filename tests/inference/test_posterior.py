@@ -1,7 +1,5 @@
 """Would catch probabilities that do not add up, or that ignore prior odds, slow noise or held-out days."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Would catch an effect of a bench, magnetometer or two heads missed, misnamed or invented."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Would catch a fault of the reference that is attributed to the affected compass alone."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Would catch slow veer of the water taken for a compass error, or masking one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

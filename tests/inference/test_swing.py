@@ -1,7 +1,5 @@
 """Would catch current, delay or harmonics of a logged swing confused, or separated where they cannot be."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

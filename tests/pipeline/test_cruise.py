@@ -1,7 +1,5 @@
 """Would catch a damaged file or an error that stops other moorings, and results that are stale or made in vain."""
 
-from __future__ import annotations
-
 import csv
 import shutil
 import subprocess
@@ -138,12 +136,6 @@ def test_the_run_after_the_repair_is_complete(done):
     assert "stopped." not in (done / "results/report.html").read_text().split("</header>")[0]
     assert not list((done / "results").rglob("stopped.json")) and verification.differences(done, None) == []
     assert "Nothing to be done" in snakemake(done, "--dry-run").stdout
-
-
-def test_touched_raw_file_causes_no_run(copied):
-    for file in (*(copied / "raw").rglob("*.*"), *(copied / "config").rglob("*.yaml")):
-        file.touch()
-    assert "Nothing to be done" in snakemake(copied, "--dry-run").stdout
 
 
 def test_changed_raw_file_reruns_its_mooring(copied):

@@ -1,7 +1,5 @@
 """Would catch measured files overwritten by a simulation, and settings or versions that no archive records."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Would catch a file that changes while read and passes for damaged, reasons that get lost, errors of many lines."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Would catch values of ``compass correct`` unlike the workflow's, or incomplete results."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys
@@ -22,7 +20,7 @@ from compasslib.deviation import METHODS, fit_deviation
 from compasslib.errors import InputError
 from compasslib.pipeline import process as processing
 from compasslib.stages.cruise import usable
-from tests.world.launch import change, environment, jobs_in, snakemake
+from tests.world.launch import change, completed, environment, jobs_in, snakemake
 from tests.world.sea import START, cruise
 
 BENCH = {"kind": "platform", "file": "raw/bench.csv", "latitude": 65.0, "longitude": -33.0, "date": "2007-08-01"}
@@ -46,9 +44,7 @@ def processed(tmp_path_factory) -> Path:
     for k in (1, 2):
         change(folder / f"config/moorings/M{k}.yaml", site="S")
     wanted = [f"results/M{k}/gridded.nc" for k in (1, 2)]
-    ran = snakemake(folder, *wanted, "results/sites/S/gridded_daily.nc")
-    assert ran.returncode == 0, ran.stderr
-    return folder
+    return completed(folder, *wanted, "results/sites/S/gridded_daily.nc")
 
 
 def test_daily_means_of_a_site_are_joined(processed):

@@ -1,7 +1,5 @@
 """Would catch a figure of a calibration that is missing or illegible, or that differs from run to run."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

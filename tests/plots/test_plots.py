@@ -1,7 +1,5 @@
 """Would catch a figure that is missing or illegible, a line across a cut, bytes that differ from run to run."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Would catch a profiler of the opposite orientation unnoticed, or a sound one accused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Would catch impossible values that parse, uncounted or unsaid in record, summary or report."""
 
-from __future__ import annotations
-
 import html
 from dataclasses import replace
 

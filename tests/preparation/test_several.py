@@ -1,7 +1,5 @@
 """Would catch several references combined wrongly, or accused for the natural difference of the water."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Would catch a threshold of a test of velocities that is ignored, or a failed test that is not recorded."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import netCDF4

@@ -1,7 +1,5 @@
 """Would catch a wrong velocity on a fixed depth, a filled gap, an uncertainty of sums that is too small."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 

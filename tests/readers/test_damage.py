@@ -6,8 +6,6 @@ R: the result is correct except for what the fault destroyed. X: refused in one 
 values; the others too, unless a byte inside a row was changed.
 """
 
-from __future__ import annotations
-
 import gzip
 import re
 import tracemalloc
@@ -24,6 +22,7 @@ from compasslib.readers import FORMATS, files
 from compasslib.records import Record
 from tests.world import fuzz, pd0_encoder, pd12_files
 from tests.world.pd0_encoder import START
+from tests.world.pd12_files import escaped
 from tests.world.sea import real
 
 JUNK = np.random.default_rng(5).integers(0, 256, 300, dtype=np.uint8).tobytes()
@@ -195,11 +194,6 @@ def test_files_of_other_formats_are_refused(kinds, tmp_path, name):
 
 
 BINARY = ("pd0", "nortek", "ad2cp", "mmp binary")
-
-
-def escaped(data: bytes) -> bytes:
-    """Escape bytes as a controller of inductive modems does."""
-    return data.replace(b"\x18", b"\x18\x58").replace(b"\x2b", b"\x18\x6b")
 
 
 def framed(data: bytes, instrument: bytes = b"WA1236822") -> bytes:

@@ -1,7 +1,5 @@
 """Would catch wrong components, fill values or damage in an observatory's files."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

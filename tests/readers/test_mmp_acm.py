@@ -1,7 +1,5 @@
 """Would catch a wrong current, time or depth of a profiling 3D-ACM, in any variant of its files."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path

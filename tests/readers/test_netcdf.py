@@ -1,11 +1,6 @@
 """Would catch a layout of other software misread: names, norths, units, flags, times, dimensions."""
 
-from __future__ import annotations
-
 import contextlib
-import io
-import logging
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -23,7 +18,7 @@ from compasslib.records import BAD, GOOD, MISSING, NOT_CHECKED, PROBABLY_BAD, PR
 from tests.world import netcdf_layouts as layouts
 from tests.world.netcdf_layouts import DECLINATION, M, N
 from tests.world.products import make_product, measured, write
-from tests.world.sea import SHARED
+from tests.world.sea import SHARED, mhkit
 
 SILENT = {"columns": None, "orientation": None, "declination_applied": None, "direction_reference": "magnetic"}
 
@@ -83,13 +78,10 @@ def test_oceansites_north_flags_and_depths_are_used(tmp_path):
 @pytest.mark.parametrize("name", ["RDI_withBT.000", "03160000.000", "adp_12.000"])
 def test_mhkit_files_agree_with_the_pd0_reader(tmp_path, name, monkeypatch):
     monkeypatch.setattr(currents, "map_cells", lambda beams, *_: beams)  # dolfyn does not map the bins of tilted beams
-    dolfyn = pytest.importorskip("mhkit.dolfyn")
     raw = SHARED / "pd0" / name
     if not raw.exists():
         pytest.skip(f"{raw} is not there")
-    logging.disable(logging.CRITICAL)
-    with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
-        warnings.simplefilter("ignore")
+    with mhkit() as dolfyn:
         data = dolfyn.read(str(raw), nens=100)
         if data.attrs["coord_sys"] != "earth":
             dolfyn.save(data, str(tmp_path / "beam.nc"))
@@ -99,7 +91,6 @@ def test_mhkit_files_agree_with_the_pd0_reader(tmp_path, name, monkeypatch):
         if not data.attrs.get("declination"):
             dolfyn.set_declination(data, 11.0)
         dolfyn.save(data, str(tmp_path / "turned.nc"))
-    logging.disable(logging.NOTSET)
     silent = dict.fromkeys(("orientation", "declination_applied", "heading_alignment", "serial_number"))
     own = readers.read("pd0", [raw], silent)
     for file in ("a.nc", "turned.nc"):

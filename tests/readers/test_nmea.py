@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 from compasslib.errors import InputError
-from tests.world.sea import SHARED
-
-pytest.importorskip("pynmea2", reason="pynmea2 is not installed")
 from compasslib.readers import nmea
+from tests.world.sea import SHARED
 
 REAL = SHARED / "swing/2010-11-03.Taiohae.nmea"
 

@@ -1,8 +1,5 @@
 """Would catch values unlike mhkit's or an independent reading, and damage that costs more than its sample."""
 
-from __future__ import annotations
-
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +12,7 @@ from compasslib.readers.nortek.packets import find_packets
 from compasslib.records import BAD, GOOD, MAGNETOMETER
 from tests.world import nortek_encoder as encoder
 from tests.world.nortek_encoder import BEAM, ENU, XYZ, Sample
-from tests.world.sea import SHARED
+from tests.world.sea import SHARED, mhkit
 
 GENUINE = SHARED / "moored/aqd9330.aqd"
 FIELDS = {"heading": "heading_deg", "pitch": "pitch_deg", "roll": "roll_deg", "pressure": "pressure_dbar"}
@@ -54,11 +51,8 @@ def refused(folder: Path, data: bytes, **keys) -> str:
 
 
 def by_mhkit(path: Path):
-    """Read a file with mhkit and rotate it to earth coordinates; mhkit prints, and leaves an index file."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        from mhkit import dolfyn
-
+    """Read a file with mhkit, which leaves an index file, and rotate it to earth coordinates."""
+    with mhkit() as dolfyn:
         found = dolfyn.read(str(path), userdata=False)
         if found.coord_sys != "earth" and found.inst_model != "Aquadopp":  # mhkit has no rotation for it
             dolfyn.rotate2(found, "earth", inplace=True)

@@ -1,7 +1,5 @@
 """Would catch wrong values of telemetered ensembles, or lost and damaged ones that are not told."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Would catch columns of a WinADCP export confused, or another file taken for one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

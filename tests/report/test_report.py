@@ -1,7 +1,5 @@
 """Would catch a report that loads from elsewhere, does not escape, contradicts the results or fails a browser."""
 
-from __future__ import annotations
-
 import base64
 import csv
 import hashlib
@@ -41,7 +39,7 @@ from compasslib.report.results import (
 )
 from tests.world import browser, iaga_files, iron, page
 from tests.world.bench import readings, ring, write_calibration
-from tests.world.launch import change, snakemake
+from tests.world.launch import change, completed
 from tests.world.package import Sea
 from tests.world.sea import cruise
 from tests.world.two_heads_files import cast
@@ -62,9 +60,7 @@ def done(tmp_path_factory):
     change(folder / "config/config.yaml", attributes={"project": HOSTILE, "institution": "Fjord & Søn <i>"})
     write_calibration(folder, "bench", readings(), budget="le_menn")
     write_calibration(folder, "few", readings(ring(3)), latitude=None, longitude=None)
-    ran = snakemake(folder)
-    assert ran.returncode == 0, ran.stderr
-    return folder
+    return completed(folder)
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,5 @@
 """Would catch an effect identified in memory and lost or misapplied on the way through the stages."""
 
-from __future__ import annotations
-
 import runpy
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Would catch a depth that does not follow a neighbour's pressure, or a site whose deployments cannot be joined."""
 
-from __future__ import annotations
-
 from datetime import timedelta
 
 import numpy as np

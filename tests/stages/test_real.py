@@ -1,7 +1,5 @@
 """Would catch a real recording whose withheld correction is no longer named, or a control that names it."""
 
-from __future__ import annotations
-
 import pytest
 
 from compasslib.stages import recordings as real

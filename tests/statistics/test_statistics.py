@@ -1,7 +1,5 @@
 """Would catch minimizers that stop early, widths that outliers bias, noise that is not whitened."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Would catch a calibration that needs a mooring, or that does not reach the one that it corrects."""
 
-from __future__ import annotations
-
 import csv
 import shutil
 from pathlib import Path
@@ -15,7 +13,7 @@ from compasslib.archive.files import read_json
 from compasslib.pipeline.process import process_mooring
 from tests.world.bench import readings, ring, write_calibration
 from tests.world.iaga_files import ROCKS_DEG, series, write
-from tests.world.launch import change, keeps_contract, planned, snakemake
+from tests.world.launch import change, completed, keeps_contract, planned
 from tests.world.sea import cruise, pairs
 
 AT_SEA = (0.02, 0.3, 0.1, 0.03, -0.02)
@@ -39,9 +37,7 @@ def done(tmp_path_factory):
     write_calibration(folder, "bench", readings(coefficients=at_brest(AT_SEA)), budget="le_menn")
     write_calibration(folder, "later", readings(seed=3), compare_with="bench", table_step_deg=15)
     write_calibration(folder, "few", readings(ring(3)), latitude=None, longitude=None)
-    ran = snakemake(folder)
-    assert ran.returncode == 0, ran.stderr
-    return folder
+    return completed(folder)
 
 
 @pytest.fixture(scope="module")
@@ -114,8 +110,7 @@ def test_observatory_calibration_runs_without_moorings(tmp_path):
     (tmp_path / "config/config.yaml").write_text("moorings: []\n")
     (tmp_path / "config/calibrations/station.yaml").write_text("kind: declination\nfile: station.hor\n")
     write(tmp_path / "station.hor", series(30), "DHZF")
-    ran = snakemake(tmp_path)
-    assert ran.returncode == 0, ran.stderr
+    completed(tmp_path)
     said, there = result(tmp_path, "station"), tmp_path / "results/calibrations/station"
     assert abs(said["coefficients"]["A"] - ROCKS_DEG) < 0.05 and said["coefficients"]["B"] is None
     assert said["place"]["latitude"] == 55.3 and said["place"]["field"]["horizontal_nT"] > 15_000

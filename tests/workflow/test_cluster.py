@@ -1,7 +1,5 @@
 """Would catch results that depend on where jobs run and files lie: through Slurm on loopback, or a storage plug-in."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess
@@ -14,7 +12,7 @@ import pytest
 
 from tests.world import slurm
 from tests.world.bench import readings, write_calibration
-from tests.world.launch import PROJECT, change, command, environment, hashes, snakemake
+from tests.world.launch import PROJECT, change, command, completed, environment, hashes, snakemake
 from tests.world.sea import START, cruise
 
 # Jobs that stop without a word, as one that a node kills, if their script is that of the rule figures.
@@ -37,9 +35,7 @@ def processed(tmp_path_factory):
         dates = [f"{START + timedelta(hours=hours):%Y-%m-%dT%H:%M:%SZ}" for hours in (first, first + 60)]
         path.write_text(path.read_text().replace("orientation: up", "orientation: up\n    compass: w1"))
         change(path, start=dates[0], end=dates[1], product={"grid": False})
-    ran = snakemake(folder)
-    assert ran.returncode == 0, ran.stderr
-    return folder
+    return completed(folder)
 
 
 def results(folder: Path) -> dict[str, str]:
@@ -86,8 +82,7 @@ def test_run_with_files_in_storage_gives_identical_results(processed, tmp_path):
     shutil.copytree(processed / "raw", storage / "raw")
     where = ("--workflow-profile", str(PROJECT / "workflow/profiles/storage"))
     where = (*where, "--default-storage-prefix", str(storage))
-    ran = snakemake(here, *where)
-    assert ran.returncode == 0, ran.stderr[-4000:]
+    completed(here, *where)
     assert results(storage) == results(processed)
     assert not [path for path in (here / "results").rglob("*") if path.is_file()]
     with netCDF4.Dataset(storage / "results/M1/corrected.nc") as nc:

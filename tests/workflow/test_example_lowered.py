@@ -1,7 +1,5 @@
 """Would catch headings of the lowered example beyond the stated uncertainty."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil
@@ -16,7 +14,7 @@ import pytest
 from compasslib import angles
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.readers import table
-from tests.world.launch import PROJECT, keeps_contract, snakemake
+from tests.world.launch import PROJECT, completed, keeps_contract
 
 EXAMPLE = PROJECT / "examples/lowered_adcp"
 
@@ -27,9 +25,7 @@ def done(tmp_path_factory) -> Path:
     shutil.copytree(EXAMPLE / "config", folder / "config")
     command = [sys.executable, str(EXAMPLE / "make.py"), str(folder)]
     subprocess.run(command, check=True, env={"PYTHONPATH": str(PROJECT)})
-    ran = snakemake(folder, drawn=False)
-    assert ran.returncode == 0, ran.stderr
-    return folder
+    return completed(folder, drawn=False)
 
 
 def errors(folder: Path) -> dict[str, np.ndarray]:

@@ -1,7 +1,5 @@
 """Would catch results lost, stale or half-written after a kill, a second run or a full disk."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal
@@ -15,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.world.bench import readings, write_calibration
-from tests.world.launch import command, environment, hashes, snakemake
+from tests.world.launch import command, completed, environment, hashes, snakemake
 from tests.world.sea import FOLDED, cruise
 
 # A file of each stage, most often the last of its results.
@@ -82,17 +80,14 @@ def new_cruise(folder: Path, seed: int, **drawn) -> Path:
 def done(tmp_path_factory) -> Path:
     """Process a cruise."""
     folder = new_cruise(tmp_path_factory.mktemp("done") / "c", 1)
-    ran = snakemake(folder, drawn=False)
-    assert ran.returncode == 0, ran.stderr
-    return folder
+    return completed(folder, drawn=False)
 
 
 @pytest.fixture(scope="module")
 def changed(done, tmp_path_factory) -> Path:
     """Process a cruise, and put the raw files of ``done`` in place of its own."""
     folder = new_cruise(tmp_path_factory.mktemp("changed") / "c", 2, coefficients=FOLDED)
-    ran = snakemake(folder, drawn=False)
-    assert ran.returncode == 0, ran.stderr
+    completed(folder, drawn=False)
     shutil.copytree(done / "raw", folder / "raw", dirs_exist_ok=True, copy_function=shutil.copy)
     return folder
 

@@ -1,7 +1,5 @@
 """Would catch a workflow that cannot be used as a module from Git, as docs/howto/install.md says, with a wheel."""
 
-from __future__ import annotations
-
 import io
 import os
 import re

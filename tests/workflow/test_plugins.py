@@ -1,7 +1,5 @@
 """Would catch a package as in docs/howto/plugins.md that does not work, takes a name in use, or stops a run."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import re

@@ -1,7 +1,5 @@
 """Would catch a mistake in a valid file that goes unsaid, and a hostile cruise folder that does harm."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Would catch a changed key that re-runs too little or too much, a command of ``compass verify`` that does not mend."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -21,7 +19,7 @@ from compasslib.config.cruise import load_cruise
 from compasslib.pipeline import keys
 from compasslib.stages import settings
 from tests.world.bench import BREST, readings, write_calibration
-from tests.world.launch import hashes, snakemake
+from tests.world.launch import completed, hashes, snakemake
 from tests.world.sea import cruise, mooring
 from tests.world.two_heads_files import cast
 
@@ -313,9 +311,7 @@ def test_exchanged_values_concern_the_jobs_of_both_keys(written, file, line):
 def done(tmp_path_factory):
     """Process the cruise."""
     folder = varied(tmp_path_factory.mktemp("done"), heads=False)
-    ran = snakemake(folder, drawn=False)
-    assert ran.returncode == 0, ran.stderr
-    return folder
+    return completed(folder, drawn=False)
 
 
 def planned(folder: Path, *options: str) -> dict[Job, str]:
@@ -397,8 +393,7 @@ def mend(folder: Path, capsys) -> list[str]:
         return []
     named, _, options = command.partition(" -- ")
     assert named == f"mend: compass run {folder}"
-    ran = snakemake(folder, *shlex.split(options), drawn=False)
-    assert ran.returncode == 0, ran.stderr
+    completed(folder, *shlex.split(options), drawn=False)
     return said
 
 

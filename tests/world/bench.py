@@ -1,7 +1,5 @@
 """A simulated bench for tests: headings set by the bench, recorded by a known compass, written as a calibration."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Drive headless Chromium for tests through its debugging pipe, with the standard library only."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

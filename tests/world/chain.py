@@ -1,7 +1,5 @@
 """Process a mooring of a cruise without Snakemake, in this process, into the workflow's results folder."""
 
-from __future__ import annotations
-
 from contextlib import chdir
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Conventions of the products: CF and ACDD by an independent checker, OceanSITES by the rules below."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Simulated half-year moorings, diagnosed."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.discrepancy import field_of, fitted

@@ -1,7 +1,6 @@
-"""Writer of simulated moorings as a cruise folder, with the truth in a separate folder."""
+"""Simulated moorings with planted effects of requested visible size, written as a cruise folder beside their truth."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -10,9 +9,14 @@ from typing import Any
 import numpy as np
 import yaml
 
-from compasslib.demo import sealed
-from compasslib.demo.sealed import DEEP_SAMPLE_S, Export, Ground, Wish
-from tests.world import planting
+from benchmarks.proof.world.compass import left_deg
+from compasslib.demo import adcp, sealed
+from compasslib.demo import water as sea
+from compasslib.demo.sealed import DEEP_SAMPLE_S, Effect, Export, Ground, Wish
+from compasslib.demo.water import Floats, clockwise
+
+ROUNDS = 3
+EVERY = 3  # hours, sufficient for the size of an effect
 
 
 @dataclass(frozen=True)
@@ -26,53 +30,85 @@ class Sealed:
     seed: int = 0
 
 
-def write(one: Sealed, cruise: Path, locked: Path) -> None:
-    """Write raw files and configuration of a mooring, and separately its times, correct and recorded headings."""
-    ground = sealed.make(one.seed, one.name, one.wish)
-    effects = [each.effect for each in planting.plant(ground, one.wanted)]
-    raw = sealed.write(ground, effects, cruise / "raw" / one.name, one.export)
-    _write_yaml(cruise / f"config/moorings/{one.name}.yaml", _described(one, ground))
-    np.save(locked / f"{one.name}.npy", np.stack([raw.time_s, raw.heading_deg, raw.recorded_deg]))
-
-
 def write_alone(one: Sealed, folder: Path) -> tuple[Path, Path]:
-    """Write a cruise of one mooring and return the folders of the cruise and of the truth."""
+    """Write a cruise of one mooring, and its times, correct and recorded headings; return the folders of both."""
     cruise, locked = folder / "cruise", folder / "locked"
     (cruise / "config/moorings").mkdir(parents=True)
-    (cruise / "config/config.yaml").write_text("moorings: config/moorings\n")
     locked.mkdir()
-    write(one, cruise, locked)
+    ground = sealed.make(one.seed, one.name, one.wish)
+    effects = [plant(ground, name, wanted_deg)[0] for name, wanted_deg in one.wanted.items()]
+    raw = sealed.write(ground, effects, cruise / "raw" / one.name, one.export)
+    (cruise / "config/config.yaml").write_text("moorings: config/moorings\n")
+    (cruise / f"config/moorings/{one.name}.yaml").write_text(yaml.safe_dump(described(one, ground), sort_keys=False))
+    np.save(locked / f"{one.name}.npy", np.stack([raw.time_s, raw.heading_deg, raw.recorded_deg]))
     return cruise, locked
 
 
-def _described(one: Sealed, ground: Ground) -> dict[str, Any]:
-    span = (float(ground.stamp_s[0]), float(ground.stamp_s[-1]) + 2 * DEEP_SAMPLE_S)
-    place = (ground.latitude_deg, ground.longitude_deg, ground.water_depth_m)
-    text = _mooring(one.name, place, span)
+def described(one: Sealed, ground: Ground) -> dict[str, Any]:
+    """Compose the mooring's YAML file."""
+    ends = (float(ground.stamp_s[0]), float(ground.stamp_s[-1]) + 2 * DEEP_SAMPLE_S)
+    first, last = (datetime.fromtimestamp(x, UTC).strftime("%Y-%m-%dT%H:%M:%SZ") for x in ends)
+    top, deep = (
+        {"format": "pd0", "files": f"raw/{one.name}/{role}.000", "depth": depth, "orientation": orientation}
+        for role, depth, orientation in (("top", 100, "up"), ("deep", 104, "down"))
+    )
     if one.export.deep == "table":
-        text["instruments"]["deep"] = {
-            "format": "table",
-            "files": f"raw/{one.name}/deep.csv",
-            "depth": 112,
-            "direction_reference": "magnetic",
-            "columns": {"time": "time_utc", "depth": "depth_m", "east": "u_cm_s", "north": "v_cm_s", "scale": 0.01},
-        }
-    return text
-
-
-def _mooring(name: str, place: tuple[float, float, float], span_s: tuple[float, float]) -> dict[str, Any]:
-    first, last = (datetime.fromtimestamp(x, UTC).strftime("%Y-%m-%dT%H:%M:%SZ") for x in span_s)
+        columns = {"time": "time_utc", "depth": "depth_m", "east": "u_cm_s", "north": "v_cm_s", "scale": 0.01}
+        deep = {"format": "table", "files": f"raw/{one.name}/deep.csv", "depth": 112, "columns": columns}
+        deep["direction_reference"] = "magnetic"
     return {
-        "name": name, "latitude": place[0], "longitude": place[1], "water_depth": place[2],
-        "start": first, "end": last, "declination": "auto", "compromised": "top", "reference": "deep",
-        "instruments": {"top": _pd0(name, "top", 100, "up"), "deep": _pd0(name, "deep", 104, "down")},
+        "name": one.name, "latitude": ground.latitude_deg, "longitude": ground.longitude_deg,
+        "water_depth": ground.water_depth_m, "start": first, "end": last, "declination": "auto",
+        "compromised": "top", "reference": "deep", "instruments": {"top": top, "deep": deep},
     }  # fmt: skip
 
 
-def _pd0(name: str, role: str, depth: int, orientation: str) -> dict[str, Any]:
-    return {"format": "pd0", "files": f"raw/{name}/{role}.000", "depth": depth, "orientation": orientation}
+EFFECTS = ("heading_slip", "reference_deviation", "reference_slip", "reference_beams", "reference_bias")
 
 
-def _write_yaml(path: Path, content: dict[str, Any]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(yaml.safe_dump(content, sort_keys=False))
+def effect_of(ground: Ground, name: str) -> Callable[[float], Effect]:
+    """Draw an effect, as a function of its size: a slip of the affected instrument, or a fault of the reference."""
+    rng = ground.random(f"effect {name}")
+    if name in ("heading_slip", "reference_slip"):
+        date = float(ground.stamp_s[int(rng.uniform(0.2, 0.8) * ground.stamp_s.size)])
+        shift = (ground.stamp_s >= date).astype(float)
+        if name == "reference_slip":
+            return lambda size: Effect(name, trusted=lambda heading: size * shift)
+        return lambda size: Effect(name, reading=lambda gamma: size * shift[:, None] * np.ones(gamma.shape))
+    if name == "reference_beams":  # an excess gain of its forward beam pair
+        return lambda size: Effect(name, gain=0.035 * size)
+    phase = rng.uniform(0.0, 2.0 * np.pi)
+    if name == "reference_bias":  # of its velocities in the body frame, as by ringing
+        return lambda size: Effect(name, bias_m_s=complex(0.003 * size * np.exp(1j * phase)))
+    return lambda size: Effect(name, trusted=lambda heading: size * np.sin(np.deg2rad(heading) + phase))
+
+
+def plant(ground: Ground, name: str, wanted_deg: float) -> tuple[Effect, float]:
+    """Draw an effect of a requested visible size, rms degrees; return it with the size that it has."""
+    make, size = effect_of(ground, name), 1.0
+    seen = visible_rms_deg(ground, make(size))
+    for _ in range(ROUNDS):
+        size *= float(np.clip(wanted_deg / max(seen, 1e-3), 0.05, 20.0))
+        seen = visible_rms_deg(ground, make(size))
+    return make(size), seen
+
+
+def visible_rms_deg(ground: Ground, effect: Effect) -> float:
+    """Compute the visible size of an effect: its residual after a fit of five coefficients, rms degrees."""
+    bare, with_it = (residual_deg(ground, planted) for planted in ((), (effect,)))
+    if effect.bias_m_s:  # robust, as slow flow may have any direction
+        return float(1.4826 * np.median(np.abs(with_it - bare)))
+    return float(np.std(with_it - bare))
+
+
+def residual_deg(ground: Ground, effects: Sequence[Effect]) -> Floats:
+    """Compute the heading error left by five coefficients fitted to the truth, every few hours, degrees."""
+    made = sealed.read(ground, effects, ground.stamp_s)
+    heading = sealed.trusted_heading(ground)
+    turned = sum((one.trusted(heading) for one in effects if one.trusted is not None), np.zeros(heading.size))
+    depth = np.interp(ground.stamp_s, ground.motion.time_s, ground.motion.sphere_depth_m)
+    flow = sea.velocity(ground.currents, ground.stamp_s, depth)
+    body = clockwise(flow, -(heading + ground.field.at(ground.stamp_s)[0]))
+    flawed = adcp.by_beams(body, sum(one.gain for one in effects), sum(one.bias_m_s for one in effects))
+    turned = turned + np.rad2deg(np.angle(body * np.conj(flawed)))  # clockwise, of the reference's directions
+    return left_deg((made.recorded_deg - turned)[::EVERY], made.heading_deg[::EVERY])

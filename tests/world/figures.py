@@ -1,7 +1,5 @@
 """Figures as objects, to be inspected by tests."""
 
-from __future__ import annotations
-
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure

@@ -1,14 +1,5 @@
-"""Damage files of every format and YAML at random, by a seed; no crash, hang or false data may result.
+"""Damage files of every format and YAML at random, by a seed; no crash, hang or false data may result."""
 
-    python -m tests.world.fuzz [SECONDS] [SEED]
-
-prints how many files of each kind were read and refused. ``readers/test_fuzz.py`` runs it briefly.
-"""
-
-from __future__ import annotations
-
-import os
-import sys
 import tempfile
 import time
 from collections import Counter
@@ -268,10 +259,3 @@ def _try(kind: Kind, data: bytes, scratch: Path) -> Any:
     path = scratch / "damaged"
     path.write_bytes(data)
     return kind.read(path)
-
-
-if __name__ == "__main__":
-    spent, drawn = (float(sys.argv[1]) if len(sys.argv) > 1 else 60.0), int(sys.argv[2]) if len(sys.argv) > 2 else 7
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    for line, times in sorted(run(spent, drawn).items()):
-        print(f"{line:24} {times}")

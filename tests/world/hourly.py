@@ -1,7 +1,5 @@
 """Short records made by hand, sampled hourly."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """IAGA-2002 files and quiet series for tests, with a crustal offset, a daily variation and noise."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -30,11 +28,19 @@ def series(days: int, *, step_s: float = HOUR_S, seed: int = 0, swing_deg: float
     return FieldSeries(time_s, declination, level, 2.7 * level, "Made", LATITUDE, LONGITUDE, 100.0)
 
 
-def header(letters: str, *, code: str = "MDE", place: bool = True, kind: str = "Variation") -> list[str]:
-    """Compose the header lines, padded as in the format."""
+def header(
+    letters: str,
+    *,
+    code: str = "MDE",
+    place: bool = True,
+    kind: str = "Variation",
+    at: tuple[float, float] = (LATITUDE, LONGITUDE),
+) -> list[str]:
+    """Compose the header lines, padded as in the format; ``at`` is the latitude and longitude."""
     words = {
         "Format": "IAGA-2002", "Source of Data": "made", "Station Name": "Made", "IAGA CODE": code,
-        "Geodetic Latitude": f"{LATITUDE:.3f}" if place else "", "Geodetic Longitude": "356.800" if place else "",
+        "Geodetic Latitude": f"{at[0]:.3f}" if place else "",
+        "Geodetic Longitude": f"{at[1] % 360.0:.3f}" if place else "",
         "Elevation": "100" if place else "", "Reported": letters, "Sensor Orientation": "", "Digital Sampling": "",
         "Data Interval Type": "", "Data Type": kind,
     }  # fmt: skip
@@ -63,5 +69,6 @@ def rows(made: FieldSeries, letters: str) -> list[str]:
 
 def write(path: Path, made: FieldSeries, letters: str = "XYZF", **words) -> Path:
     """Write a series as an IAGA-2002 file."""
-    path.write_text("\n".join([*header(letters, **words), *rows(made, letters)]) + "\n")
+    lines = header(letters, at=(made.latitude, made.longitude), **words)
+    path.write_text("\n".join([*lines, *rows(made, letters)]) + "\n")
     return path

@@ -1,7 +1,5 @@
 """Simulated logs of a magnetometer near known iron, turned on a platform in waves or by hand over the sphere."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

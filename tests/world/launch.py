@@ -1,7 +1,5 @@
 """Run cruises through Snakemake as users do, and inspect the results."""
 
-from __future__ import annotations
-
 import atexit
 import hashlib
 import json
@@ -13,6 +11,7 @@ import sys
 import tempfile
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -77,6 +76,13 @@ def snakemake(
         print(json.dumps(asked), file=warm.stdin, flush=True)
         status = int(warm.stdout.readline())
         return subprocess.CompletedProcess(words, status, *(Path(file).read_text() for file in files))
+
+
+def completed(folder: Path, *options: str, **how: Any) -> Path:
+    """Run a cruise as ``snakemake`` does, check that it succeeds, and return its folder."""
+    ran = snakemake(folder, *options, **how)
+    assert ran.returncode == 0, ran.stderr[-4000:]
+    return folder
 
 
 @cache

@@ -1,7 +1,5 @@
 """Layered currents, recorded by a profile whose compass stands near iron and by a reference cell below it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from compasslib import angles, compass

@@ -5,8 +5,6 @@ except for swaying on the wire, and both measure nearly the same. Numbers are in
 a 2000 m cast.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Files of many layouts and formats, drawn by seed with the values that they hold, written by plain numpy and text."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

@@ -4,8 +4,6 @@ OceanSITES follows its manual 1.4; IMOS the parameters of imos-toolbox and its m
 time and time2; stglib its aqdutils and rdi modules. All are imitations; only dolfyn writes its files itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

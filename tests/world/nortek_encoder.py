@@ -1,7 +1,5 @@
 """Encode Nortek files from the manuals, independently of the readers: the older format and the Signature's."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta

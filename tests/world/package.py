@@ -4,8 +4,6 @@ The frame spins on its wire, sways with the swell and leans because of the drag 
 with a fixed rotation and has its own clock, compass and inclinometers.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parse an HTML page with the standard library: its elements, and whether it is well formed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
 from pathlib import Path

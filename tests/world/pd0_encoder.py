@@ -1,7 +1,5 @@
 """Encode small PD0 files for tests, from the manufacturer's byte tables and independently of the reader."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from datetime import datetime

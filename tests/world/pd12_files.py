@@ -1,7 +1,5 @@
 """Encode PD12 independently of the reader, and the frames that a modem controller adds around ensembles."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from datetime import datetime
@@ -25,11 +23,16 @@ def ensemble(
     return body + struct.pack("<H", sum(body) & 0xFFFF)
 
 
+def escaped(data: bytes) -> bytes:
+    """Escape bytes as a controller of inductive modems does."""
+    return data.replace(b"\x18", b"\x18\x58").replace(b"\x2b", b"\x18\x6b")
+
+
 def framed(ensembles: Sequence[bytes], escape: bool = True) -> bytes:
     """Frame ensembles as a controller of inductive modems does: a log, and a block around each ensemble."""
     blocks = [b"\nBuffer size: 200000\n2013/07/23 22:29:30> Error opening WFP0_PN\n"]
     for data in ensembles:
         wrapped = b"<Executing/>\r\n<SampleData ID='0x1ba' LEN='%d' CRC='0x0'>%s</SampleData>\r\n" % (len(data), data)
-        sent = wrapped.replace(b"\x18", b"\x18\x58").replace(b"\x2b", b"\x18\x6b") if escape else wrapped
+        sent = escaped(wrapped) if escape else wrapped
         blocks.append(b"\x01AD1237111_%04Xu51EF39DB_26_C346\x02%s\x03" % (len(wrapped), sent))
     return b"".join(blocks)

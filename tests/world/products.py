@@ -1,7 +1,5 @@
 """Records, pairs and corrected records of random numbers, to be written to archive files."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """WinADCP text exports of series, modelled on exports quoted by other programs that read them."""
 
-from __future__ import annotations
-
 from datetime import datetime, timedelta
 
 import numpy as np

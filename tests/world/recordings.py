@@ -3,8 +3,6 @@
 ``truth`` holds the parameters of the effect, named as in a diagnosis.
 """
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass, replace
 from pathlib import Path

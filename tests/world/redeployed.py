@@ -1,7 +1,5 @@
 """Simulation of repeated deployments of one profiler: same compass, other currents and places, changes of iron."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,10 +1,14 @@
 """A small simulated sea for tests: currents rotated by a known compass, as pairs or as a cruise folder."""
 
-from __future__ import annotations
-
+import contextlib
 import csv
+import io
+import logging
+import warnings
+from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +29,18 @@ def real(name: str) -> Path:
     if not (SHARED / name).exists():
         pytest.skip(f"{name} is not in ../shared/data")
     return SHARED / name
+
+
+@contextlib.contextmanager
+def mhkit() -> Iterator[Any]:
+    """Give mhkit's reader without its prints, warnings and log lines; skip the test if it is absent."""
+    logging.disable(logging.CRITICAL)
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield pytest.importorskip("mhkit.dolfyn")
+    finally:
+        logging.disable(logging.NOTSET)
 
 
 def pairs(coefficients=MILD, **drawn) -> tuple[Pairs, np.ndarray]:

@@ -1,7 +1,5 @@
 """Run a single-node Slurm on loopback, from Debian's packages, for a test."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

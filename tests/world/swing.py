@@ -4,8 +4,6 @@ There is one sample per second. Steering varies about the course, wind causes le
 the receiver filters the velocity over ground, and the compass, near iron, may lag or turn in its mount.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

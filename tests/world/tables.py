@@ -1,7 +1,5 @@
 """Tables as users have them: one data set in many formats, by name or drawn by seed, read as each kind of table."""
 
-from __future__ import annotations
-
 import gzip
 from collections.abc import Callable
 from dataclasses import dataclass

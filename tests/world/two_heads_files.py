@@ -1,13 +1,12 @@
 """PD0 files of two heads for tests: from a simulated cast, or from a real recording with changed headings."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from compasslib.readers.pd0 import frames
 from tests.world import package
 from tests.world.package import Head, Sea
 
@@ -35,31 +34,12 @@ def cast(folder: Path, *, seed: int = 1, sea: Sea = SEA, a: Head = PLAIN, b: Hea
 
 def rewritten(raw: bytes, heading: Callable[[np.ndarray], np.ndarray]) -> bytes:
     """Replace the headings of a PD0 file by a function of them (degrees), update checksums, keep damaged ensembles."""
-    found = _ensembles(raw)
-    places = [at + _variable_leader(raw, at) + 18 for at in found]
+    file, (runs, _) = bytearray(raw), frames.scan(raw)
+    found = [(run.offset + run.rows.shape[1] * k, run.layout) for run in runs for k in range(len(run.rows))]
+    places = [at + layout.blocks[0x80][0] + 18 for at, layout in found]  # in the variable leader
     before = np.array([struct.unpack_from("<H", raw, place)[0] for place in places]) / 100.0
     after = np.rint(100.0 * heading(before)).astype(int) % 36000
-    file = bytearray(raw)
-    for at, place, hundredths in zip(found, places, after, strict=True):
+    for (at, layout), place, hundredths in zip(found, places, after, strict=True):
         struct.pack_into("<H", file, place, hundredths)
-        length = struct.unpack_from("<H", raw, at + 2)[0]
-        struct.pack_into("<H", file, at + length, sum(file[at : at + length]) & 0xFFFF)
+        struct.pack_into("<H", file, at + layout.length, sum(file[at : at + layout.length]) & 0xFFFF)
     return bytes(file)
-
-
-def _ensembles(raw: bytes) -> list[int]:
-    """Find the byte offsets of the ensembles with valid checksums."""
-    found, at = [], raw.find(b"\x7f\x7f")
-    while at >= 0:
-        length = struct.unpack_from("<H", raw, at + 2)[0] if at + 4 <= len(raw) else 0
-        good = at + length + 2 <= len(raw) and length > 0
-        good = good and sum(raw[at : at + length]) & 0xFFFF == struct.unpack_from("<H", raw, at + length)[0]
-        if good:
-            found.append(at)
-        at = raw.find(b"\x7f\x7f", at + length + 2 if good else at + 1)
-    return found
-
-
-def _variable_leader(raw: bytes, at: int) -> int:
-    blocks = struct.unpack_from(f"<{raw[at + 5]}H", raw, at + 6)
-    return next(b for b in blocks if raw[at + b : at + b + 2] == b"\x80\x00")

@@ -4,8 +4,6 @@ Starting Python, Snakemake and the library takes longer than a small run itself.
 command, Snakemake on the project's Snakefile, and the scripts of its jobs, each in a process of its own.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import runpy

@@ -1,7 +1,5 @@
 """Readings of a compass near iron in a scene: three separate sensors, quantized inclinometers, ensemble averages."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Draw the moorings of a proof by seed: kind, water, planted effects and their sizes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -46,9 +44,8 @@ class Drawn:
 
 
 def draw(
-    seed: int, counts: tuple[int, int], hours: int, there: dict[str, bool], *, second: bool = False,
-    kind: str | None = None,
-) -> list[Drawn]:  # fmt: skip
+    seed: int, counts: tuple[int, int], hours: int, there: dict[str, bool], *, second: bool = False
+) -> list[Drawn]:
     """Draw the moorings of one proof, in simulated and in real water, in random order.
 
     Args:
@@ -56,13 +53,12 @@ def draw(
         hours: length of each record in simulated water.
         there: names of the real records, and whether the reference of each is made of its own samples.
         second: whether simulated water is that of the second world (``waves``).
-        kind: kind of all moorings; if None, kinds have the shares of ``MADE`` and ``REAL``.
     """
     rng = np.random.default_rng([seed, 1])
     turns = rng.integers(0, 1000, 2)
     made = []
     for letter, shares, count, turn in zip("PR", (MADE, REAL), counts, turns, strict=True):
-        kinds = zip(rng.permutation(count), _kinds({kind: 1.0} if kind else shares, count), strict=True)
+        kinds = zip(rng.permutation(count), _kinds(shares, count), strict=True)
         for k, (place, each) in enumerate(kinds):
             name = f"{letter}{place + 1:03d}"
             made.append(_one(seed, name, each, int(turn) + k, (hours, there, letter == "R")))

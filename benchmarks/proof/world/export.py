@@ -1,7 +1,5 @@
 """Write the raw files of a mooring's instruments and its YAML file, and the truth to a separate folder."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,7 +16,8 @@ from benchmarks.proof.world.compass import Meter, Planted, Read
 from benchmarks.proof.world.scene import Acts, Complexes, Floats, Scene, bridged, towards, turned, wrap
 from compasslib.demo import adcp
 from compasslib.demo.adcp import Ensembles, Setup, inclinometers
-from tests.world import observatory
+from compasslib.records import FieldSeries
+from tests.world import iaga_files
 from tests.world.pairs import reference_sizes
 
 NOISE_M_S, LOWER_NOISE_M_S, SUPPLY_NOISE, TEMPERATURE_NOISE_K = 0.012, 0.012, 0.5, 0.02
@@ -80,7 +79,11 @@ def write(made: Mooring, cruise: Path, locked: Path, facts: dict[str, Any]) -> N
     if made.export.observatory:
         swung = scene.declination_deg + compass.total(made.effects, "north_deg", count)
         field = (swung, scene.horizontal_nt, scene.vertical_nt)
-        observatory.write(raw / "observatory.min", scene.time_s, field, scene.place[:2])
+        iaga_files.write(
+            raw / "observatory.min",
+            FieldSeries(scene.time_s, *field, "Made", *scene.place[:2], 100.0),
+            kind="Definitive",
+        )
     (cruise / "config/moorings").mkdir(parents=True, exist_ok=True)
     settings = {"moorings": "config/moorings", "overlap": {"max_metres": max(20.0, WIDEST_CELLS * _cell(scene))}}
     for path, text in (("config", settings), (f"moorings/{made.name}", _described(made))):

@@ -8,8 +8,6 @@ reference. ``every`` is the step of the samples used, ``supply_counts`` counts p
 depth is the recorded pressure. The bins share one compass, so they differ by the water only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime

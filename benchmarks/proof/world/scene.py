@@ -82,7 +82,6 @@ class Acts:
     north_deg: Floats | None = None  # (n,) eastward displacement of magnetic north
     veer_deg: Floats | None = None  # (n,) clockwise rotation of the current at the reference
     ahead_s: Floats | None = None  # (n,) by which the clock of the affected instrument is ahead
-    reference: Callable[[Floats], Floats] | None = None  # degrees, added to the headings of the reference (n,)
 
 
 @dataclass(frozen=True)

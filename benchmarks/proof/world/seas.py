@@ -4,8 +4,6 @@ None of them is a first-order process, and waves are not tied to layers: differe
 and time with wavenumbers from Student's t distribution, which give the field a Matérn covariance.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

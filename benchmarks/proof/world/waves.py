@@ -6,8 +6,6 @@ approaches the inertial frequency grows and is absorbed (a critical layer). The 
 instruments sink and their vertical distance decreases; a cage with a fin turns on a swivel with friction.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.proof.world import seas
