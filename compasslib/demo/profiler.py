@@ -63,12 +63,8 @@ class Scans:
 
 def write_text(path: Path, acm: Acm, scans: Scans) -> None:
     """Write unpacked ASCII, space delimited, with header."""
-    iso = np.datetime_as_string(scans.time_s.astype("datetime64[s]")).astype("U19")
-    letters = iso.view("U1").reshape(iso.size, 19)
-    letters = letters[:, [5, 6, 4, 8, 9, 7, 0, 1, 2, 3, 10, *range(11, 19)]]
-    letters[:, 10] = " "
-    stamps = np.ascontiguousarray(letters).view("U19").ravel()
-    fields = _header_fields(acm)
+    iso = np.datetime_as_string(scans.time_s.astype("datetime64[s]")).tolist()
+    stamps, fields = [f"{text[5:10]}-{text[:4]} {text[11:]}" for text in iso], _header_fields(acm)
     header_size = struct.calcsize("<" + "".join(code for _, code, _ in fields))
     with path.open("w", newline="") as file:
         for k, number, begin, end in _profiles(scans):
@@ -90,15 +86,10 @@ def write_text(path: Path, acm: Acm, scans: Scans) -> None:
 
 def write_binary(path: Path, acm: Acm, scans: Scans) -> None:
     """Write the binary format of the logger, with all files ``A*.DAT`` concatenated."""
-    days = scans.time_s.astype("datetime64[s]").astype("datetime64[D]")
-    months = days.astype("datetime64[M]")
-    second = scans.time_s % 86400
+    year, month, day, *clock = sea.calendar(scans.time_s)
     records = np.zeros(scans.time_s.size, dtype=_RECORD)
-    records["clock"] = np.stack([second // 3600, second // 60 % 60, second % 60], axis=-1)
-    records["month"] = months.astype(np.int64) % 12 + 1
-    records["day"] = (days - months.astype("datetime64[D]")).astype(np.int64) + 1
-    records["year"] = months.astype(np.int64) // 12 + 1970
-    records["values"] = scans.values
+    records["clock"] = np.stack(clock, axis=-1)
+    records["month"], records["day"], records["year"], records["values"] = month, day, year, scans.values
     header = b"".join(struct.pack("<" + code, value) for _, code, value in _header_fields(acm))
     with path.open("wb") as file:
         for k, _, begin, end in _profiles(scans):

@@ -110,8 +110,8 @@ def test_series_of_eg4_folds_as_published(worlds):
     top, deep = demonstration.top_stance(world), demonstration.deep_stance(world, world.spec.deep)
     wet, white = top.in_water, water.white_vector(np.random.default_rng(0), top.in_water.sum(), 0.02)
     upper, lower = (
-        water.clockwise(adcp.near_bins(spec.setup, stance, world.currents)[wet], -top.declination_deg[wet])
-        for spec, stance in ((world.spec.top, top), (world.spec.deep, deep))
+        water.clockwise(adcp.near_bins(instrument, stance, world.currents)[wet], -top.declination_deg[wet])
+        for instrument, stance in ((world.spec.top, top), (world.spec.deep, deep))
     )
     upper, none = water.clockwise(upper + white, (top.recorded_deg - top.heading_deg)[wet]), np.zeros(wet.sum())
     pairs = Pairs(
@@ -134,7 +134,7 @@ def test_deep_moorings_are_blown_down(worlds):
 def test_mean_flow_follows_the_slope(worlds):
     for world in worlds.values():
         stance = demonstration.top_stance(world)
-        flow = adcp.near_bins(world.spec.top.setup, stance, world.currents)[stance.in_water]
+        flow = adcp.near_bins(world.spec.top, stance, world.currents)[stance.in_water]
         assert 0.1 < abs(flow.mean()) < 0.4
         assert abs(wrap(np.rad2deg(np.arctan2(flow.mean().real, flow.mean().imag)) - 238.0)) < 10.0
         assert np.abs(flow).max() < 2.0
@@ -189,7 +189,7 @@ def test_ensemble_numbers_exceed_sixteen_bits():
     world = demonstration.make_world(spec, SEED)
     stance = demonstration.top_stance(world)
     made = adcp.measure(world.random("top"), spec.top, stance, world.currents, latitude_deg=spec.latitude_deg)
-    octets = adcp.encode(spec.top.setup, made)
+    octets = adcp.encode(spec.top, made)
     number = octets[:, 79].astype(int) + 256 * octets[:, 80].astype(int) + 65536 * octets[:, 88].astype(int)
     assert number[-1] == 60001 + len(octets) - 1 > 65535
 
@@ -202,7 +202,7 @@ def test_mhkit_reads_the_simulated_files(cruise):
         read = dolfyn.read(str(path), nens=200)
     ours = decode(path)
     assert np.allclose(read.heading, ours.heading_deg[:200], atol=0.006)
-    assert np.allclose(read.range, adcp.ranges(demonstration.spec_of("EG2").top.setup), atol=0.01)
+    assert np.allclose(read.range, adcp.ranges(demonstration.spec_of("EG2").top), atol=0.01)
     theirs = np.moveaxis(read.vel.values, 0, -1)
     theirs = theirs if theirs.shape[0] == 200 else np.swapaxes(theirs, 0, 1)
     assert np.isfinite(theirs[30:, :15]).all()

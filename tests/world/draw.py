@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from compasslib.demo import sealed
-from compasslib.demo.sealed import DEEP_SAMPLE_S, Export, Ground, Wish
+from compasslib.demo.sealed import DEEP_SAMPLE_S, Ground, Wish
 from tests.world import planting
 
 
@@ -22,7 +22,6 @@ class Sealed:
     name: str
     wanted: dict[str, float] = field(default_factory=dict)  # visible rms degrees
     wish: Wish = field(default_factory=Wish)
-    export: Export = field(default_factory=Export)
     seed: int = 0
 
 
@@ -30,7 +29,7 @@ def write(one: Sealed, cruise: Path, locked: Path) -> None:
     """Write raw files and configuration of a mooring, and separately its times, correct and recorded headings."""
     ground = sealed.make(one.seed, one.name, one.wish)
     effects = [each.effect for each in planting.plant(ground, one.wanted)]
-    raw = sealed.write(ground, effects, cruise / "raw" / one.name, one.export)
+    raw = sealed.write(ground, effects, cruise / "raw" / one.name)
     _write_yaml(cruise / f"config/moorings/{one.name}.yaml", _described(one, ground))
     np.save(locked / f"{one.name}.npy", np.stack([raw.time_s, raw.heading_deg, raw.recorded_deg]))
 
@@ -48,16 +47,7 @@ def write_alone(one: Sealed, folder: Path) -> tuple[Path, Path]:
 def _described(one: Sealed, ground: Ground) -> dict[str, Any]:
     span = (float(ground.stamp_s[0]), float(ground.stamp_s[-1]) + 2 * DEEP_SAMPLE_S)
     place = (ground.latitude_deg, ground.longitude_deg, ground.water_depth_m)
-    text = _mooring(one.name, place, span)
-    if one.export.deep == "table":
-        text["instruments"]["deep"] = {
-            "format": "table",
-            "files": f"raw/{one.name}/deep.csv",
-            "depth": 112,
-            "direction_reference": "magnetic",
-            "columns": {"time": "time_utc", "depth": "depth_m", "east": "u_cm_s", "north": "v_cm_s", "scale": 0.01},
-        }
-    return text
+    return _mooring(one.name, place, span)
 
 
 def _mooring(name: str, place: tuple[float, float, float], span_s: tuple[float, float]) -> dict[str, Any]:
