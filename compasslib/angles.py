@@ -104,6 +104,12 @@ def rms(difference_deg: ArrayLike) -> float:
     return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
 
 
+def position(latitude: float, longitude: float) -> str:
+    """Format a position, 65.3333° N, 32.9550° W."""
+    east = float(wrap180(longitude))
+    return f"{abs(latitude):.4f}° {'N' if latitude >= 0 else 'S'}, {abs(east):.4f}° {'E' if east >= 0 else 'W'}"
+
+
 def _resultant(angle_deg: ArrayLike, weights: ArrayLike | None, axis: int | None) -> NDArray[np.complex128]:
     angle = np.asarray(angle_deg, dtype=float)
     weight = np.isfinite(angle) * (np.ones(angle.shape) if weights is None else np.asarray(weights, dtype=float))

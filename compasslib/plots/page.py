@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, MultipleLocator
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from compasslib import angles
@@ -213,6 +213,12 @@ def degrees(axis: Axis, limits: Limits, *, as_is: bool = False) -> None:
     axis.set_major_locator(MultipleLocator(step))
     whole_turn = limits == (0.0, 360.0)
     axis.set_major_formatter(FuncFormatter(lambda x, _: signed(x, ".0f") if as_is else _heading(x, whole_turn)))
+
+
+def find_gaps(time_s: Floats) -> NDArray[np.intp]:
+    """Find the samples before which others are missing, where a line is to be interrupted."""
+    step = np.diff(time_s)
+    return np.flatnonzero(step > GAP * np.median(step)) + 1
 
 
 def signed(x: float, form: str = "+.1f") -> str:

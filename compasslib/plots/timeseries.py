@@ -26,7 +26,6 @@ from compasslib.plots.page import (
     CM,
     COLOURS,
     CORRECTED,
-    GAP,
     GREEN,
     LETTERS,
     MAGNETIC,
@@ -39,6 +38,7 @@ from compasslib.plots.page import (
     degrees,
     emptiest,
     empty,
+    find_gaps,
     legend,
     page,
     placed,
@@ -70,7 +70,8 @@ def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> N
         kind = classify_samples(product)
         _draw_headings(panels[0], panels[1], product, kind)
         _draw_strip(panels[2], record.time_s, pairs, kind)
-        day, depth = with_gaps(record.time_s, record.depth_m)
+        gaps = find_gaps(record.time_s)
+        day, depth = np.insert(record.time_s / DAY_S, gaps, np.nan), np.insert(record.depth_m, gaps, np.nan)
         panels[3].set_ylabel("Depth\n(m)")
         if np.isfinite(depth).any():
             panels[3].plot(day, depth, color="#444444", linewidth=0.7)
@@ -92,13 +93,6 @@ def classify_samples(product: CorrectedRecord) -> NDArray[np.str_]:
     kind = np.where(product.heading_corrected_quality >= PROBABLY_BAD, "doubtful", "sure")
     kind = np.where(np.isfinite(product.heading_corrected_deg), kind, "missing")
     return np.where(np.isfinite(product.record.heading_deg), kind, "")
-
-
-def with_gaps(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Return days since 1970 and values of a line that is interrupted where samples are missing."""
-    step = np.diff(time_s, prepend=time_s[0])
-    gaps = np.flatnonzero(step > GAP * np.median(step))
-    return np.insert(time_s / DAY_S, gaps, np.nan), np.insert(values, gaps, np.nan)
 
 
 def _draw_headings(above: Axes, below: Axes, product: CorrectedRecord, kind: NDArray[np.str_]) -> None:

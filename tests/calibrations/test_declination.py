@@ -11,7 +11,7 @@ from compasslib import earthfield
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import declination, observatory, result
 from compasslib.errors import InputError
-from compasslib.plots import instruments
+from compasslib.plots import calibrations as plots
 from tests.world.iaga_files import DAY_S, HOUR_S, LATITUDE, LONGITUDE, ROCKS_DEG, START_S, series, write
 from tests.world.sea import SHARED
 
@@ -74,7 +74,7 @@ def test_a_series_that_is_too_short_is_refused(tmp_path):
     short = replace(made, declination_deg=np.where(np.arange(24) < 8, made.declination_deg, np.nan))
     found = declination.calibrate([write(tmp_path / "a.hor", short)], {})
     assert found.why == "the series has a declination in 8 hours; 12 are needed" and not found.coefficients.size
-    instruments.draw_series(tmp_path / "a.png", found)
+    plots.draw_series(tmp_path / "a.png", found)
     assert (tmp_path / "a.png").stat().st_size > 5_000
 
 
@@ -95,7 +95,7 @@ def test_calibration_round_trips_through_json_and_is_drawn(tmp_path):
     assert again["coefficients"]["A"] == pytest.approx(made.coefficients[0]) and again["coefficients"]["B"] is None
     assert "A +0.2" in result.log_line(again) and "nan" not in result.log_line(page)
     shown = replace(result.from_json(again), points=made.points, table=made.table)
-    instruments.draw_series(tmp_path / "a.png", shown)
+    plots.draw_series(tmp_path / "a.png", shown)
     assert (tmp_path / "a.png").stat().st_size > 20_000
 
 
