@@ -113,16 +113,6 @@ def test_freely_turning_or_coarse_compass_is_not_flagged():
         assert (found.heading_quality == GOOD).all() and not found.warnings
 
 
-@pytest.mark.parametrize("free", [False, True])
-def test_a_fill_value_among_headings_is_bad(free):
-    given = wake_locked(2000)
-    turned = np.random.default_rng(9).uniform(0.0, 360.0, 2000).round(2) if free else given.heading_deg
-    filled = np.arange(2000) % 90 == 7
-    found = flag_quality(replace(given, heading_deg=np.where(filled, 0.0, turned)), 500.0)
-    np.testing.assert_array_equal(found.heading_quality == BAD, filled)
-    assert "23 headings flagged: they read 0.00 degrees" in found.warnings[0]
-
-
 def test_samples_on_deck_are_flagged_by_their_depth():
     n = 2000
     sound = replace(wake_locked(n), depth_m=100.0 + np.random.default_rng(3).uniform(0.0, 20.0, n))
