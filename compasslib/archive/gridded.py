@@ -24,9 +24,8 @@ from compasslib.archive.netcdf import Columns, days_since_1950, seconds_since_19
 from compasslib.archive.variables import GRIDDED, SECTION_SIGMA
 from compasslib.errors import InputError
 from compasslib.product.cells import Axes, Source, Velocities
-from compasslib.product.daily import DailyMeans
 from compasslib.product.errors import HeadingErrors, sum_sigma, time_variances
-from compasslib.product.grid import INTERPOLATED, GriddedProduct, Piece, empty_piece
+from compasslib.product.grid import INTERPOLATED, DailyMeans, GriddedProduct, Piece, empty_piece
 from compasslib.records import (
     GOOD,
     MISSING,
