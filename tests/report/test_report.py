@@ -28,7 +28,7 @@ from compasslib.inference.finding import CovariateRange, HeldOut, Parameter, Une
 from compasslib.inference.finding import Finding as Found
 from compasslib.plots.figures import MOORING
 from compasslib.report import explore, sections, words
-from compasslib.report.results import (
+from compasslib.report.sections import (
     Overview,
     ReportedFinding,
     ReportFigure,
