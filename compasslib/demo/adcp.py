@@ -100,7 +100,18 @@ def encode(setup: Setup, ensembles: Ensembles) -> Counts:
     offsets = np.cumsum([layout[place].itemsize for place in range(BLOCKS)])
     header = np.array([0x7F7F, layout.itemsize - 2, BLOCKS << 8, *offsets], dtype="<u2")
     rows["header"] = header.view(np.uint8)
-    for name, value in _fixed_leader(setup).items():
+    fixed: dict[str, Any] = {
+        "id": 0x0000, "firmware": (16, 28), "beams": 4, "cells": setup.cells, "pings": setup.pings, "mode": 1,
+        "system": (FREQUENCY_BITS[setup.kilohertz] | 0b0100_1000, 0x41),  # convex, head attached; four beams at 20°
+        "cell_cm": round(100 * setup.cell_m), "blank_cm": round(100 * setup.blank_m), "low_correlation": 64,
+        "code_repeats": 5, "error_limit_mm_s": 2000, "ping_time": (0, 1, 0),
+        "coordinates": COORDINATE_BITS[setup.coordinates] << 3 | 0b111,  # tilts, three beams, mapped bins
+        "source": 0x7F, "fitted": 0b0011_1101,  # pressure, heading, pitch, roll, temperature; no conductivity
+        "first_bin_cm": round(100 * setup.first_bin_m),
+        "pulse_cm": round(100 * setup.cell_m), "reference_layer": (1, 5), "false_target": 50, "lag_cm": 49,
+        "power": 255, "serial": setup.serial, "beam_angle": round(BEAM_ANGLE_DEG),
+    }  # fmt: skip
+    for name, value in fixed.items():
         rows["fixed"][name] = value
     # Bit 7 of the system configuration follows the orientation switch of the instrument in each ensemble.
     rows["fixed"]["system"][:, 0] |= np.where(ensembles.upside, 0b1000_0000, 0).astype(np.uint8)
@@ -122,20 +133,6 @@ def _layout(cells: int) -> np.dtype:
     leaders = [("header", "u1", (6 + 2 * BLOCKS,)), ("fixed", _FIXED), ("variable", _VARIABLE)]
     blocks = [("velocity", numbers), ("correlation", octets), ("echo", octets), ("percent_good", octets)]
     return np.dtype([*leaders, *blocks, ("reserved", "<u2"), ("checksum", "<u2")])
-
-
-def _fixed_leader(setup: Setup) -> dict[str, Any]:
-    return {
-        "id": 0x0000, "firmware": (16, 28), "beams": 4, "cells": setup.cells, "pings": setup.pings, "mode": 1,
-        "system": (FREQUENCY_BITS[setup.kilohertz] | 0b0100_1000, 0x41),  # convex, head attached; four beams at 20°
-        "cell_cm": round(100 * setup.cell_m), "blank_cm": round(100 * setup.blank_m), "low_correlation": 64,
-        "code_repeats": 5, "error_limit_mm_s": 2000, "ping_time": (0, 1, 0),
-        "coordinates": COORDINATE_BITS[setup.coordinates] << 3 | 0b111,  # tilts, three beams, mapped bins
-        "source": 0x7F, "fitted": 0b0011_1101,  # pressure, heading, pitch, roll, temperature; no conductivity
-        "first_bin_cm": round(100 * setup.first_bin_m),
-        "pulse_cm": round(100 * setup.cell_m), "reference_layer": (1, 5), "false_target": 50, "lag_cm": 49,
-        "power": 255, "serial": setup.serial, "beam_angle": round(BEAM_ANGLE_DEG),
-    }  # fmt: skip
 
 
 def _fill_variable_leader(leader: NDArray[np.void], ensembles: Ensembles) -> None:

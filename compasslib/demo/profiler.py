@@ -177,8 +177,14 @@ def plan(rng: np.random.Generator, profiler: Profiler, motion: Motion, span_s: t
     ascending = number % 2 == 1
     way_s = (profiler.bottom_m - NOMINAL_M - BUMPER_M) / SPEED_M_S
     top = np.rint(start + np.where(ascending, way_s, 30.0))
-    blown = np.interp(top, motion.time_s, motion.sphere_depth_m) - NOMINAL_M
-    stuck = _stuck_depths(rng, blown, profiler.bottom_m)
+    blown_m = np.interp(top, motion.time_s, motion.sphere_depth_m) - NOMINAL_M
+    depths, depth, stuck = rng.uniform(0.45, 0.85, top.size) * profiler.bottom_m, nan, np.empty(top.size)
+    for k, blown in enumerate(blown_m.tolist()):
+        if isnan(depth) and blown > 100.0:
+            depth = depths[k]
+        elif blown < 25.0:
+            depth = nan
+        stuck[k] = depth
     # Ten seconds at the bumper, then a scan in 2 s in the uppermost water and in 32 s below.
     down = np.concatenate([np.arange(-10.0, 230.0, 2.0), np.arange(230.0, np.floor(way_s), 32.0)])
     parked = 120.0 + np.arange(60.0)
@@ -221,19 +227,6 @@ def write_engineering(path: Path, schedule: Plan, motion: Motion, latitude_deg: 
     stamps = np.datetime_as_string(time.astype("datetime64[s]")).tolist()
     pairs = zip(stamps, sea.pressure(depth, latitude_deg).tolist(), strict=True)
     path.write_text("time_utc,pressure_dbar\n" + "".join(f"{stamp}Z,{dbar:.2f}\n" for stamp, dbar in pairs))
-
-
-def _stuck_depths(rng: np.random.Generator, blown_m: Floats, bottom_m: float) -> Floats:
-    """Draw the depth at which the profiler is stuck in each profile, NaN if it is free."""
-    depths = rng.uniform(0.45, 0.85, blown_m.size) * bottom_m
-    depth, stuck = nan, []
-    for blown, here in zip(blown_m.tolist(), depths.tolist(), strict=True):
-        if isnan(depth) and blown > 100.0:
-            depth = here
-        elif blown < 25.0:
-            depth = nan
-        stuck.append(depth)
-    return np.array(stuck)
 
 
 def _position(schedule: Plan, profile: NDArray[np.intp], time_s: Floats, sphere_m: Floats) -> tuple[Floats, Floats]:

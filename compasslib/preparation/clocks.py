@@ -127,8 +127,13 @@ def find_valid_times(record: Record) -> tuple[Bools, dict[str, int], list[str]]:
     """Find samples with a valid time, (n,), count the others, and compose warnings about them."""
     time_s = record.time_s
     finite = np.isfinite(time_s)
-    keep = finite.copy()
-    keep[finite] = ~_outlying(time_s[finite])
+    keep, known = finite.copy(), time_s[finite]
+    if len(known) >= 3:  # single times that are far from both neighbours, which are close to each other
+        slack, steps, across = _slack(known), np.diff(known), known[2:] - known[:-2]
+        apart = (np.abs(steps[:-1]) > slack) & (np.abs(steps[1:]) > slack) & (steps[:-1] * steps[1:] < 0)
+        outlying = np.pad(apart & (across >= 0) & (across <= 2.0 * slack), 1)
+        # Adjacent outliers, as from two recordings interleaved sample by sample, are not single errors.
+        keep[finite] = ~outlying | np.roll(outlying, 1) | np.roll(outlying, -1)
     wild = int(np.sum(~keep))
     index = np.flatnonzero(keep)
     back = np.flatnonzero(np.diff(time_s[index]) < -_slack(time_s[index])) + 1  # by more than jitter
@@ -163,19 +168,6 @@ def _slack(time_s: Floats) -> float:
     """Compute the largest step back, an hour or five usual steps, that is jitter and corrected by sorting."""
     steps = np.abs(np.diff(time_s))
     return max(HOUR_S, 5.0 * float(np.median(steps))) if len(steps) else HOUR_S
-
-
-def _outlying(time_s: Floats) -> Bools:
-    """Find single times that are far from both neighbours, which are close to each other."""
-    outlying = np.zeros(time_s.shape, dtype=bool)
-    if len(time_s) < 3:
-        return outlying
-    slack, steps = _slack(time_s), np.diff(time_s)
-    apart = (np.abs(steps[:-1]) > slack) & (np.abs(steps[1:]) > slack) & (steps[:-1] * steps[1:] < 0)
-    across = time_s[2:] - time_s[:-2]
-    outlying[1:-1] = apart & (across >= 0) & (across <= 2.0 * slack)
-    # Adjacent outliers, as from two recordings interleaved sample by sample, are not single errors.
-    return outlying & ~(np.roll(outlying, 1) | np.roll(outlying, -1))
 
 
 def _clashes(run: NDArray[np.intp], earlier: list[NDArray[np.intp]], record: Record) -> bool:

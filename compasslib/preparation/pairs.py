@@ -10,10 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib import angles, earthfield
 from compasslib.errors import InputError
@@ -22,7 +21,7 @@ from compasslib.preparation.references import find_speed_changes
 from compasslib.preparation.water import fails_speed_check, predict_water, usable_velocities, veer_of_nearest_bins
 from compasslib.records import BAD, PROBABLY_GOOD, EarthField, Pairs, Record, take
 from compasslib.statistics import single_threaded
-from compasslib.statistics.resampling import blocks_by_span
+from compasslib.statistics.resampling import block_sums, blocks_by_span
 from compasslib.types import DAY_S, Complexes, Floats
 
 ENOUGH = 30  # fewest pairs that show one recording, or a wrong frame
@@ -234,19 +233,14 @@ def _trusted_cell(upper: Record, depth: Floats, lower: Record, rules: PairRules)
     towards = (lower.depth_m - (wanted if rules.predict else sphere)) * (1.0 if lower.looks_up else -1.0)
     velocity, at = mean_of_nearest_bins(lower, np.nan_to_num(towards), rules.bins)
     near = np.isfinite(velocity) & (np.abs(at - wanted) < rules.max_metres)
-    return _block_averaged(VelocitySeries(lower.time_s[near], velocity[near], at[near]), 60.0 * rules.max_minutes / 2.0)
-
-
-def _block_averaged(point: VelocitySeries, block_s: float) -> VelocitySeries:
-    """Average a series sampled faster than every 5 minutes (a profiler passing its top) over blocks of time."""
-    if len(point.time_s) < 2 or np.median(np.diff(point.time_s)) >= 300.0:
-        return point
-    block = np.floor(point.time_s / block_s)
-    begins = np.flatnonzero(np.append(True, np.diff(block) > 0))
-    size = np.diff(np.append(begins, len(block)))
-    velocity = np.asarray(np.add.reduceat(point.velocity, begins) / size, dtype=complex)
-    time_s, depth_m = (np.add.reduceat(column, begins) / size for column in (point.time_s, point.depth_m))
-    return VelocitySeries(time_s, velocity, depth_m)
+    time_s, velocity, at = lower.time_s[near], velocity[near], at[near]
+    if len(time_s) < 2 or np.median(np.diff(time_s)) >= 300.0:
+        return VelocitySeries(time_s, velocity, at)
+    # Faster samples, as of a profiler passing its top, are averaged over blocks of time.
+    begins = np.flatnonzero(np.diff(np.floor(time_s / (30.0 * rules.max_minutes)), prepend=-1.0))
+    size = np.diff(np.append(begins, len(time_s)))
+    averaged: list[Any] = [np.add.reduceat(column, begins) / size for column in (time_s, velocity, at)]
+    return VelocitySeries(*averaged)
 
 
 def _heading(lower: Record, time_s: Floats, tolerance_s: float) -> Floats | None:
@@ -423,22 +417,18 @@ def explained_share(pairs: Pairs, heading_deg: Floats) -> ExplainedShare:
     middle = angles.argument((upper / np.abs(upper) + lower / np.abs(lower))[known])
     current = np.column_stack([np.ones(known.sum()), _harmonics(middle)])
     both = np.column_stack([current, _harmonics(heading_deg[known])])
-    misfits = [_misfit(columns, turned[known], weight[known], block) for columns in (current, both)]
+    turned, weight, misfits = turned[known], weight[known], []
+    for columns in (current, both):  # weighted mean misfit of each block under a fit to the other folds, degrees
+        left = np.empty(len(turned))
+        for fold in range(8):
+            out = block % 8 == fold
+            rows = weight[~out, None]
+            coefficients = np.linalg.lstsq(rows * columns[~out], weight[~out] * turned[~out], rcond=1e-6)[0]
+            left[out] = weight[out] * np.abs(turned[out] - columns[out] @ coefficients)
+        misfits.append(block_sums(left, block) / block_sums(np.ones(len(left)), block))
     gain = 1.0 - misfits[1] / misfits[0]
     return ExplainedShare(float(gain.mean()), float(gain.std(ddof=1) / np.sqrt(len(gain))))
 
 
 def _harmonics(angle_deg: Floats) -> Floats:
     return np.column_stack([part for order in (1, 2) for part in angles.sin_cos(order * angle_deg)])
-
-
-def _misfit(columns: Floats, turned: Floats, weight: Floats, block: NDArray[np.intp]) -> Floats:
-    """Compute the weighted mean misfit of each block under a fit to the other folds, degrees."""
-    left = np.empty(len(turned))
-    for fold in range(8):
-        out = block % 8 == fold
-        rows = weight[~out, None]
-        coefficients = np.linalg.lstsq(rows * columns[~out], weight[~out] * turned[~out], rcond=1e-6)[0]
-        left[out] = weight[out] * np.abs(turned[out] - columns[out] @ coefficients)
-    _, place = np.unique(block, return_inverse=True)
-    return np.asarray(np.bincount(place, left) / np.bincount(place))

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, Record, SlowShear
+from compasslib.statistics.resampling import block_sums
 from compasslib.types import DAY_S, Bools, Complexes, Floats
 
 LEAST_GOOD = 0.9  # of the best bin's share of good data: bins that are often bad, as near a boundary, are not trusted
@@ -178,8 +179,7 @@ def fails_speed_check(time_s: Floats, mean: Complexes, predicted: Complexes, tru
     beyond two standard errors, from the scatter between blocks of two days.
     """
     off = [(np.abs(series) - np.abs(trusted)) ** 2 for series in (mean, predicted)]
-    block = np.unique(np.floor(time_s / (2 * DAY_S)), return_inverse=True)[1]
-    worse = np.bincount(block, off[1] - off[0])
+    worse = block_sums(off[1] - off[0], np.floor(time_s / (2 * DAY_S)).astype(np.intp))
     return bool(worse.sum() > 2.0 * np.sqrt(np.sum(worse**2)))
 
 

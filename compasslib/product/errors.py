@@ -66,7 +66,9 @@ def compass_modes(fit: DeviationFit, at: CompassSeries | None, readings: Reading
     weight = weight / weight.sum()
     mean = weight @ shifts
     for each, share, shift in zip(members, weight, shifts, strict=True):
-        columns.append(np.sqrt(share) * np.nan_to_num(each.sensitivity(heading_deg)) @ _square_root(each.covariance))
+        values, vectors = np.linalg.eigh((each.covariance + each.covariance.T) / 2.0)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        columns.append(np.sqrt(share) * np.nan_to_num(each.sensitivity(heading_deg)) @ root)
         if len(members) > 1:
             columns.append(np.sqrt(share) * (shift - mean)[:, None])
     return np.concatenate(columns, axis=1)
@@ -268,11 +270,6 @@ def mean_factor(count: NDArray[Any], memory: float) -> Floats:
     decay = np.exp(-1.0 / max(memory, 1e-3))
     n = np.maximum(count, 1)
     return (1.0 + decay) / (1.0 - decay) / n - 2.0 * decay * (1.0 - decay**n) / (1.0 - decay) ** 2 / n**2
-
-
-def _square_root(covariance: Floats) -> Floats:
-    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2.0)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 # The heading error of a mooring's instruments along the times of the grid.

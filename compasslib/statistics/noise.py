@@ -12,6 +12,7 @@ weight to motions within seconds, where the course lags behind the compass.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,11 +154,6 @@ def arma_series(innovations: Floats, law: tuple[float, float]) -> Floats:
     return np.concatenate([begun, rest])
 
 
-def arma_low_frequency_power(phi: float, theta: float) -> float:
-    """Compute the spectrum of an ARMA(1, 1) series at frequency zero over its variance."""
-    return 1.0 + 2.0 * _first_lag(phi, theta) / (1.0 - phi)
-
-
 def lag_matrix(n: int) -> Ints:
     """Compute the lags between n samples, (n, n)."""
     return np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
@@ -191,7 +187,7 @@ def arma_effective_size(residual: Floats, columns: Floats) -> float:
     return float(len(residual) * np.trace(of_noise) / of_noise.sum())
 
 
-def _first_lag(phi: float, theta: float) -> float:
+def _first_lag(phi: Any, theta: Any) -> Any:
     """Compute the correlation of an ARMA(1, 1) series at lag one."""
     return (1.0 + phi * theta) * (phi + theta) / (1.0 + 2.0 * phi * theta + theta**2)
 
@@ -295,9 +291,9 @@ def _correlated(noise: SwingNoise, means: Floats, columns: Floats) -> SwingNoise
     models = arma_likelihoods(means, columns)
     if not len(models):
         return noise
-    likely = models[models[:, 0] <= models[:, 0].min() + 0.125]
-    _, phi, theta, level = max(likely.tolist(), key=lambda each: each[3] * arma_low_frequency_power(each[1], each[2]))
-    return replace(noise, phi=phi, theta=theta, level=level)
+    _, phi, theta, level = models[models[:, 0] <= models[:, 0].min() + 0.125].T
+    slowest = np.argmax(level * (1.0 + 2.0 * _first_lag(phi, theta) / (1.0 - phi)))  # spectrum at frequency zero
+    return replace(noise, phi=float(phi[slowest]), theta=float(theta[slowest]), level=float(level[slowest]))
 
 
 def _block_means(values: Floats, blocks: Ints) -> Floats:

@@ -80,7 +80,12 @@ def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whi
     knots_s = max(10 * lags * step_s, 10 * DAY_S)  # between which a trend counts as slow
     series[slot[counts]], present[slot[counts]] = standard[counts] - standard[counts].mean(), 1.0
     together = np.maximum(lagged_sums(present, lags), 1.0)
-    correlation = _autocovariance(series, lags, 2.0 * knots_s / step_s) / together
+    size = 1 << (2 * len(series) - 1).bit_length()
+    power = np.abs(np.fft.rfft(series, size)) ** 2
+    slow = np.arange(len(power)) * (2.0 * knots_s / step_s) / size
+    near = (slow >= 1.0) & (slow < 4.0)
+    power[slow < 1.0] = power[near].mean() if near.any() else 0.0
+    correlation = np.fft.irfft(power, size)[: lags + 1] / together
     # The ridge stabilizes the filter where gaps make the autocorrelation rough.
     correlation = correlation / correlation[0] / (1.0 + 1e-3 * (np.arange(lags + 1) > 0))
     toeplitz = correlation[np.abs(np.subtract.outer(np.arange(lags), np.arange(lags)))]
@@ -191,20 +196,6 @@ def whitened_basis(white: Floats) -> Floats:
     values, vectors = np.linalg.eigh((unit.T @ unit).astype(float))
     strong = values > max(1e-6 * values[-1], 1e-5)  # others count as absorbed by the base
     return (unit @ (vectors[:, strong] / np.sqrt(values[strong])).astype(np.float32)).astype(np.float32)
-
-
-def _autocovariance(series: Floats, lags: int, slowest: float) -> Floats:
-    """Compute autocovariance sums with low-frequency power replaced by that of neighbouring frequencies, (lags + 1,).
-
-    Args:
-        series: 0 where nothing was measured, (n,); periods longer than ``slowest`` samples count as low frequency.
-    """
-    size = 1 << (2 * len(series) - 1).bit_length()
-    power = np.abs(np.fft.rfft(series, size)) ** 2
-    slow = np.arange(len(power)) * slowest / size
-    near = (slow >= 1.0) & (slow < 4.0)
-    power[slow < 1.0] = power[near].mean() if near.any() else 0.0
-    return np.fft.irfft(power, size)[: lags + 1]
 
 
 def _beyond(slowness: Floats, centre: Floats, middle: Floats) -> Floats:
