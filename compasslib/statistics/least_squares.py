@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol, Self, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -101,29 +101,13 @@ MAX_STEP_DEG = 12.0  # length of a step, in approximate degrees, beyond which a 
 MISFIT_TOLERANCE = 1e-9  # relative change of the misfit within rounding errors
 
 
-class GaussNewtonState(Protocol):
-    """Current point of a fit."""
-
-    def step(self) -> tuple[Floats, float]:
-        """Compute the least-squares step, and its length in approximate degrees."""
-        ...
-
-    def moved(self, step: Floats) -> Self | None:
-        """Return the point after a step, None if it is not admissible."""
-        ...
-
-    def misfit(self, other: Self) -> float:
-        """Compute the ratio of another point's misfit to its own, both with its own widths."""
-        ...
-
-
-State = TypeVar("State", bound=GaussNewtonState)
-
-
-def gauss_newton(point: State, *, rounds: int, close: float, worse: float) -> State:
+def gauss_newton(point: Any, *, rounds: int, close: float, worse: float) -> Any:
     """Iterate Gauss-Newton steps from a point until a step is shorter than ``close``, in approximate degrees.
 
     Args:
+        point: current point of a fit, with methods ``step()``, the least-squares step and its length in approximate
+            degrees; ``moved(step)``, the point after it or None if that is not admissible; and ``misfit(other)``, the
+            ratio of another point's misfit to its own, both with its own widths.
         rounds: maximum number of points to evaluate.
         worse: ratio of misfits above which a step is halved instead of taken.
     """
