@@ -83,12 +83,7 @@ def turned_share(angle_deg: ArrayLike) -> Floats:
 
 
 def mean(angle_deg: ArrayLike, weights: ArrayLike | None = None, axis: int | None = None) -> Floats:
-    """Compute the circular mean in [0, 360), ignoring NaN; NaN if no angle is finite.
-
-    Args:
-        weights: weights of the same shape; equal if None.
-        axis: axis to average over; all axes if None.
-    """
+    """Compute the circular mean in [0, 360), ignoring NaN; NaN if no angle is finite."""
     return argument(_resultant(angle_deg, weights, axis))
 
 

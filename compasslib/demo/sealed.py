@@ -35,11 +35,8 @@ class Effect:
 def read(ground: Ground, effects: Sequence[Effect], time_s: Floats, rng: np.random.Generator | None = None) -> Stance:
     """Simulate the affected compass: true attitude and readings.
 
+    Without a random generator, a single ping without noise and quantization is simulated, else four with both.
     The tilts have twelve bits over 180 degrees, are late by 20 s, and hold three quarters of a fast wobble.
-
-    Args:
-        effects: effects planted in it, at the same ensembles.
-        rng: random generator; without one, a single ping without noise and quantization is simulated.
     """
     pings, tilt_step_deg = 1 if rng is None else PINGS, 180.0 / 4096.0
     times = time_s[:, None] + 90.0 * (np.arange(pings) - 0.5 * (pings - 1))

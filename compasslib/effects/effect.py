@@ -162,12 +162,7 @@ def proportional(term: Effect, scene: Scene) -> Any:
 
 
 def make_effect(title: str, summary: str, apply: Callable[[Any, Floats, Scene], Floats], **members: Any) -> type[Any]:
-    """Create the class of an effect: a row of the catalogue.
-
-    Args:
-        apply: as the method of ``Effect``, with the term first.
-        members: parameters, in order, and other attributes of ``Effect``.
-    """
+    """Create the class of an effect: a row of the catalogue, with its parameters, in order, and attributes."""
     parameters = [(name, float, value) for name, value in members.items() if isinstance(value, Field)]
     attributes = {name: value for name, value in members.items() if not isinstance(value, Field)}
     namespace = {"__doc__": summary, "apply": apply} | attributes

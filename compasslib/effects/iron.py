@@ -181,11 +181,7 @@ Heeling = additive(
 
 
 def _soft_iron(title: str, summary: str, induced: Callable[[Any], Floats], **members: Any) -> type[Any]:
-    """Create the class of an effect that applies a symmetric matrix, trace-free as the scale is fitted, to the field.
-
-    Args:
-        induced: induced field per field, (3, 3).
-    """
+    """Create the class of an effect of fields induced by a symmetric matrix, trace-free as the scale is fitted."""
     return make_effect(
         title, summary, lambda term, x, scene: x + x @ induced(term), name="soft_iron", driver="heading",
         possible=property(lambda term: bool(np.linalg.eigvalsh(np.eye(3) + induced(term)).min() > 0.0)),

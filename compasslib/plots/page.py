@@ -243,11 +243,6 @@ def legend(figure: Figure, handles: Sequence[Artist], *, columns: int = 2) -> No
         figure.legend(handles=handles, loc="lower center", borderaxespad=0.2, ncols=min(columns, len(handles)))
 
 
-def thinned(count: int, most: int = 10_000) -> slice:
-    """Select evenly spaced samples, less than twice ``most``, as a figure cannot show more."""
-    return slice(None, None, max(1, count // most))
-
-
 def emptiest(angle_deg: ArrayLike, smoothing_deg: float = 25.0) -> float:
     """Find the angle at which to cut a circular axis, the middle of the largest gap in the data; -180 without data."""
     occupied = sectors(angle_deg, 0.0)

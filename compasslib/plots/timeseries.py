@@ -43,7 +43,6 @@ from compasslib.plots.page import (
     page,
     placed,
     sectors,
-    thinned,
 )
 from compasslib.records import PROBABLY_BAD, CorrectedRecord, Pairs
 from compasslib.statistics.resampling import NORMAL_95
@@ -97,7 +96,7 @@ def classify_samples(product: CorrectedRecord) -> NDArray[np.str_]:
 
 def _draw_headings(above: Axes, below: Axes, product: CorrectedRecord, kind: NDArray[np.str_]) -> None:
     """Draw recorded and corrected headings on axes that are cut at the same heading."""
-    thin = thinned(len(kind))
+    thin = slice(None, None, max(1, len(kind) // 10_000))  # a figure cannot show more
     recorded, corrected = product.record.heading_deg[thin], product.heading_corrected_deg[thin]
     begin = emptiest(np.concatenate([recorded, corrected]))
     day, kind, sigma = product.record.time_s[thin] / DAY_S, kind[thin], product.heading_uncertainty_deg[thin]
@@ -121,7 +120,10 @@ def _draw_headings(above: Axes, below: Axes, product: CorrectedRecord, kind: NDA
 
 def _draw_strip(axes: Axes, time_s: Floats, pairs: Pairs, kind: NDArray[np.str_]) -> None:
     """Draw the daily share of each kind of sample, and above it the days with pairs."""
-    edges = time_slices(time_s)
+    first, last = float(time_s[0]), float(time_s[-1])
+    step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
+    width = min(DAY_S, max((last - first) / 60, 2.0 * step))  # shorter slices in a short record
+    edges = first + width * np.arange(int((last - first) / width) + 2)
     counts = [np.histogram(time_s[kind == k], edges)[0] for k in KINDS]
     tops = 100.0 * np.cumsum(counts, axis=0) / np.maximum(np.sum(counts, axis=0), 1)
     paired = np.histogram(pairs.time_s, edges)[0] > 0
@@ -131,14 +133,6 @@ def _draw_strip(axes: Axes, time_s: Floats, pairs: Pairs, kind: NDArray[np.str_]
         # Axes.stairs computes its data limits step by step, but here the limits are set explicitly.
         axes.add_artist(StepPatch(top, edges / DAY_S, baseline=bottom, fill=True, color=colour, linewidth=0))
     axes.set(ylim=(0.0, 140.0), yticks=[0.0, 100.0], ylabel="Samples\n(%)")
-
-
-def time_slices(time_s: Floats, least: int = 60) -> Floats:
-    """Compute the edges of daily time slices, of ``least`` shorter ones in a short record, seconds since 1970."""
-    first, last = float(time_s[0]), float(time_s[-1])
-    step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
-    width = min(DAY_S, max((last - first) / least, 2.0 * step))
-    return first + width * np.arange(int((last - first) / width) + 2)
 
 
 # Currents.

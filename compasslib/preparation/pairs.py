@@ -327,9 +327,6 @@ def match_ready_pairs(columns: Mapping[str, Floats], scale: float, record: Recor
     """Match ready-made pairs to the nearest samples of the record, dropping those off by over half a sample interval.
 
     Depths and separations are unknown. Both velocities must refer to the same north, true or magnetic.
-
-    Args:
-        columns: time (UTC seconds), heading (degrees), velocities of both instruments by role, (n,) each.
     """
     order = np.argsort(columns["time"], kind="stable")
     rows = {role: column[order] for role, column in columns.items()}

@@ -134,11 +134,7 @@ def fit_structure_function(velocity: Complexes, range_m: Floats) -> StructureFun
 
 
 def predict_water(record: Record, depth_m: Floats, bins: int) -> WaterPrediction | None:
-    """Predict the water velocity at given depths; None if the profile does not suffice.
-
-    Args:
-        bins: number of bins in the published mean, for comparison.
-    """
+    """Predict the water velocity at given depths; None if the profile does not suffice."""
     nearest, step = 4, 0.1  # bins used; cells, resolution of the distance for which weights are computed
     learnt = fit_structure(record)
     if learnt is None:
@@ -238,15 +234,11 @@ def _predict_veer(
 
 
 def fit_slow_shear(time_s: Floats, across_m_s: Floats, known: Bools) -> SlowShear | None:
-    """Estimate size and memory of the slow part of velocity differences; None if the record is too short.
+    """Estimate the slow part of velocity differences across the flow in k windows; None if the record is too short.
 
     Means of days with half of their samples, or of several days in records of over 1000, are modelled as a process with
     exponential autocorrelation and independent noise. The likelihood is the mean of all windows, since neighbouring
     bins hardly differ; the spread between windows is part of the uncertainty.
-
-    Args:
-        across_m_s: component across the flow at each of several windows of the profile, (k, n).
-        known: (k, n) whether it was measured.
     """
     days_each = int(np.ptp(time_s) / DAY_S / 1000) + 1  # the size of the covariance matrix limits the run time
     day = np.floor((time_s - time_s[0]) / DAY_S / days_each).astype(np.intp)

@@ -48,9 +48,6 @@ def compass_modes(fit: DeviationFit, at: CompassSeries | None, readings: Reading
     """Decompose the heading error due to the coefficients' covariance into modes, (n, p) degrees per unit normal.
 
     If several compasses are averaged, the modes and the shifts of each are scaled by the square root of its weight.
-
-    Args:
-        at: the compass at each sample, if effects beyond the fit were modelled.
     """
     if not fit.fitted:
         return np.zeros((len(heading_deg), 0))
@@ -349,11 +346,7 @@ def heading_errors(
 def _decompose(
     affected: AffectedHeadings, axes: Axes, max_gap_s: float, count: int, shared_deg: float
 ) -> tuple[dict[str, Floats], Floats]:
-    """Decompose the heading error of one instrument into modes, at most ``count``, and a random part, (t,) radians.
-
-    Args:
-        shared_deg: part of its constant error that the modes of the references' compasses hold.
-    """
+    """Decompose the heading error of one instrument into modes, at most ``count``, and a random part, (t,) radians."""
     samples = len(affected.time_s)
     veer = float(np.sqrt(max(affected.constant_deg**2 - shared_deg**2, 0.0)))
     by_time = {"veer": np.full(samples, veer), "unexplained": np.full(samples, affected.unexplained_deg)}

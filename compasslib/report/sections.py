@@ -246,13 +246,7 @@ def _percentiles(values: Floats, at: tuple[float, float]) -> tuple[float, float]
 
 
 def collect_figures(folder: Path, root: Path, subjects: Sequence[str], **given: Any) -> dict[str, ReportFigure]:
-    """Collect the figures of one mooring or calibration that were drawn, by name, in the order of the table.
-
-    Args:
-        folder: folder of its results, with the PNG files in ``figures``.
-        subjects: in ``plots.figures.FIGURES``.
-        **given: results that the captions describe.
-    """
+    """Collect the figures of a mooring or calibration that were drawn, by name, in the order of the table."""
     drawn = {row: folder / f"figures/{row.name}.png" for subject in subjects for row in FIGURES[subject]}
     return {
         row.name: ReportFigure(

@@ -26,15 +26,11 @@ GRADIENT_TOLERANCE = 1e-5  # largest gradient at convergence
 def minimize_bfgs(
     loss: Loss, start: Floats, bounds: Floats, steps: int, hessian: Floats | None = None
 ) -> tuple[Floats, float]:
-    """Minimize a function within bounds; return the minimizer and the minimum.
+    """Minimize a function within bounds, (p, 2); return the minimizer and the minimum.
 
     Quasi-Newton steps (BFGS, damped after Powell, Lect. Notes Math. 630, 144, 1978), projected on the bounds
     (Bertsekas, SIAM J. Control Optim. 20, 221, 1982). SciPy's solvers take half a second to import, which is longer
     than a fit.
-
-    Args:
-        bounds: lower and upper bounds, (p, 2), infinite where there is none.
-        hessian: initial estimate, (p, p), positive definite.
     """
     at = np.clip(start, *bounds.T)
     value, gradient = loss(at)

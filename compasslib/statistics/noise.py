@@ -72,9 +72,6 @@ def rotary_spectrum(velocity: Complexes, step_s: float) -> RotarySpectrum:
 
     Segments of 15 days part M2 and S2, 1 / (2 - 1.9323) days; those with a missing value are left out. Degrees of
     freedom: Percival and Walden (1993, equation 292b).
-
-    Args:
-        velocity: (n,) east + i north, m/s, in even steps.
     """
     from scipy.special import chdtri
 
@@ -96,11 +93,7 @@ def rotary_spectrum(velocity: Complexes, step_s: float) -> RotarySpectrum:
 
 
 def arma_likelihoods(residual: Floats, columns: Floats) -> Floats:
-    """Compute minus log restricted likelihood, phi, theta and variance of each model, (models, 4); empty if n is small.
-
-    Args:
-        columns: columns that the fit can absorb, (n, k).
-    """
+    """Compute minus log restricted likelihood, phi, theta and variance of each model, (models, 4); none if n is small."""
     columns = span_basis(columns)
     dof = len(residual) - columns.shape[1]
     if dof < MIN_DOF:
@@ -249,11 +242,7 @@ def estimate_swing_noise(
 
 
 def score_covariance(rows: Floats, noise: SwingNoise, blocks: Ints | None) -> Floats:
-    """Compute the covariance of sums of rows, (n, k) in order of time, times residuals, over the scatter both, (k, k).
-
-    Args:
-        blocks: (n,) number of each row's block in time, without gaps; None if rows are independent.
-    """
+    """Compute the covariance, (k, k), of sums of rows, (n, k) in order of time, times residuals over their scatter."""
     if blocks is None:
         return rows.T @ rows
     summed = block_sums(rows, blocks)

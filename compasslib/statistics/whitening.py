@@ -64,13 +64,10 @@ class Whitener:
 
 
 def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitener:
-    """Fit the autoregressive filter that whitens a residual.
+    """Fit the autoregressive filter that whitens a residual; samples of infinite width are ignored.
 
     A real drift must not be mistaken for autocorrelation of the water: power at periods of weeks is replaced by that at
     neighbouring frequencies. Removing it altogether would leave half as much again of slow noise after filtering.
-
-    Args:
-        width_deg: (n,), degrees, infinite for ignored samples.
     """
     slot = grid_positions(time_s)
     standard = clip_standardized(residual_deg, width_deg)
@@ -142,12 +139,7 @@ def correlation_time(fitted: Whitener) -> float:
 
 
 def robust_widths(residual_deg: Floats, slowness: Floats) -> Floats:
-    """Estimate the robust width of the residual as an increasing function of slowness, (n,) degrees.
-
-    Args:
-        residual_deg: (n,), degrees; NaN is ignored and gets an infinite width.
-        slowness: (n,), in any unit.
-    """
+    """Estimate the robust width of the residual as an increasing function of slowness, (n,) degrees; infinite at NaN."""
     width_bins = 12
     known = np.isfinite(residual_deg)
     size = np.abs(residual_deg[known])
