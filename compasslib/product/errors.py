@@ -20,6 +20,8 @@ from compasslib.deviation.model import DeviationFit, nearest_root
 from compasslib.preparation.water import fit_structure_function
 from compasslib.product.cells import Axes, Differences, average_slots
 from compasslib.records import Readings, ReferenceCompass
+from compasslib.statistics.noise import lagged_sums
+from compasslib.statistics.whitening import autoregress
 from compasslib.types import HOUR_S, Bools, Complexes, Floats
 
 UNMEASURED_MOTION_M_S = 0.005  # of a sphere without a pressure record: a bound, not an estimate
@@ -90,8 +92,7 @@ def memory_of(heading_deg: Floats, time_s: Floats) -> float:
         return MIN_MEMORY_S
     series = np.where(known, angles.phasor(np.nan_to_num(heading_deg)), 0.0)
     series = np.where(known, series - series[known].mean(), 0.0)
-    size = 1 << (2 * len(series) - 1).bit_length()
-    power = np.fft.ifft(np.abs(np.fft.fft(series, size)) ** 2).real[: len(series)]
+    power = np.sum([lagged_sums(part, len(series) - 1) for part in (series.real, series.imag)], axis=0)
     below = np.flatnonzero(power < power[0] / np.e)
     step_s = float(np.median(np.diff(time_s)))
     return float(max(below[0] * step_s if len(below) else len(series) * step_s, MIN_MEMORY_S))
@@ -222,44 +223,28 @@ def sum_sigma(
         source: instrument of each cell as row of ``errors.shares``, negative if there is none.
         memory_s: e-folding time of the errors not due to the heading.
     """
-    modes, random, white = _of_times(weight_east, weight_north, velocity, other, source, errors)
-    remembered = sum(_remembered(series, errors.memory_s / step_s) for series in random)
+    modes, random, white = errors_by_time(weight_east, weight_north, velocity, other, source, errors)
+    decay = float(np.exp(-step_s / max(errors.memory_s, 1e-9)))
+    remembered = sum(series @ (2.0 * autoregress(series, [1.0, -decay]) - series) for series in random if series.size)
     correlated = (1.0 + 2.0 * memory_s / step_s) * white.sum()
     return float(np.sqrt(np.sum(modes.sum(axis=1) ** 2) + remembered + correlated))
 
 
-def time_variances(
-    weight_east: Floats, weight_north: Floats, velocity: Complexes, other: Floats, source: NDArray[np.integer],
-    errors: HeadingErrors,
-) -> Floats:  # fmt: skip
-    """Compute the variance of the weighted sum at each single time, (t,); arguments as for ``sum_sigma``."""
-    modes, random, white = _of_times(weight_east, weight_north, velocity, other, source, errors)
-    return np.asarray(np.sum(modes**2, axis=0) + np.sum(random**2, axis=0) + white)
-
-
-def _of_times(
+def errors_by_time(
     weight_east: Floats, weight_north: Floats, velocity: Complexes, other: Floats, source: NDArray[np.integer],
     errors: HeadingErrors,
 ) -> tuple[Floats, Floats, Floats]:  # fmt: skip
-    """Compute errors of the weighted sum at each time: by mode, (k, t), random, (a, t), and other variance, (t,)."""
+    """Compute errors of a weighted sum at each time, see ``sum_sigma``: by mode, random, and the variance of others.
+
+    Returns:
+        (k, t) and (a, t) standard deviations, and (t,) variances.
+    """
     flow = np.where(np.isfinite(velocity), velocity, 0.0)
     turned = weight_east * flow.imag - weight_north * flow.real
     by_source = np.array([np.where(source == s, turned, 0.0).sum(axis=1) for s in range(len(errors.shares))])
     modes = np.einsum("st,kt,sk->kt", by_source, np.nan_to_num(errors.modes), errors.shares)
     random = by_source[: len(errors.random)] * np.nan_to_num(errors.random)
     return modes, random, np.sum(np.nan_to_num(other) * (weight_east**2 + weight_north**2), axis=1)
-
-
-def _remembered(series: Floats, memory: float) -> float:
-    """Compute the variance of the sum of a series with correlation exp(-lag / memory), memory in steps."""
-    if memory <= 0.0:
-        return float(series @ series)
-    decay, behind, total = float(np.exp(-1.0 / memory)), 0.0, 0.0
-    for value in series.tolist():
-        behind = behind * decay
-        total += value * (value + 2.0 * behind)
-        behind += value
-    return total
 
 
 def mean_factor(count: NDArray[Any], memory: float) -> Floats:

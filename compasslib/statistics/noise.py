@@ -93,7 +93,7 @@ def rotary_spectrum(velocity: Complexes, step_s: float) -> RotarySpectrum:
 
 
 def arma_likelihoods(residual: Floats, columns: Floats) -> Floats:
-    """Compute minus log restricted likelihood, phi, theta and variance of each model, (models, 4); none if n is small."""
+    """Compute minus log restricted likelihood, phi, theta and variance of each model, (models, 4); none if n is low."""
     columns = span_basis(columns)
     dof = len(residual) - columns.shape[1]
     if dof < MIN_DOF:

@@ -139,7 +139,7 @@ def correlation_time(fitted: Whitener) -> float:
 
 
 def robust_widths(residual_deg: Floats, slowness: Floats) -> Floats:
-    """Estimate the robust width of the residual as an increasing function of slowness, (n,) degrees; infinite at NaN."""
+    """Estimate the robust width of the residual, increasing with slowness, (n,) degrees; infinite where it is NaN."""
     width_bins = 12
     known = np.isfinite(residual_deg)
     size = np.abs(residual_deg[known])
