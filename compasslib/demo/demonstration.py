@@ -39,7 +39,7 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
 
     The same seed gives the same bytes, whichever other moorings are simulated.
     """
-    world = make_world(spec_of(name), seed)
+    world = make_world(MOORINGS[name], seed)
     folder = Path(raw_dir) / name
     folder.mkdir(parents=True, exist_ok=True)
     Path(truth_path).parent.mkdir(parents=True, exist_ok=True)
@@ -64,19 +64,6 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
         write = profiler.write_binary if deep.binary else profiler.write_text
         write(folder / ("acm.dat" if deep.binary else "acm.txt"), meter, scans)
         profiler.write_engineering(folder / "engineering.csv", schedule, motion, spec.latitude_deg)
-
-
-def raw_files(name: str) -> tuple[str, ...]:
-    """List the raw files of one mooring, EG1 to EG7, relative to the folder of raw files of the cruise."""
-    deep = spec_of(name).deep
-    if isinstance(deep, Setup):
-        return f"{name}/top.000", f"{name}/deep.000"
-    return f"{name}/top.000", f"{name}/acm.{'dat' if deep.binary else 'txt'}", f"{name}/engineering.csv"
-
-
-def spec_of(name: str) -> MooringSpec:
-    """Look up a mooring of the demonstration by its name."""
-    return {spec.name: spec for spec in MOORINGS}[name]
 
 
 def make_world(spec: MooringSpec, seed: int) -> World:
@@ -189,7 +176,7 @@ def _iron(*, hard_nt: tuple[float, float, float], soft_percent: tuple[tuple[floa
     return Iron(hard_nt, tuple((*row,) for row in (np.eye(3) + 0.01 * np.array(soft_percent)).tolist()))
 
 
-MOORINGS = (
+_SPECS = (
     # On the shelf: weak flow, strong tides, headings over the full circle; iron of a third of the horizontal field.
     MooringSpec(
         "EG1", 65 + 30.0 / 60, -(33 + 8.8 / 60), 248.0,
@@ -258,3 +245,4 @@ MOORINGS = (
         deep=Profiler(first_s=660.0, bottom_m=1580.0, binary=False, serial=1407),
     ),
 )  # fmt: skip
+MOORINGS = {spec.name: spec for spec in _SPECS}
