@@ -36,7 +36,7 @@ class Kind:
     """Module, figures and file formats of a kind of calibration."""
 
     module: str  # in this package; its calibrate(files, settings) returns the Calibration
-    figures: tuple[str, ...] = ()  # drawn by draw_NAME(path, calibration) of plots.instruments
+    figures: tuple[str, ...] = ()  # drawn by draw_NAME(path, calibration) of plots.calibrations
     by_heading: bool = True  # whether it has a deviation curve, and thus the common ``FIGURES``
     formats: tuple[str, ...] = ("table",)  # of its files, the default first
 
