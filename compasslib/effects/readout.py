@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -182,17 +182,10 @@ ReadingLevelled = _tilt(
     literature="physics page, section 4: n = T m instead of m; 1 means that all levelling was left out",
     share=parameter("1", "share of the levelling that the simulation lacks", 0.05, usual=1.0),
 )  # fmt: skip
-
-
-def _warm_tilts(term: Any, x: Floats, scene: Scene) -> Floats:
-    warm = scene.departures["temperature"]
-    return _levelled(x, scene, term.pitch_deg_K * warm, term.roll_deg_K * warm)
-
-
 TemperatureOfTilt = _tilt(
     "TemperatureOfTilt",
     "The zero of the tilt sensor shifts with temperature, which affects the levelling of the compass.",
-    _warm_tilts,
+    lambda term, x, scene: _levelled(x, scene, *(term.values[:, None] * scene.departures["temperature"])),
     name="temperature", driver="temperature", needs=("temperature",),
     literature="Z k (T - T0)/H, nearly a field forward and to starboard; tilts given minus true",
     pitch_deg_K=parameter("degrees/K", "change of the pitch", 0.2, usual=0.1),  # typical of a tilt sensor
@@ -208,17 +201,10 @@ TiltOffset = _tilt(
     pitch_deg=parameter("degrees", "pitch given minus true", 0.2),
     roll_deg=parameter("degrees", "roll given minus true", 0.2),
 )  # fmt: skip
-
-
-def _predicted_tilts(term: Any, x: Floats, scene: Scene) -> Floats:
-    pitch, roll = (term.share * scene.departures[name] for name in term.needs)
-    return _levelled(x, scene, -pitch, -roll)
-
-
 StuckTilt = _tilt(
     "StuckTilt",
     "While the tilts are stuck, the compass is levelled without the tilt that the flow predicts for the instrument.",
-    _predicted_tilts,
+    lambda term, x, scene: _levelled(x, scene, *(-term.share * scene.departures[name] for name in term.needs)),
     name="stuck_tilt", needs=("lean_pitch", "lean_roll"),
     words="the tilt sensors are stuck, and the compass is compensated with their last values",
     literature="physics page, section 4: n = T(stuck) m; 1: all of the lean that the flow foretells",

@@ -212,7 +212,12 @@ def degrees(axis: Axis, limits: Limits, *, as_is: bool = False) -> None:
         axis.axes.set_ylim(limits)
     axis.set_major_locator(MultipleLocator(step))
     whole_turn = limits == (0.0, 360.0)
-    axis.set_major_formatter(FuncFormatter(lambda x, _: signed(x, ".0f") if as_is else _heading(x, whole_turn)))
+
+    def label(x: float, _: int) -> str:
+        heading = 360.0 if whole_turn and x == 360.0 else float(angles.wrap360(round(x)))
+        return signed(x if as_is else heading, ".0f")
+
+    axis.set_major_formatter(FuncFormatter(label))
 
 
 def find_gaps(time_s: Floats) -> NDArray[np.intp]:
@@ -224,10 +229,6 @@ def find_gaps(time_s: Floats) -> NDArray[np.intp]:
 def signed(x: float, form: str = "+.1f") -> str:
     """Format a number with a typographic minus sign."""
     return f"{x:{form}}".replace("-", "\N{MINUS SIGN}")
-
-
-def _heading(x: float, whole_turn: bool) -> str:
-    return "360" if whole_turn and x == 360.0 else f"{float(angles.wrap360(round(x))):.0f}"
 
 
 def empty(*panels: Axes, words: str = "no data") -> None:

@@ -88,11 +88,6 @@ def _spikes(record: Record, most: float, _: float) -> Bools:
     return failed
 
 
-def _impossible_depth(record: Record, _: None, water_depth: float) -> Bools:
-    """Find depths above the surface, or below the bottom, by more than offsets of sensors and errors of charts."""
-    return ((record.depth_m < -10.0) | (record.depth_m > 1.2 * water_depth))[:, None]
-
-
 def _on_deck(record: Record, _: None, water_depth: float) -> Bools:
     """Find depths near the surface in a record with few depths between them and its own, as of eh2 before deployment.
 
@@ -153,7 +148,8 @@ CHECKS = (  # in the order of their bits
     Check("steep_tilt", "imos_tilt",
           lambda record, most, _: (np.fmax(np.abs(record.pitch_deg), np.abs(record.roll_deg)) > most)[:, None],
           threshold="tilt_deg", sentence="tilted too far", heading=True),
-    Check("impossible_depth", "imos_impossible_depth", _impossible_depth,
+    Check("impossible_depth", "imos_impossible_depth",  # by more than offsets of sensors and errors of charts
+          lambda record, _, depth: ((record.depth_m < -10.0) | (record.depth_m > 1.2 * depth))[:, None],
           sentence="the instrument's depth lies above the surface or below the bottom"),
     Check("out_of_water", "imos_in_out_water", _on_deck, heading=True,
           sentence="out of the water by the instrument's own depth; correct start and end of the deployment"),
@@ -187,7 +183,14 @@ def flag_quality(
                 failed = check.failed(record, limit, water_depth)
             record = flag_velocities(record, failed, check.count, check.sentence.format(**limits))
             record = flag_headings(record, failed[:, 0]) if check.heading else record
-    record = _flag_stuck_headings(record)
+    # Headings that change by less than a compass's noise between samples for hours.
+    with np.errstate(invalid="ignore"):
+        same = np.abs(angles.difference(record.heading_deg[1:], record.heading_deg[:-1])) <= 0.1
+    still = _stuck(same, record.time_s) & (record.heading_quality < PROBABLY_BAD)
+    number = int(still.sum())
+    note = f"{number} headings flagged: the compass stood still within 0.1 degrees for hours"
+    record = replace(record, counts={**record.counts, "heading_stuck": number})
+    record = flag_headings(record, still, *[note] * (number > 0))
     return _constant_sensors(flag_unit(record) if affected else record)
 
 
@@ -253,17 +256,6 @@ def _percent_good(record: Record) -> Floats:
     ordered = np.sort(percent, axis=2)
     error = np.asarray(record.profiles.get("error_velocity", percent[..., 0])[:])
     return np.where(np.isnan(error), ordered[..., 1], ordered[..., 0])
-
-
-def _flag_stuck_headings(record: Record) -> Record:
-    """Flag headings that change by less than a compass's noise between samples for hours."""
-    with np.errstate(invalid="ignore"):
-        same = np.abs(angles.difference(record.heading_deg[1:], record.heading_deg[:-1])) <= 0.1
-    still = _stuck(same, record.time_s) & (record.heading_quality < PROBABLY_BAD)
-    number = int(still.sum())
-    note = f"{number} headings flagged: the compass stood still within 0.1 degrees for hours"
-    record = replace(record, counts={**record.counts, "heading_stuck": number})
-    return flag_headings(record, still, *[note] * (number > 0))
 
 
 def _stuck(same: Bools, time_s: Floats) -> Bools:

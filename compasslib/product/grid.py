@@ -116,18 +116,16 @@ class GriddedProduct:
             inner = slice(begin, min(begin + size, count))
             wide = range(max(begin - halo, 0), min(inner.stop + halo, count))
             here = slice(inner.start - wide.start, inner.stop - wide.start)
-            each = [take_slots(self._place(k, wide), here) for k in range(len(self.sources))]
+            each = []
+            for source, learnt in zip(self.sources, self.learnt, strict=True):
+                cells = place(source, learnt, self.axes, wide, self.max_gap_m)
+                if not source.profiles:
+                    cells = bridge_gaps(cells, self.axes.step_s, self.max_gap_s, learnt.by_time)
+                moving = np.full(len(wide), UNMEASURED_MOTION_M_S)
+                if len(source.time_s):
+                    moving = np.interp(self.axes.time_s[wide.start : wide.stop], source.time_s, learnt.motion)
+                each.append(take_slots(replace(cells, spread=cells.spread + moving[:, None] ** 2), here))
             yield self._combine(each, inner)
-
-    def _place(self, k: int, slots: range) -> Cells:
-        source, learnt, axes = self.sources[k], self.learnt[k], self.axes
-        cells = place(source, learnt, axes, slots, self.max_gap_m)
-        if not source.profiles:
-            cells = bridge_gaps(cells, axes.step_s, self.max_gap_s, learnt.by_time)
-        moving = np.full(len(slots), UNMEASURED_MOTION_M_S)
-        if len(source.time_s):
-            moving = np.interp(axes.time_s[slots.start : slots.stop], source.time_s, learnt.motion)
-        return replace(cells, spread=cells.spread + moving[:, None] ** 2)
 
     def _combine(self, each: list[Cells], inner: slice) -> Piece:
         # References take precedence over affected instruments: their headings are better known.
