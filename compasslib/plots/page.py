@@ -222,8 +222,8 @@ def degrees(axis: Axis, limits: Limits, *, as_is: bool = False) -> None:
 
 def find_gaps(time_s: Floats) -> NDArray[np.intp]:
     """Find the samples before which others are missing, where a line is to be interrupted."""
-    step = np.diff(time_s)
-    return np.flatnonzero(step > GAP * np.median(step)) + 1
+    step = np.diff(time_s, prepend=time_s[:1])
+    return np.flatnonzero(step > GAP * np.median(step))
 
 
 def signed(x: float, form: str = "+.1f") -> str:
