@@ -11,7 +11,7 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import chdir
 from dataclasses import replace
 from pathlib import Path
@@ -23,10 +23,10 @@ import yaml
 
 from compasslib.archive.gridded import open_gridded
 from compasslib.config import cruise as config
-from compasslib.demo import compass, sealed, water
+from compasslib.demo import adcp, compass, sealed, water
 from compasslib.demo import water as sea
 from compasslib.demo.adcp import Setup
-from compasslib.demo.sealed import Effect, Export, Ground, Wish
+from compasslib.demo.sealed import Effect, Ground, Wish
 from compasslib.deviation.reference import declination_sigma
 from compasslib.earthfield import field_from_json
 from compasslib.pipeline import process
@@ -71,19 +71,34 @@ def in_plain_water(ground: Ground) -> Ground:
 
 def write(kind: str, ground: Ground, folder: Path) -> None:
     """Write the cruise of one mooring."""
-    export = Export(deep="table")
-    drawn = draw.Sealed("M", wish=ground.wish, export=export, seed=ground.seed)
+    drawn = draw.Sealed("M", wish=ground.wish, seed=ground.seed)
     wrong = float(np.random.default_rng(ground.seed + 1).normal(0.0, REFERENCE_DEG))
     effects = [Effect("reference", trusted=lambda heading: np.full(heading.shape, wrong))]
     raw = folder / "raw/M"
-    sealed.TOP = TOP  # with more bins than the default
-    sealed.write(ground, effects, raw, export)
+    sealed.write(ground, effects, raw, TOP)
     settings = draw.described(drawn, ground) | {"diagnose": {"enabled": False}, "product": {"daily": True}}
+    settings["instruments"]["deep"] = write_point(ground, effects, raw / "deep.csv")
     if kind == "profiler":
         settings["instruments"]["deep"] = write_profiles(ground, wrong, raw / "deep.csv")
     (folder / "config/moorings").mkdir(parents=True)
     (folder / "config/config.yaml").write_text("moorings: config/moorings\n")
     (folder / "config/moorings/M.yaml").write_text(yaml.safe_dump(settings))
+
+
+def write_point(ground: Ground, effects: Sequence[Effect], path: Path) -> dict[str, object]:
+    """Write a table of the reference's velocity beside the sphere."""
+    stance = sealed.deep_stance(ground, effects)
+    flow = adcp.near_bins(sealed.DEEP, stance, ground.currents)
+    flow = flow + water.white_vector(ground.random("deep"), flow.size, 0.02 / np.sqrt(2.0))
+    flow = water.clockwise(flow, stance.recorded_deg - stance.heading_deg - stance.declination_deg)
+    depth = stance.depth_m + adcp.ranges(sealed.DEEP)[:2].mean()
+    texts = np.datetime_as_string(stance.time_s.astype("datetime64[s]")).tolist()
+    rows = zip(texts, depth.tolist(), (100 * flow.real).tolist(), (100 * flow.imag).tolist(), strict=True)
+    lines = ["time_utc,depth_m,u_cm_s,v_cm_s\n", *("{}Z,{:.2f},{:.2f},{:.2f}\n".format(*row) for row in rows)]
+    path.write_text("".join(lines))
+    columns = {"time": "time_utc", "depth": "depth_m", "east": "u_cm_s", "north": "v_cm_s", "scale": 0.01}
+    return {"format": "table", "files": "raw/M/deep.csv", "depth": 112, "direction_reference": "magnetic",
+            "columns": columns}  # fmt: skip
 
 
 def write_profiles(ground: Ground, wrong_deg: float, path: Path) -> dict[str, object]:

@@ -83,12 +83,7 @@ def turned_share(angle_deg: ArrayLike) -> Floats:
 
 
 def mean(angle_deg: ArrayLike, weights: ArrayLike | None = None, axis: int | None = None) -> Floats:
-    """Compute the circular mean in [0, 360), ignoring NaN; NaN if no angle is finite.
-
-    Args:
-        weights: weights of the same shape; equal if None.
-        axis: axis to average over; all axes if None.
-    """
+    """Compute the circular mean in [0, 360), ignoring NaN; NaN if no angle is finite."""
     return argument(_resultant(angle_deg, weights, axis))
 
 
@@ -102,6 +97,12 @@ def rms(difference_deg: ArrayLike) -> float:
     wrapped = wrap180(difference_deg)
     finite = wrapped[np.isfinite(wrapped)]
     return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
+
+
+def position(latitude: float, longitude: float) -> str:
+    """Format a position, 65.3333° N, 32.9550° W."""
+    east = float(wrap180(longitude))
+    return f"{abs(latitude):.4f}° {'N' if latitude >= 0 else 'S'}, {abs(east):.4f}° {'E' if east >= 0 else 'W'}"
 
 
 def _resultant(angle_deg: ArrayLike, weights: ArrayLike | None, axis: int | None) -> NDArray[np.complex128]:

@@ -107,8 +107,6 @@ class Record:
     recorded_in: str = ""  #: beam | instrument | ship | earth, if stated in the files
     sound_speed: str = ""  #: what was done where the speed of sound in its files is not that of the water
     bins_mapped: bool = False  #: whether beam velocities were combined at equal depth, accounting for tilt
-    #: (n, 2) range of a boundary's echo, and of the farthest echo of water, m; removed by ``apply_deployment``
-    echo_range_m: Floats | None = None
     counts: dict[str, int] = field(default_factory=dict)  #: numbers of samples read, skipped and flagged
     warnings: tuple[str, ...] = ()  #: sentences for the report
     unstated: tuple[str, ...] = ()  #: keys of the mooring file that its files leave open

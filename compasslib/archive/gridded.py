@@ -24,9 +24,8 @@ from compasslib.archive.netcdf import Columns, days_since_1950, seconds_since_19
 from compasslib.archive.variables import GRIDDED, SECTION_SIGMA
 from compasslib.errors import InputError
 from compasslib.product.cells import Axes, Source, Velocities
-from compasslib.product.daily import DailyMeans
-from compasslib.product.errors import HeadingErrors, sum_sigma, time_variances
-from compasslib.product.grid import INTERPOLATED, GriddedProduct, Piece, empty_piece
+from compasslib.product.errors import HeadingErrors, errors_by_time, sum_sigma
+from compasslib.product.grid import INTERPOLATED, DailyMeans, GriddedProduct, Piece, empty_piece
 from compasslib.records import (
     GOOD,
     MISSING,
@@ -405,7 +404,8 @@ class GriddedCurrents(Labelled):
         area = width_m * height_m * np.where(enough, 1.0 / np.maximum(share, 1e-6), 0.0)[:, None]
         east, north = (area * float(part) for part in angles.sin_cos(along_deg))
         series = np.sum(east * flow.real + north * flow.imag, axis=1)
-        sigma = np.sqrt(time_variances(east, north, flow, remainder, source, self.errors))
+        modes, random, white = errors_by_time(east, north, flow, remainder, source, self.errors)
+        sigma = np.sqrt(np.sum(modes**2, axis=0) + np.sum(random**2, axis=0) + white)
         mean, mean_sigma = self.sum_cells(east / enough.sum(), north / enough.sum())
         with import_xarray().open_dataset(self.path) as data:
             time = data.TIME.load()

@@ -113,7 +113,7 @@ BEAM = Variable("BEAM", "number of the beam, as the instrument counts them", "1"
 _SECONDS = Variable("TIME", "time", "seconds since 1970-01-01T00:00:00Z", "time", fill=None, also={"axis": "T"})
 
 # The first two only serve the deployment and drafts; the others hold several.
-NOT_STORED = {"echo_range_m", "unstated", "channels", "profiles"}
+NOT_STORED = {"unstated", "channels", "profiles"}
 CHANNEL = "CHANNEL_"  # prefix of the variables of ``channels``
 _ON_SCALE = {"units_metadata": "temperature: on_scale"}
 _TESTS = Variable(

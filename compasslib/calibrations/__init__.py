@@ -41,7 +41,7 @@ class Kind:
     """Function, figures and file formats of a kind of calibration."""
 
     function: str  # MODULE.NAME in this package: (files, settings) -> Calibration
-    figures: tuple[str, ...] = ()  # drawn by draw_NAME(path, calibration) of plots.instruments
+    figures: tuple[str, ...] = ()  # drawn by draw_NAME(path, calibration) of plots.calibrations
     by_heading: bool = True  # whether it has a deviation curve, and thus the common ``FIGURES``
     formats: tuple[str, ...] = ("table",)  # of its files, the default first
 

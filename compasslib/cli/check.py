@@ -29,7 +29,6 @@ from compasslib.readers import iaga2002, table
 from compasslib.readers.matlab import PAIR_ROLES, read_ready_pairs
 from compasslib.readers.pd0 import match_serial_number
 from compasslib.records import BAD, Record
-from compasslib.report.words import position
 from compasslib.stages import read
 from compasslib.stages.settings import Calibrations, Moorings, check_cruise, used_instruments
 from compasslib.types import DAY_S, HOUR_S, Floats
@@ -119,7 +118,7 @@ def _inspect_mooring(inspection: Inspection, name: str, cruise: Cruise) -> None:
     also = "".join(f"; {each} ({covariate.format})" for each, covariate in mooring.covariates.items())
     corrected = mooring.reference or fit.name or fit.file or fit.coefficients
     also += "" if corrected else "; no reference, so nothing is corrected"
-    place = f"{name}: {position(mooring.latitude, mooring.longitude)}"
+    place = f"{name}: {angles.position(mooring.latitude, mooring.longitude)}"
     inspection.lines += [
         f"{place}; {mooring.start:%Y-%m-%d} to {mooring.end:%Y-%m-%d}, by {by}{also}",
         *(f"  {line}" for line in align(rows)),

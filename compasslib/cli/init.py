@@ -23,8 +23,8 @@ from compasslib.config.draft import Drafted, Position, Roles
 from compasslib.config.schema import KNOWN_SERIES
 from compasslib.config.values import shown
 from compasslib.errors import InputError
-from compasslib.preparation.affected import ExplainedShare, compare_headings, is_affected
 from compasslib.preparation.deployment import apply_deployment
+from compasslib.preparation.pairs import ExplainedShare, compare_headings, is_affected
 from compasslib.readers import detect, iaga2002, nmea, nortek
 from compasslib.readers.netcdf.variables import is_ocean_contour, read_position
 from compasslib.readers.table import read_series

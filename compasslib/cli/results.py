@@ -20,7 +20,7 @@ from compasslib.config import compasses, cruise
 from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
 from compasslib.report import sections, words
-from compasslib.report.results import QUESTION, ReportSection, read_calibration, read_mooring
+from compasslib.report.sections import QUESTION, ReportSection, read_calibration, read_mooring
 from compasslib.stages.settings import Moorings
 
 MOORING_FILES = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "work/field.json")

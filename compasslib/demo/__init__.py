@@ -10,7 +10,7 @@ Raw files of a short deployment; the truth is returned separately:
 >>> from compasslib.demo import sealed
 >>> mooring = sealed.make(3, "M1", sealed.Wish(hours=200, wide=True))
 >>> with TemporaryDirectory() as folder:
-...     truth = sealed.write(mooring, [], Path(folder), sealed.Export())
+...     truth = sealed.write(mooring, [], Path(folder))
 ...     sorted(path.name for path in Path(folder).iterdir())
 ['deep.000', 'top.000']
 """

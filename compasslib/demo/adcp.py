@@ -62,6 +62,9 @@ class Setup:
     pings: int
     coordinates: str  # a key of COORDINATE_BITS
     serial: int
+    noise_m_s: float = 0.014  # standard deviation of a horizontal component in the nearest bin
+    sample_s: float = 0.0  # seconds after the full hour
+    first_number: int = 1  # of its ensembles
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,18 @@ def encode(setup: Setup, ensembles: Ensembles) -> Counts:
     offsets = np.cumsum([layout[place].itemsize for place in range(BLOCKS)])
     header = np.array([0x7F7F, layout.itemsize - 2, BLOCKS << 8, *offsets], dtype="<u2")
     rows["header"] = header.view(np.uint8)
-    for name, value in _fixed_leader(setup).items():
+    fixed: dict[str, Any] = {
+        "id": 0x0000, "firmware": (16, 28), "beams": 4, "cells": setup.cells, "pings": setup.pings, "mode": 1,
+        "system": (FREQUENCY_BITS[setup.kilohertz] | 0b0100_1000, 0x41),  # convex, head attached; four beams at 20°
+        "cell_cm": round(100 * setup.cell_m), "blank_cm": round(100 * setup.blank_m), "low_correlation": 64,
+        "code_repeats": 5, "error_limit_mm_s": 2000, "ping_time": (0, 1, 0),
+        "coordinates": COORDINATE_BITS[setup.coordinates] << 3 | 0b111,  # tilts, three beams, mapped bins
+        "source": 0x7F, "fitted": 0b0011_1101,  # pressure, heading, pitch, roll, temperature; no conductivity
+        "first_bin_cm": round(100 * setup.first_bin_m),
+        "pulse_cm": round(100 * setup.cell_m), "reference_layer": (1, 5), "false_target": 50, "lag_cm": 49,
+        "power": 255, "serial": setup.serial, "beam_angle": round(BEAM_ANGLE_DEG),
+    }  # fmt: skip
+    for name, value in fixed.items():
         rows["fixed"][name] = value
     # Bit 7 of the system configuration follows the orientation switch of the instrument in each ensemble.
     rows["fixed"]["system"][:, 0] |= np.where(ensembles.upside, 0b1000_0000, 0).astype(np.uint8)
@@ -121,30 +135,10 @@ def _layout(cells: int) -> np.dtype:
     return np.dtype([*leaders, *blocks, ("reserved", "<u2"), ("checksum", "<u2")])
 
 
-def _fixed_leader(setup: Setup) -> dict[str, Any]:
-    return {
-        "id": 0x0000, "firmware": (16, 28), "beams": 4, "cells": setup.cells, "pings": setup.pings, "mode": 1,
-        "system": (FREQUENCY_BITS[setup.kilohertz] | 0b0100_1000, 0x41),  # convex, head attached; four beams at 20°
-        "cell_cm": round(100 * setup.cell_m), "blank_cm": round(100 * setup.blank_m), "low_correlation": 64,
-        "code_repeats": 5, "error_limit_mm_s": 2000, "ping_time": (0, 1, 0),
-        "coordinates": COORDINATE_BITS[setup.coordinates] << 3 | 0b111,  # tilts, three beams, mapped bins
-        "source": 0x7F, "fitted": 0b0011_1101,  # pressure, heading, pitch, roll, temperature; no conductivity
-        "first_bin_cm": round(100 * setup.first_bin_m),
-        "pulse_cm": round(100 * setup.cell_m), "reference_layer": (1, 5), "false_target": 50, "lag_cm": 49,
-        "power": 255, "serial": setup.serial, "beam_angle": round(BEAM_ANGLE_DEG),
-    }  # fmt: skip
-
-
 def _fill_variable_leader(leader: NDArray[np.void], ensembles: Ensembles) -> None:
     hundredths = np.rint(100 * ensembles.time_s).astype(np.int64)
-    instants = (hundredths // 100).astype("datetime64[s]")
-    months = instants.astype("datetime64[M]")
-    year = months.astype("datetime64[Y]").astype(np.int64) + 1970
-    month = months.astype(np.int64) % 12 + 1
-    day = (instants.astype("datetime64[D]") - months.astype("datetime64[D]")).astype(np.int64) + 1
-    second = hundredths // 100 % 86400
-    parts = (year // 100, year % 100, month, day, second // 3600, second // 60 % 60, second % 60, hundredths % 100)
-    clock = np.stack(parts, axis=-1).astype(np.uint8)
+    year, *parts = sea.calendar(hundredths // 100)
+    clock = np.stack([year // 100, year % 100, *parts, hundredths % 100], axis=-1).astype(np.uint8)
     leader["id"] = 0x0080
     leader["number"], leader["number_high"] = ensembles.number & 0xFFFF, ensembles.number >> 16
     leader["clock"], leader["clock_y2k"] = clock[:, 1:], clock
@@ -163,16 +157,6 @@ def _fill_variable_leader(leader: NDArray[np.void], ensembles: Ensembles) -> Non
 
 ABSORPTION_DB_M = {75: 0.025, 300: 0.065}
 SIN, COS = (float(x) for x in angles.sin_cos(BEAM_ANGLE_DEG))
-
-
-@dataclass(frozen=True)
-class Adcp:
-    """Configuration of an ADCP, its noise and the time of its samples."""
-
-    setup: Setup
-    noise_m_s: float  # standard deviation of a horizontal component in the nearest bin
-    sample_s: float = 0.0  # seconds after the full hour
-    first_number: int = 1
 
 
 @dataclass(frozen=True)
@@ -196,10 +180,10 @@ def ranges(setup: Setup) -> Floats:
     return setup.first_bin_m + setup.cell_m * np.arange(setup.cells, dtype=float)
 
 
-def measure(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water, *, latitude_deg: float) -> Ensembles:
+def measure(rng: np.random.Generator, setup: Setup, stance: Stance, water: Water, *, latitude_deg: float) -> Ensembles:
     """Simulate the record of an instrument."""
-    setup, n, wet = adcp.setup, stance.time_s.size, stance.in_water
-    moving = _spoil(rng, setup, stance, _velocity(rng, adcp, stance, water))
+    n, wet = stance.time_s.size, stance.in_water
+    moving = _spoil(rng, setup, stance, _velocity(rng, setup, stance, water))
     # Share of pings with a valid velocity: decreasing with range, and small beyond the surface.
     good = np.broadcast_to(1.0 - 0.3 * (ranges(setup) / ranges(setup)[-1]) ** 6, (n, setup.cells))
     good = np.where(ranges(setup) > stance.depth_m[:, None], 0.1, good) if setup.looks_up else good
@@ -215,7 +199,7 @@ def measure(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water, 
     supply = np.rint(166.0 - 14.0 * used - 9.0 * used**6 + rng.normal(0.0, 0.6, n))
     return Ensembles(
         time_s=stance.time_s,
-        number=np.arange(n) + adcp.first_number,
+        number=np.arange(n) + setup.first_number,
         upside=flipped ^ setup.looks_up,
         heading_deg=stance.recorded_deg,
         pitch_deg=np.where(wet, pitch, deck_pitch),
@@ -231,9 +215,9 @@ def measure(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water, 
     )
 
 
-def near_bins(setup: Setup, stance: Stance, water: Water, bins: int = 2) -> Complexes:
-    """Average the current over the first bins, including errors of the beams, true east + i north, m/s, (n,)."""
-    depth = _bin_depths(setup, stance)[:, :bins]
+def near_bins(setup: Setup, stance: Stance, water: Water) -> Complexes:
+    """Average the current over the first two bins, including errors of the beams, true east + i north, m/s, (n,)."""
+    depth = _bin_depths(setup, stance)[:, :2]
     return _flawed(stance, sea.velocity(water, stance.time_s, depth)).mean(axis=1)
 
 
@@ -241,14 +225,13 @@ def _bin_depths(setup: Setup, stance: Stance) -> Floats:
     return stance.depth_m[:, None] + ranges(setup) * (-1.0 if setup.looks_up else 1.0)
 
 
-def _velocity(rng: np.random.Generator, adcp: Adcp, stance: Stance, water: Water) -> Floats:
-    deviation = adcp.noise_m_s * (1.0 + 1.5 * (ranges(adcp.setup) / ranges(adcp.setup)[-1]) ** 4)
+def _velocity(rng: np.random.Generator, setup: Setup, stance: Stance, water: Water) -> Floats:
+    deviation = setup.noise_m_s * (1.0 + 1.5 * (ranges(setup) / ranges(setup)[-1]) ** 4)
     shape = (stance.time_s.size, deviation.size, 4)
-    if adcp.setup.coordinates == "beam":
+    if setup.coordinates == "beam":
         of_beams = (deviation * np.sqrt(2) * SIN)[:, None]
-        return _beams(adcp.setup, stance, water) + rng.standard_normal(shape, dtype=np.float32) * of_beams
-    depth = _bin_depths(adcp.setup, stance)
-    flow = _flawed(stance, sea.velocity(water, stance.time_s, depth))
+        return _beams(setup, stance, water) + rng.standard_normal(shape, dtype=np.float32) * of_beams
+    flow = _flawed(stance, sea.velocity(water, stance.time_s, _bin_depths(setup, stance)))
     # Rotate from true to magnetic north, and by the error of the compass.
     wrong = stance.recorded_deg - stance.heading_deg - stance.declination_deg
     flow = clockwise(flow, wrong[:, None])
@@ -271,16 +254,6 @@ def by_beams(body: Complexes, gain: float, bias_m_s: complex) -> Complexes:
 
 def _beams(setup: Setup, stance: Stance, water: Water) -> Floats:
     """Compute the velocity along each beam, positive towards the head, at the depth of each of its cells."""
-    head = _toward_head(setup, stance)
-    slant = ranges(setup) / COS
-    # The unit vector towards the head points down for a beam that looks up, whose depth decreases with range.
-    depth = stance.depth_m[:, None, None] + slant[None, :, None] * head[:, None, 2, :]
-    flow = clockwise(sea.velocity(water, stance.time_s, depth), -stance.declination_deg[:, None, None])
-    return flow.real * head[:, None, 0, :] + flow.imag * head[:, None, 1, :]
-
-
-def _toward_head(setup: Setup, stance: Stance) -> Floats:
-    """Compute unit vectors of the four beams towards the head, in magnetic east, north and up, (n, 3, 4)."""
     beams = np.array([[SIN, -SIN, 0, 0], [0, 0, -SIN, SIN], [COS] * 4])
     pitch_deg, roll_deg = stance.tilt_deg
     roll_deg = roll_deg + (180.0 if setup.looks_up else 0.0)
@@ -290,7 +263,12 @@ def _toward_head(setup: Setup, stance: Stance) -> Floats:
         (-sh * cr + ch * sp * sr, ch * cp, -sh * sr - ch * sp * cr),
         (-cp * sr, sp, cp * cr),
     )
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2) @ beams
+    # Unit vectors of the beams towards the head, in magnetic east, north and up, (n, 3, 4).
+    head = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2) @ beams
+    # That of a beam that looks up points down, and its depth decreases with range.
+    depth = stance.depth_m[:, None, None] + (ranges(setup) / COS)[None, :, None] * head[:, None, 2, :]
+    flow = clockwise(sea.velocity(water, stance.time_s, depth), -stance.declination_deg[:, None, None])
+    return flow.real * head[:, None, 0, :] + flow.imag * head[:, None, 1, :]
 
 
 def inclinometers(pitch_deg: Floats, roll_deg: Floats) -> tuple[Floats, Floats]:

@@ -160,12 +160,7 @@ def response(meter: Magnetometer) -> tuple[Floats, Floats]:
 
 
 def felt(meter: Magnetometer, body_nt: Floats, nearby_nt: Floats | float = 0.0, *, stepped: bool = True) -> Floats:
-    """Simulate the output of the sensors, (..., 3) nT.
-
-    Args:
-        body_nt: earth's field in the body frame, (..., 3) nT.
-        nearby_nt: additional field at the sensors by objects that came near the compass later, (..., 3) nT.
-    """
+    """Simulate the output of the sensors, (..., 3) nT, in the earth's field and that of objects near by."""
     matrix, added = response(meter)
     raw = body_nt @ matrix.T + added + nearby_nt
     curved = raw + FULL_SCALE_NT * np.array(meter.even) * (raw / FULL_SCALE_NT) ** 2

@@ -31,15 +31,6 @@ class Cause:
     effect: Callable[[float], Effect]  # as a function of its size
     name: str = ""  # in the catalogue; empty if it does not list the cause
     date_s: float | None = None
-    along: Floats | None = None  # (n,) driver on which its iron depends linearly; None if it is not iron
-
-    def field(self, effect: Effect) -> dict[str, int | str] | None:
-        """Compute the field of its iron forward, to starboard and down, nT, at the largest ``along``; None without."""
-        if self.along is None or effect.body_nt is None:
-            return None
-        field = effect.body_nt[int(np.argmax(self.along))]
-        axes = ("forward", "starboard", "down")
-        return {name: round(float(x)) for name, x in zip(axes, field, strict=True)} | {"unit": "nT"}
 
 
 @dataclass(frozen=True)
@@ -71,18 +62,18 @@ def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: 
         effect, z, size_deg = _sized(ground, cause.effect, float(rng.uniform(4.0, 15.0)))
         effects.append(effect)
         date = None if cause.date_s is None else str(np.datetime64(round(cause.date_s), "s"))
-        sizes = {"z": round(z, 1), "size_deg": round(size_deg, 2), "field": cause.field(effect)}
+        field = None
+        if effect.body_nt is not None:  # of iron, which is either constant or came in a step
+            at = map(round, effect.body_nt[-1].tolist())
+            field = dict(zip(("forward", "starboard", "down"), at, strict=True)) | {"unit": "nT"}
+        sizes = {"z": round(z, 1), "size_deg": round(size_deg, 2), "field": field}
         planted.append({"what": cause.words, "driver": cause.driver, "effect": cause.name, "date": date, **sizes})
-    truth = sealed.write(ground, effects, Path(raw_dir) / name, sealed.Export())
+    truth = sealed.write(ground, effects, Path(raw_dir) / name)
     told = {
-        "mooring": name,
-        "title": case.title,
-        "seed": seed,
-        "undecidable": case.undecidable,
-        "planted": planted,
+        "mooring": name, "title": case.title, "seed": seed, "undecidable": case.undecidable, "planted": planted,
         "time_s": truth.time_s.tolist(),
         "heading_deg": [None if np.isnan(x) else round(x, 3) for x in truth.heading_deg.tolist()],
-    }
+    }  # fmt: skip
     Path(truth_path).parent.mkdir(parents=True, exist_ok=True)
     Path(truth_path).write_text(json.dumps(told) + "\n", encoding="utf-8")
 
@@ -143,14 +134,14 @@ def _knocked(ground: Ground, rng: np.random.Generator) -> list[Cause]:
     after = (ground.stamp_s > date).astype(float)
     angle = rng.uniform(0.0, 2.0 * np.pi)
     effect = _iron(after, np.array([np.cos(angle), np.sin(angle), 0.4 * rng.normal()]))
-    return [Cause("the sphere's iron changed at once", "time", effect, "hard_iron_step", date, after)]
+    return [Cause("the sphere's iron changed at once", "time", effect, "hard_iron_step", date)]
 
 
 def _knocked_and_leaning(ground: Ground, rng: np.random.Generator) -> list[Cause]:
     always = np.ones(ground.stamp_s.size)
     upright = _iron(always, np.array([0.0, 0.0, rng.choice([-1.0, 1.0])]))
     heeling = "vertical iron, which reaches the compass as the sphere tilts (heeling)"
-    return [*_knocked(ground, rng), Cause(heeling, "tilt", upright, "heeling", along=always)]
+    return [*_knocked(ground, rng), Cause(heeling, "tilt", upright, "heeling")]
 
 
 def _unlisted(ground: Ground, rng: np.random.Generator) -> list[Cause]:
@@ -163,29 +154,21 @@ def _unlisted(ground: Ground, rng: np.random.Generator) -> list[Cause]:
     return [Cause(bent, "temperature", lambda size: Effect("reading", reading=lambda gamma: size * turn + 0.0 * gamma))]
 
 
-def _wish(latitude: float, longitude: float, depth_m: float, *, wide: bool, strength: float) -> Wish:
-    begin = np.datetime64("2014-08-01").astype("datetime64[s]").astype(float)
-    return Wish(wide=wide, hours=3000, site=(latitude, longitude, depth_m), begin_s=float(begin), strength=strength)
-
-
+HOURS, BEGIN_S = 3000, 1406851200.0  # from 1 August 2014 on
 CASES = {
     "C1": Case(
-        "iron that changed, and heeling",
-        _wish(60.5, -41.2, 420.0, wide=True, strength=0.25),
-        _knocked_and_leaning,
-        lean_deg=2.0,
+        "iron that changed, and heeling", Wish(True, HOURS, (60.5, -41.2, 420.0), BEGIN_S, 0.25),
+        _knocked_and_leaning, lean_deg=2.0,
     ),
-    "C2": Case("a cause that nobody listed", _wish(61.0, -40.1, 510.0, wide=True, strength=0.2), _unlisted),
+    "C2": Case("a cause that nobody listed", Wish(True, HOURS, (61.0, -40.1, 510.0), BEGIN_S, 0.2), _unlisted),
     "C3": Case(
-        "changed iron or a slipped compass",
-        _wish(62.1, -38.6, 380.0, wide=False, strength=0.3),
-        _knocked,
+        "changed iron or a slipped compass", Wish(False, HOURS, (62.1, -38.6, 380.0), BEGIN_S, 0.3), _knocked,
         undecidable="where the headings vary little, changed iron and a slip turn them alike",
     ),
     "C4": Case(
-        "nothing, though it looks so", _wish(63.4, -36.0, 600.0, wide=False, strength=0.3), lambda *_: [], shear=2.2
+        "nothing, though it looks so", Wish(False, HOURS, (63.4, -36.0, 600.0), BEGIN_S, 0.3), lambda *_: [], shear=2.2
     ),
-}
+}  # fmt: skip
 
 
 def main(folder: str, seed: str) -> None:

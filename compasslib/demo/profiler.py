@@ -63,12 +63,8 @@ class Scans:
 
 def write_text(path: Path, acm: Acm, scans: Scans) -> None:
     """Write unpacked ASCII, space delimited, with header."""
-    iso = np.datetime_as_string(scans.time_s.astype("datetime64[s]")).astype("U19")
-    letters = iso.view("U1").reshape(iso.size, 19)
-    letters = letters[:, [5, 6, 4, 8, 9, 7, 0, 1, 2, 3, 10, *range(11, 19)]]
-    letters[:, 10] = " "
-    stamps = np.ascontiguousarray(letters).view("U19").ravel()
-    fields = _header_fields(acm)
+    iso = np.datetime_as_string(scans.time_s.astype("datetime64[s]")).tolist()
+    stamps, fields = [f"{text[5:10]}-{text[:4]} {text[11:]}" for text in iso], _header_fields(acm)
     header_size = struct.calcsize("<" + "".join(code for _, code, _ in fields))
     with path.open("w", newline="") as file:
         for k, number, begin, end in _profiles(scans):
@@ -90,15 +86,10 @@ def write_text(path: Path, acm: Acm, scans: Scans) -> None:
 
 def write_binary(path: Path, acm: Acm, scans: Scans) -> None:
     """Write the binary format of the logger, with all files ``A*.DAT`` concatenated."""
-    days = scans.time_s.astype("datetime64[s]").astype("datetime64[D]")
-    months = days.astype("datetime64[M]")
-    second = scans.time_s % 86400
+    year, month, day, *clock = sea.calendar(scans.time_s)
     records = np.zeros(scans.time_s.size, dtype=_RECORD)
-    records["clock"] = np.stack([second // 3600, second // 60 % 60, second % 60], axis=-1)
-    records["month"] = months.astype(np.int64) % 12 + 1
-    records["day"] = (days - months.astype("datetime64[D]")).astype(np.int64) + 1
-    records["year"] = months.astype(np.int64) // 12 + 1970
-    records["values"] = scans.values
+    records["clock"] = np.stack(clock, axis=-1)
+    records["month"], records["day"], records["year"], records["values"] = month, day, year, scans.values
     header = b"".join(struct.pack("<" + code, value) for _, code, value in _header_fields(acm))
     with path.open("wb") as file:
         for k, _, begin, end in _profiles(scans):
@@ -186,8 +177,14 @@ def plan(rng: np.random.Generator, profiler: Profiler, motion: Motion, span_s: t
     ascending = number % 2 == 1
     way_s = (profiler.bottom_m - NOMINAL_M - BUMPER_M) / SPEED_M_S
     top = np.rint(start + np.where(ascending, way_s, 30.0))
-    blown = np.interp(top, motion.time_s, motion.sphere_depth_m) - NOMINAL_M
-    stuck = _stuck_depths(rng, blown, profiler.bottom_m)
+    blown_m = np.interp(top, motion.time_s, motion.sphere_depth_m) - NOMINAL_M
+    depths, depth, stuck = rng.uniform(0.45, 0.85, top.size) * profiler.bottom_m, nan, np.empty(top.size)
+    for k, blown in enumerate(blown_m.tolist()):
+        if isnan(depth) and blown > 100.0:
+            depth = depths[k]
+        elif blown < 25.0:
+            depth = nan
+        stuck[k] = depth
     # Ten seconds at the bumper, then a scan in 2 s in the uppermost water and in 32 s below.
     down = np.concatenate([np.arange(-10.0, 230.0, 2.0), np.arange(230.0, np.floor(way_s), 32.0)])
     parked = 120.0 + np.arange(60.0)
@@ -230,19 +227,6 @@ def write_engineering(path: Path, schedule: Plan, motion: Motion, latitude_deg: 
     stamps = np.datetime_as_string(time.astype("datetime64[s]")).tolist()
     pairs = zip(stamps, sea.pressure(depth, latitude_deg).tolist(), strict=True)
     path.write_text("time_utc,pressure_dbar\n" + "".join(f"{stamp}Z,{dbar:.2f}\n" for stamp, dbar in pairs))
-
-
-def _stuck_depths(rng: np.random.Generator, blown_m: Floats, bottom_m: float) -> Floats:
-    """Draw the depth at which the profiler is stuck in each profile, NaN if it is free."""
-    depths = rng.uniform(0.45, 0.85, blown_m.size) * bottom_m
-    depth, stuck = nan, []
-    for blown, here in zip(blown_m.tolist(), depths.tolist(), strict=True):
-        if isnan(depth) and blown > 100.0:
-            depth = here
-        elif blown < 25.0:
-            depth = nan
-        stuck.append(depth)
-    return np.array(stuck)
 
 
 def _position(schedule: Plan, profile: NDArray[np.intp], time_s: Floats, sphere_m: Floats) -> tuple[Floats, Floats]:

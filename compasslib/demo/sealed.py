@@ -10,9 +10,9 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.demo import adcp, compass, water
-from compasslib.demo.adcp import Adcp, Ensembles, Setup, Stance
+from compasslib.demo.adcp import Ensembles, Setup, Stance
 from compasslib.demo.compass import Field, Magnetometer
-from compasslib.demo.water import Climate, Rig, clockwise, red_noise
+from compasslib.demo.water import Climate, Rig, red_noise
 from compasslib.types import DAY_S, HOUR_S, Floats
 
 PINGS = 4  # in an ensemble of the simulated profiler
@@ -35,18 +35,23 @@ class Effect:
 def read(ground: Ground, effects: Sequence[Effect], time_s: Floats, rng: np.random.Generator | None = None) -> Stance:
     """Simulate the affected compass: true attitude and readings.
 
+    Without a random generator, a single ping without noise and quantization is simulated, else four with both.
     The tilts have twelve bits over 180 degrees, are late by 20 s, and hold three quarters of a fast wobble.
-
-    Args:
-        effects: effects planted in it, at the same ensembles.
-        rng: random generator; without one, a single ping without noise and quantization is simulated.
     """
     pings, tilt_step_deg = 1 if rng is None else PINGS, 180.0 / 4096.0
     times = time_s[:, None] + 90.0 * (np.arange(pings) - 0.5 * (pings - 1))
     wobble = np.zeros((2, *times.shape)) if rng is None else rng.normal(0.0, 0.35, (2, *times.shape))
-    heading, pitch, roll = _attitude(ground, times)
+    motion = ground.motion
+    heading, pitch, roll, depth = (
+        np.interp(at, motion.time_s, series)
+        for at, series in (
+            (times, motion.heading_deg), (times, motion.pitch_deg), (times, motion.roll_deg),
+            (time_s, motion.sphere_depth_m),
+        )
+    )  # fmt: skip
     true = (pitch + wobble[0], roll + wobble[1])
-    _, *late = _attitude(ground, times if rng is None else times - 20.0)
+    before = times if rng is None else times - 20.0
+    late = [np.interp(before, motion.time_s, series) for series in (motion.pitch_deg, motion.roll_deg)]
     sensed = [slow + 0.75 * fast for slow, fast in zip(late, wobble, strict=True)]
     if rng is not None:
         sensed = [tilt_step_deg * np.rint(tilt / tilt_step_deg) for tilt in sensed]
@@ -60,7 +65,7 @@ def read(ground: Ground, effects: Sequence[Effect], time_s: Floats, rng: np.rand
     noise = 0.0 if rng is None else rng.normal(0.0, 0.4, time_s.size)
     return Stance(
         time_s=time_s,
-        depth_m=np.interp(time_s, ground.motion.time_s, ground.motion.sphere_depth_m),
+        depth_m=depth,
         heading_deg=angles.mean(heading, axis=1),
         recorded_deg=angles.wrap360(angles.mean(gamma, axis=1) + noise),
         tilt_deg=(true[0].mean(axis=1), true[1].mean(axis=1)),
@@ -68,13 +73,6 @@ def read(ground: Ground, effects: Sequence[Effect], time_s: Floats, rng: np.rand
         declination_deg=ground.field.at(time_s)[0],
         in_water=np.ones(time_s.size, dtype=bool),
     )
-
-
-def _attitude(ground: Ground, times: Floats) -> tuple[Floats, Floats, Floats]:
-    motion = ground.motion
-    series = (motion.heading_deg, motion.pitch_deg, motion.roll_deg)
-    heading, pitch, roll = (np.interp(times, motion.time_s, x) for x in series)
-    return heading, pitch, roll
 
 
 STRENGTHS = (0.05, 0.1, 0.2, 0.35, 0.55)  # field of the iron relative to the earth's horizontal field
@@ -160,15 +158,7 @@ TOP = Setup(
     kilohertz=300, looks_up=True, cells=8, cell_m=2.0, blank_m=0.88, first_bin_m=3.1, pings=PINGS,
     coordinates="earth", serial=9001,
 )  # fmt: skip
-DEEP = replace(TOP, looks_up=False, cells=3, pings=40, serial=7501)
-
-
-@dataclass(frozen=True)
-class Export:
-    """Format of the files of a mooring."""
-
-    deep: str = "pd0"  # pd0 or table
-    coordinates: str = "earth"
+DEEP = replace(TOP, looks_up=False, cells=3, pings=40, serial=7501, noise_m_s=0.02, sample_s=DEEP_SAMPLE_S)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,8 +170,8 @@ class Written:
     recorded_deg: Floats
 
 
-def write(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) -> Written:
-    """Write the raw files ``top.000``, ``deep.000`` or ``deep.csv``, and return the truth.
+def write(ground: Ground, effects: Sequence[Effect], raw: Path, setup: Setup = TOP) -> Written:
+    """Write the raw files ``top.000`` and ``deep.000``, and return the truth.
 
     The compass repeats one value for nine hours, and the record has four gaps.
     """
@@ -193,18 +183,18 @@ def write(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) 
     rng, present = ground.random("gaps"), np.ones(count, dtype=bool)
     for gap, length in zip(rng.integers(0, count, 4), rng.integers(1, 40, 4), strict=True):
         present[gap : gap + length] = False
-    setup = replace(TOP, coordinates=export.coordinates)
-    instrument, rng, grid = Adcp(setup, noise_m_s=0.014), ground.random("logged"), ground.currents.time_s
+    rng, grid, site = ground.random("logged"), ground.currents.time_s, {"latitude_deg": ground.latitude_deg}
     warm = np.interp(top.time_s, grid, ground.temperature_c)
     volts = np.interp(top.time_s, grid, ground.supply_counts)
     recorded = replace(
-        adcp.measure(ground.random("top"), instrument, top, ground.currents, latitude_deg=ground.latitude_deg),
+        adcp.measure(ground.random("top"), setup, top, ground.currents, **site),
         temperature_c=warm + rng.normal(0.0, 0.02, count),
         supply_counts=np.rint(volts + rng.normal(0.0, 0.5, count)).astype(np.uint8),
     )
     logged = Ensembles(**{name: column[present] for name, column in vars(recorded).items()})
     adcp.write(raw / "top.000", setup, logged)
-    _write_deep(ground, effects, raw, export)
+    made = adcp.measure(ground.random("deep"), DEEP, deep_stance(ground, effects), ground.currents, **site)
+    adcp.write(raw / "deep.000", DEEP, made)
     heading = top.heading_deg.copy()
     heading[stuck] = np.nan
     return Written(ground.stamp_s[present], heading[present], recorded.heading_deg[present])
@@ -230,20 +220,3 @@ def deep_stance(ground: Ground, effects: Sequence[Effect]) -> Stance:
         gain=sum(effect.gain for effect in effects),
         bias_m_s=sum(effect.bias_m_s for effect in effects),
     )
-
-
-def _write_deep(ground: Ground, effects: Sequence[Effect], raw: Path, export: Export) -> None:
-    stance, rng = deep_stance(ground, effects), ground.random("deep")
-    if export.deep == "pd0":
-        instrument = Adcp(DEEP, noise_m_s=0.02, sample_s=DEEP_SAMPLE_S)
-        made = adcp.measure(rng, instrument, stance, ground.currents, latitude_deg=ground.latitude_deg)
-        adcp.write(raw / "deep.000", DEEP, made)
-        return
-    flow = adcp.near_bins(DEEP, stance, ground.currents)
-    flow = flow + water.white_vector(rng, flow.size, 0.02 / np.sqrt(2.0))
-    flow = clockwise(flow, stance.recorded_deg - stance.heading_deg - stance.declination_deg)
-    depth = stance.depth_m + adcp.ranges(DEEP)[:2].mean()
-    texts = np.datetime_as_string(stance.time_s.astype("datetime64[s]")).tolist()
-    rows = zip(texts, depth.tolist(), (100 * flow.real).tolist(), (100 * flow.imag).tolist(), strict=True)
-    lines = ["time_utc,depth_m,u_cm_s,v_cm_s\n", *("{}Z,{:.2f},{:.2f},{:.2f}\n".format(*row) for row in rows)]
-    (raw / "deep.csv").write_text("".join(lines))

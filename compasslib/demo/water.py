@@ -61,6 +61,14 @@ def clockwise(velocity: ArrayLike, by_deg: ArrayLike) -> Complexes:
     return np.asarray(velocity * np.conj(angles.phasor(by_deg)))
 
 
+def calendar(time_s: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
+    """Convert whole UTC seconds since 1970 to year, month, day, hour, minute and second."""
+    days = time_s.astype("datetime64[s]").astype("datetime64[D]")
+    months, second = days.astype("datetime64[M]"), time_s % 86400
+    month, day = months.astype(np.int64), (days - months.astype("datetime64[D]")).astype(np.int64)
+    return month // 12 + 1970, month % 12 + 1, day + 1, second // 3600, second // 60 % 60, second % 60
+
+
 STEP_S = 600.0
 TIDES = ((12.4206, 0.55), (12.0000, 0.20), (23.9345, 0.25))  # M2, S2, K1: period in hours, share of the speed
 

@@ -21,7 +21,7 @@ from dataclasses import fields
 from functools import cache
 
 from compasslib import plugins
-from compasslib.effects import composed, earth, iron, readout, ship, water
+from compasslib.effects import composed, iron, readout, reference
 from compasslib.effects.composed import COMPOSED as COMPOSED
 from compasslib.effects.effect import Effect as Effect
 from compasslib.effects.effect import Scene as Scene
@@ -32,19 +32,25 @@ CATALOGUE: tuple[type[Effect], ...] = (
     *(iron.HardIron, iron.LevelHardIron, iron.LevelSoftIron, iron.SoftIronInSpace, iron.Heeling),
     *(iron.HardIronDrift, iron.HardIronTrend, iron.HardIronStep, iron.BatteryChange),
     *(composed.Pressure, composed.IronMovedByPitch, composed.IronMovedByRoll, readout.LargeDeviation),
-    *(earth.FieldDisturbance, earth.VectorDisturbance, earth.IndexedDisturbance),
-    *(earth.SecularVariation, earth.DeclinationError),
+    *(reference.FieldDisturbance, reference.VectorDisturbance, reference.IndexedDisturbance),
+    *(reference.SecularVariation, reference.DeclinationError),
     *(iron.TemperatureOfField, iron.TemperatureOfReading, readout.TemperatureOfTilt),
     *(iron.SupplyVoltageOfField, iron.SupplyVoltageOfReading),
     *(readout.TiltOffset, readout.TiltUncompensated, readout.ReadingLevelled, readout.StuckTilt),
     *(readout.Sextantal, readout.Octantal, readout.MountingOffset, readout.HeadingSlip),
     *(readout.CompassDrift, readout.CompassTrend),
-    *(readout.CompassLag, readout.CompassDelay, ship.LateReading, composed.PivotFriction),
-    *(water.VeerWithSpeed, water.VeerWithSeparation, water.VeerWithDepth, water.VeerWithDirection),
-    *(ship.SetAndDrift, ship.TidalSetAndDrift, ship.LateCourse, ship.FilteredCourse, water.MooringMotion),
+    *(readout.CompassLag, readout.CompassDelay, reference.LateReading, composed.PivotFriction),
+    *(reference.VeerWithSpeed, reference.VeerWithSeparation, reference.VeerWithDepth, reference.VeerWithDirection),
+    *(
+        reference.SetAndDrift,
+        reference.TidalSetAndDrift,
+        reference.LateCourse,
+        reference.FilteredCourse,
+        reference.MooringMotion,
+    ),
     *(composed.BeamGain, composed.VelocityBias),
-    *(water.ReferenceDeviation, water.ReferenceSlip, water.ReferenceBeams, water.ReferenceBias),
-    *(water.ClockOffset, ship.ClocksApart, water.ClockDrift),
+    *(reference.ReferenceDeviation, reference.ReferenceSlip, reference.ReferenceBeams, reference.ReferenceBias),
+    *(reference.ClockOffset, reference.ClocksApart, reference.ClockDrift),
 )
 
 SLOW_WATER = "current_shear_slow"  # not a term but part of the noise; listed as the alternative to slow effects

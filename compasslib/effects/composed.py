@@ -342,11 +342,7 @@ def driver_series(scene: Scene, driver: str) -> Floats:
 def compose_effect(
     acts_on: str, driver: str, form: str, *, name: str = "", words: str = "", usual: float = np.inf
 ) -> type[ComposedEffect]:
-    """Create the class of a composed effect from its target, driver and form.
-
-    Args:
-        usual: prior standard deviation of its parameters.
-    """
+    """Create the class of a composed effect from its target, driver and form."""
     acted, shape = TARGETS[acts_on], FORMS[form]
     departures, units = zip(*(DRIVERS.get(each, (each, each)) for each in driver.split("*")), strict=True)
     unit = " ".join(units)

@@ -161,21 +161,17 @@ def proportional(term: Effect, scene: Scene) -> Any:
     return sum(value * scene.departures[name] for value, name in zip(term.values.tolist(), term.needs, strict=True))
 
 
-def additive(title: str, summary: str, add: Callable[[Any, Scene], Any] = proportional, **members: Any) -> type[Any]:
-    """Create the class of an effect that adds to the quantity that it acts on: a row of the catalogue.
-
-    Args:
-        add: term and scene -> what is added.
-        members: parameters, in order, and class attributes of ``Effect``.
-    """
-
-    def apply(self: Effect, x: Floats, scene: Scene) -> Floats:
-        return np.asarray(x + add(self, scene))
-
+def make_effect(title: str, summary: str, apply: Callable[[Any, Floats, Scene], Floats], **members: Any) -> type[Any]:
+    """Create the class of an effect: a row of the catalogue, with its parameters, in order, and attributes."""
     parameters = [(name, float, value) for name, value in members.items() if isinstance(value, Field)]
     attributes = {name: value for name, value in members.items() if not isinstance(value, Field)}
     namespace = {"__doc__": summary, "apply": apply} | attributes
     return make_dataclass(title, parameters, bases=(Effect,), namespace=namespace, frozen=True)
+
+
+def additive(title: str, summary: str, add: Callable[[Any, Scene], Any] = proportional, **members: Any) -> type[Any]:
+    """Create the class of an effect that adds ``add(term, scene)`` to the quantity that it acts on."""
+    return make_effect(title, summary, lambda term, x, scene: np.asarray(x + add(term, scene)), **members)
 
 
 def parameter_slices(terms: Iterable[Effect | type[Effect]], first: int = 0) -> list[slice]:

@@ -124,9 +124,6 @@ def heading_jacobian(
 
     For compass effects it is -(d gamma / d parameter) / (d gamma / d beta), conditional on the recorded heading. The
     derivative of the water's veer is added directly, because it shifts the heading observed with the reference.
-
-    Args:
-        last: index of the parameter to stop before; all if None.
     """
     at, steps, columns = simulation.parameters, 0.05 * simulation.steps, []
     still = None if _acting(simulation, "north") else earth_field_in_body(scene, heading_deg)

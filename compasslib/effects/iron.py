@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from compasslib.effects.effect import READINGS, SHORT_RECORDINGS, Effect, Scene, additive, date_parameter, parameter
+from compasslib.effects.effect import (
+    READINGS,
+    SHORT_RECORDINGS,
+    Effect,
+    Scene,
+    additive,
+    date_parameter,
+    make_effect,
+    parameter,
+)
 from compasslib.types import Floats
 
 USUAL_NT = 2000.0  # prior of a step, and of a year's drift: some degrees where the horizontal field is weak
@@ -173,59 +180,38 @@ Heeling = additive(
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class SoftIron(Effect):
-    """Soft iron: a symmetric matrix, trace-free as the scale is fitted, is applied to the field."""
-
-    name, driver = "soft_iron", "heading"
-    recordings: ClassVar[tuple[str, ...]] = ("magnetometer",)
-
-    @abstractmethod
-    def induced(self) -> Floats:
-        """Compute the induced field per field, (3, 3)."""
-
-    def apply(self, x: Floats, scene: Scene) -> Floats:
-        return x + x @ self.induced()
-
-    @property
-    def possible(self) -> bool:
-        """Whether no field is reversed."""
-        return bool(np.linalg.eigvalsh(np.eye(3) + self.induced()).min() > 0.0)
+def _soft_iron(title: str, summary: str, induced: Callable[[Any], Floats], **members: Any) -> type[Any]:
+    """Create the class of an effect of fields induced by a symmetric matrix, trace-free as the scale is fitted."""
+    return make_effect(
+        title, summary, lambda term, x, scene: x + x @ induced(term), name="soft_iron", driver="heading",
+        possible=property(lambda term: bool(np.linalg.eigvalsh(np.eye(3) + induced(term)).min() > 0.0)),
+        **members,
+    )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class LevelSoftIron(SoftIron):
-    """Soft iron as seen in the modulus of a level turn, which deforms the circle to an ellipse."""
-
-    words = "a part that the earth's field magnetises distorts it (soft iron)"
-    shows_along = ("heading",)
-    separated_by: ClassVar[Mapping[str, str]] = {
-        "tilt_uncompensated": "logged tilts: a tilt that goes with the heading stretches the circle"
-    }
-    recordings = ("magnetometer", "two_heads")
-    literature = "(a - e)/2 and (d + b)/2 of Poisson; Le Menn et al. 2023, eq. (1)"
-
-    stretch: float = parameter("1", "stretch, (a - e)/2, forward against starboard", 0.02, usual=USUAL_SHARE)
-    shear: float = parameter("1", "shear, (d + b)/2", 0.02, usual=USUAL_SHARE)
-
-    def induced(self) -> Floats:
-        return np.array([[self.stretch, self.shear, 0.0], [self.shear, -self.stretch, 0.0], [0.0, 0.0, 0.0]])
-
-
-@dataclass(frozen=True)
-class SoftIronInSpace(SoftIron):
-    """Soft iron as seen in the modulus over all orientations: a symmetric matrix, trace-free as the scale is fitted."""
-
-    literature = "Le Menn et al. 2023, eqs. (1), (2): an ellipsoid shows the symmetric part alone"
-
-    stretch: float = parameter("1", "stretch, (xx - yy)/2, forward against starboard", 0.02, usual=USUAL_SHARE)
-    vertical: float = parameter(
-        "1", "vertical stretch, zz minus the mean of xx and yy, over 1.5", 0.02, usual=USUAL_SHARE
-    )
-    xy: float = parameter("1", "shear between forward and starboard", 0.02, usual=USUAL_SHARE)
-    xz: float = parameter("1", "shear between forward and down", 0.02, usual=USUAL_SHARE)
-    yz: float = parameter("1", "shear between starboard and down", 0.02, usual=USUAL_SHARE)
-
-    def induced(self) -> Floats:
-        a, v = self.stretch, self.vertical
-        return np.array([[a - v / 2.0, self.xy, self.xz], [self.xy, -a - v / 2.0, self.yz], [self.xz, self.yz, v]])
+LevelSoftIron = _soft_iron(
+    "LevelSoftIron", "Soft iron as seen in the modulus of a level turn, which deforms the circle to an ellipse.",
+    lambda term: np.array([[term.stretch, term.shear, 0.0], [term.shear, -term.stretch, 0.0], [0.0, 0.0, 0.0]]),
+    shows_along=("heading",), recordings=("magnetometer", "two_heads"),
+    words="a part that the earth's field magnetises distorts it (soft iron)",
+    separated_by={"tilt_uncompensated": "logged tilts: a tilt that goes with the heading stretches the circle"},
+    literature="(a - e)/2 and (d + b)/2 of Poisson; Le Menn et al. 2023, eq. (1)",
+    stretch=parameter("1", "stretch, (a - e)/2, forward against starboard", 0.02, usual=USUAL_SHARE),
+    shear=parameter("1", "shear, (d + b)/2", 0.02, usual=USUAL_SHARE),
+)  # fmt: skip
+SoftIronInSpace = _soft_iron(
+    "SoftIronInSpace",
+    "Soft iron as seen in the modulus over all orientations: a symmetric matrix, trace-free as the scale is fitted.",
+    lambda term: np.array([
+        [term.stretch - term.vertical / 2.0, term.xy, term.xz],
+        [term.xy, -term.stretch - term.vertical / 2.0, term.yz],
+        [term.xz, term.yz, term.vertical],
+    ]),
+    recordings=("magnetometer",),
+    literature="Le Menn et al. 2023, eqs. (1), (2): an ellipsoid shows the symmetric part alone",
+    stretch=parameter("1", "stretch, (xx - yy)/2, forward against starboard", 0.02, usual=USUAL_SHARE),
+    vertical=parameter("1", "vertical stretch, zz minus the mean of xx and yy, over 1.5", 0.02, usual=USUAL_SHARE),
+    xy=parameter("1", "shear between forward and starboard", 0.02, usual=USUAL_SHARE),
+    xz=parameter("1", "shear between forward and down", 0.02, usual=USUAL_SHARE),
+    yz=parameter("1", "shear between starboard and down", 0.02, usual=USUAL_SHARE),
+)  # fmt: skip

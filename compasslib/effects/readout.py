@@ -10,7 +10,16 @@ from typing import ClassVar
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.effects.effect import READINGS, SHORT_RECORDINGS, Effect, Scene, additive, date_parameter, parameter
+from compasslib.effects.effect import (
+    READINGS,
+    SHORT_RECORDINGS,
+    Effect,
+    Scene,
+    additive,
+    date_parameter,
+    make_effect,
+    parameter,
+)
 from compasslib.types import Floats
 
 _reading = partial(additive, stage="readout", acts_on="reading")
@@ -147,96 +156,57 @@ CompassDelay = _reading(
 
 
 # Levelling by wrong tilts mixes the vertical into the horizontal field.
-@dataclass(frozen=True)
-class OfTilt(Effect):
-    """An effect of the tilts by which the compass is levelled."""
-
-    driver = "tilt"
-    stage = "sensor"
-
-    @staticmethod
-    def levelled(x: Floats, scene: Scene, pitch_deg: Floats | float, roll_deg: Floats | float) -> Floats:
-        """Rotate the field so that levelling by the recorded tilts has the effect of errors, recorded minus true."""
-        right = compass.levelling(scene.pitch_deg - pitch_deg, scene.roll_deg - roll_deg)
-        return np.einsum("nji,njk,nk->ni", right, scene.levelling, x)
+_tilt = partial(make_effect, driver="tilt", stage="sensor")
 
 
-@dataclass(frozen=True)
-class TiltUncompensated(OfTilt):
-    """A share of the tilt compensation is missing."""
-
-    name = "tilt_uncompensated"
-    words = "the reading is not compensated for tilt"
-    shows_along = ("pitch", "roll")
-    separated_by: ClassVar[Mapping[str, str]] = {"moving_iron": "the magnetometer's three axes with tilt"}
-    instrument = True
-    literature = "physics page, section 4: n = m instead of T m; 1 means no compensation at all"
-
-    share: float = parameter("1", "share of the levelling that is left out", 0.05, usual=1.0)
-
-    def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Rotate the field so that full levelling yields the partly levelled field."""
-        return (1.0 - self.share) * x + self.share * np.einsum("nji,nj->ni", scene.levelling, x)
+def _levelled(x: Floats, scene: Scene, pitch_deg: Floats | float, roll_deg: Floats | float) -> Floats:
+    """Rotate the field so that levelling by the recorded tilts has the effect of errors, recorded minus true."""
+    right = compass.levelling(scene.pitch_deg - pitch_deg, scene.roll_deg - roll_deg)
+    return np.einsum("nji,njk,nk->ni", right, scene.levelling, x)
 
 
-@dataclass(frozen=True)
-class ReadingLevelled(OfTilt):
-    """The recorded heading is compensated for tilt, the simulated one is not."""
-
-    name = "tilt_uncompensated"
-    recordings = ("magnetometer",)
-    words = "the recorded heading is compensated for tilt, the simulated one is not"
-    literature = "physics page, section 4: n = T m instead of m; 1 means that all levelling was left out"
-
-    share: float = parameter("1", "share of the levelling that the simulation lacks", 0.05, usual=1.0)
-
-    def apply(self, x: Floats, scene: Scene) -> Floats:
-        return (1.0 - self.share) * x + self.share * np.einsum("nij,nj->ni", scene.levelling, x)
-
-
-@dataclass(frozen=True)
-class TemperatureOfTilt(OfTilt):
-    """The zero of the tilt sensor shifts with temperature, which affects the levelling of the compass."""
-
-    name, driver = "temperature", "temperature"
-    literature = "Z k (T - T0)/H, nearly a field forward and to starboard; tilts given minus true"
-    needs = ("temperature",)
-
-    pitch_deg_K: float = parameter("degrees/K", "change of the pitch", 0.2, usual=0.1)  # typical of a tilt sensor
-    roll_deg_K: float = parameter("degrees/K", "change of the roll", 0.2, usual=0.1)
-
-    def apply(self, x: Floats, scene: Scene) -> Floats:
-        warm = scene.departures["temperature"]
-        return self.levelled(x, scene, self.pitch_deg_K * warm, self.roll_deg_K * warm)
-
-
-@dataclass(frozen=True)
-class TiltOffset(OfTilt):
-    """The tilts used for levelling the compass have constant errors."""
-
-    name = "tilt_offset"
-    words = "the tilts by which the compass is compensated have constant errors"
-    literature = "Z (offset)/H, in B and C of von Appen 2015, eq. (1), but for what the lean changes"
-    detector = "vertical velocities that follow the flow in the body, or a level deck"
-
-    pitch_deg: float = parameter("degrees", "pitch given minus true", 0.2)
-    roll_deg: float = parameter("degrees", "roll given minus true", 0.2)
-
-    def apply(self, x: Floats, scene: Scene) -> Floats:
-        return self.levelled(x, scene, self.pitch_deg, self.roll_deg)
-
-
-@dataclass(frozen=True)
-class StuckTilt(OfTilt):
-    """While the tilts are stuck, the compass is levelled without the tilt that the flow predicts for the instrument."""
-
-    name = "stuck_tilt"
-    words = "the tilt sensors are stuck, and the compass is compensated with their last values"
-    literature = "physics page, section 4: n = T(stuck) m; 1: all of the lean that the flow foretells"
-    needs = ("lean_pitch", "lean_roll")
-
-    share: float = parameter("1", "share of the predicted lean", 0.05, usual=1.0)
-
-    def apply(self, x: Floats, scene: Scene) -> Floats:
-        pitch, roll = (self.share * scene.departures[name] for name in self.needs)
-        return self.levelled(x, scene, -pitch, -roll)
+TiltUncompensated = _tilt(
+    "TiltUncompensated", "A share of the tilt compensation is missing.",
+    lambda term, x, scene: (1.0 - term.share) * x + term.share * np.einsum("nji,nj->ni", scene.levelling, x),
+    name="tilt_uncompensated", shows_along=("pitch", "roll"), instrument=True,
+    words="the reading is not compensated for tilt",
+    separated_by={"moving_iron": "the magnetometer's three axes with tilt"},
+    literature="physics page, section 4: n = m instead of T m; 1 means no compensation at all",
+    share=parameter("1", "share of the levelling that is left out", 0.05, usual=1.0),
+)  # fmt: skip
+ReadingLevelled = _tilt(
+    "ReadingLevelled", "The recorded heading is compensated for tilt, the simulated one is not.",
+    lambda term, x, scene: (1.0 - term.share) * x + term.share * np.einsum("nij,nj->ni", scene.levelling, x),
+    name="tilt_uncompensated", recordings=("magnetometer",),
+    words="the recorded heading is compensated for tilt, the simulated one is not",
+    literature="physics page, section 4: n = T m instead of m; 1 means that all levelling was left out",
+    share=parameter("1", "share of the levelling that the simulation lacks", 0.05, usual=1.0),
+)  # fmt: skip
+TemperatureOfTilt = _tilt(
+    "TemperatureOfTilt",
+    "The zero of the tilt sensor shifts with temperature, which affects the levelling of the compass.",
+    lambda term, x, scene: _levelled(x, scene, *(term.values[:, None] * scene.departures["temperature"])),
+    name="temperature", driver="temperature", needs=("temperature",),
+    literature="Z k (T - T0)/H, nearly a field forward and to starboard; tilts given minus true",
+    pitch_deg_K=parameter("degrees/K", "change of the pitch", 0.2, usual=0.1),  # typical of a tilt sensor
+    roll_deg_K=parameter("degrees/K", "change of the roll", 0.2, usual=0.1),
+)  # fmt: skip
+TiltOffset = _tilt(
+    "TiltOffset", "The tilts used for levelling the compass have constant errors.",
+    lambda term, x, scene: _levelled(x, scene, term.pitch_deg, term.roll_deg),
+    name="tilt_offset",
+    words="the tilts by which the compass is compensated have constant errors",
+    literature="Z (offset)/H, in B and C of von Appen 2015, eq. (1), but for what the lean changes",
+    detector="vertical velocities that follow the flow in the body, or a level deck",
+    pitch_deg=parameter("degrees", "pitch given minus true", 0.2),
+    roll_deg=parameter("degrees", "roll given minus true", 0.2),
+)  # fmt: skip
+StuckTilt = _tilt(
+    "StuckTilt",
+    "While the tilts are stuck, the compass is levelled without the tilt that the flow predicts for the instrument.",
+    lambda term, x, scene: _levelled(x, scene, *(-term.share * scene.departures[name] for name in term.needs)),
+    name="stuck_tilt", needs=("lean_pitch", "lean_roll"),
+    words="the tilt sensors are stuck, and the compass is compensated with their last values",
+    literature="physics page, section 4: n = T(stuck) m; 1: all of the lean that the flow foretells",
+    share=parameter("1", "share of the predicted lean", 0.05, usual=1.0),
+)  # fmt: skip

@@ -26,8 +26,8 @@ from compasslib.deviation.doubts import (
 )
 from compasslib.deviation.model import DeviationFit
 from compasslib.effects import CATALOGUE
-from compasslib.effects.earth import DeclinationError
 from compasslib.effects.readout import MountingOffset
+from compasslib.effects.reference import DeclinationError
 from compasslib.inference import product as products
 from compasslib.inference import wording
 from compasslib.inference.comparison import Comparison, build_finding

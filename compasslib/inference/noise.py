@@ -18,8 +18,8 @@ import numpy as np
 
 from compasslib import angles
 from compasslib.calibrations import observatory
-from compasslib.effects.earth import IndexedDisturbance
 from compasslib.effects.effect import DAY_S
+from compasslib.effects.reference import IndexedDisturbance
 from compasslib.inference import covariates, current, finding
 from compasslib.inference.comparison import CANCELS, LongComparison, build_finding, equal_chances, tide_waves
 from compasslib.inference.design import FittedModel

@@ -1,13 +1,12 @@
-"""Figures of a calibration: the deviation with its curves and residuals, and the certificate.
+"""Figures of a calibration: deviation with its curves, certificate, tilt, magnetometer, observatory declination.
 
 They draw what is available: recorded_deg, deviation_deg and residual_deg of the points, the table, and ``models``.
-Those of other kinds are in ``instruments``.
 """
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,35 +23,44 @@ from compasslib.calibrations import MODELS
 from compasslib.calibrations.curves import harmonic_design
 from compasslib.calibrations.result import LETTERS
 from compasslib.calibrations.swing import adjustment
-from compasslib.deviation.series import series_design
-from compasslib.plots import instruments
-from compasslib.plots.instruments import BAND, POINT, TURN_DEG
+from compasslib.deviation.series import series_design, series_deviation
 from compasslib.plots.page import (
+    BAND,
     BLACK,
     BLUE,
+    CORRECTED,
     GREEN,
     GREY,
     ORANGE,
     PURPLE,
+    RECORDED,
     SKY,
     VERMILION,
     WIDE_IN,
+    dates,
     degrees,
     empty,
+    find_gaps,
     legend,
     nearest_turn,
     page,
     signed,
 )
 from compasslib.statistics.resampling import NORMAL_95
-from compasslib.types import Floats
+from compasslib.types import DAY_S, Floats
 
 COLOURS = {"smith": GREEN, "exact": SKY, "polynomial": ORANGE, "one_cycle": PURPLE, "empirical": BLUE}
 PALE_BAND: dict[str, Any] = BAND | {"alpha": 0.22}
 LIMIT: dict[str, Any] = {"color": VERMILION, "linewidth": 0.8, "linestyle": "--"}
 EDGE: dict[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (4, 2))}
+DOT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.6, "markeredgewidth": 0}
+POINT: dict[str, Any] = DOT | {"markersize": 3.5, "color": BLACK}
+SERIES: dict[str, Any] = {"color": BLACK, "linestyle": (0, (2.5, 1.5)), "linewidth": 1.0}
+MODEL: dict[str, Any] = {"color": GREY, "linewidth": 1.2, "linestyle": (0, (4, 2))}
+STORM: dict[str, Any] = {"color": VERMILION, "alpha": 0.18, "linewidth": 0}
 MOST_BARS, LOG = 100, 1000  # points above which no error bars are drawn, and of a log that may have spikes
-GAMMA, DEVIATION = "Recorded heading γ (° magnetic)", "Deviation β − γ (°)"
+TURN_DEG = np.arange(0.0, 361.0, 1.0)
+GAMMA, DEVIATION, FILE_UNIT = "Recorded heading γ (° magnetic)", "Deviation β − γ (°)", "(file's unit)"
 
 
 def draw_figure(figure: str, path: str | Path, shown: StoredCalibration) -> None:
@@ -61,7 +69,14 @@ def draw_figure(figure: str, path: str | Path, shown: StoredCalibration) -> None
     if draw := common.get(figure):
         draw(path, shown)
     else:
-        getattr(instruments, f"draw_{figure}")(path, shown)
+        {"tilt": draw_tilt, "magnetometer": draw_magnetometer, "series": draw_series}[figure](path, shown)
+
+
+def _by_heading(axes: Axes, label: str = DEVIATION) -> None:
+    """Label axes of a quantity by recorded heading, with a line at zero."""
+    axes.axhline(0.0, color=BLACK, linewidth=0.6)
+    degrees(axes.xaxis, (0.0, 360.0))
+    axes.set(xlabel=GAMMA, ylabel=label)
 
 
 def draw_deviation(path: str | Path, shown: StoredCalibration) -> None:
@@ -83,8 +98,7 @@ def draw_deviation(path: str | Path, shown: StoredCalibration) -> None:
             edges = [below.axhline(edge, **EDGE) for edge in (-expanded, expanded)]
             edges[0].set_label("expanded uncertainty (k = 2)")
             handles.append(edges[0])
-            below.axhline(0.0, color=BLACK, linewidth=0.6)
-            below.set(xlabel=GAMMA, ylabel="Observed minus\ncurve (°)")
+            _by_heading(below, "Observed minus\ncurve (°)")
         figure.align_ylabels()
         legend(figure, handles, columns=1)
 
@@ -116,8 +130,7 @@ def deviation_panel(axes: Axes, shown: StoredCalibration) -> list[Artist]:
         handles.append(Patch(**PALE_BAND, label="95 % interval, budget included"))
     if not models and table.heading_deg.size:
         axes.plot(heading, np.append(table.deviation_deg, table.deviation_deg[0]), color=GREEN)
-        name = MODELS.get(content["model"], content["model"])
-        handles.append(Line2D([], [], color=GREEN, label=name))
+        handles.append(Line2D([], [], color=GREEN, label=MODELS.get(content["model"], content["model"])))
     for name in sorted(models, key=lambda name: name == content["model"]):  # the chosen one lies on top
         chosen = name == content["model"]
         recorded, off = _curve(name, models[name]["coefficients"], shown)
@@ -130,9 +143,7 @@ def deviation_panel(axes: Axes, shown: StoredCalibration) -> list[Artist]:
     low, high = float(np.nanmin(np.concatenate(ends))), float(np.nanmax(np.concatenate(ends)))
     room = max(0.08 * (high - low), 0.5)
     axes.set_ylim(low - room, high + room)
-    axes.axhline(0.0, color=BLACK, linewidth=0.6)
-    degrees(axes.xaxis, (0.0, 360.0))
-    axes.set(xlabel=GAMMA, ylabel=DEVIATION)
+    _by_heading(axes)
     return handles
 
 
@@ -166,20 +177,12 @@ def draw_compared(path: str | Path, shown: StoredCalibration) -> None:
         for colour, each in zip(cycle((BLACK, SKY, ORANGE, GREEN, PURPLE, BLUE, VERMILION)), curves):
             letters = np.nan_to_num(np.array(list(each["coefficients"].values()), dtype=float))
             axes.plot(TURN_DEG, series_design(TURN_DEG) @ letters, color=colour)
-            label, phase, size = (
-                textwrap.shorten(each["name"], 20, placeholder="…"),
-                each["phase_deg"],
-                each["amplitude_deg"],
-            )
-            if each is curves[0]:
-                label += " (first)"
-            else:
-                shift = (
-                    f"shift {signed(phase['shift'], '+.0f')}° ± {2.0 * phase['sigma']:.0f}°" if phase else "no phase"
-                )
-                label += f": {shift}"
-                if size:
-                    label += f", amplitude {signed(size['difference'], '+.1f')}° ± {2.0 * size['sigma']:.1f}°"
+            name, texts = textwrap.shorten(each["name"], 20, placeholder="…"), ["no phase"]
+            if phase := each["phase_deg"]:
+                texts = [f"shift {signed(phase['shift'], '+.0f')}° ± {2.0 * phase['sigma']:.0f}°"]
+            if size := each["amplitude_deg"]:
+                texts.append(f"amplitude {signed(size['difference'], '+.1f')}° ± {2.0 * size['sigma']:.1f}°")
+            label = f"{name} (first)" if each is curves[0] else f"{name}: {', '.join(texts)}"
             handles.append(Line2D([], [], color=colour, label=label))
         if not curves:
             empty(axes, words="no curves")
@@ -187,9 +190,7 @@ def draw_compared(path: str | Path, shown: StoredCalibration) -> None:
         if {"recorded_deg", "deviation_deg"} <= set(points):
             axes.plot(points["recorded_deg"], points["deviation_deg"], **_point(len(points["recorded_deg"])))
             handles.append(Line2D([], [], **POINT, label="readings of the last"))
-        axes.axhline(0.0, color=BLACK, linewidth=0.6)
-        degrees(axes.xaxis, (0.0, 360.0))
-        axes.set(xlabel=GAMMA, ylabel=DEVIATION)
+        _by_heading(axes)
         legend(figure, handles, columns=1)
 
 
@@ -211,8 +212,6 @@ def draw_certificate(path: str | Path, shown: StoredCalibration) -> None:
             offset = (0.0, -72.0 * LINE_IN * line)
             below.annotate("\n".join(lines), (across, 1.0), offset, family=family, **TEXT)
 
-
-# Text of a certificate: date, place and model, coefficients, uncertainty budget, and table of deviations.
 
 LINE_IN = 0.131  # line height of this text
 UNKNOWN, SPACE = "–", " " * 8
@@ -254,10 +253,7 @@ def writing(shown: StoredCalibration) -> Writing:
 
 def _about(content: Mapping[str, Any]) -> list[str]:
     place, field = content["place"], content["place"]["field"]
-    where = UNKNOWN
-    if place["latitude"] is not None:
-        north, east = place["latitude"], float(angles.wrap180(place["longitude"]))
-        where = f"{abs(north):.4f}° {'N' if north >= 0 else 'S'}, {abs(east):.4f}° {'E' if east >= 0 else 'W'}"
+    where = UNKNOWN if place["latitude"] is None else angles.position(place["latitude"], place["longitude"])
     strength = UNKNOWN if field is None else f"H {field['horizontal_nT']:.0f} nT, Z {field['vertical_nT']:.0f} nT"
     late, model = content["lag_s"] if content.get("delay") else None, MODELS.get(content["model"], content["model"])
     return [
@@ -299,3 +295,195 @@ def _table(shown: StoredCalibration, columns: int = 3) -> list[str]:
 
 def _number(value: float | None, form: str) -> str:
     return UNKNOWN if value is None or not np.isfinite(value) else format(value, form)
+
+
+# Figures of one kind of calibration.
+
+
+def draw_tilt(path: str | Path, calibration: StoredCalibration) -> None:
+    """Draw the corrections of pitch and roll against the recorded tilt, with the curves and their 95 % band."""
+    axes, points = calibration.content.get("axes", {}), calibration.points
+    with page(path, 3.0) as figure:
+        for k, (panel, axis) in enumerate(zip(figure.subplots(1, 2, sharey=True), ("pitch", "roll"), strict=True)):
+            here, fit = points.get("axis", np.zeros(0)) == k, axes.get(axis, {})
+            if "coefficients" not in fit:
+                empty(panel, words=f"{axis}: no curve")
+                continue
+            panel.axhline(0.0, color=BLACK, linewidth=0.6)
+            low, high = fit["recorded_range_deg"]
+            along = np.linspace(low, high, 101)
+            design = np.vander(along, len(fit["coefficients"]), increasing=True)
+            curve = design @ list(fit["coefficients"].values())
+            variance = np.einsum("ni,ij,nj->n", design, np.array(fit["covariance"]), design) + fit["common_deg"] ** 2
+            half = NORMAL_95 * np.sqrt(variance)
+            panel.fill_between(along, curve - half, curve + half, **BAND)
+            panel.plot(along, curve, color=GREEN)
+            panel.plot(points["recorded_tilt_deg"][here], points["correction_deg"][here], **POINT)
+            panel.set_xlabel(f"Recorded {axis} (°)")
+        figure.axes[0].set_ylabel("Correction (°)")
+        handles = [
+            Line2D([], [], **POINT, label="reference minus recorded tilt"),
+            Line2D([], [], color=GREEN, label="fitted curve"),
+            Patch(**BAND, label="95 % interval, budget included"),
+        ]
+        legend(figure, handles, columns=1)
+
+
+def draw_magnetometer(path: str | Path, calibration: StoredCalibration) -> None:
+    """Draw readings before and after calibration, the modulus against the heading, and the deviation."""
+    points, table = calibration.points, calibration.table
+    if not points:
+        with page(path, 1.0) as figure:
+            empty(figure.subplots(), words="nothing fitted")
+        return
+    rows = ["ab", "cc"]
+    if "recorded_deg" in points or table.heading_deg.size:  # the correction needs the dip, or headings
+        rows += ["dd"]
+    with page(path, 2.2 * len(rows)) as figure:
+        panels = list(figure.subplot_mosaic("\n".join(rows), height_ratios=(1.1, 1, 1)[: len(rows)]).values())
+        if calibration.content["field_is"] == "horizontal":
+            _draw_level_plane(panels[0], calibration)
+            if "z" in points:
+                panels[1].plot(points["recorded_deg"], points["z"], **_dots(RECORDED, len(points["z"])))
+                degrees(panels[1].xaxis, (0.0, 360.0))
+                panels[1].set(xlabel="Recorded heading γ (°)", ylabel=f"z {FILE_UNIT}")
+            else:
+                empty(panels[1], words="no z")
+        else:
+            _draw_plane(panels[0], calibration, ("x", "y"))
+            _draw_plane(panels[1], calibration, ("x", "z"))
+        _draw_modulus(panels[2], calibration)
+        if len(panels) > 3:
+            _draw_correction(panels[3], calibration)
+        dot = DOT | {"markersize": 4.0}
+        handles: list[Artist] = [
+            Line2D([], [], **dot, color=RECORDED, label="before"),
+            Line2D([], [], **dot, color=CORRECTED, label="after"),
+            Line2D([], [], color=VERMILION, linewidth=1.0, label=f"fitted {calibration.content['model']}"),
+            Line2D([], [], color=BLACK, linewidth=1.0, label="without iron"),
+        ]
+        if table.heading_deg.size:
+            handles += [Line2D([], [], color=GREEN, label="exact correction"), Patch(**BAND, label="95 % band")]
+            handles += [Line2D([], [], **SERIES, label="five-term series")]
+        legend(figure, handles)
+
+
+def _draw_level_plane(axes: Axes, calibration: StoredCalibration) -> None:
+    """Draw the levelled field q = X - iY in the frame of a compass that turns about the vertical."""
+    points, size = calibration.points, calibration.content["field_in_file_unit"]
+    exact = np.array([*calibration.content["exact"]["coefficients"].values()])
+    before = points["modulus"] * angles.phasor(points["recorded_deg"])
+    after = points["modulus_corrected"] * angles.phasor(points["corrected_deg"])
+    fitted, circle = size * compass.level_field(exact, TURN_DEG), size * angles.phasor(TURN_DEG)
+    readings = [np.stack([field.real, -field.imag]) for field in (before, after)]
+    outlines = [np.stack([field.real, -field.imag]) for field in (fitted, circle)]
+    _draw_field(axes, readings, outlines, ("Forward", "Starboard"))
+
+
+def _draw_plane(axes: Axes, calibration: StoredCalibration, names: tuple[str, str]) -> None:
+    """Draw the readings in a plane, with the outlines of the ellipsoid b + F S u, |u| = 1, and of the sphere F u."""
+    points, details = calibration.points, calibration.content
+    index = ["xyz".index(name) for name in names]
+    size, centre, rows = details["field_in_file_unit"], np.array(details["hard_iron"])[index], details["soft_iron"]
+    soft = np.array([[float(i == j) if s is None else s for j, s in enumerate(row)] for i, row in enumerate(rows)])
+    circle = np.stack(angles.sin_cos(TURN_DEG))
+    ellipse = centre[:, None] + size * np.linalg.cholesky((soft @ soft.T)[np.ix_(index, index)]) @ circle
+    readings = [np.stack([points[name + ending] for name in names]) for ending in ("", "_corrected")]
+    _draw_field(axes, readings, [ellipse, size * circle], names)
+
+
+def _draw_field(axes: Axes, readings: Sequence[Floats], outlines: Sequence[Floats], names: tuple[str, str]) -> None:
+    for field, colour in zip(readings, (RECORDED, CORRECTED), strict=True):
+        axes.plot(*field, **_dots(colour, field.shape[1]))
+    for outline, colour in zip(outlines, (VERMILION, BLACK), strict=True):
+        axes.plot(*outline, color=colour, linewidth=1.0)
+    for line in (axes.axhline, axes.axvline):
+        line(0.0, color=BLACK, linewidth=0.4)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel=f"{names[0]} {FILE_UNIT}", ylabel=f"{names[1]} {FILE_UNIT}")
+
+
+def _draw_modulus(axes: Axes, calibration: StoredCalibration) -> None:
+    """Draw the departure of the modulus from its mean, percent, against the heading if there is one."""
+    points = calibration.points
+    axes.axhline(0.0, color=BLACK, linewidth=0.7)
+    axes.set(xlabel="Reading", ylabel=f"{calibration.content['field_is'].capitalize()} modulus\noff its mean (%)")
+    looks = (("modulus", "recorded_deg", RECORDED), ("modulus_corrected", "corrected_deg", CORRECTED))
+    for column, heading, colour in looks:
+        off = 100.0 * (points[column] / points[column].mean() - 1.0)
+        along = points.get(heading, np.arange(len(off), dtype=float))
+        axes.plot(along, off, **_dots(colour, len(off)))
+        if heading in points:
+            sector = (along // angles.SECTOR_DEG).astype(int)
+            count, total = (np.bincount(sector, weights, minlength=36) for weights in (None, off))
+            middle = angles.SECTOR_DEG * (np.arange(36) + 0.5)
+            axes.plot(middle, np.where(count >= 3, total / np.maximum(count, 1), np.nan), color=colour)
+            degrees(axes.xaxis, (0.0, 360.0))
+            axes.set_xlabel("Heading, recorded or corrected (°)")
+
+
+def _draw_correction(axes: Axes, calibration: StoredCalibration) -> None:
+    """Draw the deviation against the recorded heading: readings, exact curve with its 95 % band, five-term series."""
+    points, table = calibration.points, calibration.table
+    if "recorded_deg" in points:
+        recorded, deviation = points["recorded_deg"], points["deviation_deg"]
+        axes.plot(recorded, deviation, **_dots(CORRECTED, len(recorded)))
+    if table.heading_deg.size:
+        heading, value, sigma = (np.append(v, v[0]) for v in (table.heading_deg, table.deviation_deg, table.sigma_deg))
+        heading[-1] = 360.0
+        axes.fill_between(heading, value - NORMAL_95 * sigma, value + NORMAL_95 * sigma, **BAND)
+        axes.plot(heading, value, color=GREEN)
+        axes.plot(
+            TURN_DEG, series_deviation(np.array([*calibration.content["coefficients"].values()]), TURN_DEG), **SERIES
+        )
+    _by_heading(axes)
+
+
+def _dots(colour: str, count: int) -> dict[str, Any]:
+    """Choose the style of a number of readings, paler if there are many."""
+    return DOT | {"color": colour, "alpha": float(np.clip(12.0 / np.sqrt(max(count, 1)), 0.12, 0.8))}
+
+
+def draw_series(path: str | Path, calibration: StoredCalibration) -> None:
+    """Draw the observed declination, the model, the model plus a constant, and the quiet-day variation added to it."""
+    quiet = calibration.content["quiet_day"] if calibration.points else None
+    with page(path, 4.8 if quiet else 3.2) as figure:
+        ratios = (1.5, 1.0) if quiet else (1.0,)
+        top, *below = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]
+        if not calibration.points:
+            empty(top)
+            return
+        points, constant = calibration.points, calibration.content["constant_deg"]
+        model, sigma = (
+            calibration.content["model"].removesuffix(" plus a constant"),
+            NORMAL_95 * calibration.content["constant_sigma_deg"],
+        )
+        lines: dict[str, tuple[Floats, dict[str, Any]]] = {
+            "observed": (points["declination_deg"], {"color": BLACK, "linewidth": 0.8}),
+            model: (points["model_deg"], MODEL),
+        }
+        if quiet and calibration.content["days"] <= 10:  # else it cannot be seen
+            varying = points["model_deg"] + constant + points["quiet_day_deg"]
+            lines["with the quiet-day variation"] = (varying, {"color": SKY, "linewidth": 1.0})
+        label = f"{model} {signed(constant, '+.3f')}° ± {sigma:.3f}° (95 %)"
+        lines[label] = (points["model_deg"] + constant, {"color": GREEN, "linewidth": 1.2})
+        gaps, handles = find_gaps(points["time_s"]), list[Artist]()
+        days = np.insert(points["time_s"] / DAY_S, gaps, np.nan)
+        for label, (values, look) in lines.items():
+            handles += top.plot(days, np.insert(values, gaps, np.nan), **look, label=label)
+        storms = calibration.content["storms"]
+        for storm in storms:
+            ends = (np.datetime64(storm[end].removesuffix("Z"), "s").astype(float) / DAY_S for end in ("from", "to"))
+            top.axvspan(*ends, **STORM)
+        if storms:
+            largest = max(storm["range_deg"] for storm in storms)
+            handles.append(Patch(label=f"storm: {len(storms)}, largest range {largest:.1f}°", **STORM))
+        top.margins(x=0.01)
+        top.set_ylabel("Declination (° east)")
+        dates(top)
+        for axes in below:
+            by_hour = np.array(calibration.content["quiet_day"]["by_hour_deg"])
+            axes.plot(np.arange(24) + 0.5, by_hour, color=SKY, marker="o", markersize=3)
+            axes.axhline(0.0, color=BLACK, linewidth=0.6)
+            axes.set(xlim=(0, 24), xticks=range(0, 25, 3), xlabel="Hour (UTC)", ylabel="Quiet day (°)")
+        legend(figure, handles, columns=1)

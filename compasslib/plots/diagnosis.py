@@ -54,16 +54,6 @@ NOISE: dict[str, Any] = {"color": GREY, "alpha": 0.25, "linewidth": 0}
 LEFT_OUT: dict[str, Any] = {"color": CORRECTED, "alpha": 0.25, "linewidth": 0}
 
 
-def draw_mooring(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
-    """Draw a mooring's diagnosis from the content of its diagnosis.json."""
-    _draw(path, diagnosis, (NAMES, wording.UNITS), dated=True)
-
-
-def draw_calibration(path: str | Path, diagnosis: Mapping[str, Any]) -> None:
-    """Draw a calibration's diagnosis from the content of its diagnosis.json."""
-    _draw(path, diagnosis, (NAMES_OF_CALIBRATIONS, wording.UNITS_OF_CALIBRATIONS), dated=False)
-
-
 def count_outside(diagnosis: Mapping[str, Any]) -> tuple[int, int, int]:
     """Count the bins that are drawn, and those outside the range of noise without and with the identified effects."""
     curves = _shown(diagnosis)
@@ -76,10 +66,9 @@ def _shown(diagnosis: Mapping[str, Any], most: int = 6) -> list[Mapping[str, Any
     return wording.displayed_residuals(diagnosis)[:most]
 
 
-def _draw(
-    path: str | Path, diagnosis: Mapping[str, Any], said: tuple[Mapping[str, str], Mapping[str, str]], *, dated: bool
-) -> None:
-    """Draw all panels, with names and units of the covariates as ``said``; time is UTC if ``dated``, else hours."""
+def draw_diagnosis(path: str | Path, diagnosis: Mapping[str, Any], *, dated: bool) -> None:
+    """Draw the content of diagnosis.json, of a mooring if it is ``dated``, else of a calibration, in hours."""
+    said = (NAMES, wording.UNITS) if dated else (NAMES_OF_CALIBRATIONS, wording.UNITS_OF_CALIBRATIONS)
     curves = _shown(diagnosis)
     proven = [entry for entry in diagnosis["findings"] if entry.get("heldout")]
     short = Rows([_short(entry) for entry in proven])

@@ -64,7 +64,7 @@ Headings {{ span(r.headings.recorded_span_deg) }} recorded
     ),
     Figure(
         "diagnosis",
-        lambda path, m: plots.diagnosis.draw_mooring(path, m.diagnosis),
+        lambda path, m: plots.diagnosis.draw_diagnosis(path, m.diagnosis, dated=True),
         "Residual of the fit",
         "{{ about(r.diagnosis) }}",
         note="Difference from the reference that the fitted compass leaves, in bins, without (orange) and with (blue) the identified effects. The last "
@@ -150,7 +150,7 @@ def _calibration(name: str, title: str, caption: str, *, linked: bool = False) -
 CALIBRATION = (
     Figure(
         "diagnosis",
-        lambda path, m: plots.diagnosis.draw_calibration(path, m.diagnosis),
+        lambda path, m: plots.diagnosis.draw_diagnosis(path, m.diagnosis, dated=False),
         "Residual of the fit",
         "{{ about(d) }}",
     ),

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, MultipleLocator
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from compasslib import angles
@@ -212,16 +212,23 @@ def degrees(axis: Axis, limits: Limits, *, as_is: bool = False) -> None:
         axis.axes.set_ylim(limits)
     axis.set_major_locator(MultipleLocator(step))
     whole_turn = limits == (0.0, 360.0)
-    axis.set_major_formatter(FuncFormatter(lambda x, _: signed(x, ".0f") if as_is else _heading(x, whole_turn)))
+
+    def label(x: float, _: int) -> str:
+        heading = 360.0 if whole_turn and x == 360.0 else float(angles.wrap360(round(x)))
+        return signed(x if as_is else heading, ".0f")
+
+    axis.set_major_formatter(FuncFormatter(label))
+
+
+def find_gaps(time_s: Floats) -> NDArray[np.intp]:
+    """Find the samples before which others are missing, where a line is to be interrupted."""
+    step = np.diff(time_s, prepend=time_s[:1])
+    return np.flatnonzero(step > GAP * np.median(step))
 
 
 def signed(x: float, form: str = "+.1f") -> str:
     """Format a number with a typographic minus sign."""
     return f"{x:{form}}".replace("-", "\N{MINUS SIGN}")
-
-
-def _heading(x: float, whole_turn: bool) -> str:
-    return "360" if whole_turn and x == 360.0 else f"{float(angles.wrap360(round(x))):.0f}"
 
 
 def empty(*panels: Axes, words: str = "no data") -> None:
@@ -235,11 +242,6 @@ def legend(figure: Figure, handles: Sequence[Artist], *, columns: int = 2) -> No
     """Add one legend below all panels, with at most ``columns`` columns."""
     if handles:
         figure.legend(handles=handles, loc="lower center", borderaxespad=0.2, ncols=min(columns, len(handles)))
-
-
-def thinned(count: int, most: int = 10_000) -> slice:
-    """Select evenly spaced samples, less than twice ``most``, as a figure cannot show more."""
-    return slice(None, None, max(1, count // most))
 
 
 def emptiest(angle_deg: ArrayLike, smoothing_deg: float = 25.0) -> float:

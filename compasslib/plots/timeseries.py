@@ -26,7 +26,6 @@ from compasslib.plots.page import (
     CM,
     COLOURS,
     CORRECTED,
-    GAP,
     GREEN,
     LETTERS,
     MAGNETIC,
@@ -39,11 +38,11 @@ from compasslib.plots.page import (
     degrees,
     emptiest,
     empty,
+    find_gaps,
     legend,
     page,
     placed,
     sectors,
-    thinned,
 )
 from compasslib.records import PROBABLY_BAD, CorrectedRecord, Pairs
 from compasslib.statistics.resampling import NORMAL_95
@@ -70,7 +69,8 @@ def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> N
         kind = classify_samples(product)
         _draw_headings(panels[0], panels[1], product, kind)
         _draw_strip(panels[2], record.time_s, pairs, kind)
-        day, depth = with_gaps(record.time_s, record.depth_m)
+        gaps = find_gaps(record.time_s)
+        day, depth = np.insert(record.time_s / DAY_S, gaps, np.nan), np.insert(record.depth_m, gaps, np.nan)
         panels[3].set_ylabel("Depth\n(m)")
         if np.isfinite(depth).any():
             panels[3].plot(day, depth, color="#444444", linewidth=0.7)
@@ -94,16 +94,9 @@ def classify_samples(product: CorrectedRecord) -> NDArray[np.str_]:
     return np.where(np.isfinite(product.record.heading_deg), kind, "")
 
 
-def with_gaps(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Return days since 1970 and values of a line that is interrupted where samples are missing."""
-    step = np.diff(time_s, prepend=time_s[0])
-    gaps = np.flatnonzero(step > GAP * np.median(step))
-    return np.insert(time_s / DAY_S, gaps, np.nan), np.insert(values, gaps, np.nan)
-
-
 def _draw_headings(above: Axes, below: Axes, product: CorrectedRecord, kind: NDArray[np.str_]) -> None:
     """Draw recorded and corrected headings on axes that are cut at the same heading."""
-    thin = thinned(len(kind))
+    thin = slice(None, None, max(1, len(kind) // 10_000))  # a figure cannot show more
     recorded, corrected = product.record.heading_deg[thin], product.heading_corrected_deg[thin]
     begin = emptiest(np.concatenate([recorded, corrected]))
     day, kind, sigma = product.record.time_s[thin] / DAY_S, kind[thin], product.heading_uncertainty_deg[thin]
@@ -127,7 +120,10 @@ def _draw_headings(above: Axes, below: Axes, product: CorrectedRecord, kind: NDA
 
 def _draw_strip(axes: Axes, time_s: Floats, pairs: Pairs, kind: NDArray[np.str_]) -> None:
     """Draw the daily share of each kind of sample, and above it the days with pairs."""
-    edges = time_slices(time_s)
+    first, last = float(time_s[0]), float(time_s[-1])
+    step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
+    width = min(DAY_S, max((last - first) / 60, 2.0 * step))  # shorter slices in a short record
+    edges = first + width * np.arange(int((last - first) / width) + 2)
     counts = [np.histogram(time_s[kind == k], edges)[0] for k in KINDS]
     tops = 100.0 * np.cumsum(counts, axis=0) / np.maximum(np.sum(counts, axis=0), 1)
     paired = np.histogram(pairs.time_s, edges)[0] > 0
@@ -137,14 +133,6 @@ def _draw_strip(axes: Axes, time_s: Floats, pairs: Pairs, kind: NDArray[np.str_]
         # Axes.stairs computes its data limits step by step, but here the limits are set explicitly.
         axes.add_artist(StepPatch(top, edges / DAY_S, baseline=bottom, fill=True, color=colour, linewidth=0))
     axes.set(ylim=(0.0, 140.0), yticks=[0.0, 100.0], ylabel="Samples\n(%)")
-
-
-def time_slices(time_s: Floats, least: int = 60) -> Floats:
-    """Compute the edges of daily time slices, of ``least`` shorter ones in a short record, seconds since 1970."""
-    first, last = float(time_s[0]), float(time_s[-1])
-    step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
-    width = min(DAY_S, max((last - first) / least, 2.0 * step))
-    return first + width * np.arange(int((last - first) / width) + 2)
 
 
 # Currents.

@@ -34,41 +34,28 @@ class ClockOffset:
         return replace(record, time_s=record.time_s - HOUR_S * self.ahead_h) if self.ahead_h else record
 
 
-@dataclass(frozen=True)
-class LaggedProducts:
-    """Products of the two high-passed speeds in windows of two days at each hourly lag."""
-
-    sums: Floats  # (w, k), whose sum over windows is the correlation
-    lags_h: NDArray[np.intp]  # (k,)
-    shared: Bools  # (w,) whether both measured in the window
-    whole: float  # correlation of the speeds before high-passing, clocks as stated
-
-    def best(self, allowed: Bools) -> int:
-        """Find the index of the best lag among those allowed, (k,)."""
-        return int(np.argmax(np.where(allowed, self.sums.sum(axis=0), -np.inf)))
-
-
 def compare_speeds(upper: SpeedSeries, lower: SpeedSeries) -> ClockOffset:
     """Estimate the clock offset of the affected instrument (upper) and a reference from their current speeds."""
     sigmas = 4.0  # normal score by which a lag must fit better than any other
     near_h = 6  # half-width of a peak; the next tidal alias is 12 hours away
     if not (len(upper[0]) and len(lower[0])) or (products := _multiply(upper, lower)) is None:
         return ClockOffset()
-    lags_h, sums = products.lags_h, products.sums
+    sums, both, whole = products
+    lags_h, correlation = np.arange(sums.shape[1]) - sums.shape[1] // 2, sums.sum(axis=0)
     # Currents are delayed by up to an hour between two depths.
-    stated, best = products.best(np.abs(lags_h) <= 1), products.best(np.isfinite(lags_h))
+    stated, best = int(np.argmax(np.where(np.abs(lags_h) <= 1, correlation, -np.inf))), int(np.argmax(correlation))
     step_s = max(float(np.median(np.diff(time_s))) for time_s, _ in (upper, lower))
     searched = step_s <= 2 * HOUR_S and abs(lags_h[best]) <= near_h  # the search resolves these more finely
     if searched or _score(sums[:, best] - sums[:, stated]) <= sigmas:
-        shared = sums[products.shared, stated]
-        if _score(shared) > 3.0 or products.whole > 0.5 or len(shared) < 30:
+        shared = sums[both, stated]
+        if _score(shared) > 3.0 or whole > 0.5 or len(shared) < 30:
             return ClockOffset()
         why = (
             f"the speeds of the two instruments are uncorrelated ({shared.sum():.2f}) at any clock offset within "
             f"{lags_h[-1] // 24} days: check that both files are of this mooring and this year"
         )
         return ClockOffset(uncorrelated=why)
-    rival = products.best(np.abs(lags_h - lags_h[best]) > near_h)
+    rival = int(np.argmax(np.where(np.abs(lags_h - lags_h[best]) > near_h, correlation, -np.inf)))
     sure = abs(lags_h[best]) < lags_h[-1] and _score(sums[:, best] - sums[:, rival]) > sigmas
     lag_h, first, second = int(lags_h[best]), float(sums[:, best].sum()), float(sums[:, stated].sum())
     done = "pairs were made after correcting it" if sure else "not surely, and nothing was corrected"
@@ -81,8 +68,13 @@ def compare_speeds(upper: SpeedSeries, lower: SpeedSeries) -> ClockOffset:
     return ClockOffset(float(lag_h) if sure else 0.0, (warning,))
 
 
-def _multiply(upper: SpeedSeries, lower: SpeedSeries) -> LaggedProducts | None:
-    """Compute the lagged products of both series, for lags up to 45 days; None if they are too short."""
+def _multiply(upper: SpeedSeries, lower: SpeedSeries) -> tuple[Floats, Bools, float] | None:
+    """Multiply the two high-passed speeds in windows of two days, at each hourly lag up to 45 days.
+
+    Returns:
+        Products, (w, k), whose sum over windows is the correlation; whether both measured in each window, (w,); and
+        the correlation before high-passing, clocks as stated. None if the series are too short.
+    """
     window_h = 48  # high-passed speeds decorrelate within half a day
     first_s = float(min(upper[0][0], lower[0][0]))
     hours = 1 + round((float(max(upper[0][-1], lower[0][-1])) - first_s) / HOUR_S)
@@ -104,8 +96,7 @@ def _multiply(upper: SpeedSeries, lower: SpeedSeries) -> LaggedProducts | None:
     scale = np.maximum(counts, 0.3 * counts.max())  # so that lags with few common hours do not win by chance
     with np.errstate(invalid="ignore", divide="ignore"):  # a constant series has no correlation
         whole = float(np.corrcoef(upper_speed[both], lower_speed[both])[0, 1])
-    shared = np.add.reduceat(both, edges[:-1]) > 0
-    return LaggedProducts(lagged(x, y) / scale, np.arange(-reach, reach + 1), shared, whole)
+    return lagged(x, y) / scale, np.add.reduceat(both, edges[:-1]) > 0, whole
 
 
 def _hourly(series: SpeedSeries, first_s: float, hours: int) -> tuple[Floats, Floats, Floats]:
@@ -136,8 +127,13 @@ def find_valid_times(record: Record) -> tuple[Bools, dict[str, int], list[str]]:
     """Find samples with a valid time, (n,), count the others, and compose warnings about them."""
     time_s = record.time_s
     finite = np.isfinite(time_s)
-    keep = finite.copy()
-    keep[finite] = ~_outlying(time_s[finite])
+    keep, known = finite.copy(), time_s[finite]
+    if len(known) >= 3:  # single times that are far from both neighbours, which are close to each other
+        slack, steps, across = _slack(known), np.diff(known), known[2:] - known[:-2]
+        apart = (np.abs(steps[:-1]) > slack) & (np.abs(steps[1:]) > slack) & (steps[:-1] * steps[1:] < 0)
+        outlying = np.pad(apart & (across >= 0) & (across <= 2.0 * slack), 1)
+        # Adjacent outliers, as from two recordings interleaved sample by sample, are not single errors.
+        keep[finite] = ~outlying | np.roll(outlying, 1) | np.roll(outlying, -1)
     wild = int(np.sum(~keep))
     index = np.flatnonzero(keep)
     back = np.flatnonzero(np.diff(time_s[index]) < -_slack(time_s[index])) + 1  # by more than jitter
@@ -172,19 +168,6 @@ def _slack(time_s: Floats) -> float:
     """Compute the largest step back, an hour or five usual steps, that is jitter and corrected by sorting."""
     steps = np.abs(np.diff(time_s))
     return max(HOUR_S, 5.0 * float(np.median(steps))) if len(steps) else HOUR_S
-
-
-def _outlying(time_s: Floats) -> Bools:
-    """Find single times that are far from both neighbours, which are close to each other."""
-    outlying = np.zeros(time_s.shape, dtype=bool)
-    if len(time_s) < 3:
-        return outlying
-    slack, steps = _slack(time_s), np.diff(time_s)
-    apart = (np.abs(steps[:-1]) > slack) & (np.abs(steps[1:]) > slack) & (steps[:-1] * steps[1:] < 0)
-    across = time_s[2:] - time_s[:-2]
-    outlying[1:-1] = apart & (across >= 0) & (across <= 2.0 * slack)
-    # Adjacent outliers, as from two recordings interleaved sample by sample, are not single errors.
-    return outlying & ~(np.roll(outlying, 1) | np.roll(outlying, -1))
 
 
 def _clashes(run: NDArray[np.intp], earlier: list[NDArray[np.intp]], record: Record) -> bool:
@@ -225,11 +208,15 @@ def _span(time_s: Floats) -> str:
 Indices = NDArray[np.intp]
 
 
+def _neighbours(series_s: Floats, at_s: Floats) -> tuple[Indices, Indices]:
+    """Find the indices of the samples before and after each time, (k,); both the same in a series of one."""
+    right = np.clip(np.searchsorted(series_s, at_s), 1, max(len(series_s) - 1, 1))
+    return right - 1, np.minimum(right, len(series_s) - 1)
+
+
 def nearest_index(series_s: Floats, at_s: Floats) -> Indices:
     """Find the index of the sample nearest to each time, (k,); the series must not be empty."""
-    right = np.clip(np.searchsorted(series_s, at_s), 1, max(len(series_s) - 1, 1))
-    left = right - 1
-    right = np.minimum(right, len(series_s) - 1)
+    left, right = _neighbours(series_s, at_s)
     return np.where(at_s - series_s[left] <= series_s[right] - at_s, left, right)
 
 
@@ -255,9 +242,7 @@ def interpolate_series(series_s: Floats, values: NDArray, at_s: Floats, *, toler
     """
     if not len(series_s):
         return np.full(len(at_s), np.nan, dtype=values.dtype)
-    near = nearest_index(series_s, at_s)
-    right = np.clip(np.searchsorted(series_s, at_s), 1, max(len(series_s) - 1, 1))
-    right, left = np.minimum(right, len(series_s) - 1), right - 1
+    near, (left, right) = nearest_index(series_s, at_s), _neighbours(series_s, at_s)
     gap = series_s[right] - series_s[left]
     bridged = (gap > 0) & (gap <= 2.0 * tolerance_s) & (at_s >= series_s[left]) & (at_s <= series_s[right])
     weight = np.where(bridged, (at_s - series_s[left]) / np.where(gap > 0, gap, 1.0), 0.0)
@@ -268,8 +253,6 @@ def interpolate_series(series_s: Floats, values: NDArray, at_s: Floats, *, toler
 
 def common_phase(time_s: Floats, step_s: float) -> float:
     """Estimate the common phase of the samples within a step, seconds."""
-    turn = np.exp(2j * np.pi * (time_s % step_s) / step_s)
-    mean = turn.mean()
-    if abs(mean) < 0.1:  # sampled several times per step: no common phase
-        return 0.0
-    return float(np.angle(mean) / (2 * np.pi) * step_s)
+    mean = np.exp(2j * np.pi * (time_s % step_s) / step_s).mean()
+    # Without a common phase where a step has several samples.
+    return 0.0 if abs(mean) < 0.1 else float(np.angle(mean) / (2 * np.pi) * step_s)

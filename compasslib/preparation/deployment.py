@@ -18,7 +18,7 @@ from compasslib.preparation.clocks import check_coverage, find_valid_times, same
 from compasslib.preparation.quality import MASKS, Thresholds, flag_quality, flag_velocities
 from compasslib.readers import table
 from compasslib.records import BAD, MAGNETOMETER, MISSING, Record, take
-from compasslib.types import Bools, Floats
+from compasslib.types import Floats
 
 
 def apply_deployment(
@@ -77,7 +77,6 @@ def apply_deployment(
         quality=np.where(missing, MISSING, record.quality).astype(np.int8),
     )
     record = flag_quality(record, water_depth, affected=affected, thresholds=Thresholds(**(quality or {})))
-    record = check_orientation(record, water_depth)
     bad = np.zeros(len(record.time_s), dtype=bool)
     for begin, end in exclude:
         bad |= (record.time_s >= begin) & (record.time_s <= end)
@@ -131,37 +130,6 @@ def describe_record(name: str, role: str, record: Record) -> str:
     counted = ", ".join(f"{key} {number}" for key, number in record.counts.items() if number)
     line = f"{name} {role}: {record.east.shape[0]} samples of {record.east.shape[1]} bins ({counted})"
     return "\n".join([line, *(f"{name} {role}: warning: {warning}" for warning in record.warnings)])
-
-
-def check_orientation(record: Record, water_depth: float) -> Record:
-    """Count the samples whose echo shows surface or bottom, and warn if most show the one that it does not look at.
-
-    A boundary at a distance h appears first in the side lobes, in the bin at h cos(beam angle), and then in the beams
-    themselves, in the bin at h. There is no warning if no echo was recorded, or if both boundaries are equally far.
-    """
-    tolerance = 1.15  # of the distance, for tilt, depth and speed of sound
-    if record.echo_range_m is None or not len(record.time_s):
-        return replace(record, echo_range_m=None)
-    boundary, below = record.echo_range_m[:, 0], water_depth - record.depth_m
-    steps = np.diff(record.bin_range_m[:100])
-    cell = float(np.median(known)) if (known := steps[np.isfinite(steps)]).size else 0.0
-
-    def shown_at(distance: Floats) -> Bools:
-        first = distance * angles.sin_cos(record.beam_angle_deg)[1] / tolerance - cell
-        return np.asarray((boundary >= first) & (boundary <= distance * tolerance + cell))
-
-    facing, opposite = (record.depth_m, below) if record.looks_up else (below, record.depth_m)
-    right, wrong = int(shown_at(facing).sum()), int(np.sum(shown_at(opposite) & ~shown_at(facing)))
-    notes = list[str]()
-    if wrong > len(record.time_s) / 2 and right < wrong / 20:
-        names = ("surface", "bottom") if record.looks_up else ("bottom", "surface")
-        notes.append(
-            f"{wrong} samples show the echo of the {names[1]}, {np.nanmedian(opposite):.0f} m away, and {right} that "
-            f"of the {names[0]}, {np.nanmedian(facing):.0f} m away: it looked the other way; check orientation, depth "
-            "and water_depth"
-        )
-    counts = record.counts | {"echo_of_boundary": right, "echo_of_other_boundary": wrong}
-    return replace(record, echo_range_m=None, counts=counts, warnings=(*record.warnings, *notes))
 
 
 def _inside(record: Record, start_s: float, end_s: float) -> Record:

@@ -10,28 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from compasslib import angles, earthfield
 from compasslib.errors import InputError
-from compasslib.preparation.clocks import (
-    ClockOffset,
-    compare_speeds,
-    grid_indices,
-    interpolate_series,
-    nearest_index,
-)
+from compasslib.preparation.clocks import ClockOffset, compare_speeds, grid_indices, interpolate_series, nearest_index
 from compasslib.preparation.references import find_speed_changes
-from compasslib.preparation.water import (
-    fails_speed_check,
-    predict_water,
-    usable_velocities,
-    veer_of_nearest_bins,
-)
+from compasslib.preparation.water import fails_speed_check, predict_water, usable_velocities, veer_of_nearest_bins
 from compasslib.records import BAD, PROBABLY_GOOD, EarthField, Pairs, Record, take
 from compasslib.statistics import single_threaded
-from compasslib.types import Complexes, Floats
+from compasslib.statistics.resampling import block_sums, blocks_by_span
+from compasslib.types import DAY_S, Complexes, Floats
 
 ENOUGH = 30  # fewest pairs that show one recording, or a wrong frame
 # By (sign, k): the frame of the upper velocities if lower + sign * upper + k * heading (directions) is constant.
@@ -242,19 +233,14 @@ def _trusted_cell(upper: Record, depth: Floats, lower: Record, rules: PairRules)
     towards = (lower.depth_m - (wanted if rules.predict else sphere)) * (1.0 if lower.looks_up else -1.0)
     velocity, at = mean_of_nearest_bins(lower, np.nan_to_num(towards), rules.bins)
     near = np.isfinite(velocity) & (np.abs(at - wanted) < rules.max_metres)
-    return _block_averaged(VelocitySeries(lower.time_s[near], velocity[near], at[near]), 60.0 * rules.max_minutes / 2.0)
-
-
-def _block_averaged(point: VelocitySeries, block_s: float) -> VelocitySeries:
-    """Average a series sampled faster than every 5 minutes (a profiler passing its top) over blocks of time."""
-    if len(point.time_s) < 2 or np.median(np.diff(point.time_s)) >= 300.0:
-        return point
-    block = np.floor(point.time_s / block_s)
-    begins = np.flatnonzero(np.append(True, np.diff(block) > 0))
-    size = np.diff(np.append(begins, len(block)))
-    velocity = np.asarray(np.add.reduceat(point.velocity, begins) / size, dtype=complex)
-    time_s, depth_m = (np.add.reduceat(column, begins) / size for column in (point.time_s, point.depth_m))
-    return VelocitySeries(time_s, velocity, depth_m)
+    time_s, velocity, at = lower.time_s[near], velocity[near], at[near]
+    if len(time_s) < 2 or np.median(np.diff(time_s)) >= 300.0:
+        return VelocitySeries(time_s, velocity, at)
+    # Faster samples, as of a profiler passing its top, are averaged over blocks of time.
+    begins = np.flatnonzero(np.diff(np.floor(time_s / (30.0 * rules.max_minutes)), prepend=-1.0))
+    size = np.diff(np.append(begins, len(time_s)))
+    averaged: list[Any] = [np.add.reduceat(column, begins) / size for column in (time_s, velocity, at)]
+    return VelocitySeries(*averaged)
 
 
 def _heading(lower: Record, time_s: Floats, tolerance_s: float) -> Floats | None:
@@ -321,7 +307,7 @@ def _refuse_other_frame(pairs: Pairs) -> None:
     heading = pairs.heading_deg[fast]
     plain = min(_spread(lower - upper), _spread(lower), _spread(heading))
     others = {(sign, k): _spread(lower + sign * upper + k * heading) for sign, k in OTHER_FRAMES}
-    best = min(others, key=lambda which: others[which])
+    best = min(others, key=others.__getitem__)
     if len(heading) >= ENOUGH and others[best] * 1.8 < plain:
         shown = f"directions that agree with those of the reference only where they are {OTHER_FRAMES[best]}"
         advice = "check coordinates (EX), orientation, and east and north of both instruments"
@@ -341,9 +327,6 @@ def match_ready_pairs(columns: Mapping[str, Floats], scale: float, record: Recor
     """Match ready-made pairs to the nearest samples of the record, dropping those off by over half a sample interval.
 
     Depths and separations are unknown. Both velocities must refer to the same north, true or magnetic.
-
-    Args:
-        columns: time (UTC seconds), heading (degrees), velocities of both instruments by role, (n,) each.
     """
     order = np.argsort(columns["time"], kind="stable")
     rows = {role: column[order] for role, column in columns.items()}
@@ -376,3 +359,73 @@ def match_ready_pairs(columns: Mapping[str, Floats], scale: float, record: Recor
             "headings of both"
         )
     return replace(pairs, warnings=(*pairs.warnings, *notes))
+
+
+# Identification of the affected one of two compasses: a compass error is a function of its own heading.
+#
+# The difference of the directions that two instruments measure is fitted with harmonics of one heading, and the fit is
+# evaluated on held-out blocks. Harmonics of the current direction are always included in the fit: headings follow the
+# current, so current shear would otherwise be mistaken for a deviation.
+
+
+class ExplainedShare(NamedTuple):
+    """Share of the misfit between two directions that a heading explains on held-out data, with standard error."""
+
+    share: float = 0.0
+    sigma: float = np.inf
+
+
+def compare_headings(record: Record, other: Record) -> tuple[ExplainedShare, ExplainedShare] | None:
+    """Compute the share of the difference of directions explained by each heading; None without suitable pairs.
+
+    Both records must be cut to the deployment and have known depths.
+    """
+    empty = np.zeros(2)
+    field = EarthField(np.array([0.0, 1.0]), empty, empty, empty, empty)  # a constant declination has no effect
+    for upper, lower in ((record, other), (other, record)):
+        pairs = find_pairs(upper, [lower], field, PairRules())
+        if not len(pairs) or pairs.lower_heading_deg is None:
+            continue
+        shares = explained_share(pairs, pairs.heading_deg), explained_share(pairs, pairs.lower_heading_deg)
+        return shares if upper is record else shares[::-1]
+    return None
+
+
+def is_affected(explained: ExplainedShare, other_explained: ExplainedShare) -> bool:
+    """Decide whether the first of two compasses is the affected one, by a relevant and significant share."""
+    least = max(0.02, 5.0 * explained.sigma)
+    return explained.share > max(least, 4.0 * other_explained.share)
+
+
+def explained_share(pairs: Pairs, heading_deg: Floats) -> ExplainedShare:
+    """Compute the share of the misfit explained by harmonics of a recorded heading, (n,) degrees.
+
+    The weight of a direction is its speed over the median speed, at most 2.
+    """
+    upper, lower = pairs.flows
+    turned = angles.argument(upper * np.conj(lower))
+    turned = angles.difference(turned, angles.mean(turned))
+    slower = np.minimum(np.abs(upper), np.abs(lower))
+    weight = np.minimum(slower / np.median(slower), 2.0)
+    known = np.isfinite(turned) & np.isfinite(heading_deg) & (slower > 0.0)
+    block = blocks_by_span(pairs.time_s[known], 5 * DAY_S)  # eddies and tides decorrelate in less
+    if len(np.unique(block)) < 12:
+        return ExplainedShare()
+    middle = angles.argument((upper / np.abs(upper) + lower / np.abs(lower))[known])
+    current = np.column_stack([np.ones(known.sum()), _harmonics(middle)])
+    both = np.column_stack([current, _harmonics(heading_deg[known])])
+    turned, weight, misfits = turned[known], weight[known], []
+    for columns in (current, both):  # weighted mean misfit of each block under a fit to the other folds, degrees
+        left = np.empty(len(turned))
+        for fold in range(8):
+            out = block % 8 == fold
+            rows = weight[~out, None]
+            coefficients = np.linalg.lstsq(rows * columns[~out], weight[~out] * turned[~out], rcond=1e-6)[0]
+            left[out] = weight[out] * np.abs(turned[out] - columns[out] @ coefficients)
+        misfits.append(block_sums(left, block) / block_sums(np.ones(len(left)), block))
+    gain = 1.0 - misfits[1] / misfits[0]
+    return ExplainedShare(float(gain.mean()), float(gain.std(ddof=1) / np.sqrt(len(gain))))
+
+
+def _harmonics(angle_deg: Floats) -> Floats:
+    return np.column_stack([part for order in (1, 2) for part in angles.sin_cos(order * angle_deg)])

@@ -32,7 +32,6 @@ class Thresholds:
     side_lobe: bool = True  # whether to flag cells contaminated by side-lobe echoes from surface or bottom
 
 
-DEFAULT_THRESHOLDS = Thresholds()
 # Defaults of the instruments, commands WC and WE of the WorkHorse and Sentinel V manuals (Teledyne RDI 2015, 2017);
 # the reader of Signature files applies Nortek's 50 %.
 _RDI = {"correlation": 64.0, "error_velocity": 2.0}
@@ -87,11 +86,6 @@ def _spikes(record: Record, most: float, _: float) -> Bools:
         off = np.abs(flow[here, k] - np.nanmedian(window.real, axis=1) - 1j * np.nanmedian(window.imag, axis=1))
         failed[here, k] = (off > most * 1.4826 * np.median(off)) & (np.median(off) > 0.0)
     return failed
-
-
-def _impossible_depth(record: Record, _: None, water_depth: float) -> Bools:
-    """Find depths above the surface, or below the bottom, by more than offsets of sensors and errors of charts."""
-    return ((record.depth_m < -10.0) | (record.depth_m > 1.2 * water_depth))[:, None]
 
 
 def _on_deck(record: Record, _: None, water_depth: float) -> Bools:
@@ -154,7 +148,8 @@ CHECKS = (  # in the order of their bits
     Check("steep_tilt", "imos_tilt",
           lambda record, most, _: (np.fmax(np.abs(record.pitch_deg), np.abs(record.roll_deg)) > most)[:, None],
           threshold="tilt_deg", sentence="tilted too far", heading=True),
-    Check("impossible_depth", "imos_impossible_depth", _impossible_depth,
+    Check("impossible_depth", "imos_impossible_depth",  # by more than offsets of sensors and errors of charts
+          lambda record, _, depth: ((record.depth_m < -10.0) | (record.depth_m > 1.2 * depth))[:, None],
           sentence="the instrument's depth lies above the surface or below the bottom"),
     Check("out_of_water", "imos_in_out_water", _on_deck, heading=True,
           sentence="out of the water by the instrument's own depth; correct start and end of the deployment"),
@@ -175,10 +170,11 @@ MASKS = {check.count: np.int32(1 << k) for k, check in enumerate(CHECKS)}
 
 
 def flag_quality(
-    record: Record, water_depth: float, *, affected: bool = False, thresholds: Thresholds = DEFAULT_THRESHOLDS
+    record: Record, water_depth: float, *, affected: bool = False, thresholds: Thresholds | None = None
 ) -> Record:
     """Flag and count impossible values, and warn of uninformative sensors, and of the unit of an affected compass."""
-    record, limits = _flag_read(record, thresholds.percent_good), asdict(thresholds)
+    limits = asdict(thresholds or Thresholds())
+    record = _flag_read(record, limits["percent_good"])
     for check in CHECKS:
         limit = limits.get(check.threshold)
         absent = (check.threshold and limit is None) or (check.profile and check.profile not in record.profiles)
@@ -187,7 +183,14 @@ def flag_quality(
                 failed = check.failed(record, limit, water_depth)
             record = flag_velocities(record, failed, check.count, check.sentence.format(**limits))
             record = flag_headings(record, failed[:, 0]) if check.heading else record
-    record = _flag_heading_fills(_flag_stuck_headings(record))
+    # Headings that change by less than a compass's noise between samples for hours.
+    with np.errstate(invalid="ignore"):
+        same = np.abs(angles.difference(record.heading_deg[1:], record.heading_deg[:-1])) <= 0.1
+    still = _stuck(same, record.time_s) & (record.heading_quality < PROBABLY_BAD)
+    number = int(still.sum())
+    note = f"{number} headings flagged: the compass stood still within 0.1 degrees for hours"
+    record = replace(record, counts={**record.counts, "heading_stuck": number})
+    record = flag_headings(record, still, *[note] * (number > 0))
     return _constant_sensors(flag_unit(record) if affected else record)
 
 
@@ -253,43 +256,6 @@ def _percent_good(record: Record) -> Floats:
     ordered = np.sort(percent, axis=2)
     error = np.asarray(record.profiles.get("error_velocity", percent[..., 0])[:])
     return np.where(np.isnan(error), ordered[..., 1], ordered[..., 0])
-
-
-def _flag_stuck_headings(record: Record) -> Record:
-    """Flag headings that change by less than a compass's noise between samples for hours."""
-    with np.errstate(invalid="ignore"):
-        same = np.abs(angles.difference(record.heading_deg[1:], record.heading_deg[:-1])) <= 0.1
-    still = _stuck(same, record.time_s) & (record.heading_quality < PROBABLY_BAD)
-    number = int(still.sum())
-    note = f"{number} headings flagged: the compass stood still within 0.1 degrees for hours"
-    record = replace(record, counts={**record.counts, "heading_stuck": number})
-    return flag_headings(record, still, *[note] * (number > 0))
-
-
-def _flag_heading_fills(record: Record) -> Record:
-    """Flag headings of a value that a logger writes in place of a missing one: frequent, and far off before and after.
-
-    Arrivals at a value are counted, not samples: a compass that rests has no fill value.
-    """
-    known = np.flatnonzero(np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD))
-    heading = record.heading_deg[known]
-    distinct, place = np.unique(heading.round(2), return_inverse=True)
-    if len(distinct) < 24:
-        return record
-    count = np.bincount(place[np.append(True, place[1:] != place[:-1])], minlength=len(distinct))
-    k = int(np.argmax(count))
-    beside = np.sort(count[np.arange(k - 5, k + 6) % len(count)])[-2]
-    others = np.flatnonzero(place != k)
-    after = np.searchsorted(others, np.flatnonzero(place == k))
-    ends = [heading[others[np.clip(at, 0, len(others) - 1)]] for at in (after - 1, after)]
-    off = np.min([np.abs(angles.difference(end, distinct[k])) for end in ends], axis=0)
-    usual = float(np.median(np.abs(angles.difference(heading[1:], heading[:-1]))))
-    if count[k] < 6 + 3 * beside or np.median(off) <= min(2.0 * usual + 5.0, 45.0):
-        return record
-    flags = record.heading_quality.copy()
-    flags[known[place == k]] = BAD
-    note = f"{len(after)} headings flagged: they read {distinct[k]:.2f} degrees, a fill value far off those around"
-    return replace(record, heading_quality=flags, warnings=(*record.warnings, note))
 
 
 def _stuck(same: Bools, time_s: Floats) -> Bools:

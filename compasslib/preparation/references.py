@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.preparation.water import usable_velocities
 from compasslib.records import Pairs, Record, ReferenceCompass, iso_time, take
+from compasslib.statistics.resampling import block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
 
 CONTRADICTING = "the references differ by {:.0f}°, and the record cannot tell which is wrong"
@@ -155,9 +156,7 @@ def _apart(first: Pairs, second: Pairs) -> tuple[str, float] | None:
     turn = low_a * np.conj(low_b) * np.conj(up_a * np.conj(up_b))
     slowest = np.min(np.abs([up_a, low_a, up_b, low_b]), axis=0)
     turn = np.where(np.abs(turn) > 0.0, turn / np.maximum(np.abs(turn), 1e-12), 0.0) * slowest**2
-    time_s = first.time_s[a]
-    block = np.unique(np.floor((time_s - time_s[0]) / (10.0 * DAY_S)), return_inverse=True)[1]
-    sums = np.asarray(np.bincount(block, turn.real) + 1j * np.bincount(block, turn.imag), dtype=complex)
+    sums = block_sums(turn, blocks_by_span(first.time_s[a], 10.0 * DAY_S))
     if len(sums) < 5:
         return None
     mean = complex(sums.sum())
@@ -176,7 +175,7 @@ def find_speed_changes(pairs: Pairs, upper: Record) -> Pairs:
     affected instrument's own bins as far apart as the reference. Without such bins nothing is tested.
     """
     lasts = 3  # windows that a change lasts; of 24 combinations of bins of eh2 one reaches two, none three
-    number = np.floor((pairs.time_s - pairs.time_s[0]) / (5.0 * DAY_S)).astype(int)
+    number = blocks_by_span(pairs.time_s, 5.0 * DAY_S)
     # A profiler passes twice a day, ten times in a window.
     windows = [rows for k in range(number[-1] + 1) if len(rows := np.flatnonzero(number == k)) >= 10]
     speed = np.where(usable_velocities(upper), np.hypot(upper.east, upper.north), np.nan)

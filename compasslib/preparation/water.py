@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, Record, SlowShear
+from compasslib.statistics.resampling import block_sums
 from compasslib.types import DAY_S, Bools, Complexes, Floats
 
 LEAST_GOOD = 0.9  # of the best bin's share of good data: bins that are often bad, as near a boundary, are not trusted
@@ -133,11 +134,7 @@ def fit_structure_function(velocity: Complexes, range_m: Floats) -> StructureFun
 
 
 def predict_water(record: Record, depth_m: Floats, bins: int) -> WaterPrediction | None:
-    """Predict the water velocity at given depths; None if the profile does not suffice.
-
-    Args:
-        bins: number of bins in the published mean, for comparison.
-    """
+    """Predict the water velocity at given depths; None if the profile does not suffice."""
     nearest, step = 4, 0.1  # bins used; cells, resolution of the distance for which weights are computed
     learnt = fit_structure(record)
     if learnt is None:
@@ -178,8 +175,7 @@ def fails_speed_check(time_s: Floats, mean: Complexes, predicted: Complexes, tru
     beyond two standard errors, from the scatter between blocks of two days.
     """
     off = [(np.abs(series) - np.abs(trusted)) ** 2 for series in (mean, predicted)]
-    block = np.unique(np.floor(time_s / (2 * DAY_S)), return_inverse=True)[1]
-    worse = np.bincount(block, off[1] - off[0])
+    worse = block_sums(off[1] - off[0], np.floor(time_s / (2 * DAY_S)).astype(np.intp))
     return bool(worse.sum() > 2.0 * np.sqrt(np.sum(worse**2)))
 
 
@@ -238,15 +234,11 @@ def _predict_veer(
 
 
 def fit_slow_shear(time_s: Floats, across_m_s: Floats, known: Bools) -> SlowShear | None:
-    """Estimate size and memory of the slow part of velocity differences; None if the record is too short.
+    """Estimate the slow part of velocity differences across the flow in k windows; None if the record is too short.
 
     Means of days with half of their samples, or of several days in records of over 1000, are modelled as a process with
     exponential autocorrelation and independent noise. The likelihood is the mean of all windows, since neighbouring
     bins hardly differ; the spread between windows is part of the uncertainty.
-
-    Args:
-        across_m_s: component across the flow at each of several windows of the profile, (k, n).
-        known: (k, n) whether it was measured.
     """
     days_each = int(np.ptp(time_s) / DAY_S / 1000) + 1  # the size of the covariance matrix limits the run time
     day = np.floor((time_s - time_s[0]) / DAY_S / days_each).astype(np.intp)

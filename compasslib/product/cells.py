@@ -102,11 +102,7 @@ class Differences:
         return self.values[index]
 
     def of_interpolation(self, share: Floats, gap: Floats) -> Floats:
-        """Compute the mean squared error of a linear interpolation, without noise.
-
-        Args:
-            share: position within the gap between the two measurements, 0 at the first and 1 at the second.
-        """
+        """Compute the mean squared error of a linear interpolation, at a share of the gap, without noise."""
         toward, back = self.at(share * gap), self.at((1.0 - share) * gap)
         return 2.0 * ((1.0 - share) * toward + share * back) - 2.0 * share * (1.0 - share) * self.at(gap)
 

@@ -20,6 +20,8 @@ from compasslib.deviation.model import DeviationFit, nearest_root
 from compasslib.preparation.water import fit_structure_function
 from compasslib.product.cells import Axes, Differences, average_slots
 from compasslib.records import Readings, ReferenceCompass
+from compasslib.statistics.noise import lagged_sums
+from compasslib.statistics.whitening import autoregress
 from compasslib.types import HOUR_S, Bools, Complexes, Floats
 
 UNMEASURED_MOTION_M_S = 0.005  # of a sphere without a pressure record: a bound, not an estimate
@@ -48,9 +50,6 @@ def compass_modes(fit: DeviationFit, at: CompassSeries | None, readings: Reading
     """Decompose the heading error due to the coefficients' covariance into modes, (n, p) degrees per unit normal.
 
     If several compasses are averaged, the modes and the shifts of each are scaled by the square root of its weight.
-
-    Args:
-        at: the compass at each sample, if effects beyond the fit were modelled.
     """
     if not fit.fitted:
         return np.zeros((len(heading_deg), 0))
@@ -66,7 +65,9 @@ def compass_modes(fit: DeviationFit, at: CompassSeries | None, readings: Reading
     weight = weight / weight.sum()
     mean = weight @ shifts
     for each, share, shift in zip(members, weight, shifts, strict=True):
-        columns.append(np.sqrt(share) * np.nan_to_num(each.sensitivity(heading_deg)) @ _square_root(each.covariance))
+        values, vectors = np.linalg.eigh((each.covariance + each.covariance.T) / 2.0)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        columns.append(np.sqrt(share) * np.nan_to_num(each.sensitivity(heading_deg)) @ root)
         if len(members) > 1:
             columns.append(np.sqrt(share) * (shift - mean)[:, None])
     return np.concatenate(columns, axis=1)
@@ -91,8 +92,7 @@ def memory_of(heading_deg: Floats, time_s: Floats) -> float:
         return MIN_MEMORY_S
     series = np.where(known, angles.phasor(np.nan_to_num(heading_deg)), 0.0)
     series = np.where(known, series - series[known].mean(), 0.0)
-    size = 1 << (2 * len(series) - 1).bit_length()
-    power = np.fft.ifft(np.abs(np.fft.fft(series, size)) ** 2).real[: len(series)]
+    power = np.sum([lagged_sums(part, len(series) - 1) for part in (series.real, series.imag)], axis=0)
     below = np.flatnonzero(power < power[0] / np.e)
     step_s = float(np.median(np.diff(time_s)))
     return float(max(below[0] * step_s if len(below) else len(series) * step_s, MIN_MEMORY_S))
@@ -223,26 +223,22 @@ def sum_sigma(
         source: instrument of each cell as row of ``errors.shares``, negative if there is none.
         memory_s: e-folding time of the errors not due to the heading.
     """
-    modes, random, white = _of_times(weight_east, weight_north, velocity, other, source, errors)
-    remembered = sum(_remembered(series, errors.memory_s / step_s) for series in random)
+    modes, random, white = errors_by_time(weight_east, weight_north, velocity, other, source, errors)
+    decay = float(np.exp(-step_s / max(errors.memory_s, 1e-9)))
+    remembered = sum(series @ (2.0 * autoregress(series, [1.0, -decay]) - series) for series in random if series.size)
     correlated = (1.0 + 2.0 * memory_s / step_s) * white.sum()
     return float(np.sqrt(np.sum(modes.sum(axis=1) ** 2) + remembered + correlated))
 
 
-def time_variances(
-    weight_east: Floats, weight_north: Floats, velocity: Complexes, other: Floats, source: NDArray[np.integer],
-    errors: HeadingErrors,
-) -> Floats:  # fmt: skip
-    """Compute the variance of the weighted sum at each single time, (t,); arguments as for ``sum_sigma``."""
-    modes, random, white = _of_times(weight_east, weight_north, velocity, other, source, errors)
-    return np.asarray(np.sum(modes**2, axis=0) + np.sum(random**2, axis=0) + white)
-
-
-def _of_times(
+def errors_by_time(
     weight_east: Floats, weight_north: Floats, velocity: Complexes, other: Floats, source: NDArray[np.integer],
     errors: HeadingErrors,
 ) -> tuple[Floats, Floats, Floats]:  # fmt: skip
-    """Compute errors of the weighted sum at each time: by mode, (k, t), random, (a, t), and other variance, (t,)."""
+    """Compute errors of a weighted sum at each time, see ``sum_sigma``: by mode, random, and the variance of others.
+
+    Returns:
+        (k, t) and (a, t) standard deviations, and (t,) variances.
+    """
     flow = np.where(np.isfinite(velocity), velocity, 0.0)
     turned = weight_east * flow.imag - weight_north * flow.real
     by_source = np.array([np.where(source == s, turned, 0.0).sum(axis=1) for s in range(len(errors.shares))])
@@ -251,28 +247,11 @@ def _of_times(
     return modes, random, np.sum(np.nan_to_num(other) * (weight_east**2 + weight_north**2), axis=1)
 
 
-def _remembered(series: Floats, memory: float) -> float:
-    """Compute the variance of the sum of a series with correlation exp(-lag / memory), memory in steps."""
-    if memory <= 0.0:
-        return float(series @ series)
-    decay, behind, total = float(np.exp(-1.0 / memory)), 0.0, 0.0
-    for value in series.tolist():
-        behind = behind * decay
-        total += value * (value + 2.0 * behind)
-        behind += value
-    return total
-
-
 def mean_factor(count: NDArray[Any], memory: float) -> Floats:
     """Compute the variance ratio of a mean of consecutive values to one; correlation exp(-lag / memory) in steps."""
     decay = np.exp(-1.0 / max(memory, 1e-3))
     n = np.maximum(count, 1)
     return (1.0 + decay) / (1.0 - decay) / n - 2.0 * decay * (1.0 - decay**n) / (1.0 - decay) ** 2 / n**2
-
-
-def _square_root(covariance: Floats) -> Floats:
-    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2.0)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 # The heading error of a mooring's instruments along the times of the grid.
@@ -352,11 +331,7 @@ def heading_errors(
 def _decompose(
     affected: AffectedHeadings, axes: Axes, max_gap_s: float, count: int, shared_deg: float
 ) -> tuple[dict[str, Floats], Floats]:
-    """Decompose the heading error of one instrument into modes, at most ``count``, and a random part, (t,) radians.
-
-    Args:
-        shared_deg: part of its constant error that the modes of the references' compasses hold.
-    """
+    """Decompose the heading error of one instrument into modes, at most ``count``, and a random part, (t,) radians."""
     samples = len(affected.time_s)
     veer = float(np.sqrt(max(affected.constant_deg**2 - shared_deg**2, 0.0)))
     by_time = {"veer": np.full(samples, veer), "unexplained": np.full(samples, affected.unexplained_deg)}

@@ -1,17 +1,20 @@
-"""Grid the velocities of a mooring's instruments: axes, cells, merging and uncertainty, piecewise along time."""
+"""Grid the velocities of a mooring's instruments: axes, cells, merging, uncertainty and daily means."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib import angles
 from compasslib.errors import InputError
 from compasslib.preparation.clocks import common_phase
 from compasslib.product.cells import (
+    NONE,
     PROFILER_M_S,
     Axes,
     Cells,
@@ -32,10 +35,11 @@ from compasslib.product.errors import (
     learn_by_depth,
     learn_by_time,
     marginals,
+    mean_factor,
     sphere_motion,
 )
-from compasslib.records import DEEPEST_M, PROBABLY_BAD, Flags
-from compasslib.types import HOUR_S, Complexes, Floats
+from compasslib.records import DEEPEST_M, MISSING, PROBABLY_BAD, Flags
+from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
 PIECE, CELLS = 4096, 1 << 21  # times gridded at once, and cells, of some 300 bytes each
 INTERPOLATED = 8  # OceanSITES reference table 2
@@ -112,18 +116,16 @@ class GriddedProduct:
             inner = slice(begin, min(begin + size, count))
             wide = range(max(begin - halo, 0), min(inner.stop + halo, count))
             here = slice(inner.start - wide.start, inner.stop - wide.start)
-            each = [take_slots(self._place(k, wide), here) for k in range(len(self.sources))]
+            each = []
+            for source, learnt in zip(self.sources, self.learnt, strict=True):
+                cells = place(source, learnt, self.axes, wide, self.max_gap_m)
+                if not source.profiles:
+                    cells = bridge_gaps(cells, self.axes.step_s, self.max_gap_s, learnt.by_time)
+                moving = np.full(len(wide), UNMEASURED_MOTION_M_S)
+                if len(source.time_s):
+                    moving = np.interp(self.axes.time_s[wide.start : wide.stop], source.time_s, learnt.motion)
+                each.append(take_slots(replace(cells, spread=cells.spread + moving[:, None] ** 2), here))
             yield self._combine(each, inner)
-
-    def _place(self, k: int, slots: range) -> Cells:
-        source, learnt, axes = self.sources[k], self.learnt[k], self.axes
-        cells = place(source, learnt, axes, slots, self.max_gap_m)
-        if not source.profiles:
-            cells = bridge_gaps(cells, axes.step_s, self.max_gap_s, learnt.by_time)
-        moving = np.full(len(slots), UNMEASURED_MOTION_M_S)
-        if len(source.time_s):
-            moving = np.interp(axes.time_s[slots.start : slots.stop], source.time_s, learnt.motion)
-        return replace(cells, spread=cells.spread + moving[:, None] ** 2)
 
     def _combine(self, each: list[Cells], inner: slice) -> Piece:
         # References take precedence over affected instruments: their headings are better known.
@@ -315,3 +317,151 @@ def describe_parking(source: Source) -> str:
     hours = float(np.sum(time_s[ends] - time_s[begins])) / HOUR_S
     depths = np.concatenate([depth_m[b : e + 1] for b, e in zip(begins, ends, strict=True)])
     return f"{source.name} was parked {len(begins)} times, {hours:.0f} hours in all, near {np.median(depths):.0f} m"
+
+
+# Means over UTC days, and low-passed values at noon, accumulated piece by piece.
+
+GODIN_H = (24.0, 24.0, 25.0)  # running means whose succession removes the tides (Godin 1972, The Analysis of Tides)
+
+
+@dataclass(frozen=True)
+class Daily:
+    """Means over d days, or values of a filter at their noons."""
+
+    time_s: Floats  # (d,) noon
+    piece: Piece
+    errors: HeadingErrors
+    deviation_deg: Floats  # (a, d)
+    count: NDArray[np.int_]  # (d, z) number of averaged times
+    shrinkage: Floats  # (d,) exp(-heading variance / 2) of the first instrument
+
+
+@dataclass
+class DailyMeans:
+    """Daily sums of a product: over the UTC day, or by a filter of successive running means about noon."""
+
+    axes: Axes
+    errors: HeadingErrors
+    running_h: tuple[float, ...] = ()  # lengths of running means; none for the mean of the UTC day
+    sums: dict[str, NDArray[Any]] = field(default_factory=dict)
+
+    @cached_property
+    def days(self) -> NDArray[np.intp]:
+        """Day number of each time, counted from the first day, (t,)."""
+        day = np.floor(self.axes.time_s / DAY_S).astype(np.intp)
+        return day - day[0] if len(day) else day
+
+    @cached_property
+    def kernel(self) -> tuple[Floats, Floats]:
+        """Lags from noon, s, and weights relative to the largest."""
+        if not self.running_h:
+            return np.array([-0.5, 0.5]) * DAY_S, np.ones(2)
+        step_s = HOUR_S / 4.0
+        weights = np.ones(1)
+        for hours in self.running_h:
+            weights = np.convolve(weights, np.ones(round(hours * HOUR_S / step_s)))
+        return step_s * (np.arange(len(weights)) - (len(weights) - 1) / 2.0), weights / weights.max()
+
+    def add(self, piece: Piece) -> None:
+        """Add a piece to the daily sums."""
+        there, flow, sources = piece.source >= 0, piece.cells.velocity, np.maximum(piece.source, 0)
+        flow = np.where(there, flow, 0.0)
+        modes, random = self.errors.modes[:, piece.slots], self.errors.random[:, piece.slots]
+        of_affected = there & (sources < len(random))
+        here = np.arange(random.shape[1])[:, None]
+        random2 = np.where(of_affected, random[np.minimum(sources, len(random) - 1), here] ** 2, 0.0)
+        quality = piece.quality
+        columns = {
+            "weight": there.astype(float), "flow": flow, "spread": np.where(there, piece.spread, 0.0),
+            "interpolated": (quality == INTERPOLATED).astype(float),
+            "east2": np.where(of_affected, random2 * flow.imag**2, 0.0),
+            "north2": np.where(of_affected, random2 * flow.real**2, 0.0),
+            "cross": np.where(of_affected, -random2 * flow.real * flow.imag, 0.0),
+        }  # fmt: skip
+        for k, mode in enumerate(modes):
+            columns[f"mode{k}"] = flow * np.nan_to_num(mode)[:, None] * self.errors.shares[sources, k]
+        for s in range(len(self.errors.shares)):
+            columns[f"source{s}"] = (there & (piece.source == s)).astype(float)
+        squared = {"weight2": columns["weight"], "noise": np.where(there, piece.noise, 0.0)}
+        plain = {"count": there.astype(int), "cells": np.where(there, piece.cells.count, 0)}
+        worst, shape = np.where(there & (quality != INTERPOLATED), quality, 0), (int(self.days[-1]) + 1, there.shape[1])
+        noon_s = DAY_S * (np.floor(self.axes.time_s[:1] / DAY_S) + 0.5 + self.days[piece.slots])
+        for shift in (-1, 0, 1) if self.running_h else (0,):
+            lag = self.axes.time_s[piece.slots] - noon_s - DAY_S * shift
+            weight = np.interp(lag, *self.kernel, left=0.0, right=0.0)[:, None]
+            day = self.days[piece.slots] + shift
+            inside = np.flatnonzero((day >= 0) & (day <= self.days[-1]) & (weight[:, 0] > 0.0))
+            if not len(inside):
+                continue
+            begin = np.flatnonzero(np.diff(day[inside], prepend=-1))
+            rows = day[inside][begin]
+            for factor, group in ((weight, columns), (weight**2, squared), (1, plain)):
+                for name, values in group.items():
+                    total = self.sums.setdefault(name, np.zeros(shape, dtype=values.dtype))
+                    total[rows] += np.add.reduceat((factor * values)[inside], begin, axis=0)
+            total = self.sums.setdefault("worst", np.zeros(shape, dtype=np.int8))
+            total[rows] = np.maximum(total[rows], np.maximum.reduceat(worst[inside], begin, axis=0))
+
+    def means(self, product: GriddedProduct) -> Daily:
+        """Compute the means; errors common to the velocities of a mean are not reduced by averaging.
+
+        A mean needs half of a day's times, except for profilers; a filter needs 0.99 of its weights, as a missing hour
+        brings back tides.
+        """
+        axes, sums, depths = self.axes, self.sums, len(self.axes.depth_m)
+        if not sums:
+            nothing, count = np.zeros(0), np.zeros((0, depths), dtype=int)
+            return Daily(nothing, empty_piece(depths, False), self.errors, product.deviation_deg, count, nothing)
+        count, weight = sums["count"], sums["weight"]
+        per_source = np.array([sums[f"source{s}"] for s in range(len(self.errors.shares))])
+        source = np.argmax(per_source, axis=0)
+        moving = np.array([s.profiles for s in product.sources])[source]
+        lags, weights = self.kernel
+        expected = float(np.trapezoid(weights, lags)) / axes.step_s
+        enough = weight >= 0.99 * expected if self.running_h else moving | (weight >= 0.5 * expected)
+        there = (count > 0) & enough
+        safe = np.where(there, weight, 1.0)
+        number = safe**2 / np.where(there, sums["weight2"], 1.0)  # of equally weighted times with the same variance
+        flow = np.where(there, sums["flow"] / safe, NONE)
+        remembered = mean_factor(number, self.errors.memory_s / axes.step_s) / safe
+        variances = [sums[name] * remembered for name in ("east2", "north2", "cross")]
+        for k in range(len(self.errors.modes)):
+            turned = sums[f"mode{k}"] / safe
+            squares = turned.imag**2, turned.real**2, -turned.real * turned.imag
+            for variance, square in zip(variances, squares, strict=True):
+                variance += square
+        # Missing times are no random sample: they are consecutive, and the current sets the depth of a sphere. Their
+        # velocities differ from the rest of the day as those six hours apart.
+        apart = float(product.learnt[0].by_time.at(np.array([6 * HOUR_S]))[0])
+        missing = 0.5 * np.maximum(1.0 - weight / expected, 0.0) ** 2 * apart  # means differ less than single values
+        spread = sums["spread"] / safe * mean_factor(number, product.memory_s / axes.step_s) + missing
+        noise = sums["noise"] / safe**2
+        quality = np.where(sums["interpolated"] > 0.5 * weight, INTERPOLATED, np.maximum(sums["worst"], 1))
+        quality = np.where(there, quality, MISSING).astype(np.int8)
+        blank = empty_cells(len(count), slice(0, depths), False)
+        cells = replace(blank, velocity=flow, quality=quality, count=sums["cells"].astype(np.int32))
+        east, north, cross = (np.where(there, v, np.nan) for v in variances)
+        piece = Piece(
+            slice(0, len(count)), cells, np.where(there, source, -1), quality, east + noise + spread,
+            north + noise + spread, cross, noise, spread,
+        )  # fmt: skip
+        days, size = self.days, len(count)
+
+        def mean(rows: Floats) -> Floats:
+            """Average each row by day, (k, d)."""
+            means = np.full((len(rows), size), np.nan)
+            for series, of_days in zip(rows, means, strict=True):
+                known = np.isfinite(series)
+                n = np.bincount(days[known], minlength=size)
+                of_days[n > 0] = (np.bincount(days[known], series[known], size) / np.maximum(n, 1))[n > 0]
+            return means
+
+        per_day = mean_factor(np.bincount(days, minlength=size), self.errors.memory_s / axes.step_s)
+        random = np.sqrt(mean(self.errors.random**2) * per_day)
+        sine, cosine = map(mean, angles.sin_cos(product.deviation_deg))
+        return Daily(
+            DAY_S * (np.floor(axes.time_s[0] / DAY_S) + np.arange(size) + 0.5), piece,
+            replace(self.errors, modes=mean(self.errors.modes), random=random),
+            np.asarray(angles.wrap180(angles.direction(sine, cosine))), np.where(there, count, 0).astype(int),
+            np.exp(-0.5 * mean(self.errors.variance(0)[None])[0]),
+        )  # fmt: skip

@@ -28,19 +28,21 @@ from compasslib.archive.summary import STOPPED
 from compasslib.inference.wording import VERDICTS
 from compasslib.plots.figures import MOORING, SECTIONS
 from compasslib.report import words
-from compasslib.report.results import (
+from compasslib.report.sections import (
     Overview,
     ReportFigure,
     ReportSection,
     ReportTable,
+    calibration_section,
     collect_figures,
+    compass_section,
     embed,
+    mooring_section,
     read_calibration,
     read_mooring,
     read_summary,
     stopped_section,
 )
-from compasslib.report.sections import calibration_section, compass_section, mooring_section
 
 MOORINGS = "All moorings; σ: median standard uncertainty of the headings; error removed: rms of their correction"
 TABLES = {

@@ -22,7 +22,7 @@ from compasslib.archive.files import open_netcdf, read_json, read_variable
 from compasslib.archive.gridded import read_section
 from compasslib.preparation.references import combine_references
 from compasslib.report import STYLE, words, write_page
-from compasslib.report.results import read_summary
+from compasslib.report.sections import read_summary
 from compasslib.types import Floats
 
 VARIABLES = {

@@ -103,12 +103,6 @@ def days(span: Mapping[str, str]) -> str:
     return f"{begin} to {end}" if begin != end else f"{begin}, {span['from'][11:16]} to {span['to'][11:16]} UTC"
 
 
-def position(latitude: float, longitude: float) -> str:
-    """Format a position, 65.3333° N, 32.9550° W; longitude in degrees east, -180 to 360."""
-    east = longitude - 360.0 if longitude > 180.0 else longitude
-    return f"{abs(latitude):.4f}° {'N' if latitude >= 0 else 'S'}, {abs(east):.4f}° {'E' if east >= 0 else 'W'}"
-
-
 def plain(name: str) -> str:
     """Convert a name with underscores, or that of a composed effect, to plain words."""
     if name.startswith("composed:"):
@@ -178,7 +172,7 @@ def environment(**options: Any) -> jinja2.Environment:
 def _environment() -> jinja2.Environment:
     made = environment(finalize=lambda value: re.sub(r"[\n|]+", " ", value) if isinstance(value, str) else value)
     made.filters |= {each.__name__: each for each in FILTERS}
-    made.globals |= {"unknown": UNKNOWN, "models": MODELS, "position": position, "sigma": standard_error}
+    made.globals |= {"unknown": UNKNOWN, "models": MODELS, "position": angles.position, "sigma": standard_error}
     made.globals["wrap360"] = angles.wrap360
     return made
 

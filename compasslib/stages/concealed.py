@@ -19,7 +19,7 @@ from compasslib.plots.diagnosis import draw_errors, error_reach
 from compasslib.preparation.references import combine_references
 from compasslib.records import BAD
 from compasslib.report import sections, words, write_page
-from compasslib.report.results import ReportFigure
+from compasslib.report.sections import ReportFigure
 from compasslib.stages.recordings import FOLDER
 from compasslib.statistics.resampling import NORMAL_95, block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats

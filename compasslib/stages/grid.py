@@ -21,13 +21,12 @@ from compasslib.inference import covariates
 from compasslib.inference import product as products
 from compasslib.inference.product import CorrectionModel
 from compasslib.product.cells import Source, average_angle, compare_at_seam, describe_seam
-from compasslib.product.daily import GODIN_H, DailyMeans
 from compasslib.product.errors import (
     AffectedHeadings,
     compass_modes,
     heading_errors,
 )
-from compasslib.product.grid import GridRules, Survey, describe_parking, make_axes, survey
+from compasslib.product.grid import GODIN_H, DailyMeans, GridRules, Survey, describe_parking, make_axes, survey
 from compasslib.product.grid import grid as make_grid
 from compasslib.records import PROBABLY_BAD, CorrectedRecord, EarthField, Pairs
 

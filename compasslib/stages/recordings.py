@@ -26,7 +26,7 @@ from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.kinds import magnetometer
 from compasslib.plots.calibrations import draw_deviation
-from compasslib.plots.diagnosis import count_outside, draw_calibration
+from compasslib.plots.diagnosis import count_outside, draw_diagnosis
 from compasslib.report import words
 
 FOLDER = Path(__file__).parents[1] / "demo/recordings"
@@ -129,7 +129,7 @@ def describe(recording: Recording) -> dict[str, Any]:
             if what == "deviation":
                 draw_deviation(file := Path(folder) / f"{what}.png", stored(recording))
             else:
-                draw_calibration(file := Path(folder) / f"{what}.png", first)
+                draw_diagnosis(file := Path(folder) / f"{what}.png", first, dated=False)
             picture, (width, height) = embed_png(file)
         figures.append({"what": what, "picture": picture, "width": width, "height": height})
     return {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol, Self, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -26,15 +26,11 @@ GRADIENT_TOLERANCE = 1e-5  # largest gradient at convergence
 def minimize_bfgs(
     loss: Loss, start: Floats, bounds: Floats, steps: int, hessian: Floats | None = None
 ) -> tuple[Floats, float]:
-    """Minimize a function within bounds; return the minimizer and the minimum.
+    """Minimize a function within bounds, (p, 2); return the minimizer and the minimum.
 
     Quasi-Newton steps (BFGS, damped after Powell, Lect. Notes Math. 630, 144, 1978), projected on the bounds
     (Bertsekas, SIAM J. Control Optim. 20, 221, 1982). SciPy's solvers take half a second to import, which is longer
     than a fit.
-
-    Args:
-        bounds: lower and upper bounds, (p, 2), infinite where there is none.
-        hessian: initial estimate, (p, p), positive definite.
     """
     at = np.clip(start, *bounds.T)
     value, gradient = loss(at)
@@ -101,29 +97,13 @@ MAX_STEP_DEG = 12.0  # length of a step, in approximate degrees, beyond which a 
 MISFIT_TOLERANCE = 1e-9  # relative change of the misfit within rounding errors
 
 
-class GaussNewtonState(Protocol):
-    """Current point of a fit."""
-
-    def step(self) -> tuple[Floats, float]:
-        """Compute the least-squares step, and its length in approximate degrees."""
-        ...
-
-    def moved(self, step: Floats) -> Self | None:
-        """Return the point after a step, None if it is not admissible."""
-        ...
-
-    def misfit(self, other: Self) -> float:
-        """Compute the ratio of another point's misfit to its own, both with its own widths."""
-        ...
-
-
-State = TypeVar("State", bound=GaussNewtonState)
-
-
-def gauss_newton(point: State, *, rounds: int, close: float, worse: float) -> State:
+def gauss_newton(point: Any, *, rounds: int, close: float, worse: float) -> Any:
     """Iterate Gauss-Newton steps from a point until a step is shorter than ``close``, in approximate degrees.
 
     Args:
+        point: current point of a fit, with methods ``step()``, the least-squares step and its length in approximate
+            degrees; ``moved(step)``, the point after it or None if that is not admissible; and ``misfit(other)``, the
+            ratio of another point's misfit to its own, both with its own widths.
         rounds: maximum number of points to evaluate.
         worse: ratio of misfits above which a step is halved instead of taken.
     """

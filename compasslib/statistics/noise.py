@@ -12,6 +12,7 @@ weight to motions within seconds, where the course lags behind the compass.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,9 +72,6 @@ def rotary_spectrum(velocity: Complexes, step_s: float) -> RotarySpectrum:
 
     Segments of 15 days part M2 and S2, 1 / (2 - 1.9323) days; those with a missing value are left out. Degrees of
     freedom: Percival and Walden (1993, equation 292b).
-
-    Args:
-        velocity: (n,) east + i north, m/s, in even steps.
     """
     from scipy.special import chdtri
 
@@ -95,11 +93,7 @@ def rotary_spectrum(velocity: Complexes, step_s: float) -> RotarySpectrum:
 
 
 def arma_likelihoods(residual: Floats, columns: Floats) -> Floats:
-    """Compute minus log restricted likelihood, phi, theta and variance of each model, (models, 4); empty if n is small.
-
-    Args:
-        columns: columns that the fit can absorb, (n, k).
-    """
+    """Compute minus log restricted likelihood, phi, theta and variance of each model, (models, 4); none if n is low."""
     columns = span_basis(columns)
     dof = len(residual) - columns.shape[1]
     if dof < MIN_DOF:
@@ -153,11 +147,6 @@ def arma_series(innovations: Floats, law: tuple[float, float]) -> Floats:
     return np.concatenate([begun, rest])
 
 
-def arma_low_frequency_power(phi: float, theta: float) -> float:
-    """Compute the spectrum of an ARMA(1, 1) series at frequency zero over its variance."""
-    return 1.0 + 2.0 * _first_lag(phi, theta) / (1.0 - phi)
-
-
 def lag_matrix(n: int) -> Ints:
     """Compute the lags between n samples, (n, n)."""
     return np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
@@ -191,7 +180,7 @@ def arma_effective_size(residual: Floats, columns: Floats) -> float:
     return float(len(residual) * np.trace(of_noise) / of_noise.sum())
 
 
-def _first_lag(phi: float, theta: float) -> float:
+def _first_lag(phi: Any, theta: Any) -> Any:
     """Compute the correlation of an ARMA(1, 1) series at lag one."""
     return (1.0 + phi * theta) * (phi + theta) / (1.0 + 2.0 * phi * theta + theta**2)
 
@@ -253,11 +242,7 @@ def estimate_swing_noise(
 
 
 def score_covariance(rows: Floats, noise: SwingNoise, blocks: Ints | None) -> Floats:
-    """Compute the covariance of sums of rows, (n, k) in order of time, times residuals, over the scatter both, (k, k).
-
-    Args:
-        blocks: (n,) number of each row's block in time, without gaps; None if rows are independent.
-    """
+    """Compute the covariance, (k, k), of sums of rows, (n, k) in order of time, times residuals over their scatter."""
     if blocks is None:
         return rows.T @ rows
     summed = block_sums(rows, blocks)
@@ -295,9 +280,9 @@ def _correlated(noise: SwingNoise, means: Floats, columns: Floats) -> SwingNoise
     models = arma_likelihoods(means, columns)
     if not len(models):
         return noise
-    likely = models[models[:, 0] <= models[:, 0].min() + 0.125]
-    _, phi, theta, level = max(likely.tolist(), key=lambda each: each[3] * arma_low_frequency_power(each[1], each[2]))
-    return replace(noise, phi=phi, theta=theta, level=level)
+    _, phi, theta, level = models[models[:, 0] <= models[:, 0].min() + 0.125].T
+    slowest = np.argmax(level * (1.0 + 2.0 * _first_lag(phi, theta) / (1.0 - phi)))  # spectrum at frequency zero
+    return replace(noise, phi=float(phi[slowest]), theta=float(theta[slowest]), level=float(level[slowest]))
 
 
 def _block_means(values: Floats, blocks: Ints) -> Floats:

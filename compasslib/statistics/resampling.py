@@ -44,10 +44,6 @@ def cluster_variance_inflation(
     """Compute a group's variance inflation relative to homogeneous noise, and its effective number of blocks.
 
     The variance is cluster-robust (sandwich; Liang and Zeger, Biometrika 73, 13, 1986).
-
-    Args:
-        basis: the group's columns, orthonormal, (n, k).
-        variance: variance of the residual if it were homogeneous.
     """
     k = basis.shape[1]
     held = block_sums(np.sum(basis**2, axis=1), block) / k

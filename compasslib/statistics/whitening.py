@@ -64,13 +64,10 @@ class Whitener:
 
 
 def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whitener:
-    """Fit the autoregressive filter that whitens a residual.
+    """Fit the autoregressive filter that whitens a residual; samples of infinite width are ignored.
 
     A real drift must not be mistaken for autocorrelation of the water: power at periods of weeks is replaced by that at
     neighbouring frequencies. Removing it altogether would leave half as much again of slow noise after filtering.
-
-    Args:
-        width_deg: (n,), degrees, infinite for ignored samples.
     """
     slot = grid_positions(time_s)
     standard = clip_standardized(residual_deg, width_deg)
@@ -80,7 +77,12 @@ def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whi
     knots_s = max(10 * lags * step_s, 10 * DAY_S)  # between which a trend counts as slow
     series[slot[counts]], present[slot[counts]] = standard[counts] - standard[counts].mean(), 1.0
     together = np.maximum(lagged_sums(present, lags), 1.0)
-    correlation = _autocovariance(series, lags, 2.0 * knots_s / step_s) / together
+    size = 1 << (2 * len(series) - 1).bit_length()
+    power = np.abs(np.fft.rfft(series, size)) ** 2
+    slow = np.arange(len(power)) * (2.0 * knots_s / step_s) / size
+    near = (slow >= 1.0) & (slow < 4.0)
+    power[slow < 1.0] = power[near].mean() if near.any() else 0.0
+    correlation = np.fft.irfft(power, size)[: lags + 1] / together
     # The ridge stabilizes the filter where gaps make the autocorrelation rough.
     correlation = correlation / correlation[0] / (1.0 + 1e-3 * (np.arange(lags + 1) > 0))
     toeplitz = correlation[np.abs(np.subtract.outer(np.arange(lags), np.arange(lags)))]
@@ -137,12 +139,7 @@ def correlation_time(fitted: Whitener) -> float:
 
 
 def robust_widths(residual_deg: Floats, slowness: Floats) -> Floats:
-    """Estimate the robust width of the residual as an increasing function of slowness, (n,) degrees.
-
-    Args:
-        residual_deg: (n,), degrees; NaN is ignored and gets an infinite width.
-        slowness: (n,), in any unit.
-    """
+    """Estimate the robust width of the residual, increasing with slowness, (n,) degrees; infinite where it is NaN."""
     width_bins = 12
     known = np.isfinite(residual_deg)
     size = np.abs(residual_deg[known])
@@ -191,20 +188,6 @@ def whitened_basis(white: Floats) -> Floats:
     values, vectors = np.linalg.eigh((unit.T @ unit).astype(float))
     strong = values > max(1e-6 * values[-1], 1e-5)  # others count as absorbed by the base
     return (unit @ (vectors[:, strong] / np.sqrt(values[strong])).astype(np.float32)).astype(np.float32)
-
-
-def _autocovariance(series: Floats, lags: int, slowest: float) -> Floats:
-    """Compute autocovariance sums with low-frequency power replaced by that of neighbouring frequencies, (lags + 1,).
-
-    Args:
-        series: 0 where nothing was measured, (n,); periods longer than ``slowest`` samples count as low frequency.
-    """
-    size = 1 << (2 * len(series) - 1).bit_length()
-    power = np.abs(np.fft.rfft(series, size)) ** 2
-    slow = np.arange(len(power)) * slowest / size
-    near = (slow >= 1.0) & (slow < 4.0)
-    power[slow < 1.0] = power[near].mean() if near.any() else 0.0
-    return np.fft.irfft(power, size)[: lags + 1]
 
 
 def _beyond(slowness: Floats, centre: Floats, middle: Floats) -> Floats:

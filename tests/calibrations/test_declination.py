@@ -10,7 +10,7 @@ from compasslib.archive.calibrations import StoredCalibration
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import observatory, result
 from compasslib.errors import InputError
-from compasslib.plots import instruments
+from compasslib.plots import calibrations as plots
 from tests.world.iaga_files import DAY_S, HOUR_S, LATITUDE, LONGITUDE, ROCKS_DEG, START_S, series, write
 from tests.world.sea import SHARED
 
@@ -73,7 +73,7 @@ def test_a_series_that_is_too_short_is_refused(tmp_path):
     short = replace(made, declination_deg=np.where(np.arange(24) < 8, made.declination_deg, np.nan))
     found = observatory.calibrate([write(tmp_path / "a.hor", short)], {})
     assert found.why == "the series has a declination in 8 hours; 12 are needed" and not found.coefficients.size
-    instruments.draw_series(tmp_path / "a.png", found)
+    plots.draw_series(tmp_path / "a.png", found)
     assert (tmp_path / "a.png").stat().st_size > 5_000
 
 
@@ -93,8 +93,7 @@ def test_calibration_round_trips_through_json_and_is_drawn(tmp_path):
     again = read_json(tmp_path / "calibration.json")
     assert again["coefficients"]["A"] == pytest.approx(made.coefficients[0]) and again["coefficients"]["B"] is None
     assert "A +0.2" in result.log_line(again) and "nan" not in result.log_line(page)
-    shown = StoredCalibration(again, made.table, made.points)
-    instruments.draw_series(tmp_path / "a.png", shown)
+    plots.draw_series(tmp_path / "a.png", StoredCalibration(again, made.table, made.points))
     assert (tmp_path / "a.png").stat().st_size > 20_000
 
 

@@ -13,7 +13,7 @@ from compasslib.calibrations.magnetometer.ellipsoid import ELLIPSE, ELLIPSOID, S
 from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.deviation.series import series_design
 from compasslib.errors import InputError
-from compasslib.plots.instruments import draw_magnetometer as draw
+from compasslib.plots.calibrations import draw_magnetometer as draw
 from tests.world import iron
 from tests.world.sea import real
 

@@ -3,7 +3,6 @@
 import json
 import shutil
 import sys
-import warnings
 import zipfile
 from pathlib import Path
 

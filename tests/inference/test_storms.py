@@ -10,9 +10,9 @@ from compasslib import angles
 from compasslib.demo.water import DAY_S, red_noise
 from compasslib.effects import Scene
 from compasslib.effects.composed import IronMovedByPitch, IronMovedByRoll
-from compasslib.effects.earth import VectorDisturbance
 from compasslib.effects.forward import ForwardModel, recorded_heading
 from compasslib.effects.readout import TemperatureOfTilt
+from compasslib.effects.reference import VectorDisturbance
 from compasslib.inference import covariates, design, noise
 from tests.world import pairs as world
 from tests.world.diagnosed import state_of as any_state_of

@@ -201,10 +201,10 @@ def test_diagnosis_figure_is_legible_with_units_on_its_axes(tmp_path):
     found = {"effect": "temperature", "side": "compass", "alternatives": ["compass_drift"], "text": "It follows it."}
     content = {"verdict": "ambiguous", "findings": [found], "unexplained": None, "curves": curves, "not_testable": []}
     content |= {"separated_by": "a swing", "why": "", "negligible": [], "hypotheses": []}
-    for name, draw, unit in (("a", diagnosis.draw_mooring, "m/s"), ("b", diagnosis.draw_calibration, "kn")):
+    for name, dated, unit in (("a", True, "m/s"), ("b", False, "kn")):
         path = tmp_path / name / "diagnosis.png"
         path.parent.mkdir()
-        page = saved(lambda draw=draw, path=path: draw(path, content))
+        page = saved(lambda dated=dated, path=path: diagnosis.draw_diagnosis(path, content, dated=dated))
         check_page(path, page)
         labels = [axes.get_xlabel() for axes in page.axes]
         assert any("eading (°)" in label for label in labels) and any(f"({unit})" in label for label in labels)
@@ -230,7 +230,7 @@ def test_diagnosis_figure_shows_each_effect_and_held_out_days(tmp_path):
         for one in made_of
     ]
     content = {"verdict": "explained", "findings": found, "unexplained": None, "curves": turns}
-    page = saved(lambda: diagnosis.draw_mooring(tmp_path / "d.png", content))
+    page = saved(lambda: diagnosis.draw_diagnosis(tmp_path / "d.png", content, dated=True))
     check_page(tmp_path / "d.png", page)
     first, second, held_out = page.axes
     for axes, reach in ((first, 3.0), (second, 1.0)):
@@ -251,7 +251,7 @@ def test_diagnosis_figure_shows_the_held_out_slope(tmp_path):
     dated = residuals("size_of_temperature", START_S, START_S + 3e7)
     curves = [residuals("turn_by_temperature", -2.0, 4.0), residuals("heading", 5.0, 355.0), dated]
     content = {"verdict": "ambiguous", "findings": [found], "unexplained": None, "curves": curves}
-    page = saved(lambda: diagnosis.draw_mooring(tmp_path / "d.png", content))
+    page = saved(lambda: diagnosis.draw_diagnosis(tmp_path / "d.png", content, dated=True))
     check_page(tmp_path / "d.png", page)
     turn, heading, sized, _ = page.axes
     assert sized.get_title("left") == "(c) temperature" and "date of the change" in words(page)
@@ -274,7 +274,7 @@ def test_diagnosis_panels_keep_their_size_with_long_names(tmp_path, name, panels
     curves = [residuals(("heading", "speed", "time")[k % 3], 5.0, 355.0) | {"compared": name} for k in range(panels)]
     ranked = [{"effect": name, "score": 3.0**k} for k in range(rows)]
     content = {"verdict": "explained", "findings": found, "unexplained": None, "curves": curves, "hypotheses": ranked}
-    page = saved(lambda: diagnosis.draw_calibration(tmp_path / "d.png", content))
+    page = saved(lambda: diagnosis.draw_diagnosis(tmp_path / "d.png", content, dated=False))
     check_page(tmp_path / "d.png", page)
     sizes = [(axes.bbox.width, axes.bbox.height) for axes in page.axes]
     assert min(wide for wide, _ in sizes) >= 0.45 * page.bbox.width
@@ -291,16 +291,16 @@ def test_diagnosis_panels_keep_their_size_with_long_names(tmp_path, name, panels
 
 
 @pytest.mark.parametrize("covariate", ["heading", "time", "speed"])
-@pytest.mark.parametrize("draw", [diagnosis.draw_mooring, diagnosis.draw_calibration])
-def test_nothing_is_drawn_where_there_are_no_data(tmp_path, draw, covariate):
+@pytest.mark.parametrize("dated", [True, False])
+def test_nothing_is_drawn_where_there_are_no_data(tmp_path, dated, covariate):
     """Bins from 5 to 95 and from 265 to 355: neither the band nor the effect spans the gap of 170."""
     scale = {"heading": 1.0, "time": 86400.0, "speed": 0.01}[covariate]
     curve = residuals(covariate, 5.0, 355.0)
     curve["centre"] = (scale * np.r_[5.0:96.0:18.0, 265.0:356.0:18.0]).tolist()
     content = {"verdict": "explained", "findings": [], "unexplained": None, "curves": [curve]}
-    (axes,) = saved(lambda: draw(tmp_path / "d.png", content)).axes
-    drawn = scale / {"time": 86400.0 if draw is diagnosis.draw_mooring else 3600.0}.get(covariate, 1.0)
-    begin = drawn * 5.0 if covariate == "time" and draw is diagnosis.draw_calibration else 0.0
+    (axes,) = saved(lambda: diagnosis.draw_diagnosis(tmp_path / "d.png", content, dated=dated)).axes
+    drawn = scale / {"time": 86400.0 if dated else 3600.0}.get(covariate, 1.0)
+    begin = drawn * 5.0 if covariate == "time" and not dated else 0.0
     bars = [(bar.get_x() + begin, bar.get_x() + begin + bar.get_width()) for bar in axes.patches]
     assert len(bars) == 12 and not any(high > drawn * 123.0 and low < drawn * 237.0 for low, high in bars)
     (effect,) = (line for line in axes.lines if line.get_color() == BLACK)

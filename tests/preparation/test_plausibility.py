@@ -29,10 +29,6 @@ def changed(name: str, where, value):
     return replace(turning(), **{name: column})
 
 
-def echoes(*row: float):
-    return replace(turning(), echo_range_m=np.tile(np.array(row), (N, 1)))
-
-
 def wake_locked(n: int = 60, seed: int = 4):
     """Simulate a compass that follows the tide within some degrees, and the flow past it."""
     rng, hours = np.random.default_rng(seed), np.arange(n)
@@ -58,7 +54,6 @@ FAULTS = {
     "time_backwards": (changed("time_s", [4, 5], [5 * HOUR, 4 * HOUR]), 1),
     "time_repeated": (changed("time_s", 5, 4 * HOUR), 1),
     "outside_deployment": (changed("time_s", slice(20, None), 1e9 + HOUR * np.arange(40)), 40),
-    "echo_of_other_boundary": (echoes(400.0, 450.0), 60),
     "out_of_water": (changed("depth_m", slice(20), 0.5), 60),
 }
 
@@ -77,8 +72,8 @@ def test_every_fault_is_counted_and_reported(fault):
 
 def test_every_count_of_the_deployment_has_a_fault():
     # No faults: natural, or set by the user.
-    quiet = {"side_lobe", "beyond_boundary", "excluded", "flagged_by_hand", "echo_of_boundary"}
-    assert set(apply_deployment(echoes(100.0, 110.0), **LONG).counts) == {*FAULTS, *quiet}
+    quiet = {"side_lobe", "beyond_boundary", "excluded", "flagged_by_hand"}
+    assert set(apply_deployment(turning(), **LONG).counts) == {*FAULTS, *quiet}
 
 
 def test_constant_velocity_is_bad_but_still_water_is_not():
@@ -109,16 +104,6 @@ def test_freely_turning_or_coarse_compass_is_not_flagged():
     for given in (free, coarse):
         found = flag_quality(given, 500.0)
         assert (found.heading_quality == GOOD).all() and not found.warnings
-
-
-@pytest.mark.parametrize("free", [False, True])
-def test_a_fill_value_among_headings_is_bad(free):
-    given = wake_locked(2000)
-    turned = np.random.default_rng(9).uniform(0.0, 360.0, 2000).round(2) if free else given.heading_deg
-    filled = np.arange(2000) % 90 == 7
-    found = flag_quality(replace(given, heading_deg=np.where(filled, 0.0, turned)), 500.0)
-    np.testing.assert_array_equal(found.heading_quality == BAD, filled)
-    assert "23 headings flagged: they read 0.00 degrees" in found.warnings[0]
 
 
 def test_samples_on_deck_are_flagged_by_their_depth():

@@ -14,7 +14,6 @@ from compasslib.errors import InputError
 from compasslib.plots import moorings, timeseries
 from compasslib.plots.page import DPI, WIDE_IN, WIDTH_IN
 from compasslib.product.cells import Differences, Source, Velocities, average_slots
-from compasslib.product.daily import GODIN_H, DailyMeans
 from compasslib.product.errors import (
     AffectedHeadings,
     HeadingErrors,
@@ -24,7 +23,7 @@ from compasslib.product.errors import (
     marginals,
     sum_sigma,
 )
-from compasslib.product.grid import GridRules, describe_parking, grid, make_axes, survey
+from compasslib.product.grid import GODIN_H, DailyMeans, GridRules, describe_parking, grid, make_axes, survey
 from compasslib.records import BAD, GOOD, EarthField, ReferenceCompass
 from tests.world import conventions
 

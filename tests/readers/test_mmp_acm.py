@@ -615,7 +615,7 @@ def test_dead_compass_gives_no_heading_and_no_current(tmp_path):
 @pytest.fixture(scope="module")
 def mooring(tmp_path_factory):
     folder = tmp_path_factory.mktemp("mooring")
-    world = demonstration.make_world(demonstration.spec_of("EG5"), 2007)
+    world = demonstration.make_world(demonstration.MOORINGS["EG5"], 2007)
     span = (DEPLOYED_S, DEPLOYED_S + 50 * 86400.0)
     schedule = profiler.plan(world.random("profiler"), world.spec.deep, world.motion, span)
     scans = profiler.log(world.random("acm"), schedule, world.currents, world.motion, field=world.field)

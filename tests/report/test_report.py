@@ -15,7 +15,7 @@ import netCDF4
 import numpy as np
 import pytest
 
-from compasslib import report
+from compasslib import angles, report
 from compasslib.archive import calibrations
 from compasslib.archive.files import write_json
 from compasslib.calibrations import calibrate, platform, result, two_heads
@@ -26,7 +26,7 @@ from compasslib.inference.finding import CovariateRange, HeldOut, Parameter, Une
 from compasslib.inference.finding import Finding as Found
 from compasslib.plots.figures import MOORING
 from compasslib.report import explore, sections, words
-from compasslib.report.results import (
+from compasslib.report.sections import (
     Overview,
     ReportedFinding,
     ReportFigure,
@@ -422,7 +422,7 @@ def test_damaged_figure_is_reported_in_one_line(done, tmp_path):
         (words.current(complex("nan")), "–"),
         (words.count(9504), "9 504"),
         (words.plural(1, "pair"), "1 pair"),
-        (words.position(-8.9, 219.9), "8.9000° S, 140.1000° W"),
+        (angles.position(-8.9, 219.9), "8.9000° S, 140.1000° W"),
         (words.days({"from": "2007-09-04T00:00:00Z", "to": "2008-10-04T00:00:00Z"}), "4 Sep 2007 to 4 Oct 2008"),
         (words.days({"from": "2003-10-29T06:10:00Z", "to": "2003-10-29T23:00:00Z"}), "29 Oct 2003, 06:10 to 23:00 UTC"),
         (words.sentence("too little"), "Too little."),

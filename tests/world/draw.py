@@ -12,7 +12,7 @@ import yaml
 from benchmarks.proof.world.compass import left_deg
 from compasslib.demo import adcp, sealed
 from compasslib.demo import water as sea
-from compasslib.demo.sealed import DEEP_SAMPLE_S, Effect, Export, Ground, Wish
+from compasslib.demo.sealed import DEEP_SAMPLE_S, Effect, Ground, Wish
 from compasslib.demo.water import Floats, clockwise
 
 ROUNDS = 3
@@ -26,7 +26,6 @@ class Sealed:
     name: str
     wanted: dict[str, float] = field(default_factory=dict)  # visible rms degrees
     wish: Wish = field(default_factory=Wish)
-    export: Export = field(default_factory=Export)
     seed: int = 0
 
 
@@ -37,7 +36,7 @@ def write_alone(one: Sealed, folder: Path) -> tuple[Path, Path]:
     locked.mkdir()
     ground = sealed.make(one.seed, one.name, one.wish)
     effects = [plant(ground, name, wanted_deg)[0] for name, wanted_deg in one.wanted.items()]
-    raw = sealed.write(ground, effects, cruise / "raw" / one.name, one.export)
+    raw = sealed.write(ground, effects, cruise / "raw" / one.name)
     (cruise / "config/config.yaml").write_text("moorings: config/moorings\n")
     (cruise / f"config/moorings/{one.name}.yaml").write_text(yaml.safe_dump(described(one, ground), sort_keys=False))
     np.save(locked / f"{one.name}.npy", np.stack([raw.time_s, raw.heading_deg, raw.recorded_deg]))
@@ -52,10 +51,6 @@ def described(one: Sealed, ground: Ground) -> dict[str, Any]:
         {"format": "pd0", "files": f"raw/{one.name}/{role}.000", "depth": depth, "orientation": orientation}
         for role, depth, orientation in (("top", 100, "up"), ("deep", 104, "down"))
     )
-    if one.export.deep == "table":
-        columns = {"time": "time_utc", "depth": "depth_m", "east": "u_cm_s", "north": "v_cm_s", "scale": 0.01}
-        deep = {"format": "table", "files": f"raw/{one.name}/deep.csv", "depth": 112, "columns": columns}
-        deep["direction_reference"] = "magnetic"
     return {
         "name": one.name, "latitude": ground.latitude_deg, "longitude": ground.longitude_deg,
         "water_depth": ground.water_depth_m, "start": first, "end": last, "declination": "auto",

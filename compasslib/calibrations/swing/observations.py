@@ -14,7 +14,7 @@ from compasslib import angles
 from compasslib.calibrations import read_columns
 from compasslib.calibrations.curves import count_sectors
 from compasslib.deviation.series import series_design
-from compasslib.effects.ship import FilteredCourse
+from compasslib.effects.reference import filter_course
 from compasslib.errors import InputError
 from compasslib.readers import nmea
 from compasslib.records import take
@@ -188,7 +188,7 @@ def _with_delay(known: Observations, turned_deg: Floats, max_lag_s: float) -> Ob
 
     def paired(delay_s: float, filtered: bool) -> tuple[Floats, Floats]:
         """Delay readings by a shift or a first-order filter; give the reading and its 20 s mean for each course."""
-        series = FilteredCourse(delay_s).delayed(turned) if filtered else turned
+        series = filter_course(turned, delay_s) if filtered else turned
         at = time_s if filtered else time_s - delay_s
         return np.interp(at, seconds, series), np.interp(at, seconds, moving_average(series, seconds, BLOCK_S))
 

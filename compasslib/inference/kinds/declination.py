@@ -19,9 +19,9 @@ from compasslib import angles
 from compasslib.calibrations import observatory
 from compasslib.calibrations.observatory import FieldComparison
 from compasslib.effects import Effect
-from compasslib.effects.earth import DeclinationError, FieldDisturbance, SecularVariation
 from compasslib.effects.effect import DAY_S, HOUR_S, YEAR_S
 from compasslib.effects.readout import HeadingSlip
+from compasslib.effects.reference import DeclinationError, FieldDisturbance, SecularVariation
 from compasslib.inference import diagnosis, finding
 from compasslib.inference.comparison import Comparison, Options, build_finding, equal_chances
 from compasslib.inference.diagnosis import Diagnosis

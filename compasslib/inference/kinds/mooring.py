@@ -20,7 +20,7 @@ from compasslib.deviation.model import DeviationFit, nearest_root, observed_head
 from compasslib.deviation.series import invert_series
 from compasslib.effects.effect import HOUR_S, YEAR_S
 from compasslib.effects.readout import LargeDeviation
-from compasslib.effects.water import ClockDrift, ClockOffset, VeerWithDirection
+from compasslib.effects.reference import ClockDrift, ClockOffset, VeerWithDirection
 from compasslib.inference import comparison, diagnosis, finding, long_record
 from compasslib.inference import product as products
 from compasslib.inference.comparison import (

@@ -24,7 +24,14 @@ from compasslib.calibrations.swing import observations
 from compasslib.calibrations.swing.observations import Observations
 from compasslib.effects.effect import Effect, Scene
 from compasslib.effects.forward import COMPASS_STEPS
-from compasslib.effects.ship import ClocksApart, FilteredCourse, LateCourse, LateReading, SetAndDrift, TidalSetAndDrift
+from compasslib.effects.reference import (
+    ClocksApart,
+    FilteredCourse,
+    LateCourse,
+    LateReading,
+    SetAndDrift,
+    TidalSetAndDrift,
+)
 from compasslib.inference import comparison, diagnosis, short_fit, short_search
 from compasslib.inference.comparison import Comparison, Options
 from compasslib.inference.diagnosis import Diagnosis

@@ -21,7 +21,7 @@ from compasslib.effects.effect import Effect, turning_scene
 from compasslib.effects.forward import COMPASS_STEPS
 from compasslib.effects.iron import HardIronStep, HardIronTrend, Heeling, LevelHardIron, LevelSoftIron
 from compasslib.effects.readout import CompassDelay
-from compasslib.effects.water import ClockDrift, ClockOffset
+from compasslib.effects.reference import ClockDrift, ClockOffset
 from compasslib.inference import diagnosis, finding, short_findings, short_fit, short_search
 from compasslib.inference.comparison import Options, build_finding, equal_chances
 from compasslib.inference.diagnosis import Diagnosis

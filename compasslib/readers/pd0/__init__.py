@@ -39,8 +39,8 @@ class _File:
     """Content of one file, in batches."""
 
     leaders: list[Ensembles]  # without profiles
-    columns: list[Columns]  # profiles
-    echo: list[Columns]  # "ranges", see ``echo_ranges``; "near": mean of the two nearest bins, low where water is clear
+    columns: list[Columns]  # profiles of the record
+    echo: list[Floats]  # (n,) mean of the two nearest bins, low where water is clear
     counts: dict[str, int]
     warnings: tuple[str, ...]
 
@@ -81,35 +81,6 @@ def read(
         raise InputError("files", expected="at least one PD0 file", found="none", advice="name the instrument's files")
     content = sorted((_read_file(path, settings) for path in paths), key=lambda file: float(file.leaders[0].time_s[0]))
     return _record(", ".join(map(str, paths)), content, settings)
-
-
-def echo_ranges(ensembles: Ensembles, boundary: int = 50, heard: int = 15) -> Floats:
-    """Determine vertical ranges, (n, 2) metres, of a boundary and of the last bin above noise; NaN without one.
-
-    Echo decreases with range in water: surface and bottom exceed it by far (by 80 to 160 counts in two genuine moored
-    records), a layer of animals by 10 to 20 dB at most.
-
-    Args:
-        boundary: echo of a boundary above the minimum at shorter range, counts of 0.45 dB.
-        heard: echo of water above the minimum of the ensemble, which is at least the receiver noise, counts.
-    """
-    if not ensembles.echo.any():
-        return np.full((len(ensembles), 2), np.nan)
-    b1, b2, b3, b4 = np.moveaxis(ensembles.echo, 2, 0)
-    echo = b1.astype(np.int16) + b2 + b3 + b4  # six times as fast as a sum over the last axis
-    beyond = np.arange(echo.shape[1]) >= ensembles.cells[:, None]
-    ragged = beyond.any()
-    if ragged:
-        echo[beyond] = np.iinfo(np.int16).max
-    least = np.minimum.accumulate(echo, axis=1)
-    rise, loud = echo - least, echo - least[:, -1:]
-    if ragged:
-        rise[beyond] = loud[beyond] = 0
-    strongest = rise.argmax(axis=1)
-    last = echo.shape[1] - 1 - (loud > 4 * heard)[:, ::-1].argmax(axis=1)
-    known = np.column_stack([rise.max(axis=1, initial=0) > 4 * boundary, loud.any(axis=1)])
-    ranges = ensembles.bin1_m[:, None] + ensembles.cell_m[:, None] * np.column_stack([strongest, last])
-    return np.where(known, ranges, np.nan)
 
 
 def _refuse_empty(path: str | Path, count: int, dropped: Counter[str]) -> None:
@@ -154,7 +125,7 @@ def _read_file(path: Path, settings: Settings) -> _File:
             replace(ensembles, velocity=none, echo=no_counts, correlation=no_counts, percent_good=no_counts)
         )
         content.columns.append(columns)
-        content.echo.append({"ranges": echo_ranges(ensembles), "near": near})
+        content.echo.append(near)
         counts["three_beam"] += three_beam
         counts["ensembles"] += len(ensembles)
         widest = max(widest, east.shape[1])
@@ -200,7 +171,6 @@ def _record(where: str, content: Sequence[_File], settings: Settings) -> Record:
         name: fields.stack_padded([columns.pop(name) for columns in batched], MISSING if name == "quality" else 0)
         for name in [*batched[0]]
     }
-    echo = {name: np.concatenate([part[name] for file in content for part in file.echo]) for name in ("ranges", "near")}
     flags, strays, notes = flag_strays(leaders)
     sound = currents.correct_sound_speed(leaders, settings.sound_speed)
     notes += [sound.sentence] if sound.sentence else []
@@ -248,7 +218,7 @@ def _record(where: str, content: Sequence[_File], settings: Settings) -> Record:
         channels={
             "transmit_current": leaders.transmit_current,
             "heading_spread": leaders.heading_spread_deg,
-            "echo": echo["near"],
+            "echo": np.concatenate([part for file in content for part in file.echo]),
         },
         channel_units={"transmit_current": "count", "heading_spread": "degree", "echo": "count"},
         profiles=profiles,
@@ -262,7 +232,6 @@ def _record(where: str, content: Sequence[_File], settings: Settings) -> Record:
         heading_bias_deg=_most_frequent(currents.heading_bias(leaders, settings)),
         velocity_bias_deg=_most_frequent(currents.velocity_bias(leaders, settings)),
         serial_number=serial,
-        echo_range_m=echo["ranges"] * sound.range_factor,
         counts=counts,
         sound_speed=sound.sentence,
         warnings=(

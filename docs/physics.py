@@ -1,4 +1,4 @@
-"""The catalogue as a documentation page: ``python -m compasslib.effects.page > docs/physics.md``."""
+"""The catalogue as a documentation page: ``python docs/physics.py > docs/physics.md``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from compasslib.effects import CATALOGUE, Effect
 
 HEAD = """# The catalogue of unmodelled effects
 
-Made from `compasslib/effects/` by `python -m compasslib.effects.page`. Effects act in this order; only those of side
+Made from `compasslib/effects/` by `python docs/physics.py`. Effects act in this order; only those of side
 *compass* enter the headings. *Against* gives what distinguishes an effect from another.
 """
 
