@@ -13,8 +13,8 @@ from compasslib.deviation.average import average_with_none
 from compasslib.deviation.model import DeviationFit
 from compasslib.inference import wording
 from compasslib.inference.comparison import Comparison, Options
-from compasslib.inference.current import SEPARATED_BY, CurrentStatement
 from compasslib.inference.finding import (
+    LISTED_SHARE,
     SURE,
     UNTESTED,
     BinnedResidual,
@@ -26,10 +26,9 @@ from compasslib.inference.finding import (
     curve_json,
 )
 from compasslib.inference.joint_compass import RecordInformation
+from compasslib.inference.noise import SEPARATED_BY, CurrentStatement
 from compasslib.inference.product import CorrectionModel, WeightedCompass
 from compasslib.types import Floats
-
-LISTED_SHARE = 0.1  # smallest size that is listed as negligible, as a share of ``min_effect_deg``
 
 SIDES = ("none", "compass", "clock", "reference", "water")
 MOST_FACTOR = 1e12  # largest Bayes factor that is reported

@@ -19,8 +19,9 @@ from compasslib.effects.effect import DAY_S
 from compasslib.effects.forward import added_term_jacobian, heading_jacobian
 from compasslib.inference import design
 from compasslib.inference.design import FittedModel
+from compasslib.inference.evidence import MOST_EFFECTS
 from compasslib.inference.finding import SURE
-from compasslib.inference.search import MOST_EFFECTS, Inference
+from compasslib.inference.search import Inference
 from compasslib.types import Floats
 
 ANYTHING = 1e6  # prior variance of free coefficients, in units of one sample's noise
@@ -63,7 +64,7 @@ def rank_observations(inferred: Inference) -> tuple[tuple[str, float], ...]:
     """Rank observations by the probability that each leaves a single explanation; none without alternatives."""
     combined = [(p, each) for p, each in inferred.combinations if p >= LEAST][:MOST]
     numbers = sorted({k for _, each in combined for k in each})
-    if inferred.slow is None or not numbers:
+    if not numbers:
         return ()
     recording = _linearize(inferred, numbers)
     names = [tuple(sorted(inferred.model.options[k].name for k in each)) for _, each in combined]
@@ -87,11 +88,9 @@ def _linearize(inferred: Inference, numbers: Sequence[int]) -> Recording:
     options, model = [inferred.model.options[k] for k in numbers], inferred.model
     entered = dict(inferred.entered)
     amplitudes = [entered.get(k) or model.likeliest_amplitude(k, inferred.slow_noise) for k in numbers]
-    assert inferred.slow is not None
     scale = freed.response / freed.sigma / np.sqrt(model.scatter)
     columns = [size * option.columns for size, option in zip(amplitudes, options, strict=True)]
     rows = freed.whitener(np.nan_to_num(np.concatenate([*columns, inferred.slow.columns, freed.base], axis=1))) * scale
-    slow_noise, count = inferred.slow_noise, inferred.slow.columns.shape[1]
     return Recording(
         midpoint=midpoint,
         freed=freed,
@@ -100,7 +99,7 @@ def _linearize(inferred: Inference, numbers: Sequence[int]) -> Recording:
         ends=np.cumsum([0, *(option.columns.shape[1] for option in options)]),
         usual=np.concatenate([size * option.usual for size, option in zip(amplitudes, options, strict=True)]),
         rows=rows,
-        variance=np.zeros(count) if slow_noise is None else inferred.slow.variances(slow_noise),
+        variance=inferred.slow.variances(inferred.slow_noise),
         score=rows.T @ (freed.innovation * scale / freed.response),
     )
 

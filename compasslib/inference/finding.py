@@ -30,6 +30,7 @@ REFUTED_P = 0.05  # p-value on held-out days from which a finding is refuted if 
 REFUTED_GROWTH = 1.1  # growth of the rms needed for that: the gain itself is weighted and clipped, the rms is not
 DETECTED_P = 0.01  # rank among surrogates up to which an effect is detected: in one of a hundred records without any
 NAMED_SIGMAS = 4.0  # normal score from which a clock error is named: 1 in 16,000 by noise alone
+LISTED_SHARE = 0.1  # smallest size that is listed as negligible, as a share of ``min_effect_deg``
 SURE = 0.95  # probability from which something is stated as established
 TILTS = {"pitch": "tilt", "roll": "tilt"}  # two axes of one driver
 CURVE_BINS, FEWEST_IN_BIN = 18, 10  # of a plotted curve, and samples in one

@@ -79,7 +79,7 @@ def _select_anew(inferred: Inference, k: int, fold: NDArray[np.intp], scored: He
         slope=Interval(ratio, ratio - (most - middle) / middle, ratio + (middle - least) / middle)
         if most > least
         else None,
-        placebo=Placebo(surrogates, chance) if model.slow is not None else None,
+        placebo=Placebo(surrogates, chance),
         points=points,
     )
 
@@ -119,7 +119,7 @@ class _PartitionedRecord:
     def variance(self) -> Floats:
         """Prior variance of the coefficients of noise."""
         slow_noise = self.inferred.places[self.place].evidence.likeliest_noise(self.inferred.chosen[self.place])
-        return np.append(self.model.noise_variances(slow_noise), np.full(self.model.freed.basis.shape[1], FREE))
+        return np.append(self.model.slow.variances(slow_noise), np.full(self.model.freed.basis.shape[1], FREE))
 
     def _marginal(self, information: Floats, score: Floats) -> Marginal:
         entered = self.inferred.entered

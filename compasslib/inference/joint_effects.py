@@ -22,11 +22,11 @@ from compasslib.effects.effect import YEAR_S, parameter_slices
 from compasslib.inference import noise as noise_models
 from compasslib.inference import wording
 from compasslib.inference.comparison import Comparison, LongComparison, build_finding
+from compasslib.inference.evidence import UNLIKELY
 from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter, compare_names
 from compasslib.inference.joint_compass import EffectInformation, Member, RecordInformation, effect_class
-from compasslib.inference.linear_model import AMPLITUDES_DEG, LEAST_PROBABILITY, Entered, Marginal, Products
-from compasslib.inference.places import UNLIKELY
-from compasslib.inference.search import Inference
+from compasslib.inference.linear_model import AMPLITUDES_DEG, Entered, Marginal, Products
+from compasslib.inference.search import Inference, mixed_covariance
 from compasslib.statistics.least_squares import robust_width
 from compasslib.types import Floats
 
@@ -46,12 +46,11 @@ def record_information(inferred: Inference, fit: DeviationFit) -> RecordInformat
     """
     weights = np.array([weight for weight, _ in inferred.weighted])
     weights /= weights.sum()
-    centres = np.array([fitted.simulation.coefficients for _, fitted in inferred.weighted])
-    inner = np.array([inferred.estimate(fitted).covariance[:5, :5] for _, fitted in inferred.weighted])
-    off = centres - weights @ centres
-    covariance = np.einsum("h,hij->ij", weights, inner) + (weights[:, None] * off).T @ off
+    centres = [fitted.simulation.coefficients for _, fitted in inferred.weighted]
+    inner = [inferred.estimate(fitted).covariance[:5, :5] for _, fitted in inferred.weighted]
+    covariance = mixed_covariance(weights, centres, inner)
     covariance += positive_part(fit.covariance[:5, :5] - covariance)
-    return RecordInformation(weights @ centres, covariance, _effect_information(inferred))
+    return RecordInformation(weights @ np.array(centres), covariance, _effect_information(inferred))
 
 
 def fit_information(fit: DeviationFit) -> RecordInformation | None:
@@ -65,7 +64,7 @@ def _effect_information(inferred: Inference) -> EffectInformation:
 
     Effects that belong to the record alone, such as a slip of its mount, are marginalized.
     """
-    fitted, model, evidence = inferred.fitted, inferred.model, inferred.further.evidence
+    fitted, model = inferred.fitted, inferred.model
     shared = [k for k, option in enumerate(model.options) if option.term.instrument]
     specific = [(k, size) for k, size in inferred.entered if k not in shared]
     retained = [*shared, *(k for k, _ in specific)]
@@ -79,10 +78,8 @@ def _effect_information(inferred: Inference) -> EffectInformation:
     entered = [(len(shared) + k, size) for k, (_, size) in enumerate(specific)]
     at = np.append(np.arange(products.ends[len(shared)]), white.shape[1] - SEASON_COLUMNS + np.arange(SEASON_COLUMNS))
     information, score = np.zeros((len(at), len(at))), np.zeros(len(at))
-    probability = evidence.noise_probability()
-    likely = np.flatnonzero(probability > LEAST_PROBABILITY * probability.max())
-    for w, share in zip(likely, probability[likely] / probability[likely].sum(), strict=True):
-        variance = np.append(model.noise_variances(evidence.slow_noises[w]), np.zeros(SEASON_COLUMNS))
+    for share, slow_noise in inferred.further.evidence.weighted_noises():
+        variance = np.append(model.slow.variances(slow_noise), np.zeros(SEASON_COLUMNS))
         left, score_left = products.marginalize(variance, entered).left(at)
         information, score = information + share * left, score + share * score_left[:, 0]
     usual = np.concatenate([np.zeros(0), *(model.options[k].usual for k in shared)])

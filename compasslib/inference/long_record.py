@@ -13,11 +13,10 @@ from compasslib.calibrations import observatory
 from compasslib.deviation.model import DeviationFit
 from compasslib.effects import Effect
 from compasslib.effects.composed import ComposedEffect
-from compasslib.effects.effect import DAY_S, parameter_slices
+from compasslib.effects.effect import DAY_S, HOUR_S, parameter_slices
 from compasslib.effects.forward import north_shift
-from compasslib.inference import comparison as comparisons
-from compasslib.inference import covariates as covariate_series
 from compasslib.inference import (
+    anomalies,
     design,
     diagnosis,
     experiments,
@@ -25,23 +24,26 @@ from compasslib.inference import (
     heldout,
     joint_effects,
     search,
-    sticking,
 )
-from compasslib.inference import noise as noise_models
+from compasslib.inference import comparison as comparisons
+from compasslib.inference import covariates as covariate_series
+from compasslib.inference.anomalies import HeadingCluster
 from compasslib.inference.comparison import FEWEST_PAIRS, LongComparison, Options
-from compasslib.inference.current import CurrentStatement
 from compasslib.inference.design import FittedModel
 from compasslib.inference.diagnosis import Diagnosis, Outcome
 from compasslib.inference.finding import BinnedResidual, Finding, Parameter, Unexplained
-from compasslib.inference.limits import limits_text
+from compasslib.inference.noise import CurrentStatement
 from compasslib.inference.product import AppliedCompass, WeightedCompass
 from compasslib.inference.search import Inference
-from compasslib.inference.sticking import HeadingCluster
 from compasslib.inference.wording import SIZE_PREFIX, TURN_PREFIX
+from compasslib.statistics.whitening import correlation_time, sampling_interval_s
 from compasslib.types import Floats
 
 LIKE_TIME = 0.9  # correlation with time from which a covariate's curve repeats that of time
 FIXED_PLACES = ("middle", "range", "period_s")  # that are not searched for
+SLOW = (  # reported parameters of slow noise
+    ("slow_rms_deg", "veer", "size"), ("slow_memory_days", "veer", "memory_days"), ("slow_shear_m_s", "shear", "size")
+)  # fmt: skip
 NO_SIGMA = 1e-6  # standard error, in any unit, up to which a parameter of value 0 is not listed
 
 
@@ -67,17 +69,17 @@ def diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | N
 def _diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | None) -> Diagnosis:
     none = np.zeros(comparison.nuisance.shape[1])
     initial = design.evaluate_model(comparison, comparison.simulation, none)
-    cluster = sticking.sticking_sector(initial)
+    cluster = anomalies.sticking_sector(initial)
     outside = (
         comparison
         if cluster is None
-        else replace(comparison, observed_deg=sticking.observed_outside(comparison, cluster))
+        else replace(comparison, observed_deg=anomalies.observed_outside(comparison, cluster))
     )
     if cluster is not None and design.count_usable(outside, comparison.simulation, none) >= FEWEST_PAIRS:
         initial = design.evaluate_model(outside, comparison.simulation, none)  # sticking readings mimic terms
     initial = design.refit(initial, [])  # compass and nuisances, accounting for autocorrelation
     inferred = search.infer(initial, options.prior_odds, options.surrogates)
-    stormy = noise_models.storm_finding(inferred.fitted)
+    stormy = anomalies.storm_finding(inferred.fitted)
     null_model = design.refit(inferred.fitted, []) if inferred.fitted.simulation.terms else inferred.fitted
     diagnosed = diagnosis.combine_outcomes(
         [_outcome(inferred, null_model, cluster, options)],
@@ -88,7 +90,7 @@ def _diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | 
     detectable = inferred.limits
     limits = [(max(size, options.min_effect_deg), name) for name, size in detectable.items() if size is not None]
     covariance = inferred.estimate(null_model).covariance[:5, :5]
-    if inferred.slow is not None and inferred.slow.acting:  # effect of the current on the fit
+    if inferred.slow.acting:  # effect of the current on the fit
         shift = null_model.simulation.coefficients - null_model.comparison.simulation.coefficients
         covariance = covariance + np.outer(shift, shift)
     return replace(
@@ -104,12 +106,22 @@ def _diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | 
         if options.apply
         else (),
         covariance=covariance,
-        why=limits_text(sorted(limits)) if limits else "",
+        why=_limits_text(sorted(limits)) if limits else "",
         detectable_deg=detectable,
         detection=inferred.detections[0],
         experiments=experiments.rank_observations(inferred) if diagnosed.verdict == "ambiguous" else (),
         information=joint_effects.record_information(inferred, fit) if options.share and fit is not None else None,
     )
+
+
+def _limits_text(limits: Sequence[tuple[float, str]]) -> str:
+    """State the smallest and the largest limit in a sentence."""
+    (best, first), (worst, last) = (
+        (f"{size:.1f}° rms", name.replace("_", " ")) for size, name in (limits[0], limits[-1])
+    )
+    if best == worst:
+        return f"Any effect that was tried is detected with a probability of 90 % from {best} on."
+    return f"Effects are detected with a probability of 90 % from {best} ({first}) to {worst} ({last}) on."
 
 
 def _outcome(
@@ -159,11 +171,30 @@ def _outcome(
         left=_unexplained(inferred, cluster, named, options),
         small=(),
         curves=curves,
-        noise=search.summarize_noise(inferred),
+        noise=_summarize_noise(inferred),
         current=stated,
         current_probability=exceeded,
         prior_odds=options.prior_odds,
     )
+
+
+def _summarize_noise(inferred: Inference) -> dict[str, tuple[float, float]]:
+    """Estimate the parameters of the noise, each with its standard error."""
+    fitted, evidence = inferred.fitted, inferred.further.evidence
+    time_s, weight = fitted.comparison.scene.time_s, evidence.noise_probability()
+    hours, step = float(np.ptp(time_s)) / HOUR_S, sampling_interval_s(time_s) / HOUR_S
+    short = correlation_time(fitted.whitener) * step
+    width = fitted.whitener.width_deg
+    white = float(np.median(width[np.isfinite(width)]))
+    result = {
+        "white_deg": (white, white * float(np.sqrt((step + 2.0 * short) / (2.0 * hours)))),
+        "short_hours": (short, short * float(np.sqrt(2.0 * (step + short) / hours))),
+    }
+    for name, process, value in SLOW:
+        each = np.array([getattr(getattr(slow_noise, process), value) for slow_noise in evidence.noises])
+        mean = float(weight @ each)
+        result[name] = (mean, float(np.sqrt(weight @ (each - mean) ** 2)))
+    return result
 
 
 def _current(inferred: Inference, min_effect_deg: float) -> tuple[float, tuple[CurrentStatement, ...]]:
@@ -171,8 +202,6 @@ def _current(inferred: Inference, min_effect_deg: float) -> tuple[float, tuple[C
     model, visible = inferred.model, inferred.current_visible
     alone = model.current((), model.weigh(inferred.further.evidence.likely_noises).likeliest_noise())
     with_effects = model.current(inferred.entered, inferred.slow_noise)
-    if alone is None or with_effects is None:
-        return 0.0, ()
     exceeded, _ = alone.statements(visible, min_effect_deg)
     stated = []
     for item in with_effects.statements(visible, min_effect_deg)[1]:
@@ -237,26 +266,17 @@ def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -
 
 
 def _place_parameters(inferred: Inference, k: int, term: ComposedEffect) -> dict[str, Parameter]:
-    """Collect the place parameters of a composition: dates, and values of its driver, with the mean added back.
-
-    Their standard errors follow from the probabilities of the places that were tried.
-    """
-    comparison, place = inferred.fitted.comparison, inferred.places[k]
-    means = covariate_series.reference_values(comparison.covariates)
-    alike = [j for j, option in enumerate(inferred.model.options) if type(option.term) is type(term)]
+    """Collect the dates and places of a composition, with standard errors from the probabilities of those tried."""
+    place, result = inferred.places[k], dict[str, Parameter]()
+    alike = place.alike(type(term))
     weight = place.probability[alike] / max(float(place.probability[alike].sum()), 1e-12)
-    result = {}
-    for name in (f.name for f in fields(term) if not f.metadata["step"] and f.name not in FIXED_PLACES):
-        value = float(getattr(term, name))
+    for each in (each for each in fields(term) if not each.metadata["step"] and each.name not in FIXED_PLACES):
+        value, name = float(getattr(term, each.name)), each.name
         off = np.array([float(getattr(inferred.model.options[j].term, name)) for j in alike]) - value
-        sigma = float(np.sqrt(weight @ off**2))
-        unit = comparison.driven(term, next(f.metadata["unit"] for f in fields(term) if f.name == name))
-        if name == "middle":
-            value += sum(means.get(entry, 0.0) for entry in term.needs[:1])
-        in_days = unit == "s"
-        result[name.replace("_s", "_days") if in_days else name] = (
-            Parameter(value / DAY_S, sigma / DAY_S, "days") if in_days else Parameter(value, sigma, unit)
-        )
+        sigma, unit = float(np.sqrt(weight @ off**2)), inferred.fitted.comparison.driven(term, each.metadata["unit"])
+        if unit == "s":
+            name, value, sigma, unit = name.replace("_s", "_days"), value / DAY_S, sigma / DAY_S, "days"
+        result[name] = Parameter(value, sigma, unit)
     return result
 
 

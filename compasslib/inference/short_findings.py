@@ -22,10 +22,10 @@ from compasslib.types import Floats
 def build_outcome(inferred: ShortInference, min_effect_deg: float) -> Outcome:
     """Collect the outcome of the search of one comparison."""
     fitted, comparison = inferred.fitted, inferred.fitted.comparison
-    sizes = [short_fit.visible_size_deg(fitted, k) for k in range(len(fitted.terms))]
+    sizes = [fitted.visible_size_deg(k) for k in range(len(fitted.terms))]
     unlisted = [k for k, term in enumerate(fitted.terms) if isinstance(term, ComposedEffect)]
     listed = [k for k in range(len(fitted.terms)) if k not in unlisted]
-    covariance = short_fit.parameter_covariance(fitted) if listed else np.zeros((0, 0))
+    covariance = fitted.covariance if listed else np.zeros((0, 0))
     findings = tuple(_finding(inferred, k, covariance, sizes, min_effect_deg) for k in listed)
     left = None
     if unlisted and sizes[k := max(unlisted, key=sizes.__getitem__)] >= min_effect_deg:
@@ -37,7 +37,7 @@ def build_outcome(inferred: ShortInference, min_effect_deg: float) -> Outcome:
         wanted |= {item.where.covariate for item in shown if item.effect in names}
         return [residual_curve(inferred.before, fitted, name) for name in comparison.covariates if name in wanted]
 
-    scatter = fitted.scale_deg / float(np.sqrt(2.0 * max(short_fit.effective_samples(fitted), 1.0)))
+    scatter = fitted.scale_deg / float(np.sqrt(2.0 * max(fitted.effective_samples, 1.0)))
     return Outcome(
         comparison=comparison,
         posterior=inferred,
@@ -114,7 +114,7 @@ def held_out_gain(
     Args:
         error: of each reading by a fit, (n,) degrees; by default its residual.
     """
-    block, left = short_fit.memory_blocks(fitted), []
+    block, left = fitted.blocks, []
     folds = block.max() + 1 if fitted.comparison.independent else min(finding.FOLDS, block.max() + 1)
     for near, free in ((less, terms), (fitted, fitted.terms)):
         residual = np.empty(len(block))
@@ -134,6 +134,6 @@ def residual_curve(before: FittedHypothesis, after: FittedHypothesis, name: str)
     centre, *means = (
         np.bincount(bins, x, len(edges) - 1)[held] / there[held] for x in (column, before.residual_deg, after.clipped)
     )
-    share = short_fit.effective_samples(after) / len(column)
+    share = after.effective_samples / len(column)
     sigma = float(np.std(after.clipped)) / np.sqrt(np.maximum(there[held] * share, 1.0))
     return BinnedResidual(name, centre, means[0], means[1], sigma, comparison.what)

@@ -6,10 +6,9 @@ the noise, which is 0.01 to 5 degrees.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from compasslib.effects.forward import ForwardModel, invert_heading, invert_read
 from compasslib.inference.comparison import Comparison
 from compasslib.inference.finding import MOST_WIDTHS
 from compasslib.statistics.least_squares import MISFIT_TOLERANCE, gauss_newton, robust_width
-from compasslib.statistics.noise import arma_covariance, arma_effective_size, effective_sample_size
+from compasslib.statistics.noise import PHI, THETA, arma_covariance, arma_effective_size, effective_sample_size
 from compasslib.statistics.resampling import block_sums, blocks_by_count, student_factor
 from compasslib.statistics.whitening import orthonormal_basis, project_out, scaled_inverse
 from compasslib.types import Floats
@@ -38,10 +37,12 @@ PROBE_STEP = 0.02  # finite difference, relative to a parameter's step
 MOST_SAMPLES = 2500  # of a recording; limits the run time of a search
 
 
-class ResidualModel(Protocol):
-    """Observed minus simulated, (n,) degrees, for base parameters (b,) and terms."""
+# Observed minus simulated, (n,) degrees, for base parameters (b,) and terms.
+ResidualModel = Callable[[Floats, tuple[Effect, ...]], Floats]
+Law = tuple[float, float]  # autoregressive and moving-average coefficient of the noise
 
-    def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats: ...
+WHITE: Law = (0.0, 0.0)
+LAWS: tuple[Law, ...] = tuple((float(p), float(t)) for p in PHI[::2] for t in THETA[::2] if t >= -p)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +59,11 @@ class ShortComparison(Comparison):
     independent: bool = False  # whether errors of the readings are independent
     arma_noise: bool = False  # whether the noise is modelled as ARMA instead of estimated from blocks
     reads: bool = True  # whether what is compared is a reading of a compass
+
+    @property
+    def laws(self) -> tuple[Law, ...]:
+        """Candidate laws of the noise."""
+        return (WHITE,) if self.independent else LAWS
 
     @cached_property
     def conditions(self) -> Scene:
@@ -193,6 +199,60 @@ class FittedHypothesis:
         """Project the columns of all parameters out of other columns, (n, k)."""
         return project_out(columns, orthonormal_basis(self.columns))
 
+    def derivative(self, term: Effect) -> Floats:
+        """Differentiate the simulated heading by the parameters of a term added to the hypothesis, (n, p)."""
+        made = []
+        for j, step in enumerate(0.1 * term.steps()):
+            moved = term.at(term.values + step * (np.arange(len(term.values)) == j))
+            made.append((self.residual_deg - self.comparison.difference(self.base, (*self.terms, moved))) / step)
+        return np.stack(made, axis=1)
+
+    @cached_property
+    def effective_samples(self) -> float:
+        """Effective number of independent samples in the residual."""
+        n = len(self.comparison)
+        if self.comparison.independent:
+            return float(n)
+        if self.comparison.arma_noise:
+            return arma_effective_size(self.clipped, self.columns)
+        return effective_sample_size(self.clipped, np.arange(n, dtype=float), longest_s=n / 10.0)
+
+    @cached_property
+    def blocks(self) -> NDArray[np.intp]:
+        """Number of the block of each sample, (n,); a block has several effective samples, or one reading."""
+        order = np.arange(len(self.comparison))
+        if self.comparison.independent:
+            return order
+        count = int(np.clip(self.effective_samples / SAMPLES_IN_BLOCK, FEWEST_BLOCKS, MOST_BLOCKS))
+        return blocks_by_count(order.astype(float), count)
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """Covariance of base and terms from scores of blocks, at least that of independent samples.
+
+        The systematic error ``rule_deg`` is added as if it were entirely along each parameter's own column.
+        """
+        columns, residual = self.columns, self.clipped
+        if self.comparison.arma_noise:
+            return arma_covariance(residual, columns)
+        inverse = scaled_inverse(columns.T @ columns)
+        free = max(len(residual) - columns.shape[1], 1)
+        plain = inverse * self.square / free * student_factor(free) ** 2
+        if self.comparison.independent:
+            return plain
+        sums = block_sums(columns * residual[:, None], self.blocks)
+        count = len(sums)
+        robust = inverse @ (sums.T @ sums) @ inverse * count / (count - 1) * student_factor(count - 1) ** 2
+        share = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(plain), 1e-300), 1.0))
+        rule = self.comparison.rule_deg**2 * len(residual) * np.diag(np.diag(inverse))
+        return plain * np.outer(share, share) + rule
+
+    def visible_size_deg(self, k: int) -> float:
+        """Compute the visible size of a term, with all other parameters projected out, rms degrees."""
+        others = orthonormal_basis(np.delete(self.columns, parameter_slices(self.terms, len(self.base))[k], axis=1))
+        without = self.comparison.difference(self.base, (*self.terms[:k], *self.terms[k + 1 :])) - self.residual_deg
+        return angles.rms(project_out(without, others))
+
     def step(self) -> tuple[Floats, float]:
         """Compute the weighted least-squares step, 0 in undetermined directions, and its length in about degrees."""
         weight = self.used.astype(float)
@@ -246,61 +306,3 @@ def _linearize(
         probe = PROBE_STEP * now.steps[j]
         columns[:, j] = (residual - comparison.difference(*at(theta + probe * (np.arange(len(theta)) == j)))) / probe
     return now
-
-
-def term_derivative(now: FittedHypothesis, term: Effect) -> Floats:
-    """Differentiate the simulated heading by the parameters of a term added to a hypothesis, (n, p)."""
-    made = []
-    for j, step in enumerate(term.steps()):
-        moved = term.at(term.values + 0.1 * step * (np.arange(len(term.values)) == j))
-        made.append((now.residual_deg - now.comparison.difference(now.base, (*now.terms, moved))) / (0.1 * step))
-    return np.stack(made, axis=1)
-
-
-def memory_blocks(fitted: FittedHypothesis) -> NDArray[np.intp]:
-    """Number the block of each sample, (n,); a block has several effective samples, or one independent reading."""
-    order = np.arange(len(fitted.comparison))
-    if fitted.comparison.independent:
-        return order
-    count = int(np.clip(effective_samples(fitted) / SAMPLES_IN_BLOCK, FEWEST_BLOCKS, MOST_BLOCKS))
-    return blocks_by_count(order.astype(float), count)
-
-
-def effective_samples(fitted: FittedHypothesis) -> float:
-    """Estimate the effective number of independent samples in the residual."""
-    n = len(fitted.comparison)
-    if fitted.comparison.independent:
-        return float(n)
-    if fitted.comparison.arma_noise:
-        return arma_effective_size(fitted.clipped, fitted.columns)
-    return effective_sample_size(fitted.clipped, np.arange(n, dtype=float), longest_s=n / 10.0)
-
-
-def parameter_covariance(fitted: FittedHypothesis) -> Floats:
-    """Estimate the covariance of base and terms from scores of blocks, at least that of independent samples.
-
-    The systematic error ``rule_deg`` is added as if it were entirely along each parameter's own column.
-    """
-    columns, residual = fitted.columns, fitted.clipped
-    if fitted.comparison.arma_noise:
-        return arma_covariance(residual, columns)
-    inverse = scaled_inverse(columns.T @ columns)
-    free = max(len(residual) - columns.shape[1], 1)
-    plain = inverse * fitted.square / free * student_factor(free) ** 2
-    if fitted.comparison.independent:
-        return plain
-    sums = block_sums(columns * residual[:, None], memory_blocks(fitted))
-    count = len(sums)
-    robust = inverse @ (sums.T @ sums) @ inverse * count / (count - 1) * student_factor(count - 1) ** 2
-    share = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(plain), 1e-300), 1.0))
-    rule = fitted.comparison.rule_deg**2 * len(residual) * np.diag(np.diag(inverse))
-    return plain * np.outer(share, share) + rule
-
-
-def visible_size_deg(fitted: FittedHypothesis, k: int) -> float:
-    """Compute the visible size of a term, with all other parameters projected out, rms degrees."""
-    columns = parameter_slices(fitted.terms, len(fitted.base))[k]
-    other_terms = [term for j, term in enumerate(fitted.terms) if j != k]
-    without = fitted.comparison.difference(fitted.base, other_terms) - fitted.residual_deg
-    others = orthonormal_basis(np.delete(fitted.columns, columns, axis=1))
-    return angles.rms(project_out(without, others))

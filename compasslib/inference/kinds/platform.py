@@ -22,13 +22,13 @@ from compasslib.effects.effect import Effect
 from compasslib.effects.forward import COMPASS_STEPS
 from compasslib.effects.iron import HardIronStep, HardIronTrend
 from compasslib.effects.readout import CompassTrend, HeadingSlip, LargeDeviation, Octantal, Sextantal
-from compasslib.inference import comparison, diagnosis, short_findings, short_fit, short_options, short_search
-from compasslib.inference.blocks import Option, block_of
+from compasslib.inference import comparison, diagnosis, short_findings, short_fit, short_search
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
+from compasslib.inference.evidence import Option, block_of
 from compasslib.inference.finding import Finding
 from compasslib.inference.short_fit import CurveResidual, FittedHypothesis, ShortComparison
-from compasslib.inference.short_search import ShortInference, ShortPlace
+from compasslib.inference.short_search import ShortInference
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Floats
 
@@ -130,7 +130,7 @@ def search_curve(
     """
     by_series = short_fit.fit_hypothesis(series, ())
     by_exact = None if exact is None else short_fit.fit_hypothesis(exact, ())
-    clearly = short_fit.effective_samples(by_series)
+    clearly = by_series.effective_samples
     if exact is None or by_exact is None or clearly * np.log(by_exact.square / by_series.square) > CLEARLY:
         return short_search.search_effects(replace(series, terms=READOUT + more), options), []
     found = short_search.search_effects(replace(exact, terms=READOUT + FIELD + more), options)
@@ -152,8 +152,8 @@ def _too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options:
     if angles.rms(apart) < options.min_effect_deg or exact.square >= series.square:
         return []
     option = (Option(LargeDeviation(), block_of(LargeDeviation), apart[:, None], np.ones(1)),)
-    evidence = short_options.weigh(series, option, series.evident[:, None])(1.0)
-    if not short_search.detect(ShortPlace(series, option, evidence, exact), options.surrogates).significant:
+    evidence = short_search.weigh(series, option, series.evident[:, None])(1.0)
+    if not short_search.detect(series, exact, evidence, 1.0, options.surrogates).significant:
         return []
     proof = short_findings.held_out_gain(series, exact, exact.terms, _heading_error)
     return [] if proof.refuted else [comparison.large_deviation(series.comparison, angles.rms(apart), proof)]

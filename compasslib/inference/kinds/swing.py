@@ -304,7 +304,7 @@ def _untested(made: Calibration, fitted: FittedHypothesis, *, same_clock: bool) 
     absent = [("declination_error", CONSTANT)]
     absent += [(effect, NO_SENSOR) for effect in ("temperature", "supply_voltage", "heeling")]
     absent += [("clock_offset", SAME_CLOCK)] if same_clock else []
-    column = short_fit.term_derivative(fitted, LateCourse())
+    column = fitted.derivative(LateCourse())
     shown = float(np.linalg.norm(fitted.projected(column))) > LEAST_SEPARABLE * float(np.linalg.norm(column))
     if not shown and not any(term.acts_on == "time" for term in fitted.terms):
         absent += [(effect, SAME_TURN) for effect in ("course_lag", "compass_lag")]
