@@ -2,55 +2,55 @@
 
 Effects enter one after the other while the evidence of one more ranks among the highest of surrogates. Each effect is
 weighed in its place beside the others; its likeliest form and place are fitted in the forward model, since effects may
-exceed the noise a thousandfold. What no listed effect describes is a composed one: a curve of a covariate, or an offset
-in a sector of headings or for a while. Otherwise a card that is pulled in one sector is taken for a harmonic, and a
-temporary offset for a slip.
+exceed the noise a thousandfold.
 """
 
 from __future__ import annotations
 
-import itertools
 import zlib
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from compasslib.effects.composed import ComposedEffect, bump, compose_effect, place_effect
+from compasslib import angles
+from compasslib.effects.composed import ComposedEffect
 from compasslib.effects.effect import Effect, parameter_slices
-from compasslib.inference.comparison import Options
-from compasslib.inference.evidence import (
-    DATE_MARGIN,
-    MOST_DATES,
-    MOST_EFFECTS,
-    PAIRS_SHARE,
-    UNLIKELY,
-    Evidence,
-    Option,
-    Place,
-    log_bayes_factors,
-    scale_option,
-    side_probabilities,
-    with_shares,
+from compasslib.inference import finding
+from compasslib.inference.comparison import Options, build_finding
+from compasslib.inference.diagnosis import Outcome
+from compasslib.inference.evidence import MOST_EFFECTS, UNLIKELY, Evidence, Place, side_probabilities
+from compasslib.inference.finding import (
+    LISTED_SHARE,
+    BinnedResidual,
+    CovariateRange,
+    Detection,
+    Finding,
+    FindingPosterior,
+    HeldOut,
+    Parameter,
+    RankedEffect,
+    Unexplained,
+    compare_names,
 )
-from compasslib.inference.finding import LISTED_SHARE, Detection, FindingPosterior, RankedEffect, compare_names
-from compasslib.inference.short_fit import FINEST_DEG, WHITE, FittedHypothesis, Law, ShortComparison, fit_hypothesis
-from compasslib.statistics.noise import arma_innovations, arma_series, arma_variance_ratio
-from compasslib.statistics.resampling import EVEN_BLOCKS, cluster_variance_inflation, resample_blocks
-from compasslib.statistics.whitening import orthonormal_basis, project_out
+from compasslib.inference.short_model import (
+    FINEST_DEG,
+    FittedHypothesis,
+    ShortComparison,
+    fit_hypothesis,
+    score_scatter,
+    short_options,
+    weigh,
+)
+from compasslib.statistics.least_squares import robust_width
+from compasslib.statistics.noise import arma_innovations, arma_series
+from compasslib.statistics.resampling import resample_blocks
+from compasslib.statistics.whitening import orthonormal_basis
 from compasslib.types import Floats
 
 Terms = tuple[Effect, ...]  # at zero size
-Places = NDArray[np.intp]  # (g, d) candidate places of a term
 
-AMPLITUDES = 4.0 ** np.arange(-1, 6)  # rms of an effect over the noise, equally probable; logs have effects of 1000
-SAME = 1e-6  # singular value that is none, relative to the largest
 NEARLY = 0.8  # share of the best log evidence from which composed effects, which are nearly linear, are fitted too
-SPELL_EDGES = 14  # edges of temporary offsets that are tried first
-FEWEST_AFFECTED = 3  # samples on either side of a date, or of an offset
-SECTOR_STEP_DEG, REACHES_DEG = 10, (15, 25, 40)  # distance of the sectors that are tried first, and their half widths
-FINER = 4  # ratio of the distances of candidate places and of finer ones around the best
 
 
 @dataclass(frozen=True)
@@ -288,193 +288,121 @@ def _draw(
     return np.stack(each, axis=1)
 
 
-def short_options(state: FittedHypothesis, taken: Collection[str] = ()) -> tuple[Option, ...]:
-    """Enumerate the candidate effects beside a hypothesis but those taken, each at its candidate places."""
-    listed = []
-    for kind in (kind for kind in state.comparison.terms if kind.name not in taken):
-        listed += [*_dated(state, kind)] if kind.dated() else [_option(state, kind())]
-    unlisted = [option for option in _unlisted(state) if option.name not in taken] if state.comparison.reads else []
-    shares = np.log([1.0 - PAIRS_SHARE * bool(unlisted), PAIRS_SHARE]).tolist()
-    return tuple(
-        replace(option, share=option.share + share)
-        for made, share in zip((listed, unlisted), shares, strict=True)
-        for option in with_shares([option for option in made if option.columns.shape[1]])
+def build_outcome(inferred: ShortInference, min_effect_deg: float) -> Outcome:
+    """Collect the outcome of the search of one comparison."""
+    fitted, comparison = inferred.fitted, inferred.fitted.comparison
+    sizes = [fitted.visible_size_deg(k) for k in range(len(fitted.terms))]
+    unlisted = [k for k, term in enumerate(fitted.terms) if isinstance(term, ComposedEffect)]
+    listed = [k for k in range(len(fitted.terms)) if k not in unlisted]
+    covariance = fitted.covariance if listed else np.zeros((0, 0))
+    findings = tuple(_finding(inferred, k, covariance, sizes, min_effect_deg) for k in listed)
+    left = None
+    if unlisted and sizes[k := max(unlisted, key=sizes.__getitem__)] >= min_effect_deg:
+        left = _unexplained(fitted, k, sizes[k], [item.effect for item in findings])
+
+    def curves(shown: Sequence[Finding], left: Unexplained | None) -> list[BinnedResidual]:
+        names = {term.name for term in fitted.terms}
+        wanted = {"heading", *(left.covariates if left else ())}
+        wanted |= {item.where.covariate for item in shown if item.effect in names}
+        return [residual_curve(inferred.before, fitted, name) for name in comparison.covariates if name in wanted]
+
+    scatter = fitted.scale_deg / float(np.sqrt(2.0 * max(fitted.effective_samples, 1.0)))
+    return Outcome(
+        comparison=comparison,
+        posterior=inferred,
+        findings=findings,
+        finding_posteriors=tuple(inferred.probabilities(k) for k in listed),
+        left=left,
+        small=tuple((_along(fitted, k), sizes[k]) for k in unlisted if sizes[k] < min_effect_deg),
+        curves=curves,
+        noise={"white_deg": (fitted.scale_deg, scatter)},
+        ranked=inferred.alone,
+        detection=inferred.detection,
+        deniable=True,
     )
 
 
-def _dated(state: FittedHypothesis, kind: type[Effect]) -> Iterator[Option]:
-    n = len(state.comparison)
-    edge = max(int(DATE_MARGIN * n), FEWEST_AFFECTED)
-
-    def term(k: float) -> Effect:
-        return replace(kind(), date_s=_time_between(state, k))  # type: ignore[call-arg]
-
-    def acting(places: Places) -> Floats:
-        inside = (places[:, 0] >= edge) & (places[:, 0] <= n - edge)
-        return ((np.arange(n)[:, None] >= places[:, 0]) & inside).astype(float)
-
-    grid = np.unique(np.linspace(edge, n - edge, min(n, MOST_DATES)).astype(np.intp))[:, None]
-    always = state.derivative(replace(kind(), date_s=-np.inf))  # type: ignore[call-arg]
-    yield from _located(state, term, always, acting, grid, [-(-n // MOST_DATES)])
-
-
-def _unlisted(state: FittedHypothesis) -> Iterator[Option]:
-    """Yield curves along the covariates, and offsets in a sector of headings or for a while."""
-    comparison, n = state.comparison, len(state.comparison)
-    sector, spell = (compose_effect("reading", *each) for each in (("heading", "bump"), ("time", "box")))
-    curves: list[Effect] = [place_effect(compose_effect("reading", "time", "slow"), *comparison.span_s)]
-
-    def during(places: Places) -> Floats:
-        inside = (places[:, 0] > 0) & (places[:, 1] < n)
-        number = np.arange(n)[:, None]
-        return ((number >= places[:, 0]) & (number < places[:, 1]) & inside).astype(float)
-
-    edges = np.unique(np.linspace(1, n - 1, min(n - 1, SPELL_EDGES)).astype(np.intp))
-    yield from _located(
-        state, lambda *at: place_effect(spell, *(_time_between(state, k) for k in at)), np.ones((n, 1)),
-        during, np.array(list(itertools.combinations(edges, 2))), [-(-n // SPELL_EDGES)] * 2,
-    )  # fmt: skip
-    if "heading" in comparison.covariates:
-        heading = comparison.covariates["heading"]
-        centres = np.array(list(itertools.product(range(0, 360, SECTOR_STEP_DEG), REACHES_DEG)))
-        yield from _located(
-            state, lambda *at: place_effect(sector, *at), np.ones((n, 1)),
-            lambda places: np.stack([bump(heading, *at) for at in places.tolist()], axis=1), centres,
-            [SECTOR_STEP_DEG, 0],
-        )  # fmt: skip
-        curves.append(compose_effect("reading", "heading", "harmonics")())
-    for name, x in comparison.covariates.items():
-        if name not in ("heading", "time", "reading") and np.ptp(x) > 0.0:
-            curves.append(place_effect(compose_effect("reading", name, "smooth"), 0.0, float(np.std(x))))
-    yield from (_option(state, term) for term in curves)
+def _finding(
+    inferred: ShortInference, k: int, covariance: Floats, sizes: Sequence[float], min_effect_deg: float
+) -> Finding:
+    fitted, comparison, slot = inferred.fitted, inferred.fitted.comparison, inferred.probabilities(k)
+    term, columns = fitted.terms[k], parameter_slices(fitted.terms, len(fitted.base))[k]
+    sigma, parameters = np.sqrt(np.maximum(np.diag(covariance), 0.0))[columns], {}
+    for j, name in enumerate(term.fitted()):
+        factor, unit = comparison.unit(term, j)
+        shown = name if unit == term.units()[j] else name.replace("_nT", "")
+        parameters[shown] = Parameter(factor * float(term.values[j]), factor * float(sigma[j]), unit)
+    shared: dict[str, float] = {}
+    for effect, p in {slot.effect: slot.probability, **slot.alternatives}.items():
+        alike = (effect, *comparison.confused.get(effect, ()))
+        for name in alike:
+            shared[name] = shared.get(name, 0.0) + p / len(alike)
+    along = residual_curve(inferred.before, inferred.before, comparison.main_covariate(term))
+    return build_finding(
+        comparison,
+        term,
+        shared,
+        parameters,
+        size_deg=sizes[k],
+        proof=held_out_gain(fitted, fitted, fitted.terms[:k] + fitted.terms[k + 1 :]),
+        place=comparison.outside(along),
+        others=[other for j, other in enumerate(fitted.terms) if j != k and sizes[j] >= min_effect_deg],
+    )
 
 
-def _located(
-    state: FittedHypothesis,
-    term: Callable[..., Effect],
-    always: Floats,
-    acting: Callable[[Places], Floats],
-    grid: Places,
-    step: Sequence[int],
-) -> Iterator[Option]:
-    """Yield a term at candidate places, and at finer ones around the likeliest.
-
-    Args:
-        term: function of a place that returns the term at zero size.
-        always: derivative by the term's parameters where it acts, (n, p) degrees a unit.
-        acting: function of places that returns the share that acts at each sample, (n, g).
-        step: distance between candidate places, (d,).
-    """
-
-    def columns_at(places: Places) -> tuple[Places, Floats]:
-        share = acting(places)
-        enough = np.count_nonzero(share, axis=0) >= FEWEST_AFFECTED
-        return places[enough], always[:, None, :] * share[:, enough, None]
-
-    def likeliest(columns: Floats) -> int:
-        n, count, parameters = columns.shape
-        ends = parameters * np.arange(count + 1)
-        flat = columns.reshape(n, -1)
-        return int(np.argmax(log_evidence(WHITE, state.columns, flat, ends, state.evident[:, None])(1.0)[1]))
-
-    places, columns = columns_at(grid)
-    cells, finer = np.ones(len(places)), np.array(step)
-    if (finer > 1).any() and len(places):
-        first = best = likeliest(columns)
-        others = np.arange(len(places)) != first
-        coarse, cell = (places[others], columns[:, others]), 1.0
-        while (finer > 1).any():
-            closer = np.maximum(finer // FINER, np.minimum(finer, 1))
-            cell *= float(np.prod(closer[finer > 0] / finer[finer > 0]))
-            offsets = np.array(list(itertools.product(range(-FINER, FINER + 1), repeat=len(closer))))
-            places, columns = columns_at(np.unique(places[best] + closer * offsets, axis=0))
-            best, finer = likeliest(columns), closer
-        cells = np.append(np.ones(len(coarse[0])), np.full(len(places), cell))
-        places, columns = np.concatenate([coarse[0], places]), np.concatenate([coarse[1], columns], axis=1)
-    for k, at in enumerate(places.tolist()):
-        yield _option(state, term(*at), columns[:, k], float(cells[k]))
+def _unexplained(fitted: FittedHypothesis, k: int, size_deg: float, listed: Sequence[str]) -> Unexplained:
+    """Describe the mismatch of a composed term, which no listed effect explains; a heading range may cross north."""
+    comparison, name, term = fitted.comparison, _along(fitted, k), fitted.terms[k]
+    assert isinstance(term, ComposedEffect)
+    base = fit_hypothesis(comparison, fitted.terms[:k] + fitted.terms[k + 1 :], near=fitted)
+    place: CovariateRange | None = None
+    if term.composition[2] in ("bump", "box"):
+        share = comparison.series(term)[:, 0]
+        inside = comparison.covariates[name][share > np.max(share) / 2.0]
+        low, high = float(inside.min()), float(inside.max())
+        if name == "heading":
+            away = angles.difference(inside, angles.mean(inside))
+            low, high = (float(angles.wrap360(angles.mean(inside) + end)) for end in (away.min(), away.max()))
+        place = comparison.where(name, (low, high))
+    return comparison.unexplained([residual_curve(base, base, name)], size_deg, listed, place)
 
 
-def _time_between(state: FittedHypothesis, k: float) -> float:
-    return float(np.mean(state.comparison.time_s[int(k) - 1 : int(k) + 1]))
+def _along(fitted: FittedHypothesis, k: int) -> str:
+    driver = fitted.terms[k].driver
+    return driver if driver in fitted.comparison.covariates else "reading"
 
 
-def _option(state: FittedHypothesis, term: Effect, derivative: Floats | None = None, cell: float = 1.0) -> Option:
-    derivative = state.derivative(term) if derivative is None else derivative
-    return scale_option(term, derivative, np.sqrt(np.mean(derivative**2, axis=0)), cell=cell)
-
-
-def weigh(state: FittedHypothesis, options: Sequence[Option], residuals: Floats) -> Callable[[float], Evidence]:
-    """Prepare the evidence of options under each law of the noise, for residuals (n, r).
-
-    Returns:
-        Function of the variance of scores between blocks over that of homogeneous noise.
-    """
-    laws, rule_deg = state.comparison.laws, state.comparison.rule_deg
-    ends = np.cumsum([0, *(option.columns.shape[1] for option in options)])
-    columns = np.concatenate([np.zeros((len(residuals), 0)), *(option.columns for option in options)], axis=1)
-    each = [log_evidence(law, state.columns, columns, ends, residuals, rule_deg) for law in laws]
-
-    def evidence(scatter: float) -> Evidence:
-        none, factors = (np.array(part) for part in zip(*(of_law(scatter) for of_law in each), strict=True))
-        return Evidence(tuple(options), laws, np.zeros((len(laws), 1)), none, factors)
-
-    return evidence
-
-
-def log_evidence(
-    law: Law, base: Floats, columns: Floats, ends: NDArray[np.intp], residuals: Floats, rule_deg: float = 0.0
-) -> Callable[[float], tuple[Floats, Floats]]:
-    """Prepare the log likelihood without options, (r,), and the log Bayes factor of each, (g, r), under one noise law.
-
-    Coefficients of the base have a flat prior, and the variance of the noise is unknown (Student's law).
+def held_out_gain(
+    less: FittedHypothesis,
+    fitted: FittedHypothesis,
+    terms: Sequence[Effect],
+    error: Callable[[FittedHypothesis], Floats] = lambda fitted: fitted.residual_deg,
+) -> HeldOut:
+    """Score a fit on held-out stretches against one with other terms or another base.
 
     Args:
-        base, columns: of the hypothesis, (n, b), and of the options, (n, m).
-        ends: boundaries between the options' columns, (g + 1,).
-        residuals: (n, r) degrees.
-        rule_deg: systematic error, the least standard deviation of the noise.
-
-    Returns:
-        Function of the variance of scores between blocks over that of homogeneous noise.
+        error: of each reading by a fit, (n,) degrees; by default its residual.
     """
-    n, ratio = len(base), arma_variance_ratio(law)
-    orthonormal, triangle = np.linalg.qr(arma_innovations(base, law))
-    left, size, _ = np.linalg.svd(triangle)
-    retained = size > SAME * size.max(initial=0.0)
-    basis, white = orthonormal @ left[:, retained], arma_innovations(columns, law)
-    target, cross = project_out(arma_innovations(residuals, law), basis), basis.T @ white
-    square = np.sum(target**2, axis=0) + n * max(rule_deg, FINEST_DEG) ** 2 / ratio
-    volume = 0.5 * np.log(ratio) + np.sum(np.log(size[retained]))
-    score, sizes, groups = white.T @ target, np.diff(ends), []
-    for count in np.unique(sizes):
-        options = np.flatnonzero(sizes == count)
-        index = ends[options][:, None] + np.arange(count)
-        part, taken = (x[:, index].transpose(1, 2, 0) for x in (white, cross))
-        values, vectors = np.linalg.eigh(part @ part.transpose(0, 2, 1) - taken @ taken.transpose(0, 2, 1))
-        along = (vectors.transpose(0, 2, 1) @ score[index]) ** 2
-        groups.append((options, np.maximum(values, 0.0), along))
-
-    def evidence(scatter: float) -> tuple[Floats, Floats]:
-        freedom = max(n - int(retained.sum()), 1) / scatter
-        factors = np.empty((len(sizes), residuals.shape[1]))
-        for options, values, along in groups:
-            each = [log_bayes_factors(values, along, a, square, freedom) for a in AMPLITUDES]
-            factors[options] = np.logaddexp.reduce(each, axis=0) - np.log(len(AMPLITUDES))
-        return -0.5 * freedom * np.log(square) - volume, factors
-
-    return evidence
+    block, left = fitted.blocks, []
+    folds = block.max() + 1 if fitted.comparison.independent else min(finding.FOLDS, block.max() + 1)
+    for near, free in ((less, terms), (fitted, fitted.terms)):
+        residual = np.empty(len(block))
+        for out in (block % folds == fold for fold in range(folds)):
+            residual[out] = error(fit_hypothesis(near.comparison, free, near=near, use=~out))[out]
+        left.append(residual)
+    return finding.compare_residuals(left[0], left[1], max(robust_width(left[0]), FINEST_DEG), block)
 
 
-def score_scatter(fitted: FittedHypothesis, law: Law, columns: Sequence[Floats]) -> float:
-    """Estimate by how much scores of effects vary more between blocks than homogeneous noise explains, at least 1."""
-    base = orthonormal_basis(arma_innovations(fitted.columns, law))
-    left = project_out(arma_innovations(fitted.evident[:, None], law), base)[:, 0]
-    variance = max(float(np.mean(left**2)), FINEST_DEG**2)
-    ratios, block = [], fitted.blocks
-    for each in columns:
-        white = orthonormal_basis(project_out(arma_innovations(each, law), base))
-        if white.shape[1]:
-            ratio, count = cluster_variance_inflation(white, left, block, variance)
-            ratios.append((count * ratio + EVEN_BLOCKS) / (count + EVEN_BLOCKS))
-    return max(float(np.median(ratios)), 1.0) if ratios else 1.0
+def residual_curve(before: FittedHypothesis, after: FittedHypothesis, name: str) -> BinnedResidual:
+    """Bin the residual along a covariate, with and without terms, with the standard error of each bin."""
+    comparison = before.comparison
+    column = comparison.covariates[name]
+    bins, edges = finding.bins_along(name, column)
+    there = np.bincount(bins, minlength=len(edges) - 1)
+    held = np.flatnonzero(there >= (1 if comparison.independent or comparison.arma_noise else finding.FEWEST_IN_BIN))
+    centre, *means = (
+        np.bincount(bins, x, len(edges) - 1)[held] / there[held] for x in (column, before.residual_deg, after.clipped)
+    )
+    share = after.effective_samples / len(column)
+    sigma = float(np.std(after.clipped)) / np.sqrt(np.maximum(there[held] * share, 1.0))
+    return BinnedResidual(name, centre, means[0], means[1], sigma, comparison.what)

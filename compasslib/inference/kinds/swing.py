@@ -25,14 +25,14 @@ from compasslib.calibrations.swing.observations import Observations
 from compasslib.effects.effect import Effect, Scene
 from compasslib.effects.forward import COMPASS_STEPS
 from compasslib.effects.ship import ClocksApart, FilteredCourse, LateCourse, LateReading, SetAndDrift, TidalSetAndDrift
-from compasslib.inference import comparison, diagnosis, short_fit, short_search
+from compasslib.inference import comparison, diagnosis, short_search
 from compasslib.inference.comparison import Comparison, Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import Finding, Parameter
 from compasslib.inference.kinds import platform
-from compasslib.inference.short_findings import build_outcome
-from compasslib.inference.short_fit import CurveResidual, FittedHypothesis, ResidualModel, ShortComparison
-from compasslib.inference.short_search import ShortInference
+from compasslib.inference.kinds.platform import CurveResidual, recording_scene
+from compasslib.inference.short_model import FittedHypothesis, ResidualModel, ShortComparison
+from compasslib.inference.short_search import ShortInference, build_outcome
 from compasslib.statistics.least_squares import robust_width
 from compasslib.types import Floats
 
@@ -159,7 +159,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any], declination_d
     heading = all_samples.recorded_deg[first]
     turned = np.cumsum(np.append(heading[:1], angles.difference(heading[1:], heading[:-1])))
     seconds, observed = np.arange(time_s[0], time_s[-1] + 1.0), observations.read(files, turning)
-    scene = short_fit.recording_scene(observed.time_s, settings.get("field"))
+    scene = recording_scene(observed.time_s, settings.get("field"))
     return Track(observed, declination_deg, seconds, np.interp(seconds, time_s, turned), *scene)
 
 
