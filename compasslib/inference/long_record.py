@@ -22,7 +22,7 @@ from compasslib.inference import (
     experiments,
     finding,
     heldout,
-    joint_effects,
+    joint,
     search,
 )
 from compasslib.inference import comparison as comparisons
@@ -110,7 +110,7 @@ def _diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | 
         detectable_deg=detectable,
         detection=inferred.detections[0],
         experiments=experiments.rank_observations(inferred) if diagnosed.verdict == "ambiguous" else (),
-        information=joint_effects.record_information(inferred, fit) if options.share and fit is not None else None,
+        information=joint.record_information(inferred, fit) if options.share and fit is not None else None,
     )
 
 
