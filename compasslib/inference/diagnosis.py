@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from compasslib.inference.finding import (
     BinnedResidual,
     Detection,
     Finding,
-    FindingPosterior,
     RankedEffect,
     Unexplained,
     curve_json,
@@ -131,22 +130,14 @@ def overall_verdict(
     return "explained" if not contested and all(item.settled for item in findings) else "ambiguous"
 
 
-class WeighedEffects(Protocol):
-    """The effects of a comparison with their probabilities."""
-
-    def sides(self, dropped: Collection[str] = ()) -> dict[str, float]:
-        """Compute the probability of each side; effects ``dropped`` are ignored."""
-        ...
-
-
 @dataclass(frozen=True)
 class Outcome:
     """Result of the search of one comparison, in the same form for long and short recordings."""
 
     comparison: Comparison
-    posterior: WeighedEffects
+    sides: Callable[[Collection[str]], dict[str, float]]  # probability of each side; given effects are ignored
     findings: tuple[Finding, ...]  # of the most probable hypothesis, in the order of its terms
-    finding_posteriors: tuple[FindingPosterior, ...]  # of each finding and its alternatives
+    chances: tuple[Mapping[str, float], ...]  # of the effect of each finding and of its alternatives
     left: Unexplained | None  # mismatch that the most probable hypothesis does not explain
     small: tuple[tuple[str, float], ...]  # (covariate, visible degrees rms) of remaining mismatches that are negligible
     curves: Callable[[Sequence[Finding], Unexplained | None], list[BinnedResidual]]  # of findings and mismatch
@@ -191,9 +182,9 @@ def combine_outcomes(
     by_part = []  # probability of each side; effects that are negligible or withdrawn count as none
     for part in parts:
         standing, fallen = set[str](), set[str]()
-        for item, slot in zip(part.findings, part.finding_posteriors, strict=True):
-            (standing if item in stands else fallen).update((slot.effect, *slot.alternatives))
-        by_part.append(part.posterior.sides(fallen - standing))
+        for item, chances in zip(part.findings, part.chances, strict=True):
+            (standing if item in stands else fallen).update(chances)
+        by_part.append(part.sides(fallen - standing))
     sides = min(by_part, key=lambda item: item["none"], default={})
     for item in extra:
         sides = exclude_nothing(item.side, sides) if item in merged else sides

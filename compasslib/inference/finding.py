@@ -38,24 +38,17 @@ NO_ROOT_DEG = 90.0  # residual assigned to a recorded heading that the fit canno
 RESIDUAL_MEMORY_S = 2 * 86400.0  # autocorrelation of the residual, for the standard error of a bin
 
 
-@dataclass(frozen=True)
-class FindingPosterior:
-    """The probabilities of one finding and of its alternatives."""
+def compare_names(effect: str, names: Mapping[str, float]) -> dict[str, float]:
+    """Divide a probability of 1 between an effect, which comes first, and its alternatives, by the weights of both.
 
-    effect: str
-    probability: float
-    alternatives: Mapping[str, float]  # likeliest first, until they and the effect sum to ``SURE``
-
-
-def compare_names(effect: str, names: Mapping[str, float]) -> FindingPosterior:
-    """Divide a probability of 1 between an effect and its alternatives, by the weights of both."""
-    total, alternatives = sum(names.values()), dict[str, float]()
-    held = probability = names[effect] / total
+    Alternatives follow by their probability, until all sum to ``SURE``.
+    """
+    total = sum(names.values())
+    chances = {effect: names[effect] / total}
     for name, weight in sorted(names.items(), key=lambda item: -item[1]):
-        if name != effect and held < SURE:
-            alternatives[name] = weight / total
-            held += weight / total
-    return FindingPosterior(effect, probability, alternatives)
+        if name != effect and sum(chances.values()) < SURE:
+            chances[name] = weight / total
+    return chances
 
 
 @dataclass(frozen=True)

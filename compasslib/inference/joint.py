@@ -306,7 +306,6 @@ def _describe(
     names = Counter({SLOW_WATER: max(1.0 - float(place.shared.sum()) - place.apart, 0.0)})
     for other, weight in zip(model.kinds, place.shared.tolist(), strict=True):
         names[other.name] += weight
-    posterior = compare_names(kind.name, names)
     # Log score of predicting each record from the others, relative to no effect.
     without = [model.marginalized(season_deg, others, [i for i in everyone if i != j]) for j in everyone]
     gain = float(np.sum([marginal.evidence[k, 0] - other.evidence[k, 0] for other in without]))
@@ -318,7 +317,7 @@ def _describe(
     finding = build_finding(
         Comparison(time_s=np.zeros(0), terms=(), covariates={}, clocked=False),
         kind().at(values),
-        {posterior.effect: posterior.probability, **posterior.alternatives},
+        compare_names(kind.name, names),
         parameters,
         size_deg=float(np.sqrt(values @ model.visible[np.ix_(columns, columns)] @ values)),
         proof=HeldOut(model.residual_deg, after_deg, gain, (np.nan, np.nan), np.nan, method="records"),

@@ -165,9 +165,9 @@ def _outcome(
 
     return Outcome(
         comparison=comparison,
-        posterior=inferred,
+        sides=inferred.sides,
         findings=findings,
-        finding_posteriors=inferred.finding_posteriors,
+        chances=inferred.chances,
         left=_unexplained(inferred, cluster, named, options),
         small=(),
         curves=curves,
@@ -234,7 +234,7 @@ def _unexplained(
 
 
 def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -> Finding:
-    fitted, posterior = inferred.fitted, inferred.finding_posteriors[k]
+    fitted = inferred.fitted
     without = design.refit(fitted, [term for j, term in enumerate(fitted.simulation.terms) if j != k])
     term, comparison = fitted.simulation.terms[k], fitted.comparison
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -250,8 +250,7 @@ def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -
     built = comparisons.build_finding(
         comparison,
         term,
-        {posterior.effect: posterior.probability}
-        | {inferred.display_name(name, inferred.places[k]): p for name, p in posterior.alternatives.items()},
+        {inferred.display_name(name, inferred.places[k]): p for name, p in inferred.chances[k].items()},
         parameters,
         size_deg=design.visible_size_deg(fitted, k, covariance),
         proof=heldout.cross_validate(inferred, k, surrogates),

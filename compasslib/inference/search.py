@@ -20,7 +20,7 @@ from compasslib.effects.composed import COMPOSED, ComposedEffect
 from compasslib.inference import design, noise
 from compasslib.inference.design import Estimate, FittedModel
 from compasslib.inference.evidence import MOST_EFFECTS, UNLIKELY, Evidence, Place, side_probabilities
-from compasslib.inference.finding import Detection, FindingPosterior, compare_names
+from compasslib.inference.finding import Detection, compare_names
 from compasslib.inference.linear_model import Entered, LinearModel, Marginal, Products
 from compasslib.inference.noise import SlowNoise, SlowNoiseBasis
 from compasslib.inference.places import Rival, find_rivals, fit_terms, learn_current, settle, with_likeliest_noise
@@ -119,13 +119,12 @@ class Inference:
         return (*self.places, self.further)
 
     @cached_property
-    def finding_posteriors(self) -> tuple[FindingPosterior, ...]:
-        """Probability of each term's effect and of its alternatives, slow water among them."""
-        result = []
-        for k, place in zip(self.chosen, self.places, strict=True):
-            names = place.names | {SLOW_WATER: place.none}
-            result.append(compare_names(self.model.options[k].name, names))
-        return tuple(result)
+    def chances(self) -> tuple[dict[str, float], ...]:
+        """Probability of each term's effect, which comes first, and of its alternatives, slow water among them."""
+        each = zip(self.chosen, self.places, strict=True)
+        return tuple(
+            compare_names(self.model.options[k].name, place.names | {SLOW_WATER: place.none}) for k, place in each
+        )
 
     def display_name(self, effect: str, place: Place) -> str:
         """Name an effect as in a diagnosis: a composed one as composed:ACTS_ON/DRIVER/FORM, by its larger component."""

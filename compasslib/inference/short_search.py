@@ -26,7 +26,6 @@ from compasslib.inference.finding import (
     CovariateRange,
     Detection,
     Finding,
-    FindingPosterior,
     HeldOut,
     Parameter,
     RankedEffect,
@@ -83,8 +82,8 @@ class ShortInference:
         """Compute the probability that each side acts, the first of SIDES_IN_ORDER if several do, and of none."""
         return side_probabilities((*self.places, self.further), dropped)
 
-    def probabilities(self, k: int) -> FindingPosterior:
-        """Compute the probability of each effect in the place of a term, given that one is there."""
+    def chances(self, k: int) -> dict[str, float]:
+        """Compute the probability of each effect in the place of a term, which comes first, given that one is there."""
         return compare_names(self.fitted.terms[k].name, self.places[k].names)
 
 
@@ -309,9 +308,9 @@ def build_outcome(inferred: ShortInference, min_effect_deg: float) -> Outcome:
     scatter = fitted.scale_deg / float(np.sqrt(2.0 * max(fitted.effective_samples, 1.0)))
     return Outcome(
         comparison=comparison,
-        posterior=inferred,
+        sides=inferred.sides,
         findings=findings,
-        finding_posteriors=tuple(inferred.probabilities(k) for k in listed),
+        chances=tuple(inferred.chances(k) for k in listed),
         left=left,
         small=tuple((_along(fitted, k), sizes[k]) for k in unlisted if sizes[k] < min_effect_deg),
         curves=curves,
@@ -325,7 +324,7 @@ def build_outcome(inferred: ShortInference, min_effect_deg: float) -> Outcome:
 def _finding(
     inferred: ShortInference, k: int, covariance: Floats, sizes: Sequence[float], min_effect_deg: float
 ) -> Finding:
-    fitted, comparison, slot = inferred.fitted, inferred.fitted.comparison, inferred.probabilities(k)
+    fitted, comparison = inferred.fitted, inferred.fitted.comparison
     term, columns = fitted.terms[k], parameter_slices(fitted.terms, len(fitted.base))[k]
     sigma, parameters = np.sqrt(np.maximum(np.diag(covariance), 0.0))[columns], {}
     for j, name in enumerate(term.fitted()):
@@ -333,7 +332,7 @@ def _finding(
         shown = name if unit == term.units()[j] else name.replace("_nT", "")
         parameters[shown] = Parameter(factor * float(term.values[j]), factor * float(sigma[j]), unit)
     shared: dict[str, float] = {}
-    for effect, p in {slot.effect: slot.probability, **slot.alternatives}.items():
+    for effect, p in inferred.chances(k).items():
         alike = (effect, *comparison.confused.get(effect, ()))
         for name in alike:
             shared[name] = shared.get(name, 0.0) + p / len(alike)

@@ -42,15 +42,14 @@ def test_probabilities_add_up(lobes, iron):
             assert place.evidence.noise_probability().sum() == pytest.approx(1.0)
         assert sum(found.sides().values()) == pytest.approx(1.0)
         assert sum(weight for weight, _ in found.weighted) <= 1.0 + 1e-9
-        for slot in found.finding_posteriors:
-            total = slot.probability + sum(slot.alternatives.values())
-            assert 0.95 <= total <= 1.0 + 1e-9 and slot.effect not in slot.alternatives
-            assert {name for name in slot.alternatives if not name.startswith("composed:")} <= set(SIDES)
+        for chances in found.chances:
+            assert 0.95 <= sum(chances.values()) <= 1.0 + 1e-9
+            assert {name for name in [*chances][1:] if not name.startswith("composed:")} <= set(SIDES)
 
 
 def test_the_true_effect_and_its_side_are_most_probable(lobes):
     drawn, found = lobes
-    assert [slot.effect for slot in found.finding_posteriors] == list(drawn.truth)
+    assert [next(iter(chances)) for chances in found.chances] == list(drawn.truth)
     assert found.sides()["compass"] > 0.99
     first, further = found.detections
     assert first.rank_p == 0.005 and further.rank_p > 0.01  # of 199 surrogates
@@ -147,9 +146,9 @@ def test_an_uninformative_record_states_no_current():
 
 def test_slow_noise_is_the_alternative_to_a_weak_drift():
     _, found = inferred({"compass_drift": 3.0}, 6, n=4000)
-    if found.finding_posteriors:
+    if found.chances:
         (place,) = found.places
-        assert found.finding_posteriors[0].alternatives.get(SLOW_WATER, 0.0) == pytest.approx(place.none, abs=0.06)
+        assert found.chances[0].get(SLOW_WATER, 0.0) == pytest.approx(place.none, abs=0.06)
     else:
         assert found.sides()["none"] + found.sides()["water"] > 0.2
 
