@@ -105,10 +105,8 @@ class Comparison:
         """Replace a driver's name in a unit by the driver's own unit."""
         if isinstance(term, ComposedEffect):
             for driver in term.composition[1].split("*"):
-                driver_unit = self.units.get(driver, driver)
-                unit = unit.replace(
-                    driver, f"({driver_unit})" if "/" in driver_unit or " " in driver_unit else driver_unit
-                )
+                own = self.units.get(driver, driver)
+                unit = unit.replace(driver, f"({own})" if "/" in own or " " in own else own)
         return unit
 
     def where(self, name: str, span: tuple[float, float] | None = None) -> CovariateRange:
@@ -302,18 +300,19 @@ def tide_waves(time_s: Floats) -> Floats:
 
 def held_out_text(proof: HeldOut, heading_error_deg: float | None) -> str:
     """State held-out and predicted size of an effect, the rank of its gain, and the heading error without it."""
-    texts = []
+    text = ""
     if proof.amplitude is not None:
-        size = (
+        text = (
             " On held-out days, everything chosen anew, its size is {held_out:.1f}° ({low:.1f} to {high:.1f}°, 95 %), "
             "where the other days predict {fitted_elsewhere:.1f}°".format(**vars(proof.amplitude))
         )
         rank = wording.rank_text(vars(proof.placebo)) if proof.placebo else ""
-        texts.append(size + (f", {rank} records simulated without it." if rank else "."))
-        texts += [] if proof.confirmed else [" So held-out days do not confirm it."]
+        text += (f", {rank} records simulated without it." if rank else ".") + (
+            "" if proof.confirmed else " So held-out days do not confirm it."
+        )
     if heading_error_deg is not None:
-        texts.append(f" Without it headings would be wrong by {heading_error_deg:.1f}° rms.")
-    return "".join(texts)
+        text += f" Without it headings would be wrong by {heading_error_deg:.1f}° rms."
+    return text
 
 
 def _finding_text(made: Finding, effect: str, physics: str, what: str) -> str:

@@ -1,4 +1,8 @@
-"""Diagnose a long record: infer effects, test for an unexplained mismatch, score findings on held-out days."""
+"""Diagnose a long record: infer effects, test for an unexplained mismatch, score findings on held-out days.
+
+A storm index shows that magnetic north moved, but not in which direction: the cause is named, nothing is corrected.
+Its significance comes from shifting the index in time, which preserves its storms and their autocorrelation.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +17,11 @@ from compasslib.calibrations import observatory
 from compasslib.deviation.model import DeviationFit
 from compasslib.effects import Effect
 from compasslib.effects.composed import ComposedEffect
+from compasslib.effects.earth import IndexedDisturbance
 from compasslib.effects.effect import DAY_S, HOUR_S, parameter_slices
 from compasslib.effects.forward import north_shift
+from compasslib.inference import covariates as covariate_series
 from compasslib.inference import (
-    anomalies,
     design,
     diagnosis,
     experiments,
@@ -25,13 +30,10 @@ from compasslib.inference import (
     joint,
     search,
 )
-from compasslib.inference import comparison as comparisons
-from compasslib.inference import covariates as covariate_series
-from compasslib.inference.anomalies import HeadingCluster
-from compasslib.inference.comparison import FEWEST_PAIRS, LongComparison, Options
+from compasslib.inference.comparison import CANCELS, FEWEST_PAIRS, LongComparison, Options, build_finding
 from compasslib.inference.design import FittedModel
 from compasslib.inference.diagnosis import Diagnosis, Outcome
-from compasslib.inference.finding import BinnedResidual, Finding, Parameter, Unexplained
+from compasslib.inference.finding import BinnedResidual, CovariateRange, Finding, HeldOut, Parameter, Unexplained
 from compasslib.inference.noise import CurrentStatement
 from compasslib.inference.product import AppliedCompass, WeightedCompass
 from compasslib.inference.search import Inference
@@ -44,6 +46,14 @@ FIXED_PLACES = ("middle", "range", "period_s")  # that are not searched for
 SLOW = (  # reported parameters of slow noise
     ("slow_rms_deg", "veer", "size"), ("slow_memory_days", "veer", "memory_days"), ("slow_shear_m_s", "shear", "size")
 )  # fmt: skip
+STORM_SIZES_NT = np.geomspace(0.3, 100.0, 8)  # perpendicular to magnetic north, per unit of ap
+STORM_SHIFTS, NEAREST_SHIFT_S = 400, 5 * 86400.0  # shifts of the index in time, and the least one; storms last for days
+STORM_BLOCKS = 12  # blocks of a record for the jackknife
+STORMY_QUANTILE = 0.9  # quantile of the index from which a time is stormy
+STORM_PHYSICS = (
+    "magnetic north is unsteady where the index of storms is high; its course only an observatory could tell. "
+    "Nothing is corrected by it"
+)
 NO_SIGMA = 1e-6  # standard error, in any unit, up to which a parameter of value 0 is not listed
 
 
@@ -69,20 +79,12 @@ def diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | N
 def _diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | None) -> Diagnosis:
     none = np.zeros(comparison.nuisance.shape[1])
     initial = design.evaluate_model(comparison, comparison.simulation, none)
-    cluster = anomalies.sticking_sector(initial)
-    outside = (
-        comparison
-        if cluster is None
-        else replace(comparison, observed_deg=anomalies.observed_outside(comparison, cluster))
-    )
-    if cluster is not None and design.count_usable(outside, comparison.simulation, none) >= FEWEST_PAIRS:
-        initial = design.evaluate_model(outside, comparison.simulation, none)  # sticking readings mimic terms
     initial = design.refit(initial, [])  # compass and nuisances, accounting for autocorrelation
     inferred = search.infer(initial, options.prior_odds, options.surrogates)
-    stormy = anomalies.storm_finding(inferred.fitted)
+    stormy = storm_finding(inferred.fitted)
     null_model = design.refit(inferred.fitted, []) if inferred.fitted.simulation.terms else inferred.fitted
     diagnosed = diagnosis.combine_outcomes(
-        [_outcome(inferred, null_model, cluster, options)],
+        [_outcome(inferred, null_model, options)],
         options,
         extra=[] if stormy is None else [stormy],
         not_testable=comparison.not_testable,
@@ -124,12 +126,7 @@ def _limits_text(limits: Sequence[tuple[float, str]]) -> str:
     return f"Effects are detected with a probability of 90 % from {best} ({first}) to {worst} ({last}) on."
 
 
-def _outcome(
-    inferred: Inference,
-    null_model: FittedModel,
-    cluster: HeadingCluster | None,
-    options: Options,
-) -> Outcome:
+def _outcome(inferred: Inference, null_model: FittedModel, options: Options) -> Outcome:
     """Collect the outcome of the search."""
     fitted, comparison = inferred.fitted, inferred.fitted.comparison
     covariances = inferred.estimate(fitted).term_covariances
@@ -168,7 +165,7 @@ def _outcome(
         sides=inferred.sides,
         findings=findings,
         chances=inferred.chances,
-        left=_unexplained(inferred, cluster, named, options),
+        left=_unexplained(inferred, named, options.min_effect_deg),
         small=(),
         curves=curves,
         noise=_summarize_noise(inferred),
@@ -212,24 +209,12 @@ def _current(inferred: Inference, min_effect_deg: float) -> tuple[float, tuple[C
     return exceeded, tuple(stated)
 
 
-def _unexplained(
-    inferred: Inference, cluster: HeadingCluster | None, named: Sequence[str], options: Options
-) -> Unexplained | None:
-    """Describe a mismatch beyond the effects that are searched for, or a sector in which the compass sticks."""
-    fitted = inferred.fitted
-    if cluster is not None and cluster.rms_deg > options.min_effect_deg:
-        low, high = (cluster.recorded_deg + side * cluster.width_deg / 2.0 for side in (-1.0, 1.0))
-        place = fitted.comparison.where("heading", (low, high))
-        sticks = f", where the compass sticks: its readings accumulate at {cluster.recorded_deg:.0f}°"
-        place = replace(place, text=place.text + sticks)
-        return fitted.comparison.unexplained([residual_curve(fitted, fitted, "heading")], cluster.rms_deg, named, place)
-    if not inferred.lacks_effect:
+def _unexplained(inferred: Inference, named: Sequence[str], min_effect_deg: float) -> Unexplained | None:
+    """Describe a mismatch beyond the effects that are searched for."""
+    fitted, k = inferred.fitted, int(np.argmax(inferred.further.probability))
+    if not inferred.lacks_effect or (size := inferred.further_size_deg(k)) < min_effect_deg:
         return None
-    k = int(np.argmax(inferred.further.probability))
-    option, size = inferred.model.options[k], inferred.further_size_deg(k)
-    if size < options.min_effect_deg:
-        return None
-    along = fitted.comparison.main_covariate(option.term)
+    along = fitted.comparison.main_covariate(inferred.model.options[k].term)
     return fitted.comparison.unexplained([residual_curve(fitted, fitted, along)], size, named)
 
 
@@ -247,7 +232,7 @@ def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -
         parameters |= _place_parameters(inferred, k, term)
     span = _active_span(fitted, term)
     off = angles.difference(fitted.heading_deg, without.heading_deg)
-    built = comparisons.build_finding(
+    built = build_finding(
         comparison,
         term,
         {inferred.display_name(name, inferred.places[k]): p for name, p in inferred.chances[k].items()},
@@ -348,3 +333,72 @@ def _binned(fitted: FittedModel, bins: NDArray[np.intp], count: int, pattern: Fl
     sums = np.bincount(block * count + bins, weight * pattern * (left - mean[bins] * pattern), (block[-1] + 1) * count)
     squares = np.sum(sums.reshape(-1, count) ** 2, axis=0)
     return mean, np.sqrt(np.maximum(squares, total * squares.sum() / total.sum())) / total
+
+
+def storm_finding(fitted: FittedModel, alarm: float = 0.006) -> Finding | None:
+    """Test whether directions scatter with the storm index; None if they do not, or without an index.
+
+    Args:
+        fitted: fitted model with all terms that were found.
+        alarm: probability of a false finding from noise alone.
+    """
+    scene, width = fitted.comparison.scene, fitted.whitener.width_deg
+    if (IndexedDisturbance.name, CANCELS) in fitted.comparison.not_testable or "storm_index" not in scene.departures:
+        return None
+    known = np.isfinite(width) & np.isfinite(fitted.residual_deg)
+    index = scene.departures["storm_index"]
+    unit = index / scene.horizontal_nT / angles.DEGREE  # degrees for 1 nT per unit of ap
+    ratio = np.clip(fitted.residual_deg[known] / width[known], -finding.MOST_WIDTHS, finding.MOST_WIDTHS)
+    squares, share = ratio**2, (unit[known] / width[known]) ** 2
+    if not share.any() or (chance := _chance_of_shifts(scene.time_s[known], squares, share)) > alarm:
+        return None
+    block = np.arange(len(share)) * STORM_BLOCKS // len(share)
+    size = _storm_size(squares, share)
+    sizes = np.array([_storm_size(squares[block != k], share[block != k]) for k in range(STORM_BLOCKS)])  # jackknife
+    gains = np.array([_storm_gains(x, squares, share)[block == k].sum() for k, x in enumerate(sizes.tolist())])
+    sigma = float(np.std(sizes) * np.sqrt(STORM_BLOCKS - 1))
+    spread, rms_deg = 1.96 * float(np.std(gains) * np.sqrt(STORM_BLOCKS)), angles.rms(fitted.residual_deg[known])
+    interval = float(gains.sum()) - spread, float(gains.sum()) + spread
+    low, high = np.quantile(index, [STORMY_QUANTILE, 1.0]).tolist()
+    return build_finding(
+        fitted.comparison,
+        IndexedDisturbance(),
+        {IndexedDisturbance.name: 1.0},
+        {"nT_ap": Parameter(size, sigma, "nT")},
+        size_deg=size * angles.rms(unit),
+        proof=HeldOut(rms_deg, rms_deg, float(gains.sum()), interval, chance, method="shifts"),
+        place=CovariateRange("storm_index", low, high, f"where ap is {low:.0f} to {high:.0f}"),
+        span_s=observatory.strongest_disturbance(scene.time_s, index),
+        physics=f"{STORM_PHYSICS}; the index at other dates does as well {chance:.1%} of the time",
+    )
+
+
+def _storm_gains(size_nT: float, squares: Floats, share: Floats) -> Floats:
+    """Compute the log-likelihood gain of each sample over homogeneous noise, with free noise width, (n,).
+
+    Args:
+        size_nT: per unit of ap.
+        squares: squared ratio of residual to width, clipped, (n,).
+        share: variance for 1 nT per unit of ap, relative to the noise, (n,).
+    """
+    variance = 1.0 + size_nT**2 * share
+    width, even = np.mean(squares / variance), np.mean(squares)
+    return np.asarray((squares / even - squares / variance / width - np.log(variance * width / even)) / 2.0)
+
+
+def _storm_size(squares: Floats, share: Floats) -> float:
+    """Find the likeliest size, nT per unit of ap."""
+    from scipy.optimize import minimize_scalar
+
+    limits = np.log(STORM_SIZES_NT[[0, -1]])
+    likeliest = minimize_scalar(lambda log: -np.sum(_storm_gains(np.exp(log), squares, share)), bounds=limits)
+    return float(np.exp(likeliest.x))
+
+
+def _chance_of_shifts(time_s: Floats, squares: Floats, share: Floats) -> float:
+    """Estimate the p-value of the gain from shifts of the index in time."""
+    nearest = int(NEAREST_SHIFT_S / max(float(np.median(np.diff(time_s))), 1.0)) + 1
+    count = min(STORM_SHIFTS, max(len(time_s) - 2 * nearest, 1))
+    shifts = [0, *np.linspace(nearest, len(time_s) - nearest, count).astype(int).tolist()]
+    gains = [max(np.sum(_storm_gains(x, squares, np.roll(share, k))) for x in STORM_SIZES_NT.tolist()) for k in shifts]
+    return (1 + int(np.sum(np.array(gains[1:]) >= gains[0]))) / (1 + count)
