@@ -156,7 +156,7 @@ def combine_outcomes(
     *,
     extra: Sequence[Finding] = (),
     not_testable: Sequence[tuple[str, str]] = (),
-    separated_by: str | None = None,
+    separated_by: str = "",
 ) -> Diagnosis:
     """Combine the comparisons of a recording into its diagnosis.
 
@@ -181,13 +181,13 @@ def combine_outcomes(
     small += [item for part in parts for item in part.small]
     by_part = []  # probability of each side; effects that are negligible or withdrawn count as none
     for part in parts:
-        standing, fallen = set[str](), set[str]()
+        names = {True: set[str](), False: set[str]()}
         for item, chances in zip(part.findings, part.chances, strict=True):
-            (standing if item in stands else fallen).update(chances)
-        by_part.append(part.sides(fallen - standing))
+            names[item in stands].update(chances)
+        by_part.append(part.sides(names[False] - names[True]))
     sides = min(by_part, key=lambda item: item["none"], default={})
-    for item in extra:
-        sides = exclude_nothing(item.side, sides) if item in merged else sides
+    for item in (item for item in extra if item in merged):
+        sides = exclude_nothing(item.side, sides)
     if left is not None:
         sides = spread_unexplained(sides, left.covariates)
     if sides:  # move probability from none to water, by the probability that the current matters
@@ -196,8 +196,7 @@ def combine_outcomes(
     current = tuple(stated for part in parts for stated in part.current)
     phrases = [wording.separating_observations(f.named, f.alternatives) for f in merged if f.alternatives]
     phrases += [SEPARATED_BY] * any(item.probability < SURE for item in current)
-    if separated_by and any(item.side == "compass" for item in merged):
-        phrases.append(separated_by)
+    phrases += [separated_by] * bool(separated_by and any(item.side == "compass" for item in merged))
     compared = [part.comparison.what for part in parts] if not merged and left is None else []
     ranked = dict[str, RankedEffect]()  # each effect once
     for effect in sorted((effect for part in parts for effect in part.ranked), key=lambda effect: -effect.score):

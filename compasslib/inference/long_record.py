@@ -6,7 +6,7 @@ Its significance comes from shifting the index in time, which preserves its stor
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 
 import numpy as np
@@ -21,18 +21,11 @@ from compasslib.effects.earth import IndexedDisturbance
 from compasslib.effects.effect import DAY_S, HOUR_S, parameter_slices
 from compasslib.effects.forward import north_shift
 from compasslib.inference import covariates as covariate_series
-from compasslib.inference import (
-    design,
-    diagnosis,
-    experiments,
-    finding,
-    heldout,
-    joint,
-    search,
-)
+from compasslib.inference import design, diagnosis, experiments, finding, heldout, joint, search
 from compasslib.inference.comparison import CANCELS, FEWEST_PAIRS, LongComparison, Options, build_finding
 from compasslib.inference.design import FittedModel
 from compasslib.inference.diagnosis import Diagnosis, Outcome
+from compasslib.inference.evidence import MOST_EFFECTS
 from compasslib.inference.finding import BinnedResidual, CovariateRange, Finding, HeldOut, Parameter, Unexplained
 from compasslib.inference.noise import CurrentStatement
 from compasslib.inference.product import AppliedCompass, WeightedCompass
@@ -89,41 +82,32 @@ def _diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | 
         extra=[] if stormy is None else [stormy],
         not_testable=comparison.not_testable,
     )
-    detectable = inferred.limits
-    limits = [(max(size, options.min_effect_deg), name) for name, size in detectable.items() if size is not None]
     covariance = inferred.estimate(null_model).covariance[:5, :5]
     if inferred.slow.acting:  # effect of the current on the fit
         shift = null_model.simulation.coefficients - null_model.comparison.simulation.coefficients
         covariance = covariance + np.outer(shift, shift)
     return replace(
         diagnosed,
-        applied=tuple(
-            WeightedCompass(
-                weight,
-                "+".join(term.name for term in fitted.simulation.terms) or "none",
-                _compass_of_model(inferred, fitted),
-            )
-            for weight, fitted in inferred.weighted
-        )
-        if options.apply
-        else (),
+        applied=tuple(_weighted_compass(inferred, *each) for each in inferred.weighted) if options.apply else (),
         covariance=covariance,
-        why=_limits_text(sorted(limits)) if limits else "",
-        detectable_deg=detectable,
+        why=_limits_text(inferred.limits, options.min_effect_deg),
+        detectable_deg=inferred.limits,
         detection=inferred.detections[0],
         experiments=experiments.rank_observations(inferred) if diagnosed.verdict == "ambiguous" else (),
         information=joint.record_information(inferred, fit) if options.share and fit is not None else None,
     )
 
 
-def _limits_text(limits: Sequence[tuple[float, str]]) -> str:
-    """State the smallest and the largest limit in a sentence."""
-    (best, first), (worst, last) = (
-        (f"{size:.1f}° rms", name.replace("_", " ")) for size, name in (limits[0], limits[-1])
-    )
-    if best == worst:
-        return f"Any effect that was tried is detected with a probability of 90 % from {best} on."
-    return f"Effects are detected with a probability of 90 % from {best} ({first}) to {worst} ({last}) on."
+def _limits_text(limits: Mapping[str, float | None], min_effect_deg: float) -> str:
+    """State the smallest and the largest detection limit; empty without any."""
+    known = sorted((max(size, min_effect_deg), name) for name, size in limits.items() if size is not None)
+    if not known:
+        return ""
+    least, most = (f"{size:.1f}° rms" for size, _ in (known[0], known[-1]))
+    if least == most:
+        return f"Any effect that was tried is detected with a probability of 90 % from {least} on."
+    first, last = (name.replace("_", " ") for _, name in (known[0], known[-1]))
+    return f"Effects are detected with a probability of 90 % from {least} ({first}) to {most} ({last}) on."
 
 
 def _outcome(inferred: Inference, null_model: FittedModel, options: Options) -> Outcome:
@@ -132,18 +116,12 @@ def _outcome(inferred: Inference, null_model: FittedModel, options: Options) -> 
     covariances = inferred.estimate(fitted).term_covariances
     findings = tuple(_finding(inferred, k, covariance, options.surrogates) for k, covariance in enumerate(covariances))
     exceeded, stated = _current(inferred, options.min_effect_deg)
-    named = [
-        item.named
-        for item in sorted(findings, key=lambda x: -x.rms_effect_deg)
-        if item.rms_effect_deg >= options.min_effect_deg
-    ]
+    largest = sorted(findings, key=lambda item: -item.rms_effect_deg)
+    named = [item.named for item in largest if item.rms_effect_deg >= options.min_effect_deg]
 
     def curves(shown: Sequence[Finding], left: Unexplained | None) -> list[BinnedResidual]:
-        turns = [
-            replace(item.held_out.points, covariate=f"{TURN_PREFIX}{item.effect}")
-            for item in shown
-            if item.held_out.points is not None
-        ]
+        proofs = ((item.held_out.points, f"{TURN_PREFIX}{item.effect}") for item in shown)
+        turns = [replace(points, covariate=name) for points, name in proofs if points is not None]
         named = {item.effect for item in shown}
         steps = [term for term in fitted.simulation.terms if term.dated() and term.name in named]
         along = dict.fromkeys(["heading", "time", *(item.where.covariate for item in shown)])
@@ -196,7 +174,9 @@ def _summarize_noise(inferred: Inference) -> dict[str, tuple[float, float]]:
 
 def _current(inferred: Inference, min_effect_deg: float) -> tuple[float, tuple[CurrentStatement, ...]]:
     """Describe the current under the chosen hypothesis, and compute the probability that it matters without effects."""
-    model, visible = inferred.model, inferred.current_visible
+    model, columns = inferred.model, inferred.model.slow.columns
+    turned = model.freed.visible(columns[:, columns.shape[1] - len(model.slow.drivers) :])
+    visible = turned.T @ turned / len(turned)  # mean products with the compass projected out, square degrees
     alone = model.current((), model.weigh(inferred.further.evidence.likely_noises).likeliest_noise())
     with_effects = model.current(inferred.entered, inferred.slow_noise)
     exceeded, _ = alone.statements(visible, min_effect_deg)
@@ -211,10 +191,16 @@ def _current(inferred: Inference, min_effect_deg: float) -> tuple[float, tuple[C
 
 def _unexplained(inferred: Inference, named: Sequence[str], min_effect_deg: float) -> Unexplained | None:
     """Describe a mismatch beyond the effects that are searched for."""
-    fitted, k = inferred.fitted, int(np.argmax(inferred.further.probability))
-    if not inferred.lacks_effect or (size := inferred.further_size_deg(k)) < min_effect_deg:
+    fitted, model, k = inferred.fitted, inferred.model, int(np.argmax(inferred.further.probability))
+    if len(inferred.chosen) < MOST_EFFECTS or not search.stands_out(inferred.detections[-1], inferred.further):
         return None
-    along = fitted.comparison.main_covariate(inferred.model.options[k].term)
+    entered = (*inferred.entered, (k, model.likeliest_amplitude(k, inferred.slow_noise, inferred.entered)))
+    usual, values = model.options[k].usual, model.fit(entered, inferred.slow_noise)[-1]
+    turn = model.options[k].columns @ (values / np.where(usual > 0.0, usual, 1.0))
+    size = float(np.sqrt(np.mean(model.freed.visible(turn[:, None]) ** 2)))
+    if size < min_effect_deg:
+        return None
+    along = fitted.comparison.main_covariate(model.options[k].term)
     return fitted.comparison.unexplained([residual_curve(fitted, fitted, along)], size, named)
 
 
@@ -231,6 +217,8 @@ def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -
     if isinstance(term, ComposedEffect):
         parameters |= _place_parameters(inferred, k, term)
     span = _active_span(fitted, term)
+    place = comparison.where(comparison.main_covariate(term))
+    place = place if span == comparison.span_s else comparison.where("time", span)
     off = angles.difference(fitted.heading_deg, without.heading_deg)
     built = build_finding(
         comparison,
@@ -239,9 +227,7 @@ def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -
         parameters,
         size_deg=design.visible_size_deg(fitted, k, covariance),
         proof=heldout.cross_validate(inferred, k, surrogates),
-        place=comparison.where(comparison.main_covariate(term))
-        if span == comparison.span_s
-        else comparison.where("time", span),
+        place=place,
         span_s=span,
         heading_error_deg=angles.rms(off[np.isfinite(off)]),
         others=without.simulation.terms,
@@ -278,23 +264,22 @@ def _active_span(fitted: FittedModel, term: Effect) -> tuple[float, float]:
     return always
 
 
-def _compass_of_model(inferred: Inference, fitted: FittedModel) -> AppliedCompass | None:
-    """Extract the compass with the terms on its side; None without any term, where the fit itself applies."""
-    terms = fitted.simulation.terms
-    if not terms:
-        return None
-    estimate = inferred.estimate(fitted)
-    places = zip(terms, parameter_slices(terms, 5), strict=True)
-    index = np.r_[:5, *(columns for term, columns in places if term.side == "compass")]
-    simulation = replace(fitted.simulation, terms=tuple(term for term in terms if term.side == "compass"))
-    means = covariate_series.reference_values(fitted.comparison.covariates)
-    needed = {name for term in simulation.terms for name in term.needs}
-    return AppliedCompass(
-        simulation=simulation,
-        covariance=estimate.covariance[np.ix_(index, index)],
-        references={name: means[name] for name in sorted({*needed & means.keys(), "time"})},
-        logged=tuple(sorted(needed & means.keys())),
-    )
+def _weighted_compass(inferred: Inference, weight: float, fitted: FittedModel) -> WeightedCompass:
+    """Extract the compass with the terms on its side; without any term the fit itself applies."""
+    terms, compass = fitted.simulation.terms, None
+    if terms:
+        places = zip(terms, parameter_slices(terms, 5), strict=True)
+        index = np.r_[:5, *(columns for term, columns in places if term.side == "compass")]
+        simulation = replace(fitted.simulation, terms=tuple(term for term in terms if term.side == "compass"))
+        means = covariate_series.reference_values(fitted.comparison.covariates)
+        logged = {name for term in simulation.terms for name in term.needs} & means.keys()
+        compass = AppliedCompass(
+            simulation=simulation,
+            covariance=inferred.estimate(fitted).covariance[np.ix_(index, index)],
+            references={name: means[name] for name in sorted({*logged, "time"})},
+            logged=tuple(sorted(logged)),
+        )
+    return WeightedCompass(weight, "+".join(term.name for term in terms) or "none", compass)
 
 
 def residual_curve(
@@ -350,7 +335,12 @@ def storm_finding(fitted: FittedModel, alarm: float = 0.006) -> Finding | None:
     unit = index / scene.horizontal_nT / angles.DEGREE  # degrees for 1 nT per unit of ap
     ratio = np.clip(fitted.residual_deg[known] / width[known], -finding.MOST_WIDTHS, finding.MOST_WIDTHS)
     squares, share = ratio**2, (unit[known] / width[known]) ** 2
-    if not share.any() or (chance := _chance_of_shifts(scene.time_s[known], squares, share)) > alarm:
+    nearest = int(NEAREST_SHIFT_S / max(float(np.median(np.diff(scene.time_s[known]))), 1.0)) + 1
+    count = min(STORM_SHIFTS, max(len(share) - 2 * nearest, 1))
+    shifts = [0, *np.linspace(nearest, len(share) - nearest, count).astype(int).tolist()] if share.any() else []
+    each = [max(np.sum(_storm_gains(x, squares, np.roll(share, k))) for x in STORM_SIZES_NT.tolist()) for k in shifts]
+    chance = (1 + int(np.sum(np.array(each[1:]) >= each[0]))) / (1 + count) if each else 1.0
+    if chance > alarm:
         return None
     block = np.arange(len(share)) * STORM_BLOCKS // len(share)
     size = _storm_size(squares, share)
@@ -393,12 +383,3 @@ def _storm_size(squares: Floats, share: Floats) -> float:
     limits = np.log(STORM_SIZES_NT[[0, -1]])
     likeliest = minimize_scalar(lambda log: -np.sum(_storm_gains(np.exp(log), squares, share)), bounds=limits)
     return float(np.exp(likeliest.x))
-
-
-def _chance_of_shifts(time_s: Floats, squares: Floats, share: Floats) -> float:
-    """Estimate the p-value of the gain from shifts of the index in time."""
-    nearest = int(NEAREST_SHIFT_S / max(float(np.median(np.diff(time_s))), 1.0)) + 1
-    count = min(STORM_SHIFTS, max(len(time_s) - 2 * nearest, 1))
-    shifts = [0, *np.linspace(nearest, len(time_s) - nearest, count).astype(int).tolist()]
-    gains = [max(np.sum(_storm_gains(x, squares, np.roll(share, k))) for x in STORM_SIZES_NT.tolist()) for k in shifts]
-    return (1 + int(np.sum(np.array(gains[1:]) >= gains[0]))) / (1 + count)

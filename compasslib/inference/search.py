@@ -84,11 +84,6 @@ class Inference:
         """Readings that may follow the drivers of the current in its place, by groups of drivers that vary together."""
         return find_rivals(self.model, self.entered, self.slow_noise, self.further.evidence.likely_noises)
 
-    @property
-    def lacks_effect(self) -> bool:
-        """Whether a further effect is detected beside as many as are searched for."""
-        return len(self.chosen) == MOST_EFFECTS and _stands_out(self.detections[-1], self.further)
-
     @cached_property
     def limits(self) -> dict[str, float | None]:
         """Detection limit of each listed effect that was not found, visible rms degrees; None if there is none."""
@@ -98,21 +93,6 @@ class Inference:
         drawings = self.model.draw(self.further.evidence, last.n_surrogates, self.seed + len(self.chosen), self.entered)
         least = max(last.threshold, LIKELY - float(np.log(self.odds)))  # from which an effect is found
         return _detection_limits(self.model, self.further.evidence, self.entered, drawings, least)
-
-    @cached_property
-    def current_visible(self) -> Floats:
-        """Mean products of the columns of the current with the compass projected out, square degrees."""
-        columns = self.model.slow.columns
-        turned = self.model.freed.visible(columns[:, columns.shape[1] - len(self.model.slow.drivers) :])
-        return turned.T @ turned / len(turned)
-
-    def further_size_deg(self, k: int) -> float:
-        """Compute the visible size of an option beside the chosen effects, rms degrees."""
-        entered = (*self.entered, (k, self.model.likeliest_amplitude(k, self.slow_noise, self.entered)))
-        values = self.model.fit(entered, self.slow_noise)[-1]
-        usual = self.model.options[k].usual
-        turn = self.model.options[k].columns @ (values / np.where(usual > 0.0, usual, 1.0))
-        return float(np.sqrt(np.mean(self.model.freed.visible(turn[:, None]) ** 2)))
 
     @property
     def _all_places(self) -> tuple[Place, ...]:
@@ -208,33 +188,23 @@ class Inference:
     def weighted(self) -> list[tuple[float, FittedModel]]:
         """Fitted models that correct the record, with their probabilities, which sum to at most 1; the chosen first."""
         suggested = self.detections[-1].rank_p is not None and self.detections[-1].rank_p <= SUGGESTED_P
+        rivals = {rival.option for rival in self.rivals.values()}
         likely = {
             each: p
             for p, each in self.combinations
             if each == self.chosen
-            or (p >= LEAST_WEIGHT and (suggested or len(each) <= len(self.chosen) or self._is_rival(each)))
+            or (p >= LEAST_WEIGHT and (suggested or len(each) <= len(self.chosen) or rivals & {*each}))
         }
-        for (
-            p,
-            each,
-        ) in self.combinations:  # the chosen effects and an unlikely further one: the chosen ones represent it
+        for p, each in self.combinations:  # the chosen effects also represent them with an unlikely further one
             if each not in likely and set(self.chosen) < set(each):
                 likely[self.chosen] += p
         return [(p, self.fitted if each == self.chosen else self._refitted(each)) for each, p in likely.items()]
 
-    def _is_rival(self, combination: tuple[int, ...]) -> bool:
-        return any(rival.option in combination for rival in self.rivals.values())
-
     def _refitted(self, combination: tuple[int, ...]) -> FittedModel:
-        known = dict(self.entered)
-        amplitudes = [
-            known[k] if k in known else self.model.likeliest_amplitude(k, self.slow_noise) for k in combination
-        ]
-        model, slow = self.model, self.model.slow
+        entered = {k: self.model.likeliest_amplitude(k, self.slow_noise) for k in combination} | dict(self.entered)
         instead = [group for group, rival in self.rivals.items() if rival.option in combination]
-        if instead:
-            model = replace(model, slow=slow.without_current(frozenset[str]().union(*instead)))
-        return fit_terms(self.fitted, model, list(zip(combination, amplitudes, strict=True)), self.slow_noise)
+        model = replace(self.model, slow=self.model.slow.without_current(frozenset[str]().union(*instead)))
+        return fit_terms(self.fitted, model, [(k, entered[k]) for k in combination], self.slow_noise)
 
 
 def mixed_covariance(
@@ -266,7 +236,7 @@ def infer(initial: FittedModel, odds: float, surrogates: int) -> Inference:
         further = Place.weigh(evidence, odds, [k for k, _ in entered])
         if not detections[-1].significant:
             further = further.not_favoured(odds)
-        if len(entered) == MOST_EFFECTS or kinds in visited or not _stands_out(detections[-1], further):
+        if len(entered) == MOST_EFFECTS or kinds in visited or not stands_out(detections[-1], further):
             break
         visited.add(kinds)
         k = further.likeliest(kinds)
@@ -277,7 +247,7 @@ def infer(initial: FittedModel, odds: float, surrogates: int) -> Inference:
     return Inference(settled.fitted, model, chosen, sizes, settled.places, further, tuple(detections), odds, seed)
 
 
-def _stands_out(detection: Detection, place: Place) -> bool:
+def stands_out(detection: Detection, place: Place) -> bool:
     """Return whether a further effect is detected, and likelier than none."""
     return detection.significant and place.none <= UNLIKELY
 
@@ -334,7 +304,11 @@ def _detection_limits(
         for k, part in zip(places, parts, strict=True):
             for s, statistic in enumerate(_statistics(model, marginals, k, part, rng)):
                 power[s] += np.sum(statistic >= threshold) / score.shape[1]
-        result[name] = _crossing(power)
+        k = int(np.argmax(power >= POWER))
+        result[name] = float(SIZES_DEG[k]) if power[k] >= POWER else None
+        if k > 0:  # interpolate
+            share = (POWER - power[k - 1]) / (power[k] - power[k - 1])
+            result[name] = float(SIZES_DEG[k - 1] * (SIZES_DEG[k] / SIZES_DEG[k - 1]) ** share)
     return result
 
 
@@ -387,12 +361,3 @@ class _Planted:
         grown = variance * self.values[:, None]
         gain = 0.5 * variance / (1.0 + grown) * along - 0.5 * np.log1p(grown)
         return none, none + np.logaddexp.reduce(gain.sum(axis=1), axis=0) - np.log(len(variance))
-
-
-def _crossing(power: Floats) -> float | None:
-    """Interpolate the size at which the power reaches ``POWER``."""
-    k = int(np.argmax(power >= POWER))
-    if power[k] < POWER or k == 0:
-        return None if power[k] < POWER else float(SIZES_DEG[0])
-    share = (POWER - power[k - 1]) / (power[k] - power[k - 1])
-    return float(SIZES_DEG[k - 1] * (SIZES_DEG[k] / SIZES_DEG[k - 1]) ** share)
