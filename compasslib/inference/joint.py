@@ -62,7 +62,7 @@ def record_information(inferred: Inference, fit: DeviationFit) -> RecordInformat
     weights = np.array([weight for weight, _ in inferred.weighted])
     weights /= weights.sum()
     centres = [fitted.simulation.coefficients for _, fitted in inferred.weighted]
-    inner = [inferred.estimate(fitted).covariance[:5, :5] for _, fitted in inferred.weighted]
+    inner = [inferred.covariance(fitted)[:5, :5] for _, fitted in inferred.weighted]
     covariance = mixed_covariance(weights, centres, inner)
     covariance += positive_part(fit.covariance[:5, :5] - covariance)
     return RecordInformation(weights @ np.array(centres), covariance, _effect_information(inferred))

@@ -82,7 +82,7 @@ def _diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | 
         extra=[] if stormy is None else [stormy],
         not_testable=comparison.not_testable,
     )
-    covariance = inferred.estimate(null_model).covariance[:5, :5]
+    covariance = inferred.covariance(null_model)[:5, :5]
     if inferred.slow.acting:  # effect of the current on the fit
         shift = null_model.simulation.coefficients - null_model.comparison.simulation.coefficients
         covariance = covariance + np.outer(shift, shift)
@@ -113,8 +113,8 @@ def _limits_text(limits: Mapping[str, float | None], min_effect_deg: float) -> s
 def _outcome(inferred: Inference, null_model: FittedModel, options: Options) -> Outcome:
     """Collect the outcome of the search."""
     fitted, comparison = inferred.fitted, inferred.fitted.comparison
-    covariances = inferred.estimate(fitted).term_covariances
-    findings = tuple(_finding(inferred, k, covariance, options.surrogates) for k, covariance in enumerate(covariances))
+    covariance, terms = inferred.covariance(fitted), parameter_slices(fitted.simulation.terms, 5)
+    findings = tuple(_finding(inferred, k, covariance[x, x], options.surrogates) for k, x in enumerate(terms))
     exceeded, stated = _current(inferred, options.min_effect_deg)
     largest = sorted(findings, key=lambda item: -item.rms_effect_deg)
     named = [item.named for item in largest if item.rms_effect_deg >= options.min_effect_deg]
@@ -275,7 +275,7 @@ def _weighted_compass(inferred: Inference, weight: float, fitted: FittedModel) -
         logged = {name for term in simulation.terms for name in term.needs} & means.keys()
         compass = AppliedCompass(
             simulation=simulation,
-            covariance=inferred.estimate(fitted).covariance[np.ix_(index, index)],
+            covariance=inferred.covariance(fitted)[np.ix_(index, index)],
             references={name: means[name] for name in sorted({*logged, "time"})},
             logged=tuple(sorted(logged)),
         )

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from compasslib.effects import SLOW_WATER, Effect
 from compasslib.effects.composed import COMPOSED, ComposedEffect
 from compasslib.inference import design, noise
-from compasslib.inference.design import Estimate, FittedModel
+from compasslib.inference.design import FittedModel
 from compasslib.inference.evidence import MOST_EFFECTS, UNLIKELY, Evidence, Place, side_probabilities
 from compasslib.inference.finding import Detection, compare_names
 from compasslib.inference.linear_model import Entered, LinearModel, Marginal, Products
@@ -118,12 +118,8 @@ class Inference:
         assert isinstance(term, ComposedEffect)
         return COMPOSED + "/".join(term.reported_composition())
 
-    def estimate(self, fitted: FittedModel) -> Estimate:
-        """Compute the covariance of all parameters of a refitted model, averaged over slow noise.
-
-        Args:
-            state: model of this recording, with any terms.
-        """
+    def covariance(self, fitted: FittedModel) -> Floats:
+        """Compute the covariance of A..E, terms and nuisances of a fitted model, averaged over slow noise, (b, b)."""
         without_slow = design.evaluate_model(
             replace(fitted.comparison, low_rank=None), fitted.simulation, fitted.nuisance
         )
@@ -145,7 +141,7 @@ class Inference:
             weights.append(weight)
             covariances.append(scaled_inverse(left + ridge))
             steps.append(covariances[-1] @ score_left[:, 0])
-        return Estimate(fitted, mixed_covariance(weights, steps, covariances) / np.outer(scale, scale))
+        return mixed_covariance(weights, steps, covariances) / np.outer(scale, scale)
 
     @cached_property
     def combinations(self) -> list[tuple[float, tuple[int, ...]]]:
