@@ -127,7 +127,7 @@ class _PartitionedRecord:
         shares[[k for k in self.inferred.chosen if k != term]] = -np.inf
         gain, predicted, followed = np.zeros((3, targets.shape[1]))
         chosen, values = [], []
-        size = self.inferred.amplitudes[self.place]
+        size = self.inferred.entered[self.place][1]
         for square, held_out in zip(self.squares, pulls, strict=True):
             training = self._marginal(total - square, pull - held_out)
             evidence = training.evidence

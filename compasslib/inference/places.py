@@ -29,10 +29,10 @@ MOST_LOG = 700.0  # logarithm of a ratio that can still be represented
 class Settled:
     """A fitted model, linearized, with the options in the place of each of its terms."""
 
-    fitted: FittedModel
-    model: LinearModel
-    entered: Entered
-    places: tuple[Place, ...]
+    fitted: FittedModel  # with slow noise in the whitener
+    model: LinearModel  # linearized at this model
+    entered: Entered  # option and amplitude of each term
+    places: tuple[Place, ...]  # of each term
 
     @property
     def kinds(self) -> tuple[type[Effect], ...]:

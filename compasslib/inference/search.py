@@ -23,7 +23,15 @@ from compasslib.inference.evidence import MOST_EFFECTS, UNLIKELY, Evidence, Plac
 from compasslib.inference.finding import Detection, compare_names
 from compasslib.inference.linear_model import Entered, LinearModel, Marginal, Products
 from compasslib.inference.noise import SlowNoise, SlowNoiseBasis
-from compasslib.inference.places import Rival, find_rivals, fit_terms, learn_current, settle, with_likeliest_noise
+from compasslib.inference.places import (
+    Rival,
+    Settled,
+    find_rivals,
+    fit_terms,
+    learn_current,
+    settle,
+    with_likeliest_noise,
+)
 from compasslib.statistics.whitening import scaled_inverse
 from compasslib.types import Floats
 
@@ -37,23 +45,18 @@ MOST_PLACES = 8  # dates of one effect that are simulated
 
 
 @dataclass(frozen=True)
-class Inference:
-    """The effects that were detected, refitted, with the probability of every option in the place of each."""
+class Inference(Settled):
+    """The effects that were detected, with the probability of every option in the place of each, and of one more."""
 
-    fitted: FittedModel  # fitted with its terms, slow noise in the whitener
-    model: LinearModel  # linearized at this model
-    chosen: tuple[int, ...]  # option of each term, in order
-    amplitudes: tuple[float, ...]  # prior rms of each, degrees
-    places: tuple[Place, ...]  # of each term
     further: Place  # of one more effect, which was not detected
     detections: tuple[Detection, ...]  # of each term, and of one more
     odds: float  # prior odds of a fault of compass or clock
     seed: int  # of the surrogates
 
     @property
-    def entered(self) -> Entered:
-        """The chosen options with their amplitudes."""
-        return tuple(zip(self.chosen, self.amplitudes, strict=True))
+    def chosen(self) -> tuple[int, ...]:
+        """Option of each term, in order."""
+        return tuple(k for k, _ in self.entered)
 
     @cached_property
     def slow(self) -> SlowNoiseBasis:
@@ -149,16 +152,17 @@ class Inference:
 
         In each place, the alternatives are combined with the chosen effects of all other places.
         """
-        each = [self._alternatives(place, k) for place, k in zip(self._all_places, (*self.chosen, None), strict=True)]
-        taken = [options[k] for options, k in zip(each, (*self.chosen, None), strict=True)]
+        chosen = (*self.chosen, None)
+        each = [self._alternatives(place, k) for place, k in zip(self._all_places, chosen, strict=True)]
+        taken = [options[k] for options, k in zip(each, chosen, strict=True)]
         # Where a further effect is likely but not in the model, the chosen effects still are the first approximation.
         taken[-1] = max(taken[-1], 0.5)
         main = float(np.prod(taken))
         result = [(main, self.chosen)]
         for place, options in enumerate(each):
+            others = [*self.chosen[:place], *self.chosen[place + 1 :]]
             for k, probability in options.items():
-                others = [*self.chosen[:place], *self.chosen[place + 1 :]]
-                if k != (*self.chosen, None)[place] and k not in others:
+                if k != chosen[place] and k not in others:
                     combination = tuple(sorted([*others, *([] if k is None else [k])]))
                     result.append((main * probability / max(taken[place], 1e-12), combination))
         for rival in self.rivals.values():
@@ -239,8 +243,7 @@ def infer(initial: FittedModel, odds: float, surrogates: int) -> Inference:
         slow_noise = evidence.likeliest_noise(k)
         entered = sorted([*entered, (k, model.likeliest_amplitude(k, slow_noise, entered))])
         fitted, amplitudes = fit_terms(settled.fitted, model, entered, slow_noise), [size for _, size in entered]
-    chosen, sizes = tuple(k for k, _ in entered), tuple(size for _, size in entered)
-    return Inference(settled.fitted, model, chosen, sizes, settled.places, further, tuple(detections), odds, seed)
+    return Inference(settled.fitted, model, entered, settled.places, further, tuple(detections), odds, seed)
 
 
 def stands_out(detection: Detection, place: Place) -> bool:
