@@ -148,11 +148,7 @@ class Comparison:
         named: Sequence[str],
         place: CovariateRange | None = None,
     ) -> Unexplained:
-        """Describe the mismatch that remains with the named effects: where, how large, its empirical curve.
-
-        Args:
-            place: range in which it shows; by default where the curves are outside their bands.
-        """
+        """Describe a mismatch beyond named effects: its curve, and its place, by default outside the curve's bands."""
         places = [place] if place else [self.outside(curve) for curve in curves]
         dates = next(((where.low, where.high) for where in places if where.covariate == "time"), self.span_s)
         text = wording.unexplained_text(" and ".join(where.text for where in places), size_deg, named)

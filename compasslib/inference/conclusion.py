@@ -60,10 +60,7 @@ class Conclusion:
 
 
 def diagnose_constant(constant: ConstantOffset, pairs: Pairs) -> Diagnosis:
-    """Diagnose a mooring whose constant offset matches a configuration error.
-
-    No other effect is attributed until the offset is resolved.
-    """
+    """Diagnose a mooring whose constant offset matches a configuration error; nothing else is attributed."""
     of_pairs, p = Comparison(time_s=pairs.time_s, terms=(), covariates={}), constant.probability
     term, other = sorted((DeclinationError(), MountingOffset()), key=lambda kind: kind.name != constant.effect)
     finding = build_finding(

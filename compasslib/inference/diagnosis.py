@@ -270,10 +270,7 @@ def _merge_findings(groups: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
 
 
 def product_of_diagnosis(fit: DeviationFit, diagnosis: Diagnosis) -> CorrectionModel:
-    """Derive the correction of the record from the result of the search for unmodelled effects.
-
-    If no effect is corrected, the fit is averaged with a compass without deviation.
-    """
+    """Derive the correction of a record; without corrected effects the fit is averaged with one without deviation."""
     # Sum the visible sizes, rms degrees, of effects that may act on the compass and are not corrected.
     uncorrected = [
         finding for finding in diagnosis.findings if not finding.applied and finding.held_out is not UNTESTED

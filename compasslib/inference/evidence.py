@@ -204,11 +204,7 @@ class Place:
 
 
 def side_probabilities(places: Sequence[Place], dropped: Collection[str] = ()) -> dict[str, float]:
-    """Compute the probability that each side acts, the first of SIDES_IN_ORDER if several do, and of none.
-
-    Args:
-        dropped: names of effects to ignore.
-    """
+    """Compute the probability of each side, the first in order if several act, and of none; some names dropped."""
     result, before = dict[str, float](), 1.0
     for number in range(1, len(SIDES_IN_ORDER) + 1):
         without = 1.0

@@ -181,11 +181,7 @@ def _swing(recording: Recording) -> Floats:
 def _update(
     recording: Recording, hypotheses: Sequence[tuple[int, ...]], probability: Floats, information: Floats
 ) -> Floats:
-    """Draw outcomes of an observation and update the probability of each hypothesis with each, (h, d).
-
-    Args:
-        hypotheses: numbers of the terms that act.
-    """
+    """Draw outcomes of an observation and update the probability of each set of terms with each, (h, d)."""
     rows, score = np.concatenate([recording.candidates, recording.slow, recording.base], axis=1), recording.score
     known, present = rows.T @ rows, np.flatnonzero(recording.variance > 0.0)
     free = np.arange(recording.ends[-1] + len(recording.variance), len(known))

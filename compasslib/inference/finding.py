@@ -100,11 +100,7 @@ class Placebo:
 
 
 def is_confirmed(low_deg: float, rank_p: float | None) -> bool:
-    """Return whether held-out days show an effect that is significant against surrogates.
-
-    Args:
-        low_deg: lower end of the 95 % interval of its size on held-out days.
-    """
+    """Return whether held-out days show an effect: its interval is above 0, and it is rare among surrogates."""
     return low_deg > 0.0 and rank_p is not None and rank_p <= CONFIRMED_P
 
 

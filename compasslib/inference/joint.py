@@ -330,11 +330,7 @@ def _describe(
 
 
 def information_from_others(members: Sequence[Member], shared: SharedEffects) -> dict[str, tuple[Floats, Floats]]:
-    """Compute information and score of the shared effects from some records, in the parameters' units.
-
-    Args:
-        members: all records except the one that receives the information.
-    """
+    """Compute information and score of the shared effects from the other records, in the parameters' units."""
     model = align_records(members)
     marginal, result = model.marginalized(shared.season_deg[0]), dict[str, tuple[Floats, Floats]]()
     for kind in (effect.kind for effect in shared.effects if effect.kind in model.kinds):

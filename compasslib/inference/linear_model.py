@@ -200,11 +200,7 @@ class LinearModel:
         return self.products.marginalize(self.slow.variances(slow_noise), entered)
 
     def weigh(self, slow_noises: Sequence[SlowNoise], entered: Entered = (), score: Floats | None = None) -> Evidence:
-        """Compute the evidence of each option alone beside the entered ones.
-
-        Args:
-            score: products of other residuals with the columns, (p + q, r); by default of the recording's.
-        """
+        """Compute the evidence of each option beside the entered ones; the scores are the recording's by default."""
         products = self.products if score is None else replace(self.products, score=score)
         each = [products.marginalize(self.slow.variances(slow_noise), entered) for slow_noise in slow_noises]
         none, factors = zip(*((marginal.none, marginal.evidence.astype(np.float32)) for marginal in each), strict=True)
@@ -286,9 +282,6 @@ def _score_inflation(fitted: FittedModel, options: Sequence[Option]) -> float:
 
     Real directions scatter more in some weeks than their widths imply: the median of a cluster-robust variance over the
     blocks (Liang and Zeger, Biometrika 73, 13, 1986).
-
-    Args:
-        fitted: model whose whitener contains slow noise.
     """
     first = list({option.block: option for option in reversed(options)}.values())
     white = fitted.whiten_and_project(np.concatenate([option.columns for option in first], axis=1))
@@ -308,12 +301,7 @@ def _score_inflation(fitted: FittedModel, options: Sequence[Option]) -> float:
 
 
 def enumerate_options(freed: FittedModel, midpoint: FittedModel) -> tuple[Option, ...]:
-    """Enumerate the forms of all blocks that a recording can show.
-
-    Args:
-        freed: model whose residual and whitener determine the dates that are tried; its terms are freed.
-        midpoint: the model at which columns are linearized.
-    """
+    """Enumerate the forms of all blocks, linearized at a midpoint; the residual of the freed model dates steps."""
     made = (*_listed(freed, midpoint), *_composed(midpoint))
     return tuple(with_shares([option for option in made if option.columns.shape[1]]))
 

@@ -51,11 +51,7 @@ NO_SIGMA = 1e-6  # standard error, in any unit, up to which a parameter of value
 
 
 def diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | None = None) -> Diagnosis:
-    """Diagnose a long record against its simulation.
-
-    Args:
-        fit: fit of the exact compass, needed for the information shared with other records.
-    """
+    """Diagnose a long record against its simulation; its fit is needed for information that other records share."""
     none = np.zeros(comparison.nuisance.shape[1])
     if (usable := design.count_usable(comparison, comparison.simulation, none)) < FEWEST_PAIRS:
         why = f"the branch of the compass is known for {usable} of {len(comparison)} pairs; {FEWEST_PAIRS} are needed"

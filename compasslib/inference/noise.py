@@ -238,12 +238,7 @@ class CurrentStatement:
     text: str  #: the statement in sentences
 
     def contested(self, rival: float, followed: str) -> CurrentStatement:
-        """Reduce the probability by that of a compass reading that depends on the driver, and mention it.
-
-        Args:
-            rival: probability of such a compass.
-            followed: driver on which its reading depends.
-        """
+        """Reduce the probability by that of a compass whose reading follows a driver instead, and mention it."""
         if rival < CONTESTED:
             return self
         left = self.probability * (1.0 - rival)

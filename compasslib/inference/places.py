@@ -124,11 +124,7 @@ def learn_current(model: LinearModel, entered: Entered, slow_noise: SlowNoise) -
 def with_slow_noise(
     fitted: FittedModel, freed: FittedModel, slow: SlowNoiseBasis, slow_noise: SlowNoise
 ) -> FittedModel:
-    """Add slow noise to a fitted model, as directions of increased variance of the whitened noise.
-
-    Args:
-        freed: fitted model whose whitener excludes slow noise.
-    """
+    """Add slow noise to a fitted model, as directions of increased variance of the whitened noise of a freed one."""
     variance, low_rank = slow.variances(slow_noise), None
     variance[0] = 0.0  # a constant veer looks like A, which would be lost in rounding errors beside it
     present = variance > 0.0
@@ -163,12 +159,7 @@ def find_rivals(
     slow_noise: SlowNoise,
     slow_noises: Sequence[SlowNoise],
 ) -> dict[frozenset[str], Rival]:
-    """Find a rival for each group of drivers that vary together and that the current is likely to follow.
-
-    Args:
-        slow_noise: the likeliest slow noise.
-        slow_noises: kinds of slow noise that are not improbable.
-    """
+    """Find a rival for each group of drivers that vary together and that the current is likely to follow."""
     current, rivals = model.current(entered, slow_noise), dict[frozenset[str], Rival]()
     present = np.mean(current.values != 0.0, axis=0) >= SURE
     acting = [driver for driver, there in zip(current.drivers, present, strict=True) if there]

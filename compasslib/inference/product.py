@@ -54,14 +54,7 @@ class AppliedCompass:
         *,
         field: EarthField,
     ) -> Scene:
-        """Build the scene of samples of the affected instrument; missing values are set to the reference value.
-
-        Args:
-            time_s: (n,) increasing, UTC seconds.
-            recorded_deg: recorded headings, (n,), degrees.
-            tilt_deg: pitch and roll, (n,) each, degrees.
-            series: the logged covariates, (n,) each.
-        """
+        """Build the scene of samples of the affected instrument; missing values are set to the reference value."""
         used = {name: covariates.smooth_supply(name, column, time_s) for name, column in series.items()}
         series_used = {name: np.nan_to_num(used[name] - self.references[name]) for name in self.logged if name in used}
         series_used |= {name: np.zeros(len(time_s)) for name in self.logged if name not in (*series, *TILT_SERIES)}
@@ -185,10 +178,7 @@ def from_json(content: Mapping[str, Any]) -> CorrectionModel:
 def equivalent_pairs(
     product: CorrectionModel, pairs: Pairs, record: Record, field: EarthField, series: Series
 ) -> Pairs:
-    """Convert the pairs to what the compass would have recorded without the other effects.
-
-    Methods that are limited to five coefficients can then be applied to them.
-    """
+    """Convert the pairs to what the compass would have recorded without effects beyond its five coefficients."""
     when = np.searchsorted(record.time_s, pairs.time_s)
     at = compass_along_record(
         product, take(record, when), field, {name: column[when] for name, column in series.items()}
@@ -205,12 +195,7 @@ def equivalent_pairs(
 def compass_along_record(
     product: CorrectionModel, record: Record, field: EarthField, series: Series
 ) -> CompassSeries | None:
-    """Evaluate the compass at every sample of the record; None if the fit alone applies.
-
-    Args:
-        record: the affected instrument.
-        series: other logged series, (n,) each, see ``covariates.logged_series``.
-    """
+    """Evaluate the compass at every sample of the affected instrument's record; None if the fit alone applies."""
     if not product.applied:
         return None
     recorded = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)

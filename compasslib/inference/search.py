@@ -70,11 +70,7 @@ class Inference(Settled):
         return likeliest
 
     def sides(self, dropped: Collection[str] = ()) -> dict[str, float]:
-        """Compute the probability of each side; if several act, it counts for the first in SIDES_IN_ORDER.
-
-        Args:
-            dropped: names of effects to ignore.
-        """
+        """Compute the probability of each side, the first in order if several act, and of none; some names dropped."""
         result = side_probabilities(self._all_places, dropped)
         before = result["none"]
         rivals = 1.0 - float(np.prod([1.0 - rival.probability for rival in self.rivals.values()]))
@@ -216,10 +212,9 @@ def mixed_covariance(
 
 
 def infer(initial: FittedModel, odds: float, surrogates: int) -> Inference:
-    """Detect the effects that act in addition to the fitted compass, and weigh all options in their places.
+    """Detect the effects that act in addition to a fitted compass without terms, and weigh all options in their places.
 
     Args:
-        initial: the fitted simulation without terms.
         odds: prior odds of a fault of compass or clock.
         surrogates: number of records simulated without a further effect, of each kind; without any, none is detected.
     """
@@ -278,12 +273,7 @@ def _residual(model: LinearModel, evidence: Evidence, entered: Entered) -> Float
 def _detection_limits(
     model: LinearModel, evidence: Evidence, entered: Entered, residuals: Floats, threshold: float
 ) -> dict[str, float | None]:
-    """Find the visible size of each listed effect, rms degrees, that is detected with ``POWER``; None if there is none.
-
-    Args:
-        residuals: whitened surrogates without further effects, (n, r).
-        threshold: statistic from which an effect is detected.
-    """
+    """Find the visible size of each listed effect, rms degrees, that is detected with ``POWER``; None without."""
     score, rng = model.scores(residuals), np.random.default_rng(0)
     taken = {model.options[k].name for k, _ in entered}
     listed: dict[str, list[int]] = {}
@@ -318,12 +308,7 @@ def _statistics(
     part: NDArray[np.intp],
     rng: np.random.Generator,
 ) -> Iterator[Floats]:
-    """Yield the statistic of an option in some surrogates with its effect, in random directions, at each size, (r,).
-
-    Args:
-        marginals: log prior of each kind of slow noise, and the products of all surrogates with it marginalized.
-        part: numbers of the surrogates.
-    """
+    """Yield the statistic of an option in some surrogates with its effect, in random directions, at each size, (r,)."""
     at = model.products.columns(k)
     visible = model.freed.visible(model.options[k].columns)
     direction = rng.normal(size=(len(at), len(part)))

@@ -394,11 +394,7 @@ def _option(state: FittedHypothesis, term: Effect, derivative: Floats | None = N
 
 
 def weigh(state: FittedHypothesis, options: Sequence[Option], residuals: Floats) -> Callable[[float], Evidence]:
-    """Prepare the evidence of options under each law of the noise, for residuals (n, r).
-
-    Returns:
-        Function of the variance of scores between blocks over that of homogeneous noise.
-    """
+    """Prepare the evidence of options under each noise law, for residuals (n, r), as a function of the scatter."""
     laws, rule_deg = state.comparison.laws, state.comparison.rule_deg
     ends = np.cumsum([0, *(option.columns.shape[1] for option in options)])
     columns = np.concatenate([np.zeros((len(residuals), 0)), *(option.columns for option in options)], axis=1)
@@ -419,9 +415,7 @@ def log_evidence(
     Coefficients of the base have a flat prior, and the variance of the noise is unknown (Student's law).
 
     Args:
-        base, columns: of the hypothesis, (n, b), and of the options, (n, m).
-        ends: boundaries between the options' columns, (g + 1,).
-        residuals: (n, r) degrees.
+        base, columns: of the hypothesis, (n, b), and of the options, (n, m), with boundaries ``ends``.
         rule_deg: systematic error, the least standard deviation of the noise.
 
     Returns:

@@ -114,11 +114,7 @@ class _Search:
     prepared: dict[Terms, Callable[[float], Evidence]] = field(default_factory=dict)  # evidence of the last term's fit
 
     def run(self, *, listed: bool) -> Terms:
-        """Enter effects while one more is detected.
-
-        Args:
-            listed: whether composed effects are left out.
-        """
+        """Enter effects while one more is detected, only listed ones if so asked."""
         entered, visited = Terms(), set[frozenset[Effect]]()
         while True:
             entered = self._settle(entered, listed)
@@ -250,12 +246,7 @@ def _zeros(state: FittedHypothesis) -> Terms:
 def detect(
     base: FittedHypothesis, likeliest: FittedHypothesis, evidence: Evidence, scatter: float, surrogates: int
 ) -> Detection:
-    """Rank the evidence of an effect beside a hypothesis among surrogates without it, as for long records.
-
-    Args:
-        likeliest: with the likeliest effect.
-        surrogates: number of each kind; without any, no effect is detected.
-    """
+    """Rank the evidence of an effect among surrogates without it, of which there may be none."""
     statistics = []
     if surrogates and evidence.options:
         kinds = (False,) if base.comparison.independent else (False, True)
@@ -377,11 +368,7 @@ def held_out_gain(
     terms: Sequence[Effect],
     error: Callable[[FittedHypothesis], Floats] = lambda fitted: fitted.residual_deg,
 ) -> HeldOut:
-    """Score a fit on held-out stretches against one with other terms or another base.
-
-    Args:
-        error: of each reading by a fit, (n,) degrees; by default its residual.
-    """
+    """Score a fit on held-out stretches against one with other terms or another base, by default by the residual."""
     block, left = fitted.blocks, []
     folds = block.max() + 1 if fitted.comparison.independent else min(finding.FOLDS, block.max() + 1)
     for near, free in ((less, terms), (fitted, fitted.terms)):

@@ -342,9 +342,7 @@ def _finding(
     """Build a finding, scored by its prediction of held-out stretches, that shows along time unless a place is given.
 
     Args:
-        off_deg: what is predicted, (n,).
-        predict: function of the samples that are known, which predicts all, (n,) degrees.
-        time_s: of each, (n,); by default the times that are compared.
+        predict: function of the samples of ``off_deg`` that are known, which predicts all, (n,) degrees.
         unit_s: length of the stretches; by default days, hours of a record of few days.
     """
     time_s = compared.time_s if time_s is None else time_s

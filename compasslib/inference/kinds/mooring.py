@@ -274,11 +274,7 @@ def _repair_clock(
 def clock_findings(
     before: Pairs, after: Pairs, fits: tuple[DeviationFit, DeviationFit], clock: ClockError
 ) -> list[Finding]:
-    """Build the clock findings, scored by the held-out residuals of the fits before and after the correction.
-
-    Args:
-        after: pairs with the reference interpolated to the true times.
-    """
+    """Build the clock findings, scored by held-out residuals of fits to the pairs before and after correction."""
     same = np.isin(before.time_s, after.time_s)
     moved = angles.difference(observed_heading(after), observed_heading(before)[same])
     left = [held_out_residual(pairs, fit) for pairs, fit in zip((before, after), fits, strict=True)]

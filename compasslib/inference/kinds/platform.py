@@ -217,12 +217,7 @@ def recording_scene(
     tilt_deg: tuple[Floats, Floats] | None = None,
     departures: Mapping[str, Floats] | None = None,
 ) -> tuple[Scene, tuple[float, str]]:
-    """Build the scene of a recording, and the factor and unit of its iron.
-
-    Args:
-        time_s: (n,), UTC seconds or numbers of readings.
-        field: {horizontal_nT, vertical_nT}, None where the place is unknown.
-    """
+    """Build the scene of a recording, without a field where its place is unknown, and factor and unit of iron."""
     unit_field, zero = np.ones(len(time_s)), np.zeros(len(time_s))
     h, z = (PLACELESS_NT, 0.0) if field is None else (field["horizontal_nT"], field["vertical_nT"])
     pitch, roll = tilt_deg or (zero, zero)

@@ -119,12 +119,7 @@ class Track:
     field_unit: tuple[float, str]
 
     def reading(self, later_s: Floats | float = 0.0, filters: Sequence[Filter] = ()) -> Floats:
-        """Interpolate the reading at a delay after each course, (n,) degrees.
-
-        Args:
-            later_s: delay of each reading, (n,) s.
-            filters: applied in turn to the readings on the 1 s grid.
-        """
+        """Interpolate the reading on the 1 s grid, filtered, at a delay after each course, (n,) degrees."""
         series = reduce(lambda turned, filtered: filtered(turned), filters, self.turned_deg)
         return np.interp(self.observations.time_s + later_s, self.seconds, series)
 

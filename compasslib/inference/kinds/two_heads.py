@@ -79,11 +79,9 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
 def diagnose_motion(
     a: Motion, b: Motion, *, farthest_s: float, field: Mapping[str, float] | None, options: Options
 ) -> Diagnosis:
-    """Diagnose two heads from their motions.
+    """Diagnose two heads from their motions by their own clocks, that of b corrected for its known offset.
 
-    Args:
-        a, b: by their own clocks, that of b corrected for its known offset.
-        farthest_s: largest clock difference searched first; if the headings are then unrelated, it is a day.
+    A clock difference is searched up to ``farthest_s``; if the headings are then unrelated, up to a day.
     """
     aligned, count = None, min(len(a.time_s), len(b.time_s))
     if count >= two_heads.MIN_SAMPLES:
