@@ -140,12 +140,17 @@ def _compare_modulus(log: Log, axes: Floats, choice: ModelChoice, field: Mapping
     body = log.raw @ axes.T
     working, unit = _scale_to_field(body, choice.scale, log, field, level=level)
     scene, covariates, samples, clocked = _conditions(log, body)
-    iron: tuple[type[Effect], ...] = (LevelHardIron, LevelSoftIron) if level else (HardIron, SoftIronInSpace)
-    terms: tuple[type[Effect], ...] = (*iron, HardIronStep, HardIronTrend)
+    terms: tuple[type[Effect], ...] = (LevelHardIron, LevelSoftIron) if level else (HardIron, SoftIronInSpace)
+    terms += (HardIronStep, HardIronTrend)
     terms += (TemperatureOfField,) if _warmed(log) else ()
-    terms += (Heeling,) if level and log.tilted else ()
-    down, strength = log.levelling()[:, 2, :] if level else np.zeros((len(working), 3)), _strength(field, level)
-    wobble = _tilt_wobble(log, working, down, strength) if level and log.tilted else np.zeros((len(working), 0))
+    strength = _strength(field, level)
+    down: Floats = np.zeros((len(working), 3))
+    wobble: Floats = np.zeros((len(working), 0))
+    if level:
+        down = log.levelling()[:, 2, :]
+    if level and log.tilted:
+        terms += (Heeling,)
+        wobble = _tilt_wobble(log, working, down, strength)
     return ShortComparison(
         what=f"the modulus of the {'horizontal ' if level else ''}axes against a constant",
         residual=OfModulus(working[samples], down[samples], strength, scene, wobble[samples]),

@@ -161,11 +161,9 @@ def _clock_findings(aligned: AlignedHeads, heads: ShortComparison, min_effect_de
     proof = _clock_gain(aligned)
     alone = () if np.isfinite(clock.from_tilts_s[0]) else ("compass_lag",)
     compared, findings = replace(heads, what="the clock of b against that of a"), []
-    offset = Parameter(clock.offset_s, clock.sigma_s, "s")
-    drift = Parameter(clock.drift_s_per_day, clock.drift_sigma_s_per_day, "s/day")
     each: tuple[tuple[Effect, str, Parameter, Floats | float], ...] = (
-        (ClockOffset(), "offset_s", offset, clock.offset_s),
-        (ClockDrift(), "drift_s_day", drift, grown),
+        (ClockOffset(), "offset_s", Parameter(clock.offset_s, clock.sigma_s, "s"), clock.offset_s),
+        (ClockDrift(), "drift_s_day", Parameter(clock.drift_s_per_day, clock.drift_sigma_s_per_day, "s/day"), grown),
     )
     for term, name, parameter, error_s in each:
         # Rate of turn times a large error overestimates the turn: limit it by the rms before the correction.
