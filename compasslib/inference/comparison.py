@@ -40,6 +40,7 @@ CANCELS = "it acts on both compasses alike and cancels in the difference of thei
 IN_FITTED_IRON = "constant errors of the tilts turn the heading as iron does: B and C of the fitted curve contain them"
 CONSTANT_IN_A = "a constant declination error cannot be separated from A, a mean directional shear or a mounting offset"
 CONSTANT_REFERENCE = "the reference's file has no heading that varies"
+UNTESTABLE = {"declination_error": CONSTANT_IN_A, "tilt_offset": IN_FITTED_IRON}
 MISSING_SERIES = {
     "battery_number": "the supply voltage shows no battery change",
     "declination_observatory": "no observatory series given",
@@ -208,6 +209,7 @@ def compare_pairs(
     simulation = ForwardModel(fit.coefficients, float(np.mean(scene.horizontal_nT)))
     terms, missing = testable_effects(scene, reference_magnetic)
     upper, lower = pair_speeds(pairs)
+    unnamed = [name for name in logged if name in columns and name not in covariate_series.NAMED_SERIES]
     return LongComparison(
         time_s=pairs.time_s,
         simulation=simulation,
@@ -223,11 +225,7 @@ def compare_pairs(
         not_testable=missing,
         prior=fit.prior,
         slow_shear=pairs.slow_shear,
-        units={
-            name: (units or {}).get(name, "1")
-            for name in logged
-            if name in columns and name not in covariate_series.NAMED_SERIES
-        },
+        units={name: (units or {}).get(name, "1") for name in unnamed},
     )
 
 
@@ -240,10 +238,8 @@ def testable_effects(
         if "mooring" not in term.recordings or term.acts_on == "time":
             continue
         absent = [name for name in term.needs if name not in scene.departures]
-        if term.name == "declination_error":
-            missing.append((term.name, CONSTANT_IN_A))
-        elif term.name == "tilt_offset":
-            missing.append((term.name, IN_FITTED_IRON))
+        if term.name in UNTESTABLE:
+            missing.append((term.name, UNTESTABLE[term.name]))
         elif term.acts_on == "north" and reference_magnetic:
             missing.append((term.name, CANCELS))
         elif absent:

@@ -144,7 +144,6 @@ class Outcome:
     noise: Mapping[str, tuple[float, float]]  # (value, standard error) by parameter
     current: tuple[CurrentStatement, ...] = ()
     current_probability: float = 0.0  # that the effect of the current exceeds ``min_effect_deg``
-    prior_odds: float | None = None  # of a fault of compass or clock
     ranked: tuple[RankedEffect, ...] = ()  # effects tested alone
     detection: Detection | None = None  # evidence of any effect
     deniable: bool = False  # whether a finding is withdrawn if held-out readings refute it
@@ -216,7 +215,6 @@ def combine_outcomes(
         sides=sides,
         noise=parts[0].noise if parts else {},
         current=current,
-        prior_odds=parts[0].prior_odds if parts else None,
     )
 
 

@@ -58,16 +58,14 @@ def diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | N
         # If hardly any pair agrees with either of its headings, the fit itself is wrong.
         return replace(diagnosis.insufficient(why, comparison.not_testable), refutes_fit=4 * usable < len(comparison))
     try:
-        return _diagnose(comparison, options, fit)
+        return _diagnose(design.evaluate_model(comparison, comparison.simulation, none), options, fit)
     except design.TooFewSamples as lost:  # initially, or after a refit
         why = f"{lost}; there is nothing to compare the compass with"
         refutes_fit = len(comparison) >= 4 * design.FEWEST_SAMPLES
         return replace(diagnosis.insufficient(why, comparison.not_testable), refutes_fit=refutes_fit)
 
 
-def _diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | None) -> Diagnosis:
-    none = np.zeros(comparison.nuisance.shape[1])
-    initial = design.evaluate_model(comparison, comparison.simulation, none)
+def _diagnose(initial: FittedModel, options: Options, fit: DeviationFit | None) -> Diagnosis:
     initial = design.refit(initial, [])  # compass and nuisances, accounting for autocorrelation
     inferred = search.infer(initial, options.prior_odds, options.surrogates)
     stormy = storm_finding(inferred.fitted)
@@ -76,7 +74,7 @@ def _diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | 
         [_outcome(inferred, null_model, options)],
         options,
         extra=[] if stormy is None else [stormy],
-        not_testable=comparison.not_testable,
+        not_testable=initial.comparison.not_testable,
     )
     covariance = inferred.covariance(null_model)[:5, :5]
     if inferred.slow.acting:  # effect of the current on the fit
@@ -89,6 +87,7 @@ def _diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | 
         why=_limits_text(inferred.limits, options.min_effect_deg),
         detectable_deg=inferred.limits,
         detection=inferred.detections[0],
+        prior_odds=options.prior_odds,
         experiments=experiments.rank_observations(inferred) if diagnosed.verdict == "ambiguous" else (),
         information=joint.record_information(inferred, fit) if options.share and fit is not None else None,
     )
@@ -145,7 +144,6 @@ def _outcome(inferred: Inference, null_model: FittedModel, options: Options) -> 
         noise=_summarize_noise(inferred),
         current=stated,
         current_probability=exceeded,
-        prior_odds=options.prior_odds,
     )
 
 

@@ -300,7 +300,7 @@ def _dated(state: FittedHypothesis, kind: type[Effect]) -> Iterator[Option]:
 
     def acting(places: Places) -> Floats:
         inside = (places[:, 0] >= edge) & (places[:, 0] <= n - edge)
-        return ((np.arange(n)[:, None] >= places[:, 0]) & inside).astype(float)
+        return _during(n, places[:, 0], np.where(inside, n, 0))
 
     grid = np.unique(np.linspace(edge, n - edge, min(n, MOST_DATES)).astype(np.intp))[:, None]
     always = state.derivative(replace(kind(), date_s=-np.inf))  # type: ignore[call-arg]
@@ -315,8 +315,7 @@ def _unlisted(state: FittedHypothesis) -> Iterator[Option]:
 
     def during(places: Places) -> Floats:
         inside = (places[:, 0] > 0) & (places[:, 1] < n)
-        number = np.arange(n)[:, None]
-        return ((number >= places[:, 0]) & (number < places[:, 1]) & inside).astype(float)
+        return _during(n, places[:, 0], np.where(inside, places[:, 1], 0))
 
     edges = np.unique(np.linspace(1, n - 1, min(n - 1, SPELL_EDGES)).astype(np.intp))
     yield from _located(
@@ -382,6 +381,11 @@ def _located(
         places, columns = np.concatenate([coarse[0], places]), np.concatenate([coarse[1], columns], axis=1)
     for k, at in enumerate(places.tolist()):
         yield _option(state, term(*at), columns[:, k], float(cells[k]))
+
+
+def _during(n: int, first: Places, end: Places) -> Floats:
+    """Compute the share of offsets that act at each sample, from one sample to before another, (n, g)."""
+    return ((np.arange(n)[:, None] >= first) & (np.arange(n)[:, None] < end)).astype(float)
 
 
 def _time_between(state: FittedHypothesis, k: float) -> float:

@@ -132,7 +132,9 @@ def _curve(compared: FieldComparison, steady: FieldSeries, series: FieldSeries) 
     each = [bins == k for k in np.unique(bins)]
     days = np.array([len(np.unique(np.floor(compared.time_s[k] / DAY_S))) for k in each])
     means = [np.array([np.mean(x[k]) for k in each]) for x in (compared.time_s, with_jumps, off)]
-    return BinnedResidual("time", means[0], means[1], means[2], np.array([np.std(off[k]) for k in each]) / np.sqrt(days))
+    return BinnedResidual(
+        "time", means[0], means[1], means[2], np.array([np.std(off[k]) for k in each]) / np.sqrt(days)
+    )
 
 
 def find_jumps(compared: FieldComparison, limit_deg: float) -> tuple[list[Jump], str]:
