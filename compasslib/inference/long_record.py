@@ -77,7 +77,7 @@ def _diagnose(initial: FittedModel, options: Options, fit: DeviationFit | None) 
         not_testable=initial.comparison.not_testable,
     )
     covariance = inferred.covariance(null_model)[:5, :5]
-    if inferred.slow.acting:  # effect of the current on the fit
+    if inferred.slow.current.any():  # effect of the current on the fit
         shift = null_model.simulation.coefficients - null_model.comparison.simulation.coefficients
         covariance = covariance + np.outer(shift, shift)
     return replace(

@@ -137,11 +137,6 @@ class SlowNoiseBasis:
         tides = self.columns.shape[1] - len(slow) - len(self.drivers)
         return np.concatenate([slow, np.full(tides, USUAL_SHEAR_M_S**2), self.current])
 
-    @property
-    def acting(self) -> set[str]:
-        """The drivers that the current was found to follow."""
-        return {driver for driver, variance in zip(self.drivers, self.current, strict=True) if variance > 0.0}
-
     def without_current(self, drivers: Collection[str]) -> SlowNoiseBasis:
         """Remove the current of some drivers from the noise."""
         return replace(self, current=np.where(np.isin(self.drivers, list(drivers)), 0.0, self.current))

@@ -212,11 +212,10 @@ class _Search:
         """Weigh one more effect, and rank its evidence among surrogates without it."""
         place, key = self.weigh(entered), frozenset(entered)
         if place.detection is None:
-            fits = place.base, place.likeliest_fit
-            place = replace(place, detection=detect(*fits, place.evidence, place.scatter, self.options.surrogates))
-            if place.detection and not place.detection.significant:
-                place = place.not_favoured(self.options.prior_odds)
-            self.weighed[key] = place
+            fits, surrogates = (place.base, place.likeliest_fit), self.options.surrogates
+            detection = detect(*fits, place.evidence, place.scatter, surrogates)
+            limited = place if detection.significant else place.not_favoured(self.options.prior_odds)
+            self.weighed[key] = replace(limited, detection=detection)
         return self.weighed[key]
 
     def gain(self, entered: Terms) -> float:
