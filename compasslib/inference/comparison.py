@@ -1,7 +1,7 @@
 """Comparison of a recording with its simulation, the input of every search, and the findings built from its terms.
 
 Both kinds of recordings are searched with one linear Gaussian model: long ones have slow noise (``linear_model``); in
-short ones effects may exceed the noise a thousandfold, and each form is refitted in the forward model (``short_fit``).
+short ones effects may exceed the noise a thousandfold, and each form is refitted in the forward model (``short_model``).
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ CANCELS = "it acts on both compasses alike and cancels in the difference of thei
 IN_FITTED_IRON = "constant errors of the tilts turn the heading as iron does: B and C of the fitted curve contain them"
 CONSTANT_IN_A = "a constant declination error cannot be separated from A, a mean directional shear or a mounting offset"
 CONSTANT_REFERENCE = "the reference's file has no heading that varies"
+UNTESTABLE = {"declination_error": CONSTANT_IN_A, "tilt_offset": IN_FITTED_IRON}
 MISSING_SERIES = {
     "battery_number": "the supply voltage shows no battery change",
     "declination_observatory": "no observatory series given",
@@ -105,10 +106,8 @@ class Comparison:
         """Replace a driver's name in a unit by the driver's own unit."""
         if isinstance(term, ComposedEffect):
             for driver in term.composition[1].split("*"):
-                driver_unit = self.units.get(driver, driver)
-                unit = unit.replace(
-                    driver, f"({driver_unit})" if "/" in driver_unit or " " in driver_unit else driver_unit
-                )
+                own = self.units.get(driver, driver)
+                unit = unit.replace(driver, f"({own})" if "/" in own or " " in own else own)
         return unit
 
     def where(self, name: str, span: tuple[float, float] | None = None) -> CovariateRange:
@@ -150,11 +149,7 @@ class Comparison:
         named: Sequence[str],
         place: CovariateRange | None = None,
     ) -> Unexplained:
-        """Describe the mismatch that remains with the named effects: where, how large, its empirical curve.
-
-        Args:
-            place: range in which it shows; by default where the curves are outside their bands.
-        """
+        """Describe a mismatch beyond named effects: its curve, and its place, by default outside the curve's bands."""
         places = [place] if place else [self.outside(curve) for curve in curves]
         dates = next(((where.low, where.high) for where in places if where.covariate == "time"), self.span_s)
         text = wording.unexplained_text(" and ".join(where.text for where in places), size_deg, named)
@@ -214,6 +209,7 @@ def compare_pairs(
     simulation = ForwardModel(fit.coefficients, float(np.mean(scene.horizontal_nT)))
     terms, missing = testable_effects(scene, reference_magnetic)
     upper, lower = pair_speeds(pairs)
+    unnamed = [name for name in logged if name in columns and name not in covariate_series.NAMED_SERIES]
     return LongComparison(
         time_s=pairs.time_s,
         simulation=simulation,
@@ -229,11 +225,7 @@ def compare_pairs(
         not_testable=missing,
         prior=fit.prior,
         slow_shear=pairs.slow_shear,
-        units={
-            name: (units or {}).get(name, "1")
-            for name in logged
-            if name in columns and name not in covariate_series.NAMED_SERIES
-        },
+        units={name: (units or {}).get(name, "1") for name in unnamed},
     )
 
 
@@ -246,10 +238,8 @@ def testable_effects(
         if "mooring" not in term.recordings or term.acts_on == "time":
             continue
         absent = [name for name in term.needs if name not in scene.departures]
-        if term.name == "declination_error":
-            missing.append((term.name, CONSTANT_IN_A))
-        elif term.name == "tilt_offset":
-            missing.append((term.name, IN_FITTED_IRON))
+        if term.name in UNTESTABLE:
+            missing.append((term.name, UNTESTABLE[term.name]))
         elif term.acts_on == "north" and reference_magnetic:
             missing.append((term.name, CANCELS))
         elif absent:
@@ -302,18 +292,19 @@ def tide_waves(time_s: Floats) -> Floats:
 
 def held_out_text(proof: HeldOut, heading_error_deg: float | None) -> str:
     """State held-out and predicted size of an effect, the rank of its gain, and the heading error without it."""
-    texts = []
+    text = ""
     if proof.amplitude is not None:
-        size = (
+        text = (
             " On held-out days, everything chosen anew, its size is {held_out:.1f}° ({low:.1f} to {high:.1f}°, 95 %), "
             "where the other days predict {fitted_elsewhere:.1f}°".format(**vars(proof.amplitude))
         )
         rank = wording.rank_text(vars(proof.placebo)) if proof.placebo else ""
-        texts.append(size + (f", {rank} records simulated without it." if rank else "."))
-        texts += [] if proof.confirmed else [" So held-out days do not confirm it."]
+        text += (f", {rank} records simulated without it." if rank else ".") + (
+            "" if proof.confirmed else " So held-out days do not confirm it."
+        )
     if heading_error_deg is not None:
-        texts.append(f" Without it headings would be wrong by {heading_error_deg:.1f}° rms.")
-    return "".join(texts)
+        text += f" Without it headings would be wrong by {heading_error_deg:.1f}° rms."
+    return text
 
 
 def _finding_text(made: Finding, effect: str, physics: str, what: str) -> str:

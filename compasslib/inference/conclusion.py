@@ -60,10 +60,7 @@ class Conclusion:
 
 
 def diagnose_constant(constant: ConstantOffset, pairs: Pairs) -> Diagnosis:
-    """Diagnose a mooring whose constant offset matches a configuration error.
-
-    No other effect is attributed until the offset is resolved.
-    """
+    """Diagnose a mooring whose constant offset matches a configuration error; nothing else is attributed."""
     of_pairs, p = Comparison(time_s=pairs.time_s, terms=(), covariates={}), constant.probability
     term, other = sorted((DeclinationError(), MountingOffset()), key=lambda kind: kind.name != constant.effect)
     finding = build_finding(
@@ -123,18 +120,16 @@ def conclude(
     nothing_known = (why for sigma_deg, why in suspected if sigma_deg >= angles.UNIFORM_SIGMA_DEG)
     if why := next(nothing_known, denied):
         diagnosis = replace(insufficient(why, diagnosis.not_testable), warnings=diagnosis.warnings)
-        made = replace(made, doubts=(doubt_whole_record(angles.UNIFORM_SIGMA_DEG, why),))
+        doubts = (doubt_whole_record(angles.UNIFORM_SIGMA_DEG, why),)
     elif constant is not None and questioned:
-        made = replace(made, doubts=(doubt_whole_record(abs(constant.angle_deg), constant.text), *doubts))
-    elif doubts := (
-        *(() if made.effects else _doubt_outliers(fit)),  # corrected effects explain the outliers
-        *(doubt_whole_record(sigma_deg, why) for sigma_deg, why in suspected),
-        *doubts,
-    ):
-        made = replace(made, doubts=(*doubts, *_doubt_mismatch(diagnosis)))
-        diagnosis = _with_doubts(diagnosis, doubts, pairs)
+        doubts = (doubt_whole_record(abs(constant.angle_deg), constant.text), *doubts)
     else:
-        made = replace(made, doubts=_doubt_mismatch(diagnosis))
+        outliers = () if made.effects else _doubt_outliers(fit)  # corrected effects explain the outliers
+        doubts = (*outliers, *(doubt_whole_record(sigma_deg, why) for sigma_deg, why in suspected), *doubts)
+        mismatch = _doubt_mismatch(diagnosis)
+        diagnosis = _with_doubts(diagnosis, doubts, pairs) if doubts else diagnosis
+        doubts = (*doubts, *mismatch)
+    made = replace(made, doubts=doubts)
     if diagnosis.verdict == "ambiguous" and not questioned:
         reasons = [
             wording.unsettled_reason(item.named, item.alternatives, item.level, item.probability)
@@ -150,9 +145,7 @@ def conclude(
         diagnosis = replace(diagnosis, why=f"{'; '.join(dict.fromkeys(reasons))}. {diagnosis.why}")
     said = [constant.text] if constant is not None and not questioned and constant.text else []
     said += [why for _, why in pairs.doubts if fit.known_beforehand]
-    if said:
-        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *said))
-    return Conclusion(diagnosis, made, agreement)
+    return Conclusion(replace(diagnosis, warnings=(*diagnosis.warnings, *said)), made, agreement)
 
 
 def _search_or_question(
@@ -202,36 +195,27 @@ def _doubt_mismatch(diagnosis: Diagnosis) -> tuple[Doubt, ...]:
 def _doubt_outliers(fit: DeviationFit) -> tuple[Doubt, ...]:
     """Flag a record in which an unusual share of the directions fits no heading of the fitted compass."""
     share = fit.noise.outliers
-    if fit.method != "exact" or share < MOST_OUTLIERS:
-        return ()
     why = (
         f"{share:.0%} of the directions disagree with the fitted compass altogether (usually under 1 %): part of the "
         "headings, or of the reference, is of something else"
     )
-    return (doubt_whole_record(angles.UNIFORM_SIGMA_DEG * float(np.sqrt(share)), why),)
+    doubt = doubt_whole_record(angles.UNIFORM_SIGMA_DEG * float(np.sqrt(share)), why)
+    return (doubt,) if fit.method == "exact" and share >= MOST_OUTLIERS else ()
 
 
 def _with_doubts(diagnosis: Diagnosis, doubts: tuple[Doubt, ...], pairs: Pairs) -> Diagnosis:
     """Report periods that disagree with the other pairs as an unexplained mismatch."""
+    warned = replace(diagnosis, warnings=(*(doubt.why for doubt in doubts), *diagnosis.warnings))
+    steps = {kind.name for kind in CATALOGUE if kind.dated()}
+    explained = any({item.effect, *item.alternatives} & steps for item in diagnosis.findings)
+    if diagnosis.verdict == "insufficient" or explained:
+        return warned
     worst = max(doubts, key=lambda doubt: doubt.sigma_deg)
-    first, last = float(pairs.time_s[0]), float(pairs.time_s[-1])
-    span = (max(worst.from_s, first), min(worst.to_s, last))
+    span = max(worst.from_s, float(pairs.time_s[0])), min(worst.to_s, float(pairs.time_s[-1]))
     inside, _ = evaluate_doubts(doubts, pairs.time_s)
     size = float(np.sqrt(np.mean(np.where(inside, worst.sigma_deg**2, 0.0))))
     text = f"{worst.why[0].upper()}{worst.why[1:]}. The headings there are flagged doubtful."
     place = "throughout the record" if np.isinf([worst.from_s, worst.to_s]).all() else worst.why.partition(" direc")[0]
     left = Unexplained(("time",), CovariateRange("time", *span, place), span, size, (), text)
     sides = spread_unexplained(diagnosis.sides, ())
-    warnings = tuple(doubt.why for doubt in doubts)
-    steps = {kind.name for kind in CATALOGUE if kind.dated()}
-    explained = any({item.effect, *item.alternatives} & steps for item in diagnosis.findings)
-    if diagnosis.verdict == "insufficient" or explained:
-        return replace(diagnosis, warnings=(*warnings, *diagnosis.warnings))
-    return replace(
-        diagnosis,
-        verdict="unexplained",
-        unexplained=left,
-        why=text,
-        sides=sides,
-        warnings=(*warnings, *diagnosis.warnings),
-    )
+    return replace(warned, verdict="unexplained", unexplained=left, why=text, sides=sides)

@@ -166,12 +166,7 @@ def smooth_supply(name: str, column: Floats, time_s: Floats) -> Floats:
 
 
 def running_mean(column: Floats, time_s: Floats, span_s: float) -> Floats:
-    """Average a series over a time span around each sample, (n,).
-
-    Args:
-        column: (n,), NaN where missing.
-        span_s: length of the span, seconds.
-    """
+    """Average a series, (n,), NaN where missing, over a time span around each sample."""
     first, last = (np.searchsorted(time_s, time_s + half, "left") for half in (-span_s / 2.0, span_s / 2.0))
     total, count = (
         np.concatenate([[0.0], np.cumsum(x)]) for x in (np.nan_to_num(column), np.isfinite(column).astype(float))
@@ -229,11 +224,7 @@ def departures(
 
 
 def storm_index(covariates: Mapping[str, Floats]) -> Floats | None:
-    """Get the storm index ap, (n,), converted from Kp if only this was logged; None if neither was.
-
-    Args:
-        covariates: by name, of which ``ap`` and ``kp`` are used; Kp is taken to be in tenths if it exceeds 9.
-    """
+    """Get the storm index ap, (n,), converted from Kp, in tenths where it exceeds 9; None if neither was logged."""
     if "ap" in covariates:
         return np.maximum(covariates["ap"], 0.0)
     if "kp" not in covariates:
@@ -318,11 +309,7 @@ def _body_frame_flow(
 ) -> dict[str, Floats]:
     """Compute sine and cosine of the flow's angle in the body frame divided by speed, and the sine of twice the angle.
 
-    Args:
-        heading_deg: heading relative to true north, (n,).
-        speed: measured by that instrument, averaged over some hours, (n,) m/s.
-        of_flow: predicted direction of the flow, see ``FLOW_NAMES``.
-        whose: prefix of the names.
+    The heading is relative to true north, the speed averaged over some hours, the direction of the flow predicted.
     """
     (sine, cosine), (sine2, cosine2) = (angles.sin_cos(k * heading_deg) for k in (1.0, 2.0))
     east, north, flow_sine2, flow_cosine2 = (of_flow[name] for name in FLOW_NAMES)

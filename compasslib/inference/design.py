@@ -101,13 +101,51 @@ class FittedModel:
         """Project the base out of whitened columns, (n, k)."""
         return project_out(white, self.basis.astype(white.dtype))
 
-    def visible(self, columns_deg: Floats) -> Floats:
+    def visible(self, columns_deg: Floats, base: Floats | None = None) -> Floats:
         """Project the base out of columns weighted by the widths, not whitened; usable samples only, (m, k) degrees."""
-        weight = 1.0 / self.whitener.width_deg
+        base, weight = self.base if base is None else base, 1.0 / self.whitener.width_deg
         columns = np.where(np.isfinite(columns_deg), columns_deg, 0.0)
-        taken, *_ = np.linalg.lstsq(self.base * weight[:, None], columns * weight[:, None], rcond=1e-9)
-        left = columns - self.base @ taken
+        taken, *_ = np.linalg.lstsq(base * weight[:, None], columns * weight[:, None], rcond=1e-9)
+        left = columns - base @ taken
         return left[np.isfinite(weight) & (weight > 0)]
+
+    def step(self) -> tuple[Floats, float]:
+        """Compute the Gauss-Newton step of all parameters from the clipped, whitened residual, and its length.
+
+        The length is in about degrees; nuisances do not count.
+        """
+        white = self.whitener(self.base)
+        scale = np.linalg.norm(white, axis=0)
+        scale = np.where(scale > 0.0, scale, 1.0)
+        # ``shift`` was already subtracted from the residual and is therefore added to the step.
+        total = self.whitener.filtered(self.standard[:, None])[:, 0]
+        unit, ridge = white / scale, self.base_ridge / scale**2
+        count, values = len(self.simulation.parameters), np.zeros(len(scale))
+        values[5:count] = self.simulation.parameters[5:]
+        pull = unit.T @ total / self.response - ridge * (values + self.shift) * scale
+        precision = np.diag(DAMPING + ridge)
+        if self.comparison.prior is not None or self.comparison.shared:
+            values[:5] = self.simulation.coefficients
+            information, score = (x * (self.sigma / self.response) ** 2 for x in self.external_information())
+            precision += information / np.outer(scale, scale)
+            pull += (score - information @ (values + self.shift)) / scale
+        step = np.linalg.solve(unit.T @ unit + precision, pull) / scale + self.shift
+        return step, float(np.max(np.abs(step[:count]) / self.simulation.steps))
+
+    def moved(self, step: Floats) -> FittedModel | None:
+        """Take a step; None if too few samples are usable there."""
+        count = len(self.simulation.parameters)
+        simulation = self.simulation.at(self.simulation.parameters + step[:count])
+        try:
+            return evaluate_model(self.comparison, simulation, self.nuisance + step[count:])
+        except TooFewSamples:
+            return None
+
+    def misfit(self, other: FittedModel) -> float:
+        """Compute the ratio of another model's median absolute residual to this one's, both in widths of this one."""
+        left = (np.abs(angles.wrap180(each.residual_deg)) for each in (other, self))
+        theirs, own = (float(np.nanmedian(each / self.whitener.width_deg)) for each in left)
+        return theirs / max(own, TINY)
 
 
 def evaluate_model(
@@ -178,99 +216,30 @@ def term_columns(fitted: FittedModel, term: Effect) -> Floats:
     return np.where(np.isfinite(columns), columns, 0.0)
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """A fitted model with the covariance of its parameters."""
-
-    fitted: FittedModel
-    covariance: Floats  # (b, b) of A..E, the terms' parameters and the nuisances
-
-    @property
-    def term_covariances(self) -> list[Floats]:
-        """Covariance of each term's parameters."""
-        return [self.covariance[columns, columns] for columns in parameter_slices(self.fitted.simulation.terms, 5)]
-
-
 def refit(fitted: FittedModel, terms: Sequence[Effect]) -> FittedModel:
-    """Fit terms, compass and nuisances together by Gauss-Newton steps."""
-    begin = _RefitState(_initialize(fitted, terms))
-    return gauss_newton(begin, rounds=REFIT_ROUNDS, close=CONVERGED_DEG, worse=MISFIT_GROWTH).fitted
-
-
-@dataclass(frozen=True)
-class _RefitState:
-    """A fitted model as a point of the Gauss-Newton iteration."""
-
-    fitted: FittedModel
-
-    def step(self) -> tuple[Floats, float]:
-        """Compute the step of all parameters, and its length, for which nuisances do not count."""
-        step, simulation = _least_squares_step(self.fitted), self.fitted.simulation
-        return step, float(np.max(np.abs(step[: len(simulation.parameters)]) / simulation.steps))
-
-    def moved(self, step: Floats) -> _RefitState | None:
-        """Take a step; None if too few samples are usable there."""
-        fitted, count = self.fitted, len(self.fitted.simulation.parameters)
-        simulation = fitted.simulation.at(fitted.simulation.parameters + step[:count])
-        try:
-            return _RefitState(evaluate_model(fitted.comparison, simulation, fitted.nuisance + step[count:]))
-        except TooFewSamples:
-            return None
-
-    def misfit(self, other: _RefitState) -> float:
-        """Compute the ratio of another model's median absolute residual to this one's, both in widths of this one."""
-        left = (np.abs(angles.wrap180(each.residual_deg)) for each in (other.fitted, self.fitted))
-        theirs, own = (float(np.nanmedian(each / self.fitted.whitener.width_deg)) for each in left)
-        return theirs / max(own, TINY)
-
-
-def _initialize(fitted: FittedModel, terms: Sequence[Effect]) -> FittedModel:
-    """Evaluate the model with terms, halving their sizes until enough samples are usable.
+    """Fit terms, compass and nuisances together by Gauss-Newton steps, from sizes that leave enough samples usable.
 
     Raises:
         TooFewSamples: too few are usable even at the smallest sizes tried.
     """
-    for _ in range(MOST_HALVINGS):
+    for halvings in range(MOST_HALVINGS + 1):
         try:
-            return evaluate_model(fitted.comparison, replace(fitted.simulation, terms=tuple(terms)), fitted.nuisance)
+            begin = evaluate_model(fitted.comparison, replace(fitted.simulation, terms=tuple(terms)), fitted.nuisance)
+            break
         except TooFewSamples:
+            if halvings == MOST_HALVINGS:
+                raise
             terms = [term.at(term.values / 2.0) for term in terms]
-    return evaluate_model(fitted.comparison, replace(fitted.simulation, terms=tuple(terms)), fitted.nuisance)
+    return gauss_newton(begin, rounds=REFIT_ROUNDS, close=CONVERGED_DEG, worse=MISFIT_GROWTH)
 
 
 def visible_size_deg(fitted: FittedModel, k: int, covariance: Floats) -> float:
     """Compute the visible size of a fitted term, rms degrees, with the bias by its uncertainty subtracted."""
     columns = fitted.base[:, parameter_slices(fitted.simulation.terms, 5)[k]]
     others = np.column_stack([fitted.base[:, :5], fitted.base[:, len(fitted.simulation.parameters) :]])
-    weight = 1.0 / fitted.whitener.width_deg
-    taken, *_ = np.linalg.lstsq(others * weight[:, None], columns * weight[:, None], rcond=1e-9)
-    visible, values = (
-        (columns - others @ taken)[np.isfinite(fitted.whitener.width_deg)],
-        fitted.simulation.terms[k].values,
-    )
+    visible, values = fitted.visible(columns, others), fitted.simulation.terms[k].values
     product = visible.T @ visible / len(visible)
     return float(np.sqrt(max(float(values @ product @ values) - float(np.sum(product * covariance)), 0.0)))
-
-
-def _least_squares_step(fitted: FittedModel) -> Floats:
-    """Compute the Gauss-Newton step of all parameters from the clipped, whitened residual."""
-    white = fitted.whitener(fitted.base)
-    scale = np.linalg.norm(white, axis=0)
-    scale = np.where(scale > 0.0, scale, 1.0)
-    # ``shift`` was already subtracted from the residual and is therefore added to the step.
-    total = fitted.whitener.filtered(fitted.standard[:, None])[:, 0]
-    unit, ridge = white / scale, fitted.base_ridge / scale**2
-    values = np.zeros(len(scale))
-    values[5 : len(fitted.simulation.parameters)] = fitted.simulation.parameters[5:]
-    pull = unit.T @ total / fitted.response - ridge * (values + fitted.shift) * scale
-    precision = np.diag(DAMPING + ridge)
-    if fitted.comparison.prior is not None or fitted.comparison.shared:
-        values[:5] = fitted.simulation.coefficients
-        information, score = (x * (fitted.sigma / fitted.response) ** 2 for x in fitted.external_information())
-        precision += information / np.outer(scale, scale)
-        pull += (score - information @ (values + fitted.shift)) / scale
-    step = np.linalg.solve(unit.T @ unit + precision, pull)
-    return np.asarray(step / scale + fitted.shift)
 
 
 def freed_model(fitted: FittedModel) -> tuple[FittedModel, FittedModel]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -13,23 +13,21 @@ from compasslib.deviation.average import average_with_none
 from compasslib.deviation.model import DeviationFit
 from compasslib.inference import wording
 from compasslib.inference.comparison import Comparison, Options
-from compasslib.inference.current import SEPARATED_BY, CurrentStatement
 from compasslib.inference.finding import (
+    LISTED_SHARE,
     SURE,
     UNTESTED,
     BinnedResidual,
     Detection,
     Finding,
-    FindingPosterior,
     RankedEffect,
     Unexplained,
     curve_json,
 )
 from compasslib.inference.joint_compass import RecordInformation
+from compasslib.inference.noise import SEPARATED_BY, CurrentStatement
 from compasslib.inference.product import CorrectionModel, WeightedCompass
 from compasslib.types import Floats
-
-LISTED_SHARE = 0.1  # smallest size that is listed as negligible, as a share of ``min_effect_deg``
 
 SIDES = ("none", "compass", "clock", "reference", "water")
 MOST_FACTOR = 1e12  # largest Bayes factor that is reported
@@ -132,29 +130,20 @@ def overall_verdict(
     return "explained" if not contested and all(item.settled for item in findings) else "ambiguous"
 
 
-class WeighedEffects(Protocol):
-    """The effects of a comparison with their probabilities."""
-
-    def sides(self, dropped: Collection[str] = ()) -> dict[str, float]:
-        """Compute the probability of each side; effects ``dropped`` are ignored."""
-        ...
-
-
 @dataclass(frozen=True)
 class Outcome:
     """Result of the search of one comparison, in the same form for long and short recordings."""
 
     comparison: Comparison
-    posterior: WeighedEffects
+    sides: Callable[[Collection[str]], dict[str, float]]  # probability of each side; given effects are ignored
     findings: tuple[Finding, ...]  # of the most probable hypothesis, in the order of its terms
-    finding_posteriors: tuple[FindingPosterior, ...]  # of each finding and its alternatives
+    chances: tuple[Mapping[str, float], ...]  # of the effect of each finding and of its alternatives
     left: Unexplained | None  # mismatch that the most probable hypothesis does not explain
     small: tuple[tuple[str, float], ...]  # (covariate, visible degrees rms) of remaining mismatches that are negligible
     curves: Callable[[Sequence[Finding], Unexplained | None], list[BinnedResidual]]  # of findings and mismatch
     noise: Mapping[str, tuple[float, float]]  # (value, standard error) by parameter
     current: tuple[CurrentStatement, ...] = ()
     current_probability: float = 0.0  # that the effect of the current exceeds ``min_effect_deg``
-    prior_odds: float | None = None  # of a fault of compass or clock
     ranked: tuple[RankedEffect, ...] = ()  # effects tested alone
     detection: Detection | None = None  # evidence of any effect
     deniable: bool = False  # whether a finding is withdrawn if held-out readings refute it
@@ -166,7 +155,7 @@ def combine_outcomes(
     *,
     extra: Sequence[Finding] = (),
     not_testable: Sequence[tuple[str, str]] = (),
-    separated_by: str | None = None,
+    separated_by: str = "",
 ) -> Diagnosis:
     """Combine the comparisons of a recording into its diagnosis.
 
@@ -191,13 +180,13 @@ def combine_outcomes(
     small += [item for part in parts for item in part.small]
     by_part = []  # probability of each side; effects that are negligible or withdrawn count as none
     for part in parts:
-        standing, fallen = set[str](), set[str]()
-        for item, slot in zip(part.findings, part.finding_posteriors, strict=True):
-            (standing if item in stands else fallen).update((slot.effect, *slot.alternatives))
-        by_part.append(part.posterior.sides(fallen - standing))
+        names = {True: set[str](), False: set[str]()}
+        for item, chances in zip(part.findings, part.chances, strict=True):
+            names[item in stands].update(chances)
+        by_part.append(part.sides(names[False] - names[True]))
     sides = min(by_part, key=lambda item: item["none"], default={})
-    for item in extra:
-        sides = exclude_nothing(item.side, sides) if item in merged else sides
+    for item in (item for item in extra if item in merged):
+        sides = exclude_nothing(item.side, sides)
     if left is not None:
         sides = spread_unexplained(sides, left.covariates)
     if sides:  # move probability from none to water, by the probability that the current matters
@@ -206,8 +195,7 @@ def combine_outcomes(
     current = tuple(stated for part in parts for stated in part.current)
     phrases = [wording.separating_observations(f.named, f.alternatives) for f in merged if f.alternatives]
     phrases += [SEPARATED_BY] * any(item.probability < SURE for item in current)
-    if separated_by and any(item.side == "compass" for item in merged):
-        phrases.append(separated_by)
+    phrases += [separated_by] * bool(separated_by and any(item.side == "compass" for item in merged))
     compared = [part.comparison.what for part in parts] if not merged and left is None else []
     ranked = dict[str, RankedEffect]()  # each effect once
     for effect in sorted((effect for part in parts for effect in part.ranked), key=lambda effect: -effect.score):
@@ -227,7 +215,6 @@ def combine_outcomes(
         sides=sides,
         noise=parts[0].noise if parts else {},
         current=current,
-        prior_odds=parts[0].prior_odds if parts else None,
     )
 
 
@@ -281,10 +268,7 @@ def _merge_findings(groups: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
 
 
 def product_of_diagnosis(fit: DeviationFit, diagnosis: Diagnosis) -> CorrectionModel:
-    """Derive the correction of the record from the result of the search for unmodelled effects.
-
-    If no effect is corrected, the fit is averaged with a compass without deviation.
-    """
+    """Derive the correction of a record; without corrected effects the fit is averaged with one without deviation."""
     # Sum the visible sizes, rms degrees, of effects that may act on the compass and are not corrected.
     uncorrected = [
         finding for finding in diagnosis.findings if not finding.applied and finding.held_out is not UNTESTED

@@ -19,14 +19,16 @@ from compasslib.effects.effect import DAY_S
 from compasslib.effects.forward import added_term_jacobian, heading_jacobian
 from compasslib.inference import design
 from compasslib.inference.design import FittedModel
+from compasslib.inference.evidence import MOST_EFFECTS
 from compasslib.inference.finding import SURE
-from compasslib.inference.search import MOST_EFFECTS, Inference
+from compasslib.inference.search import Inference
 from compasslib.types import Floats
 
 ANYTHING = 1e6  # prior variance of free coefficients, in units of one sample's noise
 LEAST, MOST = 0.002, 40  # least probability of the hypotheses that are considered, and their maximum number
 COURSES, SWUNG_DEG = 24, 1.0  # headings of a swing, and the error of each
 SHARED = 0.5  # share of a pair's noise that is the affected instrument's own, and common to a second reference
+DRAWS = 400  # outcomes of an observation, for a standard error of 2.5 % of a probability
 
 
 @dataclass(frozen=True)
@@ -39,14 +41,11 @@ class Recording:
     terms: Sequence[Effect]
     ends: NDArray[np.intp]  # boundaries between the columns of the terms, from 0
     usual: Floats  # (p,) prior standard deviations
-    rows: Floats  # (n, p + q + b) whitened columns
+    candidates: Floats  # (n, p) whitened
+    slow: Floats  # (n, q) whitened
+    base: Floats  # (n, b) whitened
     variance: Floats  # (q,) prior variance of slow noise
     score: Floats  # (p + q + b,)
-
-    @property
-    def parts(self) -> list[Floats]:
-        """The columns of the candidates, of slow noise, and of compass and nuisances."""
-        return np.split(self.rows, [self.ends[-1], self.ends[-1] + len(self.variance)], axis=1)
 
     def columns(self, scene: Scene, heading_deg: Floats) -> Floats:
         """Compute the candidates' columns in another scene, for one prior standard deviation, (n, p) degrees."""
@@ -63,7 +62,7 @@ def rank_observations(inferred: Inference) -> tuple[tuple[str, float], ...]:
     """Rank observations by the probability that each leaves a single explanation; none without alternatives."""
     combined = [(p, each) for p, each in inferred.combinations if p >= LEAST][:MOST]
     numbers = sorted({k for _, each in combined for k in each})
-    if inferred.slow is None or not numbers:
+    if not numbers:
         return ()
     recording = _linearize(inferred, numbers)
     names = [tuple(sorted(inferred.model.options[k].name for k in each)) for _, each in combined]
@@ -83,24 +82,26 @@ def rank_observations(inferred: Inference) -> tuple[tuple[str, float], ...]:
 
 
 def _linearize(inferred: Inference, numbers: Sequence[int]) -> Recording:
+    model, entered = inferred.model, dict(inferred.entered)
     freed, midpoint = design.freed_model(inferred.fitted)
-    options, model = [inferred.model.options[k] for k in numbers], inferred.model
-    entered = dict(inferred.entered)
-    amplitudes = [entered.get(k) or model.likeliest_amplitude(k, inferred.slow_noise) for k in numbers]
-    assert inferred.slow is not None
     scale = freed.response / freed.sigma / np.sqrt(model.scatter)
-    columns = [size * option.columns for size, option in zip(amplitudes, options, strict=True)]
+    options = [model.options[k] for k in numbers]
+    sizes = [entered.get(k) or model.likeliest_amplitude(k, inferred.slow_noise) for k in numbers]
+    columns = [size * option.columns for size, option in zip(sizes, options, strict=True)]
+    ends = np.cumsum([0, *(option.columns.shape[1] for option in options)])
     rows = freed.whitener(np.nan_to_num(np.concatenate([*columns, inferred.slow.columns, freed.base], axis=1))) * scale
-    slow_noise, count = inferred.slow_noise, inferred.slow.columns.shape[1]
+    candidates, slow, base = np.split(rows, [ends[-1], ends[-1] + inferred.slow.columns.shape[1]], axis=1)
     return Recording(
         midpoint=midpoint,
         freed=freed,
         scale=scale,
         terms=[option.term for option in options],
-        ends=np.cumsum([0, *(option.columns.shape[1] for option in options)]),
-        usual=np.concatenate([size * option.usual for size, option in zip(amplitudes, options, strict=True)]),
-        rows=rows,
-        variance=np.zeros(count) if slow_noise is None else inferred.slow.variances(slow_noise),
+        ends=ends,
+        usual=np.concatenate([size * option.usual for size, option in zip(sizes, options, strict=True)]),
+        candidates=candidates,
+        slow=slow,
+        base=base,
+        variance=inferred.slow.variances(inferred.slow_noise),
         score=rows.T @ (freed.innovation * scale / freed.response),
     )
 
@@ -121,15 +122,14 @@ def _longer(recording: Recording) -> Floats:
 
     Headings and logged series repeat; series that are mostly a trend, such as a battery voltage, are extrapolated.
     """
-    _, slow, base = recording.parts
-    scene = recording.midpoint.comparison.scene
+    scene, heading = recording.midpoint.comparison.scene, recording.midpoint.heading_deg
     span = float(np.ptp(scene.time_s))
     departures = {name: extrapolate(column, scene.time_s, span) for name, column in scene.departures.items()}
     later = replace(scene, time_s=scene.time_s + span, departures=departures)
-    repeated = recording.freed.whitener(recording.columns(later, recording.midpoint.heading_deg)) * recording.scale
+    repeated = recording.freed.whitener(recording.columns(later, heading)) * recording.scale
     free = recording.variance > 0.0
-    known = np.concatenate([repeated, 0.0 * slow, base], axis=1)
-    return _information(known, slow[:, free], 1.0 / recording.variance[free])
+    known = np.concatenate([repeated, 0.0 * recording.slow, recording.base], axis=1)
+    return _information(known, recording.slow[:, free], 1.0 / recording.variance[free])
 
 
 def extrapolate(column: Floats, time_s: Floats, span_s: float, least_correlation: float = 0.9) -> Floats:
@@ -146,13 +146,12 @@ def _second(recording: Recording) -> Floats:
 
     The affected instrument's noise is common to both pairs: the rows are the second pair minus ``SHARED`` of the first.
     """
-    candidates, slow, base = recording.parts
-    new = np.sqrt(1.0 - SHARED**2)
-    compass, nuisances = base[:, :5], base[:, 5:]
-    known = [candidates * np.where(recording.of_sides("compass", "clock"), 1.0 - SHARED, -SHARED), -SHARED * slow]
-    known += [(1.0 - SHARED) * compass, -SHARED * nuisances]
-    present = recording.variance > 0.0
-    free = np.concatenate([slow[:, present], compass[:, :1], nuisances], axis=1)  # a constant veer looks like A
+    new, present = np.sqrt(1.0 - SHARED**2), recording.variance > 0.0
+    compass, nuisances = recording.base[:, :5], recording.base[:, 5:]
+    share = np.where(recording.of_sides("compass", "clock"), 1.0 - SHARED, -SHARED)
+    known = [recording.candidates * share, -SHARED * recording.slow, (1.0 - SHARED) * compass, -SHARED * nuisances]
+    # A constant veer looks like A.
+    free = np.concatenate([recording.slow[:, present], compass[:, :1], nuisances], axis=1)
     precision = np.full(free.shape[1], 1.0 / ANYTHING)
     precision[: present.sum()] = 1.0 / recording.variance[present]
     return _information(np.concatenate(known, axis=1) / new, free / new, precision)
@@ -171,30 +170,21 @@ def _swing(recording: Recording) -> Floats:
         roll_deg=none,
         departures=dict.fromkeys(scene.departures, none),
     )
-    heading, first = np.arange(COURSES) * 360.0 / COURSES, recording.ends[-1] + len(recording.variance)
-    known = np.zeros((COURSES, recording.rows.shape[1]))
-    known[:, : recording.ends[-1]] = recording.columns(deck, heading) * recording.of_sides("compass")
-    known[:, first : first + 5] = np.nan_to_num(heading_jacobian(midpoint.simulation, deck, heading)[:, :5])
+    heading = np.arange(COURSES) * 360.0 / COURSES
+    base = np.zeros((COURSES, recording.base.shape[1]))
+    base[:, :5] = np.nan_to_num(heading_jacobian(midpoint.simulation, deck, heading)[:, :5])
+    candidates = recording.columns(deck, heading) * recording.of_sides("compass")
+    known = np.concatenate([candidates, np.zeros((COURSES, len(recording.variance))), base], axis=1)
     return _information(known / SWUNG_DEG, np.ones((COURSES, 1)) / SWUNG_DEG, np.full(1, 1.0 / ANYTHING))
 
 
 def _update(
-    recording: Recording,
-    hypotheses: Sequence[tuple[int, ...]],
-    probability: Floats,
-    information: Floats,
-    draws: int = 400,
+    recording: Recording, hypotheses: Sequence[tuple[int, ...]], probability: Floats, information: Floats
 ) -> Floats:
-    """Draw outcomes of an observation and update the probability of each hypothesis with each, (h, d).
-
-    Args:
-        hypotheses: numbers of the terms that act.
-        draws: of outcomes, for a standard error of 2.5 % of a probability.
-    """
-    known, score = recording.rows.T @ recording.rows, recording.score
-    slow = recording.ends[-1] + len(recording.variance)
-    present = np.flatnonzero(recording.variance > 0.0)
-    free = np.arange(slow, len(known))
+    """Draw outcomes of an observation and update the probability of each set of terms with each, (h, d)."""
+    rows, score = np.concatenate([recording.candidates, recording.slow, recording.base], axis=1), recording.score
+    known, present = rows.T @ rows, np.flatnonzero(recording.variance > 0.0)
+    free = np.arange(recording.ends[-1] + len(recording.variance), len(known))
     prior = np.concatenate([1.0 / recording.variance[present], (np.diag(known)[free] + 1.0) / ANYTHING])
     of_term = np.repeat(np.arange(len(recording.terms)), np.diff(recording.ends))
     index, before = [], []  # unknowns of each hypothesis, and the Cholesky factor of their precision
@@ -205,14 +195,14 @@ def _update(
         before.append(cholesky(precision, lower=True))
     rng = np.random.default_rng(7)
     values, vectors = np.linalg.eigh((information + information.T) / 2.0)
-    true = rng.choice(len(hypotheses), draws, p=probability)
-    shown = vectors * np.sqrt(np.maximum(values, 0.0)) @ rng.normal(size=(len(information), draws))
+    true = rng.choice(len(hypotheses), DRAWS, p=probability)
+    shown = vectors * np.sqrt(np.maximum(values, 0.0)) @ rng.normal(size=(len(information), DRAWS))
     for h in np.unique(true):
         at, these, lower = index[h], np.flatnonzero(true == h), before[h]
         mean = cho_solve((lower, True), score[at])[:, None]
         unknowns = mean + solve_triangular(lower.T, rng.normal(size=(len(at), len(these))))
         shown[:, these] += information[:, at] @ unknowns
-    log = np.empty((len(hypotheses), draws))  # log probability of the outcomes, up to a constant
+    log = np.empty((len(hypotheses), DRAWS))  # log probability of the outcomes, up to a constant
     for h, (at, lower) in enumerate(zip(index, before, strict=True)):
         after = cholesky(lower @ lower.T + information[np.ix_(at, at)], lower=True)
         pulled = solve_triangular(after, score[at][:, None] + shown[at], lower=True)
@@ -231,15 +221,9 @@ def _single_name_share(names: Sequence[tuple[str, ...]], probability: Floats) ->
     """
     count = np.array([len(each) for each in names])
     most = sum((probability[count >= k].sum(axis=0) > 0.5).astype(int) for k in range(1, MOST_EFFECTS + 1))
-    sets = list(dict.fromkeys(names))
+    effects, sets = {effect for each in names for effect in each}, list(dict.fromkeys(names))
     chance = np.array([probability[[other == each for other in names]].sum(axis=0) for each in sets])
     chosen = np.argmax(np.where(np.array([len(each) for each in sets])[:, None] == most, chance, -1.0), axis=0)
-    acting = {
-        effect: probability[[effect in each for each in names]].sum(axis=0)
-        for effect in {effect for each in names for effect in each}
-    }
-    sure = [
-        np.all([acting[effect] >= SURE for effect in each], axis=0) if each else chance[k] >= SURE
-        for k, each in enumerate(sets)
-    ]
-    return float(np.mean(np.array(sure)[chosen, np.arange(probability.shape[1])]))
+    acting = {effect: probability[[effect in each for each in names]].sum(axis=0) for effect in effects}
+    least = [np.min([acting[effect] for effect in each] or [chance[k]], axis=0) for k, each in enumerate(sets)]
+    return float(np.mean(np.array(least)[chosen, np.arange(probability.shape[1])] >= SURE))

@@ -30,6 +30,7 @@ REFUTED_P = 0.05  # p-value on held-out days from which a finding is refuted if 
 REFUTED_GROWTH = 1.1  # growth of the rms needed for that: the gain itself is weighted and clipped, the rms is not
 DETECTED_P = 0.01  # rank among surrogates up to which an effect is detected: in one of a hundred records without any
 NAMED_SIGMAS = 4.0  # normal score from which a clock error is named: 1 in 16,000 by noise alone
+LISTED_SHARE = 0.1  # smallest size that is listed as negligible, as a share of ``min_effect_deg``
 SURE = 0.95  # probability from which something is stated as established
 TILTS = {"pitch": "tilt", "roll": "tilt"}  # two axes of one driver
 CURVE_BINS, FEWEST_IN_BIN = 18, 10  # of a plotted curve, and samples in one
@@ -37,24 +38,17 @@ NO_ROOT_DEG = 90.0  # residual assigned to a recorded heading that the fit canno
 RESIDUAL_MEMORY_S = 2 * 86400.0  # autocorrelation of the residual, for the standard error of a bin
 
 
-@dataclass(frozen=True)
-class FindingPosterior:
-    """The probabilities of one finding and of its alternatives."""
+def compare_names(effect: str, names: Mapping[str, float]) -> dict[str, float]:
+    """Divide a probability of 1 between an effect, which comes first, and its alternatives, by the weights of both.
 
-    effect: str
-    probability: float
-    alternatives: Mapping[str, float]  # likeliest first, until they and the effect sum to ``SURE``
-
-
-def compare_names(effect: str, names: Mapping[str, float]) -> FindingPosterior:
-    """Divide a probability of 1 between an effect and its alternatives, by the weights of both."""
-    total, alternatives = sum(names.values()), dict[str, float]()
-    held = probability = names[effect] / total
+    Alternatives follow by their probability, until all sum to ``SURE``.
+    """
+    total = sum(names.values())
+    chances = {effect: names[effect] / total}
     for name, weight in sorted(names.items(), key=lambda item: -item[1]):
-        if name != effect and held < SURE:
-            alternatives[name] = weight / total
-            held += weight / total
-    return FindingPosterior(effect, probability, alternatives)
+        if name != effect and sum(chances.values()) < SURE:
+            chances[name] = weight / total
+    return chances
 
 
 @dataclass(frozen=True)
@@ -106,11 +100,7 @@ class Placebo:
 
 
 def is_confirmed(low_deg: float, rank_p: float | None) -> bool:
-    """Return whether held-out days show an effect that is significant against surrogates.
-
-    Args:
-        low_deg: lower end of the 95 % interval of its size on held-out days.
-    """
+    """Return whether held-out days show an effect: its interval is above 0, and it is rare among surrogates."""
     return low_deg > 0.0 and rank_p is not None and rank_p <= CONFIRMED_P
 
 

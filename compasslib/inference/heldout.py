@@ -37,19 +37,13 @@ RECORDS = 200  # simulated with the effect to calibrate the slope
 
 def cross_validate(inferred: Inference, k: int, surrogates: int) -> HeldOut:
     """Score the k-th term on held-out days, and rank its gain among surrogates of the record without it."""
-    fitted = inferred.fitted
-    time_s = fitted.comparison.scene.time_s
-    in_fifths = inferred.model.options[inferred.chosen[k]].block[2] == "time"
+    model, place = inferred.model, inferred.places[k]
+    time_s, option = inferred.fitted.comparison.scene.time_s, inferred.chosen[k]
+    in_fifths = model.options[option].block[2] == "time"
     block = blocks_by_span(time_s, finding.HELD_OUT_BLOCK_S)
     fold = blocks_by_count(time_s, finding.FOLDS) if in_fifths else block % finding.FOLDS
-    each, rms_deg = _fold_gains(fitted, k, fold)
-    scored = finding.bootstrap_gain(each, block, rms_deg)
-    return replace(_select_anew(inferred, k, fold, scored, surrogates), method="fifths" if in_fifths else "interleaved")
-
-
-def _select_anew(inferred: Inference, k: int, fold: NDArray[np.intp], scored: HeldOut, surrogates: int) -> HeldOut:
-    """Add gain, amplitude, slope and placebo of an effect that is selected without each fold."""
-    model, place = inferred.model, inferred.places[k]
+    each, rms_deg = _fold_gains(inferred.fitted, k, fold)
+    # Effect, gain, amplitude, slope and placebo are selected without each fold.
     others = (*inferred.entered[:k], *inferred.entered[k + 1 :])
     record = _PartitionedRecord(model, inferred, k, [fold == f for f in np.unique(fold)])
     drawings = model.draw(place.evidence, surrogates, inferred.seed, others) if surrogates else np.zeros((len(fold), 0))
@@ -58,9 +52,9 @@ def _select_anew(inferred: Inference, k: int, fold: NDArray[np.intp], scored: He
     size_deg = float(np.mean([angles.rms(turn) for turn in model.freed.visible(turns).T]))
     points, expected = record.bin_left_out(turns), np.ones(3)
     if prediction.predicted[0] >= CLEAR_Z**2:
-        at, mean = model.products.columns(inferred.chosen[k]), prediction.whole
+        columns = model.white[:, model.products.columns(option)]
         noise = model.draw(place.evidence, RECORDS, inferred.seed + 1, others)
-        again = record.predict(noise + (model.white[:, at] @ mean.astype(np.float32))[:, None])
+        again = record.predict(noise + (columns @ prediction.whole.astype(np.float32))[:, None])
         clear = again.predicted >= CLEAR_Z**2  # no slope would be reported for the others
         if np.count_nonzero(clear) >= RECORDS / 2:
             expected = np.quantile(again.followed[clear] / again.predicted[clear], [0.5, 0.025, 0.975])
@@ -70,16 +64,15 @@ def _select_anew(inferred: Inference, k: int, fold: NDArray[np.intp], scored: He
     slope, spread = float(prediction.followed[0]) / predicted, NORMAL_95 * float(np.sqrt(predicted))
     low, high = (slope + side * spread / predicted for side in (-1.0, 1.0))
     middle, least, most = expected.tolist()
-    ratio = slope / middle
+    calibrated = slope / middle - (most - middle) / middle, slope / middle + (middle - least) / middle
     chance = (1 + int(np.sum(gain[1:] >= gain[0]))) / (1 + surrogates) if surrogates else None
     return replace(
-        scored,
+        finding.bootstrap_gain(each, block, rms_deg),
+        method="fifths" if in_fifths else "interleaved",
         anew=Interval(float(gain[0]), float(gain[0]) - spread, float(gain[0]) + spread),
         amplitude=Amplitude(size_deg * middle, size_deg * slope, size_deg * low, size_deg * high),
-        slope=Interval(ratio, ratio - (most - middle) / middle, ratio + (middle - least) / middle)
-        if most > least
-        else None,
-        placebo=Placebo(surrogates, chance) if model.slow is not None else None,
+        slope=Interval(slope / middle, *calibrated) if most > least else None,
+        placebo=Placebo(surrogates, chance),
         points=points,
     )
 
@@ -119,13 +112,11 @@ class _PartitionedRecord:
     def variance(self) -> Floats:
         """Prior variance of the coefficients of noise."""
         slow_noise = self.inferred.places[self.place].evidence.likeliest_noise(self.inferred.chosen[self.place])
-        return np.append(self.model.noise_variances(slow_noise), np.full(self.model.freed.basis.shape[1], FREE))
+        return np.append(self.model.slow.variances(slow_noise), np.full(self.model.freed.basis.shape[1], FREE))
 
     def _marginal(self, information: Floats, score: Floats) -> Marginal:
-        entered = self.inferred.entered
-        others = (*entered[: self.place], *entered[self.place + 1 :])
-        products = replace(self.model.products, information=information, score=score)
-        return products.marginalize(self.variance, others)
+        others = [each for j, each in enumerate(self.inferred.entered) if j != self.place]
+        return replace(self.model.products, information=information, score=score).marginalize(self.variance, others)
 
     def predict(self, targets: Floats) -> _Prediction:
         """Predict each fold of whitened residuals, (n, r) float32, from the others."""
@@ -136,7 +127,7 @@ class _PartitionedRecord:
         shares[[k for k in self.inferred.chosen if k != term]] = -np.inf
         gain, predicted, followed = np.zeros((3, targets.shape[1]))
         chosen, values = [], []
-        size = self.inferred.amplitudes[self.place]
+        size = self.inferred.entered[self.place][1]
         for square, held_out in zip(self.squares, pulls, strict=True):
             training = self._marginal(total - square, pull - held_out)
             evidence = training.evidence

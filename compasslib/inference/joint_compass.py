@@ -232,12 +232,7 @@ def predict_compass(member: Member, others: Sequence[Member]) -> Mixture:
 
 
 def _infer(observed: Sequence[Member], target: Floats, varying: Sequence[Member]) -> Mixture:
-    """Infer linear combinations of the iron from B..E of some records.
-
-    Args:
-        target: derivative of each combination by IRON_NAMES, (k, 6).
-        varying: the records, and that of the target if it is one.
-    """
+    """Infer linear combinations of the iron, (k, 6), from B..E of some records, which vary between deployments."""
     values = np.concatenate([member.coefficients[SHARED_COEFFICIENTS] for member in observed])
     noise = block_diag(*(member.covariance[SHARED_COEFFICIENTS][:, SHARED_COEFFICIENTS] for member in observed))
     design = np.concatenate([*(_design(member) for member in observed), target])

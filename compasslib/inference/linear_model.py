@@ -1,7 +1,8 @@
-"""Linear Gaussian model of a recording: all options beside slow noise, their evidence, and surrogates.
+"""Linear Gaussian model of a long recording: all options beside slow noise, their evidence, and surrogates.
 
     y = base b + slow noise c + options w + white noise,   w ~ N(0, a^2) in units of each option, c ~ N(0, variances)
 
+Options are the effects of the catalogue and, per target and driver, a few composed forms, linearized at a fitted model.
 Products of the whitened columns with each other and with the residual are sufficient for every hypothesis (Bishop,
 Pattern Recognition and Machine Learning, 2006, section 3.5). Amplitudes a and parameters of slow noise are marginalized
 over grids. Surrogates are further residuals, drawn from the noise: only their products with the columns are needed.
@@ -9,7 +10,8 @@ over grids. Surrogates are further residuals, drawn from the noise: only their p
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,24 +19,55 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from compasslib.inference import design
-from compasslib.inference.blocks import Option, enumerate_options
-from compasslib.inference.current import CurrentPosterior, infer_current
-from compasslib.inference.design import FittedModel
-from compasslib.inference.noise import SlowNoise, SlowNoiseBasis
-from compasslib.statistics.resampling import (
-    EVEN_BLOCKS,
-    blocks_by_span,
-    cluster_variance_inflation,
+from compasslib.effects import Effect, Scene
+from compasslib.effects.composed import (
+    DRIVERS,
+    LOBES,
+    TARGETS,
+    TIDE_S,
+    ComposedEffect,
+    compose_effect,
+    driver_series,
+    place_effect,
 )
-from compasslib.statistics.whitening import whitened_basis
-from compasslib.types import DAY_S, Floats
+from compasslib.effects.effect import DAY_S
+from compasslib.inference import covariates, design
+from compasslib.inference.design import FittedModel
+from compasslib.inference.evidence import (
+    DATE_MARGIN,
+    MOST_DATES,
+    Evidence,
+    Option,
+    block_of,
+    log_bayes_factors,
+    scale_option,
+    with_shares,
+)
+from compasslib.inference.noise import CurrentPosterior, SlowNoise, SlowNoiseBasis, infer_current
+from compasslib.statistics.resampling import EVEN_BLOCKS, blocks_by_span, cluster_variance_inflation
+from compasslib.statistics.whitening import sampling_interval_s, whitened_basis
+from compasslib.types import Floats
 
 AMPLITUDES_DEG = np.array([0.5, 1.0, 2.0, 4.0, 8.0])  # rms of an effect, equally probable
 BLOCK_S = 3 * DAY_S  # longer than the autocorrelation that the filter leaves
 FAINT = 1e-3  # variance over that of white noise below which a column of slow noise is left out
-# Kinds of slow noise for surrogates and covariances: fewest, and least probability relative to the likeliest.
-FEWEST_NOISES, LEAST_PROBABILITY = 8, 1e-3
+
+VALUES = ("temperature", "depth", "speed", "pitch", "roll", "tilt", "voltage")
+WITH_HISTORY = ("temperature", "depth", "voltage")  # whose effects may lag behind them; so does the current by speed
+OF_FIELD = ("time", "temperature", "depth", "speed", "pitch", "roll", "voltage")  # may magnetize iron, or move it
+OF_LOBES = ("time", "temperature", "depth", "speed")  # may bend a sensor's axes
+PLAYS = (1.0, 2.5)  # widths of hysteresis, standard deviations of the driver
+BOX_LENGTHS, BOX_STEP = (0.08, 0.16), 0.08  # of temporary offsets, as shares of the record
+LISTED = {  # compositions that classes of the catalogue represent
+    *(("field_horizontal", driver, "linear") for driver in ("time", "temperature", "voltage")),
+    *(("reading", driver, "linear") for driver in ("time", "temperature", "voltage", "turn_rate")),
+}
+
+COARSEST_S = 10 * DAY_S  # least first spacing of dates
+MOST_PLACES, CLOSE_S = 2, 12 * DAY_S  # places that are refined, and their least distance
+STEEP = 1.0  # difference in log likelihood between neighbouring dates from which dates are tried between them
+NEGLIGIBLE = 8.0  # log likelihood below the best from which a refined date is left out
+LEAST_TURN_DEG = 1e-9  # rms, below which columns are left out
 
 Entered = Sequence[tuple[int, float]]  # index and amplitude, degrees, of options that are part of the noise
 
@@ -138,33 +171,13 @@ class Marginal:
         return np.asarray(0.5 * np.sum(self.taken**2, axis=0) - np.sum(np.log(np.diag(self.lower))))
 
 
-def log_bayes_factors(
-    values: Floats, along: Floats, amplitude: Floats | float, square: Floats | None = None, freedom: float = np.inf
-) -> Floats:
-    """Compute the log Bayes factor of options over none at a prior amplitude, (g, r).
-
-    If the variance of the noise is unknown, its Student's law of few residuals is used, and all are in its units.
-
-    Args:
-        values: eigenvalues of each option's information, (g, k).
-        along: squared scores along the eigenvectors, (g, k, r).
-        square: sum of squares of the residuals without options, (r,).
-        freedom: degrees of freedom of the noise's variance; infinite if it is known.
-    """
-    grown = amplitude**2 * values
-    gain = ((0.5 * amplitude**2 / (1.0 + grown))[:, None, :] @ along)[:, 0]
-    if square is not None:
-        gain = -0.5 * freedom * np.log1p(-2.0 * gain / square)
-    return np.asarray(gain - 0.5 * np.log1p(grown).sum(axis=1)[:, None])
-
-
 @dataclass(frozen=True)
 class LinearModel:
     """All options and slow noise, linearized at a fitted model; p columns of options, then q of slow noise."""
 
     freed: FittedModel  # whose whitener excludes slow noise
     options: tuple[Option, ...]
-    slow: SlowNoiseBasis | None
+    slow: SlowNoiseBasis
     white: Floats  # (n, p + q) float32 whitened columns, in units of the white noise
     scatter: float  # variance of the scores between blocks of days over that of homogeneous noise
 
@@ -182,27 +195,17 @@ class LinearModel:
         amplitudes = np.where(sized, 1.0, AMPLITUDES_DEG[:, None])
         return Products(information.astype(float), score.astype(float), ends, amplitudes)
 
-    def noise_variances(self, slow_noise: SlowNoise | None) -> Floats:
-        """Compute the prior variance of the coefficient of each column of slow noise, (q,)."""
-        return np.zeros(0) if self.slow is None or slow_noise is None else self.slow.variances(slow_noise)
-
-    def marginalized(self, slow_noise: SlowNoise | None, entered: Entered = ()) -> Marginal:
+    def marginalized(self, slow_noise: SlowNoise, entered: Entered = ()) -> Marginal:
         """Marginalize slow noise and the entered options."""
-        return self.products.marginalize(self.noise_variances(slow_noise), entered)
+        return self.products.marginalize(self.slow.variances(slow_noise), entered)
 
-    def weigh(
-        self, slow_noises: Sequence[SlowNoise | None], entered: Entered = (), score: Floats | None = None
-    ) -> Evidence:
-        """Compute the evidence of each option alone beside the entered ones.
-
-        Args:
-            score: products of other residuals with the columns, (p + q, r); by default of the recording's.
-        """
+    def weigh(self, slow_noises: Sequence[SlowNoise], entered: Entered = (), score: Floats | None = None) -> Evidence:
+        """Compute the evidence of each option beside the entered ones; the scores are the recording's by default."""
         products = self.products if score is None else replace(self.products, score=score)
-        each = [products.marginalize(self.noise_variances(slow_noise), entered) for slow_noise in slow_noises]
-        shares = np.array([option.share for option in self.options])
-        none, options = zip(*((marginal.none, marginal.evidence.astype(np.float32)) for marginal in each), strict=True)
-        return Evidence(tuple(slow_noises), shares, np.array(none), np.array(options))
+        each = [products.marginalize(self.slow.variances(slow_noise), entered) for slow_noise in slow_noises]
+        none, factors = zip(*((marginal.none, marginal.evidence.astype(np.float32)) for marginal in each), strict=True)
+        prior = np.array([[slow_noise.log_prior] for slow_noise in slow_noises])
+        return Evidence(self.options, tuple(slow_noises), prior, np.array(none), np.array(factors))
 
     def draw(
         self, evidence: Evidence, count: int, seed: int, entered: Entered = (), residual: Floats | None = None
@@ -220,8 +223,8 @@ class LinearModel:
             sign = rng.choice(np.array([-1.0, 1.0], dtype=np.float32), (block[-1] + 1, count))
             surrogates: Floats = residual[:, None] * sign[block]
         else:
-            chosen = rng.choice(len(evidence.slow_noises), count, p=evidence.noise_probability())
-            deviations = np.sqrt([self.noise_variances(slow_noise) for slow_noise in evidence.slow_noises]).T
+            chosen = rng.choice(len(evidence.noises), count, p=evidence.noise_probability())
+            deviations = np.sqrt([self.slow.variances(slow_noise) for slow_noise in evidence.noises]).T
             slow = rng.normal(size=(len(deviations), count)) * deviations[:, chosen]
             surrogates = self.white[:, self.products.ends[-1] :] @ slow.astype(np.float32)
             surrogates += rng.normal(size=surrogates.shape).astype(np.float32)
@@ -231,10 +234,10 @@ class LinearModel:
             surrogates += self.white[:, at] @ (size * rng.normal(size=(len(at), count))).astype(np.float32)
         return self.freed.project_out_nuisance(surrogates)
 
-    def without(self, chosen: Entered, slow_noise: SlowNoise | None) -> Floats:
+    def without(self, chosen: Entered, slow_noise: SlowNoise) -> Floats:
         """Subtract some options and the current, fitted together, from the whitened residual, (n,) float32."""
         marginal = self.marginalized(slow_noise, chosen)
-        slow = self.white.shape[1] - (0 if self.slow is None else len(self.slow.drivers))
+        slow = self.white.shape[1] - len(self.slow.drivers)
         taken = (marginal.at < self.products.ends[-1]) | (marginal.at >= slow)
         return self.residual - self.white[:, marginal.at[taken]] @ marginal.mean[taken].astype(np.float32)
 
@@ -242,7 +245,7 @@ class LinearModel:
         """Compute the products of the columns with whitened residuals, (n, r)."""
         return (self.white.T @ residuals).astype(float)
 
-    def fit(self, chosen: Entered, slow_noise: SlowNoise | None) -> list[Floats]:
+    def fit(self, chosen: Entered, slow_noise: SlowNoise) -> list[Floats]:
         """Compute the posterior means of the parameters of some options together, in the terms' units."""
         if not chosen:
             return []
@@ -250,71 +253,24 @@ class LinearModel:
         ends = np.cumsum([len(self.products.columns(k)) for k, _ in chosen])[:-1]
         return [x * self.options[k].usual for x, (k, _) in zip(np.split(mean, ends), chosen, strict=True)]
 
-    def current(self, chosen: Entered, slow_noise: SlowNoise | None) -> CurrentPosterior | None:
-        """Infer the drivers of the current beside some options; None if the noise has no current."""
-        if self.slow is None or slow_noise is None or not self.slow.drivers:
-            return None
+    def current(self, chosen: Entered, slow_noise: SlowNoise) -> CurrentPosterior:
+        """Infer the drivers of the current beside some options."""
         at = np.arange(self.white.shape[1] - len(self.slow.drivers), self.white.shape[1])
         variance = self.slow.without_current(self.slow.drivers).variances(slow_noise)
         information, score = self.products.marginalize(variance, chosen).left(at)
         return infer_current(self.slow.drivers, information, score[:, 0])
 
-    def likeliest_amplitude(self, option: int, slow_noise: SlowNoise | None, entered: Entered = ()) -> float:
+    def likeliest_amplitude(self, option: int, slow_noise: SlowNoise, entered: Entered = ()) -> float:
         """Find the likeliest amplitude of an option, degrees."""
         by_amplitude = self.marginalized(slow_noise, entered).by_amplitude
         return float(self.products.amplitudes[int(np.argmax(by_amplitude[:, option, 0])), option])
 
 
-@dataclass(frozen=True)
-class Evidence:
-    """Evidence of no further effect and of each option, under each kind of slow noise, for r residuals."""
-
-    slow_noises: tuple[SlowNoise | None, ...]
-    shares: Floats  # (g,) log prior probability of each option, given one effect
-    none: Floats  # (w, r)
-    options: Floats  # (w, g, r) log Bayes factor over none
-
-    @cached_property
-    def log_prior(self) -> Floats:
-        """Log prior of each kind of slow noise, (w, 1)."""
-        return np.array([[0.0 if slow_noise is None else slow_noise.log_prior] for slow_noise in self.slow_noises])
-
-    @cached_property
-    def log_bayes_factors(self) -> Floats:
-        """Log Bayes factor of each option over none, times its prior share, slow noise marginalized, (g, r)."""
-        none = self.none + self.log_prior
-        total = np.logaddexp.reduce(none, axis=0)
-        return np.logaddexp.reduce(none[:, None] - total + self.options, axis=0) + self.shares[:, None]
-
-    @cached_property
-    def statistic(self) -> Floats:
-        """Log Bayes factor of any option over none, (r,), by which an effect is detected."""
-        return np.asarray(np.logaddexp.reduce(self.log_bayes_factors, axis=0))
-
-    def noise_probability(self, option: int | None = None) -> Floats:
-        """Compute the probability of each kind of slow noise for the first residual, given an option or none, (w,)."""
-        log = self.none[:, 0] + self.log_prior[:, 0] + (0.0 if option is None else self.options[:, option, 0])
-        weight = np.exp(log - log.max())
-        return np.asarray(weight / weight.sum())
-
-    @property
-    def likely_noises(self) -> list[SlowNoise | None]:
-        """The kinds of slow noise that are not improbable without a further effect."""
-        probability = self.noise_probability()
-        most = max(FEWEST_NOISES, int(np.sum(probability > LEAST_PROBABILITY)))
-        return [self.slow_noises[w] for w in np.argsort(-probability)[:most]]
-
-    def likeliest_noise(self, option: int | None = None) -> SlowNoise | None:
-        """Select the likeliest slow noise for the first residual, given an option or none."""
-        return self.slow_noises[int(np.argmax(self.noise_probability(option)))]
-
-
-def linearize(fitted: FittedModel, slow: SlowNoiseBasis | None) -> LinearModel:
+def linearize(fitted: FittedModel, slow: SlowNoiseBasis) -> LinearModel:
     """Linearize all options at a fitted model, whose terms are freed, and compute the products of their columns."""
     freed, midpoint = design.freed_model(fitted)
     options = enumerate_options(freed, midpoint)
-    slow_columns = np.zeros((len(freed.comparison), 0), dtype=np.float32) if slow is None else slow.columns
-    columns = np.concatenate([*(option.columns for option in options), slow_columns], axis=1, dtype=np.float32)
+    columns = np.concatenate([*(option.columns for option in options), slow.columns], axis=1, dtype=np.float32)
     scatter = _score_inflation(fitted, options)
     sigma = freed.sigma * np.sqrt(scatter)
     white = freed.whiten_and_project(columns) * np.float32(freed.response / sigma)
@@ -326,9 +282,6 @@ def _score_inflation(fitted: FittedModel, options: Sequence[Option]) -> float:
 
     Real directions scatter more in some weeks than their widths imply: the median of a cluster-robust variance over the
     blocks (Liang and Zeger, Biometrika 73, 13, 1986).
-
-    Args:
-        fitted: model whose whitener contains slow noise.
     """
     first = list({option.block: option for option in reversed(options)}.values())
     white = fitted.whiten_and_project(np.concatenate([option.columns for option in first], axis=1))
@@ -345,3 +298,156 @@ def _score_inflation(fitted: FittedModel, options: Sequence[Option]) -> float:
     order = np.argsort(inflation)
     middle = np.searchsorted(np.cumsum(weight[order]), weight.sum() / 2.0)
     return max(float(np.array(inflation)[order][middle]), 1.0) if len(order) else 1.0
+
+
+def enumerate_options(freed: FittedModel, midpoint: FittedModel) -> tuple[Option, ...]:
+    """Enumerate the forms of all blocks, linearized at a midpoint; the residual of the freed model dates steps."""
+    made = (*_listed(freed, midpoint), *_composed(midpoint))
+    return tuple(with_shares([option for option in made if option.columns.shape[1]]))
+
+
+def _listed(freed: FittedModel, midpoint: FittedModel) -> Iterator[Option]:
+    """Yield the effects of the catalogue, dated ones at each date; effects of the water are part of the noise."""
+    for kind in (kind for kind in midpoint.comparison.terms if kind.side != "water"):
+        if not kind.dated():
+            yield linear_option(midpoint, kind())
+            continue
+        derivative = design.term_columns(midpoint, kind())
+        known = [term.date for term in midpoint.simulation.terms if type(term) is kind]
+        since = midpoint.comparison.scene.since
+        for date, share in zip(*(x.tolist() for x in search_dates(freed, derivative, known)), strict=True):
+            term = replace(kind(), date_s=date)  # type: ignore[call-arg]
+            yield linear_option(midpoint, term, derivative * since(date)[:, None], share)
+
+
+def _composed(midpoint: FittedModel) -> Iterator[Option]:
+    """Yield the forms that the catalogue does not list."""
+    scene = midpoint.comparison.scene
+    acted = {
+        target: design.term_columns(midpoint, compose_effect(target, "time", "always")())
+        for target, place in TARGETS.items()
+        if place.side != "water"
+    }
+    listed = {kind.composition for kind in midpoint.comparison.terms if issubclass(kind, ComposedEffect)} | LISTED
+    for target, driver, form, *places in _compositions(scene, midpoint.comparison.units):
+        for at in () if (target, driver, form) in listed else places or [()]:
+            term = place_effect(compose_effect(target, driver, form), *at)
+            series = term.evaluate(scene, midpoint.comparison.recorded_deg)
+            columns = (acted[target][:, :, None] * series[:, None, :]).reshape(len(series), -1)
+            yield linear_option(midpoint, term, columns, 1.0 / max(len(places), 1))
+
+
+def _compositions(scene: Scene, channels: Mapping[str, str]) -> Iterator[tuple]:
+    """Yield target, driver, form and the places that are tried of each composition."""
+    time_s = scene.time_s
+    first, last = float(time_s[0]), float(time_s[-1])
+    there = [driver for driver in (*VALUES, *channels) if _varies(scene, driver)]
+    for driver in there:
+        x = driver_series(scene, driver)
+        middle, width = float(np.median(x)), float(np.std(x))
+        forms = [("linear",), ("smooth", (middle, width)), ("memory", *((play * width,) for play in PLAYS))]
+        forms += [("bands",)] if driver in WITH_HISTORY or driver in channels else []
+        targets = ["reading"] + ["field_horizontal"] * (driver in OF_FIELD)
+        yield from ((target, driver, *form) for target in targets for form in forms)
+        yield from ((lobe, driver, "linear") for lobe in LOBES if driver in OF_LOBES)
+        if driver in OF_LOBES:
+            yield "field_down", driver, "linear"
+    if _varies(scene, "turn_rate"):
+        x = driver_series(scene, "turn_rate")
+        yield "reading", "turn_rate", "sign"
+        yield "reading", "turn_rate", "smooth", (0.0, float(np.std(x)))
+    for target in ("reading", "field_horizontal"):
+        yield target, "time", "linear"
+        yield target, "time", "slow", (first, last)
+        yield target, "hour", "periodic", (DAY_S,)
+        yield target, "hour", "daily"
+        yield target, "tide", "periodic", (TIDE_S,)
+        yield target, "tide", "tidal"
+    yield "field_horizontal", "time", "free", (first, last)
+    yield "field_down", "time", "linear"
+    yield from ((lobe, "time", "linear") for lobe in LOBES)
+    begins = np.arange(BOX_STEP / 2.0, 1.0 - BOX_STEP, BOX_STEP)
+    spans = [(begin, begin + length) for length in BOX_LENGTHS for begin in begins if begin + length < 1.0]
+    yield "reading", "time", "box", *((first + (last - first) * a, first + (last - first) * b) for a, b in spans)
+    yield "reading", "heading", "harmonics"
+    yield "reading", "heading", "teeth"
+    joined = sorted([*(driver for driver in there if driver in VALUES and driver != "tilt"), "time"])
+    yield from (("reading", f"{a}*{b}", "linear") for a, b in itertools.combinations(joined, 2))
+
+
+def _varies(scene: Scene, driver: str) -> bool:
+    name = DRIVERS[driver][0] if driver in DRIVERS else driver
+    if name not in scene.departures:
+        return False
+    sample = scene.departures[name][:: max(len(scene) // 500, 1)]
+    return len(np.unique(sample)) >= covariates.FEWEST_VALUES
+
+
+def linear_option(midpoint: FittedModel, term: Effect, derivative: Floats | None = None, cell: float = 1.0) -> Option:
+    """Linearize one effect at a fitted model, in units of its expected size if physics gives one."""
+    derivative = design.term_columns(midpoint, term) if derivative is None else derivative
+    with np.errstate(divide="ignore"):
+        expected = type(term).expected() ** -0.5
+    if np.all(np.isfinite(expected)):
+        return Option(term, block_of(type(term)), (derivative * expected).astype(np.float32), expected, True, cell)
+    turn = np.std(derivative, axis=0)
+    option = scale_option(term, derivative, turn, LEAST_TURN_DEG * max(float(turn.max(initial=0.0)), 1.0), cell)
+    return replace(option, columns=option.columns.astype(np.float32))
+
+
+def search_dates(freed: FittedModel, derivative: Floats, known: Sequence[float] = ()) -> tuple[Floats, Floats]:
+    """Choose the dates at which a step is tried, coarse to fine, and the share of the record that each represents.
+
+    Where the likelihood changes steeply between dates ten days apart, days and then samples are tried between them.
+
+    Args:
+        derivative: columns of the step's effect throughout, (n, k) degrees per unit.
+        known: dates that are tried in any case.
+    """
+    time_s = freed.comparison.scene.time_s
+    step = sampling_interval_s(time_s)
+    low, high = np.quantile(time_s, [DATE_MARGIN, 1.0 - DATE_MARGIN])
+    coarse = np.union1d(np.arange(low, high, max(COARSEST_S, (high - low) / MOST_DATES)), known)
+    gains = _step_gains(freed, derivative)
+    dates, gain = coarse, gains(coarse)
+    for spacing in (DAY_S, step):
+        places: list[int] = []
+        for k in np.argsort(-gain).tolist():
+            if len(places) < MOST_PLACES and all(abs(dates[k] - dates[other]) > CLOSE_S for other in places):
+                places.append(k)
+        between = [np.zeros(0)]
+        for k in places:
+            left, right = max(k - 1, 0), min(k + 1, len(dates) - 1)
+            if gain[k] - min(gain[left], gain[right]) >= STEEP:
+                inside = time_s[(time_s > dates[left]) & (time_s < dates[right])] - step / 2.0
+                between.append(inside if spacing == step else np.arange(dates[left] + spacing, dates[right], spacing))
+        if len(new := np.setdiff1d(np.concatenate(between), dates)):
+            dates, gain = np.append(dates, new), np.append(gain, gains(new))
+            order = np.argsort(dates)
+            dates, gain = dates[order], gain[order]
+    kept = np.isin(dates, coarse) | (gain > gain.max() - NEGLIGIBLE)
+    dates = dates[kept]
+    edges = np.concatenate([[time_s[0]], (dates[1:] + dates[:-1]) / 2.0, [time_s[-1]]])
+    return dates, np.diff(edges) / float(np.ptp(time_s))
+
+
+def _step_gains(freed: FittedModel, derivative: Floats) -> Callable[[Floats], Floats]:
+    """Return a function that computes the gain in log likelihood by a step at each of several dates, (d,)."""
+    scale = np.std(derivative, axis=0)
+    unit = (derivative / np.where(scale > 0.0, scale, 1.0)).astype(np.float32)
+    target = (freed.innovation / freed.sigma).astype(np.float32)
+
+    def gains(dates_s: Floats) -> Floats:
+        since = (freed.comparison.scene.time_s[:, None] >= dates_s).astype(np.float32)
+        steps = (unit[:, None, :] * since[:, :, None]).reshape(len(unit), -1)
+        white = freed.whiten_and_project(steps).reshape(len(unit), len(dates_s), -1) * np.float32(
+            freed.response / freed.sigma
+        )
+        information = np.einsum("ndi,ndj->dij", white, white, optimize=True).astype(float)
+        score = np.einsum("ndi,n->di", white, target, optimize=True).astype(float)
+        ridge = np.eye(unit.shape[1]) * np.maximum(1e-6 * np.trace(information, axis1=1, axis2=2), 1e-12)[:, None, None]
+        return np.asarray(
+            0.5 * np.sum(score * np.linalg.solve(information + ridge, score[:, :, None])[:, :, 0], axis=1)
+        )
+
+    return gains

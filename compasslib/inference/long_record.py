@@ -1,8 +1,12 @@
-"""Diagnose a long record: infer effects, test for an unexplained mismatch, score findings on held-out days."""
+"""Diagnose a long record: infer effects, test for an unexplained mismatch, score findings on held-out days.
+
+A storm index shows that magnetic north moved, but not in which direction: the cause is named, nothing is corrected.
+Its significance comes from shifting the index in time, which preserves its storms and their autocorrelation.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 
 import numpy as np
@@ -13,128 +17,106 @@ from compasslib.calibrations import observatory
 from compasslib.deviation.model import DeviationFit
 from compasslib.effects import Effect
 from compasslib.effects.composed import ComposedEffect
-from compasslib.effects.effect import DAY_S, parameter_slices
+from compasslib.effects.reference import IndexedDisturbance
+from compasslib.effects.effect import DAY_S, HOUR_S, parameter_slices
 from compasslib.effects.forward import north_shift
-from compasslib.inference import comparison as comparisons
 from compasslib.inference import covariates as covariate_series
-from compasslib.inference import (
-    design,
-    diagnosis,
-    experiments,
-    finding,
-    heldout,
-    joint_effects,
-    search,
-    sticking,
-)
-from compasslib.inference import noise as noise_models
-from compasslib.inference.comparison import FEWEST_PAIRS, LongComparison, Options
-from compasslib.inference.current import CurrentStatement
+from compasslib.inference import design, diagnosis, experiments, finding, heldout, joint, search
+from compasslib.inference.comparison import CANCELS, FEWEST_PAIRS, LongComparison, Options, build_finding
 from compasslib.inference.design import FittedModel
 from compasslib.inference.diagnosis import Diagnosis, Outcome
-from compasslib.inference.finding import BinnedResidual, Finding, Parameter, Unexplained
-from compasslib.inference.limits import limits_text
+from compasslib.inference.evidence import MOST_EFFECTS
+from compasslib.inference.finding import BinnedResidual, CovariateRange, Finding, HeldOut, Parameter, Unexplained
+from compasslib.inference.noise import CurrentStatement
 from compasslib.inference.product import AppliedCompass, WeightedCompass
 from compasslib.inference.search import Inference
-from compasslib.inference.sticking import HeadingCluster
 from compasslib.inference.wording import SIZE_PREFIX, TURN_PREFIX
+from compasslib.statistics.whitening import correlation_time, sampling_interval_s
 from compasslib.types import Floats
 
 LIKE_TIME = 0.9  # correlation with time from which a covariate's curve repeats that of time
 FIXED_PLACES = ("middle", "range", "period_s")  # that are not searched for
+SLOW = (  # reported parameters of slow noise
+    ("slow_rms_deg", "veer", "size"), ("slow_memory_days", "veer", "memory_days"), ("slow_shear_m_s", "shear", "size")
+)  # fmt: skip
+STORM_SIZES_NT = np.geomspace(0.3, 100.0, 8)  # perpendicular to magnetic north, per unit of ap
+STORM_SHIFTS, NEAREST_SHIFT_S = 400, 5 * 86400.0  # shifts of the index in time, and the least one; storms last for days
+STORM_BLOCKS = 12  # blocks of a record for the jackknife
+STORMY_QUANTILE = 0.9  # quantile of the index from which a time is stormy
+STORM_PHYSICS = (
+    "magnetic north is unsteady where the index of storms is high; its course only an observatory could tell. "
+    "Nothing is corrected by it"
+)
 NO_SIGMA = 1e-6  # standard error, in any unit, up to which a parameter of value 0 is not listed
 
 
 def diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | None = None) -> Diagnosis:
-    """Diagnose a long record against its simulation.
-
-    Args:
-        fit: fit of the exact compass, needed for the information shared with other records.
-    """
+    """Diagnose a long record against its simulation; its fit is needed for information that other records share."""
     none = np.zeros(comparison.nuisance.shape[1])
     if (usable := design.count_usable(comparison, comparison.simulation, none)) < FEWEST_PAIRS:
         why = f"the branch of the compass is known for {usable} of {len(comparison)} pairs; {FEWEST_PAIRS} are needed"
         # If hardly any pair agrees with either of its headings, the fit itself is wrong.
         return replace(diagnosis.insufficient(why, comparison.not_testable), refutes_fit=4 * usable < len(comparison))
     try:
-        return _diagnose(comparison, options, fit)
+        return _diagnose(design.evaluate_model(comparison, comparison.simulation, none), options, fit)
     except design.TooFewSamples as lost:  # initially, or after a refit
         why = f"{lost}; there is nothing to compare the compass with"
         refutes_fit = len(comparison) >= 4 * design.FEWEST_SAMPLES
         return replace(diagnosis.insufficient(why, comparison.not_testable), refutes_fit=refutes_fit)
 
 
-def _diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | None) -> Diagnosis:
-    none = np.zeros(comparison.nuisance.shape[1])
-    initial = design.evaluate_model(comparison, comparison.simulation, none)
-    cluster = sticking.sticking_sector(initial)
-    outside = (
-        comparison
-        if cluster is None
-        else replace(comparison, observed_deg=sticking.observed_outside(comparison, cluster))
-    )
-    if cluster is not None and design.count_usable(outside, comparison.simulation, none) >= FEWEST_PAIRS:
-        initial = design.evaluate_model(outside, comparison.simulation, none)  # sticking readings mimic terms
+def _diagnose(initial: FittedModel, options: Options, fit: DeviationFit | None) -> Diagnosis:
     initial = design.refit(initial, [])  # compass and nuisances, accounting for autocorrelation
     inferred = search.infer(initial, options.prior_odds, options.surrogates)
-    stormy = noise_models.storm_finding(inferred.fitted)
+    stormy = storm_finding(inferred.fitted)
     null_model = design.refit(inferred.fitted, []) if inferred.fitted.simulation.terms else inferred.fitted
     diagnosed = diagnosis.combine_outcomes(
-        [_outcome(inferred, null_model, cluster, options)],
+        [_outcome(inferred, null_model, options)],
         options,
         extra=[] if stormy is None else [stormy],
-        not_testable=comparison.not_testable,
+        not_testable=initial.comparison.not_testable,
     )
-    detectable = inferred.limits
-    limits = [(max(size, options.min_effect_deg), name) for name, size in detectable.items() if size is not None]
-    covariance = inferred.estimate(null_model).covariance[:5, :5]
-    if inferred.slow is not None and inferred.slow.acting:  # effect of the current on the fit
+    covariance = inferred.covariance(null_model)[:5, :5]
+    if inferred.slow.current.any():  # effect of the current on the fit
         shift = null_model.simulation.coefficients - null_model.comparison.simulation.coefficients
         covariance = covariance + np.outer(shift, shift)
     return replace(
         diagnosed,
-        applied=tuple(
-            WeightedCompass(
-                weight,
-                "+".join(term.name for term in fitted.simulation.terms) or "none",
-                _compass_of_model(inferred, fitted),
-            )
-            for weight, fitted in inferred.weighted
-        )
-        if options.apply
-        else (),
+        applied=tuple(_weighted_compass(inferred, *each) for each in inferred.weighted) if options.apply else (),
         covariance=covariance,
-        why=limits_text(sorted(limits)) if limits else "",
-        detectable_deg=detectable,
+        why=_limits_text(inferred.limits, options.min_effect_deg),
+        detectable_deg=inferred.limits,
         detection=inferred.detections[0],
+        prior_odds=options.prior_odds,
         experiments=experiments.rank_observations(inferred) if diagnosed.verdict == "ambiguous" else (),
-        information=joint_effects.record_information(inferred, fit) if options.share and fit is not None else None,
+        information=joint.record_information(inferred, fit) if options.share and fit is not None else None,
     )
 
 
-def _outcome(
-    inferred: Inference,
-    null_model: FittedModel,
-    cluster: HeadingCluster | None,
-    options: Options,
-) -> Outcome:
+def _limits_text(limits: Mapping[str, float | None], min_effect_deg: float) -> str:
+    """State the smallest and the largest detection limit; empty without any."""
+    known = sorted((max(size, min_effect_deg), name) for name, size in limits.items() if size is not None)
+    if not known:
+        return ""
+    least, most = (f"{size:.1f}° rms" for size, _ in (known[0], known[-1]))
+    if least == most:
+        return f"Any effect that was tried is detected with a probability of 90 % from {least} on."
+    first, last = (name.replace("_", " ") for _, name in (known[0], known[-1]))
+    return f"Effects are detected with a probability of 90 % from {least} ({first}) to {most} ({last}) on."
+
+
+def _outcome(inferred: Inference, null_model: FittedModel, options: Options) -> Outcome:
     """Collect the outcome of the search."""
     fitted, comparison = inferred.fitted, inferred.fitted.comparison
-    covariances = inferred.estimate(fitted).term_covariances
-    findings = tuple(_finding(inferred, k, covariance, options.surrogates) for k, covariance in enumerate(covariances))
+    covariance, terms = inferred.covariance(fitted), parameter_slices(fitted.simulation.terms, 5)
+    findings = tuple(_finding(inferred, k, covariance[x, x], options.surrogates) for k, x in enumerate(terms))
     exceeded, stated = _current(inferred, options.min_effect_deg)
-    named = [
-        item.named
-        for item in sorted(findings, key=lambda x: -x.rms_effect_deg)
-        if item.rms_effect_deg >= options.min_effect_deg
-    ]
+    largest = sorted(findings, key=lambda item: -item.rms_effect_deg)
+    named = [item.named for item in largest if item.rms_effect_deg >= options.min_effect_deg]
 
     def curves(shown: Sequence[Finding], left: Unexplained | None) -> list[BinnedResidual]:
-        turns = [
-            replace(item.held_out.points, covariate=f"{TURN_PREFIX}{item.effect}")
-            for item in shown
-            if item.held_out.points is not None
-        ]
+        proofs = ((item.held_out.points, f"{TURN_PREFIX}{item.effect}") for item in shown)
+        turns = [replace(points, covariate=name) for points, name in proofs if points is not None]
         named = {item.effect for item in shown}
         steps = [term for term in fitted.simulation.terms if term.dated() and term.name in named]
         along = dict.fromkeys(["heading", "time", *(item.where.covariate for item in shown)])
@@ -153,26 +135,44 @@ def _outcome(
 
     return Outcome(
         comparison=comparison,
-        posterior=inferred,
+        sides=inferred.sides,
         findings=findings,
-        finding_posteriors=inferred.finding_posteriors,
-        left=_unexplained(inferred, cluster, named, options),
+        chances=inferred.chances,
+        left=_unexplained(inferred, named, options.min_effect_deg),
         small=(),
         curves=curves,
-        noise=search.summarize_noise(inferred),
+        noise=_summarize_noise(inferred),
         current=stated,
         current_probability=exceeded,
-        prior_odds=options.prior_odds,
     )
+
+
+def _summarize_noise(inferred: Inference) -> dict[str, tuple[float, float]]:
+    """Estimate the parameters of the noise, each with its standard error."""
+    fitted, evidence = inferred.fitted, inferred.further.evidence
+    time_s, weight = fitted.comparison.scene.time_s, evidence.noise_probability()
+    hours, step = float(np.ptp(time_s)) / HOUR_S, sampling_interval_s(time_s) / HOUR_S
+    short = correlation_time(fitted.whitener) * step
+    width = fitted.whitener.width_deg
+    white = float(np.median(width[np.isfinite(width)]))
+    result = {
+        "white_deg": (white, white * float(np.sqrt((step + 2.0 * short) / (2.0 * hours)))),
+        "short_hours": (short, short * float(np.sqrt(2.0 * (step + short) / hours))),
+    }
+    for name, process, value in SLOW:
+        each = np.array([getattr(getattr(slow_noise, process), value) for slow_noise in evidence.noises])
+        mean = float(weight @ each)
+        result[name] = (mean, float(np.sqrt(weight @ (each - mean) ** 2)))
+    return result
 
 
 def _current(inferred: Inference, min_effect_deg: float) -> tuple[float, tuple[CurrentStatement, ...]]:
     """Describe the current under the chosen hypothesis, and compute the probability that it matters without effects."""
-    model, visible = inferred.model, inferred.current_visible
+    model, columns = inferred.model, inferred.model.slow.columns
+    turned = model.freed.visible(columns[:, columns.shape[1] - len(model.slow.drivers) :])
+    visible = turned.T @ turned / len(turned)  # mean products with the compass projected out, square degrees
     alone = model.current((), model.weigh(inferred.further.evidence.likely_noises).likeliest_noise())
     with_effects = model.current(inferred.entered, inferred.slow_noise)
-    if alone is None or with_effects is None:
-        return 0.0, ()
     exceeded, _ = alone.statements(visible, min_effect_deg)
     stated = []
     for item in with_effects.statements(visible, min_effect_deg)[1]:
@@ -183,29 +183,23 @@ def _current(inferred: Inference, min_effect_deg: float) -> tuple[float, tuple[C
     return exceeded, tuple(stated)
 
 
-def _unexplained(
-    inferred: Inference, cluster: HeadingCluster | None, named: Sequence[str], options: Options
-) -> Unexplained | None:
-    """Describe a mismatch beyond the effects that are searched for, or a sector in which the compass sticks."""
-    fitted = inferred.fitted
-    if cluster is not None and cluster.rms_deg > options.min_effect_deg:
-        low, high = (cluster.recorded_deg + side * cluster.width_deg / 2.0 for side in (-1.0, 1.0))
-        place = fitted.comparison.where("heading", (low, high))
-        sticks = f", where the compass sticks: its readings accumulate at {cluster.recorded_deg:.0f}°"
-        place = replace(place, text=place.text + sticks)
-        return fitted.comparison.unexplained([residual_curve(fitted, fitted, "heading")], cluster.rms_deg, named, place)
-    if not inferred.lacks_effect:
+def _unexplained(inferred: Inference, named: Sequence[str], min_effect_deg: float) -> Unexplained | None:
+    """Describe a mismatch beyond the effects that are searched for."""
+    fitted, model, k = inferred.fitted, inferred.model, int(np.argmax(inferred.further.probability))
+    if len(inferred.chosen) < MOST_EFFECTS or not search.stands_out(inferred.detections[-1], inferred.further):
         return None
-    k = int(np.argmax(inferred.further.probability))
-    option, size = inferred.model.options[k], inferred.further_size_deg(k)
-    if size < options.min_effect_deg:
+    entered = (*inferred.entered, (k, model.likeliest_amplitude(k, inferred.slow_noise, inferred.entered)))
+    usual, values = model.options[k].usual, model.fit(entered, inferred.slow_noise)[-1]
+    turn = model.options[k].columns @ (values / np.where(usual > 0.0, usual, 1.0))
+    size = float(np.sqrt(np.mean(model.freed.visible(turn[:, None]) ** 2)))
+    if size < min_effect_deg:
         return None
-    along = fitted.comparison.main_covariate(option.term)
+    along = fitted.comparison.main_covariate(model.options[k].term)
     return fitted.comparison.unexplained([residual_curve(fitted, fitted, along)], size, named)
 
 
 def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -> Finding:
-    fitted, posterior = inferred.fitted, inferred.finding_posteriors[k]
+    fitted = inferred.fitted
     without = design.refit(fitted, [term for j, term in enumerate(fitted.simulation.terms) if j != k])
     term, comparison = fitted.simulation.terms[k], fitted.comparison
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -217,18 +211,17 @@ def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -
     if isinstance(term, ComposedEffect):
         parameters |= _place_parameters(inferred, k, term)
     span = _active_span(fitted, term)
+    place = comparison.where(comparison.main_covariate(term))
+    place = place if span == comparison.span_s else comparison.where("time", span)
     off = angles.difference(fitted.heading_deg, without.heading_deg)
-    built = comparisons.build_finding(
+    built = build_finding(
         comparison,
         term,
-        {posterior.effect: posterior.probability}
-        | {inferred.display_name(name, inferred.places[k]): p for name, p in posterior.alternatives.items()},
+        {inferred.display_name(name, inferred.places[k]): p for name, p in inferred.chances[k].items()},
         parameters,
         size_deg=design.visible_size_deg(fitted, k, covariance),
         proof=heldout.cross_validate(inferred, k, surrogates),
-        place=comparison.where(comparison.main_covariate(term))
-        if span == comparison.span_s
-        else comparison.where("time", span),
+        place=place,
         span_s=span,
         heading_error_deg=angles.rms(off[np.isfinite(off)]),
         others=without.simulation.terms,
@@ -237,26 +230,17 @@ def _finding(inferred: Inference, k: int, covariance: Floats, surrogates: int) -
 
 
 def _place_parameters(inferred: Inference, k: int, term: ComposedEffect) -> dict[str, Parameter]:
-    """Collect the place parameters of a composition: dates, and values of its driver, with the mean added back.
-
-    Their standard errors follow from the probabilities of the places that were tried.
-    """
-    comparison, place = inferred.fitted.comparison, inferred.places[k]
-    means = covariate_series.reference_values(comparison.covariates)
-    alike = [j for j, option in enumerate(inferred.model.options) if type(option.term) is type(term)]
+    """Collect the dates and places of a composition, with standard errors from the probabilities of those tried."""
+    place, result = inferred.places[k], dict[str, Parameter]()
+    alike = place.alike(type(term))
     weight = place.probability[alike] / max(float(place.probability[alike].sum()), 1e-12)
-    result = {}
-    for name in (f.name for f in fields(term) if not f.metadata["step"] and f.name not in FIXED_PLACES):
-        value = float(getattr(term, name))
+    for each in (each for each in fields(term) if not each.metadata["step"] and each.name not in FIXED_PLACES):
+        value, name = float(getattr(term, each.name)), each.name
         off = np.array([float(getattr(inferred.model.options[j].term, name)) for j in alike]) - value
-        sigma = float(np.sqrt(weight @ off**2))
-        unit = comparison.driven(term, next(f.metadata["unit"] for f in fields(term) if f.name == name))
-        if name == "middle":
-            value += sum(means.get(entry, 0.0) for entry in term.needs[:1])
-        in_days = unit == "s"
-        result[name.replace("_s", "_days") if in_days else name] = (
-            Parameter(value / DAY_S, sigma / DAY_S, "days") if in_days else Parameter(value, sigma, unit)
-        )
+        sigma, unit = float(np.sqrt(weight @ off**2)), inferred.fitted.comparison.driven(term, each.metadata["unit"])
+        if unit == "s":
+            name, value, sigma, unit = name.replace("_s", "_days"), value / DAY_S, sigma / DAY_S, "days"
+        result[name] = Parameter(value, sigma, unit)
     return result
 
 
@@ -274,23 +258,22 @@ def _active_span(fitted: FittedModel, term: Effect) -> tuple[float, float]:
     return always
 
 
-def _compass_of_model(inferred: Inference, fitted: FittedModel) -> AppliedCompass | None:
-    """Extract the compass with the terms on its side; None without any term, where the fit itself applies."""
-    terms = fitted.simulation.terms
-    if not terms:
-        return None
-    estimate = inferred.estimate(fitted)
-    places = zip(terms, parameter_slices(terms, 5), strict=True)
-    index = np.r_[:5, *(columns for term, columns in places if term.side == "compass")]
-    simulation = replace(fitted.simulation, terms=tuple(term for term in terms if term.side == "compass"))
-    means = covariate_series.reference_values(fitted.comparison.covariates)
-    needed = {name for term in simulation.terms for name in term.needs}
-    return AppliedCompass(
-        simulation=simulation,
-        covariance=estimate.covariance[np.ix_(index, index)],
-        references={name: means[name] for name in sorted({*needed & means.keys(), "time"})},
-        logged=tuple(sorted(needed & means.keys())),
-    )
+def _weighted_compass(inferred: Inference, weight: float, fitted: FittedModel) -> WeightedCompass:
+    """Extract the compass with the terms on its side; without any term the fit itself applies."""
+    terms, compass = fitted.simulation.terms, None
+    if terms:
+        places = zip(terms, parameter_slices(terms, 5), strict=True)
+        index = np.r_[:5, *(columns for term, columns in places if term.side == "compass")]
+        simulation = replace(fitted.simulation, terms=tuple(term for term in terms if term.side == "compass"))
+        means = covariate_series.reference_values(fitted.comparison.covariates)
+        logged = {name for term in simulation.terms for name in term.needs} & means.keys()
+        compass = AppliedCompass(
+            simulation=simulation,
+            covariance=inferred.covariance(fitted)[np.ix_(index, index)],
+            references={name: means[name] for name in sorted({*logged, "time"})},
+            logged=tuple(sorted(logged)),
+        )
+    return WeightedCompass(weight, "+".join(term.name for term in terms) or "none", compass)
 
 
 def residual_curve(
@@ -329,3 +312,68 @@ def _binned(fitted: FittedModel, bins: NDArray[np.intp], count: int, pattern: Fl
     sums = np.bincount(block * count + bins, weight * pattern * (left - mean[bins] * pattern), (block[-1] + 1) * count)
     squares = np.sum(sums.reshape(-1, count) ** 2, axis=0)
     return mean, np.sqrt(np.maximum(squares, total * squares.sum() / total.sum())) / total
+
+
+def storm_finding(fitted: FittedModel, alarm: float = 0.006) -> Finding | None:
+    """Test whether directions scatter with the storm index; None if they do not, or without an index.
+
+    Args:
+        fitted: fitted model with all terms that were found.
+        alarm: probability of a false finding from noise alone.
+    """
+    scene, width = fitted.comparison.scene, fitted.whitener.width_deg
+    if (IndexedDisturbance.name, CANCELS) in fitted.comparison.not_testable or "storm_index" not in scene.departures:
+        return None
+    known = np.isfinite(width) & np.isfinite(fitted.residual_deg)
+    index = scene.departures["storm_index"]
+    unit = index / scene.horizontal_nT / angles.DEGREE  # degrees for 1 nT per unit of ap
+    ratio = np.clip(fitted.residual_deg[known] / width[known], -finding.MOST_WIDTHS, finding.MOST_WIDTHS)
+    squares, share = ratio**2, (unit[known] / width[known]) ** 2
+    nearest = int(NEAREST_SHIFT_S / max(float(np.median(np.diff(scene.time_s[known]))), 1.0)) + 1
+    count = min(STORM_SHIFTS, max(len(share) - 2 * nearest, 1))
+    shifts = [0, *np.linspace(nearest, len(share) - nearest, count).astype(int).tolist()] if share.any() else []
+    each = [max(np.sum(_storm_gains(x, squares, np.roll(share, k))) for x in STORM_SIZES_NT.tolist()) for k in shifts]
+    chance = (1 + int(np.sum(np.array(each[1:]) >= each[0]))) / (1 + count) if each else 1.0
+    if chance > alarm:
+        return None
+    block = np.arange(len(share)) * STORM_BLOCKS // len(share)
+    size = _storm_size(squares, share)
+    sizes = np.array([_storm_size(squares[block != k], share[block != k]) for k in range(STORM_BLOCKS)])  # jackknife
+    gains = np.array([_storm_gains(x, squares, share)[block == k].sum() for k, x in enumerate(sizes.tolist())])
+    sigma = float(np.std(sizes) * np.sqrt(STORM_BLOCKS - 1))
+    spread, rms_deg = 1.96 * float(np.std(gains) * np.sqrt(STORM_BLOCKS)), angles.rms(fitted.residual_deg[known])
+    interval = float(gains.sum()) - spread, float(gains.sum()) + spread
+    low, high = np.quantile(index, [STORMY_QUANTILE, 1.0]).tolist()
+    return build_finding(
+        fitted.comparison,
+        IndexedDisturbance(),
+        {IndexedDisturbance.name: 1.0},
+        {"nT_ap": Parameter(size, sigma, "nT")},
+        size_deg=size * angles.rms(unit),
+        proof=HeldOut(rms_deg, rms_deg, float(gains.sum()), interval, chance, method="shifts"),
+        place=CovariateRange("storm_index", low, high, f"where ap is {low:.0f} to {high:.0f}"),
+        span_s=observatory.strongest_disturbance(scene.time_s, index),
+        physics=f"{STORM_PHYSICS}; the index at other dates does as well {chance:.1%} of the time",
+    )
+
+
+def _storm_gains(size_nT: float, squares: Floats, share: Floats) -> Floats:
+    """Compute the log-likelihood gain of each sample over homogeneous noise, with free noise width, (n,).
+
+    Args:
+        size_nT: per unit of ap.
+        squares: squared ratio of residual to width, clipped, (n,).
+        share: variance for 1 nT per unit of ap, relative to the noise, (n,).
+    """
+    variance = 1.0 + size_nT**2 * share
+    width, even = np.mean(squares / variance), np.mean(squares)
+    return np.asarray((squares / even - squares / variance / width - np.log(variance * width / even)) / 2.0)
+
+
+def _storm_size(squares: Floats, share: Floats) -> float:
+    """Find the likeliest size, nT per unit of ap."""
+    from scipy.optimize import minimize_scalar
+
+    limits = np.log(STORM_SIZES_NT[[0, -1]])
+    likeliest = minimize_scalar(lambda log: -np.sum(_storm_gains(np.exp(log), squares, share)), bounds=limits)
+    return float(np.exp(likeliest.x))

@@ -1,31 +1,27 @@
-"""Model slow noise (veer, shear and tides of the water) and scatter of directions that follows a storm index.
+"""Slow noise of directions at two depths, which is part of every hypothesis: slow water, tides and the current.
 
-Veer and shear are Gaussian processes of unknown size and memory. Directions at two depths differ for weeks, as slowly
-as some terms of the compass change; both processes are therefore part of every hypothesis, and their sizes and
-memories are marginalized. Tidal ellipses differ between the depths as well.
-
-A storm index shows that magnetic north moved, but not in which direction: the cause is named, nothing is corrected.
-Significance comes from shifting the index in time, which preserves its storms and their autocorrelation.
+Veer and shear of slow water are Gaussian processes of unknown size and memory, which are marginalized: they differ for
+weeks, as slowly as some terms of the compass change. Tidal ellipses differ too. The directions also differ with speed,
+depth, tide and direction of the current, with mooring motion, and by errors of the velocity measurement. None of this
+changes a heading. All these columns have Gaussian coefficients of typical size; which drivers of the current act, and
+how strongly, is inferred under the most probable hypothesis and used when a compass is refitted.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from compasslib import angles
-from compasslib.calibrations import observatory
-from compasslib.effects.effect import DAY_S
-from compasslib.effects.reference import IndexedDisturbance
-from compasslib.inference import covariates, current, finding
-from compasslib.inference.comparison import CANCELS, LongComparison, build_finding, equal_chances, tide_waves
-from compasslib.inference.design import FittedModel
-from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter
+from compasslib.effects.effect import DAY_S, USUAL_DEG
+from compasslib.inference import covariates
+from compasslib.inference.comparison import TIDE_RESOLVING_STEP_S, LongComparison, tide_waves
+from compasslib.inference.finding import SURE
 from compasslib.records import SlowShear
-from compasslib.statistics.whitening import LowRankNoise
 from compasslib.types import Floats
 
 SHORTEST_DAYS = 8.0  # shortest period; faster variability is whitened by the filter
@@ -33,7 +29,6 @@ MOST_WAVES = 120  # of a process, enough for sixteen months; in longer records t
 SPEED_SPAN_S = 12 * 3600.0  # averaging time of the speed, for the turn by shear
 VEER_DEG, VEER_DAYS = (1.0, 2.5, 6.0), (6.0, 25.0, 100.0)  # grid of sizes and memories
 SHEAR_M_S, SHEAR_DAYS = (0.006, 0.02, 0.06), (5.0, 40.0)  # the same
-LEAST_LOUD_VARIANCE = 0.05  # relative excess of variance over white noise below which a direction is ignored
 USUAL_VEER_DEG, USUAL_SHEAR_M_S = 3.0, 0.02  # scales of half-Cauchy priors, from two depths of real water
 # Of known slow water: widening of the logarithms of size and memory, from bins of two real profiles against the others;
 # grid in standard deviations, shares of veer in the variance, range of memories, degrees of freedom of the prior.
@@ -42,14 +37,34 @@ STEPS, VEER_SHARES, MEMORIES_DAYS, FREEDOM = (-1.6, -0.8, 0.0, 0.8, 1.6), (0.0, 
 LARGE_CURRENT = 2.0  # times its usual size: what the current can explain is not attributed to the compass
 TIDE_SPAN_S = 3600.0  # averaging time of the speed, for the turn by tidal shear of USUAL_SHEAR_M_S per wave
 
-STORM_SIZES_NT = np.geomspace(0.3, 100.0, 8)  # perpendicular to magnetic north, per unit of ap
-STORM_SHIFTS, NEAREST_SHIFT_S = 400, 5 * 86400.0  # shifts of the index in time, and the least one; storms last for days
-STORM_BLOCKS = 12  # blocks of a record for the jackknife
-STORMY_QUANTILE = 0.9  # quantile of the index from which a time is stormy
-STORM_PHYSICS = (
-    "magnetic north is unsteady where the index of storms is high; its course only an observatory could tell. "
-    "Nothing is corrected by it"
+KNOTS = 6  # of the directional shear along speed or depth
+USUAL_TIDE_DEG = 2.0  # prior standard deviation of each sine and cosine of tidal directional shear
+PRESENT = 0.75  # probability from which a driver enters the noise of a refit: a Bayes factor of 3
+LEAN_SHARE = 0.05  # of the scatter of directions, prior standard deviation by tilt: the flow leans the instrument
+# Drivers that vary together: by mooring knock-down, and by the lean of the instrument.
+COUPLED = (frozenset({"speed", "depth", "separation"}), frozenset({"tilt", "pitch", "roll"}))
+VELOCITY_ERRORS, MODULATORS = ("velocity_bias", "beam_gain"), ("speed", "depth")  # that may modulate the former
+LEAST_SPREAD = 1e-6  # standard deviation, degrees, below which a column is left out
+WORDS = {
+    "speed": "with the speed of the flow",
+    "depth": "with depth",
+    "separation": "with the distance between the two layers",
+    "tide": "with the tide",
+    "tilt": "with the lean of the instrument",
+    "flow_direction": "with the direction of the flow",
+    "motion": "as the mooring's own motion makes them",
+    "velocity_bias": "as a constant velocity in the instrument's frame makes them",
+    "beam_gain": "as unequal gain of the beam pairs makes them",
+}
+NONE_ASSUMED = "The simulation assumed none."
+ON_VELOCITY = "It acts on the velocity, not on the heading: headings are unchanged, their uncertainty includes it."
+RIVAL = (
+    "A compass whose reading follows {driver}, or what varies with it, would show nearly the same (P = {rival:.2f}): "
+    "headings are the average of both by these probabilities, their uncertainty includes the difference. "
+    "{separated_by} would separate them."
 )
+SEPARATED_BY = "a second current meter at the depth of the affected instrument"
+CONTESTED = 0.05  # probability of a compass effect instead, from which a statement on the current is qualified
 
 
 @dataclass(frozen=True)
@@ -77,11 +92,6 @@ class SlowNoise:
     veer: Process
     shear: Process
     log_prior: float  # up to a constant
-
-
-def _usual_log_prior(veer: Process, shear: Process) -> float:
-    """Compute the log prior of sizes of which nothing is known."""
-    return -float(np.sum(np.log1p(np.square([veer.size / USUAL_VEER_DEG, shear.size / USUAL_SHEAR_M_S]))))
 
 
 def known_slow_noises(known: SlowShear, speed_m_s: float) -> list[SlowNoise]:
@@ -113,8 +123,8 @@ class SlowNoiseBasis:
     columns: Floats  # (n, q) degrees a unit: cosines of veer, of east and north shear; waves of their tides; current
     frequency: Floats  # (k,) cycles a day, evenly spaced from 0
     kinds: int  # number of processes: 1, or 3 with shear
-    drivers: tuple[str, ...] = ()  # of the last columns, those of the current in units of prior sizes
-    current: Floats | None = None  # variance of each of these, once estimated
+    drivers: tuple[str, ...]  # of the last columns, those of the current in units of prior sizes
+    current: Floats  # variance of each of these
     known: tuple[SlowShear, float] | None = None  # slow shear that a profile shows, and the median speed in m/s
 
     def variances(self, slow_noise: SlowNoise) -> Floats:
@@ -125,19 +135,11 @@ class SlowNoiseBasis:
         ]
         slow = np.concatenate(each[: self.kinds])
         tides = self.columns.shape[1] - len(slow) - len(self.drivers)
-        current = np.full(len(self.drivers), LARGE_CURRENT**2) if self.current is None else self.current
-        return np.concatenate([slow, np.full(tides, USUAL_SHEAR_M_S**2), current])
-
-    @property
-    def acting(self) -> set[str]:
-        """The drivers that the current was found to follow."""
-        current = np.zeros(len(self.drivers)) if self.current is None else self.current
-        return {driver for driver, variance in zip(self.drivers, current, strict=True) if variance > 0.0}
+        return np.concatenate([slow, np.full(tides, USUAL_SHEAR_M_S**2), self.current])
 
     def without_current(self, drivers: Collection[str]) -> SlowNoiseBasis:
         """Remove the current of some drivers from the noise."""
-        current = np.full(len(self.drivers), LARGE_CURRENT**2) if self.current is None else self.current
-        return replace(self, current=np.where(np.isin(self.drivers, list(drivers)), 0.0, current))
+        return replace(self, current=np.where(np.isin(self.drivers, list(drivers)), 0.0, self.current))
 
     def slow_noises(self) -> list[SlowNoise]:
         """List the grid of parameters of slow water."""
@@ -147,28 +149,28 @@ class SlowNoiseBasis:
         veers = [none, *(Process(*process) for process in itertools.product(VEER_DEG, VEER_DAYS))]
         shears = [none, *(Process(*process) for process in itertools.product(SHEAR_M_S, SHEAR_DAYS))]
         both = itertools.product(veers, shears if self.kinds > 1 else [none])
-        return [SlowNoise(veer, shear, _usual_log_prior(veer, shear)) for veer, shear in both]
+        usual = [(veer, shear, veer.size / USUAL_VEER_DEG, shear.size / USUAL_SHEAR_M_S) for veer, shear in both]
+        return [SlowNoise(veer, shear, -float(np.log1p(a**2) + np.log1p(b**2))) for veer, shear, a, b in usual]
 
 
-def slow_noise_basis(comparison: LongComparison) -> SlowNoiseBasis | None:
-    """Build the basis of slow water and of the current; None unless the recording is a long enough mooring record."""
+def slow_noise_basis(comparison: LongComparison) -> SlowNoiseBasis:
+    """Build the basis of slow water and of the current of a mooring."""
     time_s = comparison.scene.time_s
     days = float(np.ptp(time_s)) / DAY_S
     count = min(int(2.0 * days / SHORTEST_DAYS) + 1, MOST_WAVES)
-    if count < 4:
-        return None
     frequency = np.arange(count) / (2.0 * days)
     waves = np.cos(np.pi * (time_s - time_s[0])[:, None] / (days * DAY_S) * np.arange(count))
-    blocks = current.current_blocks(comparison)
-    drivers = tuple(block.driver for block in blocks for _ in range(block.columns.shape[1]))
-    each, kinds = [block.columns for block in blocks], 1
+    current, kinds = current_columns(comparison), 1
+    drivers = tuple(driver for driver, columns in current.items() for _ in range(columns.shape[1]))
+    each = [*current.values()]
     if "flow_east" in comparison.scene.departures and "speed" in comparison.covariates:
         shears = ((waves, SPEED_SPAN_S), (tide_waves(time_s), TIDE_SPAN_S))
         each, kinds = [*(shear_columns(comparison, *shear) for shear in shears), *each], 3
     known = None
     if comparison.slow_shear is not None and "speed" in comparison.covariates:
         known = comparison.slow_shear, float(np.median(comparison.covariates["speed"]))
-    return SlowNoiseBasis(np.concatenate([waves, *each], axis=1), frequency, kinds, drivers, known=known)
+    prior = np.full(len(drivers), LARGE_CURRENT**2)
+    return SlowNoiseBasis(np.concatenate([waves, *each], axis=1), frequency, kinds, drivers, prior, known)
 
 
 def shear_columns(comparison: LongComparison, waves: Floats, span_s: float) -> Floats:
@@ -184,89 +186,161 @@ def shear_columns(comparison: LongComparison, waves: Floats, span_s: float) -> F
     return np.concatenate([waves * north[:, None], -waves * east[:, None]], axis=1)
 
 
-def low_rank_noise(freed: FittedModel, slow: SlowNoiseBasis, slow_noise: SlowNoise) -> LowRankNoise | None:
-    """Express slow noise as directions of increased variance of the whitened noise; None without slow noise.
+def coupled_drivers(driver: str) -> frozenset[str]:
+    """Collect the drivers of the current that cannot be separated from a driver, including itself."""
+    return next((group for group in COUPLED if driver in group), frozenset({driver}))
+
+
+def current_columns(comparison: LongComparison) -> dict[str, Floats]:
+    """Build the columns of the current of a mooring by driver, (n, k) degrees per prior standard deviation."""
+    columns: dict[str, list[Floats]] = {}
+    for name in ("speed", "depth"):
+        if name in comparison.covariates:
+            hats = covariates.hat_columns(comparison.covariates[name], KNOTS)
+            columns[name] = [USUAL_DEG * (hats - hats.mean(axis=0))]
+    leans = [comparison.scene.departures[name] for name in ("pitch", "roll") if name in comparison.covariates]
+    usual_deg = LEAN_SHARE * float(np.median(comparison.expected_deg))
+    columns["tilt"] = [usual_deg * covariates.standardize(lean)[:, None] for lean in leans if np.std(lean)]
+    if np.median(np.diff(comparison.scene.time_s)) < TIDE_RESOLVING_STEP_S:
+        columns["tide"] = [USUAL_TIDE_DEG * tide_waves(comparison.scene.time_s)]
+    for kind in comparison.terms:
+        if kind.side == "water" and kind.driver not in ("speed", "depth"):
+            # The turn by each parameter at its prior standard deviation, (n, k) degrees.
+            unit, still = np.eye(len(kind.fitted())), np.zeros(len(comparison))
+            turn = np.stack([kind().at(values).apply(still, comparison.scene) for values in unit], axis=1)
+            size, usual = np.sqrt(np.mean(turn**2, axis=0)), kind.expected()
+            with np.errstate(divide="ignore"):
+                scale = np.where(usual > 0.0, usual**-0.5, USUAL_DEG / np.maximum(size, 1e-12))
+            turn = np.asarray(turn * np.where(size > 0.0, scale, 0.0))
+            columns.setdefault(kind.driver, []).append(turn)
+            if kind.driver in VELOCITY_ERRORS:
+                series = (comparison.scene.departures.get(name) for name in MODULATORS)
+                varying = [x for x in series if x is not None and np.std(x) > LEAST_SPREAD]
+                columns[kind.driver] += [turn * covariates.standardize(x)[:, None] for x in varying]
+    blocks = {driver: np.concatenate(each, axis=1) for driver, each in columns.items() if each}
+    return {driver: x for driver, x in blocks.items() if np.max(x.std(axis=0), initial=0.0) > LEAST_SPREAD}
+
+
+@dataclass(frozen=True)
+class CurrentStatement:
+    """An effect of the current, or of the velocity measurement, that the simulation does not contain."""
+
+    driver: str | None  #: variable on which it depends; None if only the side is established
+    probability: float  #: that its size exceeds ``min_effect_deg``
+    size_deg: float  #: visible size, degrees rms
+    low_deg: float  #: lower end of the 95 % interval of ``size_deg``
+    high_deg: float  #: upper end of the 95 % interval of ``size_deg``
+    text: str  #: the statement in sentences
+
+    def contested(self, rival: float, followed: str) -> CurrentStatement:
+        """Reduce the probability by that of a compass whose reading follows a driver instead, and mention it."""
+        if rival < CONTESTED:
+            return self
+        left = self.probability * (1.0 - rival)
+        text = _text(self.driver, left, (self.size_deg, self.low_deg, self.high_deg))
+        said = RIVAL.format(driver=followed, rival=rival, separated_by=SEPARATED_BY.capitalize())
+        return replace(self, probability=left, text=f"{text} {NONE_ASSUMED} {said}")
+
+    def to_json(self) -> dict[str, Any]:
+        """Encode an entry of ``current`` in diagnosis.json."""
+        return {
+            "level": "side" if self.driver is None else "driver",
+            "driver": self.driver,
+            "probability": self.probability,
+            "size": self.size_deg,
+            "unit": "degrees",
+            "low": self.low_deg,
+            "high": self.high_deg,
+            "heldout": None,  # not tested on held-out days
+            "text": self.text,
+        }
+
+
+@dataclass(frozen=True)
+class CurrentPosterior:
+    """Posterior over all subsets of drivers, with coefficients drawn from the mixture."""
+
+    drivers: tuple[str, ...]  # of each column, (p,)
+    values: Floats  # (d, p) drawn coefficients, in prior standard deviations; 0 if the driver does not act
+    acting: float  # posterior probability that any driver acts; the prior is 0.5
+
+    @property
+    def variances(self) -> Floats:
+        """Mean square of each coefficient whose driver is likely to act, 0 for the others, (p,).
+
+        A driver that hardly acts would otherwise widen the covariance of a compass where the data do not constrain it.
+        """
+        present = np.mean(self.values != 0.0, axis=0) >= PRESENT
+        return np.asarray(np.where(present, np.mean(self.values**2, axis=0), 0.0))
+
+    def statements(self, visible: Floats, min_effect_deg: float) -> tuple[float, tuple[CurrentStatement, ...]]:
+        """Compute the probability that the current exceeds a size, and state by which drivers it does.
+
+        Args:
+            visible: mean products of the columns with the compass projected out, square degrees, (p, p).
+            min_effect_deg: size, degrees rms, below which an effect is negligible.
+        """
+        sizes = _sizes(self.values[np.any(self.values != 0.0, axis=1)], visible)
+        probability = self.acting * float(np.mean(sizes > min_effect_deg)) if len(sizes) else 0.0
+        if probability < SURE:
+            return probability, ()
+        stated = []
+        for name in dict.fromkeys(self.drivers):
+            each = _sizes(self.values * [driver == name for driver in self.drivers], visible)
+            if (established := float(np.mean(each > min_effect_deg))) >= SURE:
+                stated.append(_statement(name, established, each[each > min_effect_deg]))
+        return probability, tuple(stated) or (_statement(None, probability, sizes),)
+
+
+def infer_current(drivers: Sequence[str], information: Floats, score: Floats, draws: int = 2000) -> CurrentPosterior:
+    """Infer which drivers of the current act, each with even prior odds.
+
+    With these odds it would be nearly certain a priori that some driver acts. For the probability that any acts, the
+    prior odds of each driver are lowered until those of any driver are even.
 
     Args:
-        freed: fitted model whose whitener excludes slow water.
+        drivers: driver of each column, (p,).
+        information: products of the columns, all other unknowns marginalized, in units of the noise, (p, p).
+        score: products of the columns with the residual, (p,).
+        draws: of the current's size; the standard error of a probability of 0.95 is 0.5 %.
     """
-    variance = slow.variances(slow_noise)
-    variance[0] = 0.0  # a constant veer looks like A, which would be lost in rounding errors beside it
-    present = variance > 0.0
-    scale = np.sqrt(variance[present]) * freed.response / freed.sigma
-    white = freed.whitener(slow.columns[:, present].astype(np.float32)).astype(float) * scale
-    if not white.shape[1]:
-        return None
-    values, vectors = np.linalg.eigh(white.T @ white)
-    loud = values > LEAST_LOUD_VARIANCE
-    basis = white @ vectors[:, loud] / np.sqrt(values[loud])
-    return LowRankNoise(basis.astype(np.float32), 1.0 / np.sqrt(1.0 + values[loud]))
+    names = list(dict.fromkeys(drivers))
+    at = np.array([names.index(driver) for driver in drivers])
+    subsets = [np.flatnonzero(np.array(subset)[at]) for subset in itertools.product((False, True), repeat=len(names))]
+    fits = []
+    for subset in subsets:
+        lower = np.linalg.cholesky(information[np.ix_(subset, subset)] + np.eye(len(subset)))
+        half, root = np.linalg.solve(lower, score[subset]), np.linalg.inv(lower).T
+        fits.append((root @ half, root, float(0.5 * half @ half - np.sum(np.log(np.diag(lower))))))
+    log = np.array([fit[2] for fit in fits])  # even prior odds of each driver
+    weight = np.exp(log - log.max())
+    rng, values = np.random.default_rng(5), np.zeros((draws, len(at)))
+    chosen = rng.choice(len(subsets), draws, p=weight / weight.sum())
+    for k in np.unique(chosen):
+        mine, (mean, root, _) = np.flatnonzero(chosen == k), fits[k]
+        values[np.ix_(mine, subsets[k])] = mean + rng.normal(size=(len(mine), len(mean))) @ root.T
+    each = 1.0 - 0.5 ** (
+        1.0 / max(len(names), 1)
+    )  # prior probability of a driver for which none acts with probability 0.5
+    count = np.array([len(set(at[subset])) for subset in subsets])
+    few = log + count * np.log(each / (1.0 - each))
+    return CurrentPosterior(tuple(drivers), values, float(1.0 - np.exp(few[0] - np.logaddexp.reduce(few))))
 
 
-def storm_finding(fitted: FittedModel, alarm: float = 0.006) -> Finding | None:
-    """Test whether directions scatter with the storm index; None if they do not, or without an index.
+def _sizes(values: Floats, visible: Floats) -> Floats:
+    return np.asarray(np.sqrt(np.maximum(np.einsum("di,ij,dj->d", values, visible, values), 0.0)))
 
-    Args:
-        fitted: fitted model with all terms that were found.
-        alarm: probability of a false finding from noise alone.
-    """
-    scene, width = fitted.comparison.scene, fitted.whitener.width_deg
-    if (IndexedDisturbance.name, CANCELS) in fitted.comparison.not_testable or "storm_index" not in scene.departures:
-        return None
-    known = np.isfinite(width) & np.isfinite(fitted.residual_deg)
-    index = scene.departures["storm_index"]
-    unit = index / scene.horizontal_nT / angles.DEGREE  # degrees for 1 nT per unit of ap
-    ratio = np.clip(fitted.residual_deg[known] / width[known], -finding.MOST_WIDTHS, finding.MOST_WIDTHS)
-    squares, share = ratio**2, (unit[known] / width[known]) ** 2
-    if not share.any() or (chance := _chance_of_shifts(scene.time_s[known], squares, share)) > alarm:
-        return None
-    block = np.arange(len(share)) * STORM_BLOCKS // len(share)
-    size = _storm_size(squares, share)
-    sizes = np.array([_storm_size(squares[block != k], share[block != k]) for k in range(STORM_BLOCKS)])  # jackknife
-    gains = np.array([_storm_gains(x, squares, share)[block == k].sum() for k, x in enumerate(sizes.tolist())])
-    sigma = float(np.std(sizes) * np.sqrt(STORM_BLOCKS - 1))
-    spread, rms_deg = 1.96 * float(np.std(gains) * np.sqrt(STORM_BLOCKS)), angles.rms(fitted.residual_deg[known])
-    interval = float(gains.sum()) - spread, float(gains.sum()) + spread
-    low, high = np.quantile(index, [STORMY_QUANTILE, 1.0]).tolist()
-    return build_finding(
-        fitted.comparison,
-        IndexedDisturbance(),
-        equal_chances(IndexedDisturbance.name),
-        {"nT_ap": Parameter(size, sigma, "nT")},
-        size_deg=size * angles.rms(unit),
-        proof=HeldOut(rms_deg, rms_deg, float(gains.sum()), interval, chance, method="shifts"),
-        place=CovariateRange("storm_index", low, high, f"where ap is {low:.0f} to {high:.0f}"),
-        span_s=observatory.strongest_disturbance(scene.time_s, index),
-        physics=f"{STORM_PHYSICS}; the index at other dates does as well {chance:.1%} of the time",
+
+def _statement(driver: str | None, probability: float, sizes: Floats) -> CurrentStatement:
+    size, low, high = (float(x) for x in np.quantile(sizes, [0.5, 0.025, 0.975]))
+    text = f"{_text(driver, probability, (size, low, high))} {NONE_ASSUMED} {ON_VELOCITY}"
+    return CurrentStatement(driver, probability, size, low, high, text)
+
+
+def _text(driver: str | None, probability: float, sizes_deg: tuple[float, float, float]) -> str:
+    size, low, high = sizes_deg
+    how = f", {WORDS.get(driver, f'with {driver}')}" if driver else ""
+    return (
+        f"Directions at the two depths differ by {size:.1f}° rms ({low:.1f} to {high:.1f}°, 95 %){how} "
+        f"(P = {probability:.2f})."
     )
-
-
-def _storm_gains(size_nT: float, squares: Floats, share: Floats) -> Floats:
-    """Compute the log-likelihood gain of each sample over homogeneous noise, with free noise width, (n,).
-
-    Args:
-        size_nT: per unit of ap.
-        squares: squared ratio of residual to width, clipped, (n,).
-        share: variance for 1 nT per unit of ap, relative to the noise, (n,).
-    """
-    variance = 1.0 + size_nT**2 * share
-    width, even = np.mean(squares / variance), np.mean(squares)
-    return np.asarray((squares / even - squares / variance / width - np.log(variance * width / even)) / 2.0)
-
-
-def _storm_size(squares: Floats, share: Floats) -> float:
-    """Find the likeliest size, nT per unit of ap."""
-    from scipy.optimize import minimize_scalar
-
-    limits = np.log(STORM_SIZES_NT[[0, -1]])
-    likeliest = minimize_scalar(lambda log: -np.sum(_storm_gains(np.exp(log), squares, share)), bounds=limits)
-    return float(np.exp(likeliest.x))
-
-
-def _chance_of_shifts(time_s: Floats, squares: Floats, share: Floats) -> float:
-    """Estimate the p-value of the gain from shifts of the index in time."""
-    nearest = int(NEAREST_SHIFT_S / max(float(np.median(np.diff(time_s))), 1.0)) + 1
-    count = min(STORM_SHIFTS, max(len(time_s) - 2 * nearest, 1))
-    shifts = [0, *np.linspace(nearest, len(time_s) - nearest, count).astype(int).tolist()]
-    gains = [max(np.sum(_storm_gains(x, squares, np.roll(share, k))) for x in STORM_SIZES_NT.tolist()) for k in shifts]
-    return (1 + int(np.sum(np.array(gains[1:]) >= gains[0]))) / (1 + count)

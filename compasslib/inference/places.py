@@ -1,52 +1,38 @@
-"""Options in the place of each effect of a model, and the models that are fitted with the likeliest ones."""
+"""Models whose terms are the likeliest in their places, and readings that rival a driver of the current."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from compasslib.effects import Effect
+from compasslib.effects.composed import ComposedEffect, as_current
 from compasslib.inference import design, noise
-from compasslib.inference.blocks import Option
 from compasslib.inference.design import FittedModel
-from compasslib.inference.linear_model import Entered, Evidence, LinearModel, Products, linearize
+from compasslib.inference.evidence import UNLIKELY, Evidence, Place
+from compasslib.inference.finding import SURE
+from compasslib.inference.linear_model import Entered, LinearModel, linear_option, linearize
 from compasslib.inference.noise import SlowNoise, SlowNoiseBasis
+from compasslib.statistics.whitening import LowRankNoise
 from compasslib.types import Floats
 
 MOST_ROUNDS = 4  # exchanges of terms; limits the run time
-# Probability of no effect up to which one enters and stays: a Bayes factor of 3 (Kass and Raftery, JASA 90, 773, 1995).
-UNLIKELY = 0.25
-SIDES_IN_ORDER = ("compass", "clock", "reference", "water")
-
-
-@dataclass(frozen=True)
-class Place:
-    """The place of one effect in a model: the probability of each option in it, the other effects given."""
-
-    probability: Floats  # (g,) of each option; the rest is that of none
-    evidence: Evidence  # of the options in this place
-
-    @property
-    def none(self) -> float:
-        """Probability that no effect is there."""
-        return float(max(1.0 - self.probability.sum(), 0.0))
-
-    def not_favoured(self, odds: float) -> Place:
-        """Limit the odds of an effect that is not detected to those beforehand: surrogates have evidence like it."""
-        most = odds / (1.0 + odds)
-        return replace(self, probability=self.probability * min(most / max(float(self.probability.sum()), 1e-12), 1.0))
+LEAST_LOUD_VARIANCE = 0.05  # relative excess of variance over white noise below which a direction is ignored
+READING = ("compass", "reading")
+CURRENT_ODDS = 3.0  # of the current: in real records directions differ by its speed (docs/background/method.md)
+MOST_LOG = 700.0  # logarithm of a ratio that can still be represented
 
 
 @dataclass(frozen=True)
 class Settled:
     """A fitted model, linearized, with the options in the place of each of its terms."""
 
-    fitted: FittedModel
-    model: LinearModel
-    entered: Entered
-    places: tuple[Place, ...]
+    fitted: FittedModel  # with slow noise in the whitener
+    model: LinearModel  # linearized at this model
+    entered: Entered  # option and amplitude of each term
+    places: tuple[Place, ...]  # of each term
 
     @property
     def kinds(self) -> tuple[type[Effect], ...]:
@@ -56,8 +42,7 @@ class Settled:
     def held(self) -> float:
         """Compute the smallest probability that a term has in its place, all dates together."""
         each = zip(self.kinds, self.places, strict=True)
-        alike = [([type(option.term) is kind for option in self.model.options], place) for kind, place in each]
-        return min((float(place.probability[same].sum()) for same, place in alike), default=1.0)
+        return min((float(place.probability[place.alike(kind)].sum()) for kind, place in each), default=1.0)
 
     def averaged(self, other: Settled) -> Settled:
         """Average the probabilities with those of another linearization, in the places beside the same terms."""
@@ -75,8 +60,8 @@ class Settled:
 
 def settle(
     fitted: FittedModel,
-    slow: SlowNoiseBasis | None,
-    slow_noises: Sequence[SlowNoise | None],
+    slow: SlowNoiseBasis,
+    slow_noises: Sequence[SlowNoise],
     amplitudes: Sequence[float],
     odds: float,
 ) -> Settled:
@@ -84,11 +69,13 @@ def settle(
     before = dict[frozenset[type[Effect]], Settled]()
     for rounds in range(1, MOST_ROUNDS + 1):
         model = linearize(fitted, slow)
-        entered = _located(model, fitted, amplitudes)
-        places = []
-        for k in range(len(entered)):
-            weighed = model.weigh(slow_noises, [*entered[:k], *entered[k + 1 :]])
-            places.append(Place(probabilities(model.options, weighed, odds), weighed))
+        numbers = {option.term: k for k, option in enumerate(model.options)}
+        entered = [
+            (numbers[term.at(0.0 * term.values)], size)
+            for term, size in zip(fitted.simulation.terms, amplitudes, strict=True)
+        ]
+        others = [[*entered[:k], *entered[k + 1 :]] for k in range(len(entered))]
+        places = [Place.weigh(model.weigh(slow_noises, each), odds) for each in others]
         settled = Settled(fitted, model, entered, tuple(places))
         better = _better(model, entered, places)
         kinds = frozenset(type(model.options[k].term) for k, _ in better)
@@ -109,7 +96,7 @@ def _better(model: LinearModel, entered: Entered, places: Sequence[Place]) -> li
     for number, ((chosen, _), place) in enumerate(zip(entered, places, strict=True)):
         others = [*entered[:number], *entered[number + 1 :]]
         taken = {type(model.options[k].term) for k, _ in others}
-        k = likeliest_option(model.options, place.evidence, taken)
+        k = place.likeliest(taken)
         if place.none > UNLIKELY:
             return list(others)
         if type(model.options[k].term) is not type(model.options[chosen].term):
@@ -117,62 +104,7 @@ def _better(model: LinearModel, entered: Entered, places: Sequence[Place]) -> li
     return list(entered)
 
 
-def side_probabilities(
-    options: Sequence[Sequence[Option]], places: Sequence[Place], dropped: Collection[str] = ()
-) -> dict[str, float]:
-    """Compute the probability that each side acts, the first of SIDES_IN_ORDER if several do, and of none.
-
-    Args:
-        options: those of each place.
-        dropped: names of effects to ignore.
-    """
-    result, before = dict[str, float](), 1.0
-    for number in range(1, len(SIDES_IN_ORDER) + 1):
-        without = 1.0
-        for each, place in zip(options, places, strict=True):
-            acts = [o.block[0] in SIDES_IN_ORDER[:number] and o.name not in dropped for o in each]
-            without *= 1.0 - float(place.probability[acts].sum())
-        result[SIDES_IN_ORDER[number - 1]], before = max(before - without, 0.0), without
-    return {"none": before} | result
-
-
-def name_probabilities(options: Sequence[Option], place: Place) -> dict[str, float]:
-    """Sum the probability of each effect in a place over its forms and dates."""
-    sums: dict[str, float] = {}
-    for option, probability in zip(options, place.probability.tolist(), strict=True):
-        sums[option.name] = sums.get(option.name, 0.0) + probability
-    return sums
-
-
-def probabilities(options: Sequence[Option], evidence: Evidence, odds: float, taken: Collection[int] = ()) -> Floats:
-    """Compute the probability of each option in a place, (g,)."""
-    fault = np.array([option.block[0] in ("compass", "clock") for option in options])
-    log = evidence.log_bayes_factors[:, 0] + np.where(fault, np.log(odds), 0.0)
-    log[list(taken)] = -np.inf
-    top = max(float(log.max(initial=-np.inf)), 0.0)
-    weight = np.exp(log - top)
-    return np.asarray(weight / (weight.sum() + np.exp(-top)))
-
-
-def likeliest_option(options: Sequence[Option], evidence: Evidence, taken: Collection[type[Effect]]) -> int:
-    """Select the likeliest form, dates together, that is not in the model yet, at its likeliest date."""
-    sums, log = dict[type[Effect], float](), evidence.log_bayes_factors[:, 0]
-    for option, each in zip(options, log.tolist(), strict=True):
-        if type(option.term) not in taken:
-            sums[type(option.term)] = float(np.logaddexp(sums.get(type(option.term), -np.inf), each))
-    form = max(sums, key=lambda kind: sums[kind])
-    alike = [k for k, option in enumerate(options) if type(option.term) is form]
-    return max(alike, key=lambda k: float(log[k]))
-
-
-def _located(model: LinearModel, fitted: FittedModel, amplitudes: Sequence[float]) -> list[tuple[int, float]]:
-    """Locate the terms of a model among the options that are linearized at it, with their amplitudes."""
-    zero_terms = [term.at(0.0 * term.values) for term in fitted.simulation.terms]
-    places = {option.term: k for k, option in enumerate(model.options)}
-    return [(places[term], size) for term, size in zip(zero_terms, amplitudes, strict=True)]
-
-
-def fit_terms(fitted: FittedModel, model: LinearModel, entered: Entered, slow_noise: SlowNoise | None) -> FittedModel:
+def fit_terms(fitted: FittedModel, model: LinearModel, entered: Entered, slow_noise: SlowNoise) -> FittedModel:
     """Fit options in the forward model, with slow noise of given parameters in the whitener."""
     terms = [
         model.options[k].term.at(values) for (k, _), values in zip(entered, model.fit(entered, slow_noise), strict=True)
@@ -183,47 +115,103 @@ def fit_terms(fitted: FittedModel, model: LinearModel, entered: Entered, slow_no
     return design.refit(with_slow_noise(fitted, model.freed, learnt, slow_noise), terms)
 
 
-def learn_current(model: LinearModel, entered: Entered, slow_noise: SlowNoise | None) -> SlowNoiseBasis | None:
+def learn_current(model: LinearModel, entered: Entered, slow_noise: SlowNoise) -> SlowNoiseBasis:
     """Set the variances of the current in the slow noise to their estimate beside some options."""
-    current = model.current(entered, slow_noise)
-    if current is None or model.slow is None:
-        return model.slow
-    excluded = model.slow.current == 0.0 if model.slow.current is not None else np.zeros(len(current.variances), bool)
-    return replace(model.slow, current=np.where(excluded, 0.0, current.variances))
+    variances = model.current(entered, slow_noise).variances
+    return replace(model.slow, current=np.where(model.slow.current == 0.0, 0.0, variances))
 
 
 def with_slow_noise(
-    fitted: FittedModel, freed: FittedModel, slow: SlowNoiseBasis | None, slow_noise: SlowNoise | None
+    fitted: FittedModel, freed: FittedModel, slow: SlowNoiseBasis, slow_noise: SlowNoise
 ) -> FittedModel:
-    """Add slow noise to the noise model of a fitted model.
-
-    Args:
-        freed: fitted model whose whitener excludes slow noise.
-    """
-    low_rank = None if slow is None or slow_noise is None else noise.low_rank_noise(freed, slow, slow_noise)
+    """Add slow noise to a fitted model, as directions of increased variance of the whitened noise of a freed one."""
+    variance, low_rank = slow.variances(slow_noise), None
+    variance[0] = 0.0  # a constant veer looks like A, which would be lost in rounding errors beside it
+    present = variance > 0.0
+    if present.any():
+        scale = np.sqrt(variance[present]) * freed.response / freed.sigma
+        white = freed.whitener(slow.columns[:, present].astype(np.float32)).astype(float) * scale
+        values, vectors = np.linalg.eigh(white.T @ white)
+        loud = values > LEAST_LOUD_VARIANCE
+        basis = white @ vectors[:, loud] / np.sqrt(values[loud])
+        low_rank = LowRankNoise(basis.astype(np.float32), 1.0 / np.sqrt(1.0 + values[loud]))
     return design.evaluate_model(replace(fitted.comparison, low_rank=low_rank), fitted.simulation, fitted.nuisance)
 
 
-def with_likeliest_noise(
-    fitted: FittedModel, slow: SlowNoiseBasis | None, slow_noises: Sequence[SlowNoise | None]
-) -> FittedModel:
+def with_likeliest_noise(fitted: FittedModel, slow: SlowNoiseBasis, slow_noises: Sequence[SlowNoise]) -> FittedModel:
     """Add the likeliest slow noise without effects to the noise model of a fitted model."""
-    if slow is None:
-        return fitted
     white = fitted.whiten_and_project(slow.columns.astype(np.float32)) * np.float32(fitted.response / fitted.sigma)
     model = LinearModel(fitted, (), slow, white, 1.0)
     return with_slow_noise(fitted, fitted, slow, model.weigh(slow_noises).likeliest_noise())
 
 
-def marginalize(information: Floats, score: Floats, n: int, variance: Floats) -> tuple[Floats, Floats, float]:
-    """Marginalize the coefficients of noise columns in the products of columns; return also the log likelihood.
+@dataclass(frozen=True)
+class Rival:
+    """A reading that may follow drivers of the current."""
 
-    Args:
-        information: products of all columns, those of the noise last, (n + q, n + q).
-        score: products with the residual, (n + q,).
-        n: number of columns that are not marginalized.
-        variance: prior variance of the noise's coefficients, (q,).
-    """
-    marginal = Products(information, score[:, None], np.arange(n + 1), np.ones((1, n))).marginalize(variance)
-    left, score_left = marginal.left(np.arange(n))
-    return left, score_left[:, 0], float(marginal.none[0])
+    probability: float  # that it is the compass, not the current
+    option: int  # its likeliest form
+
+
+def find_rivals(
+    model: LinearModel,
+    entered: Entered,
+    slow_noise: SlowNoise,
+    slow_noises: Sequence[SlowNoise],
+) -> dict[frozenset[str], Rival]:
+    """Find a rival for each group of drivers that vary together and that the current is likely to follow."""
+    current, rivals = model.current(entered, slow_noise), dict[frozenset[str], Rival]()
+    present = np.mean(current.values != 0.0, axis=0) >= SURE
+    acting = [driver for driver, there in zip(current.drivers, present, strict=True) if there]
+    taken = {model.options[k].block for k, _ in entered}
+    for group in dict.fromkeys(map(noise.coupled_drivers, acting)):
+        readings = [
+            k
+            for k, option in enumerate(model.options)
+            if option.block[:2] == READING and option.term.driver in group and option.block not in taken
+        ]
+        if readings:
+            rivals[group] = _compare(model, entered, slow_noises, group, readings)
+    return rivals
+
+
+def _compare(
+    model: LinearModel,
+    entered: Entered,
+    slow_noises: Sequence[SlowNoise],
+    group: frozenset[str],
+    readings: Sequence[int],
+) -> Rival:
+    """Compare the compass with the current, which follows the drivers in the same forms or as in the noise."""
+    without = replace(model, slow=model.slow.without_current(group))
+    alike = _as_current(without, entered, readings)
+    shares = np.array([model.options[k].share for k in readings])
+    shares -= np.logaddexp.reduce(shares)
+    place = [(number, size) for number, (_, size) in enumerate(entered)]
+    of_compass = _log_evidence(without.weigh(slow_noises, entered), readings) + shares
+    in_same_form = _log_evidence(alike.weigh(slow_noises, place), range(len(entered), len(alike.options))) + shares
+    weighed = model.weigh(slow_noises, entered)
+    as_noise = np.logaddexp.reduce(weighed.log_prior[:, 0] + weighed.none[:, 0])
+    of_current = np.log(CURRENT_ODDS) + np.logaddexp(np.logaddexp.reduce(in_same_form), as_noise)
+    ratio = float(np.clip(of_current - np.logaddexp.reduce(of_compass), -MOST_LOG, MOST_LOG))
+    return Rival(1.0 / (1.0 + float(np.exp(ratio))), readings[int(np.argmax(of_compass))])
+
+
+def _log_evidence(evidence: Evidence, options: Sequence[int]) -> Floats:
+    """Compute the log evidence of some options, slow noise marginalized, (k,)."""
+    none = evidence.log_prior[:, 0] + evidence.none[:, 0]
+    return np.asarray(np.logaddexp.reduce(none[:, None] + evidence.factors[:, list(options), 0], axis=0))
+
+
+def _as_current(model: LinearModel, entered: Entered, readings: Sequence[int]) -> LinearModel:
+    """Build the model whose options are the entered ones, and turns of the current in the forms of some readings."""
+    turned = []
+    for k in readings:
+        term = model.options[k].term
+        assert isinstance(term, ComposedEffect)
+        turned.append(linear_option(model.freed, as_current(term)))
+    options = (*(model.options[k] for k, _ in entered), *turned)
+    columns = np.concatenate([option.columns for option in options], axis=1)
+    unit = np.float32(model.freed.response / model.freed.sigma / np.sqrt(model.scatter))
+    white = [model.freed.whiten_and_project(columns) * unit, model.white[:, model.products.ends[-1] :]]
+    return replace(model, options=options, white=np.concatenate(white, axis=1))

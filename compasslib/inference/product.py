@@ -32,7 +32,6 @@ from compasslib.types import Floats
 TILT_SERIES = ("pitch", "roll", "tilt")
 RECORD_SERIES = (*TILT_SERIES, "turn_rate")  # series that every record has
 
-
 Series = Mapping[str, Floats]
 
 
@@ -54,27 +53,18 @@ class AppliedCompass:
         *,
         field: EarthField,
     ) -> Scene:
-        """Build the scene of samples of the affected instrument; missing values are set to the reference value.
-
-        Args:
-            time_s: (n,) increasing, UTC seconds.
-            recorded_deg: recorded headings, (n,), degrees.
-            tilt_deg: pitch and roll, (n,) each, degrees.
-            series: the logged covariates, (n,) each.
-        """
+        """Build the scene of samples of the affected instrument; missing values are set to the reference value."""
         used = {name: covariates.smooth_supply(name, column, time_s) for name, column in series.items()}
-        series_used = {name: np.nan_to_num(used[name] - self.references[name]) for name in self.logged if name in used}
-        series_used |= {name: np.zeros(len(time_s)) for name in self.logged if name not in (*series, *TILT_SERIES)}
+        known = {name: np.nan_to_num(used[name] - self.references[name]) for name in self.logged if name in used}
+        known |= {name: np.zeros(len(time_s)) for name in self.logged if name not in (*series, *TILT_SERIES)}
         if "supply_voltage" in used:
-            filled = covariates.fill_gaps(used["supply_voltage"])
-            series_used["battery_number"] = covariates.battery_count(filled)
-        tilts = dict(zip(("pitch", "roll"), (np.nan_to_num(x) for x in tilt_deg), strict=True))
-        tilts["tilt"] = np.hypot(tilts["pitch"], tilts["roll"])
-        series_used |= {name: lean - self.references[name] for name, lean in tilts.items() if name in self.references}
-        series_used["turn_rate"] = np.nan_to_num(covariates.turn_rate(recorded_deg, time_s))
-        h, z = (np.interp(time_s, field.time_s, x) for x in (field.horizontal_nT, field.vertical_nT))
+            known["battery_number"] = covariates.battery_count(covariates.fill_gaps(used["supply_voltage"]))
         pitch, roll = (np.nan_to_num(x) for x in tilt_deg)
-        return Scene(time_s, h, z, pitch, roll, self.references["time"], series_used)
+        tilts = {"pitch": pitch, "roll": roll, "tilt": np.hypot(pitch, roll)}
+        known |= {name: lean - self.references[name] for name, lean in tilts.items() if name in self.references}
+        known["turn_rate"] = np.nan_to_num(covariates.turn_rate(recorded_deg, time_s))
+        h, z = (np.interp(time_s, field.time_s, x) for x in (field.horizontal_nT, field.vertical_nT))
+        return Scene(time_s, h, z, pitch, roll, self.references["time"], known)
 
     def along(self, scene: Scene, recorded_deg: Floats) -> CompassSeries:
         """Evaluate the compass at every sample."""
@@ -115,9 +105,7 @@ class WeightedCompass:
 
 def inflate_covariance(fit: DeviationFit, covariance: Floats) -> DeviationFit:
     """Inflate the covariance of a fit to at least that of the search, which includes slow noise."""
-    inflated = fit.covariance.copy()
-    inflated[:5, :5] += positive_part(covariance - inflated[:5, :5])
-    return replace(fit, covariance=inflated)
+    return replace(fit, covariance=_at_least(fit.covariance, covariance))
 
 
 def with_priors(member: WeightedCompass, fit: DeviationFit) -> WeightedCompass:
@@ -129,12 +117,18 @@ def with_priors(member: WeightedCompass, fit: DeviationFit) -> WeightedCompass:
     """
     if member.compass is None:
         return member
-    covariance, simulation = member.compass.covariance.copy(), member.compass.simulation
-    covariance[:5, :5] += positive_part(fit.covariance[:5, :5] - covariance[:5, :5])
+    covariance, simulation = _at_least(member.compass.covariance, fit.covariance[:5, :5]), member.compass.simulation
     if has_average(fit):
         parameters, covariance, *_ = average_coefficients(simulation.parameters, covariance, fit)
         simulation = simulation.at(parameters)
     return replace(member, compass=replace(member.compass, simulation=simulation, covariance=covariance))
+
+
+def _at_least(covariance: Floats, of_coefficients: Floats) -> Floats:
+    """Raise the part of the coefficients of a covariance to at least another, (p, p)."""
+    raised = covariance.copy()
+    raised[:5, :5] += positive_part(of_coefficients - raised[:5, :5])
+    return raised
 
 
 @dataclass(frozen=True)
@@ -156,9 +150,7 @@ class CorrectionModel:
             "accounted_for": list(self.accounted),
             "compasses": [member.to_json() for member in self.applied],
             "weights": [{"effect": member.effect, "weight": member.weight} for member in self.applied],
-            "dropped_probability": max(1.0 - sum(member.weight for member in self.applied), 0.0)
-            if self.applied
-            else 0.0,
+            "dropped_probability": max(1.0 - sum(member.weight for member in self.applied), 0.0) * bool(self.applied),
             "uncorrected_deg": self.left_deg,
             "doubts": [doubt.to_json() for doubt in self.doubts],
             "no_deviation_probability": self.no_deviation,
@@ -167,18 +159,13 @@ class CorrectionModel:
 
 def from_json(content: Mapping[str, Any]) -> CorrectionModel:
     """Read the product from a deviation.json."""
-
     block = content["applied"]
-    applied = tuple(
-        WeightedCompass(
-            entry["weight"], entry["effect"], None if entry["compass"] is None else _compass_from_json(entry["compass"])
-        )
-        for entry in block["compasses"]
-    )
+    compasses = [entry["compass"] and _compass_from_json(entry["compass"]) for entry in block["compasses"]]
+    each = zip(block["compasses"], compasses, strict=True)
     return CorrectionModel(
         fit=fit_from_json(content),
         effects=tuple(block["effects"]),
-        applied=applied,
+        applied=tuple(WeightedCompass(entry["weight"], entry["effect"], compass) for entry, compass in each),
         accounted=tuple(block["accounted_for"]),
         left_deg=block["uncorrected_deg"],
         doubts=doubts_from_json(block["doubts"]),
@@ -189,10 +176,7 @@ def from_json(content: Mapping[str, Any]) -> CorrectionModel:
 def equivalent_pairs(
     product: CorrectionModel, pairs: Pairs, record: Record, field: EarthField, series: Series
 ) -> Pairs:
-    """Convert the pairs to what the compass would have recorded without the other effects.
-
-    Methods that are limited to five coefficients can then be applied to them.
-    """
+    """Convert the pairs to what the compass would have recorded without effects beyond its five coefficients."""
     when = np.searchsorted(record.time_s, pairs.time_s)
     at = compass_along_record(
         product, take(record, when), field, {name: column[when] for name, column in series.items()}
@@ -209,12 +193,7 @@ def equivalent_pairs(
 def compass_along_record(
     product: CorrectionModel, record: Record, field: EarthField, series: Series
 ) -> CompassSeries | None:
-    """Evaluate the compass at every sample of the record; None if the fit alone applies.
-
-    Args:
-        record: the affected instrument.
-        series: other logged series, (n,) each, see ``covariates.logged_series``.
-    """
+    """Evaluate the compass at every sample of the affected instrument's record; None if the fit alone applies."""
     if not product.applied:
         return None
     recorded = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)

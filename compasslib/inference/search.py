@@ -2,87 +2,76 @@
 
 An effect is detected if its evidence ranks among the highest of surrogates, records simulated without it. Which effect
 it is, is a matter of probability: every option is weighed in the place of each effect that entered, beside the others.
+The detection limit of an effect is the size at which it is detected in nine of ten simulations of the recording.
 """
 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib.effects import SLOW_WATER, Effect
 from compasslib.effects.composed import COMPOSED, ComposedEffect
-from compasslib.effects.effect import HOUR_S
 from compasslib.inference import design, noise
-from compasslib.inference.design import Estimate, FittedModel
-from compasslib.inference.finding import Detection, FindingPosterior, compare_names
-from compasslib.inference.limits import detection_limits
-from compasslib.inference.linear_model import LEAST_PROBABILITY, Entered, Evidence, LinearModel
+from compasslib.inference.design import FittedModel
+from compasslib.inference.evidence import MOST_EFFECTS, UNLIKELY, Evidence, Place, side_probabilities
+from compasslib.inference.finding import Detection, compare_names
+from compasslib.inference.linear_model import Entered, LinearModel, Marginal, Products
 from compasslib.inference.noise import SlowNoise, SlowNoiseBasis
 from compasslib.inference.places import (
-    UNLIKELY,
-    Place,
+    Rival,
+    Settled,
+    find_rivals,
     fit_terms,
     learn_current,
-    likeliest_option,
-    marginalize,
-    name_probabilities,
-    probabilities,
     settle,
-    side_probabilities,
     with_likeliest_noise,
 )
-from compasslib.inference.rivals import Rival, find_rivals
-from compasslib.statistics.whitening import correlation_time, sampling_interval_s, scaled_inverse
+from compasslib.statistics.whitening import scaled_inverse
 from compasslib.types import Floats
 
-MOST_EFFECTS = 3  # in a record; limits the run time
 LEAST_WEIGHT = 0.05  # probability below which a combination of effects does not enter the correction
 SUGGESTED_P = 0.1  # rank up to which an effect that is not detected enters it, by its probability
 LIKELY = -float(np.log(UNLIKELY / (1.0 - UNLIKELY)))  # log Bayes factor from which an effect enters with even odds
 STEADY = 1e-8  # ridge relative to a column's information, which stabilizes the inverse
+POWER = 0.9  # share of simulations in which an effect at its limit is detected
+SIZES_DEG = np.geomspace(0.25, 32.0, 22)  # visible sizes that are simulated, rms
+MOST_PLACES = 8  # dates of one effect that are simulated
 
 
 @dataclass(frozen=True)
-class Inference:
-    """The effects that were detected, refitted, with the probability of every option in the place of each."""
+class Inference(Settled):
+    """The effects that were detected, with the probability of every option in the place of each, and of one more."""
 
-    fitted: FittedModel  # fitted with its terms, slow noise in the whitener
-    model: LinearModel  # linearized at this model
-    chosen: tuple[int, ...]  # option of each term, in order
-    amplitudes: tuple[float, ...]  # prior rms of each, degrees
-    places: tuple[Place, ...]  # of each term
     further: Place  # of one more effect, which was not detected
     detections: tuple[Detection, ...]  # of each term, and of one more
     odds: float  # prior odds of a fault of compass or clock
     seed: int  # of the surrogates
 
     @property
-    def entered(self) -> Entered:
-        """The chosen options with their amplitudes."""
-        return tuple(zip(self.chosen, self.amplitudes, strict=True))
+    def chosen(self) -> tuple[int, ...]:
+        """Option of each term, in order."""
+        return tuple(k for k, _ in self.entered)
 
     @cached_property
-    def slow(self) -> SlowNoiseBasis | None:
+    def slow(self) -> SlowNoiseBasis:
         """Slow noise, with the estimated variances of the current."""
         return learn_current(self.model, self.entered, self.slow_noise)
 
     @cached_property
-    def slow_noise(self) -> SlowNoise | None:
+    def slow_noise(self) -> SlowNoise:
         """The likeliest slow noise beside the chosen effects."""
-        return self.further.evidence.likeliest_noise()
+        likeliest: SlowNoise = self.further.evidence.likeliest_noise()
+        return likeliest
 
     def sides(self, dropped: Collection[str] = ()) -> dict[str, float]:
-        """Compute the probability of each side; if several act, it counts for the first in SIDES_IN_ORDER.
-
-        Args:
-            dropped: names of effects to ignore.
-        """
-        everywhere = [self.model.options] * len(self._all_places)
-        result = side_probabilities(everywhere, self._all_places, dropped)
+        """Compute the probability of each side, the first in order if several act, and of none; some names dropped."""
+        result = side_probabilities(self._all_places, dropped)
         before = result["none"]
         rivals = 1.0 - float(np.prod([1.0 - rival.probability for rival in self.rivals.values()]))
         # What is not detected is not more probable than beforehand.
@@ -94,11 +83,6 @@ class Inference:
         """Readings that may follow the drivers of the current in its place, by groups of drivers that vary together."""
         return find_rivals(self.model, self.entered, self.slow_noise, self.further.evidence.likely_noises)
 
-    @property
-    def lacks_effect(self) -> bool:
-        """Whether a further effect is detected beside as many as are searched for."""
-        return len(self.chosen) == MOST_EFFECTS and _stands_out(self.detections[-1], self.further)
-
     @cached_property
     def limits(self) -> dict[str, float | None]:
         """Detection limit of each listed effect that was not found, visible rms degrees; None if there is none."""
@@ -107,41 +91,19 @@ class Inference:
             return {}
         drawings = self.model.draw(self.further.evidence, last.n_surrogates, self.seed + len(self.chosen), self.entered)
         least = max(last.threshold, LIKELY - float(np.log(self.odds)))  # from which an effect is found
-        return detection_limits(self.model, self.further.evidence, self.entered, drawings, least)
-
-    @cached_property
-    def current_visible(self) -> Floats:
-        """Mean products of the columns of the current with the compass projected out, square degrees."""
-        slow = self.model.slow
-        count = 0 if slow is None else len(slow.drivers)
-        columns = (
-            np.zeros((len(self.fitted.comparison), 0))
-            if slow is None
-            else slow.columns[:, slow.columns.shape[1] - count :]
-        )
-        turned = self.model.freed.visible(columns)
-        return turned.T @ turned / len(turned)
-
-    def further_size_deg(self, k: int) -> float:
-        """Compute the visible size of an option beside the chosen effects, rms degrees."""
-        entered = (*self.entered, (k, self.model.likeliest_amplitude(k, self.slow_noise, self.entered)))
-        values = self.model.fit(entered, self.slow_noise)[-1]
-        usual = self.model.options[k].usual
-        turn = self.model.options[k].columns @ (values / np.where(usual > 0.0, usual, 1.0))
-        return float(np.sqrt(np.mean(self.model.freed.visible(turn[:, None]) ** 2)))
+        return _detection_limits(self.model, self.further.evidence, self.entered, drawings, least)
 
     @property
     def _all_places(self) -> tuple[Place, ...]:
         return (*self.places, self.further)
 
     @cached_property
-    def finding_posteriors(self) -> tuple[FindingPosterior, ...]:
-        """Probability of each term's effect and of its alternatives, slow water among them."""
-        result = []
-        for k, place in zip(self.chosen, self.places, strict=True):
-            names = name_probabilities(self.model.options, place) | {SLOW_WATER: place.none}
-            result.append(compare_names(self.model.options[k].name, names))
-        return tuple(result)
+    def chances(self) -> tuple[dict[str, float], ...]:
+        """Probability of each term's effect, which comes first, and of its alternatives, slow water among them."""
+        each = zip(self.chosen, self.places, strict=True)
+        return tuple(
+            compare_names(self.model.options[k].name, place.names | {SLOW_WATER: place.none}) for k, place in each
+        )
 
     def display_name(self, effect: str, place: Place) -> str:
         """Name an effect as in a diagnosis: a composed one as composed:ACTS_ON/DRIVER/FORM, by its larger component."""
@@ -155,41 +117,30 @@ class Inference:
         assert isinstance(term, ComposedEffect)
         return COMPOSED + "/".join(term.reported_composition())
 
-    def estimate(self, fitted: FittedModel) -> Estimate:
-        """Compute the covariance of all parameters of a refitted model, averaged over slow noise.
-
-        Args:
-            state: model of this recording, with any terms.
-        """
+    def covariance(self, fitted: FittedModel) -> Floats:
+        """Compute the covariance of A..E, terms and nuisances of a fitted model, averaged over slow noise, (b, b)."""
         without_slow = design.evaluate_model(
             replace(fitted.comparison, low_rank=None), fitted.simulation, fitted.nuisance
         )
-        columns = (
-            without_slow.base if self.slow is None else np.concatenate([without_slow.base, self.slow.columns], axis=1)
-        )
+        columns = np.concatenate([without_slow.base, self.slow.columns], axis=1)
+        n = without_slow.base.shape[1]
         scale = np.linalg.norm(without_slow.base, axis=0)
         scale = np.where(scale > 0.0, scale, 1.0)
         unit = 1.0 / without_slow.sigma / np.sqrt(self.model.scatter)
         white = without_slow.whitener(columns) * without_slow.response * unit
-        white[:, : len(scale)] /= scale
-        information, score = white.T @ white, white.T @ without_slow.innovation * unit
-        known = STEADY * np.diag(information)[: len(scale)]
+        white[:, :n] /= scale
+        information, score = white.T @ white, white.T @ without_slow.innovation[:, None] * unit
+        products = Products(information, score, np.arange(n + 1), np.ones((1, n)))
+        known = STEADY * np.diag(information)[:n]
         ridge = np.diag(without_slow.base_ridge * (without_slow.response / without_slow.sigma / scale) ** 2 + known)
         ridge += without_slow.external_information()[0] / np.outer(scale, scale)
-        evidence = self.further.evidence
-        weight = evidence.noise_probability()
-        likely = np.flatnonzero(weight > LEAST_PROBABILITY * weight.max())
-        weight = weight[likely] / weight[likely].sum()
-        steps, covariances = [], []
-        for w in likely:
-            slow_noise = evidence.slow_noises[w]
-            variance = np.zeros(0) if self.slow is None or slow_noise is None else self.slow.variances(slow_noise)
-            left, score_left, _ = marginalize(information, score, len(scale), variance)
+        weights, steps, covariances = [], [], []
+        for weight, slow_noise in self.further.evidence.weighted_noises():
+            left, score_left = products.marginalize(self.slow.variances(slow_noise)).left(np.arange(n))
+            weights.append(weight)
             covariances.append(scaled_inverse(left + ridge))
-            steps.append(covariances[-1] @ score_left)
-        step = np.array(steps) - weight @ np.array(steps)
-        covariance = np.einsum("w,wij->ij", weight, np.array(covariances)) + (weight[:, None] * step).T @ step
-        return Estimate(fitted, covariance / np.outer(scale, scale))
+            steps.append(covariances[-1] @ score_left[:, 0])
+        return mixed_covariance(weights, steps, covariances) / np.outer(scale, scale)
 
     @cached_property
     def combinations(self) -> list[tuple[float, tuple[int, ...]]]:
@@ -197,16 +148,17 @@ class Inference:
 
         In each place, the alternatives are combined with the chosen effects of all other places.
         """
-        each = [self._alternatives(place, k) for place, k in zip(self._all_places, (*self.chosen, None), strict=True)]
-        taken = [options[k] for options, k in zip(each, (*self.chosen, None), strict=True)]
+        chosen = (*self.chosen, None)
+        each = [self._alternatives(place, k) for place, k in zip(self._all_places, chosen, strict=True)]
+        taken = [options[k] for options, k in zip(each, chosen, strict=True)]
         # Where a further effect is likely but not in the model, the chosen effects still are the first approximation.
         taken[-1] = max(taken[-1], 0.5)
         main = float(np.prod(taken))
         result = [(main, self.chosen)]
         for place, options in enumerate(each):
+            others = [*self.chosen[:place], *self.chosen[place + 1 :]]
             for k, probability in options.items():
-                others = [*self.chosen[:place], *self.chosen[place + 1 :]]
-                if k != (*self.chosen, None)[place] and k not in others:
+                if k != chosen[place] and k not in others:
                     combination = tuple(sorted([*others, *([] if k is None else [k])]))
                     result.append((main * probability / max(taken[place], 1e-12), combination))
         for rival in self.rivals.values():
@@ -220,81 +172,76 @@ class Inference:
 
     def _alternatives(self, place: Place, chosen: int | None) -> dict[int | None, float]:
         """Sum the probability of each form at its likeliest date, the chosen option representing its own form."""
-        sums: dict[int | None, float] = {None: place.none}
+        sums: dict[int | None, float] = {chosen: 0.0, None: place.none}
         options = self.model.options
         best: dict[type[Effect], int] = {} if chosen is None else {type(options[chosen].term): chosen}
         for k in np.argsort(-place.probability).tolist():
             first = best.setdefault(type(options[k].term), k)
             sums[first] = sums.get(first, 0.0) + float(place.probability[k])
-        return {chosen: 0.0} | sums
+        return sums
 
     @cached_property
     def weighted(self) -> list[tuple[float, FittedModel]]:
         """Fitted models that correct the record, with their probabilities, which sum to at most 1; the chosen first."""
         suggested = self.detections[-1].rank_p is not None and self.detections[-1].rank_p <= SUGGESTED_P
+        rivals = {rival.option for rival in self.rivals.values()}
         likely = {
             each: p
             for p, each in self.combinations
             if each == self.chosen
-            or (p >= LEAST_WEIGHT and (suggested or len(each) <= len(self.chosen) or self._is_rival(each)))
+            or (p >= LEAST_WEIGHT and (suggested or len(each) <= len(self.chosen) or rivals & {*each}))
         }
-        for (
-            p,
-            each,
-        ) in self.combinations:  # the chosen effects and an unlikely further one: the chosen ones represent it
+        for p, each in self.combinations:  # the chosen effects also represent them with an unlikely further one
             if each not in likely and set(self.chosen) < set(each):
                 likely[self.chosen] += p
         return [(p, self.fitted if each == self.chosen else self._refitted(each)) for each, p in likely.items()]
 
-    def _is_rival(self, combination: tuple[int, ...]) -> bool:
-        return any(rival.option in combination for rival in self.rivals.values())
-
     def _refitted(self, combination: tuple[int, ...]) -> FittedModel:
-        known = dict(self.entered)
-        amplitudes = [
-            known[k] if k in known else self.model.likeliest_amplitude(k, self.slow_noise) for k in combination
-        ]
-        model, slow = self.model, self.model.slow
+        entered = {k: self.model.likeliest_amplitude(k, self.slow_noise) for k in combination} | dict(self.entered)
         instead = [group for group, rival in self.rivals.items() if rival.option in combination]
-        if instead and slow is not None:
-            model = replace(model, slow=slow.without_current(frozenset[str]().union(*instead)))
-        return fit_terms(self.fitted, model, list(zip(combination, amplitudes, strict=True)), self.slow_noise)
+        model = replace(self.model, slow=self.model.slow.without_current(frozenset[str]().union(*instead)))
+        return fit_terms(self.fitted, model, [(k, entered[k]) for k in combination], self.slow_noise)
+
+
+def mixed_covariance(
+    weights: Sequence[float] | Floats, means: Sequence[Floats], covariances: Sequence[Floats]
+) -> Floats:
+    """Compute the covariance of a mixture of normal distributions, (k, k); the weights sum to 1."""
+    weight, off = np.array(weights), np.array(means) - np.array(weights) @ np.array(means)
+    return np.asarray(np.einsum("w,wij->ij", weight, np.array(covariances)) + (weight[:, None] * off).T @ off)
 
 
 def infer(initial: FittedModel, odds: float, surrogates: int) -> Inference:
-    """Detect the effects that act in addition to the fitted compass, and weigh all options in their places.
+    """Detect the effects that act in addition to a fitted compass without terms, and weigh all options in their places.
 
     Args:
-        initial: the fitted simulation without terms.
         odds: prior odds of a fault of compass or clock.
         surrogates: number of records simulated without a further effect, of each kind; without any, none is detected.
     """
     slow = noise.slow_noise_basis(initial.comparison)
-    slow_noises: Sequence[SlowNoise | None] = [None] if slow is None else slow.slow_noises()
+    slow_noises = slow.slow_noises()
     seed = zlib.crc32(np.ascontiguousarray(initial.comparison.recorded_deg).tobytes())
     fitted, amplitudes, detections = with_likeliest_noise(initial, slow, slow_noises), list[float](), list[Detection]()
     visited = set[frozenset[type[Effect]]]()
     while True:
         settled = settle(fitted, slow, slow_noises, amplitudes, odds)
-        model, entered = settled.model, list(settled.entered)
-        evidence, kinds = model.weigh(slow_noises, entered), frozenset(type(model.options[k].term) for k, _ in entered)
+        model, entered, kinds = settled.model, list(settled.entered), frozenset(settled.kinds)
+        evidence = model.weigh(slow_noises, entered)
         detections = [*detections[: len(entered)], detect(model, evidence, entered, surrogates, seed + len(entered))]
-        further = Place(probabilities(model.options, evidence, odds, [k for k, _ in entered]), evidence)
+        further = Place.weigh(evidence, odds, [k for k, _ in entered])
         if not detections[-1].significant:
             further = further.not_favoured(odds)
-        if len(entered) == MOST_EFFECTS or kinds in visited or not _stands_out(detections[-1], further):
+        if len(entered) == MOST_EFFECTS or kinds in visited or not stands_out(detections[-1], further):
             break
         visited.add(kinds)
-        k = likeliest_option(model.options, evidence, kinds)
+        k = further.likeliest(kinds)
         slow_noise = evidence.likeliest_noise(k)
         entered = sorted([*entered, (k, model.likeliest_amplitude(k, slow_noise, entered))])
         fitted, amplitudes = fit_terms(settled.fitted, model, entered, slow_noise), [size for _, size in entered]
-    chosen = tuple(k for k, _ in entered)
-    sizes = tuple(size for _, size in entered)
-    return Inference(settled.fitted, model, chosen, sizes, settled.places, further, tuple(detections), odds, seed)
+    return Inference(settled.fitted, model, entered, settled.places, further, tuple(detections), odds, seed)
 
 
-def _stands_out(detection: Detection, place: Place) -> bool:
+def stands_out(detection: Detection, place: Place) -> bool:
     """Return whether a further effect is detected, and likelier than none."""
     return detection.significant and place.none <= UNLIKELY
 
@@ -323,29 +270,78 @@ def _residual(model: LinearModel, evidence: Evidence, entered: Entered) -> Float
     return model.without(effects, evidence.likeliest_noise())
 
 
-SLOW = {"slow_rms_deg": "veer.size", "slow_memory_days": "veer.memory_days", "slow_shear_m_s": "shear.size"}
-
-
-def summarize_noise(inferred: Inference) -> dict[str, tuple[float, float]]:
-    """Estimate the parameters of the noise, each with its standard error."""
-    fitted, evidence = inferred.fitted, inferred.further.evidence
-    time_s, weight = fitted.comparison.scene.time_s, evidence.noise_probability()
-    hours, step = float(np.ptp(time_s)) / HOUR_S, sampling_interval_s(time_s) / HOUR_S
-    short = correlation_time(fitted.whitener) * step
-    width = fitted.whitener.width_deg
-    white = float(np.median(width[np.isfinite(width)]))
-    result = {
-        "white_deg": (white, white * float(np.sqrt((step + 2.0 * short) / (2.0 * hours)))),
-        "short_hours": (short, short * float(np.sqrt(2.0 * (step + short) / hours))),
-    }
-    for name, path in SLOW.items():
-        process, value = path.split(".")
-        each = np.array(
-            [
-                0.0 if slow_noise is None else getattr(getattr(slow_noise, process), value)
-                for slow_noise in evidence.slow_noises
-            ]
-        )
-        mean = float(weight @ each)
-        result[name] = (mean, float(np.sqrt(weight @ (each - mean) ** 2)))
+def _detection_limits(
+    model: LinearModel, evidence: Evidence, entered: Entered, residuals: Floats, threshold: float
+) -> dict[str, float | None]:
+    """Find the visible size of each listed effect, rms degrees, that is detected with ``POWER``; None without."""
+    score, rng = model.scores(residuals), np.random.default_rng(0)
+    taken = {model.options[k].name for k, _ in entered}
+    listed: dict[str, list[int]] = {}
+    for k, option in enumerate(model.options):
+        if not option.name.startswith(COMPOSED) and option.name not in taken:
+            listed.setdefault(option.name, []).append(k)
+    products = replace(model.products, score=score)
+    marginals = [
+        (slow_noise.log_prior, products.marginalize(model.slow.variances(slow_noise), entered))
+        for slow_noise in evidence.likely_noises
+    ]
+    result: dict[str, float | None] = {}
+    for name, options in listed.items():
+        places = [options[i] for i in np.linspace(0, len(options) - 1, min(MOST_PLACES, len(options))).astype(int)]
+        parts = np.array_split(np.arange(score.shape[1]), len(places))
+        power = np.zeros(len(SIZES_DEG))
+        for k, part in zip(places, parts, strict=True):
+            for s, statistic in enumerate(_statistics(model, marginals, k, part, rng)):
+                power[s] += np.sum(statistic >= threshold) / score.shape[1]
+        k = int(np.argmax(power >= POWER))
+        result[name] = float(SIZES_DEG[k]) if power[k] >= POWER else None
+        if k > 0:  # interpolate
+            share = (POWER - power[k - 1]) / (power[k] - power[k - 1])
+            result[name] = float(SIZES_DEG[k - 1] * (SIZES_DEG[k] / SIZES_DEG[k - 1]) ** share)
     return result
+
+
+def _statistics(
+    model: LinearModel,
+    marginals: Sequence[tuple[float, Marginal]],
+    k: int,
+    part: NDArray[np.intp],
+    rng: np.random.Generator,
+) -> Iterator[Floats]:
+    """Yield the statistic of an option in some surrogates with its effect, in random directions, at each size, (r,)."""
+    at = model.products.columns(k)
+    visible = model.freed.visible(model.options[k].columns)
+    direction = rng.normal(size=(len(at), len(part)))
+    direction /= np.sqrt(np.mean((visible @ direction) ** 2, axis=0))
+    planted = []
+    for prior, marginal in marginals:
+        half, taken = marginal.half(model.products.information[:, at]) @ direction, marginal.taken[:, part]
+        information, left = marginal.left(at)
+        values, vectors = np.linalg.eigh(information)
+        none = np.array([marginal.none[part], np.sum(half * taken, axis=0), 0.5 * np.sum(half**2, axis=0)])
+        along = np.array([vectors.T @ left[:, part], vectors.T @ information @ direction])
+        planted.append(_Planted(prior, none, along, np.maximum(values, 0.0), model.products.amplitudes[:, k]))
+    for size in SIZES_DEG:
+        each = [slow_noise.log_likelihoods(float(size)) for slow_noise in planted]
+        none, effect = (np.logaddexp.reduce(np.array(logs), axis=0) for logs in zip(*each, strict=True))
+        yield effect - none + model.options[k].share
+
+
+@dataclass(frozen=True)
+class _Planted:
+    """Surrogates with an effect of unit visible size, under one kind of slow noise; r surrogates."""
+
+    prior: float  # log prior of the slow noise
+    none: Floats  # (3, r) log likelihood of no effect: constant, linear and quadratic in the size
+    score: Floats  # (2, k, r) score along each eigenvector of the information: constant and linear in the size
+    values: Floats  # (k,) eigenvalues
+    amplitudes: Floats  # (a,) prior rms of the effect, degrees
+
+    def log_likelihoods(self, size_deg: float) -> tuple[Floats, Floats]:
+        """Compute the log likelihood of no effect, and that of the effect that was planted, (r,) each."""
+        none = self.prior + self.none[0] + size_deg * self.none[1] + size_deg**2 * self.none[2]
+        along = (self.score[0] + size_deg * self.score[1]) ** 2
+        variance = self.amplitudes[:, None, None] ** 2
+        grown = variance * self.values[:, None]
+        gain = 0.5 * variance / (1.0 + grown) * along - 0.5 * np.log1p(grown)
+        return none, none + np.logaddexp.reduce(gain.sum(axis=1), axis=0) - np.log(len(variance))

@@ -18,7 +18,7 @@ from compasslib.deviation.assessment import describe_assessment
 from compasslib.deviation.constant import ConstantOffset, find_constant_offset, find_declination_error
 from compasslib.deviation.exact import start_from_prior
 from compasslib.deviation.model import MIN_PAIRS, DeviationFit, estimate_safe_distance, fit_from_json
-from compasslib.inference import covariates, joint, joint_compass, joint_effects, kinds
+from compasslib.inference import covariates, joint, joint_compass, kinds
 from compasslib.inference import diagnosis as diagnoses
 from compasslib.inference.conclusion import Conclusion, conclude
 from compasslib.inference.joint import SiblingInformation
@@ -88,7 +88,7 @@ def diagnose(
     shared = siblings.block(text) if siblings else None
     _write(made, configured, record, shared, sphere_distance_m, files)
     if summary:
-        information = made.diagnosis.information or joint_effects.fit_information(fitted)
+        information = made.diagnosis.information or joint.fit_information(fitted)
         place = float(np.mean(along.horizontal_nT)), float(np.mean(along.vertical_nT))
         bare = Member(mooring, "mooring", None, *place, np.zeros(0), np.zeros(0), why=fitted.why)
         known = bare if information is None else replace(bare, **vars(information), why="")

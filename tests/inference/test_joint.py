@@ -9,7 +9,7 @@ import pytest
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.exact import start_from_prior
 from compasslib.deviation.model import CoefficientPrior, fit_from_json
-from compasslib.inference import joint, joint_compass, joint_effects
+from compasslib.inference import joint, joint_compass
 from compasslib.inference.joint_compass import EffectInformation, Member
 from compasslib.records import take
 from tests.world import pairs as sea
@@ -78,7 +78,7 @@ def test_records_in_one_sphere_are_more_informative():
 
 def told(z: float, *, season: float = 0.0, forms: tuple[str, ...] = ("TemperatureOfReading",)) -> EffectInformation:
     """Make the information on an effect of z standard errors whose column is correlated with a season."""
-    size = len(forms) + joint_effects.SEASON_COLUMNS
+    size = len(forms) + joint.SEASON_COLUMNS
     information = np.eye(size) * 100.0
     information[0, len(forms)] = information[len(forms), 0] = 100.0 * season
     score = 10.0 * z * information[:, 0] / 100.0
@@ -96,11 +96,11 @@ def told(z: float, *, season: float = 0.0, forms: tuple[str, ...] = ("Temperatur
 )
 def test_a_shared_effect_requires_joint_evidence_beyond_season(scores, season, named):
     members = [member(f"M{k}", FIELDS[k], effects=told(z, season=season)) for k, z in enumerate(scores)]
-    found = joint_effects.infer_shared(members)
+    found = joint.infer_shared(members)
     assert [one.kind.name for one in found.effects] == ["temperature"] * named
     if named:
         assert found.effects[0].finding.parameters["deg_K"].value == pytest.approx(0.35, abs=0.01)
-        alone = joint_effects.information_from_others(members[1:], found)["TemperatureOfReading"]
+        alone = joint.information_from_others(members[1:], found)["TemperatureOfReading"]
         assert alone[1] / alone[0][0] == pytest.approx([0.35], abs=0.01)
 
 
@@ -116,14 +116,14 @@ def test_a_second_shared_effect_is_found_beside_the_first():
     both = [told(4.0, forms=("TemperatureOfReading", "Heeling")) for _ in range(3)]
     both = [replace(one, score=one.score + 40.0 * np.eye(len(one.score))[1]) for one in both]
     members = [member(f"M{k}", field, effects=one) for k, (field, one) in enumerate(zip(FIELDS, both, strict=True))]
-    found = joint_effects.infer_shared(members)
+    found = joint.infer_shared(members)
     assert sorted(one.kind.name for one in found.effects) == ["heeling", "temperature"]
     assert found.sides["compass"] > 0.99 and all(one.finding.held_out.gain > 10.0 for one in found.effects)
 
 
 def test_amplitudes_by_each_record_alone_are_told():
     members = [member(f"M{k}", FIELDS[k], effects=told(z)) for k, z in enumerate((3.0, 4.0, 5.0))]
-    (found,) = joint_effects.infer_shared(members).effects
+    (found,) = joint.infer_shared(members).effects
     assert [x[0] for x, _ in found.each.values()] == pytest.approx([0.3, 0.4, 0.5], abs=0.03)
     assert [sigma[0] for _, sigma in found.each.values()] == pytest.approx([0.1] * 3, abs=0.01)
     assert found.finding.parameters["deg_K"].sigma == pytest.approx(0.1 / 3**0.5, abs=0.005)
@@ -159,7 +159,7 @@ def test_a_vague_prior_does_not_change_a_long_record(few_headings):
 
 def test_no_size_of_a_shared_effect_is_excluded_a_priori():
     members = [member(f"M{k}", FIELDS[k], effects=told(3.5, forms=("TiltUncompensated",))) for k in range(3)]
-    (found,) = joint_effects.infer_shared(members).effects
+    (found,) = joint.infer_shared(members).effects
     assert found.kind.name == "tilt_uncompensated" and found.finding.parameters["share"].value == pytest.approx(
         0.35, abs=0.05
     )

@@ -10,8 +10,7 @@ from benchmarks.discrepancy import field_of, fitted
 from compasslib import angles
 from compasslib.deviation.average import CompassSeries, average_compasses
 from compasslib.effects import SIDES, SLOW_WATER
-from compasslib.inference import blocks, design, heldout, noise, places, search
-from compasslib.inference.current import infer_current
+from compasslib.inference import design, heldout, linear_model, noise, places, search
 from compasslib.inference.finding import Detection
 from compasslib.inference.kinds.mooring import diagnose
 from compasslib.inference.linear_model import AMPLITUDES_DEG, linearize
@@ -41,15 +40,14 @@ def test_probabilities_add_up(lobes, iron):
             assert place.evidence.noise_probability().sum() == pytest.approx(1.0)
         assert sum(found.sides().values()) == pytest.approx(1.0)
         assert sum(weight for weight, _ in found.weighted) <= 1.0 + 1e-9
-        for slot in found.finding_posteriors:
-            total = slot.probability + sum(slot.alternatives.values())
-            assert 0.95 <= total <= 1.0 + 1e-9 and slot.effect not in slot.alternatives
-            assert {name for name in slot.alternatives if not name.startswith("composed:")} <= set(SIDES)
+        for chances in found.chances:
+            assert 0.95 <= sum(chances.values()) <= 1.0 + 1e-9
+            assert {name for name in [*chances][1:] if not name.startswith("composed:")} <= set(SIDES)
 
 
 def test_the_true_effect_and_its_side_are_most_probable(lobes):
     drawn, found = lobes
-    assert [slot.effect for slot in found.finding_posteriors] == list(drawn.truth)
+    assert [next(iter(chances)) for chances in found.chances] == list(drawn.truth)
     assert found.sides()["compass"] > 0.99
     first, further = found.detections
     assert first.rank_p == 0.005 and further.rank_p > 0.01  # of 199 surrogates
@@ -67,7 +65,7 @@ def test_products_give_the_evidence_of_the_gaussian_model(lobes):
     rows = np.linspace(0, len(model.residual) - 1, 300).astype(int)  # a part of the record, to invert its covariance
     part = replace(model, white=model.white[rows], freed=replace(model.freed, innovation=model.freed.innovation[rows]))
     white, ends = part.white.astype(float), part.products.ends
-    slow = white[:, ends[-1] :] * np.sqrt(model.noise_variances(water))
+    slow = white[:, ends[-1] :] * np.sqrt(model.slow.variances(water))
     columns = white[:, ends[option] : ends[option + 1]]
     logs = []
     for amplitude in (0.0, *AMPLITUDES_DEG):
@@ -98,7 +96,7 @@ def test_a_step_is_dated_to_the_sample():
     drawn = world.planted(world.make(8, wide=True, n=6000), {"hard_iron_step": 4.0})
     state = design.refit(state_of(drawn), [])
     kind = next(kind for kind in state.comparison.terms if kind.name == "hard_iron_step")
-    dates, shares = blocks.search_dates(state, design.term_columns(state, kind()))
+    dates, shares = linear_model.search_dates(state, design.term_columns(state, kind()))
     assert shares.sum() == pytest.approx(1.0) and len(dates) < 150
     assert np.abs(dates - drawn.truth["hard_iron_step"]["date_s"]).min() <= 3600.0
 
@@ -135,20 +133,20 @@ def test_reading_and_current_with_the_same_driver_share_the_probability(acts_on,
 
 def test_an_uninformative_record_states_no_current():
     drivers = ("speed", "depth", "tide", "tilt", "motion", "flow_direction", "velocity_bias", "beam_gain")
-    unknown = infer_current(drivers, 1e-9 * np.eye(8), np.zeros(8))
+    unknown = noise.infer_current(drivers, 1e-9 * np.eye(8), np.zeros(8))
     assert unknown.acting == pytest.approx(0.5, abs=0.01)
     probability, stated = unknown.statements(16.0 * np.eye(8), 0.5)
     assert probability < 0.51 and not stated
-    known = infer_current(drivers, np.diag([1e3, *[1e-9] * 7]), np.array([1e3, *[0.0] * 7]))
+    known = noise.infer_current(drivers, np.diag([1e3, *[1e-9] * 7]), np.array([1e3, *[0.0] * 7]))
     probability, stated = known.statements(16.0 * np.eye(8), 0.5)
     assert probability > 0.95 and stated[0].driver == "speed" and 3.5 < stated[0].size_deg < 4.5
 
 
 def test_slow_noise_is_the_alternative_to_a_weak_drift():
     _, found = inferred({"compass_drift": 3.0}, 6, n=4000)
-    if found.finding_posteriors:
+    if found.chances:
         (place,) = found.places
-        assert found.finding_posteriors[0].alternatives.get(SLOW_WATER, 0.0) == pytest.approx(place.none, abs=0.06)
+        assert found.chances[0].get(SLOW_WATER, 0.0) == pytest.approx(place.none, abs=0.06)
     else:
         assert found.sides()["none"] + found.sides()["water"] > 0.2
 
@@ -230,9 +228,10 @@ def test_the_larger_p_value_of_both_kinds_of_surrogates_counts():
 
 
 def test_surrogates_with_random_signs_keep_the_noise_of_each_time():
-    model = linearize(state_of(world.planted(world.make(8, wide=True, n=4000), {})), None)
+    state = state_of(world.planted(world.make(8, wide=True, n=4000), {}))
+    model = linearize(state, slow := noise.slow_noise_basis(state.comparison))
     calm = np.arange(4000) >= 1000
-    drawn = model.draw(model.weigh([None]), 50, 1, (), np.where(calm, 0.0, 1.0).astype(np.float32))
+    drawn = model.draw(model.weigh(slow.slow_noises()[:1]), 50, 1, (), np.where(calm, 0.0, 1.0).astype(np.float32))
     assert np.std(drawn[calm]) < 0.2 * np.std(drawn[~calm])
     assert abs(np.mean(drawn[~calm])) < 0.2 * np.std(drawn[~calm])
 

@@ -17,8 +17,7 @@ from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.kinds import magnetometer as magnetometer_kind
 from compasslib.inference.kinds import platform
-from compasslib.inference.short_fit import ShortComparison
-from compasslib.inference.short_options import AMPLITUDES, WHITE, log_evidence
+from compasslib.inference.short_model import AMPLITUDES, WHITE, ShortComparison, log_evidence
 from compasslib.inference.wording import VERDICTS
 from compasslib.statistics.noise import arma_innovations, arma_series
 from tests.world import recordings as drawn

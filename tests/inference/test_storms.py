@@ -13,7 +13,7 @@ from compasslib.effects.composed import IronMovedByPitch, IronMovedByRoll
 from compasslib.effects.forward import ForwardModel, recorded_heading
 from compasslib.effects.readout import TemperatureOfTilt
 from compasslib.effects.reference import VectorDisturbance
-from compasslib.inference import covariates, design, noise
+from compasslib.inference import covariates, design, long_record
 from tests.world import pairs as world
 from tests.world.diagnosed import state_of as any_state_of
 
@@ -98,14 +98,14 @@ def test_an_index_identifies_storms_and_corrects_nothing(polar):
     index = storm_index(rng, polar.pairs.time_s)
     size_deg = np.rad2deg(8.0 / WEAK_NT[0])
     stormy = swung(polar, unseen_disturbance(rng, index, size_deg))
-    found = noise.storm_finding(state_of(stormy, {"ap": index}))
+    found = long_record.storm_finding(state_of(stormy, {"ap": index}))
     size = found.parameters["nT_ap"]
     assert (found.effect, found.side, found.applied) == ("field_disturbance", "compass", False)
     assert abs(size.value - 8.0) < 3.0 * size.sigma < 12.0 and "Nothing is corrected" in found.text
     assert found.held_out.p_value <= 0.006 and found.where.low > np.median(index)
-    assert noise.storm_finding(state_of(stormy, {"ap": np.roll(index, 24 * 70)})) is None
-    assert noise.storm_finding(state_of(stormy, {"ap": index}, magnetic=True)) is None
-    assert noise.storm_finding(state_of(stormy)) is None
+    assert long_record.storm_finding(state_of(stormy, {"ap": np.roll(index, 24 * 70)})) is None
+    assert long_record.storm_finding(state_of(stormy, {"ap": index}, magnetic=True)) is None
+    assert long_record.storm_finding(state_of(stormy)) is None
 
 
 def test_kp_and_tenfold_kp_are_converted_to_ap():

@@ -22,12 +22,7 @@ DISABLED = "the search for unmodelled effects is switched off: diagnose: {enable
 def diagnose(
     kind: str, files: Sequence[str | Path], settings: Mapping[str, Any], options: Options | None = None
 ) -> Diagnosis:
-    """Diagnose a calibration's recording against its simulation.
-
-    Args:
-        files: raw files in the order of the YAML file.
-        settings: settings of the YAML file, resolved or not.
-        options: options of the diagnosis; None if it is switched off.
+    """Diagnose a calibration's recording, raw files in the order of the YAML file; None of options: it is switched off.
 
     Raises:
         InputError: a file that cannot be read.

@@ -82,16 +82,16 @@ def diagnose_series(series: FieldSeries, field: EarthField, options: Options) ->
     compared = observatory.compare(steady, field, limit_deg=limit)
     trend, trend_untested = _trend_finding(compared, series, field)
     drifts = trend is not None and trend.rms_effect_deg >= limit
-    constant = None if drifts else _constant_finding(compared, series, field)
+    single = (trend, None if drifts else _constant_finding(compared, series, field), _daily_finding(compared))
     several = [*(_jump_finding(compared, jump) for jump in jumps), *_storm_findings(compared, steady)]
-    found = [item for item in (*several, trend, constant, _daily_finding(compared)) if item is not None]
+    found = [*several, *(item for item in single if item is not None)]
     matter = [item for item in found if item.rms_effect_deg >= limit]
     findings = tuple(sorted(matter, key=lambda item: -item.rms_effect_deg))
     largest = float(observatory.three_hour_rms(compared.time_s, compared.disturbed_deg)[0].max())
     sizes = {"field_disturbance": largest} | ({} if drifts else {"declination_error": abs(compared.constant_deg)})
     sizes |= {item.effect: max(item.rms_effect_deg, sizes.get(item.effect, 0.0)) for item in found}
     untested = {"secular_variation": trend_untested, "heading_slip": jump_untested}
-    untested |= {"declination_error": DRIFTS} if drifts else {}
+    untested["declination_error"] = DRIFTS if drifts else ""
     unexplained, along_time = None, _along_time(compared)
     if compared.ordinary_deg >= limit:  # disturbed at all times: then no storm stands out
         place = CovariateRange("time", *along_time.span_s, RESTLESS)
@@ -127,10 +127,12 @@ def _curve(compared: FieldComparison, steady: FieldSeries, series: FieldSeries) 
     risen = angles.difference(series.declination_deg, steady.declination_deg)
     with_jumps = off + np.interp(compared.time_s, series.time_s, risen)
     bins = blocks_by_count(compared.time_s, finding.CURVE_BINS)
-    each = [np.flatnonzero(bins == k) for k in np.unique(bins)]
-    centre, before, after = (np.array([np.mean(x[k]) for k in each]) for x in (compared.time_s, with_jumps, off))
+    each = [bins == k for k in np.unique(bins)]
     days = np.array([len(np.unique(np.floor(compared.time_s[k] / DAY_S))) for k in each])
-    return BinnedResidual("time", centre, before, after, np.array([np.std(off[k]) for k in each]) / np.sqrt(days))
+    means = [np.array([np.mean(x[k]) for k in each]) for x in (compared.time_s, with_jumps, off)]
+    return BinnedResidual(
+        "time", means[0], means[1], means[2], np.array([np.std(off[k]) for k in each]) / np.sqrt(days)
+    )
 
 
 def find_jumps(compared: FieldComparison, limit_deg: float) -> tuple[list[Jump], str]:
@@ -187,16 +189,12 @@ def _jump_finding(compared: FieldComparison, jump: Jump) -> Finding:
     after = compared.time_s >= jump.date_s
     off, share = compared.residual_deg - compared.quiet_deg + jump.rise_deg * after, float(np.mean(after))
     off = off - np.median(off)
-
-    def levels(use: NDArray[np.bool_]) -> Floats:
-        return np.where(after, np.median(off[use & after]), np.median(off[use & ~after]))
-
     return _finding(
         compared,
         HeadingSlip(date_s=jump.date_s),
         {"offset_deg": Parameter(-jump.rise_deg, jump.sigma_deg, "degrees")},
         off,
-        levels,
+        lambda use: np.where(after, np.median(off[use & after]), np.median(off[use & ~after])),
         alternatives=("field_disturbance",) if jump.may_be_storm else (),
         size_deg=float(abs(jump.rise_deg) * np.sqrt(share * (1.0 - share))),
         physics=f"the baseline of the declination jumped by {jump.rise_deg:+.2f}°, as where a sensor turned",
@@ -340,9 +338,7 @@ def _finding(
     """Build a finding, scored by its prediction of held-out stretches, that shows along time unless a place is given.
 
     Args:
-        off_deg: what is predicted, (n,).
-        predict: function of the samples that are known, which predicts all, (n,) degrees.
-        time_s: of each, (n,); by default the times that are compared.
+        predict: function of the samples of ``off_deg`` that are known, which predicts all, (n,) degrees.
         unit_s: length of the stretches; by default days, hours of a record of few days.
     """
     time_s = compared.time_s if time_s is None else time_s

@@ -36,12 +36,12 @@ from compasslib.effects.iron import (
 )
 from compasslib.effects.readout import CompassDelay, HeadingSlip, MountingOffset, ReadingLevelled
 from compasslib.inference import covariates as covariate_series
-from compasslib.inference import diagnosis, short_fit, short_search
+from compasslib.inference import diagnosis, short_search
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
-from compasslib.inference.kinds.platform import READOUT
-from compasslib.inference.short_findings import build_outcome
-from compasslib.inference.short_fit import ShortComparison, thin_indices
+from compasslib.inference.kinds.platform import PLACELESS_NT, READOUT, recording_scene, thin_indices
+from compasslib.inference.short_model import ShortComparison
+from compasslib.inference.short_search import build_outcome
 from compasslib.types import Floats
 
 LEVEL_TILT_DEG = 15.0  # largest plausible mean tilt of a log without tilts
@@ -140,12 +140,17 @@ def _compare_modulus(log: Log, axes: Floats, choice: ModelChoice, field: Mapping
     body = log.raw @ axes.T
     working, unit = _scale_to_field(body, choice.scale, log, field, level=level)
     scene, covariates, samples, clocked = _conditions(log, body)
-    iron: tuple[type[Effect], ...] = (LevelHardIron, LevelSoftIron) if level else (HardIron, SoftIronInSpace)
-    terms: tuple[type[Effect], ...] = (*iron, HardIronStep, HardIronTrend)
+    terms: tuple[type[Effect], ...] = (LevelHardIron, LevelSoftIron) if level else (HardIron, SoftIronInSpace)
+    terms += (HardIronStep, HardIronTrend)
     terms += (TemperatureOfField,) if _warmed(log) else ()
-    terms += (Heeling,) if level and log.tilted else ()
-    down, strength = log.levelling()[:, 2, :] if level else np.zeros((len(working), 3)), _strength(field, level)
-    wobble = _tilt_wobble(log, working, down, strength) if level and log.tilted else np.zeros((len(working), 0))
+    strength = _strength(field, level)
+    down: Floats = np.zeros((len(working), 3))
+    wobble: Floats = np.zeros((len(working), 0))
+    if level:
+        down = log.levelling()[:, 2, :]
+    if level and log.tilted:
+        terms += (Heeling,)
+        wobble = _tilt_wobble(log, working, down, strength)
     return ShortComparison(
         what=f"the modulus of the {'horizontal ' if level else ''}axes against a constant",
         residual=OfModulus(working[samples], down[samples], strength, scene, wobble[samples]),
@@ -178,7 +183,7 @@ def _tilted_instead(log: Log, choice: ModelChoice, body: Floats, field: Mapping[
 
 def _strength(field: Mapping[str, float] | None, level: bool) -> float:
     if field is None:
-        return short_fit.PLACELESS_NT
+        return PLACELESS_NT
     return field["horizontal_nT"] if level else float(np.hypot(field["horizontal_nT"], field["vertical_nT"]))
 
 
@@ -288,7 +293,7 @@ def _conditions(log: Log, body: Floats) -> tuple[Scene, dict[str, Floats], NDArr
         return np.interp(at + seconds, time_s, smooth) - smooth[samples]
 
     tilt_deg = pitch[samples], roll[samples]
-    scene, _ = short_fit.recording_scene(at, None, tilt_deg=tilt_deg, departures=departures)
+    scene, _ = recording_scene(at, None, tilt_deg=tilt_deg, departures=departures)
     scene = turning_scene(scene, ahead)
     scene.__dict__["levelling"] = log.levelling()[samples]  # the log's own rule, in place of the cached property
     return scene, columns, samples, clocked

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from compasslib.deviation.exact import held_out_scores
 from compasslib.deviation.likelihood import EXACT, SERIES
 from compasslib.deviation.model import DeviationFit, nearest_root, observed_heading, pair_speeds
 from compasslib.deviation.series import invert_series
-from compasslib.effects.effect import HOUR_S, YEAR_S
+from compasslib.effects.effect import DAY_S, HOUR_S, YEAR_S
 from compasslib.effects.readout import LargeDeviation
 from compasslib.effects.reference import ClockDrift, ClockOffset, VeerWithDirection
 from compasslib.inference import comparison, diagnosis, finding, long_record
@@ -96,14 +97,9 @@ def estimate_clock_error(pairs: Pairs) -> ClockError:
     width = max(count // WINDOWS, FEWEST_IN_WINDOW)
     later = np.interp(np.arange(count), slot, pairs.separation_minutes / 60.0)
     begins = np.arange(0, count - width + 1, width)
-    years = (begins + width / 2.0) * step / YEAR_S
-    ahead = np.array(
-        [
-            _ahead_h(speeds[0, k : k + width], speeds[1, k : k + width], step) - later[k : k + width].mean()
-            for k in begins.tolist()
-        ]
-    )
-    clear = np.isfinite(ahead)
+    windows = [slice(k, k + width) for k in begins.tolist()]
+    ahead = np.array([_ahead_h(speeds[:, window], step) - later[window].mean() for window in windows])
+    clear, years = np.isfinite(ahead), (begins + width / 2.0) * step / YEAR_S
     enough = np.count_nonzero(clear) >= FEWEST_WINDOWS
     return _select_clock(years[clear], ahead[clear], count * step / YEAR_S) if enough else ClockError()
 
@@ -128,19 +124,10 @@ def _select_clock(years: Floats, ahead_h: Floats, span_years: float) -> ClockErr
     return ClockError(mean.value, 0.0, mean.sigma, slope.sigma, proven(mean), False, ambiguous)
 
 
-@dataclass(frozen=True)
-class _Estimate:
+class _Estimate(NamedTuple):
     value: float
     sigma: float
-    freedom: float  # effective degrees of freedom of ``sigma``
-
-    @property
-    def is_significant(self) -> bool:
-        """Whether it is significant by Student's t distribution."""
-        from scipy.special import ndtr, stdtr
-
-        t = abs(self.value) / max(self.sigma, 1e-6)
-        return bool(stdtr(self.freedom, -t) < ndtr(-finding.NAMED_SIGMAS))
+    is_significant: bool  # by Student's t distribution
 
 
 def _fit(design: Floats, ahead_h: Floats, scatter_h: float) -> tuple[list[_Estimate], float]:
@@ -151,15 +138,19 @@ def _fit(design: Floats, ahead_h: Floats, scatter_h: float) -> tuple[list[_Estim
     Args:
         scatter_h: standard deviation of one window; the delay by the water is common to all.
     """
+    from scipy.special import ndtr, stdtr
+
     variance = max(scatter_h, 0.01) ** 2
     whitener = np.linalg.inv(np.linalg.cholesky(np.eye(len(ahead_h)) * variance + DELAY_SIGMA_H**2))
     estimator = np.linalg.pinv(whitener @ design) @ whitener
     values = estimator @ ahead_h
     of_windows = variance * np.sum(estimator**2, axis=1)
     total = of_windows + DELAY_SIGMA_H**2 * estimator.sum(axis=1) ** 2
-    freedom = (len(ahead_h) - 2) * (total / of_windows) ** 2
+    freedom, sigma = (len(ahead_h) - 2) * (total / of_windows) ** 2, np.sqrt(total)
+    significant = stdtr(freedom, -np.abs(values) / np.maximum(sigma, 1e-6)) < ndtr(-finding.NAMED_SIGMAS)
     chi2 = float(np.sum((whitener @ (ahead_h - design @ values)) ** 2))
-    return [_Estimate(*row) for row in np.column_stack([values, np.sqrt(total), freedom]).tolist()], chi2
+    each = zip(values.tolist(), sigma.tolist(), significant.tolist(), strict=True)
+    return [_Estimate(*row) for row in each], chi2
 
 
 def repair_pairs(pairs: Pairs, clock: ClockError) -> Pairs:
@@ -180,8 +171,9 @@ def repair_pairs(pairs: Pairs, clock: ClockError) -> Pairs:
     return take(replace(pairs, **moved), inside)
 
 
-def _ahead_h(upper: Floats, lower: Floats, step_s: float) -> float:
+def _ahead_h(speeds: Floats, step_s: float) -> float:
     """Estimate by how many hours the upper clock is ahead from the peak of the speeds' cross-correlation, or NaN."""
+    upper, lower = speeds
     reach = int(LONGEST_HOURS * HOUR_S / step_s)
     size = 1 << (2 * len(upper)).bit_length()
     product = np.fft.irfft(np.conj(np.fft.rfft(upper, size)) * np.fft.rfft(lower, size), size)
@@ -222,7 +214,7 @@ def diagnose(
     pairs, logged = take(pairs, searched), {name: series[searched] for name, series in logged.items()}
     if not fit.fitted:
         return diagnosis.insufficient(f"no compass was fitted: {fit.why}")
-    days = float(np.ptp(pairs.time_s)) / 86400.0 if len(pairs) else 0.0
+    days = float(np.ptp(pairs.time_s)) / DAY_S if len(pairs) else 0.0
     if len(pairs) < FEWEST_PAIRS or days < SHORTEST_DAYS:
         return diagnosis.insufficient(
             f"{len(pairs)} overlapping pairs over {days:.0f} days; at least {FEWEST_PAIRS} over {SHORTEST_DAYS:.0f} "
@@ -230,7 +222,7 @@ def diagnose(
         )
     is_series = fit.method == "von_appen"
     exact = fit_deviation("exact", pairs) if is_series else fit
-    first = [] if not is_series else exact_compass_findings(pairs, exact, fit, options.min_effect_deg)
+    first = exact_compass_findings(pairs, exact, fit, options.min_effect_deg) if is_series else []
     repaired, exact, of_clock, doubted = _repair_clock(pairs, exact, estimate_clock_error(wide))
     if of_clock:
         remain = np.isin(pairs.time_s, repaired.time_s)
@@ -238,10 +230,9 @@ def diagnose(
         pairs, first = repaired, [*first, *of_clock]
     case = compare_pairs(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic, units=units)
     terms, missing = case.terms, case.not_testable
-    if of_clock:
-        # Interpolated directions share their noise with the flow direction, on which this term depends.
-        why = "directions read between two samples, after the clocks, share their noise with the direction of the flow"
+    if of_clock:  # interpolated directions share their noise with the flow direction, on which this term depends
         terms = tuple(kind for kind in terms if kind is not VeerWithDirection)
+        why = "directions read between two samples, after the clocks, share their noise with the direction of the flow"
         missing = (*missing, (VeerWithDirection.name, why))
     if is_series:  # it was tested above
         missing = tuple(item for item in missing if item[0] != LargeDeviation.name)
@@ -283,11 +274,7 @@ def _repair_clock(
 def clock_findings(
     before: Pairs, after: Pairs, fits: tuple[DeviationFit, DeviationFit], clock: ClockError
 ) -> list[Finding]:
-    """Build the clock findings, scored by the held-out residuals of the fits before and after the correction.
-
-    Args:
-        after: pairs with the reference interpolated to the true times.
-    """
+    """Build the clock findings, scored by held-out residuals of fits to the pairs before and after correction."""
     same = np.isin(before.time_s, after.time_s)
     moved = angles.difference(observed_heading(after), observed_heading(before)[same])
     left = [held_out_residual(pairs, fit) for pairs, fit in zip((before, after), fits, strict=True)]
@@ -296,16 +283,23 @@ def clock_findings(
     proof = finding.compare_residuals(left[0], left[1], width, blocks_by_span(after.time_s, finding.HELD_OUT_BLOCK_S))
     size = robust_width(moved)  # robust: directions of slow water are arbitrary
     compared = Comparison(time_s=after.time_s, terms=(), covariates={"time": after.time_s})
-    place, result = compared.where("time", compared.span_s), []
+    offset, drift, result = ClockOffset(), ClockDrift(), []
     for is_named, term, other, value, sigma in (
-        (clock.offset_named, ClockOffset(), ClockDrift(), clock.offset_h, clock.offset_sigma_h),
-        (clock.drift_named, ClockDrift(), ClockOffset(), clock.drift_h_year, clock.drift_sigma_h_year),
+        (clock.offset_named, offset, drift, clock.offset_h, clock.offset_sigma_h),
+        (clock.drift_named, drift, offset, clock.drift_h_year, clock.drift_sigma_h_year),
     ):
         if is_named:
             chances = comparison.equal_chances(term.name, *[other.name] * clock.ambiguous)
-            parameters = {term.fitted()[0]: Parameter(value, sigma, term.units()[0])}
             result.append(
-                comparison.build_finding(compared, term, chances, parameters, size_deg=size, proof=proof, place=place)
+                comparison.build_finding(
+                    compared,
+                    term,
+                    chances,
+                    {term.fitted()[0]: Parameter(value, sigma, term.units()[0])},
+                    size_deg=size,
+                    proof=proof,
+                    place=compared.where("time", compared.span_s),
+                )
             )
     return result
 

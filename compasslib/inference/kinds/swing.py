@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any
 
@@ -32,14 +32,14 @@ from compasslib.effects.reference import (
     SetAndDrift,
     TidalSetAndDrift,
 )
-from compasslib.inference import comparison, diagnosis, short_fit, short_search
+from compasslib.inference import comparison, diagnosis, short_search
 from compasslib.inference.comparison import Comparison, Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import Finding, Parameter
 from compasslib.inference.kinds import platform
-from compasslib.inference.short_findings import build_outcome
-from compasslib.inference.short_fit import CurveResidual, FittedHypothesis, ResidualModel, ShortComparison
-from compasslib.inference.short_search import ShortInference
+from compasslib.inference.kinds.platform import CurveResidual, recording_scene
+from compasslib.inference.short_model import FittedHypothesis, ResidualModel, ShortComparison
+from compasslib.inference.short_search import ShortInference, build_outcome
 from compasslib.statistics.least_squares import robust_width
 from compasslib.types import Floats
 
@@ -92,11 +92,6 @@ class Stretches:
         used = self.number >= 0
         return np.asarray(np.bincount(self.number[used], x[used]) / np.bincount(self.number[used]))
 
-    def heading(self, x_deg: Floats) -> Floats:
-        """Average directions, (n,) degrees, over each stretch, (k,) degrees."""
-        sine, cosine = angles.sin_cos(x_deg)
-        return angles.direction(self.mean(sine), self.mean(cosine))
-
 
 def stretches(time_s: Floats, good: NDArray[np.bool_]) -> Stretches:
     """Divide a log into stretches of 20 s, longer for logs over 50 minutes; stretches with few samples are dropped."""
@@ -131,15 +126,8 @@ class Track:
     field_unit: tuple[float, str]
 
     def reading(self, later_s: Floats | float = 0.0, filters: Sequence[Filter] = ()) -> Floats:
-        """Interpolate the reading at a delay after each course, (n,) degrees.
-
-        Args:
-            later_s: delay of each reading, (n,) s.
-            filters: applied in turn to the readings on the 1 s grid.
-        """
-        series = self.turned_deg
-        for filtered in filters:
-            series = filtered(series)
+        """Interpolate the reading on the 1 s grid, filtered, at a delay after each course, (n,) degrees."""
+        series = reduce(lambda turned, filtered: filtered(turned), filters, self.turned_deg)
         return np.interp(self.observations.time_s + later_s, self.seconds, series)
 
     @property
@@ -151,12 +139,6 @@ class Track:
         speed = knot * observations.moving_average(observed.speed_kn, observed.time_s, SMOOTHED_S)
         return np.stack(angles.components(speed, observed.course_deg), axis=-1)
 
-    @property
-    def logged_m_s(self) -> Floats:
-        """Speed through the water, (n,), NaN where missing."""
-        turns = np.nan_to_num(self.observations.water_speed_kn) > LEAST_WATER_KN
-        return np.where(turns, knot * self.observations.water_speed_kn, np.nan)
-
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any], declination_deg: float) -> Track:
     """Read the track of a log, without slow fixes but with turns, which show delays, and with all readings."""
@@ -166,7 +148,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any], declination_d
     heading = all_samples.recorded_deg[first]
     turned = np.cumsum(np.append(heading[:1], angles.difference(heading[1:], heading[:-1])))
     seconds, observed = np.arange(time_s[0], time_s[-1] + 1.0), observations.read(files, turning)
-    scene = short_fit.recording_scene(observed.time_s, settings.get("field"))
+    scene = recording_scene(observed.time_s, settings.get("field"))
     return Track(observed, declination_deg, seconds, np.interp(seconds, time_s, turned), *scene)
 
 
@@ -182,9 +164,9 @@ class ByCourse:
     def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
         """Return observed minus simulated heading, (k,) degrees; base is A to E, degrees or dimensionless."""
         scene, true_deg = self.track.scene, self.track.observations.course_deg
-        later: Floats = np.zeros(len(scene))
-        for term in (term for term in terms if term.acts_on == "time"):
-            later = term.apply(later, scene)
+        of_time = (term for term in terms if term.acts_on == "time")
+        at_once: Floats = np.zeros(len(scene))
+        later = reduce(lambda seconds, term: term.apply(seconds, scene), of_time, at_once)
         if self.ground_m_s is not None:
             through = self.ground_m_s - water(terms, scene)
             true_deg = angles.direction(through[:, 0], through[:, 1])
@@ -213,10 +195,9 @@ class BySpeed:
 
 def water(terms: Sequence[Effect], scene: Scene) -> Floats:
     """Sum the velocities of the water in terms, (n, 2) m/s, true east and north."""
-    moving: Floats = np.zeros((len(scene), 2))
-    for term in (term for term in terms if term.acts_on == "velocity"):
-        moving = term.apply(moving, scene)
-    return moving
+    still: Floats = np.zeros((len(scene), 2))
+    of_water = (term for term in terms if term.acts_on == "velocity")
+    return reduce(lambda moving, term: term.apply(moving, scene), of_water, still)
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
@@ -257,26 +238,20 @@ def _diagnose_log(track: Track, options: Options, made: Calibration, *, same_clo
     )
     more = DELAYS + (() if same_clock else (ClocksApart,)) + (WATER if ground is not None and not searched else ())
     named, first = platform.search_curve(series, exact, options, more)
-    outcomes = [build_outcome(each, options.min_effect_deg) for each in (named, *searched)]
-    diagnosed = diagnosis.combine_outcomes(
-        [
-            replace(each, findings=tuple(_with_water(item, each.comparison, made) for item in each.findings))
-            for each in outcomes
-        ],
-        options,
-        extra=first,
-        not_testable=_untested(made, named.fitted, same_clock=same_clock),
-    )
-    return _state_water(diagnosed, made)
+    outcomes = [
+        replace(each, findings=tuple(_with_water(item, each.comparison, made) for item in each.findings))
+        for each in (build_outcome(found, options.min_effect_deg) for found in (named, *searched))
+    ]
+    untested = _untested(made, named.fitted, same_clock=same_clock)
+    return _state_water(diagnosis.combine_outcomes(outcomes, options, extra=first, not_testable=untested), made)
 
 
 def _search_speeds(track: Track, ground: Floats, over: Stretches, options: Options) -> list[ShortInference]:
     """Search speeds over ground and through the water; empty without a current, or enough speeds through the water."""
-    logged = track.logged_m_s
-    with_log = over.without(~np.isfinite(logged))
+    turns = np.nan_to_num(track.observations.water_speed_kn) > LEAST_WATER_KN
+    logged, with_log = np.where(turns, knot * track.observations.water_speed_kn, 0.0), over.without(~turns)
     if len(with_log) < FEWEST_STRETCHES:
         return []
-    logged = np.nan_to_num(logged)
     means, what = with_log.mean(logged), "the speed over ground against that through the water"
     zero = LOG_STEP if np.std(means) > VARIED * np.mean(means) else 0.0  # a step of 0 holds a parameter
     by_speed, steps = BySpeed(ground, logged, track.scene, with_log), np.array([LOG_STEP, zero])
@@ -289,7 +264,8 @@ def _compare(
     track: Track, over: Stretches, what: str, residual: ResidualModel, *, start: Floats, steps: Floats
 ) -> ShortComparison:
     observed = track.observations
-    covariates = {"heading": over.heading(observed.recorded_deg), "time": over.mean(observed.time_s)}
+    heading = angles.direction(*(over.mean(wave) for wave in angles.sin_cos(observed.recorded_deg)))
+    covariates = {"heading": heading, "time": over.mean(observed.time_s)}
     covariates |= {"speed": over.mean(observed.speed_kn)} if np.isfinite(observed.speed_kn).all() else {}
     covariates |= {"turn_rate": over.mean(observed.turn_deg_s)}
     return ShortComparison(
@@ -308,14 +284,17 @@ def _compare(
 
 def _untested(made: Calibration, fitted: FittedHypothesis, *, same_clock: bool) -> tuple[tuple[str, str], ...]:
     """List the effects that a log cannot show, with reasons; ``same_clock``: headings and courses have one clock."""
-    absent = [("declination_error", CONSTANT)]
-    absent += [(effect, NO_SENSOR) for effect in ("temperature", "supply_voltage", "heeling")]
-    absent += [("clock_offset", SAME_CLOCK)] if same_clock else []
-    column = short_fit.term_derivative(fitted, LateCourse())
+    column = fitted.derivative(LateCourse())
     shown = float(np.linalg.norm(fitted.projected(column))) > LEAST_SEPARABLE * float(np.linalg.norm(column))
-    if not shown and not any(term.acts_on == "time" for term in fitted.terms):
-        absent += [(effect, SAME_TURN) for effect in ("course_lag", "compass_lag")]
-    return (*absent, *((SetAndDrift.name, why) for why in [_water_unseparated(made)] if why))
+    one_way = not shown and not any(term.acts_on == "time" for term in fitted.terms)
+    reasons = {
+        "declination_error": CONSTANT,
+        **dict.fromkeys(("temperature", "supply_voltage", "heeling"), NO_SENSOR),
+        "clock_offset": SAME_CLOCK if same_clock else "",
+        **dict.fromkeys(("course_lag", "compass_lag"), SAME_TURN if one_way else ""),
+        SetAndDrift.name: _water_unseparated(made),
+    }
+    return tuple((effect, why) for effect, why in reasons.items() if why)
 
 
 def _water_unseparated(made: Calibration) -> str:
@@ -332,13 +311,10 @@ def _state_water(diagnosed: Diagnosis, made: Calibration) -> Diagnosis:
     if drift is None or any(SetAndDrift.name in (item.effect, *item.alternatives) for item in diagnosed.findings):
         return diagnosed
     if why:
-        insufficient = diagnosed.verdict == "consistent"
-        return replace(
-            diagnosed,
-            verdict="insufficient" if insufficient else diagnosed.verdict,
-            why=f"{diagnosed.why} {why}" if insufficient else diagnosed.why,
-            separated_by="; ".join(filter(None, (diagnosed.separated_by, SEPARATED))),
-        )
+        separated = "; ".join(filter(None, (diagnosed.separated_by, SEPARATED)))
+        if diagnosed.verdict == "consistent":
+            diagnosed = replace(diagnosed, verdict="insufficient", why=f"{diagnosed.why} {why}")
+        return replace(diagnosed, separated_by=separated)
     if drift["drift_kn"] is None:
         return diagnosed
     most = drift["drift_kn"] + 1.96 * np.sqrt(np.linalg.eigvalsh(drift["covariance"])[-1])

@@ -22,12 +22,13 @@ from compasslib.effects.forward import COMPASS_STEPS
 from compasslib.effects.iron import HardIronStep, HardIronTrend, Heeling, LevelHardIron, LevelSoftIron
 from compasslib.effects.readout import CompassDelay
 from compasslib.effects.reference import ClockDrift, ClockOffset
-from compasslib.inference import diagnosis, finding, short_findings, short_fit, short_search
+from compasslib.inference import diagnosis, finding, short_search
 from compasslib.inference.comparison import Options, build_finding, equal_chances
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import Finding, HeldOut, Parameter
-from compasslib.inference.kinds.platform import READOUT
-from compasslib.inference.short_fit import CurveResidual, ShortComparison, thin_indices
+from compasslib.inference.kinds.platform import READOUT, CurveResidual, recording_scene, thin_indices
+from compasslib.inference.short_model import FINEST_DEG, MOST_BLOCKS, ShortComparison
+from compasslib.inference.short_search import build_outcome
 from compasslib.statistics.least_squares import robust_width
 from compasslib.statistics.resampling import blocks_by_count
 from compasslib.types import Floats
@@ -73,11 +74,9 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
 def diagnose_motion(
     a: Motion, b: Motion, *, farthest_s: float, field: Mapping[str, float] | None, options: Options
 ) -> Diagnosis:
-    """Diagnose two heads from their motions.
+    """Diagnose two heads from their motions by their own clocks, that of b corrected for its known offset.
 
-    Args:
-        a, b: by their own clocks, that of b corrected for its known offset.
-        farthest_s: largest clock difference searched first; if the headings are then unrelated, it is a day.
+    A clock difference is searched up to ``farthest_s``; if the headings are then unrelated, up to a day.
     """
     aligned, count = None, min(len(a.time_s), len(b.time_s))
     if count >= two_heads.MIN_SAMPLES:
@@ -95,7 +94,7 @@ def diagnose_motion(
     compared = _compare(aligned, a, field)
     clock = () if aligned.clock.determined else (("clock_offset", "headings and tilts hardly change together"),)
     return diagnosis.combine_outcomes(
-        [short_findings.build_outcome(short_search.search_effects(compared, options), options.min_effect_deg)],
+        [build_outcome(short_search.search_effects(compared, options), options.min_effect_deg)],
         options,
         extra=_clock_findings(aligned, compared, options.min_effect_deg),
         not_testable=(*UNTESTED, *clock),
@@ -131,7 +130,7 @@ def _compare(aligned: AlignedHeads, a: Motion, field: Mapping[str, float] | None
     samples = thin_indices(len(pairs))
     pitch, roll = (tilt[samples] for tilt in motion.tilt_angles(pairs.lean_b))
     time_s, rate, recorded = pairs.time_s[samples], pairs.rate_deg_s[samples], pairs.recorded_b[samples]
-    scene, unit = short_fit.recording_scene(time_s, field, tilt_deg=(pitch, roll), departures={"turn_rate": rate})
+    scene, unit = recording_scene(time_s, field, tilt_deg=(pitch, roll), departures={"turn_rate": rate})
     at = aligned.clock.by_a(time_s)
     scene = turning_scene(scene, lambda ahead_s: np.nan_to_num(a.heading.at(at + ahead_s) - a.heading.at(at)))
     correct = two_heads.simulated_heading(pairs, offset, frame)[samples]
@@ -157,11 +156,9 @@ def _clock_findings(aligned: AlignedHeads, heads: ShortComparison, min_effect_de
     proof = _clock_gain(aligned)
     alone = () if np.isfinite(clock.from_tilts_s[0]) else ("compass_lag",)
     compared, findings = replace(heads, what="the clock of b against that of a"), []
-    offset = Parameter(clock.offset_s, clock.sigma_s, "s")
-    drift = Parameter(clock.drift_s_per_day, clock.drift_sigma_s_per_day, "s/day")
     each: tuple[tuple[Effect, str, Parameter, Floats | float], ...] = (
-        (ClockOffset(), "offset_s", offset, clock.offset_s),
-        (ClockDrift(), "drift_s_day", drift, grown),
+        (ClockOffset(), "offset_s", Parameter(clock.offset_s, clock.sigma_s, "s"), clock.offset_s),
+        (ClockDrift(), "drift_s_day", Parameter(clock.drift_s_per_day, clock.drift_sigma_s_per_day, "s/day"), grown),
     )
     for term, name, parameter, error_s in each:
         # Rate of turn times a large error overestimates the turn: limit it by the rms before the correction.
@@ -183,5 +180,5 @@ def _clock_gain(aligned: AlignedHeads) -> HeldOut:
         return HeldOut(rms_deg[0], rms_deg[1], 0.0, (0.0, 0.0), 1.0)
     turned = [angles.difference(x.recorded_b, x.recorded_a)[k] for x, k in zip(both, at, strict=True)]
     before, after = (angles.difference(off, float(angles.mean(off))) for off in turned)
-    width = max(robust_width(before), short_fit.FINEST_DEG)
-    return finding.compare_residuals(before, after, width, blocks_by_count(same, short_fit.MOST_BLOCKS))
+    width = max(robust_width(before), FINEST_DEG)
+    return finding.compare_residuals(before, after, width, blocks_by_count(same, MOST_BLOCKS))
