@@ -1,7 +1,7 @@
 """Comparison of a recording with its simulation, the input of every search, and the findings built from its terms.
 
 Both kinds of recordings are searched with one linear Gaussian model: long ones have slow noise (``linear_model``); in
-short ones effects may exceed the noise a thousandfold, and each form is refitted in the forward model (``short_model``).
+short ones effects may exceed the noise a thousandfold; each form is refitted in the forward model (``short_model``).
 """
 
 from __future__ import annotations

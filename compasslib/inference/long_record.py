@@ -17,11 +17,11 @@ from compasslib.calibrations import observatory
 from compasslib.deviation.model import DeviationFit
 from compasslib.effects import Effect
 from compasslib.effects.composed import ComposedEffect
-from compasslib.effects.reference import IndexedDisturbance
 from compasslib.effects.effect import DAY_S, HOUR_S, parameter_slices
 from compasslib.effects.forward import north_shift
+from compasslib.effects.reference import IndexedDisturbance
 from compasslib.inference import covariates as covariate_series
-from compasslib.inference import design, diagnosis, experiments, finding, heldout, joint, search
+from compasslib.inference import design, diagnosis, experiments, finding, heldout, joint, search, sticking
 from compasslib.inference.comparison import CANCELS, FEWEST_PAIRS, LongComparison, Options, build_finding
 from compasslib.inference.design import FittedModel
 from compasslib.inference.diagnosis import Diagnosis, Outcome
@@ -30,6 +30,7 @@ from compasslib.inference.finding import BinnedResidual, CovariateRange, Finding
 from compasslib.inference.noise import CurrentStatement
 from compasslib.inference.product import AppliedCompass, WeightedCompass
 from compasslib.inference.search import Inference
+from compasslib.inference.sticking import HeadingCluster
 from compasslib.inference.wording import SIZE_PREFIX, TURN_PREFIX
 from compasslib.statistics.whitening import correlation_time, sampling_interval_s
 from compasslib.types import Floats
@@ -66,12 +67,13 @@ def diagnose(comparison: LongComparison, options: Options, fit: DeviationFit | N
 
 
 def _diagnose(initial: FittedModel, options: Options, fit: DeviationFit | None) -> Diagnosis:
+    initial, cluster = sticking.exclude_sticking(initial)
     initial = design.refit(initial, [])  # compass and nuisances, accounting for autocorrelation
     inferred = search.infer(initial, options.prior_odds, options.surrogates)
     stormy = storm_finding(inferred.fitted)
     null_model = design.refit(inferred.fitted, []) if inferred.fitted.simulation.terms else inferred.fitted
     diagnosed = diagnosis.combine_outcomes(
-        [_outcome(inferred, null_model, options)],
+        [_outcome(inferred, null_model, cluster, options)],
         options,
         extra=[] if stormy is None else [stormy],
         not_testable=initial.comparison.not_testable,
@@ -105,7 +107,7 @@ def _limits_text(limits: Mapping[str, float | None], min_effect_deg: float) -> s
     return f"Effects are detected with a probability of 90 % from {least} ({first}) to {most} ({last}) on."
 
 
-def _outcome(inferred: Inference, null_model: FittedModel, options: Options) -> Outcome:
+def _outcome(inferred: Inference, null_model: FittedModel, cluster: HeadingCluster | None, options: Options) -> Outcome:
     """Collect the outcome of the search."""
     fitted, comparison = inferred.fitted, inferred.fitted.comparison
     covariance, terms = inferred.covariance(fitted), parameter_slices(fitted.simulation.terms, 5)
@@ -138,7 +140,7 @@ def _outcome(inferred: Inference, null_model: FittedModel, options: Options) -> 
         sides=inferred.sides,
         findings=findings,
         chances=inferred.chances,
-        left=_unexplained(inferred, named, options.min_effect_deg),
+        left=_unexplained(inferred, cluster, named, options.min_effect_deg),
         small=(),
         curves=curves,
         noise=_summarize_noise(inferred),
@@ -183,9 +185,18 @@ def _current(inferred: Inference, min_effect_deg: float) -> tuple[float, tuple[C
     return exceeded, tuple(stated)
 
 
-def _unexplained(inferred: Inference, named: Sequence[str], min_effect_deg: float) -> Unexplained | None:
-    """Describe a mismatch beyond the effects that are searched for."""
-    fitted, model, k = inferred.fitted, inferred.model, int(np.argmax(inferred.further.probability))
+def _unexplained(
+    inferred: Inference, cluster: HeadingCluster | None, named: Sequence[str], min_effect_deg: float
+) -> Unexplained | None:
+    """Describe a mismatch beyond the effects that are searched for, or a sector in which the compass sticks."""
+    fitted = inferred.fitted
+    if cluster is not None and cluster.rms_deg > min_effect_deg:
+        low, high = (cluster.recorded_deg + side * cluster.width_deg / 2.0 for side in (-1.0, 1.0))
+        place = fitted.comparison.where("heading", (low, high))
+        sticks = f", where the compass sticks: its readings accumulate at {cluster.recorded_deg:.0f}°"
+        place = replace(place, text=place.text + sticks)
+        return fitted.comparison.unexplained([residual_curve(fitted, fitted, "heading")], cluster.rms_deg, named, place)
+    model, k = inferred.model, int(np.argmax(inferred.further.probability))
     if len(inferred.chosen) < MOST_EFFECTS or not search.stands_out(inferred.detections[-1], inferred.further):
         return None
     entered = (*inferred.entered, (k, model.likeliest_amplitude(k, inferred.slow_noise, inferred.entered)))

@@ -211,6 +211,20 @@ def test_compass_fault_and_veering_current_are_both_stated():
     assert found.curves[-1].covariate not in ("heading", "time", size.covariate)  # largest other residual
 
 
+def test_a_sector_in_which_the_compass_sticks_is_located():
+    drawn = world.planted(world.make(3, wide=False, n=HOURS), {})
+    recorded = drawn.pairs.heading_deg
+    away = angles.difference(recorded, np.median(recorded))
+    shift = np.where(np.abs(away) < 8.0, -away, 0.0)
+    east, north = angles.turn(drawn.pairs.upper_east, drawn.pairs.upper_north, shift)
+    hung = replace(drawn.pairs, heading_deg=angles.wrap360(recorded + shift), upper_east=east, upper_north=north)
+    found = diagnose(hung, drawn.covariates, fitted(drawn), field_of(drawn))
+    assert found.verdict == "unexplained" and not found.findings and "sticks" in found.unexplained.text
+    where, size = found.unexplained.where, angles.rms(shift)
+    assert where.covariate == "heading" and where.low < np.median(recorded) < where.high
+    assert 0.7 * size < found.unexplained.rms_effect_deg < 1.4 * size
+
+
 def test_a_bump_in_heading_is_not_given_a_listed_name():
     drawn = world.planted(world.make(2, wide=False, n=HOURS), {"sector": 3.5})
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options())
