@@ -13,7 +13,7 @@ from compasslib.archive import provenance
 from compasslib.archive.files import HALF_WRITTEN
 from compasslib.errors import InputError
 from compasslib.pipeline import guard
-from compasslib.stages import simulate as stage
+from compasslib.stages import read as stage
 
 RAW = ["raw/EG1/top.000", "raw/EG1/deep.000"]
 TRUTH = "truth/EG1.csv"
@@ -90,7 +90,7 @@ def demonstration(files: dict[str, list[str]], *, on: bool = True) -> SimpleName
 
 
 def may_write() -> bool:
-    return "EG1" in stage.to_simulate(demonstration({"EG1": RAW}))
+    return "EG1" in guard.to_simulate(demonstration({"EG1": RAW}))
 
 
 def simulate(content: str = "simulated", stop_after: int = 3) -> None:
@@ -109,7 +109,7 @@ def put(file: str, content: str = "measured") -> None:
 
 
 def test_nothing_is_simulated_outside_a_demonstration():
-    assert stage.to_simulate(demonstration({"EG1": RAW}, on=False)) == {}
+    assert guard.to_simulate(demonstration({"EG1": RAW}, on=False)) == {}
 
 
 def test_simulation_may_write_new_files_and_its_own():

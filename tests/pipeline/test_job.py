@@ -11,8 +11,7 @@ from snakemake.iocontainers import Namedlist
 
 from compasslib.archive import files, netcdf, provenance
 from compasslib.errors import InputError, Stopped, TransientError, Unusable
-from compasslib.pipeline.job import run_stage
-from compasslib.pipeline.keys import flatten, parameters, unflatten
+from compasslib.pipeline.job import flatten, parameters, run_stage, unflatten
 
 LOG, RECORD = Path("results/M1/logs/read.log"), Path("results/M1/logs/read.json")
 MADE = {"record": "results/M1/work/top.nc", "field": "results/M1/work/field.json", "table": "results/M1/work/table.csv"}
@@ -31,11 +30,11 @@ def raw(tmp_path, monkeypatch) -> Path:
 def run(act: Callable[[], object] = lambda: None, *, always_ends: bool = False, **settings: object) -> None:
     """Run a stage that writes its outputs and then acts, as the rule ``read`` of the mooring M1."""
 
-    def stage(mooring: str, *, raw: list[str], record: str, field: str, table: str, method: str = "", say) -> None:
-        for path in (record, field, table):
+    def stage(mooring: str, files, say, *, method: str = "") -> None:
+        for path in (files.record, files.field, files.table):
             Path(path).parent.mkdir(exist_ok=True)
             Path(path).write_text(f"{mooring} {method}")
-        say(f"{mooring} read from {raw}")
+        say(f"{mooring} read from {files.raw}")
         act()
 
     given = {

@@ -21,6 +21,7 @@ from compasslib.archive.files import read_json, write_json, write_reason
 from compasslib.deviation import METHODS, fit_deviation
 from compasslib.errors import InputError
 from compasslib.pipeline import process as processing
+from compasslib.stages import Files
 from compasslib.stages.cruise import usable
 from tests.world.launch import change, environment, jobs_in, snakemake
 from tests.world.sea import START, cruise
@@ -159,7 +160,7 @@ def test_a_mooring_is_stopped_only_if_all_of_its_instruments_are(tmp_path, monke
     for field, reason in zip(fields, (None, why), strict=True):
         write_reason(field, why)
         Path("results/M1/gridded.nc").touch()
-        usable(**alone, moorings=fields, calibrations=[], usable="results/usable.json", say=print)
+        usable(Files(moorings=fields, calibrations=[], usable="results/usable.json"), print, **alone)
         found, there = read_json("results/usable.json"), {path.name for path in Path("results/M1").glob("*.*")}
         assert found["moorings"]["M1/top"] == why and found["compasses"] == {"c": reason}
         assert there == {"stopped.json" if reason else "gridded.nc"}

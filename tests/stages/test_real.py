@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from compasslib.stages import recordings as real
-from compasslib.stages.recordings import describe
+from compasslib.stages import demonstration as real
+from compasslib.stages.demonstration import describe
 
 RECORDINGS = {one.name: one for one in real.RECORDINGS}
 

@@ -18,7 +18,7 @@ import yaml
 from compasslib.archive.files import read_json
 from compasslib.cli import main
 from compasslib.config.cruise import load_cruise
-from compasslib.pipeline import keys
+from compasslib.pipeline import job
 from compasslib.stages import settings
 from tests.world.bench import BREST, readings, write_calibration
 from tests.world.launch import hashes, snakemake
@@ -120,7 +120,7 @@ def stated(folder: Path) -> dict[Job, set[str]]:
     ]
     return {
         (rule, *subject): {
-            *keys.flatten(arguments(*subject)).values(),
+            *job.flatten(arguments(*subject)).values(),
             *(x for each in files for x in each(*subject)),
         }
         for rule, arguments, subjects, *files in rules
@@ -346,7 +346,7 @@ def test_jobs_are_given_the_parameters_and_files_of_the_table(done):
     records = [read_json(path) for path in (done / "results").glob("**/logs/*.json")]
     for record in records:
         texts = given.get((FIGURES.sub("", record["rule"]), *record["of"].values()), set())
-        assert {text for text in texts if "=" in text} == {*keys.flatten(record["parameters"]).values()}
+        assert {text for text in texts if "=" in text} == {*job.flatten(record["parameters"]).values()}
         assert {text for text in texts if text.startswith(("raw/", "results/"))} <= record["read"].keys()
     assert given.keys() <= {(FIGURES.sub("", record["rule"]), *record["of"].values()) for record in records}
 

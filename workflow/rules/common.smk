@@ -3,7 +3,7 @@
 
 def parameters(stage, arguments=dict, subjects=((),)):
     """Compose the parameters of a rule: its stage, one "key=value" for each key used, and the hash of the library."""
-    return {"stage": stage, "library": LIBRARY} | keys.parameters(arguments, subjects)
+    return {"stage": stage, "library": LIBRARY} | job.parameters(arguments, subjects)
 
 
 def usable(kind):
