@@ -13,7 +13,7 @@ from contextlib import chdir, contextmanager
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
-from compasslib.archive import crate, deposit, summary, verification
+from compasslib.archive import crate, deposit, summary
 from compasslib.archive.files import read_json
 from compasslib.cli import require_folder
 from compasslib.config import compasses, cruise
@@ -224,15 +224,15 @@ def verify(asked: Namespace) -> int:
         except InputError as error:  # an archive may lack its raw files
             configured = None
             print(f"cannot list results that are no longer configured: {error}", file=sys.stderr)
-        differ, page = verification.differences(Path(), configured), verification.read_manifest(Path())
+        differ, page = crate.differences(Path(), configured), crate.read_manifest(Path())
     for what, path, details in differ:
         print(f"{what}: {_printable(path)}{details}")
-    if outputs := verification.to_make_again(page, differ):
+    if outputs := crate.to_make_again(page, differ):
         print(f"mend: compass run {shlex.quote(asked.cruise)} -- --forcerun {_printable(shlex.join(outputs))}")
     files = f"{len(crate.listed(page))} files as listed"
     if differ:
         advice = "restore them, or make run again if the change was meant"
-        if any(what == verification.FORMER for what, *_ in differ):
+        if any(what == crate.FORMER for what, *_ in differ):
             advice += "; compass verify --clear shows and removes what is no longer configured"
         raise InputError(crate.FILE, expected=files, found=f"{len(differ)} that differ", advice=advice)
     print(f"{crate.FILE}: {files}")
@@ -240,14 +240,14 @@ def verify(asked: Namespace) -> int:
 
 
 def _clear(*, confirmed: bool) -> int:
-    kinds = verification.unlisted_files(Path(), _configured_folders())
-    former = [file for file, kind in kinds.items() if kind == verification.FORMER]
+    kinds = crate.unlisted_files(Path(), _configured_folders())
+    former = [file for file, kind in kinds.items() if kind == crate.FORMER]
     for file in former:
         print(f"{'removed' if confirmed else 'would be removed'}: {_printable(file)}")
-    for file in (file for file, kind in kinds.items() if kind == verification.NEW):
+    for file in (file for file, kind in kinds.items() if kind == crate.NEW):
         print(f"kept: {_printable(file)}, which no job wrote as it is")
     if confirmed:
-        verification.clear(Path(), former)
+        crate.clear(Path(), former)
     more = "; add --yes to remove them" if former and not confirmed else ""
     print(f"{len(former)} files of what is no longer configured{more}")
     return 0

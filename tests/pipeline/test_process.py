@@ -16,7 +16,7 @@ import pytest
 import yaml
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from compasslib.archive import crate, verification
+from compasslib.archive import crate
 from compasslib.archive.files import read_json, write_json, write_reason
 from compasslib.deviation import METHODS, fit_deviation
 from compasslib.errors import InputError
@@ -189,7 +189,7 @@ def test_a_shared_compass_is_combined_from_the_members_present(tmp_path, monkeyp
     assert read_json(there / "work/compasses/compass.json") == joined
     for file in ("deviation.json", "corrected.nc", "work/alone/summary.json"):
         assert (there / file).read_bytes() == (folder / "results/M1" / file).read_bytes()
-    assert "results/M1/work/alone/summary.json" in crate.listed(verification.read_manifest(folder))
+    assert "results/M1/work/alone/summary.json" in crate.listed(crate.read_manifest(folder))
 
 
 def half_done(folder: Path) -> list[Path]:
