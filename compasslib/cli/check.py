@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
@@ -10,6 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import chdir
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +19,9 @@ import numpy as np
 from compasslib import angles, calibrations, earthfield, readers
 from compasslib.archive.deposit import missing_attributes
 from compasslib.cli.results import align, print_warnings, split_warnings
-from compasslib.config import compasses
 from compasslib.config import cruise as config
 from compasslib.config.cruise import CALIBRATIONS, Cruise
-from compasslib.config.schema import Covariate, Instrument
+from compasslib.config.schema import Covariate, Instrument, Mooring
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.pipeline.process import process_mooring
@@ -31,7 +32,13 @@ from compasslib.readers.ready_pairs import ROLES, read_ready_pairs
 from compasslib.records import BAD, Record
 from compasslib.report.words import position
 from compasslib.stages import read
-from compasslib.stages.settings import Calibrations, Moorings, check_cruise, used_instruments
+from compasslib.stages.settings import (
+    Calibrations,
+    Moorings,
+    check_cruise,
+    stated_serial_number,
+    used_instruments,
+)
 from compasslib.types import DAY_S, HOUR_S, Floats
 
 GAP = 3.0  # in median time steps: a longer step between two samples is a gap
@@ -72,8 +79,8 @@ def check(asked: Namespace) -> int:
             problems += inspection.problems
     if not cruise.options.demonstration:
         serials = {name: inspection.serials for name, inspection in inspections.items()}
-        problems += compasses.mixed_serials(cruise.moorings, serials)
-    for line in compasses.suggest_shared(cruise.moorings):
+        problems += _mixed_serials(cruise.moorings, serials)
+    for line in _suggest_shared(cruise.moorings):
         print(line)
     if jobs and (absent := missing_attributes(cruise.options.attributes)):
         print(f"to deposit the results, add to the attributes of config.yaml before the run: {', '.join(absent)}")
@@ -258,6 +265,38 @@ def _inspect_pairs(inspection: Inspection, name: str, rules: Moorings, records: 
             inspection.lines.append(f"  with {source}: no pairs")
             why = "; ".join(pairs.warnings) or "no samples near enough in time and depth"
             inspection.problems.append(f"{name}: no pairs with {source}, so nothing is corrected by it: {why}")
+
+
+def _suggest_shared(moorings: Mapping[str, Mooring]) -> list[str]:
+    """Suggest ``compass`` for each serial number shared by affected instruments of several moorings, one line each."""
+    numbers: dict[str, list[str]] = {}
+    for name, mooring in moorings.items():
+        instrument = mooring.instruments[mooring.compromised]
+        number = stated_serial_number(mooring.attributes | instrument.attributes)
+        if number is not None and instrument.compass is None:
+            numbers.setdefault(number, []).append(name)
+    return [
+        f"{', '.join(names)}: serial number {number} in each; if it is one compass, compass: NAME in each says so"
+        for number, names in numbers.items()
+        if len(names) > 1
+    ]
+
+
+def _mixed_serials(moorings: Mapping[str, Mooring], serials: Mapping[str, Mapping[str, str]]) -> list[str]:
+    """Describe each compass whose instruments have different serial numbers, by their files or their attributes."""
+    numbers: dict[str, dict[str, str]] = {}
+    for name, mooring in moorings.items():
+        for role, instrument in mooring.instruments.items():
+            number = serials.get(name, {}).get(role) or stated_serial_number(instrument.attributes)
+            if instrument.compass is not None and number:
+                numbers.setdefault(instrument.compass, {})[f"{name} ({role})"] = number
+    return [
+        f"compass {compass}: serial number {first} at {this}, {second} at {other}: two instruments under one name; "
+        "correct compass or files"
+        for compass, places in numbers.items()
+        for (this, first), (other, second) in combinations(places.items(), 2)
+        if not {*map(int, re.findall(r"\d+", first))} & {*map(int, re.findall(r"\d+", second))}
+    ]
 
 
 def _plural(n: int, noun: str) -> str:

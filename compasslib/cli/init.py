@@ -18,7 +18,7 @@ import numpy as np
 from compasslib import readers
 from compasslib.calibrations.swing import observations
 from compasslib.cli.results import print_warnings
-from compasslib.config import draft, json_schema
+from compasslib.config import draft
 from compasslib.config.draft import Drafted, Position, Roles
 from compasslib.config.schema import KNOWN_SERIES
 from compasslib.config.values import shown
@@ -92,7 +92,7 @@ def init(asked: Namespace) -> int:
     _sort(paths, asked.name, contents)
     texts = {f"config/moorings/{name}.yaml": text for name, text in _moorings(contents).items()}
     config = {"config/config.yaml": draft.CONFIG.format(moorings="config/moorings" if texts else "[]")}
-    config |= {f"{json_schema.FOLDER}/{name}": text for name, text in json_schema.schemas().items()}
+    config |= {f"{draft.FOLDER}/{name}": text for name, text in draft.schemas().items()}
     texts |= {f"config/calibrations/{name}.yaml": text for name, text in contents.calibrations.items()}
     unnamed = [path for path in given if path not in paths]
     contents.left += [f"{shown(path.name)}: rename it in UTF-8, without control characters" for path in unnamed]

@@ -16,7 +16,7 @@ from typing import NamedTuple, TextIO
 from compasslib.archive import crate, deposit, summary
 from compasslib.archive.files import read_json
 from compasslib.cli import require_folder
-from compasslib.config import compasses, cruise
+from compasslib.config import cruise
 from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
 from compasslib.report import sections, words
@@ -259,7 +259,6 @@ def _printable(path: str) -> str:
 
 def _configured_folders() -> list[str]:
     loaded = cruise.load_cruise(Path())
-    joined = compasses.members(loaded.moorings, loaded.calibrations)
-    names = [*loaded.whole, *(f"calibrations/{name}" for name in loaded.calibrations)]
-    names += [*(f"compasses/{name}" for name in joined), *(f"sites/{name}" for name in Moorings(loaded).sites)]
+    others = {"calibrations": loaded.calibrations, "compasses": loaded.compasses, "sites": Moorings(loaded).sites}
+    names = [*loaded.whole, *(f"{kind}/{name}" for kind, each in others.items() for name in each)]
     return [f"{crate.FOLDER}/{name}" for name in names]

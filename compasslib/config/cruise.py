@@ -16,16 +16,17 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from compasslib.config import compasses
 from compasslib.config.calibrations import MODELS, CalibrationFile, KindKey
 from compasslib.config.schema import Covariate, CruiseOptions, Instrument, Mooring
 from compasslib.config.section import describe
 from compasslib.config.values import DECIDE, NAME, NAME_WORDS, RawFolder, shown
 from compasslib.errors import InputError
+from compasslib.records import iso_time
 
 CONFIG = "config/config.yaml"
 CALIBRATIONS = "config/calibrations"
 Model = TypeVar("Model", bound=BaseModel)
+Stays = dict[str, list[tuple[str, float, float]]]  # where a compass was, from when to when, by the compass
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,18 @@ class Cruise:
         for name in self.moorings:
             names.setdefault(name.partition("/")[0], []).append(name)
         return names
+
+    @cached_property
+    def compasses(self) -> dict[str, tuple[list[str], list[str]]]:
+        """Moorings and calibrations by the name of the (affected) compass, which is never inferred."""
+        members: dict[str, tuple[list[str], list[str]]] = {}
+        for name, mooring in self.moorings.items():
+            if compass := mooring.instruments[mooring.compromised].compass:
+                members.setdefault(compass, ([], []))[0].append(name)
+        for name, calibration in self.calibrations.items():
+            if calibration.compass:
+                members.setdefault(calibration.compass, ([], []))[1].append(name)
+        return dict(sorted(members.items()))
 
 
 def _raise(mistake: InputError) -> None:
@@ -82,13 +95,16 @@ def load_cruise(cruise: Path, *, in_storage: bool = False, refuse: Callable[[Inp
         except InputError as mistake:
             refuse(mistake)
     calibrations = _calibrations(cruise, place, refuse)
-    stays = compasses.calibration_dates(calibrations)
+    stays: Stays = {}
+    for name, entry in calibrations.items():
+        if entry.compass is not None and entry.date_s is not None:
+            stays.setdefault(entry.compass, []).append((f"calibration {name}", entry.date_s, entry.date_s))
     for file in dict.fromkeys(files.values()):
         names = [name for name in moorings if files[name] == file]
         try:
             for name in names:
                 _check_calibrations(cruise, calibrations, moorings[name].fit.name, file)
-            compasses.refuse_overlap(names[0], moorings[names[0]], file, stays)
+            _check_compasses(names[0], moorings[names[0]], file, stays)
         except InputError as mistake:
             refuse(mistake)
             for name in names:
@@ -187,6 +203,28 @@ def _check_calibrations(cruise: Path, known: dict[str, CalibrationFile], names: 
         if name in known and not known[name].placed:
             expected = f"latitude, longitude and date in {source}, to carry its coefficients to the mooring"
             raise InputError(where, expected=expected, found="none", advice="add them there")
+
+
+def _check_compasses(name: str, mooring: Mooring, file: str, stays: Stays) -> None:
+    """Check that no compass of a mooring was elsewhere at the same time, or calibrated under the mooring's name.
+
+    Args:
+        stays: those checked before; those of the mooring are added.
+    """
+    for role, compass in ((role, each.compass) for role, each in mooring.instruments.items() if each.compass):
+        where = f"{file}: instruments.{role}.compass"
+        for other, begin_s, end_s in stays.setdefault(compass, []):
+            if other == f"calibration {mooring.name}":
+                expected = "another name of the mooring than of the compass's calibration"
+                actual, advice = f"{mooring.name} for both", "rename one of the two"
+                raise InputError(where, expected=expected, found=actual, advice=advice)
+            if begin_s < mooring.end_s and mooring.start_s < end_s:
+                span = " to ".join(dict.fromkeys([iso_time(begin_s), iso_time(end_s)]))
+                own = f"{iso_time(mooring.start_s)} to {iso_time(mooring.end_s)}"
+                advice = "correct the dates, or give one of the two compasses another name"
+                expected, actual = f"a compass that is in one place from {own}", f"{compass} at {other}, {span}"
+                raise InputError(where, expected=expected, found=actual, advice=advice)
+        stays[compass].append((f"{name} ({role})", mooring.start_s, mooring.end_s))
 
 
 def _calibrations(cruise: Path, place: RawFolder, refuse: Callable[[InputError], None]) -> dict[str, CalibrationFile]:

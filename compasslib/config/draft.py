@@ -1,22 +1,30 @@
 """Drafts of the YAML files of moorings and calibrations, with values from raw files and DECIDE for those unknown.
 
 The schema refuses DECIDE, which the user must replace; the comment on the same line gives the evidence in the files.
+``python -m compasslib.config.draft FOLDER`` writes the JSON schemas of all YAML files; ``make schema`` does so.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
+from pydantic import BaseModel
+from pydantic.json_schema import JsonSchemaMode, models_json_schema
 
 from compasslib import angles
+from compasslib.config.calibrations import MODELS, KindKey
+from compasslib.config.schema import CruiseOptions, Mooring
 from compasslib.config.values import DECIDE
 from compasslib.records import Record, iso_time
 from compasslib.types import Floats
@@ -260,3 +268,46 @@ def _line(key: str, value: object, comment: str = "", indent: int = 0) -> str:
 def _flow(value: object) -> str:
     text = yaml.safe_dump(value, default_flow_style=True, width=math.inf, allow_unicode=True, sort_keys=False)
     return text.removesuffix("\n").removesuffix("\n...").removesuffix(os.linesep)
+
+
+# JSON schemas, generated from the models, for completion and validation of the YAML files in editors.
+
+FOLDER = "config/schema"  # relative to the folder of a cruise
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def schemas() -> dict[str, str]:
+    """Generate the JSON schemas of config.yaml, of moorings and of calibrations, by name of the schema file."""
+    models: list[type[BaseModel]] = [KindKey, *MODELS.values()]
+    named: list[tuple[type[BaseModel], JsonSchemaMode]] = [(model, "validation") for model in models]
+    _, kinds = models_json_schema(named)
+    by_kind = [
+        {"if": {"properties": {"kind": {"const": kind}}}, "then": {"$ref": f"#/$defs/{model.__name__}"}}
+        for kind, model in MODELS.items()
+    ]
+    known = kinds["$defs"]["KindKey"]["properties"]
+    calibration = {"type": "object", "required": ["kind"], "properties": known, "allOf": by_kind, **kinds}
+    made = {"config": CruiseOptions.model_json_schema(), "mooring": Mooring.model_json_schema()}
+    return {
+        f"{name}.json": json.dumps({"$schema": DIALECT} | _simplify(schema), indent=1, ensure_ascii=False) + "\n"
+        for name, schema in (made | {"calibration": calibration}).items()
+    }
+
+
+def _simplify(schema: Any) -> Any:
+    """Remove advice and examples, which serve error messages only, and uninformative titles and null defaults."""
+    if isinstance(schema, list):
+        return [_simplify(part) for part in schema]
+    if not isinstance(schema, dict):
+        return schema
+    idle = {"advice": schema.get("advice"), "title": schema.get("title"), "default": None, "examples": None}
+    return {
+        key: _simplify(value)
+        for key, value in schema.items()
+        if not (key in idle and (key == "examples" or (value == idle[key] and not isinstance(value, dict))))
+    }
+
+
+if __name__ == "__main__":
+    for file, text in schemas().items():
+        Path(sys.argv[1], file).write_text(text, encoding="utf-8")

@@ -111,7 +111,7 @@ def _combine_records(cruise: Cruise, mooring: str, files: Arguments) -> str:
     settings, folder = Compasses(cruise), files["folder"] / "work/compasses"
     compass = settings.moorings[mooring]
     summaries, calibrations = list[str](), list[str]()
-    for name in settings.members[compass][0]:
+    for name in cruise.compasses[compass][0]:
         try:
             member = files if name == mooring else _fit(cruise, name, folder / name, _say_nothing)
         except InputError:
@@ -119,7 +119,7 @@ def _combine_records(cruise: Cruise, mooring: str, files: Arguments) -> str:
         summaries.append(f"{member['folder']}/work/alone/summary.json")
         alone = dict(zip(ALONE, member["alone"], strict=True)) | {"summary": summaries[-1]}
         call_stage(diagnose.diagnose, [name], Files(**member | alone), _say_nothing, Moorings(cruise).diagnose(name))
-    for name in settings.members[compass][1]:
+    for name in cruise.compasses[compass][1]:
         with suppress(InputError):
             calibrations.append(_calibrate(cruise, name, files["folder"]))
     joined = f"{folder}/compass.json"

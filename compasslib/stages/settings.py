@@ -6,7 +6,7 @@ files matters, it is a parameter too (``names``, ``parts``, ``heads``), as Snake
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +16,6 @@ from compasslib import calibrations, plugins, readers
 from compasslib.archive import deposit
 from compasslib.calibrations import KINDS
 from compasslib.config import calibrations as configured
-from compasslib.config import compasses
 from compasslib.config.cruise import CALIBRATIONS, CONFIG, Cruise
 from compasslib.config.schema import Instrument, Mooring
 from compasslib.earthfield import parse_applied_declination
@@ -198,8 +197,7 @@ class Moorings:
     def serial_number(self, name: str, role: str) -> str | None:
         """Look up an instrument's serial number in its attributes, for the affected one in the mooring's too."""
         stated = self._instrument(name, role).attributes
-        known = self._attributes(name) if role == self.mooring(name).compromised else stated
-        return next((str(known[key]) for key in ("serial_number", "sensor_serial_number") if key in known), None)
+        return stated_serial_number(self._attributes(name) if role == self.mooring(name).compromised else stated)
 
     def _instrument(self, name: str, role: str) -> Instrument:
         return self.mooring(name).instruments[role]
@@ -321,18 +319,13 @@ class Compasses:
     cruise: Cruise
 
     @cached_property
-    def members(self) -> dict[str, tuple[list[str], list[str]]]:
-        """Moorings and calibrations of each compass."""
-        return compasses.members(self.cruise.moorings, self.cruise.calibrations)
-
-    @cached_property
     def moorings(self) -> dict[str, str]:
         """The compass of each mooring that names one."""
-        return {mooring: name for name, (moorings, _) in self.members.items() for mooring in moorings}
+        return {mooring: name for name, (moorings, _) in self.cruise.compasses.items() for mooring in moorings}
 
     def combine_records(self, name: str) -> Arguments:
         """Return the smallest effect of interest, and the sphere or frame of each record, None if not stated."""
-        moorings, given = self.members[name]
+        moorings, given = self.cruise.compasses[name]
         moored = {mooring: self.cruise.moorings[mooring] for mooring in moorings}
         stated = {key: mooring.instruments[mooring.compromised].sphere for key, mooring in moored.items()}
         stated |= {key: self.cruise.calibrations[key].sphere for key in given}
@@ -346,14 +339,10 @@ def configuration(cruise: Cruise) -> dict[str, list[str]]:
     of_calibration = {name: f"{CALIBRATIONS}/{name}.yaml" for name in cruise.calibrations}
     files = {"": [CONFIG]} | {f"mooring {name}": [CONFIG, file] for name, file in of_mooring.items()}
     files |= {f"calibration {name}": [CONFIG, file] for name, file in of_calibration.items()}
-    for name, (moorings, given) in compasses.members(cruise.moorings, cruise.calibrations).items():
-        files[f"compass {name}"] = [
-            CONFIG,
-            *(of_mooring[key] for key in moorings),
-            *(of_calibration[key] for key in given),
-        ]
-    for site, names in Moorings(cruise).sites.items():
-        files[f"site {site}"] = [CONFIG, *(of_mooring[name] for name in names)]
+    joined = {f"compass {name}": members for name, members in cruise.compasses.items()}
+    joined |= {f"site {site}": (names, []) for site, names in Moorings(cruise).sites.items()}
+    for subject, (moorings, given) in joined.items():
+        files[subject] = [CONFIG, *(of_mooring[name] for name in moorings), *(of_calibration[name] for name in given)]
     return files
 
 
@@ -361,12 +350,17 @@ def needs(cruise: Cruise) -> Arguments:
     """Return the calibrations that each mooring needs, and the moorings and calibrations of each compass."""
     moorings = Moorings(cruise)
     needed = {name: moorings.calibrations(name) for name in cruise.moorings}
-    return {"needed": needed, "shared": Compasses(cruise).members}
+    return {"needed": needed, "shared": cruise.compasses}
 
 
 def used_instruments(mooring: Mooring) -> list[str]:
     """List the instruments that a mooring uses: the affected one and the references."""
     return [mooring.compromised, *mooring.reference]
+
+
+def stated_serial_number(attributes: Mapping[str, Any]) -> str | None:
+    """Look up the serial number among the attributes of an instrument."""
+    return next((str(attributes[key]) for key in ("serial_number", "sensor_serial_number") if key in attributes), None)
 
 
 def report(cruise: Cruise) -> Arguments:
@@ -394,7 +388,7 @@ def report(cruise: Cruise) -> Arguments:
         "attributes": cruise.options.attributes,
         "moorings": moorings,
         "calibrations": list(cruise.calibrations),
-        "compasses": list(compasses.members(cruise.moorings, cruise.calibrations)),
+        "compasses": list(cruise.compasses),
     }
 
 

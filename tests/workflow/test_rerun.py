@@ -70,7 +70,7 @@ def stated(folder: Path) -> dict[Job, set[str]]:
     moorings, calibrations = [(name,) for name in cruise.moorings], [(name,) for name in cruise.calibrations]
     instruments = [(name, role) for name in cruise.moorings for role in of.roles(name)]
     carried = {(name,) for name in cruise.moorings if cruise.moorings[name].fit.method == "calibration"}
-    joined, of_compasses = {(name,) for name in shared.moorings}, [(name,) for name in shared.members]
+    joined, of_compasses = {(name,) for name in shared.moorings}, [(name,) for name in cruise.compasses]
     daily = {(name,) for name, files in of.gridded.items() if files[1:]}
     gridded, diagnosed = [(name,) for name in of.gridded], [(name,) for name in curves.diagnosed]
 
@@ -110,7 +110,7 @@ def stated(folder: Path) -> dict[Job, set[str]]:
         ("compare_calibrations", curves.compare_calibrations, calibrations, curves.compared_with),
         ("calibration_figures", drawn, calibrations, figures),
         ("diagnose_calibration", curves.diagnose, diagnosed, curves.raw_files),
-        ("combine_records", shared.combine_records, of_compasses, lambda name: map(str, shared.members[name])),
+        ("combine_records", shared.combine_records, of_compasses, lambda name: map(str, cruise.compasses[name])),
         ("joined_figures", drawn, of_compasses),
         ("usable", needed, [()], lambda: [*cruise.moorings, *cruise.calibrations]),
         ("summary", lambda: {"roles": {name: of.roles(name) for name in cruise.moorings}}, [()]),
