@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +20,10 @@ from compasslib import readers
 from compasslib.calibrations.swing import observations
 from compasslib.cli.results import print_warnings
 from compasslib.config import draft
-from compasslib.config.draft import Drafted, Position, Roles
+from compasslib.config.cruise import SCHEMAS, json_schemas
+from compasslib.config.draft import Drafted
 from compasslib.config.schema import KNOWN_SERIES
-from compasslib.config.values import shown
+from compasslib.config.values import DECIDE, shown
 from compasslib.errors import InputError
 from compasslib.preparation.affected import ExplainedShare, compare_headings, is_affected
 from compasslib.preparation.deployment import apply_deployment
@@ -41,22 +43,13 @@ PROVISIONAL: dict[str, dict[str, object]] = {
     "pd12": {"orientation": "up", "bin_size": 1.0, "first_bin": 1.0},
     **{form: {"direction_reference": "magnetic"} for form in ("netcdf", "ocean_contour", "mat")},
 }
+ASKED = ("orientation", "bin_size", "first_bin")
 # Keys by which files are read for the draft where they are refused without; of the north, as the error says.
 UP, TRUE = {"orientation": "up"}, {"direction_reference": "true"}
 RETRIED: tuple[dict[str, str], ...] = ({}, UP, TRUE, UP | TRUE)
-ASKED = ("orientation", "bin_size", "first_bin")
+
 TO_READ = "write one in a copy, or add it by hand with columns"
-TO_CARRY = "where and when it was done: needed to carry it to a mooring"
-
-
-@dataclass(frozen=True)
-class Series:
-    """A covariate: its keys, its mooring and its time span."""
-
-    keys: Mapping[str, object]
-    mooring: str | None  # None: for all moorings
-    start_s: float
-    end_s: float
+TO_CARRY = "degrees north, where and when it was done: needed to carry it to a mooring"
 
 
 @dataclass
@@ -64,10 +57,11 @@ class Contents:
     """Contents of the files, sorted by their use in the configuration."""
 
     root: Path  # cruise folder
-    place: Position  # as given on the command line
+    given: dict[str, float | None]  # latitude, longitude and water depth, as on the command line
     folders: dict[str, dict[str, Drafted]] = field(default_factory=dict)  # mooring or folder -> name -> instrument
     calibrations: dict[str, str] = field(default_factory=dict)  # name -> text
-    series: dict[str, Series] = field(default_factory=dict)  # covariates by name
+    # Keys of covariates by name, their mooring (None: all), and begin and end, UTC seconds.
+    series: dict[str, tuple[dict[str, Any], str | None, float, float]] = field(default_factory=dict)
     left: list[str] = field(default_factory=list)  # files that are not used, and why
 
     def inside(self, path: Path) -> str:
@@ -81,20 +75,20 @@ class Contents:
 def init(asked: Namespace) -> int:
     """Write the drafts, print how many decisions each leaves to the user, and return 0."""
     root = Path(asked.into)
-    contents = Contents(root, Position(asked.latitude, asked.longitude, asked.water_depth))
-    given = dict[Path, None]()
+    contents = Contents(root, {key: getattr(asked, key) for key in ("latitude", "longitude", "water_depth")})
+    listed = dict[Path, None]()
     for entry in map(Path, asked.files):
         if not entry.exists():
             expected, advice = "a file or a folder", "correct the path"
             raise InputError(str(entry), expected=expected, found="nothing there", advice=advice)
-        given |= dict.fromkeys(sorted(_below(entry)) if entry.is_dir() else [entry])
-    paths = [path for path in given if contents.inside(path).isprintable()]  # a YAML file cannot name others
+        listed |= dict.fromkeys(sorted(_below(entry)) if entry.is_dir() else [entry])
+    paths = [path for path in listed if contents.inside(path).isprintable()]  # a YAML file cannot name others
     _sort(paths, asked.name, contents)
     texts = {f"config/moorings/{name}.yaml": text for name, text in _moorings(contents).items()}
     config = {"config/config.yaml": draft.CONFIG.format(moorings="config/moorings" if texts else "[]")}
-    config |= {f"{draft.FOLDER}/{name}": text for name, text in draft.schemas().items()}
+    config |= {f"{SCHEMAS}/{name}": text for name, text in json_schemas().items()}
     texts |= {f"config/calibrations/{name}.yaml": text for name, text in contents.calibrations.items()}
-    unnamed = [path for path in given if path not in paths]
+    unnamed = [path for path in listed if path not in paths]
     contents.left += [f"{shown(path.name)}: rename it in UTF-8, without control characters" for path in unnamed]
     left = [f"left out: {line}" for line in contents.left]
     if not texts:
@@ -113,7 +107,7 @@ def init(asked: Namespace) -> int:
             (root / file).parent.mkdir(parents=True, exist_ok=True)
             (root / file).write_text(text, encoding="utf-8")
     for file, text in texts.items():
-        n = draft.decisions(text)
+        n = len(re.findall(rf"^[^#\n]*: {DECIDE}\b", text, re.MULTILINE))
         print(f"{root / file}: {n} DECIDE entr{'y' if n == 1 else 'ies'} to replace by a value")
     print(f"then: compass check {root}")
     print_warnings(left)
@@ -141,10 +135,9 @@ def _sort(paths: Sequence[Path], name: str | None, contents: Contents) -> None:
         unpacked = path.with_suffix(".TXT")
         form = "ocean_contour" if form == "netcdf" and ocean_contour.is_ocean_contour(path) else form
         table = tables[path] = detect.guess_columns(path) if form == "table" else None
-        mooring = name
-        if not mooring:  # named after the folder of its files, unless that has a generic name
-            folders = (path.absolute().parent.name, Path(os.path.abspath(contents.root)).name)
-            mooring = next((_name(folder) for folder in folders if folder.lower() not in NAMELESS), "M1")
+        # Named after the folder of its files, unless that has a generic name.
+        folders = (path.absolute().parent.name, Path(os.path.abspath(contents.root)).name)
+        mooring = name or next((_name(folder) for folder in folders if folder.lower() not in NAMELESS), "M1")
         if path.suffix.lower() == converted.HEADER and recorded:
             contents.left.append(f"{path}: converted from {recorded.name}, which is read")
         elif form == "mmp_acm" and unpacked in paths and unpacked != path:
@@ -164,7 +157,7 @@ def _sort(paths: Sequence[Path], name: str | None, contents: Contents) -> None:
     for (mooring, form, stem), files in groups.items():
         with_scans = [path for path in companions if form == "mmp_acm" and path.parent == files[0].parent]
         others = contents.folders.setdefault(mooring, {})
-        others[_free(stem, others)] = _draft(form, files, tables[files[0]], with_scans, contents)
+        others[_free(stem, others)] = _read(form, files, tables[files[0]], with_scans, contents)
     advice = "name it under pressure_files of a profiler, or under covariates"
     profilers = {files[0].parent for (_, form, _), files in groups.items() if form == "mmp_acm"}
     alone = [path for path in companions if not COMPANION.search(path.name) and path.parent not in profilers]
@@ -172,19 +165,23 @@ def _sort(paths: Sequence[Path], name: str | None, contents: Contents) -> None:
 
 
 def _add_calibration(path: Path, form: str, table: detect.GuessedTable | None, contents: Contents) -> None:
-    """Add the series of an observatory, which is a covariate too, a log of a ship, or a table of readings."""
+    """Add the series of an observatory, which is a covariate too, a log of a ship, or a table of readings.
+
+    A value is DECIDE where it is required and not known; an optional one is None, and a comment in the draft.
+    """
     file, name = contents.inside(path), _free(_name(path.stem), contents.calibrations)
-    keys: dict[str, object] = {"file": file}
-    comments = {"date": TO_CARRY}
+    keys: dict[str, Any] = {"file": file}
+    comments = {"date": "when it was done", "longitude": draft.UNITS["longitude"]}
+    place = {key: contents.given[key] for key in ("latitude", "longitude")}
+    known = None not in place.values()
     if form == "iaga2002":
         kind, placed = "declination", True
-        covariate = {"format": form, "files": [file]}
-        contents.series["declination_observatory"] = Series(covariate, None, -math.inf, math.inf)
+        contents.series["declination_observatory"] = ({"format": form, "files": [file]}, None, -math.inf, math.inf)
         with suppress(InputError):  # compass check will report the error
             series = iaga2002.read([path])
             placed = bool(np.isfinite(series.latitude + series.longitude))
-        if not placed:
-            comments |= _place(keys, contents.place, "of the observatory", draft.DECIDE)
+        keys |= {} if placed else place if known else dict.fromkeys(place, DECIDE)
+        comments["latitude"] = "degrees north, of the observatory"
     elif form == "nmea0183":
         kind, parsed = "swing", nmea.read_any(path)
         why = "no magnetic heading (HDG or HDM) with a course (RMC or VTG)"
@@ -196,49 +193,39 @@ def _add_calibration(path: Path, form: str, table: detect.GuessedTable | None, c
             return
         columns, talkers, _ = parsed
         keys |= {"format": form, **({"columns": columns} if columns else {})}
-        keys |= {"talker": draft.DECIDE} if talkers else {}
+        keys |= {"talker": DECIDE} if talkers else {}
         comments["talker"] = f"{', '.join(talkers)} send headings; HC is a magnetic compass"
     else:
         assert table is not None
         kind, columns = table.kind, {role: header for role, header in table.columns.items() if role != header}
-        unknown = draft.DECIDE if kind == "swing" else None  # its courses are true, its compass magnetic
+        unknown = DECIDE if kind == "swing" else None  # its courses are true, its compass magnetic
         keys |= {"columns": columns} if columns else {}
-        comments |= _place(keys, contents.place, TO_CARRY, unknown)
+        keys |= place if known else dict.fromkeys(place, unknown)
         keys |= {} if "time_utc" in table.columns and unknown else {"date": unknown}
+        comments["latitude"] = TO_CARRY
     contents.calibrations[name] = draft.calibration(kind, keys, comments)
 
 
-def _place(keys: dict[str, object], said: Position, why: str, unknown: str | None) -> dict[str, str]:
-    """Add the position of a calibration as given by the user, or undecided, and return comments."""
-    given = None not in (said.latitude, said.longitude)
-    keys |= {key: getattr(said, key) if given else unknown for key in ("latitude", "longitude")}
-    return {} if given else {"latitude": f"degrees north, {why}", "longitude": "degrees east, west negative"}
-
-
 def _add_series(path: Path, table: detect.GuessedTable, mooring: str, contents: Contents) -> None:
-    keys: dict[str, object] = {"format": "table", "files": contents.inside(path), "columns": table.columns}
+    keys: dict[str, Any] = {"format": "table", "files": contents.inside(path), "columns": table.columns}
     try:
         time_s, _, _ = read_series({"files": [path], "columns": table.columns})
     except InputError as error:
-        asked = dict.fromkeys(_named_keys(error, readers.TABLE_KEYS), draft.DECIDE)
+        asked = dict.fromkeys(_named_keys(error, readers.TABLE_KEYS), DECIDE)
         if not asked:
             contents.left.append(str(error))
             return
         keys, time_s = keys | asked, np.array([-np.inf, np.inf])
     name = _name(table.columns["value"])
-    name = f"{name}_logged" if name in KNOWN_SERIES else name
-    contents.series[_free(name, contents.series)] = Series(keys, mooring, float(time_s[0]), float(time_s[-1]))
+    name = _free(f"{name}_logged" if name in KNOWN_SERIES else name, contents.series)
+    contents.series[name] = (keys, mooring, float(time_s[0]), float(time_s[-1]))
 
 
-def _draft(
-    form: str,
-    files: Sequence[Path],
-    table: detect.GuessedTable | None,
-    companions: Sequence[Path],
-    contents: Contents,
+def _read(
+    form: str, files: Sequence[Path], table: detect.GuessedTable | None, companions: Sequence[Path], contents: Contents
 ) -> Drafted:
     """Read an instrument, with provisional values of the keys that only the user can decide."""
-    keys: dict[str, object] = {key: draft.DECIDE for key in ASKED if key in PROVISIONAL.get(form, {})}
+    keys: dict[str, Any] = {key: DECIDE for key in ASKED if key in PROVISIONAL.get(form, {})}
     if table:
         keys["columns"] = {**table.columns, **({"scale": table.scale} if table.scale else {})}
     if companions:
@@ -253,7 +240,7 @@ def _draft(
             trouble = trouble or str(error)
             asked |= {*_named_keys(error, readers.get_format(form).keys)}
             continue
-        keys |= dict.fromkeys({"orientation"} & {*record.unstated, *retried}, draft.DECIDE)
+        keys |= dict.fromkeys({"orientation"} & {*record.unstated, *retried}, DECIDE)
         where: dict[str, float] = {}
         if form == "netcdf":
             from compasslib.readers.netcdf.variables import read_position
@@ -261,7 +248,7 @@ def _draft(
             where = read_position(files[0])
         return Drafted(form, inside, keys, record, north=table.north if table else None, where=where)
     unread = ["direction_reference"] * (form == "netcdf")  # what the file says of it is not known yet
-    return Drafted(form, inside, keys | dict.fromkeys([*sorted(asked), *unread], draft.DECIDE), trouble=trouble)
+    return Drafted(form, inside, keys | dict.fromkeys([*sorted(asked), *unread], DECIDE), trouble=trouble)
 
 
 def _named_keys(error: InputError, keys: Iterable[str]) -> list[str]:
@@ -280,16 +267,16 @@ def _moorings(contents: Contents) -> dict[str, str]:
             dated = len(groups) > 1 and math.isfinite(start)
             name = _free(f"{folder}_{datetime.fromtimestamp(start, UTC):%Y}" if dated else folder, texts)
             series = {
-                key: each.keys
-                for key, each in contents.series.items()
-                if each.mooring in (None, folder) and not (each.end_s < start or each.start_s > end)
+                key: keys
+                for key, (keys, of, begins, ends) in contents.series.items()
+                if of in (None, folder) and not (ends < start or begins > end)
             }
             used |= {*series}
-            texts[name] = draft.mooring(name, group, _roles(group), series, contents.place)
+            texts[name] = draft.mooring(name, group, _roles(group), series, contents.given)
         contents.left += [
-            f"{each.keys['files']}: no instrument of {folder} recorded at the time of this series"
-            for key, each in contents.series.items()
-            if each.mooring == folder and key not in used
+            f"{keys['files']}: no instrument of {folder} recorded at the time of this series"
+            for key, (keys, of, _, _) in contents.series.items()
+            if of == folder and key not in used
         ]
     return texts
 
@@ -317,8 +304,11 @@ def _overlap_in_time(first: Drafted, other: Drafted, *, share: float = 0.1) -> b
     return bool(overlap >= np.maximum(share * shorter, 0.0))
 
 
-def _roles(instruments: Mapping[str, Drafted]) -> Roles:
-    """Identify the affected instrument: the only one with headings, or that whose heading explains the directions."""
+def _roles(instruments: Mapping[str, Drafted]) -> tuple[str | None, str, list[str]]:
+    """Identify the affected instrument, with the evidence, and list those that recorded at the same time.
+
+    It is the only one with headings, or that whose heading explains the directions; None if the files do not show it.
+    """
     turning = {name: each.record for name, each in instruments.items() if each.record and each.sectors}
     listed = []  # content of each record, to help the user to identify the affected instrument
     for name, each in instruments.items():
@@ -338,7 +328,7 @@ def _roles(instruments: Mapping[str, Drafted]) -> Roles:
         for name, each in instruments.items()
         if name != affected and (affected is None or _overlap_in_time(instruments[affected], each) or each.trouble)
     ]
-    return Roles(affected, evidence, tuple(others) if len(instruments) > 1 else ())
+    return affected, evidence, others if len(instruments) > 1 else []
 
 
 def _by_directions(instruments: Mapping[str, Drafted], turning: Mapping[str, Record]) -> tuple[str, str] | None:
@@ -350,7 +340,7 @@ def _by_directions(instruments: Mapping[str, Drafted], turning: Mapping[str, Rec
             end_s=instruments[name].span_s[1],
             water_depth=DEEPEST_M,  # unknown: no instrument is rejected
             latitude=45.0,  # depth by pressure differs by 0.5 % between pole and equator
-            nominal_depth=instruments[name].depth_m if instruments[name].depth_m > 0.0 else None,
+            nominal_depth=instruments[name].depth_m or None,
         )
         for name, record in turning.items()
     }

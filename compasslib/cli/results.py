@@ -259,6 +259,6 @@ def _printable(path: str) -> str:
 
 def _configured_folders() -> list[str]:
     loaded = cruise.load_cruise(Path())
-    others = {"calibrations": loaded.calibrations, "compasses": loaded.compasses, "sites": Moorings(loaded).sites}
-    names = [*loaded.whole, *(f"{kind}/{name}" for kind, each in others.items() for name in each)]
+    others = (("calibrations", loaded.calibrations), ("compasses", loaded.compasses), ("sites", Moorings(loaded).sites))
+    names = [*loaded.whole, *(f"{kind}/{name}" for kind, each in others for name in each)]
     return [f"{crate.FOLDER}/{name}" for name in names]

@@ -1,11 +1,16 @@
-"""Read and validate a cruise's YAML files as immutable models; a mistake is reported in one line before any work."""
+"""Read and validate a cruise's YAML files as immutable models; a mistake is reported in one line before any work.
+
+``python -m compasslib.config.cruise FOLDER`` writes the JSON schemas of the files; ``make schema`` does so.
+"""
 
 from __future__ import annotations
 
 import graphlib
+import json
 import math
 import os
 import re
+import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -15,6 +20,7 @@ from typing import Any, TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
+from pydantic.json_schema import JsonSchemaMode, models_json_schema
 
 from compasslib.config.calibrations import MODELS, CalibrationFile, KindKey
 from compasslib.config.schema import Covariate, CruiseOptions, Instrument, Mooring
@@ -366,3 +372,46 @@ def parse(data: bytes, name: str, example: str = "key: value") -> dict[str, Any]
         raise InputError(name, expected="keys with values", found=actual, advice=f"write for example {example}")
     advice = "check encoding, indentation, colons, quotes and brackets"
     raise InputError(where, expected="YAML in UTF-8", found=actual, advice=advice)
+
+
+# JSON schemas, generated from the models, for completion and validation of the YAML files in editors.
+
+SCHEMAS = "config/schema"  # their folder in a cruise
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def json_schemas() -> dict[str, str]:
+    """Generate the JSON schemas of config.yaml, of moorings and of calibrations, by name of the schema file."""
+    models: list[type[BaseModel]] = [KindKey, *MODELS.values()]
+    named: list[tuple[type[BaseModel], JsonSchemaMode]] = [(model, "validation") for model in models]
+    _, kinds = models_json_schema(named)
+    by_kind = [
+        {"if": {"properties": {"kind": {"const": kind}}}, "then": {"$ref": f"#/$defs/{model.__name__}"}}
+        for kind, model in MODELS.items()
+    ]
+    known = kinds["$defs"]["KindKey"]["properties"]
+    calibration = {"type": "object", "required": ["kind"], "properties": known, "allOf": by_kind, **kinds}
+    made = {"config": CruiseOptions.model_json_schema(), "mooring": Mooring.model_json_schema()}
+    return {
+        f"{name}.json": json.dumps({"$schema": DIALECT} | _simplify(schema), indent=1, ensure_ascii=False) + "\n"
+        for name, schema in (made | {"calibration": calibration}).items()
+    }
+
+
+def _simplify(schema: Any) -> Any:
+    """Remove advice and examples, which serve error messages only, and uninformative titles and null defaults."""
+    if isinstance(schema, list):
+        return [_simplify(part) for part in schema]
+    if not isinstance(schema, dict):
+        return schema
+    idle = {"advice": schema.get("advice"), "title": schema.get("title"), "default": None, "examples": None}
+    return {
+        key: _simplify(value)
+        for key, value in schema.items()
+        if not (key in idle and (key == "examples" or (value == idle[key] and not isinstance(value, dict))))
+    }
+
+
+if __name__ == "__main__":
+    for file, text in json_schemas().items():
+        Path(sys.argv[1], file).write_text(text, encoding="utf-8")

@@ -1,34 +1,27 @@
-"""Drafts of the YAML files of moorings and calibrations, with values from raw files and DECIDE for those unknown.
+"""Texts of drafted YAML files, with values from raw files and DECIDE for those unknown.
 
 The schema refuses DECIDE, which the user must replace; the comment on the same line gives the evidence in the files.
-``python -m compasslib.config.draft FOLDER`` writes the JSON schemas of all YAML files; ``make schema`` does so.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import os
-import re
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
-from pydantic import BaseModel
-from pydantic.json_schema import JsonSchemaMode, models_json_schema
 
 from compasslib import angles
-from compasslib.config.calibrations import MODELS, KindKey
-from compasslib.config.schema import CruiseOptions, Mooring
 from compasslib.config.values import DECIDE
 from compasslib.records import Record, iso_time
 from compasslib.types import Floats
 
+SILENT = ("table", "acm_table", "mmp_acm")  # formats that never state whether directions are magnetic or true
+ORIENTED = ("pd0", "nortek", "netcdf", "ocean_contour", "mat", "rdi_text")  # formats that may state the orientation
 SCHEMA = "# yaml-language-server: $schema={}.json\n"
 CONFIG = f"""{SCHEMA.format("schema/config")}# Drafted by compass init; config/README.md of the pipeline has every key.
 moorings: {{moorings}}
@@ -42,9 +35,11 @@ UNITS = {
     "bin_size": "m, from one bin that was sent to the next",
     "first_bin": "m, from the transducer to the middle of the first bin",
     "time_format": "as '%d/%m/%Y %H:%M' or '%m/%d/%Y %H:%M'",
+    "latitude": "degrees north",
+    "longitude": "degrees east, west negative",
+    "water_depth": "m",
 }
-SILENT = ("table", "acm_table", "mmp_acm")  # formats that never state whether directions are magnetic or true
-ORIENTED = ("pd0", "nortek", "netcdf", "ocean_contour", "mat", "rdi_text")  # formats that may state the orientation
+Row = tuple[str, Any, str]  # key, value and comment; a comment alone has no key
 
 
 @dataclass(frozen=True)
@@ -99,53 +94,33 @@ class Drafted:
         return len(np.unique(headings[np.isfinite(headings)] // angles.SECTOR_DEG))
 
 
-@dataclass(frozen=True)
-class Position:
-    """Position and water depth given on the command line, None if not given."""
-
-    latitude: float | None = None
-    longitude: float | None = None
-    water_depth: float | None = None
-
-
-@dataclass(frozen=True)
-class Roles:
-    """Affected instrument and possible references, with the evidence."""
-
-    affected: str | None  # None if the files do not show it
-    evidence: str
-    others: tuple[str, ...] = ()  # instruments that recorded at the same time
-
-
 def mooring(
-    name: str,
-    drafted: Mapping[str, Drafted],
-    roles: Roles,
-    series: Mapping[str, Mapping[str, Any]],
-    said: Position,
-) -> str:
+    name: str, group: Mapping[str, Drafted], roles: tuple[str | None, str, Sequence[str]],
+    series: Mapping[str, Mapping[str, Any]], given: Mapping[str, float | None],
+) -> str:  # fmt: skip
     """Compose the text of config/moorings/NAME.yaml.
 
     Args:
-        drafted: instruments that recorded at the same time.
+        group: instruments that recorded at the same time.
+        roles: the affected one, None if the files do not show it, with the evidence, and possible references.
         series: covariates by name, with their keys.
+        given: latitude, longitude and water depth, as far as the user gave them.
     """
-    instruments = {each: drafted[each] for each in sorted(drafted, key=lambda each: each != roles.affected)}
-    return "".join(
-        [
-            SCHEMA.format("../schema/mooring"),
-            HEAD,
-            _line("name", name),
-            *_place([each.where for each in instruments.values()], said),
-            *_window(list(instruments.values())),
-            _line("declination", "auto", "by IGRF at this place, along time; or degrees east"),
-            *_roles(roles),
-            "instruments:\n",
-            *(line for each in instruments for line in _instrument(each, instruments[each])),
-            *(["covariates:\n"] if series else []),
-            *(f"  {each}: {_flow(keys)}\n" for each, keys in series.items()),
-        ]
-    )
+    affected, evidence, others = roles
+    instruments = sorted(group.items(), key=lambda item: item[0] != affected)
+    lines = [
+        _line("name", name),
+        *_place([each.where for _, each in instruments], given),
+        *_window(list(group.values())),
+        _line("declination", "auto", "by IGRF at this place, along time; or degrees east"),
+        _line("compromised", affected or DECIDE, evidence),
+        _reference(affected, others),
+        "instruments:\n",
+        *(line for role, each in instruments for line in _instrument(role, each)),
+        *(["covariates:\n"] if series else []),
+        *(f"  {key}: {_flow(keys)}\n" for key, keys in series.items()),
+    ]
+    return "".join([SCHEMA.format("../schema/mooring"), HEAD, *lines])
 
 
 def calibration(kind: str, keys: Mapping[str, Any], comments: Mapping[str, str]) -> str:
@@ -155,33 +130,36 @@ def calibration(kind: str, keys: Mapping[str, Any], comments: Mapping[str, str])
         keys: values from the files; DECIDE for a required input, None for an optional one (written as a comment).
     """
     lines = [
-        _line(key, value, comments.get(key, "")) if value is not None else f"# {key}: ...  # {comments[key]}\n"
+        f"# {key}: ...  # {comments[key]}\n"
+        if value is None
+        else _line(key, value, comments.get(key, "") if value == DECIDE else "")
         for key, value in keys.items()
     ]
     return "".join([SCHEMA.format("../schema/calibration"), HEAD, _line("kind", kind), *lines])
 
 
-def decisions(text: str) -> int:
-    """Count the values of a draft that the user must decide."""
-    return len(re.findall(rf"^[^#\n]*: {DECIDE}\b", text, re.MULTILINE))
+def _line(key: str, value: object, comment: str = "", indent: int = 0) -> str:
+    text = f"{' ' * indent}{key}: {_flow(value)}"
+    return f"{text}  # {comment}\n" if comment else f"{text}\n"
 
 
-def _place(stated: Sequence[Mapping[str, float]], said: Position) -> list[str]:
-    lines = []
-    for key, unit in (
-        ("latitude", "degrees north"),
-        ("longitude", "degrees east, west negative"),
-        ("water_depth", "m"),
-    ):
-        given = getattr(said, key)
+def _flow(value: object) -> str:
+    text = yaml.safe_dump(value, default_flow_style=True, width=math.inf, allow_unicode=True, sort_keys=False)
+    return text.removesuffix("\n").removesuffix("\n...").removesuffix(os.linesep)
+
+
+def _place(stated: Sequence[Mapping[str, float]], given: Mapping[str, float | None]) -> Iterator[str]:
+    for key, value in given.items():
         recorded = next((each[key] for each in stated if key in each), None)
-        comment = "" if given is not None else unit if recorded is None else f"{unit}, as the file says"
-        value = recorded if given is None else given
-        lines.append(_line(key, DECIDE if value is None else value, comment))
-    return lines
+        if value is not None:
+            yield _line(key, value)
+        elif recorded is not None:
+            yield _line(key, recorded, f"{UNITS[key]}, as the file says")
+        else:
+            yield _line(key, DECIDE, UNITS[key])
 
 
-def _window(instruments: Sequence[Drafted]) -> list[str]:
+def _window(instruments: Iterable[Drafted]) -> list[str]:
     """Draft start and end: the time in the water by pressure or depth, else DECIDE with the span of the records."""
     submerged = [each.in_water_s for each in instruments if each.in_water_s]
     spans = submerged or [each.span_s for each in instruments if not math.isnan(each.span_s[0])]
@@ -197,21 +175,26 @@ def _window(instruments: Sequence[Drafted]) -> list[str]:
     ]
 
 
-def _roles(roles: Roles) -> list[str]:
-    affected = _line("compromised", roles.affected or DECIDE, roles.evidence)
-    if not roles.others:
-        return [affected, "# reference: none recorded at the same time; without one only a calibration can correct\n"]
-    if roles.affected and len(roles.others) == 1:
-        return [affected, _line("reference", roles.others[0], "the other instrument that recorded at the same time")]
-    names = ", ".join(roles.others)
-    return [affected, _line("reference", DECIDE, f"away from iron; one name or a list of names: {names}")]
+def _reference(affected: str | None, others: Sequence[str]) -> str:
+    if not others:
+        return "# reference: none recorded at the same time; without one only a calibration can correct\n"
+    if affected and len(others) == 1:
+        return _line("reference", others[0], "the other instrument that recorded at the same time")
+    return _line("reference", DECIDE, f"away from iron; one name or a list of names: {', '.join(others)}")
 
 
-def _instrument(name: str, drafted: Drafted) -> list[str]:
-    rows: list[tuple[str, Any, str]] = [
+def _instrument(name: str, drafted: Drafted, *, still_m: float = 0.3) -> list[str]:
+    """Draft an instrument; its depth is not stated if it changes by less than by tides and weather."""
+    depth: tuple[Any, str] = round(drafted.depth_m, 1), "m, the median of what it recorded"
+    if drafted.depth_m == 0.0:
+        depth = DECIDE, "m, of the transducer; the files do not tell"
+    elif (change := float(np.ptp(np.quantile(drafted.depths_m, [0.01, 0.99])))) < still_m:
+        found = f"m; recorded as {drafted.depth_m:.1f} with no change beyond {change:.2g}"
+        depth = DECIDE, f"{found}: entered, or its pressure is stuck"
+    rows: list[Row] = [
         ("format", drafted.format, ""),
         ("files", list(drafted.files) if len(drafted.files) > 1 else drafted.files[0], ""),
-        ("depth", *_depth(drafted)),
+        ("depth", *depth),
         *(_directions(drafted, drafted.record) if drafted.record else []),
     ]
     keys = {key: value for key, value in drafted.keys.items() if key != "columns"}
@@ -232,19 +215,9 @@ def _instrument(name: str, drafted: Drafted) -> list[str]:
     return lines
 
 
-def _depth(drafted: Drafted, *, still_m: float = 0.3) -> tuple[Any, str]:
-    """Draft the depth, with a comment; it is not stated if it changes by less than by tides and weather."""
-    if drafted.depth_m == 0.0:
-        return DECIDE, "m, of the transducer; the files do not tell"
-    if (change := float(np.ptp(np.quantile(drafted.depths_m, [0.01, 0.99])))) < still_m:
-        description = f"m; recorded as {drafted.depth_m:.1f} with no change beyond {change:.2g}"
-        return DECIDE, f"{description}: entered, or its pressure is stuck"
-    return round(drafted.depth_m, 1), "m, the median of what it recorded"
-
-
-def _directions(drafted: Drafted, record: Record) -> list[tuple[str, Any, str]]:
-    """Draft orientation, reference of directions and declination: key, value, comment; a comment alone has no key."""
-    rows: list[tuple[str, Any, str]] = []
+def _directions(drafted: Drafted, record: Record) -> list[Row]:
+    """Draft orientation, reference of directions and declination."""
+    rows: list[Row] = []
     silent = drafted.format in SILENT
     if drafted.format in ORIENTED and drafted.keys.get("orientation") != DECIDE:
         rows.append(("orientation", "up" if record.looks_up else "down", "as the files say"))
@@ -258,56 +231,3 @@ def _directions(drafted: Drafted, record: Record) -> list[tuple[str, Any, str]]:
         return [*rows, ("", None, f"the file's heading bias or declination, {bias:+.2f}, is taken out")]
     ask = "degrees east that are in the directions already, 0 for none; the files tell of none"
     return [*rows, ("declination_applied", DECIDE, ask)]
-
-
-def _line(key: str, value: object, comment: str = "", indent: int = 0) -> str:
-    text = f"{' ' * indent}{key}: {_flow(value)}"
-    return f"{text}  # {comment}\n" if comment else f"{text}\n"
-
-
-def _flow(value: object) -> str:
-    text = yaml.safe_dump(value, default_flow_style=True, width=math.inf, allow_unicode=True, sort_keys=False)
-    return text.removesuffix("\n").removesuffix("\n...").removesuffix(os.linesep)
-
-
-# JSON schemas, generated from the models, for completion and validation of the YAML files in editors.
-
-FOLDER = "config/schema"  # relative to the folder of a cruise
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
-
-
-def schemas() -> dict[str, str]:
-    """Generate the JSON schemas of config.yaml, of moorings and of calibrations, by name of the schema file."""
-    models: list[type[BaseModel]] = [KindKey, *MODELS.values()]
-    named: list[tuple[type[BaseModel], JsonSchemaMode]] = [(model, "validation") for model in models]
-    _, kinds = models_json_schema(named)
-    by_kind = [
-        {"if": {"properties": {"kind": {"const": kind}}}, "then": {"$ref": f"#/$defs/{model.__name__}"}}
-        for kind, model in MODELS.items()
-    ]
-    known = kinds["$defs"]["KindKey"]["properties"]
-    calibration = {"type": "object", "required": ["kind"], "properties": known, "allOf": by_kind, **kinds}
-    made = {"config": CruiseOptions.model_json_schema(), "mooring": Mooring.model_json_schema()}
-    return {
-        f"{name}.json": json.dumps({"$schema": DIALECT} | _simplify(schema), indent=1, ensure_ascii=False) + "\n"
-        for name, schema in (made | {"calibration": calibration}).items()
-    }
-
-
-def _simplify(schema: Any) -> Any:
-    """Remove advice and examples, which serve error messages only, and uninformative titles and null defaults."""
-    if isinstance(schema, list):
-        return [_simplify(part) for part in schema]
-    if not isinstance(schema, dict):
-        return schema
-    idle = {"advice": schema.get("advice"), "title": schema.get("title"), "default": None, "examples": None}
-    return {
-        key: _simplify(value)
-        for key, value in schema.items()
-        if not (key in idle and (key == "examples" or (value == idle[key] and not isinstance(value, dict))))
-    }
-
-
-if __name__ == "__main__":
-    for file, text in schemas().items():
-        Path(sys.argv[1], file).write_text(text, encoding="utf-8")

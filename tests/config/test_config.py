@@ -16,7 +16,7 @@ import pytest
 import yaml
 
 from compasslib import readers
-from compasslib.config import calibrations, draft, schema, section
+from compasslib.config import calibrations, schema, section
 from compasslib.config import cruise as config
 from compasslib.errors import InputError
 from compasslib.stages.settings import Moorings
@@ -585,8 +585,8 @@ def test_unprintable_file_names_are_refused(cruise: Path, name: bytes) -> None:
 
 
 def test_json_schemas_match_models_and_accept_all_configurations() -> None:
-    made = draft.schemas()
-    assert {path.name: path.read_text() for path in (ROOT / draft.FOLDER).iterdir()} == made, "run: make schema"
+    made = config.json_schemas()
+    assert {path.name: path.read_text() for path in (ROOT / config.SCHEMAS).iterdir()} == made, "run: make schema"
     folders = [ROOT / "config", *ROOT.glob("examples/*/config")]
     kinds = {"config": "config.yaml", "mooring": "moorings/*.yaml", "calibration": "calibrations/*.yaml"}
     for kind, pattern in kinds.items():
