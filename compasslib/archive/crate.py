@@ -2,6 +2,8 @@
 
 Each job of the workflow writes a record (``pipeline.job``), which becomes an action of the crate. Of the clock only
 ``datePublished`` is read, which SOURCE_DATE_EPOCH can fix. Profile: https://w3id.org/ro/wfrun/process/0.5
+
+Reading the manifest raises InputError where there is none, it is not a manifest, or it lists no file.
 """
 
 from __future__ import annotations
@@ -251,9 +253,6 @@ def unlisted_files(root: Path, configured: Collection[str] | None) -> dict[str, 
     Returns:
         By path from the cruise folder: ``FORMER``, unchanged result of what is no longer configured; ``UNLISTED``,
         of a later job than the manifest; or ``NEW``, as no job wrote it.
-
-    Raises:
-        InputError: there is no valid manifest.
     """
     known, manifest = listed(read_manifest(root)), root / FILE
     entries = [path for path in (root / FOLDER).rglob("*") if path.is_symlink() or not path.is_dir()]
@@ -296,9 +295,6 @@ def differences(root: Path, configured: Collection[str] | None) -> list[Differen
     Args:
         root: folder of the cruise, which is only read.
         configured: as for ``unlisted_files``.
-
-    Raises:
-        InputError: there is no valid manifest.
     """
     differ = list[Difference]()
     for file, known in listed(read_manifest(root)).items():
@@ -327,11 +323,7 @@ def to_make_again(page: Mapping[str, Any], differ: Iterable[Difference]) -> list
 
 
 def read_manifest(root: Path) -> dict[str, Any]:
-    """Read the manifest of a cruise.
-
-    Raises:
-        InputError: there is none, it is not a manifest, or it lists no file.
-    """
+    """Read the manifest of a cruise."""
     page: dict[str, Any] = read_json(root / FILE)
     try:
         made_from(page, "")

@@ -156,11 +156,7 @@ def pack_wheel() -> bytes:
 
 
 def describe_superseded(file: Path, configuration: Sequence[str], root: Path) -> dict[str, Any]:
-    """Describe the earlier deposit of a mooring: keys of its YAML files that differ, and hashes of its input files.
-
-    Raises:
-        InputError: the file is not a deposit.
-    """
+    """Describe the earlier deposit of a mooring: keys of its YAML files that differ, and hashes of its input files."""
     new = {name: read(root, name) for name in configuration}
     with open_deposit(file, "correct supersedes in config/config.yaml") as packed:
         manifest, there = packed.read(crate.FILE), {*packed.namelist()}
@@ -181,11 +177,7 @@ def describe_superseded(file: Path, configuration: Sequence[str], root: Path) ->
 
 @contextmanager
 def open_deposit(file: str | Path, advice: str) -> Iterator[zipfile.ZipFile]:
-    """Open the ZIP of a deposit; errors of the block are those of its content.
-
-    Raises:
-        InputError: it is not a deposit.
-    """
+    """Open the ZIP of a deposit; errors of the block are those of its content."""
     try:
         with zipfile.ZipFile(file) as packed:
             yield packed

@@ -346,11 +346,7 @@ def read(root: Path, name: str, example: str = "key: value") -> dict[str, Any]:
 
 
 def parse(data: bytes, name: str, example: str = "key: value") -> dict[str, Any]:
-    """Parse the content of a YAML file as ``read`` does.
-
-    Raises:
-        InputError: as for ``read``.
-    """
+    """Parse the content of a YAML file as ``read`` does."""
     where, text = name, data.decode("utf-8-sig", "replace")
     try:
         data.decode("utf-8-sig")

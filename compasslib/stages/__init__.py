@@ -1,7 +1,8 @@
 """Stages of the workflow: functions that read files, write files and report their result.
 
 A stage is called with the wildcards of its rule (``workflow/rules``), the named inputs and outputs of the rule, a
-function that writes to the log, and its settings (``settings``). The rule ``read`` makes the record of one instrument:
+function that writes to the log, and its settings (``settings``); it raises InputError if it cannot read a file. The
+rule ``read`` makes the record of one instrument:
 
 >>> import tempfile
 >>> from pathlib import Path

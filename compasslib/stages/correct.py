@@ -50,9 +50,6 @@ def correct(
     Args:
         superseded: the earlier deposit, as returned by ``deposit.describe_superseded``.
         by_hand: descriptions of the flags that a person gave.
-
-    Raises:
-        InputError: an observatory's file cannot be read.
     """
     affected, along = netcdf.read_record(files.record), earthfield.field_from_json(read_json(files.field))
     whole = replace(affected, profiles=netcdf.read_profiles(files.record))
@@ -102,9 +99,6 @@ def grid(
         rotors: whether each reference counts its speed by a mechanical rotor.
         superseded: the earlier deposit, as for ``correct``.
         by_hand: descriptions of the flags that a person gave.
-
-    Raises:
-        InputError: an observatory's file cannot be read.
     """
     along, flags = earthfield.field_from_json(read_json(files.fields[0])), tuple(options["flags"])
     names = [Path(path).stem for path in files.references]
@@ -159,11 +153,7 @@ def grid(
 
 
 def join_site(site: str, files: Files, say: Say, *, names: Sequence[str], attributes: Settings) -> None:
-    """Join the daily means of the deployments of a site, ``names`` in order of time, as far as they have any.
-
-    Raises:
-        InputError: depths of two deployments are not on one axis.
-    """
+    """Join the daily means of the deployments of a site, ``names`` in order of time, as far as they have any."""
     paths = {Path(path).parent.name: path for path in files.daily}
     there = {name: paths[name] for name in names if name in paths}
     seams = sites.join_daily(files.joined, there, site, attributes)

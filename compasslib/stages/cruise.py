@@ -93,11 +93,7 @@ def report(
     files: Files, say: Say, *, attributes: Settings, moorings: Mapping[str, Settings], calibrations: Sequence[str],
     compasses: Sequence[str],
 ) -> None:  # fmt: skip
-    """Write two ``pages`` into the folder of the results: all results, and the series of the moorings to look at.
-
-    Raises:
-        InputError: a file of the results is missing or damaged.
-    """
+    """Write two ``pages`` into the folder of the results: all results, and the series of the moorings to look at."""
     (page, series), stopped = files.pages, read_stopped(files.usable)
     content = html.gather(
         Path(page).parent,

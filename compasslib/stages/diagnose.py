@@ -44,9 +44,6 @@ def diagnose(
 
     Args:
         sphere_distance_m: bounds of the distance from the compass to the iron's centre, where known.
-
-    Raises:
-        InputError: an observatory's file cannot be read.
     """
     near = combine_references(netcdf.read_pairs(files.pairs))
     along, configured = earthfield.field_from_json(read_json(files.field)), read_json(files.fit)
@@ -179,11 +176,7 @@ def combine_records(
 def diagnose_calibration(
     name: str, files: Files, say: Say, *, kind: str, settings: Settings, options: Settings
 ) -> None:
-    """Write the diagnosis of a calibration: effects in its readings that its model lacks.
-
-    Raises:
-        InputError: a raw file cannot be read.
-    """
+    """Write the diagnosis of a calibration: effects in its readings that its model lacks."""
     result = kinds.diagnose(kind, files.raw, settings, kinds.chosen(options))
     write_json(files.diagnosis, result.to_json())
     say(result.log_line(name))

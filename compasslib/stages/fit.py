@@ -58,11 +58,7 @@ def transfer_calibration(mooring: str, files: Files, say: Say, *, parts: Sequenc
 
 
 def calibrate(name: str, files: Files, say: Say, *, kind: str, settings: Settings) -> None:
-    """Write coefficients, deviation table, points and uncertainty budget of a calibration, independent of any mooring.
-
-    Raises:
-        InputError: a raw file cannot be read.
-    """
+    """Write coefficients, deviation table, points and uncertainty budget of a calibration."""
     settled = earthfield.resolve_settings(settings)
     made = calibrations.calibrate(kind, files.raw, settled)
     page = result.to_json(name, made, settled) | provenance.stamp(files.raw)

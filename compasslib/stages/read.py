@@ -69,9 +69,6 @@ def record_of(
         series: covariates to add to the record: files, columns and unit by name.
         neighbour: whose pressure gives the depth: ``table`` with time and pressure, or ``raw``, ``form``, ``reader``
             and ``deployment``; with ``name`` and ``depths_m`` of ``deployment.follow_neighbour``.
-
-    Raises:
-        InputError: a raw file cannot be read.
     """
     read = readers.read(form, list(map(Path, raw)), reader)
     if neighbour is not None:
@@ -101,9 +98,6 @@ def overlap(
         place: arguments of ``earthfield.field_along``.
         columns: headers or variables of the ready-made file by role, and ``scale``.
         compasses: arguments of ``reference_compass`` for each reference.
-
-    Raises:
-        InputError: a file of pairs or of an observatory cannot be read, or a date lies outside the model of the field.
     """
     along = declination.with_observatory_warnings(earthfield.field_along(**place), files.observatory)
     write_json(files.field, vars(along))
@@ -146,11 +140,7 @@ def _find_pairs(
 
 
 def simulate(files: Files, say: Say, *, name: str, seed: int) -> None:
-    """Write the ``raw`` files of a mooring, and the ``truth`` to a separate file.
-
-    Raises:
-        InputError: the simulation does not write one of the files.
-    """
+    """Write the ``raw`` files of a mooring, and the ``truth`` to a separate file."""
     from compasslib.demo import concealed, demonstration
 
     world = concealed if name in concealed.CASES else demonstration

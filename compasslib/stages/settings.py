@@ -177,9 +177,6 @@ class Moorings:
         """Describe the deposit that the results of a mooring supersede, with the hashes of the mooring's files in it.
 
         None where there is none.
-
-        Raises:
-            InputError: the configured file is not a deposit.
         """
         root, deposits = self.cruise.root, self.cruise.options.supersedes
         if not deposits:
