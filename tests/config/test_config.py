@@ -368,11 +368,8 @@ covariates: {obs: {format: iaga2002, files: raw/obs/*.min, unit: nT}} -> covaria
     heading: 3 -> instruments.top.heading
     sound_speed: {salinity: 43} -> instruments.top.sound_speed
     declination_applied: {heading: 3} -> instruments.top.declination_applied
-    format: netcdf\n    flags: {good: [1], bad: ['1']} -> instruments.top.flags
-    format: netcdf\n    flags: {} -> instruments.top.flags
     bin_size: 16 -> instruments.top.bin_size
     format: netcdf\n    columns: {x: s, y: d} -> instruments.top.columns.x
-    header: 1\n    skip_rows: 2 -> instruments.top.header
     exclude: {from: 2007-10-01, to: 2007-10-02} -> instruments.top.exclude
     exclude: [2007-10-01] -> instruments.top.exclude[0]
     exclude: [{from: 2007-10-01}] -> instruments.top.exclude[0].to
@@ -391,9 +388,7 @@ BAD_COLUMNS = r"""
 {time: t, east: u} -> columns
 {time: t, x: u, y: v} -> columns
 {time: t} -> columns
-{time: t, east: u, north: u} -> columns.north
 {time: t, east: 0, north: v} -> columns.east
-{time: [t, t], east: u, north: v} -> columns.time
 {time: [t], east: u, north: v} -> columns.time
 {time: t, east: u, north: v, tilt: w} -> columns.tilt
 [time_utc, u, v] -> columns
