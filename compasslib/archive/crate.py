@@ -331,6 +331,5 @@ def read_manifest(root: Path) -> dict[str, Any]:
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         fault = repr(error)
     if fault:
-        expected, advice = "a manifest that lists the files of a run", "make run writes it"
-        raise InputError(str(root / FILE), expected=expected, found=fault, advice=advice)
+        raise InputError(str(root / FILE), "a manifest that lists the files of a run", fault, "make run writes it")
     return page

@@ -347,8 +347,7 @@ def open_product(path: str | Path) -> CorrectedRecord:
     path = Path(path) / "corrected.nc" if Path(path).is_dir() else Path(path)
     with open_netcdf(path) as nc:
         if "HEADING_ERROR_MODE" in nc.variables:
-            advice = "open it by compasslib.open_gridded"
-            raise InputError(str(path), expected="corrected.nc", found="gridded velocities", advice=advice)
+            raise InputError(str(path), "corrected.nc", "gridded velocities", "open it by compasslib.open_gridded")
     return replace(read_corrected(path), path=str(path))
 
 

@@ -88,8 +88,7 @@ def join_daily(
     """
     each = [made for name, file in deployments.items() if (made := _read(name, file)).values["TIME"].size]
     if not each:
-        advice = "look at the reports of its moorings"
-        raise InputError(f"site {site}", expected="daily means of a deployment", found="none", advice=advice)
+        raise InputError(f"site {site}", "daily means of a deployment", "none", "look at the reports of its moorings")
     first, top_m = each[0], min(float(d.values["DEPTH"][0]) for d in each)
     for d in each:
         d.top_m = top_m

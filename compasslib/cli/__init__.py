@@ -87,8 +87,7 @@ def run(asked: argparse.Namespace) -> int:
 def require_folder(cruise: str) -> None:
     """Raise InputError if the folder of a cruise does not exist."""
     if not os.path.isdir(cruise):
-        advice = "name the folder of a cruise"
-        raise InputError(cruise, expected="a cruise folder", found="no such folder", advice=advice)
+        raise InputError(cruise, "a cruise folder", "no such folder", "name the folder of a cruise")
 
 
 def _failed(line: str, status: int = 1) -> int:

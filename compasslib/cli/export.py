@@ -104,8 +104,7 @@ def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
     rules, role = Moorings(loaded), loaded.moorings[mooring].compromised
     settings = rules.read(mooring, role)
     if (form := settings["form"]) != "pd0":
-        where, advice = f"{mooring}: {role}", "export it to csv, mat or oceansites"
-        raise InputError(where, expected="raw files in PD0", found=form, advice=advice)
+        raise InputError(f"{mooring}: {role}", "raw files in PD0", form, "export it to csv, mat or oceansites")
     raw, headings, history = (
         rules.raw_files(mooring, role),
         _Headings(source, settings),
@@ -274,8 +273,7 @@ def _needed(module: str) -> Any:
         return import_module(module)
     except ImportError as error:
         package, actual = module.partition(".")[0], "it is not installed"
-        advice = f"pip install {package}"
-        raise InputError("--to", expected=f"the package {package}", found=actual, advice=advice) from error
+        raise InputError("--to", f"the package {package}", actual, f"pip install {package}") from error
 
 
 def _tables(nc: netCDF4.Dataset) -> Iterator[Any]:

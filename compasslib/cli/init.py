@@ -79,8 +79,7 @@ def init(asked: Namespace) -> int:
     listed = dict[Path, None]()
     for entry in map(Path, asked.files):
         if not entry.exists():
-            expected, advice = "a file or a folder", "correct the path"
-            raise InputError(str(entry), expected=expected, found="nothing there", advice=advice)
+            raise InputError(str(entry), "a file or a folder", "nothing there", "correct the path")
         listed |= dict.fromkeys(sorted(_below(entry)) if entry.is_dir() else [entry])
     paths = [path for path in listed if contents.inside(path).isprintable()]  # a YAML file cannot name others
     _sort(paths, asked.name, contents)

@@ -154,8 +154,7 @@ def explain(asked: Namespace) -> int:
     needed = {"calibration": CALIBRATION_FILES, "compass": ("compass.json", "diagnosis.json")}
     what = next((part for part in needed if (folder / f"{part}.json").is_file()), "mooring")
     if files := missing_files(folder, needed.get(what, MOORING_FILES)):
-        actual, advice = f"no {files[0]}", "run the cruise to its end"
-        raise InputError(str(folder), expected=f"all results of a {what}", found=actual, advice=advice)
+        raise InputError(str(folder), f"all results of a {what}", f"no {files[0]}", "run the cruise to its end")
     with check_version(folder):
         if what == "calibration":
             section = sections.calibration_section(read_calibration(name, root), root)

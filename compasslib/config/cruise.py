@@ -94,8 +94,7 @@ def load_cruise(cruise: Path, *, in_storage: bool = False, refuse: Callable[[Inp
                 if mooring.name.lower() == other.partition("/")[0].lower():
                     alike = " in other letters" * (mooring.name != other)
                     taken = f"{shown(mooring.name)}, which {files[other]} has already{alike}"
-                    where, expected, advice = f"{file}: name", "a name of its own", "rename one of the two"
-                    raise InputError(where, expected=expected, found=taken, advice=advice)
+                    raise InputError(f"{file}: name", "a name of its own", taken, "rename one of the two")
             moorings |= (split := mooring.split())
             files |= dict.fromkeys(split, file)
         except InputError as mistake:
@@ -188,12 +187,10 @@ def _mooring_files(cruise: Path, moorings: str | Sequence[str]) -> list[str]:
         listed = os.listdir(cruise / moorings) if os.path.isdir(cruise / moorings) else []
         files = sorted(f"{moorings}/{name}" for name in listed if name.endswith((".yaml", ".yml")) and name[0] != ".")
         if not files:
-            expected, actual = "a folder with files NAME.yaml", f"none in {moorings}"
-            raise InputError(where, expected=expected, found=actual, advice=advice)
+            raise InputError(where, "a folder with files NAME.yaml", f"none in {moorings}", advice)
     for file in files:
         if not file.isprintable():
-            expected = "names in UTF-8 without control characters"
-            raise InputError(str(moorings), expected=expected, found=shown(file), advice="rename the file")
+            raise InputError(str(moorings), "names in UTF-8 without control characters", shown(file), "rename the file")
         if not os.path.isfile(cruise / file):
             raise InputError(where, expected="existing mooring files", found=f"no file {file}", advice=advice)
     return files
@@ -204,8 +201,7 @@ def _check_calibrations(cruise: Path, known: dict[str, CalibrationFile], names: 
     for name in names:
         source, where = f"{CALIBRATIONS}/{name}.yaml", f"{file}: fit.name"
         if not os.path.isfile(cruise / source):
-            advice = "write that file or correct the name"
-            raise InputError(where, expected=f"the file {source}", found="none", advice=advice)
+            raise InputError(where, f"the file {source}", "none", "write that file or correct the name")
         if name in known and not known[name].placed:
             expected = f"latitude, longitude and date in {source}, to carry its coefficients to the mooring"
             raise InputError(where, expected=expected, found="none", advice="add them there")
@@ -333,16 +329,14 @@ def read(root: Path, name: str, example: str = "key: value") -> dict[str, Any]:
     """
     path = root / name
     if not path.is_file():
-        advice = f"write one, for example with the line {example}"
-        raise InputError(name, expected=f"this file in {root}", found="none", advice=advice)
+        raise InputError(name, f"this file in {root}", "none", f"write one, for example with the line {example}")
     if (size := path.stat().st_size) > LARGEST_BYTES:
         expected, advice = f"at most {LARGEST_BYTES} bytes", "check that it is the YAML file and not data"
         raise InputError(name, expected=expected, found=f"{size}", advice=advice)
     try:
         return parse(path.read_bytes(), name, example)
     except OSError as error:
-        advice = "check its permissions"
-        raise InputError(name, expected="a readable file", found=f"{error.strerror}", advice=advice) from None
+        raise InputError(name, "a readable file", f"{error.strerror}", "check its permissions") from None
 
 
 def parse(data: bytes, name: str, example: str = "key: value") -> dict[str, Any]:
@@ -366,8 +360,7 @@ def parse(data: bytes, name: str, example: str = "key: value") -> dict[str, Any]
             return content
         actual = "an empty file" if content is None else f"{shown(content)} alone"
         raise InputError(name, expected="keys with values", found=actual, advice=f"write for example {example}")
-    advice = "check encoding, indentation, colons, quotes and brackets"
-    raise InputError(where, expected="YAML in UTF-8", found=actual, advice=advice)
+    raise InputError(where, "YAML in UTF-8", actual, "check encoding, indentation, colons, quotes and brackets")
 
 
 # JSON schemas, generated from the models, for completion and validation of the YAML files in editors.
