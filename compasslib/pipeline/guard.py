@@ -9,7 +9,6 @@ import json
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from compasslib.archive.files import HALF_WRITTEN
 from compasslib.config.cruise import Cruise
 from compasslib.errors import InputError
 from compasslib.pipeline.job import ROOT
-from compasslib.stages.settings import CONCEALED, PLANNED
+from compasslib.stages.settings import CONCEALED
 
 RESULTS = Path("results")
 # Variables of the environment of jobs, which import no modules from their working folder, the cruise. glibc reuses
@@ -128,9 +127,9 @@ def to_simulate(cruise: Cruise, warn: Callable[[str], object] = print, *, check:
     ours: dict[str, list[str]] = {}
     for name, mooring in cruise.moorings.items() if cruise.options.demonstration else ():
         files = [file for each in mooring.instruments.values() for file in (*each.files, *each.pressure_files)]
-        made = simulated(name) if check else set()
+        made = _simulated(name) if check else {}
         present = [file for file in (*files, truth_file(name)) if check and os.path.lexists(file)]
-        foreign = [file for file in present if os.path.islink(file) or (file, provenance.sha256(file)) not in made]
+        foreign = [file for file in present if os.path.islink(file) or provenance.sha256(file) != made.get(file)]
         if foreign and (missing := [file for file in files if not os.path.isfile(file)]):
             actual = f"a file or link that is there already, while {missing[0]} is missing"
             advice = "measured files are never written over: add the missing one, or delete demonstration: true"
@@ -142,10 +141,9 @@ def to_simulate(cruise: Cruise, warn: Callable[[str], object] = print, *, check:
     return ours
 
 
-def simulated(name: str) -> set[tuple[str, str]]:
-    """Collect paths and SHA-256 of the files that the simulation of one mooring has on record as its own."""
-    wrote = set[tuple[str, str]]()
-    for path in (Path(f"results/{name}/logs/simulate.json"), PLANNED / f"{name}.json"):
-        with suppress(OSError, ValueError, TypeError, KeyError):
-            wrote |= set(dict(json.loads(path.read_bytes())["wrote"]).items())
-    return wrote
+def _simulated(name: str) -> dict[str, str]:
+    """Return the SHA-256 of the files that the simulation of a mooring has on record as its own, by path."""
+    try:
+        return dict(json.loads(Path(f"results/{name}/logs/simulate.json").read_bytes())["wrote"])
+    except (OSError, ValueError, TypeError, KeyError):
+        return {}

@@ -97,16 +97,11 @@ def _run(snakemake: Any, stage: Callable[..., None], say: Say, *, always_ends: b
         "library": settings.pop("library", ""),
         "parameters": settings,
     }
-    before = {path: _size_and_date(path) for path in _flat(reads)}
     try:
-        made["read"] = {path: hash_input(path) for path in before}
+        made["read"] = {path: hash_input(path) for path in _flat(reads)}
         call_stage(stage, snakemake.wildcards, Files(**reads, **writes), say, settings)
     except InputError as error:
         unusable = error
-    for path, known in before.items():
-        if _size_and_date(path) != known:  # as of a file that is still being copied, which is not damaged
-            advice = "start the run again when it is whole"
-            raise TransientError(path, expected="a file that stays as it is", found="one that changed", advice=advice)
     if unusable and (not always_ends or isinstance(unusable, TransientError)):
         raise unusable
     if unusable:
@@ -150,11 +145,6 @@ def _enter_cruise(snakemake: Any) -> tuple[dict[str, Paths], dict[str, Paths]]:
 
 def _flat(files: Mapping[str, Paths]) -> list[str]:
     return [path for given in files.values() for path in ([given] if isinstance(given, str) else given)]
-
-
-def _size_and_date(path: str) -> tuple[int, int]:
-    status = os.stat(path)
-    return status.st_size, status.st_mtime_ns
 
 
 def hash_input(path: str) -> str:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import tempfile
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from compasslib import earthfield, readers
 from compasslib.archive import netcdf, provenance
-from compasslib.archive.files import HALF_WRITTEN, read_json, write_json
+from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import declination
 from compasslib.deviation.reference import reference_compass
 from compasslib.errors import InputError
@@ -38,7 +37,6 @@ from compasslib.readers import table
 from compasslib.readers.ready_pairs import ROLES, read_ready_pairs
 from compasslib.records import EarthField, Pairs, Record, ReferenceCompass
 from compasslib.stages import Files, Say, Settings
-from compasslib.stages.settings import PLANNED
 
 
 def read(
@@ -144,28 +142,15 @@ def simulate(files: Files, say: Say, *, name: str, seed: int) -> None:
     from compasslib.demo import concealed, demonstration
 
     world = concealed if name in concealed.CASES else demonstration
-    with put(name, [*files.raw, files.truth]) as folder:
+    made = [*files.raw, files.truth]
+    Path("raw").mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{name}", dir="raw") as temporary:
+        folder = Path(temporary)
         world.write_mooring(name, folder / "raw", folder / files.truth, seed)
-    say(f"{name}: simulated raw files written; the truth stands apart in {files.truth}")
-
-
-@contextmanager
-def put(name: str, files: Sequence[str]) -> Iterator[Path]:
-    """Yield a folder to simulate into; ``files`` are moved from there to the cruise once the block has succeeded.
-
-    Their hashes are recorded before, so that they are known to be simulated even if the job is killed meanwhile.
-    """
-    folder = Path("raw", f".{name}{HALF_WRITTEN}")
-    shutil.rmtree(folder, ignore_errors=True)  # left by a killed job; links are not followed
-    try:
-        yield folder
-        if missing := [file for file in files if not (folder / file).is_file()]:
+        if missing := [file for file in made if not (folder / file).is_file()]:
             advice, actual = "name the files as the simulation does", "one that it does not write"
-            expected = f"a raw file of the simulation of {name}"
-            raise InputError(missing[0], expected=expected, found=actual, advice=advice)
-        write_json(PLANNED / f"{name}.json", {"wrote": {file: provenance.sha256(folder / file) for file in files}})
-        for file in files:
+            raise InputError(missing[0], f"a raw file of the simulation of {name}", actual, advice)
+        for file in made:
             Path(file).parent.mkdir(parents=True, exist_ok=True)
             os.replace(folder / file, file)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    say(f"{name}: simulated raw files written; the truth stands apart in {files.truth}")

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 from compasslib import calibrations, plugins, readers
@@ -25,7 +24,6 @@ from compasslib.preparation.quality import MAKERS
 
 CONCEALED = tuple(f"C{k}" for k in range(1, 5))  # demonstration moorings whose truth is read for one page only
 SIMULATED = (*(f"EG{k}" for k in range(1, 8)), *CONCEALED)  # the moorings of the demonstration cruise
-PLANNED = Path(".snakemake/compasslib.simulated")  # files that simulations are about to move into place, by mooring
 DEPLOYMENT_KEYS = {"pressure_offset", "clock_offset_seconds", "clock_drift_seconds", "direction_reference"}
 # Settings of a calibration that its result states, and on which the search for effects does not depend.
 NOT_SEARCHED = ("table_step_deg", "parts", "object", "budget", "uncertainty")

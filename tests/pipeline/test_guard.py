@@ -13,7 +13,6 @@ from compasslib.archive import provenance
 from compasslib.archive.files import HALF_WRITTEN
 from compasslib.errors import InputError
 from compasslib.pipeline import guard
-from compasslib.stages import read as stage
 
 RAW = ["raw/EG1/top.000", "raw/EG1/deep.000"]
 TRUTH = "truth/EG1.csv"
@@ -93,14 +92,11 @@ def may_write() -> bool:
     return "EG1" in guard.to_simulate(demonstration({"EG1": RAW}))
 
 
-def simulate(content: str = "simulated", stop_after: int = 3) -> None:
-    """Write the simulated files, or only the first ``stop_after`` as if the job was killed."""
+def simulate(content: str = "simulated") -> None:
+    """Write the simulated files and their record, as the job does."""
     for file in [*RAW, TRUTH]:
-        Path(file).unlink(missing_ok=True)  # as Snakemake does before a job
-    with stage.put("EG1", [*RAW, TRUTH][:stop_after]) as folder:
-        for file in [*RAW, TRUTH]:
-            (folder / file).parent.mkdir(parents=True, exist_ok=True)
-            (folder / file).write_text(content + file)
+        put(file, content + file)
+    put("results/EG1/logs/simulate.json", json.dumps({"read": {}, "wrote": provenance.hashes([*RAW, TRUTH])}))
 
 
 def put(file: str, content: str = "measured") -> None:
@@ -118,11 +114,6 @@ def test_simulation_may_write_new_files_and_its_own():
     assert may_write() and Path(RAW[0]).read_text() == f"simulated{RAW[0]}"
     simulate("by another seed")
     assert may_write()
-
-
-def test_killed_simulation_recognizes_its_files():
-    simulate(stop_after=1)
-    assert Path(RAW[0]).exists() and not Path(RAW[1]).exists() and may_write()
 
 
 def test_complete_measured_files_are_only_read_unless_a_record_says_that_they_are_simulated():
