@@ -10,6 +10,7 @@ import zipfile
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import chdir, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
@@ -170,17 +171,8 @@ def explain(asked: Namespace) -> int:
 def _mooring_section(folder: Path) -> ReportSection:
     row = summary.summary_row(folder.name, folder)
     read = read_mooring(row["name"], folder.parent, {name: str(value) for name, value in row.items()})
-    return ReportSection(
-        name=read.name,
-        anchor="",
-        verdict=read.diagnosis["verdict"],
-        summary=sections.summary_sentences(read),
-        use=read.assessment["use"]["answer"],
-        facts=sections.measures(read),
-        findings=sections.report_findings(read.diagnosis, product=True),
-        limits=sections.describe_limits(read.diagnosis),
-        warnings=read.warnings,
-    )
+    limits = sections.describe_limits(read.diagnosis)
+    return replace(sections.mooring_section(read, folder.parent), facts=sections.measures(read), limits=limits)
 
 
 def explanation_lines(section: ReportSection, folder: Path) -> list[str]:

@@ -59,10 +59,10 @@ class Recording:
     title: str
     concealed: str  # what is withheld, in words
     truth: str  # how it is known; {} is the rms difference of logged heading and levelled axes
-    effects: tuple[str, ...]  # that should be named; without any, the recording should be refused
+    effects: Sequence[str]  # that should be named; without any, the recording should be refused
     kind: str = "magnetometer"
     settings: Mapping[str, Any] = field(default_factory=dict)
-    remaining: tuple[str, ...] = ()  # effects that act on it even if nothing is withheld
+    remaining: Sequence[str] = ()  # effects that act on it even if nothing is withheld
     control: str = ""  # column of headings that the instrument corrected itself
 
     @property
@@ -135,40 +135,30 @@ def describe(recording: Recording) -> dict[str, Any]:
     if first["curves"]:
         what = "deviation" if recording.kind == "platform" else "residual"
         with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / f"{what}.png"
             if what == "deviation":
-                draw_deviation(file := Path(folder) / f"{what}.png", stored(recording))
+                settings = recording.resolved
+                made = calibrations.calibrate(recording.kind, [recording.file], settings)
+                table, page = made.table or DeviationTable(*np.zeros((3, 0))), result.to_json("", made, settings)
+                draw_deviation(file, StoredCalibration(page, table, made.points))
             else:
-                draw_calibration(file := Path(folder) / f"{what}.png", first)
+                draw_calibration(file, first)
             picture, (width, height) = embed_png(file)
         figures.append({"what": what, "picture": picture, "width": width, "height": height})
-    return {
-        "name": recording.name,
-        "title": recording.title,
-        "concealed": recording.concealed,
-        "truth": truth,
-        "effects": recording.effects,
-        "cases": [_describe_case(recording, what, diagnosis) for what, diagnosis in diagnoses.items()],
-        "figures": figures,
-        "outside": count_outside(first) if figures else None,
-    }
-
-
-def stored(recording: Recording) -> StoredCalibration:
-    """Calibrate a recording, in the form in which figures read it."""
-    made = calibrations.calibrate(recording.kind, [recording.file], recording.resolved)
-    table = made.table or DeviationTable(*np.zeros((3, 0)))
-    return StoredCalibration(result.to_json(recording.name, made, recording.resolved), table, made.points)
-
-
-def _describe_case(recording: Recording, what: str, diagnosis: Diagnosis) -> dict[str, Any]:
-    proof = diagnosis.findings[0].held_out if diagnosis.findings else None
-    return {
-        "what": what,
-        "verdict": diagnosis.verdict,
-        "conclusion": conclude(diagnosis),
-        "expected": recording.as_expected(what, diagnosis),
-        "heldout_deg": None if proof is None else [proof.rms_before_deg, proof.rms_after_deg],
-    }
+    proofs = {what: x.findings[0].held_out if x.findings else None for what, x in diagnoses.items()}
+    cases = [
+        {
+            "what": what,
+            "verdict": diagnosis.verdict,
+            "conclusion": conclude(diagnosis),
+            "expected": recording.as_expected(what, diagnosis),
+            "heldout_deg": None if (proof := proofs[what]) is None else [proof.rms_before_deg, proof.rms_after_deg],
+        }
+        for what, diagnosis in diagnoses.items()
+    ]
+    known = {"name": recording.name, "title": recording.title, "concealed": recording.concealed, "truth": truth}
+    found = {"cases": cases, "figures": figures, "outside": count_outside(first) if figures else None}
+    return known | {"effects": recording.effects} | found
 
 
 def conclude(diagnosis: Diagnosis) -> str:
@@ -188,61 +178,7 @@ def conclude(diagnosis: Diagnosis) -> str:
     return "; ".join(names) or "no mismatch was noticed"
 
 
-PATHS = ("path_ab", "path_cd", "path_ef", "path_gh")
-OTHERS = ("ax", "ay", "az", "pressure_dbar")
-LOGGED = "the logged heading, from which the levelled axes differ by {} rms about a constant"
-LEVELLING = "the levelling of the axes by the tilts"
-
-
-def _acm(name: str, day: str, *, effects: tuple[str, ...] = ("tilt_uncompensated",)) -> Recording:
-    title = f"Falmouth 3D-ACM on a moored profiler, {day}"
-    settings = {"axis_by_axis": True, "covariates": PATHS}
-    return Recording(name, title, LEVELLING, LOGGED, effects, settings=settings)
-
-
-RECORDINGS = (
-    Recording(
-        "car_circles",
-        "Compass in a car that drives circles, iron stronger than the earth's horizontal field",
-        "the exact compass: the simulation is the five-term series",
-        "the course over ground by GNSS, which a car's heading follows: that of its gyroscopes differs by 1.3° rms",
-        ("large_deviation",),
-        "platform",
-        {"latitude": 42.34, "longitude": -71.09, "date": "2025-11-19"},
-        control="own_deg",
-    ),
-    _acm("acm_2018_06_10", "10 June 2018"),
-    Recording(
-        "signature500",
-        "Nortek Signature500 turned by hand",
-        LEVELLING,
-        LOGGED,
-        ("tilt_uncompensated", "hard_iron"),
-        settings={"covariates": OTHERS},
-        remaining=("hard_iron", "soft_iron"),
-    ),
-    _acm("acm_2013_07_24", "24 July 2013"),
-    _acm("acm_2018_06_11", "11 June 2018"),
-    _acm("acm_2014_06_06", "6 June 2014, tilts stuck", effects=()),
-    Recording(
-        "taiohae",
-        "Swing of a sailing boat under way (OlivierLD/ROB)",
-        "nothing",
-        "none: the course over ground is not the heading, and differs by the drift",
-        ("water_drift",),
-        "swing",
-        {"latitude": -8.92, "longitude": -140.1, "date": "2010-11-03"},
-    ),
-    Recording(
-        "eight_headings",
-        "Eight headings of a buoy (Moncunill Marimón 2023, section 5.3)",
-        "nothing",
-        "none: eight headings determine no more than the coefficients",
-        (),
-        "platform",
-        {"latitude": 41.4, "longitude": 2.2, "date": "2021-06-01"},
-    ),
-)
+RECORDINGS = tuple(Recording(**known) for known in read_json(FOLDER / "recordings.json"))
 
 
 def concealed(files: Files, say: Say) -> None:
