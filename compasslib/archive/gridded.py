@@ -276,14 +276,11 @@ class SectionMeans:
     reference_share: Floats  # (z,) fraction of the values that are from references; NaN without values
 
 
-def read_section(path: str | Path, columns: int = 400, *, often: float = 0.9) -> SectionMeans:
-    """Average gridded.nc over at most ``columns`` equal intervals of time.
+OFTEN = 0.9  # share of the fullest depth's times: the mean of a depth reached in strong currents only is biased
 
-    Args:
-        columns: by default, as many as a printed column shows.
-        often: least share of the fullest depth's times, as the mean of a depth reached in strong currents only is
-            biased.
-    """
+
+def read_section(path: str | Path, columns: int = 400) -> SectionMeans:
+    """Average gridded.nc over at most ``columns`` equal intervals of time, by default as many as a print shows."""
     with open_netcdf(path) as nc:
         time_s, depth_m = seconds_since_1970(read_variable(nc, "TIME")), read_variable(nc, "DEPTH")
         modes, share = (np.nan_to_num(read_variable(nc, f"HEADING_ERROR_{name}")) for name in ("MODE", "SHARE"))
@@ -308,7 +305,7 @@ def read_section(path: str | Path, columns: int = 400, *, often: float = 0.9) ->
                 moment += [total[k], (np.abs(velocity) ** 2).sum(axis=0), (velocity**2).sum(axis=0)]
             by_mode += np.einsum("tz,kt,tzk->kz", flow, modes[:, rows], share[np.maximum(source - 1, 0)])
     total = number.sum(axis=0)
-    safe = np.where((total > 0) & (total >= often * total.max(initial=0.0)), total, np.nan)
+    safe = np.where((total > 0) & (total >= OFTEN * total.max(initial=0.0)), total, np.nan)
     sigma2 = share[0] ** 2 @ modes**2 + random[0] ** 2
     known = [span[np.isfinite(span)] for span in (sigma2[k * each : (k + 1) * each] for k in range(count))]
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -82,15 +82,11 @@ def delete_incomplete() -> None:
         path.unlink(missing_ok=True)
 
 
-def closing_text(started_s: float = 0.0, *, late_s: float = 2.0) -> str:
-    """Summarize a run since a time from the logs of its jobs: the moorings, all warnings, and killed jobs.
-
-    Args:
-        late_s: time by which the clock of a file server may be late.
-    """
+def closing_text(started_s: float = 0.0) -> str:
+    """Summarize a run since a time from the logs of its jobs: the moorings, all warnings, and killed jobs."""
     lines, warned, killed = list[str](), list[str](), list[str]()
     for log in sorted(RESULTS.glob("**/logs/*.log")):
-        if log.stat().st_mtime < started_s - late_s:
+        if log.stat().st_mtime < started_s - 2.0:  # the clock of a file server may be late
             continue
         said = log.read_text(encoding="utf-8", errors="replace").splitlines()
         warned += [line for line in said if WARNING in line]

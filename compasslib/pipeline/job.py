@@ -202,9 +202,7 @@ def _with_lists(tree: Any) -> Any:
 def parameters(settings: Callable[..., dict[str, Any]], subjects: Iterable[tuple[str, ...]]) -> dict[str, Any]:
     """Compose the parameters of a rule, one function for each key; it returns None where a job does not have the key.
 
-    Args:
-        settings: returns the arguments of the stage for one of the ``subjects``, the values of the rule's wildcards;
-            those of the subject () are for all jobs.
+    The arguments of the stage are ``settings(*subject)`` by the values of the wildcards; those of () are for all jobs.
     """
     known = {subject: flatten(settings(*subject)) for subject in subjects}
     names = dict.fromkeys(name for texts in known.values() for name in texts)
