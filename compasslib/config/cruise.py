@@ -276,8 +276,6 @@ def _with_options(raw: dict[str, Any], options: CruiseOptions) -> dict[str, Any]
 
 # YAML without aliases, repeated keys and conversions that are mostly mistakes: dates and leading zeros remain text.
 
-LARGEST_BYTES = 1_000_000
-
 
 class _Loader(yaml.SafeLoader):
     """Safe loading without dates, octal and sexagesimal numbers, aliases and repeated keys."""
@@ -325,14 +323,11 @@ def read(root: Path, name: str, example: str = "key: value") -> dict[str, Any]:
     """Read a YAML file as a mapping; dates remain strings.
 
     Raises:
-        InputError: if the file is absent, too large, not UTF-8, not YAML, or not a mapping.
+        InputError: if the file is absent, not UTF-8, not YAML, or not a mapping.
     """
     path = root / name
     if not path.is_file():
         raise InputError(name, f"this file in {root}", "none", f"write one, for example with the line {example}")
-    if (size := path.stat().st_size) > LARGEST_BYTES:
-        expected, advice = f"at most {LARGEST_BYTES} bytes", "check that it is the YAML file and not data"
-        raise InputError(name, expected=expected, found=f"{size}", advice=advice)
     try:
         return parse(path.read_bytes(), name, example)
     except OSError as error:

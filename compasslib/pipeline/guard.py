@@ -67,15 +67,6 @@ def left_out(cruise: Cruise, config: Mapping[str, object]) -> dict[str, list[str
     return {"moorings": moorings, "calibrations": [name for name in asked if name in cruise.calibrations]}
 
 
-def check_results(warn: Callable[[str], object]) -> None:
-    """Warn of results of which Snakemake has no metadata."""
-    if any(RESULTS.glob("*/logs")) and not any(Path(".snakemake").glob("metadata/*")):
-        warn(
-            "results without .snakemake/metadata: settings changed since they were made are not noticed; "
-            "-- --forceall makes everything again"
-        )
-
-
 def delete_incomplete() -> None:
     """Delete the incomplete files of killed runs; links are not followed."""
     for path in RESULTS.rglob(f".*.*{HALF_WRITTEN}"):

@@ -43,15 +43,14 @@ def usable(
         stops = [(other, why) for other in others if (why := known[other])]
         follows = [why | {"why": f"{FOLLOWS} {other}, which was stopped: {why['why']}"} for other, why in stops]
         reasons[name] = reasons[name] or next(iter(follows), None)
-    members = {
-        name: [*(reasons[each] for each in deployments), *(known[each] for each in checks)]
-        for name, (deployments, checks) in shared.items()
-    }
+    # A compass, and a mooring of several affected instruments, are stopped only if all of their records are.
+    members = {name: [*map(reasons.get, of), *map(known.get, checks)] for name, (of, checks) in shared.items()}
     compasses = {name: whys[0] if all(whys) else None for name, whys in members.items()}
-    of_folder = {f"results/{name}": why for name, why in reasons.items()}
-    wholes = {name.partition("/")[0] for name in reasons if "/" in name}
-    parts = {whole: [why for name, why in reasons.items() if name.startswith(f"{whole}/")] for whole in wholes}
-    of_folder |= {f"results/{whole}": whys[0] if all(whys) else None for whole, whys in parts.items()}
+    parts: dict[str, list[Reason | None]] = {}
+    for name, why in reasons.items():
+        parts.setdefault(name.partition("/")[0], []).append(why)
+    of_folder = {f"results/{name}": whys[0] if all(whys) else None for name, whys in parts.items()}
+    of_folder |= {f"results/{name}": why for name, why in reasons.items()}
     of_folder |= {f"{CALIBRATIONS}/{name}": why for name, why in known.items()}
     of_folder |= {f"results/compasses/{name}": why for name, why in compasses.items() if why}
     for folder, why in of_folder.items():

@@ -58,15 +58,6 @@ def test_messages_at_the_end_name_warnings_and_killed_jobs():
     assert guard.closing_text(started_s=2e10) == ""
 
 
-def test_results_without_metadata_are_told():
-    put("results/M1/logs/read_top.json", "{}")
-    said: list[str] = []
-    guard.check_results(said.append)
-    assert len(said) == 1 and "settings changed since they were made are not noticed" in said[0]
-    put(".snakemake/metadata/some")
-    guard.check_results(pytest.fail)
-
-
 def test_moorings_are_left_out_with_all_of_their_instruments():
     parts = ["M1/top", "M1/mid"]
     cruise = SimpleNamespace(
